@@ -1,0 +1,38 @@
+# Every target builds .venv when it is missing; only Python 3.11 and make are needed.
+PYTHON ?= python3.11
+DATA ?= ../shared/data/sleeve
+BIN := .venv/bin
+READY := .venv/.ready
+
+.PHONY: demo test check format docs bench clean
+
+demo: $(READY)
+	$(BIN)/python examples/01_real_touches.py --data "$(DATA)"
+
+test: $(READY)
+	$(BIN)/pytest
+
+check: $(READY)
+	$(BIN)/ruff format --check .
+	$(BIN)/ruff check .
+	$(BIN)/pyright
+
+format: $(READY)
+	$(BIN)/ruff check --fix .
+	$(BIN)/ruff format .
+
+docs: $(READY)
+	$(BIN)/mkdocs build --strict
+
+bench: $(READY)
+	$(BIN)/python -m benchmarks
+
+clean:
+	rm -rf .venv site build
+
+# torch is asked for first and pinned: an unpinned one brings gigabytes of CUDA.
+$(READY): pyproject.toml constraints.txt
+	test -x $(BIN)/python || $(PYTHON) -m venv .venv || python3 -m venv .venv
+	$(BIN)/python -m pip install --quiet --constraint constraints.txt torch
+	$(BIN)/python -m pip install --quiet --constraint constraints.txt --editable '.[dev]'
+	touch $(READY)

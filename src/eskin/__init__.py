@@ -1,0 +1,3 @@
+"""Touch gestures from a robot's electronic skin."""
+
+__all__: list[str] = []

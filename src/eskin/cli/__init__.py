@@ -1,0 +1,1 @@
+"""Commands: one module each, found by name and imported only when called."""

@@ -1,0 +1,46 @@
+"""The error tree.
+
+EskinError
+├── RobotError          a URDF that cannot be used                (ValueError)
+├── SkinError           a skin file that cannot be used           (ValueError)
+├── SkinMismatchError   data or model that does not fit the skin  (ValueError)
+├── ReadingError        a reading of the wrong length or type     (ValueError)
+├── RecordingError      a recording that cannot be read           (ValueError)
+├── ImportSourceError   a public data set that cannot be converted (ValueError)
+└── ModelError          weights that cannot be used               (ValueError)
+
+Every message says what is wrong, what was got, what is allowed, and the remedy, in one
+line. The command line turns each of these into that line and exit code 2.
+"""
+
+
+class EskinError(Exception):
+    """What a caller of eskin may want to handle."""
+
+
+class RobotError(EskinError, ValueError):
+    """A robot description that cannot be used."""
+
+
+class SkinError(EskinError, ValueError):
+    """A skin file or skin that cannot be used."""
+
+
+class SkinMismatchError(EskinError, ValueError):
+    """Data, robot or model that does not fit the skin it is used with."""
+
+
+class ReadingError(EskinError, ValueError):
+    """A reading of the wrong length or type."""
+
+
+class RecordingError(EskinError, ValueError):
+    """A recording that cannot be read or written."""
+
+
+class ImportSourceError(EskinError, ValueError):
+    """A public data set that cannot be converted."""
+
+
+class ModelError(EskinError, ValueError):
+    """Model weights or metadata that cannot be used."""

@@ -1,0 +1,42 @@
+"""Shapes and types are checked while the tests run, and only then."""
+
+import os
+from pathlib import Path
+
+import pytest
+from jaxtyping import install_import_hook
+
+# Modules named kernels.py hold numba code, which the hook would break.
+CHECKED = [
+    "eskin.transforms",
+    "eskin.robot",
+    "eskin.skin",
+    "eskin.touch",
+    "eskin.recording",
+    "eskin.graph",
+    "eskin.nn",
+    "eskin.learn",
+    "eskin.live",
+]
+install_import_hook(CHECKED, "beartype.beartype")
+
+SHARED = Path(os.environ.get("ESKIN_SHARED", Path(__file__).parents[2] / "shared"))
+
+
+@pytest.fixture(scope="session")
+def sleeve_folder() -> Path:
+    """The public sleeve recordings, or a skip that says where they were sought."""
+    return folder_or_skip("sleeve")
+
+
+@pytest.fixture(scope="session")
+def shearsense_folder() -> Path:
+    """The public ShearSense recordings, or a skip that says where they were sought."""
+    return folder_or_skip("shearsense")
+
+
+def folder_or_skip(name: str) -> Path:
+    folder = SHARED / "data" / name
+    if not folder.is_dir():
+        pytest.skip(f"no real recordings at {folder}; set ESKIN_SHARED")
+    return folder

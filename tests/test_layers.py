@@ -1,0 +1,83 @@
+"""Dependencies between the packages point one way, read from the imports."""
+
+import ast
+from graphlib import TopologicalSorter
+from pathlib import Path
+
+import pytest
+
+SOURCE = Path(__file__).parents[1] / "src" / "eskin"
+
+# What each package may import, nearest first; what those may import is allowed too.
+BELOW = {
+    "errors": (),
+    "transforms": (),
+    "robot": ("transforms", "errors"),
+    "skin": ("robot",),
+    "touch": ("skin",),
+    "graph": ("touch",),
+    "recording": ("touch",),
+    "nn": ("graph",),
+    "learn": ("nn", "recording"),
+    "live": ("graph", "recording"),
+}
+TOP = {"cli", "__init__"}
+HEAVY = {"torch", "sklearn", "matplotlib"}
+CORE = set(BELOW) - {"nn", "learn"}
+
+
+def modules():
+    return sorted(SOURCE.rglob("*.py"))
+
+
+def package_of(path):
+    return path.relative_to(SOURCE).parts[0].removesuffix(".py")
+
+
+def imports_of(path, toplevel_only=False):
+    """Full dotted names of everything the module imports."""
+    tree = ast.parse(path.read_text())
+    for node in tree.body if toplevel_only else ast.walk(tree):
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            assert node.level == 0, f"{path}: relative import"
+            yield node.module
+
+
+def eskin_packages(path):
+    parts = (name.split(".") for name in imports_of(path))
+    return {p[1] for p in parts if p[0] == "eskin" and len(p) > 1}
+
+
+def allowed(package):
+    below = set(BELOW[package])
+    return below.union(*(allowed(other) for other in below)) | {"errors"}
+
+
+def test_every_package_has_its_place_in_the_order():
+    assert {package_of(path) for path in modules()} <= set(BELOW) | TOP
+
+
+@pytest.mark.parametrize("package", sorted(BELOW))
+def test_a_package_imports_only_what_lies_below_it(package):
+    for path in modules():
+        if package_of(path) == package:
+            wrong = eskin_packages(path) - allowed(package) - {package}
+            assert not wrong, f"{path.relative_to(SOURCE)} imports {sorted(wrong)}"
+
+
+def test_modules_form_no_import_cycle():
+    graph = {}
+    for path in modules():
+        name = ".".join(("eskin", *path.relative_to(SOURCE).with_suffix("").parts))
+        if path.name != "__init__.py":
+            graph[name] = set(imports_of(path, toplevel_only=True))
+    TopologicalSorter(graph).prepare()
+
+
+def test_the_core_never_imports_what_only_training_needs():
+    for path in modules():
+        if package_of(path) in CORE:
+            heavy = {n.split(".")[0] for n in imports_of(path, True)} & HEAVY
+            assert not heavy, f"{path.relative_to(SOURCE)} imports {sorted(heavy)}"
