@@ -1,0 +1,24 @@
+"""Robots: their links, joints and shapes, and where every link is for a given `q`."""
+
+from eskin.robot.kinematics import Kinematics
+from eskin.robot.presets import ROBOTS, load_robot
+from eskin.robot.robot import Joint, Link, Mimic, Robot
+from eskin.robot.shapes import Body, Box, Cylinder, Shape, Sphere, TriangleMesh
+from eskin.robot.urdf import load_urdf
+
+__all__ = [
+    "ROBOTS",
+    "Body",
+    "Box",
+    "Cylinder",
+    "Joint",
+    "Kinematics",
+    "Link",
+    "Mimic",
+    "Robot",
+    "Shape",
+    "Sphere",
+    "TriangleMesh",
+    "load_robot",
+    "load_urdf",
+]

@@ -1,0 +1,35 @@
+"""Robots that come with eskin."""
+
+from importlib import resources
+from pathlib import Path
+
+from eskin.errors import RobotError
+from eskin.robot.robot import Robot
+from eskin.robot.urdf import load_urdf
+
+__all__ = ["ROBOTS", "load_robot"]
+
+ROBOTS = ("ur5", "table")
+"""Names that `load_robot` knows."""
+
+
+def load_robot(name_or_path: str | Path) -> Robot:
+    """Read a robot that comes with eskin, or a URDF file.
+
+    Args:
+        name_or_path: One of `ROBOTS`, or the path of a `.urdf` file.
+
+    Raises:
+        RobotError: There is no such robot or file, or the file cannot be used.
+    """
+    if name_or_path in ROBOTS:
+        package = resources.files("eskin.robot") / "presets" / f"{name_or_path}.urdf"
+        with resources.as_file(package) as path:
+            return load_urdf(path)
+    path = Path(name_or_path)
+    if path.suffix != ".urdf" and not path.is_file():
+        raise RobotError(
+            f"no robot '{name_or_path}'; allowed: {', '.join(ROBOTS)}, "
+            "or the path of a .urdf file"
+        )
+    return load_urdf(path)

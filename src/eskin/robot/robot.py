@@ -1,0 +1,139 @@
+"""A robot: a tree of links held together by joints."""
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Literal
+
+import numpy as np
+from jaxtyping import Float
+
+from eskin.errors import RobotError
+from eskin.robot.shapes import Body, Box, Cylinder, Shape, Sphere, TriangleMesh
+from eskin.robot.tree import check_tree
+
+__all__ = [
+    "Body",
+    "Box",
+    "Cylinder",
+    "Joint",
+    "Link",
+    "Mimic",
+    "Robot",
+    "Shape",
+    "Sphere",
+    "TriangleMesh",
+]
+
+
+@dataclass(frozen=True, eq=False)
+class Link:
+    """A rigid part of a robot; its frame is that of the joint it hangs from."""
+
+    name: str
+    bodies: tuple[Body, ...] = ()
+
+
+@dataclass(frozen=True)
+class Mimic:
+    """A joint that follows another: value = multiplier * other's value + offset."""
+
+    joint: str
+    multiplier: float = 1.0
+    offset: float = 0.0
+    """[rad] or [m]"""
+
+
+@dataclass(frozen=True, eq=False)
+class Joint:
+    """What holds a child link to its parent, and how it may move."""
+
+    name: str
+    kind: Literal["revolute", "continuous", "prismatic", "fixed"]
+    parent: str
+    child: str
+    T_parent_joint: Float[np.ndarray, "4 4"]
+    """Pose of the child's frame in the parent's at joint value 0."""
+    axis: Float[np.ndarray, "3"]
+    """Unit axis of motion in the joint's frame, which is the child's frame too."""
+    lower: float = -np.inf
+    """Least joint value [rad] or [m]."""
+    upper: float = np.inf
+    """Greatest joint value [rad] or [m]."""
+    velocity: float = np.inf
+    """Greatest speed [rad/s] or [m/s]."""
+    mimic: Mimic | None = None
+    """Set where this joint has no value of its own but follows another's."""
+
+
+@dataclass(frozen=True, eq=False)
+class Robot:
+    """Links and joints that form one tree.
+
+    `q` holds one value for each joint in `joint_names`: those that move and do not
+    follow another, in the order of `joints`.
+
+    Raises:
+        RobotError: The links and joints do not form one tree.
+    """
+
+    name: str
+    links: tuple[Link, ...]
+    joints: tuple[Joint, ...]
+
+    def __post_init__(self) -> None:
+        """Refuse what is not one tree."""
+        check_tree(
+            self.name,
+            [link.name for link in self.links],
+            [(joint.name, joint.parent, joint.child) for joint in self.joints],
+        )
+        for joint in self.joints:
+            if joint.mimic and joint.mimic.joint not in self.joint_names:
+                raise RobotError(
+                    f"robot '{self.name}': joint '{joint.name}' follows "
+                    f"'{joint.mimic.joint}', which is no moving joint with a value of "
+                    f"its own; allowed: {', '.join(self.joint_names) or 'none'}"
+                )
+
+    @cached_property
+    def link_names(self) -> tuple[str, ...]:
+        """Names of all links, in their order."""
+        return tuple(link.name for link in self.links)
+
+    @cached_property
+    def actuated(self) -> tuple[Joint, ...]:
+        """Joints with a value in `q`, in the order of `q`."""
+        return tuple(j for j in self.joints if j.kind != "fixed" and not j.mimic)
+
+    @cached_property
+    def joint_names(self) -> tuple[str, ...]:
+        """Names of the joints with a value in `q`, in the order of `q`."""
+        return tuple(joint.name for joint in self.actuated)
+
+    @property
+    def lower(self) -> Float[np.ndarray, "joint"]:
+        """Least joint values [rad] or [m]."""
+        return np.array([joint.lower for joint in self.actuated], dtype=np.float64)
+
+    @property
+    def upper(self) -> Float[np.ndarray, "joint"]:
+        """Greatest joint values [rad] or [m]."""
+        return np.array([joint.upper for joint in self.actuated], dtype=np.float64)
+
+    @property
+    def velocity(self) -> Float[np.ndarray, "joint"]:
+        """Greatest joint speeds [rad/s] or [m/s]."""
+        return np.array([joint.velocity for joint in self.actuated], dtype=np.float64)
+
+    def link_index(self, name: str) -> int:
+        """Place of a link in `links`.
+
+        Raises:
+            RobotError: The robot has no such link.
+        """
+        if name not in self.link_names:
+            raise RobotError(
+                f"robot '{self.name}' has no link '{name}'; "
+                f"allowed: {', '.join(self.link_names)}"
+            )
+        return self.link_names.index(name)

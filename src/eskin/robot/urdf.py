@@ -1,0 +1,166 @@
+"""Reading robots from URDF files.
+
+What a robot's shape and motion need is read: links with their collision bodies, joints
+with their limits and mimics. Everything else (visuals, inertials, transmissions,
+sensors, simulator tags) is passed over.
+"""
+
+from pathlib import Path
+from typing import Literal, cast
+from xml.etree import ElementTree
+from xml.etree.ElementTree import Element
+
+import numpy as np
+
+from eskin.errors import RobotError
+from eskin.robot.elements import child, number, numbers, origin, text
+from eskin.robot.meshes import load_mesh
+from eskin.robot.robot import Joint, Link, Mimic, Robot
+from eskin.robot.shapes import Body, Box, Cylinder, Shape, Sphere
+
+__all__ = ["load_urdf"]
+
+Kind = Literal["revolute", "continuous", "prismatic", "fixed"]
+KINDS = ("revolute", "continuous", "prismatic", "fixed")
+
+
+def load_urdf(path: str | Path, *, meshes: bool = True) -> Robot:
+    """Read a robot from a URDF file.
+
+    Args:
+        path: The file. Meshes given as `package://` are sought in its folder and in
+            every folder above.
+        meshes: Read `<mesh>` bodies, which needs the extra `models`; otherwise they
+            are passed over, which is enough for kinematics.
+
+    Raises:
+        RobotError: The file is missing or is no URDF that can be used.
+    """
+    path = Path(path)
+    root = parse(path)
+    name = root.get("name") or path.stem
+    folder = path.resolve().parent if meshes else None
+    try:
+        links = tuple(read_link(element, folder) for element in root.findall("link"))
+        joints = tuple(read_joint(element) for element in root.findall("joint"))
+        return Robot(name, links, joints)
+    except RobotError as error:
+        raise RobotError(f"{path}: {error}") from None
+
+
+def parse(path: Path) -> Element:
+    """The <robot> element of a file."""
+    try:
+        root = ElementTree.parse(path).getroot()
+    except OSError as error:
+        raise RobotError(f"cannot read URDF {path}: {error.strerror}") from None
+    except (ElementTree.ParseError, LookupError, ValueError) as error:
+        raise RobotError(f"{path} is not XML ({error}); a URDF is wanted") from None
+    if root.tag != "robot":
+        raise RobotError(f"{path} holds <{root.tag}>; a URDF with <robot> is wanted")
+    if any("xacro" in element.tag for element in root.iter()):
+        raise RobotError(f"{path} still holds xacro macros; run xacro on it first")
+    return root
+
+
+def read_link(element: Element, folder: Path | None) -> Link:
+    """A link with its collision bodies."""
+    name = text(element, "name", "robot")
+    place = f"link '{name}'"
+    bodies = []
+    for collision in element.findall("collision"):
+        geometry = child(collision, "geometry", place)
+        if folder is None and geometry.find("mesh") is not None:
+            continue
+        shape = read_shape(geometry, folder, place)
+        bodies.append(Body(shape, origin(collision, place)))
+    return Link(name, tuple(bodies))
+
+
+def read_shape(geometry: Element, folder: Path | None, place: str) -> Shape:
+    """The one shape inside a <geometry>."""
+    shape = next(iter(geometry), None)
+    match shape.tag if shape is not None else "nothing", shape:
+        case "cylinder", Element():
+            radius = number(shape, "radius", place, above=0.0)
+            return Cylinder(radius, number(shape, "length", place, above=0.0))
+        case "sphere", Element():
+            return Sphere(number(shape, "radius", place, above=0.0))
+        case "box", Element():
+            x, y, z = numbers(shape, "size", place, 3)
+            if min(x, y, z) <= 0:
+                raise RobotError(f"{place}: <box> size is {x} {y} {z}; wanted: above 0")
+            return Box((x, y, z))
+        case "mesh", Element() if folder is not None:
+            scale = numbers(shape, "scale", place, 3, (1.0, 1.0, 1.0))
+            return load_mesh(text(shape, "filename", place), folder, scale, place)
+        case tag, _:
+            raise RobotError(
+                f"{place}: <geometry> holds {tag}; allowed: cylinder, sphere, box, mesh"
+            )
+
+
+def read_joint(element: Element) -> Joint:
+    """A joint with its axis, limits and mimic."""
+    name = text(element, "name", "robot")
+    place = f"joint '{name}'"
+    kind = text(element, "type", place)
+    if kind not in KINDS:
+        raise RobotError(f"{place} is of type '{kind}'; allowed: {', '.join(KINDS)}")
+    kind = cast(Kind, kind)
+    lower, upper, velocity = read_limits(element, kind, place)
+    return Joint(
+        name=name,
+        kind=kind,
+        parent=text(child(element, "parent", place), "link", place),
+        child=text(child(element, "child", place), "link", place),
+        T_parent_joint=origin(element, place),
+        axis=read_axis(element, place),
+        lower=lower,
+        upper=upper,
+        velocity=velocity,
+        mimic=read_mimic(element, kind, place),
+    )
+
+
+def read_axis(element: Element, place: str) -> np.ndarray:
+    """The unit axis of a joint; x where none is given."""
+    found = element.find("axis")
+    if found is None or element.get("type") == "fixed":
+        return np.array([1.0, 0.0, 0.0])
+    axis = np.array(numbers(found, "xyz", place, 3, (1.0, 0.0, 0.0)))
+    length = np.linalg.norm(axis)
+    if length < 1e-9:
+        raise RobotError(f"{place}: <axis> xyz has no length; give a direction")
+    return axis / length
+
+
+def read_limits(element: Element, kind: Kind, place: str) -> tuple[float, float, float]:
+    """Least and greatest value, and greatest speed."""
+    limit = element.find("limit")
+    if kind == "fixed" or (kind == "continuous" and limit is None):
+        return -np.inf, np.inf, np.inf
+    if limit is None:
+        raise RobotError(
+            f"{place} is {kind} and has no <limit>; add one with lower, upper and "
+            "velocity, or make it continuous"
+        )
+    if kind == "continuous":
+        return -np.inf, np.inf, number(limit, "velocity", place, np.inf, above=0.0)
+    lower = number(limit, "lower", place, 0.0)
+    upper = number(limit, "upper", place, 0.0)
+    if lower > upper:
+        raise RobotError(
+            f"{place}: <limit> lower {lower:g} is above upper {upper:g}; swap them"
+        )
+    return lower, upper, number(limit, "velocity", place)
+
+
+def read_mimic(element: Element, kind: Kind, place: str) -> Mimic | None:
+    """Which joint this one follows, if any."""
+    found = element.find("mimic")
+    if found is None or kind == "fixed":
+        return None
+    multiplier = number(found, "multiplier", place, 1.0)
+    offset = number(found, "offset", place, 0.0)
+    return Mimic(text(found, "joint", place), multiplier, offset)
