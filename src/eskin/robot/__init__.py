@@ -1,9 +1,11 @@
 """Robots: their links, joints and shapes, and where every link is for a given `q`."""
 
 from eskin.robot.kinematics import Kinematics
+from eskin.robot.meshing import body_mesh, shape_mesh
 from eskin.robot.presets import ROBOTS, load_robot
 from eskin.robot.robot import Joint, Link, Mimic, Robot
 from eskin.robot.shapes import Body, Box, Cylinder, Shape, Sphere, TriangleMesh
+from eskin.robot.surface import surface_distance
 from eskin.robot.urdf import load_urdf
 
 __all__ = [
@@ -19,6 +21,9 @@ __all__ = [
     "Shape",
     "Sphere",
     "TriangleMesh",
+    "body_mesh",
     "load_robot",
     "load_urdf",
+    "shape_mesh",
+    "surface_distance",
 ]
