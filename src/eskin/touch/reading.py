@@ -1,0 +1,138 @@
+"""One instant of the whole skin, before and after calibration."""
+
+from dataclasses import dataclass
+from typing import no_type_check
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from eskin.errors import ReadingError
+
+
+# Scan and Reading check their own types, always: no_type_check spares the tests' hook.
+@no_type_check
+@dataclass(frozen=True, eq=False)
+class Scan:
+    """One instant of the whole skin as the device gave it, before calibration."""
+
+    stamp: int
+    """When it was taken [ns since the epoch]."""
+
+    counts: Int[np.ndarray, "taxel"]
+    """What the converter counted (int32); meaningless where nothing was received."""
+
+    received: Bool[np.ndarray, "taxel"]
+    """False where no fresh data came."""
+
+    q: Float[np.ndarray, "joint"]
+    """Joint positions at that time [rad] (float64)."""
+
+    shear: Int[np.ndarray, "taxel 2"] | None = None
+    """Counts along the taxel's tangent x and y, where the skin measures shear."""
+
+    def __post_init__(self) -> None:
+        """Refuse arrays of the wrong type, and arrays that do not belong together."""
+        check_stamp(self.stamp)
+        count = check_array("counts", self.counts, "i", (None,))
+        check_array("received", self.received, "b", (count,))
+        if self.shear is not None:
+            check_array("shear", self.shear, "i", (count, 2))
+        check_joints(self.q)
+
+
+@no_type_check
+@dataclass(frozen=True, eq=False)
+class Reading:
+    """One instant of the whole skin, calibrated."""
+
+    stamp: int
+    """When it was taken [ns since the epoch]."""
+
+    pressure: Float[np.ndarray, "taxel"]
+    """Pressure on each taxel [kPa] (float32); meaningless where not valid."""
+
+    valid: Bool[np.ndarray, "taxel"]
+    """False where nothing fresh came, or what came is not to be believed."""
+
+    q: Float[np.ndarray, "joint"]
+    """Joint positions at that time [rad] (float64)."""
+
+    shear: Float[np.ndarray, "taxel 2"] | None = None
+    """Shear along the taxel's tangent x and y [kPa] (float32), where measured."""
+
+    def __post_init__(self) -> None:
+        """Refuse arrays that do not belong together, and NaN that is marked valid."""
+        check_stamp(self.stamp)
+        count = check_array("pressure", self.pressure, "f", (None,))
+        check_array("valid", self.valid, "b", (count,))
+        check_finite("pressure", self.pressure, self.valid)
+        if self.shear is not None:
+            check_array("shear", self.shear, "f", (count, 2))
+            check_finite("shear", self.shear.sum(axis=1), self.valid)
+        check_joints(self.q)
+
+
+KINDS = {"i": "signed integers", "f": "floating-point numbers", "b": "booleans"}
+
+
+def check_stamp(stamp: object) -> None:
+    """Refuse a stamp that is no Python integer, such as seconds in a float."""
+    if type(stamp) is not int:
+        raise ReadingError(
+            f"stamp is {type(stamp).__name__} {stamp}; allowed is int, nanoseconds "
+            "since the epoch; convert it with int(...)"
+        )
+
+
+def check_array(
+    name: str, array: object, kind: str, shape: tuple[int | None, ...]
+) -> int:
+    """Refuse an array of another type or shape; return its length."""
+    if not isinstance(array, np.ndarray) or array.dtype.kind != kind:
+        got = getattr(array, "dtype", type(array).__name__)
+        raise ReadingError(
+            f"{name} is {got}; allowed is an array of {KINDS[kind]}; convert it first, "
+            "and mark what is missing as not received or not valid"
+        )
+    if array.ndim != len(shape) or any(
+        want not in (None, got) for want, got in zip(shape, array.shape, strict=True)
+    ):
+        allowed = tuple("any" if want is None else want for want in shape)
+        raise ReadingError(
+            f"{name} has shape {array.shape}; allowed is {allowed}; "
+            "give every taxel of the skin one entry"
+        )
+    return len(array)
+
+
+def check_finite(
+    name: str, values: Float[np.ndarray, "taxel"], valid: Bool[np.ndarray, "taxel"]
+) -> None:
+    """Refuse NaN and infinity where the taxel is marked valid."""
+    finite = np.isfinite(values)
+    if not finite.all() and (valid & ~finite).any():
+        first = int(np.flatnonzero(valid & ~finite)[0])
+        raise ReadingError(
+            f"{name} of taxel {first} is {values[first]} but marked valid; allowed are "
+            "finite numbers; mark the taxel as not valid"
+        )
+
+
+def check_joints(q: Float[np.ndarray, "joint"]) -> None:
+    """Refuse joint positions that are not one finite number a joint."""
+    check_array("q", q, "f", (None,))
+    if not np.isfinite(q).all():
+        first = int(np.flatnonzero(~np.isfinite(q))[0])
+        raise ReadingError(
+            f"q of joint {first} is {q[first]}; allowed are finite numbers [rad]; "
+            "send the last known joint positions while the robot is silent"
+        )
+
+
+def check_order(last: int | None, stamp: int) -> None:
+    """Refuse a stamp that is not later than the last one."""
+    if last is not None and stamp <= last:
+        raise ReadingError(
+            f"stamp {stamp} ns comes after {last} ns; allowed is only later; "
+            "drop late and repeated readings, or start anew for another recording"
+        )

@@ -1,0 +1,215 @@
+import numpy as np
+import pytest
+
+from eskin.errors import ReadingError, RecordingError, SkinMismatchError
+from eskin.touch import Calibration, CalibrationConfig, Calibrator, Scan
+from touch_scenes import (
+    REST,
+    SECOND,
+    START,
+    calibration_of,
+    grid_skin,
+    pressed,
+    reading_at,
+    scan_at,
+)
+
+SKIN = grid_skin()
+TOUCHED = pressed(SKIN, (0.02, 0.02), kpa=1.0) > 0
+
+
+def play(signal, seconds, rate, calibrator=None, start=0.0):
+    """Push `signal(t) -> counts` and return the readings' pressures."""
+    calibrator = calibrator or Calibrator(SKIN, calibration_of(SKIN))
+    times = start + np.arange(round(seconds * rate)) / rate
+    pressures = [calibrator.push(scan_at(t, signal(t))).pressure for t in times]
+    return times, np.array(pressures)
+
+
+def touch(start, end, counts):
+    """Rest, and a touch of the middle taxels from start to end [s]."""
+    return lambda t: np.where(TOUCHED & (start <= t < end), REST + counts, REST)
+
+
+@pytest.mark.parametrize("rate", [10, 100, 500])
+def test_a_touch_is_measured_above_rest_with_the_gain(rate):
+    _, pressure = play(touch(3.0, 4.0, 200), 4.0, rate)
+    np.testing.assert_allclose(pressure[-1][TOUCHED], 20.0, atol=1e-5)
+    assert not pressure[-1][~TOUCHED].any()
+
+
+@pytest.mark.parametrize("rate", [10, 200])
+def test_a_touch_of_a_minute_is_not_learned(rate):
+    _, pressure = play(touch(3.0, 63.0, 200), 63.0, rate)
+    np.testing.assert_allclose(pressure[-1][TOUCHED], 20.0, atol=0.1)
+
+
+@pytest.mark.parametrize("rate", [10, 200])
+def test_a_slow_drift_is_learned(rate):
+    _, pressure = play(
+        lambda t: np.full(SKIN.count, round(REST + 0.5 * t)), 120.0, rate
+    )
+    assert pressure.max() < 1.0
+
+
+def test_drift_under_a_neighbouring_touch_waits_until_it_is_over():
+    def signal(t):
+        return touch(3.0, 8.0, 200)(t) + np.where(t > 4.0, 10, 0)
+
+    _, during = play(signal, 8.0, 50)
+    beside = SKIN.positions[:, :2] - (0.02, 0.02)
+    beside = (np.linalg.norm(beside, axis=1) < 0.023) & ~TOUCHED
+    np.testing.assert_allclose(during[-1][beside], 1.0, atol=0.05)
+    _, after = play(signal, 60.0, 50)
+    assert after[-1].max() < 0.1
+
+
+def test_a_touch_within_the_tare_is_not_taken_for_rest():
+    _, pressure = play(touch(0.6, 2.5, 200), 2.5, 50)
+    np.testing.assert_allclose(pressure[-1][TOUCHED], 20.0, atol=0.1)
+
+
+def test_rest_is_found_soon_after_a_touch_that_was_there_from_the_start():
+    times, pressure = play(touch(-1.0, 6.0, 200), 9.0, 50)
+    assert pressure[times < 6.0].max() == 0.0
+    calibrator = Calibrator(SKIN, calibration_of(SKIN))
+    play(touch(-1.0, 6.0, 200), 9.0, 50, calibrator)
+    _, again = play(touch(9.0, 10.0, 200), 1.0, 50, calibrator, start=9.0)
+    np.testing.assert_allclose(again[-1][TOUCHED], 20.0, atol=0.2)
+
+
+def test_one_low_outlier_does_not_move_the_baseline():
+    calibrator = Calibrator(SKIN, calibration_of(SKIN))
+    play(touch(0, 0, 0), 4.0, 50, calibrator)
+    calibrator.push(scan_at(4.0, np.zeros(SKIN.count)))
+    _, pressure = play(touch(0, 0, 0), 1.0, 50, calibrator, start=4.02)
+    assert pressure.max() == 0.0
+
+
+def test_zeros_of_a_device_that_starts_are_not_taken_for_rest():
+    _, pressure = play(lambda t: np.full(SKIN.count, REST if t > 0.05 else 0), 3.0, 50)
+    assert pressure[-1].max() == 0.0
+
+
+def test_what_a_taxel_keeps_after_a_touch_is_learned_but_the_touch_is_not():
+    def signal(t):
+        return touch(3.0, 20.0, 500)(t) + np.where(TOUCHED & (t >= 20.0), 40, 0)
+
+    times, pressure = play(signal, 40.0, 50)
+    assert pressure[times < 20.0][-1].max() == pytest.approx(50.0, abs=0.1)
+    assert pressure[-1].max() < 0.5
+
+
+def test_a_change_at_rest_is_learned_at_last():
+    config = CalibrationConfig(longest_seconds=20.0)
+    calibrator = Calibrator(SKIN, calibration_of(SKIN), config)
+    _, pressure = play(touch(3.0, 1e9, 100), 60.0, 20, calibrator)
+    assert pressure[-1].max() < 0.3
+
+
+def test_a_patch_silent_for_long_is_tared_anew():
+    calibrator = Calibrator(SKIN, calibration_of(SKIN))
+    play(touch(0, 0, 0), 3.0, 50, calibrator)
+    none = np.zeros(SKIN.count, bool)
+    calibrator.push(scan_at(4.0, np.zeros(SKIN.count), received=none))
+    pressure = calibrator.push(scan_at(30.0, np.full(SKIN.count, 600))).pressure
+    assert pressure.max() == 0.0
+
+
+def test_readings_do_not_depend_on_the_order_of_the_taxels():
+    order = np.random.default_rng(1).permutation(SKIN.count)
+    shuffled = grid_skin()
+    for name in ("rows", "columns", "positions", "normals", "areas", "tangents"):
+        object.__setattr__(shuffled, name, getattr(SKIN, name)[order])
+    rng = np.random.default_rng(2)
+    one = Calibrator(SKIN, calibration_of(SKIN))
+    two = Calibrator(shuffled, calibration_of(SKIN))
+    for step in range(200):
+        counts = REST + rng.integers(-30, 60, SKIN.count)
+        first = one.push(scan_at(step / 20, counts)).pressure
+        second = two.push(scan_at(step / 20, counts[order])).pressure
+        np.testing.assert_array_equal(first[order], second)
+
+
+def test_what_was_not_received_or_is_faulty_is_not_valid_and_teaches_nothing():
+    calibrator = Calibrator(SKIN, calibration_of(SKIN))
+    play(touch(0, 0, 0), 3.0, 50, calibrator)
+    received = np.arange(SKIN.count) != 3
+    faulty = np.arange(SKIN.count) == 4
+    counts = np.full(SKIN.count, REST)
+    counts[3:5] = -1000
+    for step in range(50):
+        scan = scan_at(3.0 + step / 50, counts, received)
+        reading = calibrator.push(scan, faulty)
+    assert np.flatnonzero(~reading.valid).tolist() == [3, 4]
+    reading = calibrator.push(scan_at(5.0, np.full(SKIN.count, REST)))
+    assert reading.valid.all()
+    assert reading.pressure.max() == 0.0
+
+
+def test_shear_is_measured_from_rest_and_not_learned_while_touched():
+    calibration = Calibration(np.full(SKIN.count, 0.1), 1000, 0.5, 128)
+    calibrator = Calibrator(SKIN, calibration)
+    for t in np.arange(0, 30, 0.05):
+        pressing = t >= 10
+        shear = np.full((SKIN.count, 2), 130)
+        shear[TOUCHED] += (40, -20) if pressing else (0, 0)
+        counts = np.where(TOUCHED & pressing, REST + 100, REST)
+        reading = calibrator.push(scan_at(t, counts, shear=shear.astype(np.int32)))
+    assert reading.shear is not None
+    expected = np.tile([20.0, -10.0], (TOUCHED.sum(), 1))
+    np.testing.assert_allclose(reading.shear[TOUCHED], expected, atol=0.6)
+    assert reading.shear.dtype == np.float32
+
+
+def test_a_calibration_survives_its_bytes():
+    calibration = Calibration(np.array([0.1, 1 / 3]), 4095, 0.25, 128)
+    again = Calibration.from_bytes(calibration.to_bytes())
+    np.testing.assert_array_equal(again.gain, calibration.gain)
+    assert (again.full_scale, again.shear_gain, again.shear_rest) == (4095, 0.25, 128)
+
+
+@pytest.mark.parametrize("data", [b"", b"[]", b"{}", b'{"version": 1}', b"\xff"])
+def test_bytes_that_are_no_calibration_are_refused_in_one_line(data):
+    with pytest.raises(RecordingError, match="calibration cannot be read") as error:
+        Calibration.from_bytes(data)
+    assert "\n" not in str(error.value)
+
+
+def test_gains_that_no_electronics_have_are_refused():
+    with pytest.raises(ValueError, match="finite positive"):
+        Calibration(np.array([0.1, np.nan]), 100)
+
+
+def test_stamps_that_do_not_advance_are_refused():
+    calibrator = Calibrator(SKIN, calibration_of(SKIN))
+    calibrator.push(scan_at(1.0, np.zeros(SKIN.count)))
+    for seconds in (1.0, 0.5):
+        with pytest.raises(ReadingError, match="allowed is only later"):
+            calibrator.push(scan_at(seconds, np.zeros(SKIN.count)))
+
+
+def test_a_scan_or_calibration_of_another_length_is_refused():
+    with pytest.raises(SkinMismatchError, match="has 5 taxels"):
+        Calibrator(SKIN, Calibration.uniform(5, 1000, 100.0))
+    calibrator = Calibrator(SKIN, calibration_of(SKIN))
+    with pytest.raises(ReadingError, match="scan has 5 taxels, skin 'grid' has 36"):
+        calibrator.push(scan_at(0.0, np.zeros(5)))
+
+
+def test_arrays_that_do_not_belong_together_are_refused():
+    q, yes = np.zeros(0), np.ones(3, bool)
+    with pytest.raises(ReadingError, match="counts is float64"):
+        Scan(START, np.array([1.0, np.nan, 2.0]), yes, q)
+    with pytest.raises(ReadingError, match=r"received has shape \(2,\)"):
+        Scan(START, np.zeros(3, np.int32), yes[:2], q)
+    with pytest.raises(ReadingError, match="stamp is float"):
+        Scan(START / SECOND, np.zeros(3, np.int32), yes, q)
+    with pytest.raises(ReadingError, match="q of joint 1 is nan"):
+        Scan(START, np.zeros(3, np.int32), yes, np.array([0.0, np.nan]))
+
+
+def test_a_nan_marked_valid_is_refused_and_one_marked_invalid_is_not():
+    with pytest.raises(ReadingError, match="pressure of taxel 1 is nan"):
+        reading_at(0.0, [1.0, np.nan, 2.0])
+    reading_at(0.0, [1.0, np.nan, 2.0], valid=np.array([True, False, True]))
