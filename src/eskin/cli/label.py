@@ -1,0 +1,111 @@
+"""`eskin label`: the paper's automatic labelling."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import tyro
+
+from eskin.errors import RecordingError
+
+if TYPE_CHECKING:
+    from eskin.recording import Labelling, Recording
+
+
+@dataclass(frozen=True)
+class Command:
+    """Label recordings automatically, where roughly known gestures press hard enough.
+
+    The recordings get labels of source `auto` in place of earlier ones of that source;
+    true labels stay as they are.
+    """
+
+    recordings: tyro.conf.Positional[tuple[Path, ...]]
+    """Recordings, or folders of them."""
+
+    threshold: float | None = None
+    """Largest pressure from which on the skin is touched [kPa]; left out: the value
+    that parts touched from untouched best, in each recording (Otsu)."""
+
+    min_window: float = 0.5
+    """Touches closer than this are one, so that a double-pat is not split [s]."""
+
+    ranges: Path | None = None
+    """YAML list of {start_s, end_s, gesture}: where gestures were roughly made, in
+    seconds since the first reading of the one recording given. Left out: ranges in the
+    recording, or else its true labels, widened by 1 s and joined by gesture."""
+
+    out: Path | None = None
+    """Folder for labelled copies; left out: the recordings themselves are replaced."""
+
+
+def run(command: Command) -> dict[str, object]:
+    """Label and return labels and agreement."""
+    from eskin.recording import Agreement, find_recordings, read_recording, sort_labels
+
+    check(command)
+    paths = find_recordings(command.recordings)
+    recordings = [read_recording(path) for path in paths]
+    if command.ranges is not None and len(paths) > 1:
+        raise RecordingError(
+            f"--ranges {command.ranges} belongs to one recording, got {len(paths)}; "
+            "label one at a time"
+        )
+    labellings = [label_one(command, recording) for recording in recordings]
+    agreement = Agreement()
+    for recording, labelling in zip(recordings, labellings, strict=True):
+        truth = sort_labels(recording.labels, "true")
+        if truth:
+            agreement.add(truth, labelling.found, labelling.stamps)
+    write(command, recordings, labellings)
+    summary = agreement.summary() if agreement.instants else None
+    count = sum(len(labelling.found) for labelling in labellings)
+    print(f"{count} labels in {len(paths)} recordings")
+    for name, value in (summary or {}).items():
+        print(f"  {name:18} {value:.3f}" if value is not None else f"  {name:18} -")
+    return {"labels": count, "agreement": summary}
+
+
+def check(command: Command) -> None:
+    """Refuse options that mean nothing."""
+    if not command.recordings:
+        raise RecordingError("no recording given; give .mcap files or folders of them")
+    for name in ("threshold", "min_window"):
+        value = getattr(command, name)
+        if value is not None and not 0 <= value < float("inf"):
+            option = name.replace("_", "-")
+            raise RecordingError(f"--{option} is {value}; allowed is 0 or more")
+
+
+def label_one(command: Command, recording: "Recording") -> "Labelling":
+    """Find the labels of one recording."""
+    from eskin.recording import AutoLabelConfig, find_labels, load_ranges
+
+    config = AutoLabelConfig(command.threshold, min_window=command.min_window)
+    ranges = None
+    if command.ranges is not None:
+        ranges = load_ranges(command.ranges, recording.start)
+    return find_labels(recording, ranges, config)
+
+
+def write(
+    command: Command, recordings: "list[Recording]", labellings: "list[Labelling]"
+) -> None:
+    """Write all recordings with their new labels."""
+    from eskin.recording import rewrite
+
+    names = [recording.path.name for recording in recordings]
+    if command.out is not None:
+        if len(set(names)) < len(names):
+            raise RecordingError(
+                f"two recordings have one name and cannot both go to {command.out}; "
+                "label them in two calls"
+            )
+        command.out.mkdir(parents=True, exist_ok=True)
+    for recording, labelling in zip(recordings, labellings, strict=True):
+        kept = [label for label in recording.labels if label.source != "auto"]
+        if command.ranges is not None:
+            kept = [label for label in kept if label.source != "range"]
+            kept += labelling.ranges
+        target = None if command.out is None else command.out / recording.path.name
+        rewrite(recording, [*kept, *labelling.found], target)

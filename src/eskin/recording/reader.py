@@ -1,0 +1,234 @@
+"""Reading a recording, whole or cut."""
+
+import json
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from struct import error as StructError
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+from mcap.records import Attachment
+from mcap.records import Metadata as MetadataItem
+
+from eskin.errors import RecordingError
+from eskin.recording.detection import DetectionRecord
+from eskin.recording.labels import Label, sort_labels
+from eskin.recording.messages import (
+    unpack_detection,
+    unpack_joint_state,
+    unpack_label,
+    unpack_reading,
+)
+from eskin.recording.metadata import Metadata
+from eskin.recording.records import McapStream, TopicMessage
+from eskin.recording.schemas import DETECTION, JOINT_STATES, LABEL, READING
+from eskin.recording.writer import CALIBRATION_NAME, FORMAT, RECORD_NAME, SKIN_NAME
+from eskin.skin.files import skin_from_bytes
+from eskin.skin.skin import Skin
+from eskin.touch.calibration import Calibration
+from eskin.touch.reading import Scan
+
+
+@dataclass(frozen=True)
+class ScanArrays:
+    """All scans of a recording, one row a scan."""
+
+    stamps: Int[np.ndarray, "reading"]
+    """When each was taken [ns since the epoch]."""
+    counts: Int[np.ndarray, "reading taxel"]
+    """As the device gave them."""
+    received: Bool[np.ndarray, "reading taxel"]
+    """False where no fresh data came."""
+    q: Float[np.ndarray, "reading joint"]
+    """Joint positions [rad]."""
+    shear: Int[np.ndarray, "reading taxel 2"] | None
+    """Counts along the taxels' tangents, where every scan has them."""
+
+
+@dataclass(frozen=True)
+class Recording:
+    """A recording on disk: what never changes in it, its labels, and its scans."""
+
+    path: Path
+    """The file."""
+    robot_name: str
+    """Preset or URDF that the skin is on."""
+    joint_names: tuple[str, ...]
+    """In the order of `Scan.q`."""
+    skin: Skin
+    """Whose taxels the scans count."""
+    calibration: Calibration
+    """Of that skin."""
+    metadata: Metadata
+    """Who and what was recorded."""
+    labels: tuple[Label, ...]
+    """Sorted by start."""
+    detections: tuple[DetectionRecord, ...]
+    """In the order in which they were said."""
+    count: int
+    """Number of scans."""
+    start: int
+    """Stamp of the first scan [ns since the epoch]; 0 without scans."""
+    end: int
+    """Stamp of the last scan [ns since the epoch]; 0 without scans."""
+    truncated: bool
+    """Whether the end of the file is missing or damaged."""
+
+    @property
+    def period(self) -> int:
+        """Mean time between scans [ns]; 0 with fewer than two."""
+        return (self.end - self.start) // (self.count - 1) if self.count > 1 else 0
+
+    def scans(self) -> Iterator[Scan]:
+        """Every scan up to the last whole chunk, from disk."""
+        q = np.empty(0)
+        for message in McapStream(self.path):
+            if not isinstance(message, TopicMessage):
+                continue
+            try:
+                if message.topic == JOINT_STATES.name:
+                    q = self.joint_positions(message.data)
+                elif message.topic == READING.name:
+                    yield self.scan(message.data, q)
+            except (StructError, ValueError) as error:
+                raise broken(self.path, message, error) from error
+
+    def joint_positions(self, data: bytes) -> Float[np.ndarray, "joint"]:
+        """Positions [rad] in the order of `joint_names`."""
+        _, names, positions = unpack_joint_state(data)
+        if names == self.joint_names and len(positions) == len(names):
+            return positions
+        known = dict(zip(names, positions.tolist(), strict=False))
+        missing = [name for name in self.joint_names if name not in known]
+        if missing:
+            raise RecordingError(f"no position for joint '{missing[0]}'")
+        return np.array([known[name] for name in self.joint_names])
+
+    def scan(self, data: bytes, q: Float[np.ndarray, "joint"]) -> Scan:
+        """One scan from its message and the latest joint positions."""
+        reading = unpack_reading(data)
+        if len(reading.counts) != self.skin.count:
+            raise RecordingError(
+                f"{len(reading.counts)} counts, the skin has {self.skin.count} taxels"
+            )
+        if len(q) != len(self.joint_names):
+            raise RecordingError(f"no joint positions yet at {reading.stamp} ns")
+        return Scan(reading.stamp, reading.counts, reading.received, q, reading.shear)
+
+    def arrays(self) -> ScanArrays:
+        """All scans at once, in memory."""
+        scans = list(self.scans())
+        shears = [scan.shear for scan in scans if scan.shear is not None]
+        taxels, joints = self.skin.count, len(self.joint_names)
+        everywhere = bool(scans) and len(shears) == len(scans)
+        return ScanArrays(
+            np.array([scan.stamp for scan in scans], dtype=np.int64),
+            stack([scan.counts for scan in scans], (taxels,), np.int32),
+            stack([scan.received for scan in scans], (taxels,), np.bool_),
+            stack([scan.q for scan in scans], (joints,), np.float64),
+            stack(shears, (taxels, 2), np.int32) if everywhere else None,
+        )
+
+
+def stack(rows: list[np.ndarray], shape: tuple[int, ...], dtype: type) -> np.ndarray:
+    """Rows of one shape as one array, also where there are none."""
+    return np.array(rows, dtype=dtype).reshape(len(rows), *shape)
+
+
+def broken(path: Path, message: TopicMessage, error: Exception) -> RecordingError:
+    """The error that says which message could not be used."""
+    return RecordingError(
+        f"{path}: message on {message.topic} at {message.log_time} ns cannot be used: "
+        f"{error}; record or convert it again"
+    )
+
+
+def read_recording(path: Path | str) -> Recording:
+    """Read all but the scans; these come from `Recording.scans`.
+
+    Raises:
+        RecordingError: when there is no such file or nothing in it can be used.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise RecordingError(f"no recording at {path}; give an .mcap file")
+    stream = McapStream(path)
+    found = Findings(path)
+    for item in stream:
+        found.take(item)
+    return found.recording(stream.truncated)
+
+
+class Findings:
+    """What one pass over a file finds in it."""
+
+    def __init__(self, path: Path) -> None:
+        """Start with nothing."""
+        self.path = path
+        self.facts: dict[str, str] = {}
+        self.attachments: dict[str, bytes] = {}
+        self.labels: list[Label] = []
+        self.detections: list[DetectionRecord] = []
+        self.stamps: list[int] = []
+        self.count = 0
+
+    def take(self, item: object) -> None:
+        """Note one item."""
+        if isinstance(item, MetadataItem) and item.name == RECORD_NAME:
+            self.facts = item.metadata
+        elif isinstance(item, Attachment):
+            self.attachments[item.name] = item.data
+        elif isinstance(item, TopicMessage):
+            try:
+                self.take_message(item)
+            except (StructError, ValueError) as error:
+                raise broken(self.path, item, error) from error
+
+    def take_message(self, message: TopicMessage) -> None:
+        """Note one message; scans are only counted."""
+        if message.topic == READING.name:
+            self.count += 1
+            self.stamps = [*self.stamps[:1], message.log_time]
+        elif message.topic == LABEL.name:
+            self.labels.append(unpack_label(message.data))
+        elif message.topic == DETECTION.name:
+            self.detections.append(unpack_detection(message.data))
+
+    def recording(self, truncated: bool) -> Recording:
+        """The recording, when its beginning is there."""
+        if self.facts and self.facts.get("format") != FORMAT:
+            raise RecordingError(
+                f"{self.path} has recording format '{self.facts.get('format')}'; "
+                f"allowed is {FORMAT}; use the version of eskin that wrote it"
+            )
+        skin = self.attachment(SKIN_NAME, truncated)
+        calibration = self.attachment(CALIBRATION_NAME, truncated)
+        return Recording(
+            path=self.path,
+            robot_name=self.facts["robot"],
+            joint_names=tuple(json.loads(self.facts.get("joints", "[]"))),
+            skin=skin_from_bytes(skin),
+            calibration=Calibration.from_bytes(calibration),
+            metadata=Metadata.from_record(self.facts),
+            labels=sort_labels(self.labels),
+            detections=tuple(self.detections),
+            count=self.count,
+            start=self.stamps[0] if self.stamps else 0,
+            end=self.stamps[-1] if self.stamps else 0,
+            truncated=truncated,
+        )
+
+    def attachment(self, name: str, truncated: bool) -> bytes:
+        """An attachment, or an error that says why it is not there."""
+        if self.facts and name in self.attachments:
+            return self.attachments[name]
+        missing = f"its {name}" if self.facts else "its eskin metadata"
+        if truncated:
+            raise RecordingError(
+                f"{self.path} is cut before {missing}, nothing in it can be used; "
+                "copy it again from where it was recorded"
+            )
+        raise RecordingError(
+            f"{self.path} lacks {missing}; give a recording made by eskin"
+        )

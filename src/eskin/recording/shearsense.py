@@ -1,0 +1,173 @@
+"""Recordings of the ShearSense set (github ubcspin/uuLab-sensor-TGL-model).
+
+Its files state neither units nor geometry, and values were scaled per participant.
+Taken here: a flat grid of 10 mm and 256 = 100 kPa for pressure and shear (nominal).
+"""
+
+import re
+import zipfile
+import zlib
+from collections.abc import Iterator
+from datetime import UTC, datetime
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Int
+
+from eskin.errors import ImportSourceError
+from eskin.recording.conversion import FULL_SCALE_KPA, Clip, Conversion, write_clips
+from eskin.recording.labels import NONE, Label
+from eskin.recording.metadata import Metadata
+from eskin.skin.files import load_skin
+from eskin.touch.calibration import Calibration
+from eskin.touch.reading import Scan
+
+SIDE = 6
+RATE = 44.7
+FULL_SCALE = 256
+SHEAR_REST = 128
+YEAR = 2023
+UNKNOWN = "UNKNOWN"
+NO_TOUCH = "no"
+
+# What numpy raises for an archive that is cut, damaged or something else.
+BROKEN = (
+    OSError,
+    EOFError,
+    KeyError,
+    ValueError,
+    NotImplementedError,
+    zipfile.BadZipFile,
+    zlib.error,
+)
+
+
+def convert_shearsense(source: Path | str, folder: Path | str) -> Conversion:
+    """Convert every file of the ShearSense set in `source` to recordings in `folder`.
+
+    Raises:
+        ImportSourceError: naming the file that cannot be converted.
+    """
+    skin = load_skin("shearsense")
+    calibration = Calibration(
+        gain=np.full(skin.count, FULL_SCALE_KPA / FULL_SCALE),
+        full_scale=FULL_SCALE,
+        shear_gain=FULL_SCALE_KPA / FULL_SCALE,
+        shear_rest=SHEAR_REST,
+    )
+    files = shearsense_files(Path(source))
+    return write_clips(shearsense_clips(files), folder, skin, calibration)
+
+
+def shearsense_files(source: Path) -> list[Path]:
+    """Files of the set below a folder, sorted by gesture and name."""
+    if not source.is_dir():
+        raise ImportSourceError(
+            f"no folder {source}; give the folder that holds one folder a gesture"
+        )
+    files = sorted(source.rglob("*.npz"))
+    if not files:
+        raise ImportSourceError(
+            f"no .npz file below {source}; give the folder that holds one folder a "
+            "gesture"
+        )
+    return files
+
+
+def shearsense_clips(files: list[Path]) -> Iterator[Clip]:
+    """Read one file after the other."""
+    for path in files:
+        yield shearsense_clip(path)
+
+
+def shearsense_clip(path: Path) -> Clip:
+    """One file as a clip with one label; its folder names the gesture."""
+    gesture = re.sub(r"[\s-]+", "_", path.parent.name.strip().lower())
+    rest = path.stem
+    if rest.lower().startswith(path.parent.name.lower()):
+        rest = rest[len(path.parent.name) :]
+    pressure, shear_x, shear_y = load_counts(path)
+    start = int(start_time(rest).timestamp()) * 1_000_000_000
+    stamps = [start + round(i * 1e9 / RATE) for i in range(len(pressure) + 1)]
+    received = np.ones(SIDE * SIDE, dtype=np.bool_)
+    shear = np.stack([shear_x, shear_y], axis=-1)
+    scans = tuple(
+        Scan(stamps[i], pressure[i], received, np.empty(0), shear[i])
+        for i in range(len(pressure))
+    )
+    label = Label(stamps[0], stamps[-1], NONE if gesture == NO_TOUCH else gesture)
+    notes = {"source_file": f"{path.parent.name}/{path.name}", "rate": f"{RATE} Hz"}
+    metadata = Metadata(
+        "shearsense", participant(path, rest), support(rest), "shearsense", notes
+    )
+    name = re.sub(r"[^A-Za-z0-9]+", "_", f"{gesture}_{rest}").strip("_")
+    return Clip(name, metadata, scans, (label,))
+
+
+def load_counts(path: Path) -> list[Int[np.ndarray, "reading taxel"]]:
+    """Pressure, shear x and shear y of one file, as counts."""
+    try:
+        with np.load(path, allow_pickle=False) as content:
+            arrays = [content[f"arr_{index}"] for index in range(3)]
+    except BROKEN as error:
+        raise ImportSourceError(
+            f"{path}: no whole archive with arr_0, arr_1 and arr_2 ({error}); "
+            "copy it again from the set"
+        ) from error
+    length = len(arrays[0]) if arrays[0].ndim else 0
+    for index, array in enumerate(arrays):
+        if array.shape != (length, SIDE, SIDE) or not length:
+            raise ImportSourceError(
+                f"{path}: arr_{index} has shape {array.shape}; allowed is (T, {SIDE}, "
+                f"{SIDE}), T the same for all three and not 0; leave the file out"
+            )
+        check_values(path, index, array)
+    return [np.rint(a).astype(np.int32).reshape(length, -1) for a in arrays]
+
+
+def check_values(path: Path, index: int, array: np.ndarray) -> None:
+    """Raise when values are not numbers from 0 to full scale."""
+    if array.dtype.kind not in "iuf":
+        raise ImportSourceError(
+            f"{path}: arr_{index} is of type {array.dtype}; allowed are numbers"
+        )
+    wrong = ~((array >= 0) & (array <= FULL_SCALE))
+    if wrong.any():
+        raise ImportSourceError(
+            f"{path}: arr_{index} holds {array[wrong][0]}; allowed are 0 to "
+            f"{FULL_SCALE}; leave the file out"
+        )
+
+
+def participant(path: Path, rest: str) -> str:
+    """`P` and the participant's number, from a file name without its gesture."""
+    found = re.search(r"P(\d+)", rest) or re.search(
+        r"(?<![a-z])p(?:articipant)?[\s_-]*(\d+)", rest, re.IGNORECASE
+    )
+    if not found:
+        raise ImportSourceError(
+            f"{path}: name holds no participant such as P8; name it as in the set"
+        )
+    return f"P{int(found[1])}"
+
+
+def support(rest: str) -> str:
+    """What the sensor lay on, FLAT or PILLOW, from a file name."""
+    found = re.search(r"flat|pillow", rest, re.IGNORECASE)
+    return found[0].upper() if found else UNKNOWN
+
+
+def start_time(rest: str) -> datetime:
+    """When a recording started, from a file name; the year's start where unknown.
+
+    Time of day is taken as if it were UTC, and the year as 2023 where it is missing.
+    """
+    day = re.search(r"([A-Z][a-z]{2})(\d{1,2})(?:(?:st|nd|rd|th)(\d{4}))?", rest)
+    clock = re.search(r"(?<!\d)(\d{2})_(\d{2})_(\d{2})(?!\d)", rest)
+    parts = [*(day.groups(str(YEAR)) if day else ("Jan", "1", str(YEAR)))]
+    parts += clock.groups() if clock else ("0", "0", "0")
+    try:
+        time = datetime.strptime(" ".join(parts), "%b %d %Y %H %M %S")
+    except ValueError:
+        time = datetime(YEAR, 1, 1)
+    return time.replace(tzinfo=UTC)

@@ -1,0 +1,236 @@
+"""Writing a recording: MCAP, profile ros2, CDR, zstd chunks of less than 1 s.
+
+Name, skin, calibration and metadata come first, then chunks, so that a file cut
+anywhere can be used up to its last whole chunk.
+"""
+
+import json
+import os
+from collections.abc import Iterable
+from pathlib import Path
+from types import TracebackType
+
+from mcap.writer import CompressionType, Writer
+
+from eskin.errors import RecordingError
+from eskin.recording.detection import DetectionRecord
+from eskin.recording.labels import Label, sort_labels
+from eskin.recording.messages import (
+    pack_detection,
+    pack_joint_state,
+    pack_label,
+    pack_reading,
+)
+from eskin.recording.metadata import Metadata
+from eskin.recording.schemas import DETECTION, JOINT_STATES, LABEL, READING, TOPICS
+from eskin.robot.presets import load_robot
+from eskin.skin.files import skin_to_bytes
+from eskin.skin.skin import Skin
+from eskin.touch.calibration import Calibration
+from eskin.touch.reading import Scan
+
+CHUNK_NS = 1_000_000_000
+CHUNK_BYTES = 1 << 20
+RECORD_NAME = "eskin"
+SKIN_NAME = "skin"
+CALIBRATION_NAME = "calibration.json"
+FORMAT = "1"
+
+
+class RecordingWriter:
+    """Writes `<path>.part` and renames it to `path` when closed.
+
+    After an exception inside `with` the `.part` file stays, readable up to the last
+    scan that was written.
+    """
+
+    def __init__(
+        self,
+        path: Path | str,
+        robot_name: str,
+        skin: Skin,
+        calibration: Calibration,
+        metadata: Metadata,
+        joint_names: tuple[str, ...] | None = None,
+    ) -> None:
+        """Open the file and write all that does not change.
+
+        Args:
+            path: of the finished recording; its folder must exist.
+            robot_name: preset or URDF that the skin is on; `table` for none.
+            skin: whose taxels the scans count.
+            calibration: of that skin.
+            metadata: who and what is recorded.
+            joint_names: in the order of `Scan.q`; None asks the robot of that name.
+        """
+        self.path = Path(path)
+        self.part = self.path.with_name(self.path.name + ".part")
+        self.skin = skin
+        if joint_names is None:
+            joint_names = load_robot(robot_name).joint_names
+        self.joint_names = tuple(joint_names)
+        self.last_stamp: int | None = None
+        self.chunk_start: int | None = None
+        try:
+            self.file = self.part.open("wb")
+        except OSError as error:
+            raise RecordingError(
+                f"cannot write {self.part}: {error.strerror}; give a path in a folder "
+                "that exists and can be written to"
+            ) from error
+        self.mcap = Writer(
+            self.file, chunk_size=CHUNK_BYTES, compression=CompressionType.ZSTD
+        )
+        try:
+            self.begin(robot_name, calibration, metadata)
+        except BaseException:
+            self.file.close()
+            self.part.unlink()
+            raise
+
+    def begin(
+        self, robot_name: str, calibration: Calibration, metadata: Metadata
+    ) -> None:
+        """Write header, metadata and attachments and declare the topics."""
+        self.mcap.start(profile="ros2", library="eskin")
+        facts = {"format": FORMAT, "robot": robot_name, "skin": self.skin.name}
+        facts["joints"] = json.dumps(self.joint_names)
+        self.mcap.add_metadata(RECORD_NAME, facts | metadata.to_record())
+        self.attach(SKIN_NAME, "application/yaml", skin_to_bytes(self.skin))
+        self.attach(CALIBRATION_NAME, "application/json", calibration.to_bytes())
+        self.channels = {
+            topic.name: self.mcap.register_channel(
+                topic.name,
+                "cdr",
+                self.mcap.register_schema(
+                    topic.type_name, "ros2msg", topic.definition.encode()
+                ),
+                {"offered_qos_profiles": ""},
+            )
+            for topic in TOPICS
+            if topic != JOINT_STATES or self.joint_names
+        }
+        self.file.flush()
+
+    def attach(self, name: str, media_type: str, data: bytes) -> None:
+        """Write one attachment."""
+        self.mcap.add_attachment(0, 0, name, media_type, data)
+
+    def write(self, scan: Scan) -> None:
+        """Append one scan; stamps must increase.
+
+        Raises:
+            RecordingError: when it does not fit the skin, the robot or its time.
+        """
+        self.check(scan)
+        if self.chunk_start is None or scan.stamp - self.chunk_start >= CHUNK_NS:
+            self.mcap.flush()
+            self.chunk_start = scan.stamp
+        reading = pack_reading(scan, self.skin.name)
+        if self.joint_names:
+            state = pack_joint_state(scan.stamp, self.joint_names, scan.q)
+            self.add(JOINT_STATES.name, scan.stamp, state)
+        self.add(READING.name, scan.stamp, reading)
+        self.last_stamp = scan.stamp
+
+    def check(self, scan: Scan) -> None:
+        """Raise when a scan cannot follow the one before."""
+        if len(scan.counts) != self.skin.count:
+            raise RecordingError(
+                f"scan has {len(scan.counts)} counts, skin '{self.skin.name}' has "
+                f"{self.skin.count} taxels; record each skin in its own file"
+            )
+        if len(scan.q) != len(self.joint_names):
+            raise RecordingError(
+                f"scan has {len(scan.q)} joint positions, the robot has "
+                f"{len(self.joint_names)} joints; record with the robot it came from"
+            )
+        if self.last_stamp is not None and scan.stamp <= self.last_stamp:
+            raise RecordingError(
+                f"scan at {scan.stamp} ns comes after one at {self.last_stamp} ns; "
+                "stamps must increase; use one clock"
+            )
+
+    def label(self, label: Label) -> None:
+        """Append a label; logged at the latest scan, wherever its own time lies."""
+        self.add(LABEL.name, self.now(label.start), pack_label(label))
+
+    def detection(self, record: DetectionRecord) -> None:
+        """Append a detection; logged at the latest scan."""
+        self.add(DETECTION.name, self.now(record.stamp), pack_detection(record))
+
+    def now(self, otherwise: int) -> int:
+        """Stamp of the latest scan [ns], `otherwise` before the first."""
+        return otherwise if self.last_stamp is None else self.last_stamp
+
+    def add(self, topic: str, stamp: int, data: bytes) -> None:
+        """Append one message."""
+        self.mcap.add_message(self.channels[topic], stamp, data, stamp)
+
+    def close(self) -> None:
+        """Finish the file and give it its name."""
+        if self.file.closed:
+            return
+        self.mcap.finish()
+        self.file.flush()
+        os.fsync(self.file.fileno())
+        self.file.close()
+        self.part.replace(self.path)
+
+    def abandon(self) -> None:
+        """Stop; what was written stays in the `.part` file, without an index."""
+        if not self.file.closed:
+            self.mcap.flush()
+            self.file.close()
+
+    def __enter__(self) -> "RecordingWriter":
+        """The writer itself."""
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """Close, or keep the `.part` file after an exception."""
+        if kind is None:
+            self.close()
+        else:
+            self.abandon()
+
+
+def write_all(
+    writer: RecordingWriter,
+    scans: Iterable[Scan],
+    labels: Iterable[Label],
+    detections: Iterable[DetectionRecord] = (),
+) -> int:
+    """Write scans, with labels and detections among them when their time has come.
+
+    A label comes after its last scan, so that no part of a file says more of a touch
+    than was known by then. Returns the number of scans.
+    """
+    events: list[tuple[int, Label | DetectionRecord]] = [
+        *((label.end, label) for label in sort_labels(labels)),
+        *((record.stamp, record) for record in detections),
+    ]
+    events.sort(key=lambda event: event[0])
+    count = done = 0
+    for scan in scans:
+        while done < len(events) and events[done][0] <= scan.stamp:
+            write_event(writer, events[done][1])
+            done += 1
+        writer.write(scan)
+        count += 1
+    for _, event in events[done:]:
+        write_event(writer, event)
+    return count
+
+
+def write_event(writer: RecordingWriter, event: Label | DetectionRecord) -> None:
+    """Write a label or a detection."""
+    if isinstance(event, Label):
+        writer.label(event)
+    else:
+        writer.detection(event)
