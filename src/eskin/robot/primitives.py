@@ -9,26 +9,26 @@ from jaxtyping import Float
 
 from eskin.robot.shapes import Box, Cylinder, Sphere
 
-__all__ = ["DistanceAndNormal", "box_distance", "cylinder_distance", "sphere_distance"]
+__all__ = ["Distances", "box_distance", "cylinder_distance", "sphere_distance"]
 
 Points = Float[np.ndarray, "point 3"]
-DistanceAndNormal = tuple[Float[np.ndarray, "point"], Float[np.ndarray, "point 3"]]
+Distances = tuple[Float[np.ndarray, "point"], Float[np.ndarray, "point 3"]]
 
 
-def sphere_distance(sphere: Sphere, points: Points) -> DistanceAndNormal:
+def sphere_distance(sphere: Sphere, points: Points) -> Distances:
     """Signed distance and outward normal of a sphere."""
     length, normal = direction(points)
     return length - sphere.radius, normal
 
 
-def box_distance(box: Box, points: Points) -> DistanceAndNormal:
+def box_distance(box: Box, points: Points) -> Distances:
     """Signed distance and outward normal of a box."""
     beyond = np.abs(points) - np.array(box.size) / 2
     distance, normal = corner_distance(beyond)
     return distance, normal * np.where(points < 0, -1.0, 1.0)
 
 
-def cylinder_distance(cylinder: Cylinder, points: Points) -> DistanceAndNormal:
+def cylinder_distance(cylinder: Cylinder, points: Points) -> Distances:
     """Signed distance and outward normal of a closed cylinder."""
     radial, outward = direction(points * [1.0, 1.0, 0.0])
     axial = np.abs(points[:, 2])
@@ -39,7 +39,7 @@ def cylinder_distance(cylinder: Cylinder, points: Points) -> DistanceAndNormal:
     return distance, normal
 
 
-def direction(points: Points) -> DistanceAndNormal:
+def direction(points: Points) -> Distances:
     """Length and direction of vectors; the direction of a zero is x."""
     length = np.linalg.norm(points, axis=-1)
     unit = points / np.where(length > 0, length, 1.0)[:, None]

@@ -5,7 +5,7 @@ from jaxtyping import Float
 
 from eskin.errors import RobotError
 from eskin.robot.primitives import (
-    DistanceAndNormal,
+    Distances,
     box_distance,
     cylinder_distance,
     sphere_distance,
@@ -18,9 +18,7 @@ from eskin.transforms import apply, invert, rotate
 __all__ = ["surface_distance"]
 
 
-def surface_distance(
-    link: Link, p_link: Float[np.ndarray, "point 3"]
-) -> DistanceAndNormal:
+def surface_distance(link: Link, p_link: Float[np.ndarray, "point 3"]) -> Distances:
     """Signed distance and outward normal from points to the union of a link's bodies.
 
     The distance is exact outside and on the surface. Inside, where bodies overlap, it
@@ -50,9 +48,7 @@ def surface_distance(
     return np.array(distances)[nearest, points], np.array(normals)[nearest, points]
 
 
-def body_distance(
-    body: Body, p_link: Float[np.ndarray, "point 3"]
-) -> DistanceAndNormal:
+def body_distance(body: Body, p_link: Float[np.ndarray, "point 3"]) -> Distances:
     """Signed distance [m] and outward normal from points to one body."""
     points = apply(invert(body.T_link_shape), p_link)
     match body.shape:

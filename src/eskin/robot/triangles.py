@@ -7,7 +7,7 @@ live path.
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from eskin.robot.primitives import DistanceAndNormal
+from eskin.robot.primitives import Distances
 from eskin.robot.shapes import TriangleMesh
 
 __all__ = ["mesh_distance", "winding_number"]
@@ -20,7 +20,7 @@ ON_SURFACE = 1e-7
 
 def mesh_distance(
     mesh: TriangleMesh, points: Float[np.ndarray, "point 3"]
-) -> DistanceAndNormal:
+) -> Distances:
     """Signed distance and outward normal of a closed mesh, negative inside [m]."""
     corners = mesh.vertices[mesh.faces]
     nearest = np.empty_like(points)

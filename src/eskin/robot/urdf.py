@@ -89,7 +89,10 @@ def read_shape(geometry: Element, folder: Path | None, place: str) -> Shape:
         case "box", Element():
             x, y, z = numbers(shape, "size", place, 3)
             if min(x, y, z) <= 0:
-                raise RobotError(f"{place}: <box> size is {x} {y} {z}; wanted: above 0")
+                raise RobotError(
+                    f"{place}: <box> size is '{shape.get('size')}'; "
+                    "wanted: each above 0"
+                )
             return Box((x, y, z))
         case "mesh", Element() if folder is not None:
             scale = numbers(shape, "scale", place, 3, (1.0, 1.0, 1.0))
@@ -145,15 +148,21 @@ def read_limits(element: Element, kind: Kind, place: str) -> tuple[float, float,
             f"{place} is {kind} and has no <limit>; add one with lower, upper and "
             "velocity, or make it continuous"
         )
+    default = np.inf if kind == "continuous" else None
+    velocity = number(limit, "velocity", place, default)
+    if velocity < 0:
+        raise RobotError(
+            f"{place}: <limit> velocity is {velocity:g}; wanted: 0 or more"
+        )
     if kind == "continuous":
-        return -np.inf, np.inf, number(limit, "velocity", place, np.inf, above=0.0)
+        return -np.inf, np.inf, velocity
     lower = number(limit, "lower", place, 0.0)
     upper = number(limit, "upper", place, 0.0)
     if lower > upper:
         raise RobotError(
             f"{place}: <limit> lower {lower:g} is above upper {upper:g}; swap them"
         )
-    return lower, upper, number(limit, "velocity", place)
+    return lower, upper, velocity
 
 
 def read_mimic(element: Element, kind: Kind, place: str) -> Mimic | None:
