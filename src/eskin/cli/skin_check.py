@@ -1,0 +1,65 @@
+"""`eskin skin check`: everything that is wrong with a skin."""
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import tyro
+
+from eskin.errors import SkinError
+from eskin.robot import Robot
+from eskin.skin import (
+    PRESETS,
+    CheckConfig,
+    Problem,
+    check_skin,
+    load_skin,
+    read_draft,
+    robot_for,
+)
+
+
+@dataclass(frozen=True)
+class Command:
+    """Verify a skin: list every problem with its patch and taxel."""
+
+    skin: tyro.conf.Positional[str]
+    """A preset's name, or a folder with skin.yaml."""
+
+    robot: str | None = None
+    """The robot it is for: ur5, table or a .urdf file; a preset knows its own."""
+
+    tolerance: float = 1e3 * CheckConfig.off_surface
+    """Farthest that a taxel may lie from its link's surface [mm]."""
+
+
+def run(command: Command) -> dict[str, object]:
+    """Check one skin; problems are printed one a line, then raised as one."""
+    robot = robot_for(command.skin, command.robot)
+    config = CheckConfig(off_surface=1e-3 * command.tolerance)
+    problems = find_problems(command.skin, robot, config)
+    for problem in problems:
+        print(problem)
+    if problems:
+        raise SkinError(
+            f"skin {command.skin} has {len(problems)} problem"
+            f"{'s' * (len(problems) > 1)}; mend what is listed"
+        )
+    against = f"on robot {robot.name}" if robot else "without a robot's surface"
+    print(f"skin {command.skin}: no problems, checked {against}")
+    if robot is None:
+        print("--robot ROBOT checks links, surfaces and outward normals too")
+    return {"problems": []}
+
+
+def find_problems(skin: str, robot: Robot | None, config: CheckConfig) -> list[Problem]:
+    """What is wrong in the files, and with the taxels that can be read from them."""
+    if skin in PRESETS:
+        return check_skin(load_skin(skin), robot, config)
+    draft = read_draft(Path(skin))
+    found = check_skin(draft.skin, robot, config)
+    # The check counts the taxels that were read; the file calls them by their ids.
+    named = [
+        p if p.taxel is None else replace(p, taxel=int(draft.ids[p.taxel]))
+        for p in found
+    ]
+    return [*draft.problems, *named]

@@ -1,0 +1,191 @@
+"""Verifying a skin: everything that is wrong with it, patch by patch."""
+
+from collections import Counter
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial import KDTree
+
+from eskin.robot import Robot, surface_distance
+from eskin.skin.directions import direction_problems
+from eskin.skin.problem import Problem
+from eskin.skin.skin import Skin
+from eskin.skin.spacing import Spacing, measure_spacing
+
+__all__ = ["CheckConfig", "check_skin"]
+
+
+@dataclass(frozen=True)
+class CheckConfig:
+    """What is taken for wrong in a skin."""
+
+    off_surface: float = 0.005
+    """Farthest that a taxel may lie from its link's surface [m]."""
+
+    coincident: float = 0.0002
+    """Two taxels of a link that are nearer than this lie on one another [m]."""
+
+    least_fill: float = 0.2
+    """Least area of a taxel, as a share of the cell its neighbours leave it."""
+
+    most_fill: float = 1.5
+    """Greatest area of a taxel, as a share of that cell."""
+
+    outward: float = 0.5
+    """Least cosine between a taxel's normal and its surface's."""
+
+
+def check_skin(
+    skin: Skin, robot: Robot | None = None, config: CheckConfig | None = None
+) -> list[Problem]:
+    """Everything that is wrong with a skin.
+
+    Args:
+        skin: the skin.
+        robot: the robot it is for; without one, links and surfaces are not checked.
+        config: what is taken for wrong.
+    """
+    config = config or CheckConfig()
+    spacing = measure_spacing(skin)
+    problems = patch_problems(skin) + cell_problems(skin)
+    problems += direction_problems(skin) + coincident_problems(skin, config)
+    problems += area_problems(skin, spacing, config) + flipped_problems(skin, spacing)
+    if robot is not None:
+        problems += link_problems(skin, robot) + surface_problems(skin, robot, config)
+    return problems
+
+
+def patch_problems(skin: Skin) -> list[Problem]:
+    """Patch ids and addresses that come twice, and patches without taxels."""
+    found = []
+    ids = Counter(patch.id for patch in skin.patches)
+    addresses: dict[int, str] = {}
+    filled = set(skin.patch_index.tolist())
+    for number, patch in enumerate(skin.patches):
+        if ids[patch.id] > 1:
+            text = f"{ids[patch.id]} patches have this id, allowed one"
+            found.append(Problem(text, patch.id))
+        if patch.address in addresses:
+            text = (
+                f"address {patch.address} is that of patch "
+                f"'{addresses[patch.address]}' too, allowed once in a skin"
+            )
+            found.append(Problem(text, patch.id))
+        addresses.setdefault(patch.address, patch.id)
+        if number not in filled:
+            found.append(Problem("has no taxels, allowed one or more", patch.id))
+    return found
+
+
+def cell_problems(skin: Skin) -> list[Problem]:
+    """Cells outside the patch, and cells that hold two taxels."""
+    found = []
+    seen: dict[tuple[int, int, int], int] = {}
+    places = zip(skin.patch_index, skin.rows, skin.columns, strict=True)
+    for taxel, (number, row, column) in enumerate(places):
+        patch = skin.patches[number]
+        cell = (int(number), int(row), int(column))
+        if not (0 <= row < patch.rows and 0 <= column < patch.columns):
+            text = (
+                f"lies in row {row}, column {column}; allowed rows 0 to "
+                f"{patch.rows - 1}, columns 0 to {patch.columns - 1}"
+            )
+            found.append(Problem(text, patch.id, taxel))
+        elif cell in seen:
+            text = (
+                f"lies in row {row}, column {column}, where taxel {seen[cell]} is; "
+                "allowed one taxel a cell"
+            )
+            found.append(Problem(text, patch.id, taxel))
+        seen.setdefault(cell, taxel)
+    return found
+
+
+def coincident_problems(skin: Skin, config: CheckConfig) -> list[Problem]:
+    """Taxels of one link that lie on one another."""
+    found = []
+    links = np.array(skin.link_names)[skin.patch_index]
+    pairs = KDTree(skin.positions).query_pairs(config.coincident)
+    for first, second in sorted(pairs):
+        if links[first] == links[second]:
+            gap = np.linalg.norm(skin.positions[first] - skin.positions[second])
+            text = (
+                f"lies {1e3 * gap:.3g} mm from taxel {first} of patch "
+                f"'{patch_of(skin, first)}', allowed {1e3 * config.coincident:g} mm "
+                "or more"
+            )
+            found.append(Problem(text, patch_of(skin, second), second))
+    return found
+
+
+def area_problems(skin: Skin, spacing: Spacing, config: CheckConfig) -> list[Problem]:
+    """Areas that are no areas, or do not fit between the neighbours."""
+    fill = skin.areas / spacing.cell_areas
+    within = (fill >= config.least_fill) & (fill <= config.most_fill)
+    bad = ~(np.isfinite(skin.areas) & (skin.areas > 0))
+    found = []
+    for taxel in np.flatnonzero(bad | (np.isfinite(fill) & ~within)).tolist():
+        cell = 1e6 * spacing.cell_areas[taxel]
+        allowed = f"{config.least_fill * cell:.4g} to {config.most_fill * cell:.4g} mm2"
+        text = f"has an area of {1e6 * skin.areas[taxel]:.4g} mm2, allowed " + (
+            f"{allowed} at this spacing" if np.isfinite(cell) else "more than 0"
+        )
+        found.append(Problem(text, patch_of(skin, taxel), taxel))
+    return found
+
+
+def flipped_problems(skin: Skin, spacing: Spacing) -> list[Problem]:
+    """Normals that point against those of the neighbours."""
+    along = np.sum(skin.normals * spacing.neighbour_normals, axis=1)
+    return [
+        Problem(
+            "its normal points against its neighbours' normals, allowed outward",
+            patch_of(skin, taxel),
+            taxel,
+        )
+        for taxel in np.flatnonzero(along < 0).tolist()
+    ]
+
+
+def link_problems(skin: Skin, robot: Robot) -> list[Problem]:
+    """Patches on links that the robot does not have."""
+    return [
+        Problem(
+            f"lies on link '{patch.link}', which robot '{robot.name}' does not have; "
+            f"allowed {', '.join(robot.link_names)}",
+            patch.id,
+        )
+        for patch in skin.patches
+        if patch.link not in robot.link_names
+    ]
+
+
+def surface_problems(skin: Skin, robot: Robot, config: CheckConfig) -> list[Problem]:
+    """Taxels off their link's surface, and normals that do not point out of it."""
+    found = []
+    for number, patch in enumerate(skin.patches):
+        taxels = np.flatnonzero(skin.patch_index == number)
+        if patch.link not in robot.link_names or len(taxels) == 0:
+            continue
+        link = robot.links[robot.link_index(patch.link)]
+        if not link.bodies:
+            continue
+        distances, outward = surface_distance(link, skin.positions[taxels])
+        cosines = np.sum(outward * skin.normals[taxels], axis=1)
+        off = ~(np.abs(distances) <= config.off_surface)
+        for taxel, distance in zip(taxels[off], distances[off], strict=True):
+            text = (
+                f"lies {1e3 * abs(distance):.3g} mm "
+                f"{'off' if distance > 0 else 'below'} the surface of "
+                f"link '{patch.link}', allowed up to {1e3 * config.off_surface:g} mm"
+            )
+            found.append(Problem(text, patch.id, int(taxel)))
+        for taxel in taxels[~off & ~(cosines >= config.outward)]:
+            text = f"its normal does not point out of link '{patch.link}'"
+            found.append(Problem(text, patch.id, int(taxel)))
+    return found
+
+
+def patch_of(skin: Skin, taxel: int) -> str:
+    """The id of a taxel's patch."""
+    return skin.patches[skin.patch_index[taxel]].id

@@ -1,0 +1,40 @@
+"""Skins that come with eskin."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+
+from eskin.robot import Robot, load_robot
+from eskin.skin.grids import grid_skin
+from eskin.skin.skin import Skin
+from eskin.skin.ur5 import ur5_skin
+
+__all__ = ["PRESETS", "Preset", "robot_for"]
+
+
+@dataclass(frozen=True)
+class Preset:
+    """A skin that comes with eskin, and the robot it is made for."""
+
+    build: Callable[[], Skin]
+    """Makes the skin."""
+
+    robot: str
+    """What `load_robot` calls the robot."""
+
+
+PRESETS = {
+    "ur5": Preset(ur5_skin, "ur5"),
+    "sleeve": Preset(partial(grid_skin, 19, 27, name="sleeve"), "table"),
+    "shearsense": Preset(
+        partial(grid_skin, 6, 6, kind="shear", name="shearsense"), "table"
+    ),
+}
+"""The skins that `load_skin` knows by name; the flat ones have a nominal pitch."""
+
+
+def robot_for(skin_name: str, robot_name: str | None = None) -> Robot | None:
+    """The robot of that name, else the one a preset skin is made for, else None."""
+    if robot_name is not None:
+        return load_robot(robot_name)
+    return load_robot(PRESETS[skin_name].robot) if skin_name in PRESETS else None
