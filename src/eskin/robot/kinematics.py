@@ -57,7 +57,7 @@ class Kinematics:
                 f"q has {q.shape[-1]} values, robot '{self.robot.name}' has "
                 f"{len(names)} moving joints; give one for each of: {', '.join(names)}"
             )
-        value = q.astype(np.float64)[..., self.source] * self.multiplier + self.offset
+        value = q[..., self.source] * self.multiplier + self.offset
         value = value[..., None, None]
         T = np.broadcast_to(self.rest, (*q.shape[:-1], *self.rest.shape)).copy()
         T[..., self.moving, :, :] += (
