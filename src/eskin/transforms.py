@@ -19,6 +19,7 @@ __all__ = [
     "random_rotation",
     "rotate",
     "rpy_to_matrix",
+    "skew",
 ]
 
 
