@@ -178,10 +178,11 @@ def test_packing_then_unpacking_a_reading_changes_nothing(
     assert_same_scans([got], [scan])
 
 
+@settings(max_examples=40, deadline=None)
 @given(
     gesture=st.text(min_size=1).filter(lambda text: "\0" not in text),
     start=st.integers(0, 2**60),
-    length=st.integers(1, 2**60),
+    length=st.integers(1, 2**59),
     source=st.sampled_from(["true", "range", "auto"]),
 )
 def test_packing_then_unpacking_a_label_changes_nothing(gesture, start, length, source):

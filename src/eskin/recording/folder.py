@@ -27,4 +27,4 @@ def find_recordings(places: Iterable[Path | str]) -> tuple[Path, ...]:
             raise RecordingError(
                 f"no recording at {place}; give .mcap files or folders that hold some"
             )
-    return tuple(dict.fromkeys(found))
+    return tuple({path.resolve(): path for path in reversed(found)}.values())[::-1]

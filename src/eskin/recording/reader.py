@@ -3,6 +3,7 @@
 import json
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 from struct import error as StructError
 
@@ -160,6 +161,12 @@ def read_recording(path: Path | str) -> Recording:
     return found.recording(stream.truncated)
 
 
+@lru_cache(maxsize=8)
+def shared_skin(data: bytes) -> Skin:
+    """The skin of an attachment; recordings with the same bytes share one object."""
+    return skin_from_bytes(data)
+
+
 class Findings:
     """What one pass over a file finds in it."""
 
@@ -208,7 +215,7 @@ class Findings:
             path=self.path,
             robot_name=self.facts["robot"],
             joint_names=tuple(json.loads(self.facts.get("joints", "[]"))),
-            skin=skin_from_bytes(skin),
+            skin=shared_skin(skin),
             calibration=Calibration.from_bytes(calibration),
             metadata=Metadata.from_record(self.facts),
             labels=sort_labels(self.labels),

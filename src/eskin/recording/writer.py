@@ -7,6 +7,7 @@ anywhere can be used up to its last whole chunk.
 import json
 import os
 from collections.abc import Iterable
+from functools import lru_cache
 from pathlib import Path
 from types import TracebackType
 
@@ -96,7 +97,7 @@ class RecordingWriter:
         facts = {"format": FORMAT, "robot": robot_name, "skin": self.skin.name}
         facts["joints"] = json.dumps(self.joint_names)
         self.mcap.add_metadata(RECORD_NAME, facts | metadata.to_record())
-        self.attach(SKIN_NAME, "application/yaml", skin_to_bytes(self.skin))
+        self.attach(SKIN_NAME, "application/yaml", skin_text(self.skin))
         self.attach(CALIBRATION_NAME, "application/json", calibration.to_bytes())
         self.channels = {
             topic.name: self.mcap.register_channel(
@@ -198,6 +199,12 @@ class RecordingWriter:
             self.close()
         else:
             self.abandon()
+
+
+@lru_cache(maxsize=8)
+def skin_text(skin: Skin) -> bytes:
+    """The attachment of a skin, kept since sets of recordings share one skin."""
+    return skin_to_bytes(skin)
 
 
 def write_all(
