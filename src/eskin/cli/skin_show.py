@@ -90,16 +90,16 @@ def print_table(
 ) -> None:
     """Print one line a patch, and the whole."""
     table = Table(title=f"skin {skin.name}", title_justify="left", box=SIMPLE_HEAD)
-    for name in ("patch", "link", "bus", "grid", "kind"):
+    for name in ("patch", "link", "grid", "kind"):
         table.add_column(name)
     for name in ("taxels", "cm²", "/cm²"):
         table.add_column(name, justify="right")
     for row in patches:
         grid = f"{row['rows']} x {row['columns']}"
-        named = (row["id"], row["link"], row["address"], grid, row["kind"])
+        named = (row["id"], row["link"], grid, row["kind"])
         table.add_row(*map(str, named), *figures(row))
     table.add_section()
-    table.add_row("all", "", "", "", "", *figures(total))
+    table.add_row("all", "", "", "", *figures(total))
     Console(markup=False).print(table)
     if not skin.calibrated:
         print("geometry and units are nominal: lengths and densities mean little")

@@ -46,7 +46,7 @@ def make_draft(manifest: Manifest, table_text: str, file: str) -> Draft:
     """Put a manifest and the text of its taxels together."""
     patches = manifest.patch_list()
     table, problems = parse_table(table_text, patches, file)
-    problems += repeated_patches(manifest) + gaps(table, problems, file)
+    problems = [*repeated_patches(manifest), *problems, *gaps(table, problems, file)]
     order = np.argsort(table.ids, kind="stable")
     normals = table.normals[order]
     if table.tangents is None:

@@ -46,18 +46,7 @@ class Manifest(BaseModel):
 
 
 class PlainLoader(yaml.SafeLoader):
-    """Plain data only: neither tags, nor anchors, nor the same key twice."""
-
-    def compose_node(
-        self, parent: yaml.Node | None, index: int
-    ) -> yaml.Node | None:  # An alias can grow without bound.
-        """Refuse aliases, which a skin has no use for."""
-        if self.check_event(yaml.AliasEvent):
-            mark = self.peek_event().start_mark
-            raise yaml.MarkedYAMLError(
-                problem="aliases are not allowed", problem_mark=mark
-            )
-        return super().compose_node(parent, index)
+    """Plain data only: no tags but YAML's own, and no key twice in one mapping."""
 
     def construct_mapping(
         self, node: yaml.MappingNode, deep: bool = False
@@ -81,6 +70,7 @@ def parse_manifest(text: str, file: str) -> Manifest:
         SkinError: every entry that is wrong, in one line that begins with the file.
     """
     try:
+        refuse_aliases(text)
         data = yaml.load(text, PlainLoader)  # noqa: S506  It is a SafeLoader.
     except yaml.YAMLError as error:
         raise SkinError(f"{file}{describe(error)}") from None
@@ -106,6 +96,15 @@ def format_manifest(skin: Skin) -> str:
         patches=[PatchEntry(**vars(patch)) for patch in skin.patches],
     )
     return yaml.safe_dump(manifest.model_dump(), sort_keys=False, allow_unicode=True)
+
+
+def refuse_aliases(text: str) -> None:
+    """Refuse aliases: a skin has no use for them, and a few can stand for billions."""
+    for event in yaml.parse(text, yaml.SafeLoader):
+        if isinstance(event, yaml.AliasEvent):
+            raise yaml.MarkedYAMLError(
+                problem="aliases are not allowed", problem_mark=event.start_mark
+            )
 
 
 def describe(error: yaml.YAMLError) -> str:

@@ -1,0 +1,130 @@
+"""The ur5 skin has the size and density that are published, and fits its arm."""
+
+import numpy as np
+import pytest
+
+from eskin.robot import Kinematics, load_robot, surface_distance
+from eskin.skin import (
+    PRESETS,
+    MountedSkin,
+    check_skin,
+    fit_surface,
+    grid_skin,
+    load_skin,
+    robot_for,
+)
+from eskin.transforms import apply, invert
+
+SKIN = load_skin("ur5")
+ROBOT = load_robot("ur5")
+
+
+def density(patch_id):
+    taxels = SKIN.taxels_of(patch_id)
+    return len(taxels) / (1e4 * SKIN.areas[taxels].sum())
+
+
+def test_2112_taxels_lie_in_nine_patches_at_1_5_to_1_6_a_square_centimetre():
+    assert SKIN.count == 2112
+    assert len(SKIN.patches) == len(set(SKIN.patch_index)) == 9
+    assert 1.5 <= SKIN.count / (1e4 * SKIN.areas.sum()) <= 1.6
+
+
+def test_every_patch_toward_the_tool_is_at_least_as_dense():
+    densities = [density(patch.id) for patch in SKIN.patches]
+    assert np.all(np.diff(densities) >= -1e-9)
+    assert len(np.unique(np.round(densities, 1))) >= 3
+    links = [ROBOT.link_index(patch.link) for patch in SKIN.patches]
+    assert links == sorted(links)
+
+
+def test_patches_are_irregular():
+    full = [
+        len(SKIN.taxels_of(patch.id)) == patch.rows * patch.columns
+        for patch in SKIN.patches
+    ]
+    assert not any(full), "every patch lacks corners"
+    taxels = SKIN.taxels_of("forearm_front")
+    surface = fit_surface(SKIN.positions[taxels], SKIN.normals[taxels])
+    s, _ = surface.unroll(SKIN.positions[taxels]).T
+    row = SKIN.rows[taxels]
+    assert np.ptp(s[row == 0]) > 1.1 * np.ptp(s[row == 26]), "a trapezoid"
+
+
+@pytest.mark.parametrize(
+    ("one", "other", "radius"),
+    [
+        ("upper_arm_front", "upper_arm_back", 0.0505),
+        ("forearm_front", "forearm_back", 0.0375),
+        ("wrist_3", "wrist_3", 0.0375),
+    ],
+)
+def test_strips_of_3_to_8_mm_stay_free_between_the_edges_of_shells(one, other, radius):
+    for row in (5, 15) if one != other else (2,):
+        widths = []
+        for patch_id in {one, other}:
+            taxels = SKIN.taxels_of(patch_id)
+            surface = fit_surface(SKIN.positions[taxels], SKIN.normals[taxels])
+            s, t = surface.unroll(SKIN.positions[taxels]).T
+            here = np.sort(s[SKIN.rows[taxels] == row])
+            widths.append(np.ptp(here) + np.diff(here).mean())
+        gap = (2 * np.pi * radius - sum(widths)) / len(widths)
+        assert 0.003 <= gap <= 0.008
+
+
+def test_every_taxel_lies_on_its_link_and_points_out_of_it():
+    for number, patch in enumerate(SKIN.patches):
+        taxels = SKIN.patch_index == number
+        link = ROBOT.links[ROBOT.link_index(patch.link)]
+        distance, outward = surface_distance(link, SKIN.positions[taxels])
+        assert np.max(np.abs(distance)) < 1e-12
+        assert np.min(np.sum(outward * SKIN.normals[taxels], axis=1)) > 1 - 1e-12
+
+
+def test_no_taxel_is_buried_in_a_link_next_to_its_own():
+    rng = np.random.default_rng(0)
+    mounted = MountedSkin(SKIN, ROBOT)
+    low, high = np.maximum(ROBOT.lower, -np.pi), np.minimum(ROBOT.upper, np.pi)
+    low, high = low.copy(), high.copy()
+    # An arm this wide cannot fold its elbow flat on itself.
+    elbow = ROBOT.joint_names.index("elbow_joint")
+    low[elbow], high[elbow] = -2.4, 2.4
+    for _ in range(20):
+        q = rng.uniform(low, high)
+        p_world, _ = mounted.poses(q)
+        T_world_link = Kinematics(ROBOT).poses(q)
+        for joint in ROBOT.joints:
+            pair = ROBOT.link_index(joint.parent), ROBOT.link_index(joint.child)
+            for own, beside in (pair, pair[::-1]):
+                taxels = mounted.skin_link_index == own
+                if not taxels.any() or not ROBOT.links[beside].bodies:
+                    continue
+                local = apply(invert(T_world_link[beside]), p_world[taxels])
+                distance, _ = surface_distance(ROBOT.links[beside], local)
+                assert np.min(distance) > 0.001, (ROBOT.links[own].name, q)
+
+
+@pytest.mark.parametrize("name", PRESETS)
+def test_the_check_finds_nothing_wrong_with_a_preset(name):
+    assert check_skin(load_skin(name), robot_for(name)) == []
+
+
+def test_the_public_sets_skins_are_flat_grids_of_nominal_pitch():
+    sleeve, shearsense = load_skin("sleeve"), load_skin("shearsense")
+    assert sleeve.count == 513 and not sleeve.calibrated and not sleeve.has_shear
+    assert shearsense.count == 36 and shearsense.has_shear
+    steps = sleeve.positions[1:27] - sleeve.positions[:26]
+    assert np.allclose(steps, [0.01, 0, 0])
+    assert np.allclose(sleeve.positions.mean(axis=0), 0)
+    assert np.allclose(sleeve.areas, 1e-4)
+    assert robot_for("sleeve").name == "table" and robot_for("other") is None
+
+
+def test_a_grid_of_no_taxels_is_refused():
+    with pytest.raises(ValueError, match="a grid of 0 x 4 taxels"):
+        grid_skin(0, 4)
+
+
+def test_a_patch_that_is_not_there_is_named_with_those_that_are():
+    with pytest.raises(ValueError, match="no patch 'knee'; its patches: upper_arm_fr"):
+        SKIN.taxels_of("knee")
