@@ -11,7 +11,7 @@ from eskin.skin.mount import MountedSkin
 from eskin.skin.presets import PRESETS, Preset, robot_for
 from eskin.skin.problem import Problem
 from eskin.skin.round import Dome, Tube
-from eskin.skin.skin import Kind, Patch, Skin
+from eskin.skin.skin import Patch, Skin
 from eskin.skin.surface import Plane, Surface, Wrapped
 
 __all__ = [
@@ -21,7 +21,6 @@ __all__ = [
     "Draft",
     "GeometricDistance",
     "Grid",
-    "Kind",
     "MountedSkin",
     "Patch",
     "Plane",

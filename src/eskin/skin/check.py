@@ -47,7 +47,7 @@ def check_skin(
     """
     config = config or CheckConfig()
     spacing = measure_spacing(skin)
-    problems = patch_problems(skin) + cell_problems(skin)
+    problems = patch_problems(skin) + cell_problems(skin) + position_problems(skin)
     problems += direction_problems(skin) + coincident_problems(skin, config)
     problems += area_problems(skin, spacing, config) + flipped_problems(skin, spacing)
     if robot is not None:
@@ -101,12 +101,28 @@ def cell_problems(skin: Skin) -> list[Problem]:
     return found
 
 
+def position_problems(skin: Skin) -> list[Problem]:
+    """Positions that are no numbers."""
+    bad = ~np.isfinite(skin.positions).all(axis=1)
+    return [
+        Problem(
+            f"its position is {skin.positions[taxel].tolist()}, allowed finite numbers",
+            patch_of(skin, taxel),
+            taxel,
+        )
+        for taxel in np.flatnonzero(bad).tolist()
+    ]
+
+
 def coincident_problems(skin: Skin, config: CheckConfig) -> list[Problem]:
     """Taxels of one link that lie on one another."""
     found = []
     links = np.array(skin.link_names)[skin.patch_index]
-    pairs = KDTree(skin.positions).query_pairs(config.coincident)
-    for first, second in sorted(pairs):
+    finite = np.flatnonzero(np.isfinite(skin.positions).all(axis=1))
+    near = KDTree(skin.positions[finite]).query_pairs(
+        config.coincident, output_type="ndarray"
+    )
+    for first, second in sorted(finite[near].tolist()):
         if links[first] == links[second]:
             gap = np.linalg.norm(skin.positions[first] - skin.positions[second])
             text = (
@@ -164,7 +180,8 @@ def surface_problems(skin: Skin, robot: Robot, config: CheckConfig) -> list[Prob
     """Taxels off their link's surface, and normals that do not point out of it."""
     found = []
     for number, patch in enumerate(skin.patches):
-        taxels = np.flatnonzero(skin.patch_index == number)
+        finite = np.isfinite(skin.positions).all(axis=1)
+        taxels = np.flatnonzero((skin.patch_index == number) & finite)
         if patch.link not in robot.link_names or len(taxels) == 0:
             continue
         link = robot.links[robot.link_index(patch.link)]

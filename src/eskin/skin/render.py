@@ -14,11 +14,9 @@ if TYPE_CHECKING:
 
 __all__ = ["draw_robot"]
 
-Triangles = Float[np.ndarray, "face 3 3"]
-
 BODY = "#d8dade"
 LIFT = 0.004
-FINE = 0.012
+FINE = 0.02
 AROUND = 0.25
 CORNERS = 0.46 * np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
 
@@ -76,7 +74,9 @@ def eye_frame(azimuth: float, elevation: float) -> Float[np.ndarray, "3 3"]:
     return np.stack([right, np.cross(toward, right), toward])
 
 
-def robot_triangles(robot: Robot, q: Float[np.ndarray, "joint"]) -> Triangles:
+def robot_triangles(
+    robot: Robot, q: Float[np.ndarray, "joint"]
+) -> Float[np.ndarray, "face 3 3"]:
     """Every body's surface in the world, in small triangles."""
     parts = [np.zeros((0, 3, 3))]
     for T_world_link, link in zip(Kinematics(robot).poses(q), robot.links, strict=True):
@@ -87,7 +87,7 @@ def robot_triangles(robot: Robot, q: Float[np.ndarray, "joint"]) -> Triangles:
     return np.concatenate(parts)
 
 
-def split(triangles: Triangles) -> Triangles:
+def split(triangles: Float[np.ndarray, "face 3 3"]) -> Float[np.ndarray, "piece 3 3"]:
     """Halve triangles across their longest edge until all edges are short.
 
     Polygons are sorted by their middle, which is only right for small ones.
