@@ -1,6 +1,9 @@
 """Small skins and scans for the tests of eskin.touch."""
 
+from dataclasses import replace
+
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from eskin.robot.robot import Joint, Link, Robot
 from eskin.skin.mount import MountedSkin
@@ -73,8 +76,44 @@ def pressed(skin: Skin, centre, kpa=20.0, radius=0.012) -> np.ndarray:
     return np.where(distance <= radius, kpa, 0.0).astype(np.float32)
 
 
-def hinge() -> Joint:
-    """A hinge about y that turns link `upper` on link `table`, 1 cm over it."""
+def permuted(skin: Skin, order: np.ndarray) -> Skin:
+    """The same skin with its taxels in another order."""
+    names = ("patch_index", "rows", "columns", "positions", "normals", "areas")
+    parts = {name: getattr(skin, name)[order] for name in (*names, "tangents")}
+    return replace(skin, **parts)
+
+
+def moved(rotation_vector: np.ndarray, translation: np.ndarray) -> np.ndarray:
+    """A rigid motion, 4 x 4."""
     T = np.eye(4)
-    T[2, 3] = 0.01
-    return Joint("hinge", "revolute", "table", "upper", T, np.array([0.0, 1.0, 0.0]))
+    T[:3, :3] = Rotation.from_rotvec(rotation_vector).as_matrix()
+    T[:3, 3] = translation
+    return T
+
+
+def hinged_skin(T_world_base: np.ndarray | None = None) -> MountedSkin:
+    """Two patches that meet at a hinge: `p0` on the base, `p1` on the flap.
+
+    Columns 5 lie side by side, 1 cm apart, 3 cm over the hinge, which turns about y:
+    turning by q opens a gap between them.
+    """
+    base = grid_skin(patches=2)
+    flap = base.patch_index == 1
+    positions = base.positions.copy()
+    positions[:, 0] = np.where(flap, 1, -1) * (0.06 - 0.01 * base.columns) - (
+        0.005 * np.where(flap, 1, -1)
+    )
+    positions[flap, 2] = 0.03
+    patches = (
+        base.patches[0],
+        Patch("p1", "flap", 1, base.patches[1].rows, base.patches[1].columns),
+    )
+    skin = replace(base, patches=patches, positions=positions)
+    T = np.eye(4) if T_world_base is None else T_world_base
+    y = np.array([0.0, 1.0, 0.0])
+    stand = Joint("stand", "fixed", "world", "table", T, y)
+    below = np.eye(4)
+    below[2, 3] = -0.03
+    hinge = Joint("hinge", "revolute", "table", "flap", below, y)
+    links = (Link("world", ()), Link("table", ()), Link("flap", ()))
+    return MountedSkin(skin, Robot("hinged", links, (stand, hinge)))

@@ -1,6 +1,7 @@
 """From counts to touches: calibration, faults, contacts, tracks, touches."""
 
 from eskin.touch.calibration import Calibration, CalibrationConfig, Calibrator
+from eskin.touch.contacts import Contact, ContactConfig, ContactFinder
 from eskin.touch.fault import Fault, FaultKind
 from eskin.touch.faults import FaultConfig, FaultFinder
 from eskin.touch.reading import Reading, Scan
@@ -9,6 +10,9 @@ __all__ = [
     "Calibration",
     "CalibrationConfig",
     "Calibrator",
+    "Contact",
+    "ContactConfig",
+    "ContactFinder",
     "Fault",
     "FaultConfig",
     "FaultFinder",

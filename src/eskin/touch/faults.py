@@ -10,7 +10,7 @@ from eskin.skin.skin import Skin
 from eskin.touch.adjacency import Adjacency
 from eskin.touch.calibration import Calibration
 from eskin.touch.fault import LEAST_LINE, NANOSECONDS, Fault, FaultLister
-from eskin.touch.kernels import Watch, watch_counts, watch_neighbours
+from eskin.touch.fault_kernels import Watch, watch_counts, watch_neighbours
 from eskin.touch.reading import Scan, check_order
 
 STUCK, DEAD, NEGATIVE, SATURATED = range(4)

@@ -1,0 +1,113 @@
+"""Compiled loops of the fault finder. `no_type_check` keeps the tests' hooks off."""
+
+from typing import NamedTuple, no_type_check
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+from numba import njit
+
+
+class Watch(NamedTuple):
+    """What the fault finder remembers of each taxel; times in seconds."""
+
+    level: np.ndarray
+    """Counts last received."""
+    first: np.ndarray
+    """When it was first received, or received again after long silence."""
+    heard: np.ndarray
+    """When it was last received."""
+    changed: np.ndarray
+    """When its counts last changed."""
+    negative: np.ndarray
+    """When its counts were last negative."""
+    below: np.ndarray
+    """When its counts were last below full scale."""
+    nonzero: np.ndarray
+    """When its counts were last above zero."""
+    zero: np.ndarray
+    """When they were last at zero."""
+    least: np.ndarray
+    """Its least counts above zero; zero for a while after it came back from zero."""
+    quiet: np.ndarray
+    """When none of its neighbours was last pressed."""
+    ignored: np.ndarray
+    """How long it has not answered while its neighbours were pressed."""
+
+
+@njit(cache=True)
+@no_type_check
+def watch_counts(
+    counts: Int[np.ndarray, "taxel"],
+    received: Bool[np.ndarray, "taxel"],
+    now: float,
+    full_scale: int,
+    silence: float,
+    longest: float,
+    watch: Watch,
+    mask: Bool[np.ndarray, "taxel"],
+) -> None:
+    """Note what each count did, and mask negative ones at once."""
+    for i in range(len(counts)):
+        if not received[i]:
+            continue
+        count = counts[i]
+        if now - watch.heard[i] > silence:
+            watch.first[i] = now
+            watch.changed[i] = now
+            watch.level[i] = count
+            watch.below[i] = -np.inf
+            watch.nonzero[i] = -np.inf
+            watch.zero[i] = -np.inf
+            watch.least[i] = np.inf
+            watch.quiet[i] = -np.inf
+            watch.ignored[i] = 0.0
+        watch.heard[i] = now
+        if count != watch.level[i]:
+            watch.level[i] = count
+            watch.changed[i] = now
+            watch.ignored[i] = 0.0
+        if count < full_scale:
+            watch.below[i] = now
+        if count > 0:
+            if watch.nonzero[i] < watch.zero[i]:
+                watch.least[i] = 0.0
+            elif watch.least[i] == 0.0 and now - watch.zero[i] > longest:
+                watch.least[i] = count
+            watch.least[i] = min(watch.least[i], count)
+            watch.nonzero[i] = now
+        elif count == 0:
+            watch.zero[i] = now
+        elif count < 0:
+            watch.negative[i] = now
+            mask[i] = True
+
+
+@njit(cache=True)
+@no_type_check
+def watch_neighbours(
+    pressure: Float[np.ndarray, "taxel"],
+    valid: Bool[np.ndarray, "taxel"],
+    now: float,
+    elapsed: float,
+    pressed: float,
+    share: float,
+    starts: Int[np.ndarray, "taxel_and_one"],
+    neighbours: Int[np.ndarray, "pair"],
+    watch: Watch,
+) -> None:
+    """Add up how long each taxel has stood still among pressed neighbours.
+
+    Only a taxel whose counts have not changed since all neighbours were at rest counts
+    as not answering: one that is held down steadily changed when it was pressed.
+    """
+    for i in range(len(starts) - 1):
+        known, down = 0, 0
+        for k in range(starts[i], starts[i + 1]):
+            if valid[neighbours[k]]:
+                known += 1
+                down += pressure[neighbours[k]] >= pressed
+        if down == 0:
+            watch.quiet[i] = now
+        elif known >= 3 and down >= share * known:
+            if watch.changed[i] <= watch.quiet[i]:
+                watch.ignored[i] += elapsed

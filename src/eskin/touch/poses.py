@@ -1,0 +1,34 @@
+"""Where the robot's links are right now, computed once for all who ask."""
+
+from typing import final
+
+import numpy as np
+from jaxtyping import Float
+
+from eskin.errors import ReadingError
+from eskin.skin.mount import MountedSkin
+
+
+@final
+class LivePoses:
+    """Poses of the links at the latest q asked for; an arm at rest costs nothing."""
+
+    def __init__(self, mounted: MountedSkin) -> None:
+        """Start without a pose."""
+        self.mounted = mounted
+        self.joints = len(mounted.robot.joint_names)
+        self.q: Float[np.ndarray, joint] | None = None
+        self.T_world_link = np.empty((0, 4, 4))
+
+    def at(self, q: Float[np.ndarray, "joint"]) -> Float[np.ndarray, "link 4 4"]:
+        """T_world_link of all links in the robot's order."""
+        if self.q is None or not np.array_equal(q, self.q):
+            if len(q) != self.joints:
+                raise ReadingError(
+                    f"q has {len(q)} joints, robot '{self.mounted.robot.name}' has "
+                    f"{self.joints}; allowed is one number a moving joint; "
+                    "use the robot that the data came from"
+                )
+            self.T_world_link = self.mounted.kinematics.poses(q)
+            self.q = q.copy()
+        return self.T_world_link
