@@ -27,4 +27,7 @@ def find_recordings(places: Iterable[Path | str]) -> tuple[Path, ...]:
             raise RecordingError(
                 f"no recording at {place}; give .mcap files or folders that hold some"
             )
-    return tuple({path.resolve(): path for path in reversed(found)}.values())[::-1]
+    once: dict[Path, Path] = {}
+    for path in found:
+        once.setdefault(path.resolve(), path)
+    return tuple(once.values())
