@@ -4,7 +4,10 @@ from eskin.touch.calibration import Calibration, CalibrationConfig, Calibrator
 from eskin.touch.contacts import Contact, ContactConfig, ContactFinder
 from eskin.touch.fault import Fault, FaultKind
 from eskin.touch.faults import FaultConfig, FaultFinder
+from eskin.touch.pipeline import PipelineConfig, TouchPipeline, TouchState
 from eskin.touch.reading import Reading, Scan
+from eskin.touch.touches import Touch, TouchConfig, TouchGrouper
+from eskin.touch.tracks import Track, TrackConfig, Tracker
 
 __all__ = [
     "Calibration",
@@ -17,6 +20,15 @@ __all__ = [
     "FaultConfig",
     "FaultFinder",
     "FaultKind",
+    "PipelineConfig",
     "Reading",
     "Scan",
+    "Touch",
+    "TouchConfig",
+    "TouchGrouper",
+    "TouchPipeline",
+    "TouchState",
+    "Track",
+    "TrackConfig",
+    "Tracker",
 ]

@@ -118,6 +118,7 @@ class ContactFinder:
                 f"'{self.mounted.skin.name}' has {self.mounted.skin.count}; allowed is "
                 "one pressure a taxel; load the skin that the data came from"
             )
+        self.poses.check(reading.q)
         active = self.active(reading)
         if len(active) == 0:
             return []

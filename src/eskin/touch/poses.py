@@ -17,18 +17,22 @@ class LivePoses:
         """Start without a pose."""
         self.mounted = mounted
         self.joints = len(mounted.robot.joint_names)
-        self.q: Float[np.ndarray, joint] | None = None
+        self.q: np.ndarray | None = None
         self.T_world_link = np.empty((0, 4, 4))
 
     def at(self, q: Float[np.ndarray, "joint"]) -> Float[np.ndarray, "link 4 4"]:
         """T_world_link of all links in the robot's order."""
         if self.q is None or not np.array_equal(q, self.q):
-            if len(q) != self.joints:
-                raise ReadingError(
-                    f"q has {len(q)} joints, robot '{self.mounted.robot.name}' has "
-                    f"{self.joints}; allowed is one number a moving joint; "
-                    "use the robot that the data came from"
-                )
+            self.check(q)
             self.T_world_link = self.mounted.kinematics.poses(q)
             self.q = q.copy()
         return self.T_world_link
+
+    def check(self, q: Float[np.ndarray, "joint"]) -> None:
+        """Refuse the joint positions of another robot."""
+        if len(q) != self.joints:
+            raise ReadingError(
+                f"q has {len(q)} joints, robot '{self.mounted.robot.name}' has "
+                f"{self.joints}; allowed is one number a moving joint; "
+                "use the robot that the data came from"
+            )

@@ -1,0 +1,104 @@
+"""From counts to touches in one step, live or replayed."""
+
+from dataclasses import dataclass, field, replace
+from typing import final
+
+from eskin.skin.mount import MountedSkin
+from eskin.touch.calibration import Calibration, CalibrationConfig, Calibrator
+from eskin.touch.contacts import Contact, ContactConfig, ContactFinder
+from eskin.touch.fault import Fault
+from eskin.touch.faults import FaultConfig, FaultFinder
+from eskin.touch.poses import LivePoses
+from eskin.touch.reading import Reading, Scan
+from eskin.touch.touches import Touch, TouchConfig, TouchGrouper
+from eskin.touch.tracks import Track, TrackConfig, Tracker
+
+
+@dataclass(frozen=True)
+class PipelineConfig:
+    """The configuration of every stage from counts to touches."""
+
+    calibration: CalibrationConfig = field(default_factory=CalibrationConfig)
+    """How counts become kPa."""
+
+    faults: FaultConfig = field(default_factory=FaultConfig)
+    """What is not to be believed."""
+
+    contacts: ContactConfig = field(default_factory=ContactConfig)
+    """What is touched."""
+
+    tracks: TrackConfig = field(default_factory=TrackConfig)
+    """What is the same contact as before."""
+
+    touches: TouchConfig = field(default_factory=TouchConfig)
+    """What belongs to one gesture."""
+
+
+@dataclass(frozen=True, eq=False)
+class TouchState:
+    """All that is known of touch at one instant."""
+
+    reading: Reading
+    """The calibrated reading; faulty taxels are not valid in it."""
+
+    contacts: tuple[Contact, ...]
+    """Contacts now."""
+
+    tracks: tuple[Track, ...]
+    """Tracks going on, and those that ended with this reading."""
+
+    touches: tuple[Touch, ...]
+    """Touches that are open."""
+
+    closed: tuple[Touch, ...]
+    """Touches that closed with this reading."""
+
+    faults: tuple[Fault, ...]
+    """Faults known now."""
+
+
+@final
+class TouchPipeline:
+    """Calibration, faults, contacts, tracks and touches of one skin; stateful."""
+
+    def __init__(
+        self,
+        mounted: MountedSkin,
+        calibration: Calibration,
+        config: PipelineConfig | None = None,
+    ) -> None:
+        """Start with every stage fresh."""
+        self.config = config or PipelineConfig()
+        poses = LivePoses(mounted)
+        self.calibrator = Calibrator(mounted.skin, calibration, self.config.calibration)
+        self.faults = FaultFinder(mounted.skin, calibration, self.config.faults)
+        self.contacts = ContactFinder(mounted, self.config.contacts, poses)
+        self.tracker = Tracker(mounted, self.config.tracks, poses)
+        self.grouper = TouchGrouper(mounted, self.config.touches, poses)
+
+    def push(self, scan: Scan) -> TouchState:
+        """Take the next scan.
+
+        Raises:
+            ReadingError: the scan is of another skin, or not later than the last one;
+                nothing has changed then, and the next scan may follow.
+        """
+        self.contacts.poses.check(scan.q)
+        reading = self.calibrator.push(scan, self.faults.mask)
+        mask, faults = self.faults.push(scan, reading.pressure)
+        if mask.any():
+            reading = replace(reading, valid=reading.valid & ~mask)
+        return self.push_reading(reading, faults)
+
+    def push_reading(
+        self, reading: Reading, faults: tuple[Fault, ...] = ()
+    ) -> TouchState:
+        """Take the next reading that is calibrated already."""
+        contacts = self.contacts.find(reading)
+        tracks = self.tracker.push(reading, contacts)
+        touches, closed = self.grouper.push(reading, tracks)
+        return TouchState(reading, tuple(contacts), tracks, touches, closed, faults)
+
+    def finish(self) -> tuple[Touch, ...]:
+        """Close the touches still open, as at the end of a recording."""
+        return self.grouper.finish()
