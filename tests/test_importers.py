@@ -42,7 +42,7 @@ def sessions_of(folder):
 
 
 def test_a_sleeve_file_keeps_every_value_and_label(tmp_path):
-    labels = ["None", "Squeez", "Squeez", "None", None, "hug", "Tap"]
+    labels = ["None", "Squeez", "Squeez", "None", None, "hug", "Unknown"]
     source = write_sleeve(tmp_path / "in", "Squeez_20250521150749_annotated.json.gz")
     source.write_bytes(gzip.compress(json.dumps(sleeve_content(labels)).encode()))
     result = convert_sleeve(tmp_path / "in", tmp_path / "out")
@@ -201,6 +201,7 @@ def test_a_shearsense_file_keeps_every_value(tmp_path):
         ("no/noP12_Mar16th2023_1_pillow 17_38_23.npz", "none", "P12", "PILLOW"),
         ("press/pressP30_Sep15th2023_FLAT 12_00_00.npz", "press", "P30", "FLAT"),
         ("Outward caress/p9 flat.npz", "outward_caress", "P9", "FLAT"),
+        ("tap/tap_Sep15th2023_p4_FLAT.npz", "tap", "P4", "FLAT"),
         ("tap/tap_participant_07.npz", "tap", "P7", "UNKNOWN"),
     ],
 )

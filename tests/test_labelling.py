@@ -201,6 +201,14 @@ def test_agreement_counts_overlap_and_lateness_of_matched_events():
     assert figures["event_precision"] == pytest.approx(1 / 3)
 
 
+def test_one_label_found_is_never_counted_for_two_events():
+    agreement = Agreement()
+    agreement.add([seconds(1, 2), seconds(3, 4)], [seconds(1, 4)], instants(5))
+    figures = agreement.summary()
+    assert figures["event_iou"] == pytest.approx(1 / 6)
+    assert (figures["event_recall"], figures["onset_bias_s"]) == (0, 0)
+
+
 SKIN = grid_skin(2, 2, name="square")
 
 

@@ -23,6 +23,7 @@ from eskin.recording import (
     read_recording,
     write_all,
 )
+from eskin.recording.cdr import CdrPacker, CdrUnpacker
 from eskin.recording.messages import (
     pack_detection,
     pack_label,
@@ -329,6 +330,69 @@ def test_a_damaged_chunk_ends_what_can_be_read(whole, tmp_path):
     recording = read_recording(damaged)
     assert recording.truncated
     assert_same_scans(list(recording.scans()), scans[:20])
+
+
+def test_a_chunk_that_does_not_fit_its_crc_is_not_believed(whole, tmp_path):
+    path, scans, _ = whole
+    data = bytearray(path.read_bytes())
+    with path.open("rb") as file:
+        index = make_reader(file).get_summary().chunk_indexes[2]
+    data[index.chunk_start_offset + 9 + 24] ^= 1
+    damaged = tmp_path / "damaged.mcap"
+    damaged.write_bytes(data)
+    assert_same_scans(list(read_recording(damaged).scans()), scans[:40])
+
+
+def test_a_record_longer_than_the_file_ends_it(whole, tmp_path):
+    path, scans, _ = whole
+    end = chunk_ends(path)[0][0]
+    damaged = tmp_path / "damaged.mcap"
+    giant = b"\x06" + b"\xff" * 8
+    damaged.write_bytes(path.read_bytes()[:end] + giant + b"left over")
+    assert_same_scans(list(read_recording(damaged).scans()), scans[:20])
+
+
+def test_a_cut_file_labels_only_what_it_holds(whole, tmp_path):
+    path, _, labels = whole
+    for end, _ in chunk_ends(path):
+        recording = read_recording(cut(path, end, tmp_path))
+        assert set(recording.labels) >= {x for x in labels if x.end <= recording.end}
+        assert all(label.end <= recording.end + 1 for label in recording.labels)
+
+
+def test_labels_written_in_any_order_are_read_in_order_of_time(tmp_path):
+    scans = make_scans(60)
+    labels = make_labels(scans)
+    with open_writer(tmp_path / "a.mcap") as writer:
+        for label in reversed(labels):
+            writer.label(label)
+        write_all(writer, scans, ())
+    assert read_recording(tmp_path / "a.mcap").labels == labels
+
+
+def test_every_field_is_aligned_to_its_size_after_any_other():
+    packer = CdrPacker()
+    for _ in range(2):
+        packer.string("abcd")
+        packer.stamp(START)
+        packer.string("a")
+        packer.number(0.5, "f")
+        packer.number(0.25)
+        packer.string("")
+        packer.sequence(np.array([1.5, 2.5]))
+    data = packer.bytes()
+    unpacker = CdrUnpacker(data)
+    for _ in range(2):
+        assert (unpacker.string(), unpacker.stamp()) == ("abcd", START)
+        assert (unpacker.string(), unpacker.number("f")) == ("a", 0.5)
+        assert (unpacker.number(), unpacker.string()) == (0.25, "")
+        np.testing.assert_array_equal(unpacker.sequence("<f8"), [1.5, 2.5])
+    assert unpacker.offset == len(data)
+
+
+def test_a_message_of_another_byte_order_is_refused():
+    with pytest.raises(RecordingError, match="encapsulation 0000; allowed is 0001"):
+        CdrUnpacker(b"\x00\x00\x00\x00")
 
 
 @pytest.mark.parametrize("content", [b"PK\x03\x04 a zip", b"\x89MCAP0\n\n", b"x"])
