@@ -169,6 +169,8 @@ def test_patches_beyond_a_seams_width_or_on_other_links_are_infinitely_far():
     assert np.isinf(GeometricDistance(skin, seam=0.001).between(*pair)[0, 0])
     patches = (skin.patches[0], replace(skin.patches[1], link="hand"))
     assert np.isinf(GeometricDistance(replace(skin, patches=patches)).between(*pair))
+    flat = replace(bent(0.0), patches=patches)
+    assert np.isinf(GeometricDistance(flat).between(*pair)), "one plane, two links"
 
 
 def test_on_a_free_form_the_way_goes_from_neighbour_to_neighbour():

@@ -101,6 +101,20 @@ def test_saving_again_replaces_the_skin_and_leaves_nothing_else(tmp_path):
     assert {p.name for p in tmp_path.iterdir()} == {"skin.yaml", "taxels.csv"}
 
 
+def test_a_save_that_fails_leaves_the_old_skin_whole(tmp_path, monkeypatch):
+    save_skin(load_skin("sleeve"), tmp_path)
+
+    def full(path, text, **_):
+        path.touch()
+        raise OSError("no space left")
+
+    monkeypatch.setattr(type(tmp_path), "write_text", full)
+    with pytest.raises(OSError, match="no space left"):
+        save_skin(load_skin("ur5"), tmp_path)
+    assert {p.name for p in tmp_path.iterdir()} == {"skin.yaml", "taxels.csv"}
+    assert load_skin(tmp_path).name == "sleeve"
+
+
 def test_the_ids_fix_the_order_whatever_the_order_of_the_lines(tmp_path):
     head, *lines = TABLE.splitlines()
     straight = load_skin(write(tmp_path))
@@ -177,7 +191,7 @@ def test_a_wrong_table_is_refused_in_one_line(tmp_path, old, new, expected):
         (MANIFEST, "- 1\n- 2\n", "skin.yaml: got [1, 2], allowed a mapping"),
         (MANIFEST, "", "skin.yaml: got None, allowed a mapping"),
         (MANIFEST, "name: a\npatches: []\n", "patches: got [], List should have"),
-        (MANIFEST, "[" * 5000, "skin.yaml"),
+        (MANIFEST, "[" * 5000 + "]" * 5000, "skin.yaml: not a skin description"),
     ],
 )
 def test_a_wrong_manifest_is_refused_in_one_line(tmp_path, old, new, expected):

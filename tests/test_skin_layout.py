@@ -3,7 +3,16 @@
 import numpy as np
 import pytest
 
-from eskin.skin import Dome, Grid, Plane, Tube, fit_surface, without_corners
+from eskin.skin import (
+    Dome,
+    Grid,
+    Patch,
+    Plane,
+    Tube,
+    fit_surface,
+    join_patches,
+    without_corners,
+)
 from eskin.transforms import apply, make_transform, random_rotation, rotate
 
 
@@ -128,6 +137,18 @@ def test_a_grid_of_a_tube_covers_the_area_that_it_unrolls_to():
     grid = Grid(6, 10, 0.004, 0.005)
     assert grid.areas().sum() == pytest.approx(60 * 0.004 * 0.005)
     assert np.allclose(grid.unrolled().mean(axis=0), 0)
+
+
+def test_taxels_on_a_dome_cover_the_area_of_the_dome_below_them():
+    # A square drawn flat, its side 2a, as a fine sum over the sphere (r sin u = rho).
+    radius, pitch, count = 0.06, 0.005, 12
+    patch = Patch("cap", "arm", 1, count, count)
+    grid = Grid(count, count, pitch, pitch)
+    skin = join_patches("cap", [(patch, grid, Dome(radius, np.eye(4)))])
+    angle = (np.arange(20000) + 0.5) * np.pi / 2 / 20000
+    edge = pitch * count / 2 / np.maximum(np.cos(angle), np.sin(angle))
+    exact = 4 * radius**2 * np.mean(1 - np.cos(edge / radius)) * np.pi / 2
+    assert skin.areas.sum() == pytest.approx(exact, rel=1e-3)
 
 
 def test_a_taper_draws_the_last_row_together():
