@@ -14,6 +14,7 @@ CHECKED = [
     "eskin.touch",
     "eskin.recording",
     "eskin.graph",
+    "eskin.model",
     "eskin.nn",
     "eskin.learn",
     "eskin.live",

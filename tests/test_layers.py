@@ -17,9 +17,10 @@ BELOW = {
     "touch": ("skin",),
     "graph": ("touch",),
     "recording": ("touch",),
-    "nn": ("graph",),
+    "model": ("graph",),
+    "nn": ("model",),
     "learn": ("nn", "recording"),
-    "live": ("graph", "recording"),
+    "live": ("model", "recording"),
 }
 TOP = {"cli", "__init__"}
 HEAVY = {"torch", "sklearn", "matplotlib"}

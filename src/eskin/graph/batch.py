@@ -1,0 +1,109 @@
+"""The contact graph of a touch at one reading, and many laid end to end."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+
+import numpy as np
+from jaxtyping import Float, Int
+
+
+@dataclass(frozen=True)
+class GraphBatch:
+    """Contact graphs laid end to end: what the network's features are made of.
+
+    A node is an active taxel of the touch, now or one reading ago, or a fixed neighbour
+    of one. One touch at one reading is a batch of one graph.
+    """
+
+    taxels: Int[np.ndarray, "node"]
+    """Which taxel of the skin each node is."""
+
+    pressure: Float[np.ndarray, "node"]
+    """[kPa], zero where the taxel is not active."""
+
+    before: Float[np.ndarray, "node"]
+    """The same one reading earlier [kPa]."""
+
+    age: Float[np.ndarray, "node"]
+    """Time since the taxel became active [s]; zero where it is not."""
+
+    areas: Float[np.ndarray, "node"]
+    """[cm2]"""
+
+    positions: Float[np.ndarray, "node 3"]
+    """About the middle of the graph, in the directions of the world [cm]."""
+
+    normals: Float[np.ndarray, "node 3"]
+    """Outward unit normals in the world."""
+
+    shear: Float[np.ndarray, "node 3"]
+    """Shear traction in the world [kPa]; zero where not active or not measured."""
+
+    shear_before: Float[np.ndarray, "node 3"]
+    """The same one reading earlier, turned with the taxel since [kPa]."""
+
+    neighbours: Int[np.ndarray, "node k"]
+    """Sources j of the edges j -> i to each node i, as nodes of its graph, or -1."""
+
+    offsets: Int[np.ndarray, "bound"]
+    """First node of each graph, and behind the last the number of nodes."""
+
+    seconds: Float[np.ndarray, "graph"]
+    """Time since the reading before [s]."""
+
+    @property
+    def count(self) -> int:
+        """Number of graphs."""
+        return len(self.seconds)
+
+    @property
+    def sizes(self) -> Int[np.ndarray, "graph"]:
+        """Number of nodes of each graph."""
+        return np.diff(self.offsets)
+
+    @property
+    def graph_index(self) -> Int[np.ndarray, "node"]:
+        """The graph of each node."""
+        return np.repeat(np.arange(self.count), self.sizes)
+
+    @property
+    def sources(self) -> Int[np.ndarray, "node k"]:
+        """`neighbours` as nodes of the batch, or -1."""
+        first = np.repeat(self.offsets[:-1], self.sizes)[:, None]
+        return np.where(self.neighbours >= 0, self.neighbours + first, -1)
+
+    def select(self, graphs: Int[np.ndarray, "some"]) -> "GraphBatch":
+        """Some of the graphs, in the order asked for."""
+        sizes = self.sizes[graphs]
+        offsets = np.concatenate([[0], np.cumsum(sizes)]).astype(np.int64)
+        within = np.arange(offsets[-1]) - np.repeat(offsets[:-1], sizes)
+        nodes = np.repeat(self.offsets[graphs], sizes) + within
+        taken = {name: getattr(self, name)[nodes] for name in NODE_FIELDS}
+        return GraphBatch(**taken, offsets=offsets, seconds=self.seconds[graphs])
+
+
+NODE_FIELDS = tuple(
+    field.name
+    for field in fields(GraphBatch)
+    if field.name not in ("offsets", "seconds")
+)
+
+
+def join(batches: Sequence[GraphBatch]) -> GraphBatch:
+    """Lay batches end to end.
+
+    Raises:
+        ValueError: if there is none.
+    """
+    if not batches:
+        raise ValueError("no graphs to join; give at least one batch")
+    sizes = np.concatenate([batch.sizes for batch in batches])
+    nodes = {
+        name: np.concatenate([getattr(batch, name) for batch in batches])
+        for name in NODE_FIELDS
+    }
+    return GraphBatch(
+        **nodes,
+        offsets=np.concatenate([[0], np.cumsum(sizes)]).astype(np.int64),
+        seconds=np.concatenate([batch.seconds for batch in batches]),
+    )

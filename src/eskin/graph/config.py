@@ -1,0 +1,17 @@
+"""Settings of the contact graph."""
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class GraphConfig:
+    """How the taxels of a touch become a graph."""
+
+    fixed: int = 8
+    """Nearest taxels of the same patch that each taxel is joined to (the paper's K)."""
+
+    live: int = 4
+    """Nearest taxels of other patches, found anew at every reading."""
+
+    live_reach: float = 0.03
+    """Farthest that a taxel of another patch is joined [m]."""

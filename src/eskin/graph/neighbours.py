@@ -1,0 +1,99 @@
+"""Nearest neighbours: fixed inside a patch, live between patches.
+
+Ties are broken by (patch, row, column), which travels with the taxel, so neither the
+order of the taxels nor the place of the robot decides who is whose neighbour.
+"""
+
+import numpy as np
+from jaxtyping import Float, Int
+from scipy.spatial import KDTree
+
+from eskin.skin import Skin
+
+MICROMETRES = 1e6
+NOBODY = -1
+
+
+class FixedNeighbours:
+    """The K nearest taxels of the same patch, found once for a skin.
+
+    Attributes:
+        table: the neighbours of each taxel, nearest first, or -1.
+        rank: place of each taxel when sorted by (patch, row, column).
+    """
+
+    def __init__(self, skin: Skin, k: int) -> None:
+        """Find the `k` nearest neighbours of every taxel of a skin."""
+        ids = np.array([patch.id for patch in skin.patches])[skin.patch_index]
+        self.rank = ranks(np.lexsort((skin.columns, skin.rows, ids)))
+        self.table = np.full((skin.count, k), NOBODY, dtype=np.int64)
+        for patch in range(len(skin.patches)):
+            taxels = np.flatnonzero(skin.patch_index == patch)
+            self.table[taxels] = nearest_in_patch(
+                skin.positions[taxels], taxels, self.rank, k
+            )
+
+    @property
+    def edge_count(self) -> int:
+        """Number of directed edges."""
+        return int((self.table != NOBODY).sum())
+
+
+def ranks(order: Int[np.ndarray, "taxel"]) -> Int[np.ndarray, "taxel"]:
+    """The place of each entry in a sorting order."""
+    places = np.empty_like(order)
+    places[order] = np.arange(len(order))
+    return places
+
+
+def nearest_in_patch(
+    positions: Float[np.ndarray, "part 3"],
+    taxels: Int[np.ndarray, "part"],
+    rank: Int[np.ndarray, "taxel"],
+    k: int,
+) -> Int[np.ndarray, "part {k}"]:
+    """The `k` nearest of `taxels` to each of them, -1 where there are fewer.
+
+    Squared distances are whole numbers of square micrometres, so equal ones are equal
+    to the last bit, however the patch lies.
+    """
+    whole = np.rint(positions * MICROMETRES).astype(np.int64)
+    nearest = np.full((len(taxels), k), NOBODY, dtype=np.int64)
+    for row, place in enumerate(whole):
+        squared = ((whole - place) ** 2).sum(axis=1)
+        order = np.lexsort((rank[taxels], squared))
+        others = taxels[order[order != row]][:k]
+        nearest[row, : len(others)] = others
+    return nearest
+
+
+def live_neighbours(
+    p_world: Float[np.ndarray, "node 3"],
+    patch: Int[np.ndarray, "node"],
+    rank: Int[np.ndarray, "node"],
+    k: int,
+    reach: float,
+) -> Int[np.ndarray, "node {k}"]:
+    """The `k` nearest nodes of other patches by kinematic distance, or -1.
+
+    Args:
+        p_world: positions in the world [m].
+        patch: the patch of each node.
+        rank: breaks ties.
+        k: neighbours a node.
+        reach: farthest neighbour [m].
+    """
+    nearest = np.full((len(p_world), k), NOBODY, dtype=np.int64)
+    if k == 0 or len(p_world) == 0 or (patch == patch[0]).all():
+        return nearest
+    pairs = KDTree(p_world).query_pairs(reach, output_type="ndarray")
+    pairs = pairs[patch[pairs[:, 0]] != patch[pairs[:, 1]]]
+    target, source = np.concatenate([pairs, pairs[:, ::-1]]).T
+    gaps = p_world[target] - p_world[source]
+    length = np.rint(np.sqrt((gaps**2).sum(axis=1)) * MICROMETRES)
+    order = np.lexsort((rank[source], length, target))
+    target, source = target[order], source[order]
+    place = np.arange(len(target)) - np.searchsorted(target, target)
+    kept = place < k
+    nearest[target[kept], place[kept]] = source[kept]
+    return nearest

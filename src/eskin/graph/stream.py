@@ -1,0 +1,67 @@
+"""From the touches of each reading to their graphs."""
+
+import numpy as np
+from jaxtyping import Int
+
+from eskin.graph.batch import GraphBatch
+from eskin.graph.builder import GraphBuilder
+from eskin.graph.config import GraphConfig
+from eskin.skin import MountedSkin
+from eskin.touch import Touch, TouchState
+
+WHOLE_SKIN = 0
+"""The one sequence of a skin whose distances mean nothing; touches count from 1."""
+
+NOTHING = np.empty(0, dtype=np.int64)
+
+
+class GraphStream:
+    """The graph of every open touch at every reading, in one stream.
+
+    On a skin that is not calibrated there is one sequence of graphs for the whole
+    skin, going on whether or not anything touches it.
+    """
+
+    def __init__(self, mounted: MountedSkin, config: GraphConfig | None = None) -> None:
+        """Start before the first reading."""
+        self.builder = GraphBuilder(mounted, config)
+        self.calibrated = mounted.skin.calibrated
+        self.earlier: dict[int, np.ndarray] = {}
+
+    def key_of(self, touch: Touch) -> int:
+        """The sequence that a touch belongs to."""
+        return touch.id if self.calibrated else WHOLE_SKIN
+
+    def push(self, state: TouchState) -> dict[int, GraphBatch]:
+        """The graph of each sequence at the next reading.
+
+        A touch between two contacts has a graph without pressure.
+        """
+        active = np.zeros(self.builder.mounted.skin.count, dtype=bool)
+        for contact in state.contacts:
+            active[contact.taxels] = True
+        self.builder.advance(state.reading, active)
+        now = self.taxels_now(state)
+        graphs = {
+            key: self.builder.graph(taxels, self.earlier.get(key, NOTHING))
+            for key, taxels in now.items()
+        }
+        self.earlier = now
+        return graphs
+
+    def taxels_now(self, state: TouchState) -> dict[int, Int[np.ndarray, "active"]]:
+        """The active taxels of each sequence at this reading."""
+        if not self.calibrated:
+            parts = [contact.taxels for contact in state.contacts]
+            return {WHOLE_SKIN: np.concatenate([NOTHING, *parts])}
+        touching = {
+            track.id: track.contact.taxels
+            for track in state.tracks
+            if track.last == state.reading.stamp
+        }
+        return {
+            touch.id: np.concatenate(
+                [NOTHING, *(touching[t] for t in touch.tracks if t in touching)]
+            )
+            for touch in state.touches
+        }

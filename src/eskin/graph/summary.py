@@ -1,0 +1,125 @@
+"""What a touch is as a whole at one reading: force, size, shape, speed.
+
+Every feature is invariant to motions and mirror images of the whole robot, speaks of
+forces and areas rather than of taxels, so that density does not matter, and is
+logarithmic where people differ by factors.
+"""
+
+import numpy as np
+from jaxtyping import Float
+
+from eskin.graph.batch import GraphBatch
+from eskin.graph.segments import segment_max, segment_sum
+
+LEVELS = (20.0, 50.0, 90.0)
+"""Pressures above which the area is measured [kPa]."""
+
+PRESSURE_SUMMARY = (
+    "force",
+    "peak pressure",
+    "area",
+    *(f"area above {level:g} kPa" for level in LEVELS),
+    "length",
+    "breadth",
+    "depth",
+    "breadth to length",
+    "agreement of normals",
+    "loading rate",
+    "unloading rate",
+    "rate to force",
+    "speed",
+    "mean pressure",
+    "spread of pressure",
+    "concentration",
+    "area to area pressed hard",
+)
+"""Columns of `pressure_summary`."""
+
+# Below these, values are not told apart: what sensors and hands leave to chance.
+FORCE = 0.3  # [N]
+RATE = 3.0  # [N/s]
+SPEED = 0.5  # [cm/s]
+AREA = 1.0  # [cm2]
+PRESSURE = 1.0  # [kPa]
+N_PER_KPA_CM2 = 0.1
+
+PerGraph = Float[np.ndarray, "graph"]
+
+
+def pressure_summary(batch: GraphBatch) -> Float[np.ndarray, "graph feature"]:
+    """The columns of `PRESSURE_SUMMARY` (float32)."""
+    p, a = batch.pressure, batch.areas
+    force = total(p * a, batch) * N_PER_KPA_CM2
+    area = total(a * (p > 0), batch)
+    above = [total(a * (p > level), batch) for level in LEVELS]
+    extents = principal_extents(batch)
+    change = (p - batch.before) * a * N_PER_KPA_CM2
+    loading = total(np.maximum(change, 0), batch) / batch.seconds
+    unloading = total(np.maximum(-change, 0), batch) / batch.seconds
+    mean = total(p * a, batch) / (area + AREA)
+    square = total(p * p * a, batch) / (area + AREA)
+    columns = [
+        log(force, FORCE),
+        log(segment_max(p, batch.offsets), PRESSURE),
+        log(area, AREA),
+        *(log(part, AREA) for part in above),
+        *extents.T,
+        extents[:, 1] / (extents[:, 0] + 0.1),
+        agreement_of_normals(batch),
+        log(loading, RATE),
+        log(unloading, RATE),
+        log(loading + unloading, RATE) - log(force, FORCE),
+        log(np.linalg.norm(velocity(batch), axis=1), SPEED),
+        mean / 50.0,
+        np.sqrt(np.maximum(square - mean**2, 0.0)) / 50.0,
+        log(square * area * N_PER_KPA_CM2**2, FORCE * 0.1) - 2 * log(force, FORCE),
+        log(area, AREA) - log(above[-1], AREA),
+    ]
+    return np.stack(columns, axis=1).astype(np.float32)
+
+
+def total(values: Float[np.ndarray, "node"], batch: GraphBatch) -> PerGraph:
+    """Sum over each graph."""
+    return segment_sum(values, batch.offsets)
+
+
+def log(values: PerGraph, floor: float) -> PerGraph:
+    """Logarithm that is zero at zero and grows slowly below `floor`."""
+    return np.log1p(values / floor)
+
+
+def centres(
+    weights: Float[np.ndarray, "node"], batch: GraphBatch
+) -> Float[np.ndarray, "graph 3"]:
+    """Weighted mean position of each graph [cm]; zero where nothing weighs."""
+    moments = segment_sum(weights[:, None] * batch.positions, batch.offsets)
+    return moments / np.maximum(total(weights, batch), 1e-6)[:, None]
+
+
+def principal_extents(batch: GraphBatch) -> Float[np.ndarray, "graph 3"]:
+    """Standard deviations of the load along its principal axes, largest first [cm]."""
+    weights = batch.pressure * batch.areas
+    offset = batch.positions - centres(weights, batch)[batch.graph_index]
+    outer = weights[:, None, None] * offset[:, :, None] * offset[:, None, :]
+    spread = segment_sum(outer, batch.offsets)
+    spread /= np.maximum(total(weights, batch), 1e-6)[:, None, None]
+    return np.sqrt(np.maximum(np.linalg.eigvalsh(spread), 0.0))[:, ::-1]
+
+
+def agreement_of_normals(batch: GraphBatch) -> PerGraph:
+    """1 where all the load presses one way, 0 where it presses from all around."""
+    weights = batch.pressure * batch.areas
+    resultant = segment_sum(weights[:, None] * batch.normals, batch.offsets)
+    return np.linalg.norm(resultant, axis=1) / np.maximum(total(weights, batch), 1e-6)
+
+
+def velocity(batch: GraphBatch) -> Float[np.ndarray, "graph 3"]:
+    """How the centre of the load moves over the skin [cm/s]; zero at first touch.
+
+    The earlier load is placed where its taxels are now, so a load that rides on a
+    moving link does not seem to move.
+    """
+    now, before = batch.pressure * batch.areas, batch.before * batch.areas
+    both = (total(now, batch) > 0) & (total(before, batch) > 0)
+    moved = centres(now, batch) - centres(before, batch)
+    return np.where(both[:, None], moved / batch.seconds[:, None], 0.0)

@@ -1,0 +1,81 @@
+"""Reading and writing model files: safetensors with one JSON card as metadata."""
+
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from pydantic import TypeAdapter, ValidationError
+from safetensors import SafetensorError, safe_open
+from safetensors.numpy import save_file
+
+from eskin.errors import ModelError
+from eskin.model.card import ModelCard
+
+CARD = "eskin"
+CARDS = TypeAdapter(ModelCard)
+
+
+@dataclass(frozen=True, eq=False)
+class Model:
+    """Weights and their card."""
+
+    weights: Mapping[str, np.ndarray]
+    """By the name of the network's parameter."""
+
+    card: ModelCard
+    """What they are for."""
+
+
+def save_model(path: Path, model: Model) -> None:
+    """Write a model file; whole or not at all."""
+    part = path.with_name(path.name + ".part")
+    path.parent.mkdir(parents=True, exist_ok=True)
+    card = CARDS.dump_json(model.card).decode()
+    save_file(
+        {name: np.ascontiguousarray(w) for name, w in model.weights.items()},
+        part,
+        metadata={CARD: card},
+    )
+    os.replace(part, path)
+
+
+def load_model(path: Path) -> Model:
+    """Read a model file.
+
+    Raises:
+        ModelError: if it is missing, damaged, or not one of eskin's.
+    """
+    try:
+        with safe_open(path, framework="numpy") as file:
+            card = (file.metadata() or {}).get(CARD)
+            weights = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
+    except FileNotFoundError:
+        raise ModelError(
+            f"{path}: no such model; train one with: eskin train DATA --out {path}"
+        ) from None
+    except (SafetensorError, OSError) as error:
+        raise ModelError(
+            f"{path} is no model file ({error}); allowed is a .safetensors file "
+            "written by eskin train; train it again"
+        ) from None
+    if card is None:
+        raise ModelError(
+            f"{path} has no card '{CARD}' in its metadata; allowed are models written "
+            "by eskin train; train it again"
+        )
+    return Model(weights, read_card(card, path))
+
+
+def read_card(text: str, path: Path) -> ModelCard:
+    """Parse a card; every problem is named by its place in it."""
+    try:
+        return CARDS.validate_json(text)
+    except ValidationError as error:
+        first = error.errors()[0]
+        place = ".".join(str(part) for part in first["loc"])
+        raise ModelError(
+            f"{path}: card entry '{place}' is {first['input']!r}: {first['msg']}; "
+            "train the model again with this version of eskin"
+        ) from None

@@ -1,0 +1,16 @@
+"""The recogniser's network in torch: equivariant layers, encoder, temporal head."""
+
+from eskin.nn.batch import NetworkInput, network_input
+from eskin.nn.egcl import EquivariantLayer
+from eskin.nn.encoder import Encoder
+from eskin.nn.head import TemporalHead
+from eskin.nn.network import RecogniserNetwork
+
+__all__ = [
+    "Encoder",
+    "EquivariantLayer",
+    "NetworkInput",
+    "RecogniserNetwork",
+    "TemporalHead",
+    "network_input",
+]

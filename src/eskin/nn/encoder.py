@@ -1,0 +1,60 @@
+"""From the contact graph of a reading to its embedding."""
+
+import torch
+from jaxtyping import Float
+from torch import Tensor, nn
+from torch.nn.functional import silu
+
+from eskin.graph import NODE_SCALARS
+from eskin.model import NetworkConfig
+from eskin.nn.batch import NetworkInput
+from eskin.nn.egcl import EquivariantLayer, area_shares
+
+
+class Encoder(nn.Module):
+    """Equivariant layers, then a maximum and a force-weighted mean over active taxels.
+
+    The embedding is invariant to motions and mirror images of the whole scene and to
+    the order of the taxels. A reading without contact is embedded as zeros.
+    """
+
+    def __init__(self, config: NetworkConfig) -> None:
+        """Make an encoder."""
+        super().__init__()
+        self.embed = nn.Linear(len(NODE_SCALARS), config.width)
+        self.layers = nn.ModuleList(
+            EquivariantLayer(config.width) for _ in range(config.layers)
+        )
+        self.norm = nn.LayerNorm(2 * config.width)
+
+    @property
+    def size(self) -> int:
+        """Channels of the embedding."""
+        return self.norm.normalized_shape[0]
+
+    def forward(self, graphs: NetworkInput) -> Float[Tensor, "reading embedding"]:
+        """Embed every reading."""
+        v = silu(self.embed(graphs.scalars))
+        x = graphs.positions
+        sources, weights = area_shares(graphs.areas, graphs.sources)
+        for layer in self.layers:
+            v, x = layer(v, x, graphs.normals, graphs.shear, sources, weights)
+        return self.pool(v, graphs)
+
+    def pool(
+        self, v: Float[Tensor, "node width"], graphs: NetworkInput
+    ) -> Float[Tensor, "reading embedding"]:
+        """Largest and force-weighted mean feature of each reading's active nodes."""
+        readings = len(graphs.summary)
+        force = torch.zeros(readings, dtype=v.dtype)
+        force = force.index_add(0, graphs.graph_index, graphs.forces)
+        share = graphs.forces / force.clamp(min=1e-6)[graphs.graph_index]
+        mean = torch.zeros(readings, v.shape[1], dtype=v.dtype)
+        mean = mean.index_add(0, graphs.graph_index, v * share[:, None])
+        largest = torch.full_like(mean, -torch.inf)
+        active = graphs.forces > 0
+        index = graphs.graph_index[active][:, None].expand(-1, v.shape[1])
+        largest = largest.scatter_reduce(0, index, v[active], "amax")
+        touched = (force > 0)[:, None]
+        pooled = torch.cat([torch.where(touched, largest, 0.0), mean], dim=1)
+        return torch.where(touched, self.norm(pooled), 0.0)

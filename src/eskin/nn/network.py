@@ -1,0 +1,57 @@
+"""The whole recogniser network: encoder, summary, temporal heads."""
+
+import torch
+from jaxtyping import Float
+from torch import Tensor, nn
+
+from eskin.graph import PRESSURE_SUMMARY, SHEAR_SUMMARY
+from eskin.model import NetworkConfig
+from eskin.nn.batch import NetworkInput
+from eskin.nn.encoder import Encoder
+from eskin.nn.head import TemporalHead, into_slots
+
+FARTHEST = 4.0  # standard deviations that a summary feature may be off
+
+
+class RecogniserNetwork(nn.Module):
+    """Two views of a touch, each with its own temporal head, whose logits are averaged.
+
+    The *graph* view sees the learned embedding of the contact graph beside the summary;
+    the *summary* view sees only the summary, and holds its own where examples are few.
+    """
+
+    def __init__(self, config: NetworkConfig, classes: int, shear: bool) -> None:
+        """Make a network for `classes` classes, with or without shear."""
+        super().__init__()
+        self.config = config
+        self.shear = shear
+        features = len(PRESSURE_SUMMARY) + (len(SHEAR_SUMMARY) if shear else 0)
+        self.encoder = Encoder(config)
+        self.summary_mean = nn.Buffer(torch.zeros(features))
+        self.summary_scale = nn.Buffer(torch.ones(features))
+        shape = (config.channels, classes, config.dropout)
+        self.summary_head = TemporalHead(features, *shape)
+        self.graph_head = TemporalHead(features + self.encoder.size, *shape)
+
+    def standardise_by(self, summary: Float[Tensor, "reading feature"]) -> None:
+        """Take mean and spread of the summary from the training readings."""
+        self.summary_mean.copy_(summary.mean(dim=0))
+        self.summary_scale.copy_(1.0 / (summary.std(dim=0) + 1e-2))
+
+    def forward(self, graphs: NetworkInput) -> Float[Tensor, "window class"]:
+        """Logits of each window."""
+        return self.views(graphs).mean(dim=0)
+
+    def views(self, graphs: NetworkInput) -> Float[Tensor, "view window class"]:
+        """Logits of each view of each window: summary, then graph."""
+        centred = (graphs.summary - self.summary_mean) * self.summary_scale
+        summary = centred.clamp(-FARTHEST, FARTHEST)
+        both = torch.cat([summary, self.encoder(graphs)], dim=1)
+        slots = (graphs.window, graphs.slot, graphs.windows, self.config.slots)
+        e, present = into_slots(both, *slots)
+        return torch.stack(
+            [
+                self.summary_head(e[..., : summary.shape[1]], present),
+                self.graph_head(e, present),
+            ]
+        )
