@@ -2,7 +2,7 @@
 
 from eskin.touch.calibration import Calibration, CalibrationConfig, Calibrator
 from eskin.touch.contacts import Contact, ContactConfig, ContactFinder
-from eskin.touch.fault import Fault, FaultKind
+from eskin.touch.fault import Fault
 from eskin.touch.faults import FaultConfig, FaultFinder
 from eskin.touch.pipeline import PipelineConfig, TouchPipeline, TouchState
 from eskin.touch.reading import Reading, Scan
@@ -19,7 +19,6 @@ __all__ = [
     "Fault",
     "FaultConfig",
     "FaultFinder",
-    "FaultKind",
     "PipelineConfig",
     "Reading",
     "Scan",

@@ -145,7 +145,7 @@ class ContactFinder:
             n_world,
         )
         return [
-            self.contact(active[labels == n], sums[n], int(taxel), T_world_link)
+            self.contact(active[labels == n], sums[n], int(taxel), reading)
             for n, taxel in enumerate(loaded)
         ]
 
@@ -184,12 +184,11 @@ class ContactFinder:
         taxels: Int[np.ndarray, "active"],
         sums: Float[np.ndarray, "9"],
         loaded: int,
-        T_world_link: Float[np.ndarray, "link 4 4"],
+        reading: Reading,
     ) -> Contact:
         """Put one contact together."""
         skin = self.mounted.skin
         patch = skin.patches[int(skin.patch_index[loaded])]
-        T = T_world_link[self.links[loaded]]
         return Contact(
             taxels=taxels,
             force=float(sums[0]),
@@ -197,7 +196,7 @@ class ContactFinder:
             peak=float(sums[2]),
             p_world=sums[3:6],
             n_world=sums[6:9],
-            p_link=(sums[3:6] - T[:3, 3]) @ T[:3, :3],
+            p_link=self.poses.to_link(reading.q, patch.link, sums[3:6]),
             link=patch.link,
             patch=patch.id,
         )

@@ -47,39 +47,54 @@ def watch_counts(
     mask: Bool[np.ndarray, "taxel"],
 ) -> None:
     """Note what each count did, and mask negative ones at once."""
+    level, heard, changed, below = (
+        watch.level,
+        watch.heard,
+        watch.changed,
+        watch.below,
+    )
+    nonzero, zero, least = watch.nonzero, watch.zero, watch.least
     for i in range(len(counts)):
         if not received[i]:
             continue
         count = counts[i]
-        if now - watch.heard[i] > silence:
-            watch.first[i] = now
-            watch.changed[i] = now
-            watch.level[i] = count
-            watch.below[i] = -np.inf
-            watch.nonzero[i] = -np.inf
-            watch.zero[i] = -np.inf
-            watch.least[i] = np.inf
-            watch.quiet[i] = -np.inf
-            watch.ignored[i] = 0.0
-        watch.heard[i] = now
-        if count != watch.level[i]:
-            watch.level[i] = count
-            watch.changed[i] = now
+        if now - heard[i] > silence:
+            start_anew(i, count, now, watch)
+        heard[i] = now
+        if count != level[i]:
+            level[i] = count
+            changed[i] = now
             watch.ignored[i] = 0.0
         if count < full_scale:
-            watch.below[i] = now
+            below[i] = now
         if count > 0:
-            if watch.nonzero[i] < watch.zero[i]:
-                watch.least[i] = 0.0
-            elif watch.least[i] == 0.0 and now - watch.zero[i] > longest:
-                watch.least[i] = count
-            watch.least[i] = min(watch.least[i], count)
-            watch.nonzero[i] = now
+            if nonzero[i] < zero[i]:
+                least[i] = 0.0
+            elif least[i] == 0.0 and now - zero[i] > longest:
+                least[i] = count
+            elif count < least[i]:
+                least[i] = count
+            nonzero[i] = now
         elif count == 0:
-            watch.zero[i] = now
-        elif count < 0:
+            zero[i] = now
+        else:
             watch.negative[i] = now
             mask[i] = True
+
+
+@njit(cache=True)
+@no_type_check
+def start_anew(i: int, count: int, now: float, watch: Watch) -> None:
+    """Forget a taxel: it is heard for the first time, or after long silence."""
+    watch.first[i] = now
+    watch.changed[i] = now
+    watch.level[i] = count
+    watch.below[i] = -np.inf
+    watch.nonzero[i] = -np.inf
+    watch.zero[i] = -np.inf
+    watch.least[i] = np.inf
+    watch.quiet[i] = -np.inf
+    watch.ignored[i] = 0.0
 
 
 @njit(cache=True)

@@ -64,31 +64,32 @@ def calibrate(
     out: Float[np.ndarray, "taxel"],
 ) -> None:
     """Advance the baselines by one scan and write the pressures [kPa] to `out`."""
+    # Arrays are taken out of the tuples first: the compiled loops are faster so.
+    baseline, peak, heard, filled = (
+        memory.baseline,
+        memory.peak,
+        memory.heard,
+        memory.filled,
+    )
+    since, held = memory.since, memory.held
+    after, silence, size = rates.after, rates.silence, memory.samples.shape[1]
     for i in range(len(counts)):
-        if use[i]:
+        if not use[i]:
+            out[i] = 0.0
+            continue
+        if filled[i] < size or now - heard[i] > silence:
             hear(i, counts[i], now, margin[i], memory, rates)
-            if counts[i] - memory.baseline[i] > touch_margin(
-                margin[i], memory.peak[i], rates
-            ):
-                memory.since[i] = min(memory.since[i], now)
-                memory.held[i] = now
-                for k in range(starts[i], starts[i + 1]):
-                    memory.held[neighbours[k]] = now
-            else:
-                memory.since[i] = np.inf
-    for i in range(len(counts)):
-        out[i] = 0.0
-        if use[i]:
-            out[i] = max(counts[i] - memory.baseline[i], 0.0) * gain[i]
-            follow(i, counts[i], now, margin[i], memory, rates)
-            memory.heard[i] = now
-
-
-@njit(cache=True)
-@no_type_check
-def touch_margin(margin: float, peak: float, rates: Rates) -> float:
-    """Counts above the baseline up to which a taxel counts as untouched."""
-    return max(margin, rates.after * peak)
+        above = counts[i] - baseline[i]
+        out[i] = max(above, 0.0) * gain[i]
+        if above > margin[i] and above > after * peak[i]:
+            if since[i] == np.inf:
+                since[i] = now
+            held[i] = now
+            for k in range(starts[i], starts[i + 1]):
+                held[neighbours[k]] = now
+        else:
+            since[i] = np.inf
+    follow(counts, use, now, margin, memory, rates)
 
 
 @njit(cache=True)
@@ -102,9 +103,9 @@ def hear(
         memory.due[i] = now
         memory.peak[i] = 0.0
         memory.since[i] = np.inf
-    size = memory.samples.shape[1]
+        memory.low[i] = np.inf
     filled = memory.filled[i]
-    if filled >= size or now < memory.due[i]:
+    if now < memory.due[i]:
         return
     sample = float(count)
     if filled >= SURE and sample > memory.baseline[i] + margin:
@@ -122,26 +123,51 @@ def hear(
 @njit(cache=True)
 @no_type_check
 def follow(
-    i: int, count: int, now: float, margin: float, memory: Memory, rates: Rates
+    counts: Int[np.ndarray, "taxel"],
+    use: Bool[np.ndarray, "taxel"],
+    now: float,
+    margin: Float[np.ndarray, "taxel"],
+    memory: Memory,
+    rates: Rates,
 ) -> None:
-    """Let the baseline follow the counts as far as nobody touches the taxel."""
-    if memory.filled[i] < memory.samples.shape[1]:
-        return
-    dt = now - memory.heard[i]
-    above = count - memory.baseline[i]
-    was_low = memory.low[i]
-    memory.low[i] = np.inf
-    tau = np.inf
-    if above < -margin or (above < 0 and was_low < np.inf):
-        memory.low[i] = count
-        if was_low < np.inf:
-            above = max(above, was_low - memory.baseline[i])
-            tau = rates.low
-    elif memory.since[i] < np.inf:
-        if now - memory.since[i] > rates.longest:
-            tau = rates.stale
-    elif now - memory.held[i] > rates.freeze:
-        tau = rates.drift if above <= margin else rates.relearn
-    if tau < np.inf:
-        memory.baseline[i] += above * dt / (tau + dt)
-    memory.peak[i] = max(memory.peak[i] * rates.fade / (rates.fade + dt), above)
+    """Let each baseline follow the counts as far as nobody touches the taxel."""
+    baseline, peak, heard, filled = (
+        memory.baseline,
+        memory.peak,
+        memory.heard,
+        memory.filled,
+    )
+    since, held, low = memory.since, memory.held, memory.low
+    drift, relearn, freeze, fade = rates.drift, rates.relearn, rates.freeze, rates.fade
+    size = memory.samples.shape[1]
+    dt, drifting, fading = 0.0, 0.0, 1.0
+    for i in range(len(counts)):
+        if not use[i]:
+            continue
+        if now - heard[i] != dt:
+            # Taxels of one patch have the same dt, and dividing is what costs.
+            dt = now - heard[i]
+            drifting, fading = dt / (drift + dt), fade / (fade + dt)
+        heard[i] = now
+        if filled[i] < size:
+            continue
+        above = counts[i] - baseline[i]
+        was_low = low[i]
+        low[i] = np.inf
+        part = 0.0
+        if above < -margin[i] or (was_low < np.inf and above < 0.0):
+            low[i] = counts[i]
+            if was_low < np.inf:
+                above = max(above, was_low - baseline[i])
+                part = dt / (rates.low + dt)
+        elif since[i] < np.inf:
+            if now - since[i] > rates.longest:
+                part = dt / (rates.stale + dt)
+        elif now - held[i] > freeze:
+            part = drifting if above <= margin[i] else dt / (relearn + dt)
+        baseline[i] += part * above
+        peak[i] *= fading
+        if above > margin[i]:
+            peak[i] = max(peak[i], above)
+        elif peak[i] < margin[i]:
+            peak[i] = 0.0

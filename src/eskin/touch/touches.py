@@ -8,10 +8,11 @@ from jaxtyping import Float
 from scipy.spatial.distance import cdist
 
 from eskin.skin.mount import MountedSkin
+from eskin.touch.adjacency import MICROMETRE
 from eskin.touch.contacts import NANOSECONDS, Contact
 from eskin.touch.poses import LivePoses
 from eskin.touch.reading import Reading, check_order
-from eskin.touch.tracks import Track, world_of
+from eskin.touch.tracks import Track
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,9 +116,9 @@ class TouchGrouper:
             The touches that are open, and those that have just closed.
         """
         check_order(self.last, reading.stamp)
-        elapsed = (
-            0.0 if self.last is None else (reading.stamp - self.last) / NANOSECONDS
-        )
+        elapsed = 0 if self.last is None else reading.stamp - self.last
+        # Nobody knows what force there was in a gap.
+        seconds = elapsed / NANOSECONDS if elapsed <= self.pause else 0.0
         self.last = reading.stamp
         closed = self.close(reading.stamp)
         if not tracks and not self.touches:
@@ -129,7 +130,7 @@ class TouchGrouper:
                 self.tracks[track.id] = track
         closed += self.join_beside(reading)
         for touch_id in list(self.touches):
-            self.update(touch_id, reading, min(elapsed, self.config.pause_seconds))
+            self.update(touch_id, reading, seconds)
         return tuple(self.touches.values()), closed
 
     def finish(self) -> tuple[Touch, ...]:
@@ -156,12 +157,11 @@ class TouchGrouper:
 
     def assign(self, track: Track, reading: Reading) -> tuple[Touch, ...]:
         """Give a new track a touch; return those that this has shown to be another."""
-        T_world_link = self.poses.at(reading.q)
         fitting = sorted(
             {
                 self.touch_of[other.id]
                 for other in self.tracks.values()
-                if self.belongs(track, other, reading.stamp, T_world_link)
+                if self.belongs(track, other, reading)
             }
         )
         if not fitting:
@@ -171,39 +171,22 @@ class TouchGrouper:
         self.add(first, (track.id,))
         return tuple(self.take_over(first, other) for other in others)
 
-    def belongs(
-        self,
-        track: Track,
-        other: Track,
-        stamp: int,
-        T_world_link: Float[np.ndarray, "link 4 4"],
-    ) -> bool:
+    def belongs(self, track: Track, other: Track, reading: Reading) -> bool:
         """Whether a new track is of the same touch as another."""
         if track.parent == other.id or not self.mounted.skin.calibrated:
             return True
-        if other.last == stamp:
-            return self.are_beside(track.contact, other.contact, T_world_link)
-        was = world_of(self.mounted, other.contact, T_world_link)
-        distance = float(np.linalg.norm(track.contact.p_world - was))
-        return distance <= self.config.near and stamp - other.last <= self.pause
+        if other.last == reading.stamp:
+            return self.are_beside(track.contact, other.contact, reading)
+        link, p_link = other.contact.link, other.contact.p_link
+        was = self.poses.to_world(reading.q, link, p_link)
+        distance = np.linalg.norm(track.contact.p_world - was)
+        near = bool(distance <= self.config.near + MICROMETRE)
+        return near and reading.stamp - other.last <= self.pause
 
-    def are_beside(
-        self,
-        one: Contact,
-        other: Contact,
-        T_world_link: Float[np.ndarray, "link 4 4"],
-    ) -> bool:
+    def are_beside(self, one: Contact, other: Contact, reading: Reading) -> bool:
         """Whether the nearest taxels of two contacts are close in space."""
-        a, b = (self.world_points(c, T_world_link) for c in (one, other))
-        return bool(cdist(a, b).min() <= self.config.beside)
-
-    def world_points(
-        self, contact: Contact, T_world_link: Float[np.ndarray, "link 4 4"]
-    ) -> Float[np.ndarray, "active 3"]:
-        """Positions of a contact's taxels now [m]."""
-        T = T_world_link[self.mounted.skin_link_index[contact.taxels]]
-        points = self.mounted.skin.positions[contact.taxels]
-        return (T[:, :3, :3] @ points[:, :, None])[:, :, 0] + T[:, :3, 3]
+        a, b = (self.poses.points(reading.q, c.taxels) for c in (one, other))
+        return bool(cdist(a, b).min() <= self.config.beside + MICROMETRE)
 
     def start(self, track: Track) -> None:
         """Start a touch with its first track."""
@@ -253,12 +236,11 @@ class TouchGrouper:
         gone: tuple[Touch, ...] = ()
         if len(self.touches) < 2:
             return gone
-        T_world_link = self.poses.at(reading.q)
         now = [t for t in self.tracks.values() if t.last == reading.stamp]
         for n, one in enumerate(now):
             for other in now[n + 1 :]:
                 a, b = self.touch_of[one.id], self.touch_of[other.id]
-                if a != b and self.are_beside(one.contact, other.contact, T_world_link):
+                if a != b and self.are_beside(one.contact, other.contact, reading):
                     gone += (self.take_over(min(a, b), max(a, b)),)
         return gone
 
@@ -276,7 +258,6 @@ class TouchGrouper:
         if not contacts:
             self.touches[touch_id] = replace(touch, impulse=impulse)
             return
-        T = self.poses.at(reading.q)[self.mounted.robot.link_index(touch.link)]
         centres = np.array([contact.p_world for contact in contacts])
         weights = np.array([contact.force for contact in contacts])
         p_world = weights @ centres / weights.sum()
@@ -286,6 +267,6 @@ class TouchGrouper:
             impulse=impulse,
             peak_force=max(touch.peak_force, force),
             peak=max(touch.peak, *(contact.peak for contact in contacts)),
-            latest=(p_world - T[:3, 3]) @ T[:3, :3],
+            latest=self.poses.to_link(reading.q, touch.link, p_world),
             contact=max(contacts, key=lambda contact: contact.force),
         )

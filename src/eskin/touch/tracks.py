@@ -155,11 +155,11 @@ class Tracker:
         free = [n for n in range(len(contacts)) if not covered[:, n].any()]
         if not lost or not free:
             return
-        T_world_link = self.poses.at(reading.q)
         gate = self.config.gate + self.config.speed * elapsed
         pairs = []
         for place in lost:
-            here = world_of(self.mounted, self.tracks[place].contact, T_world_link)
+            was = self.tracks[place].contact
+            here = self.poses.to_world(reading.q, was.link, was.p_link)
             for n in free:
                 distance = float(np.linalg.norm(contacts[n].p_world - here))
                 # To the micrometre, so that rounding of the pose decides no tie.
@@ -220,11 +220,3 @@ class Tracker:
 def older(track: Track) -> tuple[int, int]:
     """What sorts tracks by age."""
     return track.onset, track.id
-
-
-def world_of(
-    mounted: MountedSkin, contact: Contact, T_world_link: Float[np.ndarray, "link 4 4"]
-) -> Float[np.ndarray, "3"]:
-    """Where an earlier contact's centre is now that its link has moved [m]."""
-    T = T_world_link[mounted.robot.link_index(contact.link)]
-    return T[:3, :3] @ contact.p_link + T[:3, 3]
