@@ -65,7 +65,7 @@ def test_drift_under_a_neighbouring_touch_waits_until_it_is_over():
 
 
 def test_a_touch_within_the_tare_is_not_taken_for_rest():
-    _, pressure = play(touch(0.6, 2.5, 200), 2.5, 50)
+    _, pressure = play(touch(0.4, 2.5, 200), 2.5, 50)
     np.testing.assert_allclose(pressure[-1][TOUCHED], 20.0, atol=0.1)
 
 

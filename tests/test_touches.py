@@ -1,9 +1,11 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from eskin.errors import ReadingError
 from eskin.skin.mount import MountedSkin
-from eskin.touch import TouchPipeline
+from eskin.touch import PipelineConfig, TouchConfig, TouchPipeline
 from touch_scenes import (
     calibration_of,
     hinged_skin,
@@ -81,6 +83,38 @@ def test_a_contact_between_two_touches_makes_them_one_and_the_older_stays():
     touches = closed_of(states, rest)
     assert [(t.id, t.merged_into) for t in touches] == [(2, 1), (1, None)]
     assert touches[1].tracks == (1, 2, 3)
+
+
+def test_two_touches_that_come_together_are_one_and_nothing_of_them_is_lost():
+    mounted = mounted_grid(**WIDE)
+
+    def pressure_at(t):
+        if not 0.2 <= t < 1.4:
+            return np.zeros(mounted.skin.count)
+        left, right = 0.05 + 0.07 * (t - 0.2), 0.25 - 0.07 * (t - 0.2)
+        return np.maximum(
+            pressed(mounted.skin, (left, 0.02), radius=0.015),
+            pressed(mounted.skin, (right, 0.02), radius=0.015),
+        )
+
+    states, rest = feel(mounted, pressure_at, 3.0)
+    touches = closed_of(states, rest)
+    assert [(t.id, t.merged_into) for t in touches] == [(2, 1), (1, None)]
+    forces = [sum(c.force for c in state.contacts) for state in states]
+    assert touches[1].impulse == pytest.approx(sum(forces) / 50, rel=1e-9)
+
+
+def test_what_splits_off_stays_in_the_touch():
+    mounted = mounted_grid(columns=21)
+    config = PipelineConfig(touches=TouchConfig(beside=0.0, near=0.0))
+    pipeline = TouchPipeline(mounted, calibration_of(mounted.skin), config)
+    for step in range(7):
+        presses = [
+            pressed(mounted.skin, (0.1 + s * 0.005 * step, 0.02)) for s in (-1, 1)
+        ]
+        state = pipeline.push_reading(reading_at(step / 50, np.max(presses, axis=0)))
+    assert len(state.contacts) == 2
+    assert [touch.tracks for touch in state.touches] == [(1, 2)]
 
 
 def test_on_a_skin_that_is_not_calibrated_all_at_once_is_one_touch():
@@ -236,4 +270,17 @@ def test_a_scan_that_is_refused_changes_nothing():
         assert "\n" not in str(error.value)
     with pytest.raises(ReadingError, match="scan has 5 taxels"):
         pipeline.push(scan_at(2.0, np.zeros(5)))
+    other_robot = replace(scan_at(2.0, np.full(36, 200)), q=np.zeros(6))
+    with pytest.raises(ReadingError, match="q has 6 joints, robot 'bench' has 0"):
+        pipeline.push(other_robot)
     assert pipeline.push(scan_at(1.5, np.full(36, 200))).reading.valid.all()
+
+
+def test_a_count_that_cannot_be_is_not_valid_in_its_own_reading():
+    mounted = mounted_grid()
+    pipeline = TouchPipeline(mounted, calibration_of(mounted.skin))
+    for t in (0.0, 0.02, 0.04):
+        counts = np.full(36, 200)
+        counts[7] = -1 if t == 0.04 else 200
+        valid = pipeline.push(scan_at(t, counts)).reading.valid
+    assert np.flatnonzero(~valid).tolist() == [7]
