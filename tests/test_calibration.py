@@ -2,7 +2,13 @@ import numpy as np
 import pytest
 
 from eskin.errors import ReadingError, RecordingError, SkinMismatchError
-from eskin.touch import Calibration, CalibrationConfig, Calibrator, Scan
+from eskin.touch import (
+    Calibration,
+    CalibrationConfig,
+    Calibrator,
+    ContactConfig,
+    Scan,
+)
 from touch_scenes import (
     REST,
     SECOND,
@@ -213,3 +219,10 @@ def test_a_nan_marked_valid_is_refused_and_one_marked_invalid_is_not():
     with pytest.raises(ReadingError, match="pressure of taxel 1 is nan"):
         reading_at(0.0, [1.0, np.nan, 2.0])
     reading_at(0.0, [1.0, np.nan, 2.0], valid=np.array([True, False, True]))
+
+
+def test_a_floor_raises_both_thresholds_of_contact_and_never_lowers_them():
+    config = ContactConfig(on=3.0, off=2.0)
+    assert config.raised_to(0.0) == config
+    raised = config.raised_to(12.0)
+    assert (raised.on, raised.off) == (12.0, 8.0)

@@ -33,7 +33,7 @@ class NetworkInput:
     areas: Float[Tensor, "node"]
     """[cm2]"""
     sources: Int[Tensor, "node k"]
-    """Nodes that each node hears, or -1."""
+    """Nodes that each node hears, or -1; columns that nobody uses are left out."""
     graph_index: Int[Tensor, "node"]
     """The reading of each node."""
     summary: Float[Tensor, "reading feature"]
@@ -78,6 +78,9 @@ def network_input(
     def real(values: np.ndarray) -> Tensor:
         return torch.as_tensor(np.ascontiguousarray(values), dtype=dtype)
 
+    sources = batch.sources
+    sources = sources[:, (sources >= 0).any(axis=0)]
+
     def whole(values: np.ndarray) -> Tensor:
         return torch.as_tensor(values.astype(np.int64))
 
@@ -88,7 +91,7 @@ def network_input(
         shear=real(vectors),
         forces=real(batch.pressure * batch.areas),
         areas=real(batch.areas),
-        sources=whole(batch.sources),
+        sources=whole(sources),
         graph_index=whole(batch.graph_index),
         summary=real(summary(batch, shear)),
         window=whole(window),

@@ -27,6 +27,7 @@ from eskin.touch.reading import Scan
 ROWS, COLUMNS = 19, 27
 STEP = 1.5
 FULL_SCALE = 170
+FLOOR_KPA = 10.0  # Worn tight, the sleeve rests at several nominal kPa.
 PERIOD = 100_000_000
 SAME_SESSION = timedelta(minutes=10)
 SUFFIXES = (".json", ".json.gz")
@@ -42,7 +43,7 @@ def convert_sleeve(source: Path | str, folder: Path | str) -> Conversion:
         ImportSourceError: naming the file that cannot be converted.
     """
     skin = load_skin("sleeve")
-    calibration = Calibration.uniform(skin.count, FULL_SCALE, FULL_SCALE_KPA)
+    calibration = Calibration.uniform(skin.count, FULL_SCALE, FULL_SCALE_KPA, FLOOR_KPA)
     times = sorted((start_time(path), path) for path in sleeve_files(Path(source)))
     sessions = session_names([time for time, _ in times])
     return write_clips(sleeve_clips(times, sessions), folder, skin, calibration)

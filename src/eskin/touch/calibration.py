@@ -33,6 +33,10 @@ class Calibration:
     shear_rest: int = 0
     """Nominal counts of a shear channel at rest."""
 
+    floor: float = 0.0
+    """Pressure below which this device's signal does not tell a touch from rest, as
+    under a sleeve worn tight [kPa]; raises the thresholds of contact."""
+
     def __post_init__(self) -> None:
         """Refuse constants that no electronics have."""
         gain = np.asarray(self.gain)
@@ -42,16 +46,20 @@ class Calibration:
                 "allowed is one finite positive number a taxel [kPa/count]; "
                 "calibrate the skin again"
             )
-        if self.full_scale <= 0 or not np.isfinite(self.shear_gain):
+        finite = np.isfinite([self.shear_gain, self.floor]).all()
+        if self.full_scale <= 0 or not finite or self.floor < 0:
             raise ValueError(
-                f"full_scale is {self.full_scale} and shear_gain {self.shear_gain}; "
-                "allowed are positive counts and a finite gain; correct them"
+                f"full_scale is {self.full_scale}, shear_gain {self.shear_gain} and "
+                f"floor {self.floor}; allowed are positive counts, a finite gain and a "
+                "floor of at least 0 kPa; correct them"
             )
 
     @classmethod
-    def uniform(cls, count: int, full_scale: int, pressure: float) -> "Calibration":
+    def uniform(
+        cls, count: int, full_scale: int, pressure: float, floor: float = 0.0
+    ) -> "Calibration":
         """The same gain for all taxels: `pressure` [kPa] at `full_scale` counts."""
-        return cls(np.full(count, pressure / full_scale), full_scale)
+        return cls(np.full(count, pressure / full_scale), full_scale, floor=floor)
 
     def to_bytes(self) -> bytes:
         """The constants as JSON text."""
@@ -62,6 +70,7 @@ class Calibration:
                 "full_scale": self.full_scale,
                 "shear_gain": self.shear_gain,
                 "shear_rest": self.shear_rest,
+                "floor": self.floor,
             }
         ).encode()
 
@@ -80,12 +89,13 @@ class Calibration:
                 int(content["full_scale"]),
                 float(content["shear_gain"]),
                 int(content["shear_rest"]),
+                float(content["floor"]),
             )
         except (ValueError, KeyError, TypeError) as error:
             raise RecordingError(
                 f"calibration cannot be read ({type(error).__name__}: {error}); "
-                "allowed is JSON with version, gain, full_scale, shear_gain and "
-                "shear_rest; record again or write it with Calibration.to_bytes"
+                "allowed is JSON with version, gain, full_scale, shear_gain, "
+                "shear_rest and floor; record again or write it with Calibration.to_bytes"
             ) from error
         if version != VERSION:
             raise RecordingError(

@@ -1,6 +1,6 @@
 """Contacts: connected active taxels at one instant."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import final
 
 import numpy as np
@@ -75,6 +75,11 @@ class ContactConfig:
 
     least_reach: float = 0.018
     """How far they connect anyway [m]: over the seams between patches."""
+
+    def raised_to(self, floor: float) -> "ContactConfig":
+        """The same with thresholds of at least `floor`, in the same proportion [kPa]."""
+        factor = max(1.0, floor / self.on)
+        return replace(self, on=self.on * factor, off=self.off * factor)
 
 
 @final

@@ -72,7 +72,9 @@ class TouchPipeline:
         poses = LivePoses(mounted)
         self.calibrator = Calibrator(mounted.skin, calibration, self.config.calibration)
         self.faults = FaultFinder(mounted.skin, calibration, self.config.faults)
-        self.contacts = ContactFinder(mounted, self.config.contacts, poses)
+        self.contacts = ContactFinder(
+            mounted, self.config.contacts.raised_to(calibration.floor), poses
+        )
         self.tracker = Tracker(mounted, self.config.tracks, poses)
         self.grouper = TouchGrouper(mounted, self.config.touches, poses)
 

@@ -1,0 +1,249 @@
+"""Training: balanced windows, one learning-rate cycle, the best epoch kept."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+import torch
+from jaxtyping import Float, Int
+from rich.progress import Progress
+from torch import Tensor, nn
+from torch.nn.functional import cross_entropy
+
+from eskin.errors import RecordingError
+from eskin.learn.augment import AugmentConfig, augment
+from eskin.learn.dataset import Dataset, Segment
+from eskin.learn.windows import cut, to_input
+from eskin.model import SLOT_NS, NetworkConfig
+from eskin.nn import NetworkInput, RecogniserNetwork
+
+WHOLE = 0.5
+"""Share of windows that see all of their gesture, or as much as fits."""
+
+EARLIEST_NS = 100_000_000
+"""Time after the onset from which a gesture is asked for [ns]."""
+
+
+@dataclass(frozen=True)
+class TrainConfig:
+    """How the network is trained."""
+
+    epochs: int = 10
+    """Epochs of `steps` steps."""
+
+    steps: int = 40
+    """Steps an epoch."""
+
+    batch: int = 64
+    """Windows a step."""
+
+    rate: float = 3e-3
+    """Highest learning rate of the cycle."""
+
+    decay: float = 0.3
+    """Weight decay."""
+
+    smoothing: float = 0.1
+    """Label smoothing."""
+
+    patience: int = 5
+    """Epochs without a better validation loss after which training stops."""
+
+    validation: float = 0.15
+    """Share of the recordings held out to choose the epoch; 0 trains to the end."""
+
+    shear: bool = True
+    """Whether shear is used where every skin measures it."""
+
+    seed: int = 0
+    """Decides everything that is drawn."""
+
+    augment: AugmentConfig = field(default_factory=AugmentConfig)
+    """How training windows vary."""
+
+    network: NetworkConfig = field(default_factory=NetworkConfig)
+    """Sizes of the network."""
+
+
+@dataclass(frozen=True)
+class Sampler:
+    """Draws windows so that every gesture, then every segment, counts the same.
+
+    Half of the windows see as much of their gesture as a window can hold, the others
+    end anywhere from 0.1 s after its onset, as they do live.
+    """
+
+    dataset: Dataset
+    classes: dict[int, list[Segment]]
+    """The segments of each class."""
+    slots: int
+    crop: float
+
+    def draw(
+        self, count: int, rng: np.random.Generator
+    ) -> tuple[Int[np.ndarray, "window"], Int[np.ndarray, "window"], list[int]]:
+        """Last and first rows of windows, and their classes."""
+        labels = rng.choice(list(self.classes), count).tolist()
+        segments = [self.pick(label, rng) for label in labels]
+        after = np.where(rng.random(count) < WHOLE, self.slots * SLOT_NS, EARLIEST_NS)
+        ends = np.array(
+            [self.end(s, ns, rng) for s, ns in zip(segments, after, strict=True)]
+        )
+        firsts = np.array([segment.first for segment in segments])
+        cropped = rng.random(count) < self.crop
+        return ends, np.where(cropped, firsts, self.dataset.starts[ends]), labels
+
+    def pick(self, label: int, rng: np.random.Generator) -> Segment:
+        """One segment of a class."""
+        segments = self.classes[label]
+        return segments[rng.integers(len(segments))]
+
+    def end(self, segment: Segment, after: int, rng: np.random.Generator) -> int:
+        """A row of a segment later than `after` [ns], or its last one."""
+        stamps = self.dataset.stamps[segment.first : segment.end]
+        low = np.searchsorted(stamps, stamps[0] + after)
+        return segment.first + int(rng.integers(min(low, len(stamps) - 1), len(stamps)))
+
+
+def make_sampler(
+    dataset: Dataset,
+    vocabulary: tuple[str, ...],
+    recordings: set[int],
+    config: TrainConfig,
+) -> Sampler:
+    """A sampler over some of the recordings.
+
+    Raises:
+        RecordingError: if fewer than two gestures occur in them.
+    """
+    classes: dict[int, list[Segment]] = {}
+    for segment in dataset.segments:
+        if segment.recording in recordings and segment.gesture in vocabulary:
+            label = vocabulary.index(segment.gesture)
+            classes.setdefault(label, []).append(segment)
+    if len(classes) < 2:
+        found = [vocabulary[label] for label in classes]
+        raise RecordingError(
+            f"training recordings hold only {found or 'no gestures'}; at least two "
+            "classes are needed; give more recordings or other --classes"
+        )
+    return Sampler(dataset, classes, config.network.slots, config.augment.crop)
+
+
+def split(
+    dataset: Dataset, recordings: list[int], share: float, rng: np.random.Generator
+) -> tuple[set[int], set[int]]:
+    """Recordings to train on and to validate on."""
+    order = rng.permutation(sorted(recordings)).tolist()
+    held = round(share * len(order))
+    return set(order[held:]), set(order[:held])
+
+
+class Trainer:
+    """Trains one network on a data set."""
+
+    def __init__(
+        self,
+        dataset: Dataset,
+        vocabulary: tuple[str, ...],
+        config: TrainConfig,
+        recordings: list[int] | None = None,
+    ) -> None:
+        """Prepare to train on some of the recordings, by default on all."""
+        self.dataset, self.config = dataset, config
+        self.rng = np.random.default_rng(config.seed)
+        torch.manual_seed(config.seed)
+        chosen = (
+            list(range(len(dataset.recordings))) if recordings is None else recordings
+        )
+        train, held = split(dataset, chosen, config.validation, self.rng)
+        self.sampler = make_sampler(dataset, vocabulary, train, config)
+        self.held = make_sampler(dataset, vocabulary, held, config) if held else None
+        self.shear = config.shear and dataset.has_shear
+        self.network = RecogniserNetwork(config.network, len(vocabulary), self.shear)
+        self.epochs = 0
+
+    def run(self, quiet: bool = False) -> RecogniserNetwork:
+        """Train to the end or until validation no longer improves."""
+        config, network = self.config, self.network
+        network.standardise_by(self.batch(4 * config.batch)[0].summary)
+        optimiser = torch.optim.AdamW(network.parameters(), weight_decay=config.decay)
+        total = config.epochs * config.steps
+        cycle = torch.optim.lr_scheduler.OneCycleLR(
+            optimiser, config.rate, total_steps=total
+        )
+        best = Best(config.patience)
+        with Progress(disable=quiet, transient=True) as progress:
+            task = progress.add_task("Training", total=total)
+            for self.epochs in range(1, config.epochs + 1):
+                network.train()
+                for _ in range(config.steps):
+                    self.step(optimiser)
+                    cycle.step()
+                    progress.advance(task)
+                if self.held is not None and best.is_enough(
+                    network, self.validation_loss()
+                ):
+                    break
+        best.restore(network)
+        return network.eval()
+
+    def step(self, optimiser: torch.optim.Optimizer) -> None:
+        """One step on one batch."""
+        graphs, labels = self.batch(self.config.batch)
+        loss = self.loss(graphs, labels)
+        optimiser.zero_grad()
+        loss.backward()
+        nn.utils.clip_grad_norm_(self.network.parameters(), 1.0)
+        optimiser.step()
+
+    def loss(
+        self, graphs: NetworkInput, labels: Int[Tensor, "window"]
+    ) -> Float[Tensor, ""]:
+        """Cross entropy of each view and of both together."""
+        views = self.network.views(graphs)
+        smoothing = self.config.smoothing
+        together = cross_entropy(views.mean(dim=0), labels, label_smoothing=smoothing)
+        alone = [cross_entropy(v, labels, label_smoothing=smoothing) for v in views]
+        return together + torch.stack(alone).mean()
+
+    def batch(self, count: int) -> tuple[NetworkInput, Int[Tensor, "window"]]:
+        """A batch of augmented training windows and their classes."""
+        ends, firsts, labels = self.sampler.draw(count, self.rng)
+        windows = cut(self.dataset, ends, firsts, self.config.network.slots)
+        graphs = self.dataset.graphs.select(windows.rows)
+        varied = augment(graphs, windows.window, self.rng, self.config.augment)
+        return to_input(varied, windows, self.shear), torch.tensor(labels)
+
+    def validation_loss(self) -> float:
+        """Loss on windows of the recordings held out, always the same ones."""
+        assert self.held is not None
+        self.network.eval()
+        ends, firsts, labels = self.held.draw(256, np.random.default_rng(0))
+        windows = cut(self.dataset, ends, firsts, self.config.network.slots)
+        graphs = to_input(self.dataset.graphs.select(windows.rows), windows, self.shear)
+        with torch.no_grad():
+            return float(cross_entropy(self.network(graphs), torch.tensor(labels)))
+
+
+class Best:
+    """Remembers the weights with the lowest validation loss."""
+
+    def __init__(self, patience: int) -> None:
+        """Start with nothing."""
+        self.patience, self.waited = patience, 0
+        self.loss = float("inf")
+        self.weights: dict[str, Tensor] | None = None
+
+    def is_enough(self, network: nn.Module, loss: float) -> bool:
+        """Take in an epoch; True when it is time to stop."""
+        if loss < self.loss:
+            self.loss, self.waited = loss, 0
+            self.weights = {k: v.clone() for k, v in network.state_dict().items()}
+        else:
+            self.waited += 1
+        return self.waited > self.patience
+
+    def restore(self, network: nn.Module) -> None:
+        """Put the best weights back, if any were kept."""
+        if self.weights is not None:
+            network.load_state_dict(self.weights)
