@@ -1,0 +1,85 @@
+"""The temporal head of `eskin.nn`, in numpy, for one window."""
+
+from typing import final
+
+import numpy as np
+from jaxtyping import Float
+from numpy.lib.stride_tricks import sliding_window_view
+
+from eskin.live.layers import Linear, Weights, silu, under
+
+Sequence = Float[np.ndarray, "slot channel"]
+Mask = Float[np.ndarray, "slot 1"]
+Filtered = tuple[Float[np.ndarray, "output channel"], Float[np.ndarray, "output 1"]]
+
+
+@final
+class PartialConvolution:
+    """A convolution in time over the slots that hold a reading, as in `eskin.nn`."""
+
+    def __init__(self, weights: Weights, stride: int) -> None:
+        """Take the convolution's own weights."""
+        filters = weights["conv.weight"]
+        self.kernel, self.stride = filters.shape[2], stride
+        self.filters = filters.reshape(len(filters), -1)
+        self.bias = weights["bias"]
+
+    def __call__(self, x: Sequence, present: Mask) -> Filtered:
+        """Filter; the mask returned tells which outputs saw any reading.
+
+        The last output ends with the last slot: what is cut off is the oldest.
+        """
+        seen = self.gather(present).sum(axis=1, keepdims=True)
+        scaled = self.gather(x * present) @ self.filters.T
+        scaled *= self.kernel / np.maximum(seen, 1.0)
+        mask = (seen > 0).astype(np.float32)
+        return silu(scaled + self.bias) * mask, mask
+
+    def gather(
+        self, x: Float[np.ndarray, "slot channel"]
+    ) -> Float[np.ndarray, "output tap"]:
+        """What each output looks at: all taps of its first channel, then the next."""
+        skipped = (len(x) - self.kernel) % self.stride
+        parts = sliding_window_view(x[skipped:], self.kernel, axis=0)[:: self.stride]
+        return parts.reshape(len(parts), -1)
+
+
+@final
+class TemporalHead:
+    """A window of features to logits, as `eskin.nn.TemporalHead` does it."""
+
+    def __init__(self, weights: Weights) -> None:
+        """Take the head's own weights."""
+        self.project = Linear.of(weights, "project")
+        self.short = PartialConvolution(under(weights, "short"), stride=4)
+        self.long = PartialConvolution(under(weights, "long"), stride=2)
+        self.classify = Linear.of(weights, "classify")
+
+    def __call__(
+        self,
+        e: Float[np.ndarray, "slot input"],
+        present: Float[np.ndarray, "slot"],
+    ) -> Float[np.ndarray, "class"]:
+        """Logits of the window; `present` is 1 where a slot holds a reading."""
+        mask = present[:, None]
+        fine = silu(self.project(e)) * mask
+        short, short_mask = self.short(fine, mask)
+        long, long_mask = self.long(short, short_mask)
+        features = np.concatenate(
+            [
+                statistics(fine, mask),
+                statistics(short, short_mask),
+                statistics(long, long_mask),
+            ]
+        )
+        return self.classify(features)
+
+
+def statistics(x: Sequence, mask: Mask) -> Float[np.ndarray, "feature"]:
+    """Mean, standard deviation and maximum over the present slots, zero without any."""
+    count = np.maximum(mask.sum(), 1.0)
+    mean = x.sum(axis=0) / count
+    variance = ((x - mean) ** 2 * mask).sum(axis=0) / count
+    largest = np.where(mask > 0, x, -np.inf).max(axis=0)
+    largest = np.where(np.isfinite(largest), largest, 0.0)
+    return np.concatenate([mean, np.sqrt(variance + 1e-4), largest])

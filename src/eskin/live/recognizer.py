@@ -1,0 +1,170 @@
+"""From scans to detections, one at a time."""
+
+from pathlib import Path
+from typing import final
+
+import numpy as np
+from jaxtyping import Float
+
+from eskin.errors import ReadingError
+from eskin.graph import GraphStream
+from eskin.live.decision import Decider, DecisionConfig, Verdict
+from eskin.live.detection import Detection
+from eskin.live.mounting import check_kind, mount
+from eskin.live.stream import LogitStream
+from eskin.live.travel import Travel
+from eskin.model import Model, load_model
+from eskin.robot import Robot
+from eskin.skin import MountedSkin, Skin
+from eskin.touch import Calibration, Reading, Scan, TouchPipeline, TouchState
+
+
+@final
+class Recognizer:
+    """Recognises gestures in a stream of scans; stateful, and needs no torch.
+
+    Every reading of every touch is encoded once; the logits are those that the whole
+    window gives offline.
+
+    Attributes:
+        model: the weights and their card.
+        mounted: the skin on its robot.
+        state: the latest reading with its contacts and touches; None before the first.
+        logits: of each sequence of graphs at the latest reading, by its key (see
+            `eskin.graph.GraphStream`).
+        probabilities: of the model's vocabulary, calibrated, for each open touch at the
+            latest reading, by its id.
+    """
+
+    def __init__(
+        self,
+        model: Model,
+        mounted: MountedSkin,
+        calibration: Calibration | None,
+        decision: DecisionConfig | None = None,
+    ) -> None:
+        """Start before the first scan.
+
+        Args:
+            model: what to recognise with.
+            mounted: the skin on its robot.
+            calibration: of that skin; None takes only readings, no scans.
+            decision: how sure is sure.
+
+        Raises:
+            SkinMismatchError: the skin does not measure what the model needs.
+            ModelError: the weights do not fit the model's card.
+        """
+        card = model.card
+        check_kind(card, mounted.skin)
+        self.model = model
+        self.mounted = mounted
+        self.has_calibration = calibration is not None
+        unused = Calibration.uniform(mounted.skin.count, 1, 1.0)
+        self.touches = TouchPipeline(mounted, calibration or unused, card.pipeline)
+        self.graphs = GraphStream(mounted, card.graph)
+        self.stream = LogitStream(model)
+        self.decider = Decider(card.vocabulary, decision)
+        self.travel = Travel(
+            mounted.robot, self.touches.contacts.poses, self.decider.config.still
+        )
+        self.state: TouchState | None = None
+        self.logits: dict[int, Float[np.ndarray, "class"]] = {}
+        self.probabilities: dict[int, Float[np.ndarray, "class"]] = {}
+
+    @classmethod
+    def load(
+        cls,
+        path: str | Path,
+        skin: str | Path | Skin,
+        robot: str | Path | Robot | None = None,
+        calibration: Calibration | None = None,
+        decision: DecisionConfig | None = None,
+    ) -> "Recognizer":
+        """A recogniser from files.
+
+        Args:
+            path: the model.
+            skin: a preset's name, a skin's folder, or a skin.
+            robot: a preset's name, a URDF, or a robot; None for that of a preset skin.
+            calibration: of the skin; None takes only readings, no scans.
+            decision: how sure is sure.
+        """
+        return cls(load_model(Path(path)), mount(skin, robot), calibration, decision)
+
+    def push(self, instant: Scan | Reading) -> list[Detection]:
+        """Take the next scan, or a reading that is calibrated already.
+
+        Raises:
+            ReadingError: it is of another skin or robot, or not later than the last
+                one; nothing has changed then, and the next one may follow.
+        """
+        self.check(instant)
+        if isinstance(instant, Scan):
+            state = self.touches.push(instant)
+        else:
+            state = self.touches.push_reading(instant)
+        self.state = state
+        stamp = state.reading.stamp
+        self.logits = self.stream.push(self.graphs.push(state), stamp)
+        self.probabilities = {
+            touch.id: self.calibrated(self.logits[self.graphs.key_of(touch)])
+            for touch in state.touches
+        }
+        self.travel.push(state)
+        verdicts = self.decider.push(
+            stamp, state.touches, state.closed, self.probabilities
+        )
+        detections = [self.detection(verdict, stamp) for verdict in verdicts]
+        self.travel.forget(state.closed)
+        return detections
+
+    def finish(self) -> list[Detection]:
+        """Close the touches still open, as at the end of a recording."""
+        if self.state is None:
+            return []
+        closed = self.touches.finish()
+        stamp = self.state.reading.stamp
+        found = [self.detection(v, stamp) for v in self.decider.close(closed)]
+        self.travel.forget(closed)
+        self.probabilities = {}
+        return found
+
+    def check(self, instant: Scan | Reading) -> None:
+        """Refuse an instant that this recogniser has no use for."""
+        if isinstance(instant, Scan) and not self.has_calibration:
+            raise ReadingError(
+                f"scan at {instant.stamp} ns, but there is no calibration; allowed are "
+                "readings; give the recogniser the calibration of the skin"
+            )
+        if self.stream.network.shear and instant.shear is None:
+            raise ReadingError(
+                f"reading at {instant.stamp} ns has no shear, which the model needs; "
+                "allowed are readings with shear; use a model for pressure alone"
+            )
+
+    def calibrated(
+        self, logits: Float[np.ndarray, "class"]
+    ) -> Float[np.ndarray, "class"]:
+        """Probabilities that mean what they say."""
+        scaled = logits / self.model.card.temperature
+        powers = np.exp(scaled - scaled.max())
+        return powers / powers.sum()
+
+    def detection(self, verdict: Verdict, stamp: int) -> Detection:
+        """A verdict with what is known of its touch."""
+        touch, contact = verdict.touch, verdict.touch.contact
+        return Detection(
+            stamp=stamp,
+            touch=touch.id,
+            gesture=verdict.gesture,
+            confidence=verdict.confidence,
+            onset=touch.onset,
+            end=touch.last,
+            link=contact.link,
+            patch=contact.patch,
+            p_world=contact.p_world,
+            n_world=contact.n_world,
+            direction_world=self.travel.of(touch),
+            peak_force=touch.peak_force,
+        )

@@ -1,0 +1,59 @@
+"""From the graphs of each reading to the logits of each sequence."""
+
+from typing import final
+
+import numpy as np
+from jaxtyping import Float
+
+from eskin.graph import GraphBatch, join
+from eskin.live.network import Network
+from eskin.live.window import Window
+from eskin.model import Model
+
+Logits = dict[int, Float[np.ndarray, "class"]]
+
+
+@final
+class LogitStream:
+    """The network on a stream: each graph is encoded once and remembered for 2 s.
+
+    Attributes:
+        network: the network.
+        logits: of each sequence at the latest reading, by its key.
+    """
+
+    def __init__(self, model: Model) -> None:
+        """Start before the first reading.
+
+        Raises:
+            ModelError: the weights do not fit the model's card.
+        """
+        self.network = Network(model)
+        self.slots = model.card.network.slots
+        self.windows: dict[int, Window] = {}
+        self.logits: Logits = {}
+
+    def push(self, graphs: dict[int, GraphBatch], stamp: int) -> Logits:
+        """Logits of every sequence that has a graph at this reading.
+
+        A sequence without one has ended.
+
+        Args:
+            graphs: one graph a sequence.
+            stamp: of the reading, later than the one before [ns since the epoch].
+        """
+        self.windows = {key: self.windows.get(key) or self.window() for key in graphs}
+        self.logits = {}
+        if not graphs:
+            return self.logits
+        batches = list(graphs.values())
+        batch = batches[0] if len(batches) == 1 else join(batches)
+        features = self.network.features(batch)
+        for row, (key, window) in zip(features, self.windows.items(), strict=True):
+            window.push(stamp, row)
+            self.logits[key] = self.network.logits(*window.view())
+        return self.logits
+
+    def window(self) -> Window:
+        """An empty window."""
+        return Window(self.slots, self.network.channels)

@@ -1,0 +1,133 @@
+"""Moving hands on small skins and on the ur5, and models with random weights."""
+
+from functools import cache
+
+import numpy as np
+import torch
+
+from eskin.model import Model, ModelCard, NetworkConfig
+from eskin.nn import RecogniserNetwork
+from eskin.recording import Label, Metadata, RecordingWriter, write_all
+from eskin.robot import load_robot
+from eskin.skin import MountedSkin, Skin, grid_skin, load_skin
+from eskin.touch import Calibration, Scan
+
+SECOND = 1_000_000_000
+START = 1_700_000_000 * SECOND
+VOCABULARY = ("none", "poke", "stroke", "grab")
+
+
+@cache
+def mounted(name="grid", calibrated=True, kind="pressure") -> MountedSkin:
+    if name == "ur5":
+        return MountedSkin(load_skin("ur5"), load_robot("ur5"))
+    skin = grid_skin(8, 30, kind=kind, calibrated=calibrated)
+    return MountedSkin(skin, load_robot("table"))
+
+
+def calibration_of(skin: Skin) -> Calibration:
+    """One count is 0.1 kPa, of pressure and of shear."""
+    gain = np.full(skin.count, 0.1)
+    return Calibration(gain, 4000, shear_gain=0.1, shear_rest=500)
+
+
+class Press:
+    """A round load that moves from one taxel to another of its link."""
+
+    def __init__(self, begin, end, source, target, kpa=30.0, radius=0.02):
+        self.begin, self.end = begin, end
+        self.source, self.target = source, target
+        self.kpa, self.radius = kpa, radius
+
+    def pressure(self, skin: Skin, seconds: float) -> np.ndarray:
+        if not self.begin <= seconds < self.end:
+            return np.zeros(skin.count)
+        part = (seconds - self.begin) / (self.end - self.begin)
+        a, b = skin.positions[self.source], skin.positions[self.target]
+        distance = np.linalg.norm(skin.positions - (a + part * (b - a)), axis=1)
+        links = np.array(skin.link_names)[skin.patch_index]
+        shape = np.maximum(1 - (distance / self.radius) ** 2, 0)
+        swell = 0.5 + np.sin(np.pi * part)
+        return self.kpa * swell * shape * (links == links[self.source])
+
+
+def scans(mounted, presses, rate, seconds, dropped=(), moving=True):
+    """The scans of some presses; `dropped` are indices that never come."""
+    rng = np.random.default_rng(0)
+    skin, joints = mounted.skin, len(mounted.robot.joint_names)
+    result = []
+    for index in range(round(seconds * rate)):
+        t = index / rate
+        pressure = np.zeros(skin.count)
+        for press in presses:
+            pressure += press.pressure(skin, t)
+        counts = np.rint(10 * pressure + rng.normal(20, 1, skin.count))
+        shear = None
+        if skin.has_shear:
+            drag = np.stack([pressure * np.sin(t), 0.5 * pressure], axis=1)
+            shear = np.rint(500 + 3 * drag).astype(np.int32)
+        q = 0.3 * np.sin(t * np.arange(1, joints + 1)) * moving
+        if index not in dropped:
+            received = np.ones(skin.count, bool)
+            stamp = START + round(t * SECOND)
+            result.append(Scan(stamp, counts.astype(np.int32), received, q, shear))
+    return result
+
+
+def two_hands(mounted):
+    """A stroke and a poke at once far apart, then a second poke by the first."""
+    count = mounted.skin.count
+    if mounted.robot.name == "ur5":
+        patches = [patch.id for patch in mounted.skin.patches]
+        arm = mounted.skin.taxels_of(patches[0])
+        hand = mounted.skin.taxels_of(patches[-1])
+        places = arm[10], arm[len(arm) // 2], hand[3], hand[8]
+    else:
+        places = 65, 72, count - 3, count - 4
+    a, b, c, d = places
+    return [
+        Press(2.3, 3.2, a, b),
+        Press(2.6, 2.9, c, c, 40.0),
+        Press(3.1, 3.3, d, d, 25.0),
+        Press(4.2, 4.5, b, b, 25.0),
+    ]
+
+
+def network(kind="pressure", seed=0, vocabulary=VOCABULARY, **sizes):
+    """A network with random weights whose logits are of order one to ten."""
+    torch.manual_seed(seed)
+    config = NetworkConfig(**sizes)
+    net = RecogniserNetwork(config, len(vocabulary), kind == "shear").eval()
+    with torch.no_grad():
+        for parameter in net.parameters():
+            parameter += 0.1 * torch.randn_like(parameter)
+        for head in (net.summary_head, net.graph_head):
+            head.classify.weight *= 3
+        net.summary_mean.normal_(0.5, 0.3)
+        net.summary_scale.uniform_(0.5, 2.0)
+    return net
+
+
+def model_of(net, vocabulary=VOCABULARY, **entries) -> Model:
+    weights = {name: w.numpy() for name, w in net.state_dict().items()}
+    kind = "shear" if net.shear else "pressure"
+    card = ModelCard(vocabulary, kind=kind, network=net.config, **entries)
+    return Model(weights, card)
+
+
+def record(path, mounted, stream, labels=()):
+    """Write a recording of scans."""
+    metadata = Metadata(dataset="scene", session="one")
+    with RecordingWriter(
+        path,
+        mounted.robot.name,
+        mounted.skin,
+        calibration_of(mounted.skin),
+        metadata,
+    ) as writer:
+        write_all(writer, stream, labels)
+    return path
+
+
+def label(begin, end, gesture):
+    return Label(START + round(begin * SECOND), START + round(end * SECOND), gesture)
