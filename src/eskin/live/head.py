@@ -4,7 +4,6 @@ from typing import final
 
 import numpy as np
 from jaxtyping import Float
-from numpy.lib.stride_tricks import sliding_window_view
 
 from eskin.live.layers import Linear, Weights, silu, under
 
@@ -21,7 +20,7 @@ class PartialConvolution:
         """Take the convolution's own weights."""
         filters = weights["conv.weight"]
         self.kernel, self.stride = filters.shape[2], stride
-        self.filters = filters.reshape(len(filters), -1)
+        self.filters = filters.transpose(0, 2, 1).reshape(len(filters), -1)
         self.bias = weights["bias"]
 
     def __call__(self, x: Sequence, present: Mask) -> Filtered:
@@ -38,9 +37,10 @@ class PartialConvolution:
     def gather(
         self, x: Float[np.ndarray, "slot channel"]
     ) -> Float[np.ndarray, "output tap"]:
-        """What each output looks at: all taps of its first channel, then the next."""
+        """What each output looks at: all channels at its first tap, then the next."""
         skipped = (len(x) - self.kernel) % self.stride
-        parts = sliding_window_view(x[skipped:], self.kernel, axis=0)[:: self.stride]
+        firsts = np.arange(skipped, len(x) - self.kernel + 1, self.stride)
+        parts = x[firsts[:, None] + np.arange(self.kernel)]
         return parts.reshape(len(parts), -1)
 
 
