@@ -13,6 +13,7 @@ CM_PER_M = 100.0
 CM2_PER_M2 = 1e4
 LONGEST_STEP = 0.5  # [s] between readings that a rate is taken over
 SHORTEST_STEP = 1e-4  # [s]
+LONG_AGO = -1_000_000_000  # [ns], so that no first reading follows another
 
 
 class GraphBuilder:
@@ -28,7 +29,7 @@ class GraphBuilder:
         self.config = config or GraphConfig()
         self.fixed = FixedNeighbours(mounted.skin, self.config.fixed)
         count = mounted.skin.count
-        self.stamp = 0
+        self.stamp = LONG_AGO
         self.q = np.zeros(len(mounted.robot.joint_names))
         self.seconds = LONGEST_STEP
         self.pressure, self.before = np.zeros(count), np.zeros(count)
@@ -51,9 +52,8 @@ class GraphBuilder:
         self.onset = np.where(active & ~self.active, reading.stamp, self.onset)
         self.stamp, self.q, self.active = reading.stamp, reading.q, active.copy()
         self.pressure = np.where(active, reading.pressure.astype(np.float64), 0.0)
-        if reading.shear is not None:
-            shear = reading.shear.astype(np.float64)
-            self.shear = np.where(active[:, None], shear, 0.0)
+        shear = np.zeros_like(self.shear) if reading.shear is None else reading.shear
+        self.shear = np.where(active[:, None], shear.astype(np.float64), 0.0)
 
     def graph(
         self,

@@ -76,6 +76,9 @@ def live_neighbours(
 ) -> Int[np.ndarray, "node {k}"]:
     """The `k` nearest nodes of other patches by kinematic distance, or -1.
 
+    Distances are compared in whole micrometres, so that a motion of the whole robot
+    neither orders equal ones anew nor takes one across the reach.
+
     Args:
         p_world: positions in the world [m].
         patch: the patch of each node.
@@ -86,11 +89,15 @@ def live_neighbours(
     nearest = np.full((len(p_world), k), NOBODY, dtype=np.int64)
     if k == 0 or len(p_world) == 0 or (patch == patch[0]).all():
         return nearest
-    pairs = KDTree(p_world).query_pairs(reach, output_type="ndarray")
+    farthest = np.rint(reach * MICROMETRES)
+    widest = (farthest + 1) / MICROMETRES
+    pairs = KDTree(p_world).query_pairs(widest, output_type="ndarray")
     pairs = pairs[patch[pairs[:, 0]] != patch[pairs[:, 1]]]
-    target, source = np.concatenate([pairs, pairs[:, ::-1]]).T
-    gaps = p_world[target] - p_world[source]
+    gaps = p_world[pairs[:, 0]] - p_world[pairs[:, 1]]
     length = np.rint(np.sqrt((gaps**2).sum(axis=1)) * MICROMETRES)
+    pairs, length = pairs[length <= farthest], length[length <= farthest]
+    target, source = np.concatenate([pairs, pairs[:, ::-1]]).T
+    length = np.concatenate([length, length])
     order = np.lexsort((rank[source], length, target))
     target, source = target[order], source[order]
     place = np.arange(len(target)) - np.searchsorted(target, target)

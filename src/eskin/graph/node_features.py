@@ -12,7 +12,7 @@ LONGEST_AGE = 2.0  # [s]
 
 
 def node_scalars(batch: GraphBatch) -> Float[np.ndarray, "node scalar"]:
-    """The columns of `NODE_SCALARS` (float32), zero on inactive nodes but for rate.
+    """The columns of `NODE_SCALARS`, zero on inactive nodes but for rate.
 
     Force is left out on purpose: it would tell the size of a taxel, which pooling and
     aggregation take into account, so that skins of any density read alike.
@@ -25,7 +25,7 @@ def node_scalars(batch: GraphBatch) -> Float[np.ndarray, "node scalar"]:
         np.minimum(batch.age, LONGEST_AGE) / LONGEST_AGE,
         np.linalg.norm(compressed(batch.shear), axis=1),
     ]
-    return np.stack(columns, axis=1).astype(np.float32)
+    return np.stack(columns, axis=1).astype(batch.pressure.dtype)
 
 
 def compressed(shear: Float[np.ndarray, "node 3"]) -> Float[np.ndarray, "node 3"]:

@@ -37,8 +37,8 @@ NEAR = 0.3  # [cm] from the centre, where outward is no clear direction
 
 
 def shear_summary(batch: GraphBatch) -> Float[np.ndarray, "graph feature"]:
-    """The columns of `SHEAR_SUMMARY` (float32): invariants as in `pressure_summary`."""
-    weights = batch.areas[:, None] * N_PER_KPA_CM2
+    """The columns of `SHEAR_SUMMARY`: invariants as in `pressure_summary`."""
+    weights = batch.areas.astype(np.float64)[:, None] * N_PER_KPA_CM2
     s, earlier = batch.shear * weights, batch.shear_before * weights
     change = (s - earlier) / batch.seconds[batch.graph_index][:, None]
     size = total(length(s), batch)
@@ -62,7 +62,7 @@ def shear_summary(batch: GraphBatch) -> Float[np.ndarray, "graph feature"]:
         (net * v).sum(axis=1) / (scale * (length(v) + SPEED)),
         (net * net_before).sum(axis=1) / (length(net) * length(net_before) + FORCE**2),
     ]
-    return np.stack(columns, axis=1).astype(np.float32)
+    return np.stack(columns, axis=1).astype(batch.pressure.dtype)
 
 
 def length(vectors: Float[np.ndarray, "row 3"]) -> Float[np.ndarray, "row"]:

@@ -41,13 +41,14 @@ RATE = 3.0  # [N/s]
 SPEED = 0.5  # [cm/s]
 AREA = 1.0  # [cm2]
 PRESSURE = 1.0  # [kPa]
+FLAT = 0.01  # [cm], so that rounding gives a flat patch no depth
 N_PER_KPA_CM2 = 0.1
 
 PerGraph = Float[np.ndarray, "graph"]
 
 
 def pressure_summary(batch: GraphBatch) -> Float[np.ndarray, "graph feature"]:
-    """The columns of `PRESSURE_SUMMARY` (float32)."""
+    """The columns of `PRESSURE_SUMMARY`."""
     p, a = batch.pressure, batch.areas
     force = total(p * a, batch) * N_PER_KPA_CM2
     area = total(a * (p > 0), batch)
@@ -75,7 +76,7 @@ def pressure_summary(batch: GraphBatch) -> Float[np.ndarray, "graph feature"]:
         log(square * area * N_PER_KPA_CM2**2, FORCE * 0.1) - 2 * log(force, FORCE),
         log(area, AREA) - log(above[-1], AREA),
     ]
-    return np.stack(columns, axis=1).astype(np.float32)
+    return np.stack(columns, axis=1).astype(batch.pressure.dtype)
 
 
 def total(values: Float[np.ndarray, "node"], batch: GraphBatch) -> PerGraph:
@@ -91,8 +92,12 @@ def log(values: PerGraph, floor: float) -> PerGraph:
 def centres(
     weights: Float[np.ndarray, "node"], batch: GraphBatch
 ) -> Float[np.ndarray, "graph 3"]:
-    """Weighted mean position of each graph [cm]; zero where nothing weighs."""
-    moments = segment_sum(weights[:, None] * batch.positions, batch.offsets)
+    """Weighted mean position of each graph [cm]; zero where nothing weighs.
+
+    In float64, since speeds are made of small differences of it.
+    """
+    heavy = weights.astype(np.float64)[:, None]
+    moments = segment_sum(heavy * batch.positions, batch.offsets)
     return moments / np.maximum(total(weights, batch), 1e-6)[:, None]
 
 
@@ -103,7 +108,8 @@ def principal_extents(batch: GraphBatch) -> Float[np.ndarray, "graph 3"]:
     outer = weights[:, None, None] * offset[:, :, None] * offset[:, None, :]
     spread = segment_sum(outer, batch.offsets)
     spread /= np.maximum(total(weights, batch), 1e-6)[:, None, None]
-    return np.sqrt(np.maximum(np.linalg.eigvalsh(spread), 0.0))[:, ::-1]
+    variances = np.maximum(np.linalg.eigvalsh(spread), 0.0)[:, ::-1]
+    return np.sqrt(variances + FLAT**2) - FLAT
 
 
 def agreement_of_normals(batch: GraphBatch) -> PerGraph:

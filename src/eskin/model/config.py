@@ -10,7 +10,7 @@ SLOT_NS = 20_000_000
 class NetworkConfig:
     """Sizes of the recogniser's network."""
 
-    width: int = 16
+    width: int = 8
     """Channels of a node."""
 
     layers: int = 2

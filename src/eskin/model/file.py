@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 from pydantic import TypeAdapter, ValidationError
+from pydantic_core import to_json
 from safetensors import SafetensorError, safe_open
 from safetensors.numpy import save_file
 
@@ -32,13 +33,14 @@ def save_model(path: Path, model: Model) -> None:
     """Write a model file; whole or not at all."""
     part = path.with_name(path.name + ".part")
     path.parent.mkdir(parents=True, exist_ok=True)
-    card = CARDS.dump_json(model.card).decode()
-    save_file(
-        {name: np.ascontiguousarray(w) for name, w in model.weights.items()},
-        part,
-        metadata={CARD: card},
-    )
-    os.replace(part, path)
+    # A metric may be NaN, which JSON has no number for.
+    card = to_json(model.card, inf_nan_mode="strings").decode()
+    weights = {name: np.asarray(w, order="C") for name, w in model.weights.items()}
+    try:
+        save_file(weights, part, metadata={CARD: card})
+        os.replace(part, path)
+    finally:
+        part.unlink(missing_ok=True)
 
 
 def load_model(path: Path) -> Model:
@@ -49,33 +51,35 @@ def load_model(path: Path) -> Model:
     """
     try:
         with safe_open(path, framework="numpy") as file:
-            card = (file.metadata() or {}).get(CARD)
+            card = read_card((file.metadata() or {}).get(CARD), path)
             weights = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
     except FileNotFoundError:
         raise ModelError(
             f"{path}: no such model; train one with: eskin train DATA --out {path}"
         ) from None
-    except (SafetensorError, OSError) as error:
+    # A TypeError tells of numbers that numpy does not have, such as bfloat16.
+    except (SafetensorError, OSError, TypeError) as error:
         raise ModelError(
             f"{path} is no model file ({error}); allowed is a .safetensors file "
             "written by eskin train; train it again"
         ) from None
-    if card is None:
+    return Model(weights, card)
+
+
+def read_card(text: str | None, path: Path) -> ModelCard:
+    """Parse a card; every problem is named by its place in it."""
+    if text is None:
         raise ModelError(
             f"{path} has no card '{CARD}' in its metadata; allowed are models written "
             "by eskin train; train it again"
         )
-    return Model(weights, read_card(card, path))
-
-
-def read_card(text: str, path: Path) -> ModelCard:
-    """Parse a card; every problem is named by its place in it."""
     try:
         return CARDS.validate_json(text)
     except ValidationError as error:
         first = error.errors()[0]
         place = ".".join(str(part) for part in first["loc"])
+        what = f"card entry '{place}'" if place else "its card"
         raise ModelError(
-            f"{path}: card entry '{place}' is {first['input']!r}: {first['msg']}; "
+            f"{path}: {what} is {first['input']!r:.80}: {first['msg']}; "
             "train the model again with this version of eskin"
         ) from None

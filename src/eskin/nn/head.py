@@ -7,6 +7,7 @@ from torch.nn.functional import conv1d, silu
 
 Sequence = Float[Tensor, "window channel slot"]
 Mask = Float[Tensor, "window 1 slot"]
+Shorter = tuple[Float[Tensor, "window channel step"], Float[Tensor, "window 1 step"]]
 
 
 class PartialConvolution(nn.Module):
@@ -23,7 +24,7 @@ class PartialConvolution(nn.Module):
         self.bias = nn.Parameter(torch.zeros(channels))
         self.ones = nn.Buffer(torch.ones(1, 1, kernel), persistent=False)
 
-    def forward(self, x: Sequence, present: Mask) -> tuple[Sequence, Mask]:
+    def forward(self, x: Sequence, present: Mask) -> Shorter:
         """Filter; the mask returned tells which outputs saw any reading.
 
         The last output ends with the last slot: what is cut off is the oldest.

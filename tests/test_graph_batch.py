@@ -1,0 +1,99 @@
+"""Graphs laid end to end: taken apart, put together, summed."""
+
+import numpy as np
+import pytest
+
+from eskin.graph import join, node_scalars, pressure_summary, shear_summary
+from eskin.graph.segments import segment_max, segment_sum
+from graph_scenes import assert_same, random_graph
+
+SIZES = [(4, 1, 7), (0, 5, 0, 0, 3, 0), (0,), (0, 0, 0), (6,), (5, 0), (0, 5)]
+of_any_sizes = pytest.mark.parametrize("sizes", SIZES)
+
+
+def graphs_of(sizes):
+    rng = np.random.default_rng(sum(sizes) + len(sizes))
+    return [random_graph(rng, nodes) for nodes in sizes]
+
+
+@of_any_sizes
+def test_selecting_from_joined_graphs_gives_them_back(sizes):
+    graphs = graphs_of(sizes)
+    batch = join(graphs)
+    for index, graph in enumerate(graphs):
+        assert_same(batch.select(np.array([index])), graph)
+    assert_same(batch.select(np.arange(len(sizes))), batch)
+
+
+@of_any_sizes
+def test_selecting_in_any_order_and_twice_is_joining_so(sizes):
+    graphs = graphs_of(sizes)
+    chosen = np.random.default_rng(0).integers(0, len(sizes), 9)
+    want = join([graphs[n] for n in chosen])
+    assert_same(join(graphs).select(chosen), want)
+
+
+@of_any_sizes
+def test_joining_joined_graphs_is_joining_them_all(sizes):
+    graphs = graphs_of(sizes)
+    halves = [graphs[: len(graphs) // 2 + 1], graphs[len(graphs) // 2 + 1 :]]
+    assert_same(join([join(half) for half in halves if half]), join(graphs))
+
+
+def test_selecting_no_graph_is_a_batch_of_none():
+    batch = join(graphs_of((3, 0, 2)))
+    none = batch.select(np.array([], np.int64))
+    assert (none.count, len(none.taxels), none.offsets.tolist()) == (0, 0, [0])
+    assert_same(join([none, batch, none]), batch)
+    for features in (pressure_summary, shear_summary, node_scalars):
+        assert len(features(none)) == 0
+
+
+def test_joining_nothing_is_refused():
+    with pytest.raises(ValueError, match="no graphs to join; give at least one"):
+        join([])
+
+
+@of_any_sizes
+def test_sources_are_the_neighbours_in_the_own_graph(sizes):
+    batch = join(graphs_of(sizes))
+    assert batch.count == len(sizes)
+    assert batch.sizes.tolist() == list(sizes)
+    for node, graph in enumerate(batch.graph_index):
+        for source, neighbour in zip(
+            batch.sources[node], batch.neighbours[node], strict=True
+        ):
+            if neighbour < 0:
+                assert source == -1
+            else:
+                assert batch.graph_index[source] == graph
+                assert source - batch.offsets[graph] == neighbour
+
+
+@of_any_sizes
+@pytest.mark.parametrize("axes", [(), (3,), (2, 3)])
+def test_segment_sums_and_maxima_are_those_of_loops(sizes, axes):
+    values = np.random.default_rng(5).normal(size=(sum(sizes), *axes)) - 3.0
+    offsets = np.concatenate([[0], np.cumsum(sizes)])
+    parts = [values[a:b] for a, b in zip(offsets[:-1], offsets[1:], strict=True)]
+    sums = np.array([part.sum(axis=0) for part in parts])
+    largest = [part.max(axis=0) if len(part) else np.zeros(axes) for part in parts]
+    np.testing.assert_allclose(segment_sum(values, offsets), sums, atol=1e-12)
+    assert np.array_equal(segment_max(values, offsets), np.array(largest))
+
+
+@of_any_sizes
+def test_features_of_graphs_laid_end_to_end_are_those_of_each_alone(sizes):
+    graphs = graphs_of(sizes)
+    for features in (pressure_summary, shear_summary, node_scalars):
+        alone = np.concatenate([features(graph) for graph in graphs])
+        together = features(join(graphs))
+        np.testing.assert_allclose(together, alone, rtol=1e-5, atol=1e-5)
+        assert together.dtype == np.float32
+        assert np.isfinite(together).all()
+
+
+def test_a_graph_without_nodes_has_a_summary_of_zeros():
+    empty = join(graphs_of((0, 0)))
+    assert not pressure_summary(empty).any()
+    assert not shear_summary(empty).any()
