@@ -8,7 +8,7 @@ import pytest
 import eskin
 from eskin.errors import ModelError, ReadingError, SkinMismatchError
 from eskin.live import DecisionConfig, Recognizer
-from eskin.model import Model, save_model
+from eskin.model import save_model
 from eskin.touch import TouchPipeline
 from live_scenes import (
     SECOND,
@@ -19,6 +19,7 @@ from live_scenes import (
     model_of,
     mounted,
     network,
+    say_always,
     scans,
     two_hands,
 )
@@ -28,17 +29,6 @@ def recognizer_of(on, model=None, **settings):
     model = model or model_of(network())
     config = DecisionConfig(**settings)
     return Recognizer(model, on, calibration_of(on.skin), config)
-
-
-def say_always(name) -> Model:
-    """A model that is sure of one class whatever it sees."""
-    model = model_of(network())
-    weights = dict(model.weights)
-    for head in ("summary_head", "graph_head"):
-        weights[f"{head}.classify.weight"] = 0 * weights[f"{head}.classify.weight"]
-        bias = np.where(np.array(VOCABULARY) == name, 9.0, 0.0)
-        weights[f"{head}.classify.bias"] = bias.astype(np.float32)
-    return Model(weights, model.card)
 
 
 def run(recognizer, stream):
@@ -57,7 +47,9 @@ def seconds(stamp):
 def test_every_touch_has_one_detection(name, said):
     on = mounted(name)
     stream = scans(on, two_hands(on), 25, 5.5)
-    found = run(recognizer_of(on, say_always(said)), stream)
+    recognizer = recognizer_of(on, say_always(said))
+    found = run(recognizer, stream)
+    assert not recognizer.travel.directions and not recognizer.decider.hearings
     assert [d.touch for d in sorted(found, key=lambda d: d.touch)] == [1, 2, 3]
     assert {d.gesture for d in found} == {said}
     for detection in found:
@@ -126,14 +118,17 @@ def test_the_motion_of_the_arm_is_no_travel():
     assert found.p_world @ found.p_world > 0
 
 
-def test_the_direction_of_travel_turns_with_the_arm():
+def test_the_direction_of_travel_is_where_the_arm_is_at_the_last_contact():
     on = mounted("ur5")
     taxels = on.skin.taxels_of(on.skin.patches[0].id)
     a, b = taxels[0], taxels[len(taxels) // 2]
     stream = scans(on, [Press(2.4, 3.2, a, b, 40.0)], 25, 4.5)
     [found] = run(recognizer_of(on, say_always("none")), stream)
-    last = next(scan for scan in stream if scan.stamp == found.end)
-    points, _ = on.poses(last.q, np.array([a, b]))
+    q = next(scan for scan in stream if scan.stamp == found.end).q
+    still = [replace(scan, q=q) for scan in stream]
+    [there] = run(recognizer_of(on, say_always("none")), still)
+    np.testing.assert_allclose(found.direction_world, there.direction_world, atol=1e-6)
+    points, _ = on.poses(q, np.array([a, b]))
     way = (points[1] - points[0]) / np.linalg.norm(points[1] - points[0])
     assert found.direction_world @ way > 0.9
     assert np.linalg.norm(found.direction_world) == pytest.approx(1.0)
@@ -231,6 +226,7 @@ def test_finishing_says_the_last_word_once():
     [last] = recognizer.finish()
     assert (last.gesture, last.stamp) == ("none", stream[-1].stamp)
     assert recognizer.finish() == []
+    assert not recognizer.travel.directions and not recognizer.probabilities
 
 
 def test_a_recogniser_is_loaded_from_files_by_names(tmp_path):

@@ -14,6 +14,7 @@ from live_scenes import (
     mounted,
     network,
     record,
+    say_always,
     scans,
     two_hands,
 )
@@ -91,6 +92,27 @@ def test_a_touch_without_a_label_is_beside_none(model, tmp_path, capsys):
     assert [row["label"] for row in rows] == ["none", "none", "poke"]
 
 
+def test_the_label_is_that_which_the_touch_shares_most_time_with(
+    model, tmp_path, capsys
+):
+    on = mounted()
+    stream = scans(on, two_hands(on)[:1], 25, 4.0)
+    labels = [label(2.0, 2.5, "poke"), label(2.5, 3.0, "stroke"), label(3.0, 9, "poke")]
+    path = record(tmp_path / "two.mcap", on, stream, labels)
+    _, out, _ = call(capsys, path, "--model", model, "--json")
+    [row] = last_json(out)["detections"]
+    assert row["label"] == "stroke"
+
+
+def test_a_touch_still_open_at_the_end_is_detected(tmp_path, capsys):
+    on = mounted()
+    path = record(tmp_path / "open.mcap", on, scans(on, two_hands(on), 25, 4.4))
+    save_model(tmp_path / "none.safetensors", say_always("none"))
+    _, out, _ = call(capsys, path, "--model", tmp_path / "none.safetensors", "--json")
+    found = [(row["touch"], row["gesture"]) for row in last_json(out)["detections"]]
+    assert sorted(found) == [(1, "none"), (2, "none"), (3, "none")]
+
+
 def test_replaying_twice_gives_the_same(model, recording, capsys):
     once = call(capsys, recording, "--model", model, "--json")
     assert call(capsys, recording, "--model", model, "--json") == once
@@ -152,8 +174,8 @@ def test_bad_input_is_one_line_and_leaves_nothing(model, recording, tmp_path, ca
         ((recording, "--model", model, "--classes", "poke"), "--classes"),
         ((), "recording"),
     ):
-        code, _, err = call(capsys, *argv)
-        assert code == 2, argv
+        code, out, err = call(capsys, *argv)
+        assert (code, out) == (2, ""), argv
         assert message.lower() in err.lower()
         assert len(err.strip().splitlines()) == 1
         assert set(tmp_path.iterdir()) == files

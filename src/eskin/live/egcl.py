@@ -32,11 +32,11 @@ class EquivariantLayer:
         sources: Int[np.ndarray, "node k"],
         weights: Float[np.ndarray, "node k"],
     ) -> tuple[Float[np.ndarray, "node width"], Float[np.ndarray, "node 3"]]:
-        """Features and coordinates [cm] after the step.
+        """Features and coordinates after the step.
 
         Args:
             v: invariant features of the nodes.
-            x: coordinates of the nodes [cm].
+            x: coordinates of the nodes, in units of `LENGTH_CM`.
             normals: outward unit normals.
             shear: compressed shear traction.
             sources: nodes that each node hears; any where the weight is zero.
@@ -59,7 +59,7 @@ def edge_scalars(
     shear: Float[np.ndarray, "node 3"],
     sources: Int[np.ndarray, "node k"],
 ) -> Float[np.ndarray, "node k 6"]:
-    """|r|^2, n_i.n_j, n_i.r, n_j.r, s_i.r, s_j.r of each edge; r = x_i - x_j [cm]."""
+    """|r|^2, n_i.n_j, n_i.r, n_j.r, s_i.r, s_j.r of each edge; r = x_i - x_j."""
     n_i, n_j = normals[:, None], normals[sources]
     s_i, s_j = shear[:, None], shear[sources]
     pairs = ((r, r), (n_i, n_j), (n_i, r), (n_j, r), (s_i, r), (s_j, r))

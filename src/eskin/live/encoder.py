@@ -9,6 +9,7 @@ from eskin.graph import GraphBatch, compressed, node_scalars
 from eskin.graph.segments import segment_max, segment_sum
 from eskin.live.egcl import EquivariantLayer, area_shares
 from eskin.live.layers import LayerNorm, Linear, Weights, silu, under
+from eskin.model import LENGTH_CM
 
 
 @final
@@ -30,7 +31,7 @@ class Encoder:
         if not self.shear:
             scalars[:, -1], shear = 0.0, np.zeros_like(shear)
         v = silu(self.embed(scalars))
-        x = batch.positions
+        x = batch.positions / LENGTH_CM
         sources = batch.sources
         sources = sources[:, (sources >= 0).any(axis=0)]
         sources, weights = area_shares(batch.areas, sources)
