@@ -56,7 +56,7 @@ def run(argv: list[str]) -> int:
         return complain(
             f"{error.name} is missing; install it: pip install 'eskin[train]'"
         )
-    except (EskinError, ValueError, FileNotFoundError, PermissionError) as error:
+    except (EskinError, ValueError, OSError) as error:
         return complain(str(error))
     if output.json:
         print(json.dumps(result))
@@ -87,7 +87,7 @@ def parse(module: ModuleType, name: str, argv: list[str]) -> tuple[object, Outpu
                 prog=f"eskin {name}",
                 description=module.Command.__doc__,
                 args=argv,
-                config=(tyro.conf.OmitArgPrefixes, tyro.conf.FlagCreatePairsOff),
+                config=(tyro.conf.FlagCreatePairsOff,),
             )
     except SystemExit as stop:
         if stop.code == 0:

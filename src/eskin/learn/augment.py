@@ -12,7 +12,7 @@ from eskin.graph import GraphBatch
 class AugmentConfig:
     """How far a training window may be from the recorded one."""
 
-    gain: float = 0.25
+    gain: float = 0.4
     """Spread of the logarithm of the force a person uses."""
 
     taxel_gain: float = 0.15
@@ -21,13 +21,13 @@ class AugmentConfig:
     dead: float = 0.1
     """Largest share of taxels that are silent in a window."""
 
-    offset: float = 3.0
+    offset: float = 2.0
     """Largest pressure taken off every taxel [kPa]."""
 
     shear_gain: float = 0.3
     """Spread of the logarithm of shear against pressure."""
 
-    crop: float = 0.5
+    crop: float = 0.7
     """Share of windows that see nothing from before their gesture."""
 
 

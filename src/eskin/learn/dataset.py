@@ -2,20 +2,33 @@
 
 import hashlib
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Int
+from jaxtyping import Bool, Int
 from rich.progress import track
 
 from eskin.errors import RecordingError
 from eskin.graph import GraphBatch, GraphConfig, GraphStream, join
-from eskin.recording import Recording, label_instants, read_recording
-from eskin.recording.labels import NONE
+from eskin.recording import (
+    NONE,
+    Label,
+    Recording,
+    label_instants,
+    read_recording,
+    sort_labels,
+)
 from eskin.robot import load_robot
 from eskin.skin import MountedSkin
 from eskin.touch import PipelineConfig, TouchPipeline
+
+LINGER_NS = 600_000_000
+"""How long after its end a gesture on a calibrated skin is still asked for [ns]."""
+
+LATEST = 2**63 - 1
+"""Later than every stamp [ns]."""
 
 
 @dataclass(frozen=True)
@@ -33,6 +46,9 @@ class Segment:
 
     end: int
     """The row behind its last one."""
+
+    labelled: bool
+    """Whether a label says so; where there is none, it is `none` by silence."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,11 +82,16 @@ class Dataset:
         return (NONE, *sorted(set(self.gestures) - {NONE}))
 
     @property
+    def labelled(self) -> tuple[Segment, ...]:
+        """The segments that a label speaks of: what is scored."""
+        return tuple(segment for segment in self.segments if segment.labelled)
+
+    @property
     def has_shear(self) -> bool:
         """Whether every recording's skin measures shear."""
         return all(recording.skin.has_shear for recording in self.recordings)
 
-    @property
+    @cached_property
     def starts(self) -> Int[np.ndarray, "row"]:
         """First row of the sequence of each row."""
         return np.searchsorted(self.sequence, self.sequence)
@@ -133,8 +154,11 @@ def lay_end_to_end(recordings: tuple[Recording, ...], sequences: list[Rows]) -> 
     gestures: list[str] = []
     segments: list[Segment] = []
     for rows in sequences:
-        names = gestures_at(recordings[rows.recording], np.array(rows.stamps))
-        segments += segments_of(names, rows.recording, len(gestures))
+        labels, stamps = labels_of(recordings[rows.recording]), np.array(rows.stamps)
+        names = gestures_at(labels, stamps)
+        spoken = [(stamps >= label.start) & (stamps < label.end) for label in labels]
+        silent = ~np.any(spoken, axis=0) if spoken else np.ones(len(names), dtype=bool)
+        segments += segments_of(names, silent, rows.recording, len(gestures))
         gestures += names
     lengths = [len(rows.stamps) for rows in sequences]
     return Dataset(
@@ -148,21 +172,49 @@ def lay_end_to_end(recordings: tuple[Recording, ...], sequences: list[Rows]) -> 
     )
 
 
-def gestures_at(recording: Recording, stamps: Int[np.ndarray, "row"]) -> list[str]:
-    """The gesture at each stamp, by the truth where known, else by other labels."""
-    truth = [label for label in recording.labels if label.source == "true"]
-    labels = truth or list(recording.labels)
+def labels_of(recording: Recording) -> list[Label]:
+    """Its true labels, or all its labels where the truth is not known.
+
+    On a calibrated skin a label lasts 0.6 s longer, or until the next one: a touch
+    keeps its gesture until it closes.
+    """
+    truth = sort_labels(recording.labels, "true") or sort_labels(recording.labels)
+    if not recording.skin.calibrated:
+        return list(truth)
+    nexts = [label.start for label in truth[1:]] + [LATEST]
+    return [
+        replace(label, end=max(label.end, min(label.end + LINGER_NS, start)))
+        for label, start in zip(truth, nexts, strict=True)
+    ]
+
+
+def gestures_at(labels: list[Label], stamps: Int[np.ndarray, "row"]) -> list[str]:
+    """The gesture at each stamp."""
     names = [NONE, *sorted({label.gesture for label in labels} - {NONE})]
     return [names[i] for i in label_instants(labels, stamps, names)]
 
 
-def segments_of(names: list[str], recording: int, offset: int) -> list[Segment]:
-    """One segment for each run of one gesture."""
+def segments_of(
+    names: list[str],
+    silent: Bool[np.ndarray, "row"],
+    recording: int,
+    offset: int,
+) -> list[Segment]:
+    """One segment for each run of one gesture.
+
+    Args:
+        names: the gesture at each row.
+        silent: where no label says anything.
+        recording: the recording of the rows.
+        offset: the place of the first row in the data set.
+    """
     array = np.array(names)
     breaks = np.flatnonzero(array[1:] != array[:-1]) + 1
     bounds = [0, *breaks.tolist(), len(names)]
     return [
-        Segment(names[first], recording, offset + first, offset + end)
+        Segment(
+            names[first], recording, offset + first, offset + end, not silent[first]
+        )
         for first, end in zip(bounds[:-1], bounds[1:], strict=True)
     ]
 

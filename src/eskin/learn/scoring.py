@@ -5,13 +5,19 @@ from collections.abc import Sequence
 import numpy as np
 import torch
 from jaxtyping import Float, Int
+from torch import Tensor
 from torch.nn.functional import log_softmax
 
 from eskin.learn.dataset import Dataset, Segment
-from eskin.learn.windows import cut, to_input
-from eskin.nn import RecogniserNetwork
+from eskin.learn.windows import cut
+from eskin.nn import Places, RecogniserNetwork, graph_tensors
 
-BATCH = 64
+BATCH = 256
+"""Windows classified at once."""
+
+READINGS = 512
+"""Readings embedded at once."""
+
 HOP = 0.5  # [s] between the windows of a segment
 WINDOW = 2.0  # [s]
 
@@ -23,20 +29,48 @@ def log_probabilities(
     firsts: Int[np.ndarray, "window"],
     temperature: float = 1.0,
 ) -> Float[np.ndarray, "window class"]:
-    """Log-probabilities of the windows that end with the rows `ends`."""
+    """Log-probabilities of the windows that end with the rows `ends`.
+
+    Each reading is embedded once, however many windows see it, as live.
+    """
+    windows = cut(dataset, ends, firsts, network.config.slots)
+    rows, place = np.unique(windows.rows, return_inverse=True)
     parts = []
     with torch.no_grad():
+        e = embeddings(network, dataset, rows)
         for low in range(0, len(ends), BATCH):
-            part = slice(low, low + BATCH)
-            windows = cut(dataset, ends[part], firsts[part], network.config.slots)
-            graphs = dataset.graphs.select(windows.rows)
-            logits = network(to_input(graphs, windows, network.shear)) / temperature
+            seen = (windows.window >= low) & (windows.window < low + BATCH)
+            places = Places(
+                torch.as_tensor(windows.window[seen] - low),
+                torch.as_tensor(windows.slot[seen]),
+                min(BATCH, len(ends) - low),
+            )
+            views = network.classify(e[torch.as_tensor(place[seen])], places)
+            logits = views.mean(dim=0) / temperature
             parts.append(log_softmax(logits, dim=1).numpy())
     return np.concatenate(parts)
 
 
+def embeddings(
+    network: RecogniserNetwork, dataset: Dataset, rows: Int[np.ndarray, "row"]
+) -> Float[Tensor, "row feature"]:
+    """What the network makes of each row on its own."""
+    parts = [
+        network.embed(
+            graph_tensors(
+                dataset.graphs.select(rows[low : low + READINGS]), network.shear
+            )
+        )
+        for low in range(0, len(rows), READINGS)
+    ]
+    return torch.cat(parts)
+
+
 def segment_scores(
-    network: RecogniserNetwork, dataset: Dataset, segments: Sequence[Segment]
+    network: RecogniserNetwork,
+    dataset: Dataset,
+    segments: Sequence[Segment],
+    temperature: float = 1.0,
 ) -> Float[np.ndarray, "segment class"]:
     """Mean log-probability over the windows of each segment.
 
@@ -44,11 +78,13 @@ def segment_scores(
     with its last reading. They see nothing from outside of the segment.
     """
     ends = [window_ends(dataset, segment) for segment in segments]
-    counts = [len(rows) for rows in ends]
+    counts = np.array([len(rows) for rows in ends])
     firsts = np.repeat([segment.first for segment in segments], counts)
-    scores = log_probabilities(network, dataset, np.concatenate(ends), firsts)
+    scores = log_probabilities(
+        network, dataset, np.concatenate(ends), firsts, temperature
+    )
     starts = np.cumsum(counts) - counts
-    return np.add.reduceat(scores, starts, axis=0) / np.array(counts)[:, None]
+    return np.add.reduceat(scores, starts, axis=0) / counts[:, None]
 
 
 def window_ends(dataset: Dataset, segment: Segment) -> Int[np.ndarray, "window"]:
@@ -61,7 +97,10 @@ def window_ends(dataset: Dataset, segment: Segment) -> Int[np.ndarray, "window"]
 
 
 def instant_scores(
-    network: RecogniserNetwork, dataset: Dataset, rows: Int[np.ndarray, "row"]
+    network: RecogniserNetwork,
+    dataset: Dataset,
+    rows: Int[np.ndarray, "row"],
+    temperature: float = 1.0,
 ) -> Float[np.ndarray, "row class"]:
     """Log-probabilities at every row, from the two seconds before it."""
-    return log_probabilities(network, dataset, rows, dataset.starts[rows])
+    return log_probabilities(network, dataset, rows, dataset.starts[rows], temperature)

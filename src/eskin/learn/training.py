@@ -19,6 +19,12 @@ from eskin.nn import NetworkInput, RecogniserNetwork
 WHOLE = 0.5
 """Share of windows that see all of their gesture, or as much as fits."""
 
+VALIDATION = 256
+"""Windows that validation looks at."""
+
+TEMPERATURES = np.geomspace(0.3, 5.0, 57)
+"""The temperatures tried."""
+
 EARLIEST_NS = 100_000_000
 """Time after the onset from which a gesture is asked for [ns]."""
 
@@ -33,7 +39,7 @@ class TrainConfig:
     steps: int = 40
     """Steps an epoch."""
 
-    batch: int = 64
+    batch: int = 32
     """Windows a step."""
 
     rate: float = 3e-3
@@ -53,9 +59,6 @@ class TrainConfig:
 
     shear: bool = True
     """Whether shear is used where every skin measures it."""
-
-    seed: int = 0
-    """Decides everything that is drawn."""
 
     augment: AugmentConfig = field(default_factory=AugmentConfig)
     """How training windows vary."""
@@ -147,11 +150,12 @@ class Trainer:
         vocabulary: tuple[str, ...],
         config: TrainConfig,
         recordings: list[int] | None = None,
+        seed: int = 0,
     ) -> None:
         """Prepare to train on some of the recordings, by default on all."""
         self.dataset, self.config = dataset, config
-        self.rng = np.random.default_rng(config.seed)
-        torch.manual_seed(config.seed)
+        self.rng = np.random.default_rng(seed)
+        torch.manual_seed(seed)
         chosen = (
             list(range(len(dataset.recordings))) if recordings is None else recordings
         )
@@ -165,7 +169,7 @@ class Trainer:
     def run(self, quiet: bool = False) -> RecogniserNetwork:
         """Train to the end or until validation no longer improves."""
         config, network = self.config, self.network
-        network.standardise_by(self.batch(4 * config.batch)[0].summary)
+        network.standardise_by(self.batch(4 * config.batch)[0].graphs.summary)
         optimiser = torch.optim.AdamW(network.parameters(), weight_decay=config.decay)
         total = config.epochs * config.steps
         cycle = torch.optim.lr_scheduler.OneCycleLR(
@@ -216,13 +220,36 @@ class Trainer:
 
     def validation_loss(self) -> float:
         """Loss on windows of the recordings held out, always the same ones."""
+        logits, labels = self.validation_logits()
+        return float(cross_entropy(logits, labels))
+
+    def validation_accuracy(self) -> float:
+        """Share of the same windows that are recognised; NaN if none are held out."""
+        if self.held is None:
+            return float("nan")
+        logits, labels = self.validation_logits()
+        return float((logits.argmax(dim=1) == labels).double().mean())
+
+    def temperature(self) -> float:
+        """What to divide logits by for honest probabilities (Guo et al. 2017)."""
+        if self.held is None:
+            return 1.0
+        logits, labels = self.validation_logits()
+        losses = [float(cross_entropy(logits / t, labels)) for t in TEMPERATURES]
+        return float(TEMPERATURES[int(np.argmin(losses))])
+
+    def validation_logits(
+        self,
+    ) -> tuple[Float[Tensor, "window class"], Int[Tensor, "window"]]:
+        """Logits and classes of windows of the recordings held out."""
         assert self.held is not None
         self.network.eval()
-        ends, firsts, labels = self.held.draw(256, np.random.default_rng(0))
+        ends, firsts, labels = self.held.draw(VALIDATION, np.random.default_rng(0))
         windows = cut(self.dataset, ends, firsts, self.config.network.slots)
-        graphs = to_input(self.dataset.graphs.select(windows.rows), windows, self.shear)
+        graphs = self.dataset.graphs.select(windows.rows)
         with torch.no_grad():
-            return float(cross_entropy(self.network(graphs), torch.tensor(labels)))
+            logits = self.network(to_input(graphs, windows, self.shear))
+        return logits, torch.tensor(labels)
 
 
 class Best:

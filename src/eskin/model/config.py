@@ -5,6 +5,10 @@ from dataclasses import dataclass
 SLOT_NS = 20_000_000
 """One slot of the temporal head's clock: 20 ms."""
 
+LENGTH_CM = 3.0
+"""Unit of length inside the encoder [cm]: about a contact's size, and well above the
+spacing of taxels, so that a denser skin looks nearly alike."""
+
 
 @dataclass(frozen=True)
 class NetworkConfig:

@@ -1,6 +1,12 @@
 """The recogniser's network in torch: equivariant layers, encoder, temporal head."""
 
-from eskin.nn.batch import NetworkInput, network_input
+from eskin.nn.batch import (
+    GraphTensors,
+    NetworkInput,
+    Places,
+    graph_tensors,
+    network_input,
+)
 from eskin.nn.egcl import EquivariantLayer
 from eskin.nn.encoder import Encoder
 from eskin.nn.head import TemporalHead
@@ -9,8 +15,11 @@ from eskin.nn.network import RecogniserNetwork
 __all__ = [
     "Encoder",
     "EquivariantLayer",
+    "GraphTensors",
     "NetworkInput",
+    "Places",
     "RecogniserNetwork",
     "TemporalHead",
+    "graph_tensors",
     "network_input",
 ]

@@ -43,11 +43,11 @@ class EquivariantLayer(nn.Module):
         sources: Int[Tensor, "node k"],
         weights: Float[Tensor, "node k"],
     ) -> tuple[Float[Tensor, "node width"], Float[Tensor, "node 3"]]:
-        """Return features and coordinates [cm] after one step.
+        """Return features and coordinates after one step.
 
         Args:
             v: invariant features of the nodes.
-            x: coordinates of the nodes [cm].
+            x: coordinates of the nodes, in units of `LENGTH_CM`.
             normals: outward unit normals.
             shear: compressed shear traction.
             sources: nodes that each node hears; any where the weight is zero.
@@ -70,7 +70,7 @@ def edge_scalars(
     shear: Float[Tensor, "node 3"],
     sources: Int[Tensor, "node k"],
 ) -> Float[Tensor, "node k 6"]:
-    """|r|^2, n_i.n_j, n_i.r, n_j.r, s_i.r, s_j.r of each edge; r = x_i - x_j [cm]."""
+    """|r|^2, n_i.n_j, n_i.r, n_j.r, s_i.r, s_j.r of each edge; r = x_i - x_j."""
     n_i, n_j = normals[:, None].expand_as(r), normals[sources]
     s_i, s_j = shear[:, None].expand_as(r), shear[sources]
     pairs = ((r, r), (n_i, n_j), (n_i, r), (n_j, r), (s_i, r), (s_j, r))

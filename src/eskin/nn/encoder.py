@@ -6,8 +6,8 @@ from torch import Tensor, nn
 from torch.nn.functional import silu
 
 from eskin.graph import NODE_SCALARS
-from eskin.model import NetworkConfig
-from eskin.nn.batch import NetworkInput
+from eskin.model import LENGTH_CM, NetworkConfig
+from eskin.nn.batch import GraphTensors
 from eskin.nn.egcl import EquivariantLayer, area_shares
 
 
@@ -32,17 +32,17 @@ class Encoder(nn.Module):
         """Channels of the embedding."""
         return self.norm.normalized_shape[0]
 
-    def forward(self, graphs: NetworkInput) -> Float[Tensor, "reading embedding"]:
+    def forward(self, graphs: GraphTensors) -> Float[Tensor, "reading embedding"]:
         """Embed every reading."""
         v = silu(self.embed(graphs.scalars))
-        x = graphs.positions
+        x = graphs.positions / LENGTH_CM
         sources, weights = area_shares(graphs.areas, graphs.sources)
         for layer in self.layers:
             v, x = layer(v, x, graphs.normals, graphs.shear, sources, weights)
         return self.pool(v, graphs)
 
     def pool(
-        self, v: Float[Tensor, "node width"], graphs: NetworkInput
+        self, v: Float[Tensor, "node width"], graphs: GraphTensors
     ) -> Float[Tensor, "reading embedding"]:
         """Largest and force-weighted mean feature of each reading's active nodes."""
         readings = len(graphs.summary)

@@ -6,7 +6,7 @@ from torch import Tensor, nn
 
 from eskin.graph import PRESSURE_SUMMARY, SHEAR_SUMMARY
 from eskin.model import NetworkConfig
-from eskin.nn.batch import NetworkInput
+from eskin.nn.batch import GraphTensors, NetworkInput, Places
 from eskin.nn.encoder import Encoder
 from eskin.nn.head import TemporalHead, into_slots
 
@@ -38,20 +38,27 @@ class RecogniserNetwork(nn.Module):
         self.summary_mean.copy_(summary.mean(dim=0))
         self.summary_scale.copy_(1.0 / (summary.std(dim=0) + 1e-2))
 
-    def forward(self, graphs: NetworkInput) -> Float[Tensor, "window class"]:
+    def forward(self, batch: NetworkInput) -> Float[Tensor, "window class"]:
         """Logits of each window."""
-        return self.views(graphs).mean(dim=0)
+        return self.views(batch).mean(dim=0)
 
-    def views(self, graphs: NetworkInput) -> Float[Tensor, "view window class"]:
+    def views(self, batch: NetworkInput) -> Float[Tensor, "view window class"]:
         """Logits of each view of each window: summary, then graph."""
+        return self.classify(self.embed(batch.graphs), batch.places)
+
+    def embed(self, graphs: GraphTensors) -> Float[Tensor, "reading feature"]:
+        """Standardised summary and embedding of each reading, each on its own."""
         centred = (graphs.summary - self.summary_mean) * self.summary_scale
         summary = centred.clamp(-FARTHEST, FARTHEST)
-        both = torch.cat([summary, self.encoder(graphs)], dim=1)
-        slots = (graphs.window, graphs.slot, graphs.windows, self.config.slots)
-        e, present = into_slots(both, *slots)
+        return torch.cat([summary, self.encoder(graphs)], dim=1)
+
+    def classify(
+        self, e: Float[Tensor, "reading feature"], places: Places
+    ) -> Float[Tensor, "view window class"]:
+        """Logits of each view of each window from its readings' features."""
+        slots = self.config.slots
+        laid, present = into_slots(e, places.window, places.slot, places.windows, slots)
+        summary = laid[..., : len(self.summary_mean)]
         return torch.stack(
-            [
-                self.summary_head(e[..., : summary.shape[1]], present),
-                self.graph_head(e, present),
-            ]
+            [self.summary_head(summary, present), self.graph_head(laid, present)]
         )

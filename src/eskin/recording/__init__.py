@@ -6,6 +6,7 @@ from eskin.recording.conversion import Conversion
 from eskin.recording.detection import DetectionRecord
 from eskin.recording.folder import find_recordings
 from eskin.recording.labels import (
+    NONE,
     Label,
     check_no_overlap,
     label_instants,
@@ -21,6 +22,7 @@ from eskin.recording.sleeve import convert_sleeve
 from eskin.recording.writer import RecordingWriter, write_all
 
 __all__ = [
+    "NONE",
     "Agreement",
     "AutoLabelConfig",
     "Labelling",

@@ -95,7 +95,7 @@ class Calibration:
             raise RecordingError(
                 f"calibration cannot be read ({type(error).__name__}: {error}); "
                 "allowed is JSON with version, gain, full_scale, shear_gain, "
-                "shear_rest and floor; record again or write it with Calibration.to_bytes"
+                "shear_rest and floor; record again, or use Calibration.to_bytes"
             ) from error
         if version != VERSION:
             raise RecordingError(

@@ -77,7 +77,7 @@ class ContactConfig:
     """How far they connect anyway [m]: over the seams between patches."""
 
     def raised_to(self, floor: float) -> "ContactConfig":
-        """The same with thresholds of at least `floor`, in the same proportion [kPa]."""
+        """The same, its thresholds in proportion, `on` at least `floor` [kPa]."""
         factor = max(1.0, floor / self.on)
         return replace(self, on=self.on * factor, off=self.off * factor)
 

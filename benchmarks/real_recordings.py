@@ -1,0 +1,144 @@
+"""Gestures of people never trained on, on the public recordings.
+
+    python -m benchmarks.real_recordings sleeve --data ../shared/data/sleeve
+    python -m benchmarks.real_recordings shearsense --data ../shared/data/shearsense
+
+Leaves one session (sleeve) or one participant (ShearSense) out at a time, trains the
+recogniser with `eskin train`'s defaults on the others, and answers what was left out;
+the classical classifiers answer the same examples from hand-made features. Prints the
+tables of docs/results.md.
+"""
+
+import tempfile
+import time
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+import tyro
+
+from eskin.learn.crossvalidation import (
+    Answers,
+    groups_of,
+    instant_answers,
+    segment_answers,
+    train_folds,
+)
+from eskin.learn.dataset import Dataset, prepare
+from eskin.learn.metrics import by_group, paired_interval, score
+from eskin.learn.pictures import draw_confusion
+from eskin.learn.training import TrainConfig
+from eskin.recording import convert_shearsense, convert_sleeve, find_recordings
+
+OURS = "eskin"
+
+
+@dataclass(frozen=True)
+class Command:
+    """Recognise the public recordings, leaving people or sessions out."""
+
+    kind: tyro.conf.Positional[Literal["sleeve", "shearsense"]]
+    """Which set."""
+
+    data: Path
+    """Its folder, as downloaded."""
+
+    picture: Path | None = None
+    """Where to draw the recogniser's confusions (.png)."""
+
+    seed: int = 0
+    """Decides everything that is drawn."""
+
+    workers: int = 2
+    """Processes to train in."""
+
+    train: TrainConfig = field(default_factory=lambda: TrainConfig(validation=0.0))
+    """How the recogniser is trained."""
+
+
+def main() -> None:
+    """Measure and print."""
+    command = tyro.cli(Command)
+    dataset = read(command)
+    started = time.monotonic()
+    measure = sleeve if command.kind == "sleeve" else shearsense
+    answers = measure(dataset, command)
+    if command.picture is not None:
+        result = score(answers.truth, answers.predicted[OURS], answers.vocabulary)
+        title = f"{command.kind}: {result.accuracy:.1%} right"
+        draw_confusion(result.confusion, answers.vocabulary, command.picture, title)
+    print(f"\n{time.monotonic() - started:.0f} s for training and scoring")
+
+
+def read(command: Command) -> Dataset:
+    """Convert the set and prepare it."""
+    convert = convert_sleeve if command.kind == "sleeve" else convert_shearsense
+    with tempfile.TemporaryDirectory() as folder:
+        convert(command.data, Path(folder))
+        return prepare(find_recordings((Path(folder),)))
+
+
+def sleeve(dataset: Dataset, command: Command) -> Answers:
+    """Segments and instants, leaving one session out."""
+    groups = groups_of(dataset, "session")
+    networks = train_folds(
+        dataset, groups, command.train, command.seed, command.workers
+    )
+    segments = segment_answers(dataset, groups, networks, False, command.seed)
+    print(table("Whole segments", segments))
+    instants = instant_answers(dataset, groups, networks, command.seed)
+    print(table("Every instant, none among the classes", instants))
+    return segments
+
+
+def shearsense(dataset: Dataset, command: Command) -> Answers:
+    """Recordings, leaving one participant out, without and with shear."""
+    groups = groups_of(dataset, "subject")
+    answers = {}
+    for shear in (False, True):
+        config = replace(command.train, shear=shear)
+        networks = train_folds(dataset, groups, config, command.seed, command.workers)
+        answers[shear] = segment_answers(dataset, groups, networks, shear, command.seed)
+        title = "Recordings, pressure and shear" if shear else "Recordings, pressure"
+        print(table(title, answers[shear]))
+    right = [answers[s].predicted[OURS] == answers[s].truth for s in (True, False)]
+    print(f"\nShear adds {difference(*right)} points to the recogniser.")
+    return answers[True]
+
+
+def table(title: str, answers: Answers) -> str:
+    """One row a method: accuracy, macro F1, each group, and the distance from ours."""
+    names = sorted(set(answers.groups))
+    rows = [
+        f"\n**{title}** ({len(answers.truth)} examples, "
+        f"{len(answers.vocabulary)} classes)\n",
+        f"| method | accuracy | macro F1 | eskin ahead by | {' | '.join(names)} |",
+        "|---" * (4 + len(names)) + "|",
+    ]
+    ours = answers.predicted[OURS] == answers.truth
+    for name, predicted in answers.predicted.items():
+        result = score(answers.truth, predicted, answers.vocabulary)
+        right = predicted == answers.truth
+        groups = by_group(right, answers.groups)
+        ahead = "" if name == OURS else difference(ours, right)
+        cells = [
+            name,
+            f"{result.accuracy:.1%}",
+            f"{result.macro_f1:.3f}",
+            ahead,
+            *(f"{groups[group]:.1%}" for group in names),
+        ]
+        rows.append(f"| {' | '.join(cells)} |")
+    return "\n".join(rows)
+
+
+def difference(ours: np.ndarray, theirs: np.ndarray) -> str:
+    """Difference in accuracy with its paired bootstrap interval, in points."""
+    low, high = paired_interval(ours, theirs)
+    mean = ours.mean() - theirs.mean()
+    return f"{100 * mean:+.1f} [{100 * low:+.1f}, {100 * high:+.1f}]"
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,88 @@
+"""`eskin evaluate`: score a model on labelled recordings."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import tyro
+from rich.console import Console
+from rich.table import Table
+
+from eskin.learn.checkpoint import to_network
+from eskin.learn.dataset import prepare
+from eskin.learn.evaluation import Evaluation, evaluate
+from eskin.learn.pictures import draw_confusion
+from eskin.model import load_model
+from eskin.recording import find_recordings
+
+
+@dataclass(frozen=True)
+class Command:
+    """Score a model on labelled recordings."""
+
+    model: tyro.conf.Positional[Path]
+    """The model (.safetensors)."""
+
+    data: tyro.conf.Positional[tuple[Path, ...]]
+    """Recordings, or folders of them."""
+
+    picture: Path | None = None
+    """Where to draw the confusions (.png)."""
+
+
+def run(command: Command) -> dict[str, object]:
+    """Score, print tables, and draw the confusions if asked."""
+    model = load_model(command.model)
+    dataset = prepare(
+        find_recordings(command.data), model.card.pipeline, model.card.graph
+    )
+    result = evaluate(to_network(model), model.card, dataset)
+    show(result)
+    if command.picture is not None:
+        draw_confusion(
+            result.segments.confusion,
+            model.card.vocabulary,
+            command.picture,
+            f"{len(dataset.labelled)} gestures, {result.segments.accuracy:.1%} right",
+        )
+    people = list(result.per_subject.values())
+    return {
+        "accuracy": round(result.segments.accuracy, 4),
+        "macro_f1": round(result.segments.macro_f1, 4),
+        "per_class": result.segments.per_class,
+        "per_subject": {
+            **{name: round(value, 4) for name, value in result.per_subject.items()},
+            "mean": round(float(np.mean(people)), 4),
+            "sd": round(float(np.std(people)), 4),
+            "worst": round(min(people), 4),
+        },
+        "ece": round(result.ece, 4),
+        "instants": {
+            "accuracy": round(result.instants.accuracy, 4),
+            "macro_f1": round(result.instants.macro_f1, 4),
+        },
+    }
+
+
+def show(result: Evaluation) -> None:
+    """Print the scores."""
+    table = Table("gesture", "precision", "recall", "F1", "count")
+    for name, row in result.segments.per_class.items():
+        if row["count"]:
+            table.add_row(
+                name,
+                *(f"{row[k]:.2f}" for k in ("precision", "recall", "f1")),
+                f"{row['count']:g}",
+            )
+    console = Console()
+    console.print(table)
+    print(
+        f"segments: accuracy {result.segments.accuracy:.3f}, "
+        f"macro F1 {result.segments.macro_f1:.3f}, ECE {result.ece:.3f}"
+    )
+    print(
+        f"instants: accuracy {result.instants.accuracy:.3f}, "
+        f"macro F1 {result.instants.macro_f1:.3f}"
+    )
+    for name, value in result.per_subject.items():
+        print(f"  {name}: {value:.3f}")

@@ -1,0 +1,106 @@
+"""`eskin train`: train the recogniser on recordings."""
+
+import time
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+
+import tyro
+
+from eskin.errors import RecordingError
+from eskin.learn.checkpoint import to_model
+from eskin.learn.dataset import Dataset, digest, prepare
+from eskin.learn.evaluation import evaluate
+from eskin.learn.training import TrainConfig, Trainer
+from eskin.model import ModelCard, save_model
+from eskin.nn import RecogniserNetwork
+from eskin.recording import NONE, find_recordings
+
+
+@dataclass(frozen=True)
+class Command:
+    """Train the recogniser on recordings."""
+
+    data: tyro.conf.Positional[tuple[Path, ...]]
+    """Recordings, or folders of them."""
+
+    out: Path
+    """Where to write the model (.safetensors)."""
+
+    test: tuple[Path, ...] = ()
+    """Recordings to score the model on when it is done."""
+
+    classes: tuple[str, ...] = ()
+    """Gestures to learn; all that are labelled where none is named."""
+
+    seed: int = 0
+    """Decides everything that is drawn."""
+
+    train: TrainConfig = field(default_factory=TrainConfig)
+    """How to train."""
+
+
+def run(command: Command) -> dict[str, object]:
+    """Train, write the model, and score it where test recordings are given."""
+    started = time.monotonic()
+    paths = find_recordings(command.data)
+    test_paths = find_recordings(command.test) if command.test else ()
+    dataset = prepare(paths)
+    vocabulary = chosen_classes(dataset, command.classes)
+    trainer = Trainer(dataset, vocabulary, command.train, seed=command.seed)
+    network = trainer.run()
+    validation = trainer.validation_accuracy()
+    card = ModelCard(
+        vocabulary=vocabulary,
+        kind="shear" if trainer.shear else "pressure",
+        network=command.train.network,
+        temperature=trainer.temperature(),
+        training=flat(asdict(command.train)) | {"seed": str(command.seed)},
+        data_digest=digest(paths),
+        metrics={"val_accuracy": validation} if trainer.held else {},
+    )
+    test = test_accuracy(network, card, test_paths)
+    save_model(command.out, to_model(network, card))
+    result = {
+        "val_accuracy": round(validation, 4) if trainer.held else None,
+        "test_accuracy": test,
+        "epochs": trainer.epochs,
+        "seconds": round(time.monotonic() - started, 1),
+    }
+    print(f"{command.out}: " + ", ".join(f"{k} {v}" for k, v in result.items()))
+    return result
+
+
+def chosen_classes(dataset: Dataset, asked: tuple[str, ...]) -> tuple[str, ...]:
+    """`none` and the gestures to learn.
+
+    Raises:
+        RecordingError: if one of them is never made in the recordings.
+    """
+    known = dataset.vocabulary
+    missing = sorted(set(asked) - set(known))
+    if missing:
+        raise RecordingError(
+            f"no recording is labelled {', '.join(missing)}; labelled are "
+            f"{', '.join(known)}; name some of these with --classes"
+        )
+    return (NONE, *(g for g in known[1:] if not asked or g in asked))
+
+
+def test_accuracy(
+    network: RecogniserNetwork, card: ModelCard, paths: tuple[Path, ...]
+) -> float | None:
+    """Accuracy on the labelled segments of test recordings, if there are any."""
+    if not paths:
+        return None
+    return round(evaluate(network, card, prepare(paths)).segments.accuracy, 4)
+
+
+def flat(config: dict[str, object], prefix: str = "") -> dict[str, str]:
+    """A nested configuration as one level of text."""
+    entries: dict[str, str] = {}
+    for name, value in config.items():
+        if isinstance(value, dict):
+            entries |= flat(value, f"{prefix}{name}.")
+        else:
+            entries[prefix + name] = str(value)
+    return entries

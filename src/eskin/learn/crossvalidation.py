@@ -1,0 +1,140 @@
+"""Leaving one person or session out, the recogniser and the baselines side by side."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from jaxtyping import Int
+from joblib import Parallel, delayed
+
+from eskin.errors import RecordingError
+from eskin.learn.baselines import BASELINES
+from eskin.learn.dataset import Dataset, Segment
+from eskin.learn.hand_features import segment_features, stretch_features
+from eskin.learn.scoring import instant_scores, segment_scores
+from eskin.learn.training import TrainConfig, Trainer
+from eskin.nn import RecogniserNetwork
+
+EVERY = 4
+"""One row in so many trains the instant baselines: neighbours are nearly the same."""
+
+WINDOW_NS = 2_000_000_000
+
+
+@dataclass(frozen=True)
+class Answers:
+    """The truth and what every method answered, example by example."""
+
+    truth: Int[np.ndarray, "example"]
+    """Indices into `vocabulary`."""
+
+    predicted: dict[str, Int[np.ndarray, "example"]]
+    """By method; `eskin` is the recogniser."""
+
+    groups: tuple[str, ...]
+    """Who or what session each example is of."""
+
+    vocabulary: tuple[str, ...]
+    """Classes."""
+
+
+Networks = dict[str, RecogniserNetwork]
+
+
+def groups_of(dataset: Dataset, by: str) -> list[str]:
+    """The group of each recording: `subject` or `session`.
+
+    Raises:
+        RecordingError: if there are fewer than two groups.
+    """
+    groups = [str(getattr(r.metadata, by)) for r in dataset.recordings]
+    if len(set(groups)) < 2:
+        raise RecordingError(
+            f"all recordings have {by} '{groups[0]}'; leaving one out needs at least "
+            f"two; give recordings of more than one {by}"
+        )
+    return groups
+
+
+def train_folds(
+    dataset: Dataset,
+    groups: Sequence[str],
+    config: TrainConfig,
+    seed: int = 0,
+    workers: int = 1,
+) -> Networks:
+    """One network for each group, trained on all the others.
+
+    The result does not depend on the number of workers.
+    """
+    names = sorted(set(groups))
+    networks = Parallel(n_jobs=workers, verbose=10, return_as="list")(
+        delayed(train_without)(dataset, groups, name, config, seed) for name in names
+    )
+    return dict(zip(names, networks, strict=True))
+
+
+def train_without(
+    dataset: Dataset, groups: Sequence[str], held: str, config: TrainConfig, seed: int
+) -> RecogniserNetwork:
+    """A network that has seen nothing of one group."""
+    torch.set_num_threads(1)
+    others = [i for i, group in enumerate(groups) if group != held]
+    trainer = Trainer(dataset, dataset.vocabulary, config, others, seed)
+    return trainer.run(quiet=True)
+
+
+def segment_answers(
+    dataset: Dataset,
+    groups: Sequence[str],
+    networks: Networks,
+    shear: bool,
+    seed: int,
+) -> Answers:
+    """Whole labelled segments, each answered by a method that never saw its group."""
+    segments = dataset.labelled
+    spoken = {segment.gesture for segment in segments}
+    vocabulary = tuple(name for name in dataset.vocabulary if name in spoken)
+    columns = [dataset.vocabulary.index(name) for name in vocabulary]
+    truth = np.array([vocabulary.index(s.gesture) for s in segments])
+    group = np.array([groups[s.recording] for s in segments])
+    features = np.array([segment_features(dataset, s, shear) for s in segments])
+    predicted = {name: np.zeros_like(truth) for name in ("eskin", *BASELINES)}
+    for held, network in networks.items():
+        out = group == held
+        chosen: list[Segment] = [s for s, o in zip(segments, out, strict=True) if o]
+        scores = segment_scores(network, dataset, chosen)
+        predicted["eskin"][out] = scores[:, columns].argmax(axis=1)
+        for name, make in BASELINES.items():
+            model = make(seed).fit(features[~out], truth[~out])
+            predicted[name][out] = model.predict(features[out])
+    return Answers(truth, predicted, tuple(group.tolist()), vocabulary)
+
+
+def instant_answers(
+    dataset: Dataset, groups: Sequence[str], networks: Networks, seed: int
+) -> Answers:
+    """Every instant, `none` among the classes, from the two seconds before it."""
+    vocabulary = dataset.vocabulary
+    truth = np.array([vocabulary.index(gesture) for gesture in dataset.gestures])
+    group = np.array(groups)[dataset.recording]
+    features = np.array([window_features(dataset, row) for row in range(len(truth))])
+    forest = "random forest"
+    predicted = {name: np.zeros_like(truth) for name in ("eskin", forest)}
+    for held, network in networks.items():
+        rows = np.flatnonzero(group == held)
+        train = np.flatnonzero(group != held)[::EVERY]
+        scores = instant_scores(network, dataset, rows)
+        predicted["eskin"][rows] = scores.argmax(axis=1)
+        model = BASELINES[forest](seed).fit(features[train], truth[train])
+        predicted[forest][rows] = model.predict(features[rows])
+    return Answers(truth, predicted, tuple(group.tolist()), vocabulary)
+
+
+def window_features(dataset: Dataset, row: int) -> np.ndarray:
+    """Hand-made features of the two seconds that end with a row."""
+    start = dataset.starts[row]
+    since = dataset.stamps[row] - WINDOW_NS
+    low = start + np.searchsorted(dataset.stamps[start : row + 1], since, side="right")
+    return stretch_features(dataset, np.arange(low, row + 1), dataset.has_shear)
