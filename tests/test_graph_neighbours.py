@@ -134,6 +134,13 @@ def test_equally_far_neighbours_and_those_just_in_reach_stay_when_all_moves():
         assert np.array_equal(live_neighbours(turned, patch, rank, 4, 0.03), want)
 
 
+def test_a_taxel_a_micrometre_out_of_reach_is_no_neighbour():
+    patch, rank = np.array([0, 1, 1]), np.arange(3)
+    for far, want in ((0.0300004, [1, 2]), (0.0300006, [1, -1])):
+        p_world = np.array([[0.0, 0.0, 0.0], [0.029, 0.0, 0.0], [0.0, far, 0.0]])
+        assert live_neighbours(p_world, patch, rank, 2, 0.03)[0].tolist() == want
+
+
 def test_nobody_has_live_neighbours_alone_on_one_patch_or_when_none_are_wanted():
     p, patch, rank = cloud(3)
     assert (live_neighbours(p, np.zeros_like(patch), rank, 4, 1.0) == -1).all()

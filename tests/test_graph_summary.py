@@ -157,6 +157,7 @@ def test_features_are_the_same_in_float64_to_the_last_digits(name, sign):
     batch = double(SCENES[name](True).graphs())
     other = turned(batch, orthogonal(rng, sign), (2.0, 3.0, -4.0))
     for features in (pressure_summary, shear_summary, node_scalars):
+        assert features(batch).dtype == np.float64
         np.testing.assert_allclose(features(other), features(batch), atol=1e-10)
     for features in (pressure_summary, shear_summary):
         found = features(shuffled(batch, rng))

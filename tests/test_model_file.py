@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
+from safetensors import safe_open
 from safetensors.numpy import save_file
 from safetensors.torch import save_file as save_torch
 
@@ -74,6 +75,9 @@ def test_the_same_model_makes_the_same_bytes(path):
 def test_a_metric_that_is_no_number_does_not_make_the_model_unreadable(path):
     save_model(path, replace(model(), card=replace(CARD, metrics={"f1": np.nan})))
     assert np.isnan(load_model(path).card.metrics["f1"])
+    with safe_open(path, framework="numpy") as file:
+        card = file.metadata()["eskin"]
+    assert json.loads(card, parse_constant=pytest.fail)["metrics"] == {"f1": "NaN"}
 
 
 def test_folders_on_the_way_are_made(tmp_path):

@@ -100,6 +100,20 @@ def test_a_steady_touch_is_filtered_alike_at_any_rate():
 
 
 @torch.no_grad()
+def test_a_convolution_says_nothing_where_it_saw_no_reading():
+    layer = PartialConvolution(3, kernel=9, stride=4)
+    layer.bias.fill_(1.0)
+    x, present = torch.randn(2, 3, 100), torch.zeros(2, 1, 100)
+    present[0, 0, 70] = 1.0
+    found, mask = layer(x, present)
+    seen = [any(70 == slot for slot in range(a, a + 9)) for a in range(3, 92, 4)]
+    assert mask[0, 0].bool().tolist() == seen
+    assert not mask[1].any()
+    assert not found[(mask == 0).expand_as(found)].any()
+    assert found[0][:, mask[0, 0] > 0].all()
+
+
+@torch.no_grad()
 def test_several_readings_in_a_slot_are_their_maximum():
     e = torch.tensor([[1.0, -5.0], [3.0, -7.0], [-2.0, -6.0], [9.0, 9.0]])
     window, slot = torch.tensor([0, 0, 0, 1]), torch.tensor([2, 2, 0, 1])

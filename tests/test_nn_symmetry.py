@@ -19,6 +19,7 @@ from graph_scenes import (
     renumbered,
     shuffled,
     turned,
+    window_of,
 )
 from live_scenes import network
 
@@ -128,18 +129,37 @@ def test_graphs_that_no_skin_ever_gave_are_no_exception(dtype, sign):
     assert_logits_equal(net, batch, other, dtype)
 
 
+def assert_another_touch(net, batch, **changes):
+    """Far beyond rounding."""
+    one, other = double(batch), replace(double(batch), **changes)
+    gap = logits(net, other, torch.float64) - logits(net, one, torch.float64)
+    assert np.abs(gap).max() > 1e-5
+
+
 def test_shear_turned_without_its_skin_is_another_touch():
     """The network hears the direction of shear against the normals and the places."""
     net, batch = net_for(True), SCENES["a press on the seam of two patches"](True)
     batch = batch.graphs()
-    other = turned(batch, orthogonal(np.random.default_rng(4), 1))
-    twisted = replace(batch, shear=other.shear, shear_before=other.shear_before)
-    assert np.abs(logits(net, twisted) - logits(net, batch)).max() > 1e-3
+    other = turned(double(batch), orthogonal(np.random.default_rng(4), 1))
+    assert_another_touch(net, batch, shear=other.shear, shear_before=other.shear_before)
 
 
 def test_normals_turned_without_their_places_are_another_touch():
+    """The summary takes no notice, but the network does."""
     net, batch = net_for(False), SCENES["a hand between patches on two links"]()
     batch = batch.graphs()
-    other = turned(batch, orthogonal(np.random.default_rng(4), 1))
-    twisted = replace(batch, normals=other.normals)
-    assert np.abs(logits(net, twisted) - logits(net, batch)).max() > 1e-3
+    other = turned(double(batch), orthogonal(np.random.default_rng(4), 1))
+    assert_another_touch(net, batch, normals=other.normals)
+
+
+@pytest.mark.parametrize("share", [1.3, 0.7])
+def test_the_same_load_on_places_farther_apart_is_another_touch(share):
+    """Also to the encoder, whose edges know their length."""
+    net, batch = net_for(False), double(random_graph(np.random.default_rng(5), 40))
+    other = replace(batch, positions=share * batch.positions)
+    with torch.no_grad():
+        one, far = (
+            net.double().encoder(window_of(net, b, torch.float64).graphs)
+            for b in (batch, other)
+        )
+    assert (one - far).abs().max() > 1e-3
