@@ -157,3 +157,16 @@ def test_every_touch_gets_exactly_one_word(steps):
     words = said(story)
     assert len(words) == 1
     assert said(story, close=False) in ([], words)
+
+
+def test_where_contact_never_ends_none_that_lasts_makes_way_for_the_next_touch():
+    quiet, poke, stroke = ("none", 0.9), ("poke", 0.9), ("stroke", 0.9)
+    story = [*[poke] * 6, *[quiet] * 15, *[stroke] * 6, *[quiet] * 5, *[poke] * 6]
+    decider = Decider(VOCABULARY, none_ends=True)
+    verdicts = []
+    for n, (name, p) in enumerate(story):
+        touch = touch_at(20 * n)
+        verdicts += decider.push(20 * n * MS, (touch,), (), {1: likely(name, p)})
+    assert [verdict.gesture for verdict in verdicts] == ["poke", "stroke"]
+    assert verdicts[0].onset == 0
+    assert verdicts[1].onset == 20 * 20 * MS, "the last reading that was none"

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import torch
@@ -69,9 +70,9 @@ def train_folds(
     The result does not depend on the number of workers.
     """
     names = sorted(set(groups))
-    networks = Parallel(n_jobs=workers, verbose=10, return_as="list")(
-        delayed(train_without)(dataset, groups, name, config, seed) for name in names
-    )
+    train = delayed(train_without)
+    jobs = (train(dataset, groups, name, config, seed) for name in names)
+    networks: Any = Parallel(n_jobs=workers, verbose=10)(jobs)
     return dict(zip(names, networks, strict=True))
 
 

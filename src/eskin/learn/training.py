@@ -1,6 +1,6 @@
 """Training: balanced windows, one learning-rate cycle, the best epoch kept."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import torch
@@ -12,9 +12,9 @@ from torch.nn.functional import cross_entropy
 from eskin.errors import RecordingError
 from eskin.learn.augment import AugmentConfig, augment
 from eskin.learn.dataset import Dataset, Segment
-from eskin.learn.windows import cut, to_input
+from eskin.learn.windows import cut, thin, to_input, to_places
 from eskin.model import SLOT_NS, NetworkConfig
-from eskin.nn import NetworkInput, RecogniserNetwork
+from eskin.nn import NetworkInput, Places, RecogniserNetwork, summary
 
 WHOLE = 0.5
 """Share of windows that see all of their gesture, or as much as fits."""
@@ -41,6 +41,10 @@ class TrainConfig:
 
     batch: int = 32
     """Windows a step."""
+
+    readings: int = 25
+    """Readings of a window whose graphs are encoded, drawn anew each time: the summary
+    view sees all of them, and encoding is what takes the time."""
 
     rate: float = 3e-3
     """Highest learning rate of the cycle."""
@@ -141,6 +145,20 @@ def split(
     return set(order[held:]), set(order[:held])
 
 
+@dataclass(frozen=True)
+class Batch:
+    """Training windows: the summary of every reading, the graphs of some."""
+
+    summary: Float[Tensor, "reading feature"]
+    """Of every reading."""
+    places: Places
+    """Where those readings stand."""
+    some: NetworkInput
+    """The readings whose graphs are encoded."""
+    labels: Int[Tensor, "window"]
+    """Class of each window."""
+
+
 class Trainer:
     """Trains one network on a data set."""
 
@@ -169,7 +187,7 @@ class Trainer:
     def run(self, quiet: bool = False) -> RecogniserNetwork:
         """Train to the end or until validation no longer improves."""
         config, network = self.config, self.network
-        network.standardise_by(self.batch(4 * config.batch)[0].graphs.summary)
+        network.standardise_by(self.batch(4 * config.batch).summary)
         optimiser = torch.optim.AdamW(network.parameters(), weight_decay=config.decay)
         total = config.epochs * config.steps
         cycle = torch.optim.lr_scheduler.OneCycleLR(
@@ -193,30 +211,44 @@ class Trainer:
 
     def step(self, optimiser: torch.optim.Optimizer) -> None:
         """One step on one batch."""
-        graphs, labels = self.batch(self.config.batch)
-        loss = self.loss(graphs, labels)
+        loss = self.loss(self.batch(self.config.batch))
         optimiser.zero_grad()
         loss.backward()
         nn.utils.clip_grad_norm_(self.network.parameters(), 1.0)
         optimiser.step()
 
-    def loss(
-        self, graphs: NetworkInput, labels: Int[Tensor, "window"]
-    ) -> Float[Tensor, ""]:
+    def loss(self, batch: Batch) -> Float[Tensor, ""]:
         """Cross entropy of each view and of both together."""
-        views = self.network.views(graphs)
-        smoothing = self.config.smoothing
-        together = cross_entropy(views.mean(dim=0), labels, label_smoothing=smoothing)
-        alone = [cross_entropy(v, labels, label_smoothing=smoothing) for v in views]
+        network, smoothing = self.network, self.config.smoothing
+        summary = network.standardised(batch.summary)
+        e = network.embed(batch.some.graphs)
+        views = (
+            network.summary_view(summary, batch.places),
+            network.graph_view(e, batch.some.places),
+        )
+        together, *alone = (
+            cross_entropy(logits, batch.labels, label_smoothing=smoothing)
+            for logits in (torch.stack(views).mean(dim=0), *views)
+        )
         return together + torch.stack(alone).mean()
 
-    def batch(self, count: int) -> tuple[NetworkInput, Int[Tensor, "window"]]:
-        """A batch of augmented training windows and their classes."""
+    def batch(self, count: int) -> Batch:
+        """A batch of augmented training windows."""
         ends, firsts, labels = self.sampler.draw(count, self.rng)
         windows = cut(self.dataset, ends, firsts, self.config.network.slots)
         graphs = self.dataset.graphs.select(windows.rows)
         varied = augment(graphs, windows.window, self.rng, self.config.augment)
-        return to_input(varied, windows, self.shear), torch.tensor(labels)
+        some = thin(
+            replace(windows, rows=np.arange(len(windows.rows))),
+            self.config.readings,
+            self.rng,
+        )
+        return Batch(
+            summary=torch.as_tensor(summary(varied, self.shear)),
+            places=to_places(windows),
+            some=to_input(varied.select(some.rows), some, self.shear),
+            labels=torch.tensor(labels),
+        )
 
     def validation_loss(self) -> float:
         """Loss on windows of the recordings held out, always the same ones."""

@@ -9,7 +9,7 @@ from jaxtyping import Int
 from eskin.graph import GraphBatch
 from eskin.learn.dataset import Dataset
 from eskin.model import SLOT_NS
-from eskin.nn import NetworkInput, network_input
+from eskin.nn import NetworkInput, Places, graph_tensors
 
 
 @dataclass(frozen=True)
@@ -60,6 +60,16 @@ def cut(
     return Windows(rows, window, slot, len(ends))
 
 
+def thin(windows: Windows, most: int, rng: np.random.Generator) -> Windows:
+    """Windows of at most `most` readings, those left out drawn at random."""
+    order = np.lexsort((rng.random(len(windows.rows)), windows.window))
+    starts = np.searchsorted(windows.window, np.arange(windows.count))
+    kept = np.sort(order[np.arange(len(order)) - starts[windows.window] < most])
+    return Windows(
+        windows.rows[kept], windows.window[kept], windows.slot[kept], windows.count
+    )
+
+
 def to_input(
     graphs: GraphBatch,
     windows: Windows,
@@ -67,6 +77,11 @@ def to_input(
     dtype: torch.dtype = torch.float32,
 ) -> NetworkInput:
     """The network's input for windows whose rows' graphs are given in their order."""
-    return network_input(
-        graphs, windows.window, windows.slot, windows.count, shear, dtype
+    return NetworkInput(graph_tensors(graphs, shear, dtype), to_places(windows))
+
+
+def to_places(windows: Windows) -> Places:
+    """Where the windows' readings stand, for the network."""
+    return Places(
+        torch.as_tensor(windows.window), torch.as_tensor(windows.slot), windows.count
     )

@@ -32,6 +32,10 @@ class DecisionConfig:
     least: float = 0.3
     """Probability below which a touch that closes is unknown; 0 never abstains."""
 
+    rearm_seconds: float = 0.2
+    """On a skin that may press on itself for ever: how long `none` must be likeliest
+    until what follows is another touch [s]."""
+
     still: float = 0.02
     """Travel below which a touch has no direction [m]."""
 
@@ -49,14 +53,19 @@ class Verdict:
     confidence: float
     """Calibrated probability of the likeliest gesture."""
 
+    onset: int
+    """When it began [ns since the epoch]."""
+
 
 @dataclass
 class Hearing:
     """What is known of one open touch."""
 
+    onset: int
     said: bool = False
     leader: int = -1
     since: int = 0
+    quiet_since: int | None = None
     latest: Float[np.ndarray, "class"] | None = None
 
 
@@ -69,12 +78,23 @@ class Decider:
     2. When it closes and nothing has been said, the likeliest class at its last contact
        is said, be it `none`; or `unknown` where that is below `least`.
     3. A touch that takes another over is spoken for if either has been spoken of.
+    4. On a skin that is not calibrated, contact may never end, under a tight sleeve
+       say. There `none` ends a touch: once it has been the likeliest class for
+       `rearm_seconds`, what follows is heard as a touch of its own.
     """
 
     def __init__(
-        self, vocabulary: tuple[str, ...], config: DecisionConfig | None = None
+        self,
+        vocabulary: tuple[str, ...],
+        config: DecisionConfig | None = None,
+        none_ends: bool = False,
     ) -> None:
         """Start without touches.
+
+        Args:
+            vocabulary: classes in the order of the probabilities.
+            config: how sure is sure.
+            none_ends: whether the fourth rule holds.
 
         Raises:
             ValueError: a threshold is of no gesture in the vocabulary.
@@ -83,6 +103,8 @@ class Decider:
         self.config = config or DecisionConfig()
         self.thresholds = thresholds_of(vocabulary, self.config)
         self.hold = round(self.config.hold_seconds * NANOSECONDS)
+        self.rearm = round(self.config.rearm_seconds * NANOSECONDS)
+        self.none_ends = none_ends
         self.hearings: dict[int, Hearing] = {}
 
     def push(
@@ -102,11 +124,24 @@ class Decider:
         """
         verdicts = self.close(closed)
         for touch in touches:
-            hearing = self.hearings.setdefault(touch.id, Hearing())
+            hearing = self.hearings.setdefault(touch.id, Hearing(touch.onset))
+            if self.none_ends and self.is_over(hearing, stamp, probabilities[touch.id]):
+                hearing = self.hearings[touch.id] = Hearing(stamp, quiet_since=0)
             verdict = self.hear(hearing, touch, stamp, probabilities[touch.id])
             if verdict is not None:
                 verdicts.append(verdict)
         return verdicts
+
+    def is_over(
+        self, hearing: Hearing, stamp: int, probabilities: Float[np.ndarray, "class"]
+    ) -> bool:
+        """Whether `none` has been likeliest for long enough, and still is."""
+        if self.vocabulary[int(probabilities.argmax())] != NONE:
+            hearing.quiet_since = None
+            return False
+        if hearing.quiet_since is None:
+            hearing.quiet_since = stamp
+        return stamp - hearing.quiet_since >= self.rearm
 
     def hear(
         self,
@@ -126,28 +161,34 @@ class Decider:
         if hearing.said or not held:
             return None
         hearing.said = True
-        return Verdict(touch, self.vocabulary[leader], float(probabilities[leader]))
+        confidence = float(probabilities[leader])
+        return Verdict(touch, self.vocabulary[leader], confidence, hearing.onset)
 
     def close(self, closed: tuple[Touch, ...]) -> list[Verdict]:
         """What there is to say of touches that have closed."""
         verdicts = []
         for touch in closed:
-            hearing = self.hearings.pop(touch.id, Hearing())
+            hearing = self.hearings.pop(touch.id, Hearing(touch.onset))
             if touch.merged_into is not None:
-                heir = self.hearings.setdefault(touch.merged_into, Hearing())
+                new = Hearing(touch.onset)
+                heir = self.hearings.setdefault(touch.merged_into, new)
                 heir.said |= hearing.said
             elif not hearing.said and hearing.latest is not None:
-                verdicts.append(self.last_word(touch, hearing.latest))
+                verdicts.append(self.last_word(touch, hearing, hearing.latest))
         return verdicts
 
     def last_word(
-        self, touch: Touch, probabilities: Float[np.ndarray, "class"]
+        self,
+        touch: Touch,
+        hearing: Hearing,
+        probabilities: Float[np.ndarray, "class"],
     ) -> Verdict:
         """What is said of a touch at closing."""
         leader = int(probabilities.argmax())
         confidence = float(probabilities[leader])
         known = confidence >= self.config.least
-        return Verdict(touch, self.vocabulary[leader] if known else UNKNOWN, confidence)
+        gesture = self.vocabulary[leader] if known else UNKNOWN
+        return Verdict(touch, gesture, confidence, hearing.onset)
 
 
 def thresholds_of(

@@ -64,7 +64,9 @@ class Recognizer:
         self.touches = TouchPipeline(mounted, calibration or unused, card.pipeline)
         self.graphs = GraphStream(mounted, card.graph)
         self.stream = LogitStream(model)
-        self.decider = Decider(card.vocabulary, decision)
+        self.decider = Decider(
+            card.vocabulary, decision, none_ends=not mounted.skin.calibrated
+        )
         self.travel = Travel(
             mounted.robot, self.touches.contacts.poses, self.decider.config.still
         )
@@ -159,7 +161,7 @@ class Recognizer:
             touch=touch.id,
             gesture=verdict.gesture,
             confidence=verdict.confidence,
-            onset=touch.onset,
+            onset=verdict.onset,
             end=touch.last,
             link=contact.link,
             patch=contact.patch,

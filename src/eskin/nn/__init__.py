@@ -6,6 +6,7 @@ from eskin.nn.batch import (
     Places,
     graph_tensors,
     network_input,
+    summary,
 )
 from eskin.nn.egcl import EquivariantLayer
 from eskin.nn.encoder import Encoder
@@ -22,4 +23,5 @@ __all__ = [
     "TemporalHead",
     "graph_tensors",
     "network_input",
+    "summary",
 ]

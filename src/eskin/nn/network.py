@@ -48,17 +48,41 @@ class RecogniserNetwork(nn.Module):
 
     def embed(self, graphs: GraphTensors) -> Float[Tensor, "reading feature"]:
         """Standardised summary and embedding of each reading, each on its own."""
-        centred = (graphs.summary - self.summary_mean) * self.summary_scale
-        summary = centred.clamp(-FARTHEST, FARTHEST)
+        summary = self.standardised(graphs.summary)
         return torch.cat([summary, self.encoder(graphs)], dim=1)
 
     def classify(
         self, e: Float[Tensor, "reading feature"], places: Places
     ) -> Float[Tensor, "view window class"]:
         """Logits of each view of each window from its readings' features."""
-        slots = self.config.slots
-        laid, present = into_slots(e, places.window, places.slot, places.windows, slots)
-        summary = laid[..., : len(self.summary_mean)]
+        summary = e[:, : len(self.summary_mean)]
         return torch.stack(
-            [self.summary_head(summary, present), self.graph_head(laid, present)]
+            [self.summary_view(summary, places), self.graph_view(e, places)]
+        )
+
+    def standardised(
+        self, summary: Float[Tensor, "reading summary"]
+    ) -> Float[Tensor, "reading summary"]:
+        """The summary with mean 0 and spread 1 over training, outliers clipped."""
+        centred = (summary - self.summary_mean) * self.summary_scale
+        return centred.clamp(-FARTHEST, FARTHEST)
+
+    def summary_view(
+        self, summary: Float[Tensor, "reading summary"], places: Places
+    ) -> Float[Tensor, "window class"]:
+        """Logits from the standardised summary alone."""
+        return self.summary_head(*self.lay(summary, places))
+
+    def graph_view(
+        self, e: Float[Tensor, "reading feature"], places: Places
+    ) -> Float[Tensor, "window class"]:
+        """Logits from summary and embedding."""
+        return self.graph_head(*self.lay(e, places))
+
+    def lay(
+        self, e: Float[Tensor, "reading channel"], places: Places
+    ) -> tuple[Float[Tensor, "window slot channel"], Float[Tensor, "window slot"]]:
+        """Features on the head's clock, and where there are any."""
+        return into_slots(
+            e, places.window, places.slot, places.windows, self.config.slots
         )
