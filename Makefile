@@ -1,10 +1,11 @@
 # Every target builds .venv when it is missing; only Python 3.11 and make are needed.
 PYTHON ?= python3.11
 DATA ?= ../shared/data/sleeve
+SHEARSENSE ?= ../shared/data/shearsense
 BIN := .venv/bin
 READY := .venv/.ready
 
-.PHONY: demo test check format docs bench clean
+.PHONY: demo test check format docs bench results clean
 
 demo: $(READY)
 	$(BIN)/python examples/01_real_touches.py --data "$(DATA)"
@@ -25,7 +26,14 @@ docs: $(READY)
 	$(BIN)/mkdocs build --strict
 
 bench: $(READY)
-	$(BIN)/python -m benchmarks
+	$(BIN)/python -m benchmarks.push
+
+# The tables of docs/results.md: about half an hour on two cores.
+results: $(READY)
+	$(BIN)/python -m benchmarks.real_recordings sleeve --data "$(DATA)" \
+		--picture docs/pictures/confusion_sleeve.png
+	$(BIN)/python -m benchmarks.real_recordings shearsense --data "$(SHEARSENSE)" \
+		--picture docs/pictures/confusion_shearsense.png
 
 clean:
 	rm -rf .venv site build

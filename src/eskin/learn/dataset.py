@@ -107,6 +107,8 @@ def prepare(
     Raises:
         RecordingError: if there is nothing to learn from.
     """
+    if not paths:
+        raise RecordingError("no recording given; give .mcap files or folders of them")
     rows: list[Rows] = []
     recordings = tuple(read_recording(path) for path in paths)
     for index, recording in enumerate(
@@ -173,12 +175,14 @@ def lay_end_to_end(recordings: tuple[Recording, ...], sequences: list[Rows]) -> 
 
 
 def labels_of(recording: Recording) -> list[Label]:
-    """Its true labels, or all its labels where the truth is not known.
+    """Its true labels; where the truth is not known the automatic ones, else the rough.
 
     On a calibrated skin a label lasts 0.6 s longer, or until the next one: a touch
     keeps its gesture until it closes.
     """
-    truth = sort_labels(recording.labels, "true") or sort_labels(recording.labels)
+    sources = ("true", "auto", "range")
+    best = (sort_labels(recording.labels, source) for source in sources)
+    truth = next((labels for labels in best if labels), ())
     if not recording.skin.calibrated:
         return list(truth)
     nexts = [label.start for label in truth[1:]] + [LATEST]

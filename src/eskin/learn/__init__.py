@@ -1,0 +1,23 @@
+"""Learning from recordings: data sets, training, scores, comparison (needs torch)."""
+
+from eskin.learn.augment import AugmentConfig
+from eskin.learn.checkpoint import to_model, to_network
+from eskin.learn.dataset import Dataset, Segment, prepare
+from eskin.learn.evaluation import Evaluation, evaluate
+from eskin.learn.metrics import Score, score
+from eskin.learn.training import TrainConfig, Trainer
+
+__all__ = [
+    "AugmentConfig",
+    "Dataset",
+    "Evaluation",
+    "Score",
+    "Segment",
+    "TrainConfig",
+    "Trainer",
+    "evaluate",
+    "prepare",
+    "score",
+    "to_model",
+    "to_network",
+]
