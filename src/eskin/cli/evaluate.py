@@ -8,6 +8,7 @@ import tyro
 from rich.console import Console
 from rich.table import Table
 
+from eskin.cli.checks import check_writable, tell_cut
 from eskin.learn.checkpoint import to_network
 from eskin.learn.dataset import prepare
 from eskin.learn.evaluation import Evaluation, evaluate
@@ -32,10 +33,13 @@ class Command:
 
 def run(command: Command) -> dict[str, object]:
     """Score, print tables, and draw the confusions if asked."""
+    if command.picture is not None:
+        check_writable(command.picture)
     model = load_model(command.model)
     dataset = prepare(
         find_recordings(command.data), model.card.pipeline, model.card.graph
     )
+    tell_cut(dataset)
     result = evaluate(to_network(model), model.card, dataset)
     show(result)
     if command.picture is not None:

@@ -1,18 +1,18 @@
 """`eskin train`: train the recogniser on recordings."""
 
 import time
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 
 import tyro
 
+from eskin.cli.checks import check_writable, tell_cut
 from eskin.errors import RecordingError
 from eskin.learn.checkpoint import to_model
 from eskin.learn.dataset import Dataset, digest, prepare
-from eskin.learn.evaluation import evaluate
+from eskin.learn.evaluation import check_fits, evaluate
 from eskin.learn.training import TrainConfig, Trainer
 from eskin.model import ModelCard, save_model
-from eskin.nn import RecogniserNetwork
 from eskin.recording import NONE, find_recordings
 
 
@@ -42,27 +42,34 @@ class Command:
 def run(command: Command) -> dict[str, object]:
     """Train, write the model, and score it where test recordings are given."""
     started = time.monotonic()
+    check_writable(command.out)
     paths = find_recordings(command.data)
-    test_paths = find_recordings(command.test) if command.test else ()
     dataset = prepare(paths)
+    test = prepare(find_recordings(command.test)) if command.test else None
+    tell_cut(dataset, test)
     vocabulary = chosen_classes(dataset, command.classes)
     trainer = Trainer(dataset, vocabulary, command.train, seed=command.seed)
-    network = trainer.run()
-    validation = trainer.validation_accuracy()
     card = ModelCard(
         vocabulary=vocabulary,
         kind="shear" if trainer.shear else "pressure",
         network=command.train.network,
-        temperature=trainer.temperature(),
         training=flat(asdict(command.train)) | {"seed": str(command.seed)},
         data_digest=digest(paths),
+    )
+    if test is not None:
+        check_fits(card, test)
+    network = trainer.run()
+    validation = trainer.validation_accuracy()
+    card = replace(
+        card,
+        temperature=trainer.temperature(),
         metrics={"val_accuracy": validation} if trainer.held else {},
     )
-    test = test_accuracy(network, card, test_paths)
+    right = evaluate(network, card, test).segments.accuracy if test else None
     save_model(command.out, to_model(network, card))
     result = {
         "val_accuracy": round(validation, 4) if trainer.held else None,
-        "test_accuracy": test,
+        "test_accuracy": None if right is None else round(right, 4),
         "epochs": trainer.epochs,
         "seconds": round(time.monotonic() - started, 1),
     }
@@ -84,15 +91,6 @@ def chosen_classes(dataset: Dataset, asked: tuple[str, ...]) -> tuple[str, ...]:
             f"{', '.join(known)}; name some of these with --classes"
         )
     return (NONE, *(g for g in known[1:] if not asked or g in asked))
-
-
-def test_accuracy(
-    network: RecogniserNetwork, card: ModelCard, paths: tuple[Path, ...]
-) -> float | None:
-    """Accuracy on the labelled segments of test recordings, if there are any."""
-    if not paths:
-        return None
-    return round(evaluate(network, card, prepare(paths)).segments.accuracy, 4)
 
 
 def flat(config: dict[str, object], prefix: str = "") -> dict[str, str]:

@@ -1,6 +1,7 @@
 """Pictures of scores."""
 
 from collections.abc import Sequence
+from io import BytesIO
 from pathlib import Path
 
 import numpy as np
@@ -28,5 +29,12 @@ def draw_confusion(
     axes.set_xticks(ticks, vocabulary, rotation=60, ha="right")
     axes.set_yticks(ticks, vocabulary)
     axes.set(xlabel="recognised", ylabel="made", title=title)
+    picture = BytesIO()
+    figure.savefig(picture, format=path.suffix.removeprefix(".") or "png")
     path.parent.mkdir(parents=True, exist_ok=True)
-    figure.savefig(path)
+    part = path.with_name(path.name + ".part")
+    try:
+        part.write_bytes(picture.getvalue())
+        part.replace(path)
+    finally:
+        part.unlink(missing_ok=True)

@@ -1,0 +1,150 @@
+"""Who is answered for was never learned from."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+
+from eskin.errors import RecordingError
+from eskin.learn import baselines, crossvalidation
+from eskin.learn.crossvalidation import (
+    groups_of,
+    instant_answers,
+    segment_answers,
+    train_folds,
+    window_features,
+)
+from eskin.learn.dataset import prepare
+from eskin.learn.hand_features import stretch_features
+from eskin.learn.training import Trainer
+from learn_scenes import AS_RECORDED, TINY, record_people
+
+PEOPLE = ("ann", "bob", "cleo")
+FOUR = ("hold", "tap", "tap", "hold")
+LEARNED = replace(
+    TINY,
+    steps=40,
+    batch=16,
+    rate=2e-2,
+    decay=0.0,
+    smoothing=0.0,
+    validation=0.0,
+    augment=replace(AS_RECORDED, crop=0.5),
+)
+
+
+@pytest.fixture(scope="module")
+def dataset(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("people")
+    return prepare(record_people(folder, PEOPLE, gestures=FOUR))
+
+
+@pytest.fixture
+def few_trees(monkeypatch):
+    def forest(seed):
+        return baselines.RandomForestClassifier(20, random_state=seed, n_jobs=1)
+
+    monkeypatch.setitem(baselines.BASELINES, "random forest", forest)
+
+
+def weights(network):
+    return {name: w.numpy() for name, w in network.state_dict().items()}
+
+
+def assert_same(one, other):
+    assert one.keys() == other.keys()
+    for group in one:
+        a, b = weights(one[group]), weights(other[group])
+        for name in a:
+            np.testing.assert_array_equal(a[name], b[name], err_msg=name)
+
+
+def test_a_network_has_never_seen_the_recordings_of_its_group(dataset, monkeypatch):
+    trainers = []
+
+    class Spy(Trainer):
+        def __init__(self, *args) -> None:
+            super().__init__(*args)
+            self.drawn = set()
+            trainers.append(self)
+
+        def batch(self, count):
+            draw = self.sampler.draw
+
+            def watched(count, rng):
+                ends, firsts, labels = draw(count, rng)
+                rows = [np.arange(a, b + 1) for a, b in zip(firsts, ends, strict=True)]
+                self.drawn |= set(dataset.recording[np.concatenate(rows)].tolist())
+                return ends, firsts, labels
+
+            object.__setattr__(self.sampler, "draw", watched)
+            try:
+                return super().batch(count)
+            finally:
+                object.__delattr__(self.sampler, "draw")
+
+    monkeypatch.setattr(crossvalidation, "Trainer", Spy)
+    networks = train_folds(dataset, ["a", "b", "a"], TINY)
+    assert list(networks) == ["a", "b"]
+    assert [trainer.drawn for trainer in trainers] == [{1}, {0, 2}]
+
+
+def test_folds_do_not_depend_on_the_workers_nor_on_each_other(dataset):
+    groups = ["a", "b", "a"]
+    alone = train_folds(dataset, groups, TINY, seed=1, workers=1)
+    together = train_folds(dataset, groups, TINY, seed=1, workers=2)
+    assert_same(alone, together)
+    torch.manual_seed(99)
+    assert_same(alone, train_folds(dataset, groups, TINY, seed=1))
+
+
+def test_what_differs_clearly_is_recognised_in_people_never_seen(dataset, few_trees):
+    groups = groups_of(dataset, "subject")
+    assert groups == list(PEOPLE)
+    networks = train_folds(dataset, groups, LEARNED)
+    answers = segment_answers(dataset, groups, networks, False, 0)
+    assert answers.vocabulary == ("hold", "tap")
+    assert answers.groups == tuple(np.repeat(PEOPLE, 4).tolist())
+    assert answers.truth.tolist() == [0, 1, 1, 0] * 3
+    assert set(answers.predicted) == {"eskin", *baselines.BASELINES}
+    for name, predicted in answers.predicted.items():
+        assert (predicted == answers.truth).mean() >= 0.75, name
+    instants = instant_answers(dataset, groups, networks, 0)
+    assert instants.vocabulary == ("none", "hold", "tap")
+    assert len(instants.truth) == len(instants.groups) == len(dataset.stamps)
+    assert set(instants.predicted) == {"eskin", "random forest"}
+    for name, predicted in instants.predicted.items():
+        assert (predicted == instants.truth).mean() > 0.6, name
+
+
+def test_shuffled_labels_are_not_recognised_better_than_by_chance(dataset, few_trees):
+    rng = np.random.default_rng(5)
+    gestures = rng.permutation(["hold", "tap"] * 6).tolist()
+    shuffled = replace(
+        dataset,
+        segments=tuple(
+            replace(s, gesture=gestures.pop()) if s.labelled else s
+            for s in dataset.segments
+        ),
+    )
+    groups = groups_of(dataset, "subject")
+    networks = train_folds(shuffled, groups, LEARNED)
+    answers = segment_answers(shuffled, groups, networks, False, 0)
+    for name, predicted in answers.predicted.items():
+        assert 0.05 < (predicted == answers.truth).mean() < 0.85, name
+
+
+def test_one_group_alone_cannot_be_left_out(dataset):
+    one = replace(dataset, recordings=dataset.recordings[:1])
+    with pytest.raises(RecordingError, match="all recordings have subject 'ann'"):
+        groups_of(one, "subject")
+
+
+def test_features_of_an_instant_are_of_its_last_two_seconds(dataset):
+    row = 100
+    expected = stretch_features(dataset, np.arange(61, 101), False)
+    np.testing.assert_array_equal(window_features(dataset, row), expected)
+    first = int(dataset.starts[-1])
+    expected = stretch_features(dataset, np.array([first]), False)
+    np.testing.assert_array_equal(window_features(dataset, first), expected)

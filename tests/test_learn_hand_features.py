@@ -1,0 +1,51 @@
+"""Hand-made features: finite everywhere, and what they are named."""
+
+import numpy as np
+import pytest
+
+from eskin.learn.dataset import prepare
+from eskin.learn.hand_features import BANDS, bands, segment_features, stretch_features
+from learn_scenes import record
+
+
+@pytest.fixture(scope="module")
+def dataset(tmp_path_factory):
+    return prepare([record(tmp_path_factory.mktemp("f") / "a.mcap", kind="shear")])
+
+
+def test_every_stretch_has_as_many_finite_features(dataset):
+    rows = np.arange(len(dataset.stamps))
+    silent, touched = rows[:30], rows[48:75]
+    for shear in (False, True):
+        sizes = set()
+        for stretch in (silent, silent[:1], silent[:3], touched, touched[:1], rows):
+            features = stretch_features(dataset, stretch, shear)
+            assert np.isfinite(features).all()
+            sizes.add(features.shape)
+        assert len(sizes) == 1
+
+
+def test_shear_adds_features_and_leaves_the_whole_ones(dataset):
+    segment = dataset.labelled[0]
+    without = segment_features(dataset, segment, False)
+    with_shear = segment_features(dataset, segment, True)
+    assert len(with_shear) > len(without)
+    whole = 1 + 2 + 2 + len(BANDS) - 1
+    np.testing.assert_array_equal(with_shear[:whole], without[:whole])
+
+
+def test_a_longer_broader_gesture_has_the_larger_first_features(dataset):
+    hold, tap = dataset.labelled
+    a = segment_features(dataset, hold, False)
+    b = segment_features(dataset, tap, False)
+    assert a[0] == pytest.approx(1.2, abs=0.06)
+    assert a[1] > b[1] > 0
+
+
+@pytest.mark.parametrize(("hertz", "band"), [(0.6, 0), (1.5, 1), (2.5, 2), (4.0, 3)])
+def test_a_rhythm_has_its_power_in_its_band(hertz, band):
+    seconds = np.arange(200) / 20
+    shares = bands(1 + np.sin(2 * np.pi * hertz * seconds), seconds)
+    assert shares.argmax() == band
+    assert shares[band] > 0.8
+    assert shares.sum() <= 1 + 1e-9

@@ -1,0 +1,83 @@
+"""Scores are those of the books."""
+
+import numpy as np
+import pytest
+from sklearn.metrics import (
+    accuracy_score,
+    confusion_matrix,
+    f1_score,
+    precision_recall_fscore_support,
+)
+
+from eskin.learn.metrics import by_group, calibration_error, paired_interval, score
+
+NAMES = ("none", "hold", "tap")
+
+
+def test_a_score_counted_by_hand():
+    truth = np.array([1, 1, 1, 2, 2])
+    said = np.array([1, 1, 2, 2, 0])
+    result = score(truth, said, NAMES)
+    assert result.accuracy == pytest.approx(3 / 5)
+    assert result.confusion.tolist() == [[0, 0, 0], [0, 2, 1], [1, 0, 1]]
+    assert result.per_class["hold"] == {
+        "precision": 1.0,
+        "recall": 0.6667,
+        "f1": 0.8,
+        "count": 3.0,
+    }
+    assert result.per_class["none"]["f1"] == 0.0
+    # `none` is never the truth, so it has no part in the mean.
+    assert result.macro_f1 == pytest.approx((0.8 + 0.5) / 2)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_scores_are_those_of_sklearn(seed):
+    rng = np.random.default_rng(seed)
+    truth, said = rng.integers(3, size=(2, 50))
+    result = score(truth, said, NAMES)
+    assert result.accuracy == pytest.approx(accuracy_score(truth, said))
+    assert result.macro_f1 == pytest.approx(f1_score(truth, said, average="macro"))
+    np.testing.assert_array_equal(result.confusion, confusion_matrix(truth, said))
+    columns = precision_recall_fscore_support(truth, said)
+    for index, name in enumerate(NAMES):
+        expected = [float(column[index]) for column in columns]
+        assert list(result.per_class[name].values()) == pytest.approx(
+            expected, abs=6e-5
+        )
+
+
+def test_each_group_has_its_own_accuracy():
+    right = np.array([True, False, True, True])
+    assert by_group(right, ["b", "b", "a", "a"]) == {"a": 1.0, "b": 0.5}
+
+
+def test_confidence_that_is_kept_has_no_calibration_error():
+    confidence = np.repeat([0.5, 0.75, 1.0], 4)
+    right = np.array([1, 1, 0, 0, 1, 1, 1, 0, 1, 1, 1, 1], bool)
+    assert calibration_error(confidence, right) == pytest.approx(0)
+
+
+def test_calibration_error_is_the_mean_gap_between_confidence_and_truth():
+    assert calibration_error(np.full(10, 0.9), np.zeros(10, bool)) == pytest.approx(0.9)
+    # Gaps of 0.5 and 0.25 in two bins of four and two examples.
+    confidence = np.array([1.0, 1.0, 1.0, 1.0, 0.25, 0.25])
+    right = np.array([1, 1, 0, 0, 0, 0], bool)
+    expected = (4 * 0.5 + 2 * 0.25) / 6
+    assert calibration_error(confidence, right) == pytest.approx(expected)
+
+
+def test_the_interval_holds_the_difference_and_turns_with_it():
+    rng = np.random.default_rng(1)
+    ours, theirs = rng.random(80) < 0.8, rng.random(80) < 0.5
+    low, high = paired_interval(ours, theirs)
+    difference = ours.mean() - theirs.mean()
+    assert low < difference < high
+    assert 0.05 < high - low < 0.5
+    back = paired_interval(theirs, ours)
+    assert back == pytest.approx((-high, -low), abs=0.02)
+
+
+def test_equal_answers_have_an_interval_of_no_width():
+    right = np.array([True, False, True])
+    assert paired_interval(right, right) == (0.0, 0.0)
