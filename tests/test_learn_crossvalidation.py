@@ -26,6 +26,7 @@ LEARNED = replace(
     TINY,
     steps=40,
     batch=16,
+    encoded=16,
     rate=2e-2,
     decay=0.0,
     smoothing=0.0,

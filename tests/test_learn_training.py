@@ -124,6 +124,7 @@ def test_eight_segments_are_learned_to_the_last(dataset):
         epochs=1,
         steps=90,
         batch=24,
+        encoded=16,
         readings=6,
         rate=2e-2,
         decay=0.0,
@@ -175,11 +176,14 @@ def test_training_changes_every_part_that_has_weights(dataset):
 
 
 def test_a_batch_has_all_summaries_and_few_graphs(dataset):
-    batch = Trainer(dataset, VOCABULARY, TINY).batch(8)
-    assert batch.places.windows == batch.some.places.windows == len(batch.labels) == 8
+    config = replace(TINY, encoded=5)
+    batch = Trainer(dataset, VOCABULARY, config).batch(8)
+    assert (batch.places.windows, batch.some.places.windows) == (8, 5)
+    assert len(batch.labels) == 8
     counts = torch.bincount(batch.places.window, minlength=8)
     encoded = torch.bincount(batch.some.places.window, minlength=8)
-    assert torch.equal(encoded, counts.clamp(max=TINY.readings))
+    assert torch.equal(encoded[:5], counts[:5].clamp(max=TINY.readings))
+    assert not encoded[5:].any()
 
 
 def test_without_augmentation_a_batch_holds_the_recorded_readings(dataset):
@@ -250,6 +254,7 @@ def test_the_temperature_is_above_zero_and_no_worse_than_none(dataset):
         ("epochs", 0),
         ("steps", -1),
         ("batch", 0),
+        ("encoded", 0),
         ("readings", 0),
         ("patience", -1),
         ("rate", 0.0),

@@ -8,6 +8,7 @@ import contextlib
 import importlib
 import io
 import json
+import re
 import sys
 from dataclasses import dataclass
 from types import ModuleType
@@ -96,14 +97,14 @@ def parse(module: ModuleType, name: str, argv: list[str]) -> tuple[object, Outpu
 
 
 def one_line(complaint: str, name: str) -> str:
-    """Reduce a boxed complaint to its words."""
+    """Reduce a complaint to its words, leaving out the box drawn around them."""
     words = complaint.translate({ord(c): " " for c in "╭╮╰╯│─├┤"}).split()
-    text = (
-        " ".join(words)
-        .removeprefix("Parsing error")
-        .removeprefix("Unrecognized options")
-    )
-    return f"eskin {name}: {text.strip()}"
+    text = " ".join(word for word in words if not re.fullmatch("[-+|]{3,}", word))
+    # tyro calls the command and its output `0` and `1`.
+    text = re.sub(r"(?<![\w.])[01]\.(?=[a-z])", "", text)
+    for title in ("Parsing error ", "Unrecognized options "):
+        text = text.removeprefix(title)
+    return f"eskin {name}: {text}"
 
 
 def complain(message: str) -> int:

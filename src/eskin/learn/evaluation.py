@@ -72,7 +72,7 @@ def check_fits(card: ModelCard, dataset: Dataset) -> None:
     if card.kind == "shear" and not dataset.has_shear:
         raise SkinMismatchError(
             "the model needs shear, which these recordings do not have; allowed are "
-            "recordings of skins with shear; train a model with --no-train.shear"
+            "recordings of skins with shear; train a model with --train.no-shear"
         )
     unknown = sorted(set(dataset.gestures) - set(card.vocabulary))
     if unknown:

@@ -1,0 +1,185 @@
+"""`eskin train`, then `evaluate` and `replay`, as they are called."""
+
+import json
+import re
+
+import pytest
+
+from eskin.cli.main import run
+from eskin.learn.dataset import digest
+from eskin.learn.training import Trainer
+from eskin.model import load_model
+from learn_scenes import FLAGS, label, record, record_people
+
+KEYS = ["val_accuracy", "test_accuracy", "epochs", "seconds"]
+
+
+def call(capsys, *argv):
+    code = run([str(word) for word in argv])
+    out, err = capsys.readouterr()
+    return code, out, err
+
+
+def last_json(out):
+    return json.loads(out.strip().splitlines()[-1])
+
+
+def train(capsys, *argv):
+    return call(capsys, "train", *argv, *FLAGS)
+
+
+@pytest.fixture(scope="module")
+def data(tmp_path_factory):
+    """Four people for training; a fifth for testing, in `test`."""
+    folder = tmp_path_factory.mktemp("data")
+    record_people(folder / "train", ("ann", "bob", "cleo", "dan"))
+    record_people(folder / "test", ("eve",))
+    return folder
+
+
+@pytest.fixture
+def no_training(monkeypatch):
+    """What is refused must be refused before the long work."""
+
+    def never(*args, **kwargs) -> None:
+        raise AssertionError("trained in vain")
+
+    monkeypatch.setattr(Trainer, "run", never)
+
+
+def test_train_evaluate_replay_are_one_way(data, tmp_path, capsys):
+    model = tmp_path / "models" / "m.safetensors"
+    code, out, err = train(
+        capsys, data / "train", "--out", model, "--test", data / "test", "--json"
+    )
+    assert (code, err) == (0, "")
+    trained = last_json(out)
+    assert list(trained) == KEYS
+    assert trained["epochs"] == 1
+    assert 0 <= trained["val_accuracy"] <= 1 and 0 <= trained["test_accuracy"] <= 1
+    assert list(model.parent.iterdir()) == [model]
+
+    code, out, err = call(capsys, "evaluate", model, data / "test", "--json")
+    assert (code, err) == (0, "")
+    assert last_json(out)["accuracy"] == trained["test_accuracy"]
+
+    [recording] = (data / "test").iterdir()
+    code, out, err = call(capsys, "replay", recording, "--model", model, "--json")
+    assert (code, err) == (0, "")
+    for row in last_json(out)["detections"]:
+        assert row["gesture"] in ("none", "hold", "tap")
+
+
+def test_the_card_tells_how_the_model_was_made(data, tmp_path, capsys):
+    out = tmp_path / "m.safetensors"
+    flags = ("--seed", "7", "--train.rate", "0.002")
+    train(capsys, data / "train", "--out", out, *flags)
+    card = load_model(out).card
+    assert card.vocabulary == ("none", "hold", "tap")
+    assert (card.kind, card.network.width) == ("pressure", 4)
+    assert card.training["seed"] == "7"
+    assert card.training["rate"] == "0.002"
+    assert card.training["network.channels"] == "8"
+    assert card.data_digest == digest(sorted((data / "train").iterdir()))
+    assert set(card.metrics) == {"val_accuracy"}
+    assert card.temperature > 0
+
+
+def test_a_seed_makes_the_same_file_again_and_another_seed_another(
+    data, tmp_path, capsys
+):
+    for name, seed in (("a", 1), ("b", 1), ("c", 2)):
+        train(capsys, data / "train", "--out", tmp_path / name, "--seed", seed)
+    a, b, c = ((tmp_path / name).read_bytes() for name in "abc")
+    assert a == b
+    assert a != c
+
+
+def test_without_validation_and_test_there_is_no_accuracy(data, tmp_path, capsys):
+    model = tmp_path / "m"
+    _, out, _ = train(
+        capsys, data / "train", "--out", model, "--train.validation", "0", "--json"
+    )
+    result = last_json(out)
+    assert (result["val_accuracy"], result["test_accuracy"]) == (None, None)
+    assert load_model(model).card.temperature == 1.0
+
+
+def test_only_the_classes_asked_for_are_learned(data, tmp_path, capsys):
+    train(capsys, data / "train", "--out", tmp_path / "m", "--classes", "tap")
+    assert load_model(tmp_path / "m").card.vocabulary == ("none", "tap")
+
+
+def test_shear_is_learned_where_it_is_measured_unless_told_not_to(tmp_path, capsys):
+    path = record(tmp_path / "a.mcap", kind="shear")
+    train(capsys, path, "--out", tmp_path / "s")
+    train(capsys, path, "--out", tmp_path / "p", "--train.no-shear")
+    kinds = [load_model(tmp_path / name).card.kind for name in "sp"]
+    assert kinds == ["shear", "pressure"]
+
+
+def test_a_recording_cut_in_half_is_used_up_to_the_cut_and_named(
+    data, tmp_path, capsys
+):
+    half = tmp_path / "half.mcap"
+    whole = (data / "train/ann.mcap").read_bytes()
+    half.write_bytes(whole[: len(whole) * 3 // 4])
+    code, out, err = train(capsys, half, "--out", tmp_path / "m")
+    assert (code, err) == (0, "")
+    assert "half.mcap is cut or damaged: used up to there" in re.sub(r"\s+", " ", out)
+    assert (tmp_path / "m").is_file()
+
+
+def test_bad_input_is_one_line_and_leaves_nothing(data, tmp_path, capsys, no_training):
+    source = data / "train"
+    start = tmp_path / "start.mcap"
+    start.write_bytes((source / "ann.mcap").read_bytes()[:200])
+    text = tmp_path / "text.mcap"
+    text.write_text("no recording")
+    (tmp_path / "empty").mkdir()
+    quiet = record(tmp_path / "quiet.mcap", (), calibrated=True)
+    one = record(tmp_path / "one.mcap", ["hold"], calibrated=True)
+    wave = record(tmp_path / "wave.mcap", labels=[label(2.4, 3.6, "wave")])
+    silent = record(tmp_path / "silent.mcap", labels=[])
+    out = tmp_path / "m.safetensors"
+    into = ("--out", out)
+    files = set(tmp_path.rglob("*"))
+    for argv, message in (
+        ((tmp_path / "gone", *into), "no recording at"),
+        ((tmp_path / "empty", *into), "no .mcap file below"),
+        ((start, *into), "is cut before its"),
+        ((text, *into), "text.mcap"),
+        ((source,), "--out"),
+        (into, "no recording given"),
+        ((source, "--out", tmp_path), "is a folder"),
+        ((source, "--out", start / "m"), "is no folder that can be written to"),
+        ((quiet, *into), "no touch in 1 recordings"),
+        ((one, *into), "hold only hold; at least two classes"),
+        ((silent, *into), "hold only none; at least two classes"),
+        ((source, *into, "--classes", "grab"), "no recording is labelled grab; labell"),
+        ((source, *into, "--test", tmp_path / "gone"), "no recording at"),
+        ((source, *into, "--test", wave), "hold wave, which the model does not know"),
+        ((source, *into, "--test", silent), "no labels; scoring needs them"),
+        ((source, *into, "--seed", "x"), "--seed"),
+        ((source, *into, "--epochs", "3"), "--epochs"),
+        ((source, *into, "--train.rate", "fast"), "--train.rate"),
+        ((source, *into, "--train.validation", "1.5"), "validation is 1.5; allowed is"),
+        ((source, *into, "--train.batch", "0"), "batch is 0; allowed is from 1"),
+    ):
+        # The tiny settings come first, so that what is tested has the last word.
+        code = run(["train", *FLAGS, *(str(word) for word in argv)])
+        err = capsys.readouterr().err
+        assert code == 2, (argv, err)
+        assert message in err
+        assert len(err.splitlines()) == 1
+        assert set(tmp_path.rglob("*")) == files
+
+
+def test_a_folder_that_cannot_be_written_to_is_refused(
+    data, tmp_path, capsys, no_training, monkeypatch
+):
+    monkeypatch.setattr("os.access", lambda *_: False)
+    code, _, err = train(capsys, data / "train", "--out", tmp_path / "m")
+    assert code == 2
+    assert f"cannot write {tmp_path / 'm'}" in err
+    assert len(err.splitlines()) == 1
