@@ -15,3 +15,7 @@ class GraphConfig:
 
     live_reach: float = 0.03
     """Farthest that a taxel of another patch is joined [m]."""
+
+    shear_on: float = 1.5
+    """On a skin that is not calibrated: shear from which a taxel belongs to the graph
+    even where its pressure is too low for a contact [kPa]."""

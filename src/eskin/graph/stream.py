@@ -7,7 +7,7 @@ from eskin.graph.batch import GraphBatch
 from eskin.graph.builder import GraphBuilder
 from eskin.graph.config import GraphConfig
 from eskin.skin import MountedSkin
-from eskin.touch import Touch, TouchState
+from eskin.touch import Reading, Touch, TouchState
 
 WHOLE_SKIN = 0
 """The one sequence of a skin whose distances mean nothing; touches count from 1."""
@@ -37,11 +37,11 @@ class GraphStream:
 
         A touch between two contacts has a graph without pressure.
         """
-        active = np.zeros(self.builder.mounted.skin.count, dtype=bool)
-        for contact in state.contacts:
-            active[contact.taxels] = True
-        self.builder.advance(state.reading, active)
         now = self.taxels_now(state)
+        active = np.zeros(self.builder.mounted.skin.count, dtype=bool)
+        for taxels in (*now.values(), *(contact.taxels for contact in state.contacts)):
+            active[taxels] = True
+        self.builder.advance(state.reading, active)
         graphs = {
             key: self.builder.graph(taxels, self.earlier.get(key, NOTHING))
             for key, taxels in now.items()
@@ -53,7 +53,8 @@ class GraphStream:
         """The active taxels of each sequence at this reading."""
         if not self.calibrated:
             parts = [contact.taxels for contact in state.contacts]
-            return {WHOLE_SKIN: np.concatenate([NOTHING, *parts])}
+            parts.append(self.sheared(state.reading))
+            return {WHOLE_SKIN: np.unique(np.concatenate(parts))}
         touching = {
             track.id: track.contact.taxels
             for track in state.tracks
@@ -65,3 +66,11 @@ class GraphStream:
             )
             for touch in state.touches
         }
+
+    def sheared(self, reading: Reading) -> Int[np.ndarray, "sheared"]:
+        """Taxels whose shear tells of a touch, whatever their pressure."""
+        if reading.shear is None:
+            return NOTHING
+        size = np.linalg.norm(reading.shear, axis=1)
+        enough = size >= self.builder.config.shear_on
+        return np.flatnonzero(enough & reading.valid)

@@ -37,9 +37,8 @@ class Sampler:
         labels = rng.choice(list(self.classes), count).tolist()
         segments = [self.pick(label, rng) for label in labels]
         after = np.where(rng.random(count) < WHOLE, self.slots * SLOT_NS, EARLIEST_NS)
-        ends = np.array(
-            [self.end(s, ns, rng) for s, ns in zip(segments, after, strict=True)]
-        )
+        pairs = zip(segments, after.tolist(), strict=True)
+        ends = np.array([self.end(segment, ns, rng) for segment, ns in pairs])
         firsts = np.array([segment.first for segment in segments])
         cropped = rng.random(count) < self.crop
         return ends, np.where(cropped, firsts, self.dataset.starts[ends]), labels
@@ -71,22 +70,27 @@ def make_sampler(
         recordings: indices of those to draw from.
         slots: length of a window on the head's clock.
         crop: share of windows that see nothing from before their gesture.
-
-    Raises:
-        RecordingError: if fewer than two gestures occur in them.
     """
     classes: dict[int, list[Segment]] = {}
     for segment in dataset.segments:
         if segment.recording in recordings and segment.gesture in vocabulary:
             label = vocabulary.index(segment.gesture)
             classes.setdefault(label, []).append(segment)
-    if len(classes) < 2:
-        found = [vocabulary[label] for label in classes]
+    return Sampler(dataset, classes, slots, crop)
+
+
+def check_classes(sampler: Sampler, vocabulary: tuple[str, ...]) -> None:
+    """Refuse to train where there is nothing to tell apart.
+
+    Raises:
+        RecordingError: if the sampler has fewer than two classes.
+    """
+    if len(sampler.classes) < 2:
+        found = ", ".join(vocabulary[label] for label in sampler.classes)
         raise RecordingError(
             f"training recordings hold only {found or 'no gestures'}; at least two "
             "classes are needed; give more recordings or other --classes"
         )
-    return Sampler(dataset, classes, slots, crop)
 
 
 def split(

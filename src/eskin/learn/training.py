@@ -11,7 +11,7 @@ from torch.nn.functional import cross_entropy
 
 from eskin.learn.augment import AugmentConfig, augment
 from eskin.learn.dataset import Dataset
-from eskin.learn.sampler import make_sampler, split
+from eskin.learn.sampler import check_classes, make_sampler, split
 from eskin.learn.windows import cut, thin, to_input, to_places
 from eskin.model import NetworkConfig
 from eskin.nn import NetworkInput, Places, RecogniserNetwork, summary
@@ -21,6 +21,20 @@ VALIDATION = 256
 
 TEMPERATURES = np.geomspace(0.3, 5.0, 57)
 """The temperatures tried."""
+
+LIMITS = {
+    "epochs": (1, np.inf),
+    "steps": (1, np.inf),
+    "batch": (1, np.inf),
+    "encoded": (1, np.inf),
+    "readings": (1, np.inf),
+    "patience": (0, np.inf),
+    "rate": (1e-9, 1.0),
+    "decay": (0.0, np.inf),
+    "smoothing": (0.0, 1.0),
+    "validation": (0.0, 0.9),
+}
+"""Smallest and largest values of the settings."""
 
 
 @dataclass(frozen=True)
@@ -33,12 +47,15 @@ class TrainConfig:
     steps: int = 40
     """Steps an epoch."""
 
-    batch: int = 32
+    batch: int = 64
     """Windows a step."""
 
+    encoded: int = 32
+    """Of these, windows whose graphs are encoded, which is what takes the time: the
+    summary view sees all."""
+
     readings: int = 25
-    """Readings of a window whose graphs are encoded, drawn anew each time: the summary
-    view sees all of them, and encoding is what takes the time."""
+    """Of an encoded window, readings whose graphs are encoded, drawn anew each time."""
 
     rate: float = 3e-3
     """Highest learning rate of the cycle."""
@@ -64,6 +81,14 @@ class TrainConfig:
     network: NetworkConfig = field(default_factory=NetworkConfig)
     """Sizes of the network."""
 
+    def __post_init__(self) -> None:
+        """Refuse numbers that mean nothing."""
+        for name, (low, high) in LIMITS.items():
+            value = getattr(self, name)
+            if not low <= value <= high:
+                allowed = f"{low:g} to {high:g}" if high < np.inf else f"from {low:g}"
+                raise ValueError(f"{name} is {value}; allowed is {allowed}")
+
 
 @dataclass(frozen=True)
 class Batch:
@@ -74,7 +99,7 @@ class Batch:
     places: Places
     """Where those readings stand."""
     some: NetworkInput
-    """The readings whose graphs are encoded."""
+    """Of the first windows, the readings whose graphs are encoded."""
     labels: Int[Tensor, "window"]
     """Class of each window."""
 
@@ -100,7 +125,9 @@ class Trainer:
         train, held = split(dataset, chosen, config.validation, self.rng)
         window = (config.network.slots, config.augment.crop)
         self.sampler = make_sampler(dataset, vocabulary, train, *window)
-        self.held = make_sampler(dataset, vocabulary, held, *window) if held else None
+        check_classes(self.sampler, vocabulary)
+        validation = make_sampler(dataset, vocabulary, held, *window)
+        self.held = validation if validation.classes else None
         self.shear = config.shear and dataset.has_shear
         self.network = RecogniserNetwork(config.network, len(vocabulary), self.shear)
         self.epochs = 0
@@ -141,17 +168,19 @@ class Trainer:
     def loss(self, batch: Batch) -> Float[Tensor, ""]:
         """Cross entropy of each view and of both together."""
         network, smoothing = self.network, self.config.smoothing
-        summary = network.standardised(batch.summary)
-        e = network.embed(batch.some.graphs)
-        views = (
-            network.summary_view(summary, batch.places),
-            network.graph_view(e, batch.some.places),
+        standardised = network.standardised(batch.summary)
+        by_summary = network.summary_view(standardised, batch.places)
+        by_graph = network.graph_view(
+            network.embed(batch.some.graphs), batch.some.places
         )
-        together, *alone = (
-            cross_entropy(logits, batch.labels, label_smoothing=smoothing)
-            for logits in (torch.stack(views).mean(dim=0), *views)
+        both = (by_summary[: len(by_graph)] + by_graph) / 2
+        together, summary_alone, graph_alone = (
+            cross_entropy(
+                logits, batch.labels[: len(logits)], label_smoothing=smoothing
+            )
+            for logits in (both, by_summary, by_graph)
         )
-        return together + torch.stack(alone).mean()
+        return together + (summary_alone + graph_alone) / 2
 
     def batch(self, count: int) -> Batch:
         """A batch of augmented training windows."""
@@ -159,11 +188,8 @@ class Trainer:
         windows = cut(self.dataset, ends, firsts, self.config.network.slots)
         graphs = self.dataset.graphs.select(windows.rows)
         varied = augment(graphs, windows.window, self.rng, self.config.augment)
-        some = thin(
-            replace(windows, rows=np.arange(len(windows.rows))),
-            self.config.readings,
-            self.rng,
-        )
+        places = replace(windows, rows=np.arange(len(windows.rows)))
+        some = thin(places.first(self.config.encoded), self.config.readings, self.rng)
         return Batch(
             summary=torch.as_tensor(summary(varied, self.shear)),
             places=to_places(windows),

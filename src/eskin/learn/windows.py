@@ -28,6 +28,16 @@ class Windows:
     count: int
     """Number of windows."""
 
+    def first(self, count: int) -> "Windows":
+        """The first `count` of the windows, or all where there are fewer."""
+        kept = self.window < count
+        return Windows(
+            self.rows[kept],
+            self.window[kept],
+            self.slot[kept],
+            min(count, self.count),
+        )
+
 
 def cut(
     dataset: Dataset,
