@@ -130,6 +130,8 @@ def test_on_a_calibrated_skin_a_label_lingers_but_not_into_the_next(tmp_path):
     gestures = gestures_at(labels_of(recording), stamps)
     expected = ["hold", "hold", "hold", "tap", "tap", "none", "tap", "none"]
     assert gestures == expected
+    ends = [(x.end - START) / SECOND for x in labels_of(recording)]
+    assert ends == pytest.approx([3.7, 4.6, 7.1])
     nominal = replace(recording, skin=replace(recording.skin, calibrated=False))
     assert labels_of(nominal) == list(labels)
 

@@ -65,6 +65,9 @@ def test_calibration_error_is_the_mean_gap_between_confidence_and_truth():
     right = np.array([1, 1, 0, 0, 0, 0], bool)
     expected = (4 * 0.5 + 2 * 0.25) / 6
     assert calibration_error(confidence, right) == pytest.approx(expected)
+    # Too much in one bin does not make up for too little in another.
+    confidence, right = np.array([0.75, 0.25]), np.array([False, True])
+    assert calibration_error(confidence, right) == pytest.approx(0.75)
 
 
 def test_the_interval_holds_the_difference_and_turns_with_it():
@@ -73,7 +76,8 @@ def test_the_interval_holds_the_difference_and_turns_with_it():
     low, high = paired_interval(ours, theirs)
     difference = ours.mean() - theirs.mean()
     assert low < difference < high
-    assert 0.05 < high - low < 0.5
+    spread = np.std(ours.astype(float) - theirs) / np.sqrt(80)
+    assert high - low == pytest.approx(2 * 1.96 * spread, rel=0.1)
     back = paired_interval(theirs, ours)
     assert back == pytest.approx((-high, -low), abs=0.02)
 

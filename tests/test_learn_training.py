@@ -198,15 +198,15 @@ def test_the_best_weights_are_restored():
     network = torch.nn.Linear(1, 1)
     best = Best(patience=2)
     stops = []
-    for epoch, loss in enumerate((3.0, 1.0, 2.0, 1.5, 1.0, 0.1)):
+    for epoch, loss in enumerate((3.0, 4.0, 1.0, 2.0, 1.5, 1.0, 0.1)):
         with torch.no_grad():
             network.weight.fill_(epoch)
         stops.append(best.is_enough(network, loss))
         if stops[-1]:
             break
-    assert stops == [False, False, False, False, True]
+    assert stops == [False] * 5 + [True]
     best.restore(network)
-    assert network.weight.item() == 1.0
+    assert network.weight.item() == 2.0
 
 
 def test_without_a_finite_loss_the_last_weights_stay():
