@@ -89,7 +89,7 @@ def test_a_seed_makes_the_same_file_again_and_another_seed_another(
     data, tmp_path, capsys
 ):
     for name, seed in (("a", 1), ("b", 1), ("c", 2)):
-        train(capsys, data / "train", "--out", tmp_path / name, "--seed", seed)
+        train(capsys, data / "test", "--out", tmp_path / name, "--seed", seed)
     a, b, c = ((tmp_path / name).read_bytes() for name in "abc")
     assert a == b
     assert a != c
@@ -106,7 +106,7 @@ def test_without_validation_and_test_there_is_no_accuracy(data, tmp_path, capsys
 
 
 def test_only_the_classes_asked_for_are_learned(data, tmp_path, capsys):
-    train(capsys, data / "train", "--out", tmp_path / "m", "--classes", "tap")
+    train(capsys, data / "test", "--out", tmp_path / "m", "--classes", "tap")
     assert load_model(tmp_path / "m").card.vocabulary == ("none", "tap")
 
 
@@ -131,9 +131,9 @@ def test_a_recording_cut_in_half_is_used_up_to_the_cut_and_named(
 
 
 def test_bad_input_is_one_line_and_leaves_nothing(data, tmp_path, capsys, no_training):
-    source = data / "train"
+    source = data / "train/ann.mcap"
     start = tmp_path / "start.mcap"
-    start.write_bytes((source / "ann.mcap").read_bytes()[:200])
+    start.write_bytes(source.read_bytes()[:200])
     text = tmp_path / "text.mcap"
     text.write_text("no recording")
     (tmp_path / "empty").mkdir()
