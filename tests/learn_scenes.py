@@ -22,8 +22,8 @@ NETWORK = NetworkConfig(width=4, layers=1, channels=8, dropout=0.0)
 AS_RECORDED = AugmentConfig(0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
 TINY = TrainConfig(epochs=1, steps=2, batch=8, encoded=8, readings=4, network=NETWORK)
 FLAGS = tuple(
-    "--train.epochs 1 --train.steps 2 --train.batch 8 --train.encoded 8 --train.readings 4 "
-    "--train.network.width 4 --train.network.layers 1 "
+    "--train.epochs 1 --train.steps 2 --train.batch 8 --train.encoded 8 "
+    "--train.readings 4 --train.network.width 4 --train.network.layers 1 "
     "--train.network.channels 8".split()
 )
 
