@@ -67,7 +67,7 @@ class TrainConfig:
     """Label smoothing."""
 
     patience: int = 5
-    """Epochs without a better validation loss after which training stops."""
+    """Epochs without a better validation loss that are waited for; one more stops."""
 
     validation: float = 0.15
     """Share of the recordings held out to choose the epoch; 0 trains to the end."""
