@@ -25,7 +25,7 @@ from eskin.learn.crossvalidation import (
     segment_answers,
     train_folds,
 )
-from eskin.learn.dataset import Dataset, prepare
+from eskin.learn.dataset import prepare
 from eskin.learn.metrics import by_group, paired_interval, score
 from eskin.learn.pictures import draw_confusion
 from eskin.learn.training import TrainConfig
@@ -60,27 +60,22 @@ class Command:
 def main() -> None:
     """Measure and print."""
     command = tyro.cli(Command)
-    dataset = read(command)
     started = time.monotonic()
+    convert = convert_sleeve if command.kind == "sleeve" else convert_shearsense
     measure = sleeve if command.kind == "sleeve" else shearsense
-    answers = measure(dataset, command)
+    with tempfile.TemporaryDirectory() as folder:
+        convert(command.data, Path(folder))
+        answers = measure(find_recordings((Path(folder),)), command)
     if command.picture is not None:
         result = score(answers.truth, answers.predicted[OURS], answers.vocabulary)
         title = f"{command.kind}: {result.accuracy:.1%} right"
         draw_confusion(result.confusion, answers.vocabulary, command.picture, title)
-    print(f"\n{time.monotonic() - started:.0f} s for training and scoring")
+    print(f"\n{time.monotonic() - started:.0f} s")
 
 
-def read(command: Command) -> Dataset:
-    """Convert the set and prepare it."""
-    convert = convert_sleeve if command.kind == "sleeve" else convert_shearsense
-    with tempfile.TemporaryDirectory() as folder:
-        convert(command.data, Path(folder))
-        return prepare(find_recordings((Path(folder),)))
-
-
-def sleeve(dataset: Dataset, command: Command) -> Answers:
+def sleeve(paths: tuple[Path, ...], command: Command) -> Answers:
     """Segments and instants, leaving one session out."""
+    dataset = prepare(paths)
     groups = groups_of(dataset, "session")
     networks = train_folds(
         dataset, groups, command.train, command.seed, command.workers
@@ -92,19 +87,29 @@ def sleeve(dataset: Dataset, command: Command) -> Answers:
     return segments
 
 
-def shearsense(dataset: Dataset, command: Command) -> Answers:
+def shearsense(paths: tuple[Path, ...], command: Command) -> Answers:
     """Recordings, leaving one participant out, without and with shear."""
-    groups = groups_of(dataset, "subject")
-    answers = {}
-    for shear in (False, True):
-        config = replace(command.train, shear=shear)
-        networks = train_folds(dataset, groups, config, command.seed, command.workers)
-        answers[shear] = segment_answers(dataset, groups, networks, shear, command.seed)
-        title = "Recordings, pressure and shear" if shear else "Recordings, pressure"
-        print(table(title, answers[shear]))
-    right = [answers[s].predicted[OURS] == answers[s].truth for s in (True, False)]
+    pressure = without_one_person(paths, command, False)
+    print(table("Recordings, pressure", pressure))
+    both = without_one_person(paths, command, True)
+    print(table("Recordings, pressure and shear", both))
+    right = [a.predicted[OURS] == a.truth for a in (both, pressure)]
     print(f"\nShear adds {difference(*right)} points to the recogniser.")
-    return answers[True]
+    return both
+
+
+def without_one_person(
+    paths: tuple[Path, ...], command: Command, shear: bool
+) -> Answers:
+    """Recordings of each person, answered without having seen that person.
+
+    Without shear nothing is known of it, not even which taxels it touches.
+    """
+    config = replace(command.train, shear=shear)
+    dataset = prepare(paths, graph=config.graph)
+    groups = groups_of(dataset, "subject")
+    networks = train_folds(dataset, groups, config, command.seed, command.workers)
+    return segment_answers(dataset, groups, networks, shear, command.seed)
 
 
 def table(title: str, answers: Answers) -> str:

@@ -44,8 +44,12 @@ def run(command: Command) -> dict[str, object]:
     started = time.monotonic()
     check_writable(command.out)
     paths = find_recordings(command.data)
-    dataset = prepare(paths)
-    test = prepare(find_recordings(command.test)) if command.test else None
+    dataset = prepare(paths, graph=command.train.graph)
+    test = (
+        prepare(find_recordings(command.test), graph=command.train.graph)
+        if command.test
+        else None
+    )
     tell_cut(dataset, test)
     vocabulary = chosen_classes(dataset, command.classes)
     trainer = Trainer(dataset, vocabulary, command.train, seed=command.seed)
@@ -53,6 +57,7 @@ def run(command: Command) -> dict[str, object]:
         vocabulary=vocabulary,
         kind="shear" if trainer.shear else "pressure",
         network=command.train.network,
+        graph=command.train.graph,
         training=flat(asdict(command.train)) | {"seed": str(command.seed)},
         data_digest=digest(paths),
     )

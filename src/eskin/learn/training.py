@@ -1,5 +1,6 @@
 """Training: balanced windows, one learning-rate cycle, the best epoch kept."""
 
+import math
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -9,6 +10,7 @@ from rich.progress import Progress
 from torch import Tensor, nn
 from torch.nn.functional import cross_entropy
 
+from eskin.graph import GraphConfig
 from eskin.learn.augment import AugmentConfig, augment
 from eskin.learn.dataset import Dataset
 from eskin.learn.sampler import check_classes, make_sampler, split
@@ -80,6 +82,11 @@ class TrainConfig:
 
     network: NetworkConfig = field(default_factory=NetworkConfig)
     """Sizes of the network."""
+
+    @property
+    def graph(self) -> GraphConfig:
+        """The graphs to train on: without shear, it touches no taxel either."""
+        return GraphConfig() if self.shear else GraphConfig(shear_on=math.inf)
 
     def __post_init__(self) -> None:
         """Refuse numbers that mean nothing."""
