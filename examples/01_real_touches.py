@@ -2,7 +2,7 @@
 
 Converts the public sleeve recordings, trains on all sessions but the last, then replays
 that session one reading at a time, as live, and prints what is recognised beside what
-was done. Takes two minutes.
+was done. Takes a few minutes.
 """
 
 import sys
@@ -34,7 +34,7 @@ class Demo:
     data: Path
     """The public sleeve recordings, as downloaded."""
 
-    train: TrainConfig = TrainConfig(epochs=3, validation=0.0)
+    train: TrainConfig = TrainConfig(epochs=2, steps=30, validation=0.0)
     """Brief: `eskin train` takes longer and gets further."""
 
 
@@ -70,7 +70,7 @@ def train(paths: list[Path], config: TrainConfig) -> Model:
 def replay(model: Model, recording: Recording) -> Counter[str]:
     """Push every scan and print each detection beside the label at its time."""
     mounted = eskin.MountedSkin(recording.skin, load_robot(recording.robot_name))
-    decision = eskin.DecisionConfig(threshold=0.5)
+    decision = eskin.DecisionConfig(threshold=0.35)
     recognizer = eskin.Recognizer(model, mounted, recording.calibration, decision)
     detections = [d for scan in recording.scans() for d in recognizer.push(scan)]
     counts = Counter(labels=len(recording.labels))
