@@ -159,14 +159,21 @@ def test_every_touch_gets_exactly_one_word(steps):
     assert said(story, close=False) in ([], words)
 
 
+def heard_without_end(*story):
+    """What is said of one touch that never ends, at 50 Hz; story: name, readings."""
+    decider, verdicts = Decider(VOCABULARY, change_ends=True), []
+    names = [name for name, readings in story for _ in range(readings)]
+    for n, name in enumerate(names):
+        shares = {1: likely(name, 0.9)}
+        verdicts += decider.push(20 * n * MS, (touch_at(20 * n),), (), shares)
+    return [(verdict.gesture, verdict.onset // (20 * MS)) for verdict in verdicts]
+
+
 def test_where_contact_never_ends_none_that_lasts_makes_way_for_the_next_touch():
-    quiet, poke, stroke = ("none", 0.9), ("poke", 0.9), ("stroke", 0.9)
-    story = [*[poke] * 6, *[quiet] * 15, *[stroke] * 6, *[quiet] * 5, *[poke] * 6]
-    decider = Decider(VOCABULARY, none_ends=True)
-    verdicts = []
-    for n, (name, p) in enumerate(story):
-        touch = touch_at(20 * n)
-        verdicts += decider.push(20 * n * MS, (touch,), (), {1: likely(name, p)})
-    assert [verdict.gesture for verdict in verdicts] == ["poke", "stroke"]
-    assert verdicts[0].onset == 0
-    assert verdicts[1].onset == 20 * 20 * MS, "the last reading that was none"
+    story = [("poke", 6), ("none", 15), ("poke", 6), ("none", 2), ("poke", 6)]
+    assert heard_without_end(*story) == [("poke", 0), ("poke", 20)]
+
+
+def test_where_contact_never_ends_another_gesture_that_lasts_is_another_touch():
+    story = [("poke", 6), ("stroke", 2), ("poke", 6), ("stroke", 6)]
+    assert heard_without_end(*story) == [("poke", 0), ("stroke", 17)]

@@ -108,4 +108,4 @@ def write(
             kept = [label for label in kept if label.source != "range"]
             kept += labelling.ranges
         target = None if command.out is None else command.out / recording.path.name
-        rewrite(recording, [*kept, *labelling.found], target)
+        rewrite(recording, target, [*kept, *labelling.found])

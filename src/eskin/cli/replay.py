@@ -31,7 +31,7 @@ def run(command: Command) -> dict[str, object]:
     """Replay and return the detections."""
     from eskin.live import Recognizer
     from eskin.model import load_model
-    from eskin.recording import read_recording
+    from eskin.recording import read_recording, rewrite
     from eskin.robot import load_robot
     from eskin.skin import MountedSkin
 
@@ -51,7 +51,8 @@ def run(command: Command) -> dict[str, object]:
     rows += tell(recording, truth, found[len(rows) :])
     print(f"{len(rows)} detections")
     if command.record is not None:
-        write(recording, found, command.record)
+        rewrite(recording, command.record, detections=[f.record() for f in found])
+        print(f"written to {command.record}")
     return {"detections": rows}
 
 
@@ -117,20 +118,3 @@ def label_of(found: "Detection", truth: "tuple[Label, ...]") -> str:
         if time > 0:
             shared[label.gesture] = shared.get(label.gesture, 0) + time
     return max(shared, key=lambda gesture: shared[gesture], default="none")
-
-
-def write(recording: "Recording", detections: "list[Detection]", target: Path) -> None:
-    """Write the recording with its detections."""
-    from eskin.recording import RecordingWriter, write_all
-
-    records = [found.record() for found in detections]
-    with RecordingWriter(
-        target,
-        recording.robot_name,
-        recording.skin,
-        recording.calibration,
-        recording.metadata,
-        recording.joint_names,
-    ) as writer:
-        write_all(writer, recording.scans(), recording.labels, records)
-    print(f"written to {target}")

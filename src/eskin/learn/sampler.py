@@ -94,7 +94,7 @@ def check_classes(sampler: Sampler, vocabulary: tuple[str, ...]) -> None:
 
 
 def split(
-    dataset: Dataset, recordings: list[int], share: float, rng: np.random.Generator
+    recordings: list[int], share: float, rng: np.random.Generator
 ) -> tuple[set[int], set[int]]:
     """Recordings to train on and to validate on."""
     order = rng.permutation(sorted(recordings)).tolist()

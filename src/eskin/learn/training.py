@@ -129,7 +129,7 @@ class Trainer:
         chosen = (
             list(range(len(dataset.recordings))) if recordings is None else recordings
         )
-        train, held = split(dataset, chosen, config.validation, self.rng)
+        train, held = split(chosen, config.validation, self.rng)
         window = (config.network.slots, config.augment.crop)
         self.sampler = make_sampler(dataset, vocabulary, train, *window)
         check_classes(self.sampler, vocabulary)

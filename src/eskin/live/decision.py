@@ -27,14 +27,11 @@ class DecisionConfig:
     touch to close."""
 
     hold_seconds: float = 0.06
-    """How long it must stay above [s]."""
+    """How long it must stay above, and on a skin that is not calibrated how long
+    another class must be likeliest until that is another touch [s]."""
 
     least: float = 0.3
     """Probability below which a touch that closes is unknown; 0 never abstains."""
-
-    rearm_seconds: float = 0.2
-    """On a skin that may press on itself for ever: how long `none` must be likeliest
-    until what follows is another touch [s]."""
 
     still: float = 0.02
     """Travel below which a touch has no direction [m]."""
@@ -62,10 +59,10 @@ class Hearing:
     """What is known of one open touch."""
 
     onset: int
-    said: bool = False
+    said: str | None = None
     leader: int = -1
     since: int = 0
-    quiet_since: int | None = None
+    other_since: int | None = None
     latest: Float[np.ndarray, "class"] | None = None
 
 
@@ -79,22 +76,22 @@ class Decider:
        is said, be it `none`; or `unknown` where that is below `least`.
     3. A touch that takes another over is spoken for if either has been spoken of.
     4. On a skin that is not calibrated, contact may never end, under a tight sleeve
-       say. There `none` ends a touch: once it has been the likeliest class for
-       `rearm_seconds`, what follows is heard as a touch of its own.
+       say. There a touch ends once another class than the one that was said of it,
+       or `none`, has been likeliest for the whole of `hold_seconds`.
     """
 
     def __init__(
         self,
         vocabulary: tuple[str, ...],
         config: DecisionConfig | None = None,
-        none_ends: bool = False,
+        change_ends: bool = False,
     ) -> None:
         """Start without touches.
 
         Args:
             vocabulary: classes in the order of the probabilities.
             config: how sure is sure.
-            none_ends: whether the fourth rule holds.
+            change_ends: whether the fourth rule holds.
 
         Raises:
             ValueError: a threshold is of no gesture in the vocabulary.
@@ -103,8 +100,7 @@ class Decider:
         self.config = config or DecisionConfig()
         self.thresholds = thresholds_of(vocabulary, self.config)
         self.hold = round(self.config.hold_seconds * NANOSECONDS)
-        self.rearm = round(self.config.rearm_seconds * NANOSECONDS)
-        self.none_ends = none_ends
+        self.change_ends = change_ends
         self.hearings: dict[int, Hearing] = {}
 
     def push(
@@ -125,9 +121,10 @@ class Decider:
         verdicts = self.close(closed)
         for touch in touches:
             hearing = self.hearings.setdefault(touch.id, Hearing(touch.onset))
-            if self.none_ends and self.is_over(hearing, stamp, probabilities[touch.id]):
-                hearing = self.hearings[touch.id] = Hearing(stamp, quiet_since=0)
-            verdict = self.hear(hearing, touch, stamp, probabilities[touch.id])
+            chances = probabilities[touch.id]
+            if self.change_ends and self.is_over(hearing, stamp, chances):
+                hearing.onset, hearing.said = stamp, None
+            verdict = self.hear(hearing, touch, stamp, chances)
             if verdict is not None:
                 verdicts.append(verdict)
         return verdicts
@@ -135,13 +132,14 @@ class Decider:
     def is_over(
         self, hearing: Hearing, stamp: int, probabilities: Float[np.ndarray, "class"]
     ) -> bool:
-        """Whether `none` has been likeliest for long enough, and still is."""
-        if self.vocabulary[int(probabilities.argmax())] != NONE:
-            hearing.quiet_since = None
+        """Whether another class has been likeliest for long enough."""
+        leader = self.vocabulary[int(probabilities.argmax())]
+        if leader != NONE and hearing.said in (None, leader):
+            hearing.other_since = None
             return False
-        if hearing.quiet_since is None:
-            hearing.quiet_since = stamp
-        return stamp - hearing.quiet_since >= self.rearm
+        if hearing.other_since is None:
+            hearing.other_since = stamp
+        return stamp - hearing.other_since >= self.hold
 
     def hear(
         self,
@@ -158,9 +156,9 @@ class Decider:
             sure = probabilities[leader] >= self.thresholds[leader]
             hearing.leader, hearing.since = leader if sure else -1, stamp
         held = hearing.leader >= 0 and stamp - hearing.since >= self.hold
-        if hearing.said or not held:
+        if hearing.said is not None or not held:
             return None
-        hearing.said = True
+        hearing.said = self.vocabulary[leader]
         confidence = float(probabilities[leader])
         return Verdict(touch, self.vocabulary[leader], confidence, hearing.onset)
 
@@ -172,8 +170,8 @@ class Decider:
             if touch.merged_into is not None:
                 new = Hearing(touch.onset)
                 heir = self.hearings.setdefault(touch.merged_into, new)
-                heir.said |= hearing.said
-            elif not hearing.said and hearing.latest is not None:
+                heir.said = heir.said or hearing.said
+            elif hearing.said is None and hearing.latest is not None:
                 verdicts.append(self.last_word(touch, hearing, hearing.latest))
         return verdicts
 

@@ -65,7 +65,7 @@ class Recognizer:
         self.graphs = GraphStream(mounted, card.graph)
         self.stream = LogitStream(model)
         self.decider = Decider(
-            card.vocabulary, decision, none_ends=not mounted.skin.calibrated
+            card.vocabulary, decision, change_ends=not mounted.skin.calibrated
         )
         self.travel = Travel(
             mounted.robot, self.touches.contacts.poses, self.decider.config.still

@@ -9,6 +9,7 @@ from jaxtyping import Float, Int
 
 from eskin.errors import RecordingError
 from eskin.recording.autolabel import AutoLabelConfig, label_automatically
+from eskin.recording.detection import DetectionRecord
 from eskin.recording.labels import Label, sort_labels
 from eskin.recording.ranges import rough_ranges
 from eskin.recording.reader import Recording
@@ -74,14 +75,18 @@ def peak_pressures(
 
 
 def rewrite(
-    recording: Recording, labels: Iterable[Label], path: Path | str | None = None
+    recording: Recording,
+    path: Path | str | None = None,
+    labels: Iterable[Label] | None = None,
+    detections: Iterable[DetectionRecord] | None = None,
 ) -> None:
-    """Write a copy of a recording with other labels.
+    """Write a copy of a recording with other labels or detections.
 
     Args:
         recording: what to copy.
-        labels: all labels of the copy.
         path: of the copy; None replaces the recording once its copy is whole.
+        labels: all labels of the copy; None keeps the recording's.
+        detections: all detections of the copy; None keeps the recording's.
 
     Raises:
         RecordingError: when a recording that is cut short would be replaced.
@@ -90,7 +95,7 @@ def rewrite(
     if recording.truncated and target.resolve() == recording.path.resolve():
         raise RecordingError(
             f"{recording.path} is cut short and would be replaced by what is left; "
-            "write the labelled copy elsewhere with --out FOLDER"
+            "write the copy elsewhere"
         )
     with RecordingWriter(
         target,
@@ -100,4 +105,9 @@ def rewrite(
         recording.metadata,
         recording.joint_names,
     ) as writer:
-        write_all(writer, recording.scans(), labels, recording.detections)
+        write_all(
+            writer,
+            recording.scans(),
+            recording.labels if labels is None else labels,
+            recording.detections if detections is None else detections,
+        )
