@@ -21,6 +21,7 @@ CHECKED = [
     "eskin.nn",
     "eskin.learn",
     "eskin.live",
+    "eskin.sim",
 ]
 install_import_hook(CHECKED, "beartype.beartype")
 

@@ -21,6 +21,7 @@ BELOW = {
     "nn": ("model",),
     "learn": ("nn", "recording"),
     "live": ("model", "recording"),
+    "sim": ("recording",),
 }
 TOP = {"cli", "__init__"}
 HEAVY = {"torch", "sklearn", "matplotlib"}

@@ -1,0 +1,17 @@
+"""A simulated world: people, hands, gestures, contact and sensor."""
+
+from eskin.sim.chart import Chart, charts_of
+from eskin.sim.constants import Constants, load_constants
+from eskin.sim.press import Flesh, Press, Stamps
+from eskin.sim.truth import TrueTouch
+
+__all__ = [
+    "Chart",
+    "Constants",
+    "Flesh",
+    "Press",
+    "Stamps",
+    "TrueTouch",
+    "charts_of",
+    "load_constants",
+]

@@ -1,0 +1,120 @@
+"""Charts: a surface of the robot unrolled, with all taxels that lie on it."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from eskin.skin import MountedSkin
+from eskin.skin.fit import fit_surface
+from eskin.skin.round import Tube
+from eskin.skin.surface import Surface
+
+TOLERANCE = 1e-4
+"""Distance within which taxels belong to a surface [m]."""
+
+
+@dataclass(frozen=True, eq=False)
+class Chart:
+    """One surface of a link, unrolled, with the taxels of all patches on it."""
+
+    link: str
+    """Link that the surface is part of."""
+    surface: Surface
+    """From unrolled coordinates (s, t) to the link's frame and back."""
+    taxels: Int[np.ndarray, "part"]
+    """Indices into the skin's taxels, ascending."""
+    unrolled: Float[np.ndarray, "part 2"]
+    """Centre (s, t) of each of those taxels [m]."""
+    cells: Float[np.ndarray, "part 2 2"]
+    """Half the cell of each taxel as two vectors (s, t): along columns, rows [m]."""
+
+    @property
+    def radius(self) -> float:
+        """Radius of curvature across t [m]; infinite on a plane."""
+        return float(getattr(self.surface, "radius", np.inf))
+
+    @property
+    def circumference(self) -> float:
+        """Length after which s comes round again [m]; infinite but on a tube."""
+        is_tube = isinstance(self.surface, Tube)
+        return 2 * np.pi * self.radius if is_tube else np.inf
+
+    def wrapped(self, s: Float[np.ndarray, "*any"]) -> Float[np.ndarray, "*any"]:
+        """Differences of s, the shorter way round [m]."""
+        whole = self.circumference
+        return s if np.isinf(whole) else (s + whole / 2) % whole - whole / 2
+
+
+def charts_of(mounted: MountedSkin) -> tuple[Chart, ...]:
+    """The charts of a skin, in the order of their first taxels.
+
+    Raises:
+        ValueError: a patch lies on no plane, tube or dome.
+    """
+    skin = mounted.skin
+    found: list[tuple[str, Surface, list[int]]] = []
+    for index, patch in enumerate(skin.patches):
+        taxels = np.flatnonzero(skin.patch_index == index)
+        positions, normals = skin.positions[taxels], skin.normals[taxels]
+        for link, surface, members in found:
+            gaps = surface.gaps(positions, normals)
+            if link == patch.link and gaps.max(initial=0.0) < TOLERANCE:
+                members.extend(taxels.tolist())
+                break
+        else:
+            surface = fit_surface(positions, normals)
+            if surface is None:
+                raise ValueError(
+                    f"patch '{patch.id}' lies on no plane, tube or dome; touches are "
+                    "simulated on those only; lay it on one"
+                )
+            found.append((patch.link, surface, taxels.tolist()))
+    return tuple(lay_out(mounted, *parts) for parts in found)
+
+
+def lay_out(
+    mounted: MountedSkin, link: str, surface: Surface, members: list[int]
+) -> Chart:
+    """The chart of a surface and its taxels."""
+    taxels = np.sort(np.array(members, dtype=np.int64))
+    skin = mounted.skin
+    unrolled = surface.unroll(skin.positions[taxels])
+    cells = np.empty((len(taxels), 2, 2))
+    for index in np.unique(skin.patch_index[taxels]):
+        part = skin.patch_index[taxels] == index
+        cells[part] = cells_of(
+            unrolled[part],
+            column_directions(surface, skin.tangents[taxels[part]], unrolled[part]),
+            skin.rows[taxels[part]],
+            skin.areas[taxels[part]],
+        )
+    return Chart(link, surface, taxels, unrolled, cells)
+
+
+def column_directions(
+    surface: Surface,
+    tangents: Float[np.ndarray, "part 3"],
+    unrolled: Float[np.ndarray, "part 2"],
+) -> Float[np.ndarray, "part 2"]:
+    """Each taxel's tangent as a unit vector (s, t)."""
+    wrapped = surface.wrap(unrolled)
+    along_s = np.sum(tangents * wrapped.tangents, axis=1)
+    t_axis = np.cross(wrapped.normals, wrapped.tangents)
+    return np.column_stack([along_s, np.sum(tangents * t_axis, axis=1)])
+
+
+def cells_of(
+    unrolled: Float[np.ndarray, "part 2"],
+    columns: Float[np.ndarray, "part 2"],
+    rows: Int[np.ndarray, "part"],
+    areas: Float[np.ndarray, "part"],
+) -> Float[np.ndarray, "part 2 2"]:
+    """Half vectors of the cells of one patch: rows are evenly spaced, areas given."""
+    across = np.column_stack([-columns[:, 1], columns[:, 0]])
+    height = np.sum(unrolled * across.mean(axis=0), axis=1)
+    levels = [height[rows == row].mean() for row in np.unique(rows)]
+    steps = np.abs(np.diff(levels)) / np.diff(np.unique(rows))
+    pitch = np.median(steps) if len(steps) else np.sqrt(areas.mean())
+    along = columns * (areas / pitch / 2)[:, None]
+    return np.stack([along, across * pitch / 2], axis=1)

@@ -1,0 +1,189 @@
+"""Every number of the simulated world, with its unit and where it comes from.
+
+`constants.yaml` holds them. A constant is a value, or a distribution to draw from; it
+names its source, or says that it is an estimate and how far it may be off.
+"""
+
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import Annotated, Literal, final
+
+import numpy as np
+import yaml
+from jaxtyping import Float
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+FILE = Path(__file__).with_name("constants.yaml")
+
+
+class Strict(BaseModel):
+    """A part of the file: nothing but what is declared."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class Spread(Strict):
+    """A distribution of one number, cut at `low` and `high` by drawing again."""
+
+    law: Literal["normal", "lognormal", "uniform"]
+    mean: float | None = None
+    """Of a normal law."""
+    sd: float | None = None
+    """Of a normal law."""
+    median: float | None = None
+    """Of a lognormal law."""
+    gsd: float | None = None
+    """Geometric standard deviation of a lognormal law."""
+    low: float = -np.inf
+    high: float = np.inf
+
+    @model_validator(mode="after")
+    def complete(self) -> "Spread":
+        """Refuse a law that lacks its parameters."""
+        needed = {
+            "normal": (self.mean, self.sd),
+            "lognormal": (self.median, self.gsd),
+            "uniform": (self.low, self.high),
+        }[self.law]
+        if any(part is None or not np.isfinite(part) for part in needed):
+            raise ValueError(f"a {self.law} law lacks a parameter")
+        return self
+
+
+class Constant(Strict):
+    """One number, list of numbers, distribution, or set of weights."""
+
+    value: float | list[float] | None = None
+    spread: Spread | None = None
+    weights: dict[str, float] | None = None
+    unit: str
+    """Unit, `1` where there is none."""
+    source: str | None = None
+    """Key of `sources`; None for an estimate."""
+    estimate: Annotated[list[float], Field(min_length=2, max_length=2)] | None = None
+    """Factors by which an estimate may be too large or too small: [least, most]."""
+    note: str = ""
+
+    @model_validator(mode="after")
+    def one_of_each(self) -> "Constant":
+        """Refuse what is not exactly one kind of number from one kind of place."""
+        kinds = (self.value, self.spread, self.weights)
+        if sum(kind is not None for kind in kinds) != 1:
+            raise ValueError("give exactly one of value, spread, weights")
+        if (self.source is None) == (self.estimate is None):
+            raise ValueError("give a source, or else estimate: [least, most] factors")
+        return self
+
+
+class File(Strict):
+    """The whole file."""
+
+    sources: dict[str, str]
+    constants: dict[str, Constant]
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Constants:
+    """The numbers of one simulated world."""
+
+    entries: dict[str, Constant]
+    """By name, such as `poke.force`."""
+    sources: dict[str, str]
+    """Citations by key."""
+    factors: dict[str, float]
+    """What single constants are multiplied by, as in a sensitivity sweep."""
+
+    def entry(self, name: str) -> Constant:
+        """One constant.
+
+        Raises:
+            ValueError: there is none of that name.
+        """
+        if name not in self.entries:
+            raise ValueError(f"no constant '{name}'; they are in {FILE.name}")
+        return self.entries[name]
+
+    def value(self, name: str) -> float:
+        """A constant that is one number."""
+        number = self.entry(name).value
+        if not isinstance(number, float | int):
+            raise ValueError(f"constant '{name}' is not one number; draw or list it")
+        return float(number) * self.factors.get(name, 1.0)
+
+    def array(self, name: str) -> Float[np.ndarray, "item"]:
+        """A constant that is a list of numbers."""
+        numbers = self.entry(name).value
+        if not isinstance(numbers, list):
+            raise ValueError(f"constant '{name}' is not a list of numbers")
+        return np.array(numbers, dtype=np.float64) * self.factors.get(name, 1.0)
+
+    def weights(self, name: str) -> dict[str, float]:
+        """A constant that is a set of weights, summing to 1."""
+        weights = self.entry(name).weights
+        if weights is None:
+            raise ValueError(f"constant '{name}' has no weights")
+        total = sum(weights.values())
+        return {key: weight / total for key, weight in weights.items()}
+
+    def draw(self, name: str, rng: np.random.Generator, widen: float = 1.0) -> float:
+        """Draw one number.
+
+        Args:
+            name: of a constant with a spread.
+            rng: to draw from.
+            widen: factor on the spread: on the deviation of a normal law, on the
+                logarithm of a lognormal one; a uniform law does not widen.
+        """
+        spread = self.entry(name).spread
+        if spread is None:
+            raise ValueError(f"constant '{name}' is not drawn; take its value")
+        number = draw_within(spread, rng, widen)
+        return number * self.factors.get(name, 1.0)
+
+    def choose(self, name: str, rng: np.random.Generator) -> str:
+        """Draw one of the names of a set of weights."""
+        weights = self.weights(name)
+        return str(rng.choice(list(weights), p=list(weights.values())))
+
+    def scaled(self, factors: dict[str, float]) -> "Constants":
+        """The same with some constants multiplied, distributions as a whole.
+
+        Raises:
+            ValueError: a name is unknown.
+        """
+        for name in factors:
+            self.entry(name)
+        return Constants(self.entries, self.sources, self.factors | factors)
+
+
+TRIES = 1000
+
+
+def draw_within(spread: Spread, rng: np.random.Generator, widen: float) -> float:
+    """Draw until the number lies within the limits."""
+    for _ in range(TRIES):
+        number = draw_once(spread, rng, widen)
+        if spread.low <= number <= spread.high:
+            return number
+    raise ValueError(f"{spread} hardly ever lies within its own limits")
+
+
+def draw_once(spread: Spread, rng: np.random.Generator, widen: float) -> float:
+    """Draw from the law, whatever its limits."""
+    match spread.law:
+        case "normal":
+            return float(rng.normal(spread.mean or 0.0, (spread.sd or 0.0) * widen))
+        case "lognormal":
+            sigma = np.log(spread.gsd or 1.0) * widen
+            return float((spread.median or 0.0) * np.exp(sigma * rng.normal()))
+        case _:
+            return float(rng.uniform(spread.low, spread.high))
+
+
+@lru_cache(maxsize=1)
+def load_constants() -> Constants:
+    """The numbers as they are published with the package."""
+    content = File.model_validate(yaml.safe_load(FILE.read_text()))
+    return Constants(content.constants, content.sources, {})

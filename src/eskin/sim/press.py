@@ -1,0 +1,76 @@
+"""What a hand or another body does to a surface, before any taxel feels it."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+
+@dataclass(frozen=True, eq=False)
+class Stamps:
+    """The parts of a body that can bear load, each pressed on as a small ellipse.
+
+    They lie in the body's own plane: for a hand, x points toward the thumb's side of a
+    right palm and y to the fingertips.
+    """
+
+    centres: Float[np.ndarray, "part 2"]
+    """(x, y) in the body's plane [m]."""
+    radii: Float[np.ndarray, "part 2"]
+    """Radii of curvature across and along the part [m]."""
+    turns: Float[np.ndarray, "part"]
+    """Angle of the part's long axis from y, counter-clockwise seen from outside the
+    skin [rad]."""
+    area: Float[np.ndarray, "part"]
+    """Contact area on a flat at 1 N [m2]."""
+    most: Float[np.ndarray, "part"]
+    """Largest contact area [m2]."""
+    stiffness: Float[np.ndarray, "part"]
+    """Relative stiffness in sharing the load."""
+
+    @property
+    def count(self) -> int:
+        """Number of parts."""
+        return len(self.area)
+
+
+@dataclass(frozen=True)
+class Flesh:
+    """How a body gives way."""
+
+    b: float
+    """Stiffness at first touch: F = k (b / m) (exp(m d) - 1 - m d) [N/m]."""
+    m: float
+    """Growth of the stiffness with depth d [1/m]."""
+    area_scale: float
+    """Contact area relative to that of the average body."""
+    area_exponent: float
+    """Growth of the contact area with force."""
+    conformity: float
+    """How far it wraps round what it touches: 0 stays flat, 1 follows the surface."""
+
+
+@dataclass(frozen=True, eq=False)
+class Press:
+    """One body pressing on one chart through time."""
+
+    chart: int
+    """Index into the skin's charts."""
+    first: int
+    """Step of the scene's clock at which the series start; may be negative."""
+    stamps: Stamps
+    """The parts that bear load; their mean centre is put on `centre`."""
+    flesh: Flesh
+    """How they give way."""
+    force: Float[np.ndarray, "time"]
+    """Total force on the surface [N]."""
+    centre: Float[np.ndarray, "time 2"]
+    """Where the stamps' mean centre lies on the chart, unrolled (s, t) [m]."""
+    angle: Float[np.ndarray, "time"]
+    """Angle from the chart's t axis to the body's y axis, counter-clockwise seen from
+    outside the skin [rad]."""
+
+    @property
+    def steps(self) -> int:
+        """Length of the series."""
+        return len(self.force)
