@@ -1,0 +1,48 @@
+"""Poke: a finger pushes briefly."""
+
+import numpy as np
+
+from eskin.sim.hand import body_of
+from eskin.sim.press import Press, Stamps
+from eskin.sim.programs.act import Act
+from eskin.sim.programs.amount import draw_duration, draw_force
+from eskin.sim.series import Series, bell, trapezoid
+
+
+def poke(act: Act) -> tuple[Press, ...]:
+    """One push, sometimes pressed again before it leaves."""
+    force = draw_force(act, "poke.force", "poke")
+    duration = draw_duration(act, "poke")
+    shape = push(act, act.steps(duration))
+    if act.happens("again", act.constants.value("poke.again") * act.difficulty):
+        shape = again(act, shape)
+    path = act.slip("poke.slip", len(shape))
+    return (act.press(finger(act), act.flesh(), force * shape, path, act.turn()),)
+
+
+def finger(act: Act) -> Stamps:
+    """What pokes."""
+    if act.kind == "knuckle":
+        return body_of("knuckle", act.constants)
+    return act.stamps(act.kind)
+
+
+def push(act: Act, steps: int) -> Series:
+    """Force of one push through time, largest value 1."""
+    if act.choose("poke.shape") == "bell":
+        return bell(steps, act.constants.value("force.bell"))
+    rise, fall = (act.constants.value(f"poke.{part}") for part in ("rise", "fall"))
+    smooth = round(act.constants.value("force.smooth") / act.step / 2)
+    return trapezoid(steps, rise, fall, smooth)
+
+
+def again(act: Act, shape: Series) -> Series:
+    """The push, and another one that begins before it has left."""
+    share, dip = act.draw("poke.again_share"), act.draw("poke.again_dip")
+    later = int(np.flatnonzero(shape >= dip)[-1]) + 1
+    both = np.zeros(later + len(shape))
+    both[: len(shape)] = shape
+    start = int(np.flatnonzero(share * shape >= dip * share)[0])
+    tail = share * shape[start:]
+    both[later : later + len(tail)] = np.maximum(both[later : later + len(tail)], tail)
+    return both[: later + len(tail)]
