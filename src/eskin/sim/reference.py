@@ -1,0 +1,166 @@
+"""An independent look at contact: rigid ellipsoids in MuJoCo under a Winkler law.
+
+Nothing of it is used to make clips. It shares with `contact` what a body is and how
+stiff: not the areas of its parts, nor the shape of the pressure, nor how curvatures and
+gaps are reckoned.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Float
+from scipy.ndimage import map_coordinates
+
+from eskin.sim.chart import Chart
+from eskin.sim.constants import Constants
+from eskin.sim.contact import Felt
+from eskin.sim.dents import KPA, MM, placed
+from eskin.sim.press import Press
+from eskin.sim.reference_scene import Scene
+
+__all__ = ["Agreement", "agreement", "feel_in_mujoco"]
+
+
+@dataclass(frozen=True)
+class Agreement:
+    """How near the model comes to the reference at one instant."""
+
+    area: float
+    """True area of contact over that of the reference."""
+    centroid: float
+    """Distance of the centroids [m]."""
+    correlation: float
+    """Of the pressures of all taxels about the body."""
+    strict: float
+    """Of the pressures of those taxels only that either feels."""
+
+
+def feel_in_mujoco(press: Press, chart: Chart, constants: Constants) -> Felt:
+    """What `feel` gives for the first step of a press, by way of MuJoCo.
+
+    Needs MuJoCo (extra `sim`).
+    """
+    press = instant(press, 0)
+    grid = grid_about(press, constants)
+    scene = Scene(press, chart, grid)
+    pressure = pressed(press, scene, constants)
+    loads = pressure * scene.areas / KPA
+    total = loads.sum()
+    shape = (len(grid[0]), len(grid[1]))
+    taxels, felt = on_taxels(
+        pressure.reshape(shape), grid, press.centre[0], chart, constants
+    )
+    return Felt(
+        taxels=chart.taxels[taxels],
+        pressure=felt[None],
+        area=np.array(
+            [scene.areas[pressure > constants.value("contact.touched")].sum()]
+        ),
+        force=np.array([total]),
+        centroid=(loads @ scene.unrolled / total)[None],
+    )
+
+
+def instant(press: Press, step: int) -> Press:
+    """One step of a press."""
+    only = slice(step, step + 1)
+    return replace(
+        press,
+        force=press.force[only],
+        centre=press.centre[only],
+        angle=press.angle[only],
+    )
+
+
+def grid_about(press: Press, constants: Constants) -> tuple[np.ndarray, np.ndarray]:
+    """Even coordinates along s and t that hold the whole body, about its centre [m]."""
+    deepest = constants.value("contact.deepest") * MM
+    reach = np.sqrt(2 * press.stamps.radii.max() * deepest)
+    offsets = placed(press)[0]
+    low, high = offsets.min(axis=0) - reach, offsets.max(axis=0) + reach
+    spacing = np.sqrt(np.prod(high - low) / constants.value("contact.reference.points"))
+    s, t = (
+        np.arange(least, most, spacing) for least, most in zip(low, high, strict=True)
+    )
+    return s, t
+
+
+def pressed(
+    press: Press, scene: Scene, constants: Constants
+) -> Float[np.ndarray, "point"]:
+    """Pressure at every point [kPa] once the parts carry the force together."""
+    low, high = 0.0, constants.value("contact.deepest") * MM
+    while load(pressures(press, scene, high), scene) < press.force[0]:
+        high *= 2
+    for _ in range(int(constants.value("contact.reference.halvings"))):
+        depth = (low + high) / 2
+        enough = load(pressures(press, scene, depth), scene) >= press.force[0]
+        low, high = (low, depth) if enough else (depth, high)
+    return pressures(press, scene, high)
+
+
+def load(pressure: Float[np.ndarray, "point"], scene: Scene) -> float:
+    """Force of a field of pressure [N]."""
+    return float(pressure @ scene.areas / KPA)
+
+
+def pressures(press: Press, scene: Scene, depth: float) -> Float[np.ndarray, "point"]:
+    """Pressure at every point [kPa] for parts that moved by a depth.
+
+    p = k b / (2 pi R) (exp(m d) - 1), with R the mean radius of a part. Where two parts
+    overlap the stiffer answer stands, as one body cannot press twice.
+    """
+    stamps, flesh = press.stamps, press.flesh
+    stiff = (
+        stamps.stiffness * flesh.b / (2 * np.pi * np.sqrt(stamps.radii.prod(axis=1)))
+    )
+    total = np.zeros(len(scene.areas))
+    for part in range(stamps.count):
+        field = stiff[part] * np.expm1(flesh.m * scene.depths(part, depth)) * KPA
+        np.maximum(total, field, out=total)
+    return total
+
+
+SIDE = 6
+"""Points along each side of a taxel's sensing part, where its mean is taken."""
+
+
+def on_taxels(
+    field: Float[np.ndarray, "s t"],
+    grid: tuple[np.ndarray, np.ndarray],
+    centre: Float[np.ndarray, "2"],
+    chart: Chart,
+    constants: Constants,
+) -> tuple[np.ndarray, Float[np.ndarray, "part"]]:
+    """The chart's taxels under the grid, and the mean over what senses of each [kPa]."""
+    away = chart.unrolled - centre
+    away[:, 0] = chart.wrapped(away[:, 0])
+    low, high = (np.array([axis[end] for axis in grid]) for end in (0, -1))
+    under = np.flatnonzero(np.all((away >= low) & (away <= high), axis=1))
+    places = (np.arange(SIDE) + 0.5) * 2 / SIDE - 1
+    places = places * np.sqrt(constants.value("contact.fill"))
+    steps = np.stack(np.meshgrid(places, places), axis=-1).reshape(-1, 2)
+    points = away[under, None] + np.einsum("pd,ids->ips", steps, chart.cells[under])
+    spacing = np.array([axis[1] - axis[0] for axis in grid])
+    samples = map_coordinates(
+        field, np.moveaxis((points - low) / spacing, -1, 0), order=1
+    )
+    return under, samples.mean(axis=1)
+
+
+def agreement(felt: Felt, reference: Felt) -> Agreement:
+    """Compare the first step of what was felt with the reference for it."""
+    mine = dict(zip(felt.taxels.tolist(), felt.pressure[0].tolist(), strict=True))
+    theirs = dict(
+        zip(reference.taxels.tolist(), reference.pressure[0].tolist(), strict=True)
+    )
+    pairs = np.array(
+        [(mine.get(i, 0.0), theirs.get(i, 0.0)) for i in mine.keys() | theirs.keys()]
+    )
+    touched = pairs[pairs.any(axis=1)]
+    return Agreement(
+        area=float(felt.area[0] / reference.area[0]),
+        centroid=float(np.linalg.norm(felt.centroid[0] - reference.centroid[0])),
+        correlation=float(np.corrcoef(pairs.T)[0, 1]),
+        strict=float(np.corrcoef(touched.T)[0, 1]) if len(touched) > 1 else 1.0,
+    )
