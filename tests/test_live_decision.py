@@ -177,3 +177,39 @@ def test_where_contact_never_ends_none_that_lasts_makes_way_for_the_next_touch()
 def test_where_contact_never_ends_another_gesture_that_lasts_is_another_touch():
     story = [("poke", 6), ("stroke", 2), ("poke", 6), ("stroke", 6)]
     assert heard_without_end(*story) == [("poke", 0), ("stroke", 17)]
+
+
+def heard_after_contact(*story, felt=6):
+    """What is said, with onset and last contact [readings], of a touch that closes.
+
+    story: name, probability, readings; `felt`: readings with contact, from the first.
+    """
+    decider, verdicts = Decider(VOCABULARY, change_ends=True), []
+    steps = [(name, p) for name, p, readings in story for _ in range(readings)]
+    touch = touch_at(0)
+    for n, (name, p) in enumerate(steps):
+        touch = touch_at(20 * n) if n < felt else touch
+        shares = {1: likely(name, p)}
+        verdicts += decider.push(20 * n * MS, (touch,), (), shares)
+    verdicts += decider.close((touch,))
+    step = 20 * MS
+    return [(v.gesture, v.onset // step, v.touch.last // step) for v in verdicts]
+
+
+def test_a_touch_that_was_spoken_of_is_not_said_again_after_its_contact():
+    said = [("poke", 0, 3)]
+    assert heard_after_contact(("poke", 0.9, 10), ("none", 0.9, 20)) == said
+    back = [("poke", 0.9, 10), ("none", 0.9, 6), ("poke", 0.9, 9)]
+    assert heard_after_contact(*back) == said
+
+
+def test_a_touch_not_spoken_of_has_its_last_word_and_its_own_onset():
+    story = [("poke", 0.6, 10), ("none", 0.9, 20)]
+    assert heard_after_contact(*story) == [("poke", 0, 5)]
+
+
+def test_contact_that_comes_back_after_a_change_is_another_touch():
+    story = [("poke", 0.9, 8), ("none", 0.9, 6), ("stroke", 0.9, 10)]
+    found = heard_after_contact(*story, felt=20)
+    assert [gesture for gesture, _, _ in found] == ["poke", "stroke"]
+    assert all(onset <= last for _, onset, last in found)

@@ -77,7 +77,8 @@ class Decider:
     3. A touch that takes another over is spoken for if either has been spoken of.
     4. On a skin that is not calibrated, contact may never end, under a tight sleeve
        say. There a touch ends once another class than the one that was said of it,
-       or `none`, has been likeliest for the whole of `hold_seconds`.
+       or `none`, has been likeliest for the whole of `hold_seconds`; another begins
+       only with contact after that.
     """
 
     def __init__(
@@ -123,7 +124,7 @@ class Decider:
             hearing = self.hearings.setdefault(touch.id, Hearing(touch.onset))
             chances = probabilities[touch.id]
             if self.change_ends and self.is_over(hearing, stamp, chances):
-                hearing.onset, hearing.said = stamp, None
+                start_anew(hearing, touch, stamp)
             verdict = self.hear(hearing, touch, stamp, chances)
             if verdict is not None:
                 verdicts.append(verdict)
@@ -149,14 +150,15 @@ class Decider:
         probabilities: Float[np.ndarray, "class"],
     ) -> Verdict | None:
         """Take in the probabilities of an open touch."""
-        if touch.last == stamp or hearing.latest is None:
+        if touch.last == stamp:
             hearing.latest = probabilities
         leader = int(probabilities.argmax())
         if leader != hearing.leader or probabilities[leader] < self.thresholds[leader]:
             sure = probabilities[leader] >= self.thresholds[leader]
             hearing.leader, hearing.since = leader if sure else -1, stamp
         held = hearing.leader >= 0 and stamp - hearing.since >= self.hold
-        if hearing.said is not None or not held:
+        felt = touch.last >= hearing.onset
+        if hearing.said is not None or not held or not felt:
             return None
         hearing.said = self.vocabulary[leader]
         confidence = float(probabilities[leader])
@@ -187,6 +189,15 @@ class Decider:
         known = confidence >= self.config.least
         gesture = self.vocabulary[leader] if known else UNKNOWN
         return Verdict(touch, gesture, confidence, hearing.onset)
+
+
+def start_anew(hearing: Hearing, touch: Touch, stamp: int) -> None:
+    """End what was heard of a touch: what it feels from now on is another one.
+
+    A touch without contact of which nothing was said still waits for its last word.
+    """
+    if hearing.said is not None or touch.last == stamp:
+        hearing.onset, hearing.said, hearing.latest = stamp, None, None
 
 
 def thresholds_of(
