@@ -42,6 +42,19 @@ def test_a_touch_remembers_its_last_reading_and_no_other_touches():
         assert not first[key].before.any()
 
 
+def test_a_touch_that_takes_another_over_remembers_its_load_too():
+    mounted = flat(columns=24)
+    left, right = (bump(mounted.skin, (x, 0, 0), radius=0.015) for x in (-0.1, 0.1))
+    bridge = bump(mounted.skin, (0.05, 0, 0), radius=0.015)
+    bridge += bump(mounted.skin, (0.0, 0, 0), radius=0.015)
+    bridge += bump(mounted.skin, (-0.05, 0, 0), radius=0.015)
+    apart, together = streamed(mounted, [left + right, left + right + bridge])
+    assert (len(apart), len(together)) == (2, 1)
+    [graph] = together.values()
+    load = (left + right)[graph.taxels]
+    np.testing.assert_allclose(graph.before, np.where(load >= 3.0, load, 0), rtol=1e-6)
+
+
 def test_between_two_pats_a_touch_has_a_graph_without_pressure_and_then_is_gone():
     mounted = flat()
     pat = bump(mounted.skin, (0, 0, 0))

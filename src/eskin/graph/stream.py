@@ -38,6 +38,7 @@ class GraphStream:
         A touch between two contacts has a graph without pressure.
         """
         now = self.taxels_now(state)
+        self.inherit(state.closed)
         active = np.zeros(self.builder.mounted.skin.count, dtype=bool)
         for taxels in (*now.values(), *(contact.taxels for contact in state.contacts)):
             active[taxels] = True
@@ -48,6 +49,14 @@ class GraphStream:
         }
         self.earlier = now
         return graphs
+
+    def inherit(self, closed: tuple[Touch, ...]) -> None:
+        """Give what a touch had a reading ago to the one that has taken it over."""
+        for touch in closed:
+            if touch.merged_into is not None and touch.id in self.earlier:
+                heir = self.earlier.get(touch.merged_into, NOTHING)
+                both = np.concatenate([heir, self.earlier.pop(touch.id)])
+                self.earlier[touch.merged_into] = both
 
     def taxels_now(self, state: TouchState) -> dict[int, Int[np.ndarray, "active"]]:
         """The active taxels of each sequence at this reading."""
