@@ -83,7 +83,7 @@ def sleeve(paths: tuple[Path, ...], command: Command) -> Answers:
     segments = segment_answers(dataset, groups, networks, False, command.seed)
     print(table("Whole segments", segments))
     instants = instant_answers(dataset, groups, networks, command.seed)
-    print(table("Every instant, none among the classes", instants))
+    print(table("Every instant, none among the classes", instants, whole=True))
     return segments
 
 
@@ -112,8 +112,15 @@ def without_one_person(
     return segment_answers(dataset, groups, networks, shear, command.seed)
 
 
-def table(title: str, answers: Answers) -> str:
-    """One row a method: accuracy, macro F1, each group, and the distance from ours."""
+def table(title: str, answers: Answers, whole: bool = False) -> str:
+    """One row a method: accuracy, macro F1, each group, and the distance from ours.
+
+    Args:
+        title: of the table.
+        answers: to score.
+        whole: whether intervals draw whole recordings in place of single examples.
+    """
+    cluster = answers.recordings if whole else None
     names = sorted(set(answers.groups))
     rows = [
         f"\n**{title}** ({len(answers.truth)} examples, "
@@ -126,7 +133,7 @@ def table(title: str, answers: Answers) -> str:
         result = score(answers.truth, predicted, answers.vocabulary)
         right = predicted == answers.truth
         groups = by_group(right, answers.groups)
-        ahead = "" if name == OURS else difference(ours, right)
+        ahead = "" if name == OURS else difference(ours, right, cluster)
         cells = [
             name,
             f"{result.accuracy:.1%}",
@@ -138,9 +145,11 @@ def table(title: str, answers: Answers) -> str:
     return "\n".join(rows)
 
 
-def difference(ours: np.ndarray, theirs: np.ndarray) -> str:
+def difference(
+    ours: np.ndarray, theirs: np.ndarray, cluster: tuple[int, ...] | None = None
+) -> str:
     """Difference in accuracy with its paired bootstrap interval, in points."""
-    low, high = paired_interval(ours, theirs)
+    low, high = paired_interval(ours, theirs, cluster=cluster)
     mean = ours.mean() - theirs.mean()
     return f"{100 * mean:+.1f} [{100 * low:+.1f}, {100 * high:+.1f}]"
 

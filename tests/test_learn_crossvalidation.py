@@ -108,12 +108,14 @@ def test_what_differs_clearly_is_recognised_in_people_never_seen(dataset, few_tr
     assert answers.vocabulary == ("hold", "tap")
     assert answers.groups == tuple(np.repeat(PEOPLE, 4).tolist())
     assert answers.truth.tolist() == [0, 1, 1, 0] * 3
+    assert answers.recordings == (*[0] * 4, *[1] * 4, *[2] * 4)
     assert set(answers.predicted) == {"eskin", *baselines.BASELINES}
     for name, predicted in answers.predicted.items():
         assert (predicted == answers.truth).mean() >= 0.75, name
     instants = instant_answers(dataset, groups, networks, 0)
     assert instants.vocabulary == ("none", "hold", "tap")
     assert len(instants.truth) == len(instants.groups) == len(dataset.stamps)
+    assert instants.recordings == tuple(dataset.recording.tolist())
     assert set(instants.predicted) == {"eskin", "random forest"}
     for name, least in (("eskin", 1 / 3), ("random forest", 0.6)):
         assert (instants.predicted[name] == instants.truth).mean() > least, name

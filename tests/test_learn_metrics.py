@@ -85,3 +85,27 @@ def test_the_interval_holds_the_difference_and_turns_with_it():
 def test_equal_answers_have_an_interval_of_no_width():
     right = np.array([True, False, True])
     assert paired_interval(right, right) == (0.0, 0.0)
+
+
+def test_examples_that_come_in_copies_tell_no_more_than_one_of_them():
+    rng = np.random.default_rng(1)
+    ours, theirs = rng.random(80) < 0.8, rng.random(80) < 0.5
+    once = paired_interval(ours, theirs)
+    copies = [np.repeat(right, 50) for right in (ours, theirs)]
+    names = np.repeat(np.arange(80), 50).tolist()
+    assert paired_interval(*copies, cluster=names) == pytest.approx(once)
+    narrow = np.ptp(paired_interval(*copies))
+    assert narrow < np.ptp(once) / 5
+
+
+def test_whole_clusters_are_drawn_however_their_examples_are_ordered():
+    rng = np.random.default_rng(2)
+    ours, theirs = rng.random(90) < 0.7, rng.random(90) < 0.4
+    cluster = rng.integers(12, size=90)
+    order = rng.permutation(90)
+    one = paired_interval(ours, theirs, cluster=cluster.tolist())
+    other = paired_interval(ours[order], theirs[order], cluster=cluster[order].tolist())
+    assert one == pytest.approx(other)
+    assert paired_interval(ours, theirs, cluster=[7] * 90) == pytest.approx(
+        (ours.mean() - theirs.mean(),) * 2
+    )

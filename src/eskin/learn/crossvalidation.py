@@ -18,7 +18,7 @@ from eskin.learn.training import TrainConfig, Trainer
 from eskin.nn import RecogniserNetwork
 
 EVERY = 4
-"""One row in so many trains the instant baselines: neighbours are nearly the same."""
+"""One row in so many trains the forest on instants: neighbours are nearly the same."""
 
 WINDOW_NS = 2_000_000_000
 
@@ -35,6 +35,9 @@ class Answers:
 
     groups: tuple[str, ...]
     """Who or what session each example is of."""
+
+    recordings: tuple[int, ...]
+    """The recording of each example: what is near in time is not independent."""
 
     vocabulary: tuple[str, ...]
     """Classes."""
@@ -110,13 +113,17 @@ def segment_answers(
         for name, make in BASELINES.items():
             model = make(seed).fit(features[~out], truth[~out])
             predicted[name][out] = model.predict(features[out])
-    return Answers(truth, predicted, tuple(group.tolist()), vocabulary)
+    recordings = tuple(segment.recording for segment in segments)
+    return Answers(truth, predicted, tuple(group.tolist()), recordings, vocabulary)
 
 
 def instant_answers(
     dataset: Dataset, groups: Sequence[str], networks: Networks, seed: int
 ) -> Answers:
-    """Every instant, `none` among the classes, from the two seconds before it."""
+    """Every instant, `none` among the classes, from the two seconds before it.
+
+    The random forest alone stands beside the recogniser, trained on one row in `EVERY`.
+    """
     vocabulary = dataset.vocabulary
     truth = np.array([vocabulary.index(gesture) for gesture in dataset.gestures])
     group = np.array(groups)[dataset.recording]
@@ -130,7 +137,8 @@ def instant_answers(
         predicted["eskin"][rows] = scores.argmax(axis=1)
         model = BASELINES[forest](seed).fit(features[train], truth[train])
         predicted[forest][rows] = model.predict(features[rows])
-    return Answers(truth, predicted, tuple(group.tolist()), vocabulary)
+    recordings = tuple(dataset.recording.tolist())
+    return Answers(truth, predicted, tuple(group.tolist()), recordings, vocabulary)
 
 
 def window_features(dataset: Dataset, row: int) -> np.ndarray:

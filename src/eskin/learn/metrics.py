@@ -74,10 +74,23 @@ def paired_interval(
     ours: Bool[np.ndarray, "example"],
     theirs: Bool[np.ndarray, "example"],
     seed: int = 0,
+    cluster: Sequence[int] | None = None,
 ) -> tuple[float, float]:
-    """95 % bootstrap interval of the difference in accuracy on the same examples."""
+    """95 % bootstrap interval of the difference in accuracy on the same examples.
+
+    Args:
+        ours: which examples one method got right.
+        theirs: which the other one did.
+        seed: decides the draws.
+        cluster: what each example is of, such as its recording, where examples of one
+            are not independent; whole clusters are drawn then.
+    """
     difference = ours.astype(np.float64) - theirs
+    members = np.arange(len(difference)) if cluster is None else np.asarray(cluster)
+    _, index, counts = np.unique(members, return_inverse=True, return_counts=True)
+    gains = np.bincount(index, difference)
     rng = np.random.default_rng(seed)
-    draws = rng.integers(len(difference), size=(RESAMPLES, len(difference)))
-    low, high = np.percentile(difference[draws].mean(axis=1), [2.5, 97.5])
+    draws = rng.integers(len(counts), size=(RESAMPLES, len(counts)))
+    means = gains[draws].sum(axis=1) / counts[draws].sum(axis=1)
+    low, high = np.percentile(means, [2.5, 97.5])
     return float(low), float(high)
