@@ -27,7 +27,7 @@ class Chart:
     unrolled: Float[np.ndarray, "part 2"]
     """Centre (s, t) of each of those taxels [m]."""
     cells: Float[np.ndarray, "part 2 2"]
-    """Half the cell of each taxel as two vectors (s, t): along columns, rows [m]."""
+    """Half the cell of each taxel as two vectors: along its row, then across it [m]."""
 
     @property
     def radius(self) -> float:
@@ -37,13 +37,21 @@ class Chart:
     @property
     def circumference(self) -> float:
         """Length after which s comes round again [m]; infinite but on a tube."""
-        is_tube = isinstance(self.surface, Tube)
-        return 2 * np.pi * self.radius if is_tube else np.inf
+        return circumference_of(self.surface)
 
     def wrapped(self, s: Float[np.ndarray, "*any"]) -> Float[np.ndarray, "*any"]:
         """Differences of s, the shorter way round [m]."""
-        whole = self.circumference
-        return s if np.isinf(whole) else (s + whole / 2) % whole - whole / 2
+        return wrapped_by(s, self.circumference)
+
+
+def circumference_of(surface: Surface) -> float:
+    """Length after which s comes round again [m]; infinite but on a tube."""
+    return 2 * np.pi * surface.radius if isinstance(surface, Tube) else np.inf
+
+
+def wrapped_by(s: Float[np.ndarray, "*any"], whole: float) -> Float[np.ndarray, "*any"]:
+    """Differences of s, the shorter way round [m]."""
+    return s if np.isinf(whole) else (s + whole / 2) % whole - whole / 2
 
 
 def charts_of(mounted: MountedSkin) -> tuple[Chart, ...]:
@@ -80,15 +88,16 @@ def lay_out(
     taxels = np.sort(np.array(members, dtype=np.int64))
     skin = mounted.skin
     unrolled = surface.unroll(skin.positions[taxels])
+    columns = column_directions(surface, skin.tangents[taxels], unrolled)
+    flat_areas = skin.areas[taxels] / surface.wrap(unrolled).stretch
     cells = np.empty((len(taxels), 2, 2))
     for index in np.unique(skin.patch_index[taxels]):
         part = skin.patch_index[taxels] == index
-        cells[part] = cells_of(
-            unrolled[part],
-            column_directions(surface, skin.tangents[taxels[part]], unrolled[part]),
-            skin.rows[taxels[part]],
-            skin.areas[taxels[part]],
-        )
+        # A patch may lie across the line where s jumps.
+        places = unrolled[part] - unrolled[part][0]
+        places[:, 0] = wrapped_by(places[:, 0], circumference_of(surface))
+        rows = skin.rows[taxels[part]]
+        cells[part] = cells_of(places, columns[part], rows, flat_areas[part])
     return Chart(link, surface, taxels, unrolled, cells)
 
 
@@ -110,7 +119,14 @@ def cells_of(
     rows: Int[np.ndarray, "part"],
     areas: Float[np.ndarray, "part"],
 ) -> Float[np.ndarray, "part 2 2"]:
-    """Half vectors of the cells of one patch: rows are evenly spaced, areas given."""
+    """Half vectors of the cells of one patch, whose rows are evenly spaced.
+
+    Args:
+        unrolled: centres, near each other where the taxels are [m].
+        columns: directions in which the columns follow each other.
+        rows: row of each.
+        areas: of each, as drawn flat [m2].
+    """
     across = np.column_stack([-columns[:, 1], columns[:, 0]])
     height = np.sum(unrolled * across.mean(axis=0), axis=1)
     levels = [height[rows == row].mean() for row in np.unique(rows)]

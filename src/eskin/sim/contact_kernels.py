@@ -73,6 +73,58 @@ def share(
 
 @njit(cache=True)
 @no_type_check
+def cover(
+    dents: Dents, least: float, spots: Float[np.ndarray, "spot 2"]
+) -> Float[np.ndarray, "time"]:
+    """Area that ellipses cover together [m2], where their pressure exceeds `least`.
+
+    A spot that lies in n ellipses counts for 1/n in each of them.
+    """
+    steps, parts = dents.peak.shape
+    areas = np.zeros(steps)
+    size = np.zeros(parts)
+    for t in range(steps):
+        for k in range(parts):
+            peak = dents.peak[t, k]
+            size[k] = np.sqrt(1.0 - least / peak) if peak > least else 0.0
+        for k in range(parts):
+            if size[k] == 0.0:
+                continue
+            a, b = size[k] * dents.axes[t, k, 0], size[k] * dents.axes[t, k, 1]
+            ls, lt = dents.long[t, k]
+            mine = 0.0
+            for spot in range(len(spots)):
+                u, v = a * spots[spot, 0], b * spots[spot, 1]
+                s = dents.centres[t, k, 0] + u * lt + v * ls
+                r = dents.centres[t, k, 1] - u * ls + v * lt
+                mine += 1.0 / holders(dents, size, t, k, s, r)
+            areas[t] += np.pi * a * b * mine / len(spots)
+    return areas
+
+
+@njit(cache=True)
+@no_type_check
+def holders(
+    dents: Dents, size: Float[np.ndarray, "part"], t: int, k: int, s: float, r: float
+) -> float:
+    """How many ellipses hold the point (s, r), ellipse k among them."""
+    count = 1.0
+    for j in range(len(size)):
+        if j == k or size[j] == 0.0:
+            continue
+        ds, dr = s - dents.centres[t, j, 0], r - dents.centres[t, j, 1]
+        a, b = size[j] * dents.axes[t, j, 0], size[j] * dents.axes[t, j, 1]
+        if ds * ds + dr * dr >= max(a, b) ** 2:
+            continue
+        ls, lt = dents.long[t, j]
+        u, v = (ds * lt - dr * ls) / a, (ds * ls + dr * lt) / b
+        if u * u + v * v < 1.0:
+            count += 1.0
+    return count
+
+
+@njit(cache=True)
+@no_type_check
 def squeeze(
     s: float, t: float, ds: float, dt: float, dome: float
 ) -> tuple[float, float]:

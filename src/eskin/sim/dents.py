@@ -5,7 +5,7 @@ from jaxtyping import Float
 
 from eskin.sim.chart import Chart
 from eskin.sim.constants import Constants
-from eskin.sim.contact_kernels import Dents, share
+from eskin.sim.contact_kernels import Dents, cover, share
 from eskin.sim.press import Flesh, Press, Stamps
 from eskin.skin.round import Dome, Tube
 
@@ -32,7 +32,8 @@ def dents_of(
     peak = 2.0 * loads / safe * KPA
     centres = laid(press, chart, offsets)
     dents = Dents(centres, long, axes, peak)
-    return dents, true_area(areas, peak, constants), centroid_of(press, centres, loads)
+    area = cover(dents, constants.value("contact.touched"), SPOTS)
+    return dents, area, centroid_of(press, centres, loads)
 
 
 def placed(press: Press) -> Points:
@@ -117,13 +118,15 @@ def stretched(start: np.ndarray, offsets: Points, radius: float) -> Points:
     return steps
 
 
-def true_area(
-    areas: Lengths, peak: Lengths, constants: Constants
-) -> Float[np.ndarray, "time"]:
-    """Area that is touched [m2]: where the pressure exceeds what counts as touch."""
-    least = constants.value("contact.touched")
-    touched = 1.0 - least / np.maximum(peak, least)
-    return np.sum(areas * touched, axis=1)
+def spread_spots(count: int) -> Float[np.ndarray, "spot 2"]:
+    """Points that fill the unit disc evenly, in the order of a sunflower's seeds."""
+    index = np.arange(count)
+    turn = index * np.pi * (3.0 - np.sqrt(5.0))
+    away = np.sqrt((index + 0.5) / count)
+    return np.column_stack([away * np.cos(turn), away * np.sin(turn)])
+
+
+SPOTS = spread_spots(16)
 
 
 def centroid_of(

@@ -8,7 +8,7 @@ gaps are reckoned.
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from scipy.ndimage import map_coordinates
 
 from eskin.sim.chart import Chart
@@ -16,7 +16,7 @@ from eskin.sim.constants import Constants
 from eskin.sim.contact import Felt
 from eskin.sim.dents import KPA, MM, placed
 from eskin.sim.press import Press
-from eskin.sim.reference_scene import Scene
+from eskin.sim.reference_scene import Scene, Sheet
 
 __all__ = ["Agreement", "agreement", "feel_in_mujoco"]
 
@@ -41,23 +41,18 @@ def feel_in_mujoco(press: Press, chart: Chart, constants: Constants) -> Felt:
     Needs MuJoCo (extra `sim`).
     """
     press = instant(press, 0)
-    grid = grid_about(press, constants)
-    scene = Scene(press, chart, grid)
+    sheet = sheet_about(press, constants)
+    scene = Scene(press, chart, sheet)
     pressure = pressed(press, scene, constants)
     loads = pressure * scene.areas / KPA
-    total = loads.sum()
-    shape = (len(grid[0]), len(grid[1]))
-    taxels, felt = on_taxels(
-        pressure.reshape(shape), grid, press.centre[0], chart, constants
-    )
+    taxels, felt = on_taxels(pressure, sheet, chart, constants)
+    touched = pressure > constants.value("contact.touched")
     return Felt(
         taxels=chart.taxels[taxels],
         pressure=felt[None],
-        area=np.array(
-            [scene.areas[pressure > constants.value("contact.touched")].sum()]
-        ),
-        force=np.array([total]),
-        centroid=(loads @ scene.unrolled / total)[None],
+        area=np.array([scene.areas[touched].sum()]),
+        force=np.array([loads.sum()]),
+        centroid=(loads @ sheet.unrolled / loads.sum())[None],
     )
 
 
@@ -72,17 +67,15 @@ def instant(press: Press, step: int) -> Press:
     )
 
 
-def grid_about(press: Press, constants: Constants) -> tuple[np.ndarray, np.ndarray]:
-    """Even coordinates along s and t that hold the whole body, about its centre [m]."""
+def sheet_about(press: Press, constants: Constants) -> Sheet:
+    """Points about the press's centre that hold all the body may touch."""
     deepest = constants.value("contact.deepest") * MM
     reach = np.sqrt(2 * press.stamps.radii.max() * deepest)
     offsets = placed(press)[0]
     low, high = offsets.min(axis=0) - reach, offsets.max(axis=0) + reach
     spacing = np.sqrt(np.prod(high - low) / constants.value("contact.reference.points"))
-    s, t = (
-        np.arange(least, most, spacing) for least, most in zip(low, high, strict=True)
-    )
-    return s, t
+    s, t = (np.arange(*ends, spacing) for ends in zip(low, high, strict=True))
+    return Sheet(press.centre[0], s, t)
 
 
 def pressed(
@@ -126,24 +119,24 @@ SIDE = 6
 
 
 def on_taxels(
-    field: Float[np.ndarray, "s t"],
-    grid: tuple[np.ndarray, np.ndarray],
-    centre: Float[np.ndarray, "2"],
+    pressure: Float[np.ndarray, "point"],
+    sheet: Sheet,
     chart: Chart,
     constants: Constants,
-) -> tuple[np.ndarray, Float[np.ndarray, "part"]]:
-    """The chart's taxels under the grid, and the mean over what senses of each [kPa]."""
-    away = chart.unrolled - centre
+) -> tuple[Int[np.ndarray, "under"], Float[np.ndarray, "under"]]:
+    """Taxels of the chart under a sheet, and their mean pressures [kPa]."""
+    away = chart.unrolled - sheet.centre
     away[:, 0] = chart.wrapped(away[:, 0])
-    low, high = (np.array([axis[end] for axis in grid]) for end in (0, -1))
-    under = np.flatnonzero(np.all((away >= low) & (away <= high), axis=1))
+    first, last = (np.array([sheet.s[end], sheet.t[end]]) for end in (0, -1))
+    under = np.flatnonzero(np.all((away >= first) & (away <= last), axis=1))
     places = (np.arange(SIDE) + 0.5) * 2 / SIDE - 1
     places = places * np.sqrt(constants.value("contact.fill"))
     steps = np.stack(np.meshgrid(places, places), axis=-1).reshape(-1, 2)
     points = away[under, None] + np.einsum("pd,ids->ips", steps, chart.cells[under])
-    spacing = np.array([axis[1] - axis[0] for axis in grid])
     samples = map_coordinates(
-        field, np.moveaxis((points - low) / spacing, -1, 0), order=1
+        pressure.reshape(len(sheet.s), len(sheet.t)),
+        np.moveaxis((points - first) / sheet.spacing, -1, 0),
+        order=1,
     )
     return under, samples.mean(axis=1)
 
