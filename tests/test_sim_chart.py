@@ -95,7 +95,7 @@ def test_cells_of_a_grid_meet_without_gap(ur5):
 
 
 def test_cells_lie_right_where_rows_run_across_the_seam_of_a_tube():
-    grid = Grid(4, 6, row_pitch=0.007, column_pitch=0.008)
+    grid = Grid(2, 6, row_pitch=0.007, column_pitch=0.008)
     seam = np.array([np.pi * 0.04, 0.0])
     world = mounted((grid, Turned(Tube(0.04, np.eye(4)), seam)))
     (chart,) = charts_of(world)
