@@ -8,7 +8,7 @@ import torch
 
 from eskin.errors import RecordingError
 from eskin.learn.dataset import prepare
-from eskin.learn.sampler import Sampler, make_sampler, split
+from eskin.learn.sampler import Sampler, make_sampler
 from eskin.learn.scoring import instant_scores, segment_scores
 from eskin.learn.training import TEMPERATURES, Best, TrainConfig, Trainer
 from eskin.model import SLOT_NS
@@ -70,17 +70,6 @@ def test_a_window_is_asked_for_a_gesture_a_tenth_of_a_second_old(dataset):
     assert firsts.tolist() == [onset[end] for end in ends.tolist()]
     ends, firsts, _ = sampler_of(dataset, crop=0.0).draw(50, np.random.default_rng(0))
     np.testing.assert_array_equal(firsts, dataset.starts[ends])
-
-
-@pytest.mark.parametrize(
-    ("count", "share"), [(1, 0.5), (4, 0.15), (20, 0.15), (7, 0.0)]
-)
-def test_a_recording_is_trained_on_or_validated_on_but_never_both(count, share):
-    rng = np.random.default_rng(0)
-    train, held = split(list(range(count)), share, rng)
-    assert train | held == set(range(count))
-    assert not train & held
-    assert len(held) == round(share * count)
 
 
 def test_a_trainer_sees_no_recording_but_its_own(dataset):

@@ -56,6 +56,7 @@ def test_train_evaluate_replay_are_one_way(data, tmp_path, capsys):
     trained = last_json(out)
     assert list(trained) == KEYS
     assert trained["epochs"] == 1
+    assert "1 of 4 recordings held out for validation\n" in out
     assert 0 <= trained["val_accuracy"] <= 1 and 0 <= trained["test_accuracy"] <= 1
     assert list(model.parent.iterdir()) == [model]
 

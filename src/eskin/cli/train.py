@@ -53,6 +53,7 @@ def run(command: Command) -> dict[str, object]:
     tell_cut(dataset, test)
     vocabulary = chosen_classes(dataset, command.classes)
     trainer = Trainer(dataset, vocabulary, command.train, seed=command.seed)
+    print(trainer.holdout)
     card = ModelCard(
         vocabulary=vocabulary,
         kind="shear" if trainer.shear else "pressure",

@@ -1,5 +1,6 @@
 """Drawing training windows."""
 
+from collections.abc import Collection
 from dataclasses import dataclass
 
 import numpy as np
@@ -58,7 +59,7 @@ class Sampler:
 def make_sampler(
     dataset: Dataset,
     vocabulary: tuple[str, ...],
-    recordings: set[int],
+    recordings: Collection[int],
     slots: int,
     crop: float,
 ) -> Sampler:
@@ -91,12 +92,3 @@ def check_classes(sampler: Sampler, vocabulary: tuple[str, ...]) -> None:
             f"training recordings hold only {found or 'no gestures'}; at least two "
             "classes are needed; give more recordings or other --classes"
         )
-
-
-def split(
-    recordings: list[int], share: float, rng: np.random.Generator
-) -> tuple[set[int], set[int]]:
-    """Recordings to train on and to validate on."""
-    order = rng.permutation(sorted(recordings)).tolist()
-    held = round(share * len(order))
-    return set(order[held:]), set(order[:held])

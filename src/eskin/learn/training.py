@@ -13,7 +13,8 @@ from torch.nn.functional import cross_entropy
 from eskin.graph import GraphConfig
 from eskin.learn.augment import AugmentConfig, augment
 from eskin.learn.dataset import Dataset
-from eskin.learn.sampler import check_classes, make_sampler, split
+from eskin.learn.holdout import gestures_made, hold_out, sittings_of
+from eskin.learn.sampler import check_classes, make_sampler
 from eskin.learn.windows import cut, thin, to_input, to_places
 from eskin.model import NetworkConfig
 from eskin.nn import NetworkInput, Places, RecogniserNetwork, summary
@@ -72,7 +73,8 @@ class TrainConfig:
     """Epochs without a better validation loss that are waited for; one more stops."""
 
     validation: float = 0.15
-    """Share of the recordings held out to choose the epoch; 0 trains to the end."""
+    """Share of the recordings held out to choose the epoch, in whole sessions; 0 trains
+    to the end."""
 
     shear: bool = True
     """Whether shear is used where every skin measures it."""
@@ -129,11 +131,16 @@ class Trainer:
         chosen = (
             list(range(len(dataset.recordings))) if recordings is None else recordings
         )
-        train, held = split(chosen, config.validation, self.rng)
+        self.holdout = hold_out(
+            sittings_of(dataset, chosen),
+            gestures_made(dataset, vocabulary),
+            config.validation,
+            self.rng,
+        )
         window = (config.network.slots, config.augment.crop)
-        self.sampler = make_sampler(dataset, vocabulary, train, *window)
+        self.sampler = make_sampler(dataset, vocabulary, self.holdout.train, *window)
         check_classes(self.sampler, vocabulary)
-        validation = make_sampler(dataset, vocabulary, held, *window)
+        validation = make_sampler(dataset, vocabulary, self.holdout.held, *window)
         self.held = validation if validation.classes else None
         self.shear = config.shear and dataset.has_shear
         self.network = RecogniserNetwork(config.network, len(vocabulary), self.shear)
