@@ -90,13 +90,10 @@ def thumb_places(
     constants: Constants, across: float, up: float, reach: float
 ) -> Float[np.ndarray, "2 2"]:
     """Where tip and proximal part of the thumb lie [m]."""
-    side, height = (
-        constants.array("hand.thumb_side"),
-        constants.array("hand.thumb_height"),
-    )
-    places = np.column_stack([side * across, height * up]) * MM
-    places[0] = places[1] + (places[0] - places[1]) * reach
-    return places
+    usual = [constants.array(f"hand.thumb_{way}") for way in ("side", "height")]
+    tip, base = np.column_stack(usual) * MM
+    root = base * [across, up]
+    return np.stack([root + (tip - base) * reach, root])
 
 
 def radii_of(constants: Constants) -> Float[np.ndarray, "part 2"]:

@@ -65,7 +65,7 @@ class Act:
 
     def happens(self, name: str, chance: float) -> bool:
         """Draw whether something happens, and write it down."""
-        return bool(self.note(name, self.rng.random() < chance))
+        return bool(self.note(name, float(self.rng.random() < chance)))
 
     def steps(self, duration: float) -> int:
         """Length of the series of a touch."""

@@ -58,7 +58,10 @@ def draw_interval(act: Act) -> float:
 
 def move(act: Act, path: np.ndarray, leave: int, land: int) -> None:
     """Write the hand's way between two pats, and where it then stays."""
-    length, way = act.draw("double_pat.shift"), act.rng.uniform(0, 2 * np.pi)
+    length, way = (
+        act.draw("double_pat.shift"),
+        act.note("shift", act.rng.uniform(0, 2 * np.pi)),
+    )
     shift = length * np.array([np.cos(way), np.sin(way)])
     path[leave:land] += shift * minimum_jerk(max(land - leave, 1))[:, None]
     path[land:] += shift

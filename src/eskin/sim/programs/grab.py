@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from eskin.sim.press import Press
+from eskin.sim.press import Flesh, Press
 from eskin.sim.programs.act import Act
 from eskin.sim.programs.amount import draw_duration, draw_force
 from eskin.sim.series import Series, minimum_jerk, peaked, trapezoid, tremor
@@ -25,9 +25,13 @@ def hold(act: Act, duration: float, group: str, firmer: float = 1.0) -> Press:
     series = peaked(trapezoid(steps, rise, fall, smooth) * gripping(act, steps), force)
     path = act.slip("grab.slip", steps)
     twist = act.draw("grab.twist") * minimum_jerk(steps)
-    flesh = replace(act.person.flesh, conformity=act.draw("grab.conformity"))
     series, stamps = np.minimum(series, most * firmer), act.stamps(group)
-    return act.press(stamps, flesh, series, path, across(act) + twist)
+    return act.press(stamps, closed(act), series, path, across(act) + twist)
+
+
+def closed(act: Act) -> Flesh:
+    """A hand that wraps round what it holds."""
+    return replace(act.person.flesh, conformity=act.draw("grab.conformity"))
 
 
 def gripping(act: Act, steps: int) -> Series:

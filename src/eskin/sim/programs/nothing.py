@@ -6,7 +6,7 @@ from eskin.sim.press import Press, Stamps
 from eskin.sim.programs.act import Act
 from eskin.sim.programs.amount import draw_duration, draw_force
 from eskin.sim.programs.double_pat import pats
-from eskin.sim.programs.grab import hold
+from eskin.sim.programs.grab import across, closed, hold
 from eskin.sim.series import Series, bell, peaked, trapezoid, tremor
 
 
@@ -90,7 +90,6 @@ def guide(act: Act, force: float, steps: int, place: float) -> Press:
     swaying = 1 + sway * tremor(steps, act.step, rate, act.rng)
     shape = ramped(act, steps, *(act.draw("none.lean.ramp") for _ in range(2)))
     stamps = act.stamps("full_hand")
-    side = act.site.angle + act.draw("grab.slant")
     path = act.rests(steps) + np.array([0.0, place])
     series = peaked(shape * swaying * act.held(steps), force)
-    return act.press(stamps, act.flesh(), series, path, side)
+    return act.press(stamps, closed(act), series, path, across(act))

@@ -1,6 +1,7 @@
 """Poke: a finger pushes briefly."""
 
 import numpy as np
+from jaxtyping import Float
 
 from eskin.sim.hand import body_of
 from eskin.sim.press import Press, Stamps
@@ -36,7 +37,7 @@ def push(act: Act, steps: int) -> Series:
     return trapezoid(steps, rise, fall, smooth)
 
 
-def again(act: Act, shape: Series) -> Series:
+def again(act: Act, shape: Series) -> Float[np.ndarray, "longer"]:
     """The push, and another one that begins before it has left."""
     share, dip = act.draw("poke.again_share"), act.draw("poke.again_dip")
     later = int(np.flatnonzero(shape >= dip)[-1]) + 1

@@ -1,0 +1,110 @@
+import numpy as np
+import pytest
+
+from eskin.sim.constants import load_constants
+from eskin.sim.hand import mirrored
+from eskin.sim.person import STYLES, draw_person
+
+CONSTANTS = load_constants()
+
+
+@pytest.fixture(scope="module")
+def people():
+    rng = np.random.default_rng(7)
+    return [draw_person(f"p{index}", CONSTANTS, rng) for index in range(2000)]
+
+
+def column(people, name):
+    return np.array([getattr(person, name) for person in people])
+
+
+def test_hands_are_as_large_as_those_measured(people):
+    men = [person for person in people if person.sex == "man"]
+    women = [person for person in people if person.sex == "woman"]
+    assert len(women) == pytest.approx(1000, abs=80)
+    for group, length, breadth, palm, acromion in (
+        (men, 0.1933, 0.0883, 0.1165, 1.441),
+        (women, 0.1811, 0.0782, 0.1087, 1.335),
+    ):
+        assert column(group, "hand_length").mean() == pytest.approx(length, rel=0.006)
+        assert column(group, "hand_breadth").mean() == pytest.approx(breadth, rel=0.006)
+        assert column(group, "palm_length").mean() == pytest.approx(palm, rel=0.006)
+        height = column(group, "acromion_height")
+        assert height.mean() == pytest.approx(acromion, rel=0.006)
+    assert column(men, "hand_length").std() == pytest.approx(0.0099, rel=0.08)
+
+
+def test_sizes_of_a_hand_go_together_as_measured(people):
+    men = [person for person in people if person.sex == "man"]
+    length = column(men, "hand_length")
+    for name, expected in (
+        ("hand_breadth", 0.58),
+        ("palm_length", 0.79),
+        ("acromion_height", 0.67),
+    ):
+        found = np.corrcoef(length, column(men, name))[0, 1]
+        assert found == pytest.approx(expected, abs=0.06)
+
+
+def test_scales_have_their_medians_and_spreads(people):
+    for name, median, gsd in (
+        ("force_scale", 1.0, 1.45),
+        ("tempo_scale", 1.0, 1.22),
+        ("pat_interval", 0.28, 1.2),
+    ):
+        drawn = column(people, name)
+        assert np.median(drawn) == pytest.approx(median, rel=0.04)
+        assert np.exp(np.log(drawn).std()) == pytest.approx(gsd, rel=0.03)
+    kappa = np.array([person.flesh.conformity for person in people])
+    assert kappa.min() >= 0.3 and kappa.max() <= 0.98
+    assert kappa.mean() == pytest.approx(0.745, abs=0.01)
+
+
+def test_flesh_is_in_newton_and_metre(people):
+    stiffness = np.median([person.flesh.b for person in people])
+    growth = np.median([person.flesh.m for person in people])
+    assert stiffness == pytest.approx(190, rel=0.05)
+    assert growth == pytest.approx(2100, rel=0.05)
+
+
+def test_styles_are_weights_that_average_to_everybodys_and_differ_widely(people):
+    for name in STYLES:
+        usual = CONSTANTS.weights(name)
+        own = np.array([[*person.styles[name].values()] for person in people])
+        np.testing.assert_allclose(own.sum(axis=1), 1)
+        np.testing.assert_allclose(own.mean(axis=0), [*usual.values()], atol=0.02)
+        assert own.std(axis=0).max() > 0.15
+
+
+def test_nine_in_ten_touch_with_the_right_hand_and_the_left_mirrors_it(people):
+    right = np.mean([person.right_handed for person in people])
+    assert right == pytest.approx(0.9, abs=0.02)
+    for person in people[:100]:
+        thumb = person.part("thumb").centres[0, 0]
+        assert (thumb > 0) == person.right_handed
+    left = next(person for person in people if not person.right_handed)
+    assert np.all(mirrored(left.hand).centres[:4].mean(axis=0) > 0)
+
+
+def test_parts_are_picked_by_name(people):
+    assert people[0].part("tips").count == 4
+    with pytest.raises(ValueError, match="no parts 'tail'"):
+        people[0].part("tail")
+
+
+def test_the_record_holds_every_number_and_nothing_else(people):
+    record = people[0].record()
+    assert record["hand_length"] == people[0].hand_length
+    assert (
+        record["styles.poke.kinds.one_tip"]
+        == (people[0].styles["poke.kinds"]["one_tip"])
+    )
+    assert record["flesh.conformity"] == people[0].flesh.conformity
+    assert {"stand.0", "stand.1", "fingers.3", "firmness.grab", "sex"} <= set(record)
+    assert all(isinstance(value, float | str) for value in record.values())
+
+
+def test_the_same_seed_draws_the_same_person():
+    one, two = (draw_person("a", CONSTANTS, np.random.default_rng(3)) for _ in "ab")
+    assert one.record() == two.record()
+    assert one.hand.centres.tobytes() == two.hand.centres.tobytes()
