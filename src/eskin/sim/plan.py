@@ -1,0 +1,77 @@
+"""What is decided of a clip before it is made."""
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+Seed = tuple[int, ...]
+"""Entropy of `np.random.SeedSequence`; no two of a set are the same."""
+
+
+@dataclass(frozen=True)
+class Origin:
+    """Somebody or something that is drawn from a seed of its own."""
+
+    name: str
+    """How it is called in recordings."""
+    seed: Seed
+    """What it is drawn from."""
+
+    def rng(self) -> np.random.Generator:
+        """A fresh generator: drawing with it gives the same every time."""
+        return np.random.default_rng(np.random.SeedSequence(self.seed))
+
+
+@dataclass(frozen=True)
+class BuildOrigin(Origin):
+    """A sensor build that is drawn from a seed of its own."""
+
+    kind: Literal["fresh", "shifted"]
+    """Which laws it is drawn from."""
+
+
+@dataclass(frozen=True)
+class ClipPlan:
+    """Everything needed to make one clip, or one stream, alone."""
+
+    set_name: str
+    """The set it belongs to."""
+    seed: Seed
+    """Decides all that is drawn for this clip alone."""
+    person: Origin
+    """Who touches."""
+    company: Origin | None
+    """Who else may touch at the same time; None where nobody else is there."""
+    build: BuildOrigin
+    """The sensor."""
+    session: Origin
+    """The sitting: decides what stays the same while the skin is attached once, such
+    as the drift of the gains since the build was made."""
+    at: float
+    """Start of the clip since that of the sitting [s]."""
+    seconds: float
+    """Length of the clip [s]."""
+    gesture: str | None
+    """What is done: a gesture, `none` or an unknown gesture; None draws one after the
+    other, as in a stream."""
+    kind: str | None
+    """Variant; None draws it."""
+    groups: tuple[int, ...]
+    """Pose groups to take the pose from."""
+    pose: Seed | None
+    """Decides the pose, where clips share it; None draws it for this clip alone."""
+    moving: bool
+    """Whether the robot moves."""
+    fold_share: float
+    """Chance of a pose where patches of two links meet."""
+    concurrent: float
+    """Chance of a second touch at the same time."""
+    difficulty: float
+    """How far spreads are widened and rare ways preferred; 0 is the easiest."""
+    regime: Literal["paper", "cost"] | None
+    """How long touches last; None draws it."""
+
+    def rng(self) -> np.random.Generator:
+        """A fresh generator of what is drawn for this clip alone."""
+        return np.random.default_rng(np.random.SeedSequence(self.seed))
