@@ -12,6 +12,7 @@ from eskin.recording import (
     Label,
     Metadata,
     RecordingWriter,
+    best_labels,
     check_no_overlap,
     find_labels,
     label_automatically,
@@ -66,6 +67,14 @@ def test_labels_are_sorted_and_chosen_by_source():
     labels = [seconds(3, 4), seconds(1, 2, source="auto"), seconds(0, 1)]
     assert sort_labels(labels) == (labels[2], labels[1], labels[0])
     assert sort_labels(labels, "auto") == (labels[1],)
+
+
+def test_the_best_labels_are_all_of_one_source():
+    true, auto, rough = (seconds(1, 2, source=s) for s in ("true", "auto", "range"))
+    assert best_labels([rough, auto, true]) == (true,)
+    assert best_labels([rough, auto]) == (auto,)
+    assert best_labels([rough]) == (rough,)
+    assert best_labels([]) == ()
 
 
 def test_a_label_holds_from_its_start_until_just_before_its_end():

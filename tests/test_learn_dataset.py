@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from eskin.errors import RecordingError
-from eskin.learn.dataset import digest, gestures_at, labels_of, prepare
+from eskin.learn.dataset import digest, prepare
+from eskin.learn.segments import gestures_at, labels_of, places_at
 from eskin.recording import read_recording
 from learn_scenes import (
     LASTS,
@@ -90,6 +91,43 @@ def test_silence_is_none_but_only_a_label_makes_it_scored(tmp_path):
     assert ("hold", True) in {(s.gesture, s.labelled) for s in dataset.segments}
 
 
+def spans_of(dataset):
+    """Gesture and seconds of the labelled segments."""
+    return [
+        (
+            segment.gesture,
+            round((dataset.stamps[segment.first] - START) / SECOND, 1),
+            round((dataset.stamps[segment.end - 1] - START) / SECOND + 0.05, 1),
+        )
+        for segment in dataset.labelled
+    ]
+
+
+def test_a_label_is_an_example_of_its_own_whatever_it_touches(tmp_path):
+    labels = [
+        label(0.5, 1.5, "none"),
+        label(2.5, 3.0, "hold"),
+        label(3.0, 3.5, "hold"),
+        label(3.5, 4.0, "tap"),
+    ]
+    written = [("none", 0.5, 1.5), ("hold", 2.5, 3.0), ("hold", 3.0, 3.5)]
+    dataset = prepare([record(tmp_path / "a.mcap", labels=labels)])
+    assert spans_of(dataset) == [*written, ("tap", 3.5, 4.0)]
+
+
+def test_a_gesture_that_nothing_was_felt_of_is_missed_on_a_calibrated_skin(tmp_path):
+    labels = [
+        *labels_for(["hold", "tap"]),
+        label(0.5, 1.5, "soft"),
+        label(1.6, 1.9, "none"),
+        label(60, 61, "late"),
+    ]
+    for calibrated, missed in ((True, [("soft", 0)]), (False, [])):
+        path = tmp_path / f"{calibrated}.mcap"
+        dataset = prepare([record(path, labels=labels, calibrated=calibrated)])
+        assert [(m.gesture, m.recording) for m in dataset.missed] == missed
+
+
 def test_the_vocabulary_begins_with_none_and_is_sorted(nominal):
     assert nominal.vocabulary == ("none", "hold", "tap")
 
@@ -127,7 +165,8 @@ def test_on_a_calibrated_skin_a_label_lingers_but_not_into_the_next(tmp_path):
     recording = replace(read_recording(path), labels=labels)
     times = [3.49, 3.55, 3.69, 3.71, 4.55, 4.65, 7.05, 7.15]
     stamps = np.array([START + round(t * SECOND) for t in times])
-    gestures = gestures_at(labels_of(recording), stamps)
+    lasting = labels_of(recording)
+    gestures = gestures_at(lasting, places_at(lasting, stamps))
     expected = ["hold", "hold", "hold", "tap", "tap", "none", "tap", "none"]
     assert gestures == expected
     ends = [(x.end - START) / SECOND for x in labels_of(recording)]

@@ -9,7 +9,7 @@ from torch.nn.functional import log_softmax
 
 from eskin.errors import RecordingError, SkinMismatchError
 from eskin.learn import scoring
-from eskin.learn.dataset import Segment, prepare
+from eskin.learn.dataset import prepare
 from eskin.learn.evaluation import check_fits, confidence, evaluate
 from eskin.learn.pictures import draw_confusion
 from eskin.learn.scoring import (
@@ -18,6 +18,7 @@ from eskin.learn.scoring import (
     segment_scores,
     window_ends,
 )
+from eskin.learn.segments import Missed, Segment
 from eskin.learn.windows import cut, to_input
 from eskin.model import ModelCard
 from learn_scenes import NETWORK, START, bare, record_people
@@ -119,6 +120,22 @@ def test_none_is_answered_only_where_a_label_says_it(net, result, dataset):
     )
     counts = evaluate(net, CARD, spoken).segments.confusion.sum(axis=1)
     assert counts.tolist() == [len(silence), 2, 2]
+
+
+def test_a_gesture_that_was_missed_counts_as_none_for_its_person(net, result, dataset):
+    missed = (Missed("tap", 1), Missed("tap", 1))
+    found = evaluate(net, CARD, replace(dataset, missed=missed))
+    change = found.segments.confusion - result.segments.confusion
+    assert change.tolist() == [[0, 0, 0], [0, 0, 0], [2, 0, 0]]
+    assert found.ece == result.ece
+    assert found.per_subject["ann"] == result.per_subject["ann"]
+    assert found.per_subject["bob"] == pytest.approx(result.per_subject["bob"] / 2)
+    silent = tuple(s for s in dataset.segments if not s.labelled)
+    only = evaluate(net, CARD, replace(dataset, segments=silent, missed=missed))
+    assert (only.segments.accuracy, only.ece) == (0.0, 0.0)
+    unknown = replace(dataset, missed=(Missed("soft", 0),))
+    with pytest.raises(SkinMismatchError, match="hold soft, which the model does not"):
+        check_fits(CARD, unknown)
 
 
 def test_without_people_scores_are_by_session(net, dataset):

@@ -1,6 +1,7 @@
 """`eskin replay`, as it is called."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -98,6 +99,17 @@ def test_the_label_is_that_which_the_touch_shares_most_time_with(
     on = mounted()
     stream = scans(on, two_hands(on)[:1], 25, 4.0)
     labels = [label(2.0, 2.5, "poke"), label(2.5, 3.0, "stroke"), label(3.0, 9, "poke")]
+    path = record(tmp_path / "two.mcap", on, stream, labels)
+    _, out, _ = call(capsys, path, "--model", model, "--json")
+    [row] = last_json(out)["detections"]
+    assert row["label"] == "stroke"
+
+
+def test_beside_a_detection_stand_labels_of_one_source_only(model, tmp_path, capsys):
+    on = mounted()
+    stream = scans(on, two_hands(on)[:1], 25, 4.0)
+    rough, found = label(0.5, 4.0, "poke"), label(2.2, 2.9, "stroke")
+    labels = [replace(rough, source="range"), replace(found, source="auto")]
     path = record(tmp_path / "two.mcap", on, stream, labels)
     _, out, _ = call(capsys, path, "--model", model, "--json")
     [row] = last_json(out)["detections"]

@@ -47,7 +47,8 @@ def run(command: Command) -> dict[str, object]:
             result.segments.confusion,
             model.card.vocabulary,
             command.picture,
-            f"{len(dataset.labelled)} gestures, {result.segments.accuracy:.1%} right",
+            f"{result.segments.confusion.sum()} gestures, "
+            f"{result.segments.accuracy:.1%} right",
         )
     people = list(result.per_subject.values())
     return {

@@ -31,7 +31,7 @@ def run(command: Command) -> dict[str, object]:
     """Replay and return the detections."""
     from eskin.live import Recognizer
     from eskin.model import load_model
-    from eskin.recording import read_recording, rewrite
+    from eskin.recording import best_labels, read_recording, rewrite
     from eskin.robot import load_robot
     from eskin.skin import MountedSkin
 
@@ -41,7 +41,7 @@ def run(command: Command) -> dict[str, object]:
     mounted = MountedSkin(recording.skin, load_robot(recording.robot_name))
     recognizer = Recognizer(model, mounted, recording.calibration)
     introduce(recording)
-    truth = labels_of(recording)
+    truth = best_labels(recording.labels)
     found: list[Detection] = []
     rows: list[dict[str, object]] = []
     for scan in recording.scans():
@@ -100,13 +100,6 @@ def tell(
         plain = {"seconds": seconds, "label": label, "touch": found.touch}
         rows.append(plain | asdict(found.record()))
     return rows
-
-
-def labels_of(recording: "Recording") -> "tuple[Label, ...]":
-    """The truth where it is known, else what other labels there are."""
-    from eskin.recording import sort_labels
-
-    return sort_labels(recording.labels, "true") or recording.labels
 
 
 def label_of(found: "Detection", truth: "tuple[Label, ...]") -> str:

@@ -2,9 +2,10 @@
 
 from eskin.learn.augment import AugmentConfig
 from eskin.learn.checkpoint import to_model, to_network
-from eskin.learn.dataset import Dataset, Segment, prepare
+from eskin.learn.dataset import Dataset, prepare
 from eskin.learn.evaluation import Evaluation, evaluate
 from eskin.learn.metrics import Score, score
+from eskin.learn.segments import Segment
 from eskin.learn.training import TrainConfig, Trainer
 
 __all__ = [

@@ -11,9 +11,10 @@ from joblib import Parallel, delayed
 
 from eskin.errors import RecordingError
 from eskin.learn.baselines import BASELINES
-from eskin.learn.dataset import Dataset, Segment
+from eskin.learn.dataset import Dataset
 from eskin.learn.hand_features import segment_features, stretch_features
 from eskin.learn.scoring import instant_scores, segment_scores
+from eskin.learn.segments import Segment
 from eskin.learn.training import TrainConfig, Trainer
 from eskin.nn import RecogniserNetwork
 

@@ -2,53 +2,29 @@
 
 import hashlib
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Bool, Int
+from jaxtyping import Int
 from rich.progress import track
 
 from eskin.errors import RecordingError
 from eskin.graph import GraphBatch, GraphConfig, GraphStream, join
-from eskin.recording import (
-    NONE,
-    Label,
-    Recording,
-    label_instants,
-    read_recording,
-    sort_labels,
+from eskin.learn.segments import (
+    Missed,
+    Segment,
+    gestures_at,
+    labels_of,
+    missed_gestures,
+    places_at,
+    segments_of,
 )
+from eskin.recording import NONE, Recording, read_recording
 from eskin.robot import load_robot
 from eskin.skin import MountedSkin
 from eskin.touch import PipelineConfig, TouchPipeline
-
-LINGER_NS = 600_000_000
-"""How long after its end a gesture on a calibrated skin is still asked for [ns]."""
-
-LATEST = 2**63 - 1
-"""Later than every stamp [ns]."""
-
-
-@dataclass(frozen=True)
-class Segment:
-    """One labelled gesture in one sequence of graphs."""
-
-    gesture: str
-    """What was done."""
-
-    recording: int
-    """Index into `Dataset.recordings`."""
-
-    first: int
-    """Its first row."""
-
-    end: int
-    """The row behind its last one."""
-
-    labelled: bool
-    """Whether a label says so; where there is none, it is `none` by silence."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,6 +51,9 @@ class Dataset:
 
     segments: tuple[Segment, ...]
     """The labelled gestures, in the order of the rows."""
+
+    missed: tuple[Missed, ...] = ()
+    """The labelled gestures that nothing was detected of."""
 
     @property
     def vocabulary(self) -> tuple[str, ...]:
@@ -155,13 +134,14 @@ def lay_end_to_end(recordings: tuple[Recording, ...], sequences: list[Rows]) -> 
     """Join sequences into one data set."""
     gestures: list[str] = []
     segments: list[Segment] = []
+    labels = [labels_of(recording) for recording in recordings]
+    felt: list[set[int]] = [set() for _ in recordings]
     for rows in sequences:
-        labels, stamps = labels_of(recordings[rows.recording]), np.array(rows.stamps)
-        names = gestures_at(labels, stamps)
-        spoken = [(stamps >= label.start) & (stamps < label.end) for label in labels]
-        silent = ~np.any(spoken, axis=0) if spoken else np.ones(len(names), dtype=bool)
-        segments += segments_of(names, silent, rows.recording, len(gestures))
-        gestures += names
+        own = labels[rows.recording]
+        places = places_at(own, np.array(rows.stamps))
+        segments += segments_of(own, places, rows.recording, len(gestures))
+        gestures += gestures_at(own, places)
+        felt[rows.recording] |= set(places.tolist())
     lengths = [len(rows.stamps) for rows in sequences]
     return Dataset(
         recordings=recordings,
@@ -171,56 +151,12 @@ def lay_end_to_end(recordings: tuple[Recording, ...], sequences: list[Rows]) -> 
         recording=np.repeat([rows.recording for rows in sequences], lengths),
         gestures=tuple(gestures),
         segments=tuple(segments),
+        missed=tuple(
+            Missed(gesture, index)
+            for index, recording in enumerate(recordings)
+            for gesture in missed_gestures(recording, labels[index], felt[index])
+        ),
     )
-
-
-def labels_of(recording: Recording) -> list[Label]:
-    """Its true labels; where the truth is not known the automatic ones, else the rough.
-
-    On a calibrated skin a label lasts 0.6 s longer, or until the next one: a touch
-    keeps its gesture until it closes.
-    """
-    sources = ("true", "auto", "range")
-    best = (sort_labels(recording.labels, source) for source in sources)
-    truth = next((labels for labels in best if labels), ())
-    if not recording.skin.calibrated:
-        return list(truth)
-    nexts = [label.start for label in truth[1:]] + [LATEST]
-    return [
-        replace(label, end=max(label.end, min(label.end + LINGER_NS, start)))
-        for label, start in zip(truth, nexts, strict=True)
-    ]
-
-
-def gestures_at(labels: list[Label], stamps: Int[np.ndarray, "row"]) -> list[str]:
-    """The gesture at each stamp."""
-    names = [NONE, *sorted({label.gesture for label in labels} - {NONE})]
-    return [names[i] for i in label_instants(labels, stamps, names)]
-
-
-def segments_of(
-    names: list[str],
-    silent: Bool[np.ndarray, "row"],
-    recording: int,
-    offset: int,
-) -> list[Segment]:
-    """One segment for each run of one gesture.
-
-    Args:
-        names: the gesture at each row.
-        silent: where no label says anything.
-        recording: the recording of the rows.
-        offset: the place of the first row in the data set.
-    """
-    array = np.array(names)
-    breaks = np.flatnonzero(array[1:] != array[:-1]) + 1
-    bounds = [0, *breaks.tolist(), len(names)]
-    return [
-        Segment(
-            names[first], recording, offset + first, offset + end, not silent[first]
-        )
-        for first, end in zip(bounds[:-1], bounds[1:], strict=True)
-    ]
 
 
 def digest(paths: Sequence[Path]) -> str:

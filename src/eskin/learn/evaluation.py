@@ -19,7 +19,8 @@ class Evaluation:
     """What a recogniser is worth on some recordings."""
 
     segments: Score
-    """On whole labelled gestures; `none` is no answer where no label says it."""
+    """On whole labelled gestures. Of what was not detected the answer is `none`;
+    otherwise `none` is no answer where no label says it."""
 
     instants: Score
     """At every instant, `none` among the classes."""
@@ -28,7 +29,7 @@ class Evaluation:
     """Accuracy on segments of each person, or session where people are not known."""
 
     ece: float
-    """Expected calibration error on segments."""
+    """Expected calibration error on the gestures that were detected."""
 
 
 def evaluate(
@@ -44,27 +45,29 @@ def evaluate(
     check_fits(card, dataset)
     vocabulary = list(card.vocabulary)
     segments = dataset.labelled
-    truth = np.array([vocabulary.index(s.gesture) for s in segments])
+    made = [*segments, *dataset.missed]
+    truth = np.array([vocabulary.index(example.gesture) for example in made])
     scores = segment_scores(network, dataset, segments, card.temperature)
     if not any(segment.gesture == NONE for segment in segments):
         scores[:, vocabulary.index(NONE)] = -np.inf
-    answered = scores.argmax(axis=1)
+    nothing = np.full(len(dataset.missed), vocabulary.index(NONE))
+    answered = np.concatenate([scores.argmax(axis=1), nothing])
     rows = np.arange(len(dataset.stamps))
     at_rows = instant_scores(network, dataset, rows, card.temperature).argmax(axis=1)
     now = np.array([vocabulary.index(gesture) for gesture in dataset.gestures])
-    people = [person(dataset, s.recording) for s in segments]
+    people = [person(dataset, example.recording) for example in made]
     right = answered == truth
     return Evaluation(
         segments=score(truth, answered, vocabulary),
         instants=score(now, at_rows, vocabulary),
         per_subject=by_group(right, people),
-        ece=calibration_error(confidence(scores), right),
+        ece=calibration_error(confidence(scores), right[: len(segments)]),
     )
 
 
 def check_fits(card: ModelCard, dataset: Dataset) -> None:
     """Refuse recordings that the model cannot be scored on."""
-    if not dataset.labelled:
+    if not (dataset.labelled or dataset.missed):
         raise RecordingError(
             "the recordings have no labels; scoring needs them; make some with: "
             "eskin label REC"
@@ -74,7 +77,8 @@ def check_fits(card: ModelCard, dataset: Dataset) -> None:
             "the model needs shear, which these recordings do not have; allowed are "
             "recordings of skins with shear; train a model with --train.no-shear"
         )
-    unknown = sorted(set(dataset.gestures) - set(card.vocabulary))
+    made = {*dataset.gestures, *(example.gesture for example in dataset.missed)}
+    unknown = sorted(made - set(card.vocabulary))
     if unknown:
         raise SkinMismatchError(
             f"the recordings hold {', '.join(unknown)}, which the model does not know; "

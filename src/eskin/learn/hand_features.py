@@ -11,7 +11,8 @@ from jaxtyping import Float, Int
 
 from eskin.graph import GraphBatch
 from eskin.graph.summary import centres, principal_extents, total, velocity
-from eskin.learn.dataset import Dataset, Segment
+from eskin.learn.dataset import Dataset
+from eskin.learn.segments import Segment
 
 BANDS = (0.3, 1.0, 2.0, 3.0, 5.0)  # [Hz]
 

@@ -7,7 +7,8 @@ import numpy as np
 from jaxtyping import Int
 
 from eskin.errors import RecordingError
-from eskin.learn.dataset import Dataset, Segment
+from eskin.learn.dataset import Dataset
+from eskin.learn.segments import Segment
 from eskin.model import SLOT_NS
 
 WHOLE = 0.5

@@ -8,7 +8,8 @@ from jaxtyping import Float, Int
 from torch import Tensor
 from torch.nn.functional import log_softmax
 
-from eskin.learn.dataset import Dataset, Segment
+from eskin.learn.dataset import Dataset
+from eskin.learn.segments import Segment
 from eskin.learn.windows import cut
 from eskin.nn import Places, RecogniserNetwork, graph_tensors
 
@@ -77,6 +78,8 @@ def segment_scores(
     Windows end every half second, first when the segment is as long as a window, and
     with its last reading. They see nothing from outside of the segment.
     """
+    if not segments:
+        return np.zeros((0, network.graph_head.classify.out_features))
     ends = [window_ends(dataset, segment) for segment in segments]
     counts = np.array([len(rows) for rows in ends])
     firsts = np.repeat([segment.first for segment in segments], counts)

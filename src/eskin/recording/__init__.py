@@ -8,6 +8,7 @@ from eskin.recording.folder import find_recordings
 from eskin.recording.labels import (
     NONE,
     Label,
+    best_labels,
     check_no_overlap,
     label_instants,
     labels_from_instants,
@@ -38,6 +39,7 @@ __all__ = [
     "Recording",
     "RecordingWriter",
     "ScanArrays",
+    "best_labels",
     "check_no_overlap",
     "convert_shearsense",
     "convert_sleeve",

@@ -43,6 +43,13 @@ def sort_labels(
     return tuple(sorted(x for x in labels if source in (None, x.source)))
 
 
+def best_labels(labels: Iterable[Label]) -> tuple[Label, ...]:
+    """The true ones; where there are none the automatic ones, else the rough ones."""
+    known = tuple(labels)
+    each = (sort_labels(known, source) for source in ("true", "auto", "range"))
+    return next((found for found in each if found), ())
+
+
 def check_no_overlap(labels: Iterable[Label]) -> None:
     """Raise when two labels of one source share an instant.
 
