@@ -199,6 +199,19 @@ def test_what_is_not_known_is_refused(people, gesture, kind, difficulty, message
         perform(gesture, kind, people[0], SITE, CONSTANTS, rng, difficulty, None)
 
 
+@pytest.mark.parametrize("gesture", ["poke", "stroke", "rub", "none"])
+def test_gestures_work_on_a_plane_and_where_there_is_no_room(people, gesture):
+    for radius, clear in ((np.inf, (-0.1, 0.1)), (0.05, (0.0, 0.0))):
+        site = Site(2, (0.0, 0.0), radius, clear, -2.0)
+        kinds = ["guiding", "brush"] if gesture == "none" else [None]
+        for kind in kinds:
+            for touch in many(people[:40], gesture, kind, 1.5, None, site):
+                for press in touch.presses:
+                    assert press.chart == 2
+                    assert np.abs(press.centre).max() < 0.5
+                    assert np.isfinite(press.force).all()
+
+
 def test_a_site_must_hold_its_own_centre():
     with pytest.raises(ValueError, match="does not hold the centre"):
         Site(0, (0.0, 0.0), 0.04, (0.05, 0.1), 0.0)
