@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -9,12 +10,14 @@ from jaxtyping import Bool, Float, Int
 from eskin.errors import ReadingError, RecordingError, SkinMismatchError
 from eskin.skin.skin import Skin
 from eskin.touch.adjacency import Adjacency
-from eskin.touch.kernels import Memory, Rates, calibrate
+from eskin.touch.kernels import Bend, Memory, Rates, calibrate
 from eskin.touch.reading import Reading, Scan, check_order
 
 NANOSECONDS = 1_000_000_000
 
 VERSION = 1
+
+CURVES = ("linear", "divider")
 
 
 @dataclass(frozen=True, eq=False)
@@ -22,7 +25,8 @@ class Calibration:
     """Constants of one skin's electronics; travels with a recording."""
 
     gain: Float[np.ndarray, "taxel"]
-    """Pressure of one count [kPa/count]."""
+    """Pressure of one count [kPa/count]; behind a divider, gain times full scale is
+    the pressure at half scale."""
 
     full_scale: int
     """Counts at which the converter saturates."""
@@ -36,6 +40,13 @@ class Calibration:
     floor: float = 0.0
     """Pressure below which this device's signal does not tell a touch from rest, as
     under a sleeve worn tight [kPa]; raises the thresholds of contact."""
+
+    curve: Literal["linear", "divider"] = "linear"
+    """How counts grow with pressure: in proportion, or as those of a resistor in a
+    voltage divider whose conductance is a power of pressure."""
+
+    exponent: float = 1.0
+    """That power; without meaning where the curve is linear."""
 
     def __post_init__(self) -> None:
         """Refuse constants that no electronics have."""
@@ -53,6 +64,11 @@ class Calibration:
                 f"floor {self.floor}; allowed are positive counts, a finite gain and a "
                 "floor of at least 0 kPa; correct them"
             )
+        if self.curve not in CURVES or not 0 < self.exponent < np.inf:
+            raise ValueError(
+                f"curve is {self.curve!r} and exponent {self.exponent}; allowed are "
+                "'linear' or 'divider' and a finite positive number; correct them"
+            )
 
     @classmethod
     def uniform(
@@ -60,6 +76,14 @@ class Calibration:
     ) -> "Calibration":
         """The same gain for all taxels: `pressure` [kPa] at `full_scale` counts."""
         return cls(np.full(count, pressure / full_scale), full_scale, floor=floor)
+
+    def counts_at(self, pressure: float) -> Float[np.ndarray, "taxel"]:
+        """Counts above rest that mean a pressure [kPa]."""
+        linear = pressure / np.asarray(self.gain, np.float64)
+        if self.curve == "linear":
+            return linear
+        conductance = (linear / self.full_scale) ** self.exponent
+        return self.full_scale * conductance / (1.0 + conductance)
 
     def to_bytes(self) -> bytes:
         """The constants as JSON text."""
@@ -71,6 +95,8 @@ class Calibration:
                 "shear_gain": self.shear_gain,
                 "shear_rest": self.shear_rest,
                 "floor": self.floor,
+                "curve": self.curve,
+                "exponent": self.exponent,
             }
         ).encode()
 
@@ -90,6 +116,8 @@ class Calibration:
                 float(content["shear_gain"]),
                 int(content["shear_rest"]),
                 float(content["floor"]),
+                content.get("curve", "linear"),
+                float(content.get("exponent", 1.0)),
             )
         except (ValueError, KeyError, TypeError) as error:
             raise RecordingError(
@@ -138,7 +166,8 @@ class CalibrationConfig:
     """Time constant of learning such a change."""
 
     after_fraction: float = 0.1
-    """Part of its recent peak that a released taxel may keep without being touched."""
+    """Part of its recent peak that a released taxel may keep without being touched; of
+    counts, as what stays is a shift of the baseline."""
 
     fade_seconds: float = 20.0
     """Time constant in which the recent peak is forgotten."""
@@ -174,7 +203,8 @@ class Calibrator:
         self.config = config or CalibrationConfig()
         self.adjacency = Adjacency.of(skin)
         self.gain = np.asarray(calibration.gain, np.float64)
-        self.margin = self.config.margin / self.gain
+        self.margin = calibration.counts_at(self.config.margin)
+        self.bend = bend_of(calibration)
         self.rates = rates_of(self.config)
         self.memory = fresh_memory(skin.count, self.config.tare_samples)
         self.shear_rest = np.full((skin.count, 2), float(calibration.shear_rest))
@@ -199,6 +229,7 @@ class Calibrator:
             use,
             seconds,
             self.gain,
+            self.bend,
             self.margin,
             self.adjacency.starts,
             self.adjacency.neighbours,
@@ -226,6 +257,13 @@ class Calibrator:
         shear = (above * self.calibration.shear_gain).astype(np.float32)
         shear[~use] = 0.0
         return shear
+
+
+def bend_of(calibration: Calibration) -> Bend:
+    """How the curve bends, as the kernel wants it."""
+    if calibration.curve == "linear":
+        return Bend(np.inf, 1.0)
+    return Bend(float(calibration.full_scale), 1.0 / calibration.exponent)
 
 
 def check_count(scan: Scan, skin: Skin) -> None:

@@ -23,6 +23,15 @@ class Rates(NamedTuple):
     silence: float
 
 
+class Bend(NamedTuple):
+    """How pressure grows with counts."""
+
+    full: float
+    """Counts at which a divider saturates, infinite where there is none."""
+    power: float
+    """Power of conductance that pressure is."""
+
+
 class Memory(NamedTuple):
     """What `calibrate` remembers of each taxel; counts and seconds."""
 
@@ -48,6 +57,22 @@ class Memory(NamedTuple):
 
 SURE = 4
 
+MOST = 0.999
+"""Part of a divider's full scale above which pressure is not told apart."""
+
+
+@njit(cache=True)
+@no_type_check
+def undo(above: float, bend: Bend) -> float:
+    """Counts above rest as a linear device with the same gain would give them."""
+    if above <= 0.0 or bend.full == np.inf:
+        return max(above, 0.0)
+    share = min(above / bend.full, MOST)
+    conductance = share / (1.0 - share)
+    if bend.power != 1.0:
+        conductance **= bend.power
+    return bend.full * conductance
+
 
 @njit(cache=True)
 @no_type_check
@@ -56,6 +81,7 @@ def calibrate(
     use: Bool[np.ndarray, "taxel"],
     now: float,
     gain: Float[np.ndarray, "taxel"],
+    bend: Bend,
     margin: Float[np.ndarray, "taxel"],
     starts: Int[np.ndarray, "taxel_and_one"],
     neighbours: Int[np.ndarray, "pair"],
@@ -80,7 +106,7 @@ def calibrate(
         if filled[i] < size or now - heard[i] > silence:
             hear(i, counts[i], now, margin[i], memory, rates)
         above = counts[i] - baseline[i]
-        out[i] = max(above, 0.0) * gain[i]
+        out[i] = undo(above, bend) * gain[i]
         if above > margin[i] and above > after * peak[i]:
             if since[i] == np.inf:
                 since[i] = now

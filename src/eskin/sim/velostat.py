@@ -1,0 +1,174 @@
+"""The sensing laminate of one build: from pressure to conductance."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from eskin.sim.constants import Constants
+from eskin.skin import Skin
+
+
+@dataclass(frozen=True, eq=False)
+class Velostat:
+    """What is fixed of the laminate; conductance 1 is half scale of the readout."""
+
+    half_pressure: float
+    """Pressure that gives conductance 1 at first touch, without play [kPa]."""
+    bend: Float[np.ndarray, "taxel"]
+    """Pressure that the bent laminate puts on itself [kPa]."""
+    activation: Float[np.ndarray, "taxel"]
+    """Pressure that closes the gap of the grid [kPa]."""
+    play: Float[np.ndarray, "operator"]
+    """Half widths of the play operators by the largest load of the touch."""
+    play_weights: Float[np.ndarray, "operator"]
+    """Weights of the play operators."""
+    play_least: float
+    """Least load that sets those widths, by `half_pressure`."""
+    exponent: Float[np.ndarray, "taxel"]
+    """Growth of conductance with load."""
+    creep: Float[np.ndarray, "taxel process"]
+    """Relative growth of conductance under lasting load."""
+    creep_times: Float[np.ndarray, "process"]
+    """Time constants of that growth [s]."""
+    recovery_times: Float[np.ndarray, "two"]
+    """Time constants of losing it after release [s]."""
+    recovery_share: float
+    """Part that is lost with the first of them."""
+    gain: Float[np.ndarray, "taxel"]
+    """Conductance by that of a nominal taxel."""
+    session_gain: tuple[float, float]
+    """Mean and deviation of what a session adds to a taxel's ln gain."""
+    temperature: float
+    """Deviation of a session's temperature [K]."""
+    temperature_gain: float
+    """Relative growth of conductance with temperature [1/K]."""
+
+    @property
+    def rest(self) -> Float[np.ndarray, "taxel"]:
+        """Load of taxels that nobody touches, by `half_pressure`."""
+        return np.maximum(self.bend - self.activation, 0.0) / self.half_pressure
+
+
+def nominal_velostat(skin: Skin, constants: Constants) -> Velostat:
+    """A laminate whose taxels are all as the maker means them to be."""
+    same = np.ones(skin.count)
+    law = constants.entry("sensor.half_pressure.fresh").spread
+    half = law.median if law and law.median else 1.0
+    return Velostat(
+        half_pressure=half * constants.factors.get("sensor.half_pressure.fresh", 1.0),
+        bend=0.0 * same,
+        activation=constants.value("sensor.nominal_activation") * same,
+        play=constants.array("sensor.play"),
+        play_weights=constants.array("sensor.play_weights.fresh"),
+        play_least=constants.value("sensor.play_least"),
+        exponent=constants.value("sensor.nominal_exponent") * same,
+        creep=np.tile(constants.array("sensor.creep"), (skin.count, 1)),
+        creep_times=constants.array("sensor.creep_times"),
+        recovery_times=constants.array("sensor.recovery_times"),
+        recovery_share=constants.value("sensor.recovery_share"),
+        gain=same,
+        session_gain=(0.0, 0.0),
+        temperature=0.0,
+        temperature_gain=constants.value("sensor.temperature_gain"),
+    )
+
+
+def draw_velostat(
+    kind: str, skin: Skin, constants: Constants, rng: np.random.Generator
+) -> Velostat:
+    """Draw the laminate of a build of a kind."""
+    return Velostat(
+        half_pressure=constants.draw(f"sensor.half_pressure.{kind}", rng),
+        bend=draw_bend(kind, skin, constants, rng),
+        activation=draw_activation(kind, skin, constants, rng),
+        play=constants.array("sensor.play"),
+        play_weights=constants.array(f"sensor.play_weights.{kind}"),
+        play_least=constants.value("sensor.play_least"),
+        exponent=draw_exponent(kind, skin, constants, rng),
+        creep=draw_creep(kind, skin, constants, rng),
+        creep_times=constants.array("sensor.creep_times"),
+        recovery_times=constants.array("sensor.recovery_times"),
+        recovery_share=constants.value("sensor.recovery_share"),
+        gain=draw_gain(kind, skin, constants, rng),
+        session_gain=normal_law(f"sensor.session_gain.{kind}", constants),
+        temperature=normal_law(f"sensor.temperature.{kind}", constants)[1],
+        temperature_gain=constants.value("sensor.temperature_gain"),
+    )
+
+
+def normal_law(name: str, constants: Constants) -> tuple[float, float]:
+    """Mean and deviation of a constant that is drawn again in every session."""
+    law, factor = constants.entry(name).spread, constants.factors.get(name, 1.0)
+    if law is None or law.mean is None or law.sd is None:
+        raise ValueError(f"constant '{name}' has no normal law; give it mean and sd")
+    return law.mean * factor, law.sd * factor
+
+
+def of_patches(
+    name: str, skin: Skin, constants: Constants, rng: np.random.Generator
+) -> Float[np.ndarray, "taxel"]:
+    """One draw of a constant a patch, given to all its taxels."""
+    drawn = np.array([constants.draw(name, rng) for _ in skin.patches])
+    return drawn[skin.patch_index]
+
+
+def draw_exponent(
+    kind: str, skin: Skin, constants: Constants, rng: np.random.Generator
+) -> Float[np.ndarray, "taxel"]:
+    """Exponents about the mean of their patch."""
+    mean = of_patches(f"sensor.exponent.{kind}", skin, constants, rng)
+    scatter = constants.value(f"sensor.exponent_scatter.{kind}")
+    low, high = constants.array("sensor.exponent_limits")
+    return np.clip(mean + scatter * rng.standard_normal(skin.count), low, high)
+
+
+def draw_gain(
+    kind: str, skin: Skin, constants: Constants, rng: np.random.Generator
+) -> Float[np.ndarray, "taxel"]:
+    """Gains about that of their patch."""
+    patches = rng.standard_normal(len(skin.patches))[skin.patch_index]
+    taxels = rng.standard_normal(skin.count)
+    between = constants.value(f"sensor.gain_patch.{kind}")
+    inside = constants.value(f"sensor.gain_taxel.{kind}")
+    return np.exp(between * patches + inside * taxels)
+
+
+def draw_activation(
+    kind: str, skin: Skin, constants: Constants, rng: np.random.Generator
+) -> Float[np.ndarray, "taxel"]:
+    """Pressures of activation about that of their patch."""
+    mean = of_patches(f"sensor.activation.{kind}", skin, constants, rng)
+    scatter = np.log(constants.value("sensor.activation_scatter"))
+    return mean * np.exp(scatter * rng.standard_normal(skin.count))
+
+
+def draw_bend(
+    kind: str, skin: Skin, constants: Constants, rng: np.random.Generator
+) -> Float[np.ndarray, "taxel"]:
+    """Preload of a share of the taxels, those nearest the edges of their patches."""
+    share = constants.draw(f"sensor.bent.{kind}", rng)
+    rank = steps_from_edge(skin) + rng.random(skin.count)
+    bent = np.argsort(rank)[: round(share * skin.count)]
+    bend = np.zeros(skin.count)
+    bend[bent] = [constants.draw(f"sensor.bend.{kind}", rng) for _ in bent]
+    return bend
+
+
+def steps_from_edge(skin: Skin) -> Int[np.ndarray, "taxel"]:
+    """How many rows or columns each taxel is from the nearest edge of its patch."""
+    rows = np.array([patch.rows for patch in skin.patches])[skin.patch_index]
+    columns = np.array([patch.columns for patch in skin.patches])[skin.patch_index]
+    across = np.minimum(skin.rows, rows - 1 - skin.rows)
+    along = np.minimum(skin.columns, columns - 1 - skin.columns)
+    return np.minimum(across, along)
+
+
+def draw_creep(
+    kind: str, skin: Skin, constants: Constants, rng: np.random.Generator
+) -> Float[np.ndarray, "taxel process"]:
+    """Creep of each taxel, the same within a patch."""
+    usual = constants.array("sensor.creep")
+    scatter = np.log(constants.value(f"sensor.creep_scatter.{kind}"))
+    drawn = rng.standard_normal((len(skin.patches), len(usual)))
+    return (usual * np.exp(scatter * drawn))[skin.patch_index]
