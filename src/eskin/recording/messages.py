@@ -1,4 +1,4 @@
-"""The four messages of a recording, to CDR and back; definitions are in `schemas`."""
+"""The five messages of a recording, to CDR and back; definitions are in `schemas`."""
 
 from dataclasses import dataclass
 from typing import cast
@@ -10,6 +10,7 @@ from eskin.errors import RecordingError
 from eskin.recording.cdr import CdrPacker, CdrUnpacker
 from eskin.recording.detection import DetectionRecord, Vector
 from eskin.recording.labels import Label
+from eskin.recording.truth import TruthRecord
 from eskin.touch.reading import Scan
 
 WORLD = "world"
@@ -162,4 +163,31 @@ def unpack_detection(data: bytes) -> DetectionRecord:
         normal,
         direction,
         unpacker.number("f"),
+    )
+
+
+def pack_truth(record: TruthRecord) -> bytes:
+    """Message of `/eskin/truth`."""
+    packer = CdrPacker()
+    packer.stamp(record.stamp)
+    packer.string(WORLD)
+    packer.unsigned(record.touch)
+    packer.string(record.gesture)
+    packer.string(record.kind)
+    packer.string(record.link)
+    for value in (record.force, record.area, *record.p_world):
+        packer.number(value)
+    return packer.bytes()
+
+
+def unpack_truth(data: bytes) -> TruthRecord:
+    """Contents of a message of `/eskin/truth`."""
+    unpacker = CdrUnpacker(data)
+    stamp = unpacker.stamp()
+    unpacker.string()
+    touch = unpacker.unsigned()
+    gesture, kind, link = (unpacker.string() for _ in range(3))
+    force, area, *point = (unpacker.number() for _ in range(5))
+    return TruthRecord(
+        stamp, touch, gesture, kind, link, force, area, cast(Vector, tuple(point))
     )

@@ -20,10 +20,12 @@ from eskin.recording.messages import (
     unpack_joint_state,
     unpack_label,
     unpack_reading,
+    unpack_truth,
 )
 from eskin.recording.metadata import Metadata
 from eskin.recording.records import McapStream, TopicMessage
-from eskin.recording.schemas import DETECTION, JOINT_STATES, LABEL, READING
+from eskin.recording.schemas import DETECTION, JOINT_STATES, LABEL, READING, TRUTH
+from eskin.recording.truth import TruthRecord
 from eskin.recording.writer import CALIBRATION_NAME, FORMAT, RECORD_NAME, SKIN_NAME
 from eskin.skin.files import skin_from_bytes
 from eskin.skin.skin import Skin
@@ -94,6 +96,15 @@ class Recording:
                     yield self.scan(message.data, q)
             except (StructError, ValueError) as error:
                 raise broken(self.path, message, error) from error
+
+    def truths(self) -> Iterator[TruthRecord]:
+        """Every touch as it really was, from disk; none where that is not known."""
+        for message in McapStream(self.path):
+            if isinstance(message, TopicMessage) and message.topic == TRUTH.name:
+                try:
+                    yield unpack_truth(message.data)
+                except (StructError, ValueError) as error:
+                    raise broken(self.path, message, error) from error
 
     def joint_positions(self, data: bytes) -> Float[np.ndarray, "joint"]:
         """Positions [rad] in the order of `joint_names`."""

@@ -102,4 +102,33 @@ float32 peak_force
     ),
 )
 
+TRUTH = Topic(
+    "/eskin/truth",
+    "eskin_msgs/msg/Truth",
+    definition(
+        """
+# What one touch really was at one reading, while in contact; known where the skin is
+# simulated. frame_id is world.
+std_msgs/Header header
+# Counts the touches of the file.
+uint32 touch
+string gesture
+# Variant of the gesture.
+string kind
+# Link that bears most of it.
+string link
+# Total force on the skin [N].
+float64 force
+# Contact area [m2].
+float64 area
+# Centre of the force [m].
+geometry_msgs/Point centroid
+""",
+        HEADER,
+        TIME,
+        POINT,
+    ),
+)
+
 TOPICS = (READING, JOINT_STATES, LABEL, DETECTION)
+"""Those of every recording; `TRUTH` is only in those that know it."""

@@ -11,19 +11,32 @@ from functools import lru_cache
 from pathlib import Path
 from types import TracebackType
 
-from mcap.writer import CompressionType, Writer
+import numpy as np
+from jaxtyping import Bool, Float, Int
 
 from eskin.errors import RecordingError
+from eskin.recording.block import pack_joint_states, pack_readings
 from eskin.recording.detection import DetectionRecord
 from eskin.recording.labels import Label, sort_labels
+from eskin.recording.mcap_file import McapFile
 from eskin.recording.messages import (
     pack_detection,
     pack_joint_state,
     pack_label,
     pack_reading,
+    pack_truth,
 )
 from eskin.recording.metadata import Metadata
-from eskin.recording.schemas import DETECTION, JOINT_STATES, LABEL, READING, TOPICS
+from eskin.recording.schemas import (
+    DETECTION,
+    JOINT_STATES,
+    LABEL,
+    READING,
+    TOPICS,
+    TRUTH,
+    Topic,
+)
+from eskin.recording.truth import TruthRecord
 from eskin.robot.presets import load_robot
 from eskin.skin.files import skin_to_bytes
 from eskin.skin.skin import Skin
@@ -31,7 +44,6 @@ from eskin.touch.calibration import Calibration
 from eskin.touch.reading import Scan
 
 CHUNK_NS = 1_000_000_000
-CHUNK_BYTES = 1 << 20
 RECORD_NAME = "eskin"
 SKIN_NAME = "skin"
 CALIBRATION_NAME = "calibration.json"
@@ -79,9 +91,7 @@ class RecordingWriter:
                 f"cannot write {self.part}: {error.strerror}; give a path in a folder "
                 "that exists and can be written to"
             ) from error
-        self.mcap = Writer(
-            self.file, chunk_size=CHUNK_BYTES, compression=CompressionType.ZSTD
-        )
+        self.mcap = McapFile(self.file, "ros2", "eskin")
         try:
             self.begin(robot_name, calibration, metadata)
         except BaseException:
@@ -93,29 +103,26 @@ class RecordingWriter:
         self, robot_name: str, calibration: Calibration, metadata: Metadata
     ) -> None:
         """Write header, metadata and attachments and declare the topics."""
-        self.mcap.start(profile="ros2", library="eskin")
         facts = {"format": FORMAT, "robot": robot_name, "skin": self.skin.name}
         facts["joints"] = json.dumps(self.joint_names)
         self.mcap.add_metadata(RECORD_NAME, facts | metadata.to_record())
         self.attach(SKIN_NAME, "application/yaml", skin_text(self.skin))
         self.attach(CALIBRATION_NAME, "application/json", calibration.to_bytes())
-        self.channels = {
-            topic.name: self.mcap.register_channel(
-                topic.name,
-                "cdr",
-                self.mcap.register_schema(
-                    topic.type_name, "ros2msg", topic.definition.encode()
-                ),
-                {"offered_qos_profiles": ""},
-            )
-            for topic in TOPICS
-            if topic != JOINT_STATES or self.joint_names
-        }
+        self.channels: dict[str, int] = {}
+        for topic in TOPICS:
+            if topic != JOINT_STATES or self.joint_names:
+                self.declare(topic)
         self.file.flush()
 
     def attach(self, name: str, media_type: str, data: bytes) -> None:
         """Write one attachment."""
-        self.mcap.add_attachment(0, 0, name, media_type, data)
+        self.mcap.add_attachment(name, media_type, data)
+
+    def declare(self, topic: Topic) -> None:
+        """Make a topic known to the file."""
+        self.channels[topic.name] = self.mcap.add_channel(
+            topic.name, topic.type_name, topic.definition
+        )
 
     def write(self, scan: Scan) -> None:
         """Append one scan; stamps must increase.
@@ -123,32 +130,63 @@ class RecordingWriter:
         Raises:
             RecordingError: when it does not fit the skin, the robot or its time.
         """
-        self.check(scan)
-        if self.chunk_start is None or scan.stamp - self.chunk_start >= CHUNK_NS:
-            self.mcap.flush()
-            self.chunk_start = scan.stamp
+        self.check(scan.counts.shape, scan.q.shape, scan.stamp)
         reading = pack_reading(scan, self.skin.name)
-        if self.joint_names:
-            state = pack_joint_state(scan.stamp, self.joint_names, scan.q)
-            self.add(JOINT_STATES.name, scan.stamp, state)
-        self.add(READING.name, scan.stamp, reading)
-        self.last_stamp = scan.stamp
+        state = pack_joint_state(scan.stamp, self.joint_names, scan.q)
+        self.append(scan.stamp, reading, state)
 
-    def check(self, scan: Scan) -> None:
-        """Raise when a scan cannot follow the one before."""
-        if len(scan.counts) != self.skin.count:
+    def write_block(
+        self,
+        stamps: Int[np.ndarray, "reading"],
+        counts: Int[np.ndarray, "reading taxel"],
+        received: Bool[np.ndarray, "reading taxel"],
+        q: Float[np.ndarray, "reading joint"],
+    ) -> None:
+        """Append many scans without shear: the same file as one by one, but sooner.
+
+        Raises:
+            RecordingError: when they do not fit the skin, the robot or their time;
+                then none of them is written.
+        """
+        if not len(stamps):
+            return
+        if (np.diff(stamps) <= 0).any():
+            raise RecordingError("stamps of a block must increase; use one clock")
+        self.check(counts.shape[1:], q.shape[1:], int(stamps[0]))
+        readings = pack_readings(stamps, counts, received, self.skin.name)
+        states = pack_joint_states(stamps, self.joint_names, q)
+        for stamp, reading, state in zip(
+            stamps.tolist(), readings, states, strict=True
+        ):
+            self.append(stamp, reading, state)
+
+    def append(self, stamp: int, reading: bytes, state: bytes) -> None:
+        """Append the messages of one scan; a second begins a chunk."""
+        if self.chunk_start is None or stamp - self.chunk_start >= CHUNK_NS:
+            self.mcap.end_chunk()
+            self.chunk_start = stamp
+        if self.joint_names:
+            self.add(JOINT_STATES.name, stamp, state)
+        self.add(READING.name, stamp, reading)
+        self.last_stamp = stamp
+
+    def check(
+        self, counts: tuple[int, ...], joints: tuple[int, ...], first: int
+    ) -> None:
+        """Raise when scans of these shapes cannot follow the one before."""
+        if counts != (self.skin.count,):
             raise RecordingError(
-                f"scan has {len(scan.counts)} counts, skin '{self.skin.name}' has "
+                f"scan has {counts[0]} counts, skin '{self.skin.name}' has "
                 f"{self.skin.count} taxels; record each skin in its own file"
             )
-        if len(scan.q) != len(self.joint_names):
+        if joints != (len(self.joint_names),):
             raise RecordingError(
-                f"scan has {len(scan.q)} joint positions, the robot has "
+                f"scan has {joints[0]} joint positions, the robot has "
                 f"{len(self.joint_names)} joints; record with the robot it came from"
             )
-        if self.last_stamp is not None and scan.stamp <= self.last_stamp:
+        if self.last_stamp is not None and first <= self.last_stamp:
             raise RecordingError(
-                f"scan at {scan.stamp} ns comes after one at {self.last_stamp} ns; "
+                f"scan at {first} ns comes after one at {self.last_stamp} ns; "
                 "stamps must increase; use one clock"
             )
 
@@ -160,13 +198,19 @@ class RecordingWriter:
         """Append a detection; logged at the latest scan."""
         self.add(DETECTION.name, self.now(record.stamp), pack_detection(record))
 
+    def truth(self, record: TruthRecord) -> None:
+        """Append what was really done; only a file that has some knows the topic."""
+        if TRUTH.name not in self.channels:
+            self.declare(TRUTH)
+        self.add(TRUTH.name, record.stamp, pack_truth(record))
+
     def now(self, otherwise: int) -> int:
         """Stamp of the latest scan [ns], `otherwise` before the first."""
         return otherwise if self.last_stamp is None else self.last_stamp
 
     def add(self, topic: str, stamp: int, data: bytes) -> None:
         """Append one message."""
-        self.mcap.add_message(self.channels[topic], stamp, data, stamp)
+        self.mcap.add_message(self.channels[topic], stamp, data)
 
     def close(self) -> None:
         """Finish the file and give it its name."""
@@ -181,7 +225,7 @@ class RecordingWriter:
     def abandon(self) -> None:
         """Stop; what was written stays in the `.part` file, without an index."""
         if not self.file.closed:
-            self.mcap.flush()
+            self.mcap.end_chunk()
             self.file.close()
 
     def __enter__(self) -> "RecordingWriter":
