@@ -119,6 +119,30 @@ def test_label_takes_ranges_and_options(converted, tmp_path, capsys):
     ]
 
 
+def test_of_several_recordings_none_is_labelled_where_one_cannot_be(
+    converted, tmp_path, capsys, monkeypatch
+):
+    before = converted.read_bytes()
+    cut = tmp_path / "z.mcap"
+    cut.write_bytes(before[:-30])
+    out = tmp_path / "copies"
+    (out / "z.mcap").mkdir(parents=True)
+    for argv, message in (
+        ((converted, cut), "z.mcap is cut short and would be replaced"),
+        ((converted, cut, "--out", out), "z.mcap: it is a folder"),
+        ((converted, cut, "--out", cut), "is no folder that can be written to"),
+    ):
+        code, _, err = call(capsys, "label", *argv)
+        assert (code, len(err.strip().splitlines())) == (2, 1)
+        assert message in err
+        assert converted.read_bytes() == before
+    assert [path.name for path in out.iterdir()] == ["z.mcap"]
+    monkeypatch.setattr("os.access", lambda *_: False)
+    code, _, err = call(capsys, "label", converted)
+    assert code == 2 and "no folder that can be written to" in err
+    assert converted.read_bytes() == before
+
+
 def test_label_of_bad_input_is_one_line_and_changes_nothing(
     converted, tmp_path, capsys
 ):

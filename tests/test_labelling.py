@@ -270,6 +270,21 @@ def test_rewriting_changes_the_labels_and_nothing_else(tmp_path):
     assert names == ["a.mcap", "b.mcap"]
 
 
+def test_a_copy_that_fails_leaves_nothing_behind(tmp_path):
+    recording = record(tmp_path / "a.mcap", (4, 4.5), labels=(seconds(4, 4.5),))
+    before = recording.path.read_bytes()
+
+    def labels():
+        yield seconds(4, 4.4, source="auto")
+        raise OSError("disk full")
+
+    for target in (None, tmp_path / "b.mcap"):
+        with pytest.raises(OSError, match="disk full"):
+            rewrite(recording, target, labels=labels())
+        assert list(tmp_path.iterdir()) == [recording.path]
+        assert recording.path.read_bytes() == before
+
+
 def test_a_cut_recording_is_never_replaced_but_may_be_copied(tmp_path):
     whole = record(tmp_path / "a.mcap", (4, 4.5), labels=(seconds(4, 4.5),))
     data = whole.path.read_bytes()[:-30]

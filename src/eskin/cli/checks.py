@@ -2,9 +2,12 @@
 
 import os
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from eskin.errors import EskinError
-from eskin.learn.dataset import Dataset
+
+if TYPE_CHECKING:
+    from eskin.learn.dataset import Dataset
 
 
 def check_writable(target: Path) -> None:
@@ -27,7 +30,7 @@ def check_writable(target: Path) -> None:
         )
 
 
-def tell_cut(*datasets: Dataset | None) -> None:
+def tell_cut(*datasets: "Dataset | None") -> None:
     """Name the recordings whose end is missing."""
     for dataset in datasets:
         for recording in dataset.recordings if dataset else ():

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import tyro
 
+from eskin.cli.checks import check_writable
 from eskin.errors import RecordingError
 
 if TYPE_CHECKING:
@@ -51,13 +52,15 @@ def run(command: Command) -> dict[str, object]:
             f"--ranges {command.ranges} belongs to one recording, got {len(paths)}; "
             "label one at a time"
         )
+    targets = [target_of(command, recording) for recording in recordings]
+    check_targets(command, recordings, targets)
     labellings = [label_one(command, recording) for recording in recordings]
     agreement = Agreement()
     for recording, labelling in zip(recordings, labellings, strict=True):
         truth = sort_labels(recording.labels, "true")
         if truth:
             agreement.add(truth, labelling.found, labelling.stamps)
-    write(command, recordings, labellings)
+    write(command, recordings, labellings, targets)
     summary = agreement.summary() if agreement.instants else None
     count = sum(len(labelling.found) for labelling in labellings)
     print(f"{count} labels in {len(paths)} recordings")
@@ -88,24 +91,45 @@ def label_one(command: Command, recording: "Recording") -> "Labelling":
     return find_labels(recording, ranges, config)
 
 
+def target_of(command: Command, recording: "Recording") -> Path:
+    """Where a recording goes with its labels."""
+    if command.out is None:
+        return recording.path
+    return command.out / recording.path.name
+
+
+def check_targets(
+    command: Command, recordings: "list[Recording]", targets: list[Path]
+) -> None:
+    """Refuse all recordings where one cannot be written."""
+    from eskin.recording.relabel import check_target
+
+    if len(set(targets)) < len(targets):
+        raise RecordingError(
+            f"two recordings have one name and cannot both go to {command.out}; "
+            "label them in two calls"
+        )
+    for recording, target in zip(recordings, targets, strict=True):
+        check_target(recording, target)
+        check_writable(target)
+
+
 def write(
-    command: Command, recordings: "list[Recording]", labellings: "list[Labelling]"
+    command: Command,
+    recordings: "list[Recording]",
+    labellings: "list[Labelling]",
+    targets: list[Path],
 ) -> None:
     """Write all recordings with their new labels."""
     from eskin.recording import rewrite
 
-    names = [recording.path.name for recording in recordings]
     if command.out is not None:
-        if len(set(names)) < len(names):
-            raise RecordingError(
-                f"two recordings have one name and cannot both go to {command.out}; "
-                "label them in two calls"
-            )
         command.out.mkdir(parents=True, exist_ok=True)
-    for recording, labelling in zip(recordings, labellings, strict=True):
+    for recording, labelling, target in zip(
+        recordings, labellings, targets, strict=True
+    ):
         kept = [label for label in recording.labels if label.source != "auto"]
         if command.ranges is not None:
             kept = [label for label in kept if label.source != "range"]
             kept += labelling.ranges
-        target = None if command.out is None else command.out / recording.path.name
         rewrite(recording, target, [*kept, *labelling.found])

@@ -80,7 +80,7 @@ def rewrite(
     labels: Iterable[Label] | None = None,
     detections: Iterable[DetectionRecord] | None = None,
 ) -> None:
-    """Write a copy of a recording with other labels or detections.
+    """Write a copy of a recording with other labels or detections, whole or not at all.
 
     Args:
         recording: what to copy.
@@ -92,22 +92,36 @@ def rewrite(
         RecordingError: when a recording that is cut short would be replaced.
     """
     target = recording.path if path is None else Path(path)
-    if recording.truncated and target.resolve() == recording.path.resolve():
-        raise RecordingError(
-            f"{recording.path} is cut short and would be replaced by what is left; "
-            "write the copy elsewhere"
-        )
-    with RecordingWriter(
+    check_target(recording, target)
+    writer = RecordingWriter(
         target,
         recording.robot_name,
         recording.skin,
         recording.calibration,
         recording.metadata,
         recording.joint_names,
-    ) as writer:
-        write_all(
-            writer,
-            recording.scans(),
-            recording.labels if labels is None else labels,
-            recording.detections if detections is None else detections,
+    )
+    try:
+        with writer:
+            write_all(
+                writer,
+                recording.scans(),
+                recording.labels if labels is None else labels,
+                recording.detections if detections is None else detections,
+            )
+    except BaseException:
+        writer.part.unlink(missing_ok=True)
+        raise
+
+
+def check_target(recording: Recording, target: Path) -> None:
+    """Refuse to replace a recording by less than there was of it.
+
+    Raises:
+        RecordingError: when it is cut short and would be replaced.
+    """
+    if recording.truncated and target.resolve() == recording.path.resolve():
+        raise RecordingError(
+            f"{recording.path} is cut short and would be replaced by what is left; "
+            "write the copy elsewhere"
         )
