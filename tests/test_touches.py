@@ -284,3 +284,27 @@ def test_a_count_that_cannot_be_is_not_valid_in_its_own_reading():
         counts[7] = -1 if t == 0.04 else 200
         valid = pipeline.push(scan_at(t, counts)).reading.valid
     assert np.flatnonzero(~valid).tolist() == [7]
+
+
+def test_a_count_that_cannot_be_is_never_learned_not_even_from_the_first_scan():
+    mounted = mounted_grid()
+    pipeline = TouchPipeline(mounted, calibration_of(mounted.skin))
+    for t in np.arange(0.0, 6.0, 0.02):
+        counts = counts_of(mounted, 0.0)
+        counts[7] = -32768 if t == 0.0 else counts[7]
+        state = pipeline.push(scan_at(t, counts))
+        assert not state.contacts
+    assert state.reading.valid.all()
+
+
+def test_after_finishing_a_new_touch_begins_at_once():
+    mounted = mounted_grid()
+    pipeline = TouchPipeline(mounted, calibration_of(mounted.skin))
+    held = pressed(mounted.skin, (0.02, 0.02))
+    [before] = pipeline.push_reading(reading_at(0.0, held)).touches
+    assert [touch.id for touch in pipeline.finish()] == [before.id]
+    lost = reading_at(0.02, held, valid=np.zeros(36, bool))
+    assert not pipeline.push_reading(lost).touches
+    [after] = pipeline.push_reading(reading_at(0.04, held)).touches
+    assert (after.id, after.tracks) == (before.id + 1, (2,))
+    assert after.onset == reading_at(0.04, held).stamp

@@ -4,7 +4,12 @@ from dataclasses import dataclass, field, replace
 from typing import final
 
 from eskin.skin.mount import MountedSkin
-from eskin.touch.calibration import Calibration, CalibrationConfig, Calibrator
+from eskin.touch.calibration import (
+    Calibration,
+    CalibrationConfig,
+    Calibrator,
+    check_count,
+)
 from eskin.touch.contacts import Contact, ContactConfig, ContactFinder
 from eskin.touch.fault import Fault
 from eskin.touch.faults import FaultConfig, FaultFinder
@@ -86,7 +91,9 @@ class TouchPipeline:
                 nothing has changed then, and the next scan may follow.
         """
         self.contacts.poses.check(scan.q)
-        reading = self.calibrator.push(scan, self.faults.mask)
+        check_count(scan, self.calibrator.skin)
+        # The fault finder needs a reading first; no converter counts below zero.
+        reading = self.calibrator.push(scan, self.faults.mask | (scan.counts < 0))
         mask, faults = self.faults.push(scan, reading.pressure)
         if mask.any():
             reading = replace(reading, valid=reading.valid & ~mask)
@@ -102,5 +109,9 @@ class TouchPipeline:
         return TouchState(reading, tuple(contacts), tracks, touches, closed, faults)
 
     def finish(self) -> tuple[Touch, ...]:
-        """Close the touches still open, as at the end of a recording."""
+        """Close the touches still open, as at the end of a recording.
+
+        What comes later begins new tracks and touches.
+        """
+        self.tracker.finish()
         return self.grouper.finish()

@@ -110,6 +110,10 @@ class Tracker:
             self.nearest(reading, contacts, covered, going, elapsed / NANOSECONDS)
         return self.advance(reading, contacts, covered, going)
 
+    def finish(self) -> None:
+        """Drop every track, as at the end of a recording."""
+        self.tracks = []
+
     def covered(self, contacts: list[Contact]) -> Float[np.ndarray, "track contact"]:
         """Area of each track's latest contact that each contact covers [m2]."""
         result = np.zeros((len(self.tracks), len(contacts)))
