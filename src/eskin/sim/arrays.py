@@ -18,7 +18,8 @@ def arrays_of(
         skin: all taxels.
     """
     patches, starts = np.unique(skin.patch_index[live], return_index=True)
-    rows, columns = skin.rows.max(initial=0) + 1, skin.columns.max(initial=0) + 1
+    rows = max(patch.rows for patch in skin.patches)
+    columns = max(patch.columns for patch in skin.patches)
     taxel = np.full((len(patches), rows, columns), -1, dtype=np.int64)
     for index, patch in enumerate(patches):
         inside = np.flatnonzero(skin.patch_index == patch)
@@ -30,6 +31,10 @@ def arrays_of(
         column=skin.columns[live],
         age=ages[live],
         taxel=taxel,
+        rows=np.array([skin.patches[patch].rows for patch in patches], dtype=np.int64),
+        columns=np.array(
+            [skin.patches[patch].columns for patch in patches], dtype=np.int64
+        ),
     )
 
 

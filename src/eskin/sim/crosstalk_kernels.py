@@ -55,14 +55,16 @@ def add_leak(
 ) -> None:
     """Add to each cell a part of all others of its row and column."""
     rows, columns = conductance.shape
+    along, across = np.zeros(rows, np.float32), np.zeros(columns, np.float32)
     for i in range(rows):
-        along = conductance[i].sum()
         for j in range(columns):
-            across = np.float32(0.0)
-            for k in range(rows):
-                across += conductance[k, j]
+            along[i] += conductance[i, j]
+            across[j] += conductance[i, j]
+    part = np.float32(leak)
+    for i in range(rows):
+        for j in range(columns):
             own = conductance[i, j]
-            out[i, j] += np.float32(leak) * (along + across - own - own)
+            out[i, j] += part * max(along[i] + across[j] - own - own, np.float32(0.0))
 
 
 @njit(cache=True)

@@ -2,9 +2,11 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
+from scipy.special import ndtri
 
 from eskin.sim.arrays import arrays_of, scan_ages
 from eskin.sim.build import Build
@@ -14,6 +16,12 @@ from eskin.skin import Skin
 
 BLOCK = 100
 """Readings whose noise is held in memory at a time."""
+
+WORD = 64
+"""Bits of a word of random steps."""
+
+LEVELS = 2**16
+"""Values that normal noise is told apart in; the largest are 4.3 deviations."""
 
 TOUCHES = 8
 """Touches of a taxel whose after-effects are drawn; later ones repeat them."""
@@ -81,42 +89,43 @@ def sense(
     stages = stages or Stages()
     streams = [np.random.Generator(np.random.SFC64(seed)) for seed in seeds(rng)]
     session = session or draw_session(build, streams[0])
+    electronics = build.electronics
     live, column = live_taxels(pressure, taxels, build, skin, stages)
-    after = build.electronics.after * streams[1].standard_normal((TOUCHES, skin.count))
-    series = np.zeros((2, len(pressure), len(live)), np.float32)
+    after = electronics.after * streams[1].standard_normal((TOUCHES, skin.count))
     film = film_of(live, build, session, stages, after)
-    conduct(np.asarray(pressure, np.float64), column, film, *series)
-    ratio = round(build.electronics.period / build.electronics.step)
+    conductance = np.zeros((len(pressure), len(live)), np.float32)
+    shift = np.zeros_like(conductance)
+    conduct(np.asarray(pressure, np.float64), column, film, conductance, shift)
+    ratio = round(electronics.period / electronics.step)
     readings = (len(pressure) - lead) // ratio
     received = arrivals(readings, build, skin, streams[2], stages)
     counts = np.zeros((readings, skin.count), np.int32)
     arrays = arrays_of(live, ages_of(build, skin, stages), skin)
     readout = readout_of(build, stages)
     drift = np.zeros(skin.count, np.float32)
-    electronics = build.electronics
-    ghost = electronics.ghost if stages.ghosting else 0.0
-    leak = electronics.leak if stages.ghosting else 0.0
+    ghost, leak = crosstalk_of(build, stages)
     for part in blocks(readings):
         size = (part.stop - part.start, skin.count)
-        late = electronics.jitter * streams[3].standard_normal(
-            (size[0], len(skin.patches))
-        )
+        late = streams[3].standard_normal((size[0], len(skin.patches)))
         level, shifts = np.zeros(size, np.float32), np.zeros(size, np.float32)
         scan(
-            *series,
+            conductance,
+            shift,
             arrays,
             lead + ratio * np.arange(part.start, part.stop, dtype=np.float64),
-            late * stages.skew,
+            late * electronics.jitter * stages.skew,
             electronics.step,
-            ghost if ghost >= electronics.ghost_least else 0.0,
-            leak if leak >= electronics.ghost_least else 0.0,
+            ghost,
+            leak,
             stages.divider,
             level,
             shifts,
         )
-        steps = streams[4].standard_normal(size, dtype=np.float32)
-        noise = streams[5].standard_normal(size, dtype=np.float32)
-        convert(level, shifts, steps, noise, drift, readout, counts[part])
+        words = (size[0], skin.count // WORD + 1)
+        signs = streams[4].integers(2**WORD, size=words, dtype=np.uint64)
+        chances = streams[5].integers(LEVELS, size=size, dtype=np.uint16)
+        quantiles = normal_quantiles()
+        convert(level, shifts, chances, signs, quantiles, drift, readout, counts[part])
     counts[~received] = 0
     return counts, received
 
@@ -146,6 +155,13 @@ def check(
 def seeds(rng: np.random.Generator) -> list[int]:
     """A seed for each thing that is drawn."""
     return [int(seed) for seed in rng.integers(2**63, size=6)]
+
+
+@lru_cache(maxsize=1)
+def normal_quantiles() -> Float[np.ndarray, "chance"]:
+    """Equally likely values of the normal law."""
+    chances = (np.arange(LEVELS) + 0.5) / LEVELS
+    return ndtri(chances).astype(np.float32)
 
 
 def blocks(readings: int) -> Iterator[slice]:
@@ -228,6 +244,14 @@ def readout_of(build: Build, stages: Stages) -> Readout:
         feels=feels.astype(np.float32),
         stuck=(stuck if stages.faults else np.full(len(stuck), -1.0)).astype(np.int32),
     )
+
+
+def crosstalk_of(build: Build, stages: Stages) -> tuple[float, float]:
+    """Ghosts and leak that are worth computing."""
+    electronics = build.electronics
+    parts = (electronics.ghost, electronics.leak)
+    ghost, leak = (part * (part >= electronics.ghost_least) for part in parts)
+    return ghost * stages.ghosting, leak * stages.ghosting
 
 
 def ages_of(build: Build, skin: Skin, stages: Stages) -> Float[np.ndarray, "taxel"]:

@@ -131,6 +131,10 @@ class Arrays(NamedTuple):
     """When it is scanned, before the reading is put together [s] (live)."""
     taxel: np.ndarray
     """Taxel at each place, -1 where there is none (array, row, column)."""
+    rows: np.ndarray
+    """Rows of each array (array)."""
+    columns: np.ndarray
+    """Columns of each array (array)."""
 
 
 @njit(cache=True)
@@ -177,25 +181,23 @@ def scan(
         level: zeros that are written to.
         shifts: zeros that are written to.
     """
-    rows, columns = arrays.taxel.shape[1:]
-    cells = np.zeros((rows, columns), np.float32)
-    read = np.zeros((rows, columns), np.float32)
-    for r in range(len(places)):
-        for m in range(len(arrays.patch)):
-            begin, end = arrays.starts[m], arrays.starts[m + 1]
-            cells[:] = 0.0
-            any_cell = False
+    for m in range(len(arrays.patch)):
+        begin, end = arrays.starts[m], arrays.starts[m + 1]
+        rows, columns = arrays.rows[m], arrays.columns[m]
+        cells = np.zeros((rows, columns), np.float32)
+        read = np.zeros((rows, columns), np.float32)
+        for r in range(len(places)):
+            is_new = False
             for a in range(begin, end):
                 delay = late[r, arrays.patch[m]] - arrays.age[a]
                 place = places[r] + delay / step
-                cell = at(conductance, a, place)
-                cells[arrays.row[a], arrays.column[a]] = cell
-                any_cell = any_cell or cell > 0.0
-                taxel = arrays.taxel[m, arrays.row[a], arrays.column[a]]
-                shifts[r, taxel] = at(shift, a, place)
-            if not any_cell:
-                continue
-            read_array(cells, ghost, leak, read)
+                cell = np.float32(at(conductance, a, place))
+                row, column = arrays.row[a], arrays.column[a]
+                is_new = is_new or cell != cells[row, column]
+                cells[row, column] = cell
+                shifts[r, arrays.taxel[m, row, column]] = at(shift, a, place)
+            if is_new:
+                read_array(cells, ghost, leak, read)
             for i in range(rows):
                 for j in range(columns):
                     x = read[i, j]
@@ -227,26 +229,36 @@ class Readout(NamedTuple):
 def convert(
     level: Float[np.ndarray, "reading taxel"],
     shifts: Float[np.ndarray, "reading taxel"],
-    steps: Float[np.ndarray, "reading taxel"],
-    noise: Float[np.ndarray, "reading taxel"],
+    chances: Int[np.ndarray, "reading taxel"],
+    signs: Int[np.ndarray, "reading word"],
+    quantiles: Float[np.ndarray, "chance"],
     drift: Float[np.ndarray, "taxel"],
     readout: Readout,
     out: Int[np.ndarray, "reading taxel"],
 ) -> None:
-    """Turn levels into counts; `steps` and `noise` are normal numbers.
+    """Turn levels into counts.
 
-    `drift` is the random walk [counts], moved on by the readings.
+    Args:
+        level: by full scale.
+        shifts: of the baseline, by full scale.
+        chances: from which noise is looked up in `quantiles`, all alike.
+        signs: random words of 64 bits, each the direction of one step of the walk.
+        quantiles: of the normal law.
+        drift: the random walk [counts], moved on by the readings.
+        readout: the converter.
+        out: counts, written.
     """
     full, walk = np.float32(readout.full), np.float32(readout.walk)
     own, part = np.float32(readout.noise), np.float32(readout.noise_relative)
     zero, half = np.float32(0.0), np.float32(0.5)
     for r in range(len(level)):
         for i in range(level.shape[1]):
-            drift[i] += walk * steps[r, i]
+            is_up = (signs[r, i >> 6] >> np.uint64(i & 63)) & np.uint64(1)
+            drift[i] += walk if is_up else -walk
             signal = full * (level[r, i] + shifts[r, i]) * readout.feels[i]
             value = readout.base[i] + drift[i] + signal
             rough = part * value
-            value += np.sqrt(own * own + rough * rough) * noise[r, i]
+            value += np.sqrt(own * own + rough * rough) * quantiles[chances[r, i]]
             out[r, i] = np.int32(min(max(np.floor(value + half), zero), full))
         for i in range(level.shape[1]):
             if readout.stuck[i] >= 0:
