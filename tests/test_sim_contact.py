@@ -141,6 +141,29 @@ def test_an_ellipse_is_longer_where_the_body_is_flatter():
     assert along / across == pytest.approx(np.sqrt(20 / 8))
 
 
+def test_parts_point_where_the_body_does():
+    row = stamps((0, -20, 8, 20, 90, 220, 1), (0, 20, 8, 20, 90, 220, 1))
+    dents, _, _ = dents_of(press(row, 1.0, angle=0.7), FLAT, CONSTANTS)
+    step = dents.centres[0, 1] - dents.centres[0, 0]
+    assert step / 0.04 == pytest.approx([-np.sin(0.7), np.cos(0.7)])
+    assert dents.long[0] == pytest.approx(np.tile(step / 0.04, (2, 1)))
+
+
+def test_the_nearest_part_carries_all_where_none_is_near():
+    row = stamps(*((x, 0, 8, 20, 90, 220, 1) for x in (-60, -20, 80)))
+    touch = press(row, 4.0, angle=0.0, conformity=0.0)
+    loads = share_load(touch, gaps(touch.flesh, TUBE, placed(touch)), CONSTANTS)
+    assert loads[0] == pytest.approx([0.0, 4.0, 0.0])
+
+
+def test_a_part_smaller_than_the_taxel_is_not_missed_in_its_middle():
+    coarse = chart_of(Plane(np.eye(4)), pitch=0.008)
+    pin = stamps((0, 0, 5, 5, 10, 20, 1))
+    felt = feel(press(pin, 1.0, coarse.unrolled[40]), coarse, CONSTANTS)
+    assert felt.taxels.tolist() == [40]
+    assert force_on(felt, coarse)[0] > 0.5
+
+
 def test_a_stiff_hand_touches_less_of_a_tube_than_one_that_wraps_it():
     areas = [
         felt_area(press(FINGERS, 30.0, angle=np.pi / 2, conformity=kappa), TUBE)
@@ -219,7 +242,7 @@ def test_a_dome_looks_alike_from_everywhere():
 @each_chart
 def test_parts_keep_their_distances_on_every_surface(name):
     pair = stamps((-12, 0, 8, 20, 90, 220, 1), (12, 0, 8, 20, 90, 220, 1))
-    touch = press(pair, 2.0, centre=(0.02, 0.015))
+    touch = press(pair, 2.0, centre=(-0.015, 0.02))
     dents, _, _ = dents_of(touch, CHARTS[name], CONSTANTS)
     surface = CHARTS[name].surface
     places = surface.wrap(dents.centres[0]).positions

@@ -39,9 +39,12 @@ def feel_in_mujoco(press: Press, chart: Chart, constants: Constants) -> Felt:
     """What `feel` gives for the first step of a press, by way of MuJoCo.
 
     Needs MuJoCo (extra `sim`).
+
+    Raises:
+        ValueError: the parts cannot carry the force, or MuJoCo is not installed.
     """
     press = instant(press, 0)
-    sheet = sheet_about(press, constants)
+    sheet = sheet_about(press, chart, constants)
     scene = Scene(press, chart, sheet)
     pressure = pressed(press, scene, constants)
     loads = pressure * scene.areas / KPA
@@ -67,12 +70,14 @@ def instant(press: Press, step: int) -> Press:
     )
 
 
-def sheet_about(press: Press, constants: Constants) -> Sheet:
-    """Points about the press's centre that hold all the body may touch."""
+def sheet_about(press: Press, chart: Chart, constants: Constants) -> Sheet:
+    """Points about the press's centre that hold all the body may touch, once."""
     deepest = constants.value("contact.deepest") * MM
     reach = np.sqrt(2 * press.stamps.radii.max() * deepest)
     offsets = placed(press)[0]
     low, high = offsets.min(axis=0) - reach, offsets.max(axis=0) + reach
+    beyond = max(high[0] - low[0] - chart.circumference, 0.0) / 2
+    low[0], high[0] = low[0] + beyond, high[0] - beyond
     spacing = np.sqrt(np.prod(high - low) / constants.value("contact.reference.points"))
     s, t = (np.arange(*ends, spacing) for ends in zip(low, high, strict=True))
     return Sheet(press.centre[0], s, t)
@@ -81,10 +86,19 @@ def sheet_about(press: Press, constants: Constants) -> Sheet:
 def pressed(
     press: Press, scene: Scene, constants: Constants
 ) -> Float[np.ndarray, "point"]:
-    """Pressure at every point [kPa] once the parts carry the force together."""
+    """Pressure at every point [kPa] once the parts carry the force together.
+
+    Raises:
+        ValueError: they are too small to.
+    """
     low, high = 0.0, constants.value("contact.deepest") * MM
     while load(pressures(press, scene, high), scene) < press.force[0]:
         high *= 2
+        if high > 2 * press.stamps.radii[:, 0].max():
+            raise ValueError(
+                "the parts sink in altogether before they carry "
+                f"{press.force[0]:.1f} N; take a larger or stiffer body, or less force"
+            )
     for _ in range(int(constants.value("contact.reference.halvings"))):
         depth = (low + high) / 2
         enough = load(pressures(press, scene, depth), scene) >= press.force[0]
@@ -126,7 +140,8 @@ def on_taxels(
 ) -> tuple[Int[np.ndarray, "under"], Float[np.ndarray, "under"]]:
     """Taxels of the chart under a sheet, and their mean pressures [kPa]."""
     away = chart.unrolled - sheet.centre
-    away[:, 0] = chart.wrapped(away[:, 0])
+    middle = sheet.s.mean()
+    away[:, 0] = chart.wrapped(away[:, 0] - middle) + middle
     first, last = (np.array([sheet.s[end], sheet.t[end]]) for end in (0, -1))
     under = np.flatnonzero(np.all((away >= first) & (away <= last), axis=1))
     places = (np.arange(SIDE) + 0.5) * 2 / SIDE - 1
