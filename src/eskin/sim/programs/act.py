@@ -34,7 +34,7 @@ class Act:
     difficulty: float
     """Lambda: how much touches vary and overlap."""
     regime: Regime
-    """Whether touches last as in Yang et al. or as in Jung et al. 2017."""
+    """Whether touches last as in arXiv 2506.18256 or in Jung et al. 2017."""
     drawn: dict[str, float | str] = field(default_factory=dict)
     """What was drawn so far, by name."""
 
