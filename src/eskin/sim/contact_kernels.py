@@ -82,44 +82,66 @@ def cover(
     """
     steps, parts = dents.peak.shape
     areas = np.zeros(steps)
-    size = np.zeros(parts)
+    size = np.zeros((parts, 2))
+    near = np.empty(parts, dtype=np.int64)
     for t in range(steps):
         for k in range(parts):
             peak = dents.peak[t, k]
-            size[k] = np.sqrt(1.0 - least / peak) if peak > least else 0.0
+            shrunk = np.sqrt(1.0 - least / peak) if peak > least else 0.0
+            size[k] = shrunk * dents.axes[t, k]
         for k in range(parts):
-            if size[k] == 0.0:
+            a, b = size[k]
+            if a == 0.0:
                 continue
-            a, b = size[k] * dents.axes[t, k, 0], size[k] * dents.axes[t, k, 1]
+            count = neighbours_of(dents.centres[t], size, k, near)
             ls, lt = dents.long[t, k]
             mine = 0.0
             for spot in range(len(spots)):
                 u, v = a * spots[spot, 0], b * spots[spot, 1]
                 s = dents.centres[t, k, 0] + u * lt + v * ls
                 r = dents.centres[t, k, 1] - u * ls + v * lt
-                mine += 1.0 / holders(dents, size, t, k, s, r)
+                mine += 1.0 / (1 + holders(dents, size, t, near[:count], s, r))
             areas[t] += np.pi * a * b * mine / len(spots)
     return areas
 
 
 @njit(cache=True)
 @no_type_check
-def holders(
-    dents: Dents, size: Float[np.ndarray, "part"], t: int, k: int, s: float, r: float
-) -> float:
-    """How many ellipses hold the point (s, r), ellipse k among them."""
-    count = 1.0
+def neighbours_of(
+    centres: Float[np.ndarray, "part 2"],
+    size: Float[np.ndarray, "part 2"],
+    k: int,
+    near: Int[np.ndarray, "part"],
+) -> int:
+    """Write which ellipses may overlap ellipse k into `near`, and count them."""
+    count = 0
     for j in range(len(size)):
-        if j == k or size[j] == 0.0:
-            continue
+        reach = max(size[k, 0], size[k, 1]) + max(size[j, 0], size[j, 1])
+        ds, dr = centres[j, 0] - centres[k, 0], centres[j, 1] - centres[k, 1]
+        if j != k and size[j, 0] > 0.0 and ds * ds + dr * dr < reach * reach:
+            near[count] = j
+            count += 1
+    return count
+
+
+@njit(cache=True)
+@no_type_check
+def holders(
+    dents: Dents,
+    size: Float[np.ndarray, "part 2"],
+    t: int,
+    near: Int[np.ndarray, "near"],
+    s: float,
+    r: float,
+) -> int:
+    """How many of the ellipses `near` hold the point (s, r)."""
+    count = 0
+    for j in near:
         ds, dr = s - dents.centres[t, j, 0], r - dents.centres[t, j, 1]
-        a, b = size[j] * dents.axes[t, j, 0], size[j] * dents.axes[t, j, 1]
-        if ds * ds + dr * dr >= max(a, b) ** 2:
-            continue
         ls, lt = dents.long[t, j]
-        u, v = (ds * lt - dr * ls) / a, (ds * ls + dr * lt) / b
+        u, v = (ds * lt - dr * ls) / size[j, 0], (ds * ls + dr * lt) / size[j, 1]
         if u * u + v * v < 1.0:
-            count += 1.0
+            count += 1
     return count
 
 
