@@ -1,0 +1,1 @@
+"""What the simulated world is held to: `python -m benchmarks.simulation`."""

@@ -1,0 +1,84 @@
+"""One property of the simulated world, beside what it should be."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class Check:
+    """A property that was measured."""
+
+    name: str
+    """What was measured."""
+    target: str
+    """What it should be, in words."""
+    source: str
+    """Where the target comes from."""
+    measured: str
+    """What it is, in words."""
+    met: bool
+    """Whether it is as it should be."""
+
+
+def within(
+    name: str,
+    value: float,
+    low: float,
+    high: float,
+    source: str,
+    unit: str = "",
+) -> Check:
+    """A number that should lie between two others."""
+    target = f"{low:.3g} to {high:.3g} {unit}".strip()
+    measured = f"{value:.3g} {unit}".strip()
+    return Check(name, target, source, measured, bool(low <= value <= high))
+
+
+def at_most(name: str, value: float, high: float, source: str, unit: str = "") -> Check:
+    """A number that should not pass another."""
+    measured = f"{value:.3g} {unit}".strip()
+    return Check(
+        name,
+        f"at most {high:.3g} {unit}".strip(),
+        source,
+        measured,
+        bool(value <= high),
+    )
+
+
+def at_least(name: str, value: float, low: float, source: str, unit: str = "") -> Check:
+    """A number that should reach another."""
+    measured = f"{value:.3g} {unit}".strip()
+    return Check(
+        name, f"at least {low:.3g} {unit}".strip(), source, measured, bool(value >= low)
+    )
+
+
+def ordered(name: str, values: dict[str, float], source: str, unit: str) -> Check:
+    """Numbers that should rise in the order in which they are given."""
+    numbers = np.array(list(values.values()))
+    measured = ", ".join(f"{key} {value:.3g}" for key, value in values.items())
+    return Check(
+        name,
+        " < ".join(values),
+        source,
+        f"{measured} {unit}".strip(),
+        bool((np.diff(numbers) > 0).all()),
+    )
+
+
+def as_table(title: str, checks: Iterable[Check]) -> str:
+    """The checks as a table in Markdown."""
+    rows = [
+        f"\n**{title}**\n",
+        "| property | target | measured | met | source |",
+        "|---|---|---|---|---|",
+    ]
+    rows += [
+        f"| {c.name} | {c.target} | {c.measured} | {'yes' if c.met else 'NO'} | "
+        f"{c.source} |"
+        for c in checks
+    ]
+    return "\n".join(rows)

@@ -1,0 +1,96 @@
+"""Playing a scene: contact, film and sensor, and the truth beside them."""
+
+from functools import lru_cache
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from eskin.sim.build import Build, draw_build
+from eskin.sim.film import grid_neighbours, leak_share, spread
+from eskin.sim.outcome import Clip
+from eskin.sim.plan import BuildOrigin, Origin
+from eskin.sim.scene import Scene, add_up, parts_of
+from eskin.sim.sensor import Stages, sense
+from eskin.sim.session import Session, draw_session
+from eskin.sim.witness import series_of
+from eskin.sim.world import World
+from eskin.skin import Skin
+
+
+@lru_cache(maxsize=16)
+def build_of(origin: BuildOrigin, world: World) -> Build:
+    """The build of an origin; the same one every time."""
+    skin, constants = world.mounted.skin, world.constants
+    return draw_build(origin.name, origin.kind, skin, constants, origin.rng())
+
+
+@lru_cache(maxsize=16)
+def session_of(origin: Origin, build: Build) -> Session:
+    """The session of an origin; the same one every time."""
+    return draw_session(build, origin.rng())
+
+
+@lru_cache(maxsize=4)
+def neighbours_of(skin: Skin) -> Int[np.ndarray, "taxel 4"]:
+    """Taxels beside each one in its patch's grid, kept."""
+    return grid_neighbours(skin)
+
+
+def play(
+    scene: Scene,
+    lead: int,
+    build: Build,
+    session: Session,
+    world: World,
+    rng: np.random.Generator,
+    stages: Stages | None = None,
+) -> Clip:
+    """What the sensor counts of a scene, and what truly happened in it.
+
+    Args:
+        scene: what happens, from `lead` steps before the clip on.
+        lead: steps before the clip, in which contacts and creep build up.
+        build: the skin as built.
+        session: what has drifted since calibration.
+        world: the robot in its skin.
+        rng: to draw noise from.
+        stages: which stages of the sensor work; all unless given.
+    """
+    skin, constants = world.mounted.skin, world.constants
+    felt = [
+        parts_of(touch, scene.steps, world.charts, constants) for touch in scene.touches
+    ]
+    pressure, taxels = add_up([p for ps in felt for p in ps], scene.steps, skin.count)
+    beta = leak_share(build.film_sigma, skin.areas)
+    pressure, taxels = spread(pressure, taxels, neighbours_of(skin), beta)
+    counts, received = sense(pressure, taxels, build, skin, rng, stages, session, lead)
+    step = constants.value("time.step")
+    every = round(constants.value("sensor.period") / step)
+    truths = [
+        series_of(
+            number,
+            touch,
+            parts,
+            world.charts,
+            world.mounted,
+            scene.q,
+            lead,
+            every,
+            step,
+        )
+        for number, (touch, parts) in enumerate(zip(scene.touches, felt, strict=True))
+        if touch.presses
+    ]
+    return Clip(
+        counts=counts,
+        received=received,
+        q=scene.q[lead::every][: len(counts)],
+        truths=tuple(truths),
+        pose_group=0,
+        drawn={},
+    )
+
+
+def impulse_of(force: Float[np.ndarray, "time"], step: float) -> float:
+    """Force summed over time [N s]."""
+    return float(force.sum() * step)
