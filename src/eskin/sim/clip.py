@@ -1,4 +1,4 @@
-"""One clip: a touch drawn from its plan, on a robot in some pose, through the sensor."""
+"""One clip or stream from its plan: who does what where, through the sensor."""
 
 from dataclasses import replace
 
