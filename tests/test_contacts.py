@@ -104,6 +104,16 @@ def test_a_contact_survives_one_lost_packet_with_its_hysteresis():
     assert len(finder.find(reading_at(0.04, weak))) == 1
 
 
+@pytest.mark.parametrize("step", [0.01, 0.1, 0.3])
+def test_a_taxel_released_needs_the_upper_threshold_again_at_any_rate(step):
+    mounted = mounted_grid()
+    finder, sizes = ContactFinder(mounted), []
+    for n, kpa in enumerate([5.0, 0.0, 2.5, 2.5, 3.5, 1.5, 2.5]):
+        pressure = pressed(mounted.skin, (0.02, 0.02), kpa=kpa)
+        sizes.append(len(finder.find(reading_at(step * n, pressure))))
+    assert sizes == [1, 0, 0, 0, 1, 0, 0]
+
+
 def described(contacts, order=None):
     return [
         (

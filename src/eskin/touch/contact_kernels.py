@@ -18,12 +18,13 @@ def activate(
     now: float,
     since: float,
     limits: tuple[float, float, float, float, float],
+    held_at: Float[np.ndarray, "taxel"],
     active_at: Float[np.ndarray, "taxel"],
     peak: Float[np.ndarray, "taxel"],
 ) -> Int[np.ndarray, "active"]:
     """Choose the active ones of the candidates and remember them.
 
-    A taxel active at `since` or later needs only the lower threshold. Both rise with
+    A taxel held at `since` or later needs only the lower threshold. Both rise with
     the recent peak of the taxel, which fades, so that what a sensor keeps after a
     release is no contact.
     """
@@ -34,7 +35,7 @@ def activate(
         if not valid[i]:
             continue
         recent = peak[i] * fade / (fade + now - active_at[i])
-        if active_at[i] >= since:
+        if held_at[i] >= since:
             enough = pressure[i] >= max(off, off_share * recent)
         else:
             enough = pressure[i] >= max(on, on_share * recent)

@@ -109,7 +109,9 @@ class ContactFinder:
         keys = (skin.columns, skin.rows, skin.patch_index)
         self.rank[np.lexsort(keys)] = np.arange(skin.count)
         self.links = mounted.skin_link_index.astype(np.int64)
+        # When each taxel was active, for its peak; and the same until it is released.
         self.active_at = np.full(skin.count, -np.inf)
+        self.held_at = np.full(skin.count, -np.inf)
         self.peak = np.zeros(skin.count)
         self.slot = np.full(skin.count, -1, np.int64)
         self.first: int | None = None
@@ -165,6 +167,7 @@ class ContactFinder:
         config = self.config
         candidates = np.flatnonzero(reading.pressure >= min(config.off, config.on))
         if len(candidates) == 0:
+            self.held_at[reading.valid] = -np.inf
             return candidates
         active = activate(
             candidates,
@@ -179,9 +182,12 @@ class ContactFinder:
                 config.off_share,
                 config.fade_seconds,
             ),
+            self.held_at,
             self.active_at,
             self.peak,
         )
+        self.held_at[reading.valid] = -np.inf
+        self.held_at[active] = now
         return active[np.argsort(self.rank[active], kind="stable")]
 
     def contact(
