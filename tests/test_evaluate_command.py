@@ -6,6 +6,7 @@ import re
 import numpy as np
 import pytest
 
+from eskin.cli.evaluate import by_person
 from eskin.cli.main import run
 from eskin.model import save_model
 from learn_scenes import record, record_people
@@ -56,7 +57,7 @@ def test_evaluate_says_how_well_the_model_does(model, data, capsys):
         "ann": people[0],
         "bob": people[1],
         "mean": pytest.approx(np.mean(people), abs=1e-4),
-        "sd": pytest.approx(np.std(people), abs=1e-4),
+        "sd": pytest.approx(np.std(people, ddof=1), abs=1e-4),
         "worst": min(people),
     }
     assert set(result["instants"]) == {"accuracy", "macro_f1"}
@@ -64,6 +65,13 @@ def test_evaluate_says_how_well_the_model_does(model, data, capsys):
     assert all(0 <= value <= 1 for value in values)
     assert f"segments: accuracy {result['accuracy']:.3f}" in out
     assert "hold" in out and "ann" in out
+
+
+def test_a_person_called_like_a_score_keeps_both_apart():
+    found = by_person({"mean": 0.5, "ann": 0.7})
+    three = {"mean": 0.6, "sd": pytest.approx(0.1414), "worst": 0.5}
+    assert found == {"person mean": 0.5, "ann": 0.7, **three}
+    assert by_person({"ann": 0.7}) == {"ann": 0.7, "mean": 0.7, "sd": 0.0, "worst": 0.7}
 
 
 def test_recordings_may_be_given_one_by_one_in_any_order(model, data, capsys):
@@ -113,7 +121,7 @@ def test_bad_input_is_one_line_and_leaves_nothing(model, data, tmp_path, capsys)
         ((model, model), "give a recording made by eskin"),
         ((shear, data), "needs shear, which these recordings do not have"),
         ((other, data), "hold tap, which the model does not know; it knows none, hold"),
-        ((wrong, data), "weights do not fit their card"),
+        ((wrong, data), "for its card's network and its 4 classes"),
         ((model, start), "is cut before its"),
         ((model, silent), "no labels; scoring needs them; make some with: eskin label"),
         ((model,), "no recording given"),

@@ -6,9 +6,11 @@ import numpy as np
 import pytest
 
 from eskin.errors import RecordingError
+from eskin.graph import GraphConfig
 from eskin.learn.dataset import digest, prepare
 from eskin.learn.segments import gestures_at, labels_of, places_at
 from eskin.recording import read_recording
+from eskin.touch import ContactConfig, PipelineConfig
 from learn_scenes import (
     LASTS,
     SECOND,
@@ -213,6 +215,18 @@ def test_recordings_without_touches_teach_nothing(tmp_path):
         prepare([path])
     with pytest.raises(RecordingError, match="no recording given"):
         prepare([])
+
+
+def test_shear_that_not_every_skin_has_adds_no_taxels(tmp_path):
+    felt = record(tmp_path / "felt.mcap", kind="shear")
+    flat = record(tmp_path / "flat.mcap")
+    firm = PipelineConfig(contacts=ContactConfig(on=100.0, off=90.0))
+    alone, mixed = prepare([felt], firm), prepare([felt, flat], firm)
+    plain = prepare([felt], firm, GraphConfig().without_shear())
+    rows = np.arange(len(plain.stamps))
+    found = mixed.graphs.select(rows).taxels
+    np.testing.assert_array_equal(found, plain.graphs.taxels)
+    assert len(alone.graphs.taxels) > len(plain.graphs.taxels)
 
 
 def test_recordings_of_skins_of_different_size_learn_together(nominal, tmp_path):

@@ -247,6 +247,7 @@ def test_the_temperature_is_above_zero_and_no_worse_than_none(dataset):
         ("rate", 0.0),
         ("rate", float("nan")),
         ("decay", -0.1),
+        ("decay", float("inf")),
         ("smoothing", 1.5),
         ("validation", 1.0),
         ("validation", -0.1),

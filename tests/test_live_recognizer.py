@@ -199,6 +199,17 @@ def test_a_model_for_shear_refuses_a_skin_without():
         recognizer.push(replace(scan, shear=None))
 
 
+def test_a_model_for_pressure_says_the_same_whatever_the_shear():
+    on = mounted("grid", calibrated=False, kind="shear")
+    stream = scans(on, [Press(2.3, 2.9, 65, 72, 6.0)], 25, 4.0)
+    with_shear, without = recognizer_of(on), recognizer_of(on)
+    for scan in stream:
+        drag = np.where(scan.counts[:, None] > 25, scan.shear + 60, scan.shear)
+        with_shear.push(replace(scan, shear=drag.astype(np.int32)))
+        without.push(replace(scan, shear=None))
+        np.testing.assert_array_equal(with_shear.logits[0], without.logits[0])
+
+
 def test_a_bad_scan_changes_nothing():
     on = mounted()
     stream = scans(on, two_hands(on), 25, 5.0)

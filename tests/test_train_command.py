@@ -3,7 +3,9 @@
 import json
 import re
 
+import numpy as np
 import pytest
+import torch
 
 from eskin.cli.main import run
 from eskin.learn.dataset import digest
@@ -115,8 +117,11 @@ def test_shear_is_learned_where_it_is_measured_unless_told_not_to(tmp_path, caps
     path = record(tmp_path / "a.mcap", kind="shear")
     train(capsys, path, "--out", tmp_path / "s")
     train(capsys, path, "--out", tmp_path / "p", "--train.no-shear")
-    kinds = [load_model(tmp_path / name).card.kind for name in "sp"]
-    assert kinds == ["shear", "pressure"]
+    flat = record(tmp_path / "flat.mcap")
+    train(capsys, path, flat, "--out", tmp_path / "m")
+    cards = [load_model(tmp_path / name).card for name in "spm"]
+    assert [card.kind for card in cards] == ["shear", "pressure", "pressure"]
+    assert [np.isinf(card.graph.shear_on) for card in cards] == [False, True, True]
 
 
 def test_a_recording_cut_in_half_is_used_up_to_the_cut_and_named(
@@ -174,6 +179,24 @@ def test_bad_input_is_one_line_and_leaves_nothing(data, tmp_path, capsys, no_tra
         assert message in err
         assert len(err.splitlines()) == 1
         assert set(tmp_path.rglob("*")) == files
+
+
+def test_training_that_diverged_is_one_line_and_writes_nothing(
+    data, tmp_path, capsys, monkeypatch
+):
+    def diverge(trainer):
+        with torch.no_grad():
+            trainer.network.graph_head.long.bias[0] = float("nan")
+        return trainer.network
+
+    monkeypatch.setattr(Trainer, "run", diverge)
+    argv = (data / "train", "--out", tmp_path / "m", "--test", data / "test")
+    code, _, err = train(capsys, *argv)
+    assert code == 2
+    assert "'graph_head.long.bias' holds NaN or infinity" in err
+    assert "train it again, with a lower rate" in err
+    assert len(err.splitlines()) == 1
+    assert not list(tmp_path.iterdir())
 
 
 def test_a_folder_that_cannot_be_written_to_is_refused(

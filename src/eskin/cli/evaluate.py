@@ -37,7 +37,7 @@ def run(command: Command) -> dict[str, object]:
         check_writable(command.picture)
     model = load_model(command.model)
     dataset = prepare(
-        find_recordings(command.data), model.card.pipeline, model.card.graph
+        find_recordings(command.data), model.card.pipeline, model.card.graph_used
     )
     tell_cut(dataset)
     result = evaluate(to_network(model), model.card, dataset)
@@ -50,23 +50,29 @@ def run(command: Command) -> dict[str, object]:
             f"{result.segments.confusion.sum()} gestures, "
             f"{result.segments.accuracy:.1%} right",
         )
-    people = list(result.per_subject.values())
     return {
         "accuracy": round(result.segments.accuracy, 4),
         "macro_f1": round(result.segments.macro_f1, 4),
         "per_class": result.segments.per_class,
-        "per_subject": {
-            **{name: round(value, 4) for name, value in result.per_subject.items()},
-            "mean": round(float(np.mean(people)), 4),
-            "sd": round(float(np.std(people)), 4),
-            "worst": round(min(people), 4),
-        },
+        "per_subject": by_person(result.per_subject),
         "ece": round(result.ece, 4),
         "instants": {
             "accuracy": round(result.instants.accuracy, 4),
             "macro_f1": round(result.instants.macro_f1, 4),
         },
     }
+
+
+def by_person(people: dict[str, float]) -> dict[str, float]:
+    """Each person's accuracy, their mean, spread and least.
+
+    A person who is called like one of these three is `person mean`, say.
+    """
+    values = list(people.values())
+    spread = float(np.std(values, ddof=1)) if len(values) > 1 else 0.0
+    three = {"mean": float(np.mean(values)), "sd": spread, "worst": min(values)}
+    named = {f"person {n}" if n in three else n: v for n, v in people.items()}
+    return {name: round(value, 4) for name, value in (named | three).items()}
 
 
 def show(result: Evaluation) -> None:

@@ -45,26 +45,27 @@ def run(command: Command) -> dict[str, object]:
     check_writable(command.out)
     paths = find_recordings(command.data)
     dataset = prepare(paths, graph=command.train.graph)
+    vocabulary = chosen_classes(dataset, command.classes)
+    trainer = Trainer(dataset, vocabulary, command.train, seed=command.seed)
     test = (
-        prepare(find_recordings(command.test), graph=command.train.graph)
+        prepare(find_recordings(command.test), graph=trainer.graph)
         if command.test
         else None
     )
     tell_cut(dataset, test)
-    vocabulary = chosen_classes(dataset, command.classes)
-    trainer = Trainer(dataset, vocabulary, command.train, seed=command.seed)
     print(trainer.holdout)
     card = ModelCard(
         vocabulary=vocabulary,
         kind="shear" if trainer.shear else "pressure",
         network=command.train.network,
-        graph=command.train.graph,
+        graph=trainer.graph,
         training=flat(asdict(command.train)) | {"seed": str(command.seed)},
         data_digest=digest(paths),
     )
     if test is not None:
         check_fits(card, test)
     network = trainer.run()
+    model = to_model(network, card)
     validation = trainer.validation_accuracy()
     card = replace(
         card,
@@ -72,7 +73,7 @@ def run(command: Command) -> dict[str, object]:
         metrics={"val_accuracy": validation} if trainer.held else {},
     )
     right = evaluate(network, card, test).segments.accuracy if test else None
-    save_model(command.out, to_model(network, card))
+    save_model(command.out, replace(model, card=card))
     result = {
         "val_accuracy": round(validation, 4) if trainer.held else None,
         "test_accuracy": None if right is None else round(right, 4),

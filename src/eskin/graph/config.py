@@ -1,6 +1,7 @@
 """Settings of the contact graph."""
 
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, replace
 
 
 @dataclass(frozen=True)
@@ -19,3 +20,7 @@ class GraphConfig:
     shear_on: float = 1.5
     """On a skin that is not calibrated: shear from which a taxel belongs to the graph
     even where its pressure is too low for a contact [kPa]."""
+
+    def without_shear(self) -> "GraphConfig":
+        """The same where shear is not used: it touches no taxel either."""
+        return replace(self, shear_on=math.inf)

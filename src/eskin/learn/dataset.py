@@ -83,6 +83,8 @@ def prepare(
 ) -> Dataset:
     """Run recordings through the same calibration, contacts and graphs as live.
 
+    Where one of them has no shear, that of the others is not looked at.
+
     Raises:
         RecordingError: if there is nothing to learn from.
     """
@@ -90,6 +92,9 @@ def prepare(
         raise RecordingError("no recording given; give .mcap files or folders of them")
     rows: list[Rows] = []
     recordings = tuple(read_recording(path) for path in paths)
+    graph = graph or GraphConfig()
+    if not all(recording.skin.has_shear for recording in recordings):
+        graph = graph.without_shear()
     for index, recording in enumerate(
         track(recordings, description="Reading", disable=len(paths) < 2)
     ):

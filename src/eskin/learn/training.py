@@ -1,6 +1,5 @@
 """Training: balanced windows, one learning-rate cycle, the best epoch kept."""
 
-import math
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -16,7 +15,7 @@ from eskin.learn.dataset import Dataset
 from eskin.learn.holdout import gestures_made, hold_out, sittings_of
 from eskin.learn.sampler import check_classes, make_sampler
 from eskin.learn.windows import cut, thin, to_input, to_places
-from eskin.model import NetworkConfig
+from eskin.model import NetworkConfig, check_limits
 from eskin.nn import NetworkInput, Places, RecogniserNetwork, summary
 
 VALIDATION = 256
@@ -88,15 +87,11 @@ class TrainConfig:
     @property
     def graph(self) -> GraphConfig:
         """The graphs to train on: without shear, it touches no taxel either."""
-        return GraphConfig() if self.shear else GraphConfig(shear_on=math.inf)
+        return GraphConfig() if self.shear else GraphConfig().without_shear()
 
     def __post_init__(self) -> None:
         """Refuse numbers that mean nothing."""
-        for name, (low, high) in LIMITS.items():
-            value = getattr(self, name)
-            if not low <= value <= high:
-                allowed = f"{low:g} to {high:g}" if high < np.inf else f"from {low:g}"
-                raise ValueError(f"{name} is {value}; allowed is {allowed}")
+        check_limits(self, LIMITS)
 
 
 @dataclass(frozen=True)
@@ -143,6 +138,7 @@ class Trainer:
         validation = make_sampler(dataset, vocabulary, self.holdout.held, *window)
         self.held = validation if validation.classes else None
         self.shear = config.shear and dataset.has_shear
+        self.graph = config.graph if self.shear else config.graph.without_shear()
         self.network = RecogniserNetwork(config.network, len(vocabulary), self.shear)
         self.epochs = 0
 

@@ -62,7 +62,7 @@ class Recognizer:
         self.has_calibration = calibration is not None
         unused = Calibration.uniform(mounted.skin.count, 1, 1.0)
         self.touches = TouchPipeline(mounted, calibration or unused, card.pipeline)
-        self.graphs = GraphStream(mounted, card.graph)
+        self.graphs = GraphStream(mounted, card.graph_used)
         self.stream = LogitStream(model)
         self.decider = Decider(
             card.vocabulary, decision, change_ends=not mounted.skin.calibrated

@@ -43,3 +43,8 @@ class ModelCard:
 
     format: Literal["eskin-model-1"] = FORMAT
     """Version of this card."""
+
+    @property
+    def graph_used(self) -> GraphConfig:
+        """The graphs that the network takes: a model for pressure knows no shear."""
+        return self.graph if self.kind == "shear" else self.graph.without_shear()
