@@ -253,6 +253,15 @@ def test_a_shearsense_file_that_is_cut_or_nobodys_is_named(tmp_path):
             convert_shearsense(tmp_path / "in", tmp_path / "out")
 
 
+def test_a_shearsense_file_that_is_one_array_alone_is_named(tmp_path):
+    path = tmp_path / "in/tap/tapP1_FLAT.npz"
+    path.parent.mkdir(parents=True)
+    with path.open("wb") as file:
+        np.save(file, np.zeros((20, 6, 6)))
+    with pytest.raises(ImportSourceError, match="tapP1_FLAT.npz: no whole archive .*"):
+        convert_shearsense(tmp_path / "in", tmp_path / "out")
+
+
 @pytest.mark.parametrize("convert", [convert_sleeve, convert_shearsense])
 def test_a_folder_without_the_set_is_refused(tmp_path, convert):
     with pytest.raises(ImportSourceError, match="no folder .*gone"):

@@ -17,7 +17,7 @@ BELOW = {
     "touch": ("skin",),
     "graph": ("touch",),
     "recording": ("touch",),
-    "model": ("graph",),
+    "model": ("graph", "recording"),
     "nn": ("model",),
     "learn": ("nn", "recording"),
     "live": ("model", "recording"),

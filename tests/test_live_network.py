@@ -10,8 +10,8 @@ from eskin.errors import ModelError
 from eskin.graph import GraphBatch, join
 from eskin.live import Network, Window
 from eskin.live.layers import silu
-from eskin.live.weights import network_shapes
 from eskin.model import SLOT_NS, Model
+from eskin.model.weights import network_shapes
 from eskin.nn import network_input
 from live_scenes import VOCABULARY, model_of, network
 

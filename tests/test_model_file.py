@@ -16,7 +16,7 @@ from eskin.learn.checkpoint import to_model, to_network
 from eskin.model import Model, ModelCard, NetworkConfig, load_model, save_model
 from eskin.touch import ContactConfig, PipelineConfig
 from graph_scenes import logits, press_on_seam
-from live_scenes import network
+from live_scenes import model_of, network
 
 CARD = ModelCard(
     ("none", "poke", "Strich – ä"),
@@ -215,3 +215,28 @@ def test_a_save_that_breaks_off_leaves_nothing(path, monkeypatch):
     with pytest.raises(KeyboardInterrupt):
         save_model(path, model())
     assert list(path.parent.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("name", "weight", "message"),
+    [
+        ("summary_scale", np.full(19, np.nan, np.float32), "holds NaN or infinity"),
+        ("extra", np.zeros(1, np.float32), "a parameter 'extra'"),
+        ("summary_mean", np.zeros(3, np.float32), r"allowed is \(19,\)"),
+    ],
+)
+def test_training_and_scoring_take_only_weights_that_fit_their_card(
+    name, weight, message
+):
+    good = model_of(network())
+    broken = replace(good, weights={**good.weights, name: weight})
+    with pytest.raises(ModelError, match=message):
+        to_network(broken)
+    card = replace(good.card, vocabulary=("none", "poke", "poke", "grab"))
+    with pytest.raises(ModelError, match="vocabulary is none, poke, poke"):
+        to_network(replace(good, card=card))
+    spoiled = network()
+    with torch.no_grad():
+        spoiled.graph_head.short.bias[0] = np.inf
+    with pytest.raises(ModelError, match="holds NaN or infinity"):
+        to_model(spoiled, good.card)

@@ -6,6 +6,17 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from eskin.graph import GraphBatch
+from eskin.model import check_limits
+
+LIMITS = {
+    "gain": (0.0, np.inf),
+    "taxel_gain": (0.0, np.inf),
+    "dead": (0.0, 1.0),
+    "offset": (0.0, np.inf),
+    "shear_gain": (0.0, np.inf),
+    "crop": (0.0, 1.0),
+}
+"""Smallest and largest values of the settings."""
 
 
 @dataclass(frozen=True)
@@ -29,6 +40,10 @@ class AugmentConfig:
 
     crop: float = 0.7
     """Share of windows that see nothing from before their gesture."""
+
+    def __post_init__(self) -> None:
+        """Refuse numbers that mean nothing."""
+        check_limits(self, LIMITS)
 
 
 def augment(

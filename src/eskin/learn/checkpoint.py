@@ -2,15 +2,19 @@
 
 import torch
 
-from eskin.errors import ModelError
-from eskin.model import Model, ModelCard
+from eskin.model import Model, ModelCard, checked_weights
 from eskin.nn import RecogniserNetwork
 
 
 def to_model(network: RecogniserNetwork, card: ModelCard) -> Model:
-    """The network's weights, for a file."""
+    """The network's weights, for a file.
+
+    Raises:
+        ModelError: if they are not such as can be used, after training that diverged.
+    """
     state = network.state_dict()
-    return Model({name: w.detach().cpu().numpy() for name, w in state.items()}, card)
+    weights = {name: w.detach().cpu().numpy() for name, w in state.items()}
+    return Model(checked_weights(Model(weights, card)), card)
 
 
 def to_network(model: Model) -> RecogniserNetwork:
@@ -20,15 +24,9 @@ def to_network(model: Model) -> RecogniserNetwork:
         ModelError: if the weights are not those of such a network.
     """
     card = model.card
+    weights = checked_weights(model)
     network = RecogniserNetwork(
         card.network, len(card.vocabulary), card.kind == "shear"
     )
-    weights = {name: torch.as_tensor(w) for name, w in model.weights.items()}
-    try:
-        network.load_state_dict(weights)
-    except RuntimeError as error:
-        reason = " ".join(str(error).split())
-        raise ModelError(
-            f"weights do not fit their card: {reason[:200]}; train the model again"
-        ) from None
+    network.load_state_dict({name: torch.as_tensor(w) for name, w in weights.items()})
     return network.eval()

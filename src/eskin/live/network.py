@@ -9,8 +9,8 @@ from eskin.graph import GraphBatch, pressure_summary, shear_summary
 from eskin.live.encoder import Encoder
 from eskin.live.head import TemporalHead
 from eskin.live.layers import under
-from eskin.live.weights import checked_weights
 from eskin.model import Model
+from eskin.model.weights import checked_weights
 
 FARTHEST = 4.0  # standard deviations that a summary feature may be off
 

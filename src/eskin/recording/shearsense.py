@@ -107,7 +107,10 @@ def shearsense_clip(path: Path) -> Clip:
 def load_counts(path: Path) -> list[Int[np.ndarray, "reading taxel"]]:
     """Pressure, shear x and shear y of one file, as counts."""
     try:
-        with np.load(path, allow_pickle=False) as content:
+        content = np.load(path, allow_pickle=False)
+        if isinstance(content, np.ndarray):
+            raise ValueError("it is one array alone")
+        with content:
             arrays = [content[f"arr_{index}"] for index in range(3)]
     except BROKEN as error:
         raise ImportSourceError(

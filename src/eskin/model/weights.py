@@ -4,14 +4,15 @@ import numpy as np
 
 from eskin.errors import ModelError
 from eskin.graph import NODE_SCALARS, PRESSURE_SUMMARY, SHEAR_SUMMARY
-from eskin.live.layers import Weights
-from eskin.model import Model, ModelCard
+from eskin.model.card import ModelCard
+from eskin.model.file import Model
 from eskin.recording.labels import NONE
 
 EDGE_SCALARS = 6
 SHORT, LONG = 9, 5  # taps of the head's two convolutions
 
 Shapes = dict[str, tuple[int, ...]]
+Weights = dict[str, np.ndarray]
 
 
 def network_shapes(card: ModelCard) -> Shapes:
