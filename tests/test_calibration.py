@@ -1,3 +1,5 @@
+import json
+
 import numpy as np
 import pytest
 
@@ -173,6 +175,90 @@ def test_a_calibration_survives_its_bytes():
     again = Calibration.from_bytes(calibration.to_bytes())
     np.testing.assert_array_equal(again.gain, calibration.gain)
     assert (again.full_scale, again.shear_gain, again.shear_rest) == (4095, 0.25, 128)
+
+
+DIVIDER = Calibration(
+    np.full(SKIN.count, 40.0 / 4095), 4095, curve="divider", exponent=0.8
+)
+
+
+def divided(kpa):
+    """Counts above rest of a divider at half scale at 40 kPa."""
+    conductance = (kpa / 40.0) ** 0.8
+    return np.round(4095 * conductance / (1 + conductance)).astype(int)
+
+
+@pytest.mark.parametrize("kpa", [1.6, 5.0, 40.0, 150.0])
+def test_what_a_divider_bends_is_straightened(kpa):
+    calibrator = Calibrator(SKIN, DIVIDER)
+    _, pressure = play(touch(3.0, 4.0, divided(kpa)), 4.0, 50, calibrator)
+    np.testing.assert_allclose(pressure[-1][TOUCHED], kpa, rtol=0.01)
+    assert not pressure[-1][~TOUCHED].any()
+
+
+def test_a_saturated_divider_reads_finite_pressure_and_more_counts_never_less():
+    calibrator = Calibrator(SKIN, DIVIDER)
+    play(touch(0, 0, 0), 3.0, 50, calibrator)
+    counts = np.linspace(REST - 50, 5000, SKIN.count).astype(int)
+    pressure = calibrator.push(scan_at(3.0, counts)).pressure
+    assert np.isfinite(pressure).all()
+    assert (np.diff(pressure) >= 0).all()
+    assert pressure[-1] > 1000.0
+
+
+def test_the_margin_is_the_same_pressure_behind_a_divider():
+    for calibration in (calibration_of(SKIN), DIVIDER):
+        calibrator = Calibrator(SKIN, calibration)
+        at_margin = calibration.counts_at(1.5)
+        for factor, learned in ((0.9, True), (1.1, False)):
+            above = np.round(factor * at_margin).astype(int)
+            calibrator = Calibrator(SKIN, calibration)
+            _, pressure = play(
+                lambda t, above=above: REST + above * (t > 3.0), 60.0, 20, calibrator
+            )
+            assert (pressure[-1].max() < 0.5) == learned
+
+
+def test_a_divider_learns_what_a_taxel_keeps_but_not_the_touch():
+    calibrator = Calibrator(SKIN, DIVIDER)
+
+    def signal(t):
+        return touch(3.0, 20.0, divided(50.0))(t) + np.where(
+            TOUCHED & (t >= 20), 150, 0
+        )
+
+    times, pressure = play(signal, 40.0, 50, calibrator)
+    assert pressure[times < 20.0][-1].max() == pytest.approx(50.0, rel=0.01)
+    assert pressure[-1].max() < 0.5
+
+
+def test_pressure_and_counts_of_a_calibration_undo_each_other():
+    for calibration in (calibration_of(SKIN), DIVIDER):
+        calibrator = Calibrator(SKIN, calibration)
+        play(lambda t: np.zeros(SKIN.count), 3.0, 50, calibrator)
+        counts = np.round(calibration.counts_at(30.0)).astype(int)
+        pressure = calibrator.push(scan_at(3.0, counts)).pressure
+        np.testing.assert_allclose(pressure, 30.0, rtol=1e-3)
+
+
+def test_a_calibration_without_a_curve_reads_as_linear():
+    content = json.loads(calibration_of(SKIN).to_bytes())
+    del content["curve"], content["exponent"]
+    old = Calibration.from_bytes(json.dumps(content).encode())
+    assert (old.curve, old.exponent) == ("linear", 1.0)
+    again = Calibration.from_bytes(DIVIDER.to_bytes())
+    assert (again.curve, again.exponent) == ("divider", 0.8)
+
+
+@pytest.mark.parametrize("changes", [{"curve": "round"}, {"exponent": 0.0}])
+def test_a_curve_that_is_unknown_is_refused_in_one_line(changes):
+    content = json.loads(DIVIDER.to_bytes()) | changes
+    with pytest.raises(RecordingError, match="calibration cannot be read") as error:
+        Calibration.from_bytes(json.dumps(content).encode())
+    assert "\n" not in str(error.value)
+    if "exponent" in changes:
+        with pytest.raises(ValueError, match="finite positive number"):
+            Calibration(np.ones(3), 100, curve="divider", exponent=np.inf)
 
 
 @pytest.mark.parametrize("data", [b"", b"[]", b"{}", b'{"version": 1}', b"\xff"])

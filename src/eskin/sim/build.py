@@ -117,7 +117,8 @@ def nominal_half(half_pressure: float, constants: Constants) -> float:
     exponent = constants.value("sensor.nominal_exponent")
     load = (pressure - constants.value("sensor.nominal_activation")) / half_pressure
     load *= held(constants)
-    return pressure / load / (1.0 + crept(seconds, constants)) ** (1.0 / exponent)
+    grown = (1.0 + crept(seconds, constants)) ** (1.0 / exponent)
+    return float(pressure / load / grown)
 
 
 def held(constants: Constants) -> float:

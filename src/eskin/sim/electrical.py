@@ -1,7 +1,5 @@
 """Events in the readout that no touch made: connectors, interference."""
 
-from typing import Literal, get_args
-
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
@@ -10,9 +8,7 @@ from eskin.sim.constants import Constants, load_constants
 from eskin.sim.defects import draw_line, taxels_of_line
 from eskin.skin import Skin
 
-Electrical = Literal["line_step", "stuck_line", "dropout", "burst"]
-
-ELECTRICAL: tuple[Electrical, ...] = get_args(Electrical)
+ELECTRICAL = ("line_step", "stuck_line", "dropout", "burst")
 """A row or column jumps; reads full scale; a patch is not heard; a patch is noisy."""
 
 Counts = Int[np.ndarray, "reading taxel"]
@@ -20,7 +16,7 @@ Received = Bool[np.ndarray, "reading taxel"]
 
 
 def disturb(
-    kind: Electrical,
+    kind: str,
     counts: Counts,
     received: Received,
     skin: Skin,
@@ -75,14 +71,14 @@ SIZES = {"line_step": "sensor.electrical.step", "burst": "sensor.electrical.burs
 
 
 def shape_of(
-    kind: Electrical, shape: tuple[int, int], rng: np.random.Generator
+    kind: str, shape: tuple[int, int], rng: np.random.Generator
 ) -> Float[np.ndarray, "reading part"]:
     """An event of size 1: a step, or noise."""
     return np.ones(shape) if kind == "line_step" else rng.standard_normal(shape)
 
 
 def draw_hold(
-    kind: Electrical, build: Build, constants: Constants, rng: np.random.Generator
+    kind: str, build: Build, constants: Constants, rng: np.random.Generator
 ) -> int:
     """How many readings an event lasts."""
     if kind == "dropout":

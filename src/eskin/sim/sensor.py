@@ -141,6 +141,11 @@ def check(
             f"pressure has shape {pressure.shape} for {len(taxels)} taxels; allowed is "
             "one column a taxel; pass the taxels that it is of"
         )
+    if not np.isfinite(pressure).all():
+        raise ValueError(
+            "pressure is not finite everywhere; allowed are finite numbers [kPa]; "
+            "correct the contact that it comes from"
+        )
     if len(np.unique(taxels)) != len(taxels):
         raise ValueError(
             "taxels name some taxel twice; allowed is once; add their pressures"

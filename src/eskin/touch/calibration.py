@@ -17,7 +17,20 @@ NANOSECONDS = 1_000_000_000
 
 VERSION = 1
 
-CURVES = ("linear", "divider")
+Curve = Literal["linear", "divider"]
+
+
+def curve_named(name: object) -> Curve:
+    """The curve of that name.
+
+    Raises:
+        ValueError: there is none.
+    """
+    if name == "linear" or name == "divider":
+        return name
+    raise ValueError(
+        f"curve is {name!r}; allowed are 'linear' and 'divider'; correct it"
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,7 +54,7 @@ class Calibration:
     """Pressure below which this device's signal does not tell a touch from rest, as
     under a sleeve worn tight [kPa]; raises the thresholds of contact."""
 
-    curve: Literal["linear", "divider"] = "linear"
+    curve: Curve = "linear"
     """How counts grow with pressure: in proportion, or as those of a resistor in a
     voltage divider whose conductance is a power of pressure."""
 
@@ -64,11 +77,12 @@ class Calibration:
                 f"floor {self.floor}; allowed are positive counts, a finite gain and a "
                 "floor of at least 0 kPa; correct them"
             )
-        if self.curve not in CURVES or not 0 < self.exponent < np.inf:
+        if not 0 < self.exponent < np.inf:
             raise ValueError(
-                f"curve is {self.curve!r} and exponent {self.exponent}; allowed are "
-                "'linear' or 'divider' and a finite positive number; correct them"
+                f"exponent is {self.exponent}; allowed is a finite positive number; "
+                "correct it"
             )
+        curve_named(self.curve)
 
     @classmethod
     def uniform(
@@ -116,7 +130,7 @@ class Calibration:
                 float(content["shear_gain"]),
                 int(content["shear_rest"]),
                 float(content["floor"]),
-                content.get("curve", "linear"),
+                curve_named(content.get("curve", "linear")),
                 float(content.get("exponent", 1.0)),
             )
         except (ValueError, KeyError, TypeError) as error:

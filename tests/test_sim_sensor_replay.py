@@ -1,0 +1,133 @@
+"""One simulated element under the loads of the public velostat logs."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from eskin.sim.build import draw_build, nominal_build
+from eskin.sim.sensor import Stages, sense
+from eskin.sim.session import draw_session
+from eskin.touch import Calibrator
+from sensor_scenes import (
+    CONSTANTS,
+    ELEMENT,
+    SKIN,
+    conductance,
+    element,
+    ramp,
+    run,
+    same_session,
+    step_load,
+)
+from touch_scenes import grid_skin, scan_at
+
+ONSET = 5
+PERIOD = 0.02
+
+
+def after(seconds):
+    return ONSET + round(seconds / PERIOD)
+
+
+def test_a_press_creeps_as_the_logged_ones():
+    g = conductance(step_load(20.0, 1.5), element())
+    logged = {0.1: -0.303, 0.2: -0.223, 0.4: -0.114, 1.2: 0.051}
+    for seconds, expected in logged.items():
+        assert np.log(g[after(seconds)] / g[after(0.8)]) == pytest.approx(
+            expected, abs=0.01
+        )
+
+
+def test_a_hold_creeps_as_the_logged_ones():
+    g = conductance(step_load(20.0, 62.0), element())
+    # The weight was put on about 1 s before the logged start.
+    logged = {0.5: 0.905, 1: 0.925, 2: 0.955, 10: 1.035, 20: 1.085, 40: 1.17, 60: 1.21}
+    for seconds, expected in logged.items():
+        assert g[after(seconds + 1)] / g[after(6)] == pytest.approx(expected, abs=0.04)
+
+
+def test_the_exponent_is_recovered_from_plateaus():
+    pressures = np.array([5.0, 10.0, 20.0, 40.0])
+    plateaus = [conductance(step_load(p, 1.0), element())[-1] for p in pressures]
+    slope = np.polyfit(np.log(pressures), np.log(plateaus), 1)[0]
+    assert slope == pytest.approx(0.76, abs=0.005)
+
+
+def test_exponents_of_builds_lie_about_the_measured_one():
+    rng = np.random.default_rng(1)
+    means = [
+        draw_build("b", "fresh", SKIN, CONSTANTS, rng).velostat.exponent.mean()
+        for _ in range(40)
+    ]
+    assert all(0.76 - 0.16 < mean < 0.76 + 0.32 for mean in means)
+    assert np.mean(means) == pytest.approx(0.85, abs=0.03)
+
+
+def test_nothing_is_left_of_conductance_one_reading_after_release():
+    g = conductance(step_load(20.0, 1.0, after=0.2), element())
+    released = round(1.1 / PERIOD)
+    assert g[released - 1] > 0.5 and not g[released:].any()
+
+
+@pytest.mark.parametrize(
+    ("seconds", "least", "most"), [(0.5, 0.15, 0.35), (20, 0.07, 0.2)]
+)
+def test_the_loop_of_a_ramp_is_as_wide_as_measured(seconds, least, most):
+    g, pressure = conductance(ramp(30.0, seconds), element()), ramp(30.0, seconds)[::2]
+    top = len(g) // 2
+    up, down = g[: top + 1], g[top:][::-1]
+    back = np.interp(pressure[: top + 1], pressure[top:][::-1], down)
+    assert least < (back - up).max() / g.max() < most
+
+
+def test_a_pat_reads_a_quarter_less_than_a_press_of_the_same_force():
+    pat = 20.0 * np.clip(np.sin(np.pi * np.arange(14) / 13), 0.0, 1.0) ** 1.5
+    series = np.concatenate([np.zeros(10), pat, np.zeros(20)])
+    short = conductance(series, element()).max()
+    long = conductance(step_load(20.0, 0.8), element()).max()
+    assert short / long == pytest.approx(0.725, abs=0.03)
+
+
+def test_the_second_of_two_equal_pats_reads_more():
+    series = np.concatenate([step_load(20.0, 0.13), np.zeros(15), np.full(13, 20.0)])
+    g = conductance(np.append(series, np.zeros(10)), element())
+    assert 1.05 < g[19:].max() / g[:19].max() < 1.10
+
+
+def test_presses_of_two_sessions_repeat_as_the_logged_ones():
+    rng = np.random.default_rng(2)
+    skin = grid_skin(20, 20)
+    build = draw_build("b", "fresh", skin, CONSTANTS, rng)
+    one, two = (np.log(draw_session(build, rng).gain) for _ in range(2))
+    assert 0.03 < (one - two).std() < 0.08
+    assert 0.0 < one.mean() < 0.09
+
+
+def test_a_nominal_taxel_is_calibrated_where_it_was_measured():
+    stages = replace(ELEMENT, threshold=True)
+    build = nominal_build(SKIN, CONSTANTS)
+    counts = run(step_load(20.0, 1.1, before=3.0), build, stages)
+    calibrator = Calibrator(SKIN, build.calibration(SKIN))
+    for reading, count in enumerate(counts):
+        scan = scan_at(
+            reading * PERIOD, np.where(np.arange(SKIN.count) == 14, count, 0)
+        )
+        pressure = calibrator.push(scan).pressure
+        if reading == round(4.0 / PERIOD):
+            assert pressure[14] == pytest.approx(20.0, rel=0.02)
+            assert not np.delete(pressure, 14).any()
+
+
+def test_idle_noise_is_that_of_the_logged_elements():
+    quiet = np.zeros((400, 0)), np.zeros(0, int)
+    noises = []
+    for seed in range(12):
+        rng = np.random.default_rng(seed)
+        build = draw_build("b", "fresh", SKIN, CONSTANTS, rng)
+        stages = Stages(drift=False, faults=False)
+        counts, _ = sense(*quiet, build, SKIN, rng, stages, same_session())
+        # At half scale, where those elements idled, a count is 4 / full scale of R.
+        noises.append(counts.std(axis=0).mean() * 4 / build.electronics.full_scale)
+    assert 0.001 < np.mean(noises) < 0.0025
+    assert 0.0009 < min(noises) and max(noises) < 0.0035
