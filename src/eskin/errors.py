@@ -7,7 +7,8 @@ EskinError
 ├── ReadingError        a reading of the wrong length or type     (ValueError)
 ├── RecordingError      a recording that cannot be read           (ValueError)
 ├── ImportSourceError   a public data set that cannot be converted (ValueError)
-└── ModelError          weights that cannot be used               (ValueError)
+├── ModelError          weights that cannot be used               (ValueError)
+└── GenerationError     clips that cannot be simulated            (ValueError)
 
 Every message says what is wrong, what was got, what is allowed, and the remedy, in one
 line. The command line turns each of these into that line and exit code 2.
@@ -44,3 +45,7 @@ class ImportSourceError(EskinError, ValueError):
 
 class ModelError(EskinError, ValueError):
     """Model weights or metadata that cannot be used."""
+
+
+class GenerationError(EskinError, ValueError):
+    """Clips that cannot be simulated, or not there."""

@@ -24,6 +24,7 @@ COMMANDS = {
     "train": "train",
     "evaluate": "evaluate",
     "replay": "replay",
+    "generate": "generate",
     "skin show": "skin_show",
     "skin check": "skin_check",
 }

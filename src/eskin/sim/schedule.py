@@ -76,7 +76,7 @@ def lead_in(
         build=sitting.build,
         session=sitting.session,
         at=0.0,
-        seconds=constants.value("clip.lead"),
+        seconds=constants.value("sets.lead"),
         gesture="none",
         kind=IDLE,
         groups=chosen.groups,

@@ -1,0 +1,46 @@
+"""The maker of all published clips."""
+
+from typing import final
+
+from eskin.errors import GenerationError
+from eskin.robot import load_robot
+from eskin.sim.clip import make_clip
+from eskin.sim.constants import Constants, load_constants
+from eskin.sim.maker import Maker
+from eskin.sim.outcome import Clip
+from eskin.sim.plan import BuildOrigin, ClipPlan
+from eskin.sim.play import build_of
+from eskin.sim.world import build_world
+from eskin.skin import PRESETS, MountedSkin
+from eskin.touch import Calibration
+
+
+@final
+class Simulator(Maker):
+    """Simulates people who touch a skin that comes with eskin."""
+
+    def __init__(self, skin: str = "ur5", constants: Constants | None = None) -> None:
+        """Prepare the skin.
+
+        Args:
+            skin: name of a preset.
+            constants: numbers of the world; those published unless given.
+
+        Raises:
+            GenerationError: there is no preset of that name.
+        """
+        if skin not in PRESETS:
+            raise GenerationError(
+                f"no skin '{skin}' to simulate; allowed are {', '.join(PRESETS)}"
+            )
+        self.robot_name = PRESETS[skin].robot
+        self.mounted = MountedSkin(PRESETS[skin].build(), load_robot(self.robot_name))
+        self.world = build_world(self.mounted, constants or load_constants())
+
+    def make(self, plan: ClipPlan) -> Clip:
+        """The clip of a plan, or the stream where the plan names no gesture."""
+        return make_clip(plan, self.world)
+
+    def calibration(self, build: BuildOrigin) -> Calibration:
+        """What the user of a build knows of it."""
+        return build_of(build, self.world).calibration(self.mounted.skin)
