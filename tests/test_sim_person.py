@@ -2,8 +2,11 @@ import numpy as np
 import pytest
 
 from eskin.sim.constants import load_constants
-from eskin.sim.hand import mirrored
+from eskin.sim.dents import placed
+from eskin.sim.hand import PARTS
 from eskin.sim.person import STYLES, draw_person
+from eskin.sim.press import Press
+from eskin.skin.round import Tube
 
 CONSTANTS = load_constants()
 
@@ -76,14 +79,25 @@ def test_styles_are_weights_that_average_to_everybodys_and_differ_widely(people)
         assert own.std(axis=0).max() > 0.15
 
 
-def test_nine_in_ten_touch_with_the_right_hand_and_the_left_mirrors_it(people):
+def test_nine_in_ten_touch_with_the_right_hand(people):
     right = np.mean([person.right_handed for person in people])
     assert right == pytest.approx(0.9, abs=0.02)
+
+
+def test_the_thumb_of_a_right_hand_lies_left_of_it_seen_from_outside(people):
+    tube = Tube(0.04, np.eye(4))
+    thumb, little, middle, palm = (
+        PARTS.index(f"{name}")
+        for name in ("thumb_tip", "little_head", "middle_tip", "palm")
+    )
     for person in people[:100]:
-        thumb = person.part("thumb").centres[0, 0]
-        assert (thumb > 0) == person.right_handed
-    left = next(person for person in people if not person.right_handed)
-    assert np.all(mirrored(left.hand).centres[:4].mean(axis=0) > 0)
+        force, still = np.ones(1), np.zeros((1, 2))
+        press = Press(0, 0, person.hand, person.flesh, force, still, np.array([0.7]))
+        laid = tube.wrap(placed(press)[0])
+        across = laid.positions[thumb] - laid.positions[little]
+        along = laid.positions[middle] - laid.positions[palm]
+        upward = np.cross(across, along) @ laid.normals[palm]
+        assert (upward < 0) == person.right_handed
 
 
 def test_parts_are_picked_by_name(people):

@@ -50,7 +50,7 @@ def hand_of(
     length: float,
     constants: Constants,
 ) -> Stamps:
-    """A flat right hand.
+    """A flat left hand, seen from its back as it lies on the skin.
 
     Args:
         fingers: lengths of index to little finger [m].

@@ -59,7 +59,7 @@ class Person:
     stand: tuple[float, float]
     """Where they stand: distance [m] and bearing [rad] from the robot's base."""
     hand: Stamps
-    """The hand they touch with, all 20 parts, flat."""
+    """The hand they touch with, all 20 parts, flat, seen from its back."""
 
     def part(self, group: str, splay: float = 0.0) -> Stamps:
         """Some parts of the hand.
@@ -129,7 +129,7 @@ def draw_person(name: str, constants: Constants, rng: np.random.Generator) -> Pe
             constants.draw("person.stand_distance", rng),
             float(rng.uniform(-np.pi, np.pi)),
         ),
-        hand=hand if right_handed else mirrored(hand),
+        hand=mirrored(hand) if right_handed else hand,
     )
 
 

@@ -10,12 +10,13 @@ from jaxtyping import Float
 class Stamps:
     """The parts of a body that can bear load, each pressed on as a small ellipse.
 
-    They lie in the body's own plane: for a hand, x points toward the thumb's side of a
-    right palm and y to the fingertips.
+    They lie in the body's own plane, seen from outside the skin that it presses on: a
+    hand is seen from its back, with y to the fingertips and x to the right, the
+    thumb's side of a left hand and the little finger's of a right one.
     """
 
     centres: Float[np.ndarray, "part 2"]
-    """(x, y) in the body's plane [m]."""
+    """(x, y) in the body's plane, x a quarter turn clockwise from y [m]."""
     radii: Float[np.ndarray, "part 2"]
     """Radii of curvature across and along the part [m]."""
     turns: Float[np.ndarray, "part"]

@@ -13,8 +13,6 @@ from eskin.sim.series import Series, random_walk, steps_of, tremor, wander
 from eskin.sim.site import Site
 
 Regime = Literal["paper", "cost"]
-FRAME = 2
-"""Steps in 20 ms, in which the random walks are given."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,8 +90,9 @@ class Act:
         return self.note("angle", self.site.angle + self.draw("hand.turn"))
 
     def slip(self, name: str, steps: int) -> Float[np.ndarray, "time 2"]:
-        """A random walk whose size is drawn, wider the more difficult [m]."""
-        rate = self.draw(name) * (1 + self.difficulty) / np.sqrt(2 * FRAME)
+        """A random walk, its size per reading drawn, wider if more difficult [m]."""
+        period = self.constants.value("sensor.period") / self.step
+        rate = self.draw(name) * (1 + self.difficulty) / np.sqrt(2 * period)
         return random_walk(steps, rate, self.rng)
 
     def held(self, steps: int) -> Series:
