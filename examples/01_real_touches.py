@@ -2,7 +2,7 @@
 
 Converts the public sleeve recordings, trains on all sessions but the last, then replays
 that session one reading at a time, as live, and prints what is recognised beside what
-was done. Takes about a minute.
+was done. Takes one or two minutes.
 """
 
 import sys

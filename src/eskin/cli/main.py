@@ -29,6 +29,7 @@ COMMANDS = {
     "skin check": "skin_check",
 }
 BAD_INPUT = 2
+STOPPED = 130
 
 
 @dataclass(frozen=True)
@@ -60,6 +61,9 @@ def run(argv: list[str]) -> int:
         )
     except (EskinError, ValueError, OSError) as error:
         return complain(str(error))
+    except KeyboardInterrupt:
+        complain("stopped")
+        return STOPPED
     if output.json:
         print(json.dumps(result))
     return 0

@@ -23,13 +23,16 @@ class Command:
     model: Path | None = None
     """The model, a .safetensors file that `eskin train` wrote."""
 
+    threshold: float = 0.8
+    """Probability from which a gesture is said while the touch goes on."""
+
     record: Path | None = None
     """Write the recording again with these detections in it, in place of any others."""
 
 
 def run(command: Command) -> dict[str, object]:
     """Replay and return the detections."""
-    from eskin.live import Recognizer
+    from eskin.live import DecisionConfig, Recognizer
     from eskin.model import load_model
     from eskin.recording import best_labels, read_recording, rewrite
     from eskin.robot import load_robot
@@ -39,7 +42,8 @@ def run(command: Command) -> dict[str, object]:
     recording = read_recording(command.recording)
     model = load_model(command.model or Path())
     mounted = MountedSkin(recording.skin, load_robot(recording.robot_name))
-    recognizer = Recognizer(model, mounted, recording.calibration)
+    decision = DecisionConfig(command.threshold)
+    recognizer = Recognizer(model, mounted, recording.calibration, decision)
     introduce(recording)
     truth = best_labels(recording.labels)
     found: list[Detection] = []

@@ -30,6 +30,7 @@ LIMITS = {
     "batch": (1, np.inf),
     "encoded": (1, np.inf),
     "readings": (1, np.inf),
+    "threads": (1, np.inf),
     "patience": (0, np.inf),
     "rate": (1e-9, 1.0),
     "decay": (0.0, np.inf),
@@ -77,6 +78,9 @@ class TrainConfig:
 
     shear: bool = True
     """Whether shear is used where every skin measures it."""
+
+    threads: int = 1
+    """Threads of torch; graphs are small, and more threads mostly wait."""
 
     augment: AugmentConfig = field(default_factory=AugmentConfig)
     """How training windows vary."""
@@ -145,6 +149,7 @@ class Trainer:
     def run(self, quiet: bool = False) -> RecogniserNetwork:
         """Train to the end or until validation no longer improves."""
         config, network = self.config, self.network
+        torch.set_num_threads(config.threads)
         network.standardise_by(self.batch(4 * config.batch).summary)
         optimiser = torch.optim.AdamW(network.parameters(), weight_decay=config.decay)
         total = config.epochs * config.steps
