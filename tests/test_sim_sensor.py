@@ -226,6 +226,57 @@ def test_a_touch_leaves_a_shift_that_fades():
     assert abs(late - before) < abs(soon - before) / 4
 
 
+def test_a_light_touch_leaves_less_of_a_shift_than_a_firm_one():
+    build = built()
+    calm = replace(build.electronics, walk=0.0, bits=20)
+    flat = replace(build, electronics=calm)
+    stages = Stages(noise=False, faults=False, ghosting=False, threshold=False)
+
+    def shift(kpa):
+        series = np.zeros((200, 1))
+        series[50:150] = kpa
+        counts, _ = sensed(flat, stages, series, np.array([14]))
+        return abs(counts[80, 14] - counts[0, 14])
+
+    assert 0 < shift(0.5) < 0.5 * shift(100.0)
+
+
+def test_play_forgets_a_touch_that_is_over():
+    hard, soft = (
+        np.full(50, 60.0),
+        np.concatenate([np.arange(1, 21.0), np.arange(20, 5.0, -1)]),
+    )
+    gap = np.zeros(20)
+    stages = replace(ELEMENT, creep=False)
+    after = conductance(np.concatenate([hard, gap, soft]), element(), stages)
+    alone = conductance(np.concatenate([gap, soft]), element(), stages)
+    np.testing.assert_allclose(after[25:], alone, rtol=1e-6)
+
+
+def test_a_baseline_walks_either_way_as_far_as_it_should():
+    build = built()
+    calm = replace(build.electronics, walk=1.0, after=0.0)
+    quiet = replace(build, electronics=calm)
+    counts, _ = sensed(
+        quiet, replace(NONE, drift=True), np.zeros((800, 0)), np.zeros(0, int)
+    )
+    moved = counts[-1] - counts[0]
+    assert abs(moved.mean()) < 3 * 20 / np.sqrt(SKIN.count)
+    assert moved.std() == pytest.approx(20.0, rel=0.2)
+
+
+def test_a_higher_reading_is_noisier():
+    build = built()
+    noisy = replace(build.electronics, noise=1.0, noise_relative=0.02, bits=12)
+    build = replace(build, electronics=noisy)
+    stages = replace(NONE, noise=True)
+    series = np.full((2000, 1), 0.5 * build.velostat.half_pressure)
+    counts, _ = sensed(build, stages, series, np.array([14]))
+    high, low = counts[:, 14], counts[:, 15]
+    assert high.std() == pytest.approx(0.02 * high.mean(), rel=0.1)
+    assert low.std() == pytest.approx(np.hypot(1.0, 0.02 * low.mean()), rel=0.15)
+
+
 def test_what_does_not_belong_together_is_refused_in_one_line():
     build = built()
     with pytest.raises(ValueError, match="names? some taxel twice"):

@@ -60,8 +60,7 @@ def conduct(
     for a in range(live):
         rest = max(film.load[a], 0.0)
         largest = max(rest, film.play_least)
-        for j in range(operators):
-            still[j] = max(rest - film.play[j] * largest, 0.0)
+        still[:] = 0.0
         crept[:] = 1.0 if rest > 0.0 else 0.0
         slow[:] = 0.0
         loaded, touched = rest > 0.0, False

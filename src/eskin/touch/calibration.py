@@ -19,6 +19,8 @@ VERSION = 1
 
 Curve = Literal["linear", "divider"]
 
+CURVES: tuple[Curve, ...] = ("linear", "divider")
+
 
 def curve_named(name: object) -> Curve:
     """The curve of that name.
@@ -26,8 +28,9 @@ def curve_named(name: object) -> Curve:
     Raises:
         ValueError: there is none.
     """
-    if name == "linear" or name == "divider":
-        return name
+    for curve in CURVES:
+        if name == curve:
+            return curve
     raise ValueError(
         f"curve is {name!r}; allowed are 'linear' and 'divider'; correct it"
     )
