@@ -1,6 +1,8 @@
 """The five messages of a recording, to CDR and back; definitions are in `schemas`."""
 
 from dataclasses import dataclass
+from functools import lru_cache
+from struct import Struct
 from typing import cast
 
 import numpy as np
@@ -14,6 +16,8 @@ from eskin.recording.truth import TruthRecord
 from eskin.touch.reading import Scan
 
 WORLD = "world"
+TRUTH_COUNT = 5
+TRUTH_NUMBERS = Struct(f"<{TRUTH_COUNT}d")
 
 
 @dataclass(frozen=True)
@@ -170,14 +174,23 @@ def pack_truth(record: TruthRecord) -> bytes:
     """Message of `/eskin/truth`."""
     packer = CdrPacker()
     packer.stamp(record.stamp)
+    words = truth_words(record.touch, record.gesture, record.kind, record.link)
+    numbers = TRUTH_NUMBERS.pack(record.force, record.area, *record.p_world)
+    return packer.bytes() + words + numbers
+
+
+@lru_cache(maxsize=64)
+def truth_words(touch: int, gesture: str, kind: str, link: str) -> bytes:
+    """What all messages of one touch share: all between the stamp and the numbers."""
+    packer = CdrPacker()
+    packer.stamp(0)
+    before = len(packer.buffer)
     packer.string(WORLD)
-    packer.unsigned(record.touch)
-    packer.string(record.gesture)
-    packer.string(record.kind)
-    packer.string(record.link)
-    for value in (record.force, record.area, *record.p_world):
-        packer.number(value)
-    return packer.bytes()
+    packer.unsigned(touch)
+    for text in (gesture, kind, link):
+        packer.string(text)
+    packer.align(TRUTH_NUMBERS.size // TRUTH_COUNT)
+    return packer.bytes()[before:]
 
 
 def unpack_truth(data: bytes) -> TruthRecord:

@@ -7,10 +7,10 @@ from jaxtyping import Bool, Float, Int
 
 from eskin.recording import Label, label_automatically, rough_ranges
 from eskin.sim.outcome import Clip, TrueSeries
+from eskin.sim.peak_kernels import largest_pressure
 from eskin.sim.plan import ClipPlan
 from eskin.touch import Calibration
 from eskin.touch.calibration import bend_of
-from eskin.touch.kernels import undo
 
 NANOSECONDS = 1_000_000_000
 
@@ -52,37 +52,25 @@ def ranges_of(plan: ClipPlan, truth: Iterable[Label], start: int) -> tuple[Label
     return (Label(start, end, plan.gesture, "range"),)
 
 
-def rest_of(lead: Clip) -> Float[np.ndarray, "taxel"]:
+def rest_of(lead: Clip) -> Int[np.ndarray, "taxel"]:
     """Counts of each taxel at rest: the median of a clip without touch.
 
     A taxel that was never heard rests above anything it could count.
     """
     heard = np.where(lead.received, lead.counts, np.nan)
-    silent = ~lead.received.any(axis=0)
-    heard[:, silent] = np.inf
-    return np.nanmedian(heard, axis=0)
+    heard[:, ~lead.received.any(axis=0)] = np.iinfo(np.int32).max
+    return np.rint(np.nanmedian(heard, axis=0)).astype(np.int32)
 
 
 def peaks_of(
     counts: Int[np.ndarray, "reading taxel"],
     received: Bool[np.ndarray, "reading taxel"],
-    rest: Float[np.ndarray, "taxel"],
+    rest: Int[np.ndarray, "taxel"],
     calibration: Calibration,
 ) -> Float[np.ndarray, "reading"]:
-    """Largest pressure of each reading [kPa].
-
-    It grows with the counts above rest, so that only the largest of the taxels of one
-    gain need to be calibrated.
-    """
-    above = np.where(received, counts - rest.astype(np.float32), 0.0)
-    bend = bend_of(calibration)
-    peaks = np.zeros(len(counts))
-    for gain in np.unique(calibration.gain):
-        alike = calibration.gain == gain
-        largest = above[:, alike].max(axis=1) if not alike.all() else above.max(axis=1)
-        linear = np.array([undo(float(value), bend) for value in largest])
-        peaks = np.maximum(peaks, linear * gain)
-    return peaks
+    """Largest pressure of each reading [kPa]."""
+    gain, bend = np.asarray(calibration.gain, np.float64), bend_of(calibration)
+    return largest_pressure(counts, received, rest, gain, bend)
 
 
 def auto_labels(

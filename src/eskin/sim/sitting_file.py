@@ -127,7 +127,7 @@ class Sheet:
         self.ranges: list[Label] = []
         self.stamps: list[np.ndarray] = []
         self.peaks: list[np.ndarray] = []
-        self.rest = np.empty(0)
+        self.rest = np.empty(0, dtype=np.int32)
 
     def add(self, number: int, plan: ClipPlan, clip: Clip) -> None:
         """Write a clip; the first one, number -1, is the lead-in."""
