@@ -3,7 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from eskin.sim.folding import faces_of, facing
 from eskin.sim.hand import MM, mirrored
@@ -50,7 +50,7 @@ def fold_sites(
 
 def points_in_world(
     world: World,
-    charts: Float[np.ndarray, "point"],
+    charts: Int[np.ndarray, "point"],
     points: Float[np.ndarray, "point 3"],
     T_world_link: Float[np.ndarray, "link 4 4"],
 ) -> Float[np.ndarray, "point 3"]:

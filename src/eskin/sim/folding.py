@@ -10,9 +10,6 @@ from eskin.sim.folding_kernels import facing_gaps
 from eskin.sim.hand import MM
 from eskin.sim.world import World
 
-POINTS = 60
-"""Taxels of a chart that are looked at, at most."""
-
 
 @dataclass(frozen=True, eq=False)
 class Faces:
@@ -38,9 +35,8 @@ class Faces:
 def faces_of(world: World) -> Faces:
     """The taxels that folds are sought by."""
     skin = world.mounted.skin
-    chosen = [
-        chart.taxels[:: -(-len(chart.taxels) // POINTS)] for chart in world.charts
-    ]
+    most = int(world.constants.value("fold.points"))
+    chosen = [chart.taxels[:: -(-len(chart.taxels) // most)] for chart in world.charts]
     balls = []
     for taxels in chosen:
         at = skin.positions[taxels]
@@ -66,15 +62,16 @@ def facing(
 ) -> tuple[Float[np.ndarray, "pose pair"], Int[np.ndarray, "pose pair 2"]]:
     """Least gap of each pair of charts [m], infinite if they do not face each other.
 
-    The second array tells the two points of `faces_of` that are nearest.
+    Gaps too thin for a hand do not count. The second array tells the two points of
+    `faces_of` that are nearest.
     """
     value = world.constants.value
-    within, cosine = value("fold.within") * MM, value("fold.facing")
+    least, within = value("fold.thinnest") * MM, value("fold.within") * MM
     faces = faces_of(world)
     return facing_gaps(
         *(faces.points, faces.normals, faces.starts, faces.links),
         *(faces.balls, faces.pairs, np.ascontiguousarray(T_world_link)),
-        *(within, cosine),
+        *(least, within, value("fold.facing")),
     )
 
 

@@ -29,12 +29,13 @@ def facing_gaps(
     balls: Float[np.ndarray, "chart 4"],
     pairs: Int[np.ndarray, "pair 2"],
     T_world_link: Float[np.ndarray, "pose link 4 4"],
+    thinnest: float,
     within: float,
     cosine: float,
 ) -> tuple[Float[np.ndarray, "pose pair"], Int[np.ndarray, "pose pair 2"]]:
     """Least distance of points of two charts that face each other, and which two [m].
 
-    Infinite, and -1, where none do within the distance.
+    Infinite, and -1, where none do between `thinnest` and `within`.
     """
     poses = len(T_world_link)
     gaps = np.full((poses, len(pairs)), np.inf)
@@ -65,7 +66,7 @@ def facing_gaps(
                     b = world[j]
                     x, y, z = b[0] - a[0], b[1] - a[1], b[2] - a[2]
                     square = x * x + y * y + z * z
-                    if square >= best:
+                    if square >= best or square < thinnest * thinnest:
                         continue
                     least = cosine * np.sqrt(square)
                     if x * a[3] + y * a[4] + z * a[5] < least:

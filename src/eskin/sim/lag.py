@@ -50,28 +50,26 @@ def carried(
     press: Press,
     world: World,
     q_series: Float[np.ndarray, "time joint"],
-    now: Float[np.ndarray, "time"],
-    then: Float[np.ndarray, "time"],
+    now: Float[np.ndarray, "step"],
+    then: Float[np.ndarray, "step"],
 ) -> Press:
-    """The press where T_link(now)^-1 T_link(then) takes its targets."""
+    """The press where T_link(now)^-1 T_link(then) takes its targets and its angle."""
     if np.all(q_series == q_series[0]):
         return press
     link, chart = world.links[press.chart], world.charts[press.chart]
     T_now = world.poses(at_steps(q_series, now))[:, link]
     T_then = world.poses(at_steps(q_series, then))[:, link]
-    position, s_axis, t_axis, _ = axes_at(chart, press.centre, T_then)
-    back = np.swapaxes(T_now[:, :3, :3], 1, 2)
-    local = np.einsum("tij,tj->ti", back, position - T_now[:, :3, 3])
-    moved = chart.surface.unroll(local) - chart.surface.unroll(
-        chart.surface.wrap(press.centre).positions
+    was, s_then, t_then, _ = axes_at(chart, press.centre, T_then)
+    here, s_now, t_now, _ = axes_at(chart, press.centre, T_now)
+    # Laid flat where the target is: a hand leaves a tube rather than dives into it.
+    slid = [np.sum((was - here) * axis, axis=1) for axis in (s_now, t_now)]
+    turned = angle_of(direction_of(press.angle, s_then, t_then), s_now, t_now)
+    turn = (turned - press.angle + np.pi) % (2 * np.pi) - np.pi
+    return replace(
+        press,
+        centre=press.centre + np.column_stack(slid),
+        angle=press.angle + turn,
     )
-    moved[:, 0] = chart.wrapped(moved[:, 0])
-    centre = press.centre + moved
-    pointing = direction_of(press.angle, s_axis, t_axis)
-    _, s_now, t_now, _ = axes_at(chart, centre, T_now)
-    turned = angle_of(pointing, s_now, t_now) - press.angle
-    turned = (turned + np.pi) % (2 * np.pi) - np.pi
-    return replace(press, centre=centre, angle=press.angle + turned)
 
 
 def at_steps(

@@ -4,9 +4,9 @@ import numpy as np
 from jaxtyping import Float
 
 from eskin.sim.folding import faces_of
+from eskin.sim.free import is_free
 from eskin.sim.groups import GROUPS
 from eskin.sim.lag import drag, follow
-from eskin.sim.pool import is_free
 from eskin.sim.pose import draw_pose
 from eskin.sim.profile import Profile, profile_of
 from eskin.sim.world import World

@@ -66,7 +66,7 @@ def site_at(
         centre=(float(centre[0]), float(centre[1])),
         radius=here.radius,
         clear=free_run(world, chart, centre, T_world_link),
-        angle=float(angle_of(direction, s_axis[0], t_axis[0])),
+        angle=float(angle_of(direction[None], s_axis, t_axis)[0]),
     )
 
 

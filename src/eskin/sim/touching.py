@@ -4,6 +4,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from eskin.sim.clearance_kernels import rooms
+from eskin.sim.free import limits, tool_is_up
 from eskin.sim.hand import MM
 from eskin.sim.site import Site
 from eskin.sim.tangent import site_at
@@ -11,7 +12,7 @@ from eskin.sim.world import World
 
 JOINTS = ("elbow_joint", "wrist_1_joint", "wrist_2_joint")
 """Joints that are bent until links meet."""
-STEP, FARTHEST, HALVINGS = 0.1, 1.2, 18
+HALVINGS = 12
 
 
 def self_contact_sites(world: World, q: Float[np.ndarray, "joint"]) -> tuple[Site, ...]:
@@ -71,7 +72,7 @@ def touch_links(
     """Bend poses, one joint each, until a link all but touches a patch of another."""
     joints = np.array([world.joint(name) for name in JOINTS])
     chosen = joints[rng.integers(len(JOINTS), size=len(q))]
-    ways = STEP * rng.choice([-1.0, 1.0], len(q))
+    ways = rng.choice([-1.0, 1.0], len(q))
     bent = [pose for pose in bend(world, q, chosen, ways) if stands(world, pose[None])]
     found = [pose for pose in bent if self_contact_sites(world, pose)]
     return np.array(found[:most]).reshape(-1, q.shape[1])
@@ -88,23 +89,18 @@ def bend(
     Poses in which they never come so close are left out.
     """
     low, high = world.constants.array("fold.touching") * MM
-    turns = np.arange(0.0, FARTHEST, STEP)
-    close = np.stack(
-        [
-            gaps_of(world, turned(q, joints, turn * ways / STEP), high) < low
-            for turn in turns
-        ],
-        axis=1,
-    )
+    step, farthest = world.constants.array("fold.bend")
+    turns = np.arange(0.0, farthest, step)
+    gaps = [gaps_of(world, turned(q, joints, turn * ways), high) for turn in turns]
+    close = np.stack(gaps, axis=1) < low
     hits = np.flatnonzero(close.any(axis=1) & ~close[:, 0])
     q, joints, ways = q[hits], joints[hits], ways[hits]
-    hit = turns[np.argmax(close[hits], axis=1)] * ways / STEP
-    away = hit - ways
+    hit = turns[np.argmax(close[hits], axis=1)] * ways
+    away = hit - step * ways
     for _ in range(HALVINGS):
         middle = (away + hit) / 2
-        gap = gaps_of(world, turned(q, joints, middle), 2 * high)
-        away = np.where(gap >= (low + high) / 2, middle, away)
-        hit = np.where(gap >= (low + high) / 2, hit, middle)
+        apart = gaps_of(world, turned(q, joints, middle), high) >= (low + high) / 2
+        away, hit = np.where(apart, middle, away), np.where(apart, hit, middle)
     bent = turned(q, joints, away)
     gap = gaps_of(world, bent, 2 * high)
     return bent[(gap >= low) & (gap <= high)]
@@ -132,12 +128,7 @@ def stands(world: World, q: Float[np.ndarray, "pose joint"]) -> bool:
     """Whether a pose keeps clear of the table, with its joints within their limits."""
     T = world.poses(q)
     height = world.solids.clearance(T, 0.0)[:, 1]
-    value = world.constants.value
-    clear = height >= value("robot.table_clearance") * MM
-    tool = T[:, -1, 2, 3] >= value("robot.tool_height")
-    ranges = [
-        np.deg2rad(world.constants.array(f"robot.range.{name}"))
-        for name in world.mounted.robot.joint_names
-    ]
-    low, high = np.array(ranges).T
-    return bool(np.all(clear & tool) and np.all((q >= low) & (q <= high)))
+    clear = height >= world.constants.value("robot.table_clearance") * MM
+    low, high = limits(world)
+    within = np.all((q >= low) & (q <= high), axis=1)
+    return bool(np.all(clear & tool_is_up(world, T) & within))
