@@ -21,7 +21,7 @@ NAMES = (
     "displacement",
     "seconds a taxel",
 )
-ON = 3.0  # [kPa]
+ON = 2.0  # [kPa]
 PERIOD = 0.02  # [s]
 
 
@@ -37,6 +37,8 @@ def clip_features(
         positions: of the taxels in their links' frames [m].
         areas: of the taxels [m2].
     """
+    felt = np.flatnonzero((pressure >= ON).any(axis=0))
+    pressure, positions, areas = pressure[:, felt], positions[felt], areas[felt]
     active = pressure >= ON
     loaded = np.where(active, pressure, 0.0)
     force = loaded @ (areas * 1e3)
@@ -47,7 +49,7 @@ def clip_features(
     span = force[first:last]
     top = int(force.argmax())
     taxels = active.sum(axis=1)
-    union = int(active.any(axis=0).sum())
+    union = len(felt)
     centres = (loaded[touched] * areas * 1e3) @ positions / force[touched][:, None]
     steps = np.linalg.norm(np.diff(centres, axis=0), axis=1)
     return np.array(
@@ -66,7 +68,7 @@ def clip_features(
             (last - top) * PERIOD,
             steps.sum(),
             np.linalg.norm(centres[-1] - centres[0]),
-            active[:, active.any(axis=0)].sum(axis=0).mean() * PERIOD,
+            active.sum(axis=0).mean() * PERIOD,
         ]
     )
 

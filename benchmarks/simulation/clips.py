@@ -1,0 +1,178 @@
+"""Clips of a named set, made in memory; only what tables need of each is kept."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import lru_cache
+
+import numpy as np
+from joblib import Parallel, delayed, parallel_config
+from jaxtyping import Bool, Float, Int
+
+from benchmarks.simulation.features import clip_features
+from benchmarks.simulation.remains import before_of, histogram_of, truth_of
+from eskin.sim.clip_labels import rest_of
+from eskin.sim.constants import load_constants
+from eskin.sim.outcome import Clip
+from eskin.sim.plan import ClipPlan
+from eskin.sim.schedule import plans_of
+from eskin.sim.sets import CLASSES, load_set, resized
+from eskin.sim.simulator import Simulator
+from eskin.sim.sitting import Sitting, sittings_of
+from eskin.touch import Calibration
+from eskin.touch.calibration import bend_of
+from eskin.touch.kernels import MOST
+
+PROCESSES = 2
+LEAST = 1.0
+"""Pressure that a taxel must reach to be looked at [kPa]."""
+TAP = "tap"
+"""One pat as a class of its own."""
+
+
+@dataclass(frozen=True, eq=False)
+class Made:
+    """What is kept of a clip."""
+
+    plan: ClipPlan
+    """What was decided of it."""
+    label: str
+    """Its class."""
+    kind: str
+    """How it was done, such as `two_tips` or `bump`."""
+    features: Float[np.ndarray, "feature"]
+    """Of `benchmarks.simulation.features`."""
+    truth: Float[np.ndarray, "reading 5"]
+    """Force [N], area [cm2] and centroid [cm] of what was really done; the centroid in
+    its link's frame, NaN without contact."""
+    before: Float[np.ndarray, "quantity"]
+    """Of readings before any contact; NaN where the clip has none."""
+    histogram: Float[np.ndarray, "bin"]
+    """How many taxels of all readings felt how much, without where and when."""
+    pose_group: int
+    """Group of the pose."""
+    q: Float[np.ndarray, "joint"]
+    """Joint positions at the start [rad]."""
+    link: str
+    """Link that was touched; empty where none was."""
+    height: float
+    """Of the first contact above the robot's base [m]; NaN without contact."""
+    peak: float
+    """Largest pressure that was read [kPa]."""
+    seconds: float
+    """How long the touch truly lasts, also outside the clip [s]."""
+
+
+def simulate(
+    set_name: str,
+    clips: int,
+    difficulty: float,
+    seed: int,
+    classes: tuple[str, ...] = CLASSES,
+) -> list[Made]:
+    """Make clips of a named set in two processes.
+
+    Args:
+        set_name: one of `eskin.sim.sets.SETS` without streams.
+        clips: how many.
+        difficulty: lambda.
+        seed: of the set.
+        classes: what is done, equally often; `tap` is a pat alone.
+    """
+    constants = load_constants()
+    chosen = resized(load_set(set_name, constants), clips, None, constants)
+    chosen = replace(chosen, classes=classes)
+    work = []
+    for sitting in sittings_of(chosen, seed, constants):
+        plans = plans_of(sitting, chosen, seed, difficulty, constants)
+        work.append(delayed(sitting_of)(sitting, plans, TAP in classes))
+    with parallel_config(backend="loky", inner_max_num_threads=1):
+        found: Sequence[list[Made]] = Parallel(PROCESSES)(work)  # pyright: ignore
+    return [made for group in found for made in group]
+
+
+@lru_cache(maxsize=1)
+def simulator() -> Simulator:
+    """The simulator of this process."""
+    return Simulator()
+
+
+def sitting_of(
+    sitting: Sitting, plans: Sequence[ClipPlan], taps: bool
+) -> list[Made]:
+    """The clips of a sitting; their rest level is that of its lead-in.
+
+    Args:
+        sitting: the sitting.
+        plans: its lead-in and clips.
+        taps: whether pats alone are a class of their own, and of no other.
+    """
+    maker = simulator()
+    rest = rest_of(maker.make(plans[0]))
+    calibration = maker.calibration(sitting.build)
+    return [made_of(as_tap(plan), rest, calibration, taps) for plan in plans[1:]]
+
+
+def as_tap(plan: ClipPlan) -> ClipPlan:
+    """The plan of a pat alone where a tap is asked for; others as they are."""
+    if plan.gesture != TAP:
+        return plan
+    return replace(plan, gesture="none", kind="single_pat")
+
+
+def made_of(
+    plan: ClipPlan,
+    rest: Float[np.ndarray, "taxel"],
+    calibration: Calibration,
+    taps: bool,
+) -> Made:
+    """Make one clip and keep what is needed of it."""
+    maker = simulator()
+    mounted, clip = maker.mounted, maker.make(plan)
+    pressure = pressure_of(clip.counts, clip.received, rest, calibration)
+    first = next((truth for truth in clip.truths if truth.number == 0), None)
+    kind = first.kind if first else plan.kind or kind_of(clip)
+    label = TAP if taps and kind == "single_pat" else plan.gesture or ""
+    pressed = first is not None and first.force.any()
+    start = int(np.flatnonzero(first.force)[0]) if first and pressed else 0
+    return Made(
+        plan=plan,
+        label=label,
+        kind=kind,
+        features=clip_features(pressure, mounted.skin.positions, mounted.skin.areas),
+        truth=truth_of(clip, first, mounted),
+        before=before_of(clip, rest, mounted.skin),
+        histogram=histogram_of(pressure),
+        pose_group=clip.pose_group,
+        q=clip.q[0],
+        link=first.link if first else "",
+        height=float(first.centroid[start, 2]) if first and pressed else np.nan,
+        peak=float(pressure.max()),
+        seconds=first.end - first.onset if first else 0.0,
+    )
+
+
+def kind_of(clip: Clip) -> str:
+    """What a clip without touch was made for."""
+    disturbed = any(name.startswith("electrical.") for name in clip.drawn)
+    return "electrical" if disturbed else "idle"
+
+
+def pressure_of(
+    counts: Int[np.ndarray, "reading taxel"],
+    received: Bool[np.ndarray, "reading taxel"],
+    rest: Float[np.ndarray, "taxel"],
+    calibration: Calibration,
+) -> Float[np.ndarray, "reading taxel"]:
+    """Pressure as a user of the build reads it [kPa].
+
+    It is zero where nothing came, and on taxels that never reach `LEAST`.
+    """
+    above = np.where(received, np.maximum(counts - rest, 0.0), 0.0)
+    felt = np.flatnonzero((above > calibration.counts_at(LEAST)).any(axis=0))
+    linear, bend = above[:, felt], bend_of(calibration)
+    if np.isfinite(bend.full):
+        share = np.minimum(linear / bend.full, MOST)
+        linear = bend.full * (share / (1.0 - share)) ** bend.power
+    pressure = np.zeros(counts.shape)
+    pressure[:, felt] = linear * calibration.gain[felt]
+    return pressure

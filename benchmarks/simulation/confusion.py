@@ -1,0 +1,137 @@
+"""Which classes are taken for which: by a forest, whole people held out."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from jaxtyping import Int, Shaped
+from sklearn.linear_model import LogisticRegression
+from sklearn.model_selection import GroupKFold, cross_val_predict
+from sklearn.pipeline import make_pipeline
+from sklearn.preprocessing import StandardScaler
+
+from benchmarks.simulation.check import Check, at_most, within
+from benchmarks.simulation.clips import TAP, Made, simulate
+from benchmarks.simulation.features import NAMES
+from benchmarks.simulation.forest import (
+    FOLDS,
+    features_of,
+    held_out,
+    labels_of,
+    people_of,
+    spread_of,
+)
+from eskin.sim.constants import load_constants
+from eskin.sim.sets import CLASSES
+
+SOURCE = "expected"
+COST = "Jung et al. 2017"
+MORE = ("squeeze", "rub", TAP)
+"""Classes that CoST has and the vocabulary has not."""
+PAIRS = ({"grab", "squeeze"}, {"stroke", "rub"}, {"double_pat", TAP})
+"""Those that CoST confused most, of the classes looked at."""
+PLAIN = ("seconds", "peak force", "most taxels")
+"""Features of the linear probe."""
+
+
+def confusion_tables(clips: int, seed: int) -> tuple[str, list[Check]]:
+    """Two tables of confusions at the published difficulty, and what they should show.
+
+    Args:
+        clips: of each table.
+        seed: of clips and forests.
+    """
+    level = load_constants().value("sets.difficulty")
+    made = simulate("train", clips, level, seed)
+    more = simulate("train", clips, level, seed, (*CLASSES, *MORE))
+    one, two = held_out(made, seed), held_out(more, seed)
+    checks = [
+        *expected(labels_of(made), one),
+        per_person(made, one),
+        at_most("linear probe of duration, force, area", probe(made), 0.8, SOURCE),
+        pairs_check(labels_of(more), two),
+    ]
+    tables = [matrix(labels_of(made), one), matrix(labels_of(more), two)]
+    return "\n".join(tables), checks
+
+
+def expected(labels: Shaped[np.ndarray, "clip"], guess: np.ndarray) -> list[Check]:
+    """Where no gesture goes, and which gestures are lost most and least."""
+    counts = counted(labels, guess)
+    names = sorted(set(labels))
+    lost = counts[names.index("none")].astype(float)
+    lost[names.index("none")] = 0.0
+    order = [names[i] for i in lost.argsort()[::-1][:2]]
+    recall = dict(zip(names, np.diag(counts) / counts.sum(axis=1), strict=True))
+    ranks = [name for name in sorted(recall, key=lambda n: recall[n]) if name != "none"]
+    said = ", ".join(f"{name} {recall[name]:.1%}" for name in ranks)
+    return [
+        Check(
+            *("no gesture is lost most to", "poke and double_pat", SOURCE),
+            *(" and ".join(order), set(order) == {"poke", "double_pat"}),
+        ),
+        Check(
+            *("gestures by recall", "double_pat and poke least, grab most", SOURCE),
+            *(said, set(ranks[:2]) == {"double_pat", "poke"} and ranks[-1] == "grab"),
+        ),
+    ]
+
+
+def per_person(made: Sequence[Made], guess: np.ndarray) -> Check:
+    """How differently people are understood."""
+    found = spread_of(guess == labels_of(made), people_of(made))
+    name = f"SD between people ({100 * found.beyond:.1f} beyond counting)"
+    return within(name, 100 * found.deviation, 4.0, 11.0, COST, "points")
+
+
+def probe(made: Sequence[Made]) -> float:
+    """Share of clips that a linear model of three plain features gets right."""
+    columns = [NAMES.index(name) for name in PLAIN]
+    chosen = np.log(features_of(made)[:, columns] + [0.02, 0.1, 1.0])
+    model = make_pipeline(StandardScaler(), LogisticRegression(max_iter=1000))
+    groups = people_of(made)
+    folds = GroupKFold(min(FOLDS, len(set(groups))))
+    guess = cross_val_predict(model, chosen, labels_of(made), groups=groups, cv=folds)
+    return float(np.mean(guess == labels_of(made)))
+
+
+def pairs_check(labels: Shaped[np.ndarray, "clip"], guess: np.ndarray) -> Check:
+    """The pairs taken for each other most often, both ways, of gestures."""
+    counts = counted(labels, guess)
+    names = sorted(set(labels))
+    both = {
+        (names[i], names[j]): int(counts[i, j] + counts[j, i])
+        for i in range(len(names))
+        for j in range(i)
+        if "none" not in (names[i], names[j])
+    }
+    top = sorted(both, key=lambda pair: -both[pair])[:4]
+    measured = ", ".join(f"{a}-{b} {both[a, b]}" for a, b in top)
+    met = all(set(pair) in PAIRS for pair in top[:3])
+    wanted = "grab-squeeze, stroke-rub, double_pat-tap"
+    return Check("pairs of gestures confused most", wanted, COST, measured, met)
+
+
+def counted(
+    labels: Shaped[np.ndarray, "clip"], guess: np.ndarray
+) -> Int[np.ndarray, "label guess"]:
+    """How often each class is taken for each."""
+    names = sorted(set(labels))
+    return np.array(
+        [[np.sum((labels == a) & (guess == b)) for b in names] for a in names]
+    )
+
+
+def matrix(labels: Shaped[np.ndarray, "clip"], guess: np.ndarray) -> str:
+    """Shares of each class taken for each, as a table in Markdown."""
+    names, counts = sorted(set(labels)), counted(labels, guess)
+    shares = 100 * counts / counts.sum(axis=1, keepdims=True)
+    rows = [
+        "\n**Confusions, per cent of each row**\n",
+        f"| | {' | '.join(names)} |",
+        "|---" * (len(names) + 1) + "|",
+    ]
+    rows += [
+        f"| {name} | {' | '.join(f'{share:.1f}' for share in row)} |"
+        for name, row in zip(names, shares, strict=True)
+    ]
+    return "\n".join(rows)

@@ -1,0 +1,122 @@
+"""How hard clips are, to a forest of fifteen plain features."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float, Shaped
+from sklearn.ensemble import RandomForestClassifier
+from sklearn.model_selection import GroupKFold
+
+from benchmarks.simulation.clips import PROCESSES, Made, simulate
+from eskin.sim.sets import GESTURES
+
+LEVELS = (0.0, 1.0, 1.5, 2.0)
+"""Difficulties that are looked at."""
+TREES = 500
+FOLDS = 6
+"""Parts that people are split into; each is predicted by a forest of the others."""
+NEW = "test-x"
+"""Set of new people on builds that have aged."""
+
+Names = Shaped[np.ndarray, "clip"]
+
+
+@dataclass(frozen=True, eq=False)
+class Spread:
+    """How well single people are understood."""
+
+    mean: float
+    """Share of clips that are right, over people."""
+    deviation: float
+    """Between people."""
+    beyond: float
+    """What is left of it when the chance of counting few clips is taken off."""
+    low: float
+    """Of the least understood person."""
+    high: float
+    """Of the best understood person."""
+
+
+def difficulty_tables(clips: int, seed: int) -> str:
+    """The forest at every difficulty, as a table in Markdown.
+
+    Args:
+        clips: of known people on fresh builds; a third as many of new people.
+        seed: of clips and forests.
+    """
+    rows = [
+        "\n**Difficulty, to a forest of 15 features**\n",
+        f"{clips} clips of `train`, whole people held out; {clips // 3} of `{NEW}`. "
+        "People: mean (SD; SD beyond counting) lowest-highest.\n",
+        "| lambda | five classes | people | four classes | new people, aged builds |",
+        "|---|---|---|---|---|",
+    ]
+    rows += [difficulty_row(level, clips, seed) for level in LEVELS]
+    return "\n".join(rows)
+
+
+def difficulty_row(level: float, clips: int, seed: int) -> str:
+    """The forest at one difficulty."""
+    made = simulate("train", clips, level, seed)
+    new = simulate(NEW, clips // 3, level, seed)
+    guess, labels = held_out(made, seed), labels_of(made)
+    people = spread_of(guess == labels, people_of(made))
+    four = [each for each in made if each.label in GESTURES]
+    right = np.mean(held_out(four, seed) == labels_of(four))
+    shifted = grow(made, seed).predict(features_of(new)) == labels_of(new)
+    return (
+        f"| {level:g} | {np.mean(guess == labels):.1%} | {people.mean:.1%} "
+        f"({100 * people.deviation:.1f}; {100 * people.beyond:.1f}) "
+        f"{people.low:.0%}-{people.high:.0%} | {right:.1%} | {shifted.mean():.1%} |"
+    )
+
+
+def features_of(made: Sequence[Made]) -> Float[np.ndarray, "clip feature"]:
+    """The features of clips."""
+    return np.array([each.features for each in made])
+
+
+def labels_of(made: Sequence[Made]) -> Names:
+    """The classes of clips."""
+    return np.array([each.label for each in made])
+
+
+def people_of(made: Sequence[Made]) -> Names:
+    """Who touches in clips."""
+    return np.array([each.plan.person.name for each in made])
+
+
+def forest(seed: int) -> RandomForestClassifier:
+    """The forest before it has seen anything."""
+    return RandomForestClassifier(TREES, random_state=seed, n_jobs=PROCESSES)
+
+
+def grow(made: Sequence[Made], seed: int) -> RandomForestClassifier:
+    """A forest that has seen clips."""
+    return forest(seed).fit(features_of(made), labels_of(made))
+
+
+def held_out(made: Sequence[Made], seed: int) -> Names:
+    """What a forest says of each clip that has seen nobody of it."""
+    features, labels, people = features_of(made), labels_of(made), people_of(made)
+    guess = np.empty_like(labels)
+    folds = min(FOLDS, len(set(people)))
+    for rest, out in GroupKFold(folds).split(features, labels, people):
+        grown = forest(seed).fit(features[rest], labels[rest])
+        guess[out] = grown.predict(features[out])
+    return guess
+
+
+def spread_of(right: Shaped[np.ndarray, "clip"], people: Names) -> Spread:
+    """How well single people are understood."""
+    own = [right[people == person] for person in np.unique(people)]
+    shares = np.array([each.mean() for each in own])
+    counting = np.mean([each.var() / len(each) for each in own])
+    return Spread(
+        mean=float(shares.mean()),
+        deviation=float(shares.std()),
+        beyond=float(np.sqrt(max(shares.var() - counting, 0.0))),
+        low=float(shares.min()),
+        high=float(shares.max()),
+    )
