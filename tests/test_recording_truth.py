@@ -8,7 +8,13 @@ from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 
 from eskin.errors import RecordingError
-from eskin.recording import Metadata, RecordingWriter, TruthRecord, read_recording
+from eskin.recording import (
+    Metadata,
+    RecordingWriter,
+    TruthRecord,
+    read_recording,
+    rewrite,
+)
 from eskin.recording.block import pack_joint_states, pack_readings
 from eskin.recording.messages import (
     pack_joint_state,
@@ -107,6 +113,16 @@ def test_a_recording_gives_back_what_was_really_done(tmp_path):
     recording = read_recording(write_truths(tmp_path / "a.mcap"))
     assert tuple(recording.truths()) == TRUTHS
     assert (recording.count, recording.truncated) == (12, False)
+
+
+def test_a_copy_with_other_labels_keeps_what_was_really_done(tmp_path):
+    recording = read_recording(write_truths(tmp_path / "a.mcap"))
+    rewrite(recording, tmp_path / "b.mcap", labels=())
+    assert tuple(read_recording(tmp_path / "b.mcap").truths()) == TRUTHS
+    rewrite(recording)
+    once = (tmp_path / "a.mcap").read_bytes()
+    rewrite(read_recording(tmp_path / "a.mcap"))
+    assert (tmp_path / "a.mcap").read_bytes() == once
 
 
 def test_packing_then_unpacking_a_truth_changes_nothing():

@@ -20,6 +20,7 @@ from eskin.recording.reader import Recording, ScanArrays, read_recording
 from eskin.recording.relabel import Labelling, find_labels, rewrite
 from eskin.recording.shearsense import convert_shearsense
 from eskin.recording.sleeve import convert_sleeve
+from eskin.recording.truth import TruthRecord
 from eskin.recording.writer import RecordingWriter, write_all
 
 __all__ = [
@@ -39,6 +40,7 @@ __all__ = [
     "Recording",
     "RecordingWriter",
     "ScanArrays",
+    "TruthRecord",
     "best_labels",
     "check_no_overlap",
     "convert_shearsense",

@@ -37,6 +37,7 @@ LEVEL = 1
 
 FOOTER = struct.Struct("<BQQQ")
 FOOTER_BYTES = 20
+RECORD_AND_MESSAGE = struct.Struct(RECORD.format + MESSAGE.format.lstrip("<"))
 MESSAGE_INDEX = struct.Struct("<HI")
 
 
@@ -66,7 +67,8 @@ class McapFile:
 
     def begin_chunk(self) -> None:
         """Start an empty chunk."""
-        self.chunk = bytearray()
+        self.chunk: list[bytes] = []
+        self.size = 0
         self.places: dict[int, list[int]] = {}
         self.stamps: list[int] = []
 
@@ -109,24 +111,31 @@ class McapFile:
         )
         self.schemas.append(schema)
         self.channels.append(channel)
-        self.chunk += packed([schema, channel])
+        self.append(packed([schema, channel]))
         return number
+
+    def append(self, data: bytes) -> None:
+        """Append records to the chunk."""
+        self.chunk.append(data)
+        self.size += len(data)
 
     def add_message(self, channel: int, stamp: int, data: bytes) -> None:
         """Append a message; a chunk that is full is written."""
-        self.places.setdefault(channel, []).extend((stamp, len(self.chunk)))
+        self.places.setdefault(channel, []).extend((stamp, self.size))
         self.stamps.append(stamp)
-        self.chunk += RECORD.pack(Opcode.MESSAGE, MESSAGE.size + len(data))
-        self.chunk += MESSAGE.pack(channel, 0, stamp, stamp)
-        self.chunk += data
-        if len(self.chunk) > CHUNK_BYTES:
+        length = MESSAGE.size + len(data)
+        self.append(
+            RECORD_AND_MESSAGE.pack(Opcode.MESSAGE, length, channel, 0, stamp, stamp)
+        )
+        self.append(data)
+        if self.size > CHUNK_BYTES:
             self.end_chunk()
 
     def end_chunk(self) -> None:
         """Write the chunk so far, if there is any message in it."""
         if not self.stamps:
             return
-        raw = bytes(self.chunk)
+        raw = b"".join(self.chunk)
         chunk = Chunk(
             compression="zstd",
             data=self.compressor.compress(raw),

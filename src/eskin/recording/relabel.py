@@ -108,6 +108,7 @@ def rewrite(
                 recording.scans(),
                 recording.labels if labels is None else labels,
                 recording.detections if detections is None else detections,
+                recording.truths(),
             )
     except BaseException:
         writer.part.unlink(missing_ok=True)

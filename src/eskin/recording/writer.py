@@ -256,11 +256,12 @@ def write_all(
     scans: Iterable[Scan],
     labels: Iterable[Label],
     detections: Iterable[DetectionRecord] = (),
+    truths: Iterable[TruthRecord] = (),
 ) -> int:
-    """Write scans, with labels and detections among them when their time has come.
+    """Write scans, with labels, detections and truths among them at their time.
 
     A label comes after its last scan, so that no part of a file says more of a touch
-    than was known by then. Returns the number of scans.
+    than was known by then. Truths keep their order. Returns the number of scans.
     """
     events: list[tuple[int, Label | DetectionRecord]] = [
         *((label.end, label) for label in sort_labels(labels)),
@@ -268,12 +269,17 @@ def write_all(
     ]
     events.sort(key=lambda event: event[0])
     count = done = 0
+    known = iter(truths)
+    truth = next(known, None)
     for scan in scans:
         while done < len(events) and events[done][0] <= scan.stamp:
             write_event(writer, events[done][1])
             done += 1
         writer.write(scan)
         count += 1
+        while truth is not None and truth.stamp <= scan.stamp:
+            writer.truth(truth)
+            truth = next(known, None)
     for _, event in events[done:]:
         write_event(writer, event)
     return count

@@ -69,8 +69,17 @@ def peaks_of(
     calibration: Calibration,
 ) -> Float[np.ndarray, "reading"]:
     """Largest pressure of each reading [kPa]."""
-    gain, bend = np.asarray(calibration.gain, np.float64), bend_of(calibration)
-    return largest_pressure(counts, received, rest, gain, bend)
+    bend = bend_of(calibration)
+    peaks = np.zeros(len(counts))
+    for gain in np.unique(calibration.gain):
+        alike = calibration.gain == gain
+        if alike.all():
+            largest = largest_pressure(counts, received, rest, bend)
+        else:
+            part = counts[:, alike], received[:, alike], rest[alike]
+            largest = largest_pressure(*part, bend)
+        peaks = np.maximum(peaks, largest * gain)
+    return peaks + np.minimum(peaks, calibration.unfelt)
 
 
 def auto_labels(

@@ -11,31 +11,23 @@ from eskin.touch.kernels import Bend, undo
 @njit(cache=True)
 @no_type_check
 def largest_pressure(
-    counts: np.ndarray,
-    received: np.ndarray,
-    rest: np.ndarray,
-    gain: np.ndarray,
-    bend: Bend,
+    counts: np.ndarray, received: np.ndarray, rest: np.ndarray, bend: Bend
 ) -> np.ndarray:
-    """Largest pressure of each reading; of equal gains only the largest count matters.
+    """Largest pressure of each reading for a gain of one, of taxels of one gain.
+
+    Pressure grows with the counts above rest, so only the largest is looked up.
 
     Args:
-        counts: one row a reading.
+        counts: one row a reading (int32).
         received: whether each is fresh.
-        rest: counts of each taxel untouched.
-        gain: of each taxel [kPa/count].
+        rest: counts of each taxel untouched (int32).
         bend: of the curve.
     """
     peaks = np.zeros(len(counts))
     for reading in range(len(counts)):
-        most, most_gain = 0.0, 0.0
+        most = np.int32(0)
         for taxel in range(len(rest)):
-            above = float(counts[reading, taxel] - rest[taxel])
-            if not received[reading, taxel] or above <= 0.0:
-                continue
-            if gain[taxel] == most_gain and above <= most:
-                continue
-            pressure = undo(above, bend) * gain[taxel]
-            if pressure > peaks[reading]:
-                peaks[reading], most, most_gain = pressure, above, gain[taxel]
+            above = np.int32(counts[reading, taxel] - rest[taxel])
+            most = max(most, np.int32(above * received[reading, taxel]))
+        peaks[reading] = undo(float(most), bend)
     return peaks
