@@ -1,4 +1,5 @@
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -207,7 +208,8 @@ def test_a_saturated_divider_reads_finite_pressure_and_more_counts_never_less():
 
 
 def test_the_margin_is_the_same_pressure_behind_a_divider():
-    for calibration in (calibration_of(SKIN), DIVIDER):
+    closing = replace(DIVIDER, unfelt=2.0)
+    for calibration in (calibration_of(SKIN), DIVIDER, closing):
         calibrator = Calibrator(SKIN, calibration)
         at_margin = calibration.counts_at(1.5)
         for factor, learned in ((0.9, True), (1.1, False)):
@@ -233,12 +235,23 @@ def test_a_divider_learns_what_a_taxel_keeps_but_not_the_touch():
 
 
 def test_pressure_and_counts_of_a_calibration_undo_each_other():
-    for calibration in (calibration_of(SKIN), DIVIDER):
+    closing = replace(DIVIDER, unfelt=2.0)
+    for calibration in (calibration_of(SKIN), DIVIDER, closing):
         calibrator = Calibrator(SKIN, calibration)
         play(lambda t: np.zeros(SKIN.count), 3.0, 50, calibrator)
         counts = np.round(calibration.counts_at(30.0)).astype(int)
         pressure = calibrator.push(scan_at(3.0, counts)).pressure
         np.testing.assert_allclose(pressure, 30.0, rtol=1e-3)
+        above = calibration.counts_at(30.0)
+        np.testing.assert_allclose(calibration.pressure_at(above), 30.0)
+
+
+def test_what_closes_the_sensor_is_added_but_never_more_than_is_felt():
+    plain, closing = DIVIDER, replace(DIVIDER, unfelt=2.0)
+    above = np.linspace(0.0, 500.0, SKIN.count)
+    felt, whole = plain.pressure_at(above), closing.pressure_at(above)
+    np.testing.assert_allclose(whole, felt + np.minimum(felt, 2.0))
+    assert whole[0] == 0.0
 
 
 def test_a_calibration_without_a_curve_reads_as_linear():

@@ -5,8 +5,8 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
-from joblib import Parallel, delayed, parallel_config
 from jaxtyping import Bool, Float, Int
+from joblib import Parallel, delayed, parallel_config
 
 from benchmarks.simulation.features import clip_features
 from benchmarks.simulation.remains import before_of, histogram_of, truth_of
@@ -19,11 +19,9 @@ from eskin.sim.sets import CLASSES, load_set, resized
 from eskin.sim.simulator import Simulator
 from eskin.sim.sitting import Sitting, sittings_of
 from eskin.touch import Calibration
-from eskin.touch.calibration import bend_of
-from eskin.touch.kernels import MOST
 
 PROCESSES = 2
-LEAST = 1.0
+LEAST = 0.4
 """Pressure that a taxel must reach to be looked at [kPa]."""
 TAP = "tap"
 """One pat as a class of its own."""
@@ -96,9 +94,7 @@ def simulator() -> Simulator:
     return Simulator()
 
 
-def sitting_of(
-    sitting: Sitting, plans: Sequence[ClipPlan], taps: bool
-) -> list[Made]:
+def sitting_of(sitting: Sitting, plans: Sequence[ClipPlan], taps: bool) -> list[Made]:
     """The clips of a sitting; their rest level is that of its lead-in.
 
     Args:
@@ -169,10 +165,6 @@ def pressure_of(
     """
     above = np.where(received, np.maximum(counts - rest, 0.0), 0.0)
     felt = np.flatnonzero((above > calibration.counts_at(LEAST)).any(axis=0))
-    linear, bend = above[:, felt], bend_of(calibration)
-    if np.isfinite(bend.full):
-        share = np.minimum(linear / bend.full, MOST)
-        linear = bend.full * (share / (1.0 - share)) ** bend.power
     pressure = np.zeros(counts.shape)
-    pressure[:, felt] = linear * calibration.gain[felt]
+    pressure[:, felt] = calibration.pressure_at(above)[:, felt]
     return pressure

@@ -31,6 +31,8 @@ class Build:
     """Deviation of the film's spread of pressure, a Gaussian [m]."""
     nominal_exponent: float
     """Exponent that its calibration supposes."""
+    nominal_activation: float
+    """Pressure that its calibration supposes to close a taxel [kPa]."""
     nominal_half: float
     """Pressure at which a nominal taxel reads half scale [kPa]."""
 
@@ -42,6 +44,7 @@ class Build:
             full_scale,
             curve="divider",
             exponent=self.nominal_exponent,
+            unfelt=self.nominal_activation,
         )
 
     def record(self) -> dict[str, float | str]:
@@ -85,6 +88,7 @@ def draw_build(
         defects=draw_defects(kind, skin, constants, rng),
         film_sigma=constants.draw("film.sigma", rng) * METRES,
         nominal_exponent=constants.value("sensor.nominal_exponent"),
+        nominal_activation=constants.value("sensor.nominal_activation"),
         nominal_half=nominal_half(velostat.half_pressure, constants),
     )
 
@@ -100,6 +104,7 @@ def nominal_build(skin: Skin, constants: Constants) -> Build:
         defects=no_defects(skin, constants),
         film_sigma=0.0,
         nominal_exponent=constants.value("sensor.nominal_exponent"),
+        nominal_activation=constants.value("sensor.nominal_activation"),
         nominal_half=nominal_half(velostat.half_pressure, constants),
     )
 
@@ -110,15 +115,13 @@ METRES = 1e-3
 def nominal_half(half_pressure: float, constants: Constants) -> float:
     """The pressure that calibration takes for half scale [kPa].
 
-    It makes a nominal taxel read one press rightly, with its activation, play and
-    creep; below that pressure it reads too little, as the activation is not undone.
+    It makes a nominal taxel read rightly what is pressed for a time, with its play and
+    creep.
     """
-    pressure, seconds = constants.array("sensor.calibrated_at")
+    _, seconds = constants.array("sensor.calibrated_at")
     exponent = constants.value("sensor.nominal_exponent")
-    load = (pressure - constants.value("sensor.nominal_activation")) / half_pressure
-    load *= held(constants)
     grown = (1.0 + crept(seconds, constants)) ** (1.0 / exponent)
-    return float(pressure / load / grown)
+    return float(half_pressure / held(constants) / grown)
 
 
 def held(constants: Constants) -> float:

@@ -10,7 +10,7 @@ from jaxtyping import Bool, Float, Int
 from eskin.errors import ReadingError, RecordingError, SkinMismatchError
 from eskin.skin.skin import Skin
 from eskin.touch.adjacency import Adjacency
-from eskin.touch.kernels import Bend, Memory, Rates, calibrate
+from eskin.touch.kernels import MOST, Bend, Memory, Rates, calibrate
 from eskin.touch.reading import Reading, Scan, check_order
 
 NANOSECONDS = 1_000_000_000
@@ -64,6 +64,10 @@ class Calibration:
     exponent: float = 1.0
     """That power; without meaning where the curve is linear."""
 
+    unfelt: float = 0.0
+    """Pressure that it takes to close the sensor, of which nothing is felt [kPa]. It is
+    added to what is felt, but never more than is felt, so that noise stays noise."""
+
     def __post_init__(self) -> None:
         """Refuse constants that no electronics have."""
         gain = np.asarray(self.gain)
@@ -73,12 +77,12 @@ class Calibration:
                 "allowed is one finite positive number a taxel [kPa/count]; "
                 "calibrate the skin again"
             )
-        finite = np.isfinite([self.shear_gain, self.floor]).all()
-        if self.full_scale <= 0 or not finite or self.floor < 0:
+        finite = np.isfinite([self.shear_gain, self.floor, self.unfelt]).all()
+        if self.full_scale <= 0 or not finite or min(self.floor, self.unfelt) < 0:
             raise ValueError(
-                f"full_scale is {self.full_scale}, shear_gain {self.shear_gain} and "
-                f"floor {self.floor}; allowed are positive counts, a finite gain and a "
-                "floor of at least 0 kPa; correct them"
+                f"full_scale is {self.full_scale}, shear_gain {self.shear_gain}, floor "
+                f"{self.floor} and unfelt {self.unfelt}; allowed are positive counts, "
+                "a finite gain, floor and unfelt of at least 0 kPa; correct them"
             )
         if not 0 < self.exponent < np.inf:
             raise ValueError(
@@ -96,11 +100,23 @@ class Calibration:
 
     def counts_at(self, pressure: float) -> Float[np.ndarray, "taxel"]:
         """Counts above rest that mean a pressure [kPa]."""
-        linear = pressure / np.asarray(self.gain, np.float64)
+        felt = max(pressure - self.unfelt, 0.5 * pressure)
+        linear = felt / np.asarray(self.gain, np.float64)
         if self.curve == "linear":
             return linear
         conductance = (linear / self.full_scale) ** self.exponent
         return self.full_scale * conductance / (1.0 + conductance)
+
+    def pressure_at(
+        self, above: Float[np.ndarray, "*batch taxel"]
+    ) -> Float[np.ndarray, "*batch taxel"]:
+        """Pressure [kPa] that counts above rest mean."""
+        linear = np.maximum(above, 0.0)
+        if self.curve == "divider":
+            share = np.minimum(linear / self.full_scale, MOST)
+            linear = self.full_scale * (share / (1.0 - share)) ** (1.0 / self.exponent)
+        felt = linear * self.gain
+        return felt + np.minimum(felt, self.unfelt)
 
     def to_bytes(self) -> bytes:
         """The constants as JSON text."""
@@ -114,6 +130,7 @@ class Calibration:
                 "floor": self.floor,
                 "curve": self.curve,
                 "exponent": self.exponent,
+                "unfelt": self.unfelt,
             }
         ).encode()
 
@@ -135,6 +152,7 @@ class Calibration:
                 float(content["floor"]),
                 curve_named(content.get("curve", "linear")),
                 float(content.get("exponent", 1.0)),
+                float(content.get("unfelt", 0.0)),
             )
         except (ValueError, KeyError, TypeError) as error:
             raise RecordingError(
@@ -279,8 +297,9 @@ class Calibrator:
 def bend_of(calibration: Calibration) -> Bend:
     """How the curve bends, as the kernel wants it."""
     if calibration.curve == "linear":
-        return Bend(np.inf, 1.0)
-    return Bend(float(calibration.full_scale), 1.0 / calibration.exponent)
+        return Bend(np.inf, 1.0, calibration.unfelt)
+    power = 1.0 / calibration.exponent
+    return Bend(float(calibration.full_scale), power, calibration.unfelt)
 
 
 def check_count(scan: Scan, skin: Skin) -> None:

@@ -30,6 +30,8 @@ class Bend(NamedTuple):
     """Counts at which a divider saturates, infinite where there is none."""
     power: float
     """Power of conductance that pressure is."""
+    unfelt: float
+    """Pressure that closes the sensor [kPa]."""
 
 
 class Memory(NamedTuple):
@@ -106,7 +108,8 @@ def calibrate(
         if filled[i] < size or now - heard[i] > silence:
             hear(i, counts[i], now, margin[i], memory, rates)
         above = counts[i] - baseline[i]
-        out[i] = undo(above, bend) * gain[i]
+        felt = undo(above, bend) * gain[i]
+        out[i] = felt + min(felt, bend.unfelt)
         if above > margin[i] and above > after * peak[i]:
             if since[i] == np.inf:
                 since[i] = now

@@ -1,0 +1,150 @@
+"""A picture of each gesture: pressure on the unrolled link over time, and force.
+
+python -m benchmarks.simulation.pictures docs/pictures
+"""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import matplotlib
+import numpy as np
+import tyro
+from jaxtyping import Float
+from matplotlib import pyplot
+from matplotlib.axes import Axes
+
+from eskin.sim.clip import make_clip
+from eskin.sim.outcome import Clip
+from eskin.sim.plan import BuildOrigin, ClipPlan, Origin
+from eskin.sim.play import build_of
+from eskin.sim.simulator import Simulator
+from eskin.touch import Calibration
+
+GESTURES = ("poke", "double_pat", "grab", "stroke", "none")
+KINDS = {
+    "poke": "one_tip",
+    "double_pat": "fingers",
+    "grab": "full_hand",
+    "stroke": "fingers",
+    "none": "bump",
+}
+"""The most common way of each, and one of what is no gesture."""
+LOOKS = 5
+"""Instants that are shown."""
+LINK = "forearm_link"
+MM = 1e3
+
+
+@dataclass(frozen=True)
+class Command:
+    """Draw one picture a gesture."""
+
+    out: tyro.conf.Positional[Path]
+    """Folder for the pictures."""
+
+
+def main() -> None:
+    """Draw."""
+    matplotlib.use("Agg")
+    command = tyro.cli(Command)
+    simulator = Simulator()
+    for gesture in GESTURES:
+        clip, plan = typical(simulator, gesture)
+        figure = draw(simulator, clip, plan)
+        figure.savefig(command.out / f"gesture_{gesture}.png", dpi=90)
+        pyplot.close(figure)
+
+
+def typical(simulator: Simulator, gesture: str) -> tuple[Clip, ClipPlan]:
+    """The first clip of a gesture that lies whole on the forearm, felt as it should."""
+    for number in range(400):
+        plan = plan_of(gesture, number)
+        clip = make_clip(plan, simulator.world)
+        for truth in clip.truths[:1]:
+            whole = truth.onset > 0.1 and truth.end < plan.seconds - 0.1
+            if whole and truth.link == LINK and len(clip.truths) == 1:
+                return clip, plan
+    raise RuntimeError(f"no whole {gesture} on {LINK} in 400 clips")
+
+
+def plan_of(gesture: str, number: int) -> ClipPlan:
+    """A clip of an easy day: a fresh build, a robot that stands still."""
+    return ClipPlan(
+        set_name="picture",
+        seed=(7, number),
+        person=Origin("picture", (7, 1000 + number)),
+        company=None,
+        build=BuildOrigin("picture", (7, 1), "fresh"),
+        session=Origin("picture", (7, 2)),
+        at=0.0,
+        seconds=2.0,
+        gesture=gesture,
+        kind=KINDS.get(gesture),
+        groups=(1, 2, 3, 4, 5, 6, 7, 8),
+        pose=None,
+        moving=False,
+        fold_share=0.0,
+        concurrent=0.0,
+        difficulty=0.0,
+        regime="paper",
+    )
+
+
+def pressure_of(
+    clip: Clip, calibration: Calibration
+) -> Float[np.ndarray, "reading taxel"]:
+    """What the calibrated skin reads [kPa]; rest is what is counted most often."""
+    above = clip.counts - np.median(clip.counts, axis=0)
+    return np.where(clip.received, calibration.pressure_at(above), 0.0)
+
+
+def draw(simulator: Simulator, clip: Clip, plan: ClipPlan) -> pyplot.Figure:
+    """Looks at the unrolled link, then force through time."""
+    truth = clip.truths[0]
+    build = build_of(plan.build, simulator.world)
+    pressure = pressure_of(clip, build.calibration(simulator.mounted.skin))
+    charts = [chart for chart in simulator.world.charts if chart.link == LINK]
+    chart = max(charts, key=lambda chart: len(chart.taxels))
+    seen = pressure[:, chart.taxels]
+    pressed = np.flatnonzero(truth.force > 0)
+    last = max(pressed[-1], pressed[0] + LOOKS - 1)
+    looks = np.linspace(pressed[0], last, LOOKS).round().astype(int)
+    figure, axes = pyplot.subplots(
+        *(1, LOOKS + 1), figsize=(13, 2.9), width_ratios=[1] * LOOKS + [1.3],
+        layout="constrained",
+    )  # fmt: skip
+    high = max(float(seen[looks].max()), 5.0)
+    for axis, look in zip(axes, looks, strict=False):
+        points = axis.scatter(
+            *(MM * chart.unrolled.T), c=seen[look], s=4, vmin=0, vmax=high, marker="s"
+        )
+        axis.set_title(f"{look * 0.02:.2f} s")
+        axis.set_aspect("equal")
+        axis.set_xlabel("around [mm]")
+    axes[0].set_ylabel("along the forearm [mm]")
+    for axis in axes[1:LOOKS]:
+        axis.set_yticklabels([])
+    figure.colorbar(points, ax=axes[:LOOKS], label="read [kPa]")
+    draw_force(axes[-1], truth.force, pressure, simulator.mounted.skin.areas)
+    figure.suptitle(f"{truth.gesture} ({truth.kind})")
+    return figure
+
+
+def draw_force(
+    axis: Axes,
+    force: Float[np.ndarray, "reading"],
+    pressure: Float[np.ndarray, "reading taxel"],
+    areas: Float[np.ndarray, "taxel"],
+) -> None:
+    """True force, and what the skin reads where it reads 3 kPa and more."""
+    times = 0.02 * np.arange(len(force))
+    read = np.where(pressure >= 3.0, pressure, 0.0) @ (areas * 1e3)
+    axis.plot(times, force, label="true")
+    axis.plot(times, read, label="read")
+    axis.set_xlabel("s")
+    axis.set_ylabel("N")
+    axis.legend()
+
+
+if __name__ == "__main__":
+    main()
