@@ -166,5 +166,5 @@ def test_an_unknown_link_is_answered_with_the_known_ones():
 
 def test_an_unknown_robot_is_answered_with_the_known_ones():
     assert refusal(lambda: load_robot("ur6")) == (
-        "no robot 'ur6'; allowed: ur5, table, or the path of a .urdf file"
+        "no robot 'ur6'; allowed: ur5, table, tube, or the path of a .urdf file"
     )

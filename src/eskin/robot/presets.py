@@ -9,7 +9,7 @@ from eskin.robot.urdf import load_urdf
 
 __all__ = ["ROBOTS", "load_robot"]
 
-ROBOTS = ("ur5", "table")
+ROBOTS = ("ur5", "table", "tube")
 """Names that `load_robot` knows."""
 
 

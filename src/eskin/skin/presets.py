@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from functools import partial
 
 from eskin.robot import Robot, load_robot
+from eskin.skin.bending import bent_skin, flat_skin
 from eskin.skin.grids import grid_skin
 from eskin.skin.skin import Skin
 from eskin.skin.ur5 import ur5_skin
@@ -29,8 +30,10 @@ PRESETS = {
     "shearsense": Preset(
         partial(grid_skin, 6, 6, kind="shear", name="shearsense"), "table"
     ),
+    "bent": Preset(bent_skin, "tube"),
+    "flat": Preset(flat_skin, "table"),
 }
-"""The skins that `load_skin` knows by name; the flat ones have a nominal pitch."""
+"""The skins that `load_skin` knows by name; public sets' have a nominal pitch."""
 
 
 def robot_for(skin_name: str, robot_name: str | None = None) -> Robot | None:
