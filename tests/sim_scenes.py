@@ -37,9 +37,11 @@ class StandIn(Maker):
         counts = REST + noise
         for truth in truths:
             counts[:, truth.number % count] += (HIGH * (truth.force > 0)).astype(int)
+        received = rng.random(counts.shape) < 0.99
+        counts[~received] = FULL_SCALE
         return Clip(
             counts=counts.astype(np.int32),
-            received=rng.random(counts.shape) < 0.99,
+            received=received,
             q=np.zeros((len(times), 0)),
             truths=truths,
             pose_group=int(rng.choice(plan.groups)),

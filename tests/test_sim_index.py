@@ -10,6 +10,7 @@ from eskin.recording import read_recording
 from eskin.sim.generate import generate
 from eskin.sim.index import ClipRow, read_index, remake
 from eskin.sim.settings import Settings
+from eskin.sim.simulator import Simulator
 from sim_scenes import StandIn
 
 SMALL = Settings("train", "square", seed=3, clips=23, subjects=4)
@@ -77,6 +78,19 @@ def test_any_clip_can_be_made_again_alone(folder):
         assert arrays.stamps[first] == row.start
         np.testing.assert_array_equal(arrays.counts[part], clip.counts)
         np.testing.assert_array_equal(arrays.received[part], clip.received)
+
+
+def test_a_clip_of_the_simulator_can_be_made_again_alone(tmp_path):
+    settings = Settings("test-x", clips=5, subjects=1)
+    generate(tmp_path, settings)
+    row = read_index(tmp_path)[3]
+    arrays = read_recording(tmp_path / row.file).arrays()
+    clip = remake(row, Simulator("ur5"))
+    first = int(np.searchsorted(arrays.stamps, row.start))
+    part = slice(first, first + 100)
+    assert arrays.stamps[first] == row.start
+    np.testing.assert_array_equal(arrays.counts[part], clip.counts)
+    np.testing.assert_array_equal(arrays.q[part], clip.q)
 
 
 def test_touches_are_those_of_the_truth(folder):
