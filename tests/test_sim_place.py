@@ -1,12 +1,13 @@
 """Where people touch: within reach, facing them, with the room a gesture needs."""
 
+from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
 import pytest
 
 from eskin.sim.hand import MM
-from eskin.sim.place import LAWS, draw_site, law_of, view_of
+from eskin.sim.place import LAWS, draw_site, draw_spot, law_of, view_of
 from eskin.sim.room import has_room
 from eskin.sim.spots import EDGE, INNER, REGIONS, SEAM, edge_distance
 from eskin.sim.tangent import axes_at
@@ -91,6 +92,25 @@ def test_strokes_have_their_run():
     need = world().constants.value("place.stroke_run") * MM
     runs = [site.clear[1] - site.clear[0] for _, _, site in drawn("stroke")]
     assert np.mean(np.array(runs) >= need) >= 0.98
+
+
+def test_a_run_shorter_than_that_is_no_room_for_a_stroke():
+    short = world().constants.value("place.stroke_run") * MM * 0.9
+    for q, _, site in drawn("stroke")[:20]:
+        cut = replace(site, clear=(-short, 0.0))
+        T = world().poses(q)
+        assert not has_room(world(), cut, "stroke", T)
+        assert has_room(world(), cut, "poke", T) == has_room(world(), site, "poke", T)
+
+
+def test_only_grabs_and_strokes_are_kept_off_short_surfaces():
+    spots = world().spots
+    for law in LAWS:
+        rng = np.random.default_rng(2)
+        views = [view_of(world(), q, person) for q, person, _ in drawn(law)[:60]]
+        found = [draw_spot(world(), view, law, rng, strict=False) for view in views]
+        tubes = [spots.tubes[spots.chart[spot]] for spot in found]
+        assert all(tubes) == (law in ("grab", "stroke"))
 
 
 def test_the_free_run_ends_on_skin():
