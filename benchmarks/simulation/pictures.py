@@ -12,7 +12,9 @@ import tyro
 from jaxtyping import Float
 from matplotlib import pyplot
 from matplotlib.axes import Axes
+from matplotlib.collections import PolyCollection
 
+from eskin.sim.chart import Chart
 from eskin.sim.clip import make_clip
 from eskin.sim.outcome import Clip
 from eskin.sim.plan import BuildOrigin, ClipPlan, Origin
@@ -29,6 +31,8 @@ KINDS = {
     "none": "bump",
 }
 """The most common way of each, and one of what is no gesture."""
+FIRM = {"poke": 4.0, "double_pat": 7.0, "grab": 40.0, "stroke": 2.5, "none": 0.0}
+"""Force that a typical one passes [N]: the median of each."""
 LOOKS = 5
 """Instants that are shown."""
 LINK = "forearm_link"
@@ -62,7 +66,8 @@ def typical(simulator: Simulator, gesture: str) -> tuple[Clip, ClipPlan]:
         clip = make_clip(plan, simulator.world)
         for truth in clip.truths[:1]:
             whole = truth.onset > 0.1 and truth.end < plan.seconds - 0.1
-            if whole and truth.link == LINK and len(clip.truths) == 1:
+            firm = truth.force.max() > FIRM[gesture]
+            if whole and firm and truth.link == LINK and len(clip.truths) == 1:
                 return clip, plan
     raise RuntimeError(f"no whole {gesture} on {LINK} in 400 clips")
 
@@ -114,20 +119,37 @@ def draw(simulator: Simulator, clip: Clip, plan: ClipPlan) -> pyplot.Figure:
         layout="constrained",
     )  # fmt: skip
     high = max(float(seen[looks].max()), 5.0)
+    corners = MM * corners_of(chart)
+    window = window_of(chart, seen)
     for axis, look in zip(axes, looks, strict=False):
-        points = axis.scatter(
-            *(MM * chart.unrolled.T), c=seen[look], s=4, vmin=0, vmax=high, marker="s"
-        )
-        axis.set_title(f"{look * 0.02:.2f} s")
-        axis.set_aspect("equal")
-        axis.set_xlabel("around [mm]")
+        cells = PolyCollection(corners, array=seen[look], edgecolor="0.5", lw=0.2)
+        cells.set_clim(0, high)
+        axis.add_collection(cells)
+        axis.set(title=f"{look * 0.02:.2f} s", xlabel="around [mm]", aspect="equal")
+        axis.set(xlim=window[:, 0], ylim=window[:, 1])
     axes[0].set_ylabel("along the forearm [mm]")
     for axis in axes[1:LOOKS]:
         axis.set_yticklabels([])
-    figure.colorbar(points, ax=axes[:LOOKS], label="read [kPa]")
+    figure.colorbar(cells, ax=axes[:LOOKS], label="read [kPa]")
     draw_force(axes[-1], truth.force, pressure, simulator.mounted.skin.areas)
     figure.suptitle(f"{truth.gesture} ({truth.kind})")
     return figure
+
+
+def corners_of(chart: Chart) -> Float[np.ndarray, "part 4 2"]:
+    """Corners of the taxels' cells, unrolled [m]."""
+    signs = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
+    return chart.unrolled[:, None] + np.einsum("ci,tij->tcj", signs, chart.cells)
+
+
+def window_of(
+    chart: Chart, seen: Float[np.ndarray, "reading part"]
+) -> Float[np.ndarray, "2 2"]:
+    """Least and greatest (s, t) about what is touched [mm]."""
+    touched = chart.unrolled[seen.max(axis=0) >= 2.0]
+    middle = MM * (touched.min(axis=0) + touched.max(axis=0)) / 2
+    half = max(45.0, MM * float(np.ptp(touched, axis=0).max()) / 2 + 12.0)
+    return np.array([middle - half, middle + half])
 
 
 def draw_force(
