@@ -59,8 +59,9 @@ def test_scales_have_their_medians_and_spreads(people):
         assert np.median(drawn) == pytest.approx(median, rel=0.04)
         assert np.exp(np.log(drawn).std()) == pytest.approx(gsd, rel=0.03)
     kappa = np.array([person.flesh.conformity for person in people])
-    assert kappa.min() >= 0.3 and kappa.max() <= 0.98
-    assert kappa.mean() == pytest.approx(0.745, abs=0.01)
+    assert kappa.min() >= 0.1 and kappa.max() <= 0.98
+    assert kappa.mean() == pytest.approx(0.45, abs=0.02)
+    assert kappa.std() == pytest.approx(0.2, abs=0.02)
 
 
 def test_flesh_is_in_newton_and_metre(people):

@@ -28,6 +28,7 @@ GROUPS: dict[str, tuple[str, ...]] = {
     "thumb": PARTS[12:13],
     "one_finger": ("index_tip", "index_mid"),
     "two_fingers": ("index_tip", "index_mid", "middle_tip", "middle_mid"),
+    "finger_ends": PARTS[:8],
     "fingers": PARTS[:12],
     "flat_hand": PARTS[:12] + HEADS + HEEL,
     "full_hand": PARTS,

@@ -25,7 +25,8 @@ def hold(act: Act, duration: float, group: str, firmer: float = 1.0) -> Press:
     series = peaked(trapezoid(steps, rise, fall, smooth) * gripping(act, steps), force)
     path = act.slip("grab.slip", steps)
     twist = act.draw("grab.twist") * minimum_jerk(steps)
-    series, stamps = np.minimum(series, most * firmer), act.stamps(group)
+    series = np.minimum(series, most * firmer)
+    stamps = act.person.part(group, act.draw("grab.splay"))
     return act.press(stamps, closed(act), series, path, across(act) + twist)
 
 

@@ -1,5 +1,7 @@
 """Poke: a finger pushes briefly."""
 
+from dataclasses import replace
+
 import numpy as np
 from jaxtyping import Float
 
@@ -18,7 +20,8 @@ def poke(act: Act) -> tuple[Press, ...]:
     if act.happens("again", act.constants.value("poke.again") * act.difficulty):
         shape = again(act, shape)
     path = act.slip("poke.slip", len(shape))
-    return (act.press(finger(act), act.flesh(), force * shape, path, act.turn()),)
+    flesh = replace(act.person.flesh, conformity=act.draw("poke.conformity"))
+    return (act.press(finger(act), flesh, force * shape, path, act.turn()),)
 
 
 def finger(act: Act) -> Stamps:
