@@ -25,6 +25,7 @@ SetName = Literal[
     "paper-5",
     "streams",
     "streams-fresh",
+    "pairs",
 ]
 
 
@@ -43,7 +44,8 @@ class Command:
     """Which set of clips, or of streams."""
 
     clips: int | None = None
-    """How many clips, or streams; as many as the set has unless given."""
+    """How many clips, or streams, or clips of each kind of pair; as many as the set has
+    unless given."""
 
     subjects: int | None = None
     """How many people; as many as suit the clips unless given."""

@@ -1,6 +1,7 @@
 """Labels of clips: what was really done, and what the paper's labeller would say."""
 
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -22,6 +23,8 @@ def true_labels(plan: ClipPlan, clip: Clip, start: int) -> tuple[Label, ...]:
     source follow each other; all are in `/eskin/truth`.
     """
     stream = plan.gesture is None
+    if plan.pair is not None:
+        return pair_labels(plan, clip, start)
     wanted = [truth for truth in clip.truths if stream or truth.number == 0]
     found: list[Label] = []
     for truth in sorted(wanted, key=lambda truth: (truth.onset, truth.number)):
@@ -29,6 +32,16 @@ def true_labels(plan: ClipPlan, clip: Clip, start: int) -> tuple[Label, ...]:
         if label is not None and (not found or label.start >= found[-1].end):
             found.append(label)
     return tuple(found)
+
+
+def pair_labels(plan: ClipPlan, clip: Clip, start: int) -> tuple[Label, ...]:
+    """One label over all touches, so that either clip of a pair has it alike."""
+    if not clip.truths:
+        return ()
+    first = min(clip.truths, key=lambda truth: truth.onset)
+    whole = replace(first, end=max(truth.end for truth in clip.truths))
+    label = label_of(whole, plan, start)
+    return () if label is None else (label,)
 
 
 def label_of(truth: TrueSeries, plan: ClipPlan, start: int) -> Label | None:

@@ -10,6 +10,7 @@ import numpy as np
 from eskin.errors import GenerationError
 from eskin.sim.maker import Maker
 from eskin.sim.outcome import Clip
+from eskin.sim.pairs.sides import PairPlace
 from eskin.sim.plan import BuildOrigin, ClipPlan, Origin
 
 INDEX_NAME = "clips.jsonl"
@@ -122,6 +123,8 @@ def plan_from(facts: dict) -> ClipPlan:
         others["company"] = origin_from(facts["company"])
     if facts["pose"] is not None:
         others["pose"] = tuple(facts["pose"])
+    if facts.get("pair") is not None:
+        others["pair"] = PairPlace(**facts["pair"])
     build = facts["build"]
     return ClipPlan(
         **facts

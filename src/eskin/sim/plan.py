@@ -5,6 +5,8 @@ from typing import Literal
 
 import numpy as np
 
+from eskin.sim.pairs.sides import PairPlace
+
 Seed = tuple[int, ...]
 """Entropy of `np.random.SeedSequence`; no two of a set are the same."""
 
@@ -71,6 +73,8 @@ class ClipPlan:
     """How far spreads are widened and rare ways preferred; 0 is the easiest."""
     regime: Literal["paper", "cost"] | None
     """How long touches last; None draws it."""
+    pair: PairPlace | None = None
+    """Where it stands among pairs with the same counts; None is of no pair."""
 
     def rng(self) -> np.random.Generator:
         """A fresh generator of what is drawn for this clip alone."""

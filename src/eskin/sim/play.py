@@ -6,15 +6,16 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from eskin.sim.build import Build, draw_build
+from eskin.sim.chart import Chart
 from eskin.sim.film import grid_neighbours, leak_share, spread
-from eskin.sim.outcome import Clip
+from eskin.sim.outcome import Clip, TrueSeries
 from eskin.sim.plan import BuildOrigin, Origin
-from eskin.sim.scene import Scene, add_up, parts_of
+from eskin.sim.scene import Part, Scene, add_up, parts_of
 from eskin.sim.sensor import Stages, sense
 from eskin.sim.session import Session, draw_session
 from eskin.sim.witness import series_of
 from eskin.sim.world import World
-from eskin.skin import Skin
+from eskin.skin import MountedSkin, Skin
 
 
 @lru_cache(maxsize=16)
@@ -56,39 +57,62 @@ def play(
         rng: to draw noise from.
         stages: which stages of the sensor work; all unless given.
     """
-    skin, constants = world.mounted.skin, world.constants
-    felt = [
-        parts_of(touch, scene.steps, world.charts, constants) for touch in scene.touches
-    ]
+    skin = world.mounted.skin
+    felt = felt_in(scene, world)
     pressure, taxels = add_up([p for ps in felt for p in ps], scene.steps, skin.count)
     beta = leak_share(build.film_sigma, skin.areas)
     pressure, taxels = spread(pressure, taxels, neighbours_of(skin), beta)
     counts, received = sense(pressure, taxels, build, skin, rng, stages, session, lead)
-    step = constants.value("time.step")
-    every = round(constants.value("sensor.period") / step)
-    truths = [
-        series_of(
-            number,
-            touch,
-            parts,
-            world.charts,
-            world.mounted,
-            scene.q,
-            lead,
-            every,
-            step,
-        )
-        for number, (touch, parts) in enumerate(zip(scene.touches, felt, strict=True))
-        if touch.presses
-    ]
+    every = readings_every(world)
+    truths = truths_of(scene, felt, world.charts, world.mounted, lead, world)
     return Clip(
         counts=counts,
         received=received,
         q=scene.q[lead::every][: len(counts)],
-        truths=tuple(truths),
+        truths=truths,
         pose_group=0,
         drawn={},
     )
+
+
+def readings_every(world: World) -> int:
+    """Steps between two readings of the sensor."""
+    value = world.constants.value
+    return round(value("sensor.period") / value("time.step"))
+
+
+def truths_of(
+    scene: Scene,
+    felt: list[list[Part]],
+    charts: tuple[Chart, ...],
+    mounted: MountedSkin,
+    lead: int,
+    world: World,
+) -> tuple[TrueSeries, ...]:
+    """What truly happened, of every touch that presses.
+
+    Args:
+        scene: what happens.
+        felt: what each of its touches does to the skin.
+        charts: that the touches are on.
+        mounted: the skin of these charts on its robot.
+        lead: steps before the clip.
+        world: says how time is cut.
+    """
+    every, step = readings_every(world), world.constants.value("time.step")
+    return tuple(
+        series_of(number, touch, parts, charts, mounted, scene.q, lead, every, step)
+        for number, (touch, parts) in enumerate(zip(scene.touches, felt, strict=True))
+        if touch.presses
+    )
+
+
+def felt_in(scene: Scene, world: World) -> list[list[Part]]:
+    """What each touch of a scene does to the skin."""
+    return [
+        parts_of(touch, scene.steps, world.charts, world.constants)
+        for touch in scene.touches
+    ]
 
 
 def impulse_of(force: Float[np.ndarray, "time"], step: float) -> float:

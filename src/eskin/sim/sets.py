@@ -4,6 +4,7 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 from eskin.sim.constants import Constants
+from eskin.sim.pairs.sides import INSTEAD, KINDS, SIDES
 
 GESTURES = ("poke", "double_pat", "grab", "stroke")
 """The four of the paper."""
@@ -67,7 +68,10 @@ SETS = (
     "streams",
     "streams-fresh",
 )
-"""Names of all sets."""
+"""Names of all sets that recognisers are trained and tested on."""
+
+PAIRS = "pairs"
+"""A set of clips of which two have the same counts but not the same label."""
 
 
 def load_set(name: str, constants: Constants) -> ClipSet:
@@ -76,8 +80,11 @@ def load_set(name: str, constants: Constants) -> ClipSet:
     Raises:
         ValueError: there is none of that name.
     """
+    if name == PAIRS:
+        return pair_set(constants)
     if name not in SETS:
-        raise ValueError(f"no set '{name}'; allowed are {', '.join(SETS)}")
+        allowed = ", ".join((*SETS, PAIRS))
+        raise ValueError(f"no set '{name}'; allowed are {allowed}")
     if name.startswith("paper"):
         return paper_set(name, constants)
     if name.startswith("streams"):
@@ -143,6 +150,24 @@ def stream_set(name: str, constants: Constants) -> ClipSet:
     )
 
 
+def pair_set(constants: Constants) -> ClipSet:
+    """Pairs of each kind, as many on either side."""
+    pairs = int(constants.value("pairs.pairs"))
+    return ClipSet(
+        name=PAIRS,
+        people=PAIRS,
+        subjects=int(constants.value("sets.people.test")),
+        builds="fresh",
+        build_count=int(constants.value("sets.builds.fresh")),
+        build_kind="fresh",
+        groups=groups_of(constants, "known", "new"),
+        poses=None,
+        still=1.0,
+        classes=(*INSTEAD, "none"),
+        parts=tuple(Part(side, pairs) for side in SIDES),
+    )
+
+
 def resized(
     chosen: ClipSet, clips: int | None, subjects: int | None, constants: Constants
 ) -> ClipSet:
@@ -160,6 +185,8 @@ def resized(
         ValueError: a number is not positive, or some people would have no clip.
     """
     total = chosen.clips if clips is None else clips
+    if chosen.name == PAIRS and clips is not None:
+        total = clips_of_pairs(clips)
     if total < len(chosen.parts):
         raise ValueError(
             f"{total} clips asked of set '{chosen.name}'; allowed are at least "
@@ -174,6 +201,20 @@ def resized(
             f"are 1 to {total}; change --subjects or --clips"
         )
     return replace(chosen, subjects=people, parts=parts_of(chosen, total))
+
+
+def clips_of_pairs(clips: int) -> int:
+    """Clips of all kinds of pairs together, from those of each.
+
+    Raises:
+        ValueError: they are no pairs.
+    """
+    if clips < 2 or clips % 2:
+        raise ValueError(
+            f"{clips} clips asked of each kind of pair; allowed are 2, 4 and so on; "
+            "change --clips"
+        )
+    return len(KINDS) * clips
 
 
 def parts_of(chosen: ClipSet, total: int) -> tuple[Part, ...]:

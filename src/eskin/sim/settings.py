@@ -12,9 +12,10 @@ import numpy as np
 from eskin.errors import GenerationError
 from eskin.sim.constants import FILE, Constants, load_constants
 from eskin.sim.index import INDEX_NAME
+from eskin.sim.pairs.schedule import pair_plans, pair_sittings, skin_of
 from eskin.sim.plan import ClipPlan
 from eskin.sim.schedule import plans_of
-from eskin.sim.sets import ClipSet, load_set, resized
+from eskin.sim.sets import PAIRS, ClipSet, load_set, resized
 from eskin.sim.sitting import Sitting, sittings_of
 
 SETTINGS_NAME = "generation.json"
@@ -26,13 +27,14 @@ class Settings:
     """Which set is made, and all that decides what is in it."""
 
     set_name: str = "train"
-    """One of `eskin.sim.sets.SETS`."""
+    """One of `eskin.sim.sets.SETS`, or `PAIRS`."""
     skin: str = "ur5"
     """Name of a preset."""
     seed: int = 0
     """Decides everything that is drawn."""
     clips: int | None = None
-    """How many clips, or streams; None takes those of the set."""
+    """How many clips, streams, or clips of each kind of pair; None takes those of the
+    set."""
     subjects: int | None = None
     """How many people; None takes as many as suit the clips."""
     difficulty: float | None = None
@@ -70,11 +72,22 @@ class Settings:
     @cached_property
     def sittings(self) -> tuple[Sitting, ...]:
         """Its files."""
-        return sittings_of(self.clip_set, self.seed, self.constants)
+        found = sittings_of(self.clip_set, self.seed, self.constants)
+        return pair_sittings(found, self.seed) if self.has_pairs else found
 
     def plans(self, sitting: Sitting) -> tuple[ClipPlan, ...]:
         """The lead-in of a file and its clips."""
-        return plans_of(sitting, self.clip_set, self.seed, self.level, self.constants)
+        decide = pair_plans if self.has_pairs else plans_of
+        return decide(sitting, self.clip_set, self.seed, self.level, self.constants)
+
+    @property
+    def has_pairs(self) -> bool:
+        """Whether its clips are pairs with the same counts."""
+        return self.set_name == PAIRS
+
+    def skin_of(self, sitting: Sitting) -> str:
+        """The preset that a file is made with; sides of pairs may have their own."""
+        return skin_of(sitting, self.skin) if self.has_pairs else self.skin
 
     def record(self) -> dict[str, object]:
         """As kept beside the recordings, with the numbers that they were made with."""

@@ -8,11 +8,19 @@ from eskin.sim.clip import make_clip
 from eskin.sim.constants import Constants, load_constants
 from eskin.sim.maker import Maker
 from eskin.sim.outcome import Clip
+from eskin.sim.pairs.pair import clip_of
+from eskin.sim.pairs.sides import SOURCES
 from eskin.sim.plan import BuildOrigin, ClipPlan
 from eskin.sim.play import build_of
 from eskin.sim.world import build_world
 from eskin.skin import PRESETS, MountedSkin
 from eskin.touch import Calibration
+
+
+def mount(skin: str) -> MountedSkin:
+    """A preset skin on its robot."""
+    preset = PRESETS[skin]
+    return MountedSkin(preset.build(), load_robot(preset.robot))
 
 
 @final
@@ -34,11 +42,15 @@ class Simulator(Maker):
                 f"no skin '{skin}' to simulate; allowed are {', '.join(PRESETS)}"
             )
         self.robot_name = PRESETS[skin].robot
-        self.mounted = MountedSkin(PRESETS[skin].build(), load_robot(self.robot_name))
-        self.world = build_world(self.mounted, constants or load_constants())
+        self.mounted = mounted = mount(skin)
+        if skin in SOURCES:
+            mounted = mount(SOURCES[skin])
+        self.world = build_world(mounted, constants or load_constants())
 
     def make(self, plan: ClipPlan) -> Clip:
         """The clip of a plan, or the stream where the plan names no gesture."""
+        if plan.pair is not None:
+            return clip_of(plan, self.world)
         return make_clip(plan, self.world)
 
     def calibration(self, build: BuildOrigin) -> Calibration:

@@ -55,5 +55,5 @@ def work(
     factory: Callable[[str], Maker],
 ) -> tuple[ClipRow, ...]:
     """Write one file."""
-    maker = maker_of(factory, settings.skin)
+    maker = maker_of(factory, settings.skin_of(sitting))
     return write_sitting(folder, settings, sitting, maker, go_on)

@@ -1,0 +1,160 @@
+"""Merging: patches of two links that meet, and the same counts where they are apart."""
+
+from dataclasses import replace
+
+import numpy as np
+from jaxtyping import Float
+
+from eskin.sim.fold import fold, fold_sites, gap_of
+from eskin.sim.hand import HEADS, HEEL, MM, PARTS, mirrored, part_of
+from eskin.sim.pairs.sides import INSTEAD
+from eskin.sim.pairs.twins import Twins, onset_of, steps_of, still
+from eskin.sim.person import Person
+from eskin.sim.plan import ClipPlan
+from eskin.sim.pose import draw_pose
+from eskin.sim.press import Press
+from eskin.sim.programs import perform
+from eskin.sim.scene import Scene
+from eskin.sim.site import Site
+from eskin.sim.stage import person_of
+from eskin.sim.timing import moved
+from eskin.sim.truth import TrueTouch
+from eskin.sim.world import World
+
+Sites = tuple[Site, Site]
+
+
+def draw_merging(plan: ClipPlan, world: World, rng: np.random.Generator) -> Twins:
+    """One gesture on two patches that meet, and two touches of them far apart."""
+    person = person_of(plan.person, world)
+    _, steps = steps_of(plan, world)
+    folded, apart, sites = draw_poses(plan, world, person, rng)
+    touches: tuple[TrueTouch, ...] = ()
+    if plan.kind != "idle":
+        touch = draw_touch(plan, world, person, sites, rng)
+        touches = (moved(touch, onset_of(touch, plan, world, rng)),)
+    return Twins(
+        Scene(still(folded, steps), touches),
+        Scene(still(apart, steps), tuple(split(touches))),
+        world.mounted,
+        world.charts,
+    )
+
+
+def split(touches: tuple[TrueTouch, ...]) -> list[TrueTouch]:
+    """Each press of a gesture as a touch of its own, which is none."""
+    return [
+        replace(
+            *(touch,), gesture="none", kind=INSTEAD[touch.gesture], presses=(press,)
+        )
+        for touch in touches
+        for press in touch.presses
+    ]
+
+
+def draw_poses(
+    plan: ClipPlan, world: World, person: Person, rng: np.random.Generator
+) -> tuple[Float[np.ndarray, "joint"], Float[np.ndarray, "joint"], Sites]:
+    """A pose in which two patches meet, one in which they are far apart, and where.
+
+    Raises:
+        ValueError: no such poses were found.
+    """
+    value = world.constants.value
+    near, far = value("pairs.near") * MM, value("pairs.far") * MM
+    groups = frozenset(plan.groups)
+    for _ in range(int(value("pairs.tries"))):
+        folded = draw_pose(world, groups, rng, fold=True)
+        for sites in fold_sites(world, folded, person):
+            apart = draw_pose(world, groups, rng)
+            if gap_of(world, folded, *sites) <= near:
+                if gap_of(world, apart, *sites) >= far:
+                    return folded, apart, sites
+    raise ValueError(
+        f"no poses of groups {sorted(groups)} bring patches within {near} m and "
+        f"{far} m apart; allow more groups"
+    )
+
+
+def draw_touch(
+    plan: ClipPlan,
+    world: World,
+    person: Person,
+    sites: Sites,
+    rng: np.random.Generator,
+) -> TrueTouch:
+    """One gesture that is done on two patches, a part of it on each."""
+    assert plan.pair is not None
+    draw = pat_both if plan.pair.gesture == "double_pat" else hook
+    return draw(plan, world, person, sites, rng)
+
+
+def pat_both(
+    plan: ClipPlan,
+    world: World,
+    person: Person,
+    sites: Sites,
+    rng: np.random.Generator,
+) -> TrueTouch:
+    """A double pat whose second pat is on the other patch, by the palm again.
+
+    Raises:
+        ValueError: no pause between two pats came out as wanted.
+    """
+    low, high = world.constants.array("pairs.interval")
+    for _ in range(int(world.constants.value("pairs.tries"))):
+        touch = perform(
+            *("double_pat", None, person, sites[0], world.constants, rng),
+            *(plan.difficulty, plan.regime),
+        )
+        interval, stays = touch.drawn["interval"], touch.drawn["stays"]
+        if not stays and low <= float(interval) <= high:
+            return replace(touch, presses=parted(touch.presses[0], *sites))
+    raise ValueError(f"no double pat with an interval of {low} to {high} s came out")
+
+
+def parted(press: Press, first: Site, second: Site) -> tuple[Press, Press]:
+    """The first pat where it was and the second at another site."""
+    pressed = np.flatnonzero(press.force > 0)
+    last = pressed[np.argmax(np.diff(pressed))]
+    cut = int(last) + 1
+    earlier, later = part(press, slice(0, cut)), part(press, slice(cut, None))
+    onward = replace(
+        later,
+        chart=second.chart,
+        first=press.first + cut,
+        centre=later.centre - np.array(first.centre) + np.array(second.centre),
+        angle=later.angle - first.angle + second.angle,
+    )
+    return earlier, onward
+
+
+def part(press: Press, steps: slice) -> Press:
+    """Some steps of a press."""
+    series = press.force[steps], press.centre[steps], press.angle[steps]
+    force, centre, angle = series
+    return replace(press, force=force, centre=centre, angle=angle)
+
+
+def hook(
+    plan: ClipPlan,
+    world: World,
+    person: Person,
+    sites: Sites,
+    rng: np.random.Generator,
+) -> TrueTouch:
+    """A hand hooked between two patches: fingers on one, its back on the other.
+
+    They press against each other, so either bears the same.
+    """
+    touch = perform(
+        *("grab", "full_hand", person, sites[0], world.constants, rng),
+        *(plan.difficulty, plan.regime),
+    )
+    (press,) = touch.presses
+    stiff = replace(touch, presses=(replace(press, flesh=person.flesh),))
+    fingers, back = fold(stiff, *sites, 1 / 2).presses
+    hand, behind = press.stamps, mirrored(press.stamps)
+    fingers = replace(fingers, stamps=part_of(hand, PARTS[:12]))
+    back = replace(back, stamps=part_of(behind, HEADS + HEEL))
+    return replace(touch, kind="hook", presses=(fingers, back))
