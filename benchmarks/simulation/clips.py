@@ -21,7 +21,7 @@ from eskin.sim.sitting import Sitting, sittings_of
 from eskin.touch import Calibration
 
 PROCESSES = 2
-LEAST = 0.4
+LEAST = 1.0
 """Pressure that a taxel must reach to be looked at [kPa]."""
 TAP = "tap"
 """One pat as a class of its own."""
@@ -48,6 +48,8 @@ class Made:
     """How many taxels of all readings felt how much, without where and when."""
     pose_group: int
     """Group of the pose."""
+    folded: bool
+    """Whether patches of two links face each other."""
     q: Float[np.ndarray, "joint"]
     """Joint positions at the start [rad]."""
     link: str
@@ -139,6 +141,7 @@ def made_of(
         before=before_of(clip, rest, mounted.skin),
         histogram=histogram_of(pressure),
         pose_group=clip.pose_group,
+        folded=bool(clip.drawn["folded"]),
         q=clip.q[0],
         link=first.link if first else "",
         height=float(first.centroid[start, 2]) if first and pressed else np.nan,

@@ -21,7 +21,7 @@ NAMES = (
     "displacement",
     "seconds a taxel",
 )
-ON = 2.0  # [kPa]
+ON = 1.0  # [kPa]
 PERIOD = 0.02  # [s]
 
 

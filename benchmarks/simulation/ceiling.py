@@ -1,0 +1,83 @@
+"""What any recogniser can reach: a classifier that knows what was truly done."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from jaxtyping import Float
+from sklearn.ensemble import ExtraTreesClassifier, HistGradientBoostingClassifier
+from threadpoolctl import threadpool_limits
+
+from benchmarks.simulation.clips import PROCESSES, Made, simulate
+from benchmarks.simulation.forest import TREES, labels_of
+from benchmarks.simulation.true_features import true_features
+from eskin.sim.constants import load_constants
+
+TESTS = ("test-s", "test-p", "test-x", "test-m")
+"""Sets that the bound is told for."""
+
+
+def ceiling_tables(clips: int, seed: int) -> str:
+    """The bound on each test set at the published difficulty, in Markdown.
+
+    Args:
+        clips: to learn from; a third as many of each test set.
+        seed: of clips and classifiers.
+    """
+    level = load_constants().value("sets.difficulty")
+    bound = Bound(simulate("train", clips, level, seed), seed)
+    names = bound.names
+    rows = [
+        f"\n**Ceiling at lambda {level:g}: boosted trees on true force, area and "
+        "centroid**\n",
+        f"{clips} clips of `train`, {clips // 3} of each test set; recall of classes.\n",
+        f"| set | all (95 % interval) | {' | '.join(names)} |",
+        "|---" * (len(names) + 2) + "|",
+    ]
+    for name in TESTS:
+        made = simulate(name, clips // 3, level, seed)
+        right = bound.guess(made) == labels_of(made)
+        recalls = [right[labels_of(made) == label].mean() for label in names]
+        cells = " | ".join(f"{recall:.1%}" for recall in recalls)
+        low, high = interval(right.mean(), len(right))
+        rows.append(f"| {name} | {right.mean():.1%} ({low:.1%}-{high:.1%}) | {cells} |")
+    return "\n".join(rows)
+
+
+class Bound:
+    """Boosted and random trees that have seen true series of clips."""
+
+    def __init__(self, made: Sequence[Made], seed: int) -> None:
+        """Learn."""
+        boosted = HistGradientBoostingClassifier(
+            max_iter=300,
+            learning_rate=0.05,
+            max_leaf_nodes=15,
+            l2_regularization=1.0,
+            max_features=0.3,
+            random_state=seed,
+        )
+        trees = ExtraTreesClassifier(TREES, random_state=seed, n_jobs=PROCESSES)
+        features, labels = truths_of(made), labels_of(made)
+        with threadpool_limits(1):  # OpenMP's threads wait busily for each other
+            self.models = [model.fit(features, labels) for model in (boosted, trees)]
+        self.names = [str(name) for name in self.models[0].classes_]
+
+    def guess(self, made: Sequence[Made]) -> np.ndarray:
+        """The class of each clip: the mean of both."""
+        features = truths_of(made)
+        chances = np.mean([m.predict_proba(features) for m in self.models], axis=0)
+        return np.array(self.names)[chances.argmax(axis=1)]
+
+
+def truths_of(made: Sequence[Made]) -> Float[np.ndarray, "clip feature"]:
+    """True features of clips."""
+    return np.array([true_features(each.truth) for each in made])
+
+
+def interval(share: float, count: int) -> tuple[float, float]:
+    """Where a share of so many lies in 95 of 100 cases (Wilson 1927)."""
+    z = 1.96
+    middle = (share + z**2 / (2 * count)) / (1 + z**2 / count)
+    spread = np.sqrt(share * (1 - share) / count + z**2 / (4 * count**2))
+    half = z * spread / (1 + z**2 / count)
+    return float(middle - half), float(middle + half)
