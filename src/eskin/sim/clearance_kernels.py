@@ -64,8 +64,9 @@ def axis_points(
     k: float,
 ) -> tuple[float, float]:
     """Where two axes come nearest, from their middles (Ericson 2005, 5.1.9) [m]."""
-    r = c - e
-    ab, ar, br = dot(a, b), dot(a, r), dot(b, r)
+    x, y, z = c[0] - e[0], c[1] - e[1], c[2] - e[2]
+    ab = dot(a, b)
+    ar, br = x * a[0] + y * a[1] + z * a[2], x * b[0] + y * b[1] + z * b[2]
     flat = 1.0 - ab * ab
     u = 0.0
     if flat > 1e-12:
@@ -78,30 +79,45 @@ def axis_points(
 @njit(cache=True)
 @no_type_check
 def nearest(
-    p: Float[np.ndarray, "3"],
+    p: tuple[float, float, float],
     c: Float[np.ndarray, "3"],
     a: Float[np.ndarray, "3"],
     radius: float,
     half: float,
-) -> Float[np.ndarray, "3"]:
+) -> tuple[float, float, float]:
     """The point of a solid cylinder that is nearest to p."""
-    d = p - c
-    along = dot(d, a)
-    across = d - along * a
-    out = np.sqrt(dot(across, across))
-    if out > radius:
-        across *= radius / out
-    return c + min(max(along, -half), half) * a + across
+    x, y, z = p[0] - c[0], p[1] - c[1], p[2] - c[2]
+    along = x * a[0] + y * a[1] + z * a[2]
+    x, y, z = x - along * a[0], y - along * a[1], z - along * a[2]
+    out = np.sqrt(x * x + y * y + z * z)
+    share = radius / out if out > radius else 1.0
+    up = min(max(along, -half), half)
+    return (
+        c[0] + up * a[0] + share * x,
+        c[1] + up * a[1] + share * y,
+        c[2] + up * a[2] + share * z,
+    )
 
 
 @njit(cache=True)
 @no_type_check
 def reach(
-    n: Float[np.ndarray, "3"], a: Float[np.ndarray, "3"], radius: float, half: float
+    n: tuple[float, float, float],
+    a: Float[np.ndarray, "3"],
+    radius: float,
+    half: float,
 ) -> float:
     """How far a cylinder reaches from its centre in a direction [m]."""
-    along = dot(n, a)
+    along = n[0] * a[0] + n[1] * a[1] + n[2] * a[2]
     return abs(along) * half + radius * np.sqrt(max(1.0 - along * along, 0.0))
+
+
+@njit(cache=True)
+@no_type_check
+def apart(p: tuple[float, float, float], q: tuple[float, float, float]) -> float:
+    """Distance of two points [m]."""
+    x, y, z = q[0] - p[0], q[1] - p[1], q[2] - p[2]
+    return np.sqrt(x * x + y * y + z * z)
 
 
 @njit(cache=True)
@@ -123,22 +139,25 @@ def between(
     projecting to and fro, with the plane between as a bound from below.
     """
     u, v = axis_points(c, a, h, e, b, k)
-    p = c + u * a
-    gap = e + v * b - p
-    capsule = np.sqrt(dot(gap, gap)) - r - s
+    p = (c[0] + u * a[0], c[1] + u * a[1], c[2] + u * a[2])
+    q = (e[0] + v * b[0], e[1] + v * b[1], e[2] + v * b[2])
+    capsule = apart(p, q) - r - s
     if capsule >= enough:
         return capsule
     best = max(capsule, 0.0)
     for _ in range(ROUNDS):
         q = nearest(p, e, b, s, k)
         p = nearest(q, c, a, r, h)
-        gap = q - p
-        length = np.sqrt(dot(gap, gap))
+        length = apart(p, q)
         if length < CLOSE:
             return best
-        n = gap / length
-        below = dot(n, e - c) - reach(n, a, r, h) - reach(n, b, s, k)
-        best = max(best, below)
+        n = (
+            (q[0] - p[0]) / length,
+            (q[1] - p[1]) / length,
+            (q[2] - p[2]) / length,
+        )
+        middles = n[0] * (e[0] - c[0]) + n[1] * (e[1] - c[1]) + n[2] * (e[2] - c[2])
+        best = max(best, middles - reach(n, a, r, h) - reach(n, b, s, k))
         if length - best < CLOSE:
             break
     return best
@@ -198,12 +217,10 @@ def rooms(
     found = np.full(len(points), np.inf)
     which = np.full(len(points), -1)
     for i in range(len(points)):
+        p = (points[i, 0], points[i, 1], points[i, 2])
         for rod in others:
-            at = nearest(
-                points[i], centres[rod], axes[rod], rods.radii[rod], rods.halves[rod]
-            )
-            gap = points[i] - at
-            length = np.sqrt(dot(gap, gap))
+            at = nearest(p, centres[rod], axes[rod], rods.radii[rod], rods.halves[rod])
+            length = apart(p, at)
             if length < found[i]:
                 found[i], which[i] = length, rod
     return found, which

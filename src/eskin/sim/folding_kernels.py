@@ -60,8 +60,14 @@ def facing_gaps(
             if np.sqrt(apart) > within + balls[one, 3] + balls[other, 3]:
                 continue
             best = within * within
+            beyond = (within + balls[other, 3]) ** 2
             for i in range(starts[one], starts[one + 1]):
                 a = world[i]
+                apart = 0.0
+                for axis in range(3):
+                    apart += (a[axis] - middles[other, axis]) ** 2
+                if apart > beyond:
+                    continue
                 for j in range(starts[other], starts[other + 1]):
                     b = world[j]
                     x, y, z = b[0] - a[0], b[1] - a[1], b[2] - a[2]

@@ -27,7 +27,9 @@ def acceptable(
 ) -> Bool[np.ndarray, "pose"]:
     """Whether nothing collides and some skin is where people reach."""
     T = world.poses(q)
-    return is_free(world, T) & is_reachable(world, T)
+    good = is_free(world, T)
+    good[good] = is_reachable(world, T[good])
+    return good
 
 
 def is_free(
@@ -55,8 +57,10 @@ def is_reachable(
     low, high = world.constants.array("place.height")
     table = world.constants.value("robot.table")
     faces = faces_of(world)
-    up = T_world_link[:, np.repeat(faces.links, np.diff(faces.starts)), 2]
-    height = table + np.einsum("ptj,tj->pt", up[..., :3], faces.points) + up[..., 3]
+    up = T_world_link[:, faces.links, 2]
+    points = np.split(faces.points, faces.starts[1:-1])
+    rises = [up[:, i, :3] @ each.T + up[:, i, 3:] for i, each in enumerate(points)]
+    height = table + np.concatenate(rises, axis=1)
     within = (height >= low) & (height <= high)
     least = world.constants.value("robot.reachable") * CM2
     return within @ faces.areas >= least

@@ -1,6 +1,7 @@
 """Where a clip takes place, and what people do there."""
 
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 from jaxtyping import Float
@@ -68,6 +69,7 @@ def set_up(plan: ClipPlan, kind: str, world: World, rng: np.random.Generator) ->
     return Stage(plan, world, path, lead, folded, rng)
 
 
+@lru_cache(maxsize=128)
 def person_of(origin: Origin, world: World) -> Person:
     """The person of an origin; the same one every time."""
     return draw_person(origin.name, world.constants, origin.rng())
