@@ -29,7 +29,7 @@ def ceiling_tables(clips: int, seed: int) -> str:
     rows = [
         f"\n**Ceiling at lambda {level:g}: boosted trees on true force, area and "
         "centroid**\n",
-        f"{clips} clips of `train`, {clips // 3} of each test set; recall of classes.\n",
+        f"{clips} clips of `train`, {clips // 3} of each test set; recalls.\n",
         f"| set | all (95 % interval) | {' | '.join(names)} |",
         "|---" * (len(names) + 2) + "|",
     ]
