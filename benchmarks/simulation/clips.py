@@ -169,5 +169,6 @@ def pressure_of(
     above = np.where(received, np.maximum(counts - rest, 0.0), 0.0)
     felt = np.flatnonzero((above > calibration.counts_at(LEAST)).any(axis=0))
     pressure = np.zeros(counts.shape)
-    pressure[:, felt] = calibration.pressure_at(above)[:, felt]
+    those = replace(calibration, gain=calibration.gain[felt])
+    pressure[:, felt] = those.pressure_at(above[:, felt])
     return pressure
