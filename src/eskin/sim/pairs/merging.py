@@ -3,15 +3,15 @@
 from dataclasses import replace
 
 import numpy as np
-from jaxtyping import Float
 
-from eskin.sim.fold import fold, fold_sites, gap_of
-from eskin.sim.hand import HEADS, HEEL, MM, PARTS, mirrored, part_of
+from eskin.sim.contact import feel
+from eskin.sim.fold import fold
+from eskin.sim.hand import HEADS, HEEL, PARTS, mirrored, part_of
+from eskin.sim.pairs.meeting import Sites, draw_meeting
 from eskin.sim.pairs.sides import INSTEAD
 from eskin.sim.pairs.twins import Twins, onset_of, steps_of, still
 from eskin.sim.person import Person
 from eskin.sim.plan import ClipPlan
-from eskin.sim.pose import draw_pose
 from eskin.sim.press import Press
 from eskin.sim.programs import perform
 from eskin.sim.scene import Scene
@@ -21,14 +21,12 @@ from eskin.sim.timing import moved
 from eskin.sim.truth import TrueTouch
 from eskin.sim.world import World
 
-Sites = tuple[Site, Site]
-
 
 def draw_merging(plan: ClipPlan, world: World, rng: np.random.Generator) -> Twins:
     """One gesture on two patches that meet, and two touches of them far apart."""
     person = person_of(plan.person, world)
     _, steps = steps_of(plan, world)
-    folded, apart, sites = draw_poses(plan, world, person, rng)
+    folded, apart, sites = draw_meeting(world, frozenset(plan.groups), person, rng)
     touches: tuple[TrueTouch, ...] = ()
     if plan.kind != "idle":
         touch = draw_touch(plan, world, person, sites, rng)
@@ -44,36 +42,10 @@ def draw_merging(plan: ClipPlan, world: World, rng: np.random.Generator) -> Twin
 def split(touches: tuple[TrueTouch, ...]) -> list[TrueTouch]:
     """Each press of a gesture as a touch of its own, which is none."""
     return [
-        replace(
-            *(touch,), gesture="none", kind=INSTEAD[touch.gesture], presses=(press,)
-        )
+        replace(touch, gesture="none", kind=INSTEAD[touch.gesture], presses=(press,))
         for touch in touches
         for press in touch.presses
     ]
-
-
-def draw_poses(
-    plan: ClipPlan, world: World, person: Person, rng: np.random.Generator
-) -> tuple[Float[np.ndarray, "joint"], Float[np.ndarray, "joint"], Sites]:
-    """A pose in which two patches meet, one in which they are far apart, and where.
-
-    Raises:
-        ValueError: no such poses were found.
-    """
-    value = world.constants.value
-    near, far = value("pairs.near") * MM, value("pairs.far") * MM
-    groups = frozenset(plan.groups)
-    for _ in range(int(value("pairs.tries"))):
-        folded = draw_pose(world, groups, rng, fold=True)
-        for sites in fold_sites(world, folded, person):
-            apart = draw_pose(world, groups, rng)
-            if gap_of(world, folded, *sites) <= near:
-                if gap_of(world, apart, *sites) >= far:
-                    return folded, apart, sites
-    raise ValueError(
-        f"no poses of groups {sorted(groups)} bring patches within {near} m and "
-        f"{far} m apart; allow more groups"
-    )
 
 
 def draw_touch(
@@ -83,10 +55,27 @@ def draw_touch(
     sites: Sites,
     rng: np.random.Generator,
 ) -> TrueTouch:
-    """One gesture that is done on two patches, a part of it on each."""
+    """One gesture that is done on two patches, a part of it felt on each.
+
+    Raises:
+        ValueError: none came out that is felt on both.
+    """
     assert plan.pair is not None
     draw = pat_both if plan.pair.gesture == "double_pat" else hook
-    return draw(plan, world, person, sites, rng)
+    least = world.constants.value("pairs.felt")
+    for _ in range(int(world.constants.value("pairs.tries"))):
+        touch = draw(plan, world, person, sites, rng)
+        if touch is not None and min(peaks_of(touch, world)) >= least:
+            return touch
+    raise ValueError(f"no {plan.pair.gesture} on two patches presses {least} kPa")
+
+
+def peaks_of(touch: TrueTouch, world: World) -> list[float]:
+    """Largest pressure of each press of a touch [kPa]."""
+    return [
+        float(feel(p, world.charts[p.chart], world.constants).pressure.max(initial=0.0))
+        for p in touch.presses
+    ]
 
 
 def pat_both(
@@ -95,22 +84,19 @@ def pat_both(
     person: Person,
     sites: Sites,
     rng: np.random.Generator,
-) -> TrueTouch:
+) -> TrueTouch | None:
     """A double pat whose second pat is on the other patch, by the palm again.
 
-    Raises:
-        ValueError: no pause between two pats came out as wanted.
+    None where the pats as drawn are too soon or too late after each other for it.
     """
     low, high = world.constants.array("pairs.interval")
-    for _ in range(int(world.constants.value("pairs.tries"))):
-        touch = perform(
-            *("double_pat", None, person, sites[0], world.constants, rng),
-            *(plan.difficulty, plan.regime),
-        )
-        interval, stays = touch.drawn["interval"], touch.drawn["stays"]
-        if not stays and low <= float(interval) <= high:
-            return replace(touch, presses=parted(touch.presses[0], *sites))
-    raise ValueError(f"no double pat with an interval of {low} to {high} s came out")
+    touch = perform(
+        *("double_pat", None, person, sites[0], world.constants, rng),
+        *(plan.difficulty, plan.regime),
+    )
+    if touch.drawn["stays"] or not low <= float(touch.drawn["interval"]) <= high:
+        return None
+    return replace(touch, presses=parted(touch.presses[0], *sites))
 
 
 def parted(press: Press, first: Site, second: Site) -> tuple[Press, Press]:

@@ -10,7 +10,7 @@ from eskin.sim.outcome import Clip
 from eskin.sim.pairs.bending import draw_bending
 from eskin.sim.pairs.merging import draw_merging
 from eskin.sim.pairs.schedule import plan_alone
-from eskin.sim.pairs.sides import KINDS, SKINS, PairKind
+from eskin.sim.pairs.sides import KINDS, SKINS, PairKind, kind_named
 from eskin.sim.pairs.twins import Twins, steps_of
 from eskin.sim.plan import ClipPlan
 from eskin.sim.play import build_of, felt_in, play, session_of, truths_of
@@ -38,7 +38,10 @@ class Pair:
 
 
 def make_pair(
-    kind: PairKind, seed: int, difficulty: float | None = None, skin: str = "ur5"
+    kind: str,
+    seed: int,
+    difficulty: float | None = None,
+    world: World | None = None,
 ) -> Pair:
     """Make a pair alone, its person and sensor drawn from the same seed.
 
@@ -46,17 +49,16 @@ def make_pair(
         kind: `bending` or `merging`.
         seed: decides all that is drawn.
         difficulty: how much touches vary; the published one unless given.
-        skin: preset that patches meet on; bending has a skin of its own.
+        world: of the first clip; the patch round a tube or the UR5 unless given.
 
     Raises:
-        ValueError: there is no such kind, or the skin's patches never meet.
+        ValueError: there is no such kind, or patches of the world never meet.
     """
-    if kind not in KINDS:
-        raise ValueError(f"no pairs of '{kind}'; allowed are {', '.join(KINDS)}")
-    constants = load_constants()
-    level = constants.value("sets.difficulty") if difficulty is None else difficulty
-    plan = plan_alone(kind, seed, level, constants)
-    return pair_of(plan, world_of(SKINS.get(KINDS[kind][0], skin)))
+    chosen = kind_named(kind)
+    world = world or world_of(SKINS.get(KINDS[chosen][0], "ur5"))
+    published = world.constants.value("sets.difficulty")
+    level = published if difficulty is None else difficulty
+    return pair_of(plan_alone(chosen, seed, level, world.constants), world)
 
 
 @lru_cache(maxsize=2)

@@ -47,6 +47,18 @@ class PairPlace:
         return self.side == KINDS[self.kind][1]
 
 
+def kind_named(name: str) -> PairKind:
+    """The kind of pair of that name.
+
+    Raises:
+        ValueError: there is none.
+    """
+    for kind in KINDS:
+        if kind == name:
+            return kind
+    raise ValueError(f"no pairs of '{name}'; allowed are {', '.join(KINDS)}")
+
+
 def kind_of_side(side: Side) -> PairKind:
     """The kind of pair that a side is of."""
     return "bending" if side in KINDS["bending"] else "merging"
