@@ -5,7 +5,7 @@ SHEARSENSE ?= ../shared/data/shearsense
 BIN := .venv/bin
 READY := .venv/.ready
 
-.PHONY: demo test check format docs bench results clean
+.PHONY: demo test check format docs bench results validate clean
 
 demo: $(READY)
 	$(BIN)/python examples/01_real_touches.py --data "$(DATA)"
@@ -34,6 +34,10 @@ results: $(READY)
 		--picture docs/pictures/confusion_sleeve.png
 	$(BIN)/python -m benchmarks.real_recordings shearsense --data "$(SHEARSENSE)" \
 		--picture docs/pictures/confusion_shearsense.png
+
+# What the simulated world is held to: an hour or so on two cores.
+validate: $(READY)
+	$(BIN)/python -m benchmarks.simulation all
 
 clean:
 	rm -rf .venv site build

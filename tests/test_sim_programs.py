@@ -129,7 +129,8 @@ def test_a_stroke_passes_its_target_within_its_room_at_a_hands_speed(people):
         returns.append(drawn["return"])
     assert max(speeds) <= 0.4 and min(speeds) > 0.01
     assert np.median(speeds) == pytest.approx(0.13, abs=0.02)
-    assert np.mean(returns) == pytest.approx(0.2, abs=0.03)
+    # Three standard errors of 300 touches.
+    assert np.mean(returns) == pytest.approx(0.2, abs=0.07)
 
 
 def test_a_stroke_starts_and_ends_at_rest_and_lifts_off_slowly(people):

@@ -152,9 +152,10 @@ def rig_chart() -> Chart:
 
 def rig_site(rng: np.random.Generator) -> Site:
     """Somewhere about the middle of the grid."""
+    s, t = rng.uniform(-1.5 * PITCH, 1.5 * PITCH, 2)
     return Site(
         chart=0,
-        centre=rng.uniform(-1.5 * PITCH, 1.5 * PITCH, 2),
+        centre=(float(s), float(t)),
         radius=RADIUS,
         clear=(-2.5 * PITCH, 2.5 * PITCH),
         angle=0.0,

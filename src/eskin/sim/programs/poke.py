@@ -9,16 +9,17 @@ from eskin.sim.hand import body_of
 from eskin.sim.press import Press, Stamps
 from eskin.sim.programs.act import Act
 from eskin.sim.programs.amount import draw_duration, draw_force
-from eskin.sim.series import Series, bell, trapezoid
+from eskin.sim.series import Series, bell, peaked, trapezoid
 
 
 def poke(act: Act) -> tuple[Press, ...]:
     """One push, sometimes pressed again before it leaves."""
     force = draw_force(act, "poke.force", "poke")
     duration = draw_duration(act, "poke")
-    shape = push(act, act.steps(duration))
+    steps = act.steps(duration)
+    shape = push(act, steps)
     if act.happens("again", act.constants.value("poke.again") * act.difficulty):
-        shape = again(act, shape)
+        shape = fitted(again(act, shape), steps)
     path = act.slip("poke.slip", len(shape))
     flesh = replace(act.person.flesh, conformity=act.draw("poke.conformity"))
     return (act.press(finger(act), flesh, force * shape, path, act.turn()),)
@@ -50,3 +51,9 @@ def again(act: Act, shape: Series) -> Float[np.ndarray, "longer"]:
     tail = share * shape[start:]
     both[later : later + len(tail)] = np.maximum(both[later : later + len(tail)], tail)
     return both[: later + len(tail)]
+
+
+def fitted(shape: Float[np.ndarray, "longer"], steps: int) -> Series:
+    """The same shape in so many steps: the law of durations is that of whole pokes."""
+    places = np.linspace(0, len(shape) - 1, steps)
+    return peaked(np.interp(places, np.arange(len(shape)), shape), 1.0)

@@ -1,0 +1,105 @@
+"""Hold the simulated world to its checklist.
+
+python -m benchmarks.simulation [PART], where PART is physics, rig, bands, sensor,
+difficulty, ceiling, leakage or all.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Literal
+
+import tyro
+
+from benchmarks.simulation.bands import band_checks
+from benchmarks.simulation.ceiling import ceiling_tables
+from benchmarks.simulation.check import as_table
+from benchmarks.simulation.confusion import confusion_tables
+from benchmarks.simulation.element import element_checks
+from benchmarks.simulation.forest import difficulty_tables
+from benchmarks.simulation.leakage import leakage_checks
+from benchmarks.simulation.physics import physics_checks
+from benchmarks.simulation.rig import rig_checks
+from eskin.sim.constants import load_constants
+
+Part = Literal[
+    "physics", "rig", "bands", "sensor", "difficulty", "ceiling", "leakage", "all"
+]
+
+
+@dataclass(frozen=True)
+class Command:
+    """Print properties of the simulated world beside what they should be."""
+
+    part: tyro.conf.Positional[Part] = "all"
+    """Which of them."""
+    people: int = 100
+    """People who touch; three times as many on the rig, whose spreads are looked at."""
+    clips: int = 3000
+    """Clips to learn from, for difficulty, ceiling and leakage."""
+    seed: int = 0
+    """Of people and touches."""
+
+
+def physics(command: Command) -> str:
+    """Section 6.1."""
+    checks = physics_checks(load_constants(), command.people, command.seed)
+    return as_table("Contact", checks)
+
+
+def rig(command: Command) -> str:
+    """Section 6.2."""
+    constants = load_constants()
+    people, difficulty = 3 * command.people, constants.value("sets.difficulty")
+    checks = rig_checks(constants, people, 4, difficulty, command.seed)
+    return as_table(f"The rig of CoST, {people} people, 4 captures each", checks)
+
+
+def bands(command: Command) -> str:
+    """Section 6.3."""
+    checks = band_checks(load_constants(), command.people, command.seed)
+    return as_table("On the forearm of the UR5, difficulty 0", checks)
+
+
+def sensor(command: Command) -> str:
+    """Section 6.4."""
+    return as_table("One element", element_checks(load_constants(), command.seed))
+
+
+def difficulty(command: Command) -> str:
+    """Sections 3.9 and 6.5."""
+    levels = difficulty_tables(command.clips, command.seed)
+    tables, checks = confusion_tables(command.clips, command.seed)
+    return "\n".join([levels, tables, as_table("Confusions", checks)])
+
+
+def ceiling(command: Command) -> str:
+    """Section 6.7."""
+    return ceiling_tables(command.clips, command.seed)
+
+
+def leakage(command: Command) -> str:
+    """Section 6.6."""
+    return as_table("Leakage", leakage_checks(command.clips, command.seed))
+
+
+PARTS: dict[str, Callable[[Command], str]] = {
+    "physics": physics,
+    "rig": rig,
+    "bands": bands,
+    "sensor": sensor,
+    "difficulty": difficulty,
+    "ceiling": ceiling,
+    "leakage": leakage,
+}
+
+
+def main() -> None:
+    """Print what was asked for."""
+    command = tyro.cli(Command)
+    for name, table in PARTS.items():
+        if command.part in (name, "all"):
+            print(table(command), flush=True)
+
+
+if __name__ == "__main__":
+    main()

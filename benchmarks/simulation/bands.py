@@ -1,0 +1,345 @@
+"""What gestures are like on the forearm of the UR5: sizes, forces, times, spectra."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from benchmarks.simulation.check import Check, at_least, within
+from benchmarks.simulation.physics import FOREARM
+from eskin.sim.chart import Chart
+from eskin.sim.clip_labels import rest_of
+from eskin.sim.constants import Constants
+from eskin.sim.film import leak_share, spread
+from eskin.sim.person import Person, draw_person
+from eskin.sim.plan import BuildOrigin, Origin
+from eskin.sim.play import build_of, neighbours_of, play, session_of
+from eskin.sim.programs import perform
+from eskin.sim.programs.act import Regime
+from eskin.sim.scene import Scene, add_up, parts_of
+from eskin.sim.simulator import Simulator
+from eskin.sim.site import Site
+from eskin.sim.timing import contact_steps, moved
+from eskin.sim.truth import TrueTouch
+from eskin.sim.world import World
+from eskin.touch.calibration import bend_of
+from eskin.touch.kernels import undo
+
+BANDS = {
+    "poke": ((3, 4, 7), (3, 5, 7), (2, 4, 7), (16, 32, 59)),
+    "double_pat": ((9, 18, 32), (12, 24, 41), (4, 7, 14), (10, 18, 37)),
+    "grab": ((35, 58, 83), (35, 58, 83), (16, 25, 43), (13, 21, 35)),
+    "stroke": ((4, 7, 12), (27, 51, 106), (1, 3, 5), (5, 10, 23)),
+    "none": ((4, 20, 53), (6, 22, 56), (2, 11, 43), (7, 16, 40)),
+}
+"""The prototype's 10th, 50th and 90th percentiles, in the order of `SIZES`."""
+SIZES = ("taxels at peak", "taxels in all", "peak force [N]", "peak pressure [kPa]")
+PRESSED = 2.0  # [kPa]
+UNTOUCHED = ("idle", "electrical", "self_contact")
+LENGTHS = {"poke": (0.96, 1.0), "double_pat": (0.96, 1.0)}
+LENGTHS |= {"grab": (0.60, 0.66), "stroke": (0.60, 0.66)}
+"""Share of touches that are shorter than 1 s."""
+REPEATS = 3
+"""Touches of each gesture by each person."""
+MORE = 10
+"""Times as many people for shares of durations, which differ from person to person."""
+SECONDS = 2.0  # [s], of a clip
+RATE = 50.0  # [Hz]
+FULL = 1e6  # more than any converter counts
+PAPER = "arXiv 2506.18256"
+
+Series = Float[np.ndarray, "reading"]
+
+
+@dataclass(frozen=True, eq=False)
+class Forearm:
+    """The robot, and the tube of its forearm."""
+
+    world: World
+    """The robot in its skin."""
+    index: int
+    """Of the tube among the charts."""
+
+    @property
+    def chart(self) -> Chart:
+        """The tube."""
+        return self.world.charts[self.index]
+
+
+def band_checks(constants: Constants, people: int, seed: int) -> list[Check]:
+    """Section 6.3."""
+    forearm = forearm_of(constants)
+    return [
+        *size_checks(forearm, people, seed),
+        *length_checks(forearm, people, seed),
+        *spectrum_checks(forearm, people, seed),
+        stroke_check(forearm, people, seed),
+    ]
+
+
+def forearm_of(constants: Constants) -> Forearm:
+    """The forearm of the UR5."""
+    world = Simulator(constants=constants).world
+    charts = [i for i, chart in enumerate(world.charts) if chart.link == FOREARM]
+    return Forearm(world, max(charts, key=lambda i: len(world.charts[i].taxels)))
+
+
+def site_on(forearm: Forearm, rng: np.random.Generator) -> Site:
+    """Somewhere on the forearm, an inch and more from its ends."""
+    chart = forearm.chart
+    low, high = np.quantile(chart.unrolled[:, 1], [0, 1])
+    around = rng.uniform(0, chart.circumference)
+    along = rng.uniform(low + 0.03, high - 0.03)
+    return Site(
+        chart=forearm.index,
+        centre=(float(around), float(along)),
+        radius=chart.radius,
+        clear=(float(low - along), float(high - along)),
+        angle=float(rng.uniform(-np.pi, np.pi)),
+    )
+
+
+def touches(
+    forearm: Forearm,
+    gesture: str,
+    kind: str | None,
+    people: int,
+    seed: int,
+    regime: Regime | None = None,
+    difficulty: float = 0.0,
+) -> Iterator[tuple[Person, TrueTouch]]:
+    """A gesture by several people, several times each."""
+    constants = forearm.world.constants
+    for number in range(people):
+        rng = np.random.default_rng([seed, number])
+        person = draw_person(f"band-{number}", constants, rng)
+        for _ in range(REPEATS):
+            site = site_on(forearm, rng)
+            yield (
+                person,
+                perform(
+                    gesture, kind, person, site, constants, rng, difficulty, regime
+                ),
+            )
+
+
+def size_checks(forearm: Forearm, people: int, seed: int) -> list[Check]:
+    """Percentiles of four sizes of each gesture, beside the prototype's."""
+    checks = []
+    for gesture, bands in BANDS.items():
+        found = np.array(
+            [
+                sizes(forearm, touch)
+                for _, touch in touches(forearm, gesture, None, people, seed)
+                if touch.presses and touch.kind not in UNTOUCHED
+            ]
+        )
+        percentiles = np.percentile(found, [10, 50, 90], axis=0)
+        checks += [
+            band_check(f"{gesture}: {name}", band, percentiles[:, column])
+            for column, (name, band) in enumerate(zip(SIZES, bands, strict=True))
+        ]
+    return checks
+
+
+def band_check(
+    name: str, band: tuple[int, int, int], found: Float[np.ndarray, "3"]
+) -> Check:
+    """Met where the median lies between the prototype's outer percentiles."""
+    return Check(
+        f"{name}, 10/50/90 %",
+        f"median within {band[0]}-{band[2]} (prototype {'/'.join(map(str, band))})",
+        "regression band of the prototype",
+        "/".join(f"{number:.3g}" for number in found),
+        bool(band[0] <= found[1] <= band[2]),
+    )
+
+
+def sizes(forearm: Forearm, touch: TrueTouch) -> tuple[float, float, float, float]:
+    """The numbers named in `SIZES`."""
+    pressure, force = pressed(forearm, touch)
+    over = pressure > PRESSED
+    return (
+        over[force.argmax()].sum(),
+        over.any(axis=0).sum(),
+        force.max(),
+        pressure.max(initial=0.0),
+    )
+
+
+def pressed(
+    forearm: Forearm, touch: TrueTouch
+) -> tuple[Float[np.ndarray, "time active"], Float[np.ndarray, "time"]]:
+    """Pressure of taxels under the film of an average build [kPa], and force [N]."""
+    world = forearm.world
+    skin, constants = world.mounted.skin, world.constants
+    steps = max(press.first + press.steps for press in touch.presses)
+    parts = parts_of(touch, steps, world.charts, constants)
+    force = np.zeros(steps)
+    for part in parts:
+        force[part.span] += part.felt.force
+    law = constants.entry("film.sigma").spread
+    sigma = 1e-3 * (law.low + law.high) / 2 if law else 0.0
+    pressure, taxels = add_up(parts, steps, skin.count)
+    share = leak_share(sigma, skin.areas)
+    return spread(pressure, taxels, neighbours_of(skin), share)[0], force
+
+
+def length_checks(forearm: Forearm, people: int, seed: int) -> list[Check]:
+    """How many touches are short enough for the paper."""
+    step = forearm.world.constants.value("time.step")
+    checks, every = [], []
+    for gesture, (low, high) in LENGTHS.items():
+        lengths = np.array(
+            [
+                np.ptp(contact_steps(touch)) * step
+                for _, touch in touches(
+                    forearm, gesture, None, MORE * people, seed, "paper"
+                )
+            ]
+        )
+        every.append(np.mean(lengths < 2.0))
+        share = float(np.mean(lengths < 1.0))
+        checks.append(within(f"{gesture}: share under 1 s", share, low, high, PAPER))
+    mean = float(np.mean(every))
+    return [*checks, at_least("all gestures: share under 2 s", mean, 0.97, PAPER)]
+
+
+def spectrum_checks(forearm: Forearm, people: int, seed: int) -> list[Check]:
+    """Where the largest reading of the skin has its power."""
+    checks = []
+    for kind in ("resting_hand", "lean"):
+        shares = [
+            slow_share(series)
+            for series, _ in readings(forearm, "none", kind, people, seed)
+        ]
+        name = f"{kind}: share of power below 2 Hz, mean taken off, median"
+        checks.append(at_least(name, float(np.median(shares)), 0.9, "slow by nature"))
+    ratios, rates = [], []
+    for series, touch in readings(forearm, "double_pat", None, people, seed):
+        rate = 1.0 / float(touch.drawn["interval"])
+        found = second_peak(series)
+        if found is not None:
+            ratios.append(found / rate)
+            rates.append(found)
+    source = "two pulses an interval apart"
+    ratio, rate = float(np.median(ratios)), float(np.median(rates))
+    name = "double_pat: peak of the spectrum"
+    return [
+        *checks,
+        within(f"{name} by 1 / interval, median", ratio, 0.85, 1.15, source),
+        within(f"{name}, median", rate, 2.0, 5.0, source, "Hz"),
+    ]
+
+
+def readings(
+    forearm: Forearm, gesture: str, kind: str | None, people: int, seed: int
+) -> Iterator[tuple[Series, TrueTouch]]:
+    """Largest reading of the skin [kPa] in clips that begin within the touch."""
+    world = forearm.world
+    constants = world.constants
+    origin = BuildOrigin("bands", (seed, 63), "fresh")
+    build = build_of(origin, world)
+    session = session_of(Origin("bands", (seed, 64)), build)
+    calibration = build.calibration(world.mounted.skin)
+    bend, lead = bend_of(calibration), round(1.0 / constants.value("time.step"))
+    steps = lead + round(SECONDS / constants.value("time.step"))
+    q = np.zeros((steps, len(world.mounted.robot.joint_names)))
+    rng = np.random.default_rng([seed, 65])
+    for _, touch in touches(forearm, gesture, kind, people, seed, "paper"):
+        first, last = contact_steps(touch)
+        late = max(last - first - (steps - lead), 0)
+        shown = moved(touch, lead - first - int(rng.integers(0, late + 1)))
+        clip = play(Scene(q, (shown,)), lead, build, session, world, rng)
+        quiet = play(Scene(q, ()), lead, build, session, world, rng)
+        rest = np.nan_to_num(rest_of(quiet), posinf=FULL)
+        above = np.where(clip.received, clip.counts - rest, 0.0).max(axis=1)
+        gain = float(calibration.gain[0])
+        yield np.array([gain * undo(float(x), bend) for x in above]), touch
+
+
+def slow_share(series: Series) -> float:
+    """Share of the power below 2 Hz, without the mean."""
+    power = np.abs(np.fft.rfft(series - series.mean())) ** 2
+    rates = np.fft.rfftfreq(len(series), 1 / RATE)
+    return float(power[rates < 2.0].sum() / power.sum())
+
+
+def second_peak(series: Series) -> float | None:
+    """Rate of the largest peak of the spectrum beside that at rest [Hz]."""
+    power = np.abs(np.fft.rfft(series - np.median(series), 4096))
+    rates = np.fft.rfftfreq(4096, 1 / RATE)
+    rising = np.flatnonzero(np.diff(power) > 0)
+    if not len(rising):
+        return None
+    start = rising[rates[rising] > 0.5][0]
+    return float(rates[start + power[start:].argmax()])
+
+
+def stroke_check(forearm: Forearm, people: int, seed: int) -> Check:
+    """How long after its neighbour a taxel is pressed, by the speed of the stroke."""
+    step = forearm.world.constants.value("time.step")
+    found, lags = [], []
+    for _, touch in touches(forearm, "stroke", "one_finger", people, seed):
+        press = touch.presses[0]
+        if touch.drawn["stroke.path"] == "along" and not touch.drawn["return"]:
+            pressure, _ = pressed_raw(forearm, touch)
+            found += lag_ratios(forearm.chart, pressure, press.centre[:, 1], step, lags)
+    ratio = float(np.median(found))
+    low, half, high = 1e3 * np.percentile(lags, [10, 50, 90])
+    return Check(
+        "stroke: lag of neighbouring taxels by pitch / speed, median",
+        "0.8 to 1.25 (8 mm at 14 cm/s: 57 ms)",
+        "pitch / speed",
+        f"{ratio:.3g}; lags 10/50/90 % {low:.0f}/{half:.0f}/{high:.0f} ms",
+        bool(0.8 <= ratio <= 1.25),
+    )
+
+
+def pressed_raw(
+    forearm: Forearm, touch: TrueTouch
+) -> tuple[Float[np.ndarray, "time taxel"], Float[np.ndarray, "time"]]:
+    """Pressure of the tube's taxels [kPa], in the order of its chart, and force [N]."""
+    world = forearm.world
+    steps = touch.presses[0].steps
+    part = parts_of(touch, steps, world.charts, world.constants)[0]
+    pressure = np.zeros((steps, len(forearm.chart.taxels)))
+    columns = np.searchsorted(forearm.chart.taxels, part.felt.taxels)
+    pressure[:, columns] = part.felt.pressure
+    return pressure, part.felt.force
+
+
+def lag_ratios(
+    chart: Chart,
+    pressure: Float[np.ndarray, "time taxel"],
+    along: Float[np.ndarray, "time"],
+    step: float,
+    lags: list[float],
+) -> list[float]:
+    """Lags of the column that is pressed most, by pitch / speed; writes the lags."""
+    column = chart.unrolled[pressure.max(axis=0).argmax(), 0]
+    same = np.abs(chart.wrapped(chart.unrolled[:, 0] - column)) < 1e-4
+    peak = pressure[:, same].max(axis=0)
+    order = np.argsort(chart.unrolled[same, 1])
+    when = middles(pressure[:, same])[order]
+    where = chart.unrolled[same, 1][order]
+    loaded = peak[order] > PRESSED
+    speed = np.abs(np.gradient(along, step))
+    ratios = []
+    for before in range(1, len(when) - 2):
+        # The first and last taxels of a stroke are not passed whole.
+        if loaded[before - 1 : before + 3].all():
+            lag = abs(when[before + 1] - when[before]) * step
+            passing = speed[int((when[before + 1] + when[before]) / 2)]
+            ratios.append(lag * passing / (where[before + 1] - where[before]))
+            lags.append(lag)
+    return ratios
+
+
+def middles(pressure: Float[np.ndarray, "time taxel"]) -> Float[np.ndarray, "taxel"]:
+    """Middle of the time in which each taxel is over half of its largest pressure."""
+    over = pressure > 0.5 * pressure.max(axis=0)
+    first = over.argmax(axis=0)
+    last = len(over) - 1 - over[::-1].argmax(axis=0)
+    return (first + last) / 2

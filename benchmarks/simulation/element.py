@@ -1,0 +1,228 @@
+"""One simulated element under the loads of the public velostat logs."""
+
+from dataclasses import fields, replace
+from functools import partial
+
+import numpy as np
+from jaxtyping import Float
+
+from benchmarks.simulation.check import Check, at_most, within
+from benchmarks.simulation.physics import ur5
+from eskin.sim.build import Build, draw_build, nominal_build
+from eskin.sim.constants import Constants
+from eskin.sim.sensor import Stages, sense
+from eskin.sim.session import Session, draw_session
+from eskin.skin import Skin
+
+LOGS = "Lupasic, logs of velostat, c319860"
+NONE = Stages(**{field.name: False for field in fields(Stages)})
+ELEMENT = replace(NONE, power=True, creep=True, hysteresis=True, divider=True)
+CROSSED = replace(ELEMENT, ghosting=True)
+EXPONENT = 0.76
+"""Of the element that was pressed longest."""
+TAXEL = 14
+LOAD = 20.0  # [kPa]
+PRESS = {0.1: -0.303, 0.2: -0.223, 0.4: -0.114, 1.2: 0.051}
+"""ln conductance by that after 0.8 s."""
+HOLD = {0.5: 0.905, 1: 0.925, 2: 0.955, 10: 1.035, 20: 1.085, 40: 1.17, 60: 1.21}
+"""Conductance by that at 5 s of the log, which began about 1 s after the load."""
+REPEATS = 20
+"""Builds or sessions that are drawn."""
+
+Series = Float[np.ndarray, "time"]
+
+
+def element_checks(
+    constants: Constants, seed: int, repeats: int = REPEATS
+) -> list[Check]:
+    """Section 6.4; `repeats` builds or sessions are drawn of what scatters."""
+    skin = ur5()[0].skin
+    build = element_of(skin, constants)
+    play = partial(conductance, build=build, skin=skin, constants=constants)
+    return [
+        *exponent_checks(skin, constants, seed, repeats),
+        *creep_checks(play, constants),
+        release_check(play, constants),
+        repeat_check(skin, constants, seed, repeats),
+        *loop_checks(play, constants),
+        *noise_checks(skin, constants, seed, repeats),
+        *ghost_checks(skin, constants, seed, repeats),
+    ]
+
+
+def element_of(skin: Skin, constants: Constants) -> Build:
+    """A nominal build with the element's exponent and a converter that is too fine."""
+    build = nominal_build(skin, constants)
+    exponent = np.full(skin.count, EXPONENT)
+    return replace(
+        build,
+        velostat=replace(build.velostat, exponent=exponent),
+        electronics=replace(build.electronics, bits=20),
+    )
+
+
+def conductance(
+    series: Series, build: Build, skin: Skin, constants: Constants
+) -> Float[np.ndarray, "reading"]:
+    """Conductance of one taxel, as its counts tell; 1 is half scale."""
+    counts, _ = sense(
+        *(series[:, None], np.array([TAXEL]), build, skin, np.random.default_rng(1)),
+        *(ELEMENT, Session(np.ones(skin.count), 0.0)),
+    )
+    share = counts[:, TAXEL] / build.electronics.full_scale
+    return share / (1.0 - share)
+
+
+def stepped(seconds: float, step: float, after: float = 0.0) -> Series:
+    """The load, put on after 0.1 s, and taken off [kPa]."""
+    lengths = [round(part / step) for part in (0.1, seconds, after)]
+    return np.repeat([0.0, LOAD, 0.0], lengths)
+
+
+def exponent_checks(
+    skin: Skin, constants: Constants, seed: int, repeats: int
+) -> list[Check]:
+    """Exponents of plateaus of the element, and of the taxels of builds.
+
+    The mean should lie within the logged deviation, 0.16, of the logged one, and the
+    deviation between half of that and twice it.
+    """
+    rng = np.random.default_rng([seed, 64])
+    exponents = np.concatenate(
+        [
+            draw_build("e", "fresh", skin, constants, rng).velostat.exponent
+            for _ in range(repeats)
+        ]
+    )
+    build, step = element_of(skin, constants), constants.value("time.step")
+    loads = np.array([0.25, 0.5, 1.0, 2.0])
+    plateaus = [
+        conductance(share * stepped(1.0, step), build, skin, constants)[-1]
+        for share in loads
+    ]
+    slope = np.polyfit(np.log(loads), np.log(plateaus), 1)[0]
+    return [
+        within("exponent, from plateaus of the element", slope, 0.72, 0.80, LOGS),
+        within("exponent of fresh builds, mean", exponents.mean(), 0.6, 0.92, LOGS),
+        within("exponent of fresh builds, SD", exponents.std(), 0.08, 0.32, LOGS),
+    ]
+
+
+def creep_checks(play: partial, constants: Constants) -> list[Check]:
+    """Creep of presses and of long holds."""
+    step, period = constants.value("time.step"), constants.value("sensor.period")
+    short = play(stepped(1.5, step))
+    long = play(stepped(62.0, step))
+    onset = round(0.1 / period)
+
+    def at(series: Float[np.ndarray, "reading"], seconds: float) -> float:
+        return float(series[onset + round(seconds / period)])
+
+    press = [
+        within(
+            f"press: ln conductance at {seconds:g} s by 0.8 s",
+            np.log(at(short, seconds) / at(short, 0.8)), logged - 0.04, logged + 0.04,
+            LOGS,
+        )
+        for seconds, logged in PRESS.items()
+    ]  # fmt: skip
+    hold = [
+        within(
+            f"hold: conductance at {seconds:g} s by 5 s of the log",
+            at(long, seconds + 1) / at(long, 6), logged - 0.04, logged + 0.04, LOGS,
+        )
+        for seconds, logged in HOLD.items()
+    ]  # fmt: skip
+    return [*press, *hold]
+
+
+def release_check(play: partial, constants: Constants) -> Check:
+    """Time from the end of the load to no conductance."""
+    step, period = constants.value("time.step"), constants.value("sensor.period")
+    read = play(stepped(1.0, step, after=0.3))
+    released = 0.1 + 1.0
+    last = np.flatnonzero(read > 0)[-1] * period
+    late = 1e3 * max(last - released, 0.0)
+    return at_most("release: conducts for, after the load", late, 20, LOGS, "ms")
+
+
+def repeat_check(skin: Skin, constants: Constants, seed: int, repeats: int) -> Check:
+    """How presses of the same point repeat in another session."""
+    rng = np.random.default_rng([seed, 65])
+    build = draw_build("r", "fresh", skin, constants, rng)
+    gains = [np.log(draw_session(build, rng).gain) for _ in range(repeats)]
+    deviation = float(np.std(np.diff(gains, axis=0)))
+    return within("press: SD of ln conductance, repeated", deviation, 0.03, 0.08, LOGS)
+
+
+def loop_checks(play: partial, constants: Constants) -> list[Check]:
+    """How wide the loop of a ramp up and down is."""
+    step = constants.value("time.step")
+    checks = []
+    for seconds, low, high in ((0.5, 15, 35), (20.0, 7, 20)):
+        up = np.linspace(0.0, 1.5 * LOAD, round(seconds / step) + 1)
+        series = np.concatenate([up, up[-2::-1], [0.0]])
+        read, pressure = play(series), series[::2]
+        top = len(read) // 2
+        falling = (pressure[top:][::-1], read[top:][::-1])
+        back = np.interp(pressure[: top + 1], *falling)
+        wide = 100 * float((back - read[: top + 1]).max() / read.max())
+        name = f"loop of a ramp of {seconds:g} s, by full scale"
+        checks.append(within(name, wide, low, high, LOGS, "%"))
+    return checks
+
+
+def noise_checks(
+    skin: Skin, constants: Constants, seed: int, repeats: int
+) -> list[Check]:
+    """Noise of idle taxels, as an element that idles at half scale would show it."""
+    quiet = np.zeros((400, 0)), np.zeros(0, dtype=np.int64)
+    stages = Stages(drift=False, faults=False)
+    found = []
+    for number in range(repeats):
+        rng = np.random.default_rng([seed, 66, number])
+        build = draw_build("n", "fresh", skin, constants, rng)
+        same = Session(np.ones(skin.count), 0.0)
+        counts, _ = sense(*quiet, build, skin, rng, stages, same)
+        # There a count is 4 / full scale of the resistance.
+        found.append(400 * counts.std(axis=0).mean() / build.electronics.full_scale)
+    return [within("noise, idle", float(np.mean(found)), 0.1, 0.25, LOGS, "%")]
+
+
+def ghost_checks(
+    skin: Skin, constants: Constants, seed: int, repeats: int
+) -> list[Check]:
+    """What the row and column of one pressed taxel read of it."""
+    rows = (
+        ("fresh", 4.0, "Castro et al. 2018"),
+        ("shifted", 30.0, "Hidalgo-Lopez et al. 2018"),
+    )
+    return [
+        at_most(
+            f"one taxel pressed: largest other reading, {repeats} {kind} builds",
+            100 * max(
+                largest_ghost(kind, skin, constants, np.random.default_rng([seed, n]))
+                for n in range(repeats)
+            ), high, source, "%",
+        )
+        for kind, high, source in rows
+    ]  # fmt: skip
+
+
+def largest_ghost(
+    kind: str, skin: Skin, constants: Constants, rng: np.random.Generator
+) -> float:
+    """Largest reading of another taxel by that of the pressed one."""
+    law = "fresh" if kind == "fresh" else "shifted"
+    drawn = draw_build("g", law, skin, constants, rng)
+    plain = element_of(skin, constants)
+    crossed = replace(
+        plain.electronics, ghost=drawn.electronics.ghost, leak=drawn.electronics.leak
+    )
+    counts, _ = sense(
+        stepped(1.0, constants.value("time.step"))[:, None],
+        *(np.array([TAXEL]), replace(plain, electronics=crossed), skin, rng),
+        *(CROSSED, Session(np.ones(skin.count), 0.0)),
+    )
+    last = counts[-1].astype(np.float64)
+    return float(np.delete(last, TAXEL).max() / last[TAXEL])

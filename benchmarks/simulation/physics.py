@@ -1,0 +1,222 @@
+"""What contact itself is held to: areas, pressures, forces and times of contact."""
+
+from collections.abc import Iterable
+
+import numpy as np
+from jaxtyping import Float
+
+from benchmarks.simulation.check import Check, within
+from eskin.robot import load_robot
+from eskin.sim.chart import Chart, charts_of
+from eskin.sim.constants import Constants
+from eskin.sim.contact import feel
+from eskin.sim.hand import MM, Stamps, hand_of, part_of
+from eskin.sim.person import Person, draw_person
+from eskin.sim.press import Flesh, Press
+from eskin.sim.programs import perform
+from eskin.sim.site import Site
+from eskin.skin import PRESETS, MountedSkin
+from eskin.skin.surface import Plane, Surface
+
+FINGERTIP = {0.5: 67.0, 1.0: 90.0, 2.0: 120.0, 5.0: 177.0}
+"""Area [mm2] on a flat by force [N]."""
+BALANCE = {"one_tip": 4.0, "fingers": 30.0, "flat_hand": 60.0}
+"""Force [N] on parts of a hand that lie inside a patch."""
+FOREARM = "forearm_link"
+
+
+def physics_checks(constants: Constants, people: int, seed: int) -> list[Check]:
+    """Section 6.1: of one average fingertip, then of people."""
+    return [
+        *fingertip_checks(constants),
+        *people_checks(constants, people, seed),
+        *time_checks(constants, people, seed),
+    ]
+
+
+def fingertip_checks(constants: Constants) -> list[Check]:
+    """Area, its growth, and the peak of pressure of the average fingertip."""
+    forces = np.array(list(FINGERTIP))
+    areas = tip_areas(constants, forces)
+    checks = [
+        within(
+            f"fingertip: area at {force:g} N, flat", area, 0.75 * wanted, 1.25 * wanted,
+            "recalled from the literature", "mm2",
+        )
+        for (force, wanted), area in zip(FINGERTIP.items(), areas, strict=True)
+    ]  # fmt: skip
+    slopes = np.diff(np.log(areas)) / np.diff(np.log(forces))
+    source = "Xydas and Kao 1999: at most 2/3"
+    name = "fingertip: slope of ln area over ln force"
+    return [
+        *checks,
+        within(f"{name}, least", slopes.min(), 0.25, 0.6, source),
+        within(f"{name}, most", slopes.max(), 0.25, 0.6, source),
+        within(
+            "fingertip: peak by mean pressure, 2 N", peakedness(constants), 1.7, 2.3,
+            "Pawluk and Howe 1999",
+        ),
+    ]  # fmt: skip
+
+
+def tip_areas(
+    constants: Constants, forces: Float[np.ndarray, "time"]
+) -> Float[np.ndarray, "time"]:
+    """Contact area of the average fingertip on a flat [mm2]."""
+    tip, flesh = average_tip(constants)
+    felt = feel(held(tip, flesh, forces), fine_chart(Plane(np.eye(4))), constants)
+    return felt.area / MM**2
+
+
+def peakedness(constants: Constants) -> float:
+    """Largest by mean pressure under the average fingertip at 2 N."""
+    tip, flesh = average_tip(constants)
+    felt = feel(held(tip, flesh, [2.0]), fine_chart(Plane(np.eye(4))), constants)
+    pressed = felt.pressure[0][felt.pressure[0] > constants.value("contact.touched")]
+    return float(pressed.max() / pressed.mean())
+
+
+def average_tip(constants: Constants) -> tuple[Stamps, Flesh]:
+    """The index fingertip of the average hand and how it gives way."""
+    thumb, breadth, palm, length = (
+        constants.value(f"hand.{name}") * MM
+        for name in ("thumb", "breadth", "palm_length", "length")
+    )
+    fingers = constants.array("hand.fingers") * MM
+    hand = hand_of(fingers, thumb, breadth, palm, length, constants)
+    flesh = Flesh(
+        b=middle("person.stiffness", constants) / MM,
+        m=middle("person.stiffness_growth", constants) / MM,
+        area_scale=middle("person.area", constants),
+        area_exponent=middle("person.area_exponent", constants),
+        conformity=1.0,
+    )
+    return part_of(hand, ("index_tip",)), flesh
+
+
+def middle(name: str, constants: Constants) -> float:
+    """Median of a constant that is drawn."""
+    law = constants.entry(name).spread
+    return float((law.median or law.mean or 0.0) if law else 0.0)
+
+
+def held(
+    stamps: Stamps,
+    flesh: Flesh,
+    forces: Iterable[float],
+    centre: tuple[float, float] = (0.0, 0.0),
+    angle: float = 0.0,
+) -> Press:
+    """A body that presses with one force after the other [N]."""
+    force = np.array(list(forces))
+    still = np.tile(np.array(centre), (len(force), 1))
+    return Press(0, 0, stamps, flesh, force, still, np.full(len(force), angle))
+
+
+def fine_chart(surface: Surface, pitch: float = 0.0005, half: float = 0.015) -> Chart:
+    """A small square of a surface with taxels far smaller than a fingertip [m]."""
+    line = np.arange(-half, half, pitch) + pitch / 2
+    unrolled = np.stack(np.meshgrid(line, line), axis=-1).reshape(-1, 2)
+    cells = np.tile(np.eye(2) * pitch / 2, (len(unrolled), 1, 1))
+    return Chart("flat", surface, np.arange(len(unrolled)), unrolled, cells)
+
+
+def ur5() -> tuple[MountedSkin, Chart]:
+    """The skin on the UR5, and the tube of its forearm."""
+    preset = PRESETS["ur5"]
+    mounted = MountedSkin(preset.build(), load_robot(preset.robot))
+    charts = [chart for chart in charts_of(mounted) if chart.link == FOREARM]
+    return mounted, max(charts, key=lambda chart: len(chart.taxels))
+
+
+def people_checks(constants: Constants, people: int, seed: int) -> list[Check]:
+    """Forces that taxels feel, and the true area of a firm grab."""
+    mounted, chart = ur5()
+    rng = np.random.default_rng([seed, 61])
+    drawn = [draw_person(f"physics-{n}", constants, rng) for n in range(people)]
+    checks = []
+    for group, force in BALANCE.items():
+        ratios = [
+            balance(each, group, force, mounted, chart, constants, rng)
+            for each in drawn
+        ]
+        low, half, high = np.percentile(ratios, [10, 50, 90])
+        checks.append(
+            Check(
+                f"force felt by force given, {group} at {force:g} N inside a patch",
+                "10th, 50th and 90th percentile within 0.95 to 1.05",
+                "design",
+                f"{low:.3f}, {half:.3f}, {high:.3f}",
+                bool(low >= 0.95 and high <= 1.05),
+            )
+        )
+    areas = [grab_area(each, chart, constants, rng) for each in drawn]
+    source = "palm fitted to Jung et al. 2017"
+    name = "full-hand grab of 60 N on 75 mm: true area over 1 kPa, median"
+    return [*checks, within(name, float(np.median(areas)), 60, 90, source, "cm2")]
+
+
+def balance(
+    person: Person,
+    group: str,
+    force: float,
+    mounted: MountedSkin,
+    chart: Chart,
+    constants: Constants,
+    rng: np.random.Generator,
+) -> float:
+    """What taxels feel of a force by that force, in the middle of the largest patch."""
+    patch = np.bincount(mounted.skin.patch_index[chart.taxels]).argmax()
+    inside = chart.unrolled[mounted.skin.patch_index[chart.taxels] == patch]
+    places = inside[0] + np.column_stack(
+        [chart.wrapped(inside[:, 0] - inside[0, 0]), inside[:, 1] - inside[0, 1]]
+    )
+    centre = places.mean(axis=0) + rng.uniform(-0.004, 0.004, 2)
+    press = held(person.part(group), person.flesh, [force], (centre[0], centre[1]), 0.0)
+    felt = feel(press, chart, constants)
+    return float(felt.pressure[0] @ mounted.skin.areas[felt.taxels] * 1e3 / force)
+
+
+def grab_area(
+    person: Person, chart: Chart, constants: Constants, rng: np.random.Generator
+) -> float:
+    """True contact area of a full-hand grab of 60 N [cm2]."""
+    flesh = Flesh(
+        **vars(person.flesh) | {"conformity": constants.draw("grab.conformity", rng)}
+    )
+    stamps = person.part("full_hand", constants.draw("grab.splay", rng))
+    middle_of = chart.unrolled.mean(axis=0)
+    centre = (float(middle_of[0]), float(middle_of[1]))
+    press = held(stamps, flesh, [60.0], centre, np.pi / 2)
+    return float(feel(press, chart, constants).area[0] * 1e4)
+
+
+def time_checks(constants: Constants, people: int, seed: int) -> list[Check]:
+    """How long bumps and pats are in contact."""
+    rng = np.random.default_rng([seed, 62])
+    site = Site(0, (0.0, 0.0), 0.0375, (-0.1, 0.1), 0.0)
+    bumps, pats = [], []
+    for number in range(people):
+        person = draw_person(f"times-{number}", constants, rng)
+        for gesture, kind, name, found in (
+            ("none", "bump", "duration", bumps),
+            ("double_pat", None, "contact", pats),
+        ):
+            touch = perform(gesture, kind, person, site, constants, rng, 0.0, "paper")
+            found.append(1e3 * float(touch.drawn[name]))
+    return [
+        times("bump: time of contact", bumps, 15, 60, "mass on a spring"),
+        times("pat: time of contact", pats, 80, 200, "touchscreen taps, 133 (83) ms"),
+    ]
+
+
+def times(name: str, found: list[float], low: float, high: float, source: str) -> Check:
+    """Whether the median of some times is as it should be, with the spread [ms]."""
+    least, half, most = np.percentile(found, [10, 50, 90])
+    return Check(
+        f"{name}, 10/50/90 %",
+        f"median {low:g} to {high:g} ms",
+        source,
+        f"{least:.0f}/{half:.0f}/{most:.0f} ms",
+        bool(low <= half <= high),
+    )
