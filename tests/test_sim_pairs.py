@@ -1,11 +1,14 @@
 """Pairs: the same counts twice, and only the shape or the pose tells what was done."""
 
+import json
 from functools import lru_cache
 
 import numpy as np
 import pytest
 from scipy.spatial.distance import pdist
 
+import eskin.cli.generate as command
+from eskin.cli.main import run
 from eskin.recording import find_recordings, read_recording
 from eskin.robot import load_robot
 from eskin.sim.constants import load_constants
@@ -278,3 +281,14 @@ def test_a_kind_of_pair_that_is_not_there_is_refused():
 def test_pairs_cannot_be_merged_on_a_patch_that_meets_no_other():
     with pytest.raises(ValueError, match="no joint 'elbow_joint'"):
         make_pair("merging", 0, world=world_of("bent"))
+
+
+def test_pairs_can_be_asked_for_on_the_command_line(monkeypatch, tmp_path, capsys):
+    def in_this_process(folder, settings, workers, tell):
+        return generate(folder, settings, 0, small, tell)
+
+    monkeypatch.setattr(command, "generate", in_this_process)
+    argv = ["generate", str(tmp_path), "--set", "pairs", "--clips", "2", "--json"]
+    assert run(argv) == 0
+    assert json.loads(capsys.readouterr().out.splitlines()[-1])["clips"] == 4
+    assert {row.plan.pair.side for row in read_index(tmp_path)} == set(SIDES)

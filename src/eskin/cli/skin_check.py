@@ -26,7 +26,7 @@ class Command:
     """A preset's name, or a folder with skin.yaml."""
 
     robot: str | None = None
-    """The robot it is for: ur5, table or a .urdf file; a preset knows its own."""
+    """The robot it is for: ur5, table, tube or a .urdf file; a preset knows its own."""
 
     tolerance: float = 1e3 * CheckConfig.off_surface
     """Farthest that a taxel may lie from its link's surface [mm]."""
