@@ -23,6 +23,8 @@ from eskin.touch import Calibration
 PROCESSES = 2
 LEAST = 1.0
 """Pressure that a taxel must reach to be looked at [kPa]."""
+Factors = tuple[tuple[str, float], ...]
+"""Names of constants, and what each is multiplied by."""
 TAP = "tap"
 """One pat as a class of its own."""
 
@@ -68,6 +70,7 @@ def simulate(
     difficulty: float,
     seed: int,
     classes: tuple[str, ...] = CLASSES,
+    factors: Factors = (),
 ) -> list[Made]:
     """Make clips of a named set in two processes.
 
@@ -77,6 +80,7 @@ def simulate(
         difficulty: lambda.
         seed: of the set.
         classes: what is done, equally often; `tap` is a pat alone.
+        factors: on constants of the world, as in a sensitivity sweep.
     """
     constants = load_constants()
     chosen = resized(load_set(set_name, constants), clips, None, constants)
@@ -84,30 +88,33 @@ def simulate(
     work = []
     for sitting in sittings_of(chosen, seed, constants):
         plans = plans_of(sitting, chosen, seed, difficulty, constants)
-        work.append(delayed(sitting_of)(sitting, plans, TAP in classes))
+        work.append(delayed(sitting_of)(sitting, plans, TAP in classes, factors))
     with parallel_config(backend="loky", inner_max_num_threads=1):
         found: Sequence[list[Made]] = Parallel(PROCESSES)(work)  # pyright: ignore
     return [made for group in found for made in group]
 
 
-@lru_cache(maxsize=1)
-def simulator() -> Simulator:
-    """The simulator of this process."""
-    return Simulator()
+@lru_cache(maxsize=2)
+def simulator(factors: Factors = ()) -> Simulator:
+    """The simulator of this process, for a world."""
+    return Simulator(constants=load_constants().scaled(dict(factors)))
 
 
-def sitting_of(sitting: Sitting, plans: Sequence[ClipPlan], taps: bool) -> list[Made]:
+def sitting_of(
+    sitting: Sitting, plans: Sequence[ClipPlan], taps: bool, factors: Factors = ()
+) -> list[Made]:
     """The clips of a sitting; their rest level is that of its lead-in.
 
     Args:
         sitting: the sitting.
         plans: its lead-in and clips.
         taps: whether pats alone are a class of their own, and of no other.
+        factors: on constants of the world.
     """
-    maker = simulator()
+    maker = simulator(factors)
     rest = rest_of(maker.make(plans[0]))
     calibration = maker.calibration(sitting.build)
-    return [made_of(as_tap(plan), rest, calibration, taps) for plan in plans[1:]]
+    return [made_of(maker, as_tap(plan), rest, calibration, taps) for plan in plans[1:]]
 
 
 def as_tap(plan: ClipPlan) -> ClipPlan:
@@ -118,13 +125,13 @@ def as_tap(plan: ClipPlan) -> ClipPlan:
 
 
 def made_of(
+    maker: Simulator,
     plan: ClipPlan,
     rest: Float[np.ndarray, "taxel"],
     calibration: Calibration,
     taps: bool,
 ) -> Made:
     """Make one clip and keep what is needed of it."""
-    maker = simulator()
     mounted, clip = maker.mounted, maker.make(plan)
     pressure = pressure_of(clip.counts, clip.received, rest, calibration)
     first = next((truth for truth in clip.truths if truth.number == 0), None)

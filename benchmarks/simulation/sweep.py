@@ -1,0 +1,68 @@
+"""What changes where an estimated force is half or twice as large."""
+
+import numpy as np
+
+from benchmarks.simulation.clips import Factors, Made, simulate
+from benchmarks.simulation.forest import features_of, grow, labels_of
+from eskin.sim.constants import Constants, load_constants
+
+TEST = "test-s"
+FELT = 3.0  # pressure from which a touch is a contact [kPa]
+
+
+def sweep_table(clips: int, seed: int) -> str:
+    """A forest of the published world, asked about worlds of other forces.
+
+    Args:
+        clips: that it learns from; a third as many are asked about in each world.
+        seed: of clips and forests.
+    """
+    constants = load_constants()
+    level = constants.value("sets.difficulty")
+    grown = grow(simulate("train", clips, level, seed), seed)
+    rows = [
+        "\n**Estimated forces, half and twice as large**\n",
+        f"A forest of 15 features that learned from {clips} clips of `train`, asked "
+        f"about {clips // 3} clips of `{TEST}`; share of gestures that read {FELT:g} "
+        "kPa anywhere.\n",
+        "| force of | half: right | half: felt | as published: right | felt | twice: "
+        "right | twice: felt |",
+        "|---|---|---|---|---|---|---|",
+    ]
+    plain = simulate(TEST, clips // 3, level, seed)
+    for name, factors in worlds(constants):
+        half, twice = (
+            simulate(TEST, clips // 3, level, seed, factors=times(factors, factor))
+            for factor in (0.5, 2.0)
+        )
+        cells = [
+            cell
+            for made in (half, plain, twice)
+            for cell in (
+                f"{np.mean(grown.predict(features_of(made)) == labels_of(made)):.1%}",
+                f"{felt(made):.1%}",
+            )
+        ]
+        rows.append(f"| {name} | {' | '.join(cells)} |")
+    return "\n".join(rows)
+
+
+def worlds(constants: Constants) -> list[tuple[str, tuple[str, ...]]]:
+    """Every estimated force of a gesture on its own, then all estimated forces."""
+    estimated = tuple(
+        name
+        for name, entry in constants.entries.items()
+        if name.endswith(".force") and entry.unit == "N" and entry.estimate
+    )
+    single = [(name, (name,)) for name in estimated if name.count(".") == 1]
+    return [*single, ("everything", estimated)]
+
+
+def times(names: tuple[str, ...], factor: float) -> Factors:
+    """The same factor on some constants."""
+    return tuple((name, factor) for name in names)
+
+
+def felt(made: list[Made]) -> float:
+    """Share of gestures that are read at all."""
+    return float(np.mean([each.peak >= FELT for each in made if each.label != "none"]))
