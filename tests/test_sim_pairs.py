@@ -14,8 +14,12 @@ from eskin.robot import load_robot
 from eskin.sim.constants import load_constants
 from eskin.sim.generate import generate
 from eskin.sim.index import read_index, remake
+from eskin.sim.pairs.meeting import draw_meeting
+from eskin.sim.pairs.merging import pat_both
 from eskin.sim.pairs.pair import make_pair, world_of
+from eskin.sim.pairs.schedule import plan_alone
 from eskin.sim.pairs.sides import KINDS, SIDES
+from eskin.sim.person import draw_person
 from eskin.sim.settings import Settings
 from eskin.sim.simulator import Simulator
 from eskin.skin import PRESETS, MountedSkin, load_skin
@@ -170,6 +174,20 @@ def test_pats_on_two_links_follow_each_other_as_those_of_a_double_pat():
         assert low - 0.03 <= second.onset - first.onset <= high + 0.03
         assert first.end < second.onset
         np.testing.assert_allclose(first.force + second.force, both.force)
+
+
+def test_pats_that_are_too_soon_or_too_late_for_two_links_are_not_taken():
+    rng, plan = np.random.default_rng(0), plan_alone("merging", 0, 1.5, CONSTANTS)
+    groups = frozenset(plan.groups)
+    low, high = CONSTANTS.array("pairs.interval")
+    taken = []
+    for number in range(20):
+        person = draw_person(f"p{number}", CONSTANTS, rng)
+        *_, sites = draw_meeting(world(), groups, person, rng)
+        taken += [pat_both(plan, world(), person, sites, rng) for _ in range(10)]
+    intervals = [touch.drawn["interval"] for touch in taken if touch is not None]
+    assert 20 < len(intervals) < len(taken)
+    assert low <= min(intervals) and max(intervals) <= high
 
 
 def test_a_hooked_hand_presses_either_patch_alike():

@@ -7,7 +7,7 @@ import numpy as np
 from eskin.sim.contact import feel
 from eskin.sim.fold import fold
 from eskin.sim.hand import HEADS, HEEL, PARTS, mirrored, part_of
-from eskin.sim.pairs.meeting import Sites, draw_meeting
+from eskin.sim.pairs.meeting import Pose, Sites, draw_meeting
 from eskin.sim.pairs.sides import INSTEAD
 from eskin.sim.pairs.twins import Twins, onset_of, steps_of, still
 from eskin.sim.person import Person
@@ -23,20 +23,36 @@ from eskin.sim.world import World
 
 
 def draw_merging(plan: ClipPlan, world: World, rng: np.random.Generator) -> Twins:
-    """One gesture on two patches that meet, and two touches of them far apart."""
+    """One gesture on two patches that meet, and two touches of them far apart.
+
+    Raises:
+        ValueError: no poses or no touch were found.
+    """
     person = person_of(plan.person, world)
     _, steps = steps_of(plan, world)
-    folded, apart, sites = draw_meeting(world, frozenset(plan.groups), person, rng)
-    touches: tuple[TrueTouch, ...] = ()
-    if plan.kind != "idle":
-        touch = draw_touch(plan, world, person, sites, rng)
-        touches = (moved(touch, onset_of(touch, plan, world, rng)),)
+    folded, apart, touches = draw_touched(plan, world, person, rng)
     return Twins(
         Scene(still(folded, steps), touches),
         Scene(still(apart, steps), tuple(split(touches))),
         world.mounted,
         world.charts,
     )
+
+
+def draw_touched(
+    plan: ClipPlan, world: World, person: Person, rng: np.random.Generator
+) -> tuple[Pose, Pose, tuple[TrueTouch, ...]]:
+    """Both poses and the gesture, which is felt on either patch."""
+    for _ in range(int(world.constants.value("pairs.tries"))):
+        groups = frozenset(plan.groups)
+        folded, apart, sites = draw_meeting(world, groups, person, rng)
+        if plan.kind == "idle":
+            return folded, apart, ()
+        touch = draw_touch(plan, world, person, sites, rng)
+        if touch is not None:
+            touch = moved(touch, onset_of(touch, plan, world, rng))
+            return folded, apart, (touch,)
+    raise ValueError("no touch came out that is felt on two patches; lower pairs.felt")
 
 
 def split(touches: tuple[TrueTouch, ...]) -> list[TrueTouch]:
@@ -54,20 +70,19 @@ def draw_touch(
     person: Person,
     sites: Sites,
     rng: np.random.Generator,
-) -> TrueTouch:
+) -> TrueTouch | None:
     """One gesture that is done on two patches, a part of it felt on each.
 
-    Raises:
-        ValueError: none came out that is felt on both.
+    None where it hardly comes out so, as on a narrow patch or by a light hand.
     """
     assert plan.pair is not None
     draw = pat_both if plan.pair.gesture == "double_pat" else hook
     least = world.constants.value("pairs.felt")
-    for _ in range(int(world.constants.value("pairs.tries"))):
+    for _ in range(int(world.constants.value("pairs.touches"))):
         touch = draw(plan, world, person, sites, rng)
         if touch is not None and min(peaks_of(touch, world)) >= least:
             return touch
-    raise ValueError(f"no {plan.pair.gesture} on two patches presses {least} kPa")
+    return None
 
 
 def peaks_of(touch: TrueTouch, world: World) -> list[float]:
