@@ -60,7 +60,7 @@ def test_scales_have_their_medians_and_spreads(people):
         assert np.exp(np.log(drawn).std()) == pytest.approx(gsd, rel=0.03)
     kappa = np.array([person.flesh.conformity for person in people])
     assert kappa.min() >= 0.1 and kappa.max() <= 0.98
-    assert kappa.mean() == pytest.approx(0.475, abs=0.02)
+    assert kappa.mean() == pytest.approx(0.51, abs=0.02)
     assert kappa.std() == pytest.approx(0.2, abs=0.02)
 
 

@@ -57,7 +57,7 @@ def gsd(numbers):
     ("gesture", "median", "spread"),
     [
         ("poke", 4.0, 1.8),
-        ("double_pat", 7.0, 1.7),
+        ("double_pat", 5.0, 1.7),
         ("grab", 40.0, 1.8),
         ("stroke", 3.0, 1.8),
     ],

@@ -57,9 +57,9 @@ def test_one_element_replays_the_logs():
     assert failed(element_checks(CONSTANTS, seed=0, repeats=3)) == []
 
 
-def test_the_rig_checks_mean_and_spread_of_every_gesture_and_six_ratios():
+def test_the_rig_checks_mean_and_spread_of_every_gesture_and_seven_ratios():
     checks = rig_checks(CONSTANTS, people=2, repeats=1, difficulty=0.0, seed=0)
-    assert len(checks) == 2 * len(COST) + 6
+    assert len(checks) == 2 * len(COST) + 7
     failed(checks)
 
 

@@ -86,13 +86,15 @@ def rig_checks(
     plain = {name: float(np.median(captured.peak)) for name, captured in found.items()}
     peaks = {name: peak**EXPONENT for name, peak in plain.items()}
     times = {name: float(captured.seconds.mean()) for name, captured in found.items()}
-    wanted = ("stroke", "poke", "grab")
     lengths = ("tap", "poke", "press", "grab", "stroke")
     return [
         *checks,
         within("grab / pat area", means["grab"] / means["pat"], 3, 5, SOURCE),
         within("pat / poke area", means["pat"] / means["poke"], 1.5, 3, SOURCE),
-        ordered("peak reading", {n: peaks[n] for n in wanted}, SOURCE, "kPa^0.35"),
+        *(
+            ordered("peak reading", {n: peaks[n] for n in names}, SOURCE, "kPa^0.35")
+            for names in (("stroke", "poke", "grab"), ("pat", "poke", "grab"))
+        ),
         stroke_by_pat(peaks, plain),
         ordered("duration", {n: times[n] for n in lengths}, SOURCE, "s"),
         within("poke / pat duration", times["poke"] / times["pat"], 0.7, 1.4, SOURCE),
