@@ -1,7 +1,7 @@
 """Hold the simulated world to its checklist.
 
 python -m benchmarks.simulation [PART], where PART is physics, rig, bands, sensor,
-difficulty, ceiling, leakage or all.
+reference, difficulty, ceiling, leakage, sweep, speed or all.
 """
 
 from collections.abc import Callable
@@ -18,12 +18,29 @@ from benchmarks.simulation.element import element_checks
 from benchmarks.simulation.forest import difficulty_tables
 from benchmarks.simulation.leakage import leakage_checks
 from benchmarks.simulation.physics import physics_checks
+from benchmarks.simulation.reference import reference_tables
 from benchmarks.simulation.rig import rig_checks
+from benchmarks.simulation.speed import speed_checks
+from benchmarks.simulation.sweep import sweep_table
 from eskin.sim.constants import load_constants
 
 Part = Literal[
-    "physics", "rig", "bands", "sensor", "difficulty", "ceiling", "leakage", "all"
+    "physics",
+    "rig",
+    "bands",
+    "sensor",
+    "reference",
+    "difficulty",
+    "ceiling",
+    "leakage",
+    "sweep",
+    "speed",
+    "all",
 ]
+
+
+REPEATS = 8
+"""Clips of every touch on every surface that MuJoCo is asked about."""
 
 
 @dataclass(frozen=True)
@@ -82,14 +99,32 @@ def leakage(command: Command) -> str:
     return as_table("Leakage", leakage_checks(command.clips, command.seed))
 
 
+def reference(command: Command) -> str:
+    """Section 3.3, the independent model."""
+    return reference_tables(REPEATS, command.seed)
+
+
+def sweep(command: Command) -> str:
+    """Section 7.1."""
+    return sweep_table(command.clips, command.seed)
+
+
+def speed(command: Command) -> str:
+    """Section 3.11."""
+    return as_table("Speed", speed_checks(command.clips, command.seed))
+
+
 PARTS: dict[str, Callable[[Command], str]] = {
     "physics": physics,
     "rig": rig,
     "bands": bands,
     "sensor": sensor,
+    "reference": reference,
     "difficulty": difficulty,
     "ceiling": ceiling,
     "leakage": leakage,
+    "sweep": sweep,
+    "speed": speed,
 }
 
 

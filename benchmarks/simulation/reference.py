@@ -1,7 +1,5 @@
 """How near the model of contact comes to rigid ellipsoids in MuJoCo.
 
-    python -m benchmarks.reference_contact
-
 People that are drawn touch a flat, both tubes of the arm and a dome; every clip is
 looked at when its force is largest and at other steps drawn, and counts by its medians.
 Wanted: area within 25 %, centroids within 4 mm, pressures of the taxels correlated over
@@ -9,12 +7,9 @@ Wanted: area within 25 %, centroids within 4 mm, pressures of the taxels correla
 nothing; it is a check of how many parts share the load on a round surface.
 """
 
-import time
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-import tyro
 
 from eskin.sim import Chart, Constants, Press, load_constants
 from eskin.sim.contact import feel
@@ -40,15 +35,8 @@ BODIES = ("fingertips", "fingers", "hand with palm", "other bodies")
 FORCES = (0.0, 1.0, 3.0, 10.0, 30.0, np.inf)  # [N]
 
 
-@dataclass(frozen=True)
-class Command:
-    """Compare."""
-
-    repeats: int = 8
-    """Clips of every touch on every surface."""
-    instants: int = 3
-    """Steps of a clip that are looked at."""
-    seed: int = 0
+INSTANTS = 3
+"""Steps of a clip that are looked at."""
 
 
 @dataclass(frozen=True)
@@ -64,38 +52,38 @@ class Case:
     """None where the reference cannot carry the force."""
 
 
-def main() -> None:
-    """Compare and print."""
-    command = tyro.cli(Command)
-    began, rng = time.perf_counter(), np.random.default_rng(command.seed)
-    cases = compare(command, rng)
+def reference_tables(repeats: int, seed: int) -> str:
+    """Compare, by surface, by touch and by force.
+
+    Args:
+        repeats: clips of every touch on every surface.
+        seed: of people and touches.
+    """
+    cases = compare(repeats, np.random.default_rng(seed))
     clips = len({case.clip for case in cases})
-    seconds = time.perf_counter() - began
-    print(f"{clips} clips, {len(cases)} instants, {seconds:.0f} s")
-    sunk = [case for case in cases if case.found is None]
-    print(f"{len(sunk)} instants left out: the reference's parts sink in altogether\n")
-    head("surface", "body")
+    sunk = sum(case.found is None for case in cases)
+    rows = [
+        "\n**The same hands in MuJoCo**\n",
+        f"{clips} clips, {len(cases)} instants; {sunk} of them left out, where parts "
+        "of the reference sink in altogether.\n",
+        *head("surface", "body"),
+    ]
     for surface in (*SURFACES, "all"):
         for body in (*BODIES, "all"):
-            row((surface, body), cases, lambda c, s=surface, b=body: lies_in(c, s, b))
-    print()
-    head("surface", "touch")
+            rows += row(
+                (surface, body), [c for c in cases if lies_in(c, surface, body)]
+            )
+    rows += ["", *head("surface", "touch")]
     for surface in SURFACES:
         for touch in dict.fromkeys(case.touch for case in cases):
-            row(
-                (surface, touch),
-                cases,
-                lambda c, s=surface, w=touch: (c.surface, c.touch) == (s, w),
-            )
-    print()
-    head("force [N]", "body")
+            here = [c for c in cases if (c.surface, c.touch) == (surface, touch)]
+            rows += row((surface, touch), here)
+    rows += ["", *head("force [N]", "body")]
     for low, high in zip(FORCES[:-1], FORCES[1:], strict=True):
         for body in BODIES:
-            row(
-                (f"{low:g} to {high:g}", body),
-                cases,
-                lambda c, b=body, f=(low, high): c.body == b and f[0] < c.force <= f[1],
-            )
+            here = [c for c in cases if c.body == body and low < c.force <= high]
+            rows += row((f"{low:g} to {high:g}", body), here)
+    return "\n".join(rows)
 
 
 def lies_in(case: Case, surface: str, body: str) -> bool:
@@ -103,7 +91,7 @@ def lies_in(case: Case, surface: str, body: str) -> bool:
     return surface in (case.surface, "all") and body in (case.body, "all")
 
 
-def compare(command: Command, rng: np.random.Generator) -> list[Case]:
+def compare(repeats: int, rng: np.random.Generator) -> list[Case]:
     """All cases."""
     constants = load_constants()
     cases: list[Case] = []
@@ -113,11 +101,11 @@ def compare(command: Command, rng: np.random.Generator) -> list[Case]:
         for gesture, kind in TOUCHES:
             if gesture == "grab" and not isinstance(chart.surface, Tube):
                 continue
-            for _ in range(command.repeats):
+            for _ in range(repeats):
                 press = draw_press(gesture, kind, chart, constants, rng)
                 touch = gesture if kind is None else kind
                 body = "other bodies" if kind in BARE else body_of(press)
-                for step in steps_of(press, command.instants, rng):
+                for step in steps_of(press, INSTANTS, rng):
                     at = instant(press, step)
                     found = look(at, chart, constants)
                     force = float(at.force[0])
@@ -190,37 +178,30 @@ def steps_of(press: Press, count: int, rng: np.random.Generator) -> list[int]:
     return [peak, *rng.choice(strong, count - 1).tolist()]
 
 
-def head(*names: str) -> None:
+def head(*names: str) -> list[str]:
     """The first lines of a table."""
     columns = (*names, "clips", "area +-25 %", "centroid < 4 mm", "correlation > 0.8")
     columns += ("area ratio", "centroid [mm]", "correlation", "of touched taxels only")
-    print(f"| {' | '.join(columns)} |")
-    print(f"|{'---|' * len(columns)}")
+    return [f"| {' | '.join(columns)} |", f"|{'---|' * len(columns)}"]
 
 
-def row(
-    names: tuple[str, str], cases: list[Case], belongs: Callable[[Case], bool]
-) -> None:
-    """One line: shares of clips within each bar, and medians over clips."""
+def row(names: tuple[str, str], cases: list[Case]) -> list[str]:
+    """A line, if there are cases: shares of clips within each bar, and medians."""
     clips: dict[int, list[Agreement]] = {}
     for case in cases:
-        if belongs(case) and case.found is not None:
+        if case.found is not None:
             clips.setdefault(case.clip, []).append(case.found)
     if not clips:
-        return
+        return []
     area, away, alike, strict = np.array([middle(found) for found in clips.values()]).T
     shares = [np.abs(area - 1) <= 0.25, away <= 0.004, alike > 0.8]
     cells = [*names, len(clips), *(f"{share.mean():.0%}" for share in shares)]
     cells += [f"{np.median(area):.2f}", f"{1e3 * np.median(away):.1f}"]
     cells += [f"{np.median(alike):.2f}", f"{np.median(strict):.2f}"]
-    print(f"| {' | '.join(map(str, cells))} |")
+    return [f"| {' | '.join(map(str, cells))} |"]
 
 
 def middle(found: list[Agreement]) -> list[float]:
     """Medians over the instants of a clip."""
     names = ("area", "centroid", "correlation", "strict")
     return [float(np.median([getattr(each, name) for each in found])) for name in names]
-
-
-if __name__ == "__main__":
-    main()
