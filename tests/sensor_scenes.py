@@ -4,10 +4,10 @@ from dataclasses import fields, replace
 
 import numpy as np
 
-from eskin.sim.build import nominal_build
 from eskin.sim.constants import load_constants
-from eskin.sim.sensor import Stages, sense
-from eskin.sim.session import Session
+from eskin.sim.sensor.build import nominal_build
+from eskin.sim.sensor.sensor import Stages, sense
+from eskin.sim.sensor.session import Session
 from touch_scenes import grid_skin
 
 CONSTANTS = load_constants()

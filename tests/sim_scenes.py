@@ -6,8 +6,8 @@ import time
 import numpy as np
 
 from eskin.robot import load_robot
-from eskin.sim.maker import Maker
-from eskin.sim.outcome import Clip, TrueSeries
+from eskin.sim.clip.outcome import Clip, TrueSeries
+from eskin.sim.files.maker import Maker
 from eskin.skin import MountedSkin, grid_skin
 from eskin.touch import Calibration
 

@@ -6,8 +6,8 @@ import pytest
 
 import eskin.cli.generate as command
 from eskin.cli.main import run
-from eskin.sim.generate import generate
-from eskin.sim.sets import SETS
+from eskin.sim.files.generate import generate
+from eskin.sim.files.sets import SETS
 from sim_scenes import Failing, StandIn
 
 

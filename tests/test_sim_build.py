@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from eskin.sim.build import draw_build, nominal_build
 from eskin.sim.constants import load_constants
-from eskin.sim.defects import taxels_of_line
-from eskin.sim.velostat import steps_from_edge
+from eskin.sim.sensor.build import draw_build, nominal_build
+from eskin.sim.sensor.defects import taxels_of_line
+from eskin.sim.sensor.velostat import steps_from_edge
 from eskin.touch import Calibration
 from touch_scenes import grid_skin
 

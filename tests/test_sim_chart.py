@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from eskin.robot import load_robot
-from eskin.sim.chart import charts_of
+from eskin.sim.contact.chart import charts_of
 from eskin.skin import MountedSkin, Patch
 from eskin.skin.layout import Grid, join_patches
 from eskin.skin.round import Dome, Tube

@@ -19,9 +19,21 @@ from contact_scenes import (
 )
 from eskin.robot import load_robot
 from eskin.sim import charts_of, load_constants
-from eskin.sim.contact import feel, grid_neighbours, ground_of, spread, within_reach
-from eskin.sim.dents import dents_of, gaps, placed, relative_curvatures, share_load
-from eskin.sim.film import leak_share
+from eskin.sim.contact.contact import (
+    feel,
+    grid_neighbours,
+    ground_of,
+    spread,
+    within_reach,
+)
+from eskin.sim.contact.dents import (
+    dents_of,
+    gaps,
+    placed,
+    relative_curvatures,
+    share_load,
+)
+from eskin.sim.contact.film import leak_share
 from eskin.skin import MountedSkin
 from eskin.skin.round import Tube
 from eskin.skin.surface import Plane
@@ -265,7 +277,7 @@ def test_nothing_is_felt_where_no_part_reaches():
 
 def felt_without_culling(touch, chart, pairs):
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("eskin.sim.contact.within_reach", lambda *_: pairs)
+        patch.setattr("eskin.sim.contact.contact.within_reach", lambda *_: pairs)
         return felt_field(touch, chart)
 
 

@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from eskin.sim.build import draw_build
-from eskin.sim.crosstalk_kernels import read_array
-from eskin.sim.sensor import Stages, sense
+from eskin.sim.sensor.build import draw_build
+from eskin.sim.sensor.crosstalk_kernels import read_array
+from eskin.sim.sensor.sensor import Stages, sense
 from sensor_scenes import CONSTANTS, NONE, SKIN, same_session
 
 

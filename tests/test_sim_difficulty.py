@@ -16,7 +16,7 @@ from benchmarks.simulation.leakage import over_people
 from benchmarks.simulation.remains import EDGES, histogram_of
 from benchmarks.simulation.true_features import runs, true_features
 
-from eskin.sim.settings import Settings
+from eskin.sim.files.settings import Settings
 from eskin.touch import Calibration
 
 

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from eskin.sim.constants import load_constants
-from eskin.sim.hand import (
+from eskin.sim.people.hand import (
     GROUPS,
     PARTS,
     body_of,

@@ -5,13 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from eskin.sim.free import is_free
-from eskin.sim.groups import group_of
-from eskin.sim.motion import drag, draw_motion, follow, still, way
-from eskin.sim.place import draw_site
-from eskin.sim.pose import draw_touching_pose
-from eskin.sim.press import Flesh, Press, Stamps
-from eskin.sim.profile import profile_of
+from eskin.sim.contact.press import Flesh, Press, Stamps
+from eskin.sim.robot.free import is_free
+from eskin.sim.robot.groups import group_of
+from eskin.sim.robot.motion import drag, draw_motion, follow, still, way
+from eskin.sim.robot.pose import draw_touching_pose
+from eskin.sim.robot.profile import profile_of
+from eskin.sim.site.place import draw_site
 from world_scenes import EVERY, people, poses, world
 
 STEP = 0.01
@@ -163,11 +163,11 @@ def test_a_hand_lands_on_its_target_and_slides_some_millimetres():
         moved = follow(press, world(), series, 0.22).centre - press.centre
         np.testing.assert_allclose(moved[0], 0.0, atol=1e-12)
         on_chart = world().charts[site.chart].taxels
-        if skin_speeds(series[90:141])[:, on_chart].mean(axis=1).max() > 0.02:
+        if skin_speeds(series[90:141])[:, on_chart].mean(axis=1).max() > 0.05:
             slides.append(np.linalg.norm(moved, axis=1).max())
     assert max(slides) <= 0.22 * 1.2 * world().constants.value("motion.fastest")
     # Wanted: 5-30 mm where the link moves. Some move along the normal only.
-    assert len(slides) > 20
+    assert len(slides) > 10
     assert 0.005 < np.median(slides) < 0.03
 
 

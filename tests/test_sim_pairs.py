@@ -12,16 +12,16 @@ from eskin.cli.main import run
 from eskin.recording import find_recordings, read_recording
 from eskin.robot import load_robot
 from eskin.sim.constants import load_constants
-from eskin.sim.generate import generate
-from eskin.sim.index import read_index, remake
+from eskin.sim.files.generate import generate
+from eskin.sim.files.index import read_index, remake
+from eskin.sim.files.settings import Settings
+from eskin.sim.files.simulator import Simulator
 from eskin.sim.pairs.meeting import draw_meeting
 from eskin.sim.pairs.merging import pat_both
 from eskin.sim.pairs.pair import make_pair, world_of
 from eskin.sim.pairs.schedule import plan_alone
 from eskin.sim.pairs.sides import KINDS, SIDES
-from eskin.sim.person import draw_person
-from eskin.sim.settings import Settings
-from eskin.sim.simulator import Simulator
+from eskin.sim.people.person import draw_person
 from eskin.skin import PRESETS, MountedSkin, load_skin
 from eskin.touch import TouchPipeline
 from world_scenes import world

@@ -2,10 +2,10 @@ import numpy as np
 import pytest
 
 from eskin.sim.constants import load_constants
-from eskin.sim.dents import placed
-from eskin.sim.hand import PARTS
-from eskin.sim.person import STYLES, draw_person
-from eskin.sim.press import Press
+from eskin.sim.contact.dents import placed
+from eskin.sim.contact.press import Press
+from eskin.sim.people.hand import PARTS
+from eskin.sim.people.person import STYLES, draw_person
 from eskin.skin.round import Tube
 
 CONSTANTS = load_constants()

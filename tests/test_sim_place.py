@@ -6,11 +6,11 @@ from functools import lru_cache
 import numpy as np
 import pytest
 
-from eskin.sim.hand import MM
-from eskin.sim.place import LAWS, draw_site, draw_spot, law_of, view_of
-from eskin.sim.room import has_room
-from eskin.sim.spots import EDGE, INNER, REGIONS, SEAM, edge_distance
-from eskin.sim.tangent import axes_at
+from eskin.sim.people.hand import MM
+from eskin.sim.robot.tangent import axes_at
+from eskin.sim.site.place import LAWS, draw_site, draw_spot, law_of, view_of
+from eskin.sim.site.room import has_room
+from eskin.sim.site.spots import EDGE, INNER, REGIONS, SEAM, edge_distance
 from eskin.skin.round import Tube
 from world_scenes import people, poses, world
 

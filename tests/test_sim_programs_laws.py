@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 
 from eskin.sim.constants import load_constants
-from eskin.sim.person import draw_person
-from eskin.sim.programs import perform
-from eskin.sim.programs.act import Act
-from eskin.sim.programs.amount import draw_duration, draw_force
-from eskin.sim.programs.perform import kind_of
-from eskin.sim.site import Site
+from eskin.sim.people.person import draw_person
+from eskin.sim.people.programs import perform
+from eskin.sim.people.programs.act import Act
+from eskin.sim.people.programs.amount import draw_duration, draw_force
+from eskin.sim.people.programs.perform import kind_of
+from eskin.sim.site.site import Site
 
 CONSTANTS = load_constants()
 STEP = CONSTANTS.value("time.step")

@@ -5,8 +5,8 @@ import pytest
 
 from contact_scenes import DOME, FINGERS, FLAT, TIP, TUBE, WIDE_TUBE, field, press
 from eskin.sim import load_constants
-from eskin.sim.contact import feel
-from eskin.sim.reference import (
+from eskin.sim.contact.contact import feel
+from eskin.sim.contact.reference import (
     agreement,
     feel_in_mujoco,
     instant,
@@ -14,7 +14,7 @@ from eskin.sim.reference import (
     pressures,
     sheet_about,
 )
-from eskin.sim.reference_scene import Scene, poses
+from eskin.sim.contact.reference_scene import Scene, poses
 
 pytest.importorskip("mujoco", reason="the reference needs MuJoCo, extra `sim`")
 
@@ -145,6 +145,6 @@ def test_who_lacks_mujoco_is_told_how_to_get_it(monkeypatch):
     def lacking(name):
         raise ImportError(name)
 
-    monkeypatch.setattr("eskin.sim.reference_scene.import_module", lacking)
+    monkeypatch.setattr("eskin.sim.contact.reference_scene.import_module", lacking)
     with pytest.raises(ValueError, match=r"pip install 'eskin\[sim\]'"):
         reference(press(TIP, 1.0), FLAT)

@@ -5,8 +5,8 @@ from dataclasses import fields, replace
 import numpy as np
 import pytest
 
-from eskin.sim.build import draw_build
-from eskin.sim.sensor import BLOCK, Stages, sense
+from eskin.sim.sensor.build import draw_build
+from eskin.sim.sensor.sensor import BLOCK, Stages, sense
 from sensor_scenes import (
     CONSTANTS,
     ELEMENT,

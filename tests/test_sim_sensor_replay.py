@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from eskin.sim.build import draw_build, nominal_build
-from eskin.sim.sensor import Stages, sense
-from eskin.sim.session import draw_session
+from eskin.sim.sensor.build import draw_build, nominal_build
+from eskin.sim.sensor.sensor import Stages, sense
+from eskin.sim.sensor.session import draw_session
 from eskin.touch import Calibrator
 from sensor_scenes import (
     CONSTANTS,

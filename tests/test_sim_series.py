@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from eskin.sim.series import (
+from eskin.sim.people.series import (
     bell,
     minimum_jerk,
     peaked,

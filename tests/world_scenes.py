@@ -6,9 +6,9 @@ import numpy as np
 
 from eskin.robot import load_robot
 from eskin.sim.constants import load_constants
-from eskin.sim.person import draw_person
-from eskin.sim.pose import GROUPS, draw_pose
-from eskin.sim.world import build_world
+from eskin.sim.people.person import draw_person
+from eskin.sim.robot.pose import GROUPS, draw_pose
+from eskin.sim.robot.world import build_world
 from eskin.skin import MountedSkin
 from eskin.skin.ur5 import ur5_skin
 

@@ -8,21 +8,21 @@ from jaxtyping import Float
 
 from benchmarks.simulation.check import Check, at_least, within
 from benchmarks.simulation.physics import FOREARM
-from eskin.sim.chart import Chart
-from eskin.sim.clip_labels import rest_of
+from eskin.sim.clip.plan import BuildOrigin, Origin
+from eskin.sim.clip.play import build_of, neighbours_of, play, session_of
+from eskin.sim.clip.scene import Scene, add_up, parts_of
+from eskin.sim.clip.timing import contact_steps, moved
+from eskin.sim.clip.truth import TrueTouch
 from eskin.sim.constants import Constants
-from eskin.sim.film import leak_share, spread
-from eskin.sim.person import Person, draw_person
-from eskin.sim.plan import BuildOrigin, Origin
-from eskin.sim.play import build_of, neighbours_of, play, session_of
-from eskin.sim.programs import perform
-from eskin.sim.programs.act import Regime
-from eskin.sim.scene import Scene, add_up, parts_of
-from eskin.sim.simulator import Simulator
-from eskin.sim.site import Site
-from eskin.sim.timing import contact_steps, moved
-from eskin.sim.truth import TrueTouch
-from eskin.sim.world import World
+from eskin.sim.contact.chart import Chart
+from eskin.sim.contact.film import leak_share, spread
+from eskin.sim.files.clip_labels import rest_of
+from eskin.sim.files.simulator import Simulator
+from eskin.sim.people.person import Person, draw_person
+from eskin.sim.people.programs import perform
+from eskin.sim.people.programs.act import Regime
+from eskin.sim.robot.world import World
+from eskin.sim.site.site import Site
 from eskin.touch.calibration import bend_of
 from eskin.touch.kernels import undo
 

@@ -10,14 +10,14 @@ from joblib import Parallel, delayed, parallel_config
 
 from benchmarks.simulation.features import clip_features
 from benchmarks.simulation.remains import before_of, histogram_of, truth_of
-from eskin.sim.clip_labels import rest_of
+from eskin.sim.clip.outcome import Clip
+from eskin.sim.clip.plan import ClipPlan
 from eskin.sim.constants import load_constants
-from eskin.sim.outcome import Clip
-from eskin.sim.plan import ClipPlan
-from eskin.sim.schedule import plans_of
-from eskin.sim.sets import CLASSES, load_set, resized
-from eskin.sim.simulator import Simulator
-from eskin.sim.sitting import Sitting, sittings_of
+from eskin.sim.files.clip_labels import rest_of
+from eskin.sim.files.schedule import plans_of
+from eskin.sim.files.sets import CLASSES, load_set, resized
+from eskin.sim.files.simulator import Simulator
+from eskin.sim.files.sitting import Sitting, sittings_of
 from eskin.touch import Calibration
 
 PROCESSES = 2
@@ -75,7 +75,7 @@ def simulate(
     """Make clips of a named set in two processes.
 
     Args:
-        set_name: one of `eskin.sim.sets.SETS` without streams.
+        set_name: one of `eskin.sim.files.sets.SETS` without streams.
         clips: how many.
         difficulty: lambda.
         seed: of the set.

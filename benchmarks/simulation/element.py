@@ -8,10 +8,10 @@ from jaxtyping import Float
 
 from benchmarks.simulation.check import Check, at_most, within
 from benchmarks.simulation.physics import ur5
-from eskin.sim.build import Build, draw_build, nominal_build
 from eskin.sim.constants import Constants
-from eskin.sim.sensor import Stages, sense
-from eskin.sim.session import Session, draw_session
+from eskin.sim.sensor.build import Build, draw_build, nominal_build
+from eskin.sim.sensor.sensor import Stages, sense
+from eskin.sim.sensor.session import Session, draw_session
 from eskin.skin import Skin
 
 LOGS = "Lupasic, logs of velostat, c319860"

@@ -7,14 +7,14 @@ from jaxtyping import Float
 
 from benchmarks.simulation.check import Check, within
 from eskin.robot import load_robot
-from eskin.sim.chart import Chart, charts_of
 from eskin.sim.constants import Constants
-from eskin.sim.contact import feel
-from eskin.sim.hand import MM, Stamps, hand_of, part_of
-from eskin.sim.person import Person, draw_person
-from eskin.sim.press import Flesh, Press
-from eskin.sim.programs import perform
-from eskin.sim.site import Site
+from eskin.sim.contact.chart import Chart, charts_of
+from eskin.sim.contact.contact import feel
+from eskin.sim.contact.press import Flesh, Press
+from eskin.sim.people.hand import MM, Stamps, hand_of, part_of
+from eskin.sim.people.person import Person, draw_person
+from eskin.sim.people.programs import perform
+from eskin.sim.site.site import Site
 from eskin.skin import PRESETS, MountedSkin
 from eskin.skin.surface import Plane, Surface
 

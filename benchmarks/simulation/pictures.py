@@ -14,12 +14,12 @@ from matplotlib import pyplot
 from matplotlib.axes import Axes
 from matplotlib.collections import PolyCollection
 
-from eskin.sim.chart import Chart
-from eskin.sim.clip import make_clip
-from eskin.sim.outcome import Clip
-from eskin.sim.plan import BuildOrigin, ClipPlan, Origin
-from eskin.sim.play import build_of
-from eskin.sim.simulator import Simulator
+from eskin.sim.clip.clip import make_clip
+from eskin.sim.clip.outcome import Clip
+from eskin.sim.clip.plan import BuildOrigin, ClipPlan, Origin
+from eskin.sim.clip.play import build_of
+from eskin.sim.contact.chart import Chart
+from eskin.sim.files.simulator import Simulator
 from eskin.touch import Calibration
 
 GESTURES = ("poke", "double_pat", "grab", "stroke", "none")

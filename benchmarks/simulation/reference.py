@@ -12,11 +12,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from eskin.sim import Chart, Constants, Press, load_constants
-from eskin.sim.contact import feel
-from eskin.sim.person import draw_person
-from eskin.sim.programs import perform
-from eskin.sim.reference import Agreement, agreement, feel_in_mujoco, instant
-from eskin.sim.site import Site
+from eskin.sim.contact.contact import feel
+from eskin.sim.contact.reference import Agreement, agreement, feel_in_mujoco, instant
+from eskin.sim.people.person import draw_person
+from eskin.sim.people.programs import perform
+from eskin.sim.site.site import Site
 from eskin.skin.round import Dome, Tube
 from eskin.skin.surface import Plane, Surface
 

@@ -3,7 +3,7 @@
 import numpy as np
 from jaxtyping import Float
 
-from eskin.sim.outcome import Clip, TrueSeries
+from eskin.sim.clip.outcome import Clip, TrueSeries
 from eskin.skin import MountedSkin, Skin
 
 READINGS = 10

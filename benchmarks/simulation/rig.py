@@ -15,12 +15,12 @@ from jaxtyping import Float
 from scipy.ndimage import gaussian_filter
 
 from benchmarks.simulation.check import Check, ordered, within
-from eskin.sim.chart import Chart
 from eskin.sim.constants import Constants
-from eskin.sim.contact import feel
-from eskin.sim.person import draw_person
-from eskin.sim.programs import perform
-from eskin.sim.site import Site
+from eskin.sim.contact.chart import Chart
+from eskin.sim.contact.contact import feel
+from eskin.sim.people.person import draw_person
+from eskin.sim.people.programs import perform
+from eskin.sim.site.site import Site
 from eskin.skin.round import Tube
 
 CELLS = 8

@@ -4,8 +4,8 @@ import tempfile
 from pathlib import Path
 
 from benchmarks.simulation.check import Check, at_least
-from eskin.sim.generate import generate
-from eskin.sim.settings import Settings
+from eskin.sim.files.generate import generate
+from eskin.sim.files.settings import Settings
 
 WANTED = 6000.0
 WORKERS = 2

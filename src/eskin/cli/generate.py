@@ -5,14 +5,14 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Literal
 
 import tyro
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TimeRemainingColumn
 
-from eskin.sim.generate import generate
-from eskin.sim.settings import Settings
+from eskin.sim.files.generate import generate
+from eskin.sim.files.settings import Settings
 
 SetName = Literal[
     "train",
@@ -40,7 +40,7 @@ class Command:
     skin: Literal["ur5"] = "ur5"
     """What is touched."""
 
-    set_name: Annotated[SetName, tyro.conf.arg(name="set")] = "train"
+    set: SetName = "train"
     """Which set of clips, or of streams."""
 
     clips: int | None = None
@@ -66,7 +66,7 @@ def run(command: Command) -> dict[str, object]:
     if workers < 1:
         raise ValueError(f"--workers is {workers}; allowed are 1 and above; change it")
     settings = Settings(
-        command.set_name,
+        command.set,
         command.skin,
         command.seed,
         command.clips,

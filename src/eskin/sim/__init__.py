@@ -1,9 +1,9 @@
 """A simulated world: people, hands, gestures, contact and sensor."""
 
-from eskin.sim.chart import Chart, charts_of
+from eskin.sim.clip.truth import TrueTouch
 from eskin.sim.constants import Constants, load_constants
-from eskin.sim.press import Flesh, Press, Stamps
-from eskin.sim.truth import TrueTouch
+from eskin.sim.contact.chart import Chart, charts_of
+from eskin.sim.contact.press import Flesh, Press, Stamps
 
 __all__ = [
     "Chart",

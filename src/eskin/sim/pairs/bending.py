@@ -6,18 +6,18 @@ from functools import lru_cache
 import numpy as np
 
 from eskin.robot import load_robot
-from eskin.sim.chart import Chart, charts_of
-from eskin.sim.hand import MM
+from eskin.sim.clip.plan import ClipPlan
+from eskin.sim.clip.scene import Scene
+from eskin.sim.clip.stage import person_of
+from eskin.sim.clip.timing import moved
+from eskin.sim.clip.truth import TrueTouch
+from eskin.sim.contact.chart import Chart, charts_of
 from eskin.sim.pairs.sides import INSTEAD
 from eskin.sim.pairs.twins import Twins, onset_of, steps_of
-from eskin.sim.plan import ClipPlan
-from eskin.sim.programs import perform
-from eskin.sim.scene import Scene
-from eskin.sim.site import Site
-from eskin.sim.stage import person_of
-from eskin.sim.timing import moved
-from eskin.sim.truth import TrueTouch
-from eskin.sim.world import World
+from eskin.sim.people.hand import MM
+from eskin.sim.people.programs import perform
+from eskin.sim.robot.world import World
+from eskin.sim.site.site import Site
 from eskin.skin import PRESETS, MountedSkin
 
 

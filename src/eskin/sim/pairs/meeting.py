@@ -5,15 +5,15 @@ from functools import lru_cache
 import numpy as np
 from jaxtyping import Bool, Float
 
-from eskin.sim.fold import fold_sites, gap_of, points_in_world
-from eskin.sim.folding import faces_of, facing
-from eskin.sim.free import acceptable, limits
-from eskin.sim.hand import MM
-from eskin.sim.person import Person
-from eskin.sim.pool import pool_of
-from eskin.sim.pose import draw_pose
-from eskin.sim.site import Site
-from eskin.sim.world import World
+from eskin.sim.people.hand import MM
+from eskin.sim.people.person import Person
+from eskin.sim.robot.free import acceptable, limits
+from eskin.sim.robot.pool import pool_of
+from eskin.sim.robot.pose import draw_pose
+from eskin.sim.robot.world import World
+from eskin.sim.site.fold import fold_sites, gap_of, points_in_world
+from eskin.sim.site.folding import faces_of, facing
+from eskin.sim.site.site import Site
 
 ELBOW = "elbow_joint"
 

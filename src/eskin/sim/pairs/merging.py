@@ -4,22 +4,22 @@ from dataclasses import replace
 
 import numpy as np
 
-from eskin.sim.contact import feel
-from eskin.sim.fold import fold
-from eskin.sim.hand import HEADS, HEEL, PARTS, mirrored, part_of
+from eskin.sim.clip.plan import ClipPlan
+from eskin.sim.clip.scene import Scene
+from eskin.sim.clip.stage import person_of
+from eskin.sim.clip.timing import moved
+from eskin.sim.clip.truth import TrueTouch
+from eskin.sim.contact.contact import feel
+from eskin.sim.contact.press import Press
 from eskin.sim.pairs.meeting import Pose, Sites, draw_meeting
 from eskin.sim.pairs.sides import INSTEAD
 from eskin.sim.pairs.twins import Twins, onset_of, steps_of, still
-from eskin.sim.person import Person
-from eskin.sim.plan import ClipPlan
-from eskin.sim.press import Press
-from eskin.sim.programs import perform
-from eskin.sim.scene import Scene
-from eskin.sim.site import Site
-from eskin.sim.stage import person_of
-from eskin.sim.timing import moved
-from eskin.sim.truth import TrueTouch
-from eskin.sim.world import World
+from eskin.sim.people.hand import HEADS, HEEL, PARTS, mirrored, part_of
+from eskin.sim.people.person import Person
+from eskin.sim.people.programs import perform
+from eskin.sim.robot.world import World
+from eskin.sim.site.fold import fold
+from eskin.sim.site.site import Site
 
 
 def draw_merging(plan: ClipPlan, world: World, rng: np.random.Generator) -> Twins:

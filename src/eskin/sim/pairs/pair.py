@@ -4,18 +4,18 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 
 from eskin.robot import load_robot
+from eskin.sim.clip.outcome import Clip
+from eskin.sim.clip.plan import ClipPlan
+from eskin.sim.clip.play import build_of, felt_in, play, session_of, truths_of
+from eskin.sim.clip.scene import Scene
 from eskin.sim.constants import load_constants
-from eskin.sim.groups import group_of
-from eskin.sim.outcome import Clip
 from eskin.sim.pairs.bending import draw_bending
 from eskin.sim.pairs.merging import draw_merging
 from eskin.sim.pairs.schedule import plan_alone
 from eskin.sim.pairs.sides import KINDS, SKINS, PairKind, kind_named
 from eskin.sim.pairs.twins import Twins, steps_of
-from eskin.sim.plan import ClipPlan
-from eskin.sim.play import build_of, felt_in, play, session_of, truths_of
-from eskin.sim.scene import Scene
-from eskin.sim.world import World, build_world
+from eskin.sim.robot.groups import group_of
+from eskin.sim.robot.world import World, build_world
 from eskin.skin import PRESETS, MountedSkin
 
 DRAWN = {"bending": draw_bending, "merging": draw_merging}

@@ -7,7 +7,11 @@ from typing import cast
 
 import numpy as np
 
+from eskin.sim.clip.plan import BuildOrigin, ClipPlan, Origin
 from eskin.sim.constants import Constants
+from eskin.sim.files.schedule import lead_in
+from eskin.sim.files.sets import ClipSet
+from eskin.sim.files.sitting import Sitting, seed_of
 from eskin.sim.pairs.sides import (
     INSTEAD,
     KINDS,
@@ -17,10 +21,6 @@ from eskin.sim.pairs.sides import (
     Side,
     kind_of_side,
 )
-from eskin.sim.plan import BuildOrigin, ClipPlan, Origin
-from eskin.sim.schedule import lead_in
-from eskin.sim.sets import ClipSet
-from eskin.sim.sitting import Sitting, seed_of
 
 
 def pair_sittings(sittings: Sequence[Sitting], seed: int) -> tuple[Sitting, ...]:

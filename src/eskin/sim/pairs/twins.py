@@ -5,12 +5,12 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from eskin.sim.chart import Chart
-from eskin.sim.plan import ClipPlan
-from eskin.sim.scene import Scene
-from eskin.sim.timing import contact_steps, draw_start
-from eskin.sim.truth import TrueTouch
-from eskin.sim.world import World
+from eskin.sim.clip.plan import ClipPlan
+from eskin.sim.clip.scene import Scene
+from eskin.sim.clip.timing import contact_steps, draw_start
+from eskin.sim.clip.truth import TrueTouch
+from eskin.sim.contact.chart import Chart
+from eskin.sim.robot.world import World
 from eskin.skin import MountedSkin
 
 

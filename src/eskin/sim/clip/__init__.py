@@ -1,0 +1,1 @@
+"""Clips and streams: from a plan to what is counted and what was done."""

@@ -1,0 +1,1 @@
+"""Contact: from a press to what taxels feel."""

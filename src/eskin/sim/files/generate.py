@@ -1,0 +1,151 @@
+"""Generating sets of clips: files and their index, by any number of processes."""
+
+import multiprocessing
+import os
+import time
+from collections import deque
+from collections.abc import Callable, Generator, Iterator, Sequence
+from concurrent.futures import Future, ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import closing, contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+from eskin.errors import GenerationError
+from eskin.sim.files.archive import Archive
+from eskin.sim.files.index import ClipRow
+from eskin.sim.files.maker import Maker
+from eskin.sim.files.settings import Settings, claim
+from eskin.sim.files.simulator import Simulator
+from eskin.sim.files.sitting import Sitting
+from eskin.sim.files.worker import begin, work
+
+THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+AHEAD = 2
+"""Files in work or waiting for their turn in the index, for each process."""
+
+Rows = Generator[tuple[ClipRow, ...], None, None]
+
+
+@dataclass(frozen=True)
+class Generation:
+    """What came of generating."""
+
+    clips: int
+    """Clips in the folder."""
+    made: int
+    """Of these, clips that were not there before."""
+    files: int
+    """Recordings in the folder."""
+    seconds: float
+    """Time it took [s]."""
+
+    @property
+    def clips_per_minute(self) -> float:
+        """Clips made in a minute."""
+        return 60 * self.made / self.seconds if self.made else 0.0
+
+
+def generate(
+    folder: Path | str,
+    settings: Settings,
+    workers: int = 0,
+    factory: Callable[[str], Maker] = Simulator,
+    tell: Callable[[int], None] = lambda done: None,
+) -> Generation:
+    """Make a set, or what is missing of it.
+
+    Whole files stay whatever happens, and are not made again. Neither recordings nor
+    index depend on the number of workers.
+
+    Args:
+        folder: where to; made if it is missing.
+        settings: what to make.
+        workers: processes; 0 works in this one.
+        factory: gives the maker of a skin; must be found by name in other processes.
+        tell: called with the number of clips that are done.
+
+    Raises:
+        GenerationError: the folder holds something else, or a clip cannot be made.
+    """
+    if workers < 0:
+        raise ValueError(f"{workers} workers asked; allowed are 0 and above")
+    started, folder = time.monotonic(), Path(folder)
+    claim(folder, settings)
+    archive = Archive(folder, settings.sittings)
+    done = archive.resume()
+    kept = sum(sitting.clips for sitting in settings.sittings[:done])
+    missing = settings.sittings[done:]
+    made = 0
+    tell(kept)
+    try:
+        with closing(run(folder, settings, missing, workers, factory)) as finished:
+            for rows in finished:
+                archive.add(rows)
+                made += len(rows)
+                tell(kept + made)
+    except BaseException:
+        archive.resume()
+        raise
+    files = len(settings.sittings)
+    return Generation(kept + made, made, files, time.monotonic() - started)
+
+
+def run(
+    folder: Path,
+    settings: Settings,
+    sittings: Sequence[Sitting],
+    workers: int,
+    factory: Callable[[str], Maker],
+) -> Rows:
+    """Rows of files, in order, as they are made."""
+    workers = min(workers, len(sittings))
+    if not workers:
+        for sitting in sittings:
+            yield work(folder, settings, sitting, factory)
+        return
+    yield from run_apart(folder, settings, sittings, workers, factory)
+
+
+def run_apart(
+    folder: Path,
+    settings: Settings,
+    sittings: Sequence[Sitting],
+    workers: int,
+    factory: Callable[[str], Maker],
+) -> Rows:
+    """The same in other processes; a bounded number of files is in work at a time."""
+    context = multiprocessing.get_context("spawn")
+    stop = context.Event()
+    left, waiting = deque(sittings), deque[Future]()
+    with single_threads():
+        pool = ProcessPoolExecutor(workers, context, begin, (stop,))
+        try:
+            while left or waiting:
+                while left and len(waiting) < AHEAD * workers:
+                    task = (folder, settings, left.popleft(), factory)
+                    waiting.append(pool.submit(work, *task))
+                yield waiting.popleft().result()
+        except BrokenProcessPool as error:
+            raise GenerationError(
+                "a worker died, perhaps for want of memory; run the same command "
+                "again with fewer --workers to go on"
+            ) from error
+        finally:
+            stop.set()
+            pool.shutdown(wait=True, cancel_futures=True)
+
+
+@contextmanager
+def single_threads() -> Iterator[None]:
+    """Let new processes use one thread each: they are as many as the cores."""
+    before = {name: os.environ.get(name) for name in THREADS}
+    os.environ.update(dict.fromkeys(THREADS, "1"))
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            if value is None:
+                del os.environ[name]
+            else:
+                os.environ[name] = value

@@ -1,0 +1,152 @@
+"""What a folder of clips was generated with."""
+
+import json
+import os
+from dataclasses import asdict, dataclass
+from functools import cached_property
+from hashlib import sha256
+from pathlib import Path
+
+import numpy as np
+
+from eskin.errors import GenerationError
+from eskin.sim.clip.plan import ClipPlan
+from eskin.sim.constants import FILE, Constants, load_constants
+from eskin.sim.files.index import INDEX_NAME
+from eskin.sim.files.schedule import plans_of
+from eskin.sim.files.sets import PAIRS, ClipSet, load_set, resized
+from eskin.sim.files.sitting import Sitting, sittings_of
+from eskin.sim.pairs.schedule import pair_plans, pair_sittings, skin_of
+
+SETTINGS_NAME = "generation.json"
+VERSION = 1
+
+
+@dataclass(frozen=True)
+class Settings:
+    """Which set is made, and all that decides what is in it."""
+
+    set_name: str = "train"
+    """One of `eskin.sim.files.sets.SETS`, or `PAIRS`."""
+    skin: str = "ur5"
+    """Name of a preset."""
+    seed: int = 0
+    """Decides everything that is drawn."""
+    clips: int | None = None
+    """How many clips, streams, or clips of each kind of pair; None takes those of the
+    set."""
+    subjects: int | None = None
+    """How many people; None takes as many as suit the clips."""
+    difficulty: float | None = None
+    """None takes the published one."""
+
+    def __post_init__(self) -> None:
+        """Refuse what no set can be made of."""
+        if self.seed < 0:
+            raise ValueError(f"seed is {self.seed}; allowed are 0 and above; change it")
+        if not (np.isfinite(self.level) and self.level >= 0):
+            raise ValueError(
+                f"difficulty is {self.difficulty}; allowed are 0 (easiest) and above; "
+                "change it"
+            )
+        if not self.sittings:
+            raise ValueError(f"set '{self.set_name}' has no clips; ask for some")
+
+    @property
+    def constants(self) -> Constants:
+        """Numbers of the world."""
+        return load_constants()
+
+    @property
+    def level(self) -> float:
+        """The difficulty."""
+        published = self.constants.value("sets.difficulty")
+        return published if self.difficulty is None else self.difficulty
+
+    @cached_property
+    def clip_set(self) -> ClipSet:
+        """The set, as large as it was asked for."""
+        whole = load_set(self.set_name, self.constants)
+        return resized(whole, self.clips, self.subjects, self.constants)
+
+    @cached_property
+    def sittings(self) -> tuple[Sitting, ...]:
+        """Its files."""
+        found = sittings_of(self.clip_set, self.seed, self.constants)
+        return pair_sittings(found, self.seed) if self.has_pairs else found
+
+    def plans(self, sitting: Sitting) -> tuple[ClipPlan, ...]:
+        """The lead-in of a file and its clips."""
+        decide = pair_plans if self.has_pairs else plans_of
+        return decide(sitting, self.clip_set, self.seed, self.level, self.constants)
+
+    @property
+    def has_pairs(self) -> bool:
+        """Whether its clips are pairs with the same counts."""
+        return self.set_name == PAIRS
+
+    def skin_of(self, sitting: Sitting) -> str:
+        """The preset that a file is made with; sides of pairs may have their own."""
+        return skin_of(sitting, self.skin) if self.has_pairs else self.skin
+
+    def record(self) -> dict[str, object]:
+        """As kept beside the recordings, with the numbers that they were made with."""
+        facts: dict[str, object] = {"version": VERSION, **asdict(self)}
+        facts["clips"] = self.clip_set.clips
+        facts["subjects"] = self.clip_set.subjects
+        facts["difficulty"] = self.level
+        facts["constants"] = sha256(FILE.read_bytes()).hexdigest()
+        return facts
+
+
+def claim(folder: Path, settings: Settings) -> None:
+    """Make a folder the place of a set, or make sure that it is.
+
+    Raises:
+        GenerationError: it holds another set or something else, or cannot be written.
+    """
+    path = folder / SETTINGS_NAME
+    wanted = settings.record()
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        if path.exists():
+            check_same(path, wanted)
+        elif (folder / INDEX_NAME).exists() or any(folder.rglob("*.mcap")):
+            raise GenerationError(
+                f"{folder} holds recordings but no {SETTINGS_NAME}, so they are not "
+                "from a generation; give a new folder"
+            )
+        else:
+            replace_text(path, json.dumps(wanted, indent=1) + "\n")
+    except OSError as error:
+        raise GenerationError(
+            f"cannot write to {folder}: {error.strerror}; give a folder that can be "
+            "written to"
+        ) from error
+
+
+def check_same(path: Path, wanted: dict[str, object]) -> None:
+    """Refuse a folder that was made with other settings."""
+    try:
+        found = json.loads(path.read_text())
+        differing = [name for name in wanted if found.get(name) != wanted[name]]
+    except (ValueError, AttributeError) as error:
+        raise GenerationError(
+            f"{path} cannot be read ({error}); give a new folder"
+        ) from error
+    if differing:
+        name = differing[0]
+        raise GenerationError(
+            f"{path.parent} was generated with {name} {found.get(name)}, not "
+            f"{wanted[name]}; give a new folder, or the same settings to go on"
+        )
+
+
+def replace_text(path: Path, text: str) -> None:
+    """Write a text file that is whole or not there."""
+    part = path.with_name(path.name + ".part")
+    with part.open("w", encoding="utf-8") as file:
+        file.write(text)
+        file.flush()
+        os.fsync(file.fileno())
+    part.replace(path)

@@ -1,0 +1,190 @@
+"""Writing one sitting: the scans of its clips, their labels, and the truth."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Int
+
+from eskin.errors import GenerationError
+from eskin.recording import Label, Metadata, RecordingWriter, TruthRecord
+from eskin.sim.clip.outcome import Clip, TrueSeries
+from eskin.sim.clip.plan import ClipPlan
+from eskin.sim.files.clip_labels import (
+    auto_labels,
+    peaks_of,
+    ranges_of,
+    rest_of,
+    true_labels,
+)
+from eskin.sim.files.index import ClipRow, row_of
+from eskin.sim.files.maker import Maker
+from eskin.sim.files.settings import Settings
+from eskin.sim.files.sitting import NANOSECONDS, Sitting
+from eskin.touch import Calibration
+
+GESTURE_SET = "paper"
+
+
+def write_sitting(
+    folder: Path,
+    settings: Settings,
+    sitting: Sitting,
+    maker: Maker,
+    go_on: Callable[[], None] = lambda: None,
+) -> tuple[ClipRow, ...]:
+    """Make the clips of a sitting and write its file; return their rows.
+
+    Args:
+        folder: of the set.
+        settings: what the set is made with.
+        sitting: one of the set's.
+        maker: makes the clips.
+        go_on: called before every clip; raises to stop.
+
+    Raises:
+        GenerationError: a clip cannot be made; no file is left then.
+    """
+    path = folder / sitting.file
+    path.parent.mkdir(exist_ok=True)
+    calibration = maker.calibration(sitting.build)
+    writer = RecordingWriter(
+        path,
+        maker.robot_name,
+        maker.mounted.skin,
+        calibration,
+        metadata_of(settings, sitting),
+        maker.mounted.robot.joint_names,
+    )
+    try:
+        with writer:
+            sheet = Sheet(writer, calibration, sitting, settings)
+            for number, plan in enumerate(settings.plans(sitting), -1):
+                go_on()
+                sheet.add(number, plan, made(maker, plan, number, sitting))
+            sheet.finish()
+    except BaseException:
+        writer.part.unlink(missing_ok=True)
+        raise
+    return tuple(sheet.rows)
+
+
+def metadata_of(settings: Settings, sitting: Sitting) -> Metadata:
+    """Who and what was recorded."""
+    notes = {
+        "build": sitting.build.name,
+        "build_kind": sitting.build.kind,
+        "difficulty": f"{settings.level:g}",
+        "seed": str(settings.seed),
+        "simulated": "true",
+    }
+    return Metadata(
+        dataset=settings.set_name,
+        subject=sitting.person.name,
+        session=sitting.session.name,
+        gesture_set=GESTURE_SET,
+        notes=notes,
+    )
+
+
+def made(maker: Maker, plan: ClipPlan, number: int, sitting: Sitting) -> Clip:
+    """The clip of a plan, or an error that names it."""
+    where = "the lead-in" if number < 0 else f"clip {number}"
+    try:
+        clip = maker.make(plan)
+    except Exception as error:
+        raise GenerationError(
+            f"{where} of {sitting.file} ({plan.gesture}) cannot be made: "
+            f"{type(error).__name__}: {error}"
+        ) from error
+    rows = {len(clip.counts), len(clip.received), len(clip.q)}
+    rows |= {len(truth.force) for truth in clip.truths}
+    if len(rows) != 1:
+        raise GenerationError(
+            f"{where} of {sitting.file} ({plan.gesture}) has {sorted(rows)} readings; "
+            "allowed is one number"
+        )
+    return clip
+
+
+class Sheet:
+    """Writes clip after clip and keeps what is needed at the end of the file."""
+
+    def __init__(
+        self,
+        writer: RecordingWriter,
+        calibration: Calibration,
+        sitting: Sitting,
+        settings: Settings,
+    ) -> None:
+        """Start with nothing."""
+        self.writer = writer
+        self.calibration = calibration
+        self.sitting = sitting
+        self.period = settings.constants.value("sensor.period")
+        self.rows: list[ClipRow] = []
+        self.touches = 0
+        self.ranges: list[Label] = []
+        self.stamps: list[np.ndarray] = []
+        self.peaks: list[np.ndarray] = []
+        self.rest = np.empty(0, dtype=np.int32)
+
+    def add(self, number: int, plan: ClipPlan, clip: Clip) -> None:
+        """Write a clip; the first one, number -1, is the lead-in."""
+        start = self.sitting.start + round(plan.at * NANOSECONDS)
+        step = round(self.period * NANOSECONDS)
+        stamps = start + step * np.arange(len(clip.counts), dtype=np.int64)
+        self.write(stamps, clip)
+        if number < 0:
+            self.rest = rest_of(clip)
+            return
+        truth = true_labels(plan, clip, start)
+        for label in truth:
+            self.writer.label(label)
+        self.ranges += ranges_of(plan, truth, start)
+        self.stamps.append(stamps)
+        self.peaks.append(
+            peaks_of(clip.counts, clip.received, self.rest, self.calibration)
+        )
+        place = (self.sitting.file, number, start, self.touches, self.period)
+        self.rows.append(row_of(*place, plan, clip))
+        self.touches += len(clip.truths)
+
+    def write(self, stamps: Int[np.ndarray, "reading"], clip: Clip) -> None:
+        """Write the scans and the truth second by second, as chunks are."""
+        many = round(1 / self.period)
+        for first in range(0, len(stamps), many):
+            part = slice(first, first + many)
+            self.writer.write_block(
+                stamps[part], clip.counts[part], clip.received[part], clip.q[part]
+            )
+            for place, truth in enumerate(clip.truths):
+                self.write_truth(stamps, truth, self.touches + place, part)
+
+    def write_truth(
+        self,
+        stamps: Int[np.ndarray, "reading"],
+        truth: TrueSeries,
+        number: int,
+        part: slice,
+    ) -> None:
+        """Write a touch at the readings at which it is in contact."""
+        for reading in part.start + np.flatnonzero(truth.force[part] > 0):
+            x, y, z = truth.centroid[reading].tolist()
+            self.writer.truth(
+                TruthRecord(
+                    int(stamps[reading]),
+                    number,
+                    truth.gesture,
+                    truth.kind,
+                    truth.link,
+                    float(truth.force[reading]),
+                    float(truth.area[reading]),
+                    (x, y, z),
+                )
+            )
+
+    def finish(self) -> None:
+        """Write the automatic labels; their threshold needs the whole file."""
+        for label in auto_labels(self.stamps, self.peaks, self.ranges):
+            self.writer.label(label)

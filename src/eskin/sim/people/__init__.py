@@ -1,0 +1,1 @@
+"""People: their bodies, their hands, and what they do with them."""

@@ -1,0 +1,164 @@
+"""A hand as 20 parts that bear load, and other bodies as one."""
+
+from dataclasses import replace
+
+import numpy as np
+from jaxtyping import Float
+
+from eskin.sim.constants import Constants
+from eskin.sim.contact.press import Stamps
+
+MM = 1e-3
+"""Metres in a millimetre."""
+
+FINGERS = ("index", "middle", "ring", "little")
+PARTS = (
+    *(f"{finger}_{part}" for part in ("tip", "mid", "base") for finger in FINGERS),
+    *("thumb_tip", "thumb_base"),
+    *("index_head", "middle_head", "little_head", "thenar", "hypothenar", "palm"),
+)
+"""Names of the parts of a hand, in the order of its stamps."""
+
+TIPS, THUMB, HEADS, HEEL = PARTS[:4], PARTS[12:14], PARTS[14:17], PARTS[17:]
+GROUPS: dict[str, tuple[str, ...]] = {
+    "one_tip": PARTS[:1],
+    "two_tips": PARTS[:2],
+    "three_tips": PARTS[:3],
+    "tips": TIPS,
+    "thumb": PARTS[12:13],
+    "one_finger": ("index_tip", "index_mid"),
+    "two_fingers": ("index_tip", "index_mid", "middle_tip", "middle_mid"),
+    "finger_ends": PARTS[:8],
+    "fingers": PARTS[:12],
+    "flat_hand": PARTS[:12] + HEADS + HEEL,
+    "full_hand": PARTS,
+    "fingers_thumb": PARTS[:12] + THUMB,
+    "tips_thumb": TIPS + THUMB,
+    "clasp": PARTS[:12] + HEADS,
+    "heel": HEEL,
+}
+"""Parts that ways of touching use, by name."""
+
+ROWS = np.array([0] * 4 + [1] * 4 + [2] * 4 + [3, 4] + [5] * 3 + [6, 7, 8])
+"""Item of the lists of the constants `hand.radius_across` and so on, of each part."""
+
+
+def hand_of(
+    fingers: Float[np.ndarray, "4"],
+    thumb: float,
+    breadth: float,
+    palm: float,
+    length: float,
+    constants: Constants,
+) -> Stamps:
+    """A flat left hand, seen from its back as it lies on the skin.
+
+    Args:
+        fingers: lengths of index to little finger [m].
+        thumb: length of the thumb [m].
+        breadth: of the hand [m].
+        palm: its length [m].
+        length: of the hand [m].
+        constants: of the average hand.
+    """
+    across = breadth / (constants.value("hand.breadth") * MM)
+    up = palm / (constants.value("hand.palm_length") * MM)
+    scale = length / (constants.value("hand.length") * MM)
+    reach = thumb / (constants.value("hand.thumb") * MM)
+    thumbs = thumb_places(constants, across, up, reach)
+    bases = constants.array("hand.finger_base") * MM * up
+    sides = constants.array("hand.finger_side") * MM * across
+    along = constants.array("hand.along")
+    x = np.concatenate(
+        [np.tile(sides, len(along)), thumbs[:, 0]]
+        + [constants.array("hand.palm_side") * MM * across]
+    )
+    y = np.concatenate(
+        [(bases + along[:, None] * fingers).ravel(), thumbs[:, 1]]
+        + [constants.array("hand.palm_height") * MM * up]
+    )
+    return Stamps(
+        np.column_stack([x, y]),
+        radii_of(constants) * scale,
+        turns_of(thumbs),
+        constants.array("hand.area")[ROWS] * MM**2,
+        constants.array("hand.most")[ROWS] * MM**2 * scale**2,
+        constants.array("hand.stiffness")[ROWS],
+    )
+
+
+def thumb_places(
+    constants: Constants, across: float, up: float, reach: float
+) -> Float[np.ndarray, "2 2"]:
+    """Where tip and proximal part of the thumb lie [m]."""
+    usual = [constants.array(f"hand.thumb_{way}") for way in ("side", "height")]
+    tip, base = np.column_stack(usual) * MM
+    root = base * [across, up]
+    return np.stack([root + (tip - base) * reach, root])
+
+
+def radii_of(constants: Constants) -> Float[np.ndarray, "part 2"]:
+    """Radii of curvature of the average hand's parts [m]."""
+    both = [constants.array(f"hand.radius_{way}") for way in ("across", "along")]
+    return np.column_stack(both)[ROWS] * MM
+
+
+def turns_of(thumbs: Float[np.ndarray, "2 2"]) -> Float[np.ndarray, "part"]:
+    """The thumb points where it points; all other parts lie along y."""
+    turns = np.zeros(len(PARTS))
+    to_tip = thumbs[0] - thumbs[1]
+    turns[12:14] = -np.arctan2(to_tip[0], to_tip[1])
+    return turns
+
+
+def mirrored(stamps: Stamps) -> Stamps:
+    """The other hand."""
+    return replace(stamps, centres=stamps.centres * [-1.0, 1.0], turns=-stamps.turns)
+
+
+def part_of(stamps: Stamps, names: tuple[str, ...]) -> Stamps:
+    """Some parts of a whole hand."""
+    rows = np.array([PARTS.index(name) for name in names])
+    return Stamps(
+        stamps.centres[rows],
+        stamps.radii[rows],
+        stamps.turns[rows],
+        stamps.area[rows],
+        stamps.most[rows],
+        stamps.stiffness[rows],
+    )
+
+
+def splayed(hand: Stamps, angle: float) -> Stamps:
+    """A whole hand with its fingers fanned out.
+
+    Args:
+        hand: all 20 parts.
+        angle: between neighbouring fingers [rad]; negative closes them.
+    """
+    centres, turns = hand.centres.copy(), hand.turns.copy()
+    thumb_side = np.sign(centres[0, 0] - centres[3, 0])
+    for finger in range(len(FINGERS)):
+        rows = np.arange(finger, 12, len(FINGERS))
+        turn = -thumb_side * angle * (1.5 - finger)
+        root = centres[rows[-1]]
+        arms = (centres[rows] - root)[:, 1]
+        centres[rows] = root + arms[:, None] * [-np.sin(turn), np.cos(turn)]
+        turns[rows] += turn
+    return replace(hand, centres=centres, turns=turns)
+
+
+def body_of(name: str, constants: Constants) -> Stamps:
+    """A body that is no hand: knuckle, forearm, torso, cable or edge.
+
+    Raises:
+        ValueError: there is no such body.
+    """
+    return Stamps(
+        np.zeros((1, 2)),
+        constants.array(f"body.{name}.radii")[None] * MM,
+        np.zeros(1),
+        np.array([constants.value(f"body.{name}.area")]) * MM**2,
+        np.array([constants.value(f"body.{name}.most")]) * MM**2,
+        np.ones(1),
+    )

@@ -1,0 +1,187 @@
+"""People: how large, how strong and how they like to touch."""
+
+from dataclasses import dataclass, fields
+
+import numpy as np
+
+from eskin.sim.constants import Constants
+from eskin.sim.contact.press import Flesh, Stamps
+from eskin.sim.people.hand import GROUPS, MM, hand_of, mirrored, part_of, splayed
+
+STYLES = ("poke.kinds", "poke.shape", "double_pat.kinds", "grab.kinds") + (
+    "stroke.kinds",
+    "stroke.path",
+)
+"""Constants whose weights a person has a taste in."""
+
+HABITS = ("poke", "double_pat", "grab", "stroke")
+"""Gestures that a person does more firmly or slowly than they do the others."""
+
+
+@dataclass(frozen=True, eq=False)
+class Person:
+    """Somebody who touches the robot, drawn once."""
+
+    name: str
+    """How they are called in recordings."""
+    sex: str
+    """`man` or `woman`."""
+    hand_length: float
+    """From the wrist's crease to the tip of the middle finger [m]."""
+    hand_breadth: float
+    """[m]"""
+    palm_length: float
+    """[m]"""
+    thumb: float
+    """Length of the thumb [m]."""
+    fingers: tuple[float, float, float, float]
+    """Lengths of index to little finger [m]."""
+    acromion_height: float
+    """Height of the shoulder [m]."""
+    flesh: Flesh
+    """How their hands give way."""
+    force_scale: float
+    """How firmly they touch, relative to the average."""
+    tempo_scale: float
+    """How long their touches last, relative to the average."""
+    pat_interval: float
+    """Time between the onsets of two pats [s]."""
+    grip: float
+    """Largest force of a grab on a tube of 76 mm [N]."""
+    styles: dict[str, dict[str, float]]
+    """Weights of the ways to do a gesture, by the constant that they vary."""
+    firmness: dict[str, float]
+    """How firmly they do each gesture beside `force_scale`; standard normal."""
+    pace: dict[str, float]
+    """How slowly they do each gesture beside `tempo_scale`; standard normal."""
+    right_handed: bool
+    """Which hand they touch with."""
+    stand: tuple[float, float]
+    """Where they stand: distance [m] and bearing [rad] from the robot's base."""
+    hand: Stamps
+    """The hand they touch with, all 20 parts, flat, seen from its back."""
+
+    def part(self, group: str, splay: float = 0.0) -> Stamps:
+        """Some parts of the hand.
+
+        Args:
+            group: one of `eskin.sim.people.hand.GROUPS`.
+            splay: angle between neighbouring fingers [rad].
+
+        Raises:
+            ValueError: there is no such group.
+        """
+        if group not in GROUPS:
+            raise ValueError(f"no parts '{group}' of a hand; choose from {[*GROUPS]}")
+        return part_of(splayed(self.hand, splay) if splay else self.hand, GROUPS[group])
+
+    def record(self) -> dict[str, float | str]:
+        """All that was drawn, flat, by name."""
+        found: dict[str, float | str] = {}
+        for field in fields(self):
+            if field.name != "hand":
+                flatten(field.name, getattr(self, field.name), found)
+        return found
+
+
+def flatten(name: str, value: object, found: dict[str, float | str]) -> None:
+    """Write a value of a person, or its items, into `found`."""
+    if isinstance(value, Flesh):
+        value = vars(value)
+    if isinstance(value, dict):
+        for key, item in value.items():
+            flatten(f"{name}.{key}", item, found)
+    elif isinstance(value, tuple):
+        for index, item in enumerate(value):
+            flatten(f"{name}.{index}", item, found)
+    elif isinstance(value, str):
+        found[name] = value
+    elif isinstance(value, int | float):
+        found[name] = float(value)
+
+
+def draw_person(name: str, constants: Constants, rng: np.random.Generator) -> Person:
+    """Somebody new."""
+    woman = rng.random() < constants.value("person.women")
+    length, breadth, palm, acromion = draw_sizes(woman, constants, rng)
+    thumb, *fingers = draw_fingers(length, constants, rng)
+    right_handed = bool(rng.random() < constants.value("person.right_handed"))
+    hand = hand_of(np.array(fingers), thumb, breadth, palm, length, constants)
+    return Person(
+        name=name,
+        sex="woman" if woman else "man",
+        hand_length=length,
+        hand_breadth=breadth,
+        palm_length=palm,
+        thumb=thumb,
+        fingers=(fingers[0], fingers[1], fingers[2], fingers[3]),
+        acromion_height=acromion,
+        flesh=draw_flesh(length, constants, rng),
+        force_scale=constants.draw("person.force_scale", rng),
+        tempo_scale=constants.draw("person.tempo_scale", rng),
+        pat_interval=constants.draw("person.pat_interval", rng),
+        grip=constants.draw("person.grip", rng),
+        styles={style: draw_style(style, constants, rng) for style in STYLES},
+        firmness={habit: float(rng.normal()) for habit in HABITS},
+        pace={habit: float(rng.normal()) for habit in HABITS},
+        right_handed=right_handed,
+        stand=(
+            constants.draw("person.stand_distance", rng),
+            float(rng.uniform(-np.pi, np.pi)),
+        ),
+        hand=mirrored(hand) if right_handed else hand,
+    )
+
+
+def draw_sizes(
+    woman: bool, constants: Constants, rng: np.random.Generator
+) -> tuple[float, float, float, float]:
+    """Hand length, breadth, palm length and height of the acromion [m].
+
+    All correlate with hand length, and with each other as far as that makes them.
+    """
+    sex = "women" if woman else "men"
+    shared = rng.normal()
+    mean, deviation = constants.array(f"person.hand_length.{sex}")
+    sizes = [(mean + deviation * shared) * MM]
+    ways = ("hand_breadth", "palm_length", "acromion_height")
+    shares = constants.array(f"person.correlation.{sex}")
+    for way, share in zip(ways, shares, strict=True):
+        mean, deviation = constants.array(f"person.{way}.{sex}")
+        own = np.sqrt(1 - share**2) * rng.normal()
+        sizes.append((mean + deviation * (share * shared + own)) * MM)
+    length, breadth, palm, acromion = map(float, sizes)
+    return length, breadth, palm, acromion
+
+
+def draw_fingers(
+    length: float, constants: Constants, rng: np.random.Generator
+) -> list[float]:
+    """Lengths of thumb and index to little finger [m]."""
+    usual = [constants.value("hand.thumb"), *constants.array("hand.fingers")]
+    scale = length / constants.value("hand.length")
+    return [
+        float(scale * each * constants.draw("person.finger", rng)) for each in usual
+    ]
+
+
+def draw_flesh(length: float, constants: Constants, rng: np.random.Generator) -> Flesh:
+    """How a hand of some length [m] gives way."""
+    scale = length / (constants.value("hand.length") * MM)
+    return Flesh(
+        b=constants.draw("person.stiffness", rng) / MM,
+        m=constants.draw("person.stiffness_growth", rng) / MM,
+        area_scale=scale**2 * constants.draw("person.area", rng),
+        area_exponent=constants.draw("person.area_exponent", rng),
+        conformity=constants.draw("person.conformity", rng),
+    )
+
+
+def draw_style(
+    name: str, constants: Constants, rng: np.random.Generator
+) -> dict[str, float]:
+    """A person's own weights around those of everybody."""
+    weights = constants.weights(name)
+    concentration = constants.value("person.style_concentration")
+    own = rng.dirichlet(concentration * np.array(list(weights.values())))
+    return {key: float(weight) for key, weight in zip(weights, own, strict=True)}

@@ -1,0 +1,1 @@
+"""The sensor: from pressures to counts."""

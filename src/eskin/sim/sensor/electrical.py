@@ -1,0 +1,88 @@
+"""Events in the readout that no touch made: connectors, interference."""
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from eskin.sim.constants import Constants, load_constants
+from eskin.sim.sensor.build import Build
+from eskin.sim.sensor.defects import draw_line, taxels_of_line
+from eskin.skin import Skin
+
+ELECTRICAL = ("line_step", "stuck_line", "dropout", "burst")
+"""A row or column jumps; reads full scale; a patch is not heard; a patch is noisy."""
+
+Counts = Int[np.ndarray, "reading taxel"]
+Received = Bool[np.ndarray, "reading taxel"]
+
+
+def disturb(
+    kind: str,
+    counts: Counts,
+    received: Received,
+    skin: Skin,
+    build: Build,
+    rng: np.random.Generator,
+    constants: Constants | None = None,
+) -> tuple[Counts, Received, dict[str, float | str]]:
+    """Put one electrical event into counts, without changing those given.
+
+    Returns:
+        The counts, what of them arrives, and what was drawn.
+
+    Raises:
+        ValueError: there is no such kind.
+    """
+    if kind not in ELECTRICAL:
+        raise ValueError(
+            f"electrical event '{kind}' is unknown; allowed are "
+            f"{', '.join(ELECTRICAL)}; take one of them"
+        )
+    constants = constants or load_constants()
+    counts, received = counts.copy(), received.copy()
+    readings = len(counts)
+    onset = int(constants.draw("sensor.electrical.onset", rng) * readings)
+    hold = draw_hold(kind, build, constants, rng)
+    during = slice(onset, min(onset + hold, readings))
+    patch = int(rng.integers(len(skin.patches)))
+    drawn = {"electrical": kind, "onset": onset, "readings": during.stop - onset}
+    if kind in ("line_step", "stuck_line"):
+        line = draw_line(patch, skin, rng)
+        inside = taxels_of_line(line, skin)
+    else:
+        line = skin.patches[patch].id
+        inside = skin.patch_index == patch
+    full = build.electronics.full_scale
+    size = 0.0
+    if kind == "dropout":
+        received[during, inside] = False
+    elif kind == "stuck_line":
+        counts[during, inside] = full
+    else:
+        size = constants.draw(SIZES[kind], rng)
+        shape = (during.stop - during.start, int(inside.sum()))
+        added = full * size * shape_of(kind, shape, rng)
+        steps = np.round(added).astype(np.int32)
+        counts[during, inside] = np.clip(counts[during, inside] + steps, 0, full)
+    counts[~received] = 0
+    return counts, received, drawn | {"place": line, "size": size}
+
+
+SIZES = {"line_step": "sensor.electrical.step", "burst": "sensor.electrical.burst"}
+
+
+def shape_of(
+    kind: str, shape: tuple[int, int], rng: np.random.Generator
+) -> Float[np.ndarray, "reading part"]:
+    """An event of size 1: a step, or noise."""
+    return np.ones(shape) if kind == "line_step" else rng.standard_normal(shape)
+
+
+def draw_hold(
+    kind: str, build: Build, constants: Constants, rng: np.random.Generator
+) -> int:
+    """How many readings an event lasts."""
+    if kind == "dropout":
+        return max(round(constants.draw("sensor.electrical.dropout", rng)), 1)
+    name = "burst_hold" if kind == "burst" else "hold"
+    seconds = constants.draw(f"sensor.electrical.{name}", rng)
+    return max(round(seconds / build.electronics.period), 1)

@@ -1,0 +1,264 @@
+"""Compiled loops over time and taxels of the sensor."""
+
+from typing import NamedTuple, no_type_check
+
+import numpy as np
+from jaxtyping import Float, Int
+from numba import njit
+
+from eskin.sim.sensor.crosstalk_kernels import read_array
+
+
+class Film(NamedTuple):
+    """The laminate under the live taxels, as `conduct` wants it."""
+
+    load: np.ndarray
+    """Load of an untouched taxel less its activation, by half pressure; negative
+    where the gap is open (live)."""
+    half_pressure: float
+    exponent: np.ndarray
+    gain: np.ndarray
+    play: np.ndarray
+    play_weights: np.ndarray
+    play_least: float
+    creep: np.ndarray
+    """(live, process)"""
+    creep_part: np.ndarray
+    """Part of the way to full creep in one step (process)."""
+    recovery_keep: np.ndarray
+    """Part of creep that is kept in one step after release (fast, slow)."""
+    recovery_share: float
+    after: np.ndarray
+    """Shifts of the baseline after each touch, in turn (touch, live)."""
+    after_whole: float
+    after_keep: np.ndarray
+    """Part of such a shift that is kept in one step (live)."""
+
+
+@njit(cache=True, error_model="numpy")
+@no_type_check
+def conduct(
+    pressure: Float[np.ndarray, "time active"],
+    column: Int[np.ndarray, "live"],
+    film: Film,
+    conductance: Float[np.ndarray, "time live"],
+    shift: Float[np.ndarray, "time live"],
+) -> None:
+    """Write conductance and the shift of the baseline of each live taxel.
+
+    Args:
+        pressure: of the active taxels [kPa].
+        column: of each live taxel in `pressure`, -1 if it is never touched.
+        film: the laminate.
+        conductance: written; 1 is half scale.
+        shift: written, by full scale.
+    """
+    steps, live = conductance.shape
+    operators, processes = len(film.play), len(film.creep_part)
+    still = np.zeros(operators)
+    crept, slow = np.zeros(processes), np.zeros(processes)
+    for a in range(live):
+        rest = max(film.load[a], 0.0)
+        largest = max(rest, film.play_least)
+        still[:] = 0.0
+        crept[:] = 1.0 if rest > 0.0 else 0.0
+        slow[:] = 0.0
+        loaded, touched = rest > 0.0, False
+        held_before, power, peak, shifted, touches = -1.0, 0.0, 0.0, 0.0, 0
+        for t in range(steps):
+            push = pressure[t, column[a]] if column[a] >= 0 else 0.0
+            q = max(film.load[a] + push / film.half_pressure, 0.0)
+            shifted *= film.after_keep[a]
+            is_touched = push > 0.0 and q > 0.0
+            if touched and not is_touched:
+                share = min(peak / film.after_whole, 1.0)
+                shifted += share * film.after[touches % len(film.after), a]
+                touches += 1
+                peak = 0.0
+                largest = max(rest, film.play_least)
+            touched = is_touched
+            if q == 0.0:
+                if loaded:
+                    for k in range(processes):
+                        slow[k] = (1.0 - film.recovery_share) * crept[k]
+                        crept[k] *= film.recovery_share
+                    still[:] = 0.0
+                    loaded = False
+                for k in range(processes):
+                    crept[k] *= film.recovery_keep[0]
+                    slow[k] *= film.recovery_keep[1]
+                conductance[t, a] = 0.0
+                shift[t, a] = shifted
+                continue
+            if not loaded:
+                for k in range(processes):
+                    crept[k] += slow[k]
+                    slow[k] = 0.0
+                loaded = True
+            largest = max(largest, q)
+            held = 0.0
+            for j in range(operators):
+                width = film.play[j] * largest
+                still[j] = max(q - width, min(q + width, still[j]))
+                held += film.play_weights[j] * still[j]
+            if held != held_before:
+                power = held ** film.exponent[a]
+                held_before = held
+            grown = 1.0
+            for k in range(processes):
+                grown += film.creep[a, k] * crept[k]
+                crept[k] += film.creep_part[k] * (1.0 - crept[k])
+            value = film.gain[a] * power * grown
+            if touched:
+                peak = max(peak, value / (1.0 + value))
+            conductance[t, a] = value
+            shift[t, a] = shifted
+
+
+class Arrays(NamedTuple):
+    """Where the live taxels lie in the arrays of their patches."""
+
+    starts: np.ndarray
+    """First live taxel of each live patch, and one more (array_and_one)."""
+    patch: np.ndarray
+    """The patch of each array (array)."""
+    row: np.ndarray
+    """Place in its array's rows (live)."""
+    column: np.ndarray
+    """Place in its array's columns (live)."""
+    age: np.ndarray
+    """When it is scanned, before the reading is put together [s] (live)."""
+    taxel: np.ndarray
+    """Taxel at each place, -1 where there is none (array, row, column)."""
+    rows: np.ndarray
+    """Rows of each array (array)."""
+    columns: np.ndarray
+    """Columns of each array (array)."""
+
+
+@njit(cache=True)
+@no_type_check
+def at(series: Float[np.ndarray, "time live"], a: int, place: float) -> float:
+    """A series between its steps, constant beyond its ends."""
+    last = len(series) - 1
+    if place <= 0.0:
+        return series[0, a]
+    if place >= last:
+        return series[last, a]
+    before = int(place)
+    part = place - before
+    return (1.0 - part) * series[before, a] + part * series[before + 1, a]
+
+
+@njit(cache=True, error_model="numpy")
+@no_type_check
+def scan(
+    conductance: Float[np.ndarray, "time live"],
+    shift: Float[np.ndarray, "time live"],
+    arrays: Arrays,
+    places: Float[np.ndarray, "reading"],
+    late: Float[np.ndarray, "reading patch"],
+    step: float,
+    ghost: float,
+    leak: float,
+    divide: bool,
+    level: Float[np.ndarray, "reading taxel"],
+    shifts: Float[np.ndarray, "reading taxel"],
+) -> None:
+    """Read all arrays: write the level of each taxel by full scale, and its shift.
+
+    Args:
+        conductance: of the live taxels.
+        shift: of their baselines, by full scale.
+        arrays: where they are.
+        places: of each reading, in steps of the series.
+        late: how much later than usual a patch is scanned [s].
+        step: of the series [s].
+        ghost: part of detours.
+        leak: part of rows and columns.
+        divide: whether there is a divider.
+        level: zeros that are written to.
+        shifts: zeros that are written to.
+    """
+    for m in range(len(arrays.patch)):
+        begin, end = arrays.starts[m], arrays.starts[m + 1]
+        rows, columns = arrays.rows[m], arrays.columns[m]
+        cells = np.zeros((rows, columns), np.float32)
+        read = np.zeros((rows, columns), np.float32)
+        for r in range(len(places)):
+            is_new = False
+            for a in range(begin, end):
+                delay = late[r, arrays.patch[m]] - arrays.age[a]
+                place = places[r] + delay / step
+                cell = np.float32(at(conductance, a, place))
+                row, column = arrays.row[a], arrays.column[a]
+                is_new = is_new or cell != cells[row, column]
+                cells[row, column] = cell
+                shifts[r, arrays.taxel[m, row, column]] = at(shift, a, place)
+            if is_new:
+                read_array(cells, ghost, leak, read)
+            for i in range(rows):
+                for j in range(columns):
+                    x = read[i, j]
+                    if x > 0.0 and arrays.taxel[m, i, j] >= 0:
+                        if divide:
+                            x = x / (x + np.float32(1.0))
+                        level[r, arrays.taxel[m, i, j]] = x
+
+
+class Readout(NamedTuple):
+    """The converter, as `convert` wants it."""
+
+    full: float
+    base: np.ndarray
+    """[counts] (taxel)"""
+    walk: float
+    """[counts]"""
+    noise: float
+    """[counts]"""
+    noise_relative: float
+    feels: np.ndarray
+    """Whether a taxel feels anything: 1 or 0 (taxel)."""
+    stuck: np.ndarray
+    """Counts of a stuck taxel, -1 of the others (taxel)."""
+
+
+@njit(cache=True, error_model="numpy")
+@no_type_check
+def convert(
+    level: Float[np.ndarray, "reading taxel"],
+    shifts: Float[np.ndarray, "reading taxel"],
+    chances: Int[np.ndarray, "reading taxel"],
+    signs: Int[np.ndarray, "reading word"],
+    quantiles: Float[np.ndarray, "chance"],
+    drift: Float[np.ndarray, "taxel"],
+    readout: Readout,
+    out: Int[np.ndarray, "reading taxel"],
+) -> None:
+    """Turn levels into counts.
+
+    Args:
+        level: by full scale.
+        shifts: of the baseline, by full scale.
+        chances: from which noise is looked up in `quantiles`, all alike.
+        signs: random words of 64 bits, each the direction of one step of the walk.
+        quantiles: of the normal law.
+        drift: the random walk [counts], moved on by the readings.
+        readout: the converter.
+        out: counts, written.
+    """
+    full, walk = np.float32(readout.full), np.float32(readout.walk)
+    own, part = np.float32(readout.noise), np.float32(readout.noise_relative)
+    zero, half = np.float32(0.0), np.float32(0.5)
+    for r in range(len(level)):
+        for i in range(level.shape[1]):
+            is_up = (signs[r, i >> 6] >> np.uint64(i & 63)) & np.uint64(1)
+            drift[i] += walk if is_up else -walk
+            signal = full * (level[r, i] + shifts[r, i]) * readout.feels[i]
+            value = readout.base[i] + drift[i] + signal
+            rough = part * value
+            value += np.sqrt(own * own + rough * rough) * quantiles[chances[r, i]]
+            out[r, i] = np.int32(min(max(np.floor(value + half), zero), full))
+        for i in range(level.shape[1]):
+            if readout.stuck[i] >= 0:
+                out[r, i] = readout.stuck[i]

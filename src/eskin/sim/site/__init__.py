@@ -1,0 +1,1 @@
+"""Where on the robot touches take place."""
