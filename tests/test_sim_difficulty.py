@@ -1,12 +1,6 @@
 """How hard simulated clips are, what bounds it, and what may not tell it."""
 
-import sys
-from pathlib import Path
-
 import numpy as np
-
-sys.path.insert(0, str(Path(__file__).parents[1]))
-
 from benchmarks.simulation.ceiling import interval
 from benchmarks.simulation.clips import as_tap, pressure_of, sitting_of
 from benchmarks.simulation.confusion import counted, pairs_check
