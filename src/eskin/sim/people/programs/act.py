@@ -96,13 +96,21 @@ class Act:
         return random_walk(steps, rate, self.rng)
 
     def held(self, steps: int) -> Series:
-        """The noise of a force that somebody holds, around 1."""
-        low, high = self.constants.array("force.noise_band")
-        tones = int(self.constants.value("force.noise_tones"))
-        slow = wander(steps, self.step, (low, high), tones, self.rng)
+        """The noise of a force that a hand holds, around 1."""
         fast = tremor(steps, self.step, self.draw("force.tremor_rate"), self.rng)
-        noise = self.draw("force.noise") * slow + self.draw("force.tremor") * fast
-        return np.clip(1 + noise, 0.0, None)
+        noise = self.slow("force.noise_band", steps)
+        return np.clip(1 + noise + self.draw("force.tremor") * fast, 0.0, None)
+
+    def leant(self, steps: int) -> Series:
+        """The noise of a force that a body leans with, around 1: no hand trembles."""
+        return np.clip(1 + self.slow("none.lean.sway_band", steps), 0.0, None)
+
+    def slow(self, band: str, steps: int) -> Series:
+        """The slow noise of a force, in a band of frequencies, around 0."""
+        low, high = self.constants.array(band)
+        tones = int(self.constants.value("force.noise_tones"))
+        waves = wander(steps, self.step, (low, high), tones, self.rng)
+        return self.draw("force.noise") * waves
 
     def rests(self, steps: int) -> Float[np.ndarray, "time 2"]:
         """Slow wandering of what rests on the robot [m]."""

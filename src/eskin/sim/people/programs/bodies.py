@@ -28,7 +28,7 @@ def lean(act: Act) -> tuple[Press, ...]:
     force = draw_force(act, "none.lean.force", "lean")
     steps = act.steps(act.draw("none.lean.hold"))
     up, down = (act.draw("none.lean.ramp") for _ in range(2))
-    series = peaked(ramped(act, steps, up, down) * act.held(steps), force)
+    series = peaked(ramped(act, steps, up, down) * act.leant(steps), force)
     body = body_of(act.choose("none.lean.bodies"), act.constants)
     return (act.press(body, act.flesh(), series, act.rests(steps), act.turn()),)
 
