@@ -132,3 +132,16 @@ def test_a_patch_on_no_known_surface_is_refused():
     skin.positions[:, 2] = 0.01 * np.sin(500 * skin.positions[:, 0])
     with pytest.raises(ValueError, match="'p0' lies on no plane, tube or dome"):
         charts_of(world)
+
+
+def test_a_surface_ends_a_rim_beyond_its_taxels_but_not_round_a_tube(ur5):
+    for chart in charts_of(ur5, 0.01):
+        low, high = chart.unrolled.min(axis=0), chart.unrolled.max(axis=0)
+        s, t = (low + high) / 2
+        ends = [high[1] + 0.009, low[1] - 0.009, high[1] + 0.011, low[1] - 0.011]
+        places = np.array([[s, end] for end in ends])
+        assert chart.beyond(places).tolist() == [False, False, True, True]
+        (aside,) = chart.beyond(np.array([[high[0] + 0.011, t]]))
+        assert aside != isinstance(chart.surface, Tube)
+    far = np.array([[9.0, 9.0]])
+    assert not any(chart.beyond(far).any() for chart in charts_of(ur5))

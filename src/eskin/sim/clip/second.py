@@ -3,6 +3,7 @@
 import numpy as np
 from jaxtyping import Float
 
+from eskin.recording import NONE
 from eskin.sim.clip.stage import Stage, act_out, company_of, draw_kind, put
 from eskin.sim.clip.timing import draw_start
 from eskin.sim.clip.truth import TrueTouch
@@ -18,12 +19,14 @@ ALONE = ("self_contact", "electrical", "idle")
 def second_touch(stage: Stage, first: TrueTouch) -> tuple[TrueTouch, ...]:
     """Another touch at the same time, smaller than the first; none where none is.
 
-    The clip stands for its largest touch, so a larger one would make its label wrong.
+    The clip stands for its largest touch, so a larger one would make its label wrong,
+    and so would a gesture beside a touch that is none.
     """
     constants = stage.world.constants
     for _ in range(TRIES):
         person = company_of(stage)
         gesture = constants.choose("clip.second", stage.rng)
+        gesture = gesture if first.gesture != NONE else NONE
         kind = draw_kind(stage, person, gesture)
         if kind in ALONE:
             continue

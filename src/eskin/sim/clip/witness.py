@@ -51,7 +51,13 @@ def series_of(
         moment[part.span] += felt.force[:, None] * p_world
         loads[chart.link] = loads.get(chart.link, 0.0) + float(felt.force.sum())
     first, end = contact_steps(touch)
-    seen = slice(lead, None, every)
+    # Means over the steps of a reading: a bump may last one step alone.
+    force, area, moment = (
+        series[lead : lead + (steps - lead) // every * every]
+        .reshape(-1, every, *series.shape[1:])
+        .mean(axis=1)
+        for series in (force, area, moment)
+    )
     with np.errstate(invalid="ignore", divide="ignore"):
         centroid = np.nan_to_num(moment / force[:, None])
     return TrueSeries(
@@ -60,9 +66,9 @@ def series_of(
         kind=touch.kind,
         subject=touch.subject,
         link=max(loads, key=lambda link: loads[link], default=""),
-        force=force[seen],
-        area=area[seen],
-        centroid=centroid[seen],
+        force=force,
+        area=area,
+        centroid=centroid,
         onset=(first - lead) * step,
         end=(end - lead) * step,
     )

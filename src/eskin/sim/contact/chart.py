@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 from eskin.skin import MountedSkin
 from eskin.skin.fit import fit_surface
@@ -28,6 +28,8 @@ class Chart:
     """Centre (s, t) of each of those taxels [m]."""
     cells: Float[np.ndarray, "part 2 2"]
     """Half the cell of each taxel as two vectors: along its row, then across it [m]."""
+    rim: float = np.inf
+    """How far the surface goes on beyond its taxels [m]."""
 
     @property
     def radius(self) -> float:
@@ -38,6 +40,18 @@ class Chart:
     def circumference(self) -> float:
         """Length after which s comes round again [m]; infinite but on a tube."""
         return circumference_of(self.surface)
+
+    def beyond(
+        self, unrolled: Float[np.ndarray, "*batch 2"]
+    ) -> Bool[np.ndarray, "*batch"]:
+        """Whether points (s, t) [m] lie off the ends of the surface."""
+        if np.isinf(self.rim):
+            return np.zeros(unrolled.shape[:-1], dtype=bool)
+        low = self.unrolled.min(axis=0) - self.rim
+        high = self.unrolled.max(axis=0) + self.rim
+        off = (unrolled < low) | (unrolled > high)
+        # Round a tube there is no end.
+        return off[..., 1] if isinstance(self.surface, Tube) else off.any(axis=-1)
 
     def wrapped(self, s: Float[np.ndarray, "*any"]) -> Float[np.ndarray, "*any"]:
         """Differences of s, the shorter way round [m]."""
@@ -54,8 +68,12 @@ def wrapped_by(s: Float[np.ndarray, "*any"], whole: float) -> Float[np.ndarray, 
     return s if np.isinf(whole) else (s + whole / 2) % whole - whole / 2
 
 
-def charts_of(mounted: MountedSkin) -> tuple[Chart, ...]:
+def charts_of(mounted: MountedSkin, rim: float = np.inf) -> tuple[Chart, ...]:
     """The charts of a skin, in the order of their first taxels.
+
+    Args:
+        mounted: the skin on its robot.
+        rim: how far surfaces go on beyond their taxels [m].
 
     Raises:
         ValueError: a patch lies on no plane, tube or dome.
@@ -78,11 +96,11 @@ def charts_of(mounted: MountedSkin) -> tuple[Chart, ...]:
                     "simulated on those only; lay it on one"
                 )
             found.append((patch.link, surface, taxels.tolist()))
-    return tuple(lay_out(mounted, *parts) for parts in found)
+    return tuple(lay_out(mounted, *parts, rim) for parts in found)
 
 
 def lay_out(
-    mounted: MountedSkin, link: str, surface: Surface, members: list[int]
+    mounted: MountedSkin, link: str, surface: Surface, members: list[int], rim: float
 ) -> Chart:
     """The chart of a surface and its taxels."""
     taxels = np.sort(np.array(members, dtype=np.int64))
@@ -98,7 +116,7 @@ def lay_out(
         places[:, 0] = wrapped_by(places[:, 0], circumference_of(surface))
         rows = skin.rows[taxels[part]]
         cells[part] = cells_of(places, columns[part], rows, flat_areas[part])
-    return Chart(link, surface, taxels, unrolled, cells)
+    return Chart(link, surface, taxels, unrolled, cells, rim)
 
 
 def column_directions(

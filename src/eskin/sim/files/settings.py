@@ -7,8 +7,6 @@ from functools import cached_property
 from hashlib import sha256
 from pathlib import Path
 
-import numpy as np
-
 from eskin.errors import GenerationError
 from eskin.sim.clip.plan import ClipPlan
 from eskin.sim.constants import FILE, Constants, load_constants
@@ -20,6 +18,8 @@ from eskin.sim.pairs.schedule import pair_plans, pair_sittings, skin_of
 
 SETTINGS_NAME = "generation.json"
 VERSION = 1
+HARDEST = 10.0
+"""Difficulty beyond which no law makes sense."""
 
 
 @dataclass(frozen=True)
@@ -44,10 +44,10 @@ class Settings:
         """Refuse what no set can be made of."""
         if self.seed < 0:
             raise ValueError(f"seed is {self.seed}; allowed are 0 and above; change it")
-        if not (np.isfinite(self.level) and self.level >= 0):
+        if not 0 <= self.level <= HARDEST:
             raise ValueError(
-                f"difficulty is {self.difficulty}; allowed are 0 (easiest) and above; "
-                "change it"
+                f"difficulty is {self.difficulty}; allowed are 0 (easiest) to "
+                f"{HARDEST:g}; change it"
             )
         if not self.sittings:
             raise ValueError(f"set '{self.set_name}' has no clips; ask for some")

@@ -52,7 +52,7 @@ class World:
 
 def build_world(mounted: MountedSkin, constants: Constants) -> World:
     """Prepare a robot in its skin for touching."""
-    charts = charts_of(mounted)
+    charts = charts_of(mounted, constants.value("contact.rim"))
     links = tuple(mounted.robot.link_index(chart.link) for chart in charts)
     solids = solids_of(mounted.robot)
     spots = spots_of(mounted.skin, charts, constants)
