@@ -4,6 +4,7 @@ import signal
 import subprocess
 import sys
 import time
+from fcntl import LOCK_EX, flock
 from pathlib import Path
 
 import numpy as np
@@ -188,6 +189,16 @@ def test_a_generation_that_is_killed_goes_on_to_the_same_bytes(
         assert not read_recording(recording).truncated
     time.sleep(0.5 if workers else 0.0)
     assert content(made(folder)) == content(whole)
+
+
+def test_a_folder_that_another_generation_writes_to_is_left_alone(whole, tmp_path):
+    made(tmp_path)
+    before = content(tmp_path)
+    with (tmp_path / "generation.json").open() as file:
+        flock(file, LOCK_EX)
+        with pytest.raises(GenerationError, match="another eskin generate is writing"):
+            made(tmp_path)
+    assert content(tmp_path) == before
 
 
 def test_a_folder_of_other_settings_is_refused_in_one_line(whole, tmp_path):

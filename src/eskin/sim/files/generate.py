@@ -9,13 +9,14 @@ from concurrent.futures import Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import closing, contextmanager
 from dataclasses import dataclass
+from fcntl import LOCK_EX, LOCK_NB, flock
 from pathlib import Path
 
 from eskin.errors import GenerationError
 from eskin.sim.files.archive import Archive
 from eskin.sim.files.index import ClipRow
 from eskin.sim.files.maker import Maker
-from eskin.sim.files.settings import Settings, claim
+from eskin.sim.files.settings import SETTINGS_NAME, Settings, claim
 from eskin.sim.files.simulator import Simulator
 from eskin.sim.files.sitting import Sitting
 from eskin.sim.files.worker import begin, work
@@ -72,6 +73,19 @@ def generate(
         raise ValueError(f"{workers} workers asked; allowed are 0 and above")
     started, folder = time.monotonic(), Path(folder)
     claim(folder, settings)
+    with alone_in(folder):
+        return fill(folder, settings, workers, factory, tell, started)
+
+
+def fill(
+    folder: Path,
+    settings: Settings,
+    workers: int,
+    factory: Callable[[str], Maker],
+    tell: Callable[[int], None],
+    started: float,
+) -> Generation:
+    """Make what is missing in a folder."""
     archive = Archive(folder, settings.sittings)
     done = archive.resume()
     kept = sum(sitting.clips for sitting in settings.sittings[:done])
@@ -89,6 +103,24 @@ def generate(
         raise
     files = len(settings.sittings)
     return Generation(kept + made, made, files, time.monotonic() - started)
+
+
+@contextmanager
+def alone_in(folder: Path) -> Iterator[None]:
+    """Keep other generations out of a folder.
+
+    Raises:
+        GenerationError: another one is at work there.
+    """
+    with (folder / SETTINGS_NAME).open() as file:
+        try:
+            flock(file, LOCK_EX | LOCK_NB)
+        except BlockingIOError as error:
+            raise GenerationError(
+                f"another eskin generate is writing to {folder}; wait until it is "
+                "done, or give another folder"
+            ) from error
+        yield
 
 
 def run(
