@@ -35,7 +35,7 @@ results: $(READY)
 	$(BIN)/python -m benchmarks.real_recordings shearsense --data "$(SHEARSENSE)" \
 		--picture docs/pictures/confusion_shearsense.png
 
-# What the simulated world is held to: an hour or so on two cores.
+# What the simulated world is held to: a quarter of an hour on two cores.
 validate: $(READY)
 	$(BIN)/python -m benchmarks.simulation all
 
