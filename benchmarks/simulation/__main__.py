@@ -58,13 +58,13 @@ class Command:
 
 
 def physics(command: Command) -> str:
-    """Section 6.1."""
+    """Areas, profiles and times of contact."""
     checks = physics_checks(load_constants(), command.people, command.seed)
     return as_table("Contact", checks)
 
 
 def rig(command: Command) -> str:
-    """Section 6.2."""
+    """Areas, peaks and durations on the grid of CoST."""
     constants = load_constants()
     people, difficulty = 3 * command.people, constants.value("sets.difficulty")
     checks = rig_checks(constants, people, 4, difficulty, command.seed)
@@ -72,45 +72,45 @@ def rig(command: Command) -> str:
 
 
 def bands(command: Command) -> str:
-    """Section 6.3."""
+    """Taxels, forces and durations on the forearm."""
     checks = band_checks(load_constants(), command.people, command.seed)
     return as_table("On the forearm of the UR5, difficulty 0", checks)
 
 
 def sensor(command: Command) -> str:
-    """Section 6.4."""
+    """One element against the logged presses."""
     return as_table("One element", element_checks(load_constants(), command.seed))
 
 
 def difficulty(command: Command) -> str:
-    """Sections 3.9 and 6.5."""
+    """How hard clips are, and what is confused."""
     levels = difficulty_tables(command.clips, command.seed)
     tables, checks = confusion_tables(command.clips, command.seed)
     return "\n".join([levels, tables, as_table("Confusions", checks)])
 
 
 def ceiling(command: Command) -> str:
-    """Section 6.7."""
+    """What the truth itself allows."""
     return ceiling_tables(command.clips, command.seed)
 
 
 def leakage(command: Command) -> str:
-    """Section 6.6."""
+    """What may not tell the class."""
     return as_table("Leakage", leakage_checks(command.clips, command.seed))
 
 
 def reference(command: Command) -> str:
-    """Section 3.3, the independent model."""
+    """The same hands in MuJoCo."""
     return reference_tables(REPEATS, command.seed)
 
 
 def sweep(command: Command) -> str:
-    """Section 7.1."""
+    """Estimated forces, half and twice as large."""
     return sweep_table(command.clips, command.seed)
 
 
 def speed(command: Command) -> str:
-    """Section 3.11."""
+    """Clips a minute."""
     return as_table("Speed", speed_checks(command.clips, command.seed))
 
 

@@ -33,7 +33,7 @@ BANDS = {
     "stroke": ((4, 7, 12), (27, 51, 106), (1, 3, 5), (5, 10, 23)),
     "none": ((4, 20, 53), (6, 22, 56), (2, 11, 43), (7, 16, 40)),
 }
-"""The prototype's 10th, 50th and 90th percentiles, in the order of `SIZES`."""
+"""An earlier prototype's 10th, 50th and 90th percentiles, in the order of `SIZES`."""
 SIZES = ("taxels at peak", "taxels in all", "peak force [N]", "peak pressure [kPa]")
 PRESSED = 2.0  # [kPa]
 UNTOUCHED = ("idle", "electrical", "self_contact")
@@ -68,7 +68,7 @@ class Forearm:
 
 
 def band_checks(constants: Constants, people: int, seed: int) -> list[Check]:
-    """Section 6.3."""
+    """Bands, durations, spectra and pulses."""
     forearm = forearm_of(constants)
     return [
         *size_checks(forearm, people, seed),

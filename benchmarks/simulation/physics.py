@@ -26,7 +26,7 @@ FOREARM = "forearm_link"
 
 
 def physics_checks(constants: Constants, people: int, seed: int) -> list[Check]:
-    """Section 6.1: of one average fingertip, then of people."""
+    """Of one average fingertip, then of people."""
     return [
         *fingertip_checks(constants),
         *people_checks(constants, people, seed),
