@@ -35,7 +35,7 @@ Series = Float[np.ndarray, "time"]
 def element_checks(
     constants: Constants, seed: int, repeats: int = REPEATS
 ) -> list[Check]:
-    """One element against the logs; `repeats` builds or sessions are drawn of what scatters."""
+    """One element against the logs; what scatters is drawn `repeats` times."""
     skin = ur5()[0].skin
     build = element_of(skin, constants)
     play = partial(conductance, build=build, skin=skin, constants=constants)
