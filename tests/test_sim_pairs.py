@@ -9,6 +9,7 @@ from scipy.spatial.distance import pdist
 
 import eskin.cli.generate as command
 from eskin.cli.main import run
+from eskin.errors import GenerationError
 from eskin.recording import find_recordings, read_recording
 from eskin.robot import load_robot
 from eskin.sim.constants import load_constants
@@ -283,6 +284,8 @@ def test_a_clip_of_a_pair_can_be_made_again_alone(whole):
     inside = (row.start <= arrays.stamps) & (arrays.stamps < row.start + 2 * SECOND)
     clip = remake(row, small("flat"))
     assert clip.counts.tobytes() == arrays.counts[inside].tobytes()
+    with pytest.raises(GenerationError, match="is of skin 'flat', the maker of 'bent'"):
+        remake(row, small("bent"))
 
 
 @pytest.mark.parametrize("clips", [0, 3])

@@ -48,6 +48,8 @@ class ClipRow:
     """Counts the clips of the file."""
     start: int
     """Stamp of its first reading [ns since the epoch]."""
+    skin: str
+    """Name of the skin."""
     pose_group: int
     """Group of the pose at its start."""
     regime: str
@@ -94,6 +96,7 @@ class ClipRow:
             "moving": self.plan.moving,
             "difficulty": self.plan.difficulty,
             "regime": self.regime,
+            "skin": self.skin,
             "touches": [asdict(touch) for touch in self.touches],
             "drawn": self.drawn,
             "plan": asdict(self.plan),
@@ -108,6 +111,7 @@ class ClipRow:
             file=facts["file"],
             number=facts["number"],
             start=facts["start"],
+            skin=facts["skin"],
             pose_group=facts["pose_group"],
             regime=facts["regime"],
             touches=tuple(TouchRow(**touch) for touch in facts["touches"]),
@@ -147,6 +151,7 @@ def row_of(
     file: str,
     number: int,
     start: int,
+    skin: str,
     first: int,
     period: float,
     plan: ClipPlan,
@@ -158,6 +163,7 @@ def row_of(
         file: path of its recording below the folder of the set.
         number: counts the clips of the file.
         start: stamp of its first reading [ns since the epoch].
+        skin: name of the skin.
         first: number of its first true touch in the file.
         period: time between two readings [s].
         plan: what it was made from.
@@ -178,9 +184,8 @@ def row_of(
     )
     drawn = {name: plain(value) for name, value in clip.drawn.items()}
     regime = drawn.get("regime", drawn.get("touch0.regime", plan.regime or ""))
-    return ClipRow(
-        file, number, start, int(clip.pose_group), str(regime), touches, drawn, plan
-    )
+    group, name = int(clip.pose_group), str(regime)
+    return ClipRow(file, number, start, skin, group, name, touches, drawn, plan)
 
 
 def plain(value: float | str) -> float | str:
@@ -223,5 +228,14 @@ def to_text(rows: Iterable[ClipRow]) -> str:
 
 
 def remake(row: ClipRow, maker: Maker) -> Clip:
-    """Make one clip of a set again, alone: the same counts as in its recording."""
+    """Make one clip of a set again, alone: the same counts as in its recording.
+
+    Raises:
+        GenerationError: the maker is of another skin.
+    """
+    if maker.mounted.skin.name != row.skin:
+        raise GenerationError(
+            f"clip {row.number} of {row.file} is of skin '{row.skin}', the maker of "
+            f"'{maker.mounted.skin.name}'; give a maker of that skin"
+        )
     return maker.make(row.plan)

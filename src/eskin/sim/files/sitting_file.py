@@ -146,8 +146,8 @@ class Sheet:
         self.peaks.append(
             peaks_of(clip.counts, clip.received, self.rest, self.calibration)
         )
-        place = (self.sitting.file, number, start, self.touches, self.period)
-        self.rows.append(row_of(*place, plan, clip))
+        place = (self.sitting.file, number, start, self.writer.skin.name)
+        self.rows.append(row_of(*place, self.touches, self.period, plan, clip))
         self.touches += len(clip.truths)
 
     def write(self, stamps: Int[np.ndarray, "reading"], clip: Clip) -> None:
