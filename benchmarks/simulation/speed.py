@@ -1,22 +1,49 @@
-"""How many clips a minute come out as files."""
+"""How many clips a minute come out as files, and what that takes."""
 
+import resource
 import tempfile
 from pathlib import Path
 
-from benchmarks.simulation.check import Check, at_least
+from benchmarks.simulation.check import Check, at_least, at_most
 from eskin.sim.files.generate import generate
 from eskin.sim.files.settings import Settings
 
 WANTED = 6000.0
 WORKERS = 2
+MEMORY = 1000.0  # [MB], so that many processes fit on a laptop
+FEW = 60
+"""Clips that are made twice, with one process and with more."""
 
 
 def speed_checks(clips: int, seed: int) -> list[Check]:
-    """Clips of `train` a minute in two processes, their start included."""
+    """Clips of `train` a minute, their start included, memory, and the same bytes.
+
+    The memory is that of the largest process started so far, of whatever part.
+    """
     with tempfile.TemporaryDirectory() as folder:
-        done = generate(
-            Path(folder), Settings("train", seed=seed, clips=clips), WORKERS
-        )
+        settings = Settings("train", seed=seed, clips=clips)
+        done = generate(Path(folder), settings, WORKERS)
+    largest = resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss / 1024
     name = f"{clips} clips as files, {WORKERS} processes"
-    rate = done.clips_per_minute
-    return [at_least(name, rate, WANTED, "this project", "clips/min")]
+    return [
+        at_least(name, done.clips_per_minute, WANTED, "this project", "clips/min"),
+        at_most("largest process", largest, MEMORY, "this project", "MB"),
+        same_bytes(seed),
+    ]
+
+
+def same_bytes(seed: int) -> Check:
+    """Whether recordings and index depend on the number of processes."""
+    one, more = made(1, seed), made(WORKERS, seed)
+    differ = sum(one[name] != more[name] for name in one) + len(
+        one.keys() ^ more.keys()
+    )
+    name = f"{FEW} clips of test-m, 1 and {WORKERS} processes: files that differ"
+    return at_most(name, differ, 0, "this project")
+
+
+def made(workers: int, seed: int) -> dict[str, bytes]:
+    """Every file of a small set."""
+    with tempfile.TemporaryDirectory() as folder:
+        generate(Path(folder), Settings("test-m", seed=seed, clips=FEW), workers)
+        return {path.name: path.read_bytes() for path in Path(folder).iterdir()}

@@ -3,7 +3,7 @@
 from functools import lru_cache
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Int
 
 from eskin.sim.clip.outcome import Clip, TrueSeries
 from eskin.sim.clip.plan import BuildOrigin, Origin
@@ -113,8 +113,3 @@ def felt_in(scene: Scene, world: World) -> list[list[Part]]:
         parts_of(touch, scene.steps, world.charts, world.constants)
         for touch in scene.touches
     ]
-
-
-def impulse_of(force: Float[np.ndarray, "time"], step: float) -> float:
-    """Force summed over time [N s]."""
-    return float(force.sum() * step)

@@ -122,7 +122,7 @@ def nominal_half(half_pressure: float, constants: Constants) -> float:
     It makes a nominal taxel read rightly what is pressed for a time, with its play and
     creep.
     """
-    _, seconds = constants.array("sensor.calibrated_at")
+    seconds = constants.value("sensor.calibrated_at")
     exponent = constants.value("sensor.nominal_exponent")
     grown = (1.0 + crept(seconds, constants)) ** (1.0 / exponent)
     return float(half_pressure / held(constants) / grown)
