@@ -19,7 +19,7 @@ BELOW = {
     "recording": ("touch",),
     "model": ("graph", "recording"),
     "nn": ("model",),
-    "learn": ("nn", "recording"),
+    "learn": ("nn", "live"),
     "live": ("model", "recording"),
     "sim": ("recording",),
 }

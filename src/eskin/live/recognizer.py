@@ -109,8 +109,9 @@ class Recognizer:
         self.state = state
         stamp = state.reading.stamp
         self.logits = self.stream.push(self.graphs.push(state), stamp)
+        temperature = self.model.card.temperature
         self.probabilities = {
-            touch.id: self.calibrated(self.logits[self.graphs.key_of(touch)])
+            touch.id: calibrated(self.logits[self.graphs.key_of(touch)], temperature)
             for touch in state.touches
         }
         self.travel.push(state)
@@ -145,28 +146,42 @@ class Recognizer:
                 "allowed are readings with shear; use a model for pressure alone"
             )
 
-    def calibrated(
-        self, logits: Float[np.ndarray, "class"]
-    ) -> Float[np.ndarray, "class"]:
-        """Probabilities that mean what they say."""
-        scaled = logits / self.model.card.temperature
-        powers = np.exp(scaled - scaled.max())
-        return powers / powers.sum()
-
     def detection(self, verdict: Verdict, stamp: int) -> Detection:
         """A verdict with what is known of its touch."""
-        touch, contact = verdict.touch, verdict.touch.contact
-        return Detection(
-            stamp=stamp,
-            touch=touch.id,
-            gesture=verdict.gesture,
-            confidence=verdict.confidence,
-            onset=verdict.onset,
-            end=touch.last,
-            link=contact.link,
-            patch=contact.patch,
-            p_world=contact.p_world,
-            n_world=contact.n_world,
-            direction_world=self.travel.of(touch),
-            peak_force=touch.peak_force,
-        )
+        return detection_of(verdict, stamp, self.travel.of(verdict.touch))
+
+
+def calibrated(
+    logits: Float[np.ndarray, "class"], temperature: float
+) -> Float[np.ndarray, "class"]:
+    """Probabilities that mean what they say."""
+    scaled = logits / temperature
+    powers = np.exp(scaled - scaled.max())
+    return powers / powers.sum()
+
+
+def detection_of(
+    verdict: Verdict, stamp: int, direction_world: Float[np.ndarray, "3"]
+) -> Detection:
+    """A verdict with what is known of its touch.
+
+    Args:
+        verdict: what is to be said.
+        stamp: of the reading at which it is said [ns since the epoch].
+        direction_world: unit vector of the touch's travel, or zero.
+    """
+    touch, contact = verdict.touch, verdict.touch.contact
+    return Detection(
+        stamp=stamp,
+        touch=touch.id,
+        gesture=verdict.gesture,
+        confidence=verdict.confidence,
+        onset=verdict.onset,
+        end=touch.last,
+        link=contact.link,
+        patch=contact.patch,
+        p_world=contact.p_world,
+        n_world=contact.n_world,
+        direction_world=direction_world,
+        peak_force=touch.peak_force,
+    )
