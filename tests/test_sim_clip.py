@@ -1,6 +1,7 @@
 """Clips and streams: the touch, the counts and the truth belong together."""
 
 from dataclasses import replace
+from functools import lru_cache
 
 import numpy as np
 import pytest
@@ -8,9 +9,12 @@ import pytest
 from eskin.sim.clip.clip import make_clip
 from eskin.sim.clip.plan import BuildOrigin, ClipPlan, Origin
 from eskin.sim.clip.play import build_of
+from eskin.sim.clip.stage import set_up
+from eskin.sim.clip.stream import draw_accident
 from eskin.sim.clip.timing import contact_steps, draw_start, moved
 from eskin.sim.clip.truth import TrueTouch
 from eskin.sim.contact.press import Flesh, Press, Stamps
+from eskin.sim.site.touching import self_contact_sites
 from world_scenes import world
 
 PLAN = ClipPlan(
@@ -132,6 +136,53 @@ def test_in_a_stream_touches_follow_each_other_after_pauses():
     spans = sorted((truth.onset, truth.end) for truth in alone)
     assert spans[0][0] > 0 and spans[-1][1] < 30.0
     assert all(start < end for start, end in spans)
+
+
+@pytest.mark.parametrize("moving", [False, True])
+def test_a_stream_of_accidents_has_nothing_but_accidents(moving):
+    kinds = set()
+    for number in range(4):
+        clip = clip_of(
+            number, gesture=None, kind="accidents", seconds=30.0, moving=moving
+        )
+        assert len(clip.truths) >= 3
+        assert {truth.gesture for truth in clip.truths} == {"none"}
+        kinds |= {truth.kind for truth in clip.truths}
+    assert kinds <= set(world().constants.weights("stream.accidents"))
+    assert not kinds & {"press", "single_pat", "squeeze_hold", "guiding"}
+
+
+def test_links_press_on_each_other_where_a_stream_of_accidents_stands_folded():
+    seen = set()
+    for number in range(8):
+        plan = replace(PLAN, seed=(1, number), gesture=None, kind="accidents")
+        stage = set_up(plan, "accidents", world(), plan.rng())
+        touching = bool(self_contact_sites(world(), stage.q[0]))
+        kinds = {draw_accident(stage, 0) for _ in range(100)}
+        assert ("self_contact" in kinds) == touching
+        seen.add(touching)
+    assert seen == {False, True}
+
+
+@pytest.mark.parametrize("moving", [False, True])
+def test_nothing_touches_in_a_quiet_stream_but_electrical_events_come_by_the_hour(
+    moving,
+):
+    """A minute at sixty times the rate has as many as an hour."""
+    plan = replace(PLAN, gesture=None, kind="quiet", seconds=60.0, moving=moving)
+    clip = make_clip(plan, world_of_many_events())
+    assert clip.truths == () and len(clip.counts) == 3000
+    events = [name for name in clip.drawn if name.endswith(".electrical")]
+    assert 10 <= len(events) <= 40
+    onsets = [clip.drawn[name.replace(".electrical", ".onset")] for name in events]
+    assert min(onsets) < 1000 and max(onsets) > 2000
+    assert bool(np.ptp(clip.q, axis=0).max() > 1e-3) == moving
+
+
+@lru_cache(maxsize=1)
+def world_of_many_events():
+    constants = world().constants.scaled({"stream.electrical": 60.0})
+    return replace(world(), constants=constants)
 
 
 def steady(steps, first=0):

@@ -48,6 +48,8 @@ def clips(chosen, seed=0):
         ("paper-5", 6, 1, "fresh", range(1, 13), 676),
         ("streams", 10, 3, "shifted", range(1, 13), 80),
         ("streams-fresh", 10, 6, "fresh", range(1, 13), 80),
+        ("accidents", 10, 3, "shifted", range(1, 13), 40),
+        ("quiet", 10, 3, "shifted", range(1, 13), 100),
     ],
 )
 def test_a_set_has_the_people_builds_poses_and_clips_that_are_specified(
@@ -62,7 +64,7 @@ def test_a_set_has_the_people_builds_poses_and_clips_that_are_specified(
     assert {plan.set_name for plan in found} == {name}
 
 
-@pytest.mark.parametrize("name", [name for name in SETS if "streams" not in name])
+@pytest.mark.parametrize("name", [n for n in SETS if load_set(n, CONSTANTS).classes])
 def test_every_part_of_a_set_does_everything_equally_often(name):
     chosen = load_set(name, CONSTANTS)
     assert chosen.classes == (GESTURES if name == "paper" else CLASSES)
@@ -102,6 +104,15 @@ def test_streams_are_a_minute_or_two_and_two_hours_together():
     assert sum(seconds) == pytest.approx(7200.0, abs=1.0)
     assert 60 <= min(seconds) < 62 and 118 < max(seconds) <= 120
     assert {plan.gesture for plan in clips(load_set("streams", CONSTANTS))} == {None}
+
+
+def test_streams_without_gestures_last_long_and_move_in_half_of_them():
+    for name, hours in (("quiet", 5.0), ("accidents", 1.0)):
+        found = clips(load_set(name, CONSTANTS))
+        assert {(plan.gesture, plan.kind) for plan in found} == {(None, name)}
+        assert sum(plan.seconds for plan in found) >= hours * 3600.0 - 1.0
+        assert np.mean([plan.moving for plan in found]) == pytest.approx(0.5, abs=0.15)
+    assert {plan.kind for plan in clips(load_set("streams", CONSTANTS))} == {None}
 
 
 def test_a_file_is_one_sitting_of_at_most_250_clips_one_every_six_seconds():
@@ -167,6 +178,7 @@ def test_sets_share_people_and_builds_only_where_they_are_meant_to():
             assert bool(people[one] & people[other]) == related
     assert builds["train"] == builds["val"] == builds["test-s"] == builds["test-p"]
     assert builds["test-x"] == builds["test-m"] == builds["streams"]
+    assert builds["test-x"] == builds["accidents"] == builds["quiet"]
     assert not builds["train"] & builds["test-x"]
     assert not builds["paper"] & (builds["train"] | builds["test-x"])
 

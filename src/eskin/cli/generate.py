@@ -25,6 +25,8 @@ SetName = Literal[
     "paper-5",
     "streams",
     "streams-fresh",
+    "accidents",
+    "quiet",
     "pairs",
 ]
 

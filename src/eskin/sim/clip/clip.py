@@ -2,8 +2,9 @@
 
 from dataclasses import replace
 
+from eskin.sim.clip.disturbance import disturbed, disturbed_by_the_hour
 from eskin.sim.clip.outcome import Clip
-from eskin.sim.clip.plan import ClipPlan
+from eskin.sim.clip.plan import QUIET, ClipPlan
 from eskin.sim.clip.play import build_of, play, session_of
 from eskin.sim.clip.scene import Scene
 from eskin.sim.clip.second import second_touch
@@ -14,7 +15,6 @@ from eskin.sim.clip.truth import TrueTouch
 from eskin.sim.people.programs.perform import kind_of
 from eskin.sim.robot.groups import group_of
 from eskin.sim.robot.world import World
-from eskin.sim.sensor.electrical import ELECTRICAL, disturb
 
 
 def make_clip(plan: ClipPlan, world: World) -> Clip:
@@ -41,7 +41,9 @@ def make_clip(plan: ClipPlan, world: World) -> Clip:
         pose_group=group_of(world, stage.q[stage.lead]),
         drawn=drawn_of(stage, touches),
     )
-    return disturbed(clip, stage) if kind == "electrical" else clip
+    if kind == "electrical":
+        return disturbed(clip, stage)
+    return disturbed_by_the_hour(clip, stage) if kind == QUIET else clip
 
 
 def draw_touches(stage: Stage, gesture: str, kind: str) -> tuple[TrueTouch, ...]:
@@ -53,18 +55,6 @@ def draw_touches(stage: Stage, gesture: str, kind: str) -> tuple[TrueTouch, ...]
     if touch.presses and stage.rng.random() < stage.plan.concurrent:
         return (touch, *second_touch(stage, touch))
     return (touch,)
-
-
-def disturbed(clip: Clip, stage: Stage) -> Clip:
-    """The same clip with an electrical event in it."""
-    event = ELECTRICAL[stage.rng.integers(len(ELECTRICAL))]
-    build = build_of(stage.plan.build, stage.world)
-    counts, received, drawn = disturb(
-        *(event, clip.counts, clip.received, stage.world.mounted.skin, build),
-        *(stage.rng, stage.world.constants),
-    )
-    more = {f"electrical.{name}": value for name, value in drawn.items()}
-    return replace(clip, counts=counts, received=received, drawn=clip.drawn | more)
 
 
 def drawn_of(stage: Stage, touches: tuple[TrueTouch, ...]) -> dict[str, float | str]:

@@ -10,6 +10,9 @@ from eskin.sim.pairs.sides import PairPlace
 Seed = tuple[int, ...]
 """Entropy of `np.random.SeedSequence`; no two of a set are the same."""
 
+ACCIDENTS, QUIET = "accidents", "quiet"
+"""Kinds of streams: of nothing but accidental contacts, and without any contact."""
+
 
 @dataclass(frozen=True)
 class Origin:
@@ -58,7 +61,8 @@ class ClipPlan:
     """What is done: a gesture, `none` or an unknown gesture; None draws one after the
     other, as in a stream."""
     kind: str | None
-    """Variant; None draws it."""
+    """Variant; None draws it. Of a stream, `ACCIDENTS` or `QUIET`; None is a stream of
+    all that people do."""
     groups: tuple[int, ...]
     """Pose groups to take the pose from."""
     pose: Seed | None

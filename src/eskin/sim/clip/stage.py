@@ -6,7 +6,7 @@ from functools import lru_cache
 import numpy as np
 from jaxtyping import Float
 
-from eskin.sim.clip.plan import ClipPlan, Origin
+from eskin.sim.clip.plan import ACCIDENTS, ClipPlan, Origin
 from eskin.sim.clip.scene import cropped
 from eskin.sim.clip.timing import moved
 from eskin.sim.clip.truth import TrueTouch
@@ -55,7 +55,7 @@ def set_up(plan: ClipPlan, kind: str, world: World, rng: np.random.Generator) ->
     if plan.pose is not None:
         pose_rng = np.random.default_rng(np.random.SeedSequence(plan.pose))
     groups = frozenset(plan.groups)
-    if kind == "self_contact":
+    if is_touching(plan, kind, world, rng):
         q = draw_touching_pose(world, groups, pose_rng)
     else:
         q = draw_pose(world, groups, pose_rng, folded)
@@ -67,6 +67,15 @@ def set_up(plan: ClipPlan, kind: str, world: World, rng: np.random.Generator) ->
     else:
         path = draw_motion(world, q, seconds, rng)
     return Stage(plan, world, path, lead, folded, rng)
+
+
+def is_touching(
+    plan: ClipPlan, kind: str, world: World, rng: np.random.Generator
+) -> bool:
+    """Whether a clip needs a pose in which links of the robot all but touch."""
+    if kind != ACCIDENTS:
+        return kind == "self_contact"
+    return not plan.moving and rng.random() < world.constants.value("stream.touching")
 
 
 @lru_cache(maxsize=128)

@@ -45,7 +45,7 @@ def plans_of(
                 at=every * (number + 1),
                 seconds=seconds,
                 gesture=gesture,
-                kind=None,
+                kind=chosen.stream,
                 pose=pose_of(chosen, seed, rng),
                 moving=bool(rng.random() >= chosen.still),
                 fold_share=constants.value("clip.fold"),
@@ -108,7 +108,7 @@ def seconds_of(
         return constants.value("clip.seconds")
     rng = generator(seed_of(f"lengths {chosen.name}", 0, 0, seed))
     place = int(rng.permutation(chosen.clips)[sitting.number])
-    low, high = constants.array("sets.stream_seconds")
+    low, high = constants.array(f"sets.{chosen.stream or 'stream'}_seconds")
     period = constants.value("sensor.period")
     seconds = low + (high - low) * (place + 0.5) / chosen.clips
     return round(seconds / period) * period

@@ -3,6 +3,7 @@
 from dataclasses import dataclass, replace
 from typing import Literal
 
+from eskin.sim.clip.plan import ACCIDENTS, QUIET
 from eskin.sim.constants import Constants
 from eskin.sim.pairs.sides import INSTEAD, KINDS, SIDES
 
@@ -49,6 +50,8 @@ class ClipSet:
     """What is done, equally often; empty in streams, which do one after the other."""
     parts: tuple[Part, ...]
     """Where its clips are."""
+    stream: str | None = None
+    """Kind of its streams; None where people do all that they do, and for clips."""
 
     @property
     def clips(self) -> int:
@@ -67,6 +70,8 @@ SETS = (
     "paper-5",
     "streams",
     "streams-fresh",
+    ACCIDENTS,
+    QUIET,
 )
 """Names of all sets that recognisers are trained and tested on."""
 
@@ -89,6 +94,8 @@ def load_set(name: str, constants: Constants) -> ClipSet:
         return paper_set(name, constants)
     if name.startswith("streams"):
         return stream_set(name, constants)
+    if name in (ACCIDENTS, QUIET):
+        return gestureless_set(name, constants)
     plain = {"train": "train", "val": "val"}.get(name, "test")
     shifted = name in ("test-x", "test-m")
     kind = "shifted" if shifted else "fresh"
@@ -147,6 +154,18 @@ def stream_set(name: str, constants: Constants) -> ClipSet:
         still=constants.value("sets.still"),
         classes=(),
         parts=(Part("", int(constants.value("sets.clips.streams"))),),
+    )
+
+
+def gestureless_set(name: str, constants: Constants) -> ClipSet:
+    """Streams without any gesture, people of their own, on the builds of the tests."""
+    return replace(
+        stream_set("streams", constants),
+        name=name,
+        people=name,
+        still=constants.value("sets.still_gestureless"),
+        parts=(Part("", int(constants.value(f"sets.clips.{name}"))),),
+        stream=name,
     )
 
 

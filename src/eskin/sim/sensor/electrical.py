@@ -23,8 +23,19 @@ def disturb(
     build: Build,
     rng: np.random.Generator,
     constants: Constants | None = None,
+    onset: int | None = None,
 ) -> tuple[Counts, Received, dict[str, float | str]]:
     """Put one electrical event into counts, without changing those given.
+
+    Args:
+        kind: one of `ELECTRICAL`.
+        counts: what the converter counted.
+        received: what of it arrives.
+        skin: its taxels.
+        build: the skin as built.
+        rng: to draw from.
+        constants: numbers of the world; those published unless given.
+        onset: first reading of the event; drawn unless given.
 
     Returns:
         The counts, what of them arrives, and what was drawn.
@@ -40,7 +51,8 @@ def disturb(
     constants = constants or load_constants()
     counts, received = counts.copy(), received.copy()
     readings = len(counts)
-    onset = int(constants.draw("sensor.electrical.onset", rng) * readings)
+    if onset is None:
+        onset = int(constants.draw("sensor.electrical.onset", rng) * readings)
     hold = draw_hold(kind, build, constants, rng)
     during = slice(onset, min(onset + hold, readings))
     patch = int(rng.integers(len(skin.patches)))
