@@ -4,7 +4,17 @@ import numpy as np
 import pytest
 
 from eskin.errors import RobotError
-from eskin.robot import ROBOTS, Box, Cylinder, Joint, Link, Mimic, Robot, load_robot
+from eskin.robot import (
+    ROBOTS,
+    Box,
+    Cylinder,
+    Joint,
+    Kinematics,
+    Link,
+    Mimic,
+    Robot,
+    load_robot,
+)
 
 HERE = np.eye(4)
 X = np.array([1.0, 0.0, 0.0])
@@ -46,6 +56,39 @@ def test_the_ur5_has_the_usual_names_and_the_published_limits():
     np.testing.assert_array_equal(ur5.velocity, [3.15] * 3 + [3.2] * 3)
     np.testing.assert_allclose(ur5.upper, np.pi * np.array([2, 2, 1, 2, 2, 2]))
     np.testing.assert_array_equal(ur5.lower, -ur5.upper)
+
+
+UR10_DH = [
+    (0.1273, 0.0, np.pi / 2),
+    (0.0, -0.612, 0.0),
+    (0.0, -0.5723, 0.0),
+    (0.163941, 0.0, np.pi / 2),
+    (0.1157, 0.0, -np.pi / 2),
+    (0.0922, 0.0, 0.0),
+]
+"""d [m], a [m] and alpha [rad] of each joint, as published by the maker."""
+
+
+def test_the_ur10_moves_its_tool_as_the_published_dimensions_say():
+    ur10, rng = load_robot("ur10"), np.random.default_rng(0)
+    assert ur10.joint_names == load_robot("ur5").joint_names
+    tool = ur10.link_index("tool0")
+    for q in rng.uniform(-np.pi, np.pi, (5, 6)):
+        # The published frame looks the other way.
+        T_base_tool = np.diag([-1.0, -1.0, 1.0, 1.0])
+        for angle, (d, a, alpha) in zip(q, UR10_DH, strict=True):
+            turn, lean = np.eye(4), np.eye(4)
+            turn[:2, :2] = rotation(angle)
+            lean[1:3, 1:3] = rotation(alpha)
+            turn[2, 3], lean[0, 3] = d, a
+            T_base_tool = T_base_tool @ turn @ lean
+        got = Kinematics(ur10).poses(q)[tool]
+        np.testing.assert_allclose(got[:3, 3], T_base_tool[:3, 3], atol=1e-9)
+
+
+def rotation(angle):
+    """In the plane."""
+    return np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
 
 
 @pytest.mark.parametrize(
@@ -166,5 +209,6 @@ def test_an_unknown_link_is_answered_with_the_known_ones():
 
 def test_an_unknown_robot_is_answered_with_the_known_ones():
     assert refusal(lambda: load_robot("ur6")) == (
-        "no robot 'ur6'; allowed: ur5, table, tube, or the path of a .urdf file"
+        "no robot 'ur6'; allowed: ur5, ur10, base, table, tube, "
+        "or the path of a .urdf file"
     )

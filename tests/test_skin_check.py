@@ -188,7 +188,7 @@ def test_the_command_says_that_a_good_skin_has_no_problems(tmp_path, capsys):
     [
         (["check", "nothing"], "skin.yaml does not exist"),
         (["check", "ur5", "--robot", "nothing"], "no robot 'nothing'"),
-        (["show", "nothing"], "no skin 'nothing'; allowed a preset (ur5, sleeve"),
+        (["show", "nothing"], "no skin 'nothing'; allowed a preset (ur5, ur5-half"),
         (["show", "ur5", "--out", "a.foo"], "no picture format '.foo' for a.foo; all"),
         (["show", "ur5", "--out", "no/a.png"], "no folder no for a.png; make it first"),
         (["show", "ur5", "--out", "a.png", "--robot", "table"], "lies on links that"),

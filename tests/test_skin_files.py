@@ -7,6 +7,7 @@ import pytest
 
 from eskin.errors import SkinError
 from eskin.skin import (
+    PRESETS,
     Patch,
     Skin,
     load_skin,
@@ -222,9 +223,8 @@ def test_the_first_problem_is_told_with_the_number_of_the_others(tmp_path):
 
 
 def test_what_is_no_skin_is_refused_in_one_line(tmp_path):
-    assert "allowed a preset (ur5, sleeve, shearsense, bent, flat)" in message(
-        tmp_path / "none"
-    )
+    allowed = f"allowed a preset ({', '.join(PRESETS)})"
+    assert allowed in message(tmp_path / "none")
     assert "skin.yaml does not exist" in message(tmp_path)
     write(tmp_path)
     (tmp_path / "taxels.csv").write_bytes(b"id,\xff\n")

@@ -3,17 +3,15 @@
 import numpy as np
 import pytest
 
-from eskin.robot import Kinematics, load_robot, surface_distance
+from eskin.robot import load_robot
 from eskin.skin import (
     PRESETS,
-    MountedSkin,
     check_skin,
     fit_surface,
     grid_skin,
     load_skin,
     robot_for,
 )
-from eskin.transforms import apply, invert
 
 SKIN = load_skin("ur5")
 ROBOT = load_robot("ur5")
@@ -70,38 +68,6 @@ def test_strips_of_3_to_8_mm_stay_free_between_the_edges_of_shells(one, other, r
             widths.append(np.ptp(here) + np.diff(here).mean())
         gap = (2 * np.pi * radius - sum(widths)) / len(widths)
         assert 0.003 <= gap <= 0.008
-
-
-def test_every_taxel_lies_on_its_link_and_points_out_of_it():
-    for number, patch in enumerate(SKIN.patches):
-        taxels = SKIN.patch_index == number
-        link = ROBOT.links[ROBOT.link_index(patch.link)]
-        distance, outward = surface_distance(link, SKIN.positions[taxels])
-        assert np.max(np.abs(distance)) < 1e-12
-        assert np.min(np.sum(outward * SKIN.normals[taxels], axis=1)) > 1 - 1e-12
-
-
-def test_no_taxel_is_buried_in_a_link_next_to_its_own():
-    rng = np.random.default_rng(0)
-    mounted = MountedSkin(SKIN, ROBOT)
-    low, high = np.maximum(ROBOT.lower, -np.pi), np.minimum(ROBOT.upper, np.pi)
-    low, high = low.copy(), high.copy()
-    # An arm this wide cannot fold its elbow flat on itself.
-    elbow = ROBOT.joint_names.index("elbow_joint")
-    low[elbow], high[elbow] = -2.4, 2.4
-    for _ in range(20):
-        q = rng.uniform(low, high)
-        p_world, _ = mounted.poses(q)
-        T_world_link = Kinematics(ROBOT).poses(q)
-        for joint in ROBOT.joints:
-            pair = ROBOT.link_index(joint.parent), ROBOT.link_index(joint.child)
-            for own, beside in (pair, pair[::-1]):
-                taxels = mounted.skin_link_index == own
-                if not taxels.any() or not ROBOT.links[beside].bodies:
-                    continue
-                local = apply(invert(T_world_link[beside]), p_world[taxels])
-                distance, _ = surface_distance(ROBOT.links[beside], local)
-                assert np.min(distance) > 0.001, (ROBOT.links[own].name, q)
 
 
 @pytest.mark.parametrize("name", PRESETS)

@@ -5,10 +5,13 @@ from dataclasses import dataclass
 from functools import partial
 
 from eskin.robot import Robot, load_robot
+from eskin.skin.base import base_skin
 from eskin.skin.bending import bent_skin, flat_skin
 from eskin.skin.grids import grid_skin
 from eskin.skin.skin import Skin
 from eskin.skin.ur5 import ur5_skin
+from eskin.skin.ur5_shapes import shapes_skin
+from eskin.skin.ur10 import ur10_skin
 
 __all__ = ["PRESETS", "Preset", "robot_for"]
 
@@ -26,6 +29,14 @@ class Preset:
 
 PRESETS = {
     "ur5": Preset(ur5_skin, "ur5"),
+    "ur5-half": Preset(partial(ur5_skin, "ur5-half", density=0.5), "ur5"),
+    "ur5-double": Preset(partial(ur5_skin, "ur5-double", density=2.0), "ur5"),
+    "ur5-shapes": Preset(shapes_skin, "ur5"),
+    "ur5-missing": Preset(
+        partial(ur5_skin, "ur5-missing", missing=("forearm_back",)), "ur5"
+    ),
+    "ur10": Preset(ur10_skin, "ur10"),
+    "base": Preset(base_skin, "base"),
     "sleeve": Preset(partial(grid_skin, 19, 27, name="sleeve"), "table"),
     "shearsense": Preset(
         partial(grid_skin, 6, 6, kind="shear", name="shearsense"), "table"
