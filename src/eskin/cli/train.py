@@ -8,6 +8,7 @@ import tyro
 
 from eskin.cli.checks import check_writable, tell_cut
 from eskin.errors import RecordingError
+from eskin.graph import GraphConfig
 from eskin.learn.checkpoint import to_model
 from eskin.learn.dataset import Dataset, digest, prepare
 from eskin.learn.evaluation import check_fits, evaluate
@@ -26,6 +27,9 @@ class Command:
     out: Path
     """Where to write the model (.safetensors)."""
 
+    val: tuple[Path, ...] = ()
+    """Recordings to validate on; some of the others are held out where none is given."""
+
     test: tuple[Path, ...] = ()
     """Recordings to score the model on when it is done."""
 
@@ -35,36 +39,52 @@ class Command:
     seed: int = 0
     """Decides everything that is drawn."""
 
+    pack: Path | None = None
+    """Folder that keeps prepared recordings, so that each is prepared once only."""
+
     train: TrainConfig = field(default_factory=TrainConfig)
     """How to train."""
 
 
 def run(command: Command) -> dict[str, object]:
-    """Train, write the model, and score it where test recordings are given."""
+    """Train, write the model, and score it where test recordings are given.
+
+    A training that is cut leaves what it has come to beside the model; the same command
+    goes on from there.
+    """
     started = time.monotonic()
     check_writable(command.out)
     paths = find_recordings(command.data)
-    dataset = prepare(paths, graph=command.train.graph)
+    dataset = prepared(command, paths, command.train.graph)
     vocabulary = chosen_classes(dataset, command.classes)
-    trainer = Trainer(dataset, vocabulary, command.train, seed=command.seed)
-    test = (
-        prepare(find_recordings(command.test), graph=trainer.graph)
-        if command.test
+    validation, test = (
+        prepared(command, find_recordings(data), trained_on(command, dataset))
+        if data
         else None
+        for data in (command.val, command.test)
     )
-    tell_cut(dataset, test)
-    print(trainer.holdout)
+    trainer = Trainer(
+        *(dataset, vocabulary, command.train),
+        seed=command.seed,
+        validation=validation,
+    )
+    tell_cut(dataset, validation, test)
+    if validation is None:
+        print(trainer.holdout)
+    content = digest(paths)
     card = ModelCard(
         vocabulary=vocabulary,
         kind="shear" if trainer.shear else "pressure",
         network=command.train.network,
         graph=trainer.graph,
         training=flat(asdict(command.train)) | {"seed": str(command.seed)},
-        data_digest=digest(paths),
+        data_digest=content,
     )
     if test is not None:
         check_fits(card, test)
-    network = trainer.run()
+    kept = command.out.with_name(command.out.name + ".training")
+    facts = f"{content} {vocabulary} {command.train} {command.seed}"
+    network = trainer.run(kept=kept, facts=facts)
     model = to_model(network, card)
     validation = trainer.validation_accuracy()
     card = replace(
@@ -74,6 +94,7 @@ def run(command: Command) -> dict[str, object]:
     )
     right = evaluate(network, card, test).segments.accuracy if test else None
     save_model(command.out, replace(model, card=card))
+    kept.unlink(missing_ok=True)
     result = {
         "val_accuracy": round(validation, 4) if trainer.held else None,
         "test_accuracy": None if right is None else round(right, 4),
@@ -82,6 +103,18 @@ def run(command: Command) -> dict[str, object]:
     }
     print(f"{command.out}: " + ", ".join(f"{k} {v}" for k, v in result.items()))
     return result
+
+
+def prepared(command: Command, paths: list[Path], graph: GraphConfig) -> Dataset:
+    """Recordings made ready for learning."""
+    workers = command.train.workers
+    return prepare(paths, graph=graph, pack=command.pack, workers=workers)
+
+
+def trained_on(command: Command, dataset: Dataset) -> GraphConfig:
+    """The graphs that the network takes."""
+    shear = command.train.shear and dataset.has_shear
+    return command.train.graph if shear else command.train.graph.without_shear()
 
 
 def chosen_classes(dataset: Dataset, asked: tuple[str, ...]) -> tuple[str, ...]:

@@ -1,6 +1,6 @@
 """Contact graphs: which taxels a touch concerns, their neighbours and features."""
 
-from eskin.graph.batch import GraphBatch, join
+from eskin.graph.batch import GraphBatch, join, no_graphs
 from eskin.graph.builder import GraphBuilder
 from eskin.graph.config import GraphConfig
 from eskin.graph.neighbours import FixedNeighbours, live_neighbours
@@ -22,6 +22,7 @@ __all__ = [
     "compressed",
     "join",
     "live_neighbours",
+    "no_graphs",
     "node_scalars",
     "pressure_summary",
     "shear_summary",

@@ -2,9 +2,12 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
+from functools import cached_property
 
 import numpy as np
 from jaxtyping import Float, Int
+
+from eskin.graph.history import HISTORY
 
 
 @dataclass(frozen=True)
@@ -51,6 +54,9 @@ class GraphBatch:
     seconds: Float[np.ndarray, "graph"]
     """Time since the reading before [s]."""
 
+    history: Float[np.ndarray, "graph column"]
+    """What the touch has been so far; see `eskin.graph.history.HISTORY`."""
+
     @property
     def count(self) -> int:
         """Number of graphs."""
@@ -66,11 +72,21 @@ class GraphBatch:
         """The graph of each node."""
         return np.repeat(np.arange(self.count), self.sizes)
 
+    @cached_property
+    def targets(self) -> Int[np.ndarray, "target"]:
+        """The active nodes: those that hear others."""
+        return np.flatnonzero(self.pressure > 0)
+
     @property
-    def sources(self) -> Int[np.ndarray, "node k"]:
-        """`neighbours` as nodes of the batch, or -1."""
-        first = np.repeat(self.offsets[:-1], self.sizes)[:, None]
-        return np.where(self.neighbours >= 0, self.neighbours + first, -1)
+    def sources(self) -> Int[np.ndarray, "target k"]:
+        """Nodes of the batch that each target hears, or -1.
+
+        Columns that nobody uses are left out.
+        """
+        heard = self.neighbours[self.targets]
+        heard = heard[:, (heard >= 0).any(axis=0)]
+        first = np.repeat(self.offsets[:-1], self.sizes)[self.targets, None]
+        return np.where(heard >= 0, heard + first, -1)
 
     def select(self, graphs: Int[np.ndarray, "some"]) -> "GraphBatch":
         """Some of the graphs, in the order asked for."""
@@ -79,13 +95,18 @@ class GraphBatch:
         within = np.arange(offsets[-1]) - np.repeat(offsets[:-1], sizes)
         nodes = np.repeat(self.offsets[graphs], sizes) + within
         taken = {name: getattr(self, name)[nodes] for name in NODE_FIELDS}
-        return GraphBatch(**taken, offsets=offsets, seconds=self.seconds[graphs])
+        return GraphBatch(
+            **taken,
+            offsets=offsets,
+            seconds=self.seconds[graphs],
+            history=self.history[graphs],
+        )
 
 
 NODE_FIELDS = tuple(
     field.name
     for field in fields(GraphBatch)
-    if field.name not in ("offsets", "seconds")
+    if field.name not in ("offsets", "seconds", "history")
 )
 
 
@@ -106,4 +127,26 @@ def join(batches: Sequence[GraphBatch]) -> GraphBatch:
         **nodes,
         offsets=np.concatenate([[0], np.cumsum(sizes)]).astype(np.int64),
         seconds=np.concatenate([batch.seconds for batch in batches]),
+        history=np.concatenate([batch.history for batch in batches]),
+    )
+
+
+def no_graphs(neighbours: int) -> GraphBatch:
+    """A batch without graphs, of nodes that would have so many neighbours."""
+    real, vector = np.zeros(0, np.float32), np.zeros((0, 3), np.float32)
+    whole = np.zeros(0, np.int64)
+    return GraphBatch(
+        taxels=whole,
+        pressure=real,
+        before=real,
+        age=real,
+        areas=real,
+        positions=vector,
+        normals=vector,
+        shear=vector,
+        shear_before=vector,
+        neighbours=np.zeros((0, neighbours), np.int32),
+        offsets=np.zeros(1, np.int64),
+        seconds=real,
+        history=np.zeros((0, len(HISTORY)), np.float32),
     )

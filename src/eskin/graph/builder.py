@@ -5,9 +5,11 @@ from jaxtyping import Bool, Float, Int
 
 from eskin.graph.batch import GraphBatch
 from eskin.graph.config import GraphConfig
+from eskin.graph.history import NOTHING
 from eskin.graph.neighbours import NOBODY, FixedNeighbours, live_neighbours
 from eskin.skin import MountedSkin
 from eskin.touch import Reading
+from eskin.touch.poses import LivePoses
 
 CM_PER_M = 100.0
 CM2_PER_M2 = 1e4
@@ -28,6 +30,7 @@ class GraphBuilder:
         self.mounted = mounted
         self.config = config or GraphConfig()
         self.fixed = FixedNeighbours(mounted.skin, self.config.fixed)
+        self.poses = LivePoses(mounted)
         count = mounted.skin.count
         self.stamp = LONG_AGO
         self.q = np.zeros(len(mounted.robot.joint_names))
@@ -59,32 +62,41 @@ class GraphBuilder:
         self,
         taxels: Int[np.ndarray, "active"],
         earlier: Int[np.ndarray, "earlier"],
+        history: Float[np.ndarray, "column"] = NOTHING,
     ) -> GraphBatch:
         """The graph of one touch at the latest reading, as a batch of one.
 
         Args:
             taxels: active taxels of the touch now.
             earlier: active taxels of the same touch at the reading before.
+            history: what the touch has been so far.
         """
         nodes = self.support(np.union1d(taxels, earlier))
         owned, owned_before = np.isin(nodes, taxels), np.isin(nodes, earlier)
-        p_world, n_world = self.mounted.poses(self.q, nodes)
+        skin, links = self.mounted.skin, self.mounted.skin_link_index[nodes]
+        T_world_link = self.poses.at(self.q)[links]
+        R_world_link, origin = T_world_link[:, :3, :3], T_world_link[:, :3, 3]
+        p_world = turned(R_world_link, skin.positions[nodes]) + origin
+        n_world = turned(R_world_link, skin.normals[nodes])
         middle = p_world.mean(axis=0) if len(nodes) else np.zeros(3)
-        R_world_taxel = self.mounted.frames(self.q, nodes)
-        shear = tangential(R_world_taxel, self.shear[nodes] * owned[:, None])
-        shear_before = tangential(
-            R_world_taxel, self.shear_before[nodes] * owned_before[:, None]
-        )
+        shear, shear_before = np.zeros_like(p_world), np.zeros_like(p_world)
+        if self.shear.any() or self.shear_before.any():
+            R_world_taxel = self.mounted.frames(self.q, nodes)
+            shear = tangential(R_world_taxel, self.shear[nodes] * owned[:, None])
+            shear_before = tangential(
+                R_world_taxel, self.shear_before[nodes] * owned_before[:, None]
+            )
         float_fields = {
             "pressure": self.pressure[nodes] * owned,
             "before": self.before[nodes] * owned_before,
             "age": (self.stamp - self.onset[nodes]) * 1e-9 * owned,
-            "areas": self.mounted.skin.areas[nodes] * CM2_PER_M2,
+            "areas": skin.areas[nodes] * CM2_PER_M2,
             "positions": (p_world - middle) * CM_PER_M,
             "normals": n_world,
             "shear": shear,
             "shear_before": shear_before,
             "seconds": np.array([self.seconds]),
+            "history": history[None],
         }
         return GraphBatch(
             taxels=nodes,
@@ -113,6 +125,13 @@ class GraphBuilder:
         )
         fixed = place[self.fixed.table[nodes]]
         return np.concatenate([fixed, live.astype(np.int32)], axis=1)
+
+
+def turned(
+    R: Float[np.ndarray, "node 3 3"], vectors: Float[np.ndarray, "node 3"]
+) -> Float[np.ndarray, "node 3"]:
+    """Each vector turned by its own rotation."""
+    return (R @ vectors[:, :, None])[:, :, 0]
 
 
 def tangential(

@@ -6,13 +6,14 @@ from jaxtyping import Int
 from eskin.graph.batch import GraphBatch
 from eskin.graph.builder import GraphBuilder
 from eskin.graph.config import GraphConfig
+from eskin.graph.history import NOTHING, Histories
 from eskin.skin import MountedSkin
 from eskin.touch import Reading, Touch, TouchState
 
 WHOLE_SKIN = 0
 """The one sequence of a skin whose distances mean nothing; touches count from 1."""
 
-NOTHING = np.empty(0, dtype=np.int64)
+NOBODY = np.empty(0, dtype=np.int64)
 
 
 class GraphStream:
@@ -27,6 +28,7 @@ class GraphStream:
         self.builder = GraphBuilder(mounted, config)
         self.calibrated = mounted.skin.calibrated
         self.earlier: dict[int, np.ndarray] = {}
+        self.histories = Histories()
 
     def key_of(self, touch: Touch) -> int:
         """The sequence that a touch belongs to."""
@@ -43,8 +45,11 @@ class GraphStream:
         for taxels in (*now.values(), *(contact.taxels for contact in state.contacts)):
             active[taxels] = True
         self.builder.advance(state.reading, active)
+        histories = self.histories.push(state) if self.calibrated else {}
         graphs = {
-            key: self.builder.graph(taxels, self.earlier.get(key, NOTHING))
+            key: self.builder.graph(
+                taxels, self.earlier.get(key, NOBODY), histories.get(key, NOTHING)
+            )
             for key, taxels in now.items()
         }
         self.earlier = now
@@ -54,7 +59,7 @@ class GraphStream:
         """Give what a touch had a reading ago to the one that has taken it over."""
         for touch in closed:
             if touch.merged_into is not None and touch.id in self.earlier:
-                heir = self.earlier.get(touch.merged_into, NOTHING)
+                heir = self.earlier.get(touch.merged_into, NOBODY)
                 both = np.concatenate([heir, self.earlier.pop(touch.id)])
                 self.earlier[touch.merged_into] = both
 
@@ -71,7 +76,7 @@ class GraphStream:
         }
         return {
             touch.id: np.concatenate(
-                [NOTHING, *(touching[t] for t in touch.tracks if t in touching)]
+                [NOBODY, *(touching[t] for t in touch.tracks if t in touching)]
             )
             for touch in state.touches
         }
@@ -79,7 +84,7 @@ class GraphStream:
     def sheared(self, reading: Reading) -> Int[np.ndarray, "sheared"]:
         """Taxels whose shear tells of a touch, whatever their pressure."""
         if reading.shear is None:
-            return NOTHING
+            return NOBODY
         size = np.linalg.norm(reading.shear, axis=1)
         enough = size >= self.builder.config.shear_on
         return np.flatnonzero(enough & reading.valid)

@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Float
 
 from eskin.graph.batch import GraphBatch
+from eskin.graph.history import HISTORY
 from eskin.graph.segments import segment_max, segment_sum
 
 LEVELS = (20.0, 50.0, 90.0)
@@ -32,6 +33,7 @@ PRESSURE_SUMMARY = (
     "spread of pressure",
     "concentration",
     "area to area pressed hard",
+    *HISTORY,
 )
 """Columns of `pressure_summary`."""
 
@@ -43,6 +45,8 @@ AREA = 1.0  # [cm2]
 PRESSURE = 1.0  # [kPa]
 FLAT = 0.01  # [cm], so that rounding gives a flat patch no depth
 N_PER_KPA_CM2 = 0.1
+HISTORY_FLOORS = (0.5, 0.2, 1.0, 1.0, 1.0, FORCE, FORCE)
+"""The same for the columns of `HISTORY`, in their units."""
 
 PerGraph = Float[np.ndarray, "graph"]
 
@@ -75,6 +79,7 @@ def pressure_summary(batch: GraphBatch) -> Float[np.ndarray, "graph feature"]:
         np.sqrt(np.maximum(square - mean**2, 0.0)) / 50.0,
         log(square * area * N_PER_KPA_CM2**2, FORCE * 0.1) - 2 * log(force, FORCE),
         log(area, AREA) - log(above[-1], AREA),
+        *(log(h, f) for h, f in zip(batch.history.T, HISTORY_FLOORS, strict=True)),
     ]
     return np.stack(columns, axis=1).astype(batch.pressure.dtype)
 

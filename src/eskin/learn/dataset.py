@@ -5,26 +5,29 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from jaxtyping import Int
+from joblib import Parallel, delayed
 from rich.progress import track
 
 from eskin.errors import RecordingError
-from eskin.graph import GraphBatch, GraphConfig, GraphStream, join
+from eskin.graph import GraphBatch, GraphConfig, join
+from eskin.learn.clips import Clip, clips_of
+from eskin.learn.part_file import load_part, packed_part
+from eskin.learn.parts import Part, part_of
 from eskin.learn.segments import (
     Missed,
     Segment,
-    gestures_at,
+    fitted_segments,
+    labelled_segments,
     labels_of,
     missed_gestures,
     places_at,
-    segments_of,
 )
 from eskin.recording import NONE, Recording, read_recording
-from eskin.robot import load_robot
-from eskin.skin import MountedSkin
-from eskin.touch import PipelineConfig, TouchPipeline
+from eskin.touch import PipelineConfig
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,6 +58,9 @@ class Dataset:
     missed: tuple[Missed, ...] = ()
     """The labelled gestures that nothing was detected of."""
 
+    clips: tuple[tuple[Clip, ...], ...] = ()
+    """The clips of each recording; none where it is no file of a set of clips."""
+
     @property
     def vocabulary(self) -> tuple[str, ...]:
         """`none`, then every gesture that occurs, sorted."""
@@ -80,87 +86,86 @@ def prepare(
     paths: Sequence[Path],
     pipeline: PipelineConfig | None = None,
     graph: GraphConfig | None = None,
+    pack: Path | None = None,
+    workers: int = 1,
 ) -> Dataset:
     """Run recordings through the same calibration, contacts and graphs as live.
 
     Where one of them has no shear, that of the others is not looked at.
+
+    Args:
+        paths: the recordings.
+        pipeline: how counts become touches.
+        graph: how touches become graphs.
+        pack: folder that keeps prepared recordings, to be prepared once only.
+        workers: how many processes prepare them; more than one needs `pack`.
 
     Raises:
         RecordingError: if there is nothing to learn from.
     """
     if not paths:
         raise RecordingError("no recording given; give .mcap files or folders of them")
-    rows: list[Rows] = []
     recordings = tuple(read_recording(path) for path in paths)
-    graph = graph or GraphConfig()
+    pipeline, graph = pipeline or PipelineConfig(), graph or GraphConfig()
     if not all(recording.skin.has_shear for recording in recordings):
         graph = graph.without_shear()
-    for index, recording in enumerate(
-        track(recordings, description="Reading", disable=len(paths) < 2)
-    ):
-        rows += sequences_of(recording, index, pipeline, graph)
-    if not rows:
+    if pack is None:
+        parts = [
+            part_of(recording, pipeline, graph)
+            for recording in track(
+                recordings, description="Reading", disable=len(paths) < 2
+            )
+        ]
+    else:
+        make = delayed(packed_part)
+        jobs = (make(path, pack, pipeline, graph) for path in paths)
+        files: Any = Parallel(n_jobs=workers, return_as="generator")(jobs)
+        parts = [
+            load_part(file)
+            for file in track(files, description="Packing", total=len(paths))
+        ]
+    if not any(len(part.stamps) for part in parts):
         raise RecordingError(
             f"no touch in {len(paths)} recordings; allowed are recordings of touches; "
             "check that they were converted, and the thresholds"
         )
-    return lay_end_to_end(recordings, rows)
+    return lay_end_to_end(recordings, parts)
 
 
-@dataclass
-class Rows:
-    """One sequence while it is being gathered."""
-
-    recording: int
-    graphs: list[GraphBatch]
-    stamps: list[int]
-
-
-def sequences_of(
-    recording: Recording,
-    index: int,
-    pipeline: PipelineConfig | None,
-    graph: GraphConfig | None,
-) -> list[Rows]:
-    """All sequences of one recording."""
-    mounted = MountedSkin(recording.skin, load_robot(recording.robot_name))
-    touches = TouchPipeline(mounted, recording.calibration, pipeline)
-    stream = GraphStream(mounted, graph)
-    found: dict[int, Rows] = {}
-    for scan in recording.scans():
-        for key, batch in stream.push(touches.push(scan)).items():
-            rows = found.setdefault(key, Rows(index, [], []))
-            rows.graphs.append(batch)
-            rows.stamps.append(scan.stamp)
-    return list(found.values())
-
-
-def lay_end_to_end(recordings: tuple[Recording, ...], sequences: list[Rows]) -> Dataset:
-    """Join sequences into one data set."""
+def lay_end_to_end(
+    recordings: tuple[Recording, ...], parts: Sequence[Part]
+) -> Dataset:
+    """Join prepared recordings into one data set."""
     gestures: list[str] = []
     segments: list[Segment] = []
-    labels = [labels_of(recording) for recording in recordings]
-    felt: list[set[int]] = [set() for _ in recordings]
-    for rows in sequences:
-        own = labels[rows.recording]
-        places = places_at(own, np.array(rows.stamps))
-        segments += segments_of(own, places, rows.recording, len(gestures))
-        gestures += gestures_at(own, places)
-        felt[rows.recording] |= set(places.tolist())
-    lengths = [len(rows.stamps) for rows in sequences]
+    missed: list[Missed] = []
+    sequences: list[np.ndarray] = []
+    for index, (recording, part) in enumerate(zip(recordings, parts, strict=True)):
+        offset = len(gestures)
+        if part.fits is not None:
+            found = fitted_segments(part.sequence, part.fits, index, offset)
+        else:
+            labels = labels_of(recording)
+            places = places_at(labels, part.stamps)
+            found = labelled_segments(labels, places, part.sequence, index, offset)
+            felt = set(places.tolist())
+            missed += [
+                Missed(gesture, index)
+                for gesture in missed_gestures(recording, labels, felt)
+            ]
+        segments += found
+        gestures += [s.gesture for s in found for _ in range(s.first, s.end)]
+        sequences.append(part.sequence + (sequences[-1][-1] + 1 if sequences else 0))
     return Dataset(
         recordings=recordings,
-        graphs=join([graph for rows in sequences for graph in rows.graphs]),
-        stamps=np.concatenate([np.array(rows.stamps) for rows in sequences]),
-        sequence=np.repeat(np.arange(len(sequences)), lengths),
-        recording=np.repeat([rows.recording for rows in sequences], lengths),
+        graphs=join([part.graphs for part in parts]),
+        stamps=np.concatenate([part.stamps for part in parts]),
+        sequence=np.concatenate(sequences),
+        recording=np.repeat(np.arange(len(parts)), [len(p.stamps) for p in parts]),
         gestures=tuple(gestures),
         segments=tuple(segments),
-        missed=tuple(
-            Missed(gesture, index)
-            for index, recording in enumerate(recordings)
-            for gesture in missed_gestures(recording, labels[index], felt[index])
-        ),
+        missed=tuple(missed),
+        clips=tuple(clips_of(recording.path) for recording in recordings),
     )
 
 

@@ -1,10 +1,12 @@
 """Segments: what the labels of a recording say of rows of readings."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Int
 
+from eskin.learn.fitting import Fit
 from eskin.recording import NONE, Label, Recording, best_labels
 
 LINGER_NS = 600_000_000
@@ -76,23 +78,23 @@ def gestures_at(labels: list[Label], places: Int[np.ndarray, "row"]) -> list[str
     return [labels[place].gesture if place >= 0 else NONE for place in places]
 
 
-def segments_of(
+def labelled_segments(
     labels: list[Label],
     places: Int[np.ndarray, "row"],
+    sequence: Int[np.ndarray, "row"],
     recording: int,
     offset: int,
 ) -> list[Segment]:
-    """One segment for each run of one label, or of silence.
+    """One segment for each run of one label, or of silence, within a sequence.
 
     Args:
         labels: of the recording.
         places: index of the label at each row, -1 in silence.
+        sequence: of each row.
         recording: the recording of the rows.
         offset: the place of the first row in the data set.
     """
     names = gestures_at(labels, places)
-    breaks = np.flatnonzero(places[1:] != places[:-1]) + 1
-    bounds = [0, *breaks.tolist(), len(places)]
     return [
         Segment(
             names[first],
@@ -101,8 +103,39 @@ def segments_of(
             offset + end,
             bool(places[first] >= 0),
         )
-        for first, end in zip(bounds[:-1], bounds[1:], strict=True)
+        for first, end in runs_of(np.stack([places, sequence], axis=1))
     ]
+
+
+def fitted_segments(
+    sequence: Int[np.ndarray, "row"],
+    fits: Sequence[Fit | None],
+    recording: int,
+    offset: int,
+) -> list[Segment]:
+    """One segment for each sequence: what is no touch truly made is `none`.
+
+    Args:
+        sequence: of each row.
+        fits: the true touch of each sequence.
+        recording: the recording of the rows.
+        offset: the place of the first row in the data set.
+    """
+    found = []
+    for first, end in runs_of(sequence[:, None]):
+        fit = fits[sequence[first]]
+        gesture = fit.gesture if fit else NONE
+        found.append(Segment(gesture, recording, offset + first, offset + end, True))
+    return found
+
+
+def runs_of(values: Int[np.ndarray, "row value"]) -> list[tuple[int, int]]:
+    """First row of each run of equal values, and the row behind its last."""
+    if not len(values):
+        return []
+    breaks = np.flatnonzero((values[1:] != values[:-1]).any(axis=1)) + 1
+    bounds = [0, *breaks.tolist(), len(values)]
+    return list(zip(bounds[:-1], bounds[1:], strict=True))
 
 
 def missed_gestures(

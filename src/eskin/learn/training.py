@@ -1,6 +1,9 @@
 """Training: balanced windows, one learning-rate cycle, the best epoch kept."""
 
-from dataclasses import dataclass, field, replace
+import time
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field
+from pathlib import Path
 
 import numpy as np
 import torch
@@ -10,15 +13,19 @@ from torch import Tensor, nn
 from torch.nn.functional import cross_entropy
 
 from eskin.graph import GraphConfig
-from eskin.learn.augment import AugmentConfig, augment
+from eskin.learn.augment import UNCHANGED, AugmentConfig
+from eskin.learn.batches import Batch, BatchMaker
 from eskin.learn.dataset import Dataset
 from eskin.learn.holdout import gestures_made, hold_out, sittings_of
 from eskin.learn.sampler import check_classes, make_sampler
-from eskin.learn.windows import cut, thin, to_input, to_places
+from eskin.learn.stand import Stand, load_stand, save_stand
 from eskin.model import NetworkConfig, check_limits
-from eskin.nn import NetworkInput, Places, RecogniserNetwork, summary
+from eskin.nn import RecogniserNetwork
 
-VALIDATION = 256
+KEEP_EVERY = 30.0
+"""Time between two writings of where training stands [s]."""
+
+VALIDATION = 512
 """Windows that validation looks at."""
 
 TEMPERATURES = np.geomspace(0.3, 5.0, 57)
@@ -30,7 +37,7 @@ LIMITS = {
     "batch": (1, np.inf),
     "encoded": (1, np.inf),
     "readings": (1, np.inf),
-    "threads": (1, np.inf),
+    "workers": (1, np.inf),
     "patience": (0, np.inf),
     "rate": (1e-9, 1.0),
     "decay": (0.0, np.inf),
@@ -79,8 +86,9 @@ class TrainConfig:
     shear: bool = True
     """Whether shear is used where every skin measures it."""
 
-    threads: int = 1
-    """Threads of torch; graphs are small, and more threads mostly wait."""
+    workers: int = 1
+    """Parts of each batch that are made and differentiated at the same time, one a
+    core; with dropout and more than one, no two trainings are the same to the bit."""
 
     augment: AugmentConfig = field(default_factory=AugmentConfig)
     """How training windows vary."""
@@ -98,20 +106,6 @@ class TrainConfig:
         check_limits(self, LIMITS)
 
 
-@dataclass(frozen=True)
-class Batch:
-    """Training windows: the summary of every reading, the graphs of some."""
-
-    summary: Float[Tensor, "reading feature"]
-    """Of every reading."""
-    places: Places
-    """Where those readings stand."""
-    some: NetworkInput
-    """Of the first windows, the readings whose graphs are encoded."""
-    labels: Int[Tensor, "window"]
-    """Class of each window."""
-
-
 class Trainer:
     """Trains one network on a data set."""
 
@@ -122,63 +116,121 @@ class Trainer:
         config: TrainConfig,
         recordings: list[int] | None = None,
         seed: int = 0,
+        validation: Dataset | None = None,
     ) -> None:
-        """Prepare to train on some of the recordings, by default on all."""
-        self.dataset, self.config = dataset, config
-        self.rng = np.random.default_rng(seed)
+        """Prepare to train.
+
+        Args:
+            dataset: to train on.
+            vocabulary: classes to tell apart.
+            config: how.
+            recordings: those of the data set to train on, all where None.
+            seed: decides everything that is drawn.
+            validation: to validate on; where None, some of the recordings are held out.
+        """
+        self.config, self.vocabulary, self.seed = config, vocabulary, seed
         torch.manual_seed(seed)
+        self.rngs = generators(seed, config.workers)
         chosen = (
             list(range(len(dataset.recordings))) if recordings is None else recordings
         )
         self.holdout = hold_out(
             sittings_of(dataset, chosen),
             gestures_made(dataset, vocabulary),
-            config.validation,
-            self.rng,
+            0.0 if validation else config.validation,
+            self.rngs[0],
         )
-        window = (config.network.slots, config.augment.crop)
-        self.sampler = make_sampler(dataset, vocabulary, self.holdout.train, *window)
-        check_classes(self.sampler, vocabulary)
-        validation = make_sampler(dataset, vocabulary, self.holdout.held, *window)
-        self.held = validation if validation.classes else None
         self.shear = config.shear and dataset.has_shear
         self.graph = config.graph if self.shear else config.graph.without_shear()
+        self.maker = self.maker_of(dataset, self.holdout.train, config.augment)
+        check_classes(self.maker.sampler, vocabulary)
+        source, held = dataset, self.holdout.held
+        if validation is not None:
+            source = validation
+            held = frozenset(range(len(validation.recordings)))
+        held_maker = self.maker_of(source, held, UNCHANGED)
+        self.held = held_maker if held_maker.sampler.classes else None
         self.network = RecogniserNetwork(config.network, len(vocabulary), self.shear)
         self.epochs = 0
 
-    def run(self, quiet: bool = False) -> RecogniserNetwork:
-        """Train to the end or until validation no longer improves."""
+    def maker_of(
+        self, dataset: Dataset, recordings: frozenset[int], augment: AugmentConfig
+    ) -> BatchMaker:
+        """Draws windows of some recordings."""
+        slots = self.config.network.slots
+        crop = self.config.augment.crop
+        sampler = make_sampler(dataset, self.vocabulary, recordings, slots, crop)
+        shear = self.config.shear and dataset.has_shear
+        return BatchMaker(dataset, sampler, augment, slots, shear)
+
+    def run(
+        self, quiet: bool = False, kept: Path | None = None, facts: str = ""
+    ) -> RecogniserNetwork:
+        """Train to the end or until validation no longer improves.
+
+        Args:
+            quiet: whether to show no progress.
+            kept: file to go on from where training was cut; removed by the caller.
+            facts: names data and settings in that file.
+        """
         config, network = self.config, self.network
-        torch.set_num_threads(config.threads)
-        network.standardise_by(self.batch(4 * config.batch).summary)
+        torch.set_num_threads(1)
+        first = self.maker.make(4 * config.batch, 1, 1, self.rngs[0])
+        network.standardise_by(first.summary)
         optimiser = torch.optim.AdamW(network.parameters(), weight_decay=config.decay)
         total = config.epochs * config.steps
         cycle = torch.optim.lr_scheduler.OneCycleLR(
             optimiser, config.rate, total_steps=total
         )
         best = Best(config.patience)
-        with Progress(disable=quiet, transient=True) as progress:
-            task = progress.add_task("Training", total=total)
-            for self.epochs in range(1, config.epochs + 1):
+        course = Course(network, optimiser, cycle, best, self.rngs)
+        done = course.go_on(kept, facts) if kept else 0
+        saved = time.monotonic()
+        with (
+            Progress(disable=quiet, transient=True) as progress,
+            ThreadPoolExecutor(config.workers) as pool,
+        ):
+            task = progress.add_task("Training", total=total, completed=done)
+            for step in range(done, total):
                 network.train()
-                for _ in range(config.steps):
-                    self.step(optimiser)
-                    cycle.step()
-                    progress.advance(task)
-                if self.held is not None and best.is_enough(
-                    network, self.validation_loss()
-                ):
+                self.step(optimiser, pool)
+                cycle.step()
+                progress.advance(task)
+                self.epochs, within = divmod(step + 1, config.steps)
+                over = within == 0 and self.is_over(best)
+                if kept and (over or time.monotonic() - saved > KEEP_EVERY):
+                    course.keep(kept, facts, step + 1)
+                    saved = time.monotonic()
+                if over:
                     break
         best.restore(network)
         return network.eval()
 
-    def step(self, optimiser: torch.optim.Optimizer) -> None:
-        """One step on one batch."""
-        loss = self.loss(self.batch(self.config.batch))
-        optimiser.zero_grad()
-        loss.backward()
-        nn.utils.clip_grad_norm_(self.network.parameters(), 1.0)
+    def is_over(self, best: "Best") -> bool:
+        """Whether validation at the end of an epoch says so."""
+        return self.held is not None and best.is_enough(
+            self.network, self.validation_loss()
+        )
+
+    def step(self, optimiser: torch.optim.Optimizer, pool: ThreadPoolExecutor) -> None:
+        """One step: every worker differentiates a part of the batch."""
+        parameters = list(self.network.parameters())
+        parts = list(pool.map(self.gradients, self.rngs))
+        for parameter, *gradients in zip(parameters, *parts, strict=True):
+            parameter.grad = torch.stack(gradients).mean(dim=0)
+        nn.utils.clip_grad_norm_(parameters, 1.0)
         optimiser.step()
+
+    def gradients(self, rng: np.random.Generator) -> tuple[Tensor, ...]:
+        """Gradients of one worker's part of a batch."""
+        config, workers = self.config, self.config.workers
+        batch = self.maker.make(
+            -(-config.batch // workers),
+            -(-config.encoded // workers),
+            config.readings,
+            rng,
+        )
+        return torch.autograd.grad(self.loss(batch), list(self.network.parameters()))
 
     def loss(self, batch: Batch) -> Float[Tensor, ""]:
         """Cross entropy of each view and of both together."""
@@ -196,21 +248,6 @@ class Trainer:
             for logits in (both, by_summary, by_graph)
         )
         return together + (summary_alone + graph_alone) / 2
-
-    def batch(self, count: int) -> Batch:
-        """A batch of augmented training windows."""
-        ends, firsts, labels = self.sampler.draw(count, self.rng)
-        windows = cut(self.dataset, ends, firsts, self.config.network.slots)
-        graphs = self.dataset.graphs.select(windows.rows)
-        varied = augment(graphs, windows.window, self.rng, self.config.augment)
-        places = replace(windows, rows=np.arange(len(windows.rows)))
-        some = thin(places.first(self.config.encoded), self.config.readings, self.rng)
-        return Batch(
-            summary=torch.as_tensor(summary(varied, self.shear)),
-            places=to_places(windows),
-            some=to_input(varied.select(some.rows), some, self.shear),
-            labels=torch.tensor(labels),
-        )
 
     def validation_loss(self) -> float:
         """Loss on windows of the recordings held out, always the same ones."""
@@ -238,12 +275,52 @@ class Trainer:
         """Logits and classes of windows of the recordings held out."""
         assert self.held is not None
         self.network.eval()
-        ends, firsts, labels = self.held.draw(VALIDATION, np.random.default_rng(0))
-        windows = cut(self.dataset, ends, firsts, self.config.network.slots)
-        graphs = self.dataset.graphs.select(windows.rows)
+        every = self.config.network.slots
+        batch = self.held.make(VALIDATION, VALIDATION, every, np.random.default_rng(0))
         with torch.no_grad():
-            logits = self.network(to_input(graphs, windows, self.shear))
-        return logits, torch.tensor(labels)
+            return self.network(batch.some), batch.labels
+
+
+def generators(seed: int, workers: int) -> list[np.random.Generator]:
+    """One generator a worker; with one worker, that of the seed itself."""
+    first = np.random.default_rng(seed)
+    return [first, *(np.random.default_rng([seed, n]) for n in range(1, workers))]
+
+
+@dataclass(eq=False)
+class Course:
+    """All that changes while training goes on."""
+
+    network: RecogniserNetwork
+    optimiser: torch.optim.Optimizer
+    cycle: torch.optim.lr_scheduler.OneCycleLR
+    best: "Best"
+    rngs: list[np.random.Generator]
+
+    def keep(self, path: Path, facts: str, step: int) -> None:
+        """Write where training stands after some steps."""
+        state = {
+            "network": self.network.state_dict(),
+            "optimiser": self.optimiser.state_dict(),
+            "cycle": self.cycle.state_dict(),
+            "rngs": [dict(rng.bit_generator.state) for rng in self.rngs],
+            "torch": torch.get_rng_state(),
+        }
+        save_stand(path, Stand(facts, step, vars(self.best), state))
+
+    def go_on(self, path: Path, facts: str) -> int:
+        """Take up where training was cut; return the steps that were done."""
+        found = load_stand(path, facts)
+        if found is None:
+            return 0
+        self.network.load_state_dict(found.state["network"])
+        self.optimiser.load_state_dict(found.state["optimiser"])
+        self.cycle.load_state_dict(found.state["cycle"])
+        for rng, state in zip(self.rngs, found.state["rngs"], strict=True):
+            rng.bit_generator.state = state
+        torch.set_rng_state(found.state["torch"])
+        vars(self.best).update(found.best)
+        return found.step
 
 
 class Best:

@@ -1,15 +1,19 @@
 """Windows: the two seconds that end at a reading."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
 from jaxtyping import Int
 
 from eskin.graph import GraphBatch
+from eskin.graph.history import HISTORY
 from eskin.learn.dataset import Dataset
 from eskin.model import SLOT_NS
 from eskin.nn import NetworkInput, Places, graph_tensors
+
+TIMES = [HISTORY.index(name) for name in ("age", "pause", "impulse")]
+"""Columns of a history that grow with how long a person takes."""
 
 
 @dataclass(frozen=True)
@@ -27,6 +31,12 @@ class Windows:
 
     count: int
     """Number of windows."""
+
+    def at(self, places: Int[np.ndarray, "some"]) -> "Windows":
+        """Some of the readings, ascending."""
+        return Windows(
+            self.rows[places], self.window[places], self.slot[places], self.count
+        )
 
     def first(self, count: int) -> "Windows":
         """The first `count` of the windows, or all where there are fewer."""
@@ -70,14 +80,66 @@ def cut(
     return Windows(rows, window, slot, len(ends))
 
 
+def stretch(
+    windows: Windows,
+    graphs: GraphBatch,
+    spread: float,
+    slots: int,
+    rng: np.random.Generator,
+) -> tuple[Windows, GraphBatch]:
+    """The same done faster or slower; what falls out of a window is left out.
+
+    Args:
+        windows: what to change.
+        graphs: of their rows.
+        spread: of the logarithm of how much longer each window takes.
+        slots: length of a window on the head's clock.
+        rng: draws how much.
+    """
+    factor = np.exp(spread * rng.standard_normal(windows.count))[windows.window]
+    ago = (slots - 1 - windows.slot) * factor
+    kept = np.flatnonzero(ago <= slots - 1)
+    times = factor.astype(np.float32)
+    history = graphs.history.copy()
+    history[:, TIMES] *= times[:, None]
+    slower = replace(
+        graphs,
+        history=history,
+        seconds=graphs.seconds * times,
+        age=graphs.age * times[graphs.graph_index],
+    )
+    slot = slots - 1 - np.rint(ago[kept]).astype(np.int64)
+    changed = Windows(windows.rows[kept], windows.window[kept], slot, windows.count)
+    return changed, slower.select(kept)
+
+
+def lose(
+    windows: Windows, share: float, halved: float, rng: np.random.Generator
+) -> Int[np.ndarray, "reading"]:
+    """Places of the readings that came, among all; the latest of a window always did.
+
+    Args:
+        windows: whose readings.
+        share: largest share of a window's readings that are lost at random.
+        halved: share of windows of which only every other reading came.
+        rng: draws what is lost.
+    """
+    each = share * rng.random(windows.count)
+    odd = rng.random(windows.count) < halved
+    last = np.append(windows.window[1:] != windows.window[:-1], True)
+    ends = np.flatnonzero(last)
+    ago = ends[np.searchsorted(ends, np.arange(len(last)))] - np.arange(len(last))
+    came = rng.random(len(last)) >= each[windows.window]
+    came &= ~(odd[windows.window] & (ago % 2 == 1))
+    return np.flatnonzero(came | last)
+
+
 def thin(windows: Windows, most: int, rng: np.random.Generator) -> Windows:
     """Windows of at most `most` readings, those left out drawn at random."""
     order = np.lexsort((rng.random(len(windows.rows)), windows.window))
     starts = np.searchsorted(windows.window, np.arange(windows.count))
     kept = np.sort(order[np.arange(len(order)) - starts[windows.window] < most])
-    return Windows(
-        windows.rows[kept], windows.window[kept], windows.slot[kept], windows.count
-    )
+    return windows.at(kept)
 
 
 def to_input(

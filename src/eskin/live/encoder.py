@@ -7,7 +7,7 @@ from jaxtyping import Float
 
 from eskin.graph import GraphBatch, compressed, node_scalars
 from eskin.graph.segments import segment_max, segment_sum
-from eskin.live.egcl import EquivariantLayer, area_shares
+from eskin.live.egcl import EquivariantLayer, edges_of
 from eskin.live.layers import LayerNorm, Linear, Weights, silu, under
 from eskin.model import LENGTH_CM
 
@@ -32,11 +32,9 @@ class Encoder:
             scalars[:, -1], shear = 0.0, np.zeros_like(shear)
         v = silu(self.embed(scalars))
         x = batch.positions / LENGTH_CM
-        sources = batch.sources
-        sources = sources[:, (sources >= 0).any(axis=0)]
-        sources, weights = area_shares(batch.areas, sources)
+        edges = edges_of(batch.areas, batch.targets, batch.sources)
         for layer in self.layers:
-            v, x = layer(v, x, batch.normals, shear, sources, weights)
+            v, x = layer(v, x, batch.normals, shear, edges)
         return self.pool(v, batch)
 
     def pool(

@@ -65,21 +65,31 @@ class TemporalHead:
         fine = silu(self.project(e)) * mask
         short, short_mask = self.short(fine, mask)
         long, long_mask = self.long(short, short_mask)
+        share = np.maximum.accumulate(present).mean()
         features = np.concatenate(
             [
-                statistics(fine, mask),
-                statistics(short, short_mask),
-                statistics(long, long_mask),
+                statistics(fine, mask, share),
+                statistics(short, short_mask, share),
+                statistics(long, long_mask, share),
             ]
         )
         return self.classify(features)
 
 
-def statistics(x: Sequence, mask: Mask) -> Float[np.ndarray, "feature"]:
-    """Mean, standard deviation and maximum over the present slots, zero without any."""
+def statistics(
+    x: Sequence, mask: Mask, share: np.float32
+) -> Float[np.ndarray, "feature"]:
+    """Mean, spread and maximum over the present slots, zero without any, and integral.
+
+    Args:
+        x: what to look at.
+        mask: where there is anything.
+        share: of the window since its first reading.
+    """
     count = np.maximum(mask.sum(), 1.0)
     mean = x.sum(axis=0) / count
     variance = ((x - mean) ** 2 * mask).sum(axis=0) / count
     largest = np.where(mask > 0, x, -np.inf).max(axis=0)
     largest = np.where(np.isfinite(largest), largest, 0.0)
-    return np.concatenate([mean, np.sqrt(variance + 1e-4), largest])
+    spread = np.sqrt(variance + 1e-4)
+    return np.concatenate([mean, spread, largest, mean * share])

@@ -38,11 +38,11 @@ def encoder_shapes(width: int, layers: int) -> Shapes:
         **vectors("norm", 2 * width),
     }
     for n in range(layers):
-        shapes |= within(f"layers.{n}", layer_shapes(width))
+        shapes |= within(f"layers.{n}", layer_shapes(width, last=n == layers - 1))
     return shapes
 
 
-def layer_shapes(width: int) -> Shapes:
+def layer_shapes(width: int, last: bool) -> Shapes:
     """Shapes of `eskin.nn.EquivariantLayer`."""
     return {
         **vectors("norm", width),
@@ -50,7 +50,7 @@ def layer_shapes(width: int) -> Shapes:
         **linear("of_source", width, width, bias=False),
         **linear("of_edge", EDGE_SCALARS, width, bias=False),
         **linear("message", width, width),
-        **linear("move", width, 1, bias=False),
+        **({} if last else linear("move", width, 1, bias=False)),
         **linear("update_hidden", 2 * width, width),
         **linear("update_out", width, width),
     }
@@ -64,7 +64,7 @@ def head_shapes(inputs: int, channels: int, classes: int) -> Shapes:
         "short.bias": (channels,),
         "long.conv.weight": (channels, channels, LONG),
         "long.bias": (channels,),
-        **linear("classify", 9 * channels, classes),
+        **linear("classify", 12 * channels, classes),
     }
 
 

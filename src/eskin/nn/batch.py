@@ -32,8 +32,10 @@ class GraphTensors:
     """Pressure times area, in any unit: weights of the mean over nodes."""
     areas: Float[Tensor, "node"]
     """[cm2]"""
-    sources: Int[Tensor, "node k"]
-    """Nodes that each node hears, or -1; columns that nobody uses are left out."""
+    targets: Int[Tensor, "target"]
+    """The active nodes: those that hear others."""
+    sources: Int[Tensor, "target k"]
+    """Nodes that each of these hears, or -1; columns that nobody uses are left out."""
     graph_index: Int[Tensor, "node"]
     """The reading of each node."""
     summary: Float[Tensor, "reading feature"]
@@ -82,8 +84,6 @@ def graph_tensors(
     scalars = node_scalars(batch)
     if not shear:
         scalars[:, -1] = 0.0
-    sources = batch.sources
-    sources = sources[:, (sources >= 0).any(axis=0)]
 
     def real(values: np.ndarray) -> Tensor:
         return torch.as_tensor(np.ascontiguousarray(values), dtype=dtype)
@@ -95,7 +95,8 @@ def graph_tensors(
         shear=real(vectors),
         forces=real(batch.pressure * batch.areas),
         areas=real(batch.areas),
-        sources=whole(sources),
+        targets=whole(batch.targets),
+        sources=whole(batch.sources),
         graph_index=whole(batch.graph_index),
         summary=real(summary(batch, shear)),
     )

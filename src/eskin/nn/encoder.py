@@ -8,12 +8,14 @@ from torch.nn.functional import silu
 from eskin.graph import NODE_SCALARS
 from eskin.model import LENGTH_CM, NetworkConfig
 from eskin.nn.batch import GraphTensors
-from eskin.nn.egcl import EquivariantLayer, area_shares
+from eskin.nn.egcl import EquivariantLayer, edges_of
 
 
 class Encoder(nn.Module):
     """Equivariant layers, then a maximum and a force-weighted mean over active taxels.
 
+    Only active taxels hear others; their neighbours at rest are heard but stay as they
+    are, since nothing changes there. That is a third of the work and loses nothing.
     The embedding is invariant to motions and mirror images of the whole scene and to
     the order of the taxels. A reading without contact is embedded as zeros.
     """
@@ -23,7 +25,8 @@ class Encoder(nn.Module):
         super().__init__()
         self.embed = nn.Linear(len(NODE_SCALARS), config.width)
         self.layers = nn.ModuleList(
-            EquivariantLayer(config.width) for _ in range(config.layers)
+            EquivariantLayer(config.width, last=n == config.layers - 1)
+            for n in range(config.layers)
         )
         self.norm = nn.LayerNorm(2 * config.width)
 
@@ -36,9 +39,9 @@ class Encoder(nn.Module):
         """Embed every reading."""
         v = silu(self.embed(graphs.scalars))
         x = graphs.positions / LENGTH_CM
-        sources, weights = area_shares(graphs.areas, graphs.sources)
+        edges = edges_of(graphs.areas, graphs.targets, graphs.sources)
         for layer in self.layers:
-            v, x = layer(v, x, graphs.normals, graphs.shear, sources, weights)
+            v, x = layer(v, x, graphs.normals, graphs.shear, edges)
         return self.pool(v, graphs)
 
     def pool(
@@ -52,9 +55,8 @@ class Encoder(nn.Module):
         mean = torch.zeros(readings, v.shape[1], dtype=v.dtype)
         mean = mean.index_add(0, graphs.graph_index, v * share[:, None])
         largest = torch.full_like(mean, -torch.inf)
-        active = graphs.forces > 0
-        index = graphs.graph_index[active][:, None].expand(-1, v.shape[1])
-        largest = largest.scatter_reduce(0, index, v[active], "amax")
+        index = graphs.graph_index[graphs.targets][:, None].expand(-1, v.shape[1])
+        largest = largest.scatter_reduce(0, index, v[graphs.targets], "amax")
         touched = (force > 0)[:, None]
         pooled = torch.cat([torch.where(touched, largest, 0.0), mean], dim=1)
         return torch.where(touched, self.norm(pooled), 0.0)

@@ -41,8 +41,8 @@ class PartialConvolution(nn.Module):
 class TemporalHead(nn.Module):
     """Partial convolutions at two time scales, statistics over time, one linear layer.
 
-    Mean, spread and maximum over the window are taken of the embeddings (20 ms) and
-    of each convolution's output (0.18 s and 0.5 s).
+    Mean, spread, maximum and integral over the window are taken of the embeddings
+    (20 ms) and of each convolution's output (0.18 s and 0.5 s).
     """
 
     def __init__(
@@ -54,7 +54,7 @@ class TemporalHead(nn.Module):
         self.short = PartialConvolution(channels, kernel=9, stride=4)
         self.long = PartialConvolution(channels, kernel=5, stride=2)
         self.dropout = nn.Dropout(dropout)
-        self.classify = nn.Linear(9 * channels, classes)
+        self.classify = nn.Linear(12 * channels, classes)
 
     def forward(
         self,
@@ -66,25 +66,39 @@ class TemporalHead(nn.Module):
         fine = silu(self.project(e)).transpose(1, 2) * mask
         short, short_mask = self.short(fine, mask)
         long, long_mask = self.long(short, short_mask)
+        share = covered(present)
         features = torch.cat(
             [
-                statistics(fine, mask),
-                statistics(short, short_mask),
-                statistics(long, long_mask),
+                statistics(fine, mask, share),
+                statistics(short, short_mask, share),
+                statistics(long, long_mask, share),
             ],
             dim=1,
         )
         return self.classify(self.dropout(features))
 
 
-def statistics(x: Sequence, mask: Mask) -> Float[Tensor, "window feature"]:
-    """Mean, standard deviation and maximum over the present slots, zero without any."""
+def covered(present: Float[Tensor, "window slot"]) -> Float[Tensor, "window 1"]:
+    """Share of the window since its first reading: how long there was a touch."""
+    since = present.cummax(dim=1).values
+    return since.mean(dim=1, keepdim=True)
+
+
+def statistics(
+    x: Sequence, mask: Mask, share: Float[Tensor, "window 1"]
+) -> Float[Tensor, "window feature"]:
+    """Mean, standard deviation and maximum over the present slots, zero without any.
+
+    The mean times the share of the window covered is the integral, which tells how
+    long something lasted, at any rate of readings.
+    """
     count = mask.sum(dim=2).clamp(min=1.0)
     mean = x.sum(dim=2) / count
     variance = ((x - mean[:, :, None]) ** 2 * mask).sum(dim=2) / count
     largest = torch.where(mask > 0, x, -torch.inf).amax(dim=2)
     largest = torch.where(torch.isfinite(largest), largest, 0.0)
-    return torch.cat([mean, torch.sqrt(variance + 1e-4), largest], dim=1)
+    spread = torch.sqrt(variance + 1e-4)
+    return torch.cat([mean, spread, largest, mean * share], dim=1)
 
 
 def into_slots(

@@ -74,7 +74,7 @@ class TouchConfig:
     pause_seconds: float = 0.5
     """How long after it [s]; so long after its last contact a touch closes."""
 
-    beside: float = 0.06
+    beside: float = 0.1
     """How far contacts at the same time may be apart [m], nearest taxels in space."""
 
 
