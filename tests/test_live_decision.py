@@ -7,7 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from eskin.live import UNKNOWN, Decider, DecisionConfig
+from eskin.live import UNKNOWN, Decider
+from eskin.model import DecisionConfig
 from eskin.touch import Contact, Touch
 
 VOCABULARY = ("none", "poke", "stroke")

@@ -7,8 +7,8 @@ import pytest
 
 import eskin
 from eskin.errors import ModelError, ReadingError, SkinMismatchError
-from eskin.live import DecisionConfig, Recognizer
-from eskin.model import save_model
+from eskin.live import Recognizer
+from eskin.model import DecisionConfig, save_model
 from eskin.touch import TouchPipeline
 from live_scenes import (
     SECOND,

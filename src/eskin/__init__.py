@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from eskin.errors import EskinError
-    from eskin.live import DecisionConfig, Detection, Recognizer
-    from eskin.model import Model, ModelCard, load_model
+    from eskin.live import Detection, Recognizer
+    from eskin.model import DecisionConfig, Model, ModelCard, load_model
     from eskin.recording import Recording, RecordingWriter, read_recording
     from eskin.robot import Robot, load_robot
     from eskin.skin import MountedSkin, Skin, load_skin
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 HOMES = {
     "Calibration": "touch",
-    "DecisionConfig": "live",
+    "DecisionConfig": "model",
     "Detection": "live",
     "EskinError": "errors",
     "Model": "model",

@@ -1,12 +1,12 @@
 """`eskin replay`: a recording to detections, as live."""
 
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import tyro
 
-from eskin.errors import ModelError, RecordingError
+from eskin.errors import RecordingError
 
 if TYPE_CHECKING:
     from eskin.live import Detection
@@ -20,11 +20,13 @@ class Command:
     recording: tyro.conf.Positional[Path]
     """The recording, an .mcap file."""
 
-    model: Path | None = None
-    """The model, a .safetensors file that `eskin train` wrote."""
+    model: Path = Path("ur5")
+    """The model: one that comes with eskin, or a .safetensors file that `eskin train`
+    wrote."""
 
-    threshold: float = 0.8
-    """Probability from which a gesture is said while the touch goes on."""
+    threshold: float | None = None
+    """Probability from which a gesture is said while the touch goes on; that of the
+    model unless given."""
 
     record: Path | None = None
     """Write the recording again with these detections in it, in place of any others."""
@@ -32,7 +34,7 @@ class Command:
 
 def run(command: Command) -> dict[str, object]:
     """Replay and return the detections."""
-    from eskin.live import DecisionConfig, Recognizer
+    from eskin.live import Recognizer
     from eskin.model import load_model
     from eskin.recording import best_labels, read_recording, rewrite
     from eskin.robot import load_robot
@@ -40,9 +42,11 @@ def run(command: Command) -> dict[str, object]:
 
     check(command)
     recording = read_recording(command.recording)
-    model = load_model(command.model or Path())
+    model = load_model(command.model)
     mounted = MountedSkin(recording.skin, load_robot(recording.robot_name))
-    decision = DecisionConfig(command.threshold)
+    decision = model.card.decision
+    if command.threshold is not None:
+        decision = replace(decision, threshold=command.threshold, thresholds={})
     recognizer = Recognizer(model, mounted, recording.calibration, decision)
     introduce(recording)
     truth = best_labels(recording.labels)
@@ -62,11 +66,6 @@ def run(command: Command) -> dict[str, object]:
 
 def check(command: Command) -> None:
     """Refuse what cannot end well, before the work is done."""
-    if command.model is None:
-        raise ModelError(
-            "no model given; train one with: eskin train DATA --out M, "
-            "and give it with --model M"
-        )
     if command.record is not None and command.record.is_dir():
         raise RecordingError(
             f"cannot write {command.record}: it is a folder; give the path of a file"

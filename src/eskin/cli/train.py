@@ -28,7 +28,7 @@ class Command:
     """Where to write the model (.safetensors)."""
 
     val: tuple[Path, ...] = ()
-    """Recordings to validate on; some of the others are held out where none is given."""
+    """Recordings to validate on; where none is given some of the others are held out."""
 
     test: tuple[Path, ...] = ()
     """Recordings to score the model on when it is done."""

@@ -58,9 +58,7 @@ class Histories:
         }
 
 
-def history_of(
-    touch: Touch, course: Course, stamp: int
-) -> Float[np.ndarray, "column"]:
+def history_of(touch: Touch, course: Course, stamp: int) -> Float[np.ndarray, "column"]:
     """The history of one touch, whose course is brought up to date."""
     if touch.last - course.last > LIFTED_NS:
         course.contacts += 1

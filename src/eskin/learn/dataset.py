@@ -132,9 +132,7 @@ def prepare(
     return lay_end_to_end(recordings, parts)
 
 
-def lay_end_to_end(
-    recordings: tuple[Recording, ...], parts: Sequence[Part]
-) -> Dataset:
+def lay_end_to_end(recordings: tuple[Recording, ...], parts: Sequence[Part]) -> Dataset:
     """Join prepared recordings into one data set."""
     gestures: list[str] = []
     segments: list[Segment] = []

@@ -1,13 +1,22 @@
 """Scoring a trained recogniser on recordings."""
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from eskin.errors import RecordingError, SkinMismatchError
+from eskin.learn.clip_scoring import answer_clips
 from eskin.learn.dataset import Dataset
-from eskin.learn.metrics import Score, by_group, calibration_error, score
+from eskin.learn.metrics import (
+    Reliability,
+    Score,
+    accuracy_interval,
+    by_group,
+    reliability,
+    score,
+)
 from eskin.learn.scoring import instant_scores, segment_scores
 from eskin.model import ModelCard
 from eskin.nn import RecogniserNetwork
@@ -19,8 +28,12 @@ class Evaluation:
     """What a recogniser is worth on some recordings."""
 
     segments: Score
-    """On whole labelled gestures. Of what was not detected the answer is `none`;
-    otherwise `none` is no answer where no label says it."""
+    """On whole gestures: the clips of a generated set, else what labels speak of. Of
+    what was not detected the answer is `none`; where no label says `none`, that is no
+    answer."""
+
+    interval: tuple[float, float]
+    """95 % bootstrap interval of that accuracy; whole people are drawn."""
 
     instants: Score
     """At every instant, `none` among the classes."""
@@ -28,8 +41,22 @@ class Evaluation:
     per_subject: dict[str, float]
     """Accuracy on segments of each person, or session where people are not known."""
 
-    ece: float
-    """Expected calibration error on the gestures that were detected."""
+    reliability: Reliability
+    """How sure the answers were, and how often right."""
+
+    @property
+    def ece(self) -> float:
+        """Expected calibration error."""
+        return self.reliability.error
+
+
+class Answered(NamedTuple):
+    """Answers to examples of a data set."""
+
+    truth: Int[np.ndarray, "example"]
+    answer: Int[np.ndarray, "example"]
+    confidence: Float[np.ndarray, "example"]
+    recording: Int[np.ndarray, "example"]
 
 
 def evaluate(
@@ -44,30 +71,50 @@ def evaluate(
     """
     check_fits(card, dataset)
     vocabulary = list(card.vocabulary)
+    found = (of_clips if any(dataset.clips) else of_labels)(network, card, dataset)
+    rows = np.arange(len(dataset.stamps))
+    at_rows = instant_scores(network, dataset, rows, card.temperature).argmax(axis=1)
+    now = np.array([vocabulary.index(gesture) for gesture in dataset.gestures])
+    people = [person(dataset, recording) for recording in found.recording.tolist()]
+    right = found.answer == found.truth
+    return Evaluation(
+        segments=score(found.truth, found.answer, vocabulary),
+        interval=accuracy_interval(right, cluster=people),
+        instants=score(now, at_rows, vocabulary),
+        per_subject=by_group(right, people),
+        reliability=reliability(found.confidence, right),
+    )
+
+
+def of_clips(network: RecogniserNetwork, card: ModelCard, dataset: Dataset) -> Answered:
+    """Answers to the clips of generated sets."""
+    answers = answer_clips(network, dataset, card.vocabulary, card.temperature)
+    confidence = np.exp(answers.log_chances.max(axis=1))
+    return Answered(answers.truth, answers.answer, confidence, answers.recording)
+
+
+def of_labels(
+    network: RecogniserNetwork, card: ModelCard, dataset: Dataset
+) -> Answered:
+    """Answers to what labels speak of; sure of `none` where nothing was detected."""
+    vocabulary = list(card.vocabulary)
     segments = dataset.labelled
     made = [*segments, *dataset.missed]
-    truth = np.array([vocabulary.index(example.gesture) for example in made])
     scores = segment_scores(network, dataset, segments, card.temperature)
     if not any(segment.gesture == NONE for segment in segments):
         scores[:, vocabulary.index(NONE)] = -np.inf
     nothing = np.full(len(dataset.missed), vocabulary.index(NONE))
-    answered = np.concatenate([scores.argmax(axis=1), nothing])
-    rows = np.arange(len(dataset.stamps))
-    at_rows = instant_scores(network, dataset, rows, card.temperature).argmax(axis=1)
-    now = np.array([vocabulary.index(gesture) for gesture in dataset.gestures])
-    people = [person(dataset, example.recording) for example in made]
-    right = answered == truth
-    return Evaluation(
-        segments=score(truth, answered, vocabulary),
-        instants=score(now, at_rows, vocabulary),
-        per_subject=by_group(right, people),
-        ece=calibration_error(confidence(scores), right[: len(segments)]),
+    return Answered(
+        truth=np.array([vocabulary.index(example.gesture) for example in made]),
+        answer=np.concatenate([scores.argmax(axis=1), nothing]),
+        confidence=np.append(confidence(scores), np.ones(len(nothing))),
+        recording=np.array([example.recording for example in made]),
     )
 
 
 def check_fits(card: ModelCard, dataset: Dataset) -> None:
     """Refuse recordings that the model cannot be scored on."""
-    if not (dataset.labelled or dataset.missed):
+    if not (dataset.labelled or dataset.missed or any(dataset.clips)):
         raise RecordingError(
             "the recordings have no labels; scoring needs them; make some with: "
             "eskin label REC"

@@ -39,7 +39,12 @@ def part_of(recording: Recording, pipeline: PipelineConfig, graph: GraphConfig) 
     touches = true_touches(recording)
     lengths = [len(one.stamps) for one in sequences]
     return Part(
-        graphs=join([no_graphs(graph.fixed + graph.live), *(g for one in sequences for g in one.graphs)]),
+        graphs=join(
+            [
+                no_graphs(graph.fixed + graph.live),
+                *(g for one in sequences for g in one.graphs),
+            ]
+        ),
         stamps=np.array([s for one in sequences for s in one.stamps], dtype=np.int64),
         sequence=np.repeat(np.arange(len(sequences)), lengths),
         fits=None

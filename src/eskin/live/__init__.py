@@ -1,6 +1,6 @@
 """Gestures recognised live: one reading in, detections out, without torch."""
 
-from eskin.live.decision import UNKNOWN, Decider, DecisionConfig, Verdict
+from eskin.live.decision import UNKNOWN, Decider, Verdict
 from eskin.live.detection import Detection
 from eskin.live.network import Network
 from eskin.live.recognizer import Recognizer
@@ -9,7 +9,6 @@ from eskin.live.window import Window
 __all__ = [
     "UNKNOWN",
     "Decider",
-    "DecisionConfig",
     "Detection",
     "Network",
     "Recognizer",

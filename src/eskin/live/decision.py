@@ -1,40 +1,19 @@
 """What to say of a touch, and when: once, when sure, at closing at the latest."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import final
 
 import numpy as np
 from jaxtyping import Float
 
+from eskin.model import DecisionConfig
 from eskin.recording.labels import NONE
 from eskin.touch import Touch
 
 NANOSECONDS = 1_000_000_000
 UNKNOWN = "unknown"
 """Said of a touch that is like nothing in the vocabulary."""
-
-
-@dataclass(frozen=True)
-class DecisionConfig:
-    """How sure is sure."""
-
-    threshold: float = 0.8
-    """Probability from which a gesture is said while the touch goes on."""
-
-    thresholds: Mapping[str, float] = field(default_factory=dict)
-    """The same for single gestures, in place of `threshold`; above 1 waits for the
-    touch to close."""
-
-    hold_seconds: float = 0.06
-    """How long it must stay above, and on a skin that is not calibrated how long
-    another class must be likeliest until that is another touch [s]."""
-
-    least: float = 0.3
-    """Probability below which a touch that closes is unknown; 0 never abstains."""
-
-    still: float = 0.02
-    """Travel below which a touch has no direction [m]."""
 
 
 @dataclass(frozen=True, eq=False)

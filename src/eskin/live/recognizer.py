@@ -6,14 +6,14 @@ from typing import final
 import numpy as np
 from jaxtyping import Float
 
-from eskin.errors import ReadingError
+from eskin.errors import ReadingError, SkinMismatchError
 from eskin.graph import GraphStream
-from eskin.live.decision import Decider, DecisionConfig, Verdict
+from eskin.live.decision import Decider, Verdict
 from eskin.live.detection import Detection
 from eskin.live.mounting import check_kind, mount
 from eskin.live.stream import LogitStream
 from eskin.live.travel import Travel
-from eskin.model import Model, load_model
+from eskin.model import MODELS, DecisionConfig, Model, load_model
 from eskin.robot import Robot
 from eskin.skin import MountedSkin, Skin
 from eskin.touch import Calibration, Reading, Scan, TouchPipeline, TouchState
@@ -49,7 +49,7 @@ class Recognizer:
             model: what to recognise with.
             mounted: the skin on its robot.
             calibration: of that skin; None takes only readings, no scans.
-            decision: how sure is sure.
+            decision: how sure is sure; None takes what comes with the model.
 
         Raises:
             SkinMismatchError: the skin does not measure what the model needs.
@@ -65,7 +65,9 @@ class Recognizer:
         self.graphs = GraphStream(mounted, card.graph_used)
         self.stream = LogitStream(model)
         self.decider = Decider(
-            card.vocabulary, decision, change_ends=not mounted.skin.calibrated
+            card.vocabulary,
+            decision or card.decision,
+            change_ends=not mounted.skin.calibrated,
         )
         self.travel = Travel(
             mounted.robot, self.touches.contacts.poses, self.decider.config.still
@@ -77,8 +79,8 @@ class Recognizer:
     @classmethod
     def load(
         cls,
-        path: str | Path,
-        skin: str | Path | Skin,
+        name_or_path: str | Path,
+        skin: str | Path | Skin | None = None,
         robot: str | Path | Robot | None = None,
         calibration: Calibration | None = None,
         decision: DecisionConfig | None = None,
@@ -86,13 +88,25 @@ class Recognizer:
         """A recogniser from files.
 
         Args:
-            path: the model.
-            skin: a preset's name, a skin's folder, or a skin.
+            name_or_path: a model that comes with eskin, or a model file.
+            skin: a preset's name, a skin's folder, or a skin; None for the one that a
+                model which comes with eskin was trained on.
             robot: a preset's name, a URDF, or a robot; None for that of a preset skin.
             calibration: of the skin; None takes only readings, no scans.
-            decision: how sure is sure.
+            decision: how sure is sure; None takes what comes with the model.
+
+        Raises:
+            SkinMismatchError: nothing tells what skin it is for.
         """
-        return cls(load_model(Path(path)), mount(skin, robot), calibration, decision)
+        if skin is None and str(name_or_path) in MODELS:
+            skin = str(name_or_path)
+        if skin is None:
+            raise SkinMismatchError(
+                f"model {name_or_path} is given without a skin; allowed is none only "
+                f"for {', '.join(MODELS)}; give a skin's name, folder or a Skin"
+            )
+        model = load_model(name_or_path)
+        return cls(model, mount(skin, robot), calibration, decision)
 
     def push(self, instant: Scan | Reading) -> list[Detection]:
         """Take the next scan, or a reading that is calibrated already.

@@ -2,7 +2,8 @@
 
 from eskin.model.card import ModelCard
 from eskin.model.config import LEAST_SLOTS, LENGTH_CM, SLOT_NS, NetworkConfig
-from eskin.model.file import Model, load_model, save_model
+from eskin.model.decision import DecisionConfig
+from eskin.model.file import MODELS, Model, load_model, save_model
 from eskin.model.limits import check_limits
 from eskin.model.weights import checked_weights
 
@@ -10,6 +11,8 @@ __all__ = [
     "LEAST_SLOTS",
     "LENGTH_CM",
     "SLOT_NS",
+    "MODELS",
+    "DecisionConfig",
     "Model",
     "ModelCard",
     "NetworkConfig",

@@ -5,6 +5,7 @@ from typing import Literal
 
 from eskin.graph import GraphConfig
 from eskin.model.config import NetworkConfig
+from eskin.model.decision import DecisionConfig
 from eskin.touch import PipelineConfig
 
 FORMAT = "eskin-model-1"
@@ -28,6 +29,9 @@ class ModelCard:
 
     pipeline: PipelineConfig = field(default_factory=PipelineConfig)
     """How counts become contacts."""
+
+    decision: DecisionConfig = field(default_factory=DecisionConfig)
+    """When it is sure enough to speak."""
 
     temperature: float = 1.0
     """Divides the logits, so that probabilities are calibrated."""

@@ -3,6 +3,7 @@
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass
+from importlib import resources
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +16,10 @@ from eskin.errors import ModelError
 from eskin.model.card import ModelCard
 
 CARD = "eskin"
+SUFFIX = ".safetensors"
+
+MODELS = ("ur5",)
+"""Names that `load_model` knows."""
 CARDS = TypeAdapter(ModelCard)
 
 
@@ -43,19 +48,26 @@ def save_model(path: Path, model: Model) -> None:
         part.unlink(missing_ok=True)
 
 
-def load_model(path: Path) -> Model:
-    """Read a model file.
+def load_model(name_or_path: str | Path) -> Model:
+    """Read a model that comes with eskin, or a model file.
+
+    Args:
+        name_or_path: one of `MODELS`, or the path of a `.safetensors` file.
 
     Raises:
         ModelError: if it is missing, damaged, or not one of eskin's.
     """
+    path = Path(name_or_path)
+    if str(name_or_path) in MODELS:
+        path = Path(str(resources.files("eskin.model") / "presets" / f"{path}{SUFFIX}"))
     try:
         with safe_open(path, framework="numpy") as file:
             card = read_card((file.metadata() or {}).get(CARD), path)
             weights = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
     except FileNotFoundError:
         raise ModelError(
-            f"{path}: no such model; train one with: eskin train DATA --out {path}"
+            f"{path}: no such model; allowed are {', '.join(MODELS)} and files; train "
+            f"one with: eskin train DATA --out {path}"
         ) from None
     # A TypeError tells of numbers that numpy does not have, such as bfloat16.
     except (SafetensorError, OSError, TypeError) as error:
