@@ -9,7 +9,16 @@ from sklearn.metrics import (
     precision_recall_fscore_support,
 )
 
-from eskin.learn.metrics import by_group, calibration_error, paired_interval, score
+from eskin.learn.metrics import (
+    accuracy_interval,
+    by_group,
+    calibration_error,
+    paired_interval,
+    reliability,
+    score,
+    wilson_interval,
+)
+from eskin.learn.pictures import draw_confusion, draw_reliability
 
 NAMES = ("none", "hold", "tap")
 
@@ -109,3 +118,48 @@ def test_whole_clusters_are_drawn_however_their_examples_are_ordered():
     assert paired_interval(ours, theirs, cluster=[7] * 90) == pytest.approx(
         (ours.mean() - theirs.mean(),) * 2
     )
+
+
+def test_reliability_has_every_answer_in_the_bin_of_its_confidence():
+    confidence = np.array([0.0, 0.05, 0.3, 0.31, 1.0])
+    found = reliability(confidence, np.array([0, 0, 1, 0, 1], bool))
+    assert found.count.tolist() == [2, 0, 0, 0, 2, *[0] * 9, 1]
+    assert found.confidence[[0, 1, 4, 14]] == pytest.approx([0.025, 0.0, 0.305, 1.0])
+    assert found.accuracy[[0, 1, 4, 14]] == pytest.approx([0.0, 0.0, 0.5, 1.0])
+    assert found.error == pytest.approx((2 * 0.025 + 2 * 0.195 + 0) / 5)
+
+
+def test_nothing_answered_has_no_calibration_error():
+    assert reliability(np.empty(0), np.empty(0, bool)).error == 0.0
+
+
+@pytest.mark.parametrize(("right", "count"), [(0, 20), (7, 20), (20, 20), (950, 1000)])
+def test_the_ends_of_a_wilson_interval_are_shares_that_just_fit(right, count):
+    low, high = wilson_interval(right, count)
+    assert 0 <= low <= right / count <= high <= 1
+    for end in {low, high} - {0.0, 1.0}:
+        deviation = np.sqrt(end * (1 - end) / count)
+        assert abs(right / count - end) / deviation == pytest.approx(1.96, abs=0.01)
+
+
+def test_an_accuracy_is_as_uncertain_as_people_differ():
+    people = [name for name in "abcdefghij" for _ in range(30)]
+    rng = np.random.default_rng(3)
+    alike = rng.random(300) < 0.7
+    apart = np.array([name < "h" for name in people])
+    assert alike.mean() == pytest.approx(apart.mean(), abs=0.05)
+    narrow, wide = (accuracy_interval(right, people) for right in (alike, apart))
+    assert narrow[0] < alike.mean() < narrow[1]
+    assert np.ptp(wide) > 3 * np.ptp(narrow)
+    assert np.ptp(wide) == pytest.approx(2 * 1.96 * np.sqrt(0.21 / 10), rel=0.15)
+
+
+def test_pictures_are_whole_files(tmp_path):
+    draw_confusion(np.array([[3, 1], [0, 0]]), ("a", "b"), tmp_path / "c.png", "two")
+    found = reliability(np.array([0.2, 0.9]), np.array([False, True]))
+    draw_reliability(found, tmp_path / "new" / "r.png", "2 answers")
+    for path in (tmp_path / "c.png", tmp_path / "new" / "r.png"):
+        assert path.read_bytes().startswith(b"\x89PNG")
+    with pytest.raises(ValueError, match="foo"):
+        draw_reliability(found, tmp_path / "r.foo", "2 answers")
+    assert len(list(tmp_path.rglob("*.*"))) == 2

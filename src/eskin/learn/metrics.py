@@ -4,10 +4,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Float, Int, Shaped
 
 RESAMPLES = 10_000
 BINS = 15
+
+Z = 1.959964
+"""Deviations from the mean that hold 95 % of a normal distribution."""
 
 
 @dataclass(frozen=True)
@@ -61,20 +64,52 @@ def by_group(
     return {str(g): float(right[names == g].mean()) for g in np.unique(names)}
 
 
+@dataclass(frozen=True, eq=False)
+class Reliability:
+    """How often answers are right, by how sure they were, in 15 equal bins."""
+
+    count: Int[np.ndarray, "bin"]
+    """Answers in each bin."""
+
+    confidence: Float[np.ndarray, "bin"]
+    """Their mean confidence; zero where there is none."""
+
+    accuracy: Float[np.ndarray, "bin"]
+    """Share of them that is right; zero where there is none."""
+
+    @property
+    def error(self) -> float:
+        """Expected calibration error (Guo et al. 2017, eq. 3)."""
+        gaps = self.count * np.abs(self.confidence - self.accuracy)
+        return float(gaps.sum() / max(self.count.sum(), 1))
+
+
+def reliability(
+    confidence: Float[np.ndarray, "example"], right: Bool[np.ndarray, "example"]
+) -> Reliability:
+    """How often answers are right, by how sure they were."""
+    bins = np.minimum((confidence * BINS).astype(np.int64), BINS - 1)
+    count = np.bincount(bins, minlength=BINS)
+    some = np.maximum(count, 1)
+    return Reliability(
+        count=count,
+        confidence=np.bincount(bins, confidence, BINS) / some,
+        accuracy=np.bincount(bins, right, BINS) / some,
+    )
+
+
 def calibration_error(
     confidence: Float[np.ndarray, "example"], right: Bool[np.ndarray, "example"]
 ) -> float:
     """Expected calibration error over 15 equal bins (Guo et al. 2017, eq. 3)."""
-    bins = np.minimum((confidence * BINS).astype(np.int64), BINS - 1)
-    gaps = np.bincount(bins, confidence - right, BINS)
-    return float(np.abs(gaps).sum() / max(len(right), 1))
+    return reliability(confidence, right).error
 
 
 def paired_interval(
     ours: Bool[np.ndarray, "example"],
     theirs: Bool[np.ndarray, "example"],
     seed: int = 0,
-    cluster: Sequence[int] | None = None,
+    cluster: Sequence[int] | Sequence[str] | None = None,
 ) -> tuple[float, float]:
     """95 % bootstrap interval of the difference in accuracy on the same examples.
 
@@ -87,10 +122,53 @@ def paired_interval(
     """
     difference = ours.astype(np.float64) - theirs
     members = np.arange(len(difference)) if cluster is None else np.asarray(cluster)
+    return mean_interval(difference, members, seed)
+
+
+def accuracy_interval(
+    right: Bool[np.ndarray, "example"], cluster: Sequence[str], seed: int = 0
+) -> tuple[float, float]:
+    """95 % bootstrap interval of an accuracy, for other people than these.
+
+    Args:
+        right: which examples were got right.
+        cluster: what each example is of, such as a person; whole clusters are drawn.
+        seed: decides the draws.
+    """
+    return mean_interval(right.astype(np.float64), np.asarray(cluster), seed)
+
+
+def wilson_interval(right: int, count: int) -> tuple[float, float]:
+    """95 % interval of a share of independent examples (Wilson 1927).
+
+    Args:
+        right: how many were got right.
+        count: of how many; at least one.
+    """
+    share, weight = right / count, Z**2 / count
+    middle = share + weight / 2
+    spread = Z * np.sqrt((share * (1 - share) + weight / 4) / count)
+    low, high = (middle - spread) / (1 + weight), (middle + spread) / (1 + weight)
+    return max(float(low), 0.0), min(float(high), 1.0)
+
+
+def mean_interval(
+    values: Float[np.ndarray, "example"],
+    members: Shaped[np.ndarray, "example"],
+    seed: int,
+) -> tuple[float, float]:
+    """95 % bootstrap interval of a mean, whole clusters drawn anew."""
     _, index, counts = np.unique(members, return_inverse=True, return_counts=True)
-    gains = np.bincount(index, difference)
-    rng = np.random.default_rng(seed)
-    draws = rng.integers(len(counts), size=(RESAMPLES, len(counts)))
-    means = gains[draws].sum(axis=1) / counts[draws].sum(axis=1)
-    low, high = np.percentile(means, [2.5, 97.5])
+    sums = np.stack([np.bincount(index, values), counts.astype(np.float64)], axis=1)
+    total, count = draw_clusters(sums, seed).T
+    low, high = np.percentile(total / count, [2.5, 97.5])
     return float(low), float(high)
+
+
+def draw_clusters(
+    sums: Float[np.ndarray, "cluster column"], seed: int
+) -> Float[np.ndarray, "draw column"]:
+    """Sums over as many clusters as there are, drawn with replacement, many times."""
+    rng = np.random.default_rng(seed)
+    draws = rng.integers(len(sums), size=(RESAMPLES, len(sums)))
+    return np.stack([column[draws].sum(axis=1) for column in sums.T], axis=1)

@@ -8,6 +8,8 @@ import numpy as np
 from jaxtyping import Int
 from matplotlib.figure import Figure
 
+from eskin.learn.metrics import Reliability
+
 
 def draw_confusion(
     confusion: Int[np.ndarray, "true predicted"],
@@ -29,6 +31,47 @@ def draw_confusion(
     axes.set_xticks(ticks, vocabulary, rotation=60, ha="right")
     axes.set_yticks(ticks, vocabulary)
     axes.set(xlabel="recognised", ylabel="made", title=title)
+    write(figure, path)
+
+
+def draw_reliability(found: Reliability, path: Path, title: str) -> None:
+    """Draw how often answers are right by how sure they were, and how many there are.
+
+    Args:
+        found: what to draw.
+        path: where to.
+        title: what was answered; the calibration error is added to it.
+    """
+    figure = Figure(figsize=(4.2, 4.8), dpi=120, layout="constrained")
+    upper, lower = figure.subplots(2, sharex=True, height_ratios=(3, 1))
+    edges = np.linspace(0, 1, len(found.count) + 1)
+    width, some = edges[1], found.count > 0
+    upper.bar(
+        edges[:-1][some],
+        found.accuracy[some],
+        width,
+        align="edge",
+        color="tab:blue",
+        edgecolor="white",
+        label="right",
+    )
+    upper.plot(found.confidence[some], found.accuracy[some], "o", color="black", ms=3)
+    upper.plot([0, 1], [0, 1], "--", color="gray", label="as sure as right")
+    upper.set(xlim=(0, 1), ylim=(0, 1), ylabel="share that is right")
+    upper.set_title(f"{title}, ECE {found.error:.3f}")
+    upper.legend(loc="upper left", frameon=False)
+    lower.bar(edges[:-1], found.count, width, align="edge", color="gray")
+    for edge, count in zip(edges, found.count.tolist(), strict=False):
+        if count:
+            place = edge + width / 2, count
+            lower.annotate(str(count), place, ha="center", va="bottom", fontsize=6)
+    lower.set(xlabel="confidence", ylabel="answers")
+    lower.margins(y=0.25)
+    write(figure, path)
+
+
+def write(figure: Figure, path: Path) -> None:
+    """Write a picture whole or not at all."""
     picture = BytesIO()
     figure.savefig(picture, format=path.suffix.removeprefix(".") or "png")
     path.parent.mkdir(parents=True, exist_ok=True)
