@@ -28,7 +28,7 @@ class Command:
     """Where to write the model (.safetensors)."""
 
     val: tuple[Path, ...] = ()
-    """Recordings to validate on; where none is given some of the others are held out."""
+    """Recordings to validate on; where none is given, some of the others."""
 
     test: tuple[Path, ...] = ()
     """Recordings to score the model on when it is done."""
@@ -105,7 +105,7 @@ def run(command: Command) -> dict[str, object]:
     return result
 
 
-def prepared(command: Command, paths: list[Path], graph: GraphConfig) -> Dataset:
+def prepared(command: Command, paths: tuple[Path, ...], graph: GraphConfig) -> Dataset:
     """Recordings made ready for learning."""
     workers = command.train.workers
     return prepare(paths, graph=graph, pack=command.pack, workers=workers)

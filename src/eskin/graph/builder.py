@@ -71,8 +71,8 @@ class GraphBuilder:
             earlier: active taxels of the same touch at the reading before.
             history: what the touch has been so far.
         """
-        nodes = self.support(np.union1d(taxels, earlier))
-        owned, owned_before = np.isin(nodes, taxels), np.isin(nodes, earlier)
+        nodes = self.support(taxels, earlier)
+        owned, owned_before = self.marked(nodes, taxels), self.marked(nodes, earlier)
         skin, links = self.mounted.skin, self.mounted.skin_link_index[nodes]
         T_world_link = self.poses.at(self.q)[links]
         R_world_link, origin = T_world_link[:, :3, :3], T_world_link[:, :3, 3]
@@ -105,10 +105,25 @@ class GraphBuilder:
             **{name: v.astype(np.float32) for name, v in float_fields.items()},
         )
 
-    def support(self, taxels: Int[np.ndarray, "active"]) -> Int[np.ndarray, "node"]:
-        """Some taxels and their fixed neighbours, in the order of the skin."""
-        around = self.fixed.table[taxels].ravel()
-        return np.union1d(taxels, around[around != NOBODY])
+    def support(
+        self,
+        taxels: Int[np.ndarray, "active"],
+        earlier: Int[np.ndarray, "earlier"],
+    ) -> Int[np.ndarray, "node"]:
+        """Taxels active now or before and their fixed neighbours, ascending."""
+        mark = np.zeros(self.mounted.skin.count + 1, dtype=bool)
+        for those in (taxels, earlier):
+            mark[those] = True
+            mark[self.fixed.table[those]] = True
+        return np.flatnonzero(mark[:-1])  # NOBODY is the last
+
+    def marked(
+        self, nodes: Int[np.ndarray, "node"], taxels: Int[np.ndarray, "some"]
+    ) -> Bool[np.ndarray, "node"]:
+        """Which nodes are among some taxels."""
+        mark = np.zeros(self.mounted.skin.count, dtype=bool)
+        mark[taxels] = True
+        return mark[nodes]
 
     def neighbours(
         self, nodes: Int[np.ndarray, "node"], p_world: Float[np.ndarray, "node 3"]

@@ -47,10 +47,9 @@ class BatchMaker:
     @cached_property
     def patch_index(self) -> Int[np.ndarray, "taxel"] | None:
         """The patch of each taxel, where all recordings are of one skin."""
-        skins = [recording.skin for recording in self.dataset.recordings]
-        first = skins[0].patch_index if skins else None
-        same = all(np.array_equal(skin.patch_index, first) for skin in skins)
-        return first if same else None
+        patches = [r.skin.patch_index for r in self.dataset.recordings]
+        same = all(np.array_equal(each, patches[0]) for each in patches)
+        return patches[0] if patches and same else None
 
     def make(
         self, count: int, encoded: int, readings: int, rng: np.random.Generator

@@ -1,6 +1,6 @@
 """Clips answered: each by its touch of largest impulse, at its last reading."""
 
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -39,13 +39,22 @@ def answer_clips(
     dataset: Dataset,
     vocabulary: tuple[str, ...],
     temperature: float = 1.0,
+    recordings: Collection[int] | None = None,
 ) -> ClipAnswers:
     """Answer every clip; abstention is off.
 
     A touch keeps its last word: what is said of it at its last reading in the clip.
+
+    Args:
+        network: that answers.
+        dataset: where the clips are.
+        vocabulary: classes of the network.
+        temperature: divides its logits.
+        recordings: those whose clips are asked for; all where None.
     """
-    every = [(n, clip) for n, clips in enumerate(dataset.clips) for clip in clips]
-    ends = np.array(list(last_rows(dataset)), dtype=np.int64)
+    chosen = range(len(dataset.clips)) if recordings is None else sorted(recordings)
+    every = [(n, clip) for n in chosen for clip in dataset.clips[n]]
+    ends = np.array(list(last_rows(dataset, every)), dtype=np.int64)
     felt = ends >= 0
     chances = np.where(np.array(vocabulary) == NONE, 0.0, -np.inf)
     log_chances = np.tile(chances, (len(every), 1))
@@ -61,8 +70,13 @@ def answer_clips(
     )
 
 
-def last_rows(dataset: Dataset) -> Iterator[int]:
-    """The last row of the touch of largest impulse of each clip, -1 without a touch."""
+def last_rows(dataset: Dataset, every: Sequence[tuple[int, Clip]]) -> Iterator[int]:
+    """The last row of the touch of largest impulse of each clip, -1 without a touch.
+
+    Args:
+        dataset: where the clips are.
+        every: the clips, each with the index of its recording.
+    """
     graphs = dataset.graphs
     force = total(graphs.pressure * graphs.areas, graphs) * N_PER_KPA_CM2
     runs = np.array(runs_of(dataset.sequence[:, None]), dtype=np.int64).reshape(-1, 2)
@@ -70,8 +84,7 @@ def last_rows(dataset: Dataset) -> Iterator[int]:
     work = np.concatenate([[0.0], np.cumsum(force * graphs.seconds, dtype=np.float64)])
     impulse = work[ends] - work[firsts]
     recording, start = dataset.recording[firsts], dataset.stamps[firsts]
-    for number, clips in enumerate(dataset.clips):
-        for clip in clips:
-            inside = (start >= clip.start) & (start < clip.end)
-            here = np.flatnonzero(inside & (recording == number))
-            yield int(ends[here[impulse[here].argmax()]] - 1) if len(here) else -1
+    for number, clip in every:
+        inside = (start >= clip.start) & (start < clip.end)
+        here = np.flatnonzero(inside & (recording == number))
+        yield int(ends[here[impulse[here].argmax()]] - 1) if len(here) else -1

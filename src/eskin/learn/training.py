@@ -15,6 +15,7 @@ from torch.nn.functional import cross_entropy
 from eskin.graph import GraphConfig
 from eskin.learn.augment import UNCHANGED, AugmentConfig
 from eskin.learn.batches import Batch, BatchMaker
+from eskin.learn.clip_scoring import answer_clips
 from eskin.learn.dataset import Dataset
 from eskin.learn.holdout import gestures_made, hold_out, sittings_of
 from eskin.learn.sampler import check_classes, make_sampler
@@ -25,8 +26,11 @@ from eskin.nn import RecogniserNetwork
 KEEP_EVERY = 30.0
 """Time between two writings of where training stands [s]."""
 
-VALIDATION = 512
+VALIDATION = 256
 """Windows that validation looks at."""
+
+CERTAIN = -30.0
+"""Least log-probability that is told apart from none at all."""
 
 TEMPERATURES = np.geomspace(0.3, 5.0, 57)
 """The temperatures tried."""
@@ -148,6 +152,7 @@ class Trainer:
         if validation is not None:
             source = validation
             held = frozenset(range(len(validation.recordings)))
+        self.held_recordings = held
         held_maker = self.maker_of(source, held, UNCHANGED)
         self.held = held_maker if held_maker.sampler.classes else None
         self.network = RecogniserNetwork(config.network, len(vocabulary), self.shear)
@@ -255,19 +260,34 @@ class Trainer:
         return float(cross_entropy(logits, labels))
 
     def validation_accuracy(self) -> float:
-        """Share of the same windows that are recognised; NaN if none are held out."""
+        """Share of what is held out that is recognised; NaN if nothing is."""
         if self.held is None:
             return float("nan")
-        logits, labels = self.validation_logits()
+        logits, labels = self.held_answers()
         return float((logits.argmax(dim=1) == labels).double().mean())
 
     def temperature(self) -> float:
         """What to divide logits by for honest probabilities (Guo et al. 2017)."""
         if self.held is None:
             return 1.0
-        logits, labels = self.validation_logits()
+        logits, labels = self.held_answers()
         losses = [float(cross_entropy(logits / t, labels)) for t in TEMPERATURES]
         return float(TEMPERATURES[int(np.argmin(losses))])
+
+    def held_answers(
+        self,
+    ) -> tuple[Float[Tensor, "example class"], Int[Tensor, "example"]]:
+        """Logits and classes of the clips held out, of windows where there are none."""
+        assert self.held is not None
+        if not any(self.held.dataset.clips):
+            return self.validation_logits()
+        self.network.eval()
+        answers = answer_clips(
+            *(self.network, self.held.dataset, self.vocabulary),
+            recordings=self.held_recordings,
+        )
+        certain = np.maximum(answers.log_chances, CERTAIN)
+        return torch.as_tensor(certain), torch.as_tensor(answers.truth)
 
     def validation_logits(
         self,

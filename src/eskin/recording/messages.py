@@ -101,7 +101,8 @@ def unpack_joint_state(
     unpacker = CdrUnpacker(data)
     stamp = unpacker.stamp()
     unpacker.string()
-    return stamp, unpacker.strings(), unpacker.sequence("<f8").astype(np.float64)
+    names = unpacker.strings()
+    return stamp, names, unpacker.sequence("<f8").astype(np.float64)
 
 
 def pack_label(label: Label) -> bytes:

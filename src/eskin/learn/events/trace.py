@@ -47,6 +47,9 @@ class Trace:
     temperature: float
     """Of the model's card."""
 
+    decision: DecisionConfig
+    """Of the model's card."""
+
     change_ends: bool
     """Whether touches end when another class is likelier (see `Decider`)."""
 
@@ -61,9 +64,10 @@ class Trace:
         """What the recogniser says live with a decision of one's choice.
 
         Args:
-            config: how sure is sure.
+            config: how sure is sure; None takes what comes with the model.
             temperature: in place of that of the model's card.
         """
+        config = config or self.decision
         heat = self.temperature if temperature is None else temperature
         decider = Decider(self.vocabulary, config, self.change_ends)
         directions: dict[int, np.ndarray] = {}
@@ -80,7 +84,7 @@ class Trace:
             )
             for verdict in verdicts:
                 touch = verdict.touch
-                gone = np.linalg.norm(touch.travel) >= decider.config.still
+                gone = np.linalg.norm(touch.travel) >= config.still
                 direction = directions[touch.id] if gone else np.zeros(3)
                 found.append(detection_of(verdict, moment.stamp, direction))
         return found
@@ -102,6 +106,7 @@ def trace_of(recording: Recording, model: Model) -> Trace:
     return Trace(
         vocabulary=model.card.vocabulary,
         temperature=model.card.temperature,
+        decision=model.card.decision,
         change_ends=not mounted.skin.calibrated,
         moments=tuple(moments),
     )

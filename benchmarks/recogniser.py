@@ -1,0 +1,203 @@
+"""What the weights that come with eskin are worth, on simulated people never met.
+
+python -m benchmarks.recogniser [PART] --sets FOLDER, where PART is clips, streams,
+skins, pairs or all. Sets that FOLDER does not hold yet are generated there (about
+8 GB for all), prepared recordings are kept in FOLDER/pack. Prints the tables of
+docs/results.md.
+"""
+
+import os
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+import tyro
+
+from eskin.learn.checkpoint import to_network
+from eskin.learn.dataset import prepare
+from eskin.learn.evaluation import Evaluation, evaluate
+from eskin.learn.events import EventScore, hear, score_events
+from eskin.learn.pictures import draw_confusion, draw_reliability
+from eskin.model import Model, load_model
+from eskin.recording import find_recordings
+from eskin.sim.files.generate import generate
+from eskin.sim.files.settings import Settings
+from eskin.sim.pairs.sides import KINDS
+
+Part = Literal["clips", "streams", "skins", "pairs", "all"]
+
+TESTS = ("test-s", "test-p", "test-x", "test-m")
+STREAMS = ("streams-fresh", "streams", "quiet", "accidents")
+SKINS = ("ur5-half", "ur5-double", "ur5-shapes", "ur5-missing", "ur10", "base")
+
+
+@dataclass(frozen=True)
+class Command:
+    """Score a model on the simulated tests."""
+
+    part: tyro.conf.Positional[Part] = "all"
+    """Which of them."""
+
+    sets: Path = Path("sets")
+    """Folder of the sets."""
+
+    model: Path = Path("ur5")
+    """One that comes with eskin, or a file."""
+
+    clips: int | None = None
+    """Clips of each test set, streams of each set of streams; all unless given."""
+
+    pictures: Path | None = None
+    """Folder for confusions and reliability."""
+
+    workers: int = os.cpu_count() or 1
+    """How many processes prepare and replay."""
+
+
+def main() -> None:
+    """Print what was asked for."""
+    command = tyro.cli(Command)
+    for name, table in PARTS.items():
+        if command.part in (name, "all"):
+            print(table(command), flush=True)
+
+
+def clips(command: Command) -> str:
+    """Accuracy on the four test sets."""
+    rows = [clip_head("set", load_model(command.model))]
+    for name in TESTS:
+        found = clip_score(command, made(command, name))
+        rows.append(clip_row(name, found))
+        draw_clips(command, name, found)
+    return "\n".join(rows)
+
+
+def skins(command: Command) -> str:
+    """Accuracy on other skins and robots, beside the skin of training."""
+    rows = [clip_head("skin", load_model(command.model))]
+    for skin in ("ur5", *SKINS):
+        rows.append(clip_row(skin, clip_score(command, made(command, "test-p", skin))))
+    return "\n".join(rows)
+
+
+def pairs(command: Command) -> str:
+    """Pairs of clips with the same counts: either side, and both of a pair right."""
+    folder = made(command, "pairs")
+    rows = ["| kind | first side | second side | all |", "|---" * 4 + "|"]
+    for kind, sides in KINDS.items():
+        shares = [clip_score(command, folder / s).segments.accuracy for s in sides]
+        cells = " | ".join(f"{share:.1%}" for share in (*shares, np.mean(shares)))
+        rows.append(f"| {kind} | {cells} |")
+    return "\n".join(rows)
+
+
+def streams(command: Command) -> str:
+    """Events of continuous streams."""
+    heads = "set", "h", "events", "precision", "recall", "F1 (95 %)", "at once F1"
+    heads += "false/h", "p50", "p95", "accidents mistaken", "unknown mistaken"
+    rows = ["| " + " | ".join(heads) + " |", "|---" * len(heads) + "|"]
+    for name in STREAMS:
+        score = stream_score(command, made(command, name))
+        rows.append(stream_row(name, score))
+        if command.pictures is not None and score.total.matched:
+            target = command.pictures / f"events_{name}.png"
+            title = f"{name}: F1 {score.total.f1:.3f}"
+            draw_confusion(score.confusion, score.names, target, title)
+    return "\n".join(rows)
+
+
+def made(command: Command, name: str, skin: str = "ur5") -> Path:
+    """The folder of a set, generated where it is not there yet."""
+    suffix = "" if command.clips is None else f"-{command.clips}"
+    folder = command.sets / (name if skin == "ur5" else f"{name}-{skin}")
+    folder = folder.with_name(folder.name + suffix)
+    settings = Settings(name, skin, 0, command.clips)
+    generate(folder, settings, command.workers)
+    return folder
+
+
+def clip_score(command: Command, folder: Path) -> Evaluation:
+    """What the model is worth on a set of clips."""
+    model = load_model(command.model)
+    dataset = prepare(
+        find_recordings([folder]),
+        model.card.pipeline,
+        model.card.graph_used,
+        command.sets / "pack",
+        command.workers,
+    )
+    return evaluate(to_network(model), model.card, dataset)
+
+
+def stream_score(command: Command, folder: Path) -> EventScore:
+    """What the model is worth on a set of streams."""
+    model = load_model(command.model)
+    heard = hear(find_recordings([folder]), model, command.workers)
+    return score_events([stream.take() for stream in heard], model.card.vocabulary)
+
+
+def clip_head(first: str, model: Model) -> str:
+    """The head of a table of clips."""
+    names = " | ".join(model.card.vocabulary)
+    heads = f"| {first} | clips | accuracy (95 %) | people: SD, worst | {names} | ECE |"
+    return heads + "\n" + "|---" * (heads.count("|") - 1) + "|"
+
+
+def clip_row(name: str, found: Evaluation) -> str:
+    """A row of it: recalls by class."""
+    people = list(found.per_subject.values())
+    low, high = found.interval
+    recalls = " | ".join(
+        f"{r['recall']:.1%}" for r in found.segments.per_class.values()
+    )
+    return (
+        f"| {name} | {found.segments.confusion.sum()} | {found.segments.accuracy:.1%} "
+        f"({low:.1%}-{high:.1%}) | {np.std(people, ddof=1):.1%}, {min(people):.1%} | "
+        f"{recalls} | {found.ece:.3f} |"
+    )
+
+
+def stream_row(name: str, score: EventScore) -> str:
+    """A row of the table of streams."""
+    total, delays, unknown = score.total, score.all_delays, score.unknown_total
+    low, high = score.f1_interval
+    cells = (
+        name,
+        f"{score.hours:.2f}",
+        str(total.matched + total.missed),
+        f"{total.precision:.3f}",
+        f"{total.recall:.3f}",
+        f"{total.f1:.3f} ({low:.3f}-{high:.3f})",
+        f"{score.simultaneous.f1:.3f}",
+        f"{score.false_per_hour:.2f}",
+        *(f"{delays.latency(p):.2f} s" for p in (50, 95)),
+        f"{score.accidents.mistaken} of {score.accidents.count}",
+        f"{unknown.mistaken} of {unknown.count}",
+    )
+    return "| " + " | ".join(cells) + " |"
+
+
+def draw_clips(command: Command, name: str, found: Evaluation) -> None:
+    """Draw confusions and reliability of a set, where pictures are asked for."""
+    if command.pictures is None:
+        return
+    vocabulary = load_model(command.model).card.vocabulary
+    title = f"{name}: {found.segments.accuracy:.1%} right"
+    target = command.pictures / f"confusion_{name}.png"
+    draw_confusion(found.segments.confusion, vocabulary, target, title)
+    target = command.pictures / f"reliability_{name}.png"
+    draw_reliability(found.reliability, target, name)
+
+
+PARTS: dict[str, Callable[[Command], str]] = {
+    "clips": clips,
+    "streams": streams,
+    "skins": skins,
+    "pairs": pairs,
+}
+
+
+if __name__ == "__main__":
+    main()
