@@ -5,8 +5,10 @@
 
 Leaves one session (sleeve) or one participant (ShearSense) out at a time, trains the
 recogniser with `eskin train`'s defaults on the others, and answers what was left out;
-the classical classifiers answer the same examples from hand-made features. Prints the
-tables of docs/results.md.
+the classical classifiers answer the same examples from hand-made features. With
+`--start ur5` a second recogniser, as large as that model, starts from its weights in
+place of random ones, and what that adds is printed. Prints the tables of
+docs/results.md.
 """
 
 import tempfile
@@ -25,10 +27,11 @@ from eskin.learn.crossvalidation import (
     segment_answers,
     train_folds,
 )
-from eskin.learn.dataset import prepare
+from eskin.learn.dataset import Dataset, prepare
 from eskin.learn.metrics import by_group, paired_interval, score
 from eskin.learn.pictures import draw_confusion
 from eskin.learn.training import TrainConfig
+from eskin.model import load_model
 from eskin.recording import convert_shearsense, convert_sleeve, find_recordings
 
 OURS = "eskin"
@@ -52,6 +55,9 @@ class Command:
 
     workers: int = 2
     """Processes to train in."""
+
+    start: Path | None = None
+    """A model to start a second recogniser from."""
 
     train: TrainConfig = field(default_factory=lambda: TrainConfig(validation=0.0))
     """How the recogniser is trained."""
@@ -82,6 +88,7 @@ def sleeve(paths: tuple[Path, ...], command: Command) -> Answers:
     )
     segments = segment_answers(dataset, groups, networks, False, command.seed)
     print(table("Whole segments", segments))
+    tell_start(dataset, groups, command, command.train, segments)
     instants = instant_answers(dataset, groups, networks, command.seed)
     print(table("Every instant, none among the classes", instants, whole=True))
     return segments
@@ -109,7 +116,39 @@ def without_one_person(
     dataset = prepare(paths, graph=config.graph)
     groups = groups_of(dataset, "subject")
     networks = train_folds(dataset, groups, config, command.seed, command.workers)
-    return segment_answers(dataset, groups, networks, shear, command.seed)
+    answers = segment_answers(dataset, groups, networks, shear, command.seed)
+    tell_start(dataset, groups, command, config, answers)
+    return answers
+
+
+def tell_start(
+    dataset: Dataset,
+    groups: list[str],
+    command: Command,
+    config: TrainConfig,
+    scratch: Answers,
+) -> None:
+    """Train once more from a model's weights, and once as large from random ones."""
+    if command.start is None:
+        return
+    model = load_model(command.start)
+    config = replace(config, network=model.card.network)
+    started, large = (
+        segment_answers(
+            dataset,
+            groups,
+            train_folds(dataset, groups, config, command.seed, command.workers, start),
+            config.shear,
+            command.seed,
+        )
+        for start in (model, None)
+    )
+    rights = [a.predicted[OURS] == a.truth for a in (started, large, scratch)]
+    print(
+        f"\nStarted from {command.start}: {rights[0].mean():.1%}; as large from random "
+        f"weights: {rights[1].mean():.1%}. The start adds {difference(*rights[:2])} "
+        f"points to that, {difference(rights[0], rights[2])} to the one above."
+    )
 
 
 def table(title: str, answers: Answers, whole: bool = False) -> str:

@@ -12,8 +12,9 @@ from eskin.graph import GraphConfig
 from eskin.learn.checkpoint import to_model
 from eskin.learn.dataset import Dataset, digest, prepare
 from eskin.learn.evaluation import check_fits, evaluate
+from eskin.learn.events import choose_decision, hear
 from eskin.learn.training import TrainConfig, Trainer
-from eskin.model import ModelCard, save_model
+from eskin.model import Model, ModelCard, load_model, save_model
 from eskin.recording import NONE, find_recordings
 
 
@@ -29,6 +30,12 @@ class Command:
 
     val: tuple[Path, ...] = ()
     """Recordings to validate on; where none is given, some of the others."""
+
+    streams: tuple[Path, ...] = ()
+    """Recorded streams to choose on how sure is sure; the defaults where none is."""
+
+    start: Path | None = None
+    """A model to start from: its weights are taken wherever they fit."""
 
     test: tuple[Path, ...] = ()
     """Recordings to score the model on when it is done."""
@@ -67,42 +74,60 @@ def run(command: Command) -> dict[str, object]:
         *(dataset, vocabulary, command.train),
         seed=command.seed,
         validation=validation,
+        start=load_model(command.start) if command.start else None,
     )
     tell_cut(dataset, validation, test)
     if validation is None:
         print(trainer.holdout)
     content = digest(paths)
-    card = ModelCard(
-        vocabulary=vocabulary,
+    card = first_card(command, trainer, content)
+    if test is not None:
+        check_fits(card, test)
+    kept = command.out.with_name(command.out.name + ".training")
+    facts = f"{content} {vocabulary} {command.train} {command.seed} {command.start}"
+    network = trainer.run(kept=kept, facts=facts)
+    right = trainer.validation_accuracy()
+    card = replace(
+        card,
+        temperature=trainer.temperature(),
+        metrics={"val_accuracy": right} if trainer.held else {},
+    )
+    model = decided(to_model(network, card), command)
+    scored = evaluate(network, card, test).segments.accuracy if test else None
+    save_model(command.out, model)
+    kept.unlink(missing_ok=True)
+    result = {
+        "val_accuracy": round(right, 4) if trainer.held else None,
+        "test_accuracy": None if scored is None else round(scored, 4),
+        "epochs": trainer.epochs,
+        "seconds": round(time.monotonic() - started, 1),
+    }
+    print(f"{command.out}: " + ", ".join(f"{k} {v}" for k, v in result.items()))
+    return result
+
+
+def first_card(command: Command, trainer: Trainer, content: str) -> ModelCard:
+    """What is known of a model before it is trained."""
+    return ModelCard(
+        vocabulary=trainer.vocabulary,
         kind="shear" if trainer.shear else "pressure",
         network=command.train.network,
         graph=trainer.graph,
         training=flat(asdict(command.train)) | {"seed": str(command.seed)},
         data_digest=content,
     )
-    if test is not None:
-        check_fits(card, test)
-    kept = command.out.with_name(command.out.name + ".training")
-    facts = f"{content} {vocabulary} {command.train} {command.seed}"
-    network = trainer.run(kept=kept, facts=facts)
-    model = to_model(network, card)
-    validation = trainer.validation_accuracy()
-    card = replace(
-        card,
-        temperature=trainer.temperature(),
-        metrics={"val_accuracy": validation} if trainer.held else {},
-    )
-    right = evaluate(network, card, test).segments.accuracy if test else None
-    save_model(command.out, replace(model, card=card))
-    kept.unlink(missing_ok=True)
-    result = {
-        "val_accuracy": round(validation, 4) if trainer.held else None,
-        "test_accuracy": None if right is None else round(right, 4),
-        "epochs": trainer.epochs,
-        "seconds": round(time.monotonic() - started, 1),
-    }
-    print(f"{command.out}: " + ", ".join(f"{k} {v}" for k, v in result.items()))
-    return result
+
+
+def decided(model: Model, command: Command) -> Model:
+    """The model with the decision that does best on the streams given."""
+    if not command.streams:
+        return model
+    paths = find_recordings(command.streams)
+    heard = list(hear(paths, model, command.train.workers))
+    decision, score = choose_decision(heard)
+    print(f"{decision}: F1 {score.total.f1:.3f} on {score.hours:.2f} h of streams")
+    metrics = model.card.metrics | {"streams_f1": score.total.f1}
+    return replace(model, card=replace(model.card, decision=decision, metrics=metrics))
 
 
 def prepared(command: Command, paths: tuple[Path, ...], graph: GraphConfig) -> Dataset:

@@ -16,6 +16,7 @@ from eskin.learn.hand_features import segment_features, stretch_features
 from eskin.learn.scoring import instant_scores, segment_scores
 from eskin.learn.segments import Segment
 from eskin.learn.training import TrainConfig, Trainer
+from eskin.model import Model
 from eskin.nn import RecogniserNetwork
 
 EVERY = 4
@@ -68,25 +69,39 @@ def train_folds(
     config: TrainConfig,
     seed: int = 0,
     workers: int = 1,
+    start: Model | None = None,
 ) -> Networks:
     """One network for each group, trained on all the others.
 
     The result does not depend on the number of workers.
+
+    Args:
+        dataset: to divide.
+        groups: of each recording.
+        config: how to train.
+        seed: of every training.
+        workers: processes to train in.
+        start: whose weights to start from, wherever they fit.
     """
     names = sorted(set(groups))
     train = delayed(train_without)
-    jobs = (train(dataset, groups, name, config, seed) for name in names)
+    jobs = (train(dataset, groups, name, config, seed, start) for name in names)
     networks: Any = Parallel(n_jobs=workers, verbose=10)(jobs)
     return dict(zip(names, networks, strict=True))
 
 
 def train_without(
-    dataset: Dataset, groups: Sequence[str], held: str, config: TrainConfig, seed: int
+    dataset: Dataset,
+    groups: Sequence[str],
+    held: str,
+    config: TrainConfig,
+    seed: int,
+    start: Model | None,
 ) -> RecogniserNetwork:
     """A network that has seen nothing of one group."""
     torch.set_num_threads(1)
     others = [i for i, group in enumerate(groups) if group != held]
-    trainer = Trainer(dataset, dataset.vocabulary, config, others, seed)
+    trainer = Trainer(dataset, dataset.vocabulary, config, others, seed, start=start)
     return trainer.run(quiet=True)
 
 

@@ -20,7 +20,7 @@ from eskin.learn.dataset import Dataset
 from eskin.learn.holdout import gestures_made, hold_out, sittings_of
 from eskin.learn.sampler import check_classes, make_sampler
 from eskin.learn.stand import Stand, load_stand, save_stand
-from eskin.model import NetworkConfig, check_limits
+from eskin.model import Model, NetworkConfig, check_limits
 from eskin.nn import RecogniserNetwork
 
 KEEP_EVERY = 30.0
@@ -121,6 +121,7 @@ class Trainer:
         recordings: list[int] | None = None,
         seed: int = 0,
         validation: Dataset | None = None,
+        start: Model | None = None,
     ) -> None:
         """Prepare to train.
 
@@ -131,6 +132,7 @@ class Trainer:
             recordings: those of the data set to train on, all where None.
             seed: decides everything that is drawn.
             validation: to validate on; where None, some of the recordings are held out.
+            start: whose weights to start from, wherever they fit.
         """
         self.config, self.vocabulary, self.seed = config, vocabulary, seed
         torch.manual_seed(seed)
@@ -156,6 +158,8 @@ class Trainer:
         held_maker = self.maker_of(source, held, UNCHANGED)
         self.held = held_maker if held_maker.sampler.classes else None
         self.network = RecogniserNetwork(config.network, len(vocabulary), self.shear)
+        if start is not None:
+            take_over(self.network, start)
         self.epochs = 0
 
     def maker_of(
@@ -165,8 +169,7 @@ class Trainer:
         slots = self.config.network.slots
         crop = self.config.augment.crop
         sampler = make_sampler(dataset, self.vocabulary, recordings, slots, crop)
-        shear = self.config.shear and dataset.has_shear
-        return BatchMaker(dataset, sampler, augment, slots, shear)
+        return BatchMaker(dataset, sampler, augment, slots, self.shear)
 
     def run(
         self, quiet: bool = False, kept: Path | None = None, facts: str = ""
@@ -190,13 +193,15 @@ class Trainer:
         best = Best(config.patience)
         course = Course(network, optimiser, cycle, best, self.rngs)
         done = course.go_on(kept, facts) if kept else 0
+        self.epochs = done // config.steps
+        last = done if best.has_waited else total
         saved = time.monotonic()
         with (
             Progress(disable=quiet, transient=True) as progress,
             ThreadPoolExecutor(config.workers) as pool,
         ):
             task = progress.add_task("Training", total=total, completed=done)
-            for step in range(done, total):
+            for step in range(done, last):
                 network.train()
                 self.step(optimiser, pool)
                 cycle.step()
@@ -271,6 +276,11 @@ class Trainer:
         if self.held is None:
             return 1.0
         logits, labels = self.held_answers()
+        # Where nothing was felt `none` is certain, whatever the network thinks.
+        felt = (logits > CERTAIN).sum(dim=1) > 1
+        if not felt.any():
+            return 1.0
+        logits, labels = logits[felt], labels[felt]
         losses = [float(cross_entropy(logits / t, labels)) for t in TEMPERATURES]
         return float(TEMPERATURES[int(np.argmin(losses))])
 
@@ -299,6 +309,17 @@ class Trainer:
         batch = self.held.make(VALIDATION, VALIDATION, every, np.random.default_rng(0))
         with torch.no_grad():
             return self.network(batch.some), batch.labels
+
+
+def take_over(network: RecogniserNetwork, model: Model) -> None:
+    """Take a model's weights wherever the network has one of that name and shape."""
+    own = network.state_dict()
+    fitting = {
+        name: torch.as_tensor(weight)
+        for name, weight in model.weights.items()
+        if name in own and own[name].shape == weight.shape
+    }
+    network.load_state_dict(own | fitting)
 
 
 def generators(seed: int, workers: int) -> list[np.random.Generator]:
@@ -352,6 +373,11 @@ class Best:
         self.loss = float("inf")
         self.weights: dict[str, Tensor] | None = None
 
+    @property
+    def has_waited(self) -> bool:
+        """Whether it is time to stop."""
+        return self.waited > self.patience
+
     def is_enough(self, network: nn.Module, loss: float) -> bool:
         """Take in an epoch; True when it is time to stop."""
         if loss < self.loss:
@@ -359,7 +385,7 @@ class Best:
             self.weights = {k: v.clone() for k, v in network.state_dict().items()}
         else:
             self.waited += 1
-        return self.waited > self.patience
+        return self.has_waited
 
     def restore(self, network: nn.Module) -> None:
         """Put the best weights back, if any were kept."""
