@@ -7,6 +7,7 @@ import numpy as np
 import torch
 
 from eskin.graph import GraphBatch, GraphBuilder, GraphConfig, join
+from eskin.graph.history import HISTORY
 from eskin.nn import network_input
 from eskin.nn.batch import summary
 from eskin.robot import Joint, Link, Robot, load_robot
@@ -292,11 +293,30 @@ def shuffled(batch: GraphBatch, rng) -> GraphBatch:
         nodes = {
             field.name: getattr(one, field.name)[order]
             for field in fields(GraphBatch)
-            if field.name not in ("offsets", "seconds", "neighbours")
+            if field.name not in ("offsets", "seconds", "history", "neighbours")
         }
         neighbours = place[one.neighbours[order]]
         neighbours = rng.permuted(neighbours, axis=1)
         parts.append(replace(one, neighbours=neighbours, **nodes))
+    return join(parts)
+
+
+def with_bystanders(batch: GraphBatch, rng, count=3) -> GraphBatch:
+    """Beside each graph some nodes at rest, which hear others but are not heard."""
+    nothing = ("pressure", "before", "age", "shear", "shear_before")
+    parts = []
+    for graph in range(batch.count):
+        one, others = batch.select(np.array([graph])), random_graph(rng, count)
+        bounds = np.array([0, len(one.taxels) + count])
+        changes = {"offsets": bounds, "seconds": one.seconds, "history": one.history}
+        for name in (f.name for f in fields(GraphBatch) if f.name not in changes):
+            mine, theirs = getattr(one, name), getattr(others, name)
+            if name == "neighbours":
+                theirs = rng.integers(-1, bounds[1], (count, mine.shape[1]))
+            if name in nothing:
+                theirs = np.zeros_like(theirs)
+            changes[name] = np.concatenate([mine, theirs.astype(mine.dtype)])
+        parts.append(GraphBatch(**changes))
     return join(parts)
 
 
@@ -320,6 +340,7 @@ def random_graph(rng, nodes: int, neighbours=6) -> GraphBatch:
         neighbours=rng.integers(-1, max(nodes, 1), (nodes, neighbours)),
         offsets=np.array([0, nodes]),
         seconds=np.array([0.02], np.float32),
+        history=np.abs(real(1, len(HISTORY))),
     )
 
 

@@ -1,11 +1,13 @@
 """Small recordings of two gestures that differ clearly, and settings to learn fast."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from eskin.graph import GraphBatch
-from eskin.learn.augment import AugmentConfig
+from eskin.graph.history import HISTORY
+from eskin.learn.augment import UNCHANGED
 from eskin.learn.dataset import Dataset
 from eskin.learn.training import TrainConfig
 from eskin.model import NetworkConfig
@@ -19,7 +21,7 @@ RATE = 20
 FIRST, LASTS, EVERY = 2.4, 1.2, 2.0  # [s] onset of the first, length, onset to onset
 
 NETWORK = NetworkConfig(width=4, layers=1, channels=8, dropout=0.0)
-AS_RECORDED = AugmentConfig(0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
+AS_RECORDED = replace(UNCHANGED, crop=1.0)
 TINY = TrainConfig(epochs=1, steps=2, batch=8, encoded=8, readings=4, network=NETWORK)
 FLAGS = tuple(
     "--train.epochs 1 --train.steps 2 --train.batch 8 --train.encoded 8 "
@@ -126,5 +128,6 @@ def bare(stamps, sequence) -> Dataset:
         neighbours=np.zeros((0, 4), np.int64),
         offsets=np.zeros(n + 1, np.int64),
         seconds=np.full(n, 0.05, np.float32),
+        history=np.zeros((n, len(HISTORY)), np.float32),
     )
     return Dataset((), graphs, stamps, sequence, sequence, ("none",) * n, ())

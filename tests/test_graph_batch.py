@@ -1,9 +1,17 @@
 """Graphs laid end to end: taken apart, put together, summed."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from eskin.graph import join, node_scalars, pressure_summary, shear_summary
+from eskin.graph import (
+    join,
+    no_graphs,
+    node_scalars,
+    pressure_summary,
+    shear_summary,
+)
 from eskin.graph.segments import segment_max, segment_sum
 from graph_scenes import assert_same, random_graph
 
@@ -43,6 +51,7 @@ def test_joining_joined_graphs_is_joining_them_all(sizes):
 def test_selecting_no_graph_is_a_batch_of_none():
     batch = join(graphs_of((3, 0, 2)))
     none = batch.select(np.array([], np.int64))
+    assert_same(none, no_graphs(batch.neighbours.shape[1]))
     assert (none.count, len(none.taxels), none.offsets.tolist()) == (0, 0, [0])
     assert_same(join([none, batch, none]), batch)
     for features in (pressure_summary, shear_summary, node_scalars):
@@ -59,15 +68,20 @@ def test_sources_are_the_neighbours_in_the_own_graph(sizes):
     batch = join(graphs_of(sizes))
     assert batch.count == len(sizes)
     assert batch.sizes.tolist() == list(sizes)
-    for node, graph in enumerate(batch.graph_index):
-        for source, neighbour in zip(
-            batch.sources[node], batch.neighbours[node], strict=True
-        ):
-            if neighbour < 0:
-                assert source == -1
-            else:
-                assert batch.graph_index[source] == graph
-                assert source - batch.offsets[graph] == neighbour
+    assert len(batch.sources) == len(batch.targets)
+    for node, heard in zip(batch.targets, batch.sources, strict=True):
+        first = batch.offsets[batch.graph_index[node]]
+        neighbours = batch.neighbours[node]
+        assert sorted(heard[heard >= 0] - first) == sorted(neighbours[neighbours >= 0])
+
+
+@of_any_sizes
+def test_only_active_nodes_hear_and_no_column_is_empty(sizes):
+    batch = join(graphs_of(sizes))
+    assert np.array_equal(batch.targets, np.flatnonzero(batch.pressure > 0))
+    assert (batch.sources >= 0).any(axis=0).all()
+    unheard = replace(batch, neighbours=np.full_like(batch.neighbours, -1))
+    assert unheard.sources.shape == (len(batch.targets), 0)
 
 
 @of_any_sizes
@@ -95,5 +109,6 @@ def test_features_of_graphs_laid_end_to_end_are_those_of_each_alone(sizes):
 
 def test_a_graph_without_nodes_has_a_summary_of_zeros():
     empty = join(graphs_of((0, 0)))
+    empty = replace(empty, history=np.zeros_like(empty.history))
     assert not pressure_summary(empty).any()
     assert not shear_summary(empty).any()

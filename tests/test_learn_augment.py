@@ -1,12 +1,15 @@
 """A window is changed as another person and another skin would change it."""
 
-from dataclasses import fields
+from dataclasses import fields, replace
 
 import numpy as np
 import pytest
 
-from eskin.learn.augment import AugmentConfig, augment
+from eskin.graph import join
+from eskin.graph.history import HISTORY
+from eskin.learn.augment import UNCHANGED, AugmentConfig, augment
 from eskin.learn.dataset import prepare
+from graph_scenes import random_graph
 from learn_scenes import AS_RECORDED, record
 
 CHANGED = {"pressure", "before", "shear", "shear_before"}
@@ -122,3 +125,108 @@ def test_the_offset_takes_no_more_than_its_bound(graphs):
     config = AugmentConfig(0.0, 0.0, 0.0, 2.0, 0.0)
     lost = graphs.pressure - vary(graphs, config).pressure
     assert lost.min() >= 0 and 0 < lost.max() <= 2.0 + 1e-5
+
+
+def synthetic(windows=60, length=4, nodes=8):
+    """Graphs of windows, each of taxels 0 to 7, with a history."""
+    rng = np.random.default_rng(0)
+    count = windows * length
+    return join([random_graph(rng, nodes) for _ in range(count)]), np.repeat(
+        np.arange(windows), length
+    )
+
+
+def varied(config, patch_index=None, seed=0):
+    graphs, window = synthetic()
+    rng = np.random.default_rng(seed)
+    return graphs, window, augment(graphs, window, rng, config, patch_index)
+
+
+def test_forces_of_the_past_grow_with_the_person_and_nothing_else_of_it():
+    config = replace(UNCHANGED, gain=0.4)
+    graphs, window, changed = varied(config)
+    node = graphs.pressure > 0
+    person = np.zeros(window.max() + 1)
+    person[window[graphs.graph_index[node]]] = (
+        changed.pressure[node] / graphs.pressure[node]
+    )
+    for column, name in enumerate(HISTORY):
+        grows = person[window] if name in ("impulse", "peak force") else 1.0
+        np.testing.assert_allclose(
+            changed.history[:, column], graphs.history[:, column] * grows, rtol=1e-4
+        )
+
+
+def test_what_is_of_the_skin_and_not_of_the_person_leaves_the_past_as_it_is():
+    config = replace(UNCHANGED, taxel_gain=0.3, dead=0.3, offset=2.0, noise=0.2)
+    graphs, _, changed = varied(config)
+    np.testing.assert_array_equal(changed.history, graphs.history)
+
+
+def test_noise_is_drawn_anew_at_every_reading_about_the_pressure():
+    graphs, _, changed = varied(replace(UNCHANGED, noise=0.1))
+    node = graphs.pressure > 0
+    ratio = changed.pressure[node] / graphs.pressure[node]
+    assert ratio.mean() == pytest.approx(1.0, abs=0.02)
+    assert ratio.std() == pytest.approx(0.1, abs=0.02)
+    assert len(np.unique(ratio)) > 0.9 * len(ratio)
+    # The reading before has noise of its own.
+    both = node & (graphs.before > 0)
+    other = changed.before[both] / graphs.before[both]
+    now = changed.pressure[both] / graphs.pressure[both]
+    assert abs(np.corrcoef(now, other)[0, 1]) < 0.1
+    assert changed.pressure.dtype == changed.before.dtype == np.float32
+
+
+PATCHES = np.array([0, 0, 0, 1, 1, 2, 2, 2, 3])
+
+
+def silent_patches(graphs, window, changed):
+    """The patches of each window that were touched, and of these the silent ones."""
+    for number in range(window.max() + 1):
+        mine = window[graphs.graph_index] == number
+        felt = mine & (graphs.pressure > 0)
+        touched = set(PATCHES[graphs.taxels[felt]].tolist())
+        heard = set(PATCHES[graphs.taxels[mine & (changed.pressure > 0)]].tolist())
+        yield touched, touched - heard
+
+
+def test_of_several_touched_patches_one_may_be_silent():
+    config = replace(UNCHANGED, patch=1.0)
+    graphs, window, changed = varied(config, PATCHES)
+    found = list(silent_patches(graphs, window, changed))
+    assert all(len(silent) == (len(touched) > 1) for touched, silent in found)
+    assert {patch for _, silent in found for patch in silent} == {0, 1, 2}
+    kept = changed.pressure > 0
+    np.testing.assert_allclose(changed.pressure[kept], graphs.pressure[kept], rtol=1e-6)
+    assert (changed.before[changed.pressure > 0] >= 0).all()
+
+
+def test_so_many_windows_have_a_silent_patch_as_asked_for():
+    graphs, window, changed = varied(replace(UNCHANGED, patch=0.4), PATCHES)
+    silent = [len(silent) for _, silent in silent_patches(graphs, window, changed)]
+    assert np.mean(silent) == pytest.approx(0.4, abs=0.15)
+    graphs, window, changed = varied(replace(UNCHANGED, patch=1.0))
+    np.testing.assert_array_equal(changed.pressure, graphs.pressure)
+
+
+def test_the_only_patch_of_a_touch_is_never_silent():
+    config = replace(UNCHANGED, patch=1.0)
+    graphs, _, changed = varied(config, np.zeros(9, np.int64))
+    np.testing.assert_array_equal(changed.pressure, graphs.pressure)
+
+
+@pytest.mark.parametrize(
+    ("entry", "value"),
+    [
+        ("noise", -0.1),
+        ("patch", 1.5),
+        ("lost", -0.1),
+        ("halved", 1.1),
+        ("stretch", float("nan")),
+        ("crop", -1.0),
+    ],
+)
+def test_settings_that_mean_nothing_are_refused_by_name(entry, value):
+    with pytest.raises(ValueError, match=f"{entry} is {value}; allowed"):
+        AugmentConfig(**{entry: value})

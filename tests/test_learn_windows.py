@@ -1,10 +1,15 @@
 """Windows end with the reading asked for and see two seconds, of one sequence."""
 
+from dataclasses import fields
+
 import numpy as np
 import pytest
 
-from eskin.learn.windows import Windows, cut, thin
+from eskin.graph import join, node_scalars, pressure_summary
+from eskin.graph.history import HISTORY
+from eskin.learn.windows import TIMES, Windows, cut, lose, stretch, thin
 from eskin.model import SLOT_NS
+from graph_scenes import assert_same, random_graph
 from learn_scenes import START, bare
 
 SLOTS = 100
@@ -94,3 +99,132 @@ def test_every_reading_of_a_window_is_as_likely_kept():
     rng = np.random.default_rng(0)
     kept = np.concatenate([thin(windows, 3, rng).rows for _ in range(600)])
     np.testing.assert_allclose(np.bincount(kept) / 600, 0.5, atol=0.08)
+
+
+def laid(count=40, lengths=30, seed=0):
+    """Windows of so many readings each, and a graph for every reading."""
+    rng = np.random.default_rng(seed)
+    slot = [np.sort(rng.choice(SLOTS - 1, lengths - 1, False)) for _ in range(count)]
+    slot = np.concatenate([np.append(one, SLOTS - 1) for one in slot])
+    n = count * lengths
+    windows = Windows(np.arange(n), np.repeat(np.arange(count), lengths), slot, count)
+    return windows, join([random_graph(rng, 2) for _ in range(n)])
+
+
+def stretched(spread, seed=0):
+    windows, graphs = laid(seed=seed)
+    rng = np.random.default_rng(seed + 1)
+    return windows, graphs, *stretch(windows, graphs, spread, SLOTS, rng)
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_stretching_keeps_the_order_and_the_last_reading(seed):
+    windows, _, slower, graphs = stretched(0.5, seed)
+    assert slower.count == windows.count
+    assert graphs.count == len(slower.rows) < len(windows.rows)
+    assert 0 <= slower.slot.min() and slower.slot.max() == SLOTS - 1
+    for before, after in zip(each(windows), each(slower), strict=True):
+        kept = len(after)
+        # What falls out is the oldest.
+        assert slower.rows[after].tolist() == windows.rows[before][-kept:].tolist()
+        assert slower.slot[after][-1] == SLOTS - 1
+        assert (np.diff(slower.slot[after]) >= 0).all()
+
+
+def factors(windows, graphs, slower, changed):
+    """How much longer each window takes, by its readings' time steps."""
+    now = changed.seconds / graphs.seconds[slower.rows]
+    for place in each(slower):
+        np.testing.assert_allclose(now[place], now[place][0], rtol=1e-6)
+    return now
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_stretching_is_by_one_factor_a_window_in_all_that_is_time(seed):
+    windows, graphs, slower, changed = stretched(0.3, seed)
+    factor = factors(windows, graphs, slower, changed)
+    was = graphs.select(slower.rows)
+    ago, ago_before = SLOTS - 1 - slower.slot, SLOTS - 1 - windows.slot[slower.rows]
+    np.testing.assert_allclose(ago, ago_before * factor, atol=0.501)
+    node = factor[changed.graph_index]
+    np.testing.assert_allclose(changed.age, was.age * node, rtol=1e-5)
+    for column, name in enumerate(HISTORY):
+        grows = factor if name in ("age", "pause", "impulse") else np.ones(len(factor))
+        assert (column in TIMES) == (name in ("age", "pause", "impulse"))
+        np.testing.assert_allclose(
+            changed.history[:, column], was.history[:, column] * grows, rtol=1e-5
+        )
+    others = {"seconds", "age", "history"}
+    for field in fields(changed):
+        if field.name not in others:
+            before, after = (getattr(g, field.name) for g in (was, changed))
+            np.testing.assert_array_equal(after, before)
+
+
+def test_what_takes_longer_goes_slower_by_as_much():
+    """Rates are changes over time; nothing else of a touch knows how fast it is."""
+    windows, graphs, slower, changed = stretched(0.4)
+    factor = factors(windows, graphs, slower, changed)[changed.graph_index]
+    was = graphs.select(slower.rows)
+    rate = 2
+
+    def rates(batch):
+        return np.sinh(2 * node_scalars(batch)[:, rate])
+
+    np.testing.assert_allclose(rates(changed) * factor, rates(was), rtol=1e-3)
+    assert not np.allclose(pressure_summary(changed), pressure_summary(was))
+
+
+def test_stretching_by_nothing_changes_nothing():
+    windows, graphs, slower, changed = stretched(0.0)
+    assert_same(changed, graphs)
+    assert slower.slot.tolist() == windows.slot.tolist()
+    assert slower.rows.tolist() == windows.rows.tolist()
+
+
+def came(share, halved, seed=0):
+    *_, windows = random_windows(seed)
+    places = lose(windows, share, halved, np.random.default_rng(seed))
+    return windows, places, windows.at(places)
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+@pytest.mark.parametrize(("share", "halved"), [(1.0, 0.0), (0.3, 0.5), (1.0, 1.0)])
+def test_whatever_is_lost_each_window_keeps_its_last_reading(seed, share, halved):
+    windows, places, left = came(share, halved, seed)
+    assert (np.diff(places) > 0).all()
+    assert left.count == windows.count
+    for before, after in zip(each(windows), each(left), strict=True):
+        assert left.rows[after][-1] == windows.rows[before][-1]
+        assert left.slot[after][-1] == SLOTS - 1
+        assert set(left.rows[after]) <= set(windows.rows[before])
+
+
+def test_at_half_the_rate_every_other_reading_comes_counted_from_the_last():
+    windows, _, left = came(0.0, 1.0)
+    for before, after in zip(each(windows), each(left), strict=True):
+        assert (
+            left.rows[after].tolist() == windows.rows[before][::-1][::2][::-1].tolist()
+        )
+
+
+def test_where_nothing_is_lost_all_come():
+    windows, places, _ = came(0.0, 0.0)
+    assert places.tolist() == list(range(len(windows.rows)))
+
+
+def test_half_of_the_largest_share_is_lost_on_average():
+    windows, _ = laid(400, 50)
+    places = lose(windows, 0.6, 0.0, np.random.default_rng(0))
+    counts = np.bincount(windows.window[places]) / 50
+    assert counts.mean() == pytest.approx(0.7, abs=0.02)
+    assert counts.min() < 0.5 and counts.max() > 0.95
+
+
+def test_some_of_the_readings_keep_their_places():
+    *_, windows = random_windows(1)
+    places = np.arange(1, len(windows.rows), 3)
+    some = windows.at(places)
+    for name in ("rows", "window", "slot"):
+        assert getattr(some, name).tolist() == getattr(windows, name)[places].tolist()
+    assert some.count == windows.count

@@ -3,7 +3,13 @@
 import pytest
 import torch
 
-from eskin.nn.head import PartialConvolution, TemporalHead, into_slots
+from eskin.nn.head import (
+    PartialConvolution,
+    TemporalHead,
+    covered,
+    into_slots,
+    statistics,
+)
 
 SLOTS, INPUTS = 100, 6
 
@@ -72,6 +78,38 @@ def test_every_slot_matters_where_it_holds_a_reading():
         other = e.clone()
         other[0, slot] += 5.0
         assert not torch.allclose(net(other, present), want, atol=1e-6), slot
+
+
+@torch.no_grad()
+def test_the_share_covered_is_that_since_the_first_reading_whatever_came_between():
+    present = torch.zeros(4, SLOTS)
+    present[0, 20:] = 1.0
+    present[1, 20::7] = 1.0
+    present[2, [20, 99]] = 1.0
+    share = covered(present)
+    assert share[:3].flatten().tolist() == pytest.approx([0.8] * 3)
+    assert share[3].item() == 0.0
+
+
+@torch.no_grad()
+def test_the_last_statistic_is_an_integral_and_the_others_know_no_duration():
+    """A steady touch twice as long has twice the integral, at any rate of readings."""
+    level = torch.tensor([[0.7], [-0.3]])
+    found = {}
+    for name, slots in (
+        ("long", range(20, 100)),
+        ("short", range(60, 100)),
+        ("seldom", range(20, 100, 5)),
+    ):
+        mask = torch.zeros(1, 1, 100)
+        mask[0, 0, list(slots)] = 1.0
+        parts = statistics(level[None] * mask, mask, covered(mask[:, 0]))
+        found[name] = parts[0].view(4, 2)
+    for other in ("short", "seldom"):
+        torch.testing.assert_close(found[other][:3], found["long"][:3])
+    torch.testing.assert_close(found["long"][3], 2 * found["short"][3])
+    torch.testing.assert_close(found["long"][3], found["seldom"][3])
+    torch.testing.assert_close(found["long"][3], 0.8 * level[:, 0])
 
 
 @torch.no_grad()

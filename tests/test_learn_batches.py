@@ -1,0 +1,121 @@
+"""Batches: every reading's summary, some readings' graphs, of the same people."""
+
+from dataclasses import fields, replace
+
+import numpy as np
+import pytest
+import torch
+
+from eskin.learn.augment import UNCHANGED, AugmentConfig
+from eskin.learn.batches import BatchMaker
+from eskin.learn.dataset import prepare
+from eskin.learn.sampler import make_sampler
+from eskin.nn import summary
+from learn_scenes import record, record_people
+
+SLOTS = 100
+VARIED = AugmentConfig(noise=0.1, patch=0.5, lost=0.3, halved=0.5, stretch=0.3)
+
+
+@pytest.fixture(scope="module")
+def dataset(tmp_path_factory):
+    return prepare(record_people(tmp_path_factory.mktemp("people"), ("ann", "bob")))
+
+
+def maker(dataset, config=UNCHANGED) -> BatchMaker:
+    recordings = range(len(dataset.recordings))
+    sampler = make_sampler(dataset, ("none", "hold", "tap"), recordings, SLOTS, 0.7)
+    return BatchMaker(dataset, sampler, config, SLOTS, shear=False)
+
+
+def rng(seed=0):
+    return np.random.default_rng(seed)
+
+
+@pytest.mark.parametrize("config", [UNCHANGED, VARIED])
+def test_a_batch_has_all_summaries_and_few_graphs(dataset, config):
+    batch = maker(dataset, config).make(8, 5, 4, rng())
+    assert (batch.places.windows, batch.some.places.windows) == (8, 5)
+    assert len(batch.labels) == 8
+    assert len(batch.summary) == len(batch.places.window)
+    counts = torch.bincount(batch.places.window, minlength=8)
+    encoded = torch.bincount(batch.some.places.window, minlength=8)
+    assert (counts > 0).all()
+    assert torch.equal(encoded[:5], counts[:5].clamp(max=4))
+    assert not encoded[5:].any()
+
+
+def test_unchanged_a_batch_holds_the_recorded_readings(dataset):
+    batch = maker(dataset).make(8, 8, 1000, rng())
+    every = summary(dataset.graphs, False)
+    for row in batch.summary.numpy():
+        assert (np.abs(every - row).max(axis=1) < 1e-4).any()
+
+
+@pytest.mark.parametrize("config", [UNCHANGED, VARIED])
+def test_the_graphs_are_of_the_readings_that_are_summed_up(dataset, config):
+    """Both views of a window see the same person on the same skin."""
+    batch = maker(dataset, config).make(6, 4, 9, rng())
+    some = batch.some
+    every = {
+        (window, slot): row
+        for window, slot, row in zip(
+            batch.places.window.tolist(),
+            batch.places.slot.tolist(),
+            batch.summary,
+            strict=True,
+        )
+    }
+    near = [
+        (batch.summary[batch.places.window == window] - row).abs().max(dim=1)[0].min()
+        for window, row in zip(
+            some.places.window.tolist(), some.graphs.summary, strict=True
+        )
+    ]
+    assert max(near) < 1e-5
+    places = zip(some.places.window.tolist(), some.places.slot.tolist(), strict=True)
+    assert set(places) <= set(every)
+
+
+@pytest.mark.parametrize("config", [UNCHANGED, VARIED])
+def test_every_window_ends_with_its_last_slot(dataset, config):
+    batch = maker(dataset, config).make(16, 1, 1, rng())
+    window, slot = batch.places.window.numpy(), batch.places.slot.numpy()
+    for number in range(16):
+        mine = slot[window == number]
+        assert mine[-1] == SLOTS - 1
+        assert mine.min() >= 0 and (np.diff(mine) >= 0).all()
+
+
+def test_lost_readings_are_not_in_the_batch(dataset):
+    def count(config):
+        return len(maker(dataset, config).make(32, 1, 1, rng()).summary)
+
+    whole = count(UNCHANGED)
+    assert count(replace(UNCHANGED, halved=1.0)) == pytest.approx(whole / 2, rel=0.1)
+    assert count(replace(UNCHANGED, lost=0.6)) == pytest.approx(0.7 * whole, rel=0.1)
+
+
+@pytest.mark.parametrize("config", [UNCHANGED, VARIED])
+def test_the_generator_decides_everything(dataset, config):
+    one, same, other = (
+        maker(dataset, config).make(6, 4, 9, rng(seed)) for seed in (1, 1, 2)
+    )
+    assert torch.equal(one.summary, same.summary)
+    assert torch.equal(one.labels, same.labels)
+    for field in fields(one.some.graphs):
+        a, b = (getattr(batch.some.graphs, field.name) for batch in (one, same))
+        assert torch.equal(a, b), field.name
+    assert one.summary.shape != other.summary.shape or not torch.equal(
+        one.summary, other.summary
+    )
+
+
+def test_patches_are_known_where_all_recordings_are_of_one_skin(dataset, tmp_path):
+    [skin, _] = [recording.skin for recording in dataset.recordings]
+    found = maker(dataset).patch_index
+    assert found is not None
+    np.testing.assert_array_equal(found, skin.patch_index)
+    small = record(tmp_path / "small.mcap", size=(2, 3))
+    mixed = prepare([dataset.recordings[0].path, small])
+    assert maker(mixed).patch_index is None

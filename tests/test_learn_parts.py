@@ -1,0 +1,78 @@
+"""One recording made ready: the sequences that the recogniser would see live."""
+
+import numpy as np
+import pytest
+
+from clip_scenes import Elsewhere, generated
+from eskin.graph import GraphConfig, GraphStream, join
+from eskin.learn.clips import clips_of
+from eskin.learn.parts import Part, part_of
+from eskin.learn.segments import runs_of
+from eskin.recording import read_recording
+from eskin.robot import load_robot
+from eskin.skin import MountedSkin
+from eskin.touch import PipelineConfig, TouchPipeline
+from graph_scenes import assert_same
+from learn_scenes import record
+
+GRAPH = GraphConfig(fixed=5, live=2)
+
+
+def part(path) -> Part:
+    return part_of(read_recording(path), PipelineConfig(), GRAPH)
+
+
+@pytest.fixture(scope="module")
+def simulated(tmp_path_factory):
+    """A generated recording, and what is made of it."""
+    [path] = generated(tmp_path_factory.mktemp("set"))
+    return path, part(path)
+
+
+@pytest.mark.parametrize("calibrated", [True, False])
+def test_the_rows_are_the_graphs_of_the_stream_in_sequences(tmp_path, calibrated):
+    recording = read_recording(record(tmp_path / "a.mcap", calibrated=calibrated))
+    mounted = MountedSkin(recording.skin, load_robot("table"))
+    pipeline = TouchPipeline(mounted, recording.calibration)
+    stream, live = GraphStream(mounted, GRAPH), {}
+    for scan in recording.scans():
+        for key, graph in stream.push(pipeline.push(scan)).items():
+            live.setdefault(key, []).append((scan.stamp, graph))
+    found = part(recording.path)
+    rows = [row for key in sorted(live) for row in live[key]]
+    assert found.stamps.tolist() == [stamp for stamp, _ in rows]
+    assert_same(found.graphs, join([graph for _, graph in rows]))
+    lengths = [last - first for first, last in runs_of(found.sequence[:, None])]
+    assert lengths == [len(live[key]) for key in sorted(live)]
+
+
+def test_every_touch_of_a_clip_is_the_one_that_was_made(simulated):
+    path, found = simulated
+    clips = clips_of(path)
+    assert found.fits is not None
+    assert len(found.fits) == len(clips) > 0
+    for number, (first, end) in enumerate(runs_of(found.sequence[:, None])):
+        [clip] = [c for c in clips if c.start <= found.stamps[first] < c.end]
+        fit = found.fits[number]
+        assert fit is not None
+        assert (fit.gesture, fit.kind) == (clip.gesture, "tip")
+        assert (np.diff(found.stamps[first:end]) > 0).all()
+    assert len({fit.touch for fit in found.fits if fit}) == len(clips)
+
+
+def test_what_no_touch_truly_made_is_fitted_to_none(tmp_path):
+    [path] = generated(tmp_path / "set", Elsewhere)
+    found = part(path)
+    assert len(found.stamps) > 0
+    assert found.fits == (None,) * (found.sequence.max() + 1)
+
+
+def test_a_recording_that_does_not_know_the_truth_has_no_fits(tmp_path):
+    assert part(record(tmp_path / "a.mcap", calibrated=True)).fits is None
+
+
+def test_a_recording_without_touch_is_a_part_without_rows(tmp_path):
+    quiet = part(record(tmp_path / "quiet.mcap", (), calibrated=True))
+    assert (quiet.graphs.count, len(quiet.stamps), len(quiet.sequence)) == (0, 0, 0)
+    other = part(record(tmp_path / "a.mcap", calibrated=True))
+    assert_same(join([quiet.graphs, other.graphs]), other.graphs)

@@ -1,0 +1,91 @@
+"""Where a training stands: kept whole, taken up only by the same training."""
+
+import pickle
+from dataclasses import replace
+
+import pytest
+import torch
+
+from eskin.errors import ModelError
+from eskin.learn import stand as module
+from eskin.learn.stand import Stand, load_stand, save_stand
+
+STAND = Stand(
+    facts="data and settings",
+    step=7,
+    best={"patience": 2, "loss": 0.5, "weights": {"a": torch.arange(4.0)}},
+    state={"rngs": [{"state": {"state": 2**100 + 1, "inc": 3}}], "torch": None},
+)
+
+
+def test_a_stand_is_read_as_it_was_written(tmp_path):
+    path = tmp_path / "below" / "m.training"
+    for step in (7, 8):
+        save_stand(path, replace(STAND, step=step))
+        found = load_stand(path, STAND.facts)
+        assert found is not None
+        assert (found.facts, found.step, found.state) == (
+            STAND.facts,
+            step,
+            STAND.state,
+        )
+        assert torch.equal(found.best["weights"]["a"], torch.arange(4.0))
+        assert list(path.parent.iterdir()) == [path]
+
+
+def test_a_training_that_has_not_begun_stands_nowhere(tmp_path):
+    assert load_stand(tmp_path / "m.training", "any") is None
+
+
+class Harm:
+    """Would do something when it is read."""
+
+    def __reduce__(self):
+        return (print, ("harm",))
+
+
+def test_a_file_that_is_damaged_or_foreign_is_one_line(tmp_path, capsys):
+    path = tmp_path / "m.training"
+    save_stand(path, STAND)
+    whole = path.read_bytes()
+    foreign = tmp_path / "foreign"
+    torch.save([1, 2], foreign)
+    lists = foreign.read_bytes()
+    torch.save({"facts": STAND.facts}, foreign)
+    less = foreign.read_bytes()
+    for data in (b"", b"text", whole[: len(whole) // 2], lists, less):
+        path.write_bytes(data)
+        with pytest.raises(ModelError, match="m.training cannot be read") as caught:
+            load_stand(path, STAND.facts)
+        assert "remove it to start anew" in str(caught.value)
+        assert "\n" not in str(caught.value)
+        assert path.read_bytes() == data
+    path.write_bytes(pickle.dumps(Harm()))
+    with pytest.raises(ModelError, match="cannot be read"):
+        load_stand(path, STAND.facts)
+    assert capsys.readouterr().out == ""
+
+
+def test_the_stand_of_another_training_is_refused(tmp_path):
+    path = tmp_path / "m.training"
+    save_stand(path, STAND)
+    with pytest.raises(ModelError, match="is of a training with other data") as caught:
+        load_stand(path, STAND.facts + "!")
+    assert "remove it to start anew, or give another --out" in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_what_cannot_be_written_leaves_what_was_there(tmp_path, monkeypatch):
+    path = tmp_path / "m.training"
+    save_stand(path, STAND)
+
+    def full(stand, part) -> None:
+        part.write_bytes(b"half")
+        raise OSError("no space left")
+
+    monkeypatch.setattr(module.torch, "save", full)
+    with pytest.raises(OSError, match="no space"):
+        save_stand(path, replace(STAND, step=9))
+    found = load_stand(path, STAND.facts)
+    assert found is not None and found.step == 7
+    assert list(tmp_path.iterdir()) == [path]
