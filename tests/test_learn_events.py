@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from eskin.learn.events import MatchConfig, Tally, match, score_events
@@ -240,6 +240,7 @@ def stories(draw):
     return events, [said(*one) for one in told]
 
 
+@settings(deadline=None)
 @given(stories(), st.randoms(use_true_random=False))
 def test_the_order_of_events_and_detections_does_not_matter(story, random):
     events, detections = story
@@ -248,12 +249,10 @@ def test_the_order_of_events_and_detections_does_not_matter(story, random):
     random.shuffle(detections)
     again = score(events, detections)
     assert again.per_gesture == first.per_gesture
-    assert again.simultaneous.missed == first.simultaneous.missed
-    assert sum(again.all_delays.after_end) == pytest.approx(
-        sum(first.all_delays.after_end)
-    )
+    assert again.total == first.total
 
 
+@settings(deadline=None)
 @given(stories())
 def test_every_event_and_every_word_is_counted_once(story):
     events, detections = story
@@ -271,6 +270,7 @@ def test_every_event_and_every_word_is_counted_once(story):
     assert np.diag(result.confusion)[inside].sum() == total.matched
 
 
+@settings(deadline=None)
 @given(stories())
 def test_what_is_worth_more_time_or_room_matches_no_less(story):
     events, detections = story

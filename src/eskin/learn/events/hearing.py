@@ -54,14 +54,20 @@ class HeardStream:
 def hear(
     paths: Sequence[Path], model: Model, workers: int = 1
 ) -> Iterator[HeardStream]:
-    """Trace recordings in their order, each in one of some processes.
+    """Trace recordings in their order.
+
+    Args:
+        paths: the recordings.
+        model: what to recognise with.
+        workers: processes that share them; 1 works in this one.
 
     Raises:
         RecordingError: it is not known what happened in one of them.
     """
+    count = max(1, min(workers, len(paths)))
     jobs = (delayed(hear_one)(path, model) for path in paths)
     with parallel_config("loky", inner_max_num_threads=1):
-        found: Any = Parallel(n_jobs=workers, return_as="generator")(jobs)
+        found: Any = Parallel(count, return_as="generator")(jobs)
     yield from found
 
 
