@@ -30,6 +30,16 @@ SetName = Literal[
     "pairs",
 ]
 
+SkinName = Literal[
+    "ur5",
+    "ur5-half",
+    "ur5-double",
+    "ur5-shapes",
+    "ur5-missing",
+    "ur10",
+    "base",
+]
+
 
 @dataclass(frozen=True)
 class Command:
@@ -39,7 +49,7 @@ class Command:
     """Folder for the recordings and their index; the same command goes on where it
     stopped."""
 
-    skin: Literal["ur5"] = "ur5"
+    skin: SkinName = "ur5"
     """What is touched."""
 
     set: SetName = "train"

@@ -14,6 +14,7 @@ from eskin.sim.clip.timing import draw_start
 from eskin.sim.clip.truth import TrueTouch
 from eskin.sim.people.programs.perform import kind_of
 from eskin.sim.robot.groups import group_of
+from eskin.sim.robot.pose import can_touch_itself
 from eskin.sim.robot.world import World
 
 
@@ -24,10 +25,12 @@ def make_clip(plan: ClipPlan, world: World) -> Clip:
         ValueError: the plan asks for what the robot or the skin cannot do.
     """
     rng, constants = plan.rng(), world.constants
-    person = person_of(plan.person, world)
+    person, groups = person_of(plan.person, world), frozenset(plan.groups)
     kind = plan.kind or ""
     if plan.gesture is not None and not kind:
         kind = kind_of(plan.gesture, None, person, constants, rng, plan.difficulty)
+        while kind == "self_contact" and not can_touch_itself(world, groups):
+            kind = kind_of(plan.gesture, None, person, constants, rng, plan.difficulty)
     stage = set_up(plan, kind, world, rng)
     if plan.gesture is None:
         touches = draw_stream(stage)

@@ -14,7 +14,12 @@ from eskin.sim.people.person import Person, draw_person
 from eskin.sim.people.programs import perform
 from eskin.sim.people.programs.perform import kind_of
 from eskin.sim.robot.motion import drag, draw_motion, follow, still, way
-from eskin.sim.robot.pose import draw_pose, draw_touching_pose
+from eskin.sim.robot.pose import (
+    can_fold,
+    can_touch_itself,
+    draw_pose,
+    draw_touching_pose,
+)
 from eskin.sim.robot.world import World
 from eskin.sim.site.fold import fold, fold_sites, share_of
 from eskin.sim.site.place import draw_site
@@ -50,20 +55,20 @@ def set_up(plan: ClipPlan, kind: str, world: World, rng: np.random.Generator) ->
     step = world.constants.value("time.step")
     lead = round(world.constants.value("clip.before") / step)
     steps = lead + round(plan.seconds / step)
-    folded = bool(rng.random() < plan.fold_share)
+    groups = frozenset(plan.groups)
+    folded = bool(rng.random() < plan.fold_share) and can_fold(world, groups)
     pose_rng = rng
     if plan.pose is not None:
         pose_rng = np.random.default_rng(np.random.SeedSequence(plan.pose))
-    groups = frozenset(plan.groups)
     if is_touching(plan, kind, world, rng):
         q = draw_touching_pose(world, groups, pose_rng)
     else:
         q = draw_pose(world, groups, pose_rng, folded)
     seconds = steps * step
-    if not plan.moving:
+    if not (plan.moving and world.can_move):
         path = still(world, q, seconds)
     elif plan.gesture is None:
-        path = way(world, seconds, rng, frozenset(plan.groups))
+        path = way(world, seconds, rng, groups)
     else:
         path = draw_motion(world, q, seconds, rng)
     return Stage(plan, world, path, lead, folded, rng)
@@ -75,7 +80,8 @@ def is_touching(
     """Whether a clip needs a pose in which links of the robot all but touch."""
     if kind != ACCIDENTS:
         return kind == "self_contact"
-    return not plan.moving and rng.random() < world.constants.value("stream.touching")
+    wanted = not plan.moving and rng.random() < world.constants.value("stream.touching")
+    return wanted and can_touch_itself(world, frozenset(plan.groups))
 
 
 @lru_cache(maxsize=128)

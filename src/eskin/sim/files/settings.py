@@ -15,6 +15,7 @@ from eskin.sim.files.schedule import plans_of
 from eskin.sim.files.sets import PAIRS, ClipSet, load_set, resized
 from eskin.sim.files.sitting import Sitting, sittings_of
 from eskin.sim.pairs.schedule import pair_plans, pair_sittings, skin_of
+from eskin.skin import robot_for
 
 SETTINGS_NAME = "generation.json"
 VERSION = 1
@@ -48,6 +49,11 @@ class Settings:
             raise ValueError(
                 f"difficulty is {self.difficulty}; allowed are 0 (easiest) to "
                 f"{HARDEST:g}; change it"
+            )
+        if self.has_pairs and not folds(self.skin):
+            raise ValueError(
+                f"set '{PAIRS}' asked on skin '{self.skin}', whose robot has no joints "
+                "to fold; allowed are skins of arms; change --skin"
             )
         if not self.sittings:
             raise ValueError(f"set '{self.set_name}' has no clips; ask for some")
@@ -97,6 +103,12 @@ class Settings:
         facts["difficulty"] = self.level
         facts["constants"] = sha256(FILE.read_bytes()).hexdigest()
         return facts
+
+
+def folds(skin: str) -> bool:
+    """Whether a skin is on a robot with joints, as far as is known."""
+    robot = robot_for(skin)
+    return robot is None or len(robot.joint_names) > 0
 
 
 def claim(folder: Path, settings: Settings) -> None:

@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from eskin.sim.robot.free import acceptable, limits
-from eskin.sim.robot.groups import GROUPS, groups_of
+from eskin.sim.robot.groups import GROUPS, groups_meant, groups_of
 from eskin.sim.robot.world import World
 from eskin.sim.site.folding import folds_at
 from eskin.sim.site.touching import touch_links
@@ -43,28 +43,40 @@ def pool_of(world: World) -> Pool:
     folded = folds_at(world, q)
     touching, touching_group = touching_poses(world, q, group, touching_count, rng)
     return Pool(
-        any=sorted_out(q, group, any_count),
-        folded=sorted_out(q[folded], group[folded], folded_count),
-        touching=sorted_out(touching, touching_group, touching_count),
-        shares=shares_of(group),
-        folded_shares=shares_of(group[folded]),
+        any=sorted_out(world, q, group, any_count),
+        folded=sorted_out(world, q[folded], group[folded], folded_count),
+        touching=sorted_out(world, touching, touching_group, touching_count),
+        shares=shares_of(world, group),
+        folded_shares=shares_of(world, group[folded]),
     )
 
 
 def sorted_out(
-    q: Float[np.ndarray, "pose joint"], group: Int[np.ndarray, "pose"], most: int
+    world: World,
+    q: Float[np.ndarray, "pose joint"],
+    group: Int[np.ndarray, "pose"],
+    most: int,
 ) -> dict[int, Float[np.ndarray, "_ joint"]]:
     """The first poses of each group."""
-    return {each: q[group == each][:most] for each in sorted(GROUPS)}
+    return {each: q[group == each][:most] for each in groups_meant(world, GROUPS)}
 
 
-def shares_of(group: Int[np.ndarray, "pose"]) -> dict[int, float]:
+def shares_of(world: World, group: Int[np.ndarray, "pose"]) -> dict[int, float]:
     """How many of the poses are of each group."""
-    return {each: float(np.mean(group == each)) for each in sorted(GROUPS)}
+    total = max(1, len(group))
+    return {
+        each: float(np.count_nonzero(group == each) / total)
+        for each in groups_meant(world, GROUPS)
+    }
 
 
 def accepted(world: World, rng: np.random.Generator) -> Float[np.ndarray, "pose joint"]:
-    """Poses drawn evenly, those that a robot would take and people can reach."""
+    """Poses drawn evenly, those that a robot would take and people can reach.
+
+    A robot without joints takes the one pose it has.
+    """
+    if not world.can_move:
+        return np.zeros((1, 0))
     low, high = limits(world)
     tries = int(world.constants.value("robot.pool_tries"))
     q = rng.uniform(low, high, (tries, len(low)))
@@ -83,7 +95,7 @@ def touching_poses(
     tries = int(world.constants.value("robot.pool_bent"))
     found = [
         touch_links(world, q[group == each][:tries], most, rng)
-        for each in sorted(GROUPS)
+        for each in groups_meant(world, GROUPS)
     ]
     bent = np.concatenate(found)
     return bent, groups_of(world, bent, world.poses(bent))

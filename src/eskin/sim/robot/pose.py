@@ -3,18 +3,32 @@
 import numpy as np
 from jaxtyping import Float
 
-from eskin.sim.robot.groups import GROUPS, group_of
+from eskin.sim.robot.groups import GROUPS, group_of, groups_meant, is_grouped
 from eskin.sim.robot.pool import Pool, pool_of
 from eskin.sim.robot.world import World, build_world
 
 __all__ = [
     "GROUPS",
     "build_world",
+    "can_fold",
+    "can_touch_itself",
     "draw_pose",
     "draw_touching_pose",
     "group_of",
     "pool_of",
 ]
+
+
+def can_fold(world: World, groups: frozenset[int]) -> bool:
+    """Whether patches of different links face each other in a pose of some groups."""
+    poses = pool_of(world).folded
+    return any(len(poses.get(group, ())) for group in groups_meant(world, groups))
+
+
+def can_touch_itself(world: World, groups: frozenset[int]) -> bool:
+    """Whether a link all but touches a patch of another in a pose of some groups."""
+    poses = pool_of(world).touching
+    return any(len(poses.get(group, ())) for group in groups_meant(world, groups))
 
 
 def draw_pose(
@@ -62,17 +76,19 @@ def draw_of(
     groups: set[int] | frozenset[int],
     rng: np.random.Generator,
 ) -> Float[np.ndarray, "joint"]:
-    """One of the poses of some groups, its base turned anywhere."""
+    """One of the poses of some groups, the base of an arm turned anywhere."""
     if not groups or not groups <= GROUPS:
         raise ValueError(
             f"groups are {sorted(groups)}; give some of 1 to {len(GROUPS)}"
         )
-    asked = [group for group in sorted(groups) if len(poses[group])]
+    asked = [group for group in groups_meant(world, groups) if len(poses[group])]
     if not asked:
         raise ValueError(f"no such pose in groups {sorted(groups)}; allow more groups")
     weights = np.array([shares[group] for group in asked])
     group = asked[int(rng.choice(len(asked), p=weights / weights.sum()))]
     q = poses[group][rng.integers(len(poses[group]))].copy()
+    if not is_grouped(world):
+        return q
     base = world.mounted.robot.joint_names[0]
     low, high = np.deg2rad(world.constants.array(f"robot.range.{base}"))
     q[0] = rng.uniform(low, high)

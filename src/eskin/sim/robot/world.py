@@ -35,6 +35,11 @@ class World:
         """T_world_link of every link."""
         return self.mounted.kinematics.poses(q)
 
+    @property
+    def can_move(self) -> bool:
+        """Whether the robot has joints."""
+        return len(self.mounted.robot.joint_names) > 0
+
     def joint(self, name: str) -> int:
         """Place of a joint in `q`.
 

@@ -14,6 +14,8 @@ from eskin.skin.round import Tube
 
 REGIONS = ("forearm", "upper_arm", "wrists")
 INNER, EDGE, SEAM = 0, 1, 2
+BLOCK = 1024
+"""Places whose distances are held in memory at a time."""
 QUARTERS = np.array([[-0.5, -0.5], [-0.5, 0.5], [0.5, -0.5], [0.5, 0.5]])
 """Middles of the quarters of a cell, in halves of it along columns and rows."""
 
@@ -149,8 +151,12 @@ def edge_distance(
     chart: Chart, rim: Rim, places: Float[np.ndarray, "place 2"]
 ) -> Float[np.ndarray, "place"]:
     """How far each place is from the nearest edge of a patch [m]."""
-    away = offsets(chart, places, rim.points)
-    return np.sqrt(np.min(np.sum(away**2, axis=2), axis=1))
+    nearest = np.empty(len(places))
+    for first in range(0, len(places), BLOCK):
+        part = slice(first, first + BLOCK)
+        away = offsets(chart, places[part], rim.points)
+        nearest[part] = np.sqrt(np.min(np.sum(away**2, axis=2), axis=1))
+    return nearest
 
 
 def on_chart(

@@ -70,8 +70,11 @@ def touch_links(
     rng: np.random.Generator,
 ) -> Float[np.ndarray, "_ joint"]:
     """Bend poses, one joint each, until a link all but touches a patch of another."""
-    joints = np.array([world.joint(name) for name in JOINTS])
-    chosen = joints[rng.integers(len(JOINTS), size=len(q))]
+    names = [name for name in JOINTS if name in world.mounted.robot.joint_names]
+    if not names:
+        return q[:0]
+    joints = np.array([world.joint(name) for name in names])
+    chosen = joints[rng.integers(len(joints), size=len(q))]
     ways = rng.choice([-1.0, 1.0], len(q))
     bent = [pose for pose in bend(world, q, chosen, ways) if stands(world, pose[None])]
     found = [pose for pose in bent if self_contact_sites(world, pose)]
