@@ -48,12 +48,17 @@ def answer_clips(
     Args:
         network: that answers.
         dataset: where the clips are.
-        vocabulary: classes of the network.
+        vocabulary: classes of the network; clips of others are passed over.
         temperature: divides its logits.
         recordings: those whose clips are asked for; all where None.
     """
     chosen = range(len(dataset.clips)) if recordings is None else sorted(recordings)
-    every = [(n, clip) for n in chosen for clip in dataset.clips[n]]
+    every = [
+        (n, clip)
+        for n in chosen
+        for clip in dataset.clips[n]
+        if clip.gesture in vocabulary
+    ]
     ends = np.array(list(last_rows(dataset, every)), dtype=np.int64)
     felt = ends >= 0
     chances = np.where(np.array(vocabulary) == NONE, 0.0, -np.inf)

@@ -138,6 +138,7 @@ def lay_end_to_end(recordings: tuple[Recording, ...], parts: Sequence[Part]) -> 
     segments: list[Segment] = []
     missed: list[Missed] = []
     sequences: list[np.ndarray] = []
+    begun = 0
     for index, (recording, part) in enumerate(zip(recordings, parts, strict=True)):
         offset = len(gestures)
         if part.fits is not None:
@@ -153,7 +154,8 @@ def lay_end_to_end(recordings: tuple[Recording, ...], parts: Sequence[Part]) -> 
             ]
         segments += found
         gestures += [s.gesture for s in found for _ in range(s.first, s.end)]
-        sequences.append(part.sequence + (sequences[-1][-1] + 1 if sequences else 0))
+        sequences.append(part.sequence + begun)
+        begun += int(part.sequence.max(initial=-1)) + 1
     return Dataset(
         recordings=recordings,
         graphs=join([part.graphs for part in parts]),

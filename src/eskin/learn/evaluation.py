@@ -35,8 +35,9 @@ class Evaluation:
     interval: tuple[float, float]
     """95 % bootstrap interval of that accuracy; whole people are drawn."""
 
-    instants: Score
-    """At every instant, `none` among the classes."""
+    instants: Score | None
+    """At every instant, `none` among the classes; None for clips, which end too soon to
+    tell (streams do)."""
 
     per_subject: dict[str, float]
     """Accuracy on segments of each person, or session where people are not known."""
@@ -72,18 +73,25 @@ def evaluate(
     check_fits(card, dataset)
     vocabulary = list(card.vocabulary)
     found = (of_clips if any(dataset.clips) else of_labels)(network, card, dataset)
-    rows = np.arange(len(dataset.stamps))
-    at_rows = instant_scores(network, dataset, rows, card.temperature).argmax(axis=1)
-    now = np.array([vocabulary.index(gesture) for gesture in dataset.gestures])
     people = [person(dataset, recording) for recording in found.recording.tolist()]
     right = found.answer == found.truth
     return Evaluation(
         segments=score(found.truth, found.answer, vocabulary),
         interval=accuracy_interval(right, cluster=people),
-        instants=score(now, at_rows, vocabulary),
+        instants=None if any(dataset.clips) else at_instants(network, card, dataset),
         per_subject=by_group(right, people),
         reliability=reliability(found.confidence, right),
     )
+
+
+def at_instants(
+    network: RecogniserNetwork, card: ModelCard, dataset: Dataset
+) -> Score:
+    """Answers at every row."""
+    rows = np.arange(len(dataset.stamps))
+    scores = instant_scores(network, dataset, rows, card.temperature)
+    now = np.array([card.vocabulary.index(gesture) for gesture in dataset.gestures])
+    return score(now, scores.argmax(axis=1), card.vocabulary)
 
 
 def of_clips(network: RecogniserNetwork, card: ModelCard, dataset: Dataset) -> Answered:
@@ -125,6 +133,7 @@ def check_fits(card: ModelCard, dataset: Dataset) -> None:
             "recordings of skins with shear; train a model with --train.no-shear"
         )
     made = {*dataset.gestures, *(example.gesture for example in dataset.missed)}
+    made |= {clip.gesture for clips in dataset.clips for clip in clips}
     unknown = sorted(made - set(card.vocabulary))
     if unknown:
         raise SkinMismatchError(

@@ -54,7 +54,7 @@ def labels_of(recording: Recording) -> list[Label]:
     keeps its gesture until it closes.
     """
     truth = best_labels(recording.labels)
-    if not recording.skin.calibrated:
+    if not truth or not recording.skin.calibrated:
         return list(truth)
     nexts = [label.start for label in truth[1:]] + [LATEST]
     return [

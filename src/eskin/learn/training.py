@@ -30,7 +30,7 @@ VALIDATION = 256
 """Windows that validation looks at."""
 
 CERTAIN = -30.0
-"""Least log-probability that is told apart from none at all."""
+"""Stands for the log-probability of what cannot be."""
 
 TEMPERATURES = np.geomspace(0.3, 5.0, 57)
 """The temperatures tried."""
