@@ -67,7 +67,7 @@ def one_toward_the_other(on):
 @pytest.mark.parametrize("scene", [two_hands, one_toward_the_other])
 def test_a_trace_says_what_the_recogniser_says_live(tmp_path, scene, calibrated):
     on = mounted(calibrated=calibrated)
-    stream = scans(on, scene(on), 25, 5.2)
+    stream = scans(on, scene(on), 15, 5.2)
     recording = read_recording(record(tmp_path / "a.mcap", on, stream))
     model = model_of(network(seed=3))
     trace = trace_of(recording, model)
@@ -107,10 +107,10 @@ def test_a_skin_that_nothing_touches_has_nothing_to_decide(tmp_path):
 
 
 class Placed(StandIn):
-    """Streams of 14 s whose presses are where their taxels are, each on another one."""
+    """Streams of 11 s whose presses are where their taxels are, each on another one."""
 
     def make(self, plan):
-        clip = super().make(replace(plan, seconds=min(plan.seconds, 14.0)))
+        clip = super().make(replace(plan, seconds=min(plan.seconds, 11.0)))
         positions = self.mounted.skin.positions
         counts = clip.counts.copy()
         truths = tuple(
@@ -142,7 +142,7 @@ def test_a_generated_stream_is_scored_from_end_to_end(sets):
     result = score_events([stream.take() for stream in streams], VOCABULARY)
     truths = [len(true_events(read_recording(path))) for path in paths]
     rubs = result.unknown["rub"].count
-    assert (truths, rubs) == ([3, 3], 2)
+    assert (truths, rubs) == ([2, 2], 2)
     assert result.total.missed == 0
     assert result.total.matched == sum(truths) - rubs
     # The model knows no other word, so every unknown gesture is false.

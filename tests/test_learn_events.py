@@ -171,6 +171,19 @@ def test_accidents_that_become_a_gesture_are_counted_by_kind():
     assert result.total == Tally(0, 0, 2)
 
 
+def test_one_word_too_many_is_a_mistake_even_if_another_one_was_right():
+    bump = event(1.0, 1.6, "none", kind="bump")
+    right, wrong = said(1.6, "none", onset=1.0), said(1.9, "poke", onset=1.3)
+    for words in ([right, wrong], [wrong, right]):
+        assert score([bump], words).none["bump"].mistaken == 1
+
+
+def test_f1_is_the_harmonic_mean_of_precision_and_recall():
+    some = Tally(6, 2, 4)
+    assert (some.precision, some.recall) == (0.6, 0.75)
+    assert some.f1 == pytest.approx(2 / (1 / 0.6 + 1 / 0.75))
+
+
 def test_a_match_beside_an_accident_is_no_mistake():
     events = [event(1.0, 1.6), event(1.0, 1.6, "none", 0.05, kind="bump")]
     result = score(events, [said(1.5)])
