@@ -117,6 +117,20 @@ def test_each_touch_has_its_own_history():
     assert right.history[-1, peak] == pytest.approx(2 * left.history[-1, peak])
 
 
+def test_what_one_touch_does_is_not_counted_of_another():
+    mounted = flat(columns=40)
+    pat = bump(mounted.skin, (-0.17, 0, 0), radius=0.015)
+    loads = [
+        on * pat + bump(mounted.skin, (x, 0, 0), radius=0.015)
+        for on, x in zip((1, 0, 0, 1, 0, 0, 1), 0.02 * np.arange(7), strict=True)
+    ]
+    pats, moving = streamed(scene(mounted, loads, step=STEP)).values()
+    contacts, farthest = HISTORY.index("contacts"), HISTORY.index("farthest")
+    assert pats.history[-1, contacts] == 3
+    assert moving.history[-1, contacts] == 1
+    assert pats.history[-1, farthest] < 1 < 11 < moving.history[-1, farthest]
+
+
 def test_a_touch_that_comes_after_another_begins_anew():
     pause = [0] * 13
     [first, second] = streamed(pats([1, 1, 0, 0, 1, *pause, 1, 1])).values()

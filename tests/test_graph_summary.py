@@ -13,7 +13,8 @@ from eskin.graph import (
     pressure_summary,
     shear_summary,
 )
-from eskin.graph.summary import AREA, FORCE, RATE, SPEED
+from eskin.graph.history import HISTORY
+from eskin.graph.summary import AREA, FORCE, HISTORY_FLOORS, RATE, SPEED
 from graph_scenes import (
     SCENES,
     book,
@@ -68,6 +69,22 @@ def test_force_area_and_rates_are_in_newton_and_cm2():
     above = [feature(batch, f"area above {level} kPa")[1] for level in (20, 50, 90)]
     np.testing.assert_allclose(np.expm1(above) * AREA, [20.0] * 3, rtol=1e-4)
     assert feature(batch, "area above 50 kPa")[0] == 0.0
+
+
+def test_the_summary_ends_with_the_logarithms_of_the_history():
+    batch = SCENES["a press on the seam of two patches"]().graphs()
+    rng = np.random.default_rng(0)
+    history = rng.uniform(0, 9, batch.history.shape).astype(np.float32)
+    found = pressure_summary(replace(batch, history=history))[:, -len(HISTORY) :]
+    assert PRESSURE_SUMMARY[-len(HISTORY) :] == HISTORY
+    np.testing.assert_allclose(
+        np.expm1(found) * HISTORY_FLOORS, history, rtol=1e-4, atol=1e-4
+    )
+    without = pressure_summary(batch)
+    assert not without[:, -len(HISTORY) :].any()
+    rest = slice(None, -len(HISTORY))
+    changed = pressure_summary(replace(batch, history=history))
+    np.testing.assert_array_equal(changed[:, rest], without[:, rest])
 
 
 def test_length_breadth_and_depth_are_those_of_the_load():

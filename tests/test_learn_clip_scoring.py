@@ -67,6 +67,15 @@ def test_only_the_recordings_asked_for_are_answered():
     np.testing.assert_allclose(some.log_chances, every.log_chances[1:], atol=1e-6)
 
 
+def test_clips_of_gestures_that_the_model_does_not_know_are_passed_over():
+    clips = ((clip_at(0.0, "wave"), clip_at(2.0), clip_at(4.0, "wave")),)
+    dataset = loaded([0.1, 2.1, 2.2], [0, 1, 1], [1.0, 1.0, 1.0], clips)
+    found = answer_clips(net(), dataset, VOCABULARY)
+    assert [clip.gesture for clip in found.clips] == ["poke"]
+    assert found.recording.tolist() == [0] and found.truth.tolist() == [0]
+    assert len(found.log_chances) == 1
+
+
 def test_a_clip_without_touch_is_certainly_none():
     clips = ((clip_at(0.0, "stroke"), clip_at(2.0)),)
     dataset = loaded([2.1, 2.15], [0, 0], [1.0, 2.0], clips)

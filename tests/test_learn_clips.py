@@ -12,10 +12,10 @@ from eskin.sim.files.index import INDEX_NAME as WRITTEN_NAME
 from eskin.sim.files.index import read_index
 
 
-def line(file="a.mcap", start=START, gesture="poke", seconds=2.0, kind="tip") -> str:
+def line(file="a.mcap", start: int | str = START, **others) -> str:
     """What is looked at of a line of an index."""
-    facts = {"file": file, "start": start, "gesture": gesture, "kind": kind}
-    return json.dumps(facts | {"plan": {"seconds": seconds}})
+    facts = {"file": file, "start": start, "gesture": "poke", "kind": "tip"}
+    return json.dumps(facts | {"plan": {"seconds": 2.0}} | others)
 
 
 def index(folder, *lines):
@@ -58,7 +58,7 @@ def test_what_is_of_no_set_of_clips_has_none(tmp_path):
 
 
 @pytest.mark.parametrize(
-    "bad", ["{", "[]", "7", '{"file": "a.mcap"}', line(start="soon"), line(seconds="")]
+    "bad", ["{", "[]", "7", '{"file": "a.mcap"}', line(start="soon"), line(plan={})]
 )
 def test_an_index_that_cannot_be_read_is_one_line_that_names_it(tmp_path, bad):
     folder = index(tmp_path / "set", line(), bad)

@@ -5,10 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from clip_scenes import Elsewhere, Placed, generated
 from eskin.errors import RecordingError
 from eskin.graph import GraphConfig
 from eskin.learn.dataset import digest, prepare
-from eskin.learn.segments import gestures_at, labels_of, places_at
+from eskin.learn.segments import gestures_at, labels_of, places_at, runs_of
 from eskin.recording import read_recording
 from eskin.touch import ContactConfig, PipelineConfig
 from learn_scenes import (
@@ -215,6 +216,55 @@ def test_recordings_without_touches_teach_nothing(tmp_path):
         prepare([path])
     with pytest.raises(RecordingError, match="no recording given"):
         prepare([])
+
+
+def test_a_recording_without_touches_changes_nothing_of_the_others(tmp_path):
+    """Nor does it matter that nothing is labelled in it."""
+    quiet = record(tmp_path / "quiet.mcap", (), calibrated=True)
+    touched = record(tmp_path / "a.mcap", calibrated=True)
+    alone = prepare([touched, touched])
+    for paths, places in (
+        ([quiet, touched, touched], [1, 2]),
+        ([touched, quiet, touched], [0, 2]),
+        ([touched, touched, quiet], [0, 1]),
+    ):
+        dataset = prepare(paths)
+        assert dataset.sequence.tolist() == alone.sequence.tolist()
+        assert [places[n] for n in alone.recording] == dataset.recording.tolist()
+        spans = [[(s.first, s.end) for s in d.segments] for d in (dataset, alone)]
+        assert spans[0] == spans[1]
+        assert np.array_equal(dataset.graphs.pressure, alone.graphs.pressure)
+
+
+def test_what_simulated_touches_are_is_known_without_labels(tmp_path):
+    """Each whole sequence is of one touch; what is of none is `none`, and scored."""
+    for maker, ghosts in ((Placed, False), (Elsewhere, True)):
+        dataset = prepare(generated(tmp_path / maker.__name__, maker))
+        made = [clip.gesture for clips in dataset.clips for clip in clips]
+        assert len(set(made)) > 1
+        found = [segment.gesture for segment in dataset.segments]
+        assert found == (["none"] * len(made) if ghosts else made)
+        assert dataset.labelled == dataset.segments
+        assert dataset.missed == ()
+        for segment in dataset.segments:
+            assert dataset.starts[segment.end - 1] == segment.first
+
+
+@pytest.mark.parametrize(
+    ("values", "runs"),
+    [
+        ([], []),
+        ([4], [(0, 1)]),
+        ([4, 4, 2, 2, 2, 4], [(0, 2), (2, 5), (5, 6)]),
+    ],
+)
+def test_runs_are_rows_of_equal_values(values, runs):
+    assert runs_of(np.array(values, np.int64)[:, None]) == runs
+
+
+def test_runs_end_where_any_of_several_values_changes():
+    values = np.array([[1, 1, 1, 2, 2], [0, 0, 5, 5, 0]]).T
+    assert runs_of(values) == [(0, 2), (2, 3), (3, 4), (4, 5)]
 
 
 def test_shear_that_not_every_skin_has_adds_no_taxels(tmp_path):

@@ -7,8 +7,10 @@ import pytest
 import torch
 from torch.nn.functional import log_softmax
 
+from clip_scenes import generated
 from eskin.errors import RecordingError, SkinMismatchError
 from eskin.learn import scoring
+from eskin.learn.clip_scoring import answer_clips
 from eskin.learn.dataset import prepare
 from eskin.learn.evaluation import check_fits, confidence, evaluate
 from eskin.learn.pictures import draw_confusion
@@ -127,15 +129,37 @@ def test_a_gesture_that_was_missed_counts_as_none_for_its_person(net, result, da
     found = evaluate(net, CARD, replace(dataset, missed=missed))
     change = found.segments.confusion - result.segments.confusion
     assert change.tolist() == [[0, 0, 0], [0, 0, 0], [2, 0, 0]]
-    assert found.ece == result.ece
+    # `none` was certain.
+    assert found.ece == pytest.approx((4 * result.ece + 2) / 6)
     assert found.per_subject["ann"] == result.per_subject["ann"]
     assert found.per_subject["bob"] == pytest.approx(result.per_subject["bob"] / 2)
     silent = tuple(s for s in dataset.segments if not s.labelled)
     only = evaluate(net, CARD, replace(dataset, segments=silent, missed=missed))
-    assert (only.segments.accuracy, only.ece) == (0.0, 0.0)
+    assert (only.segments.accuracy, only.ece) == (0.0, 1.0)
     unknown = replace(dataset, missed=(Missed("soft", 0),))
     with pytest.raises(SkinMismatchError, match="hold soft, which the model does not"):
         check_fits(CARD, unknown)
+
+
+def test_of_a_generated_set_whole_clips_are_scored(tmp_path):
+    dataset = prepare(generated(tmp_path))
+    [clips] = dataset.clips
+    vocabulary = ("none", *sorted({clip.gesture for clip in clips} - {"none"}))
+    card = ModelCard(vocabulary, network=NETWORK, temperature=1.7)
+    net = network(vocabulary=vocabulary, width=4, layers=1, channels=8)
+    found = evaluate(net, card, dataset)
+    answers = answer_clips(net, dataset, vocabulary, 1.7)
+    right = answers.answer == answers.truth
+    assert found.segments.confusion.sum() == len(clips)
+    assert found.instants is None
+    assert found.segments.accuracy == pytest.approx(right.mean())
+    low, high = found.interval
+    assert low <= found.segments.accuracy <= high
+    # Also where nothing was felt of a gesture that the model does not know.
+    soft = replace(clips[0], gesture="soft", start=0, end=1)
+    unknown = replace(dataset, clips=((*clips, soft),))
+    with pytest.raises(SkinMismatchError, match="hold soft, which the model does not"):
+        evaluate(net, card, unknown)
 
 
 def test_without_people_scores_are_by_session(net, dataset):

@@ -14,6 +14,8 @@ from eskin.skin import MountedSkin
 from eskin.touch import PipelineConfig, TouchPipeline
 from graph_scenes import assert_same
 from learn_scenes import record
+from live_scenes import Press, mounted, scans
+from live_scenes import record as record_scans
 
 GRAPH = GraphConfig(fixed=5, live=2)
 
@@ -29,12 +31,23 @@ def simulated(tmp_path_factory):
     return path, part(path)
 
 
+def two_at_once(path, calibrated):
+    """Two touches far apart that begin together, then one more."""
+    on = mounted(calibrated=calibrated)
+    presses = [
+        Press(2.4, 3.0, 62, 62),
+        Press(2.4, 2.8, 87, 87),
+        Press(3.7, 4.0, 205, 200),
+    ]
+    return record_scans(path, on, scans(on, presses, 25, 4.4))
+
+
 @pytest.mark.parametrize("calibrated", [True, False])
 def test_the_rows_are_the_graphs_of_the_stream_in_sequences(tmp_path, calibrated):
-    recording = read_recording(record(tmp_path / "a.mcap", calibrated=calibrated))
-    mounted = MountedSkin(recording.skin, load_robot("table"))
-    pipeline = TouchPipeline(mounted, recording.calibration)
-    stream, live = GraphStream(mounted, GRAPH), {}
+    recording = read_recording(two_at_once(tmp_path / "a.mcap", calibrated))
+    on = MountedSkin(recording.skin, load_robot("table"))
+    pipeline = TouchPipeline(on, recording.calibration)
+    stream, live = GraphStream(on, GRAPH), {}
     for scan in recording.scans():
         for key, graph in stream.push(pipeline.push(scan)).items():
             live.setdefault(key, []).append((scan.stamp, graph))
@@ -44,6 +57,7 @@ def test_the_rows_are_the_graphs_of_the_stream_in_sequences(tmp_path, calibrated
     assert_same(found.graphs, join([graph for _, graph in rows]))
     lengths = [last - first for first, last in runs_of(found.sequence[:, None])]
     assert lengths == [len(live[key]) for key in sorted(live)]
+    assert len(live) == (3 if calibrated else 1)
 
 
 def test_every_touch_of_a_clip_is_the_one_that_was_made(simulated):

@@ -214,7 +214,8 @@ def test_where_nothing_is_lost_all_come():
 
 
 def test_half_of_the_largest_share_is_lost_on_average():
-    windows, _ = laid(400, 50)
+    rows = np.arange(400 * 50)
+    windows = Windows(rows, rows // 50, rows % 50, 400)
     places = lose(windows, 0.6, 0.0, np.random.default_rng(0))
     counts = np.bincount(windows.window[places]) / 50
     assert counts.mean() == pytest.approx(0.7, abs=0.02)

@@ -8,11 +8,13 @@ import torch
 
 from eskin.errors import ModelError
 from eskin.graph import GraphBatch, join
+from eskin.graph.history import HISTORY
 from eskin.live import Network, Window
 from eskin.live.layers import silu
 from eskin.model import SLOT_NS, Model
 from eskin.model.weights import network_shapes
 from eskin.nn import network_input
+from graph_scenes import with_bystanders
 from live_scenes import VOCABULARY, model_of, network
 
 SIZES = [
@@ -42,6 +44,7 @@ def random_graph(rng, nodes, touched=True, shear=True) -> GraphBatch:
         neighbours=rng.integers(-1, max(nodes, 1), (nodes, 6)) * (nodes > 0),
         offsets=np.array([0, nodes]),
         seconds=np.array([0.02], np.float32),
+        history=np.abs(real(1, len(HISTORY))),
     )
 
 
@@ -96,6 +99,14 @@ def test_encoding_graphs_together_is_encoding_each_alone():
     graphs = [random_graph(rng, n, touched=n != 7) for n in (5, 0, 30, 7, 0)]
     alone = np.concatenate([live.features(graph) for graph in graphs])
     np.testing.assert_allclose(live.features(join(graphs)), alone, atol=1e-5)
+
+
+def test_nodes_that_nobody_active_hears_change_no_feature():
+    rng = np.random.default_rng(7)
+    live = Network(model_of(network("shear")))
+    batch = join([random_graph(rng, n) for n in (12, 1, 30)])
+    other = with_bystanders(batch, rng)
+    np.testing.assert_allclose(live.features(other), live.features(batch), atol=1e-5)
 
 
 def test_a_model_for_pressure_takes_no_notice_of_shear():

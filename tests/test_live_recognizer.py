@@ -252,7 +252,7 @@ def test_a_recogniser_is_loaded_from_files_by_names(tmp_path):
         given.push(scan)
     with pytest.raises(SkinMismatchError, match="'grid' is given without a robot"):
         Recognizer.load(path, on.skin)
-    with pytest.raises(ModelError, match="no such model; train one"):
+    with pytest.raises(ModelError, match="no such model; allowed are ur5"):
         Recognizer.load(tmp_path / "gone.safetensors", "ur5")
 
 

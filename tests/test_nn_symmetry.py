@@ -15,11 +15,13 @@ from graph_scenes import (
     moved,
     on_flat_skins,
     orthogonal,
+    press_on_grid,
     random_graph,
     renumbered,
     shuffled,
     turned,
     window_of,
+    with_bystanders,
 )
 from live_scenes import network
 
@@ -73,6 +75,26 @@ def test_numbering_taxels_and_patches_otherwise_changes_no_logit(name, shear):
 
 
 @everywhere
+@with_and_without
+@in_both_precisions
+def test_a_node_that_nobody_active_hears_changes_no_logit(name, shear, dtype):
+    net, batch = net_for(shear), SCENES[name](shear).graphs()
+    batch = double(batch) if dtype == torch.float64 else batch
+    other = with_bystanders(batch, np.random.default_rng(6))
+    assert len(other.taxels) > len(batch.taxels)
+    assert_logits_equal(net, batch, other, dtype)
+
+
+def test_a_node_at_rest_that_an_active_one_hears_does_matter():
+    net, batch = net_for(False), press_on_grid().graphs()
+    heard = np.unique(batch.sources[batch.sources >= 0])
+    [rest, *_] = heard[(batch.pressure[heard] == 0) & (batch.before[heard] == 0)]
+    areas = batch.areas.copy()
+    areas[rest] *= 3
+    assert_another_touch(net, batch, areas=areas.astype(np.float64))
+
+
+@everywhere
 @pytest.mark.parametrize("change", [renumbered, mirrored, lambda s: moved(s, motion())])
 def test_the_neighbours_are_the_same_taxels_whatever_the_scene_looks_like(name, change):
     """Also where several are equally far: ties go by patch, row and column."""
@@ -88,12 +110,10 @@ def edges_by_place(skin, batch):
     """Every edge of each graph, by patch, row and column of its ends."""
     ids = [skin.patches[n].id for n in skin.patch_index]
     places = list(zip(ids, skin.rows.tolist(), skin.columns.tolist(), strict=True))
-    taxels = batch.taxels.tolist()
+    taxels, graphs = batch.taxels.tolist(), batch.graph_index.tolist()
     return {
-        (graph, places[taxels[target]], places[taxels[source]])
-        for graph, target, sources in zip(
-            batch.graph_index.tolist(), range(len(taxels)), batch.sources, strict=True
-        )
+        (graphs[target], places[taxels[target]], places[taxels[source]])
+        for target, sources in zip(batch.targets.tolist(), batch.sources, strict=True)
         for source in sources[sources >= 0].tolist()
     }
 

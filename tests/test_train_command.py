@@ -2,12 +2,14 @@
 
 import json
 import re
+from contextlib import suppress
 
 import numpy as np
 import pytest
 import torch
 
 from eskin.cli.main import run
+from eskin.learn import training
 from eskin.learn.dataset import digest
 from eskin.learn.training import Trainer
 from eskin.model import load_model
@@ -71,6 +73,80 @@ def test_train_evaluate_replay_are_one_way(data, tmp_path, capsys):
     assert (code, err) == (0, "")
     for row in last_json(out)["detections"]:
         assert row["gesture"] in ("none", "hold", "tap")
+
+
+def test_recordings_given_to_validate_on_leave_all_others_to_train_on(
+    data, tmp_path, capsys
+):
+    flags = ("--val", data / "test", "--json")
+    code, out, err = train(capsys, data / "train", "--out", tmp_path / "m", *flags)
+    assert (code, err) == (0, "")
+    assert "held out" not in out
+    assert 0 <= last_json(out)["val_accuracy"] <= 1
+    card = load_model(tmp_path / "m").card
+    assert card.data_digest == digest(sorted((data / "train").iterdir()))
+    all_of_them = ("--train.validation", "0")
+    train(capsys, data / "train", "--out", tmp_path / "every", *all_of_them)
+    one, other = (load_model(tmp_path / name).weights for name in ("m", "every"))
+    assert all(np.array_equal(one[name], other[name]) for name in other)
+
+
+def test_packed_recordings_make_the_same_model_and_are_kept(data, tmp_path, capsys):
+    pack = tmp_path / "pack"
+    argv = (data / "train", "--val", data / "test")
+    train(capsys, *argv, "--out", tmp_path / "plain")
+    for name in ("first", "again"):
+        train(capsys, *argv, "--out", tmp_path / name, "--pack", pack)
+        assert len(list(pack.iterdir())) == 5
+    plain, first, again = (
+        (tmp_path / name).read_bytes() for name in ("plain", "first", "again")
+    )
+    assert plain == first == again
+
+
+def test_a_training_that_was_cut_goes_on_with_the_same_command(
+    data, tmp_path, capsys, monkeypatch
+):
+    argv, step, left = (data / "test",), Trainer.step, iter(range(1))
+
+    def once(*args) -> None:
+        if next(left, None) is None:
+            raise KeyboardInterrupt
+        step(*args)
+
+    train(capsys, *argv, "--out", tmp_path / "whole")
+    with monkeypatch.context() as patch:
+        patch.setattr(training, "KEEP_EVERY", -1.0)
+        patch.setattr(Trainer, "step", once)
+        with suppress(KeyboardInterrupt):
+            train(capsys, *argv, "--out", tmp_path / "cut")
+    kept = tmp_path / "cut.training"
+    assert kept.is_file() and not (tmp_path / "cut").exists()
+    begun = kept.read_bytes()
+    # Other settings or data are another training.
+    for other in (("--seed", "5"), ("--classes", "tap"), ("--train.rate", "0.001")):
+        code, _, err = train(capsys, *argv, "--out", tmp_path / "cut", *other)
+        assert code == 2, other
+        assert "cut.training is of a training with other data or settings" in err
+        assert len(err.splitlines()) == 1
+        assert kept.read_bytes() == begun
+    code, _, err = train(capsys, *argv, "--out", tmp_path / "cut")
+    assert (code, err) == (0, "")
+    assert not kept.exists()
+    assert (tmp_path / "cut").read_bytes() == (tmp_path / "whole").read_bytes()
+
+
+def test_a_file_where_training_should_stand_that_is_none_is_one_line(
+    data, tmp_path, capsys
+):
+    kept = tmp_path / "m.training"
+    kept.write_text("mine")
+    code, _, err = train(capsys, data / "test", "--out", tmp_path / "m")
+    assert code == 2
+    assert "m.training cannot be read" in err
+    assert len(err.splitlines()) == 1
+    assert kept.read_text() == "mine"
+    assert list(tmp_path.iterdir()) == [kept]
 
 
 def test_the_card_tells_how_the_model_was_made(data, tmp_path, capsys):
@@ -164,6 +240,8 @@ def test_bad_input_is_one_line_and_leaves_nothing(data, tmp_path, capsys, no_tra
         ((silent, *into), "hold only none; at least two classes"),
         ((source, *into, "--classes", "grab"), "no recording is labelled grab; labell"),
         ((source, *into, "--test", tmp_path / "gone"), "no recording at"),
+        ((source, *into, "--val", tmp_path / "gone"), "no recording at"),
+        ((source, *into, "--train.workers", "0"), "workers is 0; allowed is from 1"),
         ((source, *into, "--test", wave), "hold wave, which the model does not know"),
         ((source, *into, "--test", silent), "no labels; scoring needs them"),
         ((source, *into, "--seed", "x"), "--seed"),
@@ -184,7 +262,7 @@ def test_bad_input_is_one_line_and_leaves_nothing(data, tmp_path, capsys, no_tra
 def test_training_that_diverged_is_one_line_and_writes_nothing(
     data, tmp_path, capsys, monkeypatch
 ):
-    def diverge(trainer):
+    def diverge(trainer, **kwargs):
         with torch.no_grad():
             trainer.network.graph_head.long.bias[0] = float("nan")
         return trainer.network
