@@ -182,3 +182,9 @@ def test_the_history_is_the_same_wherever_the_robot_stands(name, change):
         parts.sort(key=lambda history: (len(history), *history[-1]))
     for before, after in zip(*histories, strict=True):
         np.testing.assert_allclose(after, before, rtol=1e-4, atol=1e-4)
+
+
+@pytest.mark.parametrize("step", [0.005, 0.02, 0.05, 0.1])
+def test_steady_contact_is_one_contact_at_any_rate(step):
+    found = columns(pats([1] * 6, step=step))
+    assert found["contacts"].tolist() == [1] * 6

@@ -65,13 +65,11 @@ def test_a_network_has_never_seen_the_recordings_of_its_group(dataset, monkeypat
     trainers = []
 
     class Spy(Trainer):
-        def __init__(self, *args) -> None:
-            super().__init__(*args)
+        def __init__(self, *args, **options) -> None:
+            super().__init__(*args, **options)
             self.drawn = set()
             trainers.append(self)
-
-        def batch(self, count):
-            draw = self.sampler.draw
+            draw = self.maker.sampler.draw
 
             def watched(count, rng):
                 ends, firsts, labels = draw(count, rng)
@@ -79,11 +77,7 @@ def test_a_network_has_never_seen_the_recordings_of_its_group(dataset, monkeypat
                 self.drawn |= set(dataset.recording[np.concatenate(rows)].tolist())
                 return ends, firsts, labels
 
-            object.__setattr__(self.sampler, "draw", watched)
-            try:
-                return super().batch(count)
-            finally:
-                object.__delattr__(self.sampler, "draw")
+            object.__setattr__(self.maker.sampler, "draw", watched)
 
     monkeypatch.setattr(crossvalidation, "Trainer", Spy)
     networks = train_folds(dataset, ["a", "b", "a"], TINY)

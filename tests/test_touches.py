@@ -78,7 +78,7 @@ def test_two_hands_are_two_touches_and_two_fingers_are_one():
 
 def test_a_contact_between_two_touches_makes_them_one_and_the_older_stays():
     mounted = mounted_grid(**WIDE)
-    scene = pats(mounted, [0.2, 0.25, 0.3], [0.1, 0.2, 0.15], length=0.5)
+    scene = pats(mounted, [0.2, 0.25, 0.3], [0.05, 0.25, 0.15], length=0.5)
     states, rest = feel(mounted, scene, 2.0)
     touches = closed_of(states, rest)
     assert [(t.id, t.merged_into) for t in touches] == [(2, 1), (1, None)]

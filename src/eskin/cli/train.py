@@ -84,7 +84,8 @@ def run(command: Command) -> dict[str, object]:
     if test is not None:
         check_fits(card, test)
     kept = command.out.with_name(command.out.name + ".training")
-    facts = f"{content} {vocabulary} {command.train} {command.seed} {command.start}"
+    facts = f"{content} {vocabulary} {command.train} {command.seed}"
+    facts += "".join(f" {digest(find_recordings(data))}" for data in others(command))
     network = trainer.run(kept=kept, facts=facts)
     right = trainer.validation_accuracy()
     card = replace(
@@ -104,6 +105,12 @@ def run(command: Command) -> dict[str, object]:
     }
     print(f"{command.out}: " + ", ".join(f"{k} {v}" for k, v in result.items()))
     return result
+
+
+def others(command: Command) -> list[tuple[Path, ...]]:
+    """What else decides what a training comes to."""
+    start = () if command.start is None else ((command.start,),)
+    return [data for data in (command.val, *start) if data]
 
 
 def first_card(command: Command, trainer: Trainer, content: str) -> ModelCard:

@@ -22,7 +22,8 @@ made contact, distance from where it began, now and at most [cm], force integrat
 time [N s], greatest force [N]. On a skin that is not calibrated all are zero."""
 
 LIFTED_NS = 60_000_000
-"""Shortest time without contact after which contact is made anew [ns]."""
+"""Shortest time without contact after which contact is made anew [ns]; there must be
+a reading that tells of it."""
 
 CM_PER_M = 100.0
 NOTHING = np.zeros(len(HISTORY))
@@ -44,6 +45,7 @@ class Histories:
     def __init__(self) -> None:
         """Start without touches."""
         self.courses: dict[int, Course] = {}
+        self.before = 0
 
     def push(self, state: TouchState) -> dict[int, Float[np.ndarray, "column"]]:
         """The history of each open touch at the next reading, by its id."""
@@ -51,16 +53,26 @@ class Histories:
             touch.id: self.courses.get(touch.id) or Course(touch.last)
             for touch in state.touches
         }
-        stamp = state.reading.stamp
+        stamp, before = state.reading.stamp, self.before
+        self.before = stamp
         return {
-            touch.id: history_of(touch, self.courses[touch.id], stamp)
+            touch.id: history_of(touch, self.courses[touch.id], stamp, before)
             for touch in state.touches
         }
 
 
-def history_of(touch: Touch, course: Course, stamp: int) -> Float[np.ndarray, "column"]:
-    """The history of one touch, whose course is brought up to date."""
-    if touch.last - course.last > LIFTED_NS:
+def history_of(
+    touch: Touch, course: Course, stamp: int, before: int
+) -> Float[np.ndarray, "column"]:
+    """The history of one touch, whose course is brought up to date.
+
+    Args:
+        touch: as it is at this reading.
+        course: what is remembered of it.
+        stamp: of this reading [ns since the epoch].
+        before: of the reading before.
+    """
+    if touch.last - course.last > LIFTED_NS and course.last < before:
         course.contacts += 1
     course.last = touch.last
     travel = float(np.linalg.norm(touch.travel)) * CM_PER_M

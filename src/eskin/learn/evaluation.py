@@ -84,9 +84,7 @@ def evaluate(
     )
 
 
-def at_instants(
-    network: RecogniserNetwork, card: ModelCard, dataset: Dataset
-) -> Score:
+def at_instants(network: RecogniserNetwork, card: ModelCard, dataset: Dataset) -> Score:
     """Answers at every row."""
     rows = np.arange(len(dataset.stamps))
     scores = instant_scores(network, dataset, rows, card.temperature)

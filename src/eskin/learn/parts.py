@@ -36,7 +36,7 @@ class Part:
 def part_of(recording: Recording, pipeline: PipelineConfig, graph: GraphConfig) -> Part:
     """Run a recording through the same calibration, contacts and graphs as live."""
     sequences = sequences_of(recording, pipeline, graph)
-    touches = true_touches(recording)
+    touches = true_touches(recording) if recording.skin.calibrated else None
     lengths = [len(one.stamps) for one in sequences]
     return Part(
         graphs=join(
