@@ -49,6 +49,9 @@ class Command:
     clips: int | None = None
     """Clips of each test set, streams of each set of streams; all unless given."""
 
+    first: int | None = None
+    """Score only so many recordings of each set of streams."""
+
     pictures: Path | None = None
     """Folder for confusions and reliability."""
 
@@ -134,7 +137,8 @@ def clip_score(command: Command, folder: Path) -> Evaluation:
 def stream_score(command: Command, folder: Path) -> EventScore:
     """What the model is worth on a set of streams."""
     model = load_model(command.model)
-    heard = hear(find_recordings([folder]), model, command.workers)
+    paths = find_recordings([folder])[: command.first]
+    heard = hear(paths, model, command.workers)
     return score_events([stream.take() for stream in heard], model.card.vocabulary)
 
 

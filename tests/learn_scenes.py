@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from eskin.graph import GraphBatch
+from eskin.graph import no_graphs
 from eskin.graph.history import HISTORY
 from eskin.learn.augment import UNCHANGED
 from eskin.learn.dataset import Dataset
@@ -113,19 +113,8 @@ def record_people(folder, names=("ann", "bob", "cleo"), **options) -> list[Path]
 def bare(stamps, sequence) -> Dataset:
     """A data set of empty graphs at some stamps [ns]."""
     n = len(stamps)
-    flat, spatial = np.zeros(0, np.float32), np.zeros((0, 3), np.float32)
-    indices = np.zeros(0, np.int64)
-    graphs = GraphBatch(
-        taxels=indices,
-        pressure=flat,
-        before=flat,
-        age=flat,
-        areas=flat,
-        positions=spatial,
-        normals=spatial,
-        shear=spatial,
-        shear_before=spatial,
-        neighbours=np.zeros((0, 4), np.int64),
+    graphs = replace(
+        no_graphs(4),
         offsets=np.zeros(n + 1, np.int64),
         seconds=np.full(n, 0.05, np.float32),
         history=np.zeros((n, len(HISTORY)), np.float32),

@@ -12,7 +12,6 @@ from sklearn.metrics import (
 from eskin.learn.metrics import (
     accuracy_interval,
     by_group,
-    calibration_error,
     paired_interval,
     reliability,
     score,
@@ -64,19 +63,19 @@ def test_each_group_has_its_own_accuracy():
 def test_confidence_that_is_kept_has_no_calibration_error():
     confidence = np.repeat([0.5, 0.75, 1.0], 4)
     right = np.array([1, 1, 0, 0, 1, 1, 1, 0, 1, 1, 1, 1], bool)
-    assert calibration_error(confidence, right) == pytest.approx(0)
+    assert reliability(confidence, right).error == pytest.approx(0)
 
 
 def test_calibration_error_is_the_mean_gap_between_confidence_and_truth():
-    assert calibration_error(np.full(10, 0.9), np.zeros(10, bool)) == pytest.approx(0.9)
+    assert reliability(np.full(10, 0.9), np.zeros(10, bool)).error == pytest.approx(0.9)
     # Gaps of 0.5 and 0.25 in two bins of four and two examples.
     confidence = np.array([1.0, 1.0, 1.0, 1.0, 0.25, 0.25])
     right = np.array([1, 1, 0, 0, 0, 0], bool)
     expected = (4 * 0.5 + 2 * 0.25) / 6
-    assert calibration_error(confidence, right) == pytest.approx(expected)
+    assert reliability(confidence, right).error == pytest.approx(expected)
     # Too much in one bin does not make up for too little in another.
     confidence, right = np.array([0.75, 0.25]), np.array([False, True])
-    assert calibration_error(confidence, right) == pytest.approx(0.75)
+    assert reliability(confidence, right).error == pytest.approx(0.75)
 
 
 def test_the_interval_holds_the_difference_and_turns_with_it():

@@ -1,7 +1,6 @@
 """How hard simulated clips are, what bounds it, and what may not tell it."""
 
 import numpy as np
-from benchmarks.simulation.ceiling import interval
 from benchmarks.simulation.clips import as_tap, pressure_of, sitting_of
 from benchmarks.simulation.confusion import counted, pairs_check
 from benchmarks.simulation.features import NAMES, clip_features
@@ -10,6 +9,7 @@ from benchmarks.simulation.leakage import over_people
 from benchmarks.simulation.remains import EDGES, histogram_of
 from benchmarks.simulation.true_features import runs, true_features
 
+from eskin.learn.metrics import wilson_interval
 from eskin.sim.files.settings import Settings
 from eskin.touch import Calibration
 
@@ -104,9 +104,9 @@ def test_people_who_differ_by_counting_alone_do_not_differ_beyond_it():
 
 
 def test_an_interval_holds_its_share_and_shrinks():
-    low, high = interval(0.9, 100)
+    low, high = wilson_interval(90, 100)
     assert low < 0.9 < high
-    narrow = interval(0.9, 10_000)
+    narrow = wilson_interval(9_000, 10_000)
     assert narrow[1] - narrow[0] < (high - low) / 5
 
 

@@ -10,6 +10,7 @@ from threadpoolctl import threadpool_limits
 from benchmarks.simulation.clips import PROCESSES, Made, simulate
 from benchmarks.simulation.forest import TREES, labels_of
 from benchmarks.simulation.true_features import true_features
+from eskin.learn.metrics import wilson_interval
 from eskin.sim.constants import load_constants
 
 TESTS = ("test-s", "test-p", "test-x", "test-m")
@@ -38,7 +39,7 @@ def ceiling_tables(clips: int, seed: int) -> str:
         right = bound.guess(made) == labels_of(made)
         recalls = [right[labels_of(made) == label].mean() for label in names]
         cells = " | ".join(f"{recall:.1%}" for recall in recalls)
-        low, high = interval(right.mean(), len(right))
+        low, high = wilson_interval(int(right.sum()), len(right))
         rows.append(f"| {name} | {right.mean():.1%} ({low:.1%}-{high:.1%}) | {cells} |")
     return "\n".join(rows)
 
@@ -72,12 +73,3 @@ class Bound:
 def truths_of(made: Sequence[Made]) -> Float[np.ndarray, "clip feature"]:
     """True features of clips."""
     return np.array([true_features(each.truth) for each in made])
-
-
-def interval(share: float, count: int) -> tuple[float, float]:
-    """Where a share of so many lies in 95 of 100 cases (Wilson 1927)."""
-    z = 1.96
-    middle = (share + z**2 / (2 * count)) / (1 + z**2 / count)
-    spread = np.sqrt(share * (1 - share) / count + z**2 / (4 * count**2))
-    half = z * spread / (1 + z**2 / count)
-    return float(middle - half), float(middle + half)

@@ -17,7 +17,7 @@ from eskin.errors import RecordingError
 from eskin.learn.checkpoint import to_network
 from eskin.learn.dataset import prepare
 from eskin.learn.evaluation import Evaluation, evaluate
-from eskin.learn.events import EventScore, hear, is_simulated, is_stream, score_events
+from eskin.learn.events import EventScore, hear, is_stream, score_events
 from eskin.learn.pictures import draw_confusion, draw_reliability
 from eskin.model import Model, load_model
 from eskin.recording import find_recordings, read_recording
@@ -95,7 +95,7 @@ def sort_out(
     streams: list[Path] = []
     for path in paths:
         recording = read_recording(path)
-        simulated, stream = is_simulated(recording), is_stream(recording)
+        simulated, stream = recording.metadata.simulated, is_stream(recording)
         known = simulated or bool(recording.labels)
         if not simulated or not stream:
             clips.append(path)

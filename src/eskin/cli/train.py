@@ -62,6 +62,8 @@ def run(command: Command) -> dict[str, object]:
     started = time.monotonic()
     check_writable(command.out)
     paths = find_recordings(command.data)
+    find_recordings(command.streams)  # Refused now rather than after the training.
+    start = load_model(command.start) if command.start else None
     dataset = prepared(command, paths, command.train.graph)
     vocabulary = chosen_classes(dataset, command.classes)
     validation, test = (
@@ -74,7 +76,7 @@ def run(command: Command) -> dict[str, object]:
         *(dataset, vocabulary, command.train),
         seed=command.seed,
         validation=validation,
-        start=load_model(command.start) if command.start else None,
+        start=start,
     )
     tell_cut(dataset, validation, test)
     if validation is None:

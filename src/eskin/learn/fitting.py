@@ -65,7 +65,7 @@ class TrueTouches:
 
 def true_touches(recording: Recording) -> TrueTouches | None:
     """The truth of a recording; None where it is not known."""
-    if recording.metadata.notes.get("simulated") != "true":
+    if not recording.metadata.simulated:
         return None
     records = sorted(recording.truths(), key=lambda truth: (truth.stamp, truth.touch))
     return TrueTouches(

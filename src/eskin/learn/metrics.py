@@ -98,13 +98,6 @@ def reliability(
     )
 
 
-def calibration_error(
-    confidence: Float[np.ndarray, "example"], right: Bool[np.ndarray, "example"]
-) -> float:
-    """Expected calibration error over 15 equal bins (Guo et al. 2017, eq. 3)."""
-    return reliability(confidence, right).error
-
-
 def paired_interval(
     ours: Bool[np.ndarray, "example"],
     theirs: Bool[np.ndarray, "example"],

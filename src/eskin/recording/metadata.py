@@ -20,6 +20,11 @@ class Metadata:
     notes: dict[str, str] = field(default_factory=dict)
     """Anything else worth keeping, by name."""
 
+    @property
+    def simulated(self) -> bool:
+        """Whether `eskin generate` made it, so that all that happens is known."""
+        return self.notes.get("simulated") == "true"
+
     def to_record(self) -> dict[str, str]:
         """As the flat map of strings that an MCAP metadata record holds."""
         facts = {key: value for key, value in asdict(self).items() if key != "notes"}

@@ -1,7 +1,7 @@
 """Continuous streams scored: true events, what was said of them, and what fits."""
 
 from eskin.learn.events.counting import LeftAlone, Tally
-from eskin.learn.events.hearing import HeardStream, hear, is_simulated, is_stream
+from eskin.learn.events.hearing import HeardStream, hear, is_stream
 from eskin.learn.events.judge import score_events
 from eskin.learn.events.matching import MatchConfig, Matching, match
 from eskin.learn.events.score import EventScore
@@ -23,7 +23,6 @@ __all__ = [
     "TuningConfig",
     "choose_decision",
     "hear",
-    "is_simulated",
     "is_stream",
     "match",
     "score_events",

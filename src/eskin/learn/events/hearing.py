@@ -74,7 +74,7 @@ def hear(
 def hear_one(path: Path, model: Model) -> HeardStream:
     """Trace one recording."""
     recording = read_recording(path)
-    if not recording.labels and not is_simulated(recording):
+    if not recording.labels and not recording.metadata.simulated:
         raise RecordingError(
             f"{path} has no labels; scoring needs them; make some with: "
             f"eskin label {path}"
@@ -89,17 +89,12 @@ def hear_one(path: Path, model: Model) -> HeardStream:
     )
 
 
-def is_simulated(recording: Recording) -> bool:
-    """Whether `eskin generate` made a recording, so that all that happens is known."""
-    return recording.metadata.notes.get("simulated") == "true"
-
-
 def is_stream(recording: Recording) -> bool:
     """Whether a recording shows all that happened in one go.
 
     A simulated set of clips does not: seconds are missing between its clips.
     """
-    if not is_simulated(recording):
+    if not recording.metadata.simulated:
         return True
     start = last = recording.start
     for scan in recording.scans():
