@@ -27,7 +27,7 @@ class Command:
     """Where to write a picture, such as skin.png."""
 
     robot: str | None = None
-    """What wears it: ur5, ur10, base, table, tube or a .urdf file; a preset knows it."""
+    """What wears it: ur5, ur10, base, table, tube or a .urdf file; presets know it."""
 
 
 def run(command: Command) -> dict[str, object]:
