@@ -42,6 +42,7 @@ DECISIONS = [
     DecisionConfig(thresholds={"poke": 0.3, "stroke": 2.0}, hold_seconds=0.12),
     DecisionConfig(threshold=0.35, hold_seconds=0.3, least=0.0, still=0.001),
     DecisionConfig(threshold=2.0, least=1.0, still=1.0),
+    DecisionConfig(threshold=2.0, lifted=0.3, lift_seconds=0.1),
 ]
 
 
@@ -73,7 +74,7 @@ def test_a_trace_says_what_the_recogniser_says_live(tmp_path, scene, calibrated)
     trace = trace_of(recording, model)
     assert 0 < len(trace.moments) < len(stream)
     said = set()
-    for config, heat in zip(DECISIONS, (1.0, 4.0, 1.0, 2.0, 1.0), strict=True):
+    for config, heat in zip(DECISIONS, (1.0, 4.0, 1.0, 2.0, 1.0, 0.5), strict=True):
         warm = replace(model, card=replace(model.card, temperature=heat))
         expected = live(recording, warm, config)
         found = trace.detections(config, heat)
@@ -199,20 +200,31 @@ def test_labels_tell_what_happened_where_no_truth_does(tmp_path):
     assert heard.subject == "one"
 
 
-def test_the_decision_chosen_is_the_best_of_those_tried(sets):
+def test_no_other_value_of_one_setting_is_better_than_the_decision_chosen(sets):
     model = model_of(network(seed=3))
     streams = list(hear(sorted((sets / "streams").glob("*.mcap"))[:1], model))
-    config = TuningConfig((0.3, 0.9), (0.0, 0.9), (0.06, 0.2), unknown=0.0)
+    config = TuningConfig(
+        thresholds=(0.3, 0.9),
+        lifteds=(0.4, 1.1),
+        lifts=(0.1, 0.3),
+        leasts=(0.0, 0.9),
+        holds=(0.06, 0.2),
+        unknown=0.0,
+    )
     chosen, result = choose_decision(streams, config)
     again = score_events([stream.take(chosen) for stream in streams], VOCABULARY)
     assert again.total == result.total
-    for threshold in config.thresholds:
-        for least in config.leasts:
-            for hold in config.holds:
-                other = DecisionConfig(threshold, hold_seconds=hold, least=least)
-                takes = [stream.take(other) for stream in streams]
-                tried = score_events(takes, VOCABULARY)
-                if tried.all_delays.latency(50) <= config.latency:
-                    assert tried.total.f1 <= result.total.f1
+    others = [
+        DecisionConfig(),
+        *(replace(chosen, threshold=value) for value in config.thresholds),
+        *(replace(chosen, lifted=value) for value in config.lifteds),
+        *(replace(chosen, lift_seconds=value) for value in config.lifts),
+        *(replace(chosen, least=value) for value in config.leasts),
+        *(replace(chosen, hold_seconds=value) for value in config.holds),
+    ]
+    for other in others:
+        tried = score_events([stream.take(other) for stream in streams], VOCABULARY)
+        if tried.all_delays.latency(50) <= config.latency:
+            assert tried.total.f1 <= result.total.f1
     alone, _ = choose_decision(streams, replace(config, each=False))
     assert not alone.thresholds

@@ -72,6 +72,29 @@ def test_what_was_said_is_never_taken_back_nor_said_again():
     assert said(story) == [(60, "poke")]
 
 
+def test_less_is_enough_once_contact_has_been_lifted():
+    config = DecisionConfig(lifted=0.5, lift_seconds=0.2)
+    felt = [(20 * n, "poke", 0.6) for n in range(6)]  # last contact at 100 ms
+    lifted = [(20 * n, "poke", 0.6, False) for n in range(6, 25)]
+    assert said(felt + lifted, config) == [(360, "poke")]
+    assert said(felt + lifted) == [("end", "poke")]
+    nothing = [(ms, "none", *rest) for ms, _, *rest in felt + lifted]
+    assert said(nothing, config) == [("end", "none")]
+
+
+def test_lifting_never_asks_for_more():
+    config = DecisionConfig(threshold=0.8, lifted=0.9)
+    story = [(20 * n, "poke", 0.5 if n < 15 else 0.85, False) for n in range(25)]
+    assert said([(0, "poke", 0.5), *story[1:]], config) == [(360, "poke")]
+
+
+def test_contact_made_again_asks_for_more_again():
+    config = DecisionConfig(lifted=0.5, lift_seconds=0.2)
+    lifted = [(20 * n, "poke", 0.6, False) for n in range(1, 13)]  # until 240 ms
+    again = [(20 * n, "poke", 0.6) for n in range(13, 20)]
+    assert said([(0, "poke", 0.6), *lifted, *again], config) == [("end", "poke")]
+
+
 def test_none_is_said_at_closing_only():
     story = [(20 * n, "none", 0.99) for n in range(50)]
     assert said(story, close=False) == []

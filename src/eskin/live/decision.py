@@ -50,7 +50,8 @@ class Decider:
     """Says one thing of every touch; stateful.
 
     1. While a touch is open, a gesture other than `none` is said once its probability
-       has been above its threshold for the whole of `hold_seconds`.
+       has been above its threshold for the whole of `hold_seconds`; the threshold may
+       be lower without contact.
     2. When it closes and nothing has been said, the likeliest class at its last contact
        is said, be it `none`; or `unknown` where that is below `least`.
     3. A touch that takes another over is spoken for if either has been spoken of.
@@ -79,6 +80,9 @@ class Decider:
         self.vocabulary = vocabulary
         self.config = config or DecisionConfig()
         self.thresholds = thresholds_of(vocabulary, self.config)
+        lower = np.minimum(self.thresholds, self.config.lifted)
+        self.lifted = np.where(np.isinf(self.thresholds), np.inf, lower)
+        self.lift = round(self.config.lift_seconds * NANOSECONDS)
         self.hold = round(self.config.hold_seconds * NANOSECONDS)
         self.change_ends = change_ends
         self.hearings: dict[int, Hearing] = {}
@@ -132,8 +136,10 @@ class Decider:
         if touch.last == stamp:
             hearing.latest = probabilities
         leader = int(probabilities.argmax())
-        if leader != hearing.leader or probabilities[leader] < self.thresholds[leader]:
-            sure = probabilities[leader] >= self.thresholds[leader]
+        is_lifted = stamp - touch.last >= self.lift
+        threshold = (self.lifted if is_lifted else self.thresholds)[leader]
+        sure = probabilities[leader] >= threshold
+        if leader != hearing.leader or not sure:
             hearing.leader, hearing.since = leader if sure else -1, stamp
         held = hearing.leader >= 0 and stamp - hearing.since >= self.hold
         felt = touch.last >= hearing.onset

@@ -15,6 +15,13 @@ class DecisionConfig:
     """The same for single gestures, in place of `threshold`; above 1 waits for the
     touch to close."""
 
+    lifted: float = 1.1
+    """The same once there has been no contact for `lift_seconds`, where that is less:
+    most of what there is to know of a touch is known then."""
+
+    lift_seconds: float = 0.2
+    """How long that is [s]; a second pat may still come."""
+
     hold_seconds: float = 0.06
     """How long it must stay above, and on a skin that is not calibrated how long
     another class must be likeliest until that is another touch [s]."""

@@ -1,8 +1,8 @@
 """Choosing how sure is sure, on streams that are for that alone."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from itertools import product
+from functools import partial
 
 from eskin.learn.events.hearing import HeardStream
 from eskin.learn.events.judge import score_events
@@ -17,8 +17,14 @@ Choice = tuple[DecisionConfig, EventScore]
 class TuningConfig:
     """Which decisions are tried, and what makes one better."""
 
-    thresholds: tuple[float, ...] = (0.6, 0.7, 0.8, 0.85, 0.9, 0.95, 0.98)
-    """Of all gestures, then of each alone."""
+    thresholds: tuple[float, ...] = (0.6, 0.7, 0.8, 0.85, 0.9, 0.95, 0.98, 1.1)
+    """Of all gestures, then of each alone; the last waits for contact to end."""
+
+    lifteds: tuple[float, ...] = (0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.1)
+    """Of all gestures without contact."""
+
+    lifts: tuple[float, ...] = (0.1, 0.15, 0.2, 0.25, 0.3)
+    """How long without contact [s]."""
 
     leasts: tuple[float, ...] = (0.3, 0.5, 0.6, 0.7, 0.8)
     """Probabilities below which a touch that closes is unknown."""
@@ -47,8 +53,8 @@ def choose_decision(
 ) -> Choice:
     """The decision that does best on some streams, and what it does there.
 
-    First one threshold, `hold_seconds` and `least` for all; then, gesture by gesture,
-    its own threshold. Of those whose median latency is small enough it is the one with
+    Setting by setting the best value is kept, then all over again, until none gets
+    better. Of decisions whose median latency is small enough that one is best which has
     the highest F1 after what mistaken accidents and unknown gestures cost.
 
     Args:
@@ -59,33 +65,48 @@ def choose_decision(
     config = config or TuningConfig()
     vocabulary = streams[0].trace.vocabulary
 
-    def best(decisions: Iterable[DecisionConfig]) -> Choice:
-        return max(
-            (
-                (
-                    decision,
-                    score_events(
-                        [stream.take(decision, temperature) for stream in streams],
-                        vocabulary,
-                    ),
-                )
-                for decision in decisions
-            ),
-            key=lambda choice: worth(choice[1], config),
-        )
+    def scored(decision: DecisionConfig) -> Choice:
+        takes = [stream.take(decision, temperature) for stream in streams]
+        return decision, score_events(takes, vocabulary)
 
-    grid = product(config.thresholds, config.holds, config.leasts)
-    chosen, score = best(
-        DecisionConfig(threshold=threshold, hold_seconds=hold, least=least)
-        for threshold, hold, least in grid
-    )
+    best = scored(DecisionConfig())
+    better = True
+    while better:
+        before = worth(best[1], config)
+        for change in changes(vocabulary, config):
+            tried = scored(change(best[0]))
+            if worth(tried[1], config) > worth(best[1], config):
+                best = tried
+        better = worth(best[1], config) > before
+    return best
+
+
+def changes(
+    vocabulary: Sequence[str], config: TuningConfig
+) -> Iterator[Callable[[DecisionConfig], DecisionConfig]]:
+    """Every way of changing one setting of a decision."""
+    settings = {
+        "threshold": config.thresholds,
+        "lifted": config.lifteds,
+        "lift_seconds": config.lifts,
+        "hold_seconds": config.holds,
+        "least": config.leasts,
+    }
+    for name, values in settings.items():
+        for value in values:
+            yield partial(replace, **{name: value})
     for gesture in vocabulary if config.each else ():
         if gesture not in NO_GESTURE:
-            chosen, score = best(
-                replace(chosen, thresholds={**chosen.thresholds, gesture: threshold})
-                for threshold in (chosen.threshold, *config.thresholds)
-            )
-    return chosen, score
+            for threshold in config.thresholds:
+                yield partial(with_threshold, gesture=gesture, threshold=threshold)
+
+
+def with_threshold(
+    decision: DecisionConfig, gesture: str, threshold: float
+) -> DecisionConfig:
+    """A decision with another threshold of one gesture."""
+    thresholds = {**decision.thresholds, gesture: threshold}
+    return replace(decision, thresholds=thresholds)
 
 
 def worth(score: EventScore, config: TuningConfig) -> tuple[bool, float]:
