@@ -95,7 +95,7 @@ def test_nan_and_invalid_never_become_a_contact():
 
 def test_a_contact_survives_one_lost_packet_with_its_hysteresis():
     mounted = mounted_grid()
-    finder = ContactFinder(mounted)
+    finder = ContactFinder(mounted, ContactConfig(on=3.0, off=2.0))
     firm = pressed(mounted.skin, (0.02, 0.02), kpa=4.0)
     weak = pressed(mounted.skin, (0.02, 0.02), kpa=2.5)
     assert len(finder.find(reading_at(0.00, firm))) == 1
@@ -107,7 +107,7 @@ def test_a_contact_survives_one_lost_packet_with_its_hysteresis():
 @pytest.mark.parametrize("step", [0.01, 0.1, 0.3])
 def test_a_taxel_released_needs_the_upper_threshold_again_at_any_rate(step):
     mounted = mounted_grid()
-    finder, sizes = ContactFinder(mounted), []
+    finder, sizes = ContactFinder(mounted, ContactConfig(on=3.0, off=2.0)), []
     for n, kpa in enumerate([5.0, 0.0, 2.5, 2.5, 3.5, 1.5, 2.5]):
         pressure = pressed(mounted.skin, (0.02, 0.02), kpa=kpa)
         sizes.append(len(finder.find(reading_at(step * n, pressure))))

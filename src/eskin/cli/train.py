@@ -14,6 +14,7 @@ from eskin.learn.dataset import Dataset, digest, prepare
 from eskin.learn.evaluation import check_fits, evaluate
 from eskin.learn.events import choose_decision, hear
 from eskin.learn.training import TrainConfig, Trainer
+from eskin.learn.wear import Wear
 from eskin.model import Model, ModelCard, load_model, save_model
 from eskin.recording import NONE, find_recordings
 
@@ -64,7 +65,7 @@ def run(command: Command) -> dict[str, object]:
     paths = find_recordings(command.data)
     find_recordings(command.streams)  # Refused now rather than after the training.
     start = load_model(command.start) if command.start else None
-    dataset = prepared(command, paths, command.train.graph)
+    dataset = prepared(command, paths, command.train.graph, command.train.others)
     vocabulary = chosen_classes(dataset, command.classes)
     validation, test = (
         prepared(command, find_recordings(data), trained_on(command, dataset))
@@ -139,10 +140,17 @@ def decided(model: Model, command: Command) -> Model:
     return replace(model, card=replace(model.card, decision=decision, metrics=metrics))
 
 
-def prepared(command: Command, paths: tuple[Path, ...], graph: GraphConfig) -> Dataset:
+def prepared(
+    command: Command,
+    paths: tuple[Path, ...],
+    graph: GraphConfig,
+    others: tuple[Wear, ...] = (),
+) -> Dataset:
     """Recordings made ready for learning."""
     workers = command.train.workers
-    return prepare(paths, graph=graph, pack=command.pack, workers=workers)
+    return prepare(
+        paths, graph=graph, pack=command.pack, workers=workers, others=others
+    )
 
 
 def trained_on(command: Command, dataset: Dataset) -> GraphConfig:

@@ -26,6 +26,7 @@ from eskin.learn.segments import (
     missed_gestures,
     places_at,
 )
+from eskin.learn.wear import Wear
 from eskin.recording import NONE, Recording, read_recording
 from eskin.touch import PipelineConfig
 
@@ -88,6 +89,7 @@ def prepare(
     graph: GraphConfig | None = None,
     pack: Path | None = None,
     workers: int = 1,
+    others: Sequence[Wear] = (),
 ) -> Dataset:
     """Run recordings through the same calibration, contacts and graphs as live.
 
@@ -99,6 +101,7 @@ def prepare(
         graph: how touches become graphs.
         pack: folder that keeps prepared recordings, to be prepared once only.
         workers: how many processes prepare them; more than one needs `pack`.
+        others: skins to have recorded each of them, besides its own.
 
     Raises:
         RecordingError: if there is nothing to learn from.
@@ -109,27 +112,26 @@ def prepare(
     pipeline, graph = pipeline or PipelineConfig(), graph or GraphConfig()
     if not all(recording.skin.has_shear for recording in recordings):
         graph = graph.without_shear()
+    skins = (None, *others)
+    total = len(recordings) * len(skins)
     if pack is None:
-        parts = [
-            part_of(recording, pipeline, graph)
-            for recording in track(
-                recordings, description="Reading", disable=len(paths) < 2
-            )
-        ]
+        made = (part_of(r, pipeline, graph, skin) for skin in skins for r in recordings)
+        parts = list(track(made, description="Reading", total=total, disable=total < 2))
     else:
         make = delayed(packed_part)
-        jobs = (make(path, pack, pipeline, graph) for path in paths)
+        jobs = (
+            make(path, pack, pipeline, graph, skin) for skin in skins for path in paths
+        )
         files: Any = Parallel(n_jobs=workers, return_as="generator")(jobs)
         parts = [
-            load_part(file)
-            for file in track(files, description="Packing", total=len(paths))
+            load_part(file) for file in track(files, description="Packing", total=total)
         ]
     if not any(len(part.stamps) for part in parts):
         raise RecordingError(
             f"no touch in {len(paths)} recordings; allowed are recordings of touches; "
             "check that they were converted, and the thresholds"
         )
-    return lay_end_to_end(recordings, parts)
+    return lay_end_to_end(recordings * len(skins), parts)
 
 
 def lay_end_to_end(recordings: tuple[Recording, ...], parts: Sequence[Part]) -> Dataset:

@@ -11,6 +11,7 @@ import numpy as np
 from eskin.graph import GraphBatch, GraphConfig
 from eskin.learn.fitting import Fit
 from eskin.learn.parts import Part, part_of
+from eskin.learn.wear import Wear
 from eskin.recording import read_recording
 from eskin.touch import PipelineConfig
 
@@ -21,25 +22,31 @@ SMALL = {"taxels": np.int32, "neighbours": np.int16}
 
 
 def packed_part(
-    path: Path, folder: Path, pipeline: PipelineConfig, graph: GraphConfig
+    path: Path,
+    folder: Path,
+    pipeline: PipelineConfig,
+    graph: GraphConfig,
+    wear: Wear | None = None,
 ) -> Path:
     """The file of a prepared recording, made where it is not there yet.
 
     Its name is drawn from the recording's bytes and the settings, so that a file
     which is there is always the right one.
     """
-    target = folder / f"{key_of(path, pipeline, graph)}.npz"
+    target = folder / f"{key_of(path, pipeline, graph, wear)}.npz"
     if not target.exists():
         folder.mkdir(parents=True, exist_ok=True)
-        save_part(target, part_of(read_recording(path), pipeline, graph))
+        save_part(target, part_of(read_recording(path), pipeline, graph, wear))
     return target
 
 
-def key_of(path: Path, pipeline: PipelineConfig, graph: GraphConfig) -> str:
+def key_of(
+    path: Path, pipeline: PipelineConfig, graph: GraphConfig, wear: Wear | None = None
+) -> str:
     """Names a recording prepared with some settings."""
     with path.open("rb") as file:
         content = hashlib.file_digest(file, "sha256").hexdigest()
-    facts = f"{FORMAT} {content} {pipeline} {graph}"
+    facts = f"{FORMAT} {content} {pipeline} {graph}" + (f" {wear}" if wear else "")
     return hashlib.sha256(facts.encode()).hexdigest()[:32]
 
 

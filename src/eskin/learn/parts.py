@@ -7,6 +7,7 @@ from jaxtyping import Float, Int
 
 from eskin.graph import GraphBatch, GraphConfig, GraphStream, join, no_graphs
 from eskin.learn.fitting import Fit, true_touches
+from eskin.learn.wear import Wear
 from eskin.recording import Recording
 from eskin.robot import load_robot
 from eskin.skin import MountedSkin
@@ -33,9 +34,21 @@ class Part:
     recording does not know the truth."""
 
 
-def part_of(recording: Recording, pipeline: PipelineConfig, graph: GraphConfig) -> Part:
-    """Run a recording through the same calibration, contacts and graphs as live."""
-    sequences = sequences_of(recording, pipeline, graph)
+def part_of(
+    recording: Recording,
+    pipeline: PipelineConfig,
+    graph: GraphConfig,
+    wear: Wear | None = None,
+) -> Part:
+    """Run a recording through the same calibration, contacts and graphs as live.
+
+    Args:
+        recording: what to run.
+        pipeline: how counts become touches.
+        graph: how touches become graphs.
+        wear: another skin to have recorded it, its own where None.
+    """
+    sequences = sequences_of(recording, pipeline, graph, wear)
     touches = true_touches(recording) if recording.skin.calibrated else None
     lengths = [len(one.stamps) for one in sequences]
     return Part(
@@ -67,7 +80,10 @@ class Sequence:
 
 
 def sequences_of(
-    recording: Recording, pipeline: PipelineConfig, graph: GraphConfig
+    recording: Recording,
+    pipeline: PipelineConfig,
+    graph: GraphConfig,
+    wear: Wear | None = None,
 ) -> list[Sequence]:
     """All sequences of one recording, in the order in which they begin."""
     mounted = MountedSkin(recording.skin, load_robot(recording.robot_name))
@@ -75,7 +91,7 @@ def sequences_of(
     stream = GraphStream(mounted, graph)
     found: list[Sequence] = []
     open_now: dict[int, Sequence] = {}
-    for scan in recording.scans():
+    for scan in wear.scans(recording) if wear else recording.scans():
         state = touches.push(scan)
         graphs = stream.push(state)
         centres = centres_of(state)

@@ -20,6 +20,7 @@ from eskin.learn.dataset import Dataset
 from eskin.learn.holdout import gestures_made, hold_out, sittings_of
 from eskin.learn.sampler import check_classes, make_sampler
 from eskin.learn.stand import Stand, load_stand, save_stand
+from eskin.learn.wear import Wear, WearConfig
 from eskin.model import Model, NetworkConfig, check_limits
 from eskin.nn import RecogniserNetwork
 
@@ -47,6 +48,7 @@ LIMITS = {
     "decay": (0.0, np.inf),
     "smoothing": (0.0, 1.0),
     "validation": (0.0, 0.9),
+    "skins": (0, np.inf),
 }
 """Smallest and largest values of the settings."""
 
@@ -97,6 +99,12 @@ class TrainConfig:
     augment: AugmentConfig = field(default_factory=AugmentConfig)
     """How training windows vary."""
 
+    skins: int = 0
+    """Other skins that each recording is learned of, besides its own."""
+
+    wear: WearConfig = field(default_factory=WearConfig)
+    """How far those may be from its own."""
+
     network: NetworkConfig = field(default_factory=NetworkConfig)
     """Sizes of the network."""
 
@@ -104,6 +112,11 @@ class TrainConfig:
     def graph(self) -> GraphConfig:
         """The graphs to train on: without shear, it touches no taxel either."""
         return GraphConfig() if self.shear else GraphConfig().without_shear()
+
+    @property
+    def others(self) -> tuple[Wear, ...]:
+        """The other skins that each recording is learned of."""
+        return tuple(Wear(self.wear, number) for number in range(self.skins))
 
     def __post_init__(self) -> None:
         """Refuse numbers that mean nothing."""

@@ -98,9 +98,11 @@ class Calibration:
         """The same gain for all taxels: `pressure` [kPa] at `full_scale` counts."""
         return cls(np.full(count, pressure / full_scale), full_scale, floor=floor)
 
-    def counts_at(self, pressure: float) -> Float[np.ndarray, "taxel"]:
-        """Counts above rest that mean a pressure [kPa]."""
-        felt = max(pressure - self.unfelt, 0.5 * pressure)
+    def counts_at(
+        self, pressure: float | Float[np.ndarray, "*batch taxel"]
+    ) -> Float[np.ndarray, "*batch taxel"]:
+        """Counts above rest that mean a pressure [kPa], the same or of each taxel."""
+        felt = np.maximum(pressure - self.unfelt, 0.5 * pressure)
         linear = felt / np.asarray(self.gain, np.float64)
         if self.curve == "linear":
             return linear

@@ -52,10 +52,10 @@ class Contact:
 class ContactConfig:
     """When a taxel is active and when two active taxels belong together."""
 
-    on: float = 3.0
+    on: float = 1.5
     """Pressure from which a taxel becomes active [kPa]."""
 
-    off: float = 2.0
+    off: float = 1.0
     """Pressure from which an active taxel stays active [kPa]."""
 
     on_share: float = 0.15

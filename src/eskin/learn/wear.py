@@ -1,0 +1,110 @@
+"""A recording as another skin would have made it: older, weaker, less even."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from itertools import islice
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from eskin.model import check_limits
+from eskin.recording import Recording
+from eskin.skin import Skin
+from eskin.touch import Calibration, Scan
+
+LIMITS = {
+    "patch_gain": (0.0, np.inf),
+    "taxel_gain": (0.0, np.inf),
+    "exponent": (0.0, np.inf),
+    "unfelt": (0.0, np.inf),
+    "noise": (0.0, 1.0),
+}
+"""Smallest and largest values of the settings."""
+
+AT_REST = 50
+"""Readings whose median is taken for the rest of a taxel."""
+
+UNFELT_SCATTER = 0.2
+"""Spread of the logarithm of what a taxel does not feel, within its patch."""
+
+REFERENCE = 30.0
+"""Pressure that a bent curve leaves as it is [kPa]."""
+
+
+@dataclass(frozen=True)
+class WearConfig:
+    """How far another skin may be from the one that recorded."""
+
+    patch_gain: float = 0.4
+    """Spread of the logarithm of the gain of a patch."""
+
+    taxel_gain: float = 0.3
+    """Spread of the logarithm of the gain of a taxel within its patch."""
+
+    exponent: float = 0.15
+    """Spread of the logarithm of the power of pressure that a patch follows."""
+
+    unfelt: float = 4.0
+    """Largest mean pressure of which a patch feels nothing [kPa]; taxels differ."""
+
+    noise: float = 0.001
+    """Largest deviation of white noise, as a share of full scale."""
+
+    def __post_init__(self) -> None:
+        """Refuse numbers that mean nothing."""
+        check_limits(self, LIMITS)
+
+
+@dataclass(frozen=True)
+class Wear:
+    """One such skin: the same numbers give the same recording the same skin."""
+
+    config: WearConfig
+    """How far it may be."""
+    number: int
+    """Which of those drawn."""
+
+    def scans(self, recording: Recording) -> Iterator[Scan]:
+        """The recording's scans with the other skin's counts; shear stays as it is."""
+        rng = np.random.default_rng([recording.start, self.number])
+        calibration = recording.calibration
+        skin = other_skin(recording.skin, self.config, rng)
+        noise = self.config.noise * calibration.full_scale * rng.random()
+        rest = np.median([s.counts for s in islice(recording.scans(), AT_REST)], axis=0)
+        for scan in recording.scans():
+            above = skin.felt(scan.counts - rest, calibration)
+            noisy = rest + above + noise * rng.standard_normal(len(rest))
+            counts = np.clip(np.rint(noisy), 0, calibration.full_scale)
+            counts = np.where(scan.received, counts, scan.counts)
+            yield replace(scan, counts=counts.astype(scan.counts.dtype))
+
+
+@dataclass(frozen=True, eq=False)
+class OtherSkin:
+    """What sets each taxel of a skin apart from that of the skin that recorded."""
+
+    gain: Float[np.ndarray, "taxel"]
+    """What it multiplies pressure by."""
+    exponent: Float[np.ndarray, "taxel"]
+    """Power of pressure that it follows."""
+    unfelt: Float[np.ndarray, "taxel"]
+    """Pressure of which it feels nothing [kPa]."""
+
+    def felt(
+        self, above: Float[np.ndarray, "taxel"], calibration: Calibration
+    ) -> Float[np.ndarray, "taxel"]:
+        """Counts above rest that it gives where the skin that recorded gave `above`."""
+        left = np.maximum(calibration.pressure_at(above) - self.unfelt, 0.0)
+        bent = self.gain * REFERENCE * (left / REFERENCE) ** self.exponent
+        return calibration.counts_at(bent)
+
+
+def other_skin(skin: Skin, config: WearConfig, rng: np.random.Generator) -> OtherSkin:
+    """Draw another skin of the same layout."""
+    patch, patches, drawn = skin.patch_index, len(skin.patches), rng.standard_normal
+    gain = (config.patch_gain * drawn(patches))[patch]
+    gain += config.taxel_gain * drawn(skin.count)
+    unfelt = (config.unfelt * rng.random(patches))[patch]
+    unfelt *= np.exp(UNFELT_SCATTER * drawn(skin.count))
+    exponent = np.exp(config.exponent * drawn(patches))[patch]
+    return OtherSkin(np.exp(gain), exponent, unfelt)

@@ -1,0 +1,106 @@
+"""Other skins: the same touch at the same time, felt otherwise."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from clip_scenes import generated
+from eskin.graph import GraphConfig
+from eskin.learn.dataset import prepare
+from eskin.learn.part_file import key_of
+from eskin.learn.wear import Wear, WearConfig
+from eskin.recording import read_recording
+from eskin.touch import PipelineConfig
+from learn_scenes import record
+
+AS_IT_WAS = WearConfig(
+    patch_gain=0.0, taxel_gain=0.0, exponent=0.0, unfelt=0.0, noise=0.0
+)
+
+
+def counts_of(scans) -> np.ndarray:
+    return np.array([scan.counts for scan in scans])
+
+
+@pytest.fixture(scope="module", params=["linear", "divider"])
+def recording(request, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("worn")
+    if request.param == "divider":
+        return read_recording(generated(folder / "set")[0])
+    return read_recording(record(folder / "a.mcap", calibrated=True))
+
+
+def test_a_skin_that_does_not_differ_counts_the_same(recording):
+    rest = np.median(counts_of(list(recording.scans())[:50]), axis=0)
+    was, now = (
+        counts_of(scans)
+        for scans in (recording.scans(), Wear(AS_IT_WAS, 0).scans(recording))
+    )
+    touched = was > rest
+    assert touched.any()
+    # What converter and rounding take away is a count; below rest nothing is felt.
+    assert np.abs(now - was)[touched].max() <= 1
+    assert np.abs(now - np.maximum(was, rest)).max() <= 1
+
+
+def test_what_is_not_felt_is_taken_away(recording):
+    deaf = Wear(replace(AS_IT_WAS, unfelt=20.0), 0)
+    was, now = (
+        counts_of(Wear(AS_IT_WAS, 0).scans(recording)),
+        counts_of(deaf.scans(recording)),
+    )
+    assert (now <= was).all()
+    assert (now < was).any()
+
+
+def test_the_same_number_is_the_same_skin(recording):
+    one, again, other = (
+        counts_of(Wear(WearConfig(), number).scans(recording)) for number in (0, 0, 1)
+    )
+    assert np.array_equal(one, again)
+    assert (one != other).any()
+
+
+def test_only_counts_change(recording):
+    for was, now in zip(
+        recording.scans(), Wear(WearConfig(), 0).scans(recording), strict=True
+    ):
+        assert now.stamp == was.stamp
+        assert np.array_equal(now.received, was.received)
+        assert np.array_equal(now.q, was.q)
+        assert now.counts.dtype == was.counts.dtype
+        assert np.array_equal(now.counts[~was.received], was.counts[~was.received])
+
+
+def test_counts_stay_within_the_converter(recording):
+    strong = WearConfig(patch_gain=5.0, noise=1.0)
+    now = counts_of(Wear(strong, 0).scans(recording))
+    assert now.min() == 0
+    assert now.max() == recording.calibration.full_scale
+
+
+def test_a_recording_is_learned_of_its_own_skin_and_of_others(tmp_path):
+    paths = generated(tmp_path / "set")
+    others = [Wear(WearConfig(), 0), Wear(WearConfig(), 1)]
+    alone, plain = prepare(paths), prepare(paths, others=others)
+    packed = prepare(paths, others=others, pack=tmp_path / "pack")
+    assert len(plain.recordings) == len(plain.clips) == 3 * len(paths)
+    own = plain.recording < len(paths)
+    assert np.array_equal(plain.stamps[own], alone.stamps)
+    assert set(plain.recording[~own]) <= set(range(len(paths), 3 * len(paths)))
+    for name in ("stamps", "sequence", "recording"):
+        assert np.array_equal(getattr(packed, name), getattr(plain, name)), name
+    assert packed.segments == plain.segments
+
+
+def test_another_skin_is_another_part(tmp_path):
+    path = record(tmp_path / "a.mcap")
+    skins = [
+        None,
+        Wear(WearConfig(), 0),
+        Wear(WearConfig(), 1),
+        Wear(WearConfig(unfelt=1.0), 0),
+    ]
+    keys = {key_of(path, PipelineConfig(), GraphConfig(), skin) for skin in skins}
+    assert len(keys) == len(skins)
