@@ -9,10 +9,11 @@ from clip_scenes import generated
 from eskin.graph import GraphConfig
 from eskin.learn.dataset import prepare
 from eskin.learn.part_file import key_of
+from eskin.learn.training import Trainer
 from eskin.learn.wear import Wear, WearConfig
 from eskin.recording import read_recording
 from eskin.touch import PipelineConfig
-from learn_scenes import record
+from learn_scenes import TINY, record, record_people
 
 AS_IT_WAS = WearConfig(
     patch_gain=0.0, taxel_gain=0.0, exponent=0.0, unfelt=0.0, noise=0.0
@@ -92,6 +93,21 @@ def test_a_recording_is_learned_of_its_own_skin_and_of_others(tmp_path):
     for name in ("stamps", "sequence", "recording"):
         assert np.array_equal(getattr(packed, name), getattr(plain, name)), name
     assert packed.segments == plain.segments
+
+
+def test_what_is_held_out_is_learned_of_no_other_skin_either(tmp_path):
+    paths = record_people(tmp_path, ("ann", "bob", "cleo", "dan"))
+    dataset = prepare(paths, others=[Wear(WearConfig(), 0)])
+    trainer = Trainer(dataset, dataset.vocabulary, replace(TINY, validation=0.5))
+    learned = {s.recording for s in segments_of(trainer.maker)}
+    held = {s.recording for s in segments_of(trainer.held)}
+    assert len(learned) == 2 * len(trainer.holdout.train) == 4
+    assert held == trainer.holdout.held and max(held) < len(paths)
+    assert not {index % len(paths) for index in learned} & held
+
+
+def segments_of(maker):
+    return [s for found in maker.sampler.classes.values() for s in found]
 
 
 def test_another_skin_is_another_part(tmp_path):

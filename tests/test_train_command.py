@@ -174,6 +174,23 @@ def test_a_seed_makes_the_same_file_again_and_another_seed_another(
     assert a != c
 
 
+def test_other_skins_are_learned_of_too_and_told_in_the_card(data, tmp_path, capsys):
+    cards, weights = [], []
+    for skins in (0, 1):
+        model = tmp_path / f"{skins}.safetensors"
+        code, out, _ = train(
+            capsys, data / "train", "--out", model, "--skins", str(skins)
+        )
+        assert code == 0
+        assert "1 of 4 recordings held out for validation\n" in out
+        loaded = load_model(model)
+        cards.append(loaded.card.training)
+        weights.append(loaded.weights)
+    assert [card["skins"] for card in cards] == ["0", "1"]
+    assert "wear.unfelt" not in cards[0] and cards[1]["wear.unfelt"] == "4.0"
+    assert any((weights[0][name] != weights[1][name]).any() for name in weights[0])
+
+
 def test_without_validation_and_test_there_is_no_accuracy(data, tmp_path, capsys):
     model = tmp_path / "m"
     _, out, _ = train(

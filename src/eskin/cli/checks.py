@@ -33,6 +33,6 @@ def check_writable(target: Path) -> None:
 def tell_cut(*datasets: "Dataset | None") -> None:
     """Name the recordings whose end is missing."""
     for dataset in datasets:
-        for recording in dataset.recordings if dataset else ():
+        for recording in dataset.recordings[: dataset.own] if dataset else ():
             if recording.truncated:
                 print(f"{recording.path} is cut or damaged: used up to there")

@@ -4,6 +4,7 @@ import time
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 
+import numpy as np
 import tyro
 
 from eskin.cli.checks import check_writable, tell_cut
@@ -14,8 +15,8 @@ from eskin.learn.dataset import Dataset, digest, prepare
 from eskin.learn.evaluation import check_fits, evaluate
 from eskin.learn.events import choose_decision, hear
 from eskin.learn.training import TrainConfig, Trainer
-from eskin.learn.wear import Wear
-from eskin.model import Model, ModelCard, load_model, save_model
+from eskin.learn.wear import Wear, WearConfig
+from eskin.model import Model, ModelCard, check_limits, load_model, save_model
 from eskin.recording import NONE, find_recordings
 
 
@@ -50,8 +51,18 @@ class Command:
     pack: Path | None = None
     """Folder that keeps prepared recordings, so that each is prepared once only."""
 
+    skins: int = 0
+    """Other skins to learn each recording of, besides the one that recorded it."""
+
+    wear: WearConfig = field(default_factory=WearConfig)
+    """How far those may be from it."""
+
     train: TrainConfig = field(default_factory=TrainConfig)
     """How to train."""
+
+    def __post_init__(self) -> None:
+        """Refuse numbers that mean nothing."""
+        check_limits(self, {"skins": (0, np.inf)})
 
 
 def run(command: Command) -> dict[str, object]:
@@ -65,7 +76,8 @@ def run(command: Command) -> dict[str, object]:
     paths = find_recordings(command.data)
     find_recordings(command.streams)  # Refused now rather than after the training.
     start = load_model(command.start) if command.start else None
-    dataset = prepared(command, paths, command.train.graph, command.train.others)
+    skins = tuple(Wear(command.wear, number) for number in range(command.skins))
+    dataset = prepared(command, paths, command.train.graph, skins)
     vocabulary = chosen_classes(dataset, command.classes)
     validation, test = (
         prepared(command, find_recordings(data), trained_on(command, dataset))
@@ -87,7 +99,7 @@ def run(command: Command) -> dict[str, object]:
     if test is not None:
         check_fits(card, test)
     kept = command.out.with_name(command.out.name + ".training")
-    facts = f"{content} {vocabulary} {command.train} {command.seed}"
+    facts = f"{content} {vocabulary} {command.train} {command.seed} {skins}"
     facts += "".join(f" {digest(find_recordings(data))}" for data in others(command))
     network = trainer.run(kept=kept, facts=facts)
     right = trainer.validation_accuracy()
@@ -123,9 +135,15 @@ def first_card(command: Command, trainer: Trainer, content: str) -> ModelCard:
         kind="shear" if trainer.shear else "pressure",
         network=command.train.network,
         graph=trainer.graph,
-        training=flat(asdict(command.train)) | {"seed": str(command.seed)},
+        training=flat(asdict(command.train)) | facts_of(command),
         data_digest=content,
     )
+
+
+def facts_of(command: Command) -> dict[str, str]:
+    """What else of the command the card tells."""
+    facts = {"seed": str(command.seed), "skins": str(command.skins)}
+    return facts | (flat(asdict(command.wear), "wear.") if command.skins else {})
 
 
 def decided(model: Model, command: Command) -> Model:
@@ -144,13 +162,11 @@ def prepared(
     command: Command,
     paths: tuple[Path, ...],
     graph: GraphConfig,
-    others: tuple[Wear, ...] = (),
+    skins: tuple[Wear, ...] = (),
 ) -> Dataset:
     """Recordings made ready for learning."""
     workers = command.train.workers
-    return prepare(
-        paths, graph=graph, pack=command.pack, workers=workers, others=others
-    )
+    return prepare(paths, graph=graph, pack=command.pack, workers=workers, others=skins)
 
 
 def trained_on(command: Command, dataset: Dataset) -> GraphConfig:

@@ -1,7 +1,7 @@
 """Recordings made ready for learning: every reading tracked and its graphs laid out."""
 
 import hashlib
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -61,6 +61,19 @@ class Dataset:
 
     clips: tuple[tuple[Clip, ...], ...] = ()
     """The clips of each recording; none where it is no file of a set of clips."""
+
+    skins: int = 1
+    """How often `recordings` is repeated: as recorded, then as of each other skin."""
+
+    @property
+    def own(self) -> int:
+        """Number of recordings as recorded; the others are these of other skins."""
+        return len(self.recordings) // self.skins
+
+    def of_all_skins(self, recordings: Collection[int]) -> frozenset[int]:
+        """Some of the recordings as recorded, and the same of all other skins."""
+        every = range(len(self.recordings))
+        return frozenset(index for index in every if index % self.own in recordings)
 
     @property
     def vocabulary(self) -> tuple[str, ...]:
@@ -131,11 +144,19 @@ def prepare(
             f"no touch in {len(paths)} recordings; allowed are recordings of touches; "
             "check that they were converted, and the thresholds"
         )
-    return lay_end_to_end(recordings * len(skins), parts)
+    return lay_end_to_end(recordings * len(skins), parts, len(skins))
 
 
-def lay_end_to_end(recordings: tuple[Recording, ...], parts: Sequence[Part]) -> Dataset:
-    """Join prepared recordings into one data set."""
+def lay_end_to_end(
+    recordings: tuple[Recording, ...], parts: Sequence[Part], skins: int = 1
+) -> Dataset:
+    """Join prepared recordings into one data set.
+
+    Args:
+        recordings: what was prepared, the same again for every skin.
+        parts: of each of them.
+        skins: how many there are.
+    """
     gestures: list[str] = []
     segments: list[Segment] = []
     missed: list[Missed] = []
@@ -168,6 +189,7 @@ def lay_end_to_end(recordings: tuple[Recording, ...], parts: Sequence[Part]) -> 
         segments=tuple(segments),
         missed=tuple(missed),
         clips=tuple(clips_of(recording.path) for recording in recordings),
+        skins=skins,
     )
 
 

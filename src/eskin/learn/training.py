@@ -20,7 +20,6 @@ from eskin.learn.dataset import Dataset
 from eskin.learn.holdout import gestures_made, hold_out, sittings_of
 from eskin.learn.sampler import check_classes, make_sampler
 from eskin.learn.stand import Stand, load_stand, save_stand
-from eskin.learn.wear import Wear, WearConfig
 from eskin.model import Model, NetworkConfig, check_limits
 from eskin.nn import RecogniserNetwork
 
@@ -48,7 +47,6 @@ LIMITS = {
     "decay": (0.0, np.inf),
     "smoothing": (0.0, 1.0),
     "validation": (0.0, 0.9),
-    "skins": (0, np.inf),
 }
 """Smallest and largest values of the settings."""
 
@@ -99,12 +97,6 @@ class TrainConfig:
     augment: AugmentConfig = field(default_factory=AugmentConfig)
     """How training windows vary."""
 
-    skins: int = 0
-    """Other skins that each recording is learned of, besides its own."""
-
-    wear: WearConfig = field(default_factory=WearConfig)
-    """How far those may be from its own."""
-
     network: NetworkConfig = field(default_factory=NetworkConfig)
     """Sizes of the network."""
 
@@ -112,11 +104,6 @@ class TrainConfig:
     def graph(self) -> GraphConfig:
         """The graphs to train on: without shear, it touches no taxel either."""
         return GraphConfig() if self.shear else GraphConfig().without_shear()
-
-    @property
-    def others(self) -> tuple[Wear, ...]:
-        """The other skins that each recording is learned of."""
-        return tuple(Wear(self.wear, number) for number in range(self.skins))
 
     def __post_init__(self) -> None:
         """Refuse numbers that mean nothing."""
@@ -150,9 +137,7 @@ class Trainer:
         self.config, self.vocabulary, self.seed = config, vocabulary, seed
         torch.manual_seed(seed)
         self.rngs = generators(seed, config.workers)
-        chosen = (
-            list(range(len(dataset.recordings))) if recordings is None else recordings
-        )
+        chosen = list(range(dataset.own)) if recordings is None else recordings
         self.holdout = hold_out(
             sittings_of(dataset, chosen),
             gestures_made(dataset, vocabulary),
@@ -161,7 +146,8 @@ class Trainer:
         )
         self.shear = config.shear and dataset.has_shear
         self.graph = config.graph if self.shear else config.graph.without_shear()
-        self.maker = self.maker_of(dataset, self.holdout.train, config.augment)
+        learned = dataset.of_all_skins(self.holdout.train)
+        self.maker = self.maker_of(dataset, learned, config.augment)
         check_classes(self.maker.sampler, vocabulary)
         source, held = dataset, self.holdout.held
         if validation is not None:
