@@ -1,8 +1,7 @@
 """Choosing how sure is sure, on streams that are for that alone."""
 
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
-from functools import partial
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, fields, replace
 
 from eskin.learn.events.hearing import HeardStream
 from eskin.learn.events.judge import score_events
@@ -46,6 +45,20 @@ class TuningConfig:
     """The same for gestures that are not in the vocabulary."""
 
 
+@dataclass(frozen=True)
+class Candidate:
+    """One value to try."""
+
+    setting: str
+    """Of a `DecisionConfig`."""
+
+    value: float
+    """What to set it to."""
+
+    gesture: str = ""
+    """Whose, where each gesture has one."""
+
+
 def choose_decision(
     streams: Sequence[HeardStream],
     config: TuningConfig | None = None,
@@ -73,18 +86,16 @@ def choose_decision(
     better = True
     while better:
         before = worth(best[1], config)
-        for change in changes(vocabulary, config):
-            tried = scored(change(best[0]))
+        for candidate in candidates(vocabulary, config):
+            tried = scored(changed(best[0], candidate))
             if worth(tried[1], config) > worth(best[1], config):
                 best = tried
         better = worth(best[1], config) > before
     return best
 
 
-def changes(
-    vocabulary: Sequence[str], config: TuningConfig
-) -> Iterator[Callable[[DecisionConfig], DecisionConfig]]:
-    """Every way of changing one setting of a decision."""
+def candidates(vocabulary: Sequence[str], config: TuningConfig) -> Iterator[Candidate]:
+    """Every value of every setting that is tried."""
     settings = {
         "threshold": config.thresholds,
         "lifted": config.lifteds,
@@ -93,20 +104,19 @@ def changes(
         "least": config.leasts,
     }
     for name, values in settings.items():
-        for value in values:
-            yield partial(replace, **{name: value})
+        yield from (Candidate(name, value) for value in values)
     for gesture in vocabulary if config.each else ():
         if gesture not in NO_GESTURE:
-            for threshold in config.thresholds:
-                yield partial(with_threshold, gesture=gesture, threshold=threshold)
+            for value in config.thresholds:
+                yield Candidate("thresholds", value, gesture)
 
 
-def with_threshold(
-    decision: DecisionConfig, gesture: str, threshold: float
-) -> DecisionConfig:
-    """A decision with another threshold of one gesture."""
-    thresholds = {**decision.thresholds, gesture: threshold}
-    return replace(decision, thresholds=thresholds)
+def changed(decision: DecisionConfig, candidate: Candidate) -> DecisionConfig:
+    """A decision with one setting changed."""
+    value: object = candidate.value
+    if candidate.gesture:
+        value = {**decision.thresholds, candidate.gesture: candidate.value}
+    return replace(decision, **{candidate.setting: value})
 
 
 def worth(score: EventScore, config: TuningConfig) -> tuple[bool, float]:
