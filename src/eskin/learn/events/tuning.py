@@ -1,7 +1,7 @@
 """Choosing how sure is sure, on streams that are for that alone."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 
 from eskin.learn.events.hearing import HeardStream
 from eskin.learn.events.judge import score_events
