@@ -7,7 +7,7 @@ docs/results.md.
 """
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
@@ -49,6 +49,9 @@ class Command:
     clips: int | None = None
     """Clips of each test set, streams of each set of streams; all unless given."""
 
+    only: tuple[str, ...] = ()
+    """Score only these sets, or skins; all unless given."""
+
     first: int | None = None
     """Score only so many recordings of each set of streams."""
 
@@ -70,7 +73,7 @@ def main() -> None:
 def clips(command: Command) -> str:
     """Accuracy on the four test sets."""
     rows = [clip_head("set", load_model(command.model))]
-    for name in TESTS:
+    for name in chosen(command, TESTS):
         found = clip_score(command, made(command, name))
         rows.append(clip_row(name, found))
         draw_clips(command, name, found)
@@ -80,7 +83,7 @@ def clips(command: Command) -> str:
 def skins(command: Command) -> str:
     """Accuracy on other skins and robots, beside the skin of training."""
     rows = [clip_head("skin", load_model(command.model))]
-    for skin in ("ur5", *SKINS):
+    for skin in chosen(command, ("ur5", *SKINS)):
         rows.append(clip_row(skin, clip_score(command, made(command, "test-p", skin))))
     return "\n".join(rows)
 
@@ -101,7 +104,7 @@ def streams(command: Command) -> str:
     heads = "set", "h", "events", "precision", "recall", "F1 (95 %)", "at once F1"
     heads += "false/h", "p50", "p95", "accidents mistaken", "unknown mistaken"
     rows = ["| " + " | ".join(heads) + " |", "|---" * len(heads) + "|"]
-    for name in STREAMS:
+    for name in chosen(command, STREAMS):
         score = stream_score(command, made(command, name))
         rows.append(stream_row(name, score))
         if command.pictures is not None and score.total.matched:
@@ -109,6 +112,11 @@ def streams(command: Command) -> str:
             title = f"{name}: F1 {score.total.f1:.3f}"
             draw_confusion(score.confusion, score.names, target, title)
     return "\n".join(rows)
+
+
+def chosen(command: Command, names: Sequence[str]) -> list[str]:
+    """Those of them that are asked for."""
+    return [name for name in names if not command.only or name in command.only]
 
 
 def made(command: Command, name: str, skin: str = "ur5") -> Path:
