@@ -68,6 +68,10 @@ class Calibration:
     """Pressure that it takes to close the sensor, of which nothing is felt [kPa]. It is
     added to what is felt, but never more than is felt, so that noise stays noise."""
 
+    crosstalk: float = 0.0
+    """Share of the pressure of each other taxel in its row and column that a taxel
+    shows and that is taken off again; see `Crosstalk`."""
+
     def __post_init__(self) -> None:
         """Refuse constants that no electronics have."""
         gain = np.asarray(self.gain)
@@ -88,6 +92,11 @@ class Calibration:
             raise ValueError(
                 f"exponent is {self.exponent}; allowed is a finite positive number; "
                 "correct it"
+            )
+        if not 0 <= self.crosstalk < 1:
+            raise ValueError(
+                f"crosstalk is {self.crosstalk}; allowed is from 0 to below 1; press "
+                "one taxel and read the others of its row"
             )
         curve_named(self.curve)
 
@@ -133,6 +142,7 @@ class Calibration:
                 "curve": self.curve,
                 "exponent": self.exponent,
                 "unfelt": self.unfelt,
+                "crosstalk": self.crosstalk,
             }
         ).encode()
 
@@ -155,6 +165,7 @@ class Calibration:
                 curve_named(content.get("curve", "linear")),
                 float(content.get("exponent", 1.0)),
                 float(content.get("unfelt", 0.0)),
+                float(content.get("crosstalk", 0.0)),
             )
         except (ValueError, KeyError, TypeError) as error:
             raise RecordingError(

@@ -11,6 +11,7 @@ from eskin.touch.calibration import (
     check_count,
 )
 from eskin.touch.contacts import Contact, ContactConfig, ContactFinder
+from eskin.touch.crosstalk import Crosstalk
 from eskin.touch.fault import Fault
 from eskin.touch.faults import FaultConfig, FaultFinder
 from eskin.touch.poses import LivePoses
@@ -77,6 +78,7 @@ class TouchPipeline:
         poses = LivePoses(mounted)
         self.calibrator = Calibrator(mounted.skin, calibration, self.config.calibration)
         self.faults = FaultFinder(mounted.skin, calibration, self.config.faults)
+        self.crosstalk = Crosstalk(mounted.skin, calibration.crosstalk)
         self.contacts = ContactFinder(
             mounted, self.config.contacts.raised_to(calibration.floor), poses
         )
@@ -97,7 +99,7 @@ class TouchPipeline:
         mask, faults = self.faults.push(scan, reading.pressure)
         if mask.any():
             reading = replace(reading, valid=reading.valid & ~mask)
-        return self.push_reading(reading, faults)
+        return self.push_reading(self.crosstalk.taken_off(reading), faults)
 
     def push_reading(
         self, reading: Reading, faults: tuple[Fault, ...] = ()
