@@ -87,7 +87,10 @@ def choose_decision(
     while better:
         before = worth(best[1], config)
         for candidate in candidates(vocabulary, config):
-            tried = scored(changed(best[0], candidate))
+            decision = changed(best[0], candidate)
+            if decision == best[0]:
+                continue
+            tried = scored(decision)
             if worth(tried[1], config) > worth(best[1], config):
                 best = tried
         better = worth(best[1], config) > before
