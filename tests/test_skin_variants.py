@@ -12,7 +12,10 @@ from eskin.skin.outline import denser, fitted, lay_outlines
 from eskin.skin.ur5 import UR5_OUTLINES, UR5_PARTS
 from eskin.transforms import apply, invert
 
-SKINS = ("ur5", "ur5-half", "ur5-double", "ur5-shapes", "ur5-missing", "ur10", "base")
+SKINS = (
+    *("ur5", "ur5-half", "ur5-double", "ur5-sparse", "ur5-dense"),
+    *("ur5-shapes", "ur5-missing", "ur10", "base"),
+)
 USUAL = load_skin("ur5")
 
 
@@ -31,6 +34,8 @@ def density(skin):
     [
         ("ur5-half", 0.5, 1056),
         ("ur5-double", 2.0, 4224),
+        ("ur5-sparse", 0.7, 1478),
+        ("ur5-dense", 1.4, 2957),
         ("ur5-shapes", 1.0, None),
         ("ur5-missing", 1.0, 2112 - 468),
         ("ur10", 1.0, None),
@@ -45,7 +50,9 @@ def test_a_skin_is_as_dense_as_it_says(name, times, count):
         assert skin.count == pytest.approx(count, rel=0.05)
 
 
-@pytest.mark.parametrize("name", ["ur5-half", "ur5-double"])
+@pytest.mark.parametrize(
+    "name", ["ur5-half", "ur5-double", "ur5-sparse", "ur5-dense"]
+)
 def test_a_denser_skin_covers_the_same_surface(name):
     assert area(load_skin(name)) == pytest.approx(area(USUAL), rel=0.02)
 

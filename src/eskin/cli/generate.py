@@ -34,6 +34,8 @@ SkinName = Literal[
     "ur5",
     "ur5-half",
     "ur5-double",
+    "ur5-sparse",
+    "ur5-dense",
     "ur5-shapes",
     "ur5-missing",
     "ur10",

@@ -15,7 +15,7 @@ from eskin.learn.wear import Wear
 from eskin.recording import read_recording
 from eskin.touch import PipelineConfig
 
-FORMAT = 2
+FORMAT = 3
 SHEAR = ("shear", "shear_before")
 SMALL = {"taxels": np.int32, "neighbours": np.int16}
 """Fields that need fewer bytes on disk and in memory than while they are computed."""

@@ -44,7 +44,7 @@ class WearConfig:
     exponent: float = 0.15
     """Spread of the logarithm of the power of pressure that a patch follows."""
 
-    unfelt: float = 4.0
+    unfelt: float = 5.0
     """Largest mean pressure of which a patch feels nothing [kPa]; taxels differ."""
 
     noise: float = 0.001

@@ -31,6 +31,8 @@ PRESETS = {
     "ur5": Preset(ur5_skin, "ur5"),
     "ur5-half": Preset(partial(ur5_skin, "ur5-half", density=0.5), "ur5"),
     "ur5-double": Preset(partial(ur5_skin, "ur5-double", density=2.0), "ur5"),
+    "ur5-sparse": Preset(partial(ur5_skin, "ur5-sparse", density=0.7), "ur5"),
+    "ur5-dense": Preset(partial(ur5_skin, "ur5-dense", density=1.4), "ur5"),
     "ur5-shapes": Preset(shapes_skin, "ur5"),
     "ur5-missing": Preset(
         partial(ur5_skin, "ur5-missing", missing=("forearm_back",)), "ur5"

@@ -68,9 +68,9 @@ class Calibration:
     """Pressure that it takes to close the sensor, of which nothing is felt [kPa]. It is
     added to what is felt, but never more than is felt, so that noise stays noise."""
 
-    crosstalk: float = 0.0
-    """Share of the pressure of each other taxel in its row and column that a taxel
-    shows and that is taken off again; see `Crosstalk`."""
+    matrix: bool = False
+    """Whether taxels are read out by rows and columns that leak into each other; how
+    much is then learned from the readings and taken off, see `Crosstalk`."""
 
     def __post_init__(self) -> None:
         """Refuse constants that no electronics have."""
@@ -93,11 +93,6 @@ class Calibration:
                 f"exponent is {self.exponent}; allowed is a finite positive number; "
                 "correct it"
             )
-        if not 0 <= self.crosstalk < 1:
-            raise ValueError(
-                f"crosstalk is {self.crosstalk}; allowed is from 0 to below 1; press "
-                "one taxel and read the others of its row"
-            )
         curve_named(self.curve)
 
     @classmethod
@@ -111,22 +106,38 @@ class Calibration:
         self, pressure: float | Float[np.ndarray, "*batch taxel"]
     ) -> Float[np.ndarray, "*batch taxel"]:
         """Counts above rest that mean a pressure [kPa], the same or of each taxel."""
-        felt = np.maximum(pressure - self.unfelt, 0.5 * pressure)
-        linear = felt / np.asarray(self.gain, np.float64)
+        conductance = self.conductance_at(pressure)
         if self.curve == "linear":
-            return linear
-        conductance = (linear / self.full_scale) ** self.exponent
+            return self.full_scale * conductance
         return self.full_scale * conductance / (1.0 + conductance)
 
     def pressure_at(
         self, above: Float[np.ndarray, "*batch taxel"]
     ) -> Float[np.ndarray, "*batch taxel"]:
         """Pressure [kPa] that counts above rest mean."""
-        linear = np.maximum(above, 0.0)
-        if self.curve == "divider":
-            share = np.minimum(linear / self.full_scale, MOST)
-            linear = self.full_scale * (share / (1.0 - share)) ** (1.0 / self.exponent)
-        felt = linear * self.gain
+        share = np.maximum(above, 0.0) / self.full_scale
+        if self.curve == "linear":
+            return self.pressure_of(share)
+        share = np.minimum(share, MOST)
+        return self.pressure_of(share / (1.0 - share))
+
+    def conductance_at(
+        self, pressure: float | Float[np.ndarray, "*batch taxel"]
+    ) -> Float[np.ndarray, "*batch taxel"]:
+        """What a pressure [kPa] lets through, by what half scale does.
+
+        Of a linear device it is the counts above rest by full scale.
+        """
+        felt = np.maximum(pressure - self.unfelt, 0.5 * pressure)
+        linear = felt / (np.asarray(self.gain, np.float64) * self.full_scale)
+        return linear if self.curve == "linear" else linear**self.exponent
+
+    def pressure_of(
+        self, conductance: Float[np.ndarray, "*batch taxel"]
+    ) -> Float[np.ndarray, "*batch taxel"]:
+        """Pressure [kPa] that lets through so much; undoes `conductance_at`."""
+        power = 1.0 if self.curve == "linear" else 1.0 / self.exponent
+        felt = conductance**power * self.gain * self.full_scale
         return felt + np.minimum(felt, self.unfelt)
 
     def to_bytes(self) -> bytes:
@@ -142,7 +153,7 @@ class Calibration:
                 "curve": self.curve,
                 "exponent": self.exponent,
                 "unfelt": self.unfelt,
-                "crosstalk": self.crosstalk,
+                "matrix": self.matrix,
             }
         ).encode()
 
@@ -165,7 +176,7 @@ class Calibration:
                 curve_named(content.get("curve", "linear")),
                 float(content.get("exponent", 1.0)),
                 float(content.get("unfelt", 0.0)),
-                float(content.get("crosstalk", 0.0)),
+                bool(content.get("matrix", False)),
             )
         except (ValueError, KeyError, TypeError) as error:
             raise RecordingError(

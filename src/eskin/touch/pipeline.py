@@ -78,7 +78,7 @@ class TouchPipeline:
         poses = LivePoses(mounted)
         self.calibrator = Calibrator(mounted.skin, calibration, self.config.calibration)
         self.faults = FaultFinder(mounted.skin, calibration, self.config.faults)
-        self.crosstalk = Crosstalk(mounted.skin, calibration.crosstalk)
+        self.crosstalk = Crosstalk(mounted.skin, calibration)
         self.contacts = ContactFinder(
             mounted, self.config.contacts.raised_to(calibration.floor), poses
         )

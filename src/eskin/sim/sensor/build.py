@@ -49,6 +49,7 @@ class Build:
             curve="divider",
             exponent=self.nominal_exponent,
             unfelt=self.nominal_activation,
+            matrix=True,
         )
 
     def record(self) -> dict[str, float | str]:
