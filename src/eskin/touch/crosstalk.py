@@ -36,9 +36,9 @@ MEMORY = 200
 """Observations of which the median is taken."""
 
 CAUTION = 2.5
-"""How many times what was learned is taken off. Taxels that the bend of the skin presses
-at rest lend themselves to detours, too, and rest does not show; from what is truly
-touched this takes little."""
+"""How many times what was learned is taken off. Taxels that the bend of the skin
+presses at rest lend themselves to detours, too, and rest does not show; from what is
+truly touched this takes little."""
 
 TINY = 1e-9
 """Conductance that is none."""
@@ -105,8 +105,8 @@ class Matrix:
 class Crosstalk:
     """Learns and undoes the crosstalk of taxels read out by rows and columns; stateful.
 
-    Current through a pressed taxel also flows elsewhere: it leaks into the others of its
-    row and column, and where touched rows and columns cross, it takes detours over
+    Current through a pressed taxel also flows elsewhere: it leaks into the others of
+    its row and column, and where touched rows and columns cross, it takes detours over
     three taxels, so that a fourth seems touched (a ghost). Both are fixed parts of
     what the others let through, the same all over one device, and stand in plain sight
     whenever it is touched: most taxels where they show are not touched themselves.
