@@ -354,9 +354,7 @@ def pool(
             pooled[0, width + c] += weight * v[i, c]
     for c in range(width):
         pooled[0, width + c] /= np.float32(max(force, 1e-6))
-    normalise(
-        pooled, weights.pool_weight, weights.pool_bias, out.reshape(1, 2 * width)
-    )
+    normalise(pooled, weights.pool_weight, weights.pool_bias, out.reshape(1, 2 * width))
 
 
 @compiled
@@ -371,6 +369,4 @@ def arcsinh(x: float) -> float:
 @no_type_check
 def squared(vector: Float[np.ndarray, "3"]) -> float:
     """Its length squared."""
-    return (
-        vector[0] * vector[0] + vector[1] * vector[1] + vector[2] * vector[2]
-    )
+    return vector[0] * vector[0] + vector[1] * vector[1] + vector[2] * vector[2]

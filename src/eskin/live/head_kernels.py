@@ -162,9 +162,7 @@ def gather(now: int, memory: HeadMemory) -> None:
         statistics[2 * STATISTICS :],
     )
     measure(now, 1, slots, memory.fine_seen, memory.fine, share, fine)
-    measure(
-        now, SHORT_STRIDE, shorts, memory.short_seen, memory.short, share, short
-    )
+    measure(now, SHORT_STRIDE, shorts, memory.short_seen, memory.short, share, short)
     measure(now, LONG_APART, longs, memory.long_seen, memory.long, share, long)
 
 
