@@ -85,6 +85,8 @@ class EncoderMemory(NamedTuple):
     """(block, width) their messages half made."""
     messages: np.ndarray
     """(block, width) their messages."""
+    ways: np.ndarray
+    """(block) how much `r` of each counts in moving its target."""
     pooled: np.ndarray
     """(one, 2 width) maximum and mean over the active nodes."""
 
@@ -138,6 +140,7 @@ def encoder_memory(nodes: int, neighbours: int, width: int) -> EncoderMemory:
         edge=real(block, EDGE_SCALARS),
         hidden=real(block, width),
         messages=real(block, width),
+        ways=real(block),
         pooled=real(1, 2 * width),
     )
 

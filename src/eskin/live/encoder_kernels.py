@@ -18,10 +18,10 @@ from eskin.live.kernels import (
     add,
     add_bias,
     compiled,
-    dot,
     normalise,
     product,
     sigmoid,
+    silu,
 )
 from eskin.model import LENGTH_CM
 
@@ -65,7 +65,7 @@ def encode(
 def find_targets(graph: Graph, memory: EncoderMemory) -> int:
     """Number the active nodes, the targets, and return how many there are."""
     targets = 0
-    for node in range(graph.count):
+    for node in range(graph.nodes):
         memory.row[node] = NOBODY
         if graph.pressure[node] > 0.0:
             memory.row[node] = targets
@@ -101,7 +101,7 @@ def find_edges(graph: Graph, targets: int, memory: EncoderMemory) -> int:
 @no_type_check
 def place(graph: Graph, shear: bool, memory: EncoderMemory) -> None:
     """Write coordinates and, where the network takes it, compressed shear."""
-    for node in range(graph.count):
+    for node in range(graph.nodes):
         for d in range(3):
             memory.x[node, d] = graph.positions[node, d] * PER_LENGTH
         if shear:
@@ -136,8 +136,7 @@ def embed(
                 rows += 1
         memory.source_rows[e] = memory.row[node]
     product(memory.scalars[:rows], weights.embed_weight, memory.v[:rows])
-    add_bias(memory.v[:rows], weights.embed_bias)
-    activate(memory.v[:rows])
+    activate(memory.v[:rows], weights.embed_bias)
     return rows
 
 
@@ -186,8 +185,7 @@ def step(
     product(u[:targets], weights.update_hidden_weight[layer, :width], hidden)
     product(heard, weights.update_hidden_weight[layer, width:], of_target)
     add(of_target, hidden)
-    add_bias(hidden, weights.update_hidden_bias[layer])
-    activate(hidden)
+    activate(hidden, weights.update_hidden_bias[layer])
     product(hidden, weights.update_out_weight[layer], of_target)
     add_bias(of_target, weights.update_out_bias[layer])
     add(of_target, memory.v[:targets])
@@ -237,14 +235,13 @@ def hear_block(
     measure(graph, shear, begin, end, memory)
     np.dot(memory.edge[:edges], weights.of_edge_weight[layer], hidden)
     add_ends(firsts, sources, memory.of_target[begin:end], memory.of_source, hidden)
-    activate(hidden)
     np.dot(hidden, weights.message_weight[layer], messages)
-    add_bias(messages, weights.message_bias[layer])
-    activate(messages)
+    activate(messages, weights.message_bias[layer])
     add_shares(firsts, shares, messages, memory.heard[begin:end])
     if layer + 1 < len(weights.message_weight):  # the last one moves nothing
-        move, moved = weights.move_weight[layer], memory.moved[begin:end]
-        add_moves(firsts, shares, messages, move, memory.r, moved)
+        ways = memory.ways[:edges]
+        np.dot(messages, weights.move_weight[layer], ways)
+        add_moves(firsts, shares, ways, memory.r, memory.moved[begin:end])
 
 
 @compiled
@@ -256,13 +253,14 @@ def add_ends(
     of_source: Float[np.ndarray, "row width"],
     hidden: Float[np.ndarray, "edge width"],
 ) -> None:
-    """Add to each edge what its target and its source bring."""
+    """Add to each edge what its target and its source bring, and take the silu."""
     edge = 0
     for i in range(len(firsts) - 1):
         for _ in range(firsts[i], firsts[i + 1]):
             j = sources[edge]
             for c in range(hidden.shape[1]):
-                hidden[edge, c] += of_target[i, c] + of_source[j, c]
+                ends = of_target[i, c] + of_source[j, c]
+                hidden[edge, c] = silu(hidden[edge, c] + ends)
             edge += 1
 
 
@@ -289,18 +287,19 @@ def add_shares(
 def add_moves(
     firsts: Int[np.ndarray, "target_and_one"],
     shares: Float[np.ndarray, "edge"],
-    messages: Float[np.ndarray, "edge width"],
-    move: Float[np.ndarray, "width"],
+    ways: Float[np.ndarray, "edge"],
     r: Float[np.ndarray, "edge 3"],
     moved: Float[np.ndarray, "target 3"],
 ) -> None:
-    """Add up how far the messages move each target."""
+    """Add up how far the messages, which say how much each `r` counts, move targets."""
+    for edge in range(len(ways)):
+        tanh = TWO * sigmoid(TWO * ways[edge]) - ONE
+        ways[edge] = tanh * shares[edge]
     edge = 0
     for i in range(len(firsts) - 1):
         for _ in range(firsts[i], firsts[i + 1]):
-            tanh = TWO * sigmoid(TWO * dot(messages[edge], move)) - ONE
             for d in range(3):
-                moved[i, d] += tanh * shares[edge] * r[edge, d]
+                moved[i, d] += ways[edge] * r[edge, d]
             edge += 1
 
 

@@ -11,10 +11,10 @@ class Graph(NamedTuple):
     """The fields of `eskin.graph.GraphBatch` for one graph.
 
     The arrays may be longer than the graph, so that one set of them serves every
-    reading; what lies behind `count` nodes is not looked at.
+    reading; what lies behind those of its nodes is not looked at.
     """
 
-    count: int
+    nodes: int
     """Number of nodes."""
     seconds: float
     """Time since the reading before [s]."""

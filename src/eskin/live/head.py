@@ -96,7 +96,7 @@ def head_weights(weights: Weights) -> HeadWeights:
         long_weight=filters(both("long.conv.weight")),
         long_bias=np.concatenate(both("long.bias")),
         classify_weight=classify_weight.reshape(len(classify_weight), -1),
-        classify_bias=np.mean(both("classify.bias"), axis=0, dtype=np.float32),
+        classify_bias=np.array(both("classify.bias")).mean(axis=0, keepdims=False),
     )
 
 

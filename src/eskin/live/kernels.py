@@ -18,7 +18,8 @@ compiled = partial(
     fastmath={"contract", "reassoc", "nsz", "arcp"},
 )
 """How the network's loops are compiled: sums may be reordered, but NaN and infinity
-are what they are everywhere."""
+are what they are everywhere. A compiled function is kept on disk until its own file
+changes: after changing one that others call, delete `__pycache__`."""
 
 BLOCK = 128
 """Rows multiplied at once: what fits the nearest cache, and few enough that BLAS does
@@ -122,11 +123,13 @@ def add(
 
 @compiled
 @no_type_check
-def activate(x: Float[np.ndarray, "row channel"]) -> None:
-    """Replace each value by its silu."""
+def activate(
+    x: Float[np.ndarray, "row channel"], bias: Float[np.ndarray, "channel"]
+) -> None:
+    """Replace each row by silu(row + bias)."""
     for i in range(x.shape[0]):
         for c in range(x.shape[1]):
-            x[i, c] = silu(x[i, c])
+            x[i, c] = silu(x[i, c] + bias[c])
 
 
 @compiled

@@ -48,7 +48,7 @@ class Network:
 
         They stand in the network's own memory until the next graph.
         """
-        self.make_room(graph.count, graph.neighbours.shape[1])
+        self.make_room(graph.nodes, graph.neighbours.shape[1])
         featurise(graph, self.shear, self.weights, self.memory, self.out)
         return self.out
 

@@ -61,7 +61,7 @@ def motion_of(graph: Graph) -> tuple[float, Vector, Vector]:
     """The load's force [N], its centre [cm] and how that moves [cm/s]."""
     now, before = 0.0, 0.0
     x, y, z, x_before, y_before, z_before = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-    for i in range(graph.count):
+    for i in range(graph.nodes):
         p, p_before = graph.pressure[i], graph.before[i]
         if p == 0.0 and p_before == 0.0:
             continue
@@ -101,7 +101,7 @@ def summarise_pressure(
     low, middle, high = 0.0, 0.0, 0.0
     nx, ny, nz = 0.0, 0.0, 0.0
     xx, yy, zz, xy, xz, yz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-    for i in range(graph.count):
+    for i in range(graph.nodes):
         p, a = np.float64(graph.pressure[i]), np.float64(graph.areas[i])
         change = (p - graph.before[i]) * a * N_PER_KPA_CM2
         loading += max(change, 0.0)
@@ -171,7 +171,7 @@ def summarise_shear(
     """Write what the shear tells."""
     size, peak, rate, divergence = 0.0, 0.0, 0.0, 0.0
     nx, ny, nz, bx, by, bz, cx, cy, cz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-    for i in range(graph.count):
+    for i in range(graph.nodes):
         a = np.float64(graph.areas[i]) * N_PER_KPA_CM2
         s, earlier = graph.shear[i], graph.shear_before[i]
         peak = max(peak, length_of(s[0], s[1], s[2]))
