@@ -340,19 +340,19 @@ def pool(
     """Largest and force-weighted mean feature of the active nodes, normalised."""
     v, pooled = memory.v, memory.pooled
     width = v.shape[1]
-    for c in range(width):
-        pooled[0, c] = v[0, c]
-        pooled[0, width + c] = np.float32(0.0)
-    force = 0.0
+    largest, mean = pooled[0, :width], pooled[0, width:]
+    largest[:] = v[0]
+    mean[:] = np.float32(0.0)
+    force = np.float32(0.0)
     for i in range(targets):
         node = memory.nodes[i]
         weight = graph.pressure[node] * graph.areas[node]
         force += weight
         for c in range(width):
-            pooled[0, c] = max(pooled[0, c], v[i, c])
-            pooled[0, width + c] += weight * v[i, c]
+            largest[c] = max(largest[c], v[i, c])
+            mean[c] += weight * v[i, c]
     for c in range(width):
-        pooled[0, width + c] /= np.float32(max(force, 1e-6))
+        mean[c] /= max(force, np.float32(1e-6))
     normalise(pooled, weights.pool_weight, weights.pool_bias, out.reshape(1, 2 * width))
 
 

@@ -22,8 +22,8 @@ are what they are everywhere. A compiled function is kept on disk until its own 
 changes: after changing one that others call, delete `__pycache__`."""
 
 BLOCK = 128
-"""Rows multiplied at once: what fits the nearest cache, and few enough that BLAS does
-not wake its threads, which takes longer than the product."""
+"""Rows multiplied at once: they and what comes of them fit the nearest cache, and no
+BLAS shares so few among threads, which would take longer than the product."""
 
 EPSILON = np.float32(1e-5)
 """Added to the variance in a normalisation, as in torch."""

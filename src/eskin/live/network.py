@@ -22,6 +22,7 @@ class Network:
     """What `eskin.nn.RecogniserNetwork` computes, without torch.
 
     It comes in two halves: `features` once a reading, then a `Window` of each sequence.
+    Its memory serves one thread at a time; the interpreter is free while it works.
     """
 
     def __init__(self, model: Model) -> None:
