@@ -11,7 +11,7 @@ class Graph(NamedTuple):
     """The fields of `eskin.graph.GraphBatch` for one graph.
 
     The arrays may be longer than the graph, so that one set of them serves every
-    reading; what lies behind those of its nodes is not looked at.
+    reading; what lies behind its nodes is not looked at.
     """
 
     nodes: int

@@ -1,11 +1,10 @@
 """The temporal heads' weights as their kernels take them, and one sequence's memory."""
 
-from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
 
-from eskin.live.encoder import transposed
+from eskin.live.encoder import Weights, transposed
 
 VIEWS = ("summary", "graph")
 """The two heads, side by side in every array: one sees the summary alone, the other
@@ -16,9 +15,6 @@ SCALES = 3
 
 STATISTICS = 4
 """Of each channel at each scale: mean, spread, maximum, integral."""
-
-Weights = Mapping[str, np.ndarray]
-"""Parameters by name, as in the state of the torch network."""
 
 
 class HeadWeights(NamedTuple):
@@ -96,7 +92,7 @@ def head_weights(weights: Weights) -> HeadWeights:
         long_weight=filters(both("long.conv.weight")),
         long_bias=np.concatenate(both("long.bias")),
         classify_weight=classify_weight.reshape(len(classify_weight), -1),
-        classify_bias=np.array(both("classify.bias")).mean(axis=0, keepdims=False),
+        classify_bias=np.add(*both("classify.bias")) / np.float32(2.0),
     )
 
 
