@@ -1,19 +1,28 @@
-"""The numpy network against the torch one, with random weights."""
+"""The compiled network against the torch one, with random weights."""
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
 import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numba.core.runtime import rtsys
+from numba.core.runtime._nrt_python import memsys_disable_stats, memsys_enable_stats
 
 from eskin.errors import ModelError
 from eskin.graph import GraphBatch, join
 from eskin.graph.history import HISTORY
-from eskin.live import Network, Window
-from eskin.live.layers import silu
+from eskin.live import Network
+from eskin.live.graph import graph_of
+from eskin.live.kernels import activate
+from eskin.live.network import NODES
+from eskin.live.summary_kernels import eigenvalues, summarise
 from eskin.model import SLOT_NS, Model
 from eskin.model.weights import network_shapes
 from eskin.nn import network_input
+from eskin.nn.batch import graph_tensors, summary
 from graph_scenes import with_bystanders
 from live_scenes import VOCABULARY, model_of, network
 
@@ -57,19 +66,25 @@ def of_torch(net, batch, stamps):
         return net(network_input(batch, window, slot, 1, net.shear))[0].numpy()
 
 
-def of_numpy(net, batch, stamps):
+def features_of(live, batch):
+    """Features of every graph of a batch, each on its own."""
+    rows = [live.features(graph_of(batch, k)).copy() for k in range(batch.count)]
+    return np.array(rows)
+
+
+def of_live(net, batch, stamps):
     """The same without torch."""
     live = Network(model_of(net))
-    window = Window(net.config.slots, live.channels)
-    for row, stamp in zip(live.features(batch), stamps.tolist(), strict=True):
-        window.push(stamp, row)
-    return live.logits(*window.view())
+    window, logits = live.window(), None
+    for row, stamp in zip(features_of(live, batch), stamps.tolist(), strict=True):
+        logits = window.push(stamp, row)
+    return logits
 
 
 @pytest.mark.parametrize("sizes", SIZES)
 @pytest.mark.parametrize("kind", ["pressure", "shear"])
 @pytest.mark.parametrize("step", [0.1, 0.02, 0.005])
-def test_numpy_gives_the_logits_of_torch_at_any_rate(sizes, kind, step):
+def test_the_logits_are_those_of_torch_at_any_rate(sizes, kind, step):
     rng = np.random.default_rng(1)
     net = network(kind, **sizes)
     span = (net.config.slots - 1) * SLOT_NS * 1e-9
@@ -79,7 +94,7 @@ def test_numpy_gives_the_logits_of_torch_at_any_rate(sizes, kind, step):
     batch = join(graphs)
     want = of_torch(net, batch, stamps)
     assert np.abs(want).max() > 0.3
-    np.testing.assert_allclose(of_numpy(net, batch, stamps), want, atol=1e-4)
+    np.testing.assert_allclose(of_live(net, batch, stamps), want, atol=1e-4)
 
 
 @pytest.mark.parametrize("kind", ["pressure", "shear"])
@@ -90,23 +105,104 @@ def test_a_window_of_untouched_and_empty_graphs_gives_the_logits_of_torch(kind):
     graphs = [random_graph(rng, n, touched=False) for n in (0, 3, 0, 12)]
     batch = join(graphs)
     want = of_torch(net, batch, stamps)
-    np.testing.assert_allclose(of_numpy(net, batch, stamps), want, atol=1e-4)
+    np.testing.assert_allclose(of_live(net, batch, stamps), want, atol=1e-4)
 
 
-def test_encoding_graphs_together_is_encoding_each_alone():
+def at_rest(rng, batch, share):
+    """The same with nothing felt, now or before, at a share of the nodes."""
+    rest = rng.random(len(batch.taxels)) < share
+    names = ("pressure", "before", "age", "shear", "shear_before")
+    changed = {name: getattr(batch, name).copy() for name in names}
+    for values in changed.values():
+        values[rest] = 0.0
+    return replace(batch, **changed)
+
+
+@settings(deadline=None, max_examples=60)
+@given(
+    seed=st.integers(0, 1000),
+    nodes=st.sampled_from([0, 1, 2, 7, 40, 150]),
+    rest=st.sampled_from([0.0, 0.5, 1.0]),
+    kind=st.sampled_from(["pressure", "shear"]),
+    alone=st.booleans(),
+)
+def test_the_features_of_any_graph_are_those_of_torch(seed, nodes, rest, kind, alone):
+    rng = np.random.default_rng(seed)
+    batch = at_rest(rng, random_graph(rng, nodes), rest)
+    if alone:
+        batch = replace(batch, neighbours=np.full_like(batch.neighbours, -1))
+    net, live = of_kind(kind)
+    with torch.no_grad():
+        want = net.embed(graph_tensors(batch, net.shear)).numpy()
+    np.testing.assert_allclose(features_of(live, batch), want, atol=1e-5)
+
+
+@cache
+def of_kind(kind):
+    net = network(kind, width=16, layers=3)
+    return net, Network(model_of(net))
+
+
+def test_more_edges_than_fit_one_block_give_the_features_of_torch():
+    rng = np.random.default_rng(5)
+    net, live = of_kind("pressure")
+    batch = random_graph(rng, 300)
+    many = replace(batch, neighbours=rng.integers(-1, 300, (300, 130)))
+    with torch.no_grad():
+        want = net.embed(graph_tensors(many, net.shear)).numpy()
+    np.testing.assert_allclose(features_of(live, many), want, atol=1e-5)
+
+
+@pytest.mark.parametrize("kind", ["pressure", "shear"])
+@pytest.mark.parametrize("touched", [True, False])
+def test_the_compiled_summary_is_that_of_graph(kind, touched):
+    rng = np.random.default_rng(6)
+    shear = kind == "shear"
+    for nodes in (0, 1, 2, 3, 50):
+        batch = random_graph(rng, nodes, touched)
+        want = summary(batch, shear)[0]
+        found = np.empty_like(want)
+        summarise(graph_of(batch), shear, found)
+        np.testing.assert_allclose(found, want, atol=1e-5)
+
+
+@given(
+    st.lists(st.floats(-9, 9), min_size=9, max_size=9),
+    st.sampled_from([0.0, 1e-9, 1.0]),
+)
+def test_eigenvalues_are_exact_where_some_are_equal(entries, third):
+    basis, _ = np.linalg.qr(np.reshape(entries, (3, 3)))
+    a = basis @ np.diag([4.0, third, third]) @ basis.T
+    found = eigenvalues(a[0, 0], a[1, 1], a[2, 2], a[0, 1], a[0, 2], a[1, 2])
+    np.testing.assert_allclose(found, [4.0, third, third], atol=1e-12)
+
+
+def test_arrays_longer_than_the_graph_give_its_features():
+    rng = np.random.default_rng(8)
+    live = Network(model_of(network("shear")))
+    short, long = graph_of(random_graph(rng, 20)), graph_of(random_graph(rng, 90))
+    for name, values in long._asdict().items():
+        if name not in ("nodes", "seconds", "history"):
+            values[:20] = getattr(short, name)
+    longer = long._replace(nodes=20, seconds=short.seconds, history=short.history)
+    want = live.features(short).copy()
+    assert np.array_equal(live.features(longer), want)
+
+
+def test_a_graph_of_a_batch_has_the_features_that_it_has_alone():
     rng = np.random.default_rng(3)
     live = Network(model_of(network("shear")))
     graphs = [random_graph(rng, n, touched=n != 7) for n in (5, 0, 30, 7, 0)]
-    alone = np.concatenate([live.features(graph) for graph in graphs])
-    np.testing.assert_allclose(live.features(join(graphs)), alone, atol=1e-5)
+    alone = [live.features(graph_of(graph)).copy() for graph in graphs]
+    assert np.array_equal(features_of(live, join(graphs)), alone)
 
 
 def test_nodes_that_nobody_active_hears_change_no_feature():
     rng = np.random.default_rng(7)
     live = Network(model_of(network("shear")))
     batch = join([random_graph(rng, n) for n in (12, 1, 30)])
-    other = with_bystanders(batch, rng)
-    np.testing.assert_allclose(live.features(other), live.features(batch), atol=1e-5)
+    other = features_of(live, with_bystanders(batch, rng))
+    np.testing.assert_allclose(other, features_of(live, batch), atol=1e-5)
 
 
 def test_a_model_for_pressure_takes_no_notice_of_shear():
@@ -114,7 +210,48 @@ def test_a_model_for_pressure_takes_no_notice_of_shear():
     live = Network(model_of(network("pressure")))
     graph = random_graph(rng, 20)
     without = replace(graph, shear=0 * graph.shear, shear_before=0 * graph.shear)
-    assert np.array_equal(live.features(graph), live.features(without))
+    assert np.array_equal(features_of(live, graph), features_of(live, without))
+
+
+def test_a_graph_larger_than_any_before_is_made_room_for_once():
+    rng = np.random.default_rng(9)
+    live, small = Network(model_of(network())), random_graph(rng, 20)
+    want = features_of(live, small)
+    memory = live.memory
+    features_of(live, random_graph(rng, NODES))
+    assert live.memory is memory
+    features_of(live, random_graph(rng, NODES + 1))
+    grown = live.memory
+    assert grown is not memory
+    features_of(live, random_graph(rng, 2 * NODES))
+    assert live.memory is grown
+    assert np.array_equal(features_of(live, small), want)
+
+
+def arrays_in(values):
+    """How many arrays a tuple of tuples holds."""
+    if isinstance(values, tuple):
+        return sum(arrays_in(value) for value in values)
+    return int(isinstance(values, np.ndarray))
+
+
+@pytest.mark.parametrize("nodes", [0, 5, 200])
+def test_a_reading_takes_no_memory_in_compiled_code(nodes):
+    rng = np.random.default_rng(10)
+    live = Network(model_of(network("shear")))
+    window, graph = live.window(), graph_of(random_graph(rng, nodes))
+    memsys_enable_stats()
+    try:
+        before = rtsys.get_allocation_stats()
+        for n in range(30):
+            window.push(10**18 + 3 * n * SLOT_NS, live.features(graph))
+        after = rtsys.get_allocation_stats()
+    finally:
+        memsys_disable_stats()
+    given = (graph, live.weights, live.memory, live.heads, window.memory)
+    handles = arrays_in(given) + 3  # features twice and logits; the rest is ours
+    assert after.alloc - before.alloc == 30 * handles
+    assert after.free - before.free == 30 * handles
 
 
 @pytest.mark.parametrize("sizes", SIZES)
@@ -126,9 +263,12 @@ def test_every_parameter_of_torch_has_its_shape_in_the_card(sizes, kind):
 
 
 def test_silu_neither_overflows_nor_differs_from_torch():
-    x = np.array([-1e4, -100, -3, 0, 1e-3, 7, 1e4], np.float32)
+    x = np.concatenate([np.linspace(-100, 100, 20001), [-1e4, 1e4]])
+    x = x.astype(np.float32)
     want = torch.nn.functional.silu(torch.tensor(x)).numpy()
-    np.testing.assert_allclose(silu(x), want, rtol=1e-6, atol=1e-7)
+    found = x.copy()[None]
+    activate(found, np.zeros_like(x))
+    np.testing.assert_allclose(found[0], want, rtol=1e-6, atol=1e-6)
 
 
 def broken(**changes) -> Model:

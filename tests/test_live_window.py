@@ -1,48 +1,76 @@
-"""The ring of slots that the head looks back on."""
+"""The heads on rings, a reading at a time, against those of torch on whole windows."""
 
 import numpy as np
-from hypothesis import given
+import pytest
+import torch
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from eskin.live import Window
+from eskin.live import Network
 from eskin.model import SLOT_NS
+from eskin.nn.batch import Places
+from live_scenes import model_of, network
+
+SLOTS = (25, 26, 30, 41)
+NETS = {slots: network(slots=slots, channels=6, width=4) for slots in SLOTS}
 
 
-def naive(stamps, rows, slots):
-    """Slots by their definition."""
-    now = stamps[-1] // SLOT_NS
-    e, present = np.zeros((slots, 2), np.float32), np.zeros(slots, np.float32)
-    for slot in range(slots):
-        number = now - slots + 1 + slot
-        inside = [
-            r for s, r in zip(stamps, rows, strict=True) if s // SLOT_NS == number
-        ]
-        if inside:
-            e[slot], present[slot] = np.max(inside, axis=0), 1.0
-    return e, present
+def of_torch(net, numbers, rows):
+    """Logits of the window that ends with the last reading."""
+    slot = np.array(numbers) - numbers[-1] + net.config.slots - 1
+    inside = np.flatnonzero(slot >= 0)
+    window = torch.zeros(len(inside), dtype=torch.long)
+    places = Places(window, torch.tensor(slot[inside]), 1)
+    with torch.no_grad():
+        return net.classify(torch.tensor(rows[inside]), places).mean(dim=0)[0].numpy()
 
 
-@given(
-    st.lists(st.integers(1, 9 * SLOT_NS), min_size=1, max_size=40),
-    st.integers(0, 10**18),
-)
-def test_a_window_holds_the_maximum_of_each_slot_and_nothing_older(steps, start):
-    stamps = [start + int(step) for step in np.cumsum(steps)]
-    rows = np.random.default_rng(len(steps)).normal(size=(len(steps), 2))
-    rows = rows.astype(np.float32)
-    window = Window(6, 2)
+def check(net, stamps, seed):
+    """Hold the logits at every stamp to those of torch."""
+    live = Network(model_of(net))
+    window = live.window()
+    rows = np.random.default_rng(seed).normal(size=(len(stamps), live.channels))
+    rows = 2 * rows.astype(np.float32)
+    numbers = [stamp // SLOT_NS for stamp in stamps]
     for n, stamp in enumerate(stamps):
-        window.push(stamp, rows[n])
-        e, present = window.view()
-        wanted, there = naive(stamps[: n + 1], rows[: n + 1], 6)
-        assert np.array_equal(e, wanted)
-        assert np.array_equal(present, there)
+        found = window.push(stamp, rows[n])
+        want = of_torch(net, numbers[: n + 1], rows[: n + 1])
+        np.testing.assert_allclose(found, want, atol=1e-4)
 
 
-def test_an_old_slot_is_not_mistaken_for_a_new_one_after_a_pause():
-    window = Window(5, 1)
-    window.push(0, np.ones(1, np.float32))
-    window.push(5 * SLOT_NS, 2 * np.ones(1, np.float32))
-    e, present = window.view()
-    assert e[:, 0].tolist() == [0, 0, 0, 0, 2]
-    assert present.tolist() == [0, 0, 0, 0, 1]
+@settings(deadline=None)
+@given(
+    slots=st.sampled_from(SLOTS),
+    steps=st.lists(
+        st.one_of(
+            st.integers(1, SLOT_NS // 3),
+            st.just(SLOT_NS),
+            st.integers(SLOT_NS, 9 * SLOT_NS),
+            st.integers(20 * SLOT_NS, 100 * SLOT_NS),
+        ),
+        min_size=1,
+        max_size=60,
+    ),
+    start=st.integers(0, 10**18),
+)
+def test_after_any_stamps_the_logits_are_those_of_the_whole_window(slots, steps, start):
+    stamps = [start + int(step) for step in np.cumsum(steps)]
+    check(NETS[slots], stamps, len(steps))
+
+
+@pytest.mark.parametrize("slots", SLOTS)
+@pytest.mark.parametrize("gap", [-1, 0, 1])
+def test_an_old_slot_is_not_mistaken_for_a_new_one_after_a_pause(slots, gap):
+    pause = slots + gap
+    numbers = [*range(40), *range(40 + pause, 60 + pause)]
+    check(NETS[slots], [n * SLOT_NS for n in numbers], slots)
+
+
+def test_logits_given_away_are_not_written_to_again():
+    live = Network(model_of(NETS[25]))
+    window = live.window()
+    rows = np.random.default_rng(0).normal(size=(2, live.channels)).astype(np.float32)
+    first = window.push(0, rows[0])
+    kept = first.copy()
+    window.push(SLOT_NS, rows[1])
+    assert np.array_equal(first, kept)

@@ -50,9 +50,7 @@ def test_a_skin_is_as_dense_as_it_says(name, times, count):
         assert skin.count == pytest.approx(count, rel=0.05)
 
 
-@pytest.mark.parametrize(
-    "name", ["ur5-half", "ur5-double", "ur5-sparse", "ur5-dense"]
-)
+@pytest.mark.parametrize("name", ["ur5-half", "ur5-double", "ur5-sparse", "ur5-dense"])
 def test_a_denser_skin_covers_the_same_surface(name):
     assert area(load_skin(name)) == pytest.approx(area(USUAL), rel=0.02)
 

@@ -1,95 +1,124 @@
-"""The temporal head of `eskin.nn`, in numpy, for one window."""
+"""The temporal heads' weights as their kernels take them, and one sequence's memory."""
 
-from typing import final
+from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float
 
-from eskin.live.layers import Linear, Weights, silu, under
+from eskin.live.encoder import Weights, transposed
 
-Sequence = Float[np.ndarray, "slot channel"]
-Mask = Float[np.ndarray, "slot 1"]
-Filtered = tuple[Float[np.ndarray, "output channel"], Float[np.ndarray, "output 1"]]
+VIEWS = ("summary", "graph")
+"""The two heads, side by side in every array: one sees the summary alone, the other
+the embedding beside it."""
 
+SCALES = 3
+"""Of time: a slot, and the spans of the two convolutions."""
 
-@final
-class PartialConvolution:
-    """A convolution in time over the slots that hold a reading, as in `eskin.nn`."""
-
-    def __init__(self, weights: Weights, stride: int) -> None:
-        """Take the convolution's own weights."""
-        filters = weights["conv.weight"]
-        self.kernel, self.stride = filters.shape[2], stride
-        self.filters = filters.transpose(0, 2, 1).reshape(len(filters), -1)
-        self.bias = weights["bias"]
-
-    def __call__(self, x: Sequence, present: Mask) -> Filtered:
-        """Filter; the mask returned tells which outputs saw any reading.
-
-        The last output ends with the last slot: what is cut off is the oldest.
-        """
-        seen = self.gather(present).sum(axis=1, keepdims=True)
-        scaled = self.gather(x * present) @ self.filters.T
-        scaled *= self.kernel / np.maximum(seen, 1.0)
-        mask = (seen > 0).astype(np.float32)
-        return silu(scaled + self.bias) * mask, mask
-
-    def gather(
-        self, x: Float[np.ndarray, "slot channel"]
-    ) -> Float[np.ndarray, "output tap"]:
-        """What each output looks at: all channels at its first tap, then the next."""
-        skipped = (len(x) - self.kernel) % self.stride
-        firsts = np.arange(skipped, len(x) - self.kernel + 1, self.stride)
-        parts = x[firsts[:, None] + np.arange(self.kernel)]
-        return parts.reshape(len(parts), -1)
+STATISTICS = 4
+"""Of each channel at each scale: mean, spread, maximum, integral."""
 
 
-@final
-class TemporalHead:
-    """A window of features to logits, as `eskin.nn.TemporalHead` does it."""
+class HeadWeights(NamedTuple):
+    """Parameters of both heads; a *track* is a channel of one of them.
 
-    def __init__(self, weights: Weights) -> None:
-        """Take the head's own weights."""
-        self.project = Linear.of(weights, "project")
-        self.short = PartialConvolution(under(weights, "short"), stride=4)
-        self.long = PartialConvolution(under(weights, "long"), stride=2)
-        self.classify = Linear.of(weights, "classify")
-
-    def __call__(
-        self,
-        e: Float[np.ndarray, "slot input"],
-        present: Float[np.ndarray, "slot"],
-    ) -> Float[np.ndarray, "class"]:
-        """Logits of the window; `present` is 1 where a slot holds a reading."""
-        mask = present[:, None]
-        fine = silu(self.project(e)) * mask
-        short, short_mask = self.short(fine, mask)
-        long, long_mask = self.long(short, short_mask)
-        share = np.maximum.accumulate(present).mean()
-        features = np.concatenate(
-            [
-                statistics(fine, mask, share),
-                statistics(short, short_mask, share),
-                statistics(long, long_mask, share),
-            ]
-        )
-        return self.classify(features)
-
-
-def statistics(
-    x: Sequence, mask: Mask, share: np.float32
-) -> Float[np.ndarray, "feature"]:
-    """Mean, spread and maximum over the present slots, zero without any, and integral.
-
-    Args:
-        x: what to look at.
-        mask: where there is anything.
-        share: of the window since its first reading.
+    Whatever a head does not see has zeros for weights.
     """
-    count = np.maximum(mask.sum(), 1.0)
-    mean = x.sum(axis=0) / count
-    variance = ((x - mean) ** 2 * mask).sum(axis=0) / count
-    largest = np.where(mask > 0, x, -np.inf).max(axis=0)
-    largest = np.where(np.isfinite(largest), largest, 0.0)
-    spread = np.sqrt(variance + 1e-4)
-    return np.concatenate([mean, spread, largest, mean * share])
+
+    project_weight: np.ndarray
+    """(input, track)"""
+    project_bias: np.ndarray
+    """(track)"""
+    short_weight: np.ndarray
+    """(view, tap and channel, channel)"""
+    short_bias: np.ndarray
+    """(track)"""
+    long_weight: np.ndarray
+    """(view, tap and channel, channel)"""
+    long_bias: np.ndarray
+    """(track)"""
+    classify_weight: np.ndarray
+    """(class, statistic of each scale and track), halved: the views are averaged."""
+    classify_bias: np.ndarray
+    """(class)"""
+
+
+class HeadMemory(NamedTuple):
+    """What is remembered of one sequence; slot number n stands at n modulo the slots.
+
+    An output of a convolution stands where its last tap is, whether or not the window
+    that ends now looks at it: each is computed once and used every fourth slot, or
+    every eighth.
+    """
+
+    newest: np.ndarray
+    """(input) features of the newest slot."""
+    fine_seen: np.ndarray
+    """(slot) whether it holds a reading."""
+    fine: np.ndarray
+    """(slot, track) its projection."""
+    short_seen: np.ndarray
+    """(slot) whether the short convolution that ends there saw a reading."""
+    short: np.ndarray
+    """(slot, track) what it gives."""
+    long_seen: np.ndarray
+    """(slot) whether the long convolution that ends there saw a reading."""
+    long: np.ndarray
+    """(slot, track) what it gives."""
+    statistics: np.ndarray
+    """(statistic of each scale, track)"""
+
+
+def head_weights(weights: Weights) -> HeadWeights:
+    """The parameters whose names begin with `summary_head.` and `graph_head.`."""
+
+    def both(name: str) -> list[np.ndarray]:
+        return [weights[f"{view}_head.{name}"] for view in VIEWS]
+
+    inputs = both("project.weight")[-1].shape[1]
+    project = [
+        np.pad(weight, [(0, 0), (0, inputs - weight.shape[1])])
+        for weight in both("project.weight")
+    ]
+    tracks = len(project) * len(project[0])
+    classify = [
+        weight.reshape(len(weight), -1, tracks // 2)
+        for weight in both("classify.weight")
+    ]
+    classify_weight = np.concatenate(classify, axis=2) / np.float32(2.0)
+    return HeadWeights(
+        project_weight=transposed(np.concatenate(project)),
+        project_bias=np.concatenate(both("project.bias")),
+        short_weight=filters(both("short.conv.weight")),
+        short_bias=np.concatenate(both("short.bias")),
+        long_weight=filters(both("long.conv.weight")),
+        long_bias=np.concatenate(both("long.bias")),
+        classify_weight=classify_weight.reshape(len(classify_weight), -1),
+        classify_bias=np.add(*both("classify.bias")) / np.float32(2.0),
+    )
+
+
+def head_memory(weights: HeadWeights, slots: int) -> HeadMemory:
+    """Memory for a sequence of which nothing has come yet."""
+    inputs, tracks = weights.project_weight.shape
+
+    def ring() -> np.ndarray:
+        return np.zeros((slots, tracks), np.float32)
+
+    def seen() -> np.ndarray:
+        return np.zeros(slots, np.bool_)
+
+    return HeadMemory(
+        newest=np.zeros(inputs, np.float32),
+        fine_seen=seen(),
+        fine=ring(),
+        short_seen=seen(),
+        short=ring(),
+        long_seen=seen(),
+        long=ring(),
+        statistics=np.zeros((SCALES * STATISTICS, tracks), np.float32),
+    )
+
+
+def filters(weights: list[np.ndarray]) -> np.ndarray:
+    """Filters of torch as (view, tap and input, output)."""
+    turned = [weight.transpose(2, 1, 0) for weight in weights]
+    return np.stack([weight.reshape(-1, weight.shape[2]) for weight in turned])

@@ -1,25 +1,28 @@
-"""The network of `eskin.nn`, in numpy: the part of a reading, then of a window."""
+"""The network of `eskin.nn`, compiled: the part of a reading, then of a window."""
 
 from typing import final
 
 import numpy as np
 from jaxtyping import Float
 
-from eskin.graph import GraphBatch, pressure_summary, shear_summary
-from eskin.live.encoder import Encoder
-from eskin.live.head import TemporalHead
-from eskin.live.layers import under
+from eskin.live.encoder import encoder_memory, encoder_weights
+from eskin.live.feature_kernels import FeatureWeights, featurise
+from eskin.live.graph import Graph
+from eskin.live.head import head_weights
+from eskin.live.window import Window
 from eskin.model import Model
 from eskin.model.weights import checked_weights
 
-FARTHEST = 4.0  # standard deviations that a summary feature may be off
+NODES, NEIGHBOURS = 256, 16
+"""What there is memory for at first."""
 
 
 @final
 class Network:
     """What `eskin.nn.RecogniserNetwork` computes, without torch.
 
-    It comes in two halves: `features` once a reading, `logits` once a window.
+    It comes in two halves: `features` once a reading, then a `Window` of each sequence.
+    Its memory serves one thread at a time; the interpreter is free while it works.
     """
 
     def __init__(self, model: Model) -> None:
@@ -28,35 +31,35 @@ class Network:
         Raises:
             ModelError: naming the first parameter that does not fit the model's card.
         """
-        weights, card = checked_weights(model), model.card
-        self.shear = card.kind == "shear"
-        self.summary_mean = weights["summary_mean"]
-        self.summary_scale = weights["summary_scale"]
-        self.encoder = Encoder(
-            under(weights, "encoder"), card.network.layers, self.shear
+        weights, config = checked_weights(model), model.card.network
+        self.shear = model.card.kind == "shear"
+        self.slots, self.width = config.slots, config.width
+        self.weights = FeatureWeights(
+            weights["summary_mean"],
+            weights["summary_scale"],
+            encoder_weights(weights, config.layers),
         )
-        self.summary_head = TemporalHead(under(weights, "summary_head"))
-        self.graph_head = TemporalHead(under(weights, "graph_head"))
-        self.channels = len(self.summary_mean) + 2 * card.network.width
+        self.heads = head_weights(weights)
+        self.memory = encoder_memory(NODES, NEIGHBOURS, self.width)
+        self.channels = len(self.weights.summary_mean) + 2 * self.width
+        self.out = np.empty(self.channels, np.float32)
 
-    def features(self, batch: GraphBatch) -> Float[np.ndarray, "graph channel"]:
-        """Standardised summary and embedding of every graph."""
-        centred = (self.summary(batch) - self.summary_mean) * self.summary_scale
-        summary = np.clip(centred, -FARTHEST, FARTHEST)
-        return np.concatenate([summary, self.encoder(batch)], axis=1)
+    def features(self, graph: Graph) -> Float[np.ndarray, "channel"]:
+        """Standardised summary and embedding of a graph.
 
-    def summary(self, batch: GraphBatch) -> Float[np.ndarray, "graph feature"]:
-        """Pressure and, where the network takes it, shear summary of each graph."""
-        if not self.shear:
-            return pressure_summary(batch)
-        return np.concatenate([pressure_summary(batch), shear_summary(batch)], axis=1)
+        They stand in the network's own memory until the next graph.
+        """
+        self.make_room(graph.nodes, graph.neighbours.shape[1])
+        featurise(graph, self.shear, self.weights, self.memory, self.out)
+        return self.out
 
-    def logits(
-        self,
-        e: Float[np.ndarray, "slot channel"],
-        present: Float[np.ndarray, "slot"],
-    ) -> Float[np.ndarray, "class"]:
-        """Logits of a window of features; `present` is 1 where a slot holds any."""
-        summary = np.ascontiguousarray(e[:, : len(self.summary_mean)])
-        views = self.summary_head(summary, present), self.graph_head(e, present)
-        return 0.5 * (views[0] + views[1])
+    def make_room(self, nodes: int, neighbours: int) -> None:
+        """Take memory for twice as large a graph if this one does not fit."""
+        memory = self.memory
+        fits = nodes <= len(memory.nodes) and neighbours <= len(memory.hidden)
+        if not fits or nodes * neighbours > len(memory.sources):
+            self.memory = encoder_memory(2 * nodes, neighbours, self.width)
+
+    def window(self) -> Window:
+        """An empty window for one sequence."""
+        return Window(self.heads, self.slots)

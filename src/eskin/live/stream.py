@@ -5,7 +5,8 @@ from typing import final
 import numpy as np
 from jaxtyping import Float
 
-from eskin.graph import GraphBatch, join
+from eskin.graph import GraphBatch
+from eskin.live.graph import graph_of
 from eskin.live.network import Network
 from eskin.live.window import Window
 from eskin.model import Model
@@ -29,7 +30,6 @@ class LogitStream:
             ModelError: the weights do not fit the model's card.
         """
         self.network = Network(model)
-        self.slots = model.card.network.slots
         self.windows: dict[int, Window] = {}
         self.logits: Logits = {}
 
@@ -42,18 +42,11 @@ class LogitStream:
             graphs: one graph a sequence.
             stamp: of the reading, later than the one before [ns since the epoch].
         """
-        self.windows = {key: self.windows.get(key) or self.window() for key in graphs}
-        self.logits = {}
-        if not graphs:
-            return self.logits
-        batches = list(graphs.values())
-        batch = batches[0] if len(batches) == 1 else join(batches)
-        features = self.network.features(batch)
-        for row, (key, window) in zip(features, self.windows.items(), strict=True):
-            window.push(stamp, row)
-            self.logits[key] = self.network.logits(*window.view())
+        self.windows = {
+            key: self.windows.get(key) or self.network.window() for key in graphs
+        }
+        self.logits = {
+            key: window.push(stamp, self.network.features(graph_of(graphs[key])))
+            for key, window in self.windows.items()
+        }
         return self.logits
-
-    def window(self) -> Window:
-        """An empty window."""
-        return Window(self.slots, self.network.channels)

@@ -1,45 +1,41 @@
-"""The last slots of one sequence of features."""
+"""The last two seconds of one sequence, as its logits need them."""
 
 from typing import final
 
 import numpy as np
 from jaxtyping import Float
 
+from eskin.live.head import HeadWeights, head_memory
+from eskin.live.head_kernels import classify
 from eskin.model import SLOT_NS
 
-NEVER = np.iinfo(np.int64).min
+LONG_AGO = -(2**62)
 
 
 @final
 class Window:
-    """A ring of slots of 20 ms; readings that share a slot give their maximum.
+    """Rings of slots of 20 ms, in which each reading changes what hangs on it.
 
-    A slot keeps its absolute number, so that what a pause has left behind is not taken
-    for new.
+    Readings that share a slot give their maximum; slots that are passed over hold
+    none. What comes out is what the heads give for the whole window.
     """
 
-    def __init__(self, slots: int, channels: int) -> None:
+    def __init__(self, weights: HeadWeights, slots: int) -> None:
         """Start empty."""
-        self.slots = slots
-        self.features = np.zeros((slots, channels), np.float32)
-        self.numbers = np.full(slots, NEVER, np.int64)
-        self.now = 0
+        self.weights = weights
+        self.memory = head_memory(weights, slots)
+        self.now = LONG_AGO
 
-    def push(self, stamp: int, features: Float[np.ndarray, "channel"]) -> None:
-        """Take in a reading, later than the one before [ns since the epoch]."""
-        self.now = stamp // SLOT_NS
-        place = self.now % self.slots
-        if self.numbers[place] == self.now:
-            np.maximum(self.features[place], features, out=self.features[place])
-        else:
-            self.features[place] = features
-            self.numbers[place] = self.now
+    def push(
+        self, stamp: int, features: Float[np.ndarray, "channel"]
+    ) -> Float[np.ndarray, "class"]:
+        """Logits of the window that ends with a reading.
 
-    def view(
-        self,
-    ) -> tuple[Float[np.ndarray, "slot channel"], Float[np.ndarray, "slot"]]:
-        """Features by slot, the latest last, zero where there are none; and where."""
-        numbers = np.arange(self.now - self.slots + 1, self.now + 1)
-        places = numbers % self.slots
-        present = (self.numbers[places] == numbers).astype(np.float32)
-        return self.features[places] * present[:, None], present
+        Args:
+            stamp: of the reading, later than the one before [ns since the epoch].
+            features: of the reading.
+        """
+        before, self.now = self.now, stamp // SLOT_NS
+        logits = np.empty_like(self.weights.classify_bias)
+        classify(features, before, self.now, self.weights, self.memory, logits)
+        return logits

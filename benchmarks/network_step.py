@@ -1,0 +1,139 @@
+"""What the compiled network costs at one reading, part by part.
+
+    python -m benchmarks.network_step
+
+A hand of so many taxels on the ur5 skin's forearm; the last column holds the whole
+step against torch doing the same with the same graph and window in the same run,
+since machines differ and are shared.
+"""
+
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from itertools import count
+
+import numpy as np
+import torch
+import tyro
+
+import eskin
+from eskin.graph import GraphBatch, GraphBuilder, GraphConfig
+from eskin.learn.checkpoint import to_model
+from eskin.live.encoder_kernels import encode
+from eskin.live.graph import graph_of
+from eskin.live.network import Network
+from eskin.live.stream import LogitStream
+from eskin.live.summary_kernels import summarise
+from eskin.model import SLOT_NS, Model, ModelCard, NetworkConfig
+from eskin.nn import RecogniserNetwork
+from eskin.nn.batch import Places, graph_tensors
+
+VOCABULARY = ("none", "poke", "double_pat", "grab", "stroke")
+ACTIVE = (1, 20, 60, 83)
+
+
+@dataclass(frozen=True)
+class Command:
+    """Time the network, part by part."""
+
+    steps: int = 500
+    """Readings timed of each kind."""
+
+    width: int = 32
+    """Channels of a node."""
+
+    layers: int = 3
+    """Equivariant layers."""
+
+    channels: int = 48
+    """Channels of each temporal head."""
+
+
+def main() -> None:
+    """Time and print."""
+    command = tyro.cli(Command)
+    torch.manual_seed(0)
+    torch.set_num_threads(1)
+    config = NetworkConfig(command.width, command.layers, command.channels)
+    network = RecogniserNetwork(config, len(VOCABULARY), shear=False).eval()
+    model = to_model(network, ModelCard(VOCABULARY, network=config))
+    titles = ("active", "nodes", "encoder", "summary", "heads", "step", "torch / step")
+    print("p50 / p99 [ms]\n")
+    print(f"| {' | '.join(titles)} |")
+    print(f"|{'---|' * len(titles)}")
+    for active in ACTIVE:
+        batch = pressed(active)
+        parts = [times(call, command.steps) for call in compiled_parts(model, batch)]
+        slow = times(torch_step(network, batch), command.steps // 5)
+        cells = [f"{np.median(t):.4f} / {np.percentile(t, 99):.4f}" for t in parts]
+        ratio = f"{np.median(slow) / np.median(parts[-1]):.0f} x"
+        row = [str(active), str(len(batch.taxels)), *cells, ratio]
+        print(f"| {' | '.join(row)} |")
+
+
+def pressed(active: int) -> GraphBatch:
+    """The graph of a hand whose load on so many taxels rises."""
+    skin = eskin.load_skin("ur5")
+    mounted = eskin.MountedSkin(skin, eskin.load_robot("ur5"))
+    patch = skin.taxels_of("forearm_front")
+    centre = skin.positions[patch].mean(axis=0)
+    distance = np.linalg.norm(skin.positions[patch] - centre, axis=1)
+    taxels = np.sort(patch[np.argsort(distance)[:active]])
+    touched = np.zeros(skin.count, dtype=bool)
+    touched[taxels] = True
+    builder = GraphBuilder(mounted, GraphConfig())
+    for n in range(2):
+        pressure = np.where(touched, 20.0 + n, 0.0).astype(np.float32)
+        valid, q = np.ones(skin.count, dtype=bool), np.zeros(6)
+        reading = eskin.Reading(SLOT_NS * (n + 1), pressure, valid, q)
+        builder.advance(reading, touched)
+    return builder.graph(taxels, taxels)
+
+
+def compiled_parts(model: Model, batch: GraphBatch) -> list[Callable[[], object]]:
+    """Encoder, summary, heads and the whole step, each of one reading."""
+    network, stream = Network(model), LogitStream(model)
+    graph, window = graph_of(batch), network.window()
+    weights, memory = network.weights, network.memory
+    embedding = np.zeros(2 * network.width, np.float32)
+    summary = np.zeros(len(weights.summary_mean), np.float32)
+    features = network.features(graph).copy()
+    heads_stamps, stamps = stamps_from(SLOT_NS), stamps_from(SLOT_NS)
+    return [
+        lambda: encode(graph, False, weights.encoder, memory, embedding),
+        lambda: summarise(graph, False, summary),
+        lambda: window.push(next(heads_stamps), features),
+        lambda: stream.push({1: batch}, next(stamps)),
+    ]
+
+
+def stamps_from(stamp: int) -> Iterator[int]:
+    """Stamps one slot apart."""
+    return count(stamp, SLOT_NS)
+
+
+def torch_step(network: RecogniserNetwork, batch: GraphBatch) -> Callable[[], object]:
+    """The same step in torch: one graph embedded, then a window that is full."""
+    slots = network.config.slots
+    places = Places(torch.zeros(slots, dtype=torch.long), torch.arange(slots), 1)
+
+    def step() -> None:
+        with torch.no_grad():
+            features = network.embed(graph_tensors(batch, shear=False))
+            network.classify(features.expand(slots, -1), places)
+
+    return step
+
+
+def times(call: Callable[[], object], steps: int) -> np.ndarray:
+    """How long each call takes, after as many as fill a window [ms]."""
+    found = []
+    for _ in range(100 + steps):
+        start = time.perf_counter()
+        call()
+        found.append(time.perf_counter() - start)
+    return 1e3 * np.array(found[100:])
+
+
+if __name__ == "__main__":
+    main()
