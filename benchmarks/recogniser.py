@@ -175,16 +175,21 @@ def stream_row(name: str, score: EventScore) -> str:
     """A row of the table of streams."""
     total, delays, unknown = score.total, score.all_delays, score.unknown_total
     low, high = score.f1_interval
-    cells = (
-        name,
-        f"{score.hours:.2f}",
-        str(total.matched + total.missed),
+    events = total.matched + total.missed
+    found = (
         f"{total.precision:.3f}",
         f"{total.recall:.3f}",
         f"{total.f1:.3f} ({low:.3f}-{high:.3f})",
         f"{score.simultaneous.f1:.3f}",
+    )
+    when = (f"{delays.latency(p):.2f} s" for p in (50, 95))
+    cells = (
+        name,
+        f"{score.hours:.2f}",
+        str(events),
+        *(cell if events else "" for cell in found),
         f"{score.false_per_hour:.2f}",
-        *(f"{delays.latency(p):.2f} s" for p in (50, 95)),
+        *(cell if events else "" for cell in when),
         f"{score.accidents.mistaken} of {score.accidents.count}",
         f"{unknown.mistaken} of {unknown.count}",
     )
