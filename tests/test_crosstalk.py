@@ -12,6 +12,7 @@ from eskin.sim.sensor.crosstalk_kernels import read_array
 from eskin.skin import grid_skin
 from eskin.touch import Calibration, Reading, TouchPipeline
 from eskin.touch.crosstalk import Crosstalk
+from eskin.touch.crosstalk_kernels import LEAK
 from touch_scenes import REST, calibration_of, mounted_grid, pressed, scan_at
 
 ROWS, COLUMNS = 12, 14
@@ -77,8 +78,8 @@ def test_what_no_one_touches_shows_nothing_and_what_is_touched_stays(leak, ghost
 @pytest.mark.parametrize("ghost", [0.02, 0.08])
 def test_it_learns_how_much_leaks(leak, ghost):
     crosstalk = taught(leak, ghost)
-    assert crosstalk.leak.value == pytest.approx(leak, rel=0.15)
-    assert crosstalk.ghost.value == pytest.approx(ghost, rel=0.3)
+    assert crosstalk.leak == pytest.approx(leak, rel=0.15)
+    assert crosstalk.ghost == pytest.approx(ghost, rel=0.3)
 
 
 def test_a_device_that_does_not_leak_is_left_alone():
@@ -126,7 +127,7 @@ def test_patches_do_not_leak_into_each_other():
     left_half = (SKIN.columns < COLUMNS // 2).astype(np.int32)
     both = replace(SKIN, patch_index=left_half, patches=SKIN.patches * 2)
     crosstalk = Crosstalk(both, MATRIX)
-    crosstalk.leak.value = 0.01
+    crosstalk.learned.value[LEAK] = 0.01
     pressure = np.zeros(SKIN.count)
     pressure[[0, COLUMNS - 1]] = 100.0, 5.0
     assert both.rows[0] == both.rows[COLUMNS - 1]

@@ -15,7 +15,7 @@ from eskin.learn.wear import Wear
 from eskin.recording import read_recording
 from eskin.touch import PipelineConfig
 
-FORMAT = 3
+FORMAT = 4
 SHEAR = ("shear", "shear_before")
 SMALL = {"taxels": np.int32, "neighbours": np.int16}
 """Fields that need fewer bytes on disk and in memory than while they are computed."""

@@ -1,0 +1,212 @@
+"""The compiled loops of `eskin.touch.crosstalk`, one patch at a time."""
+
+from typing import NamedTuple, no_type_check
+
+import numpy as np
+from jaxtyping import Bool, Float
+from numba import njit
+
+VISIBLE = 0.3
+"""Conductance of others, by that at half scale, of which a part stands out of noise."""
+
+DIRECT = 0.02
+"""A taxel whose detours conduct less than this by its lines tells of leak alone."""
+
+SATURATED = 6.0
+"""Conductance by that at half scale that a converter does not tell well."""
+
+FEWEST = 8
+"""Taxels of a patch that it takes to tell."""
+
+WIDEST = 0.25
+"""Share of a patch that may be touched while it is learned from."""
+
+FAINT = 0.1
+"""Conductance by the largest of the patch that is not called touched there."""
+
+CAUTION = 2.5
+"""How many times what was learned is taken off. Taxels that the bend of the skin
+presses at rest lend themselves to detours, too, and rest does not show; from what is
+truly touched this takes little."""
+
+TINY = 1e-9
+"""Conductance that is none."""
+
+LEAK, GHOST = 0, 1
+"""The two parts that are learned: what leaks along lines, what comes by detours."""
+
+LARGEST = (0.03, 0.15)
+"""Of either, above which a taxel is touched itself, and nothing is learned."""
+
+RANK = (0.4, 0.25)
+"""Which of the sorted shares that taxels show at one instant is believed."""
+
+
+class Law(NamedTuple):
+    """How conductance grows with pressure; see `Calibration`."""
+
+    power: float
+    """Its exponent; 1 for a linear device."""
+    unfelt: float
+    """Pressure that closes the sensor [kPa]."""
+
+
+class Cells(NamedTuple):
+    """One patch as its rows and columns, and room to work in."""
+
+    taxels: np.ndarray
+    """(taxel) its taxels in the skin."""
+    rows: np.ndarray
+    """(taxel) row of each, from 0."""
+    columns: np.ndarray
+    """(taxel) column of each, from 0."""
+    half: np.ndarray
+    """(taxel) pressure at half scale, of a linear device at full scale [kPa]."""
+    shown: np.ndarray
+    """(row, column) conductance by that at half scale; zero without a taxel."""
+    own: np.ndarray
+    """(row, column) the same without what leaked."""
+    along: np.ndarray
+    """(row) sums."""
+    across: np.ndarray
+    """(column) sums."""
+    lines: np.ndarray
+    """(taxel) what the others of its lines let through."""
+    detours: np.ndarray
+    """(taxel) what the ways over three others let through."""
+    shares: np.ndarray
+    """(taxel) what it shows by what it may be a part of."""
+
+
+class Learned(NamedTuple):
+    """What a device shows of others, and what it was learned from."""
+
+    value: np.ndarray
+    """(part) the shares."""
+    seen: np.ndarray
+    """(part) how many observations there were."""
+    observed: np.ndarray
+    """(part, observation) the latest of them, in turn."""
+
+
+@njit(cache=True, nogil=True)
+@no_type_check
+def take_off(
+    pressure: Float[np.ndarray, "skin"],
+    valid: Bool[np.ndarray, "skin"],
+    law: Law,
+    cells: Cells,
+    learned: Learned,
+    out: Float[np.ndarray, "skin"],
+) -> None:
+    """Learn from one patch, and write its pressures without what is not their own.
+
+    Args:
+        pressure: of the skin, zero where it does not count [kPa].
+        valid: which of it counts.
+        law: of the device.
+        cells: of the patch.
+        learned: of the device.
+        out: where the pressures of the patch's taxels go [kPa].
+    """
+    largest = read(pressure, law, cells)
+    cells.own[:] = cells.shown
+    look_around(cells)
+    # What others show has leaked into them, too; the second look is without that.
+    leak = learned.value[LEAK]
+    for k in range(len(cells.taxels)):
+        i, j = cells.rows[k], cells.columns[k]
+        cells.own[i, j] = max(cells.shown[i, j] - leak * cells.lines[k], 0.0)
+    look_around(cells)
+    if largest < SATURATED and touched(cells, largest) <= WIDEST:
+        learn(valid, cells, learned)
+    leak, ghost = learned.value[LEAK], learned.value[GHOST]
+    for k in range(len(cells.taxels)):
+        foreign = leak * cells.lines[k] + ghost * cells.detours[k]
+        shown = cells.shown[cells.rows[k], cells.columns[k]]
+        felt = max(shown - CAUTION * foreign, 0.0) ** (1.0 / law.power) * cells.half[k]
+        out[cells.taxels[k]] = felt + min(felt, law.unfelt)
+
+
+@njit(cache=True, nogil=True)
+@no_type_check
+def read(pressure: Float[np.ndarray, "skin"], law: Law, cells: Cells) -> float:
+    """Write what each cell lets through, and return the largest."""
+    largest = 0.0
+    for k in range(len(cells.taxels)):
+        taxel = cells.taxels[k]
+        p = np.float64(pressure[taxel])
+        felt = max(p - law.unfelt, 0.5 * p)
+        conductance = (felt / cells.half[k]) ** law.power if felt > 0.0 else 0.0
+        cells.shown[cells.rows[k], cells.columns[k]] = conductance
+        largest = max(largest, conductance)
+    return largest
+
+
+@njit(cache=True, nogil=True)
+@no_type_check
+def look_around(cells: Cells) -> None:
+    """Write what the others of each taxel's lines let through, and detours past it."""
+    own, along, across = cells.own, cells.along, cells.across
+    along[:] = 0.0
+    across[:] = 0.0
+    total = 0.0
+    for k in range(len(cells.taxels)):
+        i, j = cells.rows[k], cells.columns[k]
+        along[i] += own[i, j]
+        across[j] += own[i, j]
+        total += own[i, j]
+    for k in range(len(cells.taxels)):
+        i, j = cells.rows[k], cells.columns[k]
+        row, column = along[i] - own[i, j], across[j] - own[i, j]
+        beyond = max(total - row - column - own[i, j], 0.0)
+        series = 1.0 / (row + TINY) + 1.0 / (beyond + TINY) + 1.0 / (column + TINY)
+        cells.lines[k] = row + column
+        cells.detours[k] = 1.0 / series
+
+
+@njit(cache=True, nogil=True)
+@no_type_check
+def touched(cells: Cells, largest: float) -> float:
+    """Share of the patch that lets through more than a little."""
+    count = 0
+    for k in range(len(cells.taxels)):
+        count += cells.shown[cells.rows[k], cells.columns[k]] > FAINT * largest
+    return count / len(cells.taxels)
+
+
+@njit(cache=True, nogil=True)
+@no_type_check
+def learn(valid: Bool[np.ndarray, "skin"], cells: Cells, learned: Learned) -> None:
+    """Observe the leak where there are no detours, then ghosts where there are."""
+    lines, detours, count = cells.lines, cells.detours, 0
+    for k in range(len(cells.taxels)):
+        direct = lines[k] > VISIBLE and detours[k] < DIRECT * lines[k]
+        if direct and valid[cells.taxels[k]]:
+            shown = cells.shown[cells.rows[k], cells.columns[k]]
+            cells.shares[count] = shown / lines[k]
+            count += 1
+    observe(LEAK, cells.shares[:count], learned)
+    leak, count = learned.value[LEAK], 0
+    for k in range(len(cells.taxels)):
+        if detours[k] > 0.5 * VISIBLE and valid[cells.taxels[k]]:
+            shown = cells.shown[cells.rows[k], cells.columns[k]]
+            cells.shares[count] = (shown - leak * lines[k]) / detours[k]
+            count += 1
+    observe(GHOST, cells.shares[:count], learned)
+
+
+@njit(cache=True, nogil=True)
+@no_type_check
+def observe(part: int, shares: Float[np.ndarray, "some"], learned: Learned) -> None:
+    """Believe a low one of the shares that taxels show, if it is no touch."""
+    if len(shares) < FEWEST:
+        return
+    place = int(RANK[part] * (len(shares) - 1))
+    observed = np.partition(shares, place)[place]
+    if observed > LARGEST[part]:
+        return
+    ring = learned.observed[part]
+    ring[learned.seen[part] % len(ring)] = max(observed, 0.0)
+    learned.seen[part] += 1
+    learned.value[part] = np.median(ring[: min(learned.seen[part], len(ring))])
