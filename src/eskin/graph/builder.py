@@ -4,14 +4,21 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from eskin.graph.batch import GraphBatch
+from eskin.graph.builder_kernels import (
+    find_support,
+    load_nodes,
+    place_fixed,
+    put_in_world,
+    take_in,
+)
 from eskin.graph.config import GraphConfig
 from eskin.graph.history import NOTHING
-from eskin.graph.neighbours import NOBODY, FixedNeighbours, live_neighbours
+from eskin.graph.neighbour_kernels import NOBODY
+from eskin.graph.neighbours import FixedNeighbours, live_neighbours
 from eskin.skin import MountedSkin
 from eskin.touch import Reading
 from eskin.touch.poses import LivePoses
 
-CM_PER_M = 100.0
 CM2_PER_M2 = 1e4
 LONGEST_STEP = 0.5  # [s] between readings that a rate is taken over
 SHORTEST_STEP = 1e-4  # [s]
@@ -39,6 +46,8 @@ class GraphBuilder:
         self.shear, self.shear_before = np.zeros((count, 2)), np.zeros((count, 2))
         self.active = np.zeros(count, dtype=bool)
         self.onset = np.zeros(count, dtype=np.int64)
+        self.links = mounted.skin_link_index.astype(np.int64)
+        self.place = np.full(count, NOBODY, dtype=np.int32)
 
     def advance(self, reading: Reading, active: Bool[np.ndarray, "taxel"]) -> None:
         """Take in the next reading.
@@ -49,14 +58,22 @@ class GraphBuilder:
         """
         step = (reading.stamp - self.stamp) * 1e-9
         follows = step <= LONGEST_STEP
-        self.seconds = float(np.clip(step, SHORTEST_STEP, LONGEST_STEP))
-        self.before = self.pressure * follows
-        self.shear_before = self.shear * follows
-        self.onset = np.where(active & ~self.active, reading.stamp, self.onset)
-        self.stamp, self.q, self.active = reading.stamp, reading.q, active.copy()
-        self.pressure = np.where(active, reading.pressure.astype(np.float64), 0.0)
-        shear = np.zeros_like(self.shear) if reading.shear is None else reading.shear
-        self.shear = np.where(active[:, None], shear.astype(np.float64), 0.0)
+        self.seconds = min(max(step, SHORTEST_STEP), LONGEST_STEP)
+        self.stamp, self.q = reading.stamp, reading.q
+        take_in(
+            reading.pressure,
+            active,
+            reading.stamp,
+            follows,
+            self.pressure,
+            self.before,
+            self.active,
+            self.onset,
+        )
+        if reading.shear is not None or self.shear.any() or self.shear_before.any():
+            self.shear_before = self.shear * follows
+            shear = 0.0 if reading.shear is None else reading.shear.astype(np.float64)
+            self.shear = np.where(active[:, None], shear, np.zeros_like(self.shear))
 
     def graph(
         self,
@@ -71,82 +88,70 @@ class GraphBuilder:
             earlier: active taxels of the same touch at the reading before.
             history: what the touch has been so far.
         """
-        nodes = self.support(taxels, earlier)
-        owned, owned_before = self.marked(nodes, taxels), self.marked(nodes, earlier)
-        skin, links = self.mounted.skin, self.mounted.skin_link_index[nodes]
-        T_world_link = self.poses.at(self.q)[links]
-        R_world_link, origin = T_world_link[:, :3, :3], T_world_link[:, :3, 3]
-        p_world = turned(R_world_link, skin.positions[nodes]) + origin
-        n_world = turned(R_world_link, skin.normals[nodes])
-        middle = p_world.mean(axis=0) if len(nodes) else np.zeros(3)
-        shear, shear_before = np.zeros_like(p_world), np.zeros_like(p_world)
-        if self.shear.any() or self.shear_before.any():
-            R_world_taxel = self.mounted.frames(self.q, nodes)
-            shear = tangential(R_world_taxel, self.shear[nodes] * owned[:, None])
-            shear_before = tangential(
-                R_world_taxel, self.shear_before[nodes] * owned_before[:, None]
-            )
-        float_fields = {
-            "pressure": self.pressure[nodes] * owned,
-            "before": self.before[nodes] * owned_before,
-            "age": (self.stamp - self.onset[nodes]) * 1e-9 * owned,
-            "areas": skin.areas[nodes] * CM2_PER_M2,
-            "positions": (p_world - middle) * CM_PER_M,
-            "normals": n_world,
-            "shear": shear,
-            "shear_before": shear_before,
-            "seconds": np.array([self.seconds]),
-            "history": history[None],
-        }
+        skin, table, place = self.mounted.skin, self.fixed.table, self.place
+        nodes = find_support(taxels, earlier, table, place)
+        count = len(nodes)
+        p_world = np.empty((count, 3))
+        centred, n_world = np.empty((2, count, 3), np.float32)
+        put_in_world(
+            *(nodes, skin.positions, skin.normals, self.links),
+            *(self.poses.at(self.q), p_world, centred, n_world),
+        )
+        loads = np.empty((3, count), np.float32)
+        load_nodes(
+            *(nodes, taxels, earlier, place, self.stamp),
+            *(self.pressure, self.before, self.onset, loads),
+        )
+        neighbours = self.neighbours(nodes, p_world)
+        shear, shear_before = self.sheared(nodes, taxels, earlier)
+        place[nodes] = NOBODY
         return GraphBatch(
             taxels=nodes,
-            neighbours=self.neighbours(nodes, p_world),
-            offsets=np.array([0, len(nodes)]),
-            **{name: v.astype(np.float32) for name, v in float_fields.items()},
+            pressure=loads[0],
+            before=loads[1],
+            age=loads[2],
+            areas=(skin.areas[nodes] * CM2_PER_M2).astype(np.float32),
+            positions=centred,
+            normals=n_world,
+            shear=shear,
+            shear_before=shear_before,
+            neighbours=neighbours,
+            offsets=np.array([0, count]),
+            seconds=np.array([self.seconds], np.float32),
+            history=history[None].astype(np.float32),
         )
-
-    def support(
-        self,
-        taxels: Int[np.ndarray, "active"],
-        earlier: Int[np.ndarray, "earlier"],
-    ) -> Int[np.ndarray, "node"]:
-        """Taxels active now or before and their fixed neighbours, ascending."""
-        mark = np.zeros(self.mounted.skin.count + 1, dtype=bool)
-        for those in (taxels, earlier):
-            mark[those] = True
-            mark[self.fixed.table[those]] = True
-        return np.flatnonzero(mark[:-1])  # NOBODY is the last
-
-    def marked(
-        self, nodes: Int[np.ndarray, "node"], taxels: Int[np.ndarray, "some"]
-    ) -> Bool[np.ndarray, "node"]:
-        """Which nodes are among some taxels."""
-        mark = np.zeros(self.mounted.skin.count, dtype=bool)
-        mark[taxels] = True
-        return mark[nodes]
 
     def neighbours(
         self, nodes: Int[np.ndarray, "node"], p_world: Float[np.ndarray, "node 3"]
     ) -> Int[np.ndarray, "node k"]:
         """Fixed neighbours inside the support, then live ones across patches."""
-        place = np.full(self.mounted.skin.count + 1, NOBODY, dtype=np.int32)
-        place[nodes] = np.arange(len(nodes))
-        live = live_neighbours(
+        config, table = self.config, self.fixed.table
+        neighbours = np.empty((len(nodes), config.fixed + config.live), np.int32)
+        place_fixed(nodes, table, self.place, neighbours[:, : config.fixed])
+        neighbours[:, config.fixed :] = live_neighbours(
             p_world,
             self.mounted.skin.patch_index[nodes],
             self.fixed.rank[nodes],
-            self.config.live,
-            self.config.live_reach,
+            config.live,
+            config.live_reach,
         )
-        fixed = place[self.fixed.table[nodes]]
-        return np.concatenate([fixed, live.astype(np.int32)], axis=1)
+        return neighbours
 
-
-def turned(
-    R: Float[np.ndarray, "node 3 3"], vectors: Float[np.ndarray, "node 3"]
-) -> Float[np.ndarray, "node 3"]:
-    """Each vector turned by its own rotation."""
-    return (R @ vectors[:, :, None])[:, :, 0]
+    def sheared(
+        self,
+        nodes: Int[np.ndarray, "node"],
+        taxels: Int[np.ndarray, "active"],
+        earlier: Int[np.ndarray, "earlier"],
+    ) -> tuple[Float[np.ndarray, "node 3"], Float[np.ndarray, "node 3"]]:
+        """Shear of a touch's own nodes in the world, now and a reading ago [kPa]."""
+        now, before = np.zeros((2, len(nodes), 3), np.float32)
+        if self.shear.any() or self.shear_before.any():
+            R_world_taxel = self.mounted.frames(self.q, nodes)
+            own, own_before = np.isin(nodes, taxels), np.isin(nodes, earlier)
+            now[own] = tangential(R_world_taxel, self.shear[nodes])[own]
+            before_world = tangential(R_world_taxel, self.shear_before[nodes])
+            before[own_before] = before_world[own_before]
+        return now, before
 
 
 def tangential(

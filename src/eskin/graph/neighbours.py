@@ -6,12 +6,9 @@ order of the taxels nor the place of the robot decides who is whose neighbour.
 
 import numpy as np
 from jaxtyping import Float, Int
-from scipy.spatial import KDTree
 
+from eskin.graph.neighbour_kernels import MICROMETRES, NOBODY, find_nearest
 from eskin.skin import Skin
-
-MICROMETRES = 1e6
-NOBODY = -1
 
 
 class FixedNeighbours:
@@ -86,21 +83,6 @@ def live_neighbours(
         k: neighbours a node.
         reach: farthest neighbour [m].
     """
-    nearest = np.full((len(p_world), k), NOBODY, dtype=np.int64)
-    if k == 0 or len(p_world) == 0 or (patch == patch[0]).all():
-        return nearest
-    farthest = np.rint(reach * MICROMETRES)
-    widest = (farthest + 1) / MICROMETRES
-    pairs = KDTree(p_world).query_pairs(widest, output_type="ndarray")
-    pairs = pairs[patch[pairs[:, 0]] != patch[pairs[:, 1]]]
-    gaps = p_world[pairs[:, 0]] - p_world[pairs[:, 1]]
-    length = np.rint(np.sqrt((gaps**2).sum(axis=1)) * MICROMETRES)
-    pairs, length = pairs[length <= farthest], length[length <= farthest]
-    target, source = np.concatenate([pairs, pairs[:, ::-1]]).T
-    length = np.concatenate([length, length])
-    order = np.lexsort((rank[source], length, target))
-    target, source = target[order], source[order]
-    place = np.arange(len(target)) - np.searchsorted(target, target)
-    kept = place < k
-    nearest[target[kept], place[kept]] = source[kept]
+    nearest = np.empty((len(p_world), k), np.int32)
+    find_nearest(p_world, patch, rank, reach, nearest)
     return nearest
