@@ -8,7 +8,6 @@ from eskin.graph.builder_kernels import (
     find_support,
     load_nodes,
     place_fixed,
-    put_in_world,
     take_in,
 )
 from eskin.graph.config import GraphConfig
@@ -17,8 +16,10 @@ from eskin.graph.neighbour_kernels import NOBODY
 from eskin.graph.neighbours import FixedNeighbours, live_neighbours
 from eskin.skin import MountedSkin
 from eskin.touch import Reading
+from eskin.touch.contact_kernels import place as place_in_world
 from eskin.touch.poses import LivePoses
 
+CM_PER_M = 100.0
 CM2_PER_M2 = 1e4
 LONGEST_STEP = 0.5  # [s] between readings that a rate is taken over
 SHORTEST_STEP = 1e-4  # [s]
@@ -91,12 +92,10 @@ class GraphBuilder:
         skin, table, place = self.mounted.skin, self.fixed.table, self.place
         nodes = find_support(taxels, earlier, table, place)
         count = len(nodes)
-        p_world = np.empty((count, 3))
-        centred, n_world = np.empty((2, count, 3), np.float32)
-        put_in_world(
-            *(nodes, skin.positions, skin.normals, self.links),
-            *(self.poses.at(self.q), p_world, centred, n_world),
-        )
+        T_world_link = self.poses.at(self.q)
+        p_world = place_in_world(nodes, skin.positions, self.links, T_world_link, 1.0)
+        n_world = place_in_world(nodes, skin.normals, self.links, T_world_link, 0.0)
+        middle = p_world.sum(axis=0) / max(count, 1)
         loads = np.empty((3, count), np.float32)
         load_nodes(
             *(nodes, taxels, earlier, place, self.stamp),
@@ -111,8 +110,8 @@ class GraphBuilder:
             before=loads[1],
             age=loads[2],
             areas=(skin.areas[nodes] * CM2_PER_M2).astype(np.float32),
-            positions=centred,
-            normals=n_world,
+            positions=((p_world - middle) * CM_PER_M).astype(np.float32),
+            normals=n_world.astype(np.float32),
             shear=shear,
             shear_before=shear_before,
             neighbours=neighbours,

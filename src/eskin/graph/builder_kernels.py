@@ -8,8 +8,6 @@ from numba import njit
 
 from eskin.graph.neighbour_kernels import NOBODY
 
-CM_PER_M = 100.0
-
 
 @njit(cache=True, nogil=True)
 @no_type_check
@@ -77,47 +75,6 @@ def find_support(
     for n in range(count):
         place[found[n]] = n
     return found
-
-
-@njit(cache=True, nogil=True)
-@no_type_check
-def put_in_world(
-    nodes: Int[np.ndarray, "node"],
-    positions: Float[np.ndarray, "taxel 3"],
-    normals: Float[np.ndarray, "taxel 3"],
-    links: Int[np.ndarray, "taxel"],
-    T_world_link: Float[np.ndarray, "link 4 4"],
-    p_world: Float[np.ndarray, "node 3"],
-    centred: Float[np.ndarray, "node 3"],
-    n_world: Float[np.ndarray, "node 3"],
-) -> None:
-    """Write where nodes are [m], the same about their middle [cm], and their normals.
-
-    Args:
-        nodes: taxels.
-        positions: of all taxels in their links [m].
-        normals: of all taxels in their links.
-        links: of all taxels.
-        T_world_link: of all links.
-        p_world: where positions go [m].
-        centred: where positions about the middle of the nodes go [cm].
-        n_world: where normals go.
-    """
-    x, y, z = 0.0, 0.0, 0.0
-    for n in range(len(nodes)):
-        taxel = nodes[n]
-        T, p, q = T_world_link[links[taxel]], positions[taxel], normals[taxel]
-        for d in range(3):
-            turned = T[d, 0] * p[0] + T[d, 1] * p[1] + T[d, 2] * p[2]
-            p_world[n, d] = turned + T[d, 3]
-            n_world[n, d] = T[d, 0] * q[0] + T[d, 1] * q[1] + T[d, 2] * q[2]
-        x, y, z = x + p_world[n, 0], y + p_world[n, 1], z + p_world[n, 2]
-    count = max(len(nodes), 1)
-    x, y, z = x / count, y / count, z / count
-    for n in range(len(nodes)):
-        centred[n, 0] = CM_PER_M * (p_world[n, 0] - x)
-        centred[n, 1] = CM_PER_M * (p_world[n, 1] - y)
-        centred[n, 2] = CM_PER_M * (p_world[n, 2] - z)
 
 
 @njit(cache=True, nogil=True)

@@ -59,11 +59,10 @@ class Crosstalk:
         if not self.cells or reading.pressure.max() <= TOUCHED:
             return reading
         pressure = np.where(reading.valid, reading.pressure, np.float32(0.0))
-        left = pressure.copy()
         for cells in self.cells:
             if pressure[cells.taxels].max() > TOUCHED:
-                take_off(pressure, reading.valid, self.law, cells, self.learned, left)
-        return replace(reading, pressure=left)
+                take_off(pressure, reading.valid, self.law, cells, self.learned)
+        return replace(reading, pressure=pressure)
 
 
 def cells_of(skin: Skin, patch: int, calibration: Calibration) -> Cells:

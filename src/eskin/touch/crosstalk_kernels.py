@@ -97,9 +97,8 @@ def take_off(
     law: Law,
     cells: Cells,
     learned: Learned,
-    out: Float[np.ndarray, "skin"],
 ) -> None:
-    """Learn from one patch, and write its pressures without what is not their own.
+    """Learn from one patch, and take off its pressures what is not their own.
 
     Args:
         pressure: of the skin, zero where it does not count [kPa].
@@ -107,7 +106,6 @@ def take_off(
         law: of the device.
         cells: of the patch.
         learned: of the device.
-        out: where the pressures of the patch's taxels go [kPa].
     """
     largest = read(pressure, law, cells)
     cells.own[:] = cells.shown
@@ -125,7 +123,7 @@ def take_off(
         foreign = leak * cells.lines[k] + ghost * cells.detours[k]
         shown = cells.shown[cells.rows[k], cells.columns[k]]
         felt = max(shown - CAUTION * foreign, 0.0) ** (1.0 / law.power) * cells.half[k]
-        out[cells.taxels[k]] = felt + min(felt, law.unfelt)
+        pressure[cells.taxels[k]] = felt + min(felt, law.unfelt)
 
 
 @njit(cache=True, nogil=True)
