@@ -18,6 +18,8 @@ from eskin.sim.robot.pool import pool_of
 from eskin.sim.robot.pose import can_fold, can_touch_itself, draw_pose
 
 SKINS = get_args(SkinName)
+DRUMS = ("base", "post")
+ARMS = [skin for skin in SKINS if skin not in DRUMS]
 SMALL = {"robot.pool_tries": 1 / 16, "robot.pool_bent": 1 / 16}
 
 
@@ -59,7 +61,7 @@ def test_every_class_is_felt_on_every_skin(skin):
         assert max(felt(c, p, made) for c, p in zip(clips, chosen, strict=True)) > 3.0
 
 
-@pytest.mark.parametrize("skin", SKINS[1:-1])
+@pytest.mark.parametrize("skin", ARMS[1:])
 def test_poses_of_arms_come_in_the_same_groups(skin):
     pool = pool_of(simulator(skin).world)
     assert set(pool.any) == GROUPS

@@ -12,10 +12,12 @@ from eskin.skin.outline import denser, fitted, lay_outlines
 from eskin.skin.ur5 import UR5_OUTLINES, UR5_PARTS
 from eskin.transforms import apply, invert
 
-SKINS = (
+ARMS = (
     *("ur5", "ur5-half", "ur5-double", "ur5-sparse", "ur5-dense"),
-    *("ur5-shapes", "ur5-missing", "ur10", "base"),
+    *("ur5-shapes", "ur5-missing", "ur10"),
 )
+DRUMS = ("base", "post")
+SKINS = ARMS + DRUMS
 USUAL = load_skin("ur5")
 
 
@@ -40,6 +42,7 @@ def density(skin):
         ("ur5-missing", 1.0, 2112 - 468),
         ("ur10", 1.0, None),
         ("base", 1.0, None),
+        ("post", 1.0, None),
     ],
 )
 def test_a_skin_is_as_dense_as_it_says(name, times, count):
@@ -111,7 +114,7 @@ def test_every_patch_is_irregular_but_rings(name):
         assert not whole or "ring" in patch.id
 
 
-@pytest.mark.parametrize("name", SKINS[:-1])
+@pytest.mark.parametrize("name", ARMS)
 def test_no_taxel_is_buried_in_a_link_next_to_its_own(name):
     skin, robot = load_skin(name), load_robot(PRESETS[name].robot)
     rng = np.random.default_rng(0)

@@ -40,6 +40,7 @@ SkinName = Literal[
     "ur5-missing",
     "ur10",
     "base",
+    "post",
 ]
 
 

@@ -9,7 +9,7 @@ from eskin.robot.urdf import load_urdf
 
 __all__ = ["ROBOTS", "load_robot"]
 
-ROBOTS = ("ur5", "ur10", "base", "table", "tube")
+ROBOTS = ("ur5", "ur10", "base", "post", "table", "tube")
 """Names that `load_robot` knows."""
 
 

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 from functools import partial
 
 from eskin.robot import Robot, load_robot
-from eskin.skin.base import base_skin
 from eskin.skin.bending import bent_skin, flat_skin
+from eskin.skin.drum import drum_skin
 from eskin.skin.grids import grid_skin
 from eskin.skin.skin import Skin
 from eskin.skin.ur5 import ur5_skin
@@ -38,7 +38,8 @@ PRESETS = {
         partial(ur5_skin, "ur5-missing", missing=("forearm_back",)), "ur5"
     ),
     "ur10": Preset(ur10_skin, "ur10"),
-    "base": Preset(base_skin, "base"),
+    "base": Preset(partial(drum_skin, "base", "base_link", 0.25, 0.5, ring=6), "base"),
+    "post": Preset(partial(drum_skin, "post", "post_link", 0.17, 0.6, ring=4), "post"),
     "sleeve": Preset(partial(grid_skin, 19, 27, name="sleeve"), "table"),
     "shearsense": Preset(
         partial(grid_skin, 6, 6, kind="shear", name="shearsense"), "table"

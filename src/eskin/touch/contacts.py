@@ -52,10 +52,10 @@ class Contact:
 class ContactConfig:
     """When a taxel is active and when two active taxels belong together."""
 
-    on: float = 1.5
+    on: float = 0.7
     """Pressure from which a taxel becomes active [kPa]."""
 
-    off: float = 1.0
+    off: float = 0.5
     """Pressure from which an active taxel stays active [kPa]."""
 
     on_share: float = 0.15
