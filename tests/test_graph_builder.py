@@ -51,7 +51,7 @@ def test_a_graph_holds_the_touch_now_and_before_and_their_fixed_neighbours():
     touch = scene(mounted, [here, there])
     builder = GraphBuilder(mounted)
     pressed = np.flatnonzero((here > 0) | (there > 0))
-    around = builder.fixed.table[pressed]
+    around = builder.ground.table[pressed]
     want = np.unique(np.concatenate([pressed, around[around >= 0]]))
     assert np.array_equal(touch.graphs().select(np.array([1])).taxels, want)
 
@@ -61,7 +61,7 @@ def test_a_touch_knows_nothing_of_the_pressure_of_another():
     left, right = (bump(mounted.skin, (x, 0, 0), radius=0.011) for x in (-0.015, 0.015))
     builder = GraphBuilder(mounted)
     for step in range(2):
-        builder.advance(reading_at(0.1 * step, left + right), left + right > 0)
+        builder.advance(reading_at(0.1 * step, left + right), np.flatnonzero(left + right))
     mine, other = np.flatnonzero(left), np.flatnonzero(right)
     graph = builder.graph(mine, mine)
     assert (at(graph, "pressure", mine) > 0).all()
@@ -74,7 +74,7 @@ def test_pressure_of_taxels_that_are_not_active_is_no_pressure():
     load = bump(mounted.skin, (0, 0, 0))
     active = load > 15
     builder = GraphBuilder(mounted)
-    builder.advance(reading_at(0.0, load + 1.0), active)
+    builder.advance(reading_at(0.0, load + 1.0), np.flatnonzero(active))
     graph = builder.graph(np.flatnonzero(active), NOTHING)
     assert np.array_equal(
         np.sort(graph.taxels[graph.pressure > 0]), np.where(active)[0]
@@ -112,7 +112,7 @@ def test_after_a_long_gap_rates_count_from_zero_over_half_a_second(gap):
     taxels = np.flatnonzero(load)
     graphs = []
     for seconds in (0.0, 0.1, 0.1 + gap):
-        builder.advance(reading_at(seconds, load), load > 0)
+        builder.advance(reading_at(seconds, load), np.flatnonzero(load))
         graphs.append(builder.graph(taxels, taxels))
     assert not graphs[0].before.any()
     assert graphs[1].before.any()
@@ -125,7 +125,7 @@ def test_the_first_reading_follows_none_however_its_clock_begins():
     load = bump(mounted.skin, (0, 0, 0))
     for seconds in (0.0, -1_700_000_000.0):
         builder = GraphBuilder(mounted)
-        builder.advance(reading_at(seconds, load), load > 0)
+        builder.advance(reading_at(seconds, load), np.flatnonzero(load))
         graph = builder.graph(np.flatnonzero(load), NOTHING)
         assert graph.seconds.tolist() == [0.5]
 
@@ -166,9 +166,9 @@ def test_shear_that_is_not_measured_any_more_is_not_remembered():
     load = bump(mounted.skin, (0, 0, 0))
     drag = np.ones((mounted.skin.count, 2), np.float32)
     builder, taxels = GraphBuilder(mounted), np.flatnonzero(load)
-    builder.advance(reading_at(0.0, load, shear=drag), load > 0)
+    builder.advance(reading_at(0.0, load, shear=drag), np.flatnonzero(load))
     assert builder.graph(taxels, NOTHING).shear.any()
-    builder.advance(reading_at(0.1, load), load > 0)
+    builder.advance(reading_at(0.1, load), np.flatnonzero(load))
     graph = builder.graph(taxels, taxels)
     assert not graph.shear.any()
     assert graph.shear_before.any()
@@ -199,7 +199,7 @@ def test_a_longer_reach_joins_more_and_no_live_neighbours_join_none():
 
 def test_every_fixed_edge_inside_the_touch_is_in_its_graph():
     touch = touch_on_arm()
-    table = GraphBuilder(touch.mounted).fixed.table
+    table = GraphBuilder(touch.mounted).ground.table
     graph = touch.graphs().select(np.array([1]))
     for node, taxel in enumerate(graph.taxels):
         want = [t for t in table[taxel].tolist() if t in graph.taxels]
