@@ -21,8 +21,8 @@ compiled = partial(
 are what they are everywhere. A compiled function is kept on disk until its own file
 changes: after changing one that others call, delete `__pycache__`."""
 
-BLOCK = 128
-"""Rows multiplied at once: they and what comes of them fit the nearest cache, and no
+BLOCK = 256
+"""Rows multiplied at once: they and what comes of them fit a near cache, and no
 BLAS shares so few among threads, which would take longer than the product."""
 
 EPSILON = np.float32(1e-5)
