@@ -61,7 +61,9 @@ def test_a_touch_knows_nothing_of_the_pressure_of_another():
     left, right = (bump(mounted.skin, (x, 0, 0), radius=0.011) for x in (-0.015, 0.015))
     builder = GraphBuilder(mounted)
     for step in range(2):
-        builder.advance(reading_at(0.1 * step, left + right), np.flatnonzero(left + right))
+        builder.advance(
+            reading_at(0.1 * step, left + right), np.flatnonzero(left + right)
+        )
     mine, other = np.flatnonzero(left), np.flatnonzero(right)
     graph = builder.graph(mine, mine)
     assert (at(graph, "pressure", mine) > 0).all()

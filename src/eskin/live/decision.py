@@ -119,9 +119,7 @@ class Decider:
                 verdicts.append(verdict)
         return verdicts
 
-    def is_over(
-        self, hearing: Hearing, stamp: int, probabilities: list[float]
-    ) -> bool:
+    def is_over(self, hearing: Hearing, stamp: int, probabilities: list[float]) -> bool:
         """Whether another class has been likeliest for long enough."""
         leader = self.vocabulary[likeliest(probabilities)]
         if leader != NONE and hearing.said in (None, leader):

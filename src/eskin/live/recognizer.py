@@ -70,9 +70,7 @@ class Recognizer:
             decision or card.decision,
             change_ends=not mounted.skin.calibrated,
         )
-        self.travel = Travel(
-            mounted.robot, poses, self.decider.config.still
-        )
+        self.travel = Travel(mounted.robot, poses, self.decider.config.still)
         self.state: TouchState | None = None
         self.logits: dict[int, Float[np.ndarray, "class"]] = {}
         self.probabilities: dict[int, Float[np.ndarray, "class"]] = {}
