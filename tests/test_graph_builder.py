@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from eskin.graph import GraphBuilder, GraphConfig, join, node_scalars, pressure_summary
+from eskin.graph.batch import NODE_FIELDS
 from eskin.graph.node_features import NODE_SCALARS
 from graph_scenes import (
     FOLDED,
@@ -222,3 +223,75 @@ def test_positions_far_from_the_origin_keep_their_precision():
     far[:3, 3] = 1000.0, -2000.0, 500.0
     here, there = (Scene.graphs(s) for s in (touch, moved(touch, far)))
     np.testing.assert_allclose(there.positions, here.positions, atol=1e-5)
+
+
+def soiled(builder):
+    """The builder's memory filled with what no graph holds."""
+    untouched = ("marks", "search")
+    for name, values in builder.memory._asdict().items():
+        if name not in untouched:
+            values.fill(7)
+    for values in builder.memory.search:
+        values.fill(7)
+
+
+def same(one, other):
+    for name in (*NODE_FIELDS, "offsets", "seconds", "history"):
+        assert np.array_equal(getattr(one, name), getattr(other, name)), name
+
+
+@pytest.mark.parametrize("shear", [True, False])
+def test_a_graph_does_not_depend_on_what_its_memory_held(shear):
+    touch = touch_on_arm(shear=shear)
+    clean, used = (GraphBuilder(touch.mounted) for _ in range(2))
+    earlier = NOTHING
+    for reading in touch.readings:
+        taxels = np.flatnonzero(reading.pressure)
+        for builder in (clean, used):
+            builder.advance(reading, taxels)
+        clean.memory = GraphBuilder(touch.mounted).memory
+        soiled(used)
+        same(used.graph(taxels, earlier), clean.graph(taxels, earlier))
+        earlier = taxels
+
+
+def test_memory_grows_with_a_touch_and_changes_no_graph():
+    mounted = ur5()
+    every = np.arange(mounted.skin.count)
+    few, load = every[:3], np.linspace(1, 9, mounted.skin.count)
+    used, fresh = GraphBuilder(mounted), GraphBuilder(mounted)
+    for builder in (used, fresh):
+        for step in range(2):
+            builder.advance(reading_at(0.1 * step, load, FOLDED), every)
+    memory = used.memory
+    same(used.graph(few, few), fresh.graph(few, few))
+    assert used.memory is memory
+    assert len(used.graph(every, every).taxels) == len(every)
+    grown = used.memory
+    assert grown is not memory
+    same(used.graph(few, few), fresh.graph(few, few))
+    assert used.memory is grown
+
+
+def test_active_taxels_may_be_told_twice_and_in_any_order():
+    touch = touch_on_arm(shear=True)
+    told, twice = (GraphBuilder(touch.mounted) for _ in range(2))
+    rng, earlier = np.random.default_rng(0), NOTHING
+    for reading in touch.readings:
+        taxels = np.flatnonzero(reading.pressure)
+        told.advance(reading, taxels)
+        twice.advance(reading, rng.permutation(np.concatenate([taxels, taxels])))
+        one = told.graph(taxels, earlier)
+        same(twice.graph(rng.permutation(taxels), rng.permutation(earlier)), one)
+        earlier = taxels
+
+
+def test_what_a_taxel_felt_two_readings_ago_is_forgotten():
+    mounted = flat()
+    load = bump(mounted.skin, (0, 0, 0))
+    taxels, builder = np.flatnonzero(load), GraphBuilder(mounted)
+    for n, active in enumerate((taxels, NOTHING, taxels)):
+        builder.advance(reading_at(0.1 * n, load), active)
+    graph = builder.graph(taxels, taxels)
+    assert graph.pressure.any()
+    assert not graph.before.any() and not graph.age.any()

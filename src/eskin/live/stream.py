@@ -67,8 +67,16 @@ class LogitStream:
         now = builder.instant.stamp // SLOT_NS
         out = np.empty((2, window.classes), np.float32)
         step(
-            *(self.parts, window.held, *share, builder.T_world_link),
-            *(builder.instant, window.now, now, out),
+            self.parts,
+            window.held,
+            share.taxels,
+            share.earlier,
+            share.history,
+            builder.T_world_link,
+            builder.instant,
+            window.now,
+            now,
+            out,
         )
         window.now = now
         return out
