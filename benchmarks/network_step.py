@@ -58,7 +58,16 @@ def main() -> None:
     config = NetworkConfig(command.width, command.layers, command.channels)
     network = RecogniserNetwork(config, len(VOCABULARY), shear=False).eval()
     model = to_model(network, ModelCard(VOCABULARY, network=config))
-    titles = ("active", "nodes", "graph", "encoder", "summary", "heads", "step", "torch / step")
+    titles = (
+        "active",
+        "nodes",
+        "graph",
+        "encoder",
+        "summary",
+        "heads",
+        "step",
+        "torch / step",
+    )
     print("p50 / p99 [ms]\n")
     print(f"| {' | '.join(titles)} |")
     print(f"|{'---|' * len(titles)}")
