@@ -112,13 +112,19 @@ def compiled_parts(
     embedding = np.zeros(2 * network.width, np.float32)
     summary = np.zeros(len(weights.summary_mean), np.float32)
     features = network.features(graph).copy()
-    stamps, sequence = count(SLOT_NS, SLOT_NS), network.window()
+    stamps, later = count(SLOT_NS, SLOT_NS), count(SLOT_NS, SLOT_NS)
+    sequence = network.window()
+
+    def step() -> None:
+        builder.instant = builder.instant._replace(stamp=next(later))
+        stream.step(share, sequence)
+
     return [
         lambda: builder.graph(*share),
         lambda: encode(graph, False, weights.encoder, memory, embedding),
         lambda: summarise(graph, False, summary),
         lambda: window.push(next(stamps), features),
-        lambda: stream.step(share, sequence),
+        step,
     ]
 
 
