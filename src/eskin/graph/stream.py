@@ -1,7 +1,9 @@
 """From the touches of each reading to their graphs."""
 
+from typing import NamedTuple, final
+
 import numpy as np
-from jaxtyping import Int
+from jaxtyping import Float, Int
 
 from eskin.graph.batch import GraphBatch
 from eskin.graph.builder import GraphBuilder
@@ -9,6 +11,7 @@ from eskin.graph.config import GraphConfig
 from eskin.graph.history import NOTHING, Histories
 from eskin.skin import MountedSkin
 from eskin.touch import Reading, Touch, TouchState
+from eskin.touch.poses import LivePoses
 
 WHOLE_SKIN = 0
 """The one sequence of a skin whose distances mean nothing; touches count from 1."""
@@ -16,6 +19,20 @@ WHOLE_SKIN = 0
 NOBODY = np.empty(0, dtype=np.int64)
 
 
+class Share(NamedTuple):
+    """What the graph of one sequence is made of at one reading."""
+
+    taxels: Int[np.ndarray, "active"]
+    """Its active taxels now."""
+
+    earlier: Int[np.ndarray, "earlier"]
+    """Those it had one reading ago."""
+
+    history: Float[np.ndarray, "column"]
+    """What it has been so far; see `eskin.graph.history.HISTORY`."""
+
+
+@final
 class GraphStream:
     """The graph of every open touch at every reading, in one stream.
 
@@ -23,9 +40,20 @@ class GraphStream:
     skin, going on whether or not anything touches it.
     """
 
-    def __init__(self, mounted: MountedSkin, config: GraphConfig | None = None) -> None:
-        """Start before the first reading."""
-        self.builder = GraphBuilder(mounted, config)
+    def __init__(
+        self,
+        mounted: MountedSkin,
+        config: GraphConfig | None = None,
+        poses: LivePoses | None = None,
+    ) -> None:
+        """Start before the first reading.
+
+        Args:
+            mounted: the skin on its robot.
+            config: of the graphs.
+            poses: of the robot's links, shared with who else asks for them.
+        """
+        self.builder = GraphBuilder(mounted, config, poses)
         self.calibrated = mounted.skin.calibrated
         self.earlier: dict[int, np.ndarray] = {}
         self.histories = Histories()
@@ -39,21 +67,24 @@ class GraphStream:
 
         A touch between two contacts has a graph without pressure.
         """
+        shares = self.advance(state)
+        return {key: self.builder.graph(*share) for key, share in shares.items()}
+
+    def advance(self, state: TouchState) -> dict[int, Share]:
+        """Take in the next reading; return what each sequence has a share of."""
         now = self.taxels_now(state)
         self.inherit(state.closed)
-        active = np.zeros(self.builder.mounted.skin.count, dtype=bool)
-        for taxels in (*now.values(), *(contact.taxels for contact in state.contacts)):
-            active[taxels] = True
-        self.builder.advance(state.reading, active)
+        felt = [*now.values(), *(contact.taxels for contact in state.contacts)]
+        self.builder.advance(state.reading, np.concatenate([NOBODY, *felt]))
         histories = self.histories.push(state) if self.calibrated else {}
-        graphs = {
-            key: self.builder.graph(
+        shares = {
+            key: Share(
                 taxels, self.earlier.get(key, NOBODY), histories.get(key, NOTHING)
             )
             for key, taxels in now.items()
         }
         self.earlier = now
-        return graphs
+        return shares
 
     def inherit(self, closed: tuple[Touch, ...]) -> None:
         """Give what a touch had a reading ago to the one that has taken it over."""
