@@ -3,7 +3,6 @@
 from copy import copy
 from typing import final
 
-
 from eskin.learn.baselines.egnn import PaperNetwork, Pooling
 from eskin.learn.baselines.interface import Stream, WindowStream
 from eskin.learn.baselines.network import CachedStream, FitConfig, NetworkBaseline
