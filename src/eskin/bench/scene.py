@@ -14,14 +14,13 @@ PANEL = (32, 64)
 PITCH = 0.008
 """Of the panels' taxels [m], as on the ur5."""
 
-TOUCHED, LIFTED = 75, 30
-"""Readings with contact, then without: 1.5 s and 0.6 s at 50 Hz, so that each touch
-closes."""
+TOUCHED, LIFTED = 1.5, 0.6
+"""How long there is contact, then none, so that each touch closes [s]."""
 
 NOISE = 0.1
 """SD of what untouched taxels read [kPa], well below what is taken for a touch."""
 
-PRESSURES = TOUCHED
+PRESSURES = 75
 """How many different patterns of pressure there are."""
 
 
@@ -135,6 +134,7 @@ class Scene:
         rng = np.random.default_rng(seed)
         self.active = active
         self.rate = rate
+        self.touched, self.lifted = round(TOUCHED * rate), round(LIFTED * rate)
         self.joints = len(mounted.robot.joint_names)
         self.valid = np.ones(mounted.skin.count, dtype=bool)
         noise = rng.normal(0.0, NOISE, (PRESSURES, mounted.skin.count))
@@ -152,8 +152,8 @@ class Scene:
     def instant(self) -> Instant:
         """The next reading."""
         seconds = self.number / self.rate
-        phase = self.number % (TOUCHED + LIFTED)
-        touched = bool(len(self.active)) and phase < TOUCHED
+        phase = self.number % (self.touched + self.lifted)
+        touched = bool(len(self.active)) and phase < self.touched
         pressure = self.pressed if touched else self.idle
         self.number += 1
         reading = Reading(

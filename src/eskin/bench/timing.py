@@ -82,7 +82,7 @@ class EngineSubject(Subject):
         self.recognizer = Recognizer(load_model("ur5"), mounted, None)
 
     def run(self, count: int) -> list[float]:
-        """Seconds that each step took; without contact only where there is never one."""
+        """Seconds that each step took, untouched ones only where none is touched."""
         found: list[float] = []
         push, clock = self.recognizer.push, time.perf_counter
         while len(found) < count:
