@@ -61,14 +61,18 @@ def side_by_side(one: Skin, other: Skin) -> Skin:
     def both(name: str) -> np.ndarray:
         return np.concatenate([getattr(one, name), getattr(other, name)])
 
-    names = "rows", "columns", "positions", "normals", "areas", "tangents"
     return Skin(
         name=f"{one.name} and {other.name}",
         patches=one.patches + other.patches,
         patch_index=np.concatenate(
             [one.patch_index, other.patch_index + len(one.patches)]
         ),
-        **{name: both(name) for name in names},
+        rows=both("rows"),
+        columns=both("columns"),
+        positions=both("positions"),
+        normals=both("normals"),
+        areas=both("areas"),
+        tangents=both("tangents"),
     )
 
 

@@ -44,13 +44,13 @@ class Row:
 
     def as_dict(self) -> dict[str, object]:
         """As JSON has it."""
-        rounded = {
+        rounded: dict[str, object] = {
             "p50_ms": round(self.p50_ms, 4),
             "p99_ms": round(self.p99_ms, 4),
             "max_ms": round(self.max_ms, 4),
             "ratio": round(self.ratio, 3),
         }
-        return asdict(self) | rounded
+        return {**asdict(self), **rounded}
 
 
 class Subject(ABC):

@@ -77,9 +77,10 @@ def pairs_as_near(
     Those as near as the `k`-th are all among them, for a tie to be broken.
     """
     tree = KDTree(whole)
-    found, _ = tree.query(whole, k=[min(k + 1, len(whole))])
+    nearest = np.asarray(tree.query(whole, k=min(k + 1, len(whole)))[0])
+    farthest = nearest.reshape(len(whole), -1)[:, -1]
     # Half a micrometre more, against rounding errors; who is too many is dropped later.
-    near = tree.query_ball_point(whole, found[:, -1] + 0.5)
+    near = tree.query_ball_point(whole, farthest + 0.5)
     one = np.repeat(np.arange(len(whole)), [len(others) for others in near])
     other = np.fromiter(chain.from_iterable(near), np.int64, len(one))
     apart = one != other

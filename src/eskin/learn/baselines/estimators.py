@@ -5,6 +5,7 @@ from collections.abc import Callable
 from typing import Any, final
 
 import numpy as np
+from sklearn.base import BaseEstimator, ClassifierMixin
 from sklearn.discriminant_analysis import LinearDiscriminantAnalysis
 from sklearn.ensemble import HistGradientBoostingClassifier, RandomForestClassifier
 from sklearn.exceptions import ConvergenceWarning
@@ -19,15 +20,29 @@ Estimator = Any
 
 
 @final
-class SupportVectors(SVC):
+class SupportVectors(ClassifierMixin, BaseEstimator):
     """A support vector machine whose probabilities are the softmax of its decisions.
 
     Platt's scaling, which scikit-learn has for this, fits every machine five times.
     """
 
+    def __init__(self, machine: SVC) -> None:
+        """Take a machine that is to be fitted."""
+        self.machine = machine
+
+    def fit(self, X: np.ndarray, y: np.ndarray) -> "SupportVectors":
+        """Learn from rows of features."""
+        self.machine.fit(X, y)
+        self.classes_ = self.machine.classes_
+        return self
+
+    def predict(self, X: np.ndarray) -> np.ndarray:
+        """The class of each row."""
+        return self.machine.predict(X)
+
     def predict_proba(self, X: np.ndarray) -> np.ndarray:
         """Probabilities of the classes for each row."""
-        decisions = self.decision_function(X)
+        decisions = self.machine.decision_function(X)
         if decisions.ndim == 1:
             decisions = np.stack([-decisions, decisions], axis=1)
         powers = np.exp(decisions - decisions.max(axis=1, keepdims=True))
@@ -38,16 +53,18 @@ class SupportVectors(SVC):
 class Perceptron(MLPClassifier):
     """A multilayer perceptron that is content with what its epochs have brought."""
 
-    def fit(self, X: np.ndarray, y: np.ndarray) -> "Perceptron":
+    def fit(
+        self, X: np.ndarray, y: np.ndarray, sample_weight: np.ndarray | None = None
+    ) -> "Perceptron":
         """Learn from rows of features."""
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", ConvergenceWarning)
-            return super().fit(X, y)
+            return super().fit(X, y, sample_weight)
 
 
 def support_vectors(seed: int) -> Estimator:
     """A radial-basis support vector machine."""
-    return SupportVectors(C=10.0, random_state=seed)
+    return SupportVectors(SVC(C=10.0, random_state=seed))
 
 
 def nearest_neighbours(seed: int) -> Estimator:

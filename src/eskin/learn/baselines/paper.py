@@ -29,7 +29,8 @@ class PaperBaseline(NetworkBaseline):
             pooling: over the nodes of a reading.
         """
         super().__init__(mounted, config)
-        self.k, self.pooling = k, pooling
+        self.k = k
+        self.pooling: Pooling = pooling
 
     def build(self) -> PaperNetwork:
         """Make the network."""
