@@ -109,4 +109,4 @@ def test_k_is_the_number_of_neighbours_and_new_weights_forget_the_rest():
         before = net.encode(*readings())
         net.embed.weight.add_(1.0)
         net.train().eval()
-        assert not torch.equal(before, net.encode(*readings()))
+        assert not torch.equal(before[3], net.encode(*readings())[3])

@@ -48,17 +48,22 @@ def run(command: Command) -> dict[str, object]:
 
 def show(rows: Sequence[Row], config: LatencyConfig) -> None:
     """Print the rows."""
-    table = Table()
+    table = Table(box=None, pad_edge=False, padding=(0, 1, 0, 0))
     table.add_column("name", no_wrap=True)
     for title in ("p50 [ms]", "p99", "max", "taxels", "active", "steps", "ratio"):
-        table.add_column(title, justify="right")
+        table.add_column(title, justify="right", no_wrap=True)
     for row in rows:
-        milliseconds = (f"{t:.4g}" for t in (row.p50_ms, row.p99_ms, row.max_ms))
+        milliseconds = (short(t) for t in (row.p50_ms, row.p99_ms, row.max_ms))
         counts = (str(n) for n in (row.taxels, row.active, row.steps))
-        table.add_row(row.name, *milliseconds, *counts, f"{row.ratio:.3g} x")
+        table.add_row(row.name, *milliseconds, *counts, short(row.ratio))
     Console().print(table)
     print(
         f"one core; ratios are to the engine at {config.active} active taxels; "
         f"baselines are fitted on {config.clips} random clips, networks on fewer: "
         "enough for timing only"
     )
+
+
+def short(number: float) -> str:
+    """Three places, none where there are hundreds."""
+    return f"{number:.3f}" if number < 100 else f"{number:.0f}"

@@ -144,8 +144,7 @@ class Rolling:
         """Take the next row and return the last `READINGS`."""
         self.twice[self.at] = self.twice[self.at + READINGS] = row
         self.at = (self.at + 1) % READINGS
-        start = self.at or READINGS
-        return self.twice[start : start + READINGS]
+        return self.twice[self.at : self.at + READINGS]
 
 
 @final

@@ -48,5 +48,5 @@ class PaperBaseline(NetworkBaseline):
         return {
             "": WindowStream(whole),
             "cached": CachedStream(self.mounted, all_nodes),
-            "cached, touched nodes": CachedStream(self.mounted, self.network),
+            "cached, sparse": CachedStream(self.mounted, self.network),
         }
