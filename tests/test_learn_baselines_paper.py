@@ -107,6 +107,6 @@ def test_k_is_the_number_of_neighbours_and_new_weights_forget_the_rest():
     assert net.table.shape == (2112, 4)
     with torch.inference_mode():
         before = net.encode(*readings())
-        net.embed.weight.add_(1.0)
+        net.embed.bias.add_(1.0)
         net.train().eval()
         assert not torch.equal(before[3], net.encode(*readings())[3])
