@@ -13,7 +13,7 @@ from pathlib import Path
 import matplotlib.pyplot as plt
 import tyro
 from matplotlib.axes import Axes
-from matplotlib.ticker import ScalarFormatter
+from matplotlib.ticker import FormatStrFormatter, LogLocator
 
 from eskin.bench.latency import scaled
 from eskin.bench.timing import Row, pinned
@@ -71,7 +71,8 @@ def panel(axes: Axes, sizes: Sequence[int], rows: Sequence[Row]) -> None:
     axes.set(xscale="log", yscale="log")
     axes.set_xticks(sizes, labels=[str(size) for size in sizes])
     axes.minorticks_off()
-    axes.yaxis.set_major_formatter(ScalarFormatter())
+    axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    axes.yaxis.set_major_formatter(FormatStrFormatter("%g"))
     axes.grid(alpha=0.3)
 
 
