@@ -25,8 +25,13 @@ format: $(READY)
 docs: $(READY)
 	$(BIN)/mkdocs build --strict
 
+# What a step costs, beside everything else: about half an hour on one core.
 bench: $(READY)
-	$(BIN)/python -m benchmarks.push
+	$(BIN)/eskin bench latency
+	$(BIN)/python -m benchmarks.scaling --picture docs/pictures/latency.png
+	$(BIN)/python -m benchmarks.sustained
+	$(BIN)/python -m benchmarks.memory
+	$(BIN)/python -m benchmarks.limit
 	$(BIN)/python -m benchmarks.network_step
 
 # The tables of docs/results.md: about half an hour on two cores.

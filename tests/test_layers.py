@@ -22,10 +22,11 @@ BELOW = {
     "learn": ("nn", "live"),
     "live": ("model", "recording"),
     "sim": ("recording",),
+    "bench": ("learn",),
 }
 TOP = {"cli", "__init__"}
 HEAVY = {"torch", "sklearn", "matplotlib"}
-CORE = set(BELOW) - {"nn", "learn"}
+CORE = set(BELOW) - {"nn", "learn", "bench"}
 
 
 def modules():

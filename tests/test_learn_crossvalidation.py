@@ -7,7 +7,8 @@ import pytest
 import torch
 
 from eskin.errors import RecordingError
-from eskin.learn import baselines, crossvalidation
+from eskin.learn import crossvalidation
+from eskin.learn.baselines.estimators import ON_FEATURES, RandomForestClassifier
 from eskin.learn.crossvalidation import (
     groups_of,
     instant_answers,
@@ -44,9 +45,9 @@ def dataset(tmp_path_factory):
 @pytest.fixture
 def few_trees(monkeypatch):
     def forest(seed):
-        return baselines.RandomForestClassifier(20, random_state=seed, n_jobs=1)
+        return RandomForestClassifier(20, random_state=seed, n_jobs=1)
 
-    monkeypatch.setitem(baselines.BASELINES, "random forest", forest)
+    monkeypatch.setitem(ON_FEATURES, "random forest", forest)
 
 
 def weights(network):
@@ -103,7 +104,7 @@ def test_what_differs_clearly_is_recognised_in_people_never_seen(dataset, few_tr
     assert answers.groups == tuple(np.repeat(PEOPLE, 4).tolist())
     assert answers.truth.tolist() == [0, 1, 1, 0] * 3
     assert answers.recordings == (*[0] * 4, *[1] * 4, *[2] * 4)
-    assert set(answers.predicted) == {"eskin", *baselines.BASELINES}
+    assert set(answers.predicted) == {"eskin", *ON_FEATURES}
     for name, predicted in answers.predicted.items():
         assert (predicted == answers.truth).mean() >= 0.75, name
     instants = instant_answers(dataset, groups, networks, 0)

@@ -27,6 +27,7 @@ COMMANDS = {
     "generate": "generate",
     "skin show": "skin_show",
     "skin check": "skin_check",
+    "bench latency": "bench_latency",
 }
 BAD_INPUT = 2
 STOPPED = 130

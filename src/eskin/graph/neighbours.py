@@ -4,8 +4,11 @@ Ties are broken by (patch, row, column), which travels with the taxel, so neithe
 order of the taxels nor the place of the robot decides who is whose neighbour.
 """
 
+from itertools import chain
+
 import numpy as np
 from jaxtyping import Float, Int
+from scipy.spatial import KDTree
 
 from eskin.graph.neighbour_kernels import MICROMETRES, NOBODY, Search, find_nearest
 from eskin.skin import Skin
@@ -65,13 +68,33 @@ def nearest_in_patch(
     to the last bit, however the patch lies.
     """
     whole = np.rint(positions * MICROMETRES).astype(np.int64)
+    one, other = pairs_as_near(whole, k)
+    squared = ((whole[one] - whole[other]) ** 2).sum(axis=1)
+    order = np.lexsort((rank[taxels[other]], squared, one))
+    one, other = one[order], other[order]
+    place = np.arange(len(one)) - np.searchsorted(one, one)
     nearest = np.full((len(taxels), k), NOBODY, dtype=np.int64)
-    for row, place in enumerate(whole):
-        squared = ((whole - place) ** 2).sum(axis=1)
-        order = np.lexsort((rank[taxels], squared))
-        others = taxels[order[order != row]][:k]
-        nearest[row, : len(others)] = others
+    kept = place < k
+    nearest[one[kept], place[kept]] = taxels[other[kept]]
     return nearest
+
+
+def pairs_as_near(
+    whole: Int[np.ndarray, "part 3"], k: int
+) -> tuple[Int[np.ndarray, "pair"], Int[np.ndarray, "pair"]]:
+    """Each point with the others no farther from it than its `k`-th nearest.
+
+    Those as near as the `k`-th are all among them, for a tie to be broken.
+    """
+    tree = KDTree(whole)
+    nearest = np.asarray(tree.query(whole, k=min(k + 1, len(whole)))[0])
+    farthest = nearest.reshape(len(whole), -1)[:, -1]
+    # Half a micrometre more, against rounding errors; who is too many is dropped later.
+    near = tree.query_ball_point(whole, farthest + 0.5)
+    one = np.repeat(np.arange(len(whole)), [len(others) for others in near])
+    other = np.fromiter(chain.from_iterable(near), np.int64, len(one))
+    apart = one != other
+    return one[apart], other[apart]
 
 
 def live_neighbours(

@@ -10,7 +10,7 @@ from jaxtyping import Int
 from joblib import Parallel, delayed
 
 from eskin.errors import RecordingError
-from eskin.learn.baselines import BASELINES
+from eskin.learn.baselines.estimators import ON_FEATURES
 from eskin.learn.dataset import Dataset
 from eskin.learn.hand_features import segment_features, stretch_features
 from eskin.learn.scoring import instant_scores, segment_scores
@@ -120,13 +120,13 @@ def segment_answers(
     truth = np.array([vocabulary.index(s.gesture) for s in segments])
     group = np.array([groups[s.recording] for s in segments])
     features = np.array([segment_features(dataset, s, shear) for s in segments])
-    predicted = {name: np.zeros_like(truth) for name in ("eskin", *BASELINES)}
+    predicted = {name: np.zeros_like(truth) for name in ("eskin", *ON_FEATURES)}
     for held, network in networks.items():
         out = group == held
         chosen: list[Segment] = [s for s, o in zip(segments, out, strict=True) if o]
         scores = segment_scores(network, dataset, chosen)
         predicted["eskin"][out] = scores[:, columns].argmax(axis=1)
-        for name, make in BASELINES.items():
+        for name, make in ON_FEATURES.items():
             model = make(seed).fit(features[~out], truth[~out])
             predicted[name][out] = model.predict(features[out])
     recordings = tuple(segment.recording for segment in segments)
@@ -151,7 +151,7 @@ def instant_answers(
         train = np.flatnonzero(group != held)[::EVERY]
         scores = instant_scores(network, dataset, rows)
         predicted["eskin"][rows] = scores.argmax(axis=1)
-        model = BASELINES[forest](seed).fit(features[train], truth[train])
+        model = ON_FEATURES[forest](seed).fit(features[train], truth[train])
         predicted[forest][rows] = model.predict(features[rows])
     recordings = tuple(dataset.recording.tolist())
     return Answers(truth, predicted, tuple(group.tolist()), recordings, vocabulary)

@@ -31,8 +31,20 @@ def stretch_features(
     dataset: Dataset, rows: Int[np.ndarray, "reading"], shear: bool
 ) -> Float[np.ndarray, "feature"]:
     """Features of consecutive rows of one sequence."""
-    graphs = dataset.graphs.select(rows)
-    seconds = (dataset.stamps[rows] - dataset.stamps[rows[0]]) * 1e-9
+    return graph_features(dataset.graphs.select(rows), dataset.stamps[rows], shear)
+
+
+def graph_features(
+    graphs: GraphBatch, stamps: Int[np.ndarray, "reading"], shear: bool
+) -> Float[np.ndarray, "feature"]:
+    """Features of the graphs of consecutive readings.
+
+    Args:
+        graphs: one a reading.
+        stamps: of the readings [ns since the epoch].
+        shear: whether the shear is among the features.
+    """
+    seconds = (stamps - stamps[0]) * 1e-9
     series = pressure_series(graphs)
     extent = np.ptp(centres(graphs.pressure * graphs.areas, graphs)[:, :2], axis=0)
     whole = [

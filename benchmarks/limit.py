@@ -1,0 +1,169 @@
+"""How far a step is from what this machine can do.
+
+    python -m benchmarks.limit
+
+Counts the arithmetic of a step with 60 active taxels from the network's sizes and the
+graph's edges, times products of the same shapes by BLAS alone, and prints the step over
+that. The bytes are weights, nodes, edges and windows, each read or written once.
+"""
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import tyro
+
+from eskin.bench.scene import Scene, large_skin, on_forearm
+from eskin.bench.timing import EngineSubject, pinned
+from eskin.graph import NODE_SCALARS, FixedNeighbours, GraphConfig, live_neighbours
+from eskin.model import Model, load_model
+from eskin.robot import load_robot
+from eskin.skin import MountedSkin
+
+FLOAT = 4
+"""Bytes."""
+
+EDGE_SCALARS = 6
+
+
+@dataclass(frozen=True)
+class Command:
+    """Compare a step with products of the same shapes."""
+
+    active: int = 60
+    """Active taxels."""
+
+    steps: int = 5000
+    """Steps timed."""
+
+
+@dataclass(frozen=True)
+class Product:
+    """Rows times a matrix of weights, so often a step."""
+
+    name: str
+    rows: int
+    inputs: int
+    outputs: int
+    times: int = 1
+
+    @property
+    def operations(self) -> int:
+        """Multiplications and additions."""
+        return 2 * self.rows * self.inputs * self.outputs * self.times
+
+    @property
+    def bytes(self) -> int:
+        """Of the matrix, of what goes in and of what comes out."""
+        rows = self.rows * (self.inputs + self.outputs)
+        return FLOAT * self.times * (rows + self.inputs * self.outputs)
+
+
+def main() -> None:
+    """Count, time and print."""
+    command = tyro.cli(Command)
+    mounted = MountedSkin(large_skin(2112), load_robot("ur5"))
+    nodes, edges = graph_size(mounted, command.active)
+    products = products_of(load_model("ur5"), command.active, nodes, edges)
+    with pinned():
+        scene = Scene(mounted, on_forearm(mounted.skin, command.active))
+        subject = EngineSubject("eskin", mounted, scene)
+        wanted = subject.steps(command.steps)
+        alone, taken = [], []
+        for _ in range(10):
+            taken += subject.run(wanted // 10)
+            alone.append([seconds_of(product) for product in products])
+        moved = sum(product.bytes for product in products)
+        copied = copy_rate(moved)
+    plain = np.median(alone, axis=0)
+    print(f"{command.active} active taxels, {nodes} nodes, {edges} edges\n")
+    print("| product | rows | shape | times | kFLOP | plain [us] | GFLOP/s |")
+    print("|---|---|---|---|---|---|---|")
+    for product, seconds in zip(products, plain, strict=True):
+        shape = f"{product.inputs} x {product.outputs} | {product.times}"
+        rate = product.operations / seconds * 1e-9
+        print(
+            f"| {product.name} | {product.rows} | {shape} | "
+            f"{product.operations * 1e-3:.0f} | {1e6 * seconds:.1f} | {rate:.1f} |"
+        )
+    operations = sum(product.operations for product in products)
+    step = float(np.median(taken))
+    print(
+        f"\n{operations * 1e-6:.2f} MFLOP and {moved * 1e-6:.2f} MB a step; plain "
+        f"products take {1e6 * plain.sum():.0f} us "
+        f"({operations / plain.sum() * 1e-9:.1f} GFLOP/s), moving the bytes "
+        f"{1e6 * moved / copied:.0f} us ({copied * 1e-9:.1f} GB/s); the step takes "
+        f"{1e6 * step:.0f} us: {step / plain.sum():.1f} x the products"
+    )
+
+
+def graph_size(mounted: MountedSkin, active: int) -> tuple[int, int]:
+    """Nodes of a contact's graph, and edges to those that hear."""
+    skin, config = mounted.skin, GraphConfig()
+    fixed, taxels = FixedNeighbours(skin, config.fixed), on_forearm(skin, active)
+    heard = fixed.table[taxels]
+    nodes = np.union1d(taxels, heard[heard >= 0])
+    p_world, _ = mounted.poses(np.zeros(len(mounted.robot.joint_names)), nodes)
+    patches, rank = skin.patch_index[nodes], fixed.rank[nodes]
+    live = live_neighbours(p_world, patches, rank, config.live, config.live_reach)
+    hears = np.isin(nodes, taxels)
+    return len(nodes), int((heard >= 0).sum() + (live[hears] >= 0).sum())
+
+
+def products_of(model: Model, active: int, nodes: int, edges: int) -> Sequence[Product]:
+    """Every product of a step; a layer's first linear layer is done once a node.
+
+    Args:
+        model: whose weights they are.
+        active: nodes that hear others.
+        nodes: of the graph.
+        edges: between them.
+    """
+    width, layers = model.card.network.width, model.card.network.layers
+    products = [
+        Product("embed", nodes, len(NODE_SCALARS), width),
+        Product("of target", active, width, width, layers),
+        Product("of source", nodes, width, width, layers),
+        Product("of edge", edges, EDGE_SCALARS, width, layers),
+        Product("message", edges, width, width, layers),
+        Product("move", edges, width, 1, layers - 1),
+        Product("update, hidden", active, 2 * width, width, layers),
+        Product("update, out", active, width, width, layers),
+    ]
+    for head in ("summary_head", "graph_head"):
+        for part in ("project", "short.conv", "long.conv", "classify"):
+            outputs, *inputs = model.weights[f"{head}.{part}.weight"].shape
+            size = int(np.prod(inputs))
+            products.append(Product(f"{head}, {part}", 1, size, outputs))
+    return products
+
+
+def seconds_of(product: Product) -> float:
+    """Median time of the plain products [s]."""
+    rng = np.random.default_rng(0)
+    rows = rng.random((product.rows, product.inputs), np.float32)
+    weights = rng.random((product.inputs, product.outputs), np.float32)
+    out = np.empty((product.rows, product.outputs), np.float32)
+    return product.times * median(lambda: np.dot(rows, weights, out=out))
+
+
+def copy_rate(size: int) -> float:
+    """Bytes a second that are read and written in copying so many [B/s]."""
+    source = np.ones(size // (2 * FLOAT), np.float32)
+    target = np.empty_like(source)
+    return 2 * source.nbytes / median(lambda: np.copyto(target, source))
+
+
+def median(call: Callable[[], object], times: int = 200) -> float:
+    """Median time of a call [s]."""
+    found = []
+    for _ in range(times):
+        start = time.perf_counter()
+        call()
+        found.append(time.perf_counter() - start)
+    return float(np.median(found))
+
+
+if __name__ == "__main__":
+    main()

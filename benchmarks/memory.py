@@ -1,0 +1,58 @@
+"""The memory that an hour of streaming holds.
+
+    python -m benchmarks.memory
+
+The ur5 skin with the arm moving and touches that come and go, an hour at 50 Hz pushed
+as fast as it goes, in a process of its own; above one that has imported numpy, scipy
+and numba.
+"""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import eskin
+from eskin.bench.scene import Scene, on_forearm
+
+HOUR = 180_000
+"""Readings at 50 Hz."""
+
+STREAMING = f"from benchmarks.memory import stream; stream({HOUR})"
+EMPTY = """
+import numpy, scipy, numba
+print(open("/proc/self/statm").read().split()[1])
+"""
+
+
+def main() -> None:
+    """Measure and print."""
+    (empty,) = megabytes(EMPTY)
+    above = ", ".join(f"{part - empty:.1f}" for part in megabytes(STREAMING))
+    print(
+        f"{empty:.1f} MB with numpy, scipy and numba; above that, after the first "
+        f"touches, half of {HOUR} readings and all of them: {above} MB"
+    )
+
+
+def stream(readings: int) -> None:
+    """Push readings; print the pages held after 200, after half, and after all."""
+    mounted = eskin.MountedSkin(eskin.load_skin("ur5"), eskin.load_robot("ur5"))
+    recognizer = eskin.Recognizer(eskin.load_model("ur5"), mounted, None)
+    scene = Scene(mounted, on_forearm(mounted.skin, 60))
+    for part in (200, readings // 2, readings):
+        while scene.number < part:
+            recognizer.push(scene.instant().reading)
+        print(Path("/proc/self/statm").read_text().split()[1])
+
+
+def megabytes(code: str) -> list[float]:
+    """What a process that runs this code prints in pages [MB]."""
+    command = [sys.executable, "-c", code]
+    done = subprocess.run(command, check=True, capture_output=True, text=True)
+    page = os.sysconf("SC_PAGE_SIZE")
+    return [int(line) * page / 1e6 for line in done.stdout.split()]
+
+
+if __name__ == "__main__":
+    main()

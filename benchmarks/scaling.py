@@ -1,0 +1,80 @@
+"""How a step grows with the skin, and how with the touch.
+
+    python -m benchmarks.scaling --picture docs/pictures/latency.png
+
+The same contact of 60 taxels on skins of 2k to 128k taxels, and contacts of 5 to 160
+taxels on the ur5 skin; all in turn on one core in one run.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import matplotlib.pyplot as plt
+import tyro
+from matplotlib.axes import Axes
+from matplotlib.ticker import FormatStrFormatter, LogLocator
+
+from eskin.bench.latency import scaled
+from eskin.bench.timing import Row, pinned
+
+UR5 = 2112
+SKINS = (UR5, 8192, 32768, 131072)
+ACTIVE = (5, 10, 20, 40, 60, 80, 120, 160)
+USUAL = 60
+BLUE, ORANGE = "#0072b2", "#d55e00"  # told apart whatever one's eyes
+
+
+@dataclass(frozen=True)
+class Command:
+    """Time skins and contacts of several sizes."""
+
+    steps: int = 5000
+    """Steps timed of each."""
+
+    picture: Path | None = None
+    """Where to draw them (.png)."""
+
+
+def main() -> None:
+    """Time, print and draw."""
+    command = tyro.cli(Command)
+    with pinned():
+        skins = scaled(SKINS, [USUAL] * len(SKINS), command.steps)
+        touches = scaled([UR5] * len(ACTIVE), ACTIVE, command.steps)
+    for title, rows in (("By taxels of the skin", skins), ("By active", touches)):
+        print(f"\n{title}\n\n| taxels | active | p50 [ms] | p99 [ms] | to the first |")
+        print("|---|---|---|---|---|")
+        for row in rows:
+            times = f"{row.p50_ms:.3f} | {row.p99_ms:.3f} | {row.ratio:.2f} x"
+            print(f"| {row.taxels} | {row.active} | {times} |")
+    if command.picture is not None:
+        draw(touches, skins, command.picture)
+
+
+def draw(touches: Sequence[Row], skins: Sequence[Row], path: Path) -> None:
+    """Draw both, medians and 99th percentiles."""
+    figure, (left, right) = plt.subplots(1, 2, figsize=(9, 3.6), sharey=True)
+    panel(left, [row.active for row in touches], touches)
+    left.set(xlabel="active taxels (ur5 skin)", ylabel="one step [ms]")
+    panel(right, [row.taxels for row in skins], skins)
+    right.set(xlabel=f"taxels of the skin ({USUAL} active)")
+    left.legend()
+    figure.tight_layout()
+    figure.savefig(path, dpi=150)
+
+
+def panel(axes: Axes, sizes: Sequence[int], rows: Sequence[Row]) -> None:
+    """One panel, both axes logarithmic."""
+    axes.plot(sizes, [row.p50_ms for row in rows], "o-", color=BLUE, label="p50")
+    axes.plot(sizes, [row.p99_ms for row in rows], "s--", color=ORANGE, label="p99")
+    axes.set(xscale="log", yscale="log")
+    axes.set_xticks(sizes, labels=[str(size) for size in sizes])
+    axes.minorticks_off()
+    axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    axes.yaxis.set_major_formatter(FormatStrFormatter("%g"))
+    axes.grid(alpha=0.3)
+
+
+if __name__ == "__main__":
+    main()

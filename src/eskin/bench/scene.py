@@ -1,0 +1,173 @@
+"""Touches made in memory: the ur5's arm moves while hands rest on it."""
+
+from dataclasses import dataclass
+from typing import final
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from eskin.skin import Grid, MountedSkin, Patch, Plane, Skin, join_patches, load_skin
+from eskin.touch import Reading
+
+SECOND = 1_000_000_000
+PANEL = (32, 64)
+PITCH = 0.008
+"""Of the panels' taxels [m], as on the ur5."""
+
+TOUCHED, LIFTED = 1.5, 0.6
+"""How long there is contact, then none, so that each touch closes [s]."""
+
+NOISE = 0.1
+"""SD of what untouched taxels read [kPa], well below what is taken for a touch."""
+
+PRESSURES = 75
+"""How many different patterns of pressure there are."""
+
+
+def large_skin(taxels: int) -> Skin:
+    """The ur5 skin, its surroundings skinned too: panels on the wall behind it.
+
+    The panels are of 32 x 64 taxels, the last one of what is left, and lie two metres
+    from the arm, so that a touch of the arm is the same on all of these skins.
+
+    Raises:
+        ValueError: if there are fewer taxels than the ur5 alone has.
+    """
+    arm = load_skin("ur5")
+    more = taxels - arm.count
+    if more < 0:
+        raise ValueError(
+            f"--taxels is {taxels}; allowed are {arm.count}, which is the ur5 skin, "
+            "and above; change it"
+        )
+    if not more:
+        return arm
+    rows, columns = PANEL
+    laid = []
+    for number, start in enumerate(range(0, more, rows * columns)):
+        present = np.arange(rows * columns) < more - start
+        grid = Grid(rows, columns, PITCH, PITCH, present=present.reshape(PANEL))
+        T = np.eye(4)
+        T[:3, 3] = -2.0, 0.6 * (number % 16), 0.3 * (number // 16)
+        address = len(arm.patches) + number + 1
+        patch = Patch(f"panel_{number + 1}", "base_link", address, rows, columns)
+        laid.append((patch, grid, Plane(T)))
+    return side_by_side(arm, join_patches("panels", laid))
+
+
+def side_by_side(one: Skin, other: Skin) -> Skin:
+    """The patches of both skins, those of the first one first."""
+
+    def both(name: str) -> np.ndarray:
+        return np.concatenate([getattr(one, name), getattr(other, name)])
+
+    return Skin(
+        name=f"{one.name} and {other.name}",
+        patches=one.patches + other.patches,
+        patch_index=np.concatenate(
+            [one.patch_index, other.patch_index + len(one.patches)]
+        ),
+        rows=both("rows"),
+        columns=both("columns"),
+        positions=both("positions"),
+        normals=both("normals"),
+        areas=both("areas"),
+        tangents=both("tangents"),
+    )
+
+
+def on_forearm(skin: Skin, active: int) -> Int[np.ndarray, "active"]:
+    """The taxels nearest to the middle of the ur5's front forearm."""
+    return nearest_to_middle(skin, "forearm_front", active)
+
+
+def on_upper_arm(skin: Skin, active: int) -> Int[np.ndarray, "active"]:
+    """The taxels nearest to the middle of the ur5's front upper arm."""
+    return nearest_to_middle(skin, "upper_arm_front", active)
+
+
+def nearest_to_middle(skin: Skin, patch: str, active: int) -> Int[np.ndarray, "active"]:
+    """The taxels of a patch that are nearest to its middle."""
+    taxels = skin.taxels_of(patch)
+    if not 1 <= active <= len(taxels):
+        raise ValueError(
+            f"--active is {active}; allowed are 1 to {len(taxels)}, the taxels of "
+            f"{patch}; change it"
+        )
+    apart = skin.positions[taxels] - skin.positions[taxels].mean(axis=0)
+    return taxels[np.argsort(np.linalg.norm(apart, axis=1), kind="stable")[:active]]
+
+
+def round_forearm(skin: Skin, active: int) -> Int[np.ndarray, "active"]:
+    """A band round the ur5's forearm, over both of its patches: a hand that grabs."""
+    taxels = np.concatenate([skin.taxels_of(f"forearm_{s}") for s in ("front", "back")])
+    height = skin.positions[taxels, 2]
+    return taxels[np.argsort(np.abs(height - height.mean()), kind="stable")[:active]]
+
+
+@dataclass(frozen=True, eq=False)
+class Instant:
+    """One reading of a scene."""
+
+    reading: Reading
+    """Calibrated."""
+
+    touched: bool
+    """Whether the scene's taxels are pressed in it; never where it has none."""
+
+
+@final
+class Scene:
+    """Readings of touches that come and go while all joints move; stateful."""
+
+    def __init__(
+        self,
+        mounted: MountedSkin,
+        active: Int[np.ndarray, "active"],
+        rate: float = 50.0,
+        seed: int = 0,
+    ) -> None:
+        """Start with the first touch.
+
+        Args:
+            mounted: the skin on its robot.
+            active: the taxels that are pressed; none for an idle skin.
+            rate: readings a second.
+            seed: draws the noise.
+        """
+        rng = np.random.default_rng(seed)
+        self.active = active
+        self.rate = rate
+        self.touched, self.lifted = round(TOUCHED * rate), round(LIFTED * rate)
+        self.joints = len(mounted.robot.joint_names)
+        self.valid = np.ones(mounted.skin.count, dtype=bool)
+        noise = rng.normal(0.0, NOISE, (PRESSURES, mounted.skin.count))
+        self.idle = np.clip(noise, 0.0, 3 * NOISE).astype(np.float32)
+        shape = rng.uniform(10.0, 30.0, len(active))
+        swell = 1.0 + 0.3 * np.sin(np.linspace(0.0, 2 * np.pi, PRESSURES))
+        self.pressed = self.idle.copy()
+        self.pressed[:, active] = swell[:, None] * shape
+        self.number = 0
+
+    def instants(self, count: int) -> list[Instant]:
+        """The next readings."""
+        return [self.instant() for _ in range(count)]
+
+    def instant(self) -> Instant:
+        """The next reading."""
+        seconds = self.number / self.rate
+        phase = self.number % (self.touched + self.lifted)
+        touched = bool(len(self.active)) and phase < self.touched
+        pressure = self.pressed if touched else self.idle
+        self.number += 1
+        reading = Reading(
+            round(seconds * SECOND) + SECOND,
+            pressure[phase % PRESSURES],
+            self.valid,
+            self.posture(seconds),
+        )
+        return Instant(reading, touched)
+
+    def posture(self, seconds: float) -> Float[np.ndarray, "joint"]:
+        """Every joint swings by 0.3 rad, each at its own rate."""
+        return 0.3 * np.sin(seconds * (0.5 + 0.1 * np.arange(self.joints)))

@@ -1,0 +1,69 @@
+"""`eskin bench latency`: what one step takes, the engine and the baselines in turn."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Annotated
+
+import tyro
+from rich.console import Console
+from rich.table import Table
+
+from eskin.bench.latency import LatencyConfig, latency
+from eskin.bench.timing import Row, pinned
+from eskin.learn.baselines import BASELINES, NETWORKS
+
+OWN = 2112
+
+
+@dataclass(frozen=True)
+class Command:
+    """Time one step of the engine and of every baseline, on one core, in turn.
+
+    A touch of the ur5's forearm while the arm moves. Baselines are fitted on random
+    clips, which is enough for timing and for nothing else.
+    """
+
+    config: Annotated[LatencyConfig, tyro.conf.arg(name="")]
+
+    baselines: tuple[str, ...] | None = None
+    """Which baselines are timed beside the engine: no word for none, all of them unless
+    given, on larger skins none."""
+
+
+def run(command: Command) -> dict[str, object]:
+    """Time, print a table, and return its rows."""
+    config, names = command.config, command.baselines
+    if names is None:
+        names = (*BASELINES, *NETWORKS) if config.taxels == OWN else ()
+    elif config.taxels != OWN and names:
+        raise ValueError(
+            f"--baselines with --taxels {config.taxels}; allowed are baselines on the "
+            f"ur5 skin of {OWN} taxels; leave one of the two out"
+        )
+    with pinned():
+        rows = latency(config, names)
+    show(rows, config)
+    return {"rows": [row.as_dict() for row in rows]}
+
+
+def show(rows: Sequence[Row], config: LatencyConfig) -> None:
+    """Print the rows."""
+    table = Table(box=None, pad_edge=False, padding=(0, 1, 0, 0))
+    table.add_column("name", no_wrap=True)
+    for title in ("p50 [ms]", "p99", "max", "taxels", "active", "steps", "ratio"):
+        table.add_column(title, justify="right", no_wrap=True)
+    for row in rows:
+        milliseconds = (short(t) for t in (row.p50_ms, row.p99_ms, row.max_ms))
+        counts = (str(n) for n in (row.taxels, row.active, row.steps))
+        table.add_row(row.name, *milliseconds, *counts, short(row.ratio))
+    Console().print(table)
+    print(
+        f"one core; ratios are to the engine at {config.active} active taxels; "
+        f"baselines are fitted on {config.clips} random clips, networks on fewer: "
+        "enough for timing only"
+    )
+
+
+def short(number: float) -> str:
+    """Three places, none where there are hundreds."""
+    return f"{number:.3f}" if number < 100 else f"{number:.0f}"

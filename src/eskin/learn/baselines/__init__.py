@@ -1,0 +1,89 @@
+"""Baselines: other classifiers of windows of the whole skin, behind one interface."""
+
+from collections.abc import Callable
+from functools import partial
+
+from eskin.learn.baselines.convolution import (
+    Cnn3dBaseline,
+    CnnLstmBaseline,
+    ImageBaseline,
+)
+from eskin.learn.baselines.estimators import (
+    gradient_boosting,
+    linear_discriminant,
+    nearest_neighbours,
+    perceptron,
+    random_forest,
+    support_vectors,
+)
+from eskin.learn.baselines.flat import FlatBaseline
+from eskin.learn.baselines.hand import HandBaseline
+from eskin.learn.baselines.interface import READINGS, Baseline, Clips, Stream
+from eskin.learn.baselines.network import FitConfig, NetworkBaseline, one_thread
+from eskin.learn.baselines.paper import PaperBaseline
+from eskin.skin import MountedSkin
+
+__all__ = [
+    "BASELINES",
+    "NETWORKS",
+    "READINGS",
+    "Baseline",
+    "Clips",
+    "FitConfig",
+    "NetworkBaseline",
+    "PaperBaseline",
+    "Stream",
+    "make_baseline",
+    "one_thread",
+]
+
+FLAT = {
+    "svm": support_vectors,
+    "knn": nearest_neighbours,
+    "mlp": perceptron,
+    "lda": linear_discriminant,
+}
+BASELINES: dict[str, Callable[[MountedSkin], Baseline]] = {
+    **{
+        f"{name}-max": partial(FlatBaseline, estimator=estimator, features="maxima")
+        for name, estimator in FLAT.items()
+    },
+    **{
+        f"{name}-bins": partial(FlatBaseline, estimator=estimator, features="bins")
+        for name, estimator in FLAT.items()
+    },
+    "random-forest": partial(HandBaseline, estimator=random_forest),
+    "gradient-boosting": partial(HandBaseline, estimator=gradient_boosting),
+}
+"""Those that are no networks, by name."""
+
+NETWORKS: dict[str, type[NetworkBaseline]] = {
+    "cnn-lstm": CnnLstmBaseline,
+    "3d-cnn": Cnn3dBaseline,
+    "tactile-image": ImageBaseline,
+    "paper": PaperBaseline,
+}
+"""Those that are networks, by name."""
+
+
+def make_baseline(
+    name: str, mounted: MountedSkin, config: FitConfig | None = None
+) -> Baseline:
+    """Make a baseline that knows nothing yet.
+
+    Args:
+        name: one of `BASELINES` or `NETWORKS`.
+        mounted: the skin on its robot.
+        config: how it is trained, where it is a network.
+
+    Raises:
+        ValueError: there is none of that name.
+    """
+    if name in BASELINES:
+        return BASELINES[name](mounted)
+    if name in NETWORKS:
+        return NETWORKS[name](mounted, config)
+    raise ValueError(
+        f"no baseline '{name}'; allowed are {', '.join((*BASELINES, *NETWORKS))}; "
+        "choose one of them"
+    )

@@ -1,0 +1,161 @@
+"""Convolutional networks on grids of taxels.
+
+The paper gives the CNN-LSTM's input (section V-B), no sizes; all sizes are ours.
+"""
+
+from typing import final
+
+import torch
+from jaxtyping import Float
+from torch import Tensor, nn
+
+from eskin.learn.baselines.flat import BINS, KPA
+from eskin.learn.baselines.interface import READINGS
+from eskin.learn.baselines.network import (
+    NetworkBaseline,
+    ReadingNetwork,
+    WindowNetwork,
+)
+from eskin.learn.baselines.pixels import Image, patch_image, unrolled_image
+from eskin.skin import Skin
+
+Pressure = Float[Tensor, "clip 100 taxel"]
+Joints = Float[Tensor, "clip 100 joint"]
+Logits = Float[Tensor, "clip class"]
+
+
+class Pixels(nn.Module):
+    """Lays pressures into the channels, rows and columns of an image."""
+
+    place: Tensor
+
+    def __init__(self, image: Image) -> None:
+        """Remember where each taxel goes."""
+        super().__init__()
+        self.shape = image.shape
+        self.register_buffer("place", torch.from_numpy(image.place))
+
+    def forward(
+        self, pressure: Float[Tensor, "*batch taxel"]
+    ) -> Float[Tensor, "*batch channel row column"]:
+        """Images in `KPA`, zero where there is no taxel."""
+        channels, rows, columns = self.shape
+        flat = pressure.new_zeros(*pressure.shape[:-1], channels * rows * columns)
+        flat[..., self.place] = pressure / KPA
+        return flat.unflatten(-1, self.shape)
+
+
+@final
+class CnnLstm(ReadingNetwork):
+    """Convolutions on each reading, then a recurrent network over the window.
+
+    Each patch is a channel, "reshaped into a rectangular grid with padding" (section
+    V-B), after Sarwar and Yamane 2021.
+    """
+
+    def __init__(self, skin: Skin, classes: int) -> None:
+        """Make a network for a skin."""
+        super().__init__()
+        image = patch_image(skin)
+        self.convolutions = nn.Sequential(
+            Pixels(image), *strided(nn.Conv2d, image.shape[0], 16, 32, 32), nn.Flatten()
+        )
+        with torch.no_grad():
+            size = self.convolutions(torch.zeros(1, skin.count)).shape[1]
+        self.reduce = nn.Sequential(nn.Linear(size, 64), nn.ReLU())
+        self.lstm = nn.LSTM(64, 64, batch_first=True)
+        self.out = nn.Linear(64, classes)
+
+    def encode(
+        self,
+        pressure: Float[Tensor, "reading taxel"],
+        q: Float[Tensor, "reading joint"],
+    ) -> Float[Tensor, "reading 64"]:
+        """Features of each reading; the pose is not looked at."""
+        return self.reduce(self.convolutions(pressure))
+
+    def classify(self, features: Float[Tensor, "clip 100 64"]) -> Logits:
+        """Logits from the largest of what each cell said within the window."""
+        return self.out(self.lstm(features)[0].amax(dim=1))
+
+
+@final
+class Cnn3d(WindowNetwork):
+    """Convolutions over time, rows and columns; each patch is a channel."""
+
+    def __init__(self, skin: Skin, classes: int) -> None:
+        """Make a network for a skin."""
+        super().__init__()
+        image = patch_image(skin)
+        self.pixels = Pixels(image)
+        self.convolutions = nn.Sequential(
+            *strided(nn.Conv3d, image.shape[0], 16, 32, 64),
+            nn.AdaptiveMaxPool3d(1),
+            nn.Flatten(),
+        )
+        self.out = nn.Linear(64, classes)
+
+    def forward(self, pressure: Pressure, q: Joints) -> Logits:
+        """Logits of each window; the pose is not looked at."""
+        return self.out(self.convolutions(self.pixels(pressure).movedim(1, 2)))
+
+
+@final
+class ImageCnn(WindowNetwork):
+    """Convolutions on tactile images (Albini and Cannata 2020): the arm unrolled.
+
+    The means of ten parts of the window are the channels.
+    """
+
+    def __init__(self, skin: Skin, classes: int) -> None:
+        """Make a network for a skin."""
+        super().__init__()
+        self.pixels = Pixels(unrolled_image(skin))
+        self.convolutions = nn.Sequential(
+            *strided(nn.Conv2d, BINS, 32, 64, 64),
+            nn.AdaptiveMaxPool2d(1),
+            nn.Flatten(),
+        )
+        self.out = nn.Linear(64, classes)
+
+    def forward(self, pressure: Pressure, q: Joints) -> Logits:
+        """Logits of each window; the pose is not looked at."""
+        parts = pressure.unflatten(1, (BINS, READINGS // BINS)).mean(dim=2)
+        return self.out(self.convolutions(self.pixels(parts)[:, :, 0]))
+
+
+def strided(
+    convolution: type[nn.Conv2d] | type[nn.Conv3d], *channels: int
+) -> list[nn.Module]:
+    """Convolutions of three taps that halve every axis, each with a rectifier."""
+    layers: list[nn.Module] = []
+    for inputs, outputs in zip(channels[:-1], channels[1:], strict=True):
+        layers += [convolution(inputs, outputs, 3, 2, 1), nn.ReLU()]
+    return layers
+
+
+@final
+class CnnLstmBaseline(NetworkBaseline):
+    """The CNN-LSTM of the paper's tables."""
+
+    def build(self) -> CnnLstm:
+        """Make the network."""
+        return CnnLstm(self.mounted.skin, self.classes)
+
+
+@final
+class Cnn3dBaseline(NetworkBaseline):
+    """A three-dimensional CNN."""
+
+    def build(self) -> Cnn3d:
+        """Make the network."""
+        return Cnn3d(self.mounted.skin, self.classes)
+
+
+@final
+class ImageBaseline(NetworkBaseline):
+    """A CNN on tactile images."""
+
+    def build(self) -> ImageCnn:
+        """Make the network."""
+        return ImageCnn(self.mounted.skin, self.classes)

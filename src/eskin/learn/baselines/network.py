@@ -1,0 +1,156 @@
+"""Baselines that are networks: how they are trained, and answers in a stream."""
+
+from abc import abstractmethod
+from dataclasses import dataclass
+from typing import final
+
+import numpy as np
+import torch
+from jaxtyping import Float
+from torch import Tensor, nn
+from torch.nn.functional import cross_entropy
+
+from eskin.learn.baselines.interface import (
+    Baseline,
+    Clips,
+    Labels,
+    Probabilities,
+    Rolling,
+    Stream,
+    WindowStream,
+)
+from eskin.skin import MountedSkin
+
+
+@dataclass(frozen=True)
+class FitConfig:
+    """How a network is trained."""
+
+    epochs: int = 40
+    """How often each clip is seen."""
+
+    batch: int = 16
+    """Clips a step."""
+
+    rate: float = 2e-3
+    """Learning rate of Adam."""
+
+
+class WindowNetwork(nn.Module):
+    """A network from windows to logits."""
+
+    @abstractmethod
+    def forward(
+        self, pressure: Float[Tensor, "clip 100 taxel"], q: Float[Tensor, "clip 100 j"]
+    ) -> Float[Tensor, "clip class"]:
+        """Logits of each window."""
+
+
+class ReadingNetwork(WindowNetwork):
+    """A network that encodes each reading alone, then what came of the window."""
+
+    @abstractmethod
+    def encode(
+        self, pressure: Float[Tensor, "reading taxel"], q: Float[Tensor, "reading j"]
+    ) -> Float[Tensor, "reading feature"]:
+        """Features of each reading."""
+
+    @abstractmethod
+    def classify(
+        self, features: Float[Tensor, "clip 100 feature"]
+    ) -> Float[Tensor, "clip class"]:
+        """Logits of each window."""
+
+    def forward(
+        self, pressure: Float[Tensor, "clip 100 taxel"], q: Float[Tensor, "clip 100 j"]
+    ) -> Float[Tensor, "clip class"]:
+        """Logits of each window."""
+        features = self.encode(pressure.flatten(0, 1), q.flatten(0, 1))
+        return self.classify(features.unflatten(0, pressure.shape[:2]))
+
+
+class NetworkBaseline(Baseline):
+    """A network of windows."""
+
+    def __init__(self, mounted: MountedSkin, config: FitConfig | None = None) -> None:
+        """Make one that knows nothing yet.
+
+        Args:
+            mounted: the skin on its robot.
+            config: how it is trained.
+        """
+        super().__init__(mounted)
+        self.config = config or FitConfig()
+        self.network: WindowNetwork | None = None
+
+    @abstractmethod
+    def build(self) -> WindowNetwork:
+        """Make the network for `classes` classes with weights drawn from torch."""
+
+    def learn(self, clips: Clips, labels: Labels, seed: int) -> None:
+        """Learn from windows that have been checked."""
+        with torch.random.fork_rng(devices=[]):
+            torch.manual_seed(seed)
+            network = self.build().train()
+            adam = torch.optim.Adam(network.parameters(), self.config.rate)
+            truth = torch.from_numpy(labels.astype(np.int64))
+            for _ in range(self.config.epochs):
+                for chosen in torch.randperm(clips.count).split(self.config.batch):
+                    rows = chosen.numpy()
+                    logits = network(*tensors(clips.pressure[rows], clips.q[rows]))
+                    adam.zero_grad()
+                    cross_entropy(logits, truth[chosen]).backward()
+                    adam.step()
+        self.network = network.eval()
+
+    def answer(self, clips: Clips) -> Probabilities:
+        """Answer windows that have been checked."""
+        assert self.network is not None
+        with torch.inference_mode():
+            logits = [
+                self.network(*tensors(clips.pressure[n : n + 1], clips.q[n : n + 1]))
+                for n in range(clips.count)
+            ]
+            return torch.cat(logits).softmax(dim=1).numpy()
+
+    def streams(self) -> dict[str, Stream]:
+        """The whole window each time and, where possible, only the newest reading."""
+        found: dict[str, Stream] = {"": WindowStream(self)}
+        if isinstance(self.network, ReadingNetwork):
+            found["cached"] = CachedStream(self.mounted, self.network)
+        return found
+
+
+@final
+class CachedStream(Stream):
+    """Encodes the newest reading, and keeps the features of those before."""
+
+    def __init__(self, mounted: MountedSkin, network: ReadingNetwork) -> None:
+        """Start with a window without touch."""
+        self.network = network
+        joints = len(mounted.robot.joint_names)
+        nothing = np.zeros((1, mounted.skin.count), np.float32), np.zeros((1, joints))
+        with torch.inference_mode():
+            feature = network.encode(*tensors(*nothing)).numpy()[0]
+        self.window = Rolling(feature.shape)
+        self.window.twice[:] = feature
+
+    def push(
+        self, pressure: Float[np.ndarray, "taxel"], q: Float[np.ndarray, "joint"]
+    ) -> Float[np.ndarray, "class"]:
+        """Probabilities of the window that ends with this reading."""
+        with torch.inference_mode():
+            feature = self.network.encode(*tensors(pressure[None], q[None]))
+            window = torch.from_numpy(self.window.push(feature.numpy()[0]))
+            return self.network.classify(window[None]).softmax(dim=1).numpy()[0]
+
+
+def tensors(pressure: np.ndarray, q: np.ndarray) -> tuple[Tensor, Tensor]:
+    """Both as tensors of float32."""
+    joints = np.ascontiguousarray(q, np.float32)
+    return torch.from_numpy(np.ascontiguousarray(pressure)), torch.from_numpy(joints)
+
+
+def one_thread() -> None:
+    """Have torch compute in one thread."""
+    torch.set_num_threads(1)

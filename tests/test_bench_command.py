@@ -1,0 +1,193 @@
+"""`eskin bench latency` on a few steps: what it says, not how fast it was."""
+
+import json
+import os
+from dataclasses import asdict
+
+import numpy as np
+import pytest
+
+from baseline_scenes import UR5
+from eskin.bench import Scene, large_skin
+from eskin.bench.clips import random_clips
+from eskin.bench.latency import scaled
+from eskin.bench.scene import on_forearm, round_forearm
+from eskin.bench.timing import Row, Subject, pinned, time_together
+from eskin.cli.main import run
+from eskin.live import Recognizer
+from eskin.model import load_model
+from eskin.robot import load_robot
+from eskin.skin import MountedSkin, check_skin
+
+KEYS = {"name", "p50_ms", "p99_ms", "max_ms", "taxels", "active", "steps", "ratio"}
+
+
+def call(capsys, *argv):
+    code = run(["bench", "latency", *map(str, argv)])
+    out, err = capsys.readouterr()
+    return code, out, err
+
+
+def test_a_row_for_every_scene_and_for_every_way_of_a_baseline(capsys):
+    asked = "--steps", 12, "--clips", 20, "--baselines", "lda-max", "cnn-lstm"
+    code, out, err = call(capsys, *asked, "--json")
+    assert (code, err) == (0, "")
+    rows = json.loads(out.splitlines()[-1])["rows"]
+    assert all(set(row) == KEYS for row in rows)
+    assert [(row["name"], row["active"]) for row in rows] == [
+        ("eskin", 60),
+        ("eskin", 0),
+        ("eskin", 20),
+        ("eskin, grab", 83),
+        ("eskin, two touches", 120),
+        ("lda-max", 60),
+        ("cnn-lstm", 60),
+        ("cnn-lstm, cached", 60),
+    ]
+    for row in rows:
+        assert (row["taxels"], row["steps"]) == (2112, 12)
+        assert 0 < row["p50_ms"] <= row["p99_ms"] <= row["max_ms"]
+        want = row["p50_ms"] / rows[0]["p50_ms"]
+        assert row["ratio"] == pytest.approx(want, rel=0.05)
+        assert row["name"] in out
+    assert "fitted on 20 random clips" in out
+
+
+def test_a_larger_skin_is_timed_without_baselines(capsys):
+    code, out, _ = call(
+        capsys, "--steps", 10, "--active", 20, "--taxels", 4000, "--json"
+    )
+    rows = json.loads(out.splitlines()[-1])["rows"]
+    assert code == 0
+    assert {row["taxels"] for row in rows} == {4000}
+    names = [(row["name"], row["active"]) for row in rows]
+    assert names == [
+        ("eskin", 20),
+        ("eskin", 0),
+        ("eskin, grab", 83),
+        ("eskin, two touches", 40),
+    ]
+
+
+@pytest.mark.parametrize(
+    ("argv", "message"),
+    [
+        (("--steps", 9), "--steps is 9; allowed are 10 and above"),
+        (("--clips", 3), "--clips is 3; allowed are 20 and above"),
+        (("--active", 0), "--active is 0; allowed are 1 to 468"),
+        (("--active", 400), "--active is 400; allowed are 1 to 326"),
+        (("--taxels", 100), "--taxels is 100; allowed are 2112, which is the ur5"),
+        (
+            ("--taxels", 4000, "--baselines", "paper"),
+            "--baselines with --taxels 4000; allowed are baselines on the ur5 skin",
+        ),
+        (
+            ("--baselines", "oracle", "--steps", "10", "--clips", 20),
+            "no baseline 'oracle'; allowed are svm-max, knn-max",
+        ),
+    ],
+)
+def test_what_cannot_be_timed_is_one_line(argv, message, capsys):
+    code, out, err = call(capsys, *argv)
+    assert (code, out) == (2, "")
+    assert message in err and len(err.splitlines()) == 1
+
+
+def test_a_larger_skin_is_the_arm_as_it_is_with_panels_out_of_its_way():
+    small, large = UR5.skin, large_skin(7001)
+    assert large.count == 7001 and large_skin(2112).count == 2112
+    for name in ("positions", "normals", "areas", "rows", "patch_index"):
+        assert np.array_equal(getattr(large, name)[:2112], getattr(small, name))
+    problems = check_skin(large, UR5.robot)
+    assert all("off the surface of link 'base_link'" in p.text for p in problems)
+    p_world, _ = MountedSkin(large, UR5.robot).poses(np.zeros(6))
+    assert p_world[2112:, 0].max() < p_world[:2112, 0].min() - 1
+
+
+def engine(mounted):
+    return Recognizer(load_model("ur5"), mounted, None)
+
+
+@pytest.mark.parametrize("active", [20, 60])
+def test_exactly_the_taxels_asked_for_are_active_on_every_skin(active):
+    for skin in (UR5.skin, large_skin(4000)):
+        mounted = MountedSkin(skin, load_robot("ur5"))
+        scene, recognizer = Scene(mounted, on_forearm(skin, active)), engine(mounted)
+        for instant in scene.instants(106):
+            recognizer.push(instant.reading)
+            found = [contact.taxels for contact in recognizer.state.contacts]
+            assert sum(map(len, found)) == active * instant.touched
+            assert len(found) == instant.touched
+
+
+def test_a_grab_goes_round_the_forearm_and_an_idle_skin_is_never_touched():
+    taxels = round_forearm(UR5.skin, 83)
+    normals = UR5.skin.normals[taxels]
+    assert len(taxels) == 83 and normals.min() < -0.9 and normals.max() > 0.9
+    recognizer = engine(UR5)
+    for instant in Scene(UR5, taxels[:0]).instants(76):
+        assert not instant.touched
+        assert recognizer.push(instant.reading) == []
+        assert recognizer.state.contacts == ()
+
+
+def test_a_scene_moves_all_joints_and_its_touches_come_and_go():
+    instants = Scene(UR5, on_forearm(UR5.skin, 5), rate=100.0).instants(430)
+    stamps = np.array([instant.reading.stamp for instant in instants])
+    assert (np.diff(stamps) == 10_000_000).all()
+    touched = [instant.touched for instant in instants]
+    assert touched == [n % 210 < 150 for n in range(430)]
+    q = np.array([instant.reading.q for instant in instants])
+    assert (np.ptp(q, axis=0) > 0.1).all()
+
+
+def test_random_clips_have_every_class_and_the_same_seed_gives_the_same():
+    (one, labels), (other, _) = random_clips(UR5, 20), random_clips(UR5, 20)
+    assert np.array_equal(one.pressure, other.pressure)
+    assert sorted(set(labels.tolist())) == [0, 1, 2, 3, 4]
+    assert (one.pressure.max(axis=(1, 2)) > 2).all()
+
+
+class Counted(Subject):
+    """Says how often it ran, and what came before it."""
+
+    def __init__(self, name, order) -> None:
+        super().__init__(name, UR5, Scene(UR5, np.arange(1)))
+        self.order = order
+
+    def run(self, count):
+        self.order.append((self.name, count))
+        return [0.001] * count
+
+    def steps(self, wanted):
+        return wanted if self.name == "a" else 13
+
+
+def test_subjects_take_turns_and_each_takes_all_its_steps():
+    order = []
+    times = time_together([Counted("a", order), Counted("b", order)], 50)
+    assert [name for name, _ in order] == ["a", "b"] * 10
+    assert [len(found) for found in times] == [50, 13]
+    assert times[0].tolist() == [1.0] * 50
+
+
+def test_sizes_are_compared_with_the_first():
+    rows = scaled([2112, 3000], [20, 20], 10)
+    assert [(row.taxels, row.active, row.steps) for row in rows] == [
+        (2112, 20, 10),
+        (3000, 20, 10),
+    ]
+    assert rows[0].ratio == 1.0
+
+
+def test_pinned_is_one_core_and_only_for_so_long():
+    before = os.sched_getaffinity(0)
+    with pinned():
+        assert len(os.sched_getaffinity(0)) == 1
+    assert os.sched_getaffinity(0) == before
+
+
+def test_a_row_is_as_wide_as_its_json():
+    row = Row("eskin", 0.12345678, 1.0, 2.0, 2112, 60, 10, 1.0)
+    assert set(asdict(row)) == set(row.as_dict()) == KEYS
+    assert row.as_dict()["p50_ms"] == 0.1235

@@ -1,0 +1,116 @@
+"""What every baseline must do, whatever is inside it."""
+
+from functools import cache
+
+import numpy as np
+import pytest
+
+from baseline_scenes import UR5, toy
+from eskin.errors import SkinMismatchError
+from eskin.learn.baselines import (
+    BASELINES,
+    NETWORKS,
+    READINGS,
+    Clips,
+    FitConfig,
+    make_baseline,
+)
+from eskin.learn.baselines.interface import Rolling
+from live_scenes import mounted
+
+NAMES = (*BASELINES, *NETWORKS)
+QUICK = FitConfig(epochs=12, batch=6, rate=5e-3)
+every_baseline = pytest.mark.parametrize("name", NAMES)
+
+
+@cache
+def fitted(name, seed=3):
+    return make_baseline(name, UR5, QUICK).fit(*toy(), seed)
+
+
+@every_baseline
+def test_what_differs_clearly_is_told_apart(name):
+    clips, labels = toy(2, seed=1)
+    answers = fitted(name).predict_probabilities(clips)
+    assert answers.argmax(axis=1).tolist() == labels.tolist()
+
+
+@every_baseline
+def test_probabilities_are_of_all_classes_and_sum_to_one(name):
+    answers = fitted(name).predict_probabilities(toy(2, seed=1)[0])
+    assert answers.shape == (6, 3)
+    assert (answers >= 0).all()
+    np.testing.assert_allclose(answers.sum(axis=1), 1, atol=1e-5)
+
+
+@every_baseline
+def test_the_same_seed_gives_the_same_answers(name):
+    brief = FitConfig(epochs=1)
+    clips, labels = toy(2)
+    one, other = (make_baseline(name, UR5, brief).fit(clips, labels, 5) for _ in "ab")
+    answers = one.predict_probabilities(clips)
+    assert np.array_equal(answers, other.predict_probabilities(clips))
+
+
+@pytest.mark.parametrize("name", ["mlp-max", "random-forest", *NETWORKS])
+def test_another_seed_gives_other_answers(name):
+    brief = FitConfig(epochs=1)
+    clips, labels = toy(2)
+    one, other = (make_baseline(name, UR5, brief).fit(clips, labels, n) for n in (5, 6))
+    answers = one.predict_probabilities(clips)
+    assert not np.array_equal(answers, other.predict_probabilities(clips))
+
+
+@every_baseline
+def test_windows_of_another_skin_are_refused_with_one_line(name):
+    others = Clips(
+        np.zeros((2, READINGS, 240), np.float32), np.zeros((2, READINGS, 6), np.float32)
+    )
+    for call in (
+        lambda: make_baseline(name, UR5).fit(others, np.arange(2)),
+        lambda: fitted(name).predict_probabilities(others),
+    ):
+        with pytest.raises(SkinMismatchError) as caught:
+            call()
+        message = str(caught.value)
+        assert "clips of (100, 240) pressures" in message and "\n" not in message
+        assert "on skin 'ur5' of robot 'ur5' are (100, 2112)" in message
+
+
+@every_baseline
+def test_labels_that_do_not_belong_to_the_clips_are_refused(name):
+    clips, _ = toy(2)
+    for labels in ([0, 1], [0] * 6, [0, 2, 0, 2, 0, 2]):
+        with pytest.raises(ValueError, match="labels of . classes up to . for 6 clips"):
+            make_baseline(name, UR5).fit(clips, np.array(labels))
+
+
+@every_baseline
+def test_nothing_is_answered_before_anything_was_learned(name):
+    with pytest.raises(ValueError, match="has learned nothing yet"):
+        make_baseline(name, UR5).predict_probabilities(toy(2)[0])
+
+
+@every_baseline
+def test_streams_answer_as_the_window_does(name):
+    """But for those of networks that take the whole window: 100 times the same work."""
+    clips, _ = toy(2, seed=1)
+    want = fitted(name).predict_probabilities(clips)[2]
+    for way, stream in fitted(name).streams().items():
+        if way or name not in NETWORKS:
+            readings = zip(clips.pressure[2], clips.q[2].astype(float), strict=True)
+            *_, got = (stream.push(*reading) for reading in readings)
+            np.testing.assert_allclose(got, want, atol=1e-4, err_msg=way)
+
+
+def test_a_window_that_rolls_holds_the_last_readings_oldest_first():
+    window = Rolling((2,))
+    for n in range(250):
+        rows = window.push(np.array([n, -n]))
+        want = np.maximum(np.arange(n - READINGS + 1, n + 1), 0)
+        assert np.array_equal(rows, np.stack([want, -want], axis=1))
+
+
+def test_a_name_that_is_none_is_refused():
+    with pytest.raises(ValueError, match="no baseline 'oracle'; allowed are svm-max"):
+        make_baseline("oracle", mounted())

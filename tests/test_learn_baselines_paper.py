@@ -1,0 +1,112 @@
+"""The paper's network: what saves work changes nothing, and motion changes nothing."""
+
+import numpy as np
+import pytest
+import torch
+
+from baseline_scenes import UR5
+from eskin.graph import live_neighbours
+from eskin.learn.baselines.egnn import LAYERS, PaperNetwork
+from graph_scenes import FOLDED
+
+
+def network(pooling="max", k=8):
+    torch.manual_seed(0)
+    net = PaperNetwork(UR5, 3, k, pooling).eval().double()
+    with torch.no_grad():
+        net.embed.weight *= 10
+    return net
+
+
+def between_links():
+    """Where two links of the folded arm are nearest to each other [m]."""
+    p_world, _ = UR5.poses(FOLDED)
+    links = UR5.skin_link_index
+    near = live_neighbours(p_world, UR5.skin.patch_index, np.arange(2112), 4, 0.03)
+    across = (near >= 0) & (links[near] != links[:, None])
+    return p_world[np.flatnonzero(across.any(axis=1))[0]]
+
+
+def readings(moving=True):
+    """A touch over a seam, one on two links of the folded arm, one alone, and none."""
+    skin, rng = UR5.skin, np.random.default_rng(0)
+    pressure = np.zeros((4, skin.count), np.float32)
+    p_world, _ = UR5.poses(FOLDED)
+    seam = p_world[skin.taxels_of("forearm_front")[15]]
+    for reading, place in enumerate((seam, between_links())):
+        near = np.argsort(np.linalg.norm(p_world - place, axis=1))[:60]
+        pressure[reading, near] = rng.uniform(1, 30, 60)
+    pressure[2, 700] = 12.0
+    q = FOLDED + 0.01 * np.arange(4)[:, None] * moving
+    return torch.from_numpy(pressure), torch.from_numpy(q)
+
+
+@pytest.mark.parametrize("pooling", ["max", "mean"])
+def test_computing_only_what_a_touch_changes_changes_nothing(pooling):
+    some, all_nodes = network(pooling), network(pooling)
+    all_nodes.whole = True
+    with torch.inference_mode():
+        one, other = some.encode(*readings()), all_nodes.encode(*readings())
+    assert one.shape == (4, 32)
+    assert (one[0] - one[3]).abs().max() > 1e-3
+    torch.testing.assert_close(one, other, atol=1e-9, rtol=1e-9)
+
+
+def test_gradients_are_the_same_too():
+    found = []
+    for whole in (False, True):
+        # Of a maximum, equal nodes share the gradient as rounding has it.
+        net = network("mean").train()
+        net.whole = whole
+        net.encode(*readings()).square().sum().backward()
+        found.append([p.grad for p in net.parameters() if p.grad is not None])
+    for one, other in zip(*found, strict=True):
+        torch.testing.assert_close(one, other, atol=1e-9, rtol=1e-9)
+
+
+def test_live_edges_join_patches_only_where_they_come_near():
+    net, (pressure, q) = network(), readings()
+    live = net.live_edges(pressure > 0, q)
+    patch = torch.from_numpy(UR5.skin.patch_index)
+    reading, node, _ = (live >= 0).nonzero(as_tuple=True)
+    assert set(reading.tolist()) == {0, 1}
+    assert (patch[live[live >= 0]] != patch[node]).all()
+
+
+def test_a_motion_of_the_whole_arm_changes_nothing():
+    """The first joint carries all of the skin."""
+    net, (pressure, q) = network(), readings(moving=False)
+    turned = q.clone()
+    turned[:, 0] += 1.0
+    with torch.inference_mode():
+        one, other = net.encode(pressure, q), net.encode(pressure, turned)
+    torch.testing.assert_close(one, other, atol=1e-9, rtol=1e-9)
+
+
+def test_a_pose_in_which_links_come_near_is_seen():
+    net, (pressure, q) = network(), readings(moving=False)
+    with torch.inference_mode():
+        one, other = net.encode(pressure, q), net.encode(pressure, 0.3 * q)
+    assert (one[1] - other[1]).abs().max() > 1e-3
+
+
+def test_a_touched_taxel_is_heard_as_many_hops_away_as_there_are_layers():
+    net = network()
+    touched = torch.zeros(1, UR5.skin.count, dtype=torch.bool)
+    touched[0, 700] = True
+    rows = net.rows(touched, torch.empty(1, UR5.skin.count, 0, dtype=torch.long))
+    heard = {700}
+    for _ in range(LAYERS):
+        table = net.table.tolist()
+        heard |= {node for node, hears in enumerate(table) if heard & set(hears)}
+    assert set(rows.node[rows.targets].tolist()) == heard
+
+
+def test_k_is_the_number_of_neighbours_and_new_weights_forget_the_rest():
+    net = network(k=4)
+    assert net.table.shape == (2112, 4)
+    with torch.inference_mode():
+        before = net.encode(*readings())
+        net.embed.bias.add_(1.0)
+        net.train().eval()
+        assert not torch.equal(before[3], net.encode(*readings())[3])
