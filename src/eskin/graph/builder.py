@@ -16,7 +16,7 @@ from eskin.graph.neighbour_kernels import NOBODY
 from eskin.graph.neighbours import FixedNeighbours, live_neighbours
 from eskin.skin import MountedSkin
 from eskin.touch import Reading
-from eskin.touch.contact_kernels import place as place_in_world
+from eskin.touch.geometry_kernels import place as place_in_world
 from eskin.touch.poses import LivePoses
 
 CM_PER_M = 100.0

@@ -70,7 +70,7 @@ class Recognizer:
             change_ends=not mounted.skin.calibrated,
         )
         self.travel = Travel(
-            mounted.robot, self.touches.contacts.poses, self.decider.config.still
+            mounted.robot, self.touches.follower.poses, self.decider.config.still
         )
         self.state: TouchState | None = None
         self.logits: dict[int, Float[np.ndarray, "class"]] = {}

@@ -1,0 +1,119 @@
+"""All that is known of touch at one instant, as objects made when they are asked for."""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from eskin.skin.mount import MountedSkin
+from eskin.touch.contacts import Contact
+from eskin.touch.fault import Fault
+from eskin.touch.reading import Reading
+from eskin.touch.records import PAST, TouchRecords
+from eskin.touch.touches import Touch
+from eskin.touch.tracks import Track
+
+
+@dataclass(frozen=True, eq=False)
+class TouchState:
+    """All that is known of touch at one instant."""
+
+    reading: Reading
+    """The calibrated reading; faulty taxels are not valid in it."""
+
+    faults: tuple[Fault, ...]
+    """Faults known now."""
+
+    records: TouchRecords
+    """All that follows, as arrays."""
+
+    mounted: MountedSkin
+    """The skin that it is on."""
+
+    @property
+    def contacts(self) -> tuple[Contact, ...]:
+        """Contacts now."""
+        stamps = self.records.contacts["stamp"].tolist()
+        return self.all_contacts[: stamps.count(self.reading.stamp)]
+
+    @cached_property
+    def tracks(self) -> tuple[Track, ...]:
+        """Tracks going on, and those that ended with this reading."""
+        return tuple(
+            Track(
+                id=number,
+                onset=onset,
+                last=last,
+                contact=self.all_contacts[contact],
+                parent=parent or None,
+                merged_into=merged_into or None,
+                ended=bool(phase),
+            )
+            for (
+                number,
+                onset,
+                last,
+                parent,
+                merged_into,
+                phase,
+                _,
+                contact,
+            ) in self.records.tracks.tolist()
+            if phase != PAST
+        )
+
+    @cached_property
+    def touches(self) -> tuple[Touch, ...]:
+        """Touches that are open."""
+        return tuple(touch for touch in self.all_touches if not touch.closed)
+
+    @cached_property
+    def closed(self) -> tuple[Touch, ...]:
+        """Touches that closed with this reading."""
+        return tuple(touch for touch in self.all_touches if touch.closed)
+
+    @cached_property
+    def all_contacts(self) -> tuple[Contact, ...]:
+        """Contacts now, then older ones that tracks and touches had last."""
+        records, patches = self.records.contacts, self.mounted.skin.patches
+        taxels = self.records.loads["taxel"].copy()
+        columns = [records[name].copy() for name in ("p_world", "n_world", "p_link")]
+        names = ["force", "area", "peak", "patch", "loads"]
+        found = []
+        for place, row in enumerate(records[names].tolist()):
+            force, area, peak, patch, (first, end) = row
+            found.append(
+                Contact(
+                    taxels[first:end],
+                    force,
+                    area,
+                    peak,
+                    *(column[place] for column in columns),
+                    link=patches[patch].link,
+                    patch=patches[patch].id,
+                )
+            )
+        return tuple(found)
+
+    @cached_property
+    def all_touches(self) -> tuple[Touch, ...]:
+        """Open touches, then closed ones."""
+        links = self.mounted.robot.link_names
+        return tuple(
+            Touch(
+                id=int(row["id"]),
+                onset=int(row["onset"]),
+                last=int(row["last"]),
+                tracks=tuple(self.records.members[slice(*row["tracks"])].tolist()),
+                impulse=float(row["impulse"]),
+                peak_force=float(row["peak_force"]),
+                peak=float(row["peak"]),
+                link=links[row["link"]],
+                start=row["start"].copy(),
+                latest=row["latest"].copy(),
+                contact=self.all_contacts[row["contact"]],
+                closed=bool(row["closed"]),
+                merged_into=int(row["merged_into"]) or None,
+            )
+            for row in self.records.touches
+        )
