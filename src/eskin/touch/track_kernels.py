@@ -227,20 +227,20 @@ def end_tracks(going, keeper, before, reading, rules, tracks, count, room) -> in
     """
     for track in range(len(before.tracks)):
         old = before.tracks[track]
-        tracks[count] = old
         if track >= len(going):
-            if reading.stamp - old.last > rules.pause:
-                continue
-            tracks[count].phase = PAST
-            tracks[count].contact = keep_place(old.contact, before, room)
-        else:
-            n = going[track]
-            merged = n != NOBODY and keeper[n] != track
-            if not merged and (n != NOBODY or waits(old, before, reading, rules)):
-                continue
+            if reading.stamp - old.last <= rules.pause:
+                tracks[count] = old
+                tracks[count].phase = PAST
+                tracks[count].contact = keep_place(old.contact, before, room)
+                count += 1
+            continue
+        n = going[track]
+        merged = n != NOBODY and keeper[n] != track
+        if merged or (n == NOBODY and not waits(old, before, reading, rules)):
+            tracks[count] = old
             tracks[count].phase = ENDED
             tracks[count].contact = keep(old.contact, before, room)
             if merged:
                 tracks[count].merged_into = before.tracks[keeper[n]].id
-        count += 1
+            count += 1
     return count
