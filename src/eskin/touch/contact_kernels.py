@@ -3,113 +3,16 @@
 from typing import no_type_check
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Float, Int
 from numba import njit
 
+from eskin.touch.active_kernels import activate, by_rank
 from eskin.touch.geometry_kernels import box_gap, box_of, place, point_gap, to_link
-from eskin.touch.memory import HELD
+from eskin.touch.memory import Memory
 from eskin.touch.records import CONTACT, LOAD
+from eskin.touch.rules import Instant, Rules
 
 PASCAL = 1000.0
-BLOCK = 64
-"""Pressures looked at together: nearly all blocks of a skin hold none that counts."""
-
-
-@njit(cache=True, nogil=True)
-@no_type_check
-def find_candidates(
-    pressure: Float[np.ndarray, "taxel"], least: float, out: Int[np.ndarray, "taxel"]
-) -> int:
-    """Write the taxels of at least so much pressure [kPa]; return how many there are.
-
-    All that is done for every taxel of the skin.
-    """
-    count = 0
-    for first in range(0, len(pressure), BLOCK):
-        end = min(first + BLOCK, len(pressure))
-        some = 0
-        for i in range(first, end):
-            some += pressure[i] >= least
-        if some == 0:
-            continue
-        for i in range(first, end):
-            if pressure[i] >= least:
-                out[count] = i
-                count += 1
-    return count
-
-
-@njit(cache=True, nogil=True)
-@no_type_check
-def activate(candidates, reading, rules, memory):
-    """Choose the active ones of the candidates, remember them, and order them by rank.
-
-    A taxel that is held needs only the lower threshold. Both rise with the recent peak
-    of the taxel, which fades, so that what a sensor keeps after a release is no
-    contact. A taxel is held until it is received again, but not for long.
-
-    Args:
-        candidates: taxels, ascending.
-        reading: an `Instant`.
-        rules: `Rules`.
-        memory: `Memory`.
-    """
-    chosen = np.empty(len(candidates), np.int64)
-    count, now = 0, reading.now
-    since = min(reading.before, now - rules.hold)
-    for i in candidates:
-        if not reading.valid[i]:
-            continue
-        taxel, pressure = memory.taxels[i], reading.pressure[i]
-        recent = taxel.peak * rules.fade / (rules.fade + now - taxel.active_at)
-        if taxel.held and taxel.active_at >= since:
-            enough = pressure >= max(rules.off, rules.off_share * recent)
-        else:
-            enough = pressure >= max(rules.on, rules.on_share * recent)
-        if enough:
-            chosen[count] = i
-            count += 1
-            if taxel.active_at != reading.before:
-                taxel.onset = reading.stamp
-            taxel.peak = max(recent, pressure)
-            taxel.active_at = now
-    active = chosen[:count]
-    hold(active, reading.valid, since, memory)
-    return active
-
-
-@njit(cache=True, nogil=True)
-@no_type_check
-def hold(
-    active: Int[np.ndarray, "active"],
-    valid: Bool[np.ndarray, "taxel"],
-    since: float,
-    memory,
-) -> None:
-    """Hold the active taxels, and those held since then that were not received."""
-    taxels, held, count = memory.taxels, memory.held, 0
-    for k in range(memory.counts[HELD]):
-        i = held[k]
-        if valid[i] or taxels[i].active_at < since:
-            taxels[i].held = 0
-        else:
-            held[count] = i
-            count += 1
-    for i in active:
-        taxels[i].held = 1
-        held[count] = i
-        count += 1
-    memory.counts[HELD] = count
-
-
-@njit(cache=True, nogil=True)
-@no_type_check
-def by_rank(active: Int[np.ndarray, "active"], sites) -> Int[np.ndarray, "active"]:
-    """Taxels ordered by patch, row and column, as most skins number them anyway."""
-    for a in range(1, len(active)):
-        if sites[active[a]].rank < sites[active[a - 1]].rank:
-            return active[np.argsort(np.array([sites[i].rank for i in active]))]
-    return active
 
 
 @njit(cache=True, nogil=True)
@@ -136,9 +39,9 @@ def join(parents: Int[np.ndarray, "active"], i: int, j: int) -> None:
 def connect(
     active: Int[np.ndarray, "active"],
     p_world: Float[np.ndarray, "active 3"],
-    sites,
+    sites: np.ndarray,
     neighbours: Int[np.ndarray, "pair"],
-    taxels,
+    taxels: np.ndarray,
 ) -> Int[np.ndarray, "active"]:
     """Number the connected sets of active taxels, in the order of their first taxel."""
     count = len(active)
@@ -170,7 +73,7 @@ def connect(
 def connect_links(
     active: Int[np.ndarray, "active"],
     p_world: Float[np.ndarray, "active 3"],
-    sites,
+    sites: np.ndarray,
     parents: Int[np.ndarray, "active"],
 ) -> None:
     """Join taxels of different links that are within reach in this pose.
@@ -208,7 +111,7 @@ def join_near(
     others: range,
     active: Int[np.ndarray, "active"],
     p_world: Float[np.ndarray, "active 3"],
-    sites,
+    sites: np.ndarray,
     parents: Int[np.ndarray, "active"],
 ) -> None:
     """Join one taxel and those of the others that are within the larger reach."""
@@ -223,7 +126,14 @@ def join_near(
 
 @njit(cache=True, nogil=True)
 @no_type_check
-def find_contacts(candidates, reading, rules, sites, neighbours, memory):
+def find_contacts(
+    candidates: Int[np.ndarray, "candidate"],
+    reading: Instant,
+    rules: Rules,
+    sites: np.ndarray,
+    neighbours: Int[np.ndarray, "pair"],
+    memory: Memory,
+) -> tuple[np.ndarray, np.ndarray, Float[np.ndarray, "load 3"]]:
     """The contacts of a reading, their loads, and where those are.
 
     Returns:
@@ -235,14 +145,7 @@ def find_contacts(candidates, reading, rules, sites, neighbours, memory):
     p_world = place(active, sites.position, sites.link, T_world_link, 1.0)
     n_world = place(active, sites.normal, sites.link, T_world_link, 0.0)
     labels = connect(active, p_world, sites, neighbours, memory.taxels)
-    contacts = np.zeros(labels.max() + 1 if len(active) else 0, CONTACT)
-    for label in labels:
-        contacts[label].loads[1] += 1
-    end = 0
-    for n in range(len(contacts)):
-        size, contacts[n].stamp = contacts[n].loads[1], reading.stamp
-        contacts[n].loads[0], contacts[n].loads[1] = end, end
-        end += size
+    contacts = lay_out(labels, reading.stamp)
     loads, points = np.empty(len(active), LOAD), np.empty((len(active), 3))
     most = np.full(len(contacts), -1.0)
     for a in range(len(active)):
@@ -265,7 +168,31 @@ def find_contacts(candidates, reading, rules, sites, neighbours, memory):
 
 @njit(cache=True, nogil=True)
 @no_type_check
-def add_load(contact, force, pressure, area, p_world, n_world) -> None:
+def lay_out(labels: Int[np.ndarray, "active"], stamp: int) -> np.ndarray:
+    """A contact for each label, whose loads are still to be written where they begin."""
+    contacts = np.zeros(labels.max() + 1 if len(labels) else 0, CONTACT)
+    for label in labels:
+        contacts[label].loads[1] += 1
+    end = 0
+    for n in range(len(contacts)):
+        contacts[n].stamp = stamp
+        span = contacts[n].loads
+        size = span[1]
+        span[0] = span[1] = end
+        end += size
+    return contacts
+
+
+@njit(cache=True, nogil=True)
+@no_type_check
+def add_load(
+    contact: np.void,
+    force: float,
+    pressure: float,
+    area: float,
+    p_world: Float[np.ndarray, "3"],
+    n_world: Float[np.ndarray, "3"],
+) -> None:
     """Add a taxel to the sums of its contact."""
     contact.force += force
     contact.area += area
@@ -277,7 +204,7 @@ def add_load(contact, force, pressure, area, p_world, n_world) -> None:
 
 @njit(cache=True, nogil=True)
 @no_type_check
-def finish_sums(contact, T_world_link: Float[np.ndarray, "link 4 4"]) -> None:
+def finish_sums(contact: np.void, T_world_link: Float[np.ndarray, "link 4 4"]) -> None:
     """Turn the sums of a contact into its centre and its unit normal."""
     n_world = contact.n_world
     length = np.sqrt(n_world[0] ** 2 + n_world[1] ** 2 + n_world[2] ** 2)

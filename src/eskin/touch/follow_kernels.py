@@ -1,69 +1,20 @@
 """One reading followed, compiled: from active taxels to touches."""
 
-from typing import NamedTuple, no_type_check
+from typing import no_type_check
 
 import numpy as np
 from jaxtyping import Int
 from numba import njit
 
 from eskin.touch.contact_kernels import find_contacts
+from eskin.touch.group_kernels import KNOWN, OVER, Groups
+from eskin.touch.memory import Memory
 from eskin.touch.records import TOUCH, TouchRecords
 from eskin.touch.room_kernels import CONTACTS, LOADS, Room, keep, make_room
+from eskin.touch.rules import Instant, Rules
 from eskin.touch.span_kernels import write_spans
-from eskin.touch.touch_kernels import KNOWN, OVER, Groups, follow_touches
+from eskin.touch.touch_kernels import follow_touches
 from eskin.touch.track_kernels import follow_tracks
-
-
-class Rules(NamedTuple):
-    """The configuration of contacts, tracks and touches as the kernels want it."""
-
-    on: float
-    """Pressure from which a taxel becomes active [kPa]."""
-    off: float
-    """Pressure from which it stays active [kPa]."""
-    on_share: float
-    """Part of the recent peak that goes with `on`."""
-    off_share: float
-    """Part of the recent peak that goes with `off`."""
-    fade: float
-    """Half-life of the recent peak [s]."""
-    hold: float
-    """How long a taxel not received is held [s]."""
-    gate: float
-    """Distance that a contact may jump at once [m]."""
-    speed: float
-    """Speed by which that grows [m/s]."""
-    coast: float
-    """How long a track waits [s]."""
-    gap: float
-    """Time between readings that ends every track [ns]."""
-    near: float
-    """How far a track may begin from where one ended [m]."""
-    pause: int
-    """How long after it, and when a touch closes [ns]."""
-    beside: float
-    """How far contacts of one touch may be apart [m]."""
-    calibrated: bool
-    """Whether distances mean anything."""
-
-
-class Instant(NamedTuple):
-    """A reading as the kernels want it."""
-
-    stamp: int
-    """When it was taken [ns]."""
-    elapsed: int
-    """Time since the reading before [ns]; 0 at the first."""
-    now: float
-    """When it was taken, since the first reading [s]."""
-    before: float
-    """When the reading before was, or itself [s]."""
-    pressure: np.ndarray
-    """(taxel) [kPa]."""
-    valid: np.ndarray
-    """(taxel) whether that is to be believed."""
-    T_world_link: np.ndarray
-    """(link, 4, 4) poses of the robot's links."""
 
 
 @njit(cache=True, nogil=True)
@@ -74,7 +25,7 @@ def follow(
     rules: Rules,
     sites: np.ndarray,
     neighbours: Int[np.ndarray, "pair"],
-    memory,
+    memory: Memory,
     before: TouchRecords,
 ) -> TouchRecords:
     """Follow contacts, tracks and touches into the next reading.
@@ -95,9 +46,7 @@ def follow(
     tracks, alive = follow_tracks(
         contacts, loads, before, reading, rules, sites, memory, room
     )
-    groups = follow_touches(
-        tracks, alive, points, before, reading, rules, memory, room
-    )
+    groups = follow_touches(tracks, alive, points, before, reading, rules, memory, room)
     members = write_spans(tracks, alive, before, reading.stamp, room, groups)
     touches = in_order(before, room, groups)
     return TouchRecords(

@@ -6,14 +6,15 @@ import numpy as np
 
 from eskin.errors import ReadingError
 from eskin.skin.mount import MountedSkin
+from eskin.touch.active_kernels import find_candidates
 from eskin.touch.adjacency import MICROMETRE, Adjacency
-from eskin.touch.contact_kernels import find_candidates
 from eskin.touch.contacts import ContactConfig
-from eskin.touch.follow_kernels import Instant, Rules, follow
+from eskin.touch.follow_kernels import follow
 from eskin.touch.memory import HELD, fresh_memory, sites_of
 from eskin.touch.poses import LivePoses
 from eskin.touch.reading import Reading, check_order
 from eskin.touch.records import NOTHING, TouchRecords
+from eskin.touch.rules import Instant, Rules
 from eskin.touch.touches import TouchConfig
 from eskin.touch.tracks import TrackConfig
 
@@ -28,7 +29,7 @@ class TouchFollower:
     it follows the pose. Contacts come in the order of their first taxel by patch, row
     and column, so that numbering the taxels otherwise changes nothing.
 
-    A skin that nobody touches costs a look at its pressures; all else follows the touch.
+    An untouched skin costs a look at its pressures; the rest follows the touch.
     """
 
     def __init__(

@@ -6,9 +6,9 @@ import numpy as np
 from jaxtyping import Int
 from numba import njit
 
+from eskin.touch.group_kernels import KNOWN, NOBODY, OLDER, Groups, heir_of
 from eskin.touch.records import TouchRecords
 from eskin.touch.room_kernels import LOADS, Room, add_loads
-from eskin.touch.touch_kernels import KNOWN, NOBODY, OLDER, Groups, heir_of
 
 
 @njit(cache=True, nogil=True)

@@ -1,9 +1,7 @@
-"""All that is known of touch at one instant, as objects made when they are asked for."""
+"""All that is known of touch at one instant, made into objects when asked for."""
 
 from dataclasses import dataclass
 from functools import cached_property
-
-import numpy as np
 
 from eskin.skin.mount import MountedSkin
 from eskin.touch.contacts import Contact

@@ -14,42 +14,51 @@ from eskin.touch.geometry_kernels import (
     point_gap,
     to_link,
 )
-from eskin.touch.memory import NEXT_TOUCH
-from eskin.touch.records import TOUCH
+from eskin.touch.group_kernels import (
+    KNOWN,
+    NOBODY,
+    OLDER,
+    OVER,
+    Groups,
+    heir_of,
+    make_groups,
+    start,
+    take_over,
+)
+from eskin.touch.memory import Memory
+from eskin.touch.records import TouchRecords
+from eskin.touch.room_kernels import Room
+from eskin.touch.rules import Instant, Rules
 
 NANOSECONDS = 1_000_000_000
-NOBODY = -1
-KNOWN, OVER, OLDER = 0, 1, 2
-"""What `Groups.used` counts: all touches, those of them that have closed, and those
-that were open at the reading before."""
-
 LIFTED = 60_000_000
 """Shortest time without contact after which contact is made anew [ns]; there must be
 a reading that tells of it."""
 
 
-class Groups(NamedTuple):
-    """The touches of a reading while they are brought up to date."""
+class Surface(NamedTuple):
+    """Where contacts are."""
 
-    touches: np.ndarray
-    """(touch) TOUCH: those open at the reading before, then new ones."""
-    heirs: np.ndarray
-    """(touch) who has taken it over, or -1."""
-    over: np.ndarray
-    """(touch) those that have closed, in this order."""
-    used: np.ndarray
-    """(3) see `KNOWN`, `OVER`, `OLDER`."""
-    renewed: np.ndarray
-    """(touch) whether its contact is of this reading's room."""
-    owners: np.ndarray
-    """(track) its touch, which may have been taken over since, or -1."""
-    joined: np.ndarray
-    """(track) the touch that it has just joined, or -1."""
+    points: np.ndarray
+    """(load, 3) in the world [m]."""
+    boxes: np.ndarray
+    """(track, 2, 3) round those of its contact now [m]."""
+    reach: float
+    """How far contacts of one touch may be apart [m]."""
 
 
 @njit(cache=True, nogil=True)
 @no_type_check
-def follow_touches(tracks, alive, points, before, reading, rules, memory, room):
+def follow_touches(
+    tracks: np.ndarray,
+    alive: int,
+    points: Float[np.ndarray, "load 3"],
+    before: TouchRecords,
+    reading: Instant,
+    rules: Rules,
+    memory: Memory,
+    room: Room,
+) -> Groups:
     """Group the tracks of the next reading.
 
     A track joins the touch of the track that it split off from; else the touch of any
@@ -74,7 +83,7 @@ def follow_touches(tracks, alive, points, before, reading, rules, memory, room):
         span = room.contacts[tracks[track].contact].loads
         if tracks[track].last == reading.stamp:
             box_of(points[span[0] : span[1]], boxes[track])
-    surface = (points, boxes, rules.beside)
+    surface = Surface(points, boxes, rules.beside)
     for track in range(alive):
         if groups.owners[track] == NOBODY:
             assign(track, tracks, surface, reading, rules, memory, room, groups)
@@ -85,55 +94,17 @@ def follow_touches(tracks, alive, points, before, reading, rules, memory, room):
 
 @njit(cache=True, nogil=True)
 @no_type_check
-def make_groups(tracks, alive, before, stamp, pause):
-    """The touches that were open, of which those over for too long close."""
-    count = 0
-    while count < len(before.touches) and not before.touches[count].closed:
-        count += 1
-    most = count + alive
-    groups = Groups(
-        np.empty(most, TOUCH),
-        np.full(most, NOBODY),
-        np.empty(most, np.int64),
-        np.array([count, 0, count]),
-        np.zeros(most, np.bool_),
-        np.full(len(tracks), NOBODY),
-        np.full(len(tracks), NOBODY),
-    )
-    groups.touches[:count] = before.touches[:count]
-    for touch in range(count):
-        if stamp - groups.touches[touch].last > pause:
-            close(touch, 0, groups)
-            continue
-        for track in range(len(tracks)):
-            if tracks[track].touch == groups.touches[touch].id:
-                groups.owners[track] = touch
-    return groups
-
-
-@njit(cache=True, nogil=True)
-@no_type_check
-def close(touch, heir, groups) -> None:
-    """Close a touch, for the one of that id or for nobody."""
-    groups.touches[touch].closed = 1
-    groups.touches[touch].merged_into = heir
-    groups.over[groups.used[OVER]] = touch
-    groups.used[OVER] += 1
-
-
-@njit(cache=True, nogil=True)
-@no_type_check
-def heir_of(touch, groups) -> int:
-    """The touch that one has become a part of, or itself."""
-    while groups.heirs[touch] != NOBODY:
-        touch = groups.heirs[touch]
-    return touch
-
-
-@njit(cache=True, nogil=True)
-@no_type_check
-def assign(track, tracks, surface, reading, rules, memory, room, groups) -> None:
-    """Give a new track a touch, and that the touches it has shown to be a part of it."""
+def assign(
+    track: int,
+    tracks: np.ndarray,
+    surface: Surface,
+    reading: Instant,
+    rules: Rules,
+    memory: Memory,
+    room: Room,
+    groups: Groups,
+) -> None:
+    """Give a new track a touch, which takes over those shown to be a part of it."""
     fitting = np.zeros(groups.used[KNOWN], np.bool_)
     for other in range(len(tracks)):
         if groups.owners[other] != NOBODY:
@@ -155,7 +126,15 @@ def assign(track, tracks, surface, reading, rules, memory, room, groups) -> None
 
 @njit(cache=True, nogil=True)
 @no_type_check
-def belongs(track, other, tracks, surface, reading, rules, room) -> bool:
+def belongs(
+    track: int,
+    other: int,
+    tracks: np.ndarray,
+    surface: Surface,
+    reading: Instant,
+    rules: Rules,
+    room: Room,
+) -> bool:
     """Whether a new track is of the same touch as another."""
     if tracks[track].parent == tracks[other].id or not rules.calibrated:
         return True
@@ -171,9 +150,11 @@ def belongs(track, other, tracks, surface, reading, rules, room) -> bool:
 
 @njit(cache=True, nogil=True)
 @no_type_check
-def are_beside(one, other, tracks, surface, room) -> bool:
+def are_beside(
+    one: int, other: int, tracks: np.ndarray, surface: Surface, room: Room
+) -> bool:
     """Whether the nearest taxels of two contacts are close in space."""
-    points, boxes, reach = surface
+    points, boxes, reach = surface.points, surface.boxes, surface.reach
     if box_gap(boxes[one], boxes[other]) > reach:
         return False
     a = room.contacts[tracks[one].contact].loads
@@ -189,42 +170,14 @@ def are_beside(one, other, tracks, surface, room) -> bool:
 
 @njit(cache=True, nogil=True)
 @no_type_check
-def start(track, memory, room, groups) -> int:
-    """Start a touch with its first track; return its place."""
-    place, contact = groups.used[KNOWN], room.contacts[track.contact]
-    groups.used[KNOWN] += 1
-    groups.renewed[place] = True
-    touch = groups.touches[place]
-    touch.id = memory.counts[NEXT_TOUCH]
-    memory.counts[NEXT_TOUCH] += 1
-    touch.onset, touch.last = track.onset, track.last
-    touch.contact, touch.link = track.contact, contact.link
-    touch.contacts = 1
-    touch.closed = touch.merged_into = 0
-    touch.impulse = touch.peak_force = touch.peak = 0.0
-    touch.force = touch.farthest = 0.0
-    for r in range(3):
-        touch.start[r] = touch.latest[r] = contact.p_link[r]
-    return place
-
-
-@njit(cache=True, nogil=True)
-@no_type_check
-def take_over(older, younger, groups) -> None:
-    """Make a touch part of an older one."""
-    touch, gone = groups.touches[older], groups.touches[younger]
-    touch.last = max(touch.last, gone.last)
-    touch.impulse += gone.impulse
-    touch.force += gone.force
-    touch.peak_force = max(touch.peak_force, gone.peak_force)
-    touch.peak = max(touch.peak, gone.peak)
-    groups.heirs[younger] = older
-    close(younger, touch.id, groups)
-
-
-@njit(cache=True, nogil=True)
-@no_type_check
-def join_beside(tracks, alive, surface, stamp, room, groups) -> None:
+def join_beside(
+    tracks: np.ndarray,
+    alive: int,
+    surface: Surface,
+    stamp: int,
+    room: Room,
+    groups: Groups,
+) -> None:
     """Make one touch of those whose contacts have come beside each other."""
     if groups.used[KNOWN] - groups.used[OVER] < 2:
         return
@@ -240,7 +193,15 @@ def join_beside(tracks, alive, surface, stamp, room, groups) -> None:
 
 @njit(cache=True, nogil=True)
 @no_type_check
-def update(tracks, alive, before, reading, rules, room, groups) -> None:
+def update(
+    tracks: np.ndarray,
+    alive: int,
+    before: TouchRecords,
+    reading: Instant,
+    rules: Rules,
+    room: Room,
+    groups: Groups,
+) -> None:
     """Bring every open touch up to date with the contacts of this reading."""
     count = groups.used[KNOWN]
     force, centre = np.zeros(count), np.zeros((count, 3))
@@ -279,6 +240,6 @@ def update(tracks, alive, before, reading, rules, room, groups) -> None:
 
 @njit(cache=True, nogil=True)
 @no_type_check
-def is_anew(before: int, last: int, reading) -> bool:
+def is_anew(before: int, last: int, reading: Instant) -> bool:
     """Whether a last contact is another one than the last at the reading before."""
     return last - before > LIFTED and before < reading.stamp - reading.elapsed

@@ -7,9 +7,10 @@ from jaxtyping import Bool, Float, Int
 from numba import njit
 
 from eskin.touch.geometry_kernels import distance_to
-from eskin.touch.memory import NEXT_TRACK
-from eskin.touch.records import ENDED, GOING, PAST, TRACK
-from eskin.touch.room_kernels import keep, keep_place
+from eskin.touch.memory import NEXT_TRACK, Memory
+from eskin.touch.records import ENDED, GOING, PAST, TRACK, TouchRecords
+from eskin.touch.room_kernels import Room, keep, keep_place
+from eskin.touch.rules import Instant, Rules
 
 NANOSECONDS = 1_000_000_000
 MICROMETRES = 1e6
@@ -18,7 +19,16 @@ NOBODY = -1
 
 @njit(cache=True, nogil=True)
 @no_type_check
-def follow_tracks(contacts, loads, before, reading, rules, sites, memory, room):
+def follow_tracks(
+    contacts: np.ndarray,
+    loads: np.ndarray,
+    before: TouchRecords,
+    reading: Instant,
+    rules: Rules,
+    sites: np.ndarray,
+    memory: Memory,
+    room: Room,
+) -> tuple[np.ndarray, int]:
     """Follow the tracks into the contacts of the next reading.
 
     1. A track goes on in the contact that covers most of the area it had; ties go to
@@ -59,7 +69,7 @@ def follow_tracks(contacts, loads, before, reading, rules, sites, memory, room):
 
 @njit(cache=True, nogil=True)
 @no_type_check
-def count_going(tracks) -> int:
+def count_going(tracks: np.ndarray) -> int:
     """How many tracks go on; they are in front."""
     count = 0
     while count < len(tracks) and tracks[count].phase == GOING:
@@ -69,7 +79,15 @@ def count_going(tracks) -> int:
 
 @njit(cache=True, nogil=True)
 @no_type_check
-def overlap(contacts, loads, before, sites, taxels, going, parents) -> None:
+def overlap(
+    contacts: np.ndarray,
+    loads: np.ndarray,
+    before: TouchRecords,
+    sites: np.ndarray,
+    taxels: np.ndarray,
+    going: Int[np.ndarray, "track"],
+    parents: Int[np.ndarray, "contact"],
+) -> None:
     """Write where each track goes on that a contact covers, and whom it splits from.
 
     Args:
@@ -109,7 +127,7 @@ def overlap(contacts, loads, before, sites, taxels, going, parents) -> None:
 
 @njit(cache=True, nogil=True)
 @no_type_check
-def mark(before, count: int, taxels, on: bool) -> None:
+def mark(before: TouchRecords, count: int, taxels: np.ndarray, on: bool) -> None:
     """Write to the taxels that tracks had which track it was, or take it off again."""
     for track in range(count):
         span = before.contacts[before.tracks[track].contact].loads
@@ -119,7 +137,14 @@ def mark(before, count: int, taxels, on: bool) -> None:
 
 @njit(cache=True, nogil=True)
 @no_type_check
-def pair_nearest(contacts, before, T_world_link, gate, going, parents) -> None:
+def pair_nearest(
+    contacts: np.ndarray,
+    before: TouchRecords,
+    T_world_link: Float[np.ndarray, "link 4 4"],
+    gate: float,
+    going: Int[np.ndarray, "track"],
+    parents: Int[np.ndarray, "contact"],
+) -> None:
     """Pair tracks and contacts that overlap nothing, nearest first within the gate."""
     free = parents == NOBODY
     lost = np.flatnonzero(going == NOBODY)
@@ -143,7 +168,12 @@ def pair_nearest(contacts, before, T_world_link, gate, going, parents) -> None:
 
 @njit(cache=True, nogil=True)
 @no_type_check
-def find_nearest(was, contacts, free, T_world_link) -> tuple[int, float]:
+def find_nearest(
+    was: np.void,
+    contacts: np.ndarray,
+    free: Bool[np.ndarray, "contact"],
+    T_world_link: Float[np.ndarray, "link 4 4"],
+) -> tuple[int, float]:
     """The free contact nearest to where a contact is now, and how far it is [m].
 
     To the micrometre, so that rounding of the pose decides no tie.
@@ -161,7 +191,9 @@ def find_nearest(was, contacts, free, T_world_link) -> tuple[int, float]:
 
 @njit(cache=True, nogil=True)
 @no_type_check
-def oldest(going: Int[np.ndarray, "track"], count: int, tracks) -> np.ndarray:
+def oldest(
+    going: Int[np.ndarray, "track"], count: int, tracks: np.ndarray
+) -> np.ndarray:
     """The oldest of the tracks that go on in each of so many contacts, or -1."""
     keeper = np.full(count, NOBODY)
     for track in range(len(going)):
@@ -177,7 +209,15 @@ def oldest(going: Int[np.ndarray, "track"], count: int, tracks) -> np.ndarray:
 
 @njit(cache=True, nogil=True)
 @no_type_check
-def go_on(going, keeper, before, reading, rules, tracks, room) -> int:
+def go_on(
+    going: Int[np.ndarray, "track"],
+    keeper: Int[np.ndarray, "contact"],
+    before: TouchRecords,
+    reading: Instant,
+    rules: Rules,
+    tracks: np.ndarray,
+    room: Room,
+) -> int:
     """Write the tracks that have contact or wait for it; return how many there are."""
     count = 0
     for track in range(len(going)):
@@ -195,7 +235,7 @@ def go_on(going, keeper, before, reading, rules, tracks, room) -> int:
 
 @njit(cache=True, nogil=True)
 @no_type_check
-def waits(track, before, reading, rules) -> bool:
+def waits(track: np.void, before: TouchRecords, reading: Instant, rules: Rules) -> bool:
     """Whether a track without contact may only not have been received."""
     if (reading.stamp - track.last) / NANOSECONDS > rules.coast:
         return False
@@ -208,7 +248,9 @@ def waits(track, before, reading, rules) -> bool:
 
 @njit(cache=True, nogil=True)
 @no_type_check
-def begin(contact: int, parent: int, stamp: int, track, memory) -> None:
+def begin(
+    contact: int, parent: int, stamp: int, track: np.void, memory: Memory
+) -> None:
     """Write a new track in a contact."""
     track.id = memory.counts[NEXT_TRACK]
     memory.counts[NEXT_TRACK] += 1
@@ -220,7 +262,16 @@ def begin(contact: int, parent: int, stamp: int, track, memory) -> None:
 
 @njit(cache=True, nogil=True)
 @no_type_check
-def end_tracks(going, keeper, before, reading, rules, tracks, count, room) -> int:
+def end_tracks(
+    going: Int[np.ndarray, "track"],
+    keeper: Int[np.ndarray, "contact"],
+    before: TouchRecords,
+    reading: Instant,
+    rules: Rules,
+    tracks: np.ndarray,
+    count: int,
+    room: Room,
+) -> int:
     """Write the tracks that have ended behind the others; return how many there are.
 
     What ended before is remembered for as long as its touch may be joined.
