@@ -6,7 +6,7 @@ from jaxtyping import Int
 from eskin.graph.batch import GraphBatch
 from eskin.graph.builder import GraphBuilder
 from eskin.graph.config import GraphConfig
-from eskin.graph.history import NOTHING, Histories
+from eskin.graph.history import NOTHING, histories_of
 from eskin.skin import MountedSkin
 from eskin.touch import Reading, Touch, TouchState
 
@@ -28,7 +28,6 @@ class GraphStream:
         self.builder = GraphBuilder(mounted, config)
         self.calibrated = mounted.skin.calibrated
         self.earlier: dict[int, np.ndarray] = {}
-        self.histories = Histories()
 
     def key_of(self, touch: Touch) -> int:
         """The sequence that a touch belongs to."""
@@ -39,47 +38,28 @@ class GraphStream:
 
         A touch between two contacts has a graph without pressure.
         """
-        now = self.taxels_now(state)
-        self.inherit(state.closed)
+        if self.calibrated:
+            now, earlier = taxels_of(state, "loads"), taxels_of(state, "before")
+            histories = histories_of(state)
+        else:
+            now, earlier = {WHOLE_SKIN: self.whole_skin(state)}, self.earlier
+            histories = {}
+        self.earlier = now
         active = np.zeros(self.builder.mounted.skin.count, dtype=bool)
-        for taxels in (*now.values(), *(contact.taxels for contact in state.contacts)):
+        for taxels in now.values():
             active[taxels] = True
         self.builder.advance(state.reading, active)
-        histories = self.histories.push(state) if self.calibrated else {}
-        graphs = {
+        return {
             key: self.builder.graph(
-                taxels, self.earlier.get(key, NOBODY), histories.get(key, NOTHING)
+                taxels, earlier.get(key, NOBODY), histories.get(key, NOTHING)
             )
             for key, taxels in now.items()
         }
-        self.earlier = now
-        return graphs
 
-    def inherit(self, closed: tuple[Touch, ...]) -> None:
-        """Give what a touch had a reading ago to the one that has taken it over."""
-        for touch in closed:
-            if touch.merged_into is not None and touch.id in self.earlier:
-                heir = self.earlier.get(touch.merged_into, NOBODY)
-                both = np.concatenate([heir, self.earlier.pop(touch.id)])
-                self.earlier[touch.merged_into] = both
-
-    def taxels_now(self, state: TouchState) -> dict[int, Int[np.ndarray, "active"]]:
-        """The active taxels of each sequence at this reading."""
-        if not self.calibrated:
-            parts = [contact.taxels for contact in state.contacts]
-            parts.append(self.sheared(state.reading))
-            return {WHOLE_SKIN: np.unique(np.concatenate(parts))}
-        touching = {
-            track.id: track.contact.taxels
-            for track in state.tracks
-            if track.last == state.reading.stamp
-        }
-        return {
-            touch.id: np.concatenate(
-                [NOBODY, *(touching[t] for t in touch.tracks if t in touching)]
-            )
-            for touch in state.touches
-        }
+    def whole_skin(self, state: TouchState) -> Int[np.ndarray, "active"]:
+        """All active taxels, whatever touch they belong to."""
+        parts = [contact.taxels for contact in state.contacts]
+        return np.unique(np.concatenate([*parts, self.sheared(state.reading)]))
 
     def sheared(self, reading: Reading) -> Int[np.ndarray, "sheared"]:
         """Taxels whose shear tells of a touch, whatever their pressure."""
@@ -88,3 +68,11 @@ class GraphStream:
         size = np.linalg.norm(reading.shear, axis=1)
         enough = size >= self.builder.config.shear_on
         return np.flatnonzero(enough & reading.valid)
+
+
+def taxels_of(state: TouchState, span: str) -> dict[int, Int[np.ndarray, "active"]]:
+    """The taxels in a span of each open touch, by its id."""
+    taxels = state.records.loads["taxel"].copy()
+    return {
+        int(touch["id"]): taxels[slice(*touch[span])] for touch in state.open_records
+    }

@@ -169,7 +169,7 @@ def find_contacts(
 @njit(cache=True, nogil=True)
 @no_type_check
 def lay_out(labels: Int[np.ndarray, "active"], stamp: int) -> np.ndarray:
-    """A contact for each label, whose loads are still to be written where they begin."""
+    """A contact for each label; its loads end where the next is to be written."""
     contacts = np.zeros(labels.max() + 1 if len(labels) else 0, CONTACT)
     for label in labels:
         contacts[label].loads[1] += 1

@@ -3,11 +3,13 @@
 from dataclasses import dataclass
 from functools import cached_property
 
+import numpy as np
+
 from eskin.skin.mount import MountedSkin
 from eskin.touch.contacts import Contact
 from eskin.touch.fault import Fault
 from eskin.touch.reading import Reading
-from eskin.touch.records import PAST, TouchRecords
+from eskin.touch.records import ENDED, PAST, TouchRecords
 from eskin.touch.touches import Touch
 from eskin.touch.tracks import Track
 
@@ -29,6 +31,12 @@ class TouchState:
     """The skin that it is on."""
 
     @property
+    def open_records(self) -> np.ndarray:
+        """The TOUCH records of the touches that are open."""
+        touches = self.records.touches
+        return touches[touches["closed"] == 0]
+
+    @property
     def contacts(self) -> tuple[Contact, ...]:
         """Contacts now."""
         stamps = self.records.contacts["stamp"].tolist()
@@ -39,25 +47,16 @@ class TouchState:
         """Tracks going on, and those that ended with this reading."""
         return tuple(
             Track(
-                id=number,
-                onset=onset,
-                last=last,
-                contact=self.all_contacts[contact],
-                parent=parent or None,
-                merged_into=merged_into or None,
-                ended=bool(phase),
+                id=int(row["id"]),
+                onset=int(row["onset"]),
+                last=int(row["last"]),
+                contact=self.all_contacts[row["contact"]],
+                parent=int(row["parent"]) or None,
+                merged_into=int(row["merged_into"]) or None,
+                ended=bool(row["phase"] == ENDED),
             )
-            for (
-                number,
-                onset,
-                last,
-                parent,
-                merged_into,
-                phase,
-                _,
-                contact,
-            ) in self.records.tracks.tolist()
-            if phase != PAST
+            for row in self.records.tracks
+            if row["phase"] != PAST
         )
 
     @cached_property
@@ -73,25 +72,21 @@ class TouchState:
     @cached_property
     def all_contacts(self) -> tuple[Contact, ...]:
         """Contacts now, then older ones that tracks and touches had last."""
-        records, patches = self.records.contacts, self.mounted.skin.patches
-        taxels = self.records.loads["taxel"].copy()
-        columns = [records[name].copy() for name in ("p_world", "n_world", "p_link")]
-        names = ["force", "area", "peak", "patch", "loads"]
-        found = []
-        for place, row in enumerate(records[names].tolist()):
-            force, area, peak, patch, (first, end) = row
-            found.append(
-                Contact(
-                    taxels[first:end],
-                    force,
-                    area,
-                    peak,
-                    *(column[place] for column in columns),
-                    link=patches[patch].link,
-                    patch=patches[patch].id,
-                )
+        patches, taxels = self.mounted.skin.patches, self.records.loads["taxel"].copy()
+        return tuple(
+            Contact(
+                taxels=taxels[slice(*row["loads"])],
+                force=float(row["force"]),
+                area=float(row["area"]),
+                peak=float(row["peak"]),
+                p_world=row["p_world"].copy(),
+                n_world=row["n_world"].copy(),
+                p_link=row["p_link"].copy(),
+                link=patches[row["patch"]].link,
+                patch=patches[row["patch"]].id,
             )
-        return tuple(found)
+            for row in self.records.contacts
+        )
 
     @cached_property
     def all_touches(self) -> tuple[Touch, ...]:
