@@ -1,9 +1,9 @@
 """What a touch has been so far, beyond what its contact graph shows."""
 
+from math import dist
+
 import numpy as np
 from jaxtyping import Float
-
-from eskin.touch import TouchState
 
 HISTORY = (
     "age",
@@ -23,16 +23,21 @@ NANOSECOND = 1e-9
 NOTHING = np.zeros(len(HISTORY))
 
 
-def histories_of(state: TouchState) -> dict[int, Float[np.ndarray, "column"]]:
-    """The history of each open touch, by its id."""
-    touches, stamp = state.open_records, state.reading.stamp
-    table = np.empty((len(touches), len(HISTORY)))
-    table[:, 0] = (stamp - touches["onset"]) * NANOSECOND
-    table[:, 1] = (stamp - touches["last"]) * NANOSECOND
-    table[:, 2] = touches["contacts"]
-    travel = np.linalg.norm(touches["latest"] - touches["start"], axis=1)
-    table[:, 3] = travel * CM_PER_M
-    table[:, 4] = touches["farthest"] * CM_PER_M
-    table[:, 5] = touches["impulse"]
-    table[:, 6] = touches["peak_force"]
-    return dict(zip(touches["id"].tolist(), table, strict=True))
+def history_of(touch: np.void, stamp: int) -> Float[np.ndarray, "column"]:
+    """The history of an open touch.
+
+    Args:
+        touch: its TOUCH record.
+        stamp: of the reading [ns since the epoch].
+    """
+    return np.array(
+        [
+            (stamp - int(touch["onset"])) * NANOSECOND,
+            (stamp - int(touch["last"])) * NANOSECOND,
+            touch["contacts"],
+            dist(touch["latest"], touch["start"]) * CM_PER_M,
+            touch["farthest"] * CM_PER_M,
+            touch["impulse"],
+            touch["peak_force"],
+        ]
+    )

@@ -6,7 +6,7 @@ from jaxtyping import Int
 from eskin.graph.batch import GraphBatch
 from eskin.graph.builder import GraphBuilder
 from eskin.graph.config import GraphConfig
-from eskin.graph.history import NOTHING, histories_of
+from eskin.graph.history import NOTHING, history_of
 from eskin.skin import MountedSkin
 from eskin.touch import Reading, Touch, TouchState
 
@@ -14,6 +14,12 @@ WHOLE_SKIN = 0
 """The one sequence of a skin whose distances mean nothing; touches count from 1."""
 
 NOBODY = np.empty(0, dtype=np.int64)
+
+Taxels = dict[int, np.ndarray]
+"""Taxels of each sequence, by its key."""
+
+Histories = dict[int, np.ndarray]
+"""The history of each sequence, by its key."""
 
 
 class GraphStream:
@@ -27,7 +33,7 @@ class GraphStream:
         """Start before the first reading."""
         self.builder = GraphBuilder(mounted, config)
         self.calibrated = mounted.skin.calibrated
-        self.earlier: dict[int, np.ndarray] = {}
+        self.earlier: Taxels = {}
 
     def key_of(self, touch: Touch) -> int:
         """The sequence that a touch belongs to."""
@@ -38,13 +44,7 @@ class GraphStream:
 
         A touch between two contacts has a graph without pressure.
         """
-        if self.calibrated:
-            now, earlier = taxels_of(state, "loads"), taxels_of(state, "before")
-            histories = histories_of(state)
-        else:
-            now, earlier = {WHOLE_SKIN: self.whole_skin(state)}, self.earlier
-            histories = {}
-        self.earlier = now
+        now, earlier, histories = self.sequences(state)
         active = np.zeros(self.builder.mounted.skin.count, dtype=bool)
         for taxels in now.values():
             active[taxels] = True
@@ -55,6 +55,21 @@ class GraphStream:
             )
             for key, taxels in now.items()
         }
+
+    def sequences(self, state: TouchState) -> tuple[Taxels, Taxels, Histories]:
+        """Active taxels now and one reading ago, and the history of each sequence."""
+        if not self.calibrated:
+            now, earlier = {WHOLE_SKIN: self.whole_skin(state)}, self.earlier
+            self.earlier = now
+            return now, earlier, {}
+        now, earlier, histories = {}, {}, {}
+        taxels = state.records.loads["taxel"].copy()
+        for touch in state.open_records:
+            key = int(touch["id"])
+            now[key] = taxels[slice(*touch["loads"])]
+            earlier[key] = taxels[slice(*touch["before"])]
+            histories[key] = history_of(touch, state.reading.stamp)
+        return now, earlier, histories
 
     def whole_skin(self, state: TouchState) -> Int[np.ndarray, "active"]:
         """All active taxels, whatever touch they belong to."""
@@ -68,11 +83,3 @@ class GraphStream:
         size = np.linalg.norm(reading.shear, axis=1)
         enough = size >= self.builder.config.shear_on
         return np.flatnonzero(enough & reading.valid)
-
-
-def taxels_of(state: TouchState, span: str) -> dict[int, Int[np.ndarray, "active"]]:
-    """The taxels in a span of each open touch, by its id."""
-    taxels = state.records.loads["taxel"].copy()
-    return {
-        int(touch["id"]): taxels[slice(*touch[span])] for touch in state.open_records
-    }

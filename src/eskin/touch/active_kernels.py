@@ -9,9 +9,6 @@ from numba import njit
 from eskin.touch.memory import HELD, Memory
 from eskin.touch.rules import Instant, Rules
 
-BLOCK = 64
-"""Pressures looked at together: nearly all blocks of a skin hold none that counts."""
-
 
 @njit(cache=True, nogil=True)
 @no_type_check
@@ -23,17 +20,10 @@ def find_candidates(
     All that is done for every taxel of the skin.
     """
     count = 0
-    for first in range(0, len(pressure), BLOCK):
-        end = min(first + BLOCK, len(pressure))
-        some = 0
-        for i in range(first, end):
-            some += pressure[i] >= least
-        if some == 0:
-            continue
-        for i in range(first, end):
-            if pressure[i] >= least:
-                out[count] = i
-                count += 1
+    for i in range(len(pressure)):
+        if pressure[i] >= least:
+            out[count] = i
+            count += 1
     return count
 
 

@@ -30,17 +30,17 @@ class TouchState:
     mounted: MountedSkin
     """The skin that it is on."""
 
-    @property
+    @cached_property
     def open_records(self) -> np.ndarray:
         """The TOUCH records of the touches that are open."""
         touches = self.records.touches
-        return touches[touches["closed"] == 0]
+        return touches[: len(touches) - np.count_nonzero(touches["closed"])]
 
-    @property
+    @cached_property
     def contacts(self) -> tuple[Contact, ...]:
         """Contacts now."""
-        stamps = self.records.contacts["stamp"].tolist()
-        return self.all_contacts[: stamps.count(self.reading.stamp)]
+        stamps = self.records.contacts["stamp"]
+        return self.all_contacts[: np.count_nonzero(stamps == self.reading.stamp)]
 
     @cached_property
     def tracks(self) -> tuple[Track, ...]:
@@ -62,16 +62,18 @@ class TouchState:
     @cached_property
     def touches(self) -> tuple[Touch, ...]:
         """Touches that are open."""
-        return tuple(touch for touch in self.all_touches if not touch.closed)
+        return self.all_touches[: len(self.open_records)]
 
     @cached_property
     def closed(self) -> tuple[Touch, ...]:
         """Touches that closed with this reading."""
-        return tuple(touch for touch in self.all_touches if touch.closed)
+        return self.all_touches[len(self.open_records) :]
 
     @cached_property
     def all_contacts(self) -> tuple[Contact, ...]:
         """Contacts now, then older ones that tracks and touches had last."""
+        if not len(self.records.contacts):
+            return ()
         patches, taxels = self.mounted.skin.patches, self.records.loads["taxel"].copy()
         return tuple(
             Contact(
