@@ -60,8 +60,10 @@ def test_a_state_is_the_same_whenever_it_is_asked():
 def test_what_is_done_to_a_state_does_not_change_what_follows():
     mounted = mounted_grid(**WIDE)
     one, other = pipeline_of(mounted), pipeline_of(mounted)
-    for t in np.arange(0.0, 1.0, 0.02):
-        reading = reading_at(t, two_hands(mounted, t))
+    for n in range(50):
+        # It jumps, so that the way on leads over the places of contacts.
+        jump = pressed(mounted.skin, (0.05 + 0.03 * (n % 3), 0.02), 9.0 + n)
+        reading = reading_at(n / 50, jump)
         state = one.push_reading(reading)
         assert described(state) == described(other.push_reading(reading))
         for contact in (*state.contacts, *(touch.contact for touch in state.touches)):
