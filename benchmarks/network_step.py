@@ -8,7 +8,7 @@ since machines differ and are shared.
 """
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import count
 
@@ -17,7 +17,8 @@ import torch
 import tyro
 
 import eskin
-from eskin.graph import GraphBatch, GraphBuilder, GraphConfig
+from eskin.graph import GraphBatch, GraphBuilder, GraphConfig, Share
+from eskin.graph.history import NOTHING
 from eskin.learn.checkpoint import to_model
 from eskin.live.encoder_kernels import encode
 from eskin.live.graph import graph_of
@@ -57,13 +58,24 @@ def main() -> None:
     config = NetworkConfig(command.width, command.layers, command.channels)
     network = RecogniserNetwork(config, len(VOCABULARY), shear=False).eval()
     model = to_model(network, ModelCard(VOCABULARY, network=config))
-    titles = ("active", "nodes", "encoder", "summary", "heads", "step", "torch / step")
+    titles = (
+        "active",
+        "nodes",
+        "graph",
+        "encoder",
+        "summary",
+        "heads",
+        "step",
+        "torch / step",
+    )
     print("p50 / p99 [ms]\n")
     print(f"| {' | '.join(titles)} |")
     print(f"|{'---|' * len(titles)}")
     for active in ACTIVE:
-        batch = pressed(active)
-        parts = [times(call, command.steps) for call in compiled_parts(model, batch)]
+        builder, share = pressed(active)
+        batch = builder.graph(*share)
+        calls = compiled_parts(model, builder, share)
+        parts = [times(call, command.steps) for call in calls]
         slow = times(torch_step(network, batch), command.steps // 5)
         cells = [f"{np.median(t):.4f} / {np.percentile(t, 99):.4f}" for t in parts]
         ratio = f"{np.median(slow) / np.median(parts[-1]):.0f} x"
@@ -71,8 +83,8 @@ def main() -> None:
         print(f"| {' | '.join(row)} |")
 
 
-def pressed(active: int) -> GraphBatch:
-    """The graph of a hand whose load on so many taxels rises."""
+def pressed(active: int) -> tuple[GraphBuilder, Share]:
+    """What the graph of a hand is made of whose load on so many taxels rises."""
     skin = eskin.load_skin("ur5")
     mounted = eskin.MountedSkin(skin, eskin.load_robot("ur5"))
     patch = skin.taxels_of("forearm_front")
@@ -86,30 +98,34 @@ def pressed(active: int) -> GraphBatch:
         pressure = np.where(touched, 20.0 + n, 0.0).astype(np.float32)
         valid, q = np.ones(skin.count, dtype=bool), np.zeros(6)
         reading = eskin.Reading(SLOT_NS * (n + 1), pressure, valid, q)
-        builder.advance(reading, touched)
-    return builder.graph(taxels, taxels)
+        builder.advance(reading, taxels)
+    return builder, Share(taxels, taxels, NOTHING)
 
 
-def compiled_parts(model: Model, batch: GraphBatch) -> list[Callable[[], object]]:
-    """Encoder, summary, heads and the whole step, each of one reading."""
-    network, stream = Network(model), LogitStream(model)
-    graph, window = graph_of(batch), network.window()
+def compiled_parts(
+    model: Model, builder: GraphBuilder, share: Share
+) -> list[Callable[[], object]]:
+    """Graph, encoder, summary, heads and the whole step, each of one reading."""
+    network, stream = Network(model), LogitStream(model, builder)
+    graph, window = graph_of(builder.graph(*share)), network.window()
     weights, memory = network.weights, network.memory
     embedding = np.zeros(2 * network.width, np.float32)
     summary = np.zeros(len(weights.summary_mean), np.float32)
     features = network.features(graph).copy()
-    heads_stamps, stamps = stamps_from(SLOT_NS), stamps_from(SLOT_NS)
+    stamps, later = count(SLOT_NS, SLOT_NS), count(SLOT_NS, SLOT_NS)
+    sequence = network.window()
+
+    def step() -> None:
+        builder.instant = builder.instant._replace(stamp=next(later))
+        stream.step(share, sequence)
+
     return [
+        lambda: builder.graph(*share),
         lambda: encode(graph, False, weights.encoder, memory, embedding),
         lambda: summarise(graph, False, summary),
-        lambda: window.push(next(heads_stamps), features),
-        lambda: stream.push({1: batch}, next(stamps)),
+        lambda: window.push(next(stamps), features),
+        step,
     ]
-
-
-def stamps_from(stamp: int) -> Iterator[int]:
-    """Stamps one slot apart."""
-    return count(stamp, SLOT_NS)
 
 
 def torch_step(network: RecogniserNetwork, batch: GraphBatch) -> Callable[[], object]:

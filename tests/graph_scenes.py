@@ -44,8 +44,8 @@ class Scene:
         builder = GraphBuilder(self.mounted, config)
         earlier, batches = np.empty(0, np.int64), []
         for reading in self.readings:
-            builder.advance(reading, reading.pressure > 0)
             now = np.flatnonzero(reading.pressure > 0)
+            builder.advance(reading, now)
             batches.append(builder.graph(now, earlier))
             earlier = now
         return join(batches)

@@ -214,11 +214,15 @@ def test_the_margin_is_the_same_pressure_behind_a_divider():
         at_margin = calibration.counts_at(1.5)
         for factor, learned in ((0.9, True), (1.1, False)):
             above = np.round(factor * at_margin).astype(int)
+            down = np.round(0.4 * at_margin).astype(int)
             calibrator = Calibrator(SKIN, calibration)
-            _, pressure = play(
-                lambda t, above=above: REST + above * (t > 3.0), 60.0, 20, calibrator
-            )
-            assert (pressure[-1].max() < 0.5) == learned
+
+            def signal(t, high=above, low=above - down):
+                return REST + np.where(round(t) % 2, high, low) * (t > 3.0)
+
+            times, pressure = play(signal, 60.0, 20, calibrator)
+            last = pressure[times > 58.0]
+            assert (last.max() < 0.7) == learned
 
 
 def test_a_divider_learns_what_a_taxel_keeps_but_not_the_touch():
@@ -325,3 +329,36 @@ def test_a_floor_raises_both_thresholds_of_contact_and_never_lowers_them():
     assert config.raised_to(0.0) == config
     raised = config.raised_to(12.0)
     assert (raised.on, raised.off) == (12.0, 8.0)
+
+
+@pytest.mark.parametrize("rate", [10, 50, 200])
+def test_what_stays_the_same_after_a_touch_is_rest(rate):
+    """A sensor that keeps a few kPa is free again after a second, a minute earlier."""
+
+    def signal(t):
+        return touch(3.0, 5.0, 300)(t) + np.where(TOUCHED & (t >= 5.0), 50, 0)
+
+    times, pressure = play(signal, 8.0, rate)
+    assert pressure[(times > 5.0) & (times < 5.5)][:, TOUCHED].min() > 4.0
+    assert pressure[-1].max() < 0.5
+
+
+def test_a_light_touch_that_trembles_stays():
+    def signal(t):
+        return touch(3.0, 30.0, 40)(t) + TOUCHED * np.round(8 * np.sin(5 * t))
+
+    _, pressure = play(signal, 30.0, 50)
+    assert pressure[-20:, TOUCHED].mean() > 3.0
+
+
+def test_a_steady_taxel_beside_a_trembling_one_stays():
+    """The rim of a hand that rests is touched as long as the hand is."""
+    middle = np.linalg.norm(SKIN.positions[:, :2] - (0.02, 0.02), axis=1) < 1e-6
+    rim = TOUCHED & ~middle
+
+    def signal(t):
+        rim = touch(3.0, 30.0, 40)(t)
+        return rim + middle * np.round(100 + 40 * np.sin(5 * t)) * (t >= 3.0)
+
+    _, pressure = play(signal, 29.0, 50)
+    np.testing.assert_allclose(pressure[-1][rim], 4.0, atol=0.3)

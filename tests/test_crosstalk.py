@@ -148,7 +148,8 @@ def test_touches_are_of_what_is_left_and_faults_of_what_came():
     for calibration in (plain, replace(plain, matrix=True)):
         pipeline = TouchPipeline(mounted, calibration)
         for n in range(400):
-            counts = REST + shown * (n > 150)
+            trembling = np.round(shown * (1.0 + 0.3 * np.sin(n / 3)))
+            counts = REST + trembling * (n > 150)
             counts[skin.rows == 2] *= n <= 200
             state = pipeline.push(scan_at(n / 50, counts))
         states.append(state)

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from eskin.graph import GraphBuilder, GraphConfig, join, node_scalars, pressure_summary
+from eskin.graph.batch import NODE_FIELDS
 from eskin.graph.node_features import NODE_SCALARS
 from graph_scenes import (
     FOLDED,
@@ -51,7 +52,7 @@ def test_a_graph_holds_the_touch_now_and_before_and_their_fixed_neighbours():
     touch = scene(mounted, [here, there])
     builder = GraphBuilder(mounted)
     pressed = np.flatnonzero((here > 0) | (there > 0))
-    around = builder.fixed.table[pressed]
+    around = builder.ground.table[pressed]
     want = np.unique(np.concatenate([pressed, around[around >= 0]]))
     assert np.array_equal(touch.graphs().select(np.array([1])).taxels, want)
 
@@ -61,7 +62,9 @@ def test_a_touch_knows_nothing_of_the_pressure_of_another():
     left, right = (bump(mounted.skin, (x, 0, 0), radius=0.011) for x in (-0.015, 0.015))
     builder = GraphBuilder(mounted)
     for step in range(2):
-        builder.advance(reading_at(0.1 * step, left + right), left + right > 0)
+        builder.advance(
+            reading_at(0.1 * step, left + right), np.flatnonzero(left + right)
+        )
     mine, other = np.flatnonzero(left), np.flatnonzero(right)
     graph = builder.graph(mine, mine)
     assert (at(graph, "pressure", mine) > 0).all()
@@ -74,7 +77,7 @@ def test_pressure_of_taxels_that_are_not_active_is_no_pressure():
     load = bump(mounted.skin, (0, 0, 0))
     active = load > 15
     builder = GraphBuilder(mounted)
-    builder.advance(reading_at(0.0, load + 1.0), active)
+    builder.advance(reading_at(0.0, load + 1.0), np.flatnonzero(active))
     graph = builder.graph(np.flatnonzero(active), NOTHING)
     assert np.array_equal(
         np.sort(graph.taxels[graph.pressure > 0]), np.where(active)[0]
@@ -112,7 +115,7 @@ def test_after_a_long_gap_rates_count_from_zero_over_half_a_second(gap):
     taxels = np.flatnonzero(load)
     graphs = []
     for seconds in (0.0, 0.1, 0.1 + gap):
-        builder.advance(reading_at(seconds, load), load > 0)
+        builder.advance(reading_at(seconds, load), np.flatnonzero(load))
         graphs.append(builder.graph(taxels, taxels))
     assert not graphs[0].before.any()
     assert graphs[1].before.any()
@@ -125,7 +128,7 @@ def test_the_first_reading_follows_none_however_its_clock_begins():
     load = bump(mounted.skin, (0, 0, 0))
     for seconds in (0.0, -1_700_000_000.0):
         builder = GraphBuilder(mounted)
-        builder.advance(reading_at(seconds, load), load > 0)
+        builder.advance(reading_at(seconds, load), np.flatnonzero(load))
         graph = builder.graph(np.flatnonzero(load), NOTHING)
         assert graph.seconds.tolist() == [0.5]
 
@@ -166,9 +169,9 @@ def test_shear_that_is_not_measured_any_more_is_not_remembered():
     load = bump(mounted.skin, (0, 0, 0))
     drag = np.ones((mounted.skin.count, 2), np.float32)
     builder, taxels = GraphBuilder(mounted), np.flatnonzero(load)
-    builder.advance(reading_at(0.0, load, shear=drag), load > 0)
+    builder.advance(reading_at(0.0, load, shear=drag), np.flatnonzero(load))
     assert builder.graph(taxels, NOTHING).shear.any()
-    builder.advance(reading_at(0.1, load), load > 0)
+    builder.advance(reading_at(0.1, load), np.flatnonzero(load))
     graph = builder.graph(taxels, taxels)
     assert not graph.shear.any()
     assert graph.shear_before.any()
@@ -199,7 +202,7 @@ def test_a_longer_reach_joins_more_and_no_live_neighbours_join_none():
 
 def test_every_fixed_edge_inside_the_touch_is_in_its_graph():
     touch = touch_on_arm()
-    table = GraphBuilder(touch.mounted).fixed.table
+    table = GraphBuilder(touch.mounted).ground.table
     graph = touch.graphs().select(np.array([1]))
     for node, taxel in enumerate(graph.taxels):
         want = [t for t in table[taxel].tolist() if t in graph.taxels]
@@ -220,3 +223,75 @@ def test_positions_far_from_the_origin_keep_their_precision():
     far[:3, 3] = 1000.0, -2000.0, 500.0
     here, there = (Scene.graphs(s) for s in (touch, moved(touch, far)))
     np.testing.assert_allclose(there.positions, here.positions, atol=1e-5)
+
+
+def soiled(builder):
+    """The builder's memory filled with what no graph holds."""
+    untouched = ("marks", "search")
+    for name, values in builder.memory._asdict().items():
+        if name not in untouched:
+            values.fill(7)
+    for values in builder.memory.search:
+        values.fill(7)
+
+
+def same(one, other):
+    for name in (*NODE_FIELDS, "offsets", "seconds", "history"):
+        assert np.array_equal(getattr(one, name), getattr(other, name)), name
+
+
+@pytest.mark.parametrize("shear", [True, False])
+def test_a_graph_does_not_depend_on_what_its_memory_held(shear):
+    touch = touch_on_arm(shear=shear)
+    clean, used = (GraphBuilder(touch.mounted) for _ in range(2))
+    earlier = NOTHING
+    for reading in touch.readings:
+        taxels = np.flatnonzero(reading.pressure)
+        for builder in (clean, used):
+            builder.advance(reading, taxels)
+        clean.memory = GraphBuilder(touch.mounted).memory
+        soiled(used)
+        same(used.graph(taxels, earlier), clean.graph(taxels, earlier))
+        earlier = taxels
+
+
+def test_memory_grows_with_a_touch_and_changes_no_graph():
+    mounted = ur5()
+    every = np.arange(mounted.skin.count)
+    few, load = every[:3], np.linspace(1, 9, mounted.skin.count)
+    used, fresh = GraphBuilder(mounted), GraphBuilder(mounted)
+    for builder in (used, fresh):
+        for step in range(2):
+            builder.advance(reading_at(0.1 * step, load, FOLDED), every)
+    memory = used.memory
+    same(used.graph(few, few), fresh.graph(few, few))
+    assert used.memory is memory
+    assert len(used.graph(every, every).taxels) == len(every)
+    grown = used.memory
+    assert grown is not memory
+    same(used.graph(few, few), fresh.graph(few, few))
+    assert used.memory is grown
+
+
+def test_active_taxels_may_be_told_twice_and_in_any_order():
+    touch = touch_on_arm(shear=True)
+    told, twice = (GraphBuilder(touch.mounted) for _ in range(2))
+    rng, earlier = np.random.default_rng(0), NOTHING
+    for reading in touch.readings:
+        taxels = np.flatnonzero(reading.pressure)
+        told.advance(reading, taxels)
+        twice.advance(reading, rng.permutation(np.concatenate([taxels, taxels])))
+        one = told.graph(taxels, earlier)
+        same(twice.graph(rng.permutation(taxels), rng.permutation(earlier)), one)
+        earlier = taxels
+
+
+def test_what_a_taxel_felt_two_readings_ago_is_forgotten():
+    mounted = flat()
+    load = bump(mounted.skin, (0, 0, 0))
+    taxels, builder = np.flatnonzero(load), GraphBuilder(mounted)
+    for n, active in enumerate((taxels, NOTHING, taxels)):
+        builder.advance(reading_at(0.1 * n, load), active)
+    graph = builder.graph(taxels, taxels)
+    assert graph.pressure.any()
+    assert not graph.before.any() and not graph.age.any()

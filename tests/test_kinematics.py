@@ -201,3 +201,44 @@ def test_a_joint_that_follows_takes_its_leaders_value():
 def test_a_q_of_the_wrong_length_names_the_joints(ur5):
     with pytest.raises(ValueError, match="q has 5 values, robot 'ur5' has 6 moving"):
         Kinematics(ur5).poses(np.zeros(5))
+
+
+def motion_of(joint, value):
+    """What a joint does to its child, straight from its definition."""
+    if joint.kind == "fixed":
+        return np.eye(4)
+    if joint.kind == "prismatic":
+        return make_transform(np.eye(3), value * joint.axis)
+    return make_transform(exp_so3(value * joint.axis), np.zeros(3))
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_poses_are_products_of_transforms_along_any_tree(seed):
+    """Every kind of joint, some following others, links and joints in no order."""
+    rng, links = np.random.default_rng(seed), 15
+    joints, leaders = [], []
+    for child in range(1, links):
+        kind, axis = KINDS[rng.integers(4)], rng.normal(size=3)
+        follows = kind != "fixed" and leaders and rng.random() < 0.4
+        mimic = Mimic(rng.choice(leaders), -1.5, 0.3) if follows else None
+        rest = make_transform(random_rotation(rng), rng.normal(size=3))
+        parent, axis = f"l{rng.integers(child)}", axis / np.linalg.norm(axis)
+        ends = parent, f"l{child}"
+        joints.append(Joint(f"j{child}", kind, *ends, rest, axis, mimic=mimic))
+        if kind != "fixed" and not follows:
+            leaders.append(f"j{child}")
+    order = rng.permutation(links)
+    shuffled = tuple(joints[i] for i in rng.permutation(links - 1))
+    robot = Robot("tree", tuple(Link(f"l{i}") for i in order), shuffled)
+    q = rng.uniform(-3, 3, len(robot.joint_names))
+    values, want = dict(zip(robot.joint_names, q, strict=True)), {"l0": np.eye(4)}
+    for joint in joints:
+        value = values.get(joint.name, 0.0)
+        if joint.mimic:
+            value = joint.mimic.multiplier * values[joint.mimic.joint]
+            value += joint.mimic.offset
+        moved = joint.T_parent_joint @ motion_of(joint, value)
+        want[joint.child] = want[joint.parent] @ moved
+    T_world_link = Kinematics(robot).poses(q)
+    wanted = np.array([want[name] for name in robot.link_names])
+    np.testing.assert_allclose(T_world_link, wanted, atol=1e-12)

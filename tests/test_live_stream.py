@@ -3,10 +3,18 @@
 import numpy as np
 import pytest
 import torch
+from numba.core.runtime import rtsys
+from numba.core.runtime._nrt_python import memsys_disable_stats, memsys_enable_stats
 
+from eskin.graph import GraphBuilder, Share
+from eskin.graph.history import NOTHING
 from eskin.learn.dataset import prepare
 from eskin.learn.windows import cut, to_input
-from eskin.live import Recognizer
+from eskin.live import Network, Recognizer
+from eskin.live.graph import graph_of
+from eskin.live.step_kernels import step
+from eskin.live.stream import LogitStream, calibrated
+from eskin.touch import Reading
 from live_scenes import (
     calibration_of,
     label,
@@ -67,3 +75,69 @@ def test_a_stream_gives_the_logits_of_the_offline_windows(scene, tmp_path):
         offline = net(to_input(graphs, windows, net.shear)).numpy()
     assert offline.std(axis=0).max() > 0.1
     np.testing.assert_allclose(np.concatenate(live)[ends], offline, atol=1e-4)
+
+
+def felt(on, count, rng):
+    """A touch of so many taxels at once."""
+    return np.sort(rng.permutation(on.skin.count)[:count])
+
+
+def reading_of(on, n, taxels, rng):
+    pressure = np.zeros(on.skin.count, np.float32)
+    pressure[taxels] = rng.uniform(1, 50, len(taxels))
+    shear = rng.normal(size=(on.skin.count, 2)).astype(np.float32)
+    q = rng.uniform(-1, 1, len(on.robot.joint_names))
+    valid = np.ones(on.skin.count, bool)
+    return Reading(20_000_000 * n, pressure, valid, q, shear)
+
+
+@pytest.mark.parametrize("kind", ["pressure", "shear"])
+def test_a_step_is_graph_then_features_then_window(kind):
+    """To the bit, through touches that need more memory than any before."""
+    on, rng = mounted("ur5"), np.random.default_rng(0)
+    model = model_of(network(kind), temperature=1.7)
+    stream = LogitStream(model, GraphBuilder(on))
+    builder, live = GraphBuilder(on), Network(model)
+    window, earlier = live.window(), np.empty(0, np.int64)
+    memory = stream.memory
+    for n, count in enumerate((5, 40, 0, 900, 3, 400)):
+        taxels = felt(on, count, rng)
+        reading = reading_of(on, n, taxels, rng)
+        for each in (stream.builder, builder):
+            each.advance(reading, taxels)
+        share = Share(taxels, earlier, rng.uniform(0, 9, len(NOTHING)))
+        stream.push({7: share})
+        features = live.features(graph_of(builder.graph(*share)))
+        want = window.push(reading.stamp, features)
+        assert np.array_equal(stream.logits[7], want)
+        assert np.array_equal(stream.probabilities[7], calibrated(want, 1.7))
+        earlier = taxels
+    assert stream.memory is not memory
+
+
+def test_a_step_takes_no_memory_in_compiled_code():
+    on, rng = mounted("ur5"), np.random.default_rng(1)
+    stream = LogitStream(model_of(network("shear")), GraphBuilder(on))
+    taxels, out = felt(on, 60, rng), np.empty((2, 4), np.float32)
+    stream.builder.advance(reading_of(on, 0, taxels, rng), taxels)
+    stream.push({1: Share(taxels, taxels, NOTHING)})
+    builder, held = stream.builder, (stream.parts, stream.windows[1].held)
+    given = (taxels, taxels, NOTHING, builder.T_world_link, builder.instant)
+    memsys_enable_stats()
+    try:
+        before = rtsys.get_allocation_stats()
+        for n in range(30):
+            step(*held, *given, 3 * n, 3 * n + 3, out)
+        after = rtsys.get_allocation_stats()
+    finally:
+        memsys_disable_stats()
+    assert after.alloc - before.alloc == 30 * 5  # a handle for each array given
+    assert after.free - before.free == 30 * 5
+
+
+def test_probabilities_are_those_of_a_softmax_and_never_overflow():
+    logits = np.array([3.0, -1.0, 0.5], np.float32)
+    powers = np.exp(logits.astype(np.float64) / 2.0)
+    np.testing.assert_allclose(calibrated(logits, 2.0), powers / powers.sum(), 1e-6)
+    extreme = calibrated(np.array([1e4, 0.0, -1e4], np.float32), 0.5)
+    assert extreme.tolist() == [1.0, 0.0, 0.0]

@@ -209,6 +209,6 @@ def test_an_unknown_link_is_answered_with_the_known_ones():
 
 def test_an_unknown_robot_is_answered_with_the_known_ones():
     assert refusal(lambda: load_robot("ur6")) == (
-        "no robot 'ur6'; allowed: ur5, ur10, base, table, tube, "
+        "no robot 'ur6'; allowed: ur5, ur10, base, post, table, tube, "
         "or the path of a .urdf file"
     )

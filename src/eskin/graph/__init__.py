@@ -6,7 +6,7 @@ from eskin.graph.config import GraphConfig
 from eskin.graph.neighbours import FixedNeighbours, live_neighbours
 from eskin.graph.node_features import NODE_SCALARS, compressed, node_scalars
 from eskin.graph.shear_summary import SHEAR_SUMMARY, shear_summary
-from eskin.graph.stream import WHOLE_SKIN, GraphStream
+from eskin.graph.stream import WHOLE_SKIN, GraphStream, Share
 from eskin.graph.summary import PRESSURE_SUMMARY, pressure_summary
 
 __all__ = [
@@ -19,6 +19,7 @@ __all__ = [
     "GraphBuilder",
     "GraphConfig",
     "GraphStream",
+    "Share",
     "compressed",
     "join",
     "live_neighbours",

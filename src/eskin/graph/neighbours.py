@@ -7,7 +7,7 @@ order of the taxels nor the place of the robot decides who is whose neighbour.
 import numpy as np
 from jaxtyping import Float, Int
 
-from eskin.graph.neighbour_kernels import MICROMETRES, NOBODY, find_nearest
+from eskin.graph.neighbour_kernels import MICROMETRES, NOBODY, Search, find_nearest
 from eskin.skin import Skin
 
 
@@ -34,6 +34,16 @@ class FixedNeighbours:
     def edge_count(self) -> int:
         """Number of directed edges."""
         return int((self.table != NOBODY).sum())
+
+
+def search_memory(nodes: int, k: int) -> Search:
+    """Memory to look for so many neighbours of so many nodes."""
+    return Search(
+        boxes=np.zeros((nodes, 2, 3)),
+        patches=np.zeros(nodes, np.int64),
+        near=np.zeros(nodes, np.int64),
+        lengths=np.zeros(k),
+    )
 
 
 def ranks(order: Int[np.ndarray, "taxel"]) -> Int[np.ndarray, "taxel"]:
@@ -84,5 +94,5 @@ def live_neighbours(
         reach: farthest neighbour [m].
     """
     nearest = np.empty((len(p_world), k), np.int32)
-    find_nearest(p_world, patch, rank, reach, nearest)
+    find_nearest(p_world, patch, rank, reach, search_memory(len(patch), k), nearest)
     return nearest

@@ -1,7 +1,9 @@
 """From the touches of each reading to their graphs."""
 
+from typing import NamedTuple, final
+
 import numpy as np
-from jaxtyping import Int
+from jaxtyping import Float, Int
 
 from eskin.graph.batch import GraphBatch
 from eskin.graph.builder import GraphBuilder
@@ -9,19 +11,28 @@ from eskin.graph.config import GraphConfig
 from eskin.graph.history import NOTHING, history_of
 from eskin.skin import MountedSkin
 from eskin.touch import Reading, Touch, TouchState
+from eskin.touch.poses import LivePoses
 
 WHOLE_SKIN = 0
 """The one sequence of a skin whose distances mean nothing; touches count from 1."""
 
 NOBODY = np.empty(0, dtype=np.int64)
 
-Taxels = dict[int, np.ndarray]
-"""Taxels of each sequence, by its key."""
 
-Histories = dict[int, np.ndarray]
-"""The history of each sequence, by its key."""
+class Share(NamedTuple):
+    """What the graph of one sequence is made of at one reading."""
+
+    taxels: Int[np.ndarray, "active"]
+    """Its active taxels now."""
+
+    earlier: Int[np.ndarray, "earlier"]
+    """Those it had one reading ago."""
+
+    history: Float[np.ndarray, "column"]
+    """What it has been so far; see `eskin.graph.history.HISTORY`."""
 
 
+@final
 class GraphStream:
     """The graph of every open touch at every reading, in one stream.
 
@@ -29,11 +40,22 @@ class GraphStream:
     skin, going on whether or not anything touches it.
     """
 
-    def __init__(self, mounted: MountedSkin, config: GraphConfig | None = None) -> None:
-        """Start before the first reading."""
-        self.builder = GraphBuilder(mounted, config)
+    def __init__(
+        self,
+        mounted: MountedSkin,
+        config: GraphConfig | None = None,
+        poses: LivePoses | None = None,
+    ) -> None:
+        """Start before the first reading.
+
+        Args:
+            mounted: the skin on its robot.
+            config: of the graphs.
+            poses: of the robot's links, shared with who else asks for them.
+        """
+        self.builder = GraphBuilder(mounted, config, poses)
         self.calibrated = mounted.skin.calibrated
-        self.earlier: Taxels = {}
+        self.earlier = NOBODY
 
     def key_of(self, touch: Touch) -> int:
         """The sequence that a touch belongs to."""
@@ -44,32 +66,20 @@ class GraphStream:
 
         A touch between two contacts has a graph without pressure.
         """
-        now, earlier, histories = self.sequences(state)
-        active = np.zeros(self.builder.mounted.skin.count, dtype=bool)
-        for taxels in now.values():
-            active[taxels] = True
-        self.builder.advance(state.reading, active)
-        return {
-            key: self.builder.graph(
-                taxels, earlier.get(key, NOBODY), histories.get(key, NOTHING)
-            )
-            for key, taxels in now.items()
-        }
+        shares = self.advance(state)
+        return {key: self.builder.graph(*share) for key, share in shares.items()}
 
-    def sequences(self, state: TouchState) -> tuple[Taxels, Taxels, Histories]:
-        """Active taxels now and one reading ago, and the history of each sequence."""
-        if not self.calibrated:
-            now, earlier = {WHOLE_SKIN: self.whole_skin(state)}, self.earlier
-            self.earlier = now
-            return now, earlier, {}
-        now, earlier, histories = {}, {}, {}
-        taxels = state.records.loads["taxel"].copy()
-        for touch in state.open_records:
-            key = int(touch["id"])
-            now[key] = taxels[slice(*touch["loads"])]
-            earlier[key] = taxels[slice(*touch["before"])]
-            histories[key] = history_of(touch, state.reading.stamp)
-        return now, earlier, histories
+    def advance(self, state: TouchState) -> dict[int, Share]:
+        """Take in the next reading; return what each sequence has a share of."""
+        if self.calibrated:
+            shares = shares_of(state)
+        else:
+            taxels = self.whole_skin(state)
+            shares = {WHOLE_SKIN: Share(taxels, self.earlier, NOTHING)}
+            self.earlier = taxels
+        felt = [share.taxels for share in shares.values()]
+        self.builder.advance(state.reading, np.concatenate([NOBODY, *felt]))
+        return shares
 
     def whole_skin(self, state: TouchState) -> Int[np.ndarray, "active"]:
         """All active taxels, whatever touch they belong to."""
@@ -83,3 +93,16 @@ class GraphStream:
         size = np.linalg.norm(reading.shear, axis=1)
         enough = size >= self.builder.config.shear_on
         return np.flatnonzero(enough & reading.valid)
+
+
+def shares_of(state: TouchState) -> dict[int, Share]:
+    """The share of each open touch, by its id."""
+    taxels, stamp = state.records.loads["taxel"].copy(), state.reading.stamp
+    return {
+        int(touch["id"]): Share(
+            taxels[slice(*touch["loads"])],
+            taxels[slice(*touch["before"])],
+            history_of(touch, stamp),
+        )
+        for touch in state.open_records
+    }

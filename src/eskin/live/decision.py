@@ -1,5 +1,6 @@
 """What to say of a touch, and when: once, when sure, at closing at the latest."""
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import final
@@ -42,7 +43,7 @@ class Hearing:
     leader: int = -1
     since: int = 0
     other_since: int | None = None
-    latest: Float[np.ndarray, "class"] | None = None
+    latest: list[float] | None = None
 
 
 @final
@@ -80,8 +81,10 @@ class Decider:
         self.vocabulary = vocabulary
         self.config = config or DecisionConfig()
         self.thresholds = thresholds_of(vocabulary, self.config)
-        lower = np.minimum(self.thresholds, self.config.lifted)
-        self.lifted = np.where(np.isinf(self.thresholds), np.inf, lower)
+        self.lifted = [
+            every if math.isinf(every) else min(every, self.config.lifted)
+            for every in self.thresholds
+        ]
         self.lift = round(self.config.lift_seconds * NANOSECONDS)
         self.hold = round(self.config.hold_seconds * NANOSECONDS)
         self.change_ends = change_ends
@@ -104,8 +107,11 @@ class Decider:
         """
         verdicts = self.close(closed)
         for touch in touches:
-            hearing = self.hearings.setdefault(touch.id, Hearing(touch.onset))
-            chances = probabilities[touch.id]
+            hearing = self.hearings.get(touch.id)
+            if hearing is None:
+                hearing = self.hearings[touch.id] = Hearing(touch.onset)
+            # Plain numbers: arrays of a few cost more to look at one by one.
+            chances: list[float] = probabilities[touch.id].tolist()
             if self.change_ends and self.is_over(hearing, stamp, chances):
                 start_anew(hearing, touch, stamp)
             verdict = self.hear(hearing, touch, stamp, chances)
@@ -113,11 +119,9 @@ class Decider:
                 verdicts.append(verdict)
         return verdicts
 
-    def is_over(
-        self, hearing: Hearing, stamp: int, probabilities: Float[np.ndarray, "class"]
-    ) -> bool:
+    def is_over(self, hearing: Hearing, stamp: int, probabilities: list[float]) -> bool:
         """Whether another class has been likeliest for long enough."""
-        leader = self.vocabulary[int(probabilities.argmax())]
+        leader = self.vocabulary[likeliest(probabilities)]
         if leader != NONE and hearing.said in (None, leader):
             hearing.other_since = None
             return False
@@ -130,12 +134,12 @@ class Decider:
         hearing: Hearing,
         touch: Touch,
         stamp: int,
-        probabilities: Float[np.ndarray, "class"],
+        probabilities: list[float],
     ) -> Verdict | None:
         """Take in the probabilities of an open touch."""
         if touch.last == stamp:
             hearing.latest = probabilities
-        leader = int(probabilities.argmax())
+        leader = likeliest(probabilities)
         is_lifted = stamp - touch.last >= self.lift
         threshold = (self.lifted if is_lifted else self.thresholds)[leader]
         sure = probabilities[leader] >= threshold
@@ -146,8 +150,7 @@ class Decider:
         if hearing.said is not None or not held or not felt:
             return None
         hearing.said = self.vocabulary[leader]
-        confidence = float(probabilities[leader])
-        return Verdict(touch, self.vocabulary[leader], confidence, hearing.onset)
+        return Verdict(touch, hearing.said, probabilities[leader], hearing.onset)
 
     def close(self, closed: tuple[Touch, ...]) -> list[Verdict]:
         """What there is to say of touches that have closed."""
@@ -166,11 +169,11 @@ class Decider:
         self,
         touch: Touch,
         hearing: Hearing,
-        probabilities: Float[np.ndarray, "class"],
+        probabilities: list[float],
     ) -> Verdict:
         """What is said of a touch at closing."""
-        leader = int(probabilities.argmax())
-        confidence = float(probabilities[leader])
+        leader = likeliest(probabilities)
+        confidence = probabilities[leader]
         known = confidence >= self.config.least
         gesture = self.vocabulary[leader] if known else UNKNOWN
         return Verdict(touch, gesture, confidence, hearing.onset)
@@ -185,9 +188,12 @@ def start_anew(hearing: Hearing, touch: Touch, stamp: int) -> None:
         hearing.onset, hearing.said, hearing.latest = stamp, None, None
 
 
-def thresholds_of(
-    vocabulary: tuple[str, ...], config: DecisionConfig
-) -> Float[np.ndarray, "class"]:
+def likeliest(probabilities: list[float]) -> int:
+    """The first of the classes that none is likelier than."""
+    return probabilities.index(max(probabilities))
+
+
+def thresholds_of(vocabulary: tuple[str, ...], config: DecisionConfig) -> list[float]:
     """The threshold of each class while a touch is open; `none` waits for its end."""
     strange = sorted(set(config.thresholds) - set(vocabulary))
     if strange:
@@ -196,5 +202,5 @@ def thresholds_of(
             f"{', '.join(vocabulary)}; correct the name"
         )
     every = dict.fromkeys(vocabulary, config.threshold) | dict(config.thresholds)
-    every[NONE] = np.inf
-    return np.array([every[name] for name in vocabulary])
+    every[NONE] = math.inf
+    return [every[name] for name in vocabulary]

@@ -236,8 +236,9 @@ def hear_block(
     np.dot(memory.edge[:edges], weights.of_edge_weight[layer], hidden)
     add_ends(firsts, sources, memory.of_target[begin:end], memory.of_source, hidden)
     np.dot(hidden, weights.message_weight[layer], messages)
-    activate(messages, weights.message_bias[layer])
-    add_shares(firsts, shares, messages, memory.heard[begin:end])
+    add_shares(
+        firsts, shares, weights.message_bias[layer], messages, memory.heard[begin:end]
+    )
     if layer + 1 < len(weights.message_weight):  # the last one moves nothing
         ways = memory.ways[:edges]
         np.dot(messages, weights.move_weight[layer], ways)
@@ -269,16 +270,19 @@ def add_ends(
 def add_shares(
     firsts: Int[np.ndarray, "target_and_one"],
     shares: Float[np.ndarray, "edge"],
+    bias: Float[np.ndarray, "width"],
     messages: Float[np.ndarray, "edge width"],
     heard: Float[np.ndarray, "target width"],
 ) -> None:
-    """Add up the messages to each target by their shares."""
+    """Finish the messages, and add up those to each target by their shares."""
     edge = 0
     for i in range(len(firsts) - 1):
         for _ in range(firsts[i], firsts[i + 1]):
             share = shares[edge]
             for c in range(messages.shape[1]):
-                heard[i, c] += share * messages[edge, c]
+                message = silu(messages[edge, c] + bias[c])
+                messages[edge, c] = message
+                heard[i, c] += share * message
             edge += 1
 
 

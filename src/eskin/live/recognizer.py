@@ -62,16 +62,15 @@ class Recognizer:
         self.has_calibration = calibration is not None
         unused = Calibration.uniform(mounted.skin.count, 1, 1.0)
         self.touches = TouchPipeline(mounted, calibration or unused, card.pipeline)
-        self.graphs = GraphStream(mounted, card.graph_used)
-        self.stream = LogitStream(model)
+        poses = self.touches.follower.poses
+        self.graphs = GraphStream(mounted, card.graph_used, poses)
+        self.stream = LogitStream(model, self.graphs.builder)
         self.decider = Decider(
             card.vocabulary,
             decision or card.decision,
             change_ends=not mounted.skin.calibrated,
         )
-        self.travel = Travel(
-            mounted.robot, self.touches.follower.poses, self.decider.config.still
-        )
+        self.travel = Travel(mounted.robot, poses, self.decider.config.still)
         self.state: TouchState | None = None
         self.logits: dict[int, Float[np.ndarray, "class"]] = {}
         self.probabilities: dict[int, Float[np.ndarray, "class"]] = {}
@@ -122,10 +121,10 @@ class Recognizer:
             state = self.touches.push_reading(instant)
         self.state = state
         stamp = state.reading.stamp
-        self.logits = self.stream.push(self.graphs.push(state), stamp)
-        temperature = self.model.card.temperature
+        self.stream.push(self.graphs.advance(state))
+        self.logits = self.stream.logits
         self.probabilities = {
-            touch.id: calibrated(self.logits[self.graphs.key_of(touch)], temperature)
+            touch.id: self.stream.probabilities[self.graphs.key_of(touch)]
             for touch in state.touches
         }
         self.travel.push(state)
@@ -163,15 +162,6 @@ class Recognizer:
     def detection(self, verdict: Verdict, stamp: int) -> Detection:
         """A verdict with what is known of its touch."""
         return detection_of(verdict, stamp, self.travel.of(verdict.touch))
-
-
-def calibrated(
-    logits: Float[np.ndarray, "class"], temperature: float
-) -> Float[np.ndarray, "class"]:
-    """Probabilities that mean what they say."""
-    scaled = logits / temperature
-    powers = np.exp(scaled - scaled.max())
-    return powers / powers.sum()
 
 
 def detection_of(

@@ -1,10 +1,12 @@
 """Forward kinematics: from joint values to the pose of every link."""
 
+import math
 from typing import final
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
+from eskin.robot.kinematics_kernels import pose_links
 from eskin.robot.robot import Joint, Robot
 from eskin.transforms import skew
 
@@ -16,27 +18,23 @@ class Kinematics:
     """Poses of all links of a robot, in float64, for one `q` or any batch of them.
 
     A joint's motion is linear in sin q, 1 - cos q and q (Rodrigues), so the constant
-    matrices of all joints are multiplied once, here; then each generation of the tree
-    takes one matrix product.
+    matrices of all joints are multiplied once, here.
     """
 
     def __init__(self, robot: Robot) -> None:
         """Prepare the constant matrices of every joint."""
         self.robot = robot
-        # One row a link: what hangs it on its parent, and the root's fixed identity.
-        joint_of = {joint.child: joint for joint in robot.joints}
-        self.rest = np.tile(np.eye(4), (len(robot.links), 1, 1))
-        for index, name in enumerate(robot.link_names):
-            if name in joint_of:
-                self.rest[index] = joint_of[name].T_parent_joint
-        moving = [joint for joint in robot.joints if joint.kind != "fixed"]
-        self.moving = np.array([robot.link_index(j.child) for j in moving], dtype=int)
-        self.source, self.multiplier, self.offset = followers(robot, moving)
-        motions = np.array([motion_terms(j) for j in moving]).reshape(-1, 3, 4, 4)
-        self.sine, self.versine, self.slide = np.moveaxis(
-            self.rest[self.moving][:, None] @ motions, 1, 0
-        )
-        self.generations = generations(robot)
+        self.order = order_of(robot)
+        links = len(robot.links)
+        self.gear = np.tile([1.0, 0.0], (links, 1))
+        self.motion = np.zeros((links, 4, 3, 4))
+        self.motion[:, 0] = np.eye(4)[:3]
+        for joint in robot.joints:
+            link = robot.link_index(joint.child)
+            terms = joint.T_parent_joint @ np.array(motion_terms(joint))
+            self.motion[link] = terms[:, :3]
+            if joint.mimic:
+                self.gear[link] = joint.mimic.multiplier, joint.mimic.offset
 
     def poses(
         self, q: Float[np.ndarray, "*batch joint"]
@@ -57,51 +55,40 @@ class Kinematics:
                 f"q has {q.shape[-1]} values, robot '{self.robot.name}' has "
                 f"{len(names)} moving joints; give one for each of: {', '.join(names)}"
             )
-        value = q[..., self.source] * self.multiplier + self.offset
-        value = value[..., None, None]
-        T = np.broadcast_to(self.rest, (*q.shape[:-1], *self.rest.shape)).copy()
-        T[..., self.moving, :, :] += (
-            np.sin(value) * self.sine
-            + 2 * np.sin(value / 2) ** 2 * self.versine
-            + value * self.slide
-        )
-        for parents, children in self.generations:
-            T[..., children, :, :] = T[..., parents, :, :] @ T[..., children, :, :]
-        return T
+        batch = q.shape[:-1]
+        rows = np.ascontiguousarray(q, np.float64).reshape(math.prod(batch), len(names))
+        T_world_link = np.empty((len(rows), len(self.order), 4, 4))
+        pose_links(rows, self.order, self.gear, self.motion, T_world_link)
+        return T_world_link.reshape(*batch, len(self.order), 4, 4)
 
 
 def motion_terms(joint: Joint) -> list[Float[np.ndarray, "4 4"]]:
-    """Matrices that sin q, 1 - cos q and q multiply in the joint's motion."""
+    """The frame at rest, and what sin q, 1 - cos q and q multiply in the motion."""
     sine, versine, slide = np.zeros((3, 4, 4))
     if joint.kind == "prismatic":
         slide[:3, 3] = joint.axis
-    else:
+    elif joint.kind != "fixed":
         sine[:3, :3] = skew(joint.axis)
         versine = sine @ sine
-    return [sine, versine, slide]
+    return [np.eye(4), sine, versine, slide]
 
 
-def followers(
-    robot: Robot, moving: list[Joint]
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """For each moving joint: the place in `q` it reads, its multiplier and offset."""
+def order_of(robot: Robot) -> Int[np.ndarray, "link 3"]:
+    """Parents before children: each link, its parent and the place in `q`, or -1.
+
+    A joint that follows another reads that one's place; a fixed one reads none.
+    """
     places = {name: place for place, name in enumerate(robot.joint_names)}
-    source, multiplier, offset = [], [], []
-    for joint in moving:
-        source.append(places[joint.mimic.joint if joint.mimic else joint.name])
-        multiplier.append(joint.mimic.multiplier if joint.mimic else 1.0)
-        offset.append(joint.mimic.offset if joint.mimic else 0.0)
-    return np.array(source, dtype=int), np.array(multiplier), np.array(offset)
-
-
-def generations(robot: Robot) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Parents and children as link indices, generation by generation from the root."""
-    edges = [
-        (robot.link_index(j.parent), robot.link_index(j.child)) for j in robot.joints
-    ]
-    parents = {i for i in range(len(robot.links))} - {child for _, child in edges}
-    result = []
-    while step := [(parent, child) for parent, child in edges if parent in parents]:
-        result.append((np.array([p for p, _ in step]), np.array([c for _, c in step])))
-        parents = {child for _, child in step}
-    return result
+    rows = {
+        joint.child: (
+            robot.link_index(joint.child),
+            robot.link_index(joint.parent),
+            places.get(joint.mimic.joint if joint.mimic else joint.name, -1),
+        )
+        for joint in robot.joints
+    }
+    ordered = [(i, -1, -1) for i, n in enumerate(robot.link_names) if n not in rows]
+    for link, *_ in ordered:
+        children = [j.child for j in robot.joints if j.parent == robot.link_names[link]]
+        ordered += [rows[child] for child in children]
+    return np.array(ordered, dtype=np.int64)

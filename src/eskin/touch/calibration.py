@@ -231,6 +231,20 @@ class CalibrationConfig:
     fade_seconds: float = 20.0
     """Time constant in which the recent peak is forgotten."""
 
+    steady_seconds: float = 1.0
+    """After how long without change above the baseline a taxel is taken to rest: nobody
+    holds a finger so still, but what a sensor keeps after a touch, or feels where the
+    skin bends, stays."""
+
+    still: float = 0.25
+    """What counts as no change, in units of `margin`."""
+
+    kept: float = 5.0
+    """The most that a sensor is believed to keep, in units of `margin`."""
+
+    settle_seconds: float = 0.3
+    """Time constant of learning what does not change."""
+
     relearn_seconds: float = 2.0
     """Time constant of learning what a released taxel keeps."""
 
@@ -349,6 +363,10 @@ def rates_of(config: CalibrationConfig) -> Rates:
         after=config.after_fraction,
         relearn=config.relearn_seconds,
         silence=config.silence_seconds,
+        steady=config.steady_seconds,
+        still=config.still,
+        kept=config.kept,
+        settle=config.settle_seconds,
     )
 
 
@@ -362,6 +380,8 @@ def fresh_memory(count: int, samples: int) -> Memory:
         heard=never.copy(),
         since=np.full(count, np.inf),
         held=never.copy(),
+        steady=np.full(count, np.inf),
+        steady_at=never.copy(),
         due=never.copy(),
         filled=np.zeros(count, np.int64),
         samples=np.zeros((count, samples)),

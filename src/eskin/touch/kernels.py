@@ -21,6 +21,10 @@ class Rates(NamedTuple):
     after: float
     relearn: float
     silence: float
+    steady: float
+    still: float
+    kept: float
+    settle: float
 
 
 class Bend(NamedTuple):
@@ -49,6 +53,10 @@ class Memory(NamedTuple):
     """When it began to be touched, infinite while it is not."""
     held: np.ndarray
     """When it or a neighbour was last touched."""
+    steady: np.ndarray
+    """Counts about which it has been steady."""
+    steady_at: np.ndarray
+    """Since when."""
     due: np.ndarray
     """When the next sample of the tare is taken."""
     filled: np.ndarray
@@ -113,9 +121,10 @@ def calibrate(
         if above > margin[i] and above > after * peak[i]:
             if since[i] == np.inf:
                 since[i] = now
-            held[i] = now
-            for k in range(starts[i], starts[i + 1]):
-                held[neighbours[k]] = now
+            if not is_kept(i, above, now, margin, memory, rates):
+                held[i] = now
+                for k in range(starts[i], starts[i + 1]):
+                    held[neighbours[k]] = now
         else:
             since[i] = np.inf
     follow(counts, use, now, margin, memory, rates)
@@ -151,6 +160,22 @@ def hear(
 
 @njit(cache=True)
 @no_type_check
+def is_kept(
+    i: int,
+    above: float,
+    now: float,
+    margin: Float[np.ndarray, "taxel"],
+    memory: Memory,
+    rates: Rates,
+) -> bool:
+    """Whether a taxel shows no touch, but what it has kept of one."""
+    if now - memory.steady_at[i] <= rates.steady:
+        return False
+    return rates.still * margin[i] < above < rates.kept * margin[i]
+
+
+@njit(cache=True)
+@no_type_check
 def follow(
     counts: Int[np.ndarray, "taxel"],
     use: Bool[np.ndarray, "taxel"],
@@ -167,6 +192,7 @@ def follow(
         memory.filled,
     )
     since, held, low = memory.since, memory.held, memory.low
+    steady, steady_at = memory.steady, memory.steady_at
     drift, relearn, freeze, fade = rates.drift, rates.relearn, rates.freeze, rates.fade
     size = memory.samples.shape[1]
     dt, drifting, fading = 0.0, 0.0, 1.0
@@ -181,6 +207,8 @@ def follow(
         if filled[i] < size:
             continue
         above = counts[i] - baseline[i]
+        if abs(counts[i] - steady[i]) > rates.still * margin[i]:
+            steady[i], steady_at[i] = counts[i], now
         was_low = low[i]
         low[i] = np.inf
         part = 0.0
@@ -189,6 +217,8 @@ def follow(
             if was_low < np.inf:
                 above = max(above, was_low - baseline[i])
                 part = dt / (rates.low + dt)
+        elif held[i] < now and is_kept(i, above, now, margin, memory, rates):
+            part = dt / (rates.settle + dt)
         elif since[i] < np.inf:
             if now - since[i] > rates.longest:
                 part = dt / (rates.stale + dt)

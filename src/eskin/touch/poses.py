@@ -17,15 +17,16 @@ class LivePoses:
         """Start without a pose."""
         self.mounted = mounted
         self.joints = len(mounted.robot.joint_names)
-        self.q: np.ndarray | None = None
+        self.q: bytes | None = None
         self.T_world_link = np.empty((0, 4, 4))
 
     def at(self, q: Float[np.ndarray, "joint"]) -> Float[np.ndarray, "link 4 4"]:
         """T_world_link of all links in the robot's order."""
-        if self.q is None or not np.array_equal(q, self.q):
+        asked = q.tobytes()
+        if asked != self.q:
             self.check(q)
             self.T_world_link = self.mounted.kinematics.poses(q)
-            self.q = q.copy()
+            self.q = asked
         return self.T_world_link
 
     def check(self, q: Float[np.ndarray, "joint"]) -> None:

@@ -6,7 +6,8 @@ import numpy as np
 from jaxtyping import Float
 
 from eskin.live import Decider, Detection, Recognizer
-from eskin.live.recognizer import calibrated, detection_of
+from eskin.live.recognizer import detection_of
+from eskin.live.stream import calibrated
 from eskin.model import DecisionConfig, Model
 from eskin.recording import Recording
 from eskin.robot import load_robot

@@ -1,0 +1,163 @@
+"""Whether the engine's logits are those of the torch network on the whole window.
+
+    python -m benchmarks.exact --sets SETS
+
+Clips of every skin that comes with eskin, made under `--sets` where they are not there
+yet, each also as a worse stream would have brought it: readings lost, a patch that
+leaves and comes back, a rate that changes.
+"""
+
+import tempfile
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import get_args
+
+import numpy as np
+import torch
+import tyro
+
+from eskin.cli.generate import Command as Generate
+from eskin.cli.generate import SkinName, run
+from eskin.learn.checkpoint import to_network
+from eskin.learn.dataset import prepare
+from eskin.learn.windows import cut, to_input
+from eskin.live import Recognizer
+from eskin.model import Model, load_model
+from eskin.nn import RecogniserNetwork
+from eskin.recording import (
+    Recording,
+    RecordingWriter,
+    find_recordings,
+    read_recording,
+    write_all,
+)
+from eskin.robot import load_robot
+from eskin.skin import MountedSkin
+from eskin.touch import Scan
+
+ALLOWED = 1e-4
+NANOSECONDS = 1_000_000_000
+TURN = 1_300_000_000
+
+
+@dataclass(frozen=True)
+class Command:
+    """Compare the engine with torch."""
+
+    sets: Path = Path("sets")
+    """Folder of the clips."""
+
+    clips: int = 1000
+    """Clips of the ur5 skin; a tenth of them of each other skin."""
+
+    every: int = 7
+    """One window in so many is compared."""
+
+
+def as_recorded(scans: Iterator[Scan]) -> Iterator[Scan]:
+    """Every scan."""
+    return scans
+
+
+def some_lost(scans: Iterator[Scan]) -> Iterator[Scan]:
+    """One scan in ten lost, at random."""
+    rng = np.random.default_rng(0)
+    return (scan for scan in scans if rng.random() > 0.1)
+
+
+def slower_half(scans: Iterator[Scan]) -> Iterator[Scan]:
+    """Every other scan in turns of three seconds."""
+    for n, scan in enumerate(scans):
+        if n % 2 == 0 or scan.stamp // (3 * NANOSECONDS) % 2 == 0:
+            yield scan
+
+
+def halves_in_turn(scans: Iterator[Scan]) -> Iterator[Scan]:
+    """Either half of the taxels silent in turn, for 1.3 s each."""
+    for scan in scans:
+        received = scan.received.copy()
+        half = len(received) // 2
+        silent = slice(half) if scan.stamp // TURN % 2 == 0 else slice(half, None)
+        received[silent] = False
+        yield replace(scan, received=received)
+
+
+STREAMS: dict[str, Callable[[Iterator[Scan]], Iterator[Scan]]] = {
+    "as recorded": as_recorded,
+    "a tenth lost": some_lost,
+    "25 and 50 Hz in turn": slower_half,
+    "patches leave and come back": halves_in_turn,
+}
+
+
+def main() -> None:
+    """Compare and print."""
+    command = tyro.cli(Command)
+    model = load_model("ur5")
+    print("| skin | stream | clips | windows | farthest logit |")
+    print("|---|---|---|---|---|")
+    worst = 0.0
+    for skin in get_args(SkinName):
+        clips = command.clips if skin == "ur5" else command.clips // 10
+        folder = command.sets / f"exact-{skin}-{clips}"
+        run(Generate(folder, skin=skin, set="test-m", clips=clips))
+        for name, stream in STREAMS.items():
+            found = [
+                gap
+                for path in find_recordings([folder])
+                for gap in gaps(model, read_recording(path), stream, command.every)
+            ]
+            worst = max(worst, *found)
+            print(f"| {skin} | {name} | {clips} | {len(found)} | {max(found):.1e} |")
+    if worst > ALLOWED:
+        raise SystemExit(f"a logit is off by {worst:.1e}; allowed is {ALLOWED:.0e}")
+
+
+def gaps(
+    model: Model,
+    recording: Recording,
+    stream: Callable[[Iterator[Scan]], Iterator[Scan]],
+    every: int,
+) -> list[float]:
+    """How far each compared window's farthest logit is off."""
+    mounted = MountedSkin(recording.skin, load_robot(recording.robot_name))
+    recognizer = Recognizer(model, mounted, recording.calibration)
+    live: dict[int, list[np.ndarray]] = {}
+    for scan in stream(recording.scans()):
+        recognizer.push(scan)
+        for key, logits in recognizer.logits.items():
+            live.setdefault(key, []).append(logits.copy())
+    rows = np.array([row for rows in live.values() for row in rows])
+    offline, ends = torch_logits(to_network(model), model, recording, stream, every)
+    return list(np.abs(rows[ends] - offline).max(axis=1))
+
+
+def torch_logits(
+    network: RecogniserNetwork,
+    model: Model,
+    recording: Recording,
+    stream: Callable[[Iterator[Scan]], Iterator[Scan]],
+    every: int,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Logits of some windows, and the readings that they end with."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "stream.mcap"
+        with RecordingWriter(
+            path,
+            recording.robot_name,
+            recording.skin,
+            recording.calibration,
+            recording.metadata,
+        ) as writer:
+            write_all(writer, stream(recording.scans()), ())
+        dataset = prepare([path], model.card.pipeline, model.card.graph_used)
+    ends = np.arange(0, len(dataset.stamps), every)
+    windows = cut(dataset, ends, dataset.starts[ends], network.config.slots)
+    with torch.no_grad():
+        graphs = dataset.graphs.select(windows.rows)
+        return network(to_input(graphs, windows, network.shear)).numpy(), ends
+
+
+if __name__ == "__main__":
+    main()
