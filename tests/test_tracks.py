@@ -3,12 +3,12 @@ import pytest
 
 from eskin.errors import ReadingError
 from eskin.skin.mount import MountedSkin
-from eskin.touch import ContactFinder, Tracker
 from touch_scenes import (
     hinged_skin,
     mounted_grid,
     moved,
     permuted,
+    pipeline_of,
     pressed,
     reading_at,
 )
@@ -16,14 +16,13 @@ from touch_scenes import (
 
 def follow(mounted, pressures, rate=50, q=None, valid=None):
     """Push pressures, one a reading; return the tracks of each."""
-    finder, tracker = ContactFinder(mounted), Tracker(mounted)
-    said = []
+    pipeline, said = pipeline_of(mounted), []
     for step, pressure in enumerate(pressures):
         seen = None if valid is None else valid[step]
         reading = reading_at(
             step / rate, pressure, seen, None if q is None else q[step]
         )
-        said.append(tracker.push(reading, finder.find(reading)))
+        said.append(pipeline.push_reading(reading).tracks)
     return said
 
 
@@ -175,7 +174,7 @@ def test_tracks_do_not_depend_on_a_rigid_motion_of_the_robot():
 
 def test_stamps_that_do_not_advance_are_refused():
     mounted = mounted_grid()
-    tracker = Tracker(mounted)
-    tracker.push(reading_at(1.0, np.zeros(36)), [])
+    pipeline = pipeline_of(mounted)
+    pipeline.push_reading(reading_at(1.0, np.zeros(36)))
     with pytest.raises(ReadingError, match="allowed is only later"):
-        tracker.push(reading_at(1.0, np.zeros(36)), [])
+        pipeline.push_reading(reading_at(1.0, np.zeros(36)))

@@ -8,7 +8,14 @@ from scipy.spatial.transform import Rotation
 from eskin.robot.robot import Joint, Link, Robot
 from eskin.skin.mount import MountedSkin
 from eskin.skin.skin import Patch, Skin
-from eskin.touch import Calibration, Reading, Scan
+from eskin.touch import (
+    Calibration,
+    ContactConfig,
+    PipelineConfig,
+    Reading,
+    Scan,
+    TouchPipeline,
+)
 
 SECOND = 1_000_000_000
 START = 1_700_000_000 * SECOND
@@ -52,6 +59,11 @@ def mounted_grid(**arguments) -> MountedSkin:
 def calibration_of(skin: Skin) -> Calibration:
     """One count is 0.1 kPa."""
     return Calibration.uniform(skin.count, 1000, 100.0)
+
+
+def pipeline_of(mounted: MountedSkin, contacts: ContactConfig | None = None):
+    config = PipelineConfig(contacts=contacts or ContactConfig())
+    return TouchPipeline(mounted, calibration_of(mounted.skin), config)
 
 
 def scan_at(seconds, counts, received=None, shear=None) -> Scan:

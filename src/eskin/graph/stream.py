@@ -8,7 +8,7 @@ from jaxtyping import Float, Int
 from eskin.graph.batch import GraphBatch
 from eskin.graph.builder import GraphBuilder
 from eskin.graph.config import GraphConfig
-from eskin.graph.history import NOTHING, Histories
+from eskin.graph.history import NOTHING, history_of
 from eskin.skin import MountedSkin
 from eskin.touch import Reading, Touch, TouchState
 from eskin.touch.poses import LivePoses
@@ -55,8 +55,7 @@ class GraphStream:
         """
         self.builder = GraphBuilder(mounted, config, poses)
         self.calibrated = mounted.skin.calibrated
-        self.earlier: dict[int, np.ndarray] = {}
-        self.histories = Histories()
+        self.earlier = NOBODY
 
     def key_of(self, touch: Touch) -> int:
         """The sequence that a touch belongs to."""
@@ -72,45 +71,20 @@ class GraphStream:
 
     def advance(self, state: TouchState) -> dict[int, Share]:
         """Take in the next reading; return what each sequence has a share of."""
-        now = self.taxels_now(state)
-        self.inherit(state.closed)
-        felt = [*now.values(), *(contact.taxels for contact in state.contacts)]
+        if self.calibrated:
+            shares = shares_of(state)
+        else:
+            taxels = self.whole_skin(state)
+            shares = {WHOLE_SKIN: Share(taxels, self.earlier, NOTHING)}
+            self.earlier = taxels
+        felt = [share.taxels for share in shares.values()]
         self.builder.advance(state.reading, np.concatenate([NOBODY, *felt]))
-        histories = self.histories.push(state) if self.calibrated else {}
-        shares = {
-            key: Share(
-                taxels, self.earlier.get(key, NOBODY), histories.get(key, NOTHING)
-            )
-            for key, taxels in now.items()
-        }
-        self.earlier = now
         return shares
 
-    def inherit(self, closed: tuple[Touch, ...]) -> None:
-        """Give what a touch had a reading ago to the one that has taken it over."""
-        for touch in closed:
-            if touch.merged_into is not None and touch.id in self.earlier:
-                heir = self.earlier.get(touch.merged_into, NOBODY)
-                both = np.concatenate([heir, self.earlier.pop(touch.id)])
-                self.earlier[touch.merged_into] = both
-
-    def taxels_now(self, state: TouchState) -> dict[int, Int[np.ndarray, "active"]]:
-        """The active taxels of each sequence at this reading."""
-        if not self.calibrated:
-            parts = [contact.taxels for contact in state.contacts]
-            parts.append(self.sheared(state.reading))
-            return {WHOLE_SKIN: np.unique(np.concatenate(parts))}
-        touching = {
-            track.id: track.contact.taxels
-            for track in state.tracks
-            if track.last == state.reading.stamp
-        }
-        return {
-            touch.id: np.concatenate(
-                [NOBODY, *(touching[t] for t in touch.tracks if t in touching)]
-            )
-            for touch in state.touches
-        }
+    def whole_skin(self, state: TouchState) -> Int[np.ndarray, "active"]:
+        """All active taxels, whatever touch they belong to."""
+        parts = [contact.taxels for contact in state.contacts]
+        return np.unique(np.concatenate([*parts, self.sheared(state.reading)]))
 
     def sheared(self, reading: Reading) -> Int[np.ndarray, "sheared"]:
         """Taxels whose shear tells of a touch, whatever their pressure."""
@@ -119,3 +93,16 @@ class GraphStream:
         size = np.linalg.norm(reading.shear, axis=1)
         enough = size >= self.builder.config.shear_on
         return np.flatnonzero(enough & reading.valid)
+
+
+def shares_of(state: TouchState) -> dict[int, Share]:
+    """The share of each open touch, by its id."""
+    taxels, stamp = state.records.loads["taxel"].copy(), state.reading.stamp
+    return {
+        int(touch["id"]): Share(
+            taxels[slice(*touch["loads"])],
+            taxels[slice(*touch["before"])],
+            history_of(touch, stamp),
+        )
+        for touch in state.open_records
+    }

@@ -62,7 +62,7 @@ class Recognizer:
         self.has_calibration = calibration is not None
         unused = Calibration.uniform(mounted.skin.count, 1, 1.0)
         self.touches = TouchPipeline(mounted, calibration or unused, card.pipeline)
-        poses = self.touches.contacts.poses
+        poses = self.touches.follower.poses
         self.graphs = GraphStream(mounted, card.graph_used, poses)
         self.stream = LogitStream(model, self.graphs.builder)
         self.decider = Decider(

@@ -1,13 +1,15 @@
 """From counts to touches: calibration, faults, contacts, tracks, touches."""
 
 from eskin.touch.calibration import Calibration, CalibrationConfig, Calibrator
-from eskin.touch.contacts import Contact, ContactConfig, ContactFinder
+from eskin.touch.contacts import Contact, ContactConfig
 from eskin.touch.fault import Fault
 from eskin.touch.faults import FaultConfig, FaultFinder
-from eskin.touch.pipeline import PipelineConfig, TouchPipeline, TouchState
+from eskin.touch.pipeline import PipelineConfig, TouchPipeline
 from eskin.touch.reading import Reading, Scan
-from eskin.touch.touches import Touch, TouchConfig, TouchGrouper
-from eskin.touch.tracks import Track, TrackConfig, Tracker
+from eskin.touch.records import TouchRecords
+from eskin.touch.state import TouchState
+from eskin.touch.touches import Touch, TouchConfig
+from eskin.touch.tracks import Track, TrackConfig
 
 __all__ = [
     "Calibration",
@@ -15,7 +17,6 @@ __all__ = [
     "Calibrator",
     "Contact",
     "ContactConfig",
-    "ContactFinder",
     "Fault",
     "FaultConfig",
     "FaultFinder",
@@ -24,10 +25,9 @@ __all__ = [
     "Scan",
     "Touch",
     "TouchConfig",
-    "TouchGrouper",
     "TouchPipeline",
+    "TouchRecords",
     "TouchState",
     "Track",
     "TrackConfig",
-    "Tracker",
 ]

@@ -1,53 +1,21 @@
-"""Compiled loops over active taxels. `no_type_check` keeps the tests' hooks off."""
+"""Compiled search for the contacts of a reading: its cost follows the touch."""
 
 from typing import no_type_check
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Float, Int
 from numba import njit
+
+from eskin.touch.active_kernels import activate, by_rank
+from eskin.touch.geometry_kernels import box_gap, box_of, place, point_gap, to_link
+from eskin.touch.memory import Memory
+from eskin.touch.records import CONTACT, LOAD
+from eskin.touch.rules import Instant, Rules
 
 PASCAL = 1000.0
 
 
-@njit(cache=True)
-@no_type_check
-def activate(
-    candidates: Int[np.ndarray, "candidate"],
-    pressure: Float[np.ndarray, "taxel"],
-    valid: Bool[np.ndarray, "taxel"],
-    now: float,
-    since: float,
-    limits: tuple[float, float, float, float, float],
-    held_at: Float[np.ndarray, "taxel"],
-    active_at: Float[np.ndarray, "taxel"],
-    peak: Float[np.ndarray, "taxel"],
-) -> Int[np.ndarray, "active"]:
-    """Choose the active ones of the candidates and remember them.
-
-    A taxel held at `since` or later needs only the lower threshold. Both rise with
-    the recent peak of the taxel, which fades, so that what a sensor keeps after a
-    release is no contact.
-    """
-    on, off, on_share, off_share, fade = limits
-    chosen = np.empty(len(candidates), np.int64)
-    count = 0
-    for i in candidates:
-        if not valid[i]:
-            continue
-        recent = peak[i] * fade / (fade + now - active_at[i])
-        if held_at[i] >= since:
-            enough = pressure[i] >= max(off, off_share * recent)
-        else:
-            enough = pressure[i] >= max(on, on_share * recent)
-        if enough:
-            chosen[count] = i
-            count += 1
-            peak[i] = max(recent, pressure[i])
-            active_at[i] = now
-    return chosen[:count]
-
-
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 @no_type_check
 def root_of(parents: Int[np.ndarray, "active"], i: int) -> int:
     """The representative of an element's set."""
@@ -57,7 +25,7 @@ def root_of(parents: Int[np.ndarray, "active"], i: int) -> int:
     return i
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 @no_type_check
 def join(parents: Int[np.ndarray, "active"], i: int, j: int) -> None:
     """Join the sets of two elements; the earlier one represents both."""
@@ -66,39 +34,29 @@ def join(parents: Int[np.ndarray, "active"], i: int, j: int) -> None:
         parents[max(a, b)] = min(a, b)
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 @no_type_check
 def connect(
     active: Int[np.ndarray, "active"],
     p_world: Float[np.ndarray, "active 3"],
-    links: Int[np.ndarray, "taxel"],
-    reach: Float[np.ndarray, "taxel"],
-    starts: Int[np.ndarray, "taxel_and_one"],
+    sites: np.ndarray,
     neighbours: Int[np.ndarray, "pair"],
-    slot: Int[np.ndarray, "taxel"],
+    taxels: np.ndarray,
 ) -> Int[np.ndarray, "active"]:
     """Number the connected sets of active taxels, in the order of their first taxel."""
     count = len(active)
     parents = np.arange(count)
     for a in range(count):
-        slot[active[a]] = a
+        taxels[active[a]].place = a
     for a in range(count):
-        i = active[a]
-        for k in range(starts[i], starts[i + 1]):
-            b = slot[neighbours[k]]
+        span = sites[active[a]].neighbours
+        for k in range(span[0], span[1]):
+            b = taxels[neighbours[k]].place
             if b > a:
                 join(parents, a, b)
-        for b in range(a + 1, count):
-            j = active[b]
-            if links[i] != links[j]:
-                far = max(reach[i], reach[j])
-                d0 = p_world[a, 0] - p_world[b, 0]
-                d1 = p_world[a, 1] - p_world[b, 1]
-                d2 = p_world[a, 2] - p_world[b, 2]
-                if d0 * d0 + d1 * d1 + d2 * d2 <= far * far:
-                    join(parents, a, b)
     for a in range(count):
-        slot[active[a]] = -1
+        taxels[active[a]].place = -1
+    connect_links(active, p_world, sites, parents)
     labels = np.empty(count, np.int64)
     found = 0
     for a in range(count):
@@ -110,63 +68,148 @@ def connect(
     return labels
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 @no_type_check
-def place(
+def connect_links(
     active: Int[np.ndarray, "active"],
-    vectors: Float[np.ndarray, "taxel 3"],
-    links: Int[np.ndarray, "taxel"],
-    T_world_link: Float[np.ndarray, "link 4 4"],
-    moved: float,
-) -> Float[np.ndarray, "active 3"]:
-    """Vectors in the world: points where `moved` is 1, directions where it is 0."""
-    result = np.empty((len(active), 3))
-    for a in range(len(active)):
-        i = active[a]
-        T = T_world_link[links[i]]
-        for r in range(3):
-            result[a, r] = moved * T[r, 3] + (
-                T[r, 0] * vectors[i, 0]
-                + T[r, 1] * vectors[i, 1]
-                + T[r, 2] * vectors[i, 2]
-            )
-    return result
-
-
-@njit(cache=True)
-@no_type_check
-def summarise(
-    active: Int[np.ndarray, "active"],
-    labels: Int[np.ndarray, "active"],
-    sets: int,
-    pressure: Float[np.ndarray, "taxel"],
-    areas: Float[np.ndarray, "taxel"],
     p_world: Float[np.ndarray, "active 3"],
-    n_world: Float[np.ndarray, "active 3"],
-) -> tuple[
-    Float[np.ndarray, "contact 9"],
-    Int[np.ndarray, "contact"],
-]:
-    """Force [N], area [m2], peak [kPa], centre, normal, and the most loaded taxel."""
-    sums = np.zeros((sets, 9))
-    loaded = np.zeros(sets, np.int64)
-    most = np.full(sets, -1.0)
+    sites: np.ndarray,
+    parents: Int[np.ndarray, "active"],
+) -> None:
+    """Join taxels of different links that are within reach in this pose.
+
+    Taxels of one link come in runs; runs are compared by their boxes first.
+    """
+    ends, runs, widest = np.zeros(len(active) + 1, np.int64), 0, 0.0
     for a in range(len(active)):
-        i, n = active[a], labels[a]
-        force = PASCAL * pressure[i] * areas[i]
-        sums[n, 0] += force
-        sums[n, 1] += areas[i]
-        sums[n, 2] = max(sums[n, 2], pressure[i])
-        for r in range(3):
-            sums[n, 3 + r] += force * p_world[a, r]
-            sums[n, 6 + r] += force * n_world[a, r]
-        if force > most[n]:
-            most[n] = force
-            loaded[n] = i
-    for n in range(sets):
-        length = np.sqrt(sums[n, 6] ** 2 + sums[n, 7] ** 2 + sums[n, 8] ** 2)
-        for r in range(3):
-            sums[n, 3 + r] /= sums[n, 0]
-            if length > 0.0:
-                sums[n, 6 + r] /= length
-    return sums, loaded
+        site = sites[active[a]]
+        if a == 0 or site.link != sites[active[a - 1]].link:
+            runs += 1
+        ends[runs] = a + 1
+        widest = max(widest, site.reach)
+    if runs < 2:
+        return
+    boxes = np.empty((runs, 2, 3))
+    for r in range(runs):
+        box_of(p_world[ends[r] : ends[r + 1]], boxes[r])
+    for r in range(runs):
+        for s in range(r + 1, runs):
+            if box_gap(boxes[r], boxes[s]) > widest:
+                continue
+            if sites[active[ends[r]]].link == sites[active[ends[s]]].link:
+                continue
+            for a in range(ends[r], ends[r + 1]):
+                if point_gap(p_world[a], boxes[s]) <= widest:
+                    others = range(ends[s], ends[s + 1])
+                    join_near(a, others, active, p_world, sites, parents)
+
+
+@njit(cache=True, nogil=True)
+@no_type_check
+def join_near(
+    a: int,
+    others: range,
+    active: Int[np.ndarray, "active"],
+    p_world: Float[np.ndarray, "active 3"],
+    sites: np.ndarray,
+    parents: Int[np.ndarray, "active"],
+) -> None:
+    """Join one taxel and those of the others that are within the larger reach."""
+    for b in others:
+        far = max(sites[active[a]].reach, sites[active[b]].reach)
+        d0 = p_world[a, 0] - p_world[b, 0]
+        d1 = p_world[a, 1] - p_world[b, 1]
+        d2 = p_world[a, 2] - p_world[b, 2]
+        if d0 * d0 + d1 * d1 + d2 * d2 <= far * far:
+            join(parents, a, b)
+
+
+@njit(cache=True, nogil=True)
+@no_type_check
+def find_contacts(
+    candidates: Int[np.ndarray, "candidate"],
+    reading: Instant,
+    rules: Rules,
+    sites: np.ndarray,
+    neighbours: Int[np.ndarray, "pair"],
+    memory: Memory,
+) -> tuple[np.ndarray, np.ndarray, Float[np.ndarray, "load 3"]]:
+    """The contacts of a reading, their loads, and where those are.
+
+    Returns:
+        CONTACT and LOAD records, each contact's loads ordered by patch, row and column;
+        and the position of each load in the world [m].
+    """
+    active = by_rank(activate(candidates, reading, rules, memory), sites)
+    T_world_link = reading.T_world_link
+    p_world = place(active, sites.position, sites.link, T_world_link, 1.0)
+    n_world = place(active, sites.normal, sites.link, T_world_link, 0.0)
+    labels = connect(active, p_world, sites, neighbours, memory.taxels)
+    contacts = lay_out(labels, reading.stamp)
+    loads, points = np.empty(len(active), LOAD), np.empty((len(active), 3))
+    most = np.full(len(contacts), -1.0)
+    for a in range(len(active)):
+        i, contact = active[a], contacts[labels[a]]
+        k = contact.loads[1]
+        contact.loads[1] += 1
+        pressure = reading.pressure[i]
+        loads[k].taxel, loads[k].pressure = i, pressure
+        loads[k].onset = memory.taxels[i].onset
+        points[k] = p_world[a]
+        force = PASCAL * pressure * sites[i].area
+        add_load(contact, force, pressure, sites[i].area, p_world[a], n_world[a])
+        if force > most[labels[a]]:
+            most[labels[a]] = force
+            contact.link, contact.patch = sites[i].link, sites[i].patch
+    for n in range(len(contacts)):
+        finish_sums(contacts[n], T_world_link)
+    return contacts, loads, points
+
+
+@njit(cache=True, nogil=True)
+@no_type_check
+def lay_out(labels: Int[np.ndarray, "active"], stamp: int) -> np.ndarray:
+    """A contact for each label; its loads end where the next is to be written."""
+    contacts = np.zeros(labels.max() + 1 if len(labels) else 0, CONTACT)
+    for label in labels:
+        contacts[label].loads[1] += 1
+    end = 0
+    for n in range(len(contacts)):
+        contacts[n].stamp = stamp
+        span = contacts[n].loads
+        size = span[1]
+        span[0] = span[1] = end
+        end += size
+    return contacts
+
+
+@njit(cache=True, nogil=True)
+@no_type_check
+def add_load(
+    contact: np.void,
+    force: float,
+    pressure: float,
+    area: float,
+    p_world: Float[np.ndarray, "3"],
+    n_world: Float[np.ndarray, "3"],
+) -> None:
+    """Add a taxel to the sums of its contact."""
+    contact.force += force
+    contact.area += area
+    contact.peak = max(contact.peak, pressure)
+    for r in range(3):
+        contact.p_world[r] += force * p_world[r]
+        contact.n_world[r] += force * n_world[r]
+
+
+@njit(cache=True, nogil=True)
+@no_type_check
+def finish_sums(contact: np.void, T_world_link: Float[np.ndarray, "link 4 4"]) -> None:
+    """Turn the sums of a contact into its centre and its unit normal."""
+    n_world = contact.n_world
+    length = np.sqrt(n_world[0] ** 2 + n_world[1] ** 2 + n_world[2] ** 2)
+    for r in range(3):
+        contact.p_world[r] /= contact.force
+        if length > 0.0:
+            n_world[r] /= length
+    to_link(T_world_link[contact.link], contact.p_world, contact.p_link)

@@ -10,14 +10,15 @@ from eskin.touch.calibration import (
     Calibrator,
     check_count,
 )
-from eskin.touch.contacts import Contact, ContactConfig, ContactFinder
+from eskin.touch.contacts import ContactConfig
 from eskin.touch.crosstalk import Crosstalk
 from eskin.touch.fault import Fault
 from eskin.touch.faults import FaultConfig, FaultFinder
-from eskin.touch.poses import LivePoses
+from eskin.touch.follower import TouchFollower
 from eskin.touch.reading import Reading, Scan
-from eskin.touch.touches import Touch, TouchConfig, TouchGrouper
-from eskin.touch.tracks import Track, TrackConfig, Tracker
+from eskin.touch.state import TouchState
+from eskin.touch.touches import Touch, TouchConfig
+from eskin.touch.tracks import TrackConfig
 
 
 @dataclass(frozen=True)
@@ -40,29 +41,6 @@ class PipelineConfig:
     """What belongs to one gesture."""
 
 
-@dataclass(frozen=True, eq=False)
-class TouchState:
-    """All that is known of touch at one instant."""
-
-    reading: Reading
-    """The calibrated reading; faulty taxels are not valid in it."""
-
-    contacts: tuple[Contact, ...]
-    """Contacts now."""
-
-    tracks: tuple[Track, ...]
-    """Tracks going on, and those that ended with this reading."""
-
-    touches: tuple[Touch, ...]
-    """Touches that are open."""
-
-    closed: tuple[Touch, ...]
-    """Touches that closed with this reading."""
-
-    faults: tuple[Fault, ...]
-    """Faults known now."""
-
-
 @final
 class TouchPipeline:
     """Calibration, faults, contacts, tracks and touches of one skin; stateful."""
@@ -75,15 +53,17 @@ class TouchPipeline:
     ) -> None:
         """Start with every stage fresh."""
         self.config = config or PipelineConfig()
-        poses = LivePoses(mounted)
+        self.mounted = mounted
         self.calibrator = Calibrator(mounted.skin, calibration, self.config.calibration)
         self.faults = FaultFinder(mounted.skin, calibration, self.config.faults)
         self.crosstalk = Crosstalk(mounted.skin, calibration)
-        self.contacts = ContactFinder(
-            mounted, self.config.contacts.raised_to(calibration.floor), poses
+        self.follower = TouchFollower(
+            mounted,
+            self.config.contacts.raised_to(calibration.floor),
+            self.config.tracks,
+            self.config.touches,
         )
-        self.tracker = Tracker(mounted, self.config.tracks, poses)
-        self.grouper = TouchGrouper(mounted, self.config.touches, poses)
+        self.reading: Reading | None = None
 
     def push(self, scan: Scan) -> TouchState:
         """Take the next scan.
@@ -92,7 +72,7 @@ class TouchPipeline:
             ReadingError: the scan is of another skin, or not later than the last one;
                 nothing has changed then, and the next scan may follow.
         """
-        self.contacts.poses.check(scan.q)
+        self.follower.poses.check(scan.q)
         check_count(scan, self.calibrator.skin)
         # The fault finder needs a reading first; no converter counts below zero.
         reading = self.calibrator.push(scan, self.faults.mask | (scan.counts < 0))
@@ -104,16 +84,21 @@ class TouchPipeline:
     def push_reading(
         self, reading: Reading, faults: tuple[Fault, ...] = ()
     ) -> TouchState:
-        """Take the next reading that is calibrated already."""
-        contacts = self.contacts.find(reading)
-        tracks = self.tracker.push(reading, contacts)
-        touches, closed = self.grouper.push(reading, tracks)
-        return TouchState(reading, tuple(contacts), tracks, touches, closed, faults)
+        """Take the next reading that is calibrated already.
+
+        Raises:
+            ReadingError: as for a scan.
+        """
+        records = self.follower.push(reading)
+        self.reading = reading
+        return TouchState(reading, faults, records, self.mounted)
 
     def finish(self) -> tuple[Touch, ...]:
         """Close the touches still open, as at the end of a recording.
 
         What comes later begins new tracks and touches.
         """
-        self.tracker.finish()
-        return self.grouper.finish()
+        if self.reading is None:
+            return ()
+        state = TouchState(self.reading, (), self.follower.finish(), self.mounted)
+        return tuple(replace(touch, closed=True) for touch in state.touches)

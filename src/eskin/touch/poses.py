@@ -3,7 +3,7 @@
 from typing import final
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float
 
 from eskin.errors import ReadingError
 from eskin.skin.mount import MountedSkin
@@ -28,28 +28,6 @@ class LivePoses:
             self.T_world_link = self.mounted.kinematics.poses(q)
             self.q = asked
         return self.T_world_link
-
-    def points(
-        self, q: Float[np.ndarray, "joint"], taxels: Int[np.ndarray, "asked"]
-    ) -> Float[np.ndarray, "asked 3"]:
-        """Positions of taxels in the world [m]."""
-        T = self.at(q)[self.mounted.skin_link_index[taxels]]
-        p_link = self.mounted.skin.positions[taxels]
-        return (T[:, :3, :3] @ p_link[:, :, None])[:, :, 0] + T[:, :3, 3]
-
-    def to_world(
-        self, q: Float[np.ndarray, "joint"], link: str, p_link: Float[np.ndarray, "3"]
-    ) -> Float[np.ndarray, "3"]:
-        """A point fixed to a link, in the world [m]."""
-        T = self.at(q)[self.mounted.robot.link_index(link)]
-        return T[:3, :3] @ p_link + T[:3, 3]
-
-    def to_link(
-        self, q: Float[np.ndarray, "joint"], link: str, p_world: Float[np.ndarray, "3"]
-    ) -> Float[np.ndarray, "3"]:
-        """A point in the world, in the frame of a link [m]."""
-        T = self.at(q)[self.mounted.robot.link_index(link)]
-        return (p_world - T[:3, 3]) @ T[:3, :3]
 
     def check(self, q: Float[np.ndarray, "joint"]) -> None:
         """Refuse the joint positions of another robot."""

@@ -1,0 +1,142 @@
+"""From each reading to the contacts, tracks and touches on the skin."""
+
+from typing import final
+
+import numpy as np
+
+from eskin.errors import ReadingError
+from eskin.skin.mount import MountedSkin
+from eskin.touch.active_kernels import find_candidates
+from eskin.touch.adjacency import MICROMETRE, Adjacency
+from eskin.touch.contacts import ContactConfig
+from eskin.touch.follow_kernels import follow
+from eskin.touch.memory import HELD, fresh_memory, sites_of
+from eskin.touch.poses import LivePoses
+from eskin.touch.reading import Reading, check_order
+from eskin.touch.records import NOTHING, TouchRecords
+from eskin.touch.rules import Instant, Rules
+from eskin.touch.touches import TouchConfig
+from eskin.touch.tracks import TrackConfig
+
+NANOSECONDS = 1_000_000_000
+
+
+@final
+class TouchFollower:
+    """Follows contacts, tracks and touches from reading to reading; stateful.
+
+    Taxels connect by distance in space: on one link that never changes, between links
+    it follows the pose. Contacts come in the order of their first taxel by patch, row
+    and column, so that numbering the taxels otherwise changes nothing.
+
+    An untouched skin costs a look at its pressures; the rest follows the touch.
+    """
+
+    def __init__(
+        self,
+        mounted: MountedSkin,
+        contacts: ContactConfig,
+        tracks: TrackConfig,
+        touches: TouchConfig,
+    ) -> None:
+        """Start untouched."""
+        skin = mounted.skin
+        self.skin = skin
+        self.poses = LivePoses(mounted)
+        adjacency = Adjacency.of(
+            skin, contacts.reach, contacts.least_reach if skin.calibrated else 0.0
+        )
+        self.sites = sites_of(mounted, adjacency)
+        self.neighbours = adjacency.neighbours
+        self.rules = rules_of(contacts, tracks, touches, skin.calibrated)
+        # Below every pressure that the kernel may let pass, whatever their precision.
+        least = np.float32(min(contacts.on, contacts.off))
+        self.least = np.nextafter(least, np.float32(-np.inf))
+        self.candidates = np.empty(skin.count, np.int64)
+        self.memory = fresh_memory(skin.count)
+        self.records = NOTHING
+        self.first: int | None = None
+        self.last: int | None = None
+
+    def push(self, reading: Reading) -> TouchRecords:
+        """Follow into the next reading.
+
+        Raises:
+            ReadingError: it is of another skin or robot, or not later than the last
+                one; nothing has changed then, and the next one may follow.
+        """
+        self.check(reading)
+        found = find_candidates(reading.pressure, self.least, self.candidates)
+        if found or self.records is not NOTHING or self.memory.counts[HELD]:
+            self.records = self.follow(reading, self.candidates[:found])
+        self.first = reading.stamp if self.first is None else self.first
+        self.last = reading.stamp
+        return self.records
+
+    def check(self, reading: Reading) -> None:
+        """Refuse a reading that is not the next one of this skin."""
+        if len(reading.pressure) != self.skin.count:
+            raise ReadingError(
+                f"reading has {len(reading.pressure)} taxels, skin "
+                f"'{self.skin.name}' has {self.skin.count}; allowed is "
+                "one pressure a taxel; load the skin that the data came from"
+            )
+        self.poses.check(reading.q)
+        check_order(self.last, reading.stamp)
+
+    def follow(self, reading: Reading, candidates: np.ndarray) -> TouchRecords:
+        """The records of the next reading, whose active taxels are among some."""
+        stamp = reading.stamp
+        first = stamp if self.first is None else self.first
+        last = stamp if self.last is None else self.last
+        instant = Instant(
+            stamp,
+            stamp - last,
+            (stamp - first) / NANOSECONDS,
+            (last - first) / NANOSECONDS,
+            reading.pressure,
+            reading.valid,
+            self.poses.at(reading.q),
+        )
+        records = follow(
+            candidates,
+            instant,
+            self.rules,
+            self.sites,
+            self.neighbours,
+            self.memory,
+            self.records,
+        )
+        nobody = not len(records.tracks) and not len(records.touches)
+        return NOTHING if nobody else records
+
+    def finish(self) -> TouchRecords:
+        """Let go of every track and touch, as at the end of a recording.
+
+        Returns:
+            The records of the last reading.
+        """
+        records, self.records = self.records, NOTHING
+        return records
+
+
+def rules_of(
+    contacts: ContactConfig, tracks: TrackConfig, touches: TouchConfig, calibrated: bool
+) -> Rules:
+    """The configuration as the kernels want it."""
+    return Rules(
+        on=contacts.on,
+        off=contacts.off,
+        on_share=contacts.on_share,
+        off_share=contacts.off_share,
+        fade=contacts.fade_seconds,
+        hold=contacts.hold_seconds,
+        gate=tracks.gate,
+        speed=tracks.speed,
+        coast=tracks.coast_seconds,
+        gap=tracks.gap_seconds * NANOSECONDS,
+        near=touches.near + MICROMETRE,
+        pause=round(touches.pause_seconds * NANOSECONDS),
+        beside=touches.beside + MICROMETRE,
+        calibrated=calibrated,
+    )

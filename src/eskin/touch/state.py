@@ -1,0 +1,114 @@
+"""All that is known of touch at one instant, made into objects when asked for."""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from eskin.skin.mount import MountedSkin
+from eskin.touch.contacts import Contact
+from eskin.touch.fault import Fault
+from eskin.touch.reading import Reading
+from eskin.touch.records import ENDED, PAST, TouchRecords
+from eskin.touch.touches import Touch
+from eskin.touch.tracks import Track
+
+
+@dataclass(frozen=True, eq=False)
+class TouchState:
+    """All that is known of touch at one instant."""
+
+    reading: Reading
+    """The calibrated reading; faulty taxels are not valid in it."""
+
+    faults: tuple[Fault, ...]
+    """Faults known now."""
+
+    records: TouchRecords
+    """All that follows, as arrays."""
+
+    mounted: MountedSkin
+    """The skin that it is on."""
+
+    @cached_property
+    def open_records(self) -> np.ndarray:
+        """The TOUCH records of the touches that are open."""
+        touches = self.records.touches
+        return touches[: len(touches) - np.count_nonzero(touches["closed"])]
+
+    @cached_property
+    def contacts(self) -> tuple[Contact, ...]:
+        """Contacts now."""
+        stamps = self.records.contacts["stamp"]
+        return self.all_contacts[: np.count_nonzero(stamps == self.reading.stamp)]
+
+    @cached_property
+    def tracks(self) -> tuple[Track, ...]:
+        """Tracks going on, and those that ended with this reading."""
+        return tuple(
+            Track(
+                id=int(row["id"]),
+                onset=int(row["onset"]),
+                last=int(row["last"]),
+                contact=self.all_contacts[row["contact"]],
+                parent=int(row["parent"]) or None,
+                merged_into=int(row["merged_into"]) or None,
+                ended=bool(row["phase"] == ENDED),
+            )
+            for row in self.records.tracks
+            if row["phase"] != PAST
+        )
+
+    @cached_property
+    def touches(self) -> tuple[Touch, ...]:
+        """Touches that are open."""
+        return self.all_touches[: len(self.open_records)]
+
+    @cached_property
+    def closed(self) -> tuple[Touch, ...]:
+        """Touches that closed with this reading."""
+        return self.all_touches[len(self.open_records) :]
+
+    @cached_property
+    def all_contacts(self) -> tuple[Contact, ...]:
+        """Contacts now, then older ones that tracks and touches had last."""
+        if not len(self.records.contacts):
+            return ()
+        patches, taxels = self.mounted.skin.patches, self.records.loads["taxel"].copy()
+        return tuple(
+            Contact(
+                taxels=taxels[slice(*row["loads"])],
+                force=float(row["force"]),
+                area=float(row["area"]),
+                peak=float(row["peak"]),
+                p_world=row["p_world"].copy(),
+                n_world=row["n_world"].copy(),
+                p_link=row["p_link"].copy(),
+                link=patches[row["patch"]].link,
+                patch=patches[row["patch"]].id,
+            )
+            for row in self.records.contacts
+        )
+
+    @cached_property
+    def all_touches(self) -> tuple[Touch, ...]:
+        """Open touches, then closed ones."""
+        links = self.mounted.robot.link_names
+        return tuple(
+            Touch(
+                id=int(row["id"]),
+                onset=int(row["onset"]),
+                last=int(row["last"]),
+                tracks=tuple(self.records.members[slice(*row["tracks"])].tolist()),
+                impulse=float(row["impulse"]),
+                peak_force=float(row["peak_force"]),
+                peak=float(row["peak"]),
+                link=links[row["link"]],
+                start=row["start"].copy(),
+                latest=row["latest"].copy(),
+                contact=self.all_contacts[row["contact"]],
+                closed=bool(row["closed"]),
+                merged_into=int(row["merged_into"]) or None,
+            )
+            for row in self.records.touches
+        )
