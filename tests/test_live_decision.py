@@ -141,8 +141,8 @@ def merged(young_sure, old_sure):
         else:
             gone = (replace(young, closed=True, merged_into=1),) if n == 5 else ()
             verdicts = decider.push(ms * MS, (old,), gone, {1: p[1]})
-        words += [(v.touch.id, v.gesture) for v in verdicts]
-    words += [(v.touch.id, v.gesture) for v in decider.close((touch_at(180, 1),))]
+        words += [(v.touch, v.gesture) for v in verdicts]
+    words += [(v.touch, v.gesture) for v in decider.close((touch_at(180, 1),))]
     return words
 
 
@@ -214,10 +214,11 @@ def heard_after_contact(*story, felt=6):
     for n, (name, p) in enumerate(steps):
         touch = touch_at(20 * n) if n < felt else touch
         shares = {1: likely(name, p)}
-        verdicts += decider.push(20 * n * MS, (touch,), (), shares)
-    verdicts += decider.close((touch,))
+        said = decider.push(20 * n * MS, (touch,), (), shares)
+        verdicts += [(verdict, touch.last) for verdict in said]
+    verdicts += [(verdict, touch.last) for verdict in decider.close((touch,))]
     step = 20 * MS
-    return [(v.gesture, v.onset // step, v.touch.last // step) for v in verdicts]
+    return [(v.gesture, v.onset // step, last // step) for v, last in verdicts]
 
 
 def test_a_touch_that_was_spoken_of_is_not_said_again_after_its_contact():

@@ -8,6 +8,7 @@ from scipy.spatial.distance import cdist
 from eskin.errors import ReadingError
 from eskin.touch.active_kernels import find_candidates
 from eskin.touch.adjacency import Adjacency
+from eskin.touch.records import TOUCH, TouchRow
 from touch_scenes import (
     START,
     hinged_skin,
@@ -103,8 +104,8 @@ def test_a_touch_counts_its_contacts_and_keeps_its_farthest():
     for n, x in enumerate([0.1, 0.14, None, None, 0.12, None, None, 0.1]):
         load = np.zeros(mounted.skin.count)
         load = load if x is None else pressed(mounted.skin, (x, 0.02))
-        [touch] = pipeline.push_reading(reading_at(n / 20, load)).open_records
-        found.append((touch["contacts"], round(touch["farthest"], 6)))
+        [touch] = pipeline.push_reading(reading_at(n / 20, load)).open_rows
+        found.append((touch.contacts, round(touch.farthest, 6)))
     assert [count for count, _ in found] == [1, 1, 1, 1, 2, 2, 2, 3]
     assert [far for _, far in found] == [0.0, *[0.04] * 7]
 
@@ -182,3 +183,7 @@ def test_an_untouched_skin_tells_nothing_and_time_goes_on():
     pipeline.push_reading(reading_at(1.0, pressed(mounted.skin, (0.02, 0.02))))
     [touch] = pipeline.finish()
     assert touch.onset == START + NS
+
+
+def test_a_row_is_a_record_by_the_same_names():
+    assert TouchRow._fields == TOUCH.names

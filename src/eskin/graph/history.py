@@ -5,6 +5,8 @@ from math import dist
 import numpy as np
 from jaxtyping import Float
 
+from eskin.touch.records import TouchRow
+
 HISTORY = (
     "age",
     "pause",
@@ -23,21 +25,21 @@ NANOSECOND = 1e-9
 NOTHING = np.zeros(len(HISTORY))
 
 
-def history_of(touch: np.void, stamp: int) -> Float[np.ndarray, "column"]:
+def history_of(touch: TouchRow, stamp: int) -> Float[np.ndarray, "column"]:
     """The history of an open touch.
 
     Args:
-        touch: its TOUCH record.
+        touch: as it is recorded.
         stamp: of the reading [ns since the epoch].
     """
     return np.array(
         [
-            (stamp - int(touch["onset"])) * NANOSECOND,
-            (stamp - int(touch["last"])) * NANOSECOND,
-            touch["contacts"],
-            dist(touch["latest"], touch["start"]) * CM_PER_M,
-            touch["farthest"] * CM_PER_M,
-            touch["impulse"],
-            touch["peak_force"],
+            (stamp - touch.onset) * NANOSECOND,
+            (stamp - touch.last) * NANOSECOND,
+            touch.contacts,
+            dist(touch.latest, touch.start) * CM_PER_M,
+            touch.farthest * CM_PER_M,
+            touch.impulse,
+            touch.peak_force,
         ]
     )

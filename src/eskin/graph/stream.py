@@ -10,7 +10,7 @@ from eskin.graph.builder import GraphBuilder
 from eskin.graph.config import GraphConfig
 from eskin.graph.history import NOTHING, history_of
 from eskin.skin import MountedSkin
-from eskin.touch import Reading, Touch, TouchState
+from eskin.touch import Reading, TouchState
 from eskin.touch.poses import LivePoses
 
 WHOLE_SKIN = 0
@@ -57,9 +57,9 @@ class GraphStream:
         self.calibrated = mounted.skin.calibrated
         self.earlier = NOBODY
 
-    def key_of(self, touch: Touch) -> int:
-        """The sequence that a touch belongs to."""
-        return touch.id if self.calibrated else WHOLE_SKIN
+    def key_of(self, touch: int) -> int:
+        """The sequence that the touch of that id belongs to."""
+        return touch if self.calibrated else WHOLE_SKIN
 
     def push(self, state: TouchState) -> dict[int, GraphBatch]:
         """The graph of each sequence at the next reading.
@@ -99,10 +99,10 @@ def shares_of(state: TouchState) -> dict[int, Share]:
     """The share of each open touch, by its id."""
     taxels, stamp = state.records.loads["taxel"].copy(), state.reading.stamp
     return {
-        int(touch["id"]): Share(
-            taxels[slice(*touch["loads"])],
-            taxels[slice(*touch["before"])],
+        touch.id: Share(
+            taxels[slice(*touch.loads)],
+            taxels[slice(*touch.before)],
             history_of(touch, stamp),
         )
-        for touch in state.open_records
+        for touch in state.open_rows
     }

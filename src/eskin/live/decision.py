@@ -1,28 +1,52 @@
 """What to say of a touch, and when: once, when sure, at closing at the latest."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import final
+from typing import Protocol, final, runtime_checkable
 
 import numpy as np
 from jaxtyping import Float
 
 from eskin.model import DecisionConfig
 from eskin.recording.labels import NONE
-from eskin.touch import Touch
 
 NANOSECONDS = 1_000_000_000
 UNKNOWN = "unknown"
 """Said of a touch that is like nothing in the vocabulary."""
 
 
+@runtime_checkable
+class Audible(Protocol):
+    """What is to be known of a touch: a `Touch`, or the row that records it."""
+
+    @property
+    def id(self) -> int:
+        """Its number."""
+        ...
+
+    @property
+    def onset(self) -> int:
+        """Stamp of its first contact [ns since the epoch]."""
+        ...
+
+    @property
+    def last(self) -> int:
+        """Stamp of its last contact so far [ns since the epoch]."""
+        ...
+
+    @property
+    def merged_into(self) -> int | None:
+        """The touch that it turned out to be a part of; None or 0 if of none."""
+        ...
+
+
 @dataclass(frozen=True, eq=False)
 class Verdict:
     """What is to be said of a touch now."""
 
-    touch: Touch
-    """The touch, as it is known now."""
+    touch: int
+    """Id of the touch."""
 
     gesture: str
     """One of the vocabulary, or `unknown`."""
@@ -93,8 +117,8 @@ class Decider:
     def push(
         self,
         stamp: int,
-        touches: tuple[Touch, ...],
-        closed: tuple[Touch, ...],
+        touches: Sequence[Audible],
+        closed: Sequence[Audible],
         probabilities: Mapping[int, Float[np.ndarray, "class"]],
     ) -> list[Verdict]:
         """What there is to say at the next reading.
@@ -132,7 +156,7 @@ class Decider:
     def hear(
         self,
         hearing: Hearing,
-        touch: Touch,
+        touch: Audible,
         stamp: int,
         probabilities: list[float],
     ) -> Verdict | None:
@@ -150,14 +174,14 @@ class Decider:
         if hearing.said is not None or not held or not felt:
             return None
         hearing.said = self.vocabulary[leader]
-        return Verdict(touch, hearing.said, probabilities[leader], hearing.onset)
+        return Verdict(touch.id, hearing.said, probabilities[leader], hearing.onset)
 
-    def close(self, closed: tuple[Touch, ...]) -> list[Verdict]:
+    def close(self, closed: Sequence[Audible]) -> list[Verdict]:
         """What there is to say of touches that have closed."""
         verdicts = []
         for touch in closed:
             hearing = self.hearings.pop(touch.id, Hearing(touch.onset))
-            if touch.merged_into is not None:
+            if touch.merged_into:
                 new = Hearing(touch.onset)
                 heir = self.hearings.setdefault(touch.merged_into, new)
                 heir.said = heir.said or hearing.said
@@ -167,7 +191,7 @@ class Decider:
 
     def last_word(
         self,
-        touch: Touch,
+        touch: Audible,
         hearing: Hearing,
         probabilities: list[float],
     ) -> Verdict:
@@ -176,10 +200,10 @@ class Decider:
         confidence = probabilities[leader]
         known = confidence >= self.config.least
         gesture = self.vocabulary[leader] if known else UNKNOWN
-        return Verdict(touch, gesture, confidence, hearing.onset)
+        return Verdict(touch.id, gesture, confidence, hearing.onset)
 
 
-def start_anew(hearing: Hearing, touch: Touch, stamp: int) -> None:
+def start_anew(hearing: Hearing, touch: Audible, stamp: int) -> None:
     """End what was heard of a touch: what it feels from now on is another one.
 
     A touch without contact of which nothing was said still waits for its last word.

@@ -1,5 +1,6 @@
 """From scans to detections, one at a time."""
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import final
 
@@ -16,7 +17,7 @@ from eskin.live.travel import Travel
 from eskin.model import MODELS, DecisionConfig, Model, load_model
 from eskin.robot import Robot
 from eskin.skin import MountedSkin, Skin
-from eskin.touch import Calibration, Reading, Scan, TouchPipeline, TouchState
+from eskin.touch import Calibration, Reading, Scan, Touch, TouchPipeline, TouchState
 
 
 @final
@@ -70,7 +71,7 @@ class Recognizer:
             decision or card.decision,
             change_ends=not mounted.skin.calibrated,
         )
-        self.travel = Travel(mounted.robot, poses, self.decider.config.still)
+        self.travel = Travel(poses, self.decider.config.still)
         self.state: TouchState | None = None
         self.logits: dict[int, Float[np.ndarray, "class"]] = {}
         self.probabilities: dict[int, Float[np.ndarray, "class"]] = {}
@@ -124,27 +125,40 @@ class Recognizer:
         self.stream.push(self.graphs.advance(state))
         self.logits = self.stream.logits
         self.probabilities = {
-            touch.id: self.stream.probabilities[self.graphs.key_of(touch)]
-            for touch in state.touches
+            touch.id: self.stream.probabilities[self.graphs.key_of(touch.id)]
+            for touch in state.open_rows
         }
         self.travel.push(state)
         verdicts = self.decider.push(
-            stamp, state.touches, state.closed, self.probabilities
+            stamp, state.open_rows, state.closed_rows, self.probabilities
         )
-        detections = [self.detection(verdict, stamp) for verdict in verdicts]
-        self.travel.forget(state.closed)
+        detections = []
+        if verdicts:
+            detections = self.detections(verdicts, (*state.touches, *state.closed))
+        self.travel.forget(touch.id for touch in state.closed_rows)
         return detections
 
     def finish(self) -> list[Detection]:
         """Close the touches still open, as at the end of a recording."""
-        if self.state is None:
-            return []
         closed = self.touches.finish()
-        stamp = self.state.reading.stamp
-        found = [self.detection(v, stamp) for v in self.decider.close(closed)]
-        self.travel.forget(closed)
+        found = self.detections(self.decider.close(closed), closed)
+        self.travel.forget(touch.id for touch in closed)
         self.probabilities = {}
         return found
+
+    def detections(
+        self, verdicts: Sequence[Verdict], touches: Sequence[Touch]
+    ) -> list[Detection]:
+        """Verdicts of the latest reading with what is known of their touches."""
+        if self.state is None:
+            return []
+        stamp, known = self.state.reading.stamp, {touch.id: touch for touch in touches}
+        return [
+            detection_of(
+                verdict, known[verdict.touch], stamp, self.travel.of(verdict.touch)
+            )
+            for verdict in verdicts
+        ]
 
     def check(self, instant: Scan | Reading) -> None:
         """Refuse an instant that this recogniser has no use for."""
@@ -159,22 +173,22 @@ class Recognizer:
                 "allowed are readings with shear; use a model for pressure alone"
             )
 
-    def detection(self, verdict: Verdict, stamp: int) -> Detection:
-        """A verdict with what is known of its touch."""
-        return detection_of(verdict, stamp, self.travel.of(verdict.touch))
-
 
 def detection_of(
-    verdict: Verdict, stamp: int, direction_world: Float[np.ndarray, "3"]
+    verdict: Verdict,
+    touch: Touch,
+    stamp: int,
+    direction_world: Float[np.ndarray, "3"],
 ) -> Detection:
     """A verdict with what is known of its touch.
 
     Args:
         verdict: what is to be said.
+        touch: of which it is said.
         stamp: of the reading at which it is said [ns since the epoch].
         direction_world: unit vector of the touch's travel, or zero.
     """
-    touch, contact = verdict.touch, verdict.touch.contact
+    contact = touch.contact
     return Detection(
         stamp=stamp,
         touch=touch.id,

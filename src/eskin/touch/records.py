@@ -81,6 +81,29 @@ taken over since; `tracks` is the span of the ids of its tracks, ascending.
 """
 
 
+class TouchRow(NamedTuple):
+    """The values of one TOUCH, in the order of its fields."""
+
+    id: int
+    onset: int
+    last: int
+    impulse: float
+    peak_force: float
+    peak: float
+    link: int
+    start: np.ndarray
+    latest: np.ndarray
+    contact: int
+    merged_into: int
+    closed: int
+    force: float
+    contacts: int
+    farthest: float
+    loads: np.ndarray
+    before: np.ndarray
+    tracks: np.ndarray
+
+
 class TouchRecords(NamedTuple):
     """All contacts, tracks and touches at one instant."""
 

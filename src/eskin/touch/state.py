@@ -9,7 +9,7 @@ from eskin.skin.mount import MountedSkin
 from eskin.touch.contacts import Contact
 from eskin.touch.fault import Fault
 from eskin.touch.reading import Reading
-from eskin.touch.records import ENDED, PAST, TouchRecords
+from eskin.touch.records import ENDED, PAST, TouchRecords, TouchRow
 from eskin.touch.touches import Touch
 from eskin.touch.tracks import Track
 
@@ -31,10 +31,19 @@ class TouchState:
     """The skin that it is on."""
 
     @cached_property
-    def open_records(self) -> np.ndarray:
-        """The TOUCH records of the touches that are open."""
-        touches = self.records.touches
-        return touches[: len(touches) - np.count_nonzero(touches["closed"])]
+    def open_rows(self) -> tuple[TouchRow, ...]:
+        """The touches that are open, as they are recorded."""
+        return tuple(row for row in self.rows if not row.closed)
+
+    @cached_property
+    def closed_rows(self) -> tuple[TouchRow, ...]:
+        """The touches that closed with this reading, as they are recorded."""
+        return tuple(row for row in self.rows if row.closed)
+
+    @cached_property
+    def rows(self) -> tuple[TouchRow, ...]:
+        """Open touches, then closed ones, as they are recorded."""
+        return tuple(map(TouchRow._make, self.records.touches.tolist()))
 
     @cached_property
     def contacts(self) -> tuple[Contact, ...]:
@@ -62,12 +71,12 @@ class TouchState:
     @cached_property
     def touches(self) -> tuple[Touch, ...]:
         """Touches that are open."""
-        return self.all_touches[: len(self.open_records)]
+        return tuple(map(self.touch, self.open_rows))
 
     @cached_property
     def closed(self) -> tuple[Touch, ...]:
         """Touches that closed with this reading."""
-        return self.all_touches[len(self.open_records) :]
+        return tuple(map(self.touch, self.closed_rows))
 
     @cached_property
     def all_contacts(self) -> tuple[Contact, ...]:
@@ -90,25 +99,20 @@ class TouchState:
             for row in self.records.contacts
         )
 
-    @cached_property
-    def all_touches(self) -> tuple[Touch, ...]:
-        """Open touches, then closed ones."""
-        links = self.mounted.robot.link_names
-        return tuple(
-            Touch(
-                id=int(row["id"]),
-                onset=int(row["onset"]),
-                last=int(row["last"]),
-                tracks=tuple(self.records.members[slice(*row["tracks"])].tolist()),
-                impulse=float(row["impulse"]),
-                peak_force=float(row["peak_force"]),
-                peak=float(row["peak"]),
-                link=links[row["link"]],
-                start=row["start"].copy(),
-                latest=row["latest"].copy(),
-                contact=self.all_contacts[row["contact"]],
-                closed=bool(row["closed"]),
-                merged_into=int(row["merged_into"]) or None,
-            )
-            for row in self.records.touches
+    def touch(self, row: TouchRow) -> Touch:
+        """The touch that a row of this state records."""
+        return Touch(
+            id=row.id,
+            onset=row.onset,
+            last=row.last,
+            tracks=tuple(self.records.members[slice(*row.tracks)].tolist()),
+            impulse=row.impulse,
+            peak_force=row.peak_force,
+            peak=row.peak,
+            link=self.mounted.robot.link_names[row.link],
+            start=row.start,
+            latest=row.latest,
+            contact=self.all_contacts[row.contact],
+            closed=bool(row.closed),
+            merged_into=row.merged_into or None,
         )

@@ -83,11 +83,12 @@ class Trace:
             verdicts = decider.push(
                 moment.stamp, moment.touches, moment.closed, chances
             )
+            known = {touch.id: touch for touch in (*moment.touches, *moment.closed)}
             for verdict in verdicts:
-                touch = verdict.touch
+                touch = known[verdict.touch]
                 gone = np.linalg.norm(touch.travel) >= config.still
                 direction = directions[touch.id] if gone else np.zeros(3)
-                found.append(detection_of(verdict, moment.stamp, direction))
+                found.append(detection_of(verdict, touch, moment.stamp, direction))
         return found
 
 
@@ -119,11 +120,14 @@ def moment_of(
     """What the recogniser knows at the reading that it has just taken."""
     assert recognizer.state is not None
     classes = len(recognizer.model.card.vocabulary)
-    keys = [recognizer.graphs.key_of(touch) for touch in touches]
+    keys = [recognizer.graphs.key_of(touch.id) for touch in touches]
+    directions = [recognizer.travel.of(touch.id) for touch in touches]
     return Moment(
         stamp=recognizer.state.reading.stamp,
         touches=touches,
         closed=closed,
         logits=np.array([recognizer.logits[key] for key in keys]).reshape(-1, classes),
-        directions=np.array([recognizer.travel.of(t) for t in touches]).reshape(-1, 3),
+        directions=np.array([recognizer.travel.of(t.id) for t in touches]).reshape(
+            -1, 3
+        ),
     )
