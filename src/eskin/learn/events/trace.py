@@ -127,7 +127,5 @@ def moment_of(
         touches=touches,
         closed=closed,
         logits=np.array([recognizer.logits[key] for key in keys]).reshape(-1, classes),
-        directions=np.array([recognizer.travel.of(t.id) for t in touches]).reshape(
-            -1, 3
-        ),
+        directions=np.array(directions).reshape(-1, 3),
     )
