@@ -25,7 +25,10 @@ RIGHT = {
     "skin show": ("sleeve",),
     "skin check": ("sleeve",),
     "bench latency": ("--steps", "10"),
+    "doctor": (),
 }
+
+OF_NO_PATH = {"generate", "bench latency", "doctor"}
 
 NESTED = {"train", "config"}  # fields that are configurations of their own
 
@@ -87,7 +90,7 @@ def test_a_missing_argument_is_one_line(name, empty, capsys):
     assert_refused(result, f"error: eskin {name}: ", empty)
 
 
-@pytest.mark.parametrize("name", sorted(set(COMMANDS) - {"generate", "bench latency"}))
+@pytest.mark.parametrize("name", sorted(set(COMMANDS) - OF_NO_PATH))
 def test_a_path_that_does_not_exist_is_one_line(name, empty, capsys):
     argv = [word if word != "sleeve" else "gone" for word in RIGHT[name]]
     if name == "convert":

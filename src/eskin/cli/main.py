@@ -28,6 +28,7 @@ COMMANDS = {
     "skin show": "skin_show",
     "skin check": "skin_check",
     "bench latency": "bench_latency",
+    "doctor": "doctor",
 }
 BAD_INPUT = 2
 STOPPED = 130
