@@ -3,8 +3,8 @@
     python -m benchmarks.exact --sets SETS
 
 Clips of every skin that comes with eskin, made under `--sets` where they are not there
-yet, each also as a worse stream would have brought it: readings lost, a patch that
-leaves and comes back, a rate that changes.
+yet; a tenth of those of the ur5 skin also as a worse stream would have brought them:
+readings lost, patches that leave and come back, a rate that changes.
 """
 
 import tempfile
@@ -89,27 +89,35 @@ STREAMS: dict[str, Callable[[Iterator[Scan]], Iterator[Scan]]] = {
     "25 and 50 Hz in turn": slower_half,
     "patches leave and come back": halves_in_turn,
 }
+FIRST = [next(iter(STREAMS.items()))]
+USUAL = "ur5"
 
 
 def main() -> None:
     """Compare and print."""
     command = tyro.cli(Command)
     model = load_model("ur5")
-    print("| skin | stream | clips | windows | farthest logit |")
+    print("| skin | stream | recordings | windows | farthest logit |")
     print("|---|---|---|---|---|")
     worst = 0.0
     for skin in get_args(SkinName):
-        clips = command.clips if skin == "ur5" else command.clips // 10
+        clips = command.clips if skin == USUAL else command.clips // 10
         folder = command.sets / f"exact-{skin}-{clips}"
         run(Generate(folder, skin=skin, set="test-m", clips=clips))
-        for name, stream in STREAMS.items():
+        paths = find_recordings([folder])
+        for name, stream in STREAMS.items() if skin == USUAL else FIRST:
+            some = (
+                paths if (name, stream) in FIRST else paths[:: max(1, len(paths) // 10)]
+            )
             found = [
                 gap
-                for path in find_recordings([folder])
+                for path in some
                 for gap in gaps(model, read_recording(path), stream, command.every)
             ]
             worst = max(worst, *found)
-            print(f"| {skin} | {name} | {clips} | {len(found)} | {max(found):.1e} |")
+            print(
+                f"| {skin} | {name} | {len(some)} | {len(found)} | {max(found):.1e} |"
+            )
     if worst > ALLOWED:
         raise SystemExit(f"a logit is off by {worst:.1e}; allowed is {ALLOWED:.0e}")
 
