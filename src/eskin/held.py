@@ -40,6 +40,6 @@ def hold(parts: tuple) -> Held:
 
 @njit(cache=True, nogil=True)
 @no_type_check
-def let_go(held: Held) -> tuple:
+def let_go(held: Held) -> Any:  # noqa: ANN401
     """What a handle holds."""
     return held.parts
