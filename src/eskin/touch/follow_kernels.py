@@ -40,7 +40,7 @@ def follow(
     reading: Instant,
     parts_held: Held,
     before_held: Held,
-) -> tuple[Held, Int[np.ndarray, "touch column"], int]:
+) -> tuple[Held, Int[np.ndarray, "touch column"], int, int]:
     """Follow contacts, tracks and touches into the next reading.
 
     Args:
@@ -50,8 +50,8 @@ def follow(
         before_held: `TouchRecords` of the reading before.
 
     Returns:
-        `TouchRecords` of this reading; a `TouchBrief` of each touch; and how many
-        tracks there are.
+        `TouchRecords` of this reading; a `TouchBrief` of each touch; how many of them
+        are open; and how many tracks there are.
     """
     parts, before = parts_held.parts, before_held.parts
     rules, memory, sites = parts.rules, parts.memory, parts.sites
@@ -72,7 +72,8 @@ def follow(
         room.loads[: room.used[LOADS]],
         members,
     )
-    return Held(records), briefs_of(touches), len(tracks)
+    going = len(touches) - groups.used[OVER]
+    return Held(records), briefs_of(touches), going, len(tracks)
 
 
 @njit(cache=True, nogil=True)

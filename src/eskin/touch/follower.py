@@ -105,13 +105,13 @@ class TouchFollower:
             reading.valid,
             self.poses.at(reading.q),
         )
-        found = follow(candidates, instant, self.parts, self.followed.held)
-        held, rows, tracks = found
-        if not len(rows):
-            return Followed(held, (), ()) if tracks else self.nothing
+        held, rows, going, tracks = follow(
+            candidates, instant, self.parts, self.followed.held
+        )
+        if not len(rows) and not tracks:
+            return self.nothing
         briefs = tuple(map(TouchBrief._make, rows.tolist()))
-        going = tuple(brief for brief in briefs if not brief.closed)
-        return Followed(held, going, briefs[len(going) :])
+        return Followed(held, briefs[:going], briefs[going:])
 
     def finish(self) -> Followed:
         """Let go of every track and touch, as at the end of a recording.
