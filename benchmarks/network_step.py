@@ -17,7 +17,7 @@ import torch
 import tyro
 
 import eskin
-from eskin.graph import GraphBatch, GraphBuilder, GraphConfig, Share
+from eskin.graph import GraphBatch, GraphBuilder, GraphConfig, Share, held_shares
 from eskin.graph.history import NOTHING
 from eskin.learn.checkpoint import to_model
 from eskin.live.encoder_kernels import encode
@@ -113,11 +113,11 @@ def compiled_parts(
     summary = np.zeros(len(weights.summary_mean), np.float32)
     features = network.features(graph).copy()
     stamps, later = count(SLOT_NS, SLOT_NS), count(SLOT_NS, SLOT_NS)
-    sequence = network.window()
+    shares = held_shares({1: share})
 
     def step() -> None:
         builder.instant = builder.instant._replace(stamp=next(later))
-        stream.step(share, sequence)
+        stream.push(shares)
 
     return [
         lambda: builder.graph(*share),

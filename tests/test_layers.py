@@ -12,9 +12,10 @@ SOURCE = Path(__file__).parents[1] / "src" / "eskin"
 BELOW = {
     "errors": (),
     "transforms": (),
+    "held": (),
     "robot": ("transforms", "errors"),
     "skin": ("robot",),
-    "touch": ("skin",),
+    "touch": ("skin", "held"),
     "graph": ("touch",),
     "recording": ("touch",),
     "model": ("graph", "recording"),

@@ -6,14 +6,14 @@ import torch
 from numba.core.runtime import rtsys
 from numba.core.runtime._nrt_python import memsys_disable_stats, memsys_enable_stats
 
-from eskin.graph import GraphBuilder, Share
+from eskin.graph import GraphBuilder, Share, held_shares
 from eskin.graph.history import NOTHING
 from eskin.learn.dataset import prepare
 from eskin.learn.windows import cut, to_input
 from eskin.live import Network, Recognizer
 from eskin.live.graph import graph_of
 from eskin.live.step_kernels import step
-from eskin.live.stream import LogitStream, calibrated
+from eskin.live.stream import SEQUENCES, LogitStream, calibrated
 from eskin.touch import Reading
 from live_scenes import (
     calibration_of,
@@ -106,7 +106,7 @@ def test_a_step_is_graph_then_features_then_window(kind):
         for each in (stream.builder, builder):
             each.advance(reading, taxels)
         share = Share(taxels, earlier, rng.uniform(0, 9, len(NOTHING)))
-        stream.push({7: share})
+        stream.push(held_shares({7: share}))
         features = live.features(graph_of(builder.graph(*share)))
         want = window.push(reading.stamp, features)
         assert np.array_equal(stream.logits[7], want)
@@ -118,21 +118,95 @@ def test_a_step_is_graph_then_features_then_window(kind):
 def test_a_step_takes_no_memory_in_compiled_code():
     on, rng = mounted("ur5"), np.random.default_rng(1)
     stream = LogitStream(model_of(network("shear")), GraphBuilder(on))
-    taxels, out = felt(on, 60, rng), np.empty((2, 4), np.float32)
+    taxels, out = felt(on, 60, rng), np.empty((2, 2, 4), np.float32)
     stream.builder.advance(reading_of(on, 0, taxels, rng), taxels)
-    stream.push({1: Share(taxels, taxels, NOTHING)})
-    builder, held = stream.builder, (stream.parts, stream.windows[1].held)
-    given = (taxels, taxels, NOTHING, builder.T_world_link, builder.instant)
+    share = Share(taxels, taxels, NOTHING)
+    shares = held_shares({1: share, 2: share})
+    stream.push(shares)
+    given = (stream.parts, stream.held_pool, shares.held)
+    given += stream.builder.T_world_link, stream.builder.instant
     memsys_enable_stats()
     try:
         before = rtsys.get_allocation_stats()
         for n in range(30):
-            step(*held, *given, 3 * n, 3 * n + 3, out)
+            step(*given, 3 * n + 3, out)
         after = rtsys.get_allocation_stats()
     finally:
         memsys_disable_stats()
-    assert after.alloc - before.alloc == 30 * 5  # a handle for each array given
-    assert after.free - before.free == 30 * 5
+    assert after.alloc - before.alloc == 30 * 2  # a handle for each array given
+    assert after.free - before.free == 30 * 2
+
+
+def some_shares(on, keys, rng):
+    """A few taxels for each of some sequences."""
+    shares = {}
+    for key in keys:
+        taxels, earlier = felt(on, 6, rng), felt(on, 5, rng)
+        shares[key] = Share(taxels, earlier, rng.uniform(0, 9, len(NOTHING)))
+    return shares
+
+
+def test_sequences_side_by_side_give_what_each_gives_alone():
+    """Through more of them at once than there were rows for."""
+    on, rng = mounted("ur5"), np.random.default_rng(2)
+    model, count = model_of(network()), 2 * SEQUENCES + 1
+    together = LogitStream(model, GraphBuilder(on))
+    alone = {key: LogitStream(model, GraphBuilder(on)) for key in range(1, count + 1)}
+    for n, most in enumerate((3, SEQUENCES, count, 2, SEQUENCES)):
+        keys = rng.permutation(np.arange(1, most + 1)).tolist()
+        shares = some_shares(on, keys, rng)
+        every = np.concatenate([share.taxels for share in shares.values()])
+        reading = reading_of(on, n, every, rng)
+        for stream in (together, *alone.values()):
+            stream.builder.advance(reading, every)
+        together.push(held_shares(shares))
+        assert list(together.logits) == list(together.probabilities) == keys
+        for key, stream in alone.items():
+            own = {key: shares[key]} if key in shares else {}
+            stream.push(held_shares(own))
+            for found in ("logits", "probabilities"):
+                want = getattr(stream, found)
+                assert list(want) == list(own)
+                if own:
+                    got = getattr(together, found)[key]
+                    assert np.array_equal(got, want[key])
+    assert len(together.pool.keys) > SEQUENCES
+
+
+def test_a_sequence_that_has_ended_leaves_nothing_behind():
+    """Whoever comes next starts afresh in its row, by another key or by the same."""
+    on, rng = mounted("ur5"), np.random.default_rng(3)
+    model, builder = model_of(network()), GraphBuilder(on)
+    used, fresh = LogitStream(model, builder), LogitStream(model, builder)
+    last = 0
+    for n, key in enumerate((1, 1, 2, 2, 0, 2, 2)):
+        shares = some_shares(on, [key] if key else [], rng)
+        builder.advance(reading_of(on, n, felt(on, 9, rng), rng), felt(on, 9, rng))
+        if key != last:
+            fresh = LogitStream(model, builder)
+        for stream in (used, fresh):
+            stream.push(held_shares(shares))
+        assert list(used.logits) == list(shares)
+        if key:
+            assert np.array_equal(used.logits[key], fresh.logits[key])
+        last = key
+    assert np.count_nonzero(used.pool.slots > 0) == 1
+
+
+def test_what_was_told_does_not_change_later():
+    on, rng = mounted("ur5"), np.random.default_rng(4)
+    stream = LogitStream(model_of(network()), GraphBuilder(on))
+    told = []
+    for n in range(4):
+        shares = some_shares(on, [1, 2], rng)
+        stream.builder.advance(
+            reading_of(on, n, felt(on, 9, rng), rng), felt(on, 9, rng)
+        )
+        stream.push(held_shares(shares))
+        values = [*stream.logits.values(), *stream.probabilities.values()]
+        told.append((values, np.copy(values)))
+    for values, then in told:
+        assert np.array_equal(values, then)
 
 
 def test_probabilities_are_those_of_a_softmax_and_never_overflow():

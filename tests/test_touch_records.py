@@ -104,7 +104,7 @@ def test_a_touch_counts_its_contacts_and_keeps_its_farthest():
     for n, x in enumerate([0.1, 0.14, None, None, 0.12, None, None, 0.1]):
         load = np.zeros(mounted.skin.count)
         load = load if x is None else pressed(mounted.skin, (x, 0.02))
-        [touch] = pipeline.push_reading(reading_at(n / 20, load)).open_rows
+        [touch] = pipeline.push_reading(reading_at(n / 20, load)).rows
         found.append((touch.contacts, round(touch.farthest, 6)))
     assert [count for count, _ in found] == [1, 1, 1, 1, 2, 2, 2, 3]
     assert [far for _, far in found] == [0.0, *[0.04] * 7]

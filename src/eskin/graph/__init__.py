@@ -5,8 +5,9 @@ from eskin.graph.builder import GraphBuilder
 from eskin.graph.config import GraphConfig
 from eskin.graph.neighbours import FixedNeighbours, live_neighbours
 from eskin.graph.node_features import NODE_SCALARS, compressed, node_scalars
+from eskin.graph.shares import HeldShares, Share, held_shares
 from eskin.graph.shear_summary import SHEAR_SUMMARY, shear_summary
-from eskin.graph.stream import WHOLE_SKIN, GraphStream, Share
+from eskin.graph.stream import WHOLE_SKIN, GraphStream
 from eskin.graph.summary import PRESSURE_SUMMARY, pressure_summary
 
 __all__ = [
@@ -19,8 +20,10 @@ __all__ = [
     "GraphBuilder",
     "GraphConfig",
     "GraphStream",
+    "HeldShares",
     "Share",
     "compressed",
+    "held_shares",
     "join",
     "live_neighbours",
     "no_graphs",

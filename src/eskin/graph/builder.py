@@ -17,6 +17,7 @@ from eskin.graph.batch import GraphBatch
 from eskin.graph.builder_kernels import build_graph, take_in
 from eskin.graph.config import GraphConfig
 from eskin.graph.history import NOTHING
+from eskin.held import hold
 from eskin.skin import MountedSkin
 from eskin.touch import Reading
 from eskin.touch.poses import LivePoses
@@ -59,6 +60,7 @@ class GraphBuilder:
         self.poses = poses or LivePoses(mounted)
         self.ground = ground_of(mounted, self.config)
         self.loads = loads_of(mounted.skin.count)
+        self.held_loads = hold(self.loads)
         self.instant = Instant(0, LONG_AGO, LONGEST_STEP, False)
         self.T_world_link = np.empty((0, 4, 4))
         self.memory = graph_memory(MANY, self.ground)
@@ -79,7 +81,7 @@ class GraphBuilder:
         )
         self.T_world_link = self.poses.at(reading.q)
         shear = NO_SHEAR if reading.shear is None else reading.shear
-        take_in(active, reading.pressure, shear, self.instant, self.loads)
+        take_in(active, reading.pressure, shear, self.instant, self.held_loads)
 
     def room_for(self, active: int) -> GraphMemory:
         """Memory for the graph of so many taxels, active now or one reading ago."""

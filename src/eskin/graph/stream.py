@@ -1,14 +1,17 @@
 """From the touches of each reading to their graphs."""
 
-from typing import NamedTuple, final
+from typing import final
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Int
 
 from eskin.graph.batch import GraphBatch
 from eskin.graph.builder import GraphBuilder
 from eskin.graph.config import GraphConfig
-from eskin.graph.history import NOTHING, history_of
+from eskin.graph.history import NOTHING
+from eskin.graph.share_kernels import shares_of
+from eskin.graph.shares import HeldShares, Share, Shares, held_shares
+from eskin.held import let_go
 from eskin.skin import MountedSkin
 from eskin.touch import Reading, TouchState
 from eskin.touch.poses import LivePoses
@@ -17,19 +20,6 @@ WHOLE_SKIN = 0
 """The one sequence of a skin whose distances mean nothing; touches count from 1."""
 
 NOBODY = np.empty(0, dtype=np.int64)
-
-
-class Share(NamedTuple):
-    """What the graph of one sequence is made of at one reading."""
-
-    taxels: Int[np.ndarray, "active"]
-    """Its active taxels now."""
-
-    earlier: Int[np.ndarray, "earlier"]
-    """Those it had one reading ago."""
-
-    history: Float[np.ndarray, "column"]
-    """What it has been so far; see `eskin.graph.history.HISTORY`."""
 
 
 @final
@@ -56,6 +46,7 @@ class GraphStream:
         self.builder = GraphBuilder(mounted, config, poses)
         self.calibrated = mounted.skin.calibrated
         self.earlier = NOBODY
+        self.nothing = held_shares({})
 
     def key_of(self, touch: int) -> int:
         """The sequence that the touch of that id belongs to."""
@@ -66,19 +57,30 @@ class GraphStream:
 
         A touch between two contacts has a graph without pressure.
         """
-        shares = self.advance(state)
-        return {key: self.builder.graph(*share) for key, share in shares.items()}
+        shares: Shares = let_go(self.advance(state).held)
+        return {
+            int(key): self.builder.graph(
+                shares.active[slice(*now)], shares.earlier[slice(*before)], history
+            )
+            for key, now, before, history in zip(
+                *(shares.keys, shares.now, shares.before, shares.histories),
+                strict=True,
+            )
+        }
 
-    def advance(self, state: TouchState) -> dict[int, Share]:
+    def advance(self, state: TouchState) -> HeldShares:
         """Take in the next reading; return what each sequence has a share of."""
-        if self.calibrated:
-            shares = shares_of(state)
+        if self.calibrated and not state.going:
+            shares = self.nothing
+        elif self.calibrated:
+            held, active, most = shares_of(state.followed.held, state.reading.stamp)
+            keys = [touch.id for touch in state.going]
+            shares = HeldShares(keys, active, most, held)
         else:
             taxels = self.whole_skin(state)
-            shares = {WHOLE_SKIN: Share(taxels, self.earlier, NOTHING)}
+            shares = held_shares({WHOLE_SKIN: Share(taxels, self.earlier, NOTHING)})
             self.earlier = taxels
-        felt = [share.taxels for share in shares.values()]
-        self.builder.advance(state.reading, np.concatenate([NOBODY, *felt]))
+        self.builder.advance(state.reading, shares.active)
         return shares
 
     def whole_skin(self, state: TouchState) -> Int[np.ndarray, "active"]:
@@ -93,16 +95,3 @@ class GraphStream:
         size = np.linalg.norm(reading.shear, axis=1)
         enough = size >= self.builder.config.shear_on
         return np.flatnonzero(enough & reading.valid)
-
-
-def shares_of(state: TouchState) -> dict[int, Share]:
-    """The share of each open touch, by its id."""
-    taxels, stamp = state.records.loads["taxel"].copy(), state.reading.stamp
-    return {
-        touch.id: Share(
-            taxels[slice(*touch.loads)],
-            taxels[slice(*touch.before)],
-            history_of(touch, stamp),
-        )
-        for touch in state.open_rows
-    }

@@ -96,25 +96,25 @@ def head_weights(weights: Weights) -> HeadWeights:
     )
 
 
-def head_memory(weights: HeadWeights, slots: int) -> HeadMemory:
-    """Memory for a sequence of which nothing has come yet."""
+def head_memory(weights: HeadWeights, slots: int, *pool: int) -> HeadMemory:
+    """Memory for a sequence of which nothing has come yet, or for a pool of them."""
     inputs, tracks = weights.project_weight.shape
 
     def ring() -> np.ndarray:
-        return np.zeros((slots, tracks), np.float32)
+        return np.zeros((*pool, slots, tracks), np.float32)
 
     def seen() -> np.ndarray:
-        return np.zeros(slots, np.bool_)
+        return np.zeros((*pool, slots), np.bool_)
 
     return HeadMemory(
-        newest=np.zeros(inputs, np.float32),
+        newest=np.zeros((*pool, inputs), np.float32),
         fine_seen=seen(),
         fine=ring(),
         short_seen=seen(),
         short=ring(),
         long_seen=seen(),
         long=ring(),
-        statistics=np.zeros((SCALES * STATISTICS, tracks), np.float32),
+        statistics=np.zeros((*pool, SCALES * STATISTICS, tracks), np.float32),
     )
 
 

@@ -126,23 +126,21 @@ class Recognizer:
         self.logits = self.stream.logits
         self.probabilities = {
             touch.id: self.stream.probabilities[self.graphs.key_of(touch.id)]
-            for touch in state.open_rows
+            for touch in state.going
         }
         self.travel.push(state)
-        verdicts = self.decider.push(
-            stamp, state.open_rows, state.closed_rows, self.probabilities
-        )
+        verdicts = self.decider.push(stamp, state.going, state.over, self.probabilities)
         detections = []
         if verdicts:
             detections = self.detections(verdicts, (*state.touches, *state.closed))
-        self.travel.forget(touch.id for touch in state.closed_rows)
+        self.travel.forget(state.over)
         return detections
 
     def finish(self) -> list[Detection]:
         """Close the touches still open, as at the end of a recording."""
         closed = self.touches.finish()
         found = self.detections(self.decider.close(closed), closed)
-        self.travel.forget(touch.id for touch in closed)
+        self.travel.forget(closed)
         self.probabilities = {}
         return found
 

@@ -1,4 +1,4 @@
-"""The compiled step of one touch at one reading: from its taxels to probabilities."""
+"""The compiled step of one reading: from the taxels of touches to probabilities."""
 
 import math
 from typing import NamedTuple, no_type_check
@@ -8,13 +8,14 @@ from jaxtyping import Float, Int
 
 from eskin.graph.arrays import GraphMemory, Ground, Instant, Loads
 from eskin.graph.builder_kernels import build_graph
+from eskin.held import Held
 from eskin.live.encoder import EncoderMemory
 from eskin.live.feature_kernels import FeatureWeights, featurise
 from eskin.live.graph import Graph
-from eskin.live.head import HeadWeights
+from eskin.live.head import HeadMemory, HeadWeights
 from eskin.live.head_kernels import classify
-from eskin.live.held import Held
 from eskin.live.kernels import compiled
+from eskin.live.pool import FREE, LONG_AGO
 
 
 class StepParts(NamedTuple):
@@ -44,28 +45,70 @@ class StepParts(NamedTuple):
 @no_type_check
 def step(
     parts_held: Held,
-    window_held: Held,
+    pool_held: Held,
+    shares_held: Held,
+    T_world_link: Float[np.ndarray, "link 4 4"],
+    instant: Instant,
+    slot: int,
+    out: Float[np.ndarray, "share 2 class"],
+) -> None:
+    """Write logits and probabilities of each sequence at a reading that is taken in.
+
+    Args:
+        parts_held: `StepParts`, with room for every graph.
+        pool_held: `Pool`, with a row for every sequence.
+        shares_held: `Shares` of the reading.
+        T_world_link: of every link of the robot.
+        instant: of the reading.
+        slot: number of its slot, the same as that of the reading before or later.
+        out: where they go.
+    """
+    shares, pool = shares_held.parts, pool_held.parts
+    keys, now, before = shares.keys, shares.now, shares.before
+    free_others(keys, pool.keys)
+    for n in range(len(keys)):
+        row = row_of(keys[n], pool.keys, pool.slots)
+        step_one(
+            parts_held,
+            shares.active[now[n, 0] : now[n, 1]],
+            shares.earlier[before[n, 0] : before[n, 1]],
+            shares.histories[n],
+            T_world_link,
+            instant,
+            pool.slots[row],
+            slot,
+            window_of(row, pool.memory),
+            out[n],
+        )
+        pool.slots[row] = slot
+
+
+@compiled
+@no_type_check
+def step_one(
+    parts_held: Held,
     taxels: Int[np.ndarray, "active"],
     earlier: Int[np.ndarray, "earlier"],
     history: Float[np.ndarray, "column"],
     T_world_link: Float[np.ndarray, "link 4 4"],
     instant: Instant,
     before: int,
-    now: int,
+    slot: int,
+    window: HeadMemory,
     out: Float[np.ndarray, "2 class"],
 ) -> None:
-    """Write logits and probabilities of one sequence at a reading that is taken in.
+    """Write logits and probabilities of one sequence.
 
     Args:
-        parts_held: `StepParts`, with room for the touch's graph.
-        window_held: `HeadMemory` of the sequence.
+        parts_held: `StepParts`, with room for the graph.
         taxels: its active taxels now.
         earlier: those it had one reading ago.
         history: what it has been so far.
         T_world_link: of every link of the robot.
         instant: of the reading.
         before: number of the slot of the reading before; long ago for the first.
-        now: number of its own slot, the same or later.
+        slot: number of its own slot, the same or later.
+        window: of the sequence.
         out: where they go.
     """
     parts = parts_held.parts
@@ -95,8 +138,52 @@ def step(
         memory.history,
     )
     featurise(graph, parts.shear, parts.weights, parts.encoder, parts.features)
-    classify(parts.features, before, now, parts.heads, window_held.parts, out[0])
+    classify(parts.features, before, slot, parts.heads, window, out[0])
     calibrate(out[0], parts.temperature, out[1])
+
+
+@compiled
+@no_type_check
+def free_others(keys: Int[np.ndarray, "share"], rows: Int[np.ndarray, "row"]) -> None:
+    """Free the rows of sequences that have no share: they have ended."""
+    for row in range(len(rows)):
+        ended = True
+        for key in keys:
+            ended = ended and rows[row] != key
+        if ended:
+            rows[row] = FREE
+
+
+@compiled
+@no_type_check
+def row_of(
+    key: int, rows: Int[np.ndarray, "row"], slots: Int[np.ndarray, "row"]
+) -> int:
+    """The row of a sequence; a new one gets a free row and starts afresh."""
+    free = FREE
+    for row in range(len(rows)):
+        if rows[row] == key:
+            return row
+        if rows[row] == FREE and free == FREE:
+            free = row
+    rows[free], slots[free] = key, LONG_AGO
+    return free
+
+
+@compiled
+@no_type_check
+def window_of(row: int, memory: HeadMemory) -> HeadMemory:
+    """The memory of one row of a pool."""
+    return HeadMemory(
+        memory.newest[row],
+        memory.fine_seen[row],
+        memory.fine[row],
+        memory.short_seen[row],
+        memory.short[row],
+        memory.long_seen[row],
+        memory.long[row],
+        memory.statistics[row],
+    )
 
 
 @compiled

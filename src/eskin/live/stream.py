@@ -1,19 +1,21 @@
 """From the shares of each reading to the logits of each sequence."""
 
-from collections.abc import Mapping
 from typing import final
 
 import numpy as np
 from jaxtyping import Float
 
-from eskin.graph import GraphBuilder, Share
-from eskin.live.held import Held, hold
+from eskin.graph import GraphBuilder, HeldShares
+from eskin.held import Held, hold
 from eskin.live.network import Network
+from eskin.live.pool import FREE, fresh_pool, larger_pool
 from eskin.live.step_kernels import StepParts, calibrate, step
-from eskin.live.window import Window
 from eskin.model import SLOT_NS, Model
 
 PerClass = Float[np.ndarray, "class"]
+
+SEQUENCES = 8
+"""That there are windows for at first."""
 
 
 @final
@@ -36,13 +38,15 @@ class LogitStream:
         self.network = Network(model)
         self.builder = builder
         self.temperature = model.card.temperature
-        self.windows: dict[int, Window] = {}
+        self.classes = len(self.network.heads.classify_bias)
         self.logits: dict[int, PerClass] = {}
         self.probabilities: dict[int, PerClass] = {}
         self.memory = builder.memory
         self.parts = self.hold_parts()
+        self.pool = fresh_pool(self.network.heads, self.network.slots, SEQUENCES)
+        self.held_pool = hold(self.pool)
 
-    def push(self, shares: Mapping[int, Share]) -> None:
+    def push(self, shares: HeldShares) -> None:
         """Take the next reading, once the builder has taken it in.
 
         A sequence without a share has ended.
@@ -50,36 +54,35 @@ class LogitStream:
         Args:
             shares: one a sequence.
         """
-        self.windows = {
-            key: self.windows.get(key) or self.network.window() for key in shares
-        }
-        self.logits, self.probabilities = {}, {}
-        for key, share in shares.items():
-            found = self.step(share, self.windows[key])
-            self.logits[key], self.probabilities[key] = found
-
-    def step(self, share: Share, window: Window) -> Float[np.ndarray, "2 class"]:
-        """Logits and probabilities of one sequence."""
+        keys = shares.keys
+        if not keys:
+            self.pool.keys.fill(FREE)
+            self.logits, self.probabilities = {}, {}
+            return
+        self.make_room(shares)
         builder = self.builder
-        memory = builder.room_for(len(share.taxels) + len(share.earlier))
-        if memory is not self.memory:
-            self.memory, self.parts = memory, self.hold_parts()
-        now = builder.instant.stamp // SLOT_NS
-        out = np.empty((2, window.classes), np.float32)
+        out = np.empty((len(keys), 2, self.classes), np.float32)
         step(
             self.parts,
-            window.held,
-            share.taxels,
-            share.earlier,
-            share.history,
+            self.held_pool,
+            shares.held,
             builder.T_world_link,
             builder.instant,
-            window.now,
-            now,
+            builder.instant.stamp // SLOT_NS,
             out,
         )
-        window.now = now
-        return out
+        self.logits = dict(zip(keys, out[:, 0], strict=True))
+        self.probabilities = dict(zip(keys, out[:, 1], strict=True))
+
+    def make_room(self, shares: HeldShares) -> None:
+        """Take more memory where a graph, or all sequences at once, need it."""
+        memory = self.builder.room_for(shares.most)
+        if memory is not self.memory:
+            self.memory, self.parts = memory, self.hold_parts()
+        count = len(shares.keys)
+        if count > len(self.pool.keys):
+            self.pool = larger_pool(self.pool, self.network.heads, 2 * count)
+            self.held_pool = hold(self.pool)
 
     def hold_parts(self) -> Held:
         """Hand over everything anew, where memory has grown."""

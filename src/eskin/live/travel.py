@@ -1,14 +1,14 @@
 """Which way each touch has gone over the robot."""
 
-from collections.abc import Iterable
+from collections.abc import Sequence
 from typing import final
 
 import numpy as np
 from jaxtyping import Float
 
-from eskin.touch import TouchState
+from eskin.touch import Touch, TouchState
 from eskin.touch.poses import LivePoses
-from eskin.touch.records import TouchRow
+from eskin.touch.records import TouchBrief
 
 
 @final
@@ -27,27 +27,32 @@ class Travel:
         """
         self.poses = poses
         self.still = still
-        self.felt: dict[int, tuple[TouchRow, np.ndarray]] = {}
+        self.felt: dict[int, tuple[TouchState, np.ndarray]] = {}
 
     def push(self, state: TouchState) -> None:
         """Follow the touches that are in contact at this reading."""
-        for touch in state.open_rows:
+        if not state.going:
+            return
+        then = state, self.poses.at(state.reading.q)
+        for touch in state.going:
             if touch.last == state.reading.stamp:
-                self.felt[touch.id] = touch, self.poses.at(state.reading.q)
+                self.felt[touch.id] = then
 
     def of(self, touch: int) -> Float[np.ndarray, "3"]:
         """The direction of the touch of that id at its latest contact.
 
         A unit vector in the world, zero where the touch stayed in its place.
         """
-        then, T_world_link = self.felt[touch]
-        travel = then.latest - then.start
+        state, T_world_link = self.felt[touch]
+        touches = state.records.touches
+        [then] = touches[touches["id"] == touch]
+        travel = then["latest"] - then["start"]
         distance = np.linalg.norm(travel)
         if distance < self.still:
             return np.zeros(3)
-        return T_world_link[then.link, :3, :3] @ travel / distance
+        return T_world_link[then["link"], :3, :3] @ travel / distance
 
-    def forget(self, closed: Iterable[int]) -> None:
-        """Drop the touches of these ids, which are over."""
+    def forget(self, closed: Sequence[Touch | TouchBrief]) -> None:
+        """Drop touches that are over."""
         for touch in closed:
-            self.felt.pop(touch, None)
+            self.felt.pop(touch.id, None)

@@ -7,10 +7,8 @@ from jaxtyping import Float
 
 from eskin.live.head import HeadWeights, head_memory
 from eskin.live.head_kernels import classify
-from eskin.live.held import hold
+from eskin.live.pool import LONG_AGO
 from eskin.model import SLOT_NS
-
-LONG_AGO = -(2**62)
 
 
 @final
@@ -25,13 +23,7 @@ class Window:
         """Start empty."""
         self.weights = weights
         self.memory = head_memory(weights, slots)
-        self.held = hold(self.memory)
         self.now = LONG_AGO
-
-    @property
-    def classes(self) -> int:
-        """Number of logits."""
-        return len(self.weights.classify_bias)
 
     def push(
         self, stamp: int, features: Float[np.ndarray, "channel"]

@@ -5,15 +5,16 @@ from typing import final
 import numpy as np
 
 from eskin.errors import ReadingError
+from eskin.held import hold
 from eskin.skin.mount import MountedSkin
 from eskin.touch.active_kernels import find_candidates
 from eskin.touch.adjacency import MICROMETRE, Adjacency
 from eskin.touch.contacts import ContactConfig
-from eskin.touch.follow_kernels import follow
+from eskin.touch.follow_kernels import FollowParts, follow
 from eskin.touch.memory import HELD, fresh_memory, sites_of
 from eskin.touch.poses import LivePoses
 from eskin.touch.reading import Reading, check_order
-from eskin.touch.records import NOTHING, TouchRecords
+from eskin.touch.records import NOTHING, Followed, TouchBrief
 from eskin.touch.rules import Instant, Rules
 from eskin.touch.touches import TouchConfig
 from eskin.touch.tracks import TrackConfig
@@ -46,19 +47,24 @@ class TouchFollower:
         adjacency = Adjacency.of(
             skin, contacts.reach, contacts.least_reach if skin.calibrated else 0.0
         )
-        self.sites = sites_of(mounted, adjacency)
-        self.neighbours = adjacency.neighbours
-        self.rules = rules_of(contacts, tracks, touches, skin.calibrated)
         # Below every pressure that the kernel may let pass, whatever their precision.
         least = np.float32(min(contacts.on, contacts.off))
         self.least = np.nextafter(least, np.float32(-np.inf))
         self.candidates = np.empty(skin.count, np.int64)
         self.memory = fresh_memory(skin.count)
-        self.records = NOTHING
+        parts = FollowParts(
+            rules=rules_of(contacts, tracks, touches, skin.calibrated),
+            sites=sites_of(mounted, adjacency),
+            neighbours=adjacency.neighbours,
+            memory=self.memory,
+        )
+        self.parts = hold(parts)
+        self.nothing = Followed(hold(NOTHING), (), ())
+        self.followed = self.nothing
         self.first: int | None = None
         self.last: int | None = None
 
-    def push(self, reading: Reading) -> TouchRecords:
+    def push(self, reading: Reading) -> Followed:
         """Follow into the next reading.
 
         Raises:
@@ -67,11 +73,12 @@ class TouchFollower:
         """
         self.check(reading)
         found = find_candidates(reading.pressure, self.least, self.candidates)
-        if found or self.records is not NOTHING or self.memory.counts[HELD]:
-            self.records = self.follow(reading, self.candidates[:found])
+        touched = self.followed is not self.nothing
+        if found or touched or self.memory.counts[HELD]:
+            self.followed = self.follow(reading, self.candidates[:found])
         self.first = reading.stamp if self.first is None else self.first
         self.last = reading.stamp
-        return self.records
+        return self.followed
 
     def check(self, reading: Reading) -> None:
         """Refuse a reading that is not the next one of this skin."""
@@ -84,8 +91,8 @@ class TouchFollower:
         self.poses.check(reading.q)
         check_order(self.last, reading.stamp)
 
-    def follow(self, reading: Reading, candidates: np.ndarray) -> TouchRecords:
-        """The records of the next reading, whose active taxels are among some."""
+    def follow(self, reading: Reading, candidates: np.ndarray) -> Followed:
+        """The touches of the next reading, whose active taxels are among some."""
         stamp = reading.stamp
         first = stamp if self.first is None else self.first
         last = stamp if self.last is None else self.last
@@ -98,26 +105,22 @@ class TouchFollower:
             reading.valid,
             self.poses.at(reading.q),
         )
-        records = follow(
-            candidates,
-            instant,
-            self.rules,
-            self.sites,
-            self.neighbours,
-            self.memory,
-            self.records,
+        held, rows, going, tracks = follow(
+            candidates, instant, self.parts, self.followed.held
         )
-        nobody = not len(records.tracks) and not len(records.touches)
-        return NOTHING if nobody else records
+        if not len(rows) and not tracks:
+            return self.nothing
+        briefs = tuple(map(TouchBrief._make, rows.tolist()))
+        return Followed(held, briefs[:going], briefs[going:])
 
-    def finish(self) -> TouchRecords:
+    def finish(self) -> Followed:
         """Let go of every track and touch, as at the end of a recording.
 
         Returns:
-            The records of the last reading.
+            The touches of the last reading.
         """
-        records, self.records = self.records, NOTHING
-        return records
+        followed, self.followed = self.followed, self.nothing
+        return followed
 
 
 def rules_of(

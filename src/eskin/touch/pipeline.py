@@ -89,9 +89,9 @@ class TouchPipeline:
         Raises:
             ReadingError: as for a scan.
         """
-        records = self.follower.push(reading)
+        followed = self.follower.push(reading)
         self.reading = reading
-        return TouchState(reading, faults, records, self.mounted)
+        return TouchState(reading, faults, followed, self.mounted)
 
     def finish(self) -> tuple[Touch, ...]:
         """Close the touches still open, as at the end of a recording.

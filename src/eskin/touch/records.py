@@ -9,6 +9,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from eskin.held import Held
+
 SPAN = ("i8", 2)
 VECTOR = ("f8", 3)
 
@@ -117,6 +119,27 @@ class TouchRecords(NamedTuple):
     """(load) LOAD: the spans of contacts and touches, which may share some."""
     members: np.ndarray
     """(track) ids of tracks: the spans of touches."""
+
+
+class TouchBrief(NamedTuple):
+    """What is looked at of every touch at every reading."""
+
+    id: int
+    onset: int
+    last: int
+    merged_into: int
+    closed: int
+
+
+class Followed(NamedTuple):
+    """The touches of one reading: what everybody asks for, and a handle on the rest."""
+
+    held: Held
+    """`TouchRecords`."""
+    going: tuple[TouchBrief, ...]
+    """Touches that are open, by id."""
+    over: tuple[TouchBrief, ...]
+    """Those that closed with this reading."""
 
 
 NOTHING = TouchRecords(

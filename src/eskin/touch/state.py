@@ -5,11 +5,19 @@ from functools import cached_property
 
 import numpy as np
 
+from eskin.held import let_go
 from eskin.skin.mount import MountedSkin
 from eskin.touch.contacts import Contact
 from eskin.touch.fault import Fault
 from eskin.touch.reading import Reading
-from eskin.touch.records import ENDED, PAST, TouchRecords, TouchRow
+from eskin.touch.records import (
+    ENDED,
+    PAST,
+    Followed,
+    TouchBrief,
+    TouchRecords,
+    TouchRow,
+)
 from eskin.touch.touches import Touch
 from eskin.touch.tracks import Track
 
@@ -24,21 +32,26 @@ class TouchState:
     faults: tuple[Fault, ...]
     """Faults known now."""
 
-    records: TouchRecords
-    """All that follows, as arrays."""
+    followed: Followed
+    """All that follows, as it was found."""
 
     mounted: MountedSkin
     """The skin that it is on."""
 
-    @cached_property
-    def open_rows(self) -> tuple[TouchRow, ...]:
-        """The touches that are open, as they are recorded."""
-        return tuple(row for row in self.rows if not row.closed)
+    @property
+    def going(self) -> tuple[TouchBrief, ...]:
+        """The touches that are open, in brief."""
+        return self.followed.going
+
+    @property
+    def over(self) -> tuple[TouchBrief, ...]:
+        """The touches that closed with this reading, in brief."""
+        return self.followed.over
 
     @cached_property
-    def closed_rows(self) -> tuple[TouchRow, ...]:
-        """The touches that closed with this reading, as they are recorded."""
-        return tuple(row for row in self.rows if row.closed)
+    def records(self) -> TouchRecords:
+        """All that follows, as arrays."""
+        return let_go(self.followed.held)
 
     @cached_property
     def rows(self) -> tuple[TouchRow, ...]:
@@ -71,12 +84,12 @@ class TouchState:
     @cached_property
     def touches(self) -> tuple[Touch, ...]:
         """Touches that are open."""
-        return tuple(map(self.touch, self.open_rows))
+        return tuple(self.touch(row) for row in self.rows if not row.closed)
 
     @cached_property
     def closed(self) -> tuple[Touch, ...]:
         """Touches that closed with this reading."""
-        return tuple(map(self.touch, self.closed_rows))
+        return tuple(self.touch(row) for row in self.rows if row.closed)
 
     @cached_property
     def all_contacts(self) -> tuple[Contact, ...]:

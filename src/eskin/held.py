@@ -1,6 +1,7 @@
 """Arrays handed to compiled code once, and not at every call.
 
-Handing over an array costs 0.2 us; a recogniser's step needs eighty of them.
+Handing over an array costs 0.2 us and handing one back 0.8 us; a recogniser's step
+needs a hundred of them.
 """
 
 from typing import Any, no_type_check
@@ -30,8 +31,15 @@ class Held(structref.StructRefProxy):
 structref.define_proxy(Held, HeldType, ["parts"])
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 @no_type_check
 def hold(parts: tuple) -> Held:
     """A handle on a named tuple, perhaps of further ones."""
     return Held(parts)
+
+
+@njit(cache=True, nogil=True)
+@no_type_check
+def let_go(held: Held) -> Any:  # noqa: ANN401
+    """What a handle holds."""
+    return held.parts
