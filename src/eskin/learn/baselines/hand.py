@@ -95,10 +95,9 @@ class GraphWindow:
         self, pressure: Float[np.ndarray, "taxel"], q: Float[np.ndarray, "joint"]
     ) -> None:
         """Take the next reading."""
-        active = pressure >= TOUCHED
-        taxels = np.flatnonzero(active)
+        taxels = np.flatnonzero(pressure >= TOUCHED)
         reading = Reading(self.stamp, pressure, self.valid, q.astype(np.float64))
-        self.builder.advance(reading, active)
+        self.builder.advance(reading, taxels)
         self.graphs.append(self.builder.graph(taxels, self.earlier))
         self.earlier, self.stamp = taxels, self.stamp + STEP_NS
 
