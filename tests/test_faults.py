@@ -193,3 +193,37 @@ def test_faults_do_not_depend_on_the_rate():
     assert [(f.kind, place_of(f)) for f in slow] == [
         (f.kind, place_of(f)) for f in fast
     ]
+
+
+def test_a_taxel_that_jumps_on_its_own_is_noisy_until_it_stops():
+    rng = np.random.default_rng(5)
+
+    def plant(t, counts, received):
+        if 3.0 <= t < 12.0:
+            counts[SICK] += round(80 * rng.standard_normal())
+
+    said = play(plant, seconds=18.0)
+    [fault] = next(faults for t, _, faults in said if t >= 11.9)
+    assert (fault.kind, place_of(fault)) == ("noisy", PLACE)
+    assert 0 <= fault.since - (START + 3 * SECOND) < 2 * SECOND
+    assert not said[-1][2]
+    assert not any(faults for t, _, faults in said if t < 6.0)
+
+
+def test_a_hand_that_shakes_is_no_noise():
+    """Its whole place shakes with it, and slower than a sensor's noise."""
+    place = [i for i in range(36) if SKIN.rows[i] < 4 and SKIN.columns[i] < 4]
+
+    def shake(t, counts, received):
+        if t >= 3.0:
+            counts[place] += round(300 + 80 * np.sin(2 * np.pi * 9.0 * t))
+
+    assert not any(faults for _, _, faults in play(shake, seconds=15.0))
+
+
+def test_a_finger_that_rubs_over_a_taxel_is_no_noise():
+    def rub(t, counts, received):
+        if t >= 3.0:
+            counts[SICK] += round(150 + 150 * np.sin(2 * np.pi * 3.0 * t))
+
+    assert not any(faults for _, _, faults in play(rub, seconds=15.0))

@@ -8,7 +8,12 @@ EskinError
 ├── RecordingError      a recording that cannot be read           (ValueError)
 ├── ImportSourceError   a public data set that cannot be converted (ValueError)
 ├── ModelError          weights that cannot be used               (ValueError)
-└── GenerationError     clips that cannot be simulated            (ValueError)
+├── GenerationError     clips that cannot be simulated            (ValueError)
+├── PacketError         bytes that are no packet of a device      (ValueError)
+├── CommandError        a command map that cannot be used         (ValueError)
+├── DeviceError         a device or port that cannot be used      (OSError)
+├── ArmError            an arm that cannot be used                (OSError)
+└── StreamError         a stream that had to stop                 (RuntimeError)
 
 Every message says what is wrong, what was got, what is allowed, and the remedy, in one
 line. The command line turns each of these into that line and exit code 2.
@@ -49,3 +54,32 @@ class ModelError(EskinError, ValueError):
 
 class GenerationError(EskinError, ValueError):
     """Clips that cannot be simulated, or not there."""
+
+
+class PacketError(EskinError, ValueError):
+    """Bytes that are no packet of the device protocol.
+
+    Attributes:
+        reason: the check that failed: `length`, `crc`, `version`, `kind` or `content`.
+    """
+
+    def __init__(self, message: str, reason: str) -> None:
+        """Say what is wrong, and by which check."""
+        super().__init__(message)
+        self.reason = reason
+
+
+class DeviceError(EskinError, OSError):
+    """A device, port or address that cannot be used, or is lost."""
+
+
+class CommandError(EskinError, ValueError):
+    """A command map that cannot be used."""
+
+
+class ArmError(EskinError, OSError):
+    """An arm that cannot be used, or is lost."""
+
+
+class StreamError(EskinError, RuntimeError):
+    """A stream that had to stop, or cannot begin."""

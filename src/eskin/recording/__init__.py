@@ -4,6 +4,7 @@ from eskin.recording.agreement import Agreement
 from eskin.recording.autolabel import AutoLabelConfig, label_automatically
 from eskin.recording.conversion import Conversion
 from eskin.recording.detection import DetectionRecord
+from eskin.recording.event import EventRecord
 from eskin.recording.folder import find_recordings
 from eskin.recording.labels import (
     NONE,
@@ -35,6 +36,7 @@ __all__ = [
     "rewrite",
     "Conversion",
     "DetectionRecord",
+    "EventRecord",
     "Label",
     "Metadata",
     "Recording",

@@ -36,6 +36,11 @@ class CdrPacker:
         self.align(4)
         self.buffer += struct.pack("<I", value)
 
+    def signed(self, value: int) -> None:
+        """Append an int32."""
+        self.align(4)
+        self.buffer += struct.pack("<i", value)
+
     def number(self, value: float, code: str = "d") -> None:
         """Append a float64 (`d`) or float32 (`f`)."""
         self.align(struct.calcsize(code))
@@ -98,6 +103,10 @@ class CdrUnpacker:
     def unsigned(self) -> int:
         """Take a uint32."""
         return self.take("I", 4)[0]
+
+    def signed(self) -> int:
+        """Take an int32."""
+        return self.take("i", 4)[0]
 
     def number(self, code: str = "d") -> float:
         """Take a float64 (`d`) or float32 (`f`)."""

@@ -1,4 +1,4 @@
-"""The five messages of a recording, to CDR and back; definitions are in `schemas`."""
+"""The six messages of a recording, to CDR and back; definitions are in `schemas`."""
 
 from dataclasses import dataclass
 from functools import lru_cache
@@ -11,11 +11,13 @@ from jaxtyping import Bool, Float, Int, Integer
 from eskin.errors import RecordingError
 from eskin.recording.cdr import CdrPacker, CdrUnpacker
 from eskin.recording.detection import DetectionRecord, Vector
+from eskin.recording.event import EventRecord
 from eskin.recording.labels import Label
 from eskin.recording.truth import TruthRecord
 from eskin.touch.reading import Scan
 
 WORLD = "world"
+NOWHERE = -1
 TRUTH_COUNT = 5
 TRUTH_NUMBERS = Struct(f"<{TRUTH_COUNT}d")
 
@@ -69,7 +71,7 @@ def unpack_reading(data: bytes) -> ReadingMessage:
     stamp = unpacker.stamp()
     unpacker.string()
     counts = unpacker.sequence("<u2").astype(np.int32)
-    received = unpacker.sequence("?")
+    received = unpacker.sequence("u1") != 0
     shear = unpacker.sequence("<i2").astype(np.int32)
     if len(received) != len(counts) or len(shear) not in (0, 2 * len(counts)):
         raise RecordingError(
@@ -205,3 +207,25 @@ def unpack_truth(data: bytes) -> TruthRecord:
     return TruthRecord(
         stamp, touch, gesture, kind, link, force, area, cast(Vector, tuple(point))
     )
+
+
+def pack_event(record: EventRecord, frame_id: str) -> bytes:
+    """Message of `/eskin/event`."""
+    packer = CdrPacker()
+    packer.stamp(record.stamp)
+    for text in (frame_id, record.kind, record.text, record.patch or ""):
+        packer.string(text)
+    for place in (record.row, record.column, record.taxel):
+        packer.signed(NOWHERE if place is None else place)
+    return packer.bytes()
+
+
+def unpack_event(data: bytes) -> EventRecord:
+    """Contents of a message of `/eskin/event`."""
+    unpacker = CdrUnpacker(data)
+    stamp = unpacker.stamp()
+    unpacker.string()
+    kind, text, patch = (unpacker.string() for _ in range(3))
+    places = (unpacker.signed() for _ in range(3))
+    row, column, taxel = (None if n == NOWHERE else n for n in places)
+    return EventRecord(stamp, kind, text, patch or None, row, column, taxel)

@@ -12,11 +12,13 @@ from jaxtyping import Bool, Float, Int
 from mcap.records import Attachment
 from mcap.records import Metadata as MetadataItem
 
-from eskin.errors import RecordingError
+from eskin.errors import RecordingError, SkinError
 from eskin.recording.detection import DetectionRecord
+from eskin.recording.event import EventRecord
 from eskin.recording.labels import Label, sort_labels
 from eskin.recording.messages import (
     unpack_detection,
+    unpack_event,
     unpack_joint_state,
     unpack_label,
     unpack_reading,
@@ -24,7 +26,14 @@ from eskin.recording.messages import (
 )
 from eskin.recording.metadata import Metadata
 from eskin.recording.records import McapStream, TopicMessage
-from eskin.recording.schemas import DETECTION, JOINT_STATES, LABEL, READING, TRUTH
+from eskin.recording.schemas import (
+    DETECTION,
+    EVENT,
+    JOINT_STATES,
+    LABEL,
+    READING,
+    TRUTH,
+)
 from eskin.recording.truth import TruthRecord
 from eskin.recording.writer import CALIBRATION_NAME, FORMAT, RECORD_NAME, SKIN_NAME
 from eskin.skin.files import skin_from_bytes
@@ -69,6 +78,8 @@ class Recording:
     """Sorted by start."""
     detections: tuple[DetectionRecord, ...]
     """In the order in which they were said."""
+    events: tuple[EventRecord, ...]
+    """In the order in which they were noticed."""
     count: int
     """Number of scans."""
     start: int
@@ -152,7 +163,7 @@ def broken(path: Path, message: TopicMessage, error: Exception) -> RecordingErro
     """The error that says which message could not be used."""
     return RecordingError(
         f"{path}: message on {message.topic} at {message.log_time} ns cannot be used: "
-        f"{error}; record or convert it again"
+        f"{' '.join(str(error).split())}; record or convert it again"
     )
 
 
@@ -188,6 +199,7 @@ class Findings:
         self.attachments: dict[str, bytes] = {}
         self.labels: list[Label] = []
         self.detections: list[DetectionRecord] = []
+        self.events: list[EventRecord] = []
         self.stamps: list[int] = []
         self.count = 0
 
@@ -212,30 +224,65 @@ class Findings:
             self.labels.append(unpack_label(message.data))
         elif message.topic == DETECTION.name:
             self.detections.append(unpack_detection(message.data))
+        elif message.topic == EVENT.name:
+            self.events.append(unpack_event(message.data))
 
     def recording(self, truncated: bool) -> Recording:
         """The recording, when its beginning is there."""
         if self.facts and self.facts.get("format") != FORMAT:
             raise RecordingError(
-                f"{self.path} has recording format '{self.facts.get('format')}'; "
-                f"allowed is {FORMAT}; use the version of eskin that wrote it"
+                f"{self.path} has recording format {self.facts.get('format')!r:.40}; "
+                f"allowed is '{FORMAT}'; use the version of eskin that wrote it"
             )
         skin = self.attachment(SKIN_NAME, truncated)
         calibration = self.attachment(CALIBRATION_NAME, truncated)
         return Recording(
             path=self.path,
-            robot_name=self.facts["robot"],
-            joint_names=tuple(json.loads(self.facts.get("joints", "[]"))),
-            skin=shared_skin(skin),
+            robot_name=self.robot_name(),
+            joint_names=self.joint_names(),
+            skin=self.skin(skin),
             calibration=Calibration.from_bytes(calibration),
             metadata=Metadata.from_record(self.facts),
             labels=sort_labels(self.labels),
             detections=tuple(self.detections),
+            events=tuple(self.events),
             count=self.count,
             start=self.stamps[0] if self.stamps else 0,
             end=self.stamps[-1] if self.stamps else 0,
             truncated=truncated,
         )
+
+    def robot_name(self) -> str:
+        """What the metadata says the skin is on."""
+        if "robot" not in self.facts:
+            raise RecordingError(
+                f"{self.path} does not say its robot; allowed is metadata with 'robot'"
+                "; copy it again from where it was recorded"
+            )
+        return self.facts["robot"]
+
+    def joint_names(self) -> tuple[str, ...]:
+        """What the metadata says of the joints; none where it says nothing."""
+        text = self.facts.get("joints", "[]")
+        try:
+            names = json.loads(text)
+        except (ValueError, RecursionError):
+            names = None
+        if isinstance(names, list) and all(isinstance(name, str) for name in names):
+            return tuple(names)
+        raise RecordingError(
+            f"{self.path} has joints {text!r:.60}; allowed is a JSON list of names; "
+            "copy it again from where it was recorded"
+        )
+
+    def skin(self, data: bytes) -> Skin:
+        """The skin of the attachment with these bytes."""
+        try:
+            return shared_skin(data)
+        except SkinError as error:
+            raise RecordingError(
+                f"{self.path} has a skin that cannot be used: {error}"
+            ) from error
 
     def attachment(self, name: str, truncated: bool) -> bytes:
         """An attachment, or an error that says why it is not there."""

@@ -21,6 +21,16 @@ from eskin.errors import RecordingError
 MAGIC = b"\x89MCAP0\r\n"
 RECORD = struct.Struct("<BQ")
 MESSAGE = struct.Struct("<HIQQ")
+MOST_CHUNK = 64 << 20
+"""Of one chunk, before compression [bytes]; ours have about one million."""
+
+
+class DamageError(Exception):
+    """A record whose bytes are not those that were written."""
+
+
+# A length beyond what an index can hold overflows in the mcap library.
+DAMAGES = (DamageError, McapError, OverflowError, UnicodeDecodeError, struct.error)
 
 
 class TopicMessage(NamedTuple):
@@ -73,7 +83,7 @@ class McapStream:
                 continue
             try:
                 items = list(self.parse(opcode, body))
-            except (McapError, struct.error, UnicodeDecodeError, DamageError):
+            except DAMAGES:
                 return
             yield from items
 
@@ -104,20 +114,28 @@ class McapStream:
         """Records of a chunk, checked against its CRC."""
         if chunk.compression not in ("", "zstd"):
             raise RecordingError(
-                f"{self.path} has chunks compressed with {chunk.compression}; allowed "
-                "are zstd and none; compress it again: mcap compress"
+                f"{self.path} has chunks compressed with {chunk.compression!r:.40}; "
+                "allowed are zstd and none; compress it again: mcap compress"
             )
-        try:
-            data = (
-                zstandard.decompress(chunk.data, chunk.uncompressed_size)
-                if chunk.compression
-                else chunk.data
-            )
-        except zstandard.ZstdError as error:
-            raise DamageError from error
+        data = self.unpacked(chunk) if chunk.compression else chunk.data
         if chunk.uncompressed_crc not in (0, zlib.crc32(data)):
             raise DamageError
         return data
+
+    def unpacked(self, chunk: Chunk) -> bytes:
+        """What a compressed chunk holds; no more memory is taken than it promises."""
+        try:
+            size = zstandard.frame_content_size(chunk.data)
+            if size not in (-1, chunk.uncompressed_size):
+                raise DamageError
+            if chunk.uncompressed_size > MOST_CHUNK:
+                raise RecordingError(
+                    f"{self.path} has a chunk of {chunk.uncompressed_size} bytes; "
+                    f"allowed are {MOST_CHUNK}; write it again in smaller chunks"
+                )
+            return zstandard.decompress(chunk.data, chunk.uncompressed_size)
+        except zstandard.ZstdError as error:
+            raise DamageError from error
 
     def messages(self, data: bytes) -> Iterator[TopicMessage]:
         """Messages among records that lie one after the other; channels are noted."""
@@ -146,7 +164,3 @@ def check_attachment(body: bytes) -> None:
     (crc,) = struct.unpack("<I", body[-4:])
     if crc not in (0, zlib.crc32(body[:-4])):
         raise DamageError
-
-
-class DamageError(Exception):
-    """A record whose bytes are not those that were written."""

@@ -109,6 +109,7 @@ def rewrite(
                 recording.labels if labels is None else labels,
                 recording.detections if detections is None else detections,
                 recording.truths(),
+                recording.events,
             )
     except BaseException:
         writer.part.unlink(missing_ok=True)

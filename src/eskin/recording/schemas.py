@@ -130,5 +130,27 @@ geometry_msgs/Point centroid
     ),
 )
 
+EVENT = Topic(
+    "/eskin/event",
+    "eskin_msgs/msg/Event",
+    definition(
+        """
+# Something that happened to the skin. frame_id is the skin's name.
+std_msgs/Header header
+string kind
+# The same as a sentence.
+string text
+# Empty where it is of no one patch.
+string patch
+# -1 where it is of no one row, column or taxel.
+int32 row
+int32 column
+int32 taxel
+""",
+        HEADER,
+        TIME,
+    ),
+)
+
 TOPICS = (READING, JOINT_STATES, LABEL, DETECTION)
-"""Those of every recording; `TRUTH` is only in those that know it."""
+"""Those of every recording; `TRUTH` and `EVENT` are only in those that have some."""

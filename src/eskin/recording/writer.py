@@ -17,10 +17,12 @@ from jaxtyping import Bool, Float, Int
 from eskin.errors import RecordingError
 from eskin.recording.block import pack_joint_states, pack_readings
 from eskin.recording.detection import DetectionRecord
+from eskin.recording.event import EventRecord
 from eskin.recording.labels import Label, sort_labels
 from eskin.recording.mcap_file import McapFile
 from eskin.recording.messages import (
     pack_detection,
+    pack_event,
     pack_joint_state,
     pack_label,
     pack_reading,
@@ -29,6 +31,7 @@ from eskin.recording.messages import (
 from eskin.recording.metadata import Metadata
 from eskin.recording.schemas import (
     DETECTION,
+    EVENT,
     JOINT_STATES,
     LABEL,
     READING,
@@ -48,6 +51,8 @@ RECORD_NAME = "eskin"
 SKIN_NAME = "skin"
 CALIBRATION_NAME = "calibration.json"
 FORMAT = "1"
+
+Word = Label | DetectionRecord | EventRecord
 
 
 class RecordingWriter:
@@ -204,6 +209,13 @@ class RecordingWriter:
             self.declare(TRUTH)
         self.add(TRUTH.name, record.stamp, pack_truth(record))
 
+    def event(self, record: EventRecord) -> None:
+        """Append an event; logged at the latest scan, as a label is."""
+        if EVENT.name not in self.channels:
+            self.declare(EVENT)
+        data = pack_event(record, self.skin.name)
+        self.add(EVENT.name, self.now(record.stamp), data)
+
     def now(self, otherwise: int) -> int:
         """Stamp of the latest scan [ns], `otherwise` before the first."""
         return otherwise if self.last_stamp is None else self.last_stamp
@@ -211,6 +223,11 @@ class RecordingWriter:
     def add(self, topic: str, stamp: int, data: bytes) -> None:
         """Append one message."""
         self.mcap.add_message(self.channels[topic], stamp, data)
+
+    def sync(self) -> None:
+        """End the chunk, and come back once all so far is on the disk itself."""
+        self.mcap.end_chunk()
+        os.fsync(self.file.fileno())
 
     def close(self) -> None:
         """Finish the file and give it its name."""
@@ -257,37 +274,41 @@ def write_all(
     labels: Iterable[Label],
     detections: Iterable[DetectionRecord] = (),
     truths: Iterable[TruthRecord] = (),
+    events: Iterable[EventRecord] = (),
 ) -> int:
-    """Write scans, with labels, detections and truths among them at their time.
+    """Write scans, with labels, detections, truths and events among them at their time.
 
     A label comes after its last scan, so that no part of a file says more of a touch
     than was known by then. Truths keep their order. Returns the number of scans.
     """
-    events: list[tuple[int, Label | DetectionRecord]] = [
+    words: list[tuple[int, Word]] = [
         *((label.end, label) for label in sort_labels(labels)),
         *((record.stamp, record) for record in detections),
+        *((record.stamp, record) for record in events),
     ]
-    events.sort(key=lambda event: event[0])
+    words.sort(key=lambda word: word[0])
     count = done = 0
     known = iter(truths)
     truth = next(known, None)
     for scan in scans:
-        while done < len(events) and events[done][0] <= scan.stamp:
-            write_event(writer, events[done][1])
+        while done < len(words) and words[done][0] <= scan.stamp:
+            write_word(writer, words[done][1])
             done += 1
         writer.write(scan)
         count += 1
         while truth is not None and truth.stamp <= scan.stamp:
             writer.truth(truth)
             truth = next(known, None)
-    for _, event in events[done:]:
-        write_event(writer, event)
+    for _, word in words[done:]:
+        write_word(writer, word)
     return count
 
 
-def write_event(writer: RecordingWriter, event: Label | DetectionRecord) -> None:
-    """Write a label or a detection."""
-    if isinstance(event, Label):
-        writer.label(event)
+def write_word(writer: RecordingWriter, word: Word) -> None:
+    """Write a label, a detection or an event."""
+    if isinstance(word, Label):
+        writer.label(word)
+    elif isinstance(word, DetectionRecord):
+        writer.detection(word)
     else:
-        writer.detection(event)
+        writer.event(word)

@@ -9,6 +9,8 @@ from eskin.skin.skin import Skin
 DIRECTION_TOLERANCE = 1e-3
 
 
+# What overflows is no unit vector, and refused as such.
+@np.errstate(over="ignore", invalid="ignore")
 def default_tangents(
     normals: Float[np.ndarray, "taxel 3"],
 ) -> Float[np.ndarray, "taxel 3"]:
@@ -21,6 +23,7 @@ def default_tangents(
     return across / np.linalg.norm(across, axis=1, keepdims=True)
 
 
+@np.errstate(over="ignore", invalid="ignore")
 def direction_problems(skin: Skin) -> list[Problem]:
     """Normals and tangents that are not unit vectors at right angles."""
     lengths = np.linalg.norm(skin.normals, axis=1)

@@ -11,7 +11,10 @@ from eskin.errors import SkinError
 from eskin.skin.skin import Patch, Skin
 
 SHOWN = 40
-Name = Annotated[str, Field(pattern=r"^\S(.*\S)?$", max_length=200)]
+DEEPEST = 20
+# No spaces at its ends, no control characters, all on one line.
+NAME = r"^[^\s\p{Cc}]([^\p{Cc}\p{Zl}\p{Zp}]*[^\s\p{Cc}])?$"
+Name = Annotated[str, Field(pattern=NAME, max_length=200)]
 Extent = Annotated[int, Field(ge=1, le=65535)]
 
 
@@ -48,18 +51,32 @@ class Manifest(BaseModel):
 class PlainLoader(yaml.SafeLoader):
     """Plain data only: no tags but YAML's own, and no key twice in one mapping."""
 
+    def construct_object(self, node: yaml.Node, deep: bool = False) -> object:
+        """Refuse a value that is not what its tag says; PyYAML raises anything then."""
+        try:
+            return super().construct_object(node, deep)
+        except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError):
+            raise yaml.MarkedYAMLError(
+                problem=f"{shorten(node.value)} is no {node.tag.rpartition(':')[2]}",
+                problem_mark=node.start_mark,
+            ) from None
+
     def construct_mapping(
         self, node: yaml.MappingNode, deep: bool = False
     ) -> dict[Hashable, object]:
         """Refuse a key that stands twice in one mapping."""
         seen = set()
         for key, _ in node.value:
+            if not isinstance(key, yaml.ScalarNode):
+                raise yaml.MarkedYAMLError(
+                    problem="a key is not a word", problem_mark=key.start_mark
+                )
             if key.value in seen:
                 raise yaml.MarkedYAMLError(
-                    problem=f"the key '{key.value}' stands twice",
+                    problem=f"the key {shorten(key.value)} stands twice",
                     problem_mark=key.start_mark,
                 )
-            seen.add(str(key.value))
+            seen.add(key.value)
         return super().construct_mapping(node, deep)
 
 
@@ -70,12 +87,12 @@ def parse_manifest(text: str, file: str) -> Manifest:
         SkinError: every entry that is wrong, in one line that begins with the file.
     """
     try:
-        refuse_aliases(text)
+        refuse_what_explodes(text)
         data = yaml.load(text, PlainLoader)  # noqa: S506  It is a SafeLoader.
     except yaml.YAMLError as error:
         raise SkinError(f"{file}{describe(error)}") from None
-    except (RecursionError, ValueError) as error:
-        raise SkinError(f"{file}: not a skin description: {error}") from None
+    except (OverflowError, ValueError) as error:  # A character that there is not.
+        raise SkinError(f"{file}: not plain YAML: {error}") from None
     if not isinstance(data, dict):
         raise SkinError(
             f"{file}: got {shorten(data)}, allowed a mapping with the keys "
@@ -98,12 +115,23 @@ def format_manifest(skin: Skin) -> str:
     return yaml.safe_dump(manifest.model_dump(), sort_keys=False, allow_unicode=True)
 
 
-def refuse_aliases(text: str) -> None:
-    """Refuse aliases: a skin has no use for them, and a few can stand for billions."""
+def refuse_what_explodes(text: str) -> None:
+    """Refuse what a skin has no use for, and a short text can fill hours with.
+
+    A few aliases stand for billions; reading takes the square of the depth.
+    """
+    depth = 0
     for event in yaml.parse(text, yaml.SafeLoader):
+        depth += isinstance(event, yaml.CollectionStartEvent)
+        depth -= isinstance(event, yaml.CollectionEndEvent)
         if isinstance(event, yaml.AliasEvent):
             raise yaml.MarkedYAMLError(
                 problem="aliases are not allowed", problem_mark=event.start_mark
+            )
+        if depth > DEEPEST:
+            raise yaml.MarkedYAMLError(
+                problem=f"more than {DEEPEST} collections lie in each other",
+                problem_mark=event.start_mark,
             )
 
 
@@ -119,13 +147,19 @@ def describe_entry(detail: ErrorDetails) -> str:
     """Say which entry is wrong, what was got and what is allowed."""
     path = ""
     for step in detail["loc"]:
-        path += f"[{step}]" if isinstance(step, int) else f".{step}"
+        plain = str(step) if str(step).isidentifier() else shorten(step)
+        path += f"[{step}]" if isinstance(step, int) else f".{plain}"
     path = path.lstrip(".")
     if detail["type"] == "missing":
         return f"{path} is missing; add it"
     if detail["type"] == "extra_forbidden":
         allowed = PatchEntry if "[" in path else Manifest
         return f"{path} is not known, allowed {', '.join(allowed.model_fields)}"
+    if detail["type"] == "string_pattern_mismatch":
+        return (
+            f"{path}: got {shorten(detail['input'])}, allowed one line of text without "
+            "spaces at its ends"
+        )
     wanted = detail["msg"].removeprefix("Input ").removeprefix("should ")
     return f"{path}: got {shorten(detail['input'])}, {wanted}"
 

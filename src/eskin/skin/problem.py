@@ -20,7 +20,7 @@ class Problem:
         """One line that names the patch and taxel."""
         where = []
         if self.patch is not None:
-            where.append(f"patch '{self.patch}'")
+            where.append(f"patch '{' '.join(self.patch.split())}'")
         if self.taxel is not None:
             where.append(f"taxel {self.taxel}")
         return f"{', '.join(where)}: {self.text}" if where else self.text

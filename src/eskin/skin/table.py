@@ -2,8 +2,9 @@
 
 import csv
 import io
+from collections.abc import Iterator
 from dataclasses import dataclass
-from decimal import Decimal, InvalidOperation
+from decimal import Decimal
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -43,19 +44,19 @@ def parse_table(
     """Read the rows that can be read and list what is wrong with the others.
 
     Raises:
-        SkinError: if the header is not one of a `taxels.csv`.
+        SkinError: if the header is not one of a `taxels.csv`, or the text is no CSV.
     """
-    lines = csv.reader(io.StringIO(text))
-    header = [name.strip() for name in next(lines, [])]
+    lines = numbered_rows(text, file)
+    header = [name.strip() for name in next(lines, (1, []))[1]]
     check_header(header, file)
     index = {patch.id: i for i, patch in enumerate(patches)}
     kept: list[tuple] = []
     problems: list[Problem] = []
     lines_of: dict[int, int] = {}
-    for cells in lines:
+    for line, cells in lines:
         if not cells:
             continue
-        where = f"{file} line {lines.line_num}"
+        where = f"{file} line {line}"
         row = dict(zip(header, cells, strict=False))
         try:
             if len(cells) != len(header):
@@ -71,9 +72,22 @@ def parse_table(
         except BadCellError as error:
             problems.append(problem_of(error, row))
             continue
-        lines_of[taxel[0]] = lines.line_num
+        lines_of[taxel[0]] = line
         kept.append(taxel)
     return table_of(kept), problems
+
+
+def numbered_rows(text: str, file: str) -> Iterator[tuple[int, list[str]]]:
+    """The cells of every row, with the number of the line that it ends on."""
+    rows = csv.reader(io.StringIO(text, newline=None))
+    try:
+        for cells in rows:
+            yield rows.line_num, cells
+    except csv.Error as error:
+        raise SkinError(
+            f"{file} line {rows.line_num}: {error}; allowed are cells with commas "
+            "between them"
+        ) from None
 
 
 def format_table(skin: Skin) -> str:
@@ -171,7 +185,7 @@ def positive_area(row: dict[str, str], where: str) -> float:
     """Read an area in mm2 as m2; the shift of the decimal point is exact."""
     try:
         value = float(Decimal(row["area_mm2"].strip()).scaleb(-SQUARE_MM_EXPONENT))
-    except InvalidOperation:
+    except ArithmeticError:
         value = np.nan
     if not (np.isfinite(value) and value > 0):
         raise BadCellError(

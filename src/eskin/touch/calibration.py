@@ -17,6 +17,9 @@ NANOSECONDS = 1_000_000_000
 
 VERSION = 1
 
+UNREADABLE = (LookupError, OverflowError, RecursionError, TypeError, ValueError)
+"""What JSON of another shape raises."""
+
 Curve = Literal["linear", "divider"]
 
 CURVES: tuple[Curve, ...] = ("linear", "divider")
@@ -178,7 +181,7 @@ class Calibration:
                 float(content.get("unfelt", 0.0)),
                 bool(content.get("matrix", False)),
             )
-        except (ValueError, KeyError, TypeError) as error:
+        except UNREADABLE as error:
             raise RecordingError(
                 f"calibration cannot be read ({type(error).__name__}: {error}); "
                 "allowed is JSON with version, gain, full_scale, shear_gain, "

@@ -9,8 +9,10 @@ from jaxtyping import Bool, Int
 from eskin.skin.skin import Skin
 from eskin.touch.lines import Lines
 
-FaultKind = Literal["stuck", "dead", "negative", "saturated", "row", "column", "patch"]
-TAXEL_KINDS: tuple[FaultKind, ...] = ("stuck", "dead", "negative", "saturated")
+FaultKind = Literal[
+    "stuck", "dead", "negative", "saturated", "noisy", "row", "column", "patch"
+]
+TAXEL_KINDS: tuple[FaultKind, ...] = ("stuck", "dead", "negative", "saturated", "noisy")
 LEAST_LINE = 3
 NANOSECONDS = 1_000_000_000
 
@@ -22,7 +24,8 @@ class Fault:
     kind: FaultKind
     """What is wrong. `stuck`: frozen at a count; `dead`: frozen at zero; `negative`:
     counts below zero, which is how a converter says NaN; `saturated`: at full scale for
-    longer than anybody touches; `row`, `column`, `patch`: out as a whole, or silent."""
+    longer than anybody touches; `noisy`: jumps to and fro on its own; `row`, `column`,
+    `patch`: out as a whole, or silent."""
 
     patch: str
     """Its patch."""

@@ -6,6 +6,9 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from numba import njit
 
+PAUSE, PAUSE_SCANS = 0.15, 5
+"""Without a turn a taxel comes to rest: in seconds, and in scans at slow rates."""
+
 
 class Watch(NamedTuple):
     """What the fault finder remembers of each taxel; times in seconds."""
@@ -32,9 +35,15 @@ class Watch(NamedTuple):
     """When none of its neighbours was last pressed."""
     ignored: np.ndarray
     """How long it has not answered while its neighbours were pressed."""
+    jump: np.ndarray
+    """The latest change of its counts that was a jump."""
+    turned: np.ndarray
+    """When a jump last undid the one before."""
+    restless: np.ndarray
+    """Since when it has jumped to and fro without a pause."""
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 @no_type_check
 def watch_counts(
     counts: Int[np.ndarray, "taxel"],
@@ -43,10 +52,23 @@ def watch_counts(
     full_scale: int,
     silence: float,
     longest: float,
+    jump: Float[np.ndarray, "taxel"],
     watch: Watch,
     mask: Bool[np.ndarray, "taxel"],
 ) -> None:
-    """Note what each count did, and mask negative ones at once."""
+    """Note what each count did, and mask negative ones at once.
+
+    Args:
+        counts: of the scan.
+        received: where they mean anything.
+        now: time of the scan [s].
+        full_scale: counts at which the converter saturates.
+        silence: after how long unheard a taxel is judged anew [s].
+        longest: how long counts must have left zero for rest not to be zero [s].
+        jump: change from one scan to the next that is a jump [counts].
+        watch: what is remembered.
+        mask: which taxels are faulty; added to.
+    """
     level, heard, changed, below = (
         watch.level,
         watch.heard,
@@ -60,8 +82,11 @@ def watch_counts(
         count = counts[i]
         if now - heard[i] > silence:
             start_anew(i, count, now, watch)
+        elapsed = now - heard[i]
         heard[i] = now
         if count != level[i]:
+            if abs(count - level[i]) >= jump[i]:
+                note_jump(i, count - level[i], now, elapsed, watch)
             level[i] = count
             changed[i] = now
             watch.ignored[i] = 0.0
@@ -82,7 +107,18 @@ def watch_counts(
             mask[i] = True
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
+@no_type_check
+def note_jump(i: int, jump: int, now: float, elapsed: float, watch: Watch) -> None:
+    """Note a jump; one that undoes the last is a turn, and turns follow each other."""
+    if watch.jump[i] * jump < 0:
+        if now - watch.turned[i] > max(PAUSE, PAUSE_SCANS * elapsed):
+            watch.restless[i] = now
+        watch.turned[i] = now
+    watch.jump[i] = jump
+
+
+@njit(cache=True, nogil=True)
 @no_type_check
 def start_anew(i: int, count: int, now: float, watch: Watch) -> None:
     """Forget a taxel: it is heard for the first time, or after long silence."""
@@ -95,9 +131,12 @@ def start_anew(i: int, count: int, now: float, watch: Watch) -> None:
     watch.least[i] = np.inf
     watch.quiet[i] = -np.inf
     watch.ignored[i] = 0.0
+    watch.jump[i] = 0.0
+    watch.turned[i] = -np.inf
+    watch.restless[i] = now
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 @no_type_check
 def watch_neighbours(
     pressure: Float[np.ndarray, "taxel"],

@@ -10,12 +10,16 @@ from eskin.skin.skin import Skin
 from eskin.touch.adjacency import Adjacency
 from eskin.touch.calibration import Calibration
 from eskin.touch.fault import LEAST_LINE, NANOSECONDS, Fault, FaultLister
-from eskin.touch.fault_kernels import Watch, watch_counts, watch_neighbours
+from eskin.touch.fault_kernels import PAUSE, Watch, watch_counts, watch_neighbours
 from eskin.touch.reading import Scan, check_order
 
-STUCK, DEAD, NEGATIVE, SATURATED = range(4)
+STUCK, DEAD, NEGATIVE, SATURATED, NOISY = range(5)
 MOST_ELAPSED = 0.2
-LEAST_OFFSET = 8
+COMPANY = 0.3
+"""Share of neighbours that jump too where a hand does it: three of eight at the corner
+of a palm."""
+LEAST_JUMP = 4
+"""Of counts: converters flicker by one or two."""
 NEVER = -1e9
 
 
@@ -55,6 +59,12 @@ class FaultConfig:
     saturated_seconds: float = 60.0
     """How long full scale is taken for a touch later on."""
 
+    noisy: float = 2.0
+    """Change from one scan to the next that nobody's hand makes and undoes [kPa]."""
+
+    noisy_seconds: float = 3.0
+    """How long a taxel must jump so, to and fro, while its neighbours do not."""
+
     line_seconds: float = 0.5
     """How long a row, column or patch may be at zero that never was, or unheard."""
 
@@ -80,6 +90,7 @@ class FaultFinder:
         self.skin = skin
         self.config = config or FaultConfig()
         self.full_scale = calibration.full_scale
+        self.jump = np.maximum(calibration.counts_at(self.config.noisy), LEAST_JUMP)
         self.adjacency = Adjacency.of(skin)
         self.lister = FaultLister(skin)
         patch_index = np.asarray(skin.patch_index)
@@ -117,6 +128,7 @@ class FaultFinder:
             self.full_scale,
             self.config.silence_seconds,
             self.config.saturated_seconds,
+            self.jump,
             self.watch,
             self.mask,
         )
@@ -165,9 +177,18 @@ class FaultFinder:
                 (still & zero) | gone,
                 watch.negative > self.checked,
                 self.saturated(),
+                self.noisy(),
             ]
         )
-        begun = np.stack([watch.changed, watch.changed, watch.negative, watch.below])
+        begun = np.stack(
+            [
+                watch.changed,
+                watch.changed,
+                watch.negative,
+                watch.below,
+                watch.restless,
+            ]
+        )
         for code in range(len(evidence)):
             found = evidence[code] & (watch.heard > NEVER)
             new = found & (self.code != code)
@@ -233,6 +254,16 @@ class FaultFinder:
         )
         return full & ((length >= limit) | (self.code == SATURATED))
 
+    def noisy(self) -> Bool[np.ndarray, "taxel"]:
+        """Taxels that jump to and fro while their neighbours do not."""
+        watch, config, adjacency = self.watch, self.config, self.adjacency
+        restless = watch.heard - watch.turned <= PAUSE
+        starts = adjacency.starts
+        around = np.concatenate([[0], np.cumsum(restless[adjacency.neighbours])])
+        share = np.diff(around[starts]) / np.maximum(np.diff(starts), 1)
+        long = watch.turned - watch.restless >= config.noisy_seconds
+        return restless & long & ((share < COMPANY) | (self.code == NOISY))
+
 
 def fresh_watch(count: int) -> Watch:
     """The memory of a skin never heard."""
@@ -249,4 +280,7 @@ def fresh_watch(count: int) -> Watch:
         least=np.full(count, np.inf),
         quiet=never.copy(),
         ignored=np.zeros(count),
+        jump=np.zeros(count),
+        turned=never.copy(),
+        restless=never.copy(),
     )
