@@ -2,7 +2,7 @@
 
 from eskin.robot.kinematics import Kinematics
 from eskin.robot.meshing import body_mesh, shape_mesh
-from eskin.robot.presets import ROBOTS, load_robot
+from eskin.robot.presets import ROBOTS, load_robot, recorded_robot
 from eskin.robot.robot import Joint, Link, Mimic, Robot
 from eskin.robot.shapes import Body, Box, Cylinder, Shape, Sphere, TriangleMesh
 from eskin.robot.surface import surface_distance
@@ -24,6 +24,7 @@ __all__ = [
     "body_mesh",
     "load_robot",
     "load_urdf",
+    "recorded_robot",
     "shape_mesh",
     "surface_distance",
 ]

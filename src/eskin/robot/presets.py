@@ -7,7 +7,7 @@ from eskin.errors import RobotError
 from eskin.robot.robot import Robot
 from eskin.robot.urdf import load_urdf
 
-__all__ = ["ROBOTS", "load_robot"]
+__all__ = ["ROBOTS", "load_robot", "recorded_robot"]
 
 ROBOTS = ("ur5", "ur10", "base", "post", "table", "tube")
 """Names that `load_robot` knows."""
@@ -22,7 +22,7 @@ def load_robot(name_or_path: str | Path) -> Robot:
     Raises:
         RobotError: There is no such robot or file, or the file cannot be used.
     """
-    if name_or_path in ROBOTS:
+    if str(name_or_path) in ROBOTS:
         package = resources.files("eskin.robot") / "presets" / f"{name_or_path}.urdf"
         with resources.as_file(package) as path:
             return load_urdf(path)
@@ -33,3 +33,21 @@ def load_robot(name_or_path: str | Path) -> Robot:
             "or the path of a .urdf file"
         )
     return load_urdf(path)
+
+
+def recorded_robot(name: str, urdf: str | Path | None = None) -> Robot:
+    """The robot that a recording names, which is never taken for the path of a file.
+
+    Args:
+        name: what the recording calls it.
+        urdf: what its owner gives in place of that: one of `ROBOTS` or a URDF file.
+
+    Raises:
+        RobotError: no robot of that name comes with eskin, or the file cannot be used.
+    """
+    if urdf is None and name not in ROBOTS:
+        raise RobotError(
+            f"the recording is of robot {name!r}; allowed without its URDF are "
+            f"{', '.join(ROBOTS)}; give its URDF"
+        )
+    return load_robot(name if urdf is None else urdf)

@@ -5,6 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from eskin.recording import TruthRecord
+
 
 @dataclass(frozen=True, eq=False)
 class TrueSeries:
@@ -33,6 +35,26 @@ class TrueSeries:
     """First contact since the start of the clip; negative where it was before [s]."""
     end: float
     """Last contact since the start of the clip; may be after its end [s]."""
+
+    def record(self, number: int, reading: int, stamp: int) -> TruthRecord:
+        """What is recorded of it at one reading.
+
+        Args:
+            number: which touch of the recording or stream it is.
+            reading: of the clip.
+            stamp: of that reading [ns since the epoch].
+        """
+        x, y, z = self.centroid[reading].tolist()
+        return TruthRecord(
+            stamp,
+            number,
+            self.gesture,
+            self.kind,
+            self.link,
+            float(self.force[reading]),
+            float(self.area[reading]),
+            (x, y, z),
+        )
 
 
 @dataclass(frozen=True, eq=False)

@@ -3,7 +3,7 @@
 from functools import lru_cache
 
 import numpy as np
-from jaxtyping import Int
+from jaxtyping import Float, Int
 
 from eskin.sim.clip.outcome import Clip, TrueSeries
 from eskin.sim.clip.plan import BuildOrigin, Origin
@@ -59,9 +59,7 @@ def play(
     """
     skin = world.mounted.skin
     felt = felt_in(scene, world)
-    pressure, taxels = add_up([p for ps in felt for p in ps], scene.steps, skin.count)
-    beta = leak_share(build.film_sigma, skin.areas)
-    pressure, taxels = spread(pressure, taxels, neighbours_of(skin), beta)
+    pressure, taxels = pressure_of(felt, scene.steps, build, skin)
     counts, received = sense(pressure, taxels, build, skin, rng, stages, session, lead)
     every = readings_every(world)
     truths = truths_of(scene, felt, world.charts, world.mounted, lead, world)
@@ -73,6 +71,15 @@ def play(
         pose_group=0,
         drawn={},
     )
+
+
+def pressure_of(
+    felt: list[list[Part]], steps: int, build: Build, skin: Skin
+) -> tuple[Float[np.ndarray, "time active"], Int[np.ndarray, "active"]]:
+    """Pressure of all touches after the film [kPa], and the taxels it is on."""
+    pressure, taxels = add_up([p for ps in felt for p in ps], steps, skin.count)
+    beta = leak_share(build.film_sigma, skin.areas)
+    return spread(pressure, taxels, neighbours_of(skin), beta)
 
 
 def readings_every(world: World) -> int:

@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Int
 
 from eskin.errors import GenerationError
-from eskin.recording import Label, Metadata, RecordingWriter, TruthRecord
+from eskin.recording import Label, Metadata, RecordingWriter
 from eskin.sim.clip.outcome import Clip, TrueSeries
 from eskin.sim.clip.plan import ClipPlan
 from eskin.sim.files.clip_labels import (
@@ -170,19 +170,8 @@ class Sheet:
     ) -> None:
         """Write a touch at the readings at which it is in contact."""
         for reading in part.start + np.flatnonzero(truth.force[part] > 0):
-            x, y, z = truth.centroid[reading].tolist()
-            self.writer.truth(
-                TruthRecord(
-                    int(stamps[reading]),
-                    number,
-                    truth.gesture,
-                    truth.kind,
-                    truth.link,
-                    float(truth.force[reading]),
-                    float(truth.area[reading]),
-                    (x, y, z),
-                )
-            )
+            stamp = int(stamps[reading])
+            self.writer.truth(truth.record(number, int(reading), stamp))
 
     def finish(self) -> None:
         """Write the automatic labels; their threshold needs the whole file."""

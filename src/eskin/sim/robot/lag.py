@@ -53,12 +53,21 @@ def carried(
     now: Float[np.ndarray, "step"],
     then: Float[np.ndarray, "step"],
 ) -> Press:
-    """The press where T_link(now)^-1 T_link(then) takes its targets and its angle."""
+    """The press with its hand at some steps of a series where it was at others."""
     if np.all(q_series == q_series[0]):
         return press
+    return left_behind(press, world, at_steps(q_series, now), at_steps(q_series, then))
+
+
+def left_behind(
+    press: Press,
+    world: World,
+    q_now: Float[np.ndarray, "step joint"],
+    q_then: Float[np.ndarray, "step joint"],
+) -> Press:
+    """The press where T_link(now)^-1 T_link(then) takes its targets and its angle."""
     link, chart = world.links[press.chart], world.charts[press.chart]
-    T_now = world.poses(at_steps(q_series, now))[:, link]
-    T_then = world.poses(at_steps(q_series, then))[:, link]
+    T_now, T_then = world.poses(q_now)[:, link], world.poses(q_then)[:, link]
     was, s_then, t_then, _ = axes_at(chart, press.centre, T_then)
     here, s_now, t_now, _ = axes_at(chart, press.centre, T_now)
     # Laid flat where the target is: a hand leaves a tube rather than dives into it.

@@ -35,12 +35,44 @@ class Film(NamedTuple):
     """Part of such a shift that is kept in one step (live)."""
 
 
+class Memory(NamedTuple):
+    """What the live taxels keep of the steps before, as `conduct` goes on with it."""
+
+    still: np.ndarray
+    """Places of the play operators (live, operator)."""
+    crept: np.ndarray
+    """Shares of full creep (live, process)."""
+    slow: np.ndarray
+    """The part of them that is slow to be forgotten after release (live, process)."""
+    largest: np.ndarray
+    """Largest load of the touch (live)."""
+    held: np.ndarray
+    """What the operators held at the last load (live)."""
+    power: np.ndarray
+    """That to the power of the exponent (live)."""
+    peak: np.ndarray
+    """Largest signal of the touch, by full scale (live)."""
+    shifted: np.ndarray
+    """Shift of the baseline, by full scale (live)."""
+    touches: np.ndarray
+    """Touches that are over (live)."""
+    loaded: np.ndarray
+    """Whether it conducts (live)."""
+    touched: np.ndarray
+    """Whether it is touched (live)."""
+
+
+FORGOTTEN = 1e-30
+"""What is smaller is as good as nothing; ever smaller numbers would be slow."""
+
+
 @njit(cache=True, error_model="numpy")
 @no_type_check
 def conduct(
     pressure: Float[np.ndarray, "time active"],
     column: Int[np.ndarray, "live"],
     film: Film,
+    memory: Memory,
     conductance: Float[np.ndarray, "time live"],
     shift: Float[np.ndarray, "time live"],
 ) -> None:
@@ -50,25 +82,24 @@ def conduct(
         pressure: of the active taxels [kPa].
         column: of each live taxel in `pressure`, -1 if it is never touched.
         film: the laminate.
+        memory: what it keeps of the steps before; carried on.
         conductance: written; 1 is half scale.
         shift: written, by full scale.
     """
     steps, live = conductance.shape
     operators, processes = len(film.play), len(film.creep_part)
-    still = np.zeros(operators)
-    crept, slow = np.zeros(processes), np.zeros(processes)
     for a in range(live):
-        rest = max(film.load[a], 0.0)
-        largest = max(rest, film.play_least)
-        still[:] = 0.0
-        crept[:] = 1.0 if rest > 0.0 else 0.0
-        slow[:] = 0.0
-        loaded, touched = rest > 0.0, False
-        held_before, power, peak, shifted, touches = -1.0, 0.0, 0.0, 0.0, 0
+        still, crept, slow = memory.still[a], memory.crept[a], memory.slow[a]
+        rest, largest = max(film.load[a], 0.0), memory.largest[a]
+        loaded, touched = memory.loaded[a], memory.touched[a]
+        held_before, power = memory.held[a], memory.power[a]
+        peak, shifted, touches = memory.peak[a], memory.shifted[a], memory.touches[a]
         for t in range(steps):
             push = pressure[t, column[a]] if column[a] >= 0 else 0.0
             q = max(film.load[a] + push / film.half_pressure, 0.0)
             shifted *= film.after_keep[a]
+            if abs(shifted) < FORGOTTEN:
+                shifted = 0.0
             is_touched = push > 0.0 and q > 0.0
             if touched and not is_touched:
                 share = min(peak / film.after_whole, 1.0)
@@ -87,6 +118,10 @@ def conduct(
                 for k in range(processes):
                     crept[k] *= film.recovery_keep[0]
                     slow[k] *= film.recovery_keep[1]
+                    if crept[k] < FORGOTTEN:
+                        crept[k] = 0.0
+                    if slow[k] < FORGOTTEN:
+                        slow[k] = 0.0
                 conductance[t, a] = 0.0
                 shift[t, a] = shifted
                 continue
@@ -113,6 +148,10 @@ def conduct(
                 peak = max(peak, value / (1.0 + value))
             conductance[t, a] = value
             shift[t, a] = shifted
+        memory.largest[a] = largest
+        memory.loaded[a], memory.touched[a] = loaded, touched
+        memory.held[a], memory.power[a] = held_before, power
+        memory.peak[a], memory.shifted[a], memory.touches[a] = peak, shifted, touches
 
 
 class Arrays(NamedTuple):
@@ -138,15 +177,18 @@ class Arrays(NamedTuple):
 
 @njit(cache=True)
 @no_type_check
-def at(series: Float[np.ndarray, "time live"], a: int, place: float) -> float:
-    """A series between its steps, constant beyond its ends."""
+def at(
+    series: Float[np.ndarray, "time live"], first: int, a: int, place: float
+) -> float:
+    """A series whose first step is `first` between its steps, constant beyond them."""
     last = len(series) - 1
-    if place <= 0.0:
+    if place <= first:
         return series[0, a]
-    if place >= last:
+    if place >= first + last:
         return series[last, a]
     before = int(place)
     part = place - before
+    before -= first
     return (1.0 - part) * series[before, a] + part * series[before + 1, a]
 
 
@@ -162,6 +204,7 @@ def scan(
     ghost: float,
     leak: float,
     divide: bool,
+    first: int,
     level: Float[np.ndarray, "reading taxel"],
     shifts: Float[np.ndarray, "reading taxel"],
 ) -> None:
@@ -171,12 +214,13 @@ def scan(
         conductance: of the live taxels.
         shift: of their baselines, by full scale.
         arrays: where they are.
-        places: of each reading, in steps of the series.
+        places: of each reading, in steps since the beginning.
         late: how much later than usual a patch is scanned [s].
         step: of the series [s].
         ghost: part of detours.
         leak: part of rows and columns.
         divide: whether there is a divider.
+        first: step since the beginning at which the series start.
         level: zeros that are written to.
         shifts: zeros that are written to.
     """
@@ -190,11 +234,11 @@ def scan(
             for a in range(begin, end):
                 delay = late[r, arrays.patch[m]] - arrays.age[a]
                 place = places[r] + delay / step
-                cell = np.float32(at(conductance, a, place))
+                cell = np.float32(at(conductance, first, a, place))
                 row, column = arrays.row[a], arrays.column[a]
                 is_new = is_new or cell != cells[row, column]
                 cells[row, column] = cell
-                shifts[r, arrays.taxel[m, row, column]] = at(shift, a, place)
+                shifts[r, arrays.taxel[m, row, column]] = at(shift, first, a, place)
             if is_new:
                 read_array(cells, ghost, leak, read)
             for i in range(rows):

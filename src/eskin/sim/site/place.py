@@ -158,9 +158,15 @@ def weights_of(
 
 
 def site_of(world: World, view: View, spot: int, rng: np.random.Generator) -> Site:
-    """The site at a place, with the hand as it comes from the person."""
+    """The site at a place that may be drawn."""
     chart = int(world.spots.chart[spot])
-    centre = target_at(world, spot, rng)
+    return reached_at(world, view, chart, target_at(world, spot, rng))
+
+
+def reached_at(
+    world: World, view: View, chart: int, centre: Float[np.ndarray, "2"]
+) -> Site:
+    """The site at a place of a chart, with the hand as it comes from the person."""
     T = view.T_world_link[world.links[chart]]
     position, *_ = axes_at(world.charts[chart], centre[None], T)
     reach = position[0] - view.shoulder

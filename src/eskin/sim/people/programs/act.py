@@ -35,6 +35,8 @@ class Act:
     """Whether touches last as in arXiv 2506.18256 or in Jung et al. 2017."""
     drawn: dict[str, float | str] = field(default_factory=dict)
     """What was drawn so far, by name."""
+    asked: dict[str, float] = field(default_factory=dict)
+    """What is as it was asked for, whatever is drawn, by name."""
 
     @property
     def step(self) -> float:
@@ -42,9 +44,10 @@ class Act:
         return self.constants.value("time.step")
 
     def note(self, name: str, value: float) -> float:
-        """Write down what was drawn; a name that is taken gets a number."""
-        self.drawn[self.free(name)] = float(value)
-        return float(value)
+        """Write down what was drawn or asked for; a name taken gets a number."""
+        value = float(self.asked.get(name, value))
+        self.drawn[self.free(name)] = value
+        return value
 
     def free(self, name: str) -> str:
         """A name under which nothing is written down yet."""

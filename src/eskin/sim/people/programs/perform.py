@@ -66,6 +66,7 @@ def perform(
     rng: np.random.Generator,
     difficulty: float,
     regime: Regime | None,
+    asked: dict[str, float] | None = None,
 ) -> TrueTouch:
     """One touch by a person at a site, from step 0 of its own clock.
 
@@ -78,6 +79,8 @@ def perform(
         rng: to draw from.
         difficulty: lambda; 0 is the easiest, 1.5 usual.
         regime: how long touches last; None draws one.
+        asked: what is to be so whatever is drawn, by the name that it is noted by,
+            such as `force` [N] and `duration` [s].
 
     Raises:
         ValueError: there is no such gesture, or no such way of doing it.
@@ -88,7 +91,10 @@ def perform(
         raise ValueError(f"difficulty is {difficulty}; give 0 or more")
     chosen = regime or regime_of(constants.choose("duration.regime", rng))
     way = kind_of(gesture, kind, person, constants, rng, difficulty)
-    act = Act(way, person, site, constants, rng, float(difficulty), chosen)
+    act = Act(
+        *(way, person, site, constants, rng, float(difficulty), chosen),
+        asked=asked or {},
+    )
     act.drawn["regime"] = chosen
     program = program_of(gesture, way)
     presses = program(act)

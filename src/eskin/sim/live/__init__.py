@@ -1,0 +1,1 @@
+"""Simulated touches without end, made while they are played."""
