@@ -9,7 +9,7 @@ since machines differ and are shared.
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import count
 
 import numpy as np
@@ -22,8 +22,8 @@ from eskin.graph.history import NOTHING
 from eskin.learn.checkpoint import to_model
 from eskin.live.encoder_kernels import encode
 from eskin.live.graph import graph_of
+from eskin.live.logits import LogitStream
 from eskin.live.network import Network
-from eskin.live.stream import LogitStream
 from eskin.live.summary_kernels import summarise
 from eskin.model import SLOT_NS, Model, ModelCard, NetworkConfig
 from eskin.nn import RecogniserNetwork
@@ -31,6 +31,8 @@ from eskin.nn.batch import Places, graph_tensors
 
 VOCABULARY = ("none", "poke", "double_pat", "grab", "stroke")
 ACTIVE = (1, 20, 60, 83)
+FULL = 100
+"""Readings that fill a window."""
 
 
 @dataclass(frozen=True)
@@ -72,9 +74,13 @@ def main() -> None:
     print(f"| {' | '.join(titles)} |")
     print(f"|{'---|' * len(titles)}")
     for active in ACTIVE:
-        builder, share = pressed(active)
+        builder, share, reading = pressed(active)
         batch = builder.graph(*share)
-        calls = compiled_parts(model, builder, share)
+        later = (
+            replace(reading, stamp=reading.stamp + SLOT_NS * (n + 1))
+            for n in range(FULL + command.steps)
+        )
+        calls = compiled_parts(model, builder, share, list(later))
         parts = [times(call, command.steps) for call in calls]
         slow = times(torch_step(network, batch), command.steps // 5)
         cells = [f"{np.median(t):.4f} / {np.percentile(t, 99):.4f}" for t in parts]
@@ -83,8 +89,11 @@ def main() -> None:
         print(f"| {' | '.join(row)} |")
 
 
-def pressed(active: int) -> tuple[GraphBuilder, Share]:
-    """What the graph of a hand is made of whose load on so many taxels rises."""
+def pressed(active: int) -> tuple[GraphBuilder, Share, eskin.Reading]:
+    """What the graph of a hand is made of whose load on so many taxels rises.
+
+    And the reading of it that came last.
+    """
     skin = eskin.load_skin("ur5")
     mounted = eskin.MountedSkin(skin, eskin.load_robot("ur5"))
     patch = skin.taxels_of("forearm_front")
@@ -94,16 +103,17 @@ def pressed(active: int) -> tuple[GraphBuilder, Share]:
     touched = np.zeros(skin.count, dtype=bool)
     touched[taxels] = True
     builder = GraphBuilder(mounted, GraphConfig())
+    readings = []
     for n in range(2):
         pressure = np.where(touched, 20.0 + n, 0.0).astype(np.float32)
         valid, q = np.ones(skin.count, dtype=bool), np.zeros(6)
-        reading = eskin.Reading(SLOT_NS * (n + 1), pressure, valid, q)
-        builder.advance(reading, taxels)
-    return builder, Share(taxels, taxels, NOTHING)
+        readings.append(eskin.Reading(SLOT_NS * (n + 1), pressure, valid, q))
+        builder.advance(readings[-1], taxels)
+    return builder, Share(taxels, taxels, NOTHING), readings[-1]
 
 
 def compiled_parts(
-    model: Model, builder: GraphBuilder, share: Share
+    model: Model, builder: GraphBuilder, share: Share, later: list[eskin.Reading]
 ) -> list[Callable[[], object]]:
     """Graph, encoder, summary, heads and the whole step, each of one reading."""
     network, stream = Network(model), LogitStream(model, builder)
@@ -112,19 +122,14 @@ def compiled_parts(
     embedding = np.zeros(2 * network.width, np.float32)
     summary = np.zeros(len(weights.summary_mean), np.float32)
     features = network.features(graph).copy()
-    stamps, later = count(SLOT_NS, SLOT_NS), count(SLOT_NS, SLOT_NS)
+    stamps, readings = count(SLOT_NS, SLOT_NS), iter(later)
     shares = held_shares({1: share})
-
-    def step() -> None:
-        builder.instant = builder.instant._replace(stamp=next(later))
-        stream.push(shares)
-
     return [
         lambda: builder.graph(*share),
         lambda: encode(graph, False, weights.encoder, memory, embedding),
         lambda: summarise(graph, False, summary),
         lambda: window.push(next(stamps), features),
-        step,
+        lambda: stream.push(next(readings), shares),
     ]
 
 
@@ -144,11 +149,11 @@ def torch_step(network: RecogniserNetwork, batch: GraphBatch) -> Callable[[], ob
 def times(call: Callable[[], object], steps: int) -> np.ndarray:
     """How long each call takes, after as many as fill a window [ms]."""
     found = []
-    for _ in range(100 + steps):
+    for _ in range(FULL + steps):
         start = time.perf_counter()
         call()
         found.append(time.perf_counter() - start)
-    return 1e3 * np.array(found[100:])
+    return 1e3 * np.array(found[FULL:])
 
 
 if __name__ == "__main__":

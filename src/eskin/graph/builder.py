@@ -17,7 +17,6 @@ from eskin.graph.batch import GraphBatch
 from eskin.graph.builder_kernels import build_graph, take_in
 from eskin.graph.config import GraphConfig
 from eskin.graph.history import NOTHING
-from eskin.held import hold
 from eskin.skin import MountedSkin
 from eskin.touch import Reading
 from eskin.touch.poses import LivePoses
@@ -60,7 +59,6 @@ class GraphBuilder:
         self.poses = poses or LivePoses(mounted)
         self.ground = ground_of(mounted, self.config)
         self.loads = loads_of(mounted.skin.count)
-        self.held_loads = hold(self.loads)
         self.instant = Instant(0, LONG_AGO, LONGEST_STEP, False)
         self.T_world_link = np.empty((0, 4, 4))
         self.memory = graph_memory(MANY, self.ground)
@@ -72,6 +70,11 @@ class GraphBuilder:
             reading: later than the one before.
             active: the taxels that are touched in it, in any order; all of them valid.
         """
+        shear = self.begin(reading)
+        take_in(active, reading.pressure, shear, self.instant, self.loads)
+
+    def begin(self, reading: Reading) -> Float[np.ndarray, "taxel_or_none 2"]:
+        """Go on to the next reading; who takes it in is told its shear, if any."""
         step = (reading.stamp - self.instant.stamp) * 1e-9
         self.instant = Instant(
             self.instant.reading + 1,
@@ -80,8 +83,7 @@ class GraphBuilder:
             step <= LONGEST_STEP,
         )
         self.T_world_link = self.poses.at(reading.q)
-        shear = NO_SHEAR if reading.shear is None else reading.shear
-        take_in(active, reading.pressure, shear, self.instant, self.held_loads)
+        return NO_SHEAR if reading.shear is None else reading.shear
 
     def room_for(self, active: int) -> GraphMemory:
         """Memory for the graph of so many taxels, active now or one reading ago."""

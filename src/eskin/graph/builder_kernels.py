@@ -11,7 +11,6 @@ from numba import njit
 
 from eskin.graph.arrays import GraphMemory, Ground, Instant, Loads
 from eskin.graph.neighbour_kernels import NOBODY, find_nearest
-from eskin.held import Held
 
 CM_PER_M = 100.0
 ZERO = np.float32(0.0)
@@ -32,7 +31,7 @@ def take_in(
     pressure: Float[np.ndarray, "taxel"],
     shear: Float[np.ndarray, "taxel 2"],
     instant: Instant,
-    loads_held: Held,
+    loads: Loads,
 ) -> None:
     """Remember what the active taxels feel at the next reading.
 
@@ -41,9 +40,8 @@ def take_in(
         pressure: of every taxel [kPa].
         shear: of every taxel [kPa]; empty where it is not measured.
         instant: of the reading.
-        loads_held: `Loads`, what was felt before.
+        loads: what was felt before.
     """
-    loads = loads_held.parts
     for taxel in active:
         if loads.reading[taxel] == instant.reading:
             continue

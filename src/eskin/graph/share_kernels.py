@@ -16,9 +16,7 @@ COLUMNS = len(HISTORY)
 
 @njit(cache=True, nogil=True)
 @no_type_check
-def shares_of(
-    records_held: Held, stamp: int
-) -> tuple[Held, Int[np.ndarray, "load"], int]:
+def shares_of(records_held: Held, stamp: int) -> tuple[Held, int]:
     """The share of each open touch.
 
     Args:
@@ -26,8 +24,7 @@ def shares_of(
         stamp: of that reading [ns since the epoch].
 
     Returns:
-        `Shares`; all active taxels of open touches; and the taxels of one touch at
-        most, now and a reading ago together.
+        `Shares`, and the taxels of one touch at most, now and a reading ago together.
     """
     records = records_held.parts
     touches, loads = records.touches, records.loads
@@ -43,7 +40,7 @@ def shares_of(
         write_history(touches[n], stamp, histories[n])
         most = max(most, now[n, 1] - now[n, 0] + before[n, 1] - before[n, 0])
     shares = Shares(keys, active, earlier, now, before, histories)
-    return Held(shares), active, most
+    return Held(shares), most
 
 
 @njit(cache=True, nogil=True)

@@ -45,8 +45,6 @@ class HeldShares(NamedTuple):
 
     keys: list[int]
     """Which sequences there are."""
-    active: np.ndarray
-    """(load) all their active taxels."""
     most: int
     """Taxels of one of them at most, now and a reading ago together."""
     held: Held
@@ -64,7 +62,7 @@ def held_shares(shares: Mapping[int, Share]) -> HeldShares:
     numbers = np.array(keys, np.int64)
     held = hold(Shares(numbers, active, earlier, now, before, histories))
     sizes = [len(share.taxels) + len(share.earlier) for share in every]
-    return HeldShares(keys, active, max(sizes, default=0), held)
+    return HeldShares(keys, max(sizes, default=0), held)
 
 
 def in_a_row(

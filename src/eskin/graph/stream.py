@@ -57,7 +57,8 @@ class GraphStream:
 
         A touch between two contacts has a graph without pressure.
         """
-        shares: Shares = let_go(self.advance(state).held)
+        shares: Shares = let_go(self.shares(state).held)
+        self.builder.advance(state.reading, shares.active)
         return {
             int(key): self.builder.graph(
                 shares.active[slice(*now)], shares.earlier[slice(*before)], history
@@ -68,20 +69,16 @@ class GraphStream:
             )
         }
 
-    def advance(self, state: TouchState) -> HeldShares:
-        """Take in the next reading; return what each sequence has a share of."""
-        if self.calibrated and not state.going:
-            shares = self.nothing
-        elif self.calibrated:
-            held, active, most = shares_of(state.followed.held, state.reading.stamp)
-            keys = [touch.id for touch in state.going]
-            shares = HeldShares(keys, active, most, held)
-        else:
-            taxels = self.whole_skin(state)
-            shares = held_shares({WHOLE_SKIN: Share(taxels, self.earlier, NOTHING)})
+    def shares(self, state: TouchState) -> HeldShares:
+        """What each sequence has a share of at the next reading."""
+        if not self.calibrated:
+            taxels, earlier = self.whole_skin(state), self.earlier
             self.earlier = taxels
-        self.builder.advance(state.reading, shares.active)
-        return shares
+            return held_shares({WHOLE_SKIN: Share(taxels, earlier, NOTHING)})
+        if not state.going:
+            return self.nothing
+        held, most = shares_of(state.followed.held, state.reading.stamp)
+        return HeldShares([touch.id for touch in state.going], most, held)
 
     def whole_skin(self, state: TouchState) -> Int[np.ndarray, "active"]:
         """All active taxels, whatever touch they belong to."""

@@ -9,7 +9,7 @@ from eskin.graph import GraphBatch, GraphConfig, GraphStream, join, no_graphs
 from eskin.learn.fitting import Fit, true_touches
 from eskin.learn.wear import Wear
 from eskin.recording import Recording
-from eskin.robot import load_robot
+from eskin.robot import recorded_robot
 from eskin.skin import MountedSkin
 from eskin.touch import PipelineConfig, TouchPipeline, TouchState
 
@@ -86,7 +86,7 @@ def sequences_of(
     wear: Wear | None = None,
 ) -> list[Sequence]:
     """All sequences of one recording, in the order in which they begin."""
-    mounted = MountedSkin(recording.skin, load_robot(recording.robot_name))
+    mounted = MountedSkin(recording.skin, recorded_robot(recording.robot_name))
     touches = TouchPipeline(mounted, recording.calibration, pipeline)
     stream = GraphStream(mounted, graph)
     found: list[Sequence] = []

@@ -4,6 +4,7 @@ from eskin.live.decision import UNKNOWN, Decider, Verdict
 from eskin.live.detection import Detection
 from eskin.live.network import Network
 from eskin.live.recognizer import Recognizer
+from eskin.live.warming import warm_up
 from eskin.live.window import Window
 
 __all__ = [
@@ -14,4 +15,5 @@ __all__ = [
     "Recognizer",
     "Verdict",
     "Window",
+    "warm_up",
 ]

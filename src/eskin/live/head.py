@@ -63,6 +63,8 @@ class HeadMemory(NamedTuple):
     """(slot) whether the long convolution that ends there saw a reading."""
     long: np.ndarray
     """(slot, track) what it gives."""
+    places: np.ndarray
+    """(slot) where the outputs stand that the statistics are of."""
     statistics: np.ndarray
     """(statistic of each scale, track)"""
 
@@ -114,6 +116,7 @@ def head_memory(weights: HeadWeights, slots: int, *pool: int) -> HeadMemory:
         short=ring(),
         long_seen=seen(),
         long=ring(),
+        places=np.zeros((*pool, slots), np.int64),
         statistics=np.zeros((*pool, SCALES * STATISTICS, tracks), np.float32),
     )
 

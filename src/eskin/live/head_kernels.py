@@ -3,7 +3,7 @@
 from typing import no_type_check
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 
 from eskin.live.head import STATISTICS, HeadMemory, HeadWeights
 from eskin.live.kernels import add_product, compiled, dot, silu
@@ -161,9 +161,13 @@ def gather(now: int, memory: HeadMemory) -> None:
         statistics[STATISTICS : 2 * STATISTICS],
         statistics[2 * STATISTICS :],
     )
-    measure(now, 1, slots, memory.fine_seen, memory.fine, share, fine)
-    measure(now, SHORT_STRIDE, shorts, memory.short_seen, memory.short, share, short)
-    measure(now, LONG_APART, longs, memory.long_seen, memory.long, share, long)
+    places = memory.places
+    count = find_places(now, 1, slots, memory.fine_seen, places)
+    measure(memory.fine, places[:count], share, fine)
+    count = find_places(now, SHORT_STRIDE, shorts, memory.short_seen, places)
+    measure(memory.short, places[:count], share, short)
+    count = find_places(now, LONG_APART, longs, memory.long_seen, places)
+    measure(memory.long, places[:count], share, long)
 
 
 @compiled
@@ -179,71 +183,103 @@ def covered(now: int, seen: Bool[np.ndarray, "slot"]) -> int:
 
 @compiled
 @no_type_check
-def measure(
+def find_places(
     now: int,
     apart: int,
     outputs: int,
     seen: Bool[np.ndarray, "slot"],
-    x: Float[np.ndarray, "slot track"],
-    share: float,
-    out: Float[np.ndarray, "4 track"],
-) -> None:
-    """Mean, spread, maximum and integral over the outputs that saw a reading.
+    places: Int[np.ndarray, "slot"],
+) -> int:
+    """List where the outputs stand that saw a reading, and return how many did.
 
     Args:
         now: number of the newest slot, where the last output stands.
         apart: slots between outputs.
         outputs: how many of them the window has.
-        seen: which of them saw a reading.
-        x: the outputs.
-        share: of the window since its first reading.
-        out: where the statistics go.
+        seen: which of them saw a reading; the last one always did.
+        places: where they are listed, the last one first.
     """
-    slots, count = len(seen), 0
-    mean, spread, largest, integral = out[0], out[1], out[2], out[3]
+    count = 0
     for k in range(outputs):
-        place = (now - k * apart) % slots
-        if not seen[place]:
-            continue
-        if count == 0:
-            mean[:] = x[place]
-            largest[:] = x[place]
-        else:
-            add_and_compare(x[place], mean, largest)
-        count += 1
-    part = np.float32(1.0 / count)  # the newest has always seen a reading
-    for c in range(len(mean)):
-        mean[c] *= part
-        integral[c] = mean[c] * share
-        spread[c] = ZERO
-    for k in range(outputs):
-        place = (now - k * apart) % slots
+        place = (now - k * apart) % len(seen)
         if seen[place]:
-            add_square(x[place], mean, spread)
-    for c in range(len(mean)):
-        spread[c] = np.sqrt(spread[c] * part + np.float32(1e-4))
+            places[count] = place
+            count += 1
+    return count
 
 
 @compiled
 @no_type_check
-def add_and_compare(
+def measure(
+    x: Float[np.ndarray, "slot track"],
+    places: Int[np.ndarray, "output"],
+    share: float,
+    out: Float[np.ndarray, "4 track"],
+) -> None:
+    """Mean, spread, maximum and integral over some outputs, in one pass.
+
+    Sums are of what is away from the first of them, which keeps them small.
+
+    Args:
+        x: the outputs, among others.
+        places: where they stand.
+        share: of the window since its first reading.
+        out: where the statistics go.
+    """
+    count, first = len(places), x[places[0]]
+    mean, spread, largest, integral = out[0], out[1], out[2], out[3]
+    mean[:], spread[:], largest[:] = ZERO, ZERO, first
+    fours = count - count % 4
+    for k in range(0, fours, 4):
+        gather_four(x, places[k : k + 4], first, mean, spread, largest)
+    for k in range(fours, count):
+        gather_one(x[places[k]], first, mean, spread, largest)
+    part = np.float32(1.0 / count)
+    for c in range(len(mean)):
+        away = mean[c] * part
+        mean[c] = first[c] + away
+        integral[c] = mean[c] * share
+        variance = max(spread[c] * part - away * away, ZERO)
+        spread[c] = np.sqrt(variance + np.float32(1e-4))
+
+
+@compiled
+@no_type_check
+def gather_one(
     x: Float[np.ndarray, "track"],
+    first: Float[np.ndarray, "track"],
     total: Float[np.ndarray, "track"],
+    squares: Float[np.ndarray, "track"],
     largest: Float[np.ndarray, "track"],
 ) -> None:
-    """Add `x` to the total, and keep the larger."""
+    """Add how far `x` is from the first, and its square, and keep the larger."""
     for c in range(len(x)):
-        total[c] += x[c]
+        away = x[c] - first[c]
+        total[c] += away
+        squares[c] += away * away
         largest[c] = max(largest[c], x[c])
 
 
 @compiled
 @no_type_check
-def add_square(
-    x: Float[np.ndarray, "track"],
-    mean: Float[np.ndarray, "track"],
+def gather_four(
+    x: Float[np.ndarray, "slot track"],
+    places: Int[np.ndarray, "4"],
+    first: Float[np.ndarray, "track"],
     total: Float[np.ndarray, "track"],
+    squares: Float[np.ndarray, "track"],
+    largest: Float[np.ndarray, "track"],
 ) -> None:
-    """Add the squared distance from the mean."""
-    for c in range(len(x)):
-        total[c] += (x[c] - mean[c]) ** 2
+    """The same with four of them at once, for a quarter of the writing."""
+    x0, x1, x2, x3 = x[places[0]], x[places[1]], x[places[2]], x[places[3]]
+    for c in range(len(first)):
+        a0, a1, a2, a3 = (
+            x0[c] - first[c],
+            x1[c] - first[c],
+            x2[c] - first[c],
+            x3[c] - first[c],
+        )
+        total[c] += (a0 + a1) + (a2 + a3)
+        squares[c] += (a0 * a0 + a1 * a1) + (a2 * a2 + a3 * a3)
+        most = max(max(x0[c], x1[c]), max(x2[c], x3[c]))
+        largest[c] = max(largest[c], most)

@@ -11,8 +11,8 @@ from eskin.errors import ReadingError, SkinMismatchError
 from eskin.graph import GraphStream
 from eskin.live.decision import Decider, Verdict
 from eskin.live.detection import Detection
+from eskin.live.logits import LogitStream
 from eskin.live.mounting import check_kind, mount
-from eskin.live.stream import LogitStream
 from eskin.live.travel import Travel
 from eskin.model import MODELS, DecisionConfig, Model, load_model
 from eskin.robot import Robot
@@ -122,7 +122,7 @@ class Recognizer:
             state = self.touches.push_reading(instant)
         self.state = state
         stamp = state.reading.stamp
-        self.stream.push(self.graphs.advance(state))
+        self.stream.push(state.reading, self.graphs.shares(state))
         self.logits = self.stream.logits
         self.probabilities = {
             touch.id: self.stream.probabilities[self.graphs.key_of(touch.id)]

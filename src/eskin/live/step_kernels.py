@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from eskin.graph.arrays import GraphMemory, Ground, Instant, Loads
-from eskin.graph.builder_kernels import build_graph
+from eskin.graph.builder_kernels import build_graph, take_in
 from eskin.held import Held
 from eskin.live.encoder import EncoderMemory
 from eskin.live.feature_kernels import FeatureWeights, featurise
@@ -47,17 +47,21 @@ def step(
     parts_held: Held,
     pool_held: Held,
     shares_held: Held,
+    pressure: Float[np.ndarray, "taxel"],
+    shear: Float[np.ndarray, "taxel_or_none 2"],
     T_world_link: Float[np.ndarray, "link 4 4"],
     instant: Instant,
     slot: int,
     out: Float[np.ndarray, "share 2 class"],
 ) -> None:
-    """Write logits and probabilities of each sequence at a reading that is taken in.
+    """Take in a reading, and write logits and probabilities of each sequence.
 
     Args:
         parts_held: `StepParts`, with room for every graph.
         pool_held: `Pool`, with a row for every sequence.
         shares_held: `Shares` of the reading.
+        pressure: of every taxel [kPa].
+        shear: of every taxel [kPa]; empty where it is not measured.
         T_world_link: of every link of the robot.
         instant: of the reading.
         slot: number of its slot, the same as that of the reading before or later.
@@ -65,6 +69,7 @@ def step(
     """
     shares, pool = shares_held.parts, pool_held.parts
     keys, now, before = shares.keys, shares.now, shares.before
+    take_in(shares.active, pressure, shear, instant, parts_held.parts.loads)
     free_others(keys, pool.keys)
     for n in range(len(keys)):
         row = row_of(keys[n], pool.keys, pool.slots)
@@ -182,6 +187,7 @@ def window_of(row: int, memory: HeadMemory) -> HeadMemory:
         memory.short[row],
         memory.long_seen[row],
         memory.long[row],
+        memory.places[row],
         memory.statistics[row],
     )
 

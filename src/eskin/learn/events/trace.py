@@ -6,11 +6,11 @@ import numpy as np
 from jaxtyping import Float
 
 from eskin.live import Decider, Detection, Recognizer
+from eskin.live.logits import calibrated
 from eskin.live.recognizer import detection_of
-from eskin.live.stream import calibrated
 from eskin.model import DecisionConfig, Model
 from eskin.recording import Recording
-from eskin.robot import load_robot
+from eskin.robot import recorded_robot
 from eskin.skin import MountedSkin
 from eskin.touch import Touch
 
@@ -94,7 +94,7 @@ class Trace:
 
 def trace_of(recording: Recording, model: Model) -> Trace:
     """Replay a recording through the recogniser, and keep what it decides upon."""
-    mounted = MountedSkin(recording.skin, load_robot(recording.robot_name))
+    mounted = MountedSkin(recording.skin, recorded_robot(recording.robot_name))
     recognizer = Recognizer(model, mounted, recording.calibration, ANY_TRAVEL)
     moments: list[Moment] = []
     for scan in recording.scans():

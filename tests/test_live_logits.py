@@ -12,8 +12,8 @@ from eskin.learn.dataset import prepare
 from eskin.learn.windows import cut, to_input
 from eskin.live import Network, Recognizer
 from eskin.live.graph import graph_of
+from eskin.live.logits import SEQUENCES, LogitStream, calibrated
 from eskin.live.step_kernels import step
-from eskin.live.stream import SEQUENCES, LogitStream, calibrated
 from eskin.touch import Reading
 from live_scenes import (
     calibration_of,
@@ -103,10 +103,9 @@ def test_a_step_is_graph_then_features_then_window(kind):
     for n, count in enumerate((5, 40, 0, 900, 3, 400)):
         taxels = felt(on, count, rng)
         reading = reading_of(on, n, taxels, rng)
-        for each in (stream.builder, builder):
-            each.advance(reading, taxels)
+        builder.advance(reading, taxels)
         share = Share(taxels, earlier, rng.uniform(0, 9, len(NOTHING)))
-        stream.push(held_shares({7: share}))
+        stream.push(reading, held_shares({7: share}))
         features = live.features(graph_of(builder.graph(*share)))
         want = window.push(reading.stamp, features)
         assert np.array_equal(stream.logits[7], want)
@@ -119,11 +118,12 @@ def test_a_step_takes_no_memory_in_compiled_code():
     on, rng = mounted("ur5"), np.random.default_rng(1)
     stream = LogitStream(model_of(network("shear")), GraphBuilder(on))
     taxels, out = felt(on, 60, rng), np.empty((2, 2, 4), np.float32)
-    stream.builder.advance(reading_of(on, 0, taxels, rng), taxels)
+    reading = reading_of(on, 0, taxels, rng)
     share = Share(taxels, taxels, NOTHING)
     shares = held_shares({1: share, 2: share})
-    stream.push(shares)
+    stream.push(reading, shares)
     given = (stream.parts, stream.held_pool, shares.held)
+    given += reading.pressure, reading.shear
     given += stream.builder.T_world_link, stream.builder.instant
     memsys_enable_stats()
     try:
@@ -133,15 +133,16 @@ def test_a_step_takes_no_memory_in_compiled_code():
         after = rtsys.get_allocation_stats()
     finally:
         memsys_disable_stats()
-    assert after.alloc - before.alloc == 30 * 2  # a handle for each array given
-    assert after.free - before.free == 30 * 2
+    assert after.alloc - before.alloc == 30 * 4  # a handle for each array given
+    assert after.free - before.free == 30 * 4
 
 
 def some_shares(on, keys, rng):
-    """A few taxels for each of some sequences."""
+    """A few taxels for each of some sequences, none of which is another's."""
     shares = {}
     for key in keys:
-        taxels, earlier = felt(on, 6, rng), felt(on, 5, rng)
+        own = np.arange(key, on.skin.count, 20)
+        taxels, earlier = (np.sort(rng.choice(own, n, replace=False)) for n in (6, 5))
         shares[key] = Share(taxels, earlier, rng.uniform(0, 9, len(NOTHING)))
     return shares
 
@@ -155,15 +156,12 @@ def test_sequences_side_by_side_give_what_each_gives_alone():
     for n, most in enumerate((3, SEQUENCES, count, 2, SEQUENCES)):
         keys = rng.permutation(np.arange(1, most + 1)).tolist()
         shares = some_shares(on, keys, rng)
-        every = np.concatenate([share.taxels for share in shares.values()])
-        reading = reading_of(on, n, every, rng)
-        for stream in (together, *alone.values()):
-            stream.builder.advance(reading, every)
-        together.push(held_shares(shares))
+        reading = reading_of(on, n, np.arange(on.skin.count), rng)
+        together.push(reading, held_shares(shares))
         assert list(together.logits) == list(together.probabilities) == keys
         for key, stream in alone.items():
             own = {key: shares[key]} if key in shares else {}
-            stream.push(held_shares(own))
+            stream.push(reading, held_shares(own))
             for found in ("logits", "probabilities"):
                 want = getattr(stream, found)
                 assert list(want) == list(own)
@@ -176,16 +174,15 @@ def test_sequences_side_by_side_give_what_each_gives_alone():
 def test_a_sequence_that_has_ended_leaves_nothing_behind():
     """Whoever comes next starts afresh in its row, by another key or by the same."""
     on, rng = mounted("ur5"), np.random.default_rng(3)
-    model, builder = model_of(network()), GraphBuilder(on)
-    used, fresh = LogitStream(model, builder), LogitStream(model, builder)
-    last = 0
+    model, last = model_of(network()), 0
+    used, fresh = (LogitStream(model, GraphBuilder(on)) for _ in range(2))
     for n, key in enumerate((1, 1, 2, 2, 0, 2, 2)):
         shares = some_shares(on, [key] if key else [], rng)
-        builder.advance(reading_of(on, n, felt(on, 9, rng), rng), felt(on, 9, rng))
+        reading = reading_of(on, n, felt(on, 9, rng), rng)
         if key != last:
-            fresh = LogitStream(model, builder)
+            fresh = LogitStream(model, fresh.builder)
         for stream in (used, fresh):
-            stream.push(held_shares(shares))
+            stream.push(reading, held_shares(shares))
         assert list(used.logits) == list(shares)
         if key:
             assert np.array_equal(used.logits[key], fresh.logits[key])
@@ -199,10 +196,7 @@ def test_what_was_told_does_not_change_later():
     told = []
     for n in range(4):
         shares = some_shares(on, [1, 2], rng)
-        stream.builder.advance(
-            reading_of(on, n, felt(on, 9, rng), rng), felt(on, 9, rng)
-        )
-        stream.push(held_shares(shares))
+        stream.push(reading_of(on, n, felt(on, 9, rng), rng), held_shares(shares))
         values = [*stream.logits.values(), *stream.probabilities.values()]
         told.append((values, np.copy(values)))
     for values, then in told:

@@ -11,6 +11,7 @@ from eskin.live.network import Network
 from eskin.live.pool import FREE, fresh_pool, larger_pool
 from eskin.live.step_kernels import StepParts, calibrate, step
 from eskin.model import SLOT_NS, Model
+from eskin.touch import Reading
 
 PerClass = Float[np.ndarray, "class"]
 
@@ -46,14 +47,16 @@ class LogitStream:
         self.pool = fresh_pool(self.network.heads, self.network.slots, SEQUENCES)
         self.held_pool = hold(self.pool)
 
-    def push(self, shares: HeldShares) -> None:
-        """Take the next reading, once the builder has taken it in.
+    def push(self, reading: Reading, shares: HeldShares) -> None:
+        """Take the next reading.
 
         A sequence without a share has ended.
 
         Args:
+            reading: later than the one before.
             shares: one a sequence.
         """
+        shear = self.builder.begin(reading)
         keys = shares.keys
         if not keys:
             self.pool.keys.fill(FREE)
@@ -66,9 +69,11 @@ class LogitStream:
             self.parts,
             self.held_pool,
             shares.held,
+            reading.pressure,
+            shear,
             builder.T_world_link,
             builder.instant,
-            builder.instant.stamp // SLOT_NS,
+            reading.stamp // SLOT_NS,
             out,
         )
         self.logits = dict(zip(keys, out[:, 0], strict=True))
