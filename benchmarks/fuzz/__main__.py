@@ -1,0 +1,84 @@
+"""Feed readers with mutated inputs.
+
+    python -m benchmarks.fuzz decoder|skin|recording|commands [--inputs N] [--seed N]
+
+Every input is either read or refused with the error that the reader documents, in one
+line. All else is a finding: it is printed with the command that makes it again, and the
+exit code is 1.
+"""
+
+import sys
+import tempfile
+from dataclasses import dataclass
+from importlib import import_module
+from pathlib import Path
+from typing import Literal
+
+import tyro
+
+from benchmarks.fuzz.guided import guide
+from benchmarks.fuzz.run import Outcome, fuzz
+from benchmarks.fuzz.target import Target
+
+Name = Literal["decoder", "skin", "recording", "commands"]
+TARGETS: dict[Name, tuple[str, str]] = {
+    "decoder": ("benchmarks.fuzz.decoder", "DecoderTarget"),
+    "skin": ("benchmarks.fuzz.skin_files", "SkinTarget"),
+    "recording": ("benchmarks.fuzz.recordings", "RecordingTarget"),
+    "commands": ("benchmarks.fuzz.command_maps", "CommandsTarget"),
+}
+
+
+@dataclass(frozen=True)
+class Command:
+    """Feed a reader with mutated inputs."""
+
+    target: tyro.conf.Positional[Name]
+    """Which of them."""
+    inputs: int = 20_000
+    """How many inputs."""
+    seed: int = 0
+    """Of the mutations."""
+    first: int = 0
+    """Number of the first input."""
+    guided: bool = False
+    """Let coverage guide the mutations; needs `pip install 'eskin[fuzz]'`."""
+
+
+def main() -> None:
+    """Fuzz and print."""
+    command = tyro.cli(Command)
+    if command.guided:
+        guide(lambda: kind_of(command.target), command.inputs, command.seed)
+    with tempfile.TemporaryDirectory() as folder:
+        target = kind_of(command.target)(Path(folder))
+        outcome = fuzz(target, command.first, command.inputs, command.seed)
+    print(described(command, outcome))
+    sys.exit(bool(outcome.findings))
+
+
+def kind_of(name: Name) -> type[Target]:
+    """The target of that name; its reader is imported only now."""
+    module, kind = TARGETS[name]
+    return getattr(import_module(module), kind)
+
+
+def described(command: Command, outcome: Outcome) -> str:
+    """The outcome in words."""
+    lines = [
+        f"{command.target}: {outcome.inputs} inputs of seed {command.seed} in "
+        f"{outcome.seconds:.0f} s, {outcome.accepted} accepted, at most "
+        f"{outcome.grown / 1e6:.0f} MB more memory, {len(outcome.findings)} findings"
+    ]
+    for place, first in outcome.findings.items():
+        number = first.split(":")[0].removeprefix("input ")
+        lines.append(f"{place}\n  {first:.300}")
+        lines.append(
+            f"  python -m benchmarks.fuzz {command.target} --seed {command.seed} "
+            f"--first {number} --inputs 1"
+        )
+    return "\n".join(lines)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,81 @@
+"""Packets and frames of devices."""
+
+import json
+import random
+import struct
+import zlib
+from pathlib import Path
+from typing import final
+
+from benchmarks.fuzz.mutation import mutate
+from benchmarks.fuzz.target import Target, check_refusal
+from eskin.drivers.framing import MOST_FRAME, Deframer, frame
+from eskin.drivers.packet import decode, encode
+from eskin.errors import PacketError
+
+VECTORS = Path(__file__).parents[2] / "tests/data/protocol_v1.json"
+PACKET, SEALED, STREAM = 0, 1, 2
+"""The first byte of an input, modulo 3: the rest is a packet; a packet without its CRC,
+which is put on, so that what lies behind it is reached; or what a serial line gives."""
+REASONS = {"length", "crc", "version", "kind", "content"}
+
+
+@final
+class DecoderTarget(Target):
+    """The packet decoder and the deframer."""
+
+    def __init__(self, folder: Path) -> None:
+        """Start from the test vectors; the folder is not needed."""
+        vectors = json.loads(VECTORS.read_text("utf-8"))["vectors"]
+        self.packets = [bytes.fromhex(vector["packet"]) for vector in vectors]
+
+    def make(self, rng: random.Random) -> bytes:
+        """A mode and its mutated bytes."""
+        mode = rng.choice((PACKET, SEALED, SEALED, STREAM))
+        packet = rng.choice(self.packets)
+        if mode == PACKET:
+            content = mutate(packet, rng)
+        elif mode == SEALED:
+            content = mutate(packet[:-4], rng)
+        else:
+            few = [rng.choice(self.packets) for _ in range(rng.randint(1, 4))]
+            content = mutate(b"".join(map(frame, few)), rng)
+        return bytes([mode]) + content
+
+    def feed(self, data: bytes) -> bool:
+        """Decode; what is accepted must be encoded to the same bytes."""
+        mode, content = (data[0] % 3 if data else PACKET), data[1:]
+        if mode == PACKET:
+            return accepts(content)
+        if mode == SEALED:
+            return accepts(content + struct.pack("<I", zlib.crc32(content)))
+        return any([accepts(packet) for packet in found(content)])
+
+
+def accepts(data: bytes) -> bool:
+    """Whether these bytes are a packet, and then the only bytes of that packet."""
+    try:
+        packet = decode(data)
+    except PacketError as error:
+        check_refusal(error)
+        if error.reason not in REASONS:
+            raise AssertionError(f"reason {error.reason!r}") from error
+        return False
+    if encode(packet) != data:
+        raise AssertionError(f"{packet} has other bytes than it was decoded from")
+    return True
+
+
+def found(stream: bytes) -> list[bytes]:
+    """Packets of a stream; all at once and in pieces must give the same."""
+    whole, parts = Deframer(), Deframer()
+    packets, size = whole.push(stream), 1 + len(stream) % 97
+    pieces = []
+    for start in range(0, len(stream), size):
+        pieces += parts.push(stream[start : start + size])
+        if len(parts.open) > MOST_FRAME:
+            raise AssertionError(f"{len(parts.open)} bytes are held")
+    counters = [(x.bytes, x.frames, x.broken) for x in (whole, parts)]
+    if pieces != packets or counters[0] != counters[1]:
+        raise AssertionError(f"pieces of {size} bytes give other packets: {counters}")
+    return packets

@@ -1,0 +1,42 @@
+"""Scans of the idle ur5 skin without end."""
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from eskin.drivers import PlayedSource, SourceInfo
+from eskin.robot import load_robot
+from eskin.skin import load_skin
+from eskin.touch import Calibration, Scan
+
+NANOSECONDS = 1_000_000_000
+
+
+def idle_source(rate: float, scans: int | None = None) -> PlayedSource:
+    """The ur5 skin in real time, from now on: noise, and joints that move.
+
+    Args:
+        rate: scans a second.
+        scans: how many there are; None: without end.
+    """
+    skin, robot = load_skin("ur5"), load_robot("ur5")
+    calibration = Calibration.uniform(skin.count, 4095, 100.0)
+    names = tuple(robot.joint_names)
+    info = SourceInfo("sim:ur5", "ur5", names, skin, calibration, rate)
+    played = idle_scans(skin.count, len(names), rate, scans)
+    return PlayedSource(info, played, anew=True)
+
+
+def idle_scans(
+    taxels: int, joints: int, rate: float, scans: int | None
+) -> Iterator[Scan]:
+    """Noise of a few counts about 40, which compresses badly."""
+    rng = np.random.default_rng(0)
+    received = np.ones(taxels, bool)
+    number = 0
+    while scans is None or number < scans:
+        stamp = round((number + 1) * NANOSECONDS / rate)
+        q = np.sin(np.arange(joints) + number / rate)
+        counts = rng.integers(36, 45, taxels, dtype=np.int32)
+        yield Scan(stamp, counts, received, q)
+        number += 1

@@ -1,0 +1,133 @@
+"""An hour of the whole skin over serial ports: memory, threads and what is lost."""
+
+import os
+import threading
+import time
+from collections.abc import Callable
+from contextlib import ExitStack
+from dataclasses import dataclass
+from itertools import islice
+from pathlib import Path
+
+from benchmarks.soak.cable import Cable
+from eskin.bench.sender import calibration_of, endless, touch_counts
+from eskin.bench.throughput import SwingingJoints, counted, sending
+from eskin.drivers import (
+    Clock,
+    DeviceSource,
+    HostClock,
+    ManualClock,
+    SerialTransport,
+    Transport,
+)
+from eskin.drivers.virtual import PtyPort, VirtualSkin
+from eskin.live import Recognizer, warm_up
+from eskin.model import load_model
+from eskin.robot import load_robot
+from eskin.skin import MountedSkin, load_skin
+from eskin.stream import Recognition, Stream
+
+RATE = 50.0
+PORTS = 3
+SETTLED = 0.1
+"""Share of the time after which memory is looked at first; what is kept is full."""
+LOOK = 0.02
+"""How often it is looked how far the stream is [s]."""
+
+
+@dataclass(frozen=True)
+class Soaked:
+    """What a stream has left behind."""
+
+    readings: int
+    detections: int
+    lost: dict[str, int]
+    """Scans, packets and readings since the first look, by where; empty where none."""
+    memory: tuple[float, float]
+    """Resident at first and at the end [MB]."""
+    threads: tuple[int, int]
+    """At first and at the end."""
+
+
+def stream_line(seconds: float, real: bool) -> str:
+    """Stream that long and say what was left."""
+    start = time.monotonic()
+    soaked = stream_live(seconds) if real else stream_simulated(seconds)
+    wall = time.monotonic() - start
+    return (
+        f"{seconds:.0f} s of 2112 taxels at {RATE:g} Hz in {wall:.0f} s: "
+        f"{soaked.readings} readings, {soaked.detections} detections, lost "
+        f"{soaked.lost or 'none'}; memory {soaked.memory[0]:.1f} MB, then "
+        f"{soaked.memory[1]:.1f} MB; threads {soaked.threads[0]}, then "
+        f"{soaked.threads[1]}"
+    )
+
+
+def stream_simulated(seconds: float) -> Soaked:
+    """Over pseudo-terminals on a simulated clock, as fast as it goes."""
+    clock, mounted = ManualClock(10**18), mounted_skin()
+    with ExitStack() as stack:
+        lines = [stack.enter_context(PtyPort()) for _ in range(PORTS)]
+        paths = [line.uri.removeprefix("serial:") for line in lines]
+        inner = SerialTransport(clock, paths)
+        stack.callback(inner.close)
+        device = VirtualSkin(mounted.skin, lines, RATE)
+        scans = islice(endless(touch_counts(mounted), RATE), round(seconds * RATE))
+        cable = Cable(inner, device, scans, clock)
+        first = SETTLED * seconds * RATE
+        return streamed(cable, clock, lambda: cable.sent >= first, cable.over.is_set)
+
+
+def stream_live(seconds: float) -> Soaked:
+    """From a process with a pseudo-terminal, in real time."""
+    clock = HostClock()
+    with sending("serial", RATE, clock) as transport:
+        start = time.monotonic()
+        return streamed(
+            transport,
+            clock,
+            lambda: time.monotonic() >= start + SETTLED * seconds,
+            lambda: time.monotonic() >= start + seconds,
+        )
+
+
+def mounted_skin() -> MountedSkin:
+    """The ur5's skin on its robot."""
+    return MountedSkin(load_skin("ur5"), load_robot("ur5"))
+
+
+def streamed(
+    transport: Transport,
+    clock: Clock,
+    is_settled: Callable[[], bool],
+    is_over: Callable[[], bool],
+) -> Soaked:
+    """Recognise what a transport brings, and look at it twice."""
+    mounted = mounted_skin()
+    calibration = calibration_of(mounted.skin.count)
+    recognizer = Recognizer(load_model("ur5"), mounted, calibration)
+    warm_up(recognizer)
+    joints = SwingingJoints(len(mounted.robot.joint_names))
+    source = DeviceSource(transport, mounted, calibration, joints, clock, "soak:")
+    recognition = Recognition(recognizer, drop="never")
+    with Stream(source, [recognition]) as stream:
+        while not is_settled():
+            stream.wait(LOOK)
+        memory, threads = resident(), threading.active_count()
+        before = counted(source, stream)
+        while not is_over():
+            stream.wait(LOOK)
+        lost = {key: n - before[key] for key, n in counted(source, stream).items()}
+        return Soaked(
+            readings=source.counted()["readings"],
+            detections=recognition.detections,
+            lost={key: n for key, n in lost.items() if n and key != "used"},
+            memory=(memory, resident()),
+            threads=(threads, threading.active_count()),
+        )
+
+
+def resident() -> float:
+    """Memory of this process [MB]."""
+    pages = int(Path("/proc/self/statm").read_text().split()[1])
+    return pages * os.sysconf("SC_PAGE_SIZE") / 1e6

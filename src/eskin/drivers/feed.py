@@ -1,0 +1,127 @@
+"""What comes of one patch: its clock, its scans, and what is missing of them."""
+
+from dataclasses import dataclass
+from typing import final
+
+import numpy as np
+from jaxtyping import Bool, Int
+
+from eskin.drivers.device_time import DeviceTime
+from eskin.drivers.pace import Pace
+from eskin.drivers.packet import Data
+from eskin.drivers.scan_numbers import ScanNumbers
+from eskin.drivers.seat import Seat
+
+MOST_PARTS = 4
+"""Scans of which only parts have come; more are given up."""
+
+
+@dataclass(eq=False)
+class Part:
+    """A scan of which some packets have come."""
+
+    stamp: int
+    """When it began [ns]."""
+    counts: Int[np.ndarray, "part"]
+    """Of the patch's taxels."""
+    have: Bool[np.ndarray, "part"]
+    """Which of them have come."""
+    packets: int
+    """How many."""
+
+
+@final
+class Feed:
+    """State of one patch's data; `Assembler` decides what is done with it.
+
+    Attributes:
+        vouched: whether a hello of the believed module agrees with the clock.
+        newest: when the newest complete scan began [ns].
+        period: that this scan belongs to.
+        fresh: when the newest scan began that came in time [ns].
+        used_period: the latest period of which a scan was given out.
+    """
+
+    def __init__(self, seat: Seat, taxels: Int[np.ndarray, "part"]) -> None:
+        """Start without data."""
+        self.seat = seat
+        whole = np.arange(taxels[0], taxels[0] + len(taxels)) if len(taxels) else taxels
+        self.taxels = (
+            slice(int(taxels[0]), int(taxels[-1]) + 1)
+            if len(taxels) and np.array_equal(whole, taxels)
+            else taxels
+        )
+        self.clock = DeviceTime()
+        self.pace = Pace()
+        self.numbers = ScanNumbers()
+        self.complete = ScanNumbers()
+        self.parts: dict[int, Part] = {}
+        self.reboots = 0
+        self.lost_said = 0
+        self.skipped: int | None = None
+        self.vouched = False
+        self.newest: int | None = None
+        self.period: int | None = None
+        self.fresh: int | None = None
+        self.used_period = -1
+
+    def restart(self) -> int:
+        """Begin anew with another module; packets of scans that are given up."""
+        packets = sum(part.packets for part in self.parts.values())
+        self.parts.clear()
+        self.clock = DeviceTime()
+        self.pace = Pace()
+        self.numbers.forget()
+        self.complete.forget()
+        self.reboots, self.vouched = 0, False
+        self.newest = self.period = self.fresh = self.skipped = None
+        return packets
+
+    def skip(self, skipped: int) -> int:
+        """How many scans the patch has left out since it was last asked.
+
+        Args:
+            skipped: by its status, since power-up; it begins anew with the patch.
+        """
+        before, self.skipped = self.skipped, skipped
+        return 0 if before is None else max(0, skipped - before)
+
+    def vouch(self) -> bool:
+        """Whether the believed module's hello is of the clock that its data has.
+
+        Data says by its address alone who sent it; its clock says whether that is still
+        the module whose hello was heard.
+        """
+        if self.reboots != self.clock.reboots:
+            self.reboots, self.vouched = self.clock.reboots, False
+        holder = self.seat.holder
+        if not self.vouched and holder is not None:
+            self.vouched = self.clock.agrees(holder.device_time, holder.greeted)
+        return self.vouched
+
+    def add_part(self, number: int, stamp: int, data: Data) -> Part | None:
+        """Put a packet to its scan; None where it was there already."""
+        part = self.parts.get(number)
+        if part is None:
+            size = self.seat.taxels
+            part = Part(stamp, np.zeros(size, np.int32), np.zeros(size, bool), 0)
+            self.parts[number] = part
+        place = slice(data.first, data.first + len(data.counts))
+        if part.have[place].all():
+            return None
+        part.counts[place] = data.counts
+        part.have[place] = True
+        part.packets += 1
+        return part
+
+    def give_up(self, before: int) -> int:
+        """Packets of scans that began before a time [ns], or are too many."""
+        packets = 0
+        while self.parts:
+            number = min(self.parts)
+            part = self.parts[number]
+            if part.stamp >= before and len(self.parts) <= MOST_PARTS:
+                break
+            packets += part.packets
+            del self.parts[number]
+        return packets

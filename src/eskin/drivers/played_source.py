@@ -1,0 +1,124 @@
+"""Scans that are already there, given as if they came from a device."""
+
+import math
+from collections.abc import Generator, Iterable
+from dataclasses import replace
+from pathlib import Path
+from typing import final
+
+from eskin.drivers.clock import NANOSECONDS, Clock, HostClock
+from eskin.drivers.event import Event
+from eskin.drivers.played_clock import PlayedClock
+from eskin.drivers.source import Source, SourceInfo
+from eskin.recording import read_recording
+from eskin.touch import Scan
+
+STEPPED = math.inf
+"""The pace at which each scan is given as soon as it is asked for."""
+
+
+@final
+class PlayedSource(Source):
+    """Gives scans of a recording or a simulation at a pace; ends after the last."""
+
+    def __init__(
+        self,
+        info: SourceInfo,
+        scans: Iterable[Scan],
+        pace: float = 1.0,
+        clock: Clock | None = None,
+        anew: bool = False,
+    ) -> None:
+        """Make ready; playing begins at the first `read`.
+
+        Args:
+            info: of the scans.
+            scans: in the order of their stamps; the first is fetched at once.
+            pace: seconds played in a second: 1 is real time, `STEPPED` (infinite) gives
+                each scan as soon as it is asked for.
+            clock: that playing is timed by; None takes this computer's.
+            anew: whether stamps are shifted so that the first is the clock's now; else
+                the scans keep their own. `Source.clock` tells the same time as the
+                stamps either way.
+
+        Raises:
+            ValueError: the pace is not positive.
+        """
+        if not pace > 0:
+            raise ValueError(
+                f"pace is {pace}; allowed are positive numbers; give 1 for real time, "
+                "inf for as fast as it is read"
+            )
+        self.info = info
+        self.host = clock or HostClock()
+        self.scans = iter(scans)
+        self.next = next(self.scans, None)
+        self.first = self.next.stamp if self.next is not None else 0
+        self.played = PlayedClock(self.host, pace, None if anew else self.first)
+        self.clock = self.played
+        self.given = 0
+
+    def read(self, timeout: float | None = None) -> Scan | None:
+        """The next scan when it is due; None where it is not in time, or at the end."""
+        if self.next is None:
+            return None
+        shift = self.played.begin() - self.first
+        stamp = self.next.stamp + shift
+        wait = self.played.until(stamp)
+        if timeout is not None and wait > timeout:
+            self.host.sleep(timeout)
+            return None
+        self.host.sleep(wait)
+        scan = replace(self.next, stamp=stamp) if shift else self.next
+        self.played.reach(stamp)
+        self.given += 1
+        self.next = next(self.scans, None)
+        return scan
+
+    @property
+    def ended(self) -> bool:
+        """Whether the last scan has been given, or the source is closed."""
+        return self.next is None
+
+    def take_events(self) -> list[Event]:
+        """Nothing happens to what is played."""
+        return []
+
+    def counted(self) -> dict[str, int]:
+        """The `readings` given."""
+        return {"readings": self.given}
+
+    def close(self) -> None:
+        """Give no more, and close the recording."""
+        self.next = None
+        if isinstance(self.scans, Generator):
+            self.scans.close()
+
+
+def replay_source(
+    path: Path | str,
+    pace: float = 1.0,
+    clock: Clock | None = None,
+    anew: bool = False,
+) -> PlayedSource:
+    """A recording as a source; robot, skin and calibration are those in the file.
+
+    Args:
+        path: of the recording; one that is cut is played up to its last whole chunk.
+        pace: as of `PlayedSource`.
+        clock: as of `PlayedSource`.
+        anew: as of `PlayedSource`.
+
+    Raises:
+        RecordingError: there is no such file, or nothing in it can be used.
+    """
+    recording = read_recording(path)
+    info = SourceInfo(
+        uri=f"replay:{path}",
+        robot_name=recording.robot_name,
+        joint_names=recording.joint_names,
+        skin=recording.skin,
+        calibration=recording.calibration,
+        rate=NANOSECONDS / recording.period if recording.period else 0.0,
+    )
+    return PlayedSource(info, recording.scans(), pace, clock, anew)

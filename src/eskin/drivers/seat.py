@@ -1,0 +1,243 @@
+"""One address of a skin's bus: which modules claim it, and which is believed."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import final
+
+from eskin.drivers.event import EventKind
+from eskin.drivers.packet import Hello
+from eskin.skin import Patch
+from eskin.touch import CalibrationConfig
+
+SECOND = 1_000_000_000
+SILENT = SECOND // 2
+"""After how long unheard a patch is taken to be gone [ns]."""
+SILENT_SCANS = 4
+"""The same in scans of a slow patch."""
+ALONE = 3 * SECOND
+"""How long only one module must be heard until it is believed again [ns]."""
+REORDERED = SECOND // 20
+"""How long after another module began the first must be heard to be alive [ns]."""
+HOLD = round((CalibrationConfig().silence_seconds + 0.5) * SECOND)
+"""How long a module is held back that takes the place of another [ns]: then the
+calibrator, which has not heard its taxels for so long, tares them anew."""
+MOST_CLAIMS = 8
+
+Say = Callable[[int, EventKind, str, str | None], None]
+
+
+@dataclass
+class Claim:
+    """A module that says that it is at an address."""
+
+    serial_number: int
+    """Of the module."""
+    port: str
+    """Port or network address that it is heard at."""
+    fits: bool
+    """Whether it is of this patch's shape."""
+    first: int
+    """When it was first heard [ns]."""
+    heard: int
+    """When it was last heard [ns]."""
+    greeted: int
+    """When its last hello was heard [ns]."""
+    device_time: int
+    """Its clock at its last hello [us], modulo 2**32."""
+    rate: int
+    """Scans a second that it means to make."""
+
+    @property
+    def name(self) -> str:
+        """As people read it."""
+        return f"module {self.serial_number:016x} at {self.port}"
+
+
+@final
+class Seat:
+    """Believes one module at an address, or none where it cannot tell two apart.
+
+    Attributes:
+        port: where data is believed from; None while none is.
+        holder: the module that has the address.
+        held_until: before this time its data is not used [ns].
+        disputed: whether more than one module claims the address.
+        silent: whether no scans of the holder come.
+    """
+
+    def __init__(self, patch: Patch, taxels: int, say: Say) -> None:
+        """Start without a module, for a patch with that many taxels."""
+        self.patch = patch
+        self.taxels = taxels
+        self.tell = say
+        self.claims: dict[tuple[int, str], Claim] = {}
+        self.holder: Claim | None = None
+        self.port: str | None = None
+        self.held_until = 0
+        self.disputed = False
+        self.announced = False
+        self.silent = False
+        self.data_at = 0
+        self.known_serial: int | None = None
+        self.believed_at = 0
+
+    def say(self, stamp: int, kind: EventKind, text: str) -> None:
+        """Something happened to this patch."""
+        self.tell(stamp, kind, f"patch '{self.patch.id}': {text}", self.patch.id)
+
+    def fits(self, hello: Hello) -> bool:
+        """Whether the module has the rows, columns and taxels of the patch."""
+        got = (hello.rows, hello.columns, hello.taxels)
+        return got == (self.patch.rows, self.patch.columns, self.taxels)
+
+    def greet(self, hello: Hello, arrived: int, port: str) -> bool:
+        """Hear a hello; whether the address has another module from now on."""
+        changed = self.expire(arrived)
+        key = (hello.serial_number, port)
+        claim = self.claims.get(key)
+        if claim is not None:
+            self.greet_again(claim, hello, arrived)
+            return changed
+        claim = Claim(
+            hello.serial_number,
+            port,
+            self.fits(hello),
+            arrived,
+            arrived,
+            arrived,
+            hello.device_time,
+            hello.rate,
+        )
+        if not claim.fits:
+            self.say(arrived, "misfit", self.misfit_text(claim, hello))
+        holder = self.holder
+        if holder is None or (not self.disputed and self.gone(arrived)):
+            self.claims = {key: claim}
+            return self.seat(claim, arrived) or changed
+        if len(self.claims) < MOST_CLAIMS:
+            self.claims[key] = claim
+            self.disputed, self.port = True, None
+        return changed
+
+    def greet_again(self, claim: Claim, hello: Hello, arrived: int) -> None:
+        """Hear one more hello of a module; its program may be another by now."""
+        fits = self.fits(hello)
+        other, claim.fits = fits != claim.fits, fits
+        claim.heard = claim.greeted = arrived
+        claim.device_time, claim.rate = hello.device_time, hello.rate
+        self.check_conflict(arrived)
+        if not other:
+            return
+        if not fits:
+            self.say(arrived, "misfit", self.misfit_text(claim, hello))
+        if claim is self.holder and not self.disputed:
+            self.seat(claim, arrived)
+            if fits:
+                self.say(arrived, "returned", f"{claim.name} is of this skin now")
+
+    def misfit_text(self, claim: Claim, hello: Hello) -> str:
+        """What is wrong with a module of another shape."""
+        return (
+            f"{claim.name} has {hello.rows} rows, {hello.columns} columns and "
+            f"{hello.taxels} taxels; allowed are {self.patch.rows}, "
+            f"{self.patch.columns} and {self.taxels}; none of its data is used; "
+            "plug in the right module or correct the skin file"
+        )
+
+    def seat(self, claim: Claim, arrived: int) -> bool:
+        """Give the address to a module; whether it is another than before."""
+        old, self.holder = self.holder, claim
+        again = self.announced and old is claim
+        self.disputed = self.announced = self.silent = False
+        self.data_at = arrived
+        self.port = claim.port if claim.fits else None
+        other = self.known_serial not in (None, claim.serial_number)
+        self.held_until = self.believed_at + HOLD if other else 0
+        if not claim.fits:
+            return old is None or old.serial_number != claim.serial_number
+        if old is None:
+            self.say(arrived, "appeared", f"{claim.name} is heard")
+        elif old.serial_number != claim.serial_number:
+            wait = max(0, self.held_until - arrived) / SECOND
+            text = f"{claim.name} has taken the place of {old.name}"
+            self.say(arrived, "replaced", f"{text}; it is used in {wait:.1f} s")
+        elif old.port != claim.port:
+            self.say(arrived, "moved", f"{claim.name} was at {old.port} before")
+        elif again:
+            self.say(arrived, "returned", f"{claim.name} is alone again, and used")
+        return old is None or old.serial_number != claim.serial_number
+
+    def gone(self, now: int) -> bool:
+        """Whether nothing has been heard of the holder for too long."""
+        return self.holder is None or now - self.holder.heard >= self.patience
+
+    @property
+    def patience(self) -> int:
+        """How long the holder may be unheard [ns]."""
+        rate = (self.holder and self.holder.rate) or SECOND
+        return max(SILENT, SILENT_SCANS * SECOND // rate)
+
+    def hear(self, arrived: int) -> None:
+        """Data of the holder came, by its port and its clock."""
+        self.data_at = arrived
+        if self.holder is not None:
+            self.holder.heard = arrived
+        if self.silent:
+            self.silent = False
+            self.say(arrived, "returned", "its scans come again")
+
+    def believe(self, arrived: int) -> None:
+        """Data of the holder is used."""
+        self.believed_at = arrived
+        if self.holder is not None:
+            self.known_serial = self.holder.serial_number
+
+    def overhear(self, arrived: int, port: str) -> None:
+        """Data came that is not believed: whoever alone claims that port is alive."""
+        claims = [claim for claim in self.claims.values() if claim.port == port]
+        if self.disputed and len(claims) == 1:
+            claims[0].heard = arrived
+            self.check_conflict(arrived)
+
+    def check_conflict(self, now: int) -> None:
+        """Say it once when two modules are known to be alive at the same time."""
+        if not self.disputed or self.announced:
+            return
+        began = max(claim.first for claim in self.claims.values())
+        alive = [c for c in self.claims.values() if c.heard >= began + REORDERED]
+        if any(claim.first < began for claim in alive):
+            self.announced = True
+            names = " and ".join(claim.name for claim in self.claims.values())
+            self.say(
+                now,
+                "conflict",
+                f"{names} both have address {self.patch.address}; neither is used; "
+                "unplug one or give it another address",
+            )
+
+    def expire(self, now: int) -> bool:
+        """Forget modules that are heard no more; whether the address changed hands."""
+        if not self.disputed:
+            return False
+        alive = {
+            key: claim
+            for key, claim in self.claims.items()
+            if now - claim.heard < ALONE
+        }
+        if len(alive) > 1:
+            self.claims = alive
+            return False
+        if not alive:
+            latest = max(self.claims, key=lambda key: self.claims[key].heard)
+            alive = {latest: self.claims[latest]}
+        self.claims = alive
+        return self.seat(next(iter(alive.values())), now)
+
+    def poll(self, now: int) -> bool:
+        """Notice who is gone; whether the address has another module from now on."""
+        changed = self.expire(now)
+        quiet = now - self.data_at >= self.patience
+        if self.port is not None and quiet and not self.silent:
+            self.silent = True
+            self.say(now, "silent", "no scans come any more; check cable and power")
+        return changed

@@ -1,0 +1,139 @@
+"""The scans of all patches on the skin's grid of periods, until they are given out."""
+
+from typing import final
+
+import numpy as np
+from jaxtyping import Integer
+
+from eskin.drivers.fates import Fate, Fates
+from eskin.drivers.feed import Feed
+from eskin.drivers.period import SECOND, Grid, PeriodScans
+
+BEHIND = SECOND // 2
+"""How far readings may be given out late after a stall; older periods are skipped."""
+
+
+@final
+class Timeline:
+    """Waits for each period's scans, and gives it out once.
+
+    Attributes:
+        grid: the periods.
+        fates: of the packets.
+        skipped: periods that were never given out, since nobody asked in time.
+        next: the period that is given out next.
+    """
+
+    def __init__(
+        self, grid: Grid, taxels: int, feeds: dict[int, Feed], fates: Fates
+    ) -> None:
+        """Start at the grid's first period, for patches by their addresses."""
+        self.grid = grid
+        self.taxels = taxels
+        self.feeds = feeds
+        self.fates = fates
+        self.pending: dict[int, PeriodScans] = {}
+        self.next = 0
+        self.skipped = 0
+
+    def place(
+        self,
+        feed: Feed,
+        number: int,
+        stamp: int,
+        counts: Integer[np.ndarray, "part"],
+        packets: int,
+        arrived: int,
+    ) -> Fate:
+        """Put a complete scan to its period; the fate of its packets so far.
+
+        Args:
+            feed: of its patch.
+            number: of the scan.
+            stamp: when it began [ns].
+            counts: of the patch's taxels.
+            packets: that it came in.
+            arrived: when the last of them came [ns].
+        """
+        k = self.period_of(feed, stamp)
+        if k < self.next:
+            return "superseded" if k == feed.used_period else "late"
+        if arrived - self.grid.deadline(k) > BEHIND:
+            return "late"
+        period = self.pending.get(k)
+        if period is None:
+            period = self.pending[k] = PeriodScans(self.taxels)
+        address = feed.seat.patch.address
+        before, others = period.scans.get(address, (number, 0))
+        if before > number:
+            return "superseded"
+        self.fates.move("superseded", others)
+        period.scans[address] = (number, packets)
+        period.counts[feed.taxels] = counts
+        period.received[feed.taxels] = True
+        feed.fresh = max(stamp, feed.fresh or 0)
+        return "waiting"
+
+    def period_of(self, feed: Feed, stamp: int) -> int:
+        """The period that a scan of a patch belongs to.
+
+        A patch of about the skin's rate keeps its phase until it is 0.75 periods off,
+        so that jitter does not put two scans in one period and none in the next.
+        """
+        grid = self.grid
+        k = grid.at(stamp)
+        if feed.newest is not None and feed.period is not None:
+            passed = (stamp - feed.newest + grid.period // 2) // grid.period
+            same = feed.period + passed
+            if grid.beside(same, stamp) and grid.keeps_pace(feed.pace.rate):
+                k = same
+        if feed.newest is None or stamp > feed.newest:
+            feed.newest, feed.period = stamp, k
+        return k
+
+    def poll(self, now: int) -> list[tuple[int, PeriodScans]]:
+        """Stamps and scans of the periods that are complete or due."""
+        grid, given = self.grid, []
+        if now - grid.deadline(self.next) > BEHIND:
+            self.skip_to(grid.at(now - BEHIND - grid.grace))
+        while now >= grid.start(self.next) and (
+            now >= grid.deadline(self.next) or self.is_complete(self.next)
+        ):
+            given.append((grid.start(self.next), self.give()))
+        return given
+
+    def is_complete(self, k: int) -> bool:
+        """Whether every patch that is there has delivered its scan of a period."""
+        period = self.pending.get(k)
+        if period is None:
+            return False
+        return all(
+            address in period.scans or not self.is_awaited(feed, k)
+            for address, feed in self.feeds.items()
+        )
+
+    def is_awaited(self, feed: Feed, k: int) -> bool:
+        """Whether a patch is there and its next scan is likely to fall in a period."""
+        seat = feed.seat
+        if seat.port is None or seat.silent or feed.newest is None:
+            return False
+        interval = SECOND / feed.pace.rate if feed.pace.rate else self.grid.period
+        return feed.newest + 0.75 * interval < self.grid.start(k + 1)
+
+    def give(self) -> PeriodScans:
+        """The scans of the next period."""
+        k = self.next
+        self.next += 1
+        period = self.pending.pop(k, None) or PeriodScans(self.taxels)
+        for address, (_, packets) in period.scans.items():
+            self.fates.move("used", packets)
+            self.feeds[address].used_period = k
+        return period
+
+    def skip_to(self, k: int) -> None:
+        """Go on with a later period; nobody was there to take those before."""
+        for old in [old for old in self.pending if old < k]:
+            for _, packets in self.pending.pop(old).scans.values():
+                self.fates.move("late", packets)
+        self.skipped += k - self.next
+        self.next = k

@@ -1,0 +1,188 @@
+"""The language that faults are asked for in: `KIND[:WHERE][@FROM[-TO]][=AMOUNT]`.
+
+`docs/devices.md` has the table of kinds.
+"""
+
+import re
+
+import numpy as np
+from jaxtyping import Int
+
+from eskin.drivers.clock import NANOSECONDS
+from eskin.drivers.virtual.faults.fault import FOREVER, Fault, Order
+from eskin.drivers.virtual.faults.line import Flip, Garbage
+from eskin.drivers.virtual.faults.modules import (
+    ClockJump,
+    Reboot,
+    Replace,
+    SameAddress,
+    Swap,
+    Unplug,
+    Wrap,
+)
+from eskin.drivers.virtual.faults.packets import (
+    Corrupt,
+    Delay,
+    Duplicate,
+    Lose,
+    Reorder,
+    Stall,
+    Truncate,
+    WrongPatch,
+)
+from eskin.drivers.virtual.faults.taxels import Dead, Noisy, Stuck
+from eskin.skin import Skin
+
+KINDS: dict[str, type[Fault]] = {
+    "unplug": Unplug,
+    "replace": Replace,
+    "reboot": Reboot,
+    "stall": Stall,
+    "lose": Lose,
+    "corrupt": Corrupt,
+    "truncate": Truncate,
+    "duplicate": Duplicate,
+    "reorder": Reorder,
+    "delay": Delay,
+    "wrong_patch": WrongPatch,
+    "flip": Flip,
+    "garbage": Garbage,
+    "clock_jump": ClockJump,
+    "wrap": Wrap,
+    "swap": Swap,
+    "same_address": SameAddress,
+    "noisy": Noisy,
+    "stuck": Stuck,
+    "dead": Dead,
+}
+"""Every kind of fault by its name."""
+
+NUMBER = r"[0-9]+(?:\.[0-9]*)?"
+FORM = re.compile(
+    r"(?P<kind>[a-z_]+)"
+    r"(?::(?P<where>[^@=]+))?"
+    rf"(?:@(?P<start>{NUMBER})(?:-(?P<end>{NUMBER}))?)?"
+    rf"(?:=(?P<amount>-?{NUMBER}))?"
+)
+PLACE = re.compile(
+    r"(?P<patch>[^/]+)(?:/(?:r(?P<row>[0-9]+))?(?:c(?P<column>[0-9]+))?)?"
+)
+MOST_ADDRESS = 2**16 - 1
+
+
+def parse_fault(text: str, skin: Skin, seed: int = 0) -> Fault:
+    """The fault that a text asks for.
+
+    Args:
+        text: such as `lose=0.1`, `unplug:forearm@5-8` or `stuck:forearm/r3c5`.
+        skin: whose patches are meant.
+        seed: decides what is drawn.
+
+    Raises:
+        ValueError: the text asks for nothing that there is.
+    """
+    found = FORM.fullmatch(text)
+    if found is None:
+        raise ValueError(
+            f"fault '{text}' cannot be read; allowed is KIND[:WHERE][@FROM[-TO]]"
+            "[=AMOUNT], such as lose=0.1 or unplug:forearm@5-8; times are in seconds"
+        )
+    kind = KINDS.get(found["kind"])
+    if kind is None:
+        raise ValueError(
+            f"fault '{text}' is of no known kind; allowed are {', '.join(KINDS)}"
+        )
+    patches, taxels = place_of(text, found["where"], kind, skin)
+    start, end = span_of(text, found["start"], found["end"], kind)
+    order = Order(
+        text=text,
+        patches=patches,
+        taxels=taxels,
+        start=start,
+        end=end,
+        amount=amount_of(text, found["amount"], kind),
+        unused=unused_address(skin),
+    )
+    return kind(order, np.random.default_rng(seed))
+
+
+def place_of(
+    text: str, where: str | None, kind: type[Fault], skin: Skin
+) -> tuple[tuple[int, ...], Int[np.ndarray, "part"]]:
+    """Patches and taxels that are meant: all unless some are named."""
+    if where is None and not kind.pair:
+        return tuple(range(len(skin.patches))), np.arange(skin.count)
+    names = (where or "").split(",")
+    if len(names) != 1 + kind.pair:
+        raise ValueError(
+            f"fault '{text}' names {len(names) if where else 0} patches; allowed "
+            f"{'are 2, as in KIND:ONE,OTHER' if kind.pair else 'is 1, or none for all'}"
+        )
+    places = [one_place(text, name, skin) for name in names]
+    patches = tuple(patch for patch, _ in places)
+    if len(set(patches)) != len(patches):
+        raise ValueError(f"fault '{text}' names one patch twice; name two")
+    return patches, np.concatenate([taxels for _, taxels in places])
+
+
+def one_place(text: str, name: str, skin: Skin) -> tuple[int, Int[np.ndarray, "part"]]:
+    """A patch, and its taxels that are meant."""
+    found = PLACE.fullmatch(name)
+    ids = [patch.id for patch in skin.patches]
+    if found is None or found["patch"] not in ids:
+        raise ValueError(
+            f"fault '{text}' is at '{name}'; allowed are PATCH, PATCH/rROW, "
+            f"PATCH/cCOLUMN and PATCH/rROWcCOLUMN with a patch of {', '.join(ids)}"
+        )
+    patch = ids.index(found["patch"])
+    meant = skin.patch_index == patch
+    if found["row"] is not None:
+        meant &= skin.rows == int(found["row"])
+    if found["column"] is not None:
+        meant &= skin.columns == int(found["column"])
+    if not meant.any():
+        rows, columns = skin.patches[patch].rows, skin.patches[patch].columns
+        raise ValueError(
+            f"fault '{text}' is where patch {found['patch']} has no taxel; allowed are "
+            f"rows 0 to {rows - 1} and columns 0 to {columns - 1} that hold some"
+        )
+    return patch, np.flatnonzero(meant)
+
+
+def span_of(
+    text: str, start: str | None, end: str | None, kind: type[Fault]
+) -> tuple[int, int]:
+    """From when until when [ns]."""
+    first = round(float(start or 0.0) * NANOSECONDS)
+    if end is None:
+        return first, FOREVER
+    last = round(float(end) * NANOSECONDS)
+    if not kind.lasts:
+        raise ValueError(
+            f"fault '{text}' has an end, but happens at an instant; allowed is @FROM"
+        )
+    if last <= first:
+        raise ValueError(
+            f"fault '{text}' ends at {end} s, not after its start; allowed is later"
+        )
+    return first, last
+
+
+def amount_of(text: str, amount: str | None, kind: type[Fault]) -> float:
+    """How much: what was asked for, or what is usual; 1 where it takes none."""
+    if amount is None:
+        return 1.0 if kind.default is None else kind.default
+    if kind.default is None:
+        raise ValueError(f"fault '{text}' takes no amount; leave out ={amount}")
+    if not kind.least <= float(amount) <= kind.most:
+        raise ValueError(
+            f"fault '{text}' has the amount {amount}; allowed are {kind.least:g} to "
+            f"{kind.most:g}"
+        )
+    return float(amount)
+
+
+def unused_address(skin: Skin) -> int:
+    """The largest address that no patch has."""
+    used = {patch.address for patch in skin.patches}
+    return next(at for at in range(MOST_ADDRESS, -1, -1) if at not in used)

@@ -1,0 +1,222 @@
+"""A whole skin that is not there, on real transports."""
+
+from collections.abc import Iterable, Sequence
+from typing import final
+
+import numpy as np
+
+from eskin.closing import Closing
+from eskin.drivers.clock import NANOSECONDS, Clock
+from eskin.drivers.framing import frame
+from eskin.drivers.virtual.faults.fault import (
+    FOREVER,
+    Fault,
+    LineFault,
+    ModuleFault,
+    Outgoing,
+    PacketFault,
+    TaxelFault,
+)
+from eskin.drivers.virtual.patch import VirtualPatch
+from eskin.drivers.virtual.port import Port
+from eskin.errors import DeviceError
+from eskin.skin import Skin
+from eskin.touch import Scan
+
+CRYSTAL = 50.0
+"""Largest error of a patch's clock [ppm]."""
+RUNNING = 60.0
+"""Longest that a patch has run when the skin starts [s]."""
+LARGEST = 2**16 - 1
+"""That fits a count."""
+
+
+@final
+class VirtualSkin(Closing):
+    """All patches of a skin, each with its own clock, on one or more ports.
+
+    A packet is of the time of its scan, not of the time at which it is sent: a listener
+    that is slow makes it late but changes nothing in it.
+
+    Attributes:
+        patches: in the order of the skin's.
+        elapsed: time of its next scan since it was started [ns].
+    """
+
+    def __init__(
+        self,
+        skin: Skin,
+        ports: Sequence[Port],
+        rate: float = 50.0,
+        faults: Sequence[Fault] = (),
+        seed: int = 0,
+    ) -> None:
+        """Power up all patches.
+
+        Args:
+            skin: whose patches they are.
+            ports: that they are plugged into, as many patches into each as into any
+                other; closed with the skin.
+            rate: scans a second [1/s].
+            faults: what goes wrong, in this order.
+            seed: decides serial numbers and clocks.
+
+        Raises:
+            ValueError: there are no ports, more than patches, or no rate.
+        """
+        if not 1 <= len(ports) <= len(skin.patches):
+            raise ValueError(
+                f"{len(ports)} ports for {len(skin.patches)} patches; allowed are 1 to "
+                f"{len(skin.patches)}; change how many"
+            )
+        if not 0 < rate <= LARGEST:
+            raise ValueError(
+                f"rate is {rate} scans a second; allowed are above 0 to {LARGEST}"
+            )
+        self.skin = skin
+        self.ports = tuple(ports)
+        self.rate = rate
+        self.faults = tuple(faults)
+        self.patches = powered_up(skin, rate, np.random.default_rng(seed))
+        self.port_of = [
+            index * len(ports) // len(skin.patches)
+            for index in range(len(skin.patches))
+        ]
+        self.scans = 0
+        self.packets = 0
+        self.elapsed = 0
+        self.is_stopped = False
+
+    def play(
+        self, scans: Iterable[Scan], clock: Clock, seconds: float | None = None
+    ) -> None:
+        """Send scans, each at its time; one whose time is past is sent at once.
+
+        Args:
+            scans: one for every scan that the skin makes, until they end.
+            clock: that is waited for; one that only goes on when told to makes it as
+                fast as the transport is.
+            seconds: when to stop [s].
+        """
+        began: int | None = None
+        end = FOREVER if seconds is None else round(seconds * NANOSECONDS)
+        for scan in scans:
+            if self.is_stopped or self.elapsed >= end:
+                break
+            if began is None:
+                began = clock.now() - self.elapsed
+            clock.sleep((began + self.elapsed - clock.now()) / NANOSECONDS)
+            self.send(scan)
+        self.pass_on([], FOREVER)
+        for port in self.ports:
+            port.flush()
+
+    def stop(self) -> None:
+        """Let `play` end before its next scan; any thread may say so."""
+        self.is_stopped = True
+
+    def send(self, scan: Scan) -> None:
+        """Make the packets of one scan and send them, as far as no fault is in the way.
+
+        Raises:
+            DeviceError: it does not fit the skin, or a count not the protocol.
+        """
+        self.check(scan)
+        at, counts = self.elapsed, scan.counts
+        second = self.scans % max(1, round(self.rate)) == 0
+        for fault in self.faults:
+            if isinstance(fault, ModuleFault):
+                fault.change(self.patches, at)
+            elif isinstance(fault, TaxelFault) and fault.holds(at):
+                counts = counts.copy()
+                part = fault.order.taxels
+                counts[part] = fault.disturb(counts[part])
+                fault.count += len(part)
+        packets: list[Outgoing] = []
+        for index, patch in enumerate(self.patches):
+            if patch.away == 0:
+                made = patch.introduce(at) if second or patch.is_new else []
+                made += patch.measure(counts, scan.received, at)
+                packets += [Outgoing(index, data) for data in made]
+        self.packets += len(packets)
+        self.scans += 1
+        self.elapsed = round(self.scans * NANOSECONDS / self.rate)
+        self.plug_ports()
+        self.pass_on(packets, at)
+
+    def check(self, scan: Scan) -> None:
+        """Refuse a scan that cannot be sent."""
+        if len(scan.counts) != self.skin.count:
+            raise DeviceError(
+                f"scan has {len(scan.counts)} counts, skin '{self.skin.name}' has "
+                f"{self.skin.count} taxels; play what was recorded with this skin"
+            )
+        sent = scan.counts if scan.received.all() else scan.counts[scan.received]
+        if len(sent) and not 0 <= sent.min() <= sent.max() <= LARGEST:
+            raise DeviceError(
+                f"counts are {sent.min()} to {sent.max()}; allowed by the protocol are "
+                f"0 to {LARGEST}; play what has fewer bits"
+            )
+
+    def plug_ports(self) -> None:
+        """Unplug the ports whose patches are all away, and plug in the others."""
+        for number, port in enumerate(self.ports):
+            if any(
+                patch.away == 0
+                for patch, where in zip(self.patches, self.port_of, strict=True)
+                if where == number
+            ):
+                port.plug()
+            else:
+                port.unplug()
+
+    def pass_on(self, packets: list[Outgoing], at: int) -> None:
+        """Send packets through all faults that lie on their way."""
+        for fault in self.faults:
+            if isinstance(fault, PacketFault):
+                packets = fault.pass_on(packets, at)
+        chunks = [
+            Outgoing(packet.patch, frame(packet.data))
+            if self.ports[self.port_of[packet.patch]].framed
+            else packet
+            for packet in packets
+        ]
+        for fault in self.faults:
+            if isinstance(fault, LineFault):
+                chunks = fault.pass_on(chunks, at)
+        for number, port in enumerate(self.ports):
+            own = [data for patch, data in chunks if self.port_of[patch] == number]
+            if own:
+                port.send(own)
+
+    def counted(self) -> dict[str, object]:
+        """Scans and packets made, bytes sent, packets unheard, and each fault's."""
+        return {
+            "scans": self.scans,
+            "packets": self.packets,
+            "bytes": sum(port.bytes for port in self.ports),
+            "unheard": sum(port.unheard for port in self.ports),
+            "faults": [fault.counted() for fault in self.faults],
+        }
+
+    def close(self) -> None:
+        """Close all ports; may be called twice."""
+        for port in self.ports:
+            port.close()
+
+
+def powered_up(
+    skin: Skin, rate: float, rng: np.random.Generator
+) -> tuple[VirtualPatch, ...]:
+    """The patches of a skin, with clocks and serial numbers that are drawn."""
+    return tuple(
+        VirtualPatch(
+            patch,
+            skin.taxels_of(patch.id),
+            rate,
+            serial_number=int(rng.integers(2**63)),
+            crystal=float(rng.uniform(-CRYSTAL, CRYSTAL)),
+            offset=float(rng.uniform(0.0, RUNNING)),
+        )
+        for patch in skin.patches
+    )

@@ -1,0 +1,75 @@
+"""Short streams on a small skin, and listeners that do as they are told."""
+
+import threading
+
+import numpy as np
+
+from eskin.drivers import STEPPED, ManualClock, PlayedSource, SourceInfo
+from eskin.recording import Metadata
+from eskin.skin.grids import grid_skin
+from eskin.stream import Listener
+from eskin.touch import Calibration, Scan
+
+SECOND = 1_000_000_000
+START = 1_700_000_000 * SECOND
+SKIN = grid_skin(3, 4, name="square")
+JOINTS = ("shoulder", "elbow")
+METADATA = Metadata("set", "P1", "morning")
+INFO = SourceInfo(
+    uri="sim:test",
+    robot_name="ur5",
+    joint_names=JOINTS,
+    skin=SKIN,
+    calibration=Calibration.uniform(SKIN.count, 4095, 100.0),
+    rate=50.0,
+)
+
+
+def make_scans(count, rate=50, start=START):
+    rng = np.random.default_rng(3)
+    return [
+        Scan(
+            start + round(i * SECOND / rate),
+            rng.integers(0, 4096, SKIN.count).astype(np.int32),
+            rng.random(SKIN.count) < 0.9,
+            rng.normal(size=len(JOINTS)),
+        )
+        for i in range(count)
+    ]
+
+
+def played(scans, pace=STEPPED, clock=None, anew=False):
+    return PlayedSource(INFO, scans, pace, clock or ManualClock(), anew)
+
+
+class Ear(Listener):
+    """Keeps what it hears; what it does besides is given to it."""
+
+    def __init__(self, name="ear", size=1000, drop="never", hears=(Scan,), do=None):
+        self.name, self.size, self.drop, self.hears = name, size, drop, hears
+        self.do = do or (lambda item: None)
+        self.heard = []
+        self.log = None
+        self.closed = 0
+        self.thread = None
+
+    def start(self, context):
+        self.context = context
+
+    def hear(self, item):
+        self.thread = threading.current_thread()
+        self.do(item)
+        self.heard.append(item)
+
+    def close(self):
+        self.closed += 1
+        if self.log is not None:
+            self.log.append(self.name)
+
+
+def same_scans(got, expected):
+    return [scan.stamp for scan in got] == [scan.stamp for scan in expected] and all(
+        np.array_equal(getattr(one, name), getattr(other, name))
+        for one, other in zip(got, expected, strict=True)
+        for name in ("counts", "received", "q")
+    )
