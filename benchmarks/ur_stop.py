@@ -1,0 +1,153 @@
+"""How soon a UR is held, and stands, once something is wrong.
+
+    python -m benchmarks.ur_stop [--times N]
+
+The real client of `ur_rtde` against the stand-in controller on loopback, which moves as
+a UR5 may. Each fault is made while the arm moves at full speed.
+"""
+
+import time
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import tyro
+
+from benchmarks.ur_stand_in import StandIn
+from eskin.command import (
+    FRAME_TASK,
+    CommandMap,
+    MotionConfig,
+    Policy,
+    PolicyConfig,
+    Rule,
+    Task,
+    WatchConfig,
+    Waypoint,
+)
+from eskin.command.ur_arm import UrArm
+from eskin.drivers import SourceInfo
+from eskin.errors import ArmError
+from eskin.skin import load_skin
+from eskin.stream import Context
+from eskin.touch import Calibration
+from eskin.ur import UrLink
+
+FAR = Task(
+    "to and fro",
+    "ur5",
+    FRAME_TASK.joint_names,
+    (
+        Waypoint("right", (-2.5, -1.56, 1.693, -1.703, -1.571, 0.0)),
+        Waypoint("left", (2.5, -1.56, 1.693, -1.703, -1.571, 0.0)),
+    ),
+)
+STANDING = 0.01
+"""Speed below which a joint stands [rad/s]."""
+
+
+@dataclass(frozen=True)
+class Command:
+    """Break things while an arm moves, and see how soon it stops."""
+
+    times: int = 20
+    """How often each."""
+
+
+def main() -> None:
+    """Measure and print."""
+    command = tyro.cli(Command)
+    skin = load_skin("ur5")
+    print("fault                     held p50  max   stands p50  max  [ms]")
+    with StandIn(FAR.waypoints[0].q) as stand_in:
+        with UrArm(UrLink(stand_in.host, 0), FAR) as arm:
+            for name, (make, mend) in faults(stand_in, arm, skin).items():
+                rows = [once(stand_in, arm, make, mend) for _ in range(command.times)]
+                held, stands = 1e3 * np.array(rows).T
+                print(
+                    f"{name:25} {np.median(held):8.0f} {held.max():4.0f} "
+                    f"{np.median(stands):11.0f} {stands.max():4.0f}",
+                    flush=True,
+                )
+
+
+def faults(
+    stand_in: StandIn,
+    arm: UrArm,
+    skin: Any,  # noqa: ANN401
+) -> dict[str, tuple[Callable[[], Any], Callable[[], Any]]]:
+    """What makes each fault, and what mends it."""
+
+    def order(name: str, value: object) -> Callable[[], Any]:
+        return lambda: stand_in.order(name, value)
+
+    watching: list[Policy] = []
+
+    def kill_client() -> None:
+        arm.link.process.kill()  # pyright: ignore[reportAttributeAccessIssue]
+
+    return {
+        "connection closed": (order("hang_up", True), order("come_back", True)),
+        "connection mute": (order("mute", True), order("mute", False)),
+        "client killed": (kill_client, lambda: None),
+        "protective stop": (order("protective", True), order("protective", False)),
+        "speed slider at zero": (order("slider", 0.0), order("slider", 1.0)),
+        "stale skin": (
+            lambda: watching.append(watch(arm, skin)),
+            lambda: watching.pop().close(),
+        ),
+        "asked to hold": (lambda: arm.hold("asked"), lambda: None),
+    }
+
+
+def watch(arm: UrArm, skin: Any) -> Policy:  # noqa: ANN401
+    """Let a policy watch over a skin that says nothing until it is stale."""
+    names = FRAME_TASK.joint_names
+    calibration = Calibration.uniform(skin.count, 4095, 100.0)
+    info = SourceInfo("sim:none", "ur5", names, skin, calibration, 50.0)
+    rules = CommandMap(commands=[Rule(gesture="poke", action="pause")])
+    policy = Policy(arm, rules, ("none", "poke"), PolicyConfig(WatchConfig()))
+    policy.start(Context(info, arm.clock, lambda item: None))
+    # From here the newest reading is as old as it may be.
+    policy.watch.heard -= 100_000_000
+    return policy
+
+
+def once(
+    stand_in: StandIn,
+    arm: UrArm,
+    make: Callable[[], Any],
+    mend: Callable[[], Any],
+) -> tuple[float, float]:
+    """From a fault to the hold, and to standstill [s]."""
+    full = 0.9 * MotionConfig().speed
+    while np.abs(stand_in.ask("qd")).max() < full:
+        if arm.state().holding is not None:
+            until(lambda: arm.trouble() is None)
+            time.sleep(0.3)
+            with suppress(ArmError):
+                arm.release()
+        time.sleep(0.01)
+    began = time.monotonic()
+    make()
+    until(lambda: arm.state().holding is not None)
+    held = time.monotonic() - began
+    until(lambda: np.abs(stand_in.ask("qd")).max() < STANDING)
+    stands = time.monotonic() - began
+    mend()
+    return held, stands
+
+
+def until(true: Callable[[], Any]) -> None:
+    """Wait until something is so."""
+    end = time.monotonic() + 60
+    while not true():
+        if time.monotonic() > end:
+            raise TimeoutError("it never came")
+        time.sleep(0.001)
+
+
+if __name__ == "__main__":
+    main()

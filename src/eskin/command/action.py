@@ -1,0 +1,72 @@
+"""What a touch can make an arm do."""
+
+from typing import Literal, get_args
+
+from eskin.command.arm import ArmState
+
+Action = Literal[
+    "pause",
+    "resume",
+    "toggle_pause",
+    "next_waypoint",
+    "previous_waypoint",
+    "open_gripper",
+    "close_gripper",
+    "toggle_gripper",
+    "slow",
+    "normal",
+    "toggle_speed",
+    "hold",
+    "none",
+]
+ACTIONS: tuple[str, ...] = get_args(Action)
+FUNCTION = "function"
+"""The action of a rule that names a function."""
+
+LEAST = {
+    "hold": 0.5,
+    "pause": 0.5,
+    "slow": 0.6,
+    "next_waypoint": 0.7,
+    "previous_waypoint": 0.7,
+    "close_gripper": 0.7,
+    FUNCTION: 0.8,
+    "normal": 0.8,
+    "open_gripper": 0.85,
+    "resume": 0.95,
+}
+"""Confidence that each needs, where a rule says nothing: the more can go wrong, the
+more."""
+NEVER_LESS = ("open_gripper", "resume")
+"""A rule can ask more confidence for these, never less."""
+COOL_DOWN = 0.5
+"""How long a rule rests after it was obeyed, where it says nothing [s]."""
+RESTLESS = ("pause", "hold")
+"""What no rest keeps anybody from."""
+STOPPING = ("pause", "hold", "slow")
+"""What makes the arm do less: allowed when much else is not."""
+
+
+def resolved(action: str, state: ArmState) -> str:
+    """The plain action that a toggle means in a state of the arm."""
+    match action:
+        case "toggle_pause":
+            return "resume" if state.paused else "pause"
+        case "toggle_gripper":
+            return "close_gripper" if state.gripper == "open" else "open_gripper"
+        case "toggle_speed":
+            return "slow" if state.speed >= 1 else "normal"
+    return action
+
+
+def confidence_for(action: str, asked: float | None) -> float:
+    """The confidence that a plain action needs.
+
+    Args:
+        action: no toggle.
+        asked: what its rule says; None where it says nothing.
+    """
+    least = LEAST[action]
+    if asked is None:
+        return least
+    return max(asked, least) if action in NEVER_LESS else asked

@@ -1,0 +1,220 @@
+"""Which touch commands what: `commands.yaml`, read safely and checked."""
+
+from importlib import resources
+from pathlib import Path
+from typing import Annotated, Literal
+
+import yaml
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic_core import ErrorDetails
+
+from eskin.command.action import ACTIONS, FUNCTION, LEAST, NEVER_LESS, Action
+from eskin.command.functions import FUNCTIONS
+from eskin.errors import CommandError
+from eskin.skin import Skin
+from eskin.skin.manifest import (
+    Name,
+    PlainLoader,
+    describe,
+    refuse_what_explodes,
+    shorten,
+)
+
+LARGEST = 1 << 18
+"""Characters that a command map may have."""
+WORDLESS = ("none", "unknown")
+"""What detections say of touches that command nothing."""
+
+
+class Rule(BaseModel):
+    """One gesture, perhaps on one link or patch, and what it commands."""
+
+    model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
+
+    gesture: Name
+    action: Action | None = None
+    function: Name | None = None
+    link: Name | None = None
+    patch: Name | None = None
+    confidence: Annotated[float, Field(ge=0, le=1, allow_inf_nan=False)] | None = None
+    cool_down: Annotated[float, Field(ge=0, le=60, allow_inf_nan=False)] | None = None
+
+    @property
+    def what(self) -> str:
+        """The action, or that it is a function."""
+        return FUNCTION if self.action is None else self.action
+
+    @property
+    def place(self) -> tuple[str, str | None, str | None]:
+        """What tells it from other rules."""
+        return self.gesture, self.link, self.patch
+
+
+class CommandMap(BaseModel):
+    """All rules; the most particular one that fits a touch counts."""
+
+    model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
+
+    version: Literal[1] = 1
+    commands: Annotated[list[Rule], Field(min_length=1, max_length=1000)]
+
+    def rule_for(self, gesture: str, link: str, patch: str) -> Rule | None:
+        """The rule for a touch: of its patch, else of its link, else of neither."""
+        fitting = [
+            rule
+            for rule in self.commands
+            if rule.gesture == gesture
+            and rule.link in (None, link)
+            and rule.patch in (None, patch)
+        ]
+        order = [(rule.patch is not None, rule.link is not None) for rule in fitting]
+        return fitting[order.index(max(order))] if order else None
+
+    def problems(self, vocabulary: tuple[str, ...], skin: Skin) -> list[str]:
+        """What does not fit the model, the skin, or itself; each with its path."""
+        known = {
+            "gesture": tuple(word for word in vocabulary if word not in WORDLESS),
+            "link": tuple(sorted({patch.link for patch in skin.patches})),
+            "patch": tuple(patch.id for patch in skin.patches),
+            "function": tuple(FUNCTIONS),
+        }
+        found, links = [], {patch.id: patch.link for patch in skin.patches}
+        for index, rule in enumerate(self.commands):
+            where = f"commands[{index}]"
+            for key, allowed in known.items():
+                value = getattr(rule, key)
+                if value is not None and value not in allowed:
+                    names = ", ".join(allowed) or "none"
+                    found.append(
+                        f"{where}.{key}: got {shorten(value)}, allowed {names}"
+                    )
+            if rule.link and links.get(rule.patch or "", rule.link) != rule.link:
+                found.append(
+                    f"{where}.link: got {shorten(rule.link)}, allowed "
+                    f"{links[rule.patch or '']}, which its patch is on, or none"
+                )
+            found += [f"{where}{problem}" for problem in problems_of(rule)]
+        places = [rule.place for rule in self.commands]
+        for index, place in enumerate(places):
+            if (first := places.index(place)) < index:
+                found.append(
+                    f"commands[{index}] is for the same touches as commands[{first}]; "
+                    "allowed is one rule; take one out"
+                )
+        return found
+
+
+def problems_of(rule: Rule) -> list[str]:
+    """What is wrong with a rule by itself."""
+    found = []
+    if (rule.action is None) == (rule.function is None):
+        found.append(": allowed is either action or function; give one of them")
+    if rule.action in NEVER_LESS and rule.confidence is not None:
+        least = LEAST[rule.action]
+        if rule.confidence < least:
+            found.append(
+                f".confidence: got {rule.confidence:g}, allowed {least:g} to 1 for "
+                f"{rule.action}; raise it"
+            )
+    return found
+
+
+def load_commands(
+    path: Path | str | None, vocabulary: tuple[str, ...], skin: Skin
+) -> CommandMap:
+    """Read a command map.
+
+    Args:
+        path: of the file; None takes the map that comes with eskin, without those of
+            its rules whose gesture the model does not know.
+        vocabulary: gestures that the model knows.
+        skin: whose links and patches may be named.
+
+    Raises:
+        CommandError: it cannot be read or used; every problem with its path, in a line.
+    """
+    if path is None:
+        text = (resources.files("eskin.command") / "commands.yaml").read_text("utf-8")
+        commands = parse_commands(text, "commands.yaml")
+        fitting = [rule for rule in commands.commands if rule.gesture in vocabulary]
+        commands = commands.model_copy(update={"commands": fitting})
+    else:
+        commands = parse_commands(text_of(Path(path)), str(path))
+    problems = commands.problems(vocabulary, skin)
+    if problems:
+        raise CommandError(f"{shorten_path(path)}: {'; '.join(problems)}")
+    return commands
+
+
+def text_of(path: Path) -> str:
+    """What a file says."""
+    try:
+        data = path.read_bytes()[: LARGEST + 1]
+        if len(data) > LARGEST:
+            raise CommandError(
+                f"{shorten_path(path)}: more than {LARGEST} bytes; allowed are fewer; "
+                "is it a command map?"
+            )
+        return data.decode("utf-8")
+    except UnicodeDecodeError as error:
+        raise CommandError(
+            f"{shorten_path(path)}: byte {error.start} is no UTF-8; save it as UTF-8"
+        ) from None
+    except OSError as error:
+        raise CommandError(
+            f"{shorten_path(path)} cannot be read ({error.strerror}); allowed is a "
+            "YAML file; correct the path"
+        ) from error
+
+
+def shorten_path(path: Path | str | None) -> str:
+    """A path on one line."""
+    return " ".join(str(path or "commands.yaml").split())
+
+
+def parse_commands(text: str, file: str) -> CommandMap:
+    """Read the text of a command map, without comparing it to model or skin.
+
+    Raises:
+        CommandError: every entry that is wrong, in one line that begins with the file.
+    """
+    file = shorten_path(file)
+    try:
+        refuse_what_explodes(text)
+        data = yaml.load(text, PlainLoader)  # noqa: S506  It is a SafeLoader.
+    except yaml.YAMLError as error:
+        raise CommandError(f"{file}{describe(error)}") from None
+    except (OverflowError, ValueError) as error:
+        raise CommandError(f"{file}: not plain YAML: {shorten(str(error))}") from None
+    if not isinstance(data, dict):
+        raise CommandError(
+            f"{file}: got {shorten(data)}, allowed a mapping with the keys "
+            f"{', '.join(CommandMap.model_fields)}"
+        )
+    try:
+        return CommandMap.model_validate(data)
+    except ValidationError as error:
+        lines = "; ".join(map(problem_of_entry, error.errors()))
+        raise CommandError(f"{file}: {lines}") from None
+
+
+def problem_of_entry(detail: ErrorDetails) -> str:
+    """Say which entry is wrong, what was got and what is allowed."""
+    path = ""
+    for step in detail["loc"]:
+        plain = str(step) if str(step).isidentifier() else shorten(step)
+        path += f"[{step}]" if isinstance(step, int) else f".{plain}"
+    path = path.lstrip(".")
+    got = shorten(detail["input"])
+    match detail["type"]:
+        case "missing":
+            return f"{path} is missing; add it"
+        case "extra_forbidden":
+            allowed = Rule if "[" in path else CommandMap
+            return f"{path} is not known, allowed {', '.join(allowed.model_fields)}"
+        case "literal_error" if path.endswith("action"):
+            return f"{path}: got {got}, allowed {', '.join(ACTIONS)}"
+        case "string_pattern_mismatch":
+            return f"{path}: got {got}, allowed one line without spaces at its ends"
+    wanted = detail["msg"].removeprefix("Input ").removeprefix("should ")
+    return f"{path}: got {got}, {wanted}"

@@ -1,0 +1,354 @@
+"""From what is felt to what the arm does: the rules in between."""
+
+import logging
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from threading import Event as Flag
+from threading import RLock, Thread
+from typing import final
+
+from eskin.command.action import (
+    COOL_DOWN,
+    FUNCTION,
+    RESTLESS,
+    STOPPING,
+    confidence_for,
+    resolved,
+)
+from eskin.command.arm import Arm, ArmState
+from eskin.command.command_map import WORDLESS, CommandMap, Rule
+from eskin.command.functions import FUNCTIONS
+from eskin.command.skin_watch import SkinWatch, WatchConfig
+from eskin.errors import ArmError
+from eskin.live import Detection
+from eskin.stream import Commanded, Context, Heard, Listener, Moment
+from eskin.stream.inbox import Drop
+
+SECOND = 1_000_000_000
+logger = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class PolicyConfig:
+    """How careful commands are."""
+
+    watch: WatchConfig = field(default_factory=WatchConfig)
+    """When the arm is held because of its skin."""
+
+    pause_seconds: float = 1.0
+    """How long a pause lasts at least [s]."""
+
+    lifted_seconds: float = 0.1
+    """How long nobody may have touched the skin before the arm is resumed [s]."""
+
+    patience: float = 2.0
+    """How long after a detection its touch may go on if it is to resume [s]."""
+
+    slow: float = 0.3
+    """Share of full speed when slow."""
+
+    tick: float | None = 0.02
+    """How often it is looked whether the skin is stale, though nothing comes [s]; None
+    where `look` is called by others."""
+
+
+@dataclass
+class Waiting:
+    """A touch that is to resume the arm once it has ended."""
+
+    detection: Detection
+    rule: Rule
+    confidence: float
+
+
+@final
+class Policy(Listener):
+    """Hears detections and moments, commands an arm, and tells what it decided and why.
+
+    What can make the arm do less needs little; what can start it needs much. Whatever
+    goes wrong in here holds the arm. This is no certified safety function.
+
+    Attributes:
+        arm: what is commanded.
+        accepted: how many commands of touches were obeyed.
+        held: how often the arm was held.
+    """
+
+    name = "policy"
+    hears = (Detection, Moment)
+    size = 64
+    drop: Drop = "oldest"
+
+    def __init__(
+        self,
+        arm: Arm,
+        commands: CommandMap,
+        vocabulary: tuple[str, ...],
+        config: PolicyConfig | None = None,
+    ) -> None:
+        """Nothing is commanded before the stream starts.
+
+        Args:
+            arm: that is commanded; whoever opened it closes it.
+            commands: what touch commands what.
+            vocabulary: of the model, in the order of the probabilities.
+            config: how careful it is.
+        """
+        self.arm = arm
+        self.commands = commands
+        self.vocabulary = vocabulary
+        self.config = config or PolicyConfig()
+        self.lock = RLock()
+        self.accepted = self.held = 0
+        self.spent: set[tuple[int, int]] = set()
+        self.barred: set[int] = set()
+        self.rested: dict[object, int] = {}
+        self.waiting: Waiting | None = None
+        self.paused_since: int | None = None
+        self.failure: BaseException | None = None
+        self.over = Flag()
+        self.thread: Thread | None = None
+
+    def start(self, context: Context) -> None:
+        """Begin to watch.
+
+        Raises:
+            ArmError: the skin gives too few readings to be relied on.
+        """
+        oldest, rate = self.config.watch.oldest, context.info.rate
+        if rate * oldest < 2:
+            raise ArmError(
+                f"the skin gives {rate:g} readings a second; allowed are {2 / oldest:g}"
+                " or more, so that what is old is noticed; run it without an arm"
+            )
+        self.context = context
+        self.watch = SkinWatch(
+            context.info.skin, self.config.watch, context.clock.now()
+        )
+        if self.config.tick is not None:
+            self.thread = Thread(target=self.look_on, name="eskin watch", daemon=True)
+            self.thread.start()
+
+    def hear(self, item: Heard) -> None:
+        """Take in a detection or a moment."""
+        if self.failure is not None:
+            raise self.failure
+        self.guarded(lambda: self.take(item))
+
+    def take(self, item: Heard) -> None:
+        """Do what a detection or a moment asks for."""
+        if isinstance(item, Detection):
+            self.watch.recognise(item)
+            if item.gesture not in WORDLESS:
+                self.decide(item)
+        elif isinstance(item, Moment):
+            self.watch.push(item)
+            self.look()
+            self.hold_if_unrecognised(item)
+            self.wait_on(item)
+            self.forget(item)
+
+    def look(self) -> None:
+        """Hold the arm if its skin cannot be relied on."""
+        with self.lock:
+            now, state = self.context.clock.now(), self.arm.state()
+            since = self.paused_since if self.paused_since is not None else now
+            self.paused_since = since if state.paused else None
+            trouble = self.watch.trouble(now)
+            if trouble is not None:
+                self.waiting = None
+                if state.holding is None:
+                    self.hold(trouble)
+
+    def look_on(self) -> None:
+        """Look again and again, though nothing may come."""
+        while not self.over.wait(self.config.tick):
+            try:
+                self.guarded(self.look)
+            except BaseException as error:
+                logger.exception("the watch over the skin has failed")
+                self.failure = error
+                return
+
+    def guarded(self, action: Callable[[], None]) -> None:
+        """Do something; the arm is held where that fails."""
+        try:
+            with self.lock:
+                action()
+        except BaseException as error:
+            self.arm.hold(f"the policy failed: {type(error).__name__}")
+            raise
+
+    def hold_if_unrecognised(self, moment: Moment) -> None:
+        """Hold a moving arm that is touched in a way that nobody understands."""
+        why = self.watch.unrecognised(moment)
+        if why is not None:
+            state = self.arm.state()
+            if state.moving and not state.stopped:
+                self.hold(why)
+
+    def hold(self, why: str) -> None:
+        """Hold the arm and tell."""
+        self.arm.hold(why)
+        self.held += 1
+        self.tell("hold", None, True, why)
+
+    def decide(self, detection: Detection) -> None:
+        """Obey a detection, or tell why not."""
+        rule = self.commands.rule_for(
+            detection.gesture, detection.link, detection.patch
+        )
+        if rule is None:
+            self.tell("none", detection, False, "the map has no rule for it")
+            return
+        state = self.arm.state()
+        action = resolved(rule.what, state)
+        if action == "none":
+            self.tell("none", detection, False, "the map says none")
+            return
+        why = self.objection(action, detection, rule, state)
+        if why is None and action == "resume":
+            key = detection.touch, detection.onset
+            self.spent.add(key)
+            self.waiting = Waiting(detection, rule, detection.confidence)
+            return
+        needed = confidence_for(action, rule.confidence)
+        if why is None and detection.confidence < needed:
+            why = f"confidence {detection.confidence:.2f} is below {needed:.2f}"
+        self.finish(action, detection, rule, why)
+
+    def objection(
+        self, action: str, detection: Detection, rule: Rule, state: ArmState
+    ) -> str | None:
+        """Why a touch must not command that, whatever its confidence; None: it may."""
+        now = self.context.clock.now()
+        trouble = self.watch.trouble(now)
+        age = self.context.age(detection.stamp)
+        rest = rule.cool_down if rule.cool_down is not None else COOL_DOWN
+        rested = (now - self.rested.get(rule.place, -SECOND * 3600)) / SECOND
+        if state.protective_stop:
+            return "the arm is in protective stop"
+        if not state.connected:
+            return "the arm is not connected"
+        if trouble is not None:
+            return trouble
+        if age > self.config.watch.oldest:
+            return f"it was felt {1e3 * age:.0f} ms ago"
+        if detection.patch in self.watch.out:
+            return f"patch '{detection.patch}' is out"
+        if (
+            detection.touch in self.barred
+            or (detection.touch, detection.onset) in self.spent
+        ):
+            return "its touch has commanded already"
+        if rested < rest and action not in RESTLESS:
+            return f"the same was done {rested:.1f} s ago, it rests {rest:g} s"
+        if action == "resume":
+            return self.objection_to_resuming(detection, state, now)
+        if state.holding is not None and action not in STOPPING:
+            return f"the arm is held: {state.holding}; pause it, then resume"
+        return None
+
+    def objection_to_resuming(
+        self, detection: Detection, state: ArmState, now: int
+    ) -> str | None:
+        """Why a touch must not resume the arm; None where it may once it ends."""
+        if not state.paused or self.paused_since is None:
+            return "nobody has paused it"
+        if detection.onset <= self.paused_since:
+            return "the touch began before the pause"
+        passed = (now - self.paused_since) / SECOND
+        if passed < self.config.pause_seconds:
+            return f"it was paused only {passed:.1f} s ago"
+        return None
+
+    def wait_on(self, moment: Moment) -> None:
+        """Resume once the touch that asks for it has ended."""
+        waiting = self.waiting
+        if waiting is None:
+            return
+        detection = waiting.detection
+        chances = moment.probabilities.get(detection.touch)
+        if chances is not None:
+            place = self.vocabulary.index(detection.gesture)
+            waiting.confidence = float(chances[place])
+        lifted = self.config.lifted_seconds * SECOND
+        if self.watch.heard - self.watch.touching < lifted:
+            if self.context.age(detection.stamp) > self.config.patience:
+                self.waiting = None
+                self.finish("resume", detection, waiting.rule, "touching went on")
+            return
+        self.waiting = None
+        needed = confidence_for("resume", waiting.rule.confidence)
+        state, why = self.arm.state(), None
+        if not state.paused:
+            why = "nobody has paused it"
+        elif state.protective_stop or not state.connected:
+            why = "the arm is in protective stop or not connected"
+        elif waiting.confidence < needed:
+            why = f"confidence {waiting.confidence:.2f} is below {needed:.2f}"
+        self.finish("resume", detection, waiting.rule, why)
+
+    def finish(
+        self, action: str, detection: Detection, rule: Rule, why: str | None
+    ) -> None:
+        """Do it where nothing is against it, and tell."""
+        if why is None:
+            try:
+                self.do(action, detection, rule)
+            except ArmError as error:
+                why = str(error)
+                self.hold(why)
+        if why is None:
+            self.accepted += 1
+            self.spent.add((detection.touch, detection.onset))
+            self.rested[rule.place] = self.context.clock.now()
+        reason = f"{detection.gesture} on {detection.patch}" if why is None else why
+        self.tell(action, detection, why is None, reason)
+
+    def do(self, action: str, detection: Detection, rule: Rule) -> None:
+        """Make the arm do it."""
+        arm = self.arm
+        match action:
+            case "pause":
+                arm.pause()
+                self.paused_since = self.context.clock.now()
+            case "resume":
+                arm.release()
+                arm.resume()
+                self.paused_since = None
+            case "slow":
+                arm.set_speed(self.config.slow)
+            case "normal":
+                arm.set_speed(1.0)
+            case "hold":
+                arm.hold(f"{detection.gesture} on {detection.patch}")
+            case _ if action == FUNCTION:
+                FUNCTIONS[rule.function or ""](arm, detection)
+            case _:
+                getattr(arm, action)()
+
+    def forget(self, moment: Moment) -> None:
+        """Let go of touches that have closed; what took one over is barred for it."""
+        for touch in moment.state.over:
+            spent = {key for key in self.spent if key[0] == touch.id}
+            if touch.merged_into and (spent or touch.id in self.barred):
+                self.barred.add(touch.merged_into)
+            self.spent -= spent
+            self.barred.discard(touch.id)
+
+    def tell(
+        self, action: str, detection: Detection | None, accepted: bool, why: str
+    ) -> None:
+        """Tell the other listeners what was decided."""
+        touch = None if detection is None else detection.touch
+        gesture = None if detection is None else detection.gesture
+        now = self.context.clock.now()
+        self.context.tell(Commanded(now, action, touch, gesture, accepted, why))
+
+    def close(self) -> None:
+        """Hold the arm: nobody listens to the skin any more."""
+        self.over.set()
+        self.arm.hold("the stream has ended")
+        if self.thread is not None:
+            self.thread.join()

@@ -1,0 +1,210 @@
+"""A UR controller, reached through `ur_rtde` in a process of its own.
+
+The client holds the interpreter while it waits, tries to connect again when it likes,
+and ends its process where a connection breaks at the wrong moment. None of this may
+reach the process that watches over the skin.
+"""
+
+import os
+import signal
+import sys
+from multiprocessing import get_context
+from multiprocessing.connection import Connection
+from time import monotonic
+from typing import final
+
+from eskin.ur.link import Link, UrOrder, UrStatus
+
+PERIOD = 0.008
+"""Of a controller of the first series [s]; later ones interpolate."""
+LOOKAHEAD = 0.05
+"""Over which the controller smooths positions [s]."""
+GAIN = 300.0
+"""With which it follows them; 100 to 2000."""
+WATCHDOG = 10.0
+"""Inputs a second below which the controller ends its program [1/s]."""
+ANSWER = 0.05
+"""How long the controller may take to answer [s]."""
+OPENING = 20.0
+"""How long it may take to connect [s]."""
+AGAIN = 1.0
+"""Until the next try [s]."""
+VARIABLES = [
+    "timestamp",
+    "actual_q",
+    "robot_mode",
+    "safety_mode",
+    "safety_status_bits",
+    "robot_status_bits",
+    "runtime_state",
+    "speed_scaling",
+    "target_speed_fraction",
+    "actual_digital_output_bits",
+]
+
+
+def serve(host: str, output: int, orders: Connection) -> None:
+    """Be the client of a controller: obey orders until they end or something breaks.
+
+    Args:
+        host: of the controller.
+        output: standard digital output that closes the gripper.
+        orders: gives `UrOrder`s and takes `UrStatus`es, or a text: what broke.
+    """
+    # The client prints where it likes; the terminal belongs to others.
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    os.dup2(1, 2)
+    # Ctrl-C is for the other process, which lets the robot go in good order.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        controller = Controller(host, output)
+        orders.send(controller.status())
+        while (order := orders.recv()) is not None:
+            controller.obey(order)
+            orders.send(controller.status())
+        controller.stop()
+    except EOFError:
+        pass
+    except BaseException as error:
+        orders.send(" ".join(f"{error}".split()) or type(error).__name__)
+    finally:
+        # The client's own end may hang or abort.
+        os._exit(0)
+
+
+@final
+class Controller:
+    """The three interfaces of `ur_rtde` as one."""
+
+    def __init__(self, host: str, output: int) -> None:
+        """Connect, start the program, and set the watchdog on the robot's side."""
+        from rtde_control import RTDEControlInterface
+        from rtde_io import RTDEIOInterface
+        from rtde_receive import RTDEReceiveInterface
+
+        self.receive = RTDEReceiveInterface(host, -1.0, VARIABLES)
+        self.control = RTDEControlInterface(host)
+        self.io = RTDEIOInterface(host)
+        self.control.setWatchdog(WATCHDOG)
+        self.output = output
+        self.time = self.receive.getTimestamp()
+        self.heard = monotonic()
+
+    def obey(self, order: UrOrder) -> None:
+        """Pass on an order; nothing is sent to a program that does not run."""
+        if not self.control.isProgramRunning():
+            return
+        if order.closed is not None:
+            self.io.setStandardDigitalOut(self.output, order.closed)
+        if order.q is None:
+            self.control.kickWatchdog()
+        else:
+            self.control.servoJ(list(order.q), 0, 0, PERIOD, LOOKAHEAD, GAIN)
+
+    def status(self) -> UrStatus:
+        """What the controller says.
+
+        Raises:
+            ConnectionError: it says nothing more.
+        """
+        receive, now = self.receive, monotonic()
+        time = receive.getTimestamp()
+        if time != self.time:
+            self.time, self.heard = time, now
+        connected = receive.isConnected() and self.control.isConnected()
+        if not connected or now - self.heard > ANSWER:
+            raise ConnectionError("the robot's controller is not heard any more")
+        return UrStatus(
+            q=tuple(receive.getActualQ()),
+            running=self.control.isProgramRunning(),
+            protective_stop=receive.isProtectiveStopped(),
+            emergency_stop=receive.isEmergencyStopped(),
+            scaling=min(receive.getTargetSpeedFraction(), receive.getSpeedScaling()),
+            closed=receive.getDigitalOutState(self.output),
+        )
+
+    def stop(self) -> None:
+        """Stop the arm and end the program."""
+        self.control.servoStop()
+        self.control.stopScript()
+
+
+@final
+class UrLink(Link):
+    """Starts the client's process, and a new one whenever that is gone."""
+
+    def __init__(self, host: str, output: int) -> None:
+        """Nothing is started before the first `exchange`.
+
+        Args:
+            host: of the controller.
+            output: standard digital output that closes the gripper.
+        """
+        self.host = host
+        self.output = output
+        self.why = ""
+        self.context = get_context("spawn")
+        self.process = None
+        self.ready = False
+        self.since = -AGAIN
+
+    def exchange(self, order: UrOrder) -> UrStatus | None:
+        """Give an order; what the robot says, or None where it is not heard."""
+        try:
+            if self.process is None:
+                self.begin()
+                return None
+            if not self.ready:
+                return self.first()
+            self.pipe.send(order)
+            if not self.pipe.poll(ANSWER):
+                return self.lose("the robot's controller does not answer")
+            return self.answer()
+        except (OSError, EOFError):
+            return self.lose("the client of the robot's controller has ended")
+
+    def begin(self) -> None:
+        """Start a client, unless one was started just now."""
+        if monotonic() - self.since < AGAIN:
+            return
+        self.since = monotonic()
+        self.pipe, theirs = self.context.Pipe()
+        values = (self.host, self.output, theirs)
+        self.process = self.context.Process(target=serve, args=values, daemon=True)
+        self.process.start()
+        theirs.close()
+
+    def first(self) -> UrStatus | None:
+        """The first word of a client that is connecting."""
+        if self.pipe.poll():
+            status = self.answer()
+            self.ready = status is not None
+            return status
+        if monotonic() - self.since > OPENING:
+            return self.lose("the robot's controller cannot be reached")
+        return None
+
+    def answer(self) -> UrStatus | None:
+        """What has come from the client."""
+        got = self.pipe.recv()
+        return got if isinstance(got, UrStatus) else self.lose(str(got))
+
+    def lose(self, why: str) -> None:
+        """End the client; the robot's own watchdog stops the robot."""
+        self.why, self.ready, self.since = why, False, monotonic()
+        if self.process is not None:
+            self.pipe.close()
+            self.process.kill()
+            self.process.join()
+            self.process.close()
+            self.process = None
+
+    def close(self) -> None:
+        """Let the robot go; its program ends."""
+        if self.process is not None and self.ready:
+            try:
+                self.pipe.send(None)
+                self.process.join(1.0)
+            except OSError:
+                pass
+        self.lose("closed")
