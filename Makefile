@@ -5,9 +5,12 @@ SHEARSENSE ?= ../shared/data/shearsense
 BIN := .venv/bin
 READY := .venv/.ready
 
-.PHONY: demo test check format docs bench results validate clean
+.PHONY: demo touches test check format docs bench results validate soak fuzz clean
 
 demo: $(READY)
+	$(BIN)/eskin demo
+
+touches: $(READY)
 	$(BIN)/python examples/01_real_touches.py --data "$(DATA)"
 
 test: $(READY)
@@ -44,6 +47,19 @@ results: $(READY)
 # What the simulated world is held to: a quarter of an hour on two cores.
 validate: $(READY)
 	$(BIN)/python -m benchmarks.simulation all
+
+# Readers against mutated inputs, the short form; docs/reliability.md has the long one.
+fuzz: $(READY)
+	$(BIN)/python -m benchmarks.fuzz decoder --inputs 300000
+	$(BIN)/python -m benchmarks.fuzz skin --inputs 4000
+	$(BIN)/python -m benchmarks.fuzz recording --inputs 5000
+	$(BIN)/python -m benchmarks.fuzz commands --inputs 4000
+
+# What docs/reliability.md says of long runs and of what is broken on the way.
+soak: $(READY)
+	$(BIN)/python -m benchmarks.soak kill
+	$(BIN)/python -m benchmarks.soak stream
+	$(BIN)/python -m benchmarks.soak stream --real
 
 clean:
 	rm -rf .venv site build

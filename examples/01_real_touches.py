@@ -24,7 +24,7 @@ from eskin.recording import Recording, convert_sleeve, find_recordings, label_in
 from eskin.robot import load_robot
 
 HELP = """no recordings in {data}; get the folder Annotated-dataset of \
-github.com/mdethmers/Social-Touch-Research and run: make demo DATA=that/folder"""
+github.com/mdethmers/Social-Touch-Research and run: make touches DATA=that/folder"""
 
 
 @dataclass(frozen=True)

@@ -21,7 +21,14 @@ CHECKED = [
     "eskin.nn",
     "eskin.learn",
     "eskin.live",
+    "eskin.drivers",
+    "eskin.stream",
+    "eskin.command",
+    "eskin.ur",
     "eskin.sim",
+    "eskin.demo",
+    "eskin.page",
+    "eskin.viewer",
 ]
 install_import_hook(CHECKED, "beartype.beartype")
 

@@ -21,14 +21,19 @@ RIGHT = {
     "label": ("a.mcap",),
     "train": ("a.mcap", "--out", "m"),
     "evaluate": ("m", "a.mcap"),
+    "run": ("--source", "replay:a.mcap"),
+    "device": ("sleeve", "--play", "a.mcap"),
+    "view": ("a.mcap",),
+    "demo": ("--headless",),
     "replay": ("a.mcap", "--model", "m"),
     "skin show": ("sleeve",),
     "skin check": ("sleeve",),
     "bench latency": ("--steps", "10"),
+    "bench throughput": ("--seconds", "1"),
     "doctor": (),
 }
 
-OF_NO_PATH = {"generate", "bench latency", "doctor"}
+OF_NO_PATH = {"generate", "demo", "bench latency", "bench throughput", "doctor"}
 
 NESTED = {"train", "config"}  # fields that are configurations of their own
 
@@ -84,7 +89,9 @@ def test_an_unknown_option_is_one_line(name, empty, capsys):
     assert_refused(result, says, empty)
 
 
-@pytest.mark.parametrize("name", ["convert", "generate", "evaluate", "replay", "train"])
+@pytest.mark.parametrize(
+    "name", ["convert", "generate", "evaluate", "run", "replay", "train"]
+)
 def test_a_missing_argument_is_one_line(name, empty, capsys):
     result = call(capsys, *name.split())
     assert_refused(result, f"error: eskin {name}: ", empty)
@@ -111,6 +118,7 @@ def test_a_path_that_does_not_exist_is_one_line(name, empty, capsys):
         (("train", "a", "--out"), "--out"),
         (("label", "a", "--threshold", "much"), "--threshold"),
         (("skin", "check", "sleeve", "--tolerance", "much"), "--tolerance"),
+        (("run", "--source", "sim:a", "--record", "b", "--piece-mb", "inf"), "finite"),
     ],
 )
 def test_a_wrong_word_is_one_line_that_names_it(argv, message, empty, capsys):

@@ -4,9 +4,14 @@ import json
 
 import pytest
 
+from device_scenes import playing, scans_of, small_skin, udp_skin
 from eskin.cli import doctor
 from eskin.cli.main import run
+from eskin.drivers import HostClock, UdpTransport
+from eskin.drivers.serial_ports import SerialPortInfo
+from eskin.drivers.virtual import parse_fault
 from eskin.errors import ModelError
+from eskin.skin import save_skin
 
 
 def test_a_whole_installation_is_well(capsys):
@@ -52,3 +57,37 @@ def test_versions_are_those_installed(package):
     module = pytest.importorskip(package)
     [line] = doctor.versions((package,))
     assert line == f"{package} {module.__version__}"
+
+
+def test_a_port_that_may_not_be_used_says_how_to_be_allowed():
+    ports = [
+        SerialPortInfo("/dev/ttyACM0", "patch 1234", usable=True),
+        SerialPortInfo("/dev/ttyACM1", "patch 1235", usable=False),
+    ]
+    well, ill = doctor.port_checks(ports)
+    assert (well.ok, well.found) == (True, "patch 1234")
+    assert not ill.ok
+    assert "dialout" in ill.found
+    assert "/dev/ttyACM1" in ill.name
+
+
+def test_a_computer_without_serial_ports_is_well():
+    [check] = doctor.port_checks([])
+    assert check.ok
+
+
+def test_patches_are_listened_to_one_by_one(tmp_path, capsys):
+    skin = small_skin()
+    save_skin(skin, tmp_path)
+    transport = UdpTransport(HostClock())
+    port = transport.port
+    transport.close()
+    device = udp_skin(skin, port, faults=[parse_fault("unplug:left", skin)])
+    command = doctor.Command((f"udp://127.0.0.1:{port}",), str(tmp_path), "table")
+    with playing(device, scans_of(skin, 1000), HostClock()):
+        left, middle, right = doctor.patch_checks(command)
+    assert (left.name, left.ok) == ("patch left", False)
+    assert "not heard" in left.found
+    assert middle.ok
+    assert right.ok
+    assert "scans a second" in right.found

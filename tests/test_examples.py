@@ -93,7 +93,7 @@ def test_without_recordings_it_says_how_to_get_them(
     assert len(err.splitlines()) == 1
     assert f"no recordings in {data}" in err
     assert "github.com/mdethmers/Social-Touch-Research" in err
-    assert "make demo DATA=" in err
+    assert "make touches DATA=" in err
 
 
 def test_one_session_alone_is_refused_in_one_line(tmp_path, monkeypatch, capsys):

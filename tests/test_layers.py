@@ -13,6 +13,7 @@ BELOW = {
     "errors": (),
     "transforms": (),
     "held": (),
+    "closing": (),
     "robot": ("transforms", "errors"),
     "skin": ("robot",),
     "touch": ("skin", "held"),
@@ -21,11 +22,18 @@ BELOW = {
     "model": ("graph", "recording"),
     "nn": ("model",),
     "learn": ("nn", "live"),
+    "drivers": ("recording", "closing"),
     "live": ("model", "recording"),
+    "stream": ("live", "drivers"),
     "sim": ("recording",),
-    "bench": ("learn",),
+    "ur": (),
+    "command": ("stream", "ur"),
+    "page": ("transforms", "errors"),
+    "viewer": ("stream", "page"),
+    "demo": ("command", "viewer", "sim"),
+    "bench": ("learn", "stream"),
 }
-TOP = {"cli", "__init__"}
+TOP = {"cli", "app", "__init__"}
 HEAVY = {"torch", "sklearn", "matplotlib"}
 CORE = set(BELOW) - {"nn", "learn", "bench"}
 
@@ -85,3 +93,20 @@ def test_the_core_never_imports_what_only_training_needs():
         if package_of(path) in CORE:
             heavy = {n.split(".")[0] for n in imports_of(path, True)} & HEAVY
             assert not heavy, f"{path.relative_to(SOURCE)} imports {sorted(heavy)}"
+
+
+# Modules and calls by which bytes of others become code.
+UNSAFE_MODULES = {"pickle", "marshal", "shelve", "dill", "cloudpickle"}
+UNSAFE_CALLS = {"yaml.unsafe_load", "yaml.full_load", "joblib.load", "eval", "exec"}
+SAFE_WITH = {"torch.load": "weights_only=True", "yaml.load": "PlainLoader"}
+
+
+@pytest.mark.parametrize("path", modules(), ids=lambda path: path.stem)
+def test_nothing_reads_what_could_run_code(path):
+    nodes = list(ast.walk(ast.parse(path.read_text())))
+    assert not UNSAFE_MODULES & {name.split(".")[0] for name in imports_of(path)}
+    for call in (node for node in nodes if isinstance(node, ast.Call)):
+        name, text = ast.unparse(call.func), ast.unparse(call)
+        assert name not in UNSAFE_CALLS
+        assert SAFE_WITH.get(name, "") in text
+        assert "allow_pickle=True" not in text

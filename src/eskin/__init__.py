@@ -7,12 +7,15 @@ import importlib
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from eskin.app import SourceConfig, open_source
+    from eskin.drivers import Source
     from eskin.errors import EskinError
     from eskin.live import Detection, Recognizer
     from eskin.model import DecisionConfig, Model, ModelCard, load_model
     from eskin.recording import Recording, RecordingWriter, read_recording
     from eskin.robot import Robot, load_robot
     from eskin.skin import MountedSkin, Skin, load_skin
+    from eskin.stream import Stream
     from eskin.touch import Calibration, Reading, Scan
 
 HOMES = {
@@ -30,9 +33,13 @@ HOMES = {
     "Robot": "robot",
     "Scan": "touch",
     "Skin": "skin",
+    "Source": "drivers",
+    "SourceConfig": "app",
+    "Stream": "stream",
     "load_model": "model",
     "load_robot": "robot",
     "load_skin": "skin",
+    "open_source": "app",
     "read_recording": "recording",
 }
 
@@ -51,9 +58,13 @@ __all__ = [
     "Robot",
     "Scan",
     "Skin",
+    "Source",
+    "SourceConfig",
+    "Stream",
     "load_model",
     "load_robot",
     "load_skin",
+    "open_source",
     "read_recording",
 ]
 

@@ -1,31 +1,51 @@
 """`eskin doctor`: what is installed, whether it works, and compiled code made ready."""
 
 import importlib.metadata
+import math
 import platform
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass
+from itertools import chain
 
-import numpy as np
 from numba.core import event
 
-from eskin.errors import EskinError
-from eskin.live import Recognizer
+from eskin.app import SourceConfig, open_source
+from eskin.drivers import DeviceSource
+from eskin.drivers.pace import Pace
+from eskin.drivers.serial_ports import SerialPortInfo, serial_ports
+from eskin.errors import DeviceError, EskinError
+from eskin.live import Recognizer, warm_up
 from eskin.model import MODELS
-from eskin.touch import Calibration, Reading, Scan
 
-USED = ("numpy", "scipy", "numba", "mcap", "pydantic")
+USED = ("numpy", "scipy", "numba", "mcap", "pydantic", "pyserial")
 FOR_TRAINING = ("torch", "scikit-learn")
-PERIOD = 20_000_000
-"""Between readings [ns]."""
+
+
+LISTEN = 3_000_000_000
+"""How long patches are listened to [ns]."""
+OLDEST = 0.5
+"""Age from which a patch is silent [s]."""
+SLOW = 0.8
+"""Share of what it promises below which a patch is slow."""
 
 
 @dataclass(frozen=True)
 class Command:
     """Check the installation, and compile all that the recogniser needs.
 
-    Compiled code is kept on disk: after this, no program waits for the compiler.
+    Compiled code is kept on disk: after this, no program waits for the compiler. With
+    --source it also listens to patches for three seconds and tells how each fares.
     """
+
+    source: tuple[str, ...] = ()
+    """Patches to listen to: serial:PATH, of several ports too, or udp://HOST:PORT."""
+
+    skin: str | None = None
+    """With --source, whose patches they are: a preset's name or a skin's folder."""
+
+    robot_urdf: str | None = None
+    """With --source, the robot that the skin is on; a preset skin has its own."""
 
 
 @dataclass(frozen=True)
@@ -45,7 +65,7 @@ class Check:
 def run(command: Command) -> dict[str, object]:
     """Check everything, one line a check; raise where something is wrong."""
     checks = []
-    for check in every_check():
+    for check in chain(every_check(), patch_checks(command)):
         print(f"{'ok' if check.ok else 'WRONG':6}{check.name}: {check.found}")
         checks.append(check)
     wrong = [check.name for check in checks if not check.ok]
@@ -60,8 +80,53 @@ def every_check() -> Iterator[Check]:
     yield Check("packages", True, ", ".join(versions(USED)))
     missing = "not installed; only training needs it: pip install 'eskin[train]'"
     yield Check("for training", True, ", ".join(versions(FOR_TRAINING)) or missing)
+    yield from port_checks(serial_ports())
     for model in MODELS:
         yield attempt(f"weights {model}", lambda model=model: recognises(model))
+
+
+def port_checks(ports: Sequence[SerialPortInfo]) -> Iterator[Check]:
+    """What is plugged in; a port that may not be used needs its group."""
+    if not ports:
+        yield Check("serial ports", True, "none; a patch may be plugged in any time")
+    for port in ports:
+        remedy = "may not be used: sudo usermod -aG dialout $USER, then log in anew"
+        found = port.description if port.usable else f"{port.description}; {remedy}"
+        yield Check(f"serial port {port.path}", port.usable, found)
+
+
+def patch_checks(command: Command) -> Iterator[Check]:
+    """How the patches fare that were asked about: rate, and age of what they sent."""
+    if not command.source:
+        return
+    config = SourceConfig(command.skin, command.robot_urdf)
+    with open_source(*command.source, config=config) as source:
+        if not isinstance(source, DeviceSource):
+            raise DeviceError(
+                f"--source is {' '.join(command.source)}; allowed are devices, "
+                "serial:PATH or udp://HOST:PORT; correct it"
+            )
+        end = source.clock.now() + LISTEN
+        while source.clock.now() < end:
+            source.read(0.1)
+        ages = source.assembler.ages(source.clock.now())
+        paces = {
+            feed.seat.patch.id: feed.pace for feed in source.assembler.feeds.values()
+        }
+        yield from (check_of(patch, paces[patch], age) for patch, age in ages.items())
+
+
+def check_of(patch: str, pace: Pace, age: float) -> Check:
+    """How one patch fares."""
+    name = f"patch {patch}"
+    if age > OLDEST:
+        heard = "not heard" if math.isinf(age) else f"silent for {age:.1f} s"
+        return Check(name, False, f"{heard}; check cable, address and power")
+    measured = pace.measured or 0.0
+    found = f"{measured:.1f} scans a second, {1e3 * age:.0f} ms old"
+    slow = measured < SLOW * pace.promised
+    remedy = f"; it promises {pace.promised}: check its line and power"
+    return Check(name, not slow, found + remedy * slow)
 
 
 def versions(packages: tuple[str, ...]) -> Iterator[str]:
@@ -85,25 +150,8 @@ def recognises(model: str) -> str:
     """Push scans and readings through a recogniser, so that all of it is compiled."""
     started = time.monotonic()
     with event.install_recorder("numba:compile") as compiled:
-        touch(Recognizer.load(model))
+        warm_up(Recognizer.load(model))
     seconds = f"{time.monotonic() - started:.1f} s"
     if compiled.buffer:
         return f"recognises; compiled now in {seconds}, kept on disk"
     return f"recognises; compiled code was ready, loaded in {seconds}"
-
-
-def touch(recognizer: Recognizer) -> None:
-    """A poke of one patch, as readings, then as scans of a matrix and a divider."""
-    skin, robot = recognizer.mounted.skin, recognizer.mounted.robot
-    pressed = np.arange(skin.count) < 4
-    everywhere, q = np.ones(skin.count, bool), np.zeros(len(robot.joint_names))
-    calibration = Calibration(
-        np.full(skin.count, 0.1), 4000, curve="divider", exponent=0.8, matrix=True
-    )
-    of_scans = Recognizer(recognizer.model, recognizer.mounted, calibration)
-    for number in range(150):
-        stamp, down = number * PERIOD, 120 <= number < 135
-        pressure = np.where(pressed & down, 30.0, 0.0).astype(np.float32)
-        recognizer.push(Reading(stamp, pressure, everywhere, q))
-        counts = np.where(pressed & down, 300, 20).astype(np.int32)
-        of_scans.push(Scan(stamp, counts, everywhere, q))

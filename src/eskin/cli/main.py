@@ -1,7 +1,8 @@
 """The `eskin` command: finds the module of the command called and runs it.
 
 Contract of every command: `--json` makes the last line of stdout one JSON object; bad
-input gives one line on stderr and exit code 2; nothing is left half-written.
+input gives one line on stderr and exit code 2, a stream that had to stop one line and
+exit code 1; nothing is left half-written.
 """
 
 import contextlib
@@ -16,20 +17,26 @@ from typing import Annotated
 
 import tyro
 
-from eskin.errors import EskinError
+from eskin.errors import EskinError, StreamError
 
 COMMANDS = {
     "convert": "convert",
     "label": "label",
     "train": "train",
     "evaluate": "evaluate",
+    "run": "run",
     "replay": "replay",
+    "view": "view",
     "generate": "generate",
+    "demo": "demo",
+    "device": "device",
     "skin show": "skin_show",
     "skin check": "skin_check",
     "bench latency": "bench_latency",
+    "bench throughput": "bench_throughput",
     "doctor": "doctor",
 }
+FAILED = 1
 BAD_INPUT = 2
 STOPPED = 130
 
@@ -61,6 +68,9 @@ def run(argv: list[str]) -> int:
         return complain(
             f"{error.name} is missing; install it: pip install 'eskin[train]'"
         )
+    except StreamError as error:
+        complain(str(error))
+        return FAILED
     except (EskinError, ValueError, OSError) as error:
         return complain(str(error))
     except KeyboardInterrupt:

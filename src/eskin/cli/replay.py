@@ -28,6 +28,9 @@ class Command:
     """Probability from which a gesture is said while the touch goes on; that of the
     model unless given."""
 
+    robot_urdf: str | None = None
+    """The robot that it was recorded on, where that does not come with eskin."""
+
     record: Path | None = None
     """Write the recording again with these detections in it, in place of any others."""
 
@@ -37,13 +40,15 @@ def run(command: Command) -> dict[str, object]:
     from eskin.live import Recognizer
     from eskin.model import load_model
     from eskin.recording import best_labels, read_recording, rewrite
-    from eskin.robot import load_robot
+    from eskin.robot import recorded_robot
     from eskin.skin import MountedSkin
 
     check(command)
     recording = read_recording(command.recording)
     model = load_model(command.model)
-    mounted = MountedSkin(recording.skin, load_robot(recording.robot_name))
+    mounted = MountedSkin(
+        recording.skin, recorded_robot(recording.robot_name, command.robot_urdf)
+    )
     decision = model.card.decision
     if command.threshold is not None:
         decision = replace(decision, threshold=command.threshold, thresholds={})

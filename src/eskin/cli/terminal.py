@@ -1,0 +1,62 @@
+"""Detections, events and commands as lines on the terminal."""
+
+from typing import final
+
+from eskin.drivers import Event
+from eskin.live import Detection
+from eskin.stream import Commanded, Context, Heard, Listener, found_together
+from eskin.stream.inbox import Drop
+
+NANOSECONDS = 1_000_000_000
+
+
+@final
+class Terminal(Listener):
+    """Prints what happens, with seconds since the stream began.
+
+    Of faults that are found together one is printed, the others are counted.
+    """
+
+    name = "terminal"
+    hears = (Detection, Event, Commanded)
+    size = 1000
+    drop: Drop = "oldest"
+
+    def start(self, context: Context) -> None:
+        """Print the heads of the columns."""
+        self.first = context.clock.now()
+        self.fault: Event | None = None
+        self.more = 0
+        print(f"{'time':>8}  {'what':12} {'sure':>4}  where", flush=True)
+
+    def hear(self, item: Heard) -> None:
+        """Print it, unless it is one more fault of many."""
+        if not isinstance(item, Detection | Event | Commanded):
+            return
+        if isinstance(item, Event) and found_together(self.fault, item):
+            self.more += 1
+            return
+        self.close()
+        self.fault = item if isinstance(item, Event) else None
+        self.write(item)
+
+    def write(self, item: Detection | Event | Commanded) -> None:
+        """Print one line."""
+        seconds = (item.stamp - self.first) / NANOSECONDS
+        if isinstance(item, Event):
+            text = f"{item.kind:12} {'':4}  {item.text}"
+        elif isinstance(item, Commanded):
+            verdict = "done" if item.accepted else "not done"
+            text = f"  {item.action:15}  {verdict}: {item.why}"
+        else:
+            text = (
+                f"{item.gesture:12} {item.confidence:4.0%}  {item.patch} on "
+                f"{item.link}, {item.peak_force:.1f} N"
+            )
+        print(f"{seconds:7.2f}s  {text}", flush=True)
+
+    def close(self) -> None:
+        """Print how many faults were only counted."""
+        if self.more:
+            print(f"{'':8}  {'':12} {'':4}  and {self.more} faults more", flush=True)
+        self.more = 0

@@ -1,0 +1,16 @@
+"""A simulated arm at work in its skin, touched by people or by the mouse."""
+
+from eskin.demo.headless import DemoConfig, Outcome, run_headless
+from eskin.demo.live_source import LiveSource
+from eskin.demo.score import Score, Try
+from eskin.demo.visitor import Visitor
+
+__all__ = [
+    "DemoConfig",
+    "LiveSource",
+    "Outcome",
+    "Score",
+    "Try",
+    "Visitor",
+    "run_headless",
+]

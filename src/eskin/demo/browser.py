@@ -1,0 +1,168 @@
+"""The demonstration in the browser: the arm works, the mouse is the hand."""
+
+import gc
+import logging
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from threading import Event as Flag
+
+import numpy as np
+
+from eskin.command import (
+    Policy,
+    PolicyConfig,
+    SimulatedArm,
+    WatchConfig,
+    load_commands,
+)
+from eskin.demo.headless import DemoConfig
+from eskin.demo.live_source import LiveSource
+from eskin.demo.obedience import Obedience
+from eskin.demo.record_button import RecordButton
+from eskin.drivers import HostClock
+from eskin.errors import EskinError
+from eskin.live import Recognizer, warm_up
+from eskin.model import load_model
+from eskin.page import Order, PageOrder
+from eskin.page.port import free_port
+from eskin.recording import Metadata
+from eskin.sim.live.live_skin import LiveSkin
+from eskin.stream import Recognition, Stream, short_turns, stopped_by_signals
+from eskin.viewer import Viewer, ViewerConfig
+
+SKINS = ("ur5", "ur5-half", "ur5-double", "ur5-shapes", "ur5-missing")
+"""That fit the arm which is shown."""
+
+PATIENT = WatchConfig(oldest=0.4)
+"""The same computer simulates the skin and draws the page: a simulated arm may wait
+longer for a reading than a real one."""
+
+logger = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class Served:
+    """What came of a page that was served."""
+
+    readings: int
+    """Scans that were recognised."""
+    detections: int
+    """What was said of touches."""
+    commands: int
+    """Commands that were obeyed."""
+    step: tuple[float, float]
+    """Time of a step, p50 and p99 [ms]."""
+
+
+def serve(
+    config: DemoConfig,
+    port: int,
+    seconds: float | None = None,
+    tell: Callable[[str], None] = lambda line: None,
+) -> Served:
+    """Serve the page until it is over, or a signal comes.
+
+    Args:
+        config: what is demonstrated first; the skin can be changed in the page.
+        port: of the page on this computer; 0 for any free one.
+        seconds: when to stop; never where None.
+        tell: is told what there is to tell the person at the terminal.
+
+    Raises:
+        DeviceError: the port cannot be had.
+        StreamError: something failed while it ran.
+    """
+    while True:
+        wanted = Wanted()
+        served = serve_skin(config, port, seconds, tell, wanted)
+        if wanted.skin is None:
+            return served
+        config = replace(config, skin=wanted.skin)
+
+
+class Wanted:
+    """A skin that was chosen in the page, which the stream is begun anew for; final."""
+
+    def __init__(self) -> None:
+        """None is chosen."""
+        self.skin: str | None = None
+        self.stop: Callable[[], None] = Flag().set
+
+    def choose(self, skin: str) -> None:
+        """Stop the stream for another skin."""
+        self.skin = skin
+        self.stop()
+
+
+def serve_skin(
+    config: DemoConfig,
+    port: int,
+    seconds: float | None,
+    tell: Callable[[str], None],
+    wanted: Wanted,
+) -> Served:
+    """Serve the page with one skin."""
+    model = load_model(config.model)
+    skin = LiveSkin(config.skin, config.seed, config.build_kind)
+    recognizer = Recognizer(model, skin.mounted, skin.calibration)
+    warm_up(recognizer)
+    warm_up_hand(config)
+    skins = (config.skin, *(name for name in SKINS if name != config.skin))
+    vocabulary, clock = model.card.vocabulary, HostClock()
+    commands = load_commands(None, vocabulary, skin.mounted.skin)
+    with SimulatedArm(clock=clock) as arm:
+        recognition = Recognition(recognizer)
+        policy = Policy(arm, commands, vocabulary, PolicyConfig(watch=PATIENT))
+        button = RecordButton(Path.cwd(), Metadata("demo", "mouse", "browser"))
+        obedience = Obedience(skin, arm, lambda order: do(order, button, wanted))
+        port = free_port(port)
+        page = ViewerConfig(port, touchable=True, skins=skins)
+        viewer = Viewer(recognition, page, guarded(obedience.obey), arm)
+        source = LiveSource(skin, arm, clock)
+        gc.freeze()
+        stream = Stream(source, [recognition, policy, viewer, button])
+        wanted.stop = stream.stop
+        with stopped_by_signals(stream.stop), short_turns(), stream:
+            tell(f"see http://127.0.0.1:{port}; Ctrl-C ends it")
+            stream.wait(seconds)
+    step = recognition.step
+    return Served(
+        source.given,
+        recognition.detections,
+        policy.accepted,
+        (1e3 * step.quantile(0.5), 1e3 * step.quantile(0.99)),
+    )
+
+
+def warm_up_hand(config: DemoConfig) -> None:
+    """Load all compiled code that a live skin and a touch need, on another skin."""
+    skin = LiveSkin(config.skin, config.seed, config.build_kind)
+    q = np.zeros(len(skin.mounted.robot.joint_names))
+    for number in range(40):
+        if number == 5:
+            skin.hand.perform("poke")
+        skin.scan(number + 1, q)
+
+
+def do(order: PageOrder, button: RecordButton, wanted: Wanted) -> None:
+    """Record, or put on another skin."""
+    match order.kind:
+        case "record":
+            button.press()
+        case "stop_recording":
+            button.lift()
+        case "skin":
+            wanted.choose(str(order.value))
+
+
+def guarded(obey: Callable[[Order], None]) -> Callable[[Order], None]:
+    """The same, where what cannot be done is only said."""
+
+    def obey_or_say(order: Order) -> None:
+        try:
+            obey(order)
+        except (EskinError, ValueError) as error:
+            logger.warning("%s", error)
+
+    return obey_or_say

@@ -1,0 +1,185 @@
+"""The demonstration without a browser: scripted touches, on a clock of its own."""
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from eskin.command import Policy, PolicyConfig, SimulatedArm, load_commands
+from eskin.demo.live_source import LiveSource
+from eskin.demo.score import Score
+from eskin.demo.visitor import Visitor
+from eskin.drivers import ManualClock
+from eskin.live import Recognizer
+from eskin.model import load_model
+from eskin.sim.live.live_skin import LiveSkin
+from eskin.stream import Commanded, Context, Heard, Listener, Recognition
+
+SECOND = 1_000_000_000
+
+
+@dataclass(frozen=True)
+class DemoConfig:
+    """What is demonstrated."""
+
+    skin: str = "ur5"
+    """A preset skin."""
+
+    model: str = "ur5"
+    """Weights that come with eskin, or a model file."""
+
+    build_kind: Literal["fresh", "shifted"] = "fresh"
+    """Sensors as in training, or aged ones of wider laws."""
+
+    build_seconds: float = 120.0
+    """After how long another build of the skin is put on [s]."""
+
+    seed: int = 0
+    """Decides builds, people and what they do."""
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What came of it."""
+
+    score: Score
+    """Touches, and what was obeyed."""
+
+    seconds: float
+    """How long it lasted in simulated time [s]."""
+
+    accidents: int
+    """Touches that asked for nothing."""
+
+    delivered: int
+    """Parts that the arm has brought."""
+
+    step: tuple[float, float]
+    """Time of a step, p50 and p99 [ms]."""
+
+    delay: tuple[float, float]
+    """From the end of a touch to its command, p50 and p95 [s]."""
+
+
+class Straight:
+    """Tells listeners one after the other in the caller's own thread; final.
+
+    What one of them tells, the others hear at once, so that nothing depends on how fast
+    the computer is.
+    """
+
+    def __init__(self, source: LiveSource, listeners: list[Listener]) -> None:
+        """Start all of them."""
+        self.source = source
+        self.listeners = listeners
+        for listener in listeners:
+            listener.start(Context(source.info, source.clock, self.tell))
+
+    def tell(self, item: Heard) -> None:
+        """Give something to all who hear its kind."""
+        for listener in self.listeners:
+            if isinstance(item, listener.hears):
+                listener.hear(item)
+
+    def close(self) -> None:
+        """Close all of them."""
+        for listener in self.listeners:
+            listener.close()
+
+
+class Judge(Listener):
+    """Hears what is decided for a score; final."""
+
+    name = "judge"
+    hears = (Commanded,)
+    size = 1
+    drop = "never"
+
+    def __init__(self, score: Score) -> None:
+        """Judge into a score."""
+        self.score = score
+
+    def start(self, context: Context) -> None:
+        """Nothing needs to be made ready."""
+
+    def hear(self, item: Heard) -> None:
+        """Take in a decision."""
+        if isinstance(item, Commanded):
+            self.score.hear(item)
+
+    def close(self) -> None:
+        """Nothing is held."""
+
+
+def run_headless(seconds: float, config: DemoConfig | None = None) -> Outcome:
+    """Let people touch an arm at work, on one build of its skin after the other.
+
+    Args:
+        seconds: how long, in simulated time [s].
+        config: what is demonstrated.
+    """
+    config = config or DemoConfig()
+    parts = []
+    left, number = seconds, 0
+    while left > 0:
+        part = min(left, config.build_seconds)
+        parts.append(run_build(part, config, config.seed + number))
+        left -= part
+        number += 1
+    return joined(parts)
+
+
+def run_build(seconds: float, config: DemoConfig, seed: int) -> Outcome:
+    """The same on one build."""
+    clock = ManualClock(SECOND)
+    arm = SimulatedArm(clock=clock)
+    skin = LiveSkin(config.skin, seed, config.build_kind)
+    model = load_model(config.model)
+    vocabulary = model.card.vocabulary
+    commands = load_commands(None, vocabulary, skin.mounted.skin)
+    visitor = Visitor(skin, commands, seed)
+    source = LiveSource(
+        skin, arm, clock, before=lambda stamp: visitor.come(stamp, arm.state())
+    )
+    recognition = Recognition(Recognizer(model, skin.mounted, skin.calibration))
+    policy = Policy(arm, commands, vocabulary, PolicyConfig(tick=None))
+    listeners = [recognition, policy, Judge(visitor.score)]
+    straight = Straight(source, listeners)
+    for _ in range(round(seconds / skin.period)):
+        scan = source.read()
+        assert scan is not None
+        straight.tell(scan)
+    state = arm.state()
+    straight.close()
+    step, delays = recognition.step, visitor.score.delays() or [np.nan]
+    return Outcome(
+        visitor.score,
+        seconds,
+        visitor.accidents,
+        state.delivered,
+        (1e3 * step.quantile(0.5), 1e3 * step.quantile(0.99)),
+        (float(np.median(delays)), float(np.percentile(delays, 95))),
+    )
+
+
+def joined(parts: list[Outcome]) -> Outcome:
+    """Several outcomes as one."""
+    scores = [part.score for part in parts]
+    score = Score(
+        [attempt for each in scores for attempt in each.tries],
+        [command for each in scores for command in each.false_alarms],
+        sum(each.commands for each in scores),
+        sum(each.holds for each in scores),
+    )
+    delays = score.delays() or [np.nan]
+    return Outcome(
+        score,
+        sum(part.seconds for part in parts),
+        sum(part.accidents for part in parts),
+        sum(part.delivered for part in parts),
+        (
+            float(np.median([part.step[0] for part in parts])),
+            max(part.step[1] for part in parts),
+        ),
+        (float(np.median(delays)), float(np.percentile(delays, 95))),
+    )

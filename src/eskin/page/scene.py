@@ -1,0 +1,175 @@
+"""The robot with its skin, as the browser draws it."""
+
+from typing import final
+
+import numpy as np
+from jaxtyping import Float, Float32
+from viser import BatchedMeshHandle, FrameHandle, ViserServer
+
+from eskin.page.colours import ColourScale
+from eskin.page.picture import Picture
+from eskin.page.setup import Setup
+from eskin.transforms import quaternion_to_matrix
+
+CORNERS = 12
+LIFT = 0.0012
+"""How far discs stand off the surface [m]."""
+COVER = 0.86
+"""Radius of a disc, as a share of that of a circle of the taxel's area."""
+LINEAR = np.round(255 * (np.arange(256) / 255) ** 2.2).astype(np.uint8)
+"""Light of each step of a screen: viser takes colours of instances as light."""
+STILL = 1e-5
+"""Change of a pose that is not shown [1 or m]."""
+
+
+@final
+class Scene:
+    """Robot, taxels and ground; changes travel, what stays the same does not.
+
+    Attributes:
+        discs: the taxels of each link that has some, by the link's index.
+        taxels: which taxels those are.
+    """
+
+    def __init__(self, server: ViserServer, setup: Setup, scale: ColourScale) -> None:
+        """Draw what does not change."""
+        self.server = server
+        self.setup = setup
+        self.scale = scale
+        at_rest = np.array([1, 0, 0, 0, 0, 0, 0], np.float32)
+        self.poses = np.tile(at_rest, (len(setup.links), 1))
+        self.ground()
+        self.frames = [
+            server.scene.add_frame(f"/robot/{name}", show_axes=False)
+            for name in setup.links
+        ]
+        for number, solid in enumerate(setup.solids):
+            server.scene.add_mesh_simple(
+                f"/robot/{setup.links[solid.link]}/solid_{number}",
+                solid.vertices,
+                solid.faces,
+                color=solid.colour,
+                receive_shadow=False,
+            )
+        links = np.unique(setup.taxel_link).tolist()
+        self.taxels = {link: np.flatnonzero(setup.taxel_link == link) for link in links}
+        self.discs = {link: self.add_discs(link) for link in links}
+
+    def ground(self) -> None:
+        """A grid to stand on under a pale sky, and light that keeps colours true."""
+        scene = self.server.scene
+        scene.add_grid(
+            "/ground",
+            infinite_grid=True,
+            fade_distance=7.0,
+            cell_size=0.1,
+            section_size=0.5,
+            cell_color=(222, 226, 232),
+            section_color=(200, 206, 215),
+            shadow_opacity=0.22,
+            position=(0.0, 0.0, -0.001),
+        )
+        sky = np.linspace((224, 231, 240), (250, 251, 253), 64).astype(np.uint8)
+        scene.set_background_image(np.tile(sky[:, None], (1, 4, 1)))
+        scene.configure_environment_map(None)
+        scene.configure_default_lights(False)
+        scene.add_light_ambient("/light/all", intensity=1.0)
+        scene.add_light_hemisphere(
+            "/light/sky",
+            sky_color=(255, 255, 255),
+            ground_color=(190, 195, 205),
+            intensity=0.9,
+        )
+        scene.add_light_directional(
+            "/light/sun",
+            intensity=2.4,
+            position=(1.0, -2.2, 2.6),
+            cast_shadow=True,
+        )
+
+    def look(self, middle: Float[np.ndarray, "3"], distance: float) -> None:
+        """Place the camera of those who open the page.
+
+        Args:
+            middle: what it looks at [m].
+            distance: from it [m].
+        """
+        camera = self.server.initial_camera
+        camera.fov = 0.7
+        camera.look_at = middle
+        camera.position = middle + distance * np.array([0.82, -0.80, 0.42])
+
+    def add_discs(self, link: int) -> BatchedMeshHandle:
+        """One disc a taxel, in the frame of their link."""
+        setup, taxels = self.setup, self.taxels[link]
+        vertices, faces = disc()
+        normals = setup.normals[taxels]
+        return self.server.scene.add_batched_meshes_simple(
+            f"/robot/{setup.links[link]}/taxels",
+            vertices,
+            faces,
+            turned_to(normals),
+            setup.positions[taxels] + LIFT * normals,
+            batched_scales=COVER * np.sqrt(setup.areas[taxels] / np.pi),
+            batched_colors=LINEAR[
+                self.scale.colours(np.zeros(len(taxels)), np.ones(len(taxels), bool))
+            ],
+            lod="off",
+            cast_shadow=False,
+            receive_shadow=False,
+        )
+
+    def show(self, picture: Picture) -> None:
+        """Move the links and colour the taxels that have changed."""
+        for link, frame in enumerate(self.frames):
+            move(frame, self.poses[link], picture.poses[link])
+        pressure = picture.pressure.astype(np.float64)
+        valid = np.unpackbits(picture.valid, count=len(pressure)).astype(bool)
+        colours = LINEAR[self.scale.colours(pressure, valid)]
+        for link, discs in self.discs.items():
+            discs.batched_colors = colours[self.taxels[link]]
+
+    def world(
+        self,
+    ) -> tuple[Float[np.ndarray, "taxel 3"], Float[np.ndarray, "taxel 3"]]:
+        """Positions [m] and normals of the taxels as shown."""
+        rotations = quaternion_to_matrix(self.poses[:, :4].astype(np.float64))
+        turn = rotations[self.setup.taxel_link]
+        origin = self.poses[self.setup.taxel_link, 4:]
+        positions = np.einsum("tij,tj->ti", turn, self.setup.positions) + origin
+        return positions, np.einsum("tij,tj->ti", turn, self.setup.normals)
+
+    def to_link(
+        self, link: int, p_world: Float[np.ndarray, "3"]
+    ) -> Float[np.ndarray, "3"]:
+        """A point in the frame of a link as shown [m]."""
+        rotation = quaternion_to_matrix(self.poses[link, :4].astype(np.float64))
+        return rotation.T @ (p_world - self.poses[link, 4:])
+
+
+def move(
+    frame: FrameHandle, shown: Float32[np.ndarray, "7"], pose: Float32[np.ndarray, "7"]
+) -> None:
+    """Move a frame, if its pose has changed; `shown` is set to it then."""
+    if np.abs(shown - pose).max() > STILL:
+        shown[:] = pose
+        frame.wxyz = pose[:4]
+        frame.position = pose[4:]
+
+
+def disc() -> tuple[Float32[np.ndarray, "vertex 3"], np.ndarray]:
+    """Vertices and faces of a flat disc of radius 1 that faces z."""
+    angle = np.arange(CORNERS) * 2 * np.pi / CORNERS
+    rim = np.stack([np.cos(angle), np.sin(angle), np.zeros(CORNERS)], axis=-1)
+    vertices = np.concatenate([np.zeros((1, 3)), rim]).astype(np.float32)
+    corner = np.arange(CORNERS)
+    faces = np.stack([0 * corner, 1 + corner, 1 + (corner + 1) % CORNERS], axis=-1)
+    return vertices, faces.astype(np.uint32)
+
+
+def turned_to(normals: Float[np.ndarray, "point 3"]) -> Float[np.ndarray, "point 4"]:
+    """Quaternions wxyz that turn z to each normal, the short way."""
+    x, y, z = np.asarray(normals, np.float64).T
+    wxyz = np.stack([1.0 + z, -y, x, np.zeros(len(x))], axis=-1)
+    wxyz[1.0 + z < 1e-9] = (0.0, 1.0, 0.0, 0.0)
+    return wxyz / np.linalg.norm(wxyz, axis=-1, keepdims=True)

@@ -1,0 +1,60 @@
+"""The web server of the page: on this computer only, for pages of its own."""
+
+import contextlib
+import logging
+import os
+from urllib.parse import urlsplit
+
+from viser import ViserServer
+from viser._messages import ShareUrlDisconnect, ShareUrlRequest
+from viser.infra import WebsockClientConnection
+
+from eskin.errors import DeviceError
+from eskin.page.port import HOST, free_port
+
+LOCAL = ("127.0.0.1", "localhost", "::1")
+"""Names of this computer in the address of a page."""
+FOREIGN = 1008
+"""WebSocket's code for what a policy forbids."""
+
+
+def open_server(port: int) -> ViserServer:
+    """A server on a port, or on any free one where that is 0.
+
+    Raises:
+        DeviceError: the port is taken.
+    """
+    port = free_port(port)
+    # A browser that opens a connection and drops it is no news.
+    logging.getLogger("websockets.server").setLevel(logging.CRITICAL)
+    with open(os.devnull, "w") as nowhere, contextlib.redirect_stdout(nowhere):
+        server = ViserServer(HOST, port, label="eskin", verbose=False)
+    if server.get_port() != port:
+        server.stop()
+        raise DeviceError(
+            f"port {port} of {HOST} was taken just now; allowed is a free one; give "
+            "another with --port"
+        )
+    # Nobody may open a tunnel to the outside, or connect from another site's page.
+    for message in (ShareUrlRequest, ShareUrlDisconnect):
+        server._websock_server.unregister_handler(message)
+    refuse_foreign_pages(server)
+    return server
+
+
+def refuse_foreign_pages(server: ViserServer) -> None:
+    """Close connections of pages that were not loaded from this computer."""
+    sockets = server._websock_server
+
+    async def check(connection: WebsockClientConnection) -> None:
+        live = sockets._live_connections[connection.client_id]
+        headers = {} if live.request is None else live.request.headers
+        if not is_local(headers.get("Origin")):
+            await live.close(FOREIGN, "only pages of this computer may connect")
+
+    sockets.on_client_connect(check)
+
+
+def is_local(origin: str | None) -> bool:
+    """Whether a page came from this computer; programs without a page are taken so."""
+    return origin is None or urlsplit(origin).hostname in LOCAL

@@ -1,0 +1,164 @@
+"""What a robot looks like: turned parts with rounded edges and coloured lids."""
+
+import numpy as np
+from jaxtyping import Float
+
+from eskin.page import Setup, Solid
+from eskin.robot import Body, Cylinder, Robot, TriangleMesh, body_mesh, surface_distance
+from eskin.robot.meshing import lathe
+from eskin.skin import MountedSkin
+from eskin.transforms import apply, invert
+
+SEGMENTS = 48
+ROUND = 0.007
+"""Radius of the edge of a turned part [m]."""
+ARC = 5
+"""Rings of a rounded edge."""
+BEYOND = 0.006
+"""What lies so far beyond an end closes it [m]."""
+LID = 0.005
+"""How far a lid stands out [m]."""
+BODY, TUBE, COVER = (214, 217, 221), (196, 200, 206), (96, 143, 178)
+"""Aluminium, its tubes, and lids in the blue-grey of a UR."""
+
+
+def setup_of(
+    mounted: MountedSkin,
+    gestures: tuple[str, ...],
+    touchable: bool = False,
+    skins: tuple[str, ...] = (),
+    is_arm: bool = False,
+) -> Setup:
+    """What a page is told of a skin on its robot; the rest as `Setup` has it."""
+    skin = mounted.skin
+    return Setup(
+        title=f"{mounted.robot.name} in skin '{skin.name}', {skin.count} taxels",
+        links=mounted.robot.link_names,
+        solids=solids_of(mounted),
+        taxel_link=mounted.skin_link_index,
+        positions=skin.positions,
+        normals=skin.normals,
+        areas=skin.areas,
+        patches=tuple(patch.id for patch in skin.patches),
+        patch_index=skin.patch_index,
+        gestures=gestures,
+        touchable=touchable,
+        skins=skins,
+        is_arm=is_arm,
+    )
+
+
+def solids_of(mounted: MountedSkin) -> tuple[Solid, ...]:
+    """The robot under its skin, part by part.
+
+    Cylinders are turned parts with rounded edges; bare ends get a lid. Other shapes
+    are as they are.
+    """
+    robot = mounted.robot
+    T_world_link = mounted.kinematics.poses(np.zeros(len(robot.joint_names)))
+    solids = []
+    for index, link in enumerate(robot.links):
+        for body in link.bodies:
+            mesh = rounded(body) if isinstance(body.shape, Cylinder) else None
+            along = abs(body.T_link_shape[2, 2]) > 0.9 and is_slender(body)
+            colour = TUBE if along else BODY
+            mesh = mesh or body_mesh(body)
+            solids.append(Solid(index, mesh.vertices, mesh.faces, colour))
+            for end in bare_ends(mounted, T_world_link, index, body):
+                mesh = lid(body, end)
+                solids.append(Solid(index, mesh.vertices, mesh.faces, COVER))
+    return tuple(solids)
+
+
+def is_slender(body: Body) -> bool:
+    """Whether a body is a tube rather than the housing of a joint."""
+    shape = body.shape
+    return isinstance(shape, Cylinder) and shape.length > 3.5 * shape.radius
+
+
+def rounded(body: Body) -> TriangleMesh:
+    """A cylinder with rounded edges, in its link's frame."""
+    shape = body.shape
+    assert isinstance(shape, Cylinder)
+    radius, height = shape.radius, shape.length / 2
+    edge = min(ROUND, radius / 3, height / 2)
+    angle = np.linspace(0.0, np.pi / 2, ARC)
+    arc = np.stack(
+        [radius - edge + edge * np.cos(angle), height - edge + edge * np.sin(angle)],
+        axis=-1,
+    )
+    rim = np.array([[radius - edge - 0.001, height]])
+    upper = np.concatenate([arc, rim])
+    profile = np.concatenate([upper[::-1] * (1, -1), upper])
+    return placed(lathe(profile, height, SEGMENTS), body.T_link_shape)
+
+
+def lid(body: Body, end: int) -> TriangleMesh:
+    """A low dome on an end of a cylinder, in the frame of its link.
+
+    Args:
+        body: the cylinder.
+        end: 1 for the end at its greatest z, -1 for the other.
+    """
+    shape = body.shape
+    assert isinstance(shape, Cylinder)
+    radius = shape.radius - min(ROUND, shape.radius / 3)
+    angle = np.linspace(0.0, np.pi / 2, ARC)
+    dome = np.stack(
+        [radius - 0.006 * (1 - np.cos(angle)), LID * np.sin(angle)], axis=-1
+    )
+    inside = np.array([[radius, -LID]])
+    profile = np.concatenate([inside, dome, [[radius / 2, LID]]])
+    mesh = lathe(profile, LID, SEGMENTS)
+    T_shape_end = np.diag([1.0, end, end, 1.0])
+    T_shape_end[2, 3] = end * shape.length / 2
+    return placed(mesh, body.T_link_shape @ T_shape_end)
+
+
+def placed(mesh: TriangleMesh, T: Float[np.ndarray, "4 4"]) -> TriangleMesh:
+    """A mesh, moved."""
+    return TriangleMesh(apply(T, mesh.vertices), mesh.faces)
+
+
+def bare_ends(
+    mounted: MountedSkin,
+    T_world_link: Float[np.ndarray, "link 4 4"],
+    link: int,
+    body: Body,
+) -> list[int]:
+    """Ends of a cylinder, 1 or -1, that nothing closes and no taxel lies on."""
+    if not isinstance(body.shape, Cylinder):
+        return []
+    bare = []
+    for end in (-1, 1):
+        height = end * body.shape.length / 2
+        beyond = apply(body.T_link_shape, np.array([0.0, 0.0, height + end * BEYOND]))
+        p_world = apply(T_world_link[link], beyond)
+        if not is_covered(mounted.robot, T_world_link, p_world) and not has_taxels(
+            mounted, link, body, height
+        ):
+            bare.append(end)
+    return bare
+
+
+def is_covered(
+    robot: Robot,
+    T_world_link: Float[np.ndarray, "link 4 4"],
+    p_world: Float[np.ndarray, "3"],
+) -> bool:
+    """Whether a point lies in some part of the robot."""
+    return any(
+        surface_distance(link, apply(invert(T), p_world)[None])[0][0] < 0
+        for link, T in zip(robot.links, T_world_link, strict=True)
+        if link.bodies
+    )
+
+
+def has_taxels(mounted: MountedSkin, link: int, body: Body, height: float) -> bool:
+    """Whether taxels lie on the flat end at a height of a cylinder [m]."""
+    assert isinstance(body.shape, Cylinder)
+    on_link = mounted.skin.positions[mounted.skin_link_index == link]
+    local = apply(invert(body.T_link_shape), on_link)
+    aside = np.linalg.norm(local[:, :2], axis=-1)
+    on_end = (abs(local[:, 2] - height) < BEYOND) & (aside < 0.9 * body.shape.radius)
+    return bool(on_end.any())

@@ -1,0 +1,271 @@
+"""A recording in the browser: play it, and set and mend its labels."""
+
+from collections.abc import Callable
+from threading import RLock
+from typing import final
+
+import numpy as np
+from viser import GuiEvent, Icon, ViserServer
+
+from eskin.errors import RecordingError
+from eskin.page import ColourScale, Picture, readout
+from eskin.page.page import BRAND, DISTANCE, MIDDLE, SCALE, WIDTH
+from eskin.page.scene import Scene
+from eskin.recording import NONE, Label
+from eskin.skin import MountedSkin
+from eskin.viewer.look import setup_of
+from eskin.viewer.packer import packed_poses
+from eskin.viewer.timeline.comparing import Pair, compare
+from eskin.viewer.timeline.editing import Editing
+from eskin.viewer.timeline.overview import Overview
+from eskin.viewer.timeline.playing import Playing
+from eskin.viewer.timeline.take import Take
+
+GESTURES = ("poke", "double_pat", "grab", "stroke")
+NEW = "new label"
+SPEEDS = ("0.1", "0.25", "0.5", "1", "2", "4")
+STEP = 0.01
+"""Of the slider [s]."""
+
+
+@final
+class Timeline:
+    """Scene and panel of a recording; `tick` moves it on.
+
+    Attributes:
+        playing: where it is.
+        editing: its labels.
+    """
+
+    def __init__(
+        self, server: ViserServer, mounted: MountedSkin, take: Take, editing: Editing
+    ) -> None:
+        """Show the first reading."""
+        self.server, self.mounted, self.take = server, mounted, take
+        self.editing = editing
+        self.lock = RLock()
+        self.playing = Playing(float(take.seconds[-1]))
+        self.shown = -1
+        gui = server.gui
+        gui.configure_theme(show_logo=False, show_share_button=False, brand_color=BRAND)
+        gui.main_panel.dock_right()
+        gui.main_panel.set_width(WIDTH)
+        gui.set_panel_label(editing.recording.path.name)
+        self.scale = ColourScale(SCALE)
+        self.scene = Scene(server, setup_of(mounted, GESTURES), self.scale)
+        self.scene.look(MIDDLE, DISTANCE)
+        self.status = gui.add_html("")
+        self.overview = Overview(gui, take, editing)
+        self.legend = gui.add_html(readout.block(self.scale.legend()))
+        self.add_transport()
+        tabs = gui.add_tab_group()
+        with tabs.add_tab("Label", Icon.TAG):
+            self.add_label()
+        with tabs.add_tab("Compare", Icon.LIST_CHECK):
+            self.table = gui.add_html("")
+        self.note = gui.add_html("")
+        self.list_labels()
+
+    def add_transport(self) -> None:
+        """Play, scrub, speed, and from touch to touch."""
+        gui, playing = self.server.gui, self.playing
+        self.slider = gui.add_slider(
+            "time [s]",
+            min=0.0,
+            max=max(playing.length, STEP),
+            step=STEP,
+            initial_value=0.0,
+        )
+        keys = gui.add_button_group("go", ("play/pause", "previous", "next"))
+        speed = gui.add_dropdown("speed", SPEEDS, initial_value="1")
+
+        @self.slider.on_update
+        async def _(event: GuiEvent) -> None:
+            # What is set here by `tick` comes from nobody.
+            if event.client_id is not None:
+                with self.lock:
+                    playing.seek(float(event.target.value))
+
+        @keys.on_click
+        async def _(event: GuiEvent) -> None:
+            with self.lock:
+                if event.target.value == "play/pause":
+                    playing.toggle()
+                else:
+                    self.pick_beside(1 if event.target.value == "next" else -1)
+
+        @speed.on_update
+        async def _(event: GuiEvent) -> None:
+            playing.speed = float(event.target.value)
+
+    def add_label(self) -> None:
+        """Pick a label; its gesture, start and end; add, mend, remove, save."""
+        gui = self.server.gui
+        names: list[str] = [NEW]
+        self.pick = gui.add_dropdown("label", names)
+        self.gesture = gui.add_dropdown("gesture", self.gestures())
+        self.start = gui.add_number("start [s]", 0.0, step=STEP)
+        self.end = gui.add_number("end [s]", 0.0, step=STEP)
+        here = gui.add_button_group("from here", ("start", "end"))
+        change = gui.add_button_group("label it", ("set", "remove"))
+        save = gui.add_button("save", icon=Icon.DEVICE_FLOPPY)
+
+        @self.pick.on_update
+        async def _(event: GuiEvent) -> None:
+            if event.client_id is not None:
+                with self.lock:
+                    self.show_label(self.picked())
+
+        @here.on_click
+        async def _(event: GuiEvent) -> None:
+            field = self.start if event.target.value == "start" else self.end
+            field.value = round(self.playing.seconds, 3)
+
+        @change.on_click
+        async def _(event: GuiEvent) -> None:
+            is_set = event.target.value == "set"
+            self.attempt(self.set_label if is_set else self.remove_label)
+
+        @save.on_click
+        def _(event: GuiEvent) -> None:
+            self.attempt(self.save)
+
+    def gestures(self) -> tuple[str, ...]:
+        """Those of the recording, then the usual ones."""
+        known = [label.gesture for label in self.editing.labels]
+        return tuple(dict.fromkeys([*known, *GESTURES, NONE]))
+
+    def name_of(self, label: Label) -> str:
+        """A label in the list of labels."""
+        start, end = (self.editing.seconds(x) for x in (label.start, label.end))
+        return f"{start:.2f} to {end:.2f} s: {label.gesture}"
+
+    def picked(self) -> Label | None:
+        """The label that is picked; None for a new one."""
+        found = {self.name_of(label): label for label in self.editing.labels}
+        return found.get(self.pick.value)
+
+    def show_label(self, label: Label | None) -> None:
+        """Fill the fields in, and go to where it begins."""
+        if label is not None:
+            self.gesture.value = label.gesture
+            self.start.value = round(self.editing.seconds(label.start), 3)
+            self.end.value = round(self.editing.seconds(label.end), 3)
+            self.playing.seek(self.editing.seconds(label.start))
+
+    def pick_beside(self, step: int) -> None:
+        """Pick the label before or after the place where it is."""
+        now = self.editing.stamp(self.playing.seconds)
+        labels = self.editing.labels
+        after = [label for label in labels if label.start > now]
+        before = [label for label in labels if label.start < now]
+        beside = after[:1] if step > 0 else before[-1:]
+        for label in beside:
+            self.pick.value = self.name_of(label)
+            self.show_label(label)
+
+    def set_label(self) -> str:
+        """Mend the label that is picked, or add a new one; what was done."""
+        fields = self.gesture.value, float(self.start.value), float(self.end.value)
+        old = self.picked()
+        label = (
+            self.editing.add(*fields)
+            if old is None
+            else self.editing.mend(old, *fields)
+        )
+        self.list_labels(label)
+        return f"{self.name_of(label)}; not saved yet"
+
+    def remove_label(self) -> str:
+        """Remove the label that is picked; what was done."""
+        label = self.picked()
+        if label is None:
+            return "no label is picked"
+        self.editing.remove(label)
+        self.list_labels()
+        return f"removed {self.name_of(label)}; not saved yet"
+
+    def save(self) -> str:
+        """Write the recording; what was done."""
+        kept = self.editing.save()
+        return f"saved; the recording as it was is {kept.name}"
+
+    def attempt(self, action: Callable[[], str]) -> None:
+        """Do something, and say what was done or why it could not be."""
+        with self.lock:
+            try:
+                text = action()
+            except (RecordingError, OSError) as error:
+                text = str(error)
+            self.note.content = readout.block(readout.plain(text))
+
+    def list_labels(self, chosen: Label | None = None) -> None:
+        """Show the labels as they are now, here and in the plot."""
+        names = [self.name_of(label) for label in self.editing.labels]
+        self.pick.options = (NEW, *names)
+        self.pick.value = NEW if chosen is None else self.name_of(chosen)
+        self.overview.draw(self.playing.seconds)
+        pairs = compare(self.editing.labels, self.editing.recording.detections)
+        self.table.content = self.table_of(pairs)
+
+    def table_of(self, pairs: tuple[Pair, ...]) -> str:
+        """Labels beside detections as HTML."""
+        right = sum(pair.is_right for pair in pairs)
+        rows = [
+            (
+                self.editing.seconds(pair.label.start)
+                if pair.label
+                else self.editing.seconds(pair.detection.onset)
+                if pair.detection
+                else 0.0,
+                pair.label.gesture if pair.label else "-",
+                f"{pair.detection.gesture} {pair.detection.confidence:.0%}"
+                if pair.detection
+                else "-",
+                pair.is_right,
+            )
+            for pair in pairs
+        ]
+        return readout.comparison(rows, right)
+
+    def tick(self, elapsed: float) -> None:
+        """Let time pass [s] and show what is there then."""
+        with self.lock, self.server.atomic():
+            if self.playing.advance(elapsed):
+                self.slider.value = round(self.playing.seconds, 2)
+            row = self.take.at(self.playing.seconds)
+            if row != self.shown:
+                self.shown = row
+                self.scene.show(self.picture(row))
+                self.status.content = self.status_of(row)
+                self.overview.draw(self.playing.seconds)
+
+    def status_of(self, row: int) -> str:
+        """Where it is and what is labelled there."""
+        now = self.editing.recording.start + round(self.take.seconds[row] * 1e9)
+        here = [x.gesture for x in self.editing.labels if x.start <= now < x.end]
+        return readout.numbers(
+            ("time", f"{self.take.seconds[row]:.2f} s"),
+            ("force", f"{self.take.force[row]:.1f} N"),
+            ("peak", f"{self.take.peak[row]:.0f} kPa"),
+            ("label", readout.word(here[-1]) if here else "-"),
+        )
+
+    def picture(self, row: int) -> Picture:
+        """One reading as a page shows it."""
+        take = self.take
+        return Picture(
+            seconds=float(take.seconds[row]),
+            poses=packed_poses(self.mounted.kinematics.poses(take.q[row])),
+            pressure=take.pressure[row],
+            valid=np.packbits(take.valid[row]),
+            contacts=(),
+            touches=(),
+            force=float(take.force[row]),
+            peak=float(take.peak[row]),
+            sayings=(),
+            faults=0,
+            rate=0.0,
+            step=0.0,
+            age=0.0,
+        )

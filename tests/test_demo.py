@@ -1,0 +1,109 @@
+"""The demonstration: what counts as obeyed, and that it is the same every time."""
+
+import json
+
+import numpy as np
+import pytest
+
+from eskin.cli.main import run
+from eskin.command import SimulatedArm
+from eskin.demo import DemoConfig, LiveSource, Score, Try, run_headless
+from eskin.demo.obedience import Obedience
+from eskin.drivers import ManualClock
+from eskin.page import PageOrder, TouchOrder
+from eskin.sim.live.live_skin import LiveSkin
+from eskin.stream import Commanded
+
+SECOND = 1_000_000_000
+
+
+def told(seconds, action="pause", accepted=True, touch=1):
+    return Commanded(round(seconds * SECOND), action, touch, "poke", accepted, "")
+
+
+def tried(begin, end, wanted="pause"):
+    return Try("poke", wanted, round(begin * SECOND), round(end * SECOND))
+
+
+def scored(tries, commands):
+    score = Score(tries=list(tries))
+    for command in commands:
+        score.hear(command)
+    return score
+
+
+def test_a_command_within_a_second_of_its_touch_counts_for_it():
+    score = scored([tried(1.0, 1.4)], [told(2.3)])
+    assert (score.count("correct"), score.false_alarms) == (1, [])
+    assert score.delays() == pytest.approx([0.9])
+
+
+@pytest.mark.parametrize("when", [0.9, 2.5])
+def test_a_command_at_another_time_is_one_that_nobody_gave(when):
+    score = scored([tried(1.0, 1.4)], [told(when)])
+    assert (score.count("missed"), len(score.false_alarms)) == (1, 1)
+
+
+def test_another_command_than_was_wanted_is_wrong_and_a_second_one_false():
+    score = scored([tried(1.0, 1.4)], [told(1.5, "slow"), told(1.6)])
+    assert score.count("wrong") == 1
+    assert [command.action for command in score.false_alarms] == ["pause"]
+
+
+def test_what_was_refused_is_no_command_and_a_hold_is_not_one_either():
+    commands = [told(1.5, accepted=False), told(1.6, "hold", touch=None)]
+    score = scored([tried(1.0, 1.4)], commands)
+    assert (score.commands, score.holds, score.count("missed")) == (0, 1, 1)
+    assert len(score.tries[0].refusals) == 1
+
+
+def test_touches_and_commands_add_up_and_are_the_same_every_time():
+    """The arm works, somebody touches it, on a clock that waits for nobody."""
+    first, second = (run_headless(25.0, DemoConfig(seed=3)) for _ in range(2))
+    score = first.score
+    verdicts = [score.count(verdict) for verdict in ("correct", "wrong", "missed")]
+    assert sum(verdicts) == len(score.tries) > 2
+    assert score.commands == verdicts[0] + verdicts[1] + len(score.false_alarms)
+    key = [(t.gesture, t.wanted, t.begin, t.end, t.verdict) for t in score.tries]
+    again = second.score.tries
+    assert key == [(t.gesture, t.wanted, t.begin, t.end, t.verdict) for t in again]
+
+
+def test_the_command_prints_what_the_contract_says(capsys):
+    assert run(["demo", "--headless", "--seconds", "8", "--json"]) == 0
+    told = json.loads(capsys.readouterr().out.splitlines()[-1])
+    wanted = {"touches", "correct", "wrong", "missed", "false_alarms", "commands"}
+    assert wanted | {"step_ms_p50", "step_ms_p99"} <= set(told)
+
+
+def test_scans_come_period_by_period_where_the_arm_is():
+    clock = ManualClock()
+    with SimulatedArm(clock=clock) as arm:
+        source = LiveSource(LiveSkin(), arm, clock)
+        scans = [source.read() for _ in range(20)]
+    stamps = [scan.stamp for scan in scans]
+    assert (np.diff(stamps) == round(source.skin.period * SECOND)).all()
+    for scan in scans:
+        np.testing.assert_array_equal(scan.q, arm.q_at(scan.stamp))
+
+
+def test_orders_of_the_page_touch_the_skin_and_pause_the_arm():
+    clock = ManualClock()
+    arm, skin, others = SimulatedArm(clock=clock), LiveSkin(), []
+    obedience = Obedience(skin, arm, others.append)
+    taxel = int(skin.mounted.skin.taxels_of("forearm_front")[200])
+    place = tuple(skin.mounted.skin.positions[taxel].tolist())
+    obedience.obey(TouchOrder("poke", "forearm_link", place, 5.0, 0.3, 1))
+    assert len(skin.hand.touching) == 1
+    obedience.obey(TouchOrder("begin", "forearm_link", place, 3.0, 0.0, 2))
+    obedience.obey(TouchOrder("move", "forearm_link", place, 3.0, 0.0, 2))
+    assert len(skin.hand.touching) == 2
+    obedience.obey(PageOrder("pause_task"))
+    assert arm.state().paused
+    obedience.obey(PageOrder("resume_task"))
+    assert not arm.state().paused
+    obedience.obey(PageOrder("unplug", "wrist_1"))
+    scan = skin.scan(SECOND, arm.q_at(SECOND))
+    assert not scan.received[skin.mounted.skin.taxels_of("wrist_1")].any()
+    obedience.obey(PageOrder("skin", "ur5-half"))
+    assert [order.kind for order in others] == ["skin"]

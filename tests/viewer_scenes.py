@@ -1,0 +1,56 @@
+"""A UR5 in its skin as the page is told of it, and pictures of touches on it."""
+
+from functools import cache
+
+import numpy as np
+
+from eskin.page import ContactMark, Picture, TouchNow
+from eskin.robot import load_robot
+from eskin.skin import MountedSkin, load_skin
+from eskin.viewer.look import setup_of
+from eskin.viewer.packer import packed_poses
+
+Q = np.array([0.4, -1.1, 1.4, -0.6, 0.9, 0.0])
+GESTURES = ("none", "poke", "double_pat", "grab", "stroke")
+
+
+@cache
+def mounted():
+    return MountedSkin(load_skin("ur5"), load_robot("ur5"))
+
+
+@cache
+def setup(touchable=True, is_arm=True):
+    return setup_of(mounted(), GESTURES, touchable, ("ur5", "ur5-shapes"), is_arm)
+
+
+def picture(seconds=0.0, taxel=None, q=Q, sayings=(), arm=None):
+    """One instant; with a taxel, something presses there."""
+    skin = mounted().skin
+    pressure = np.zeros(skin.count, np.float16)
+    contacts = touches = ()
+    if taxel is not None:
+        link = int(mounted().skin_link_index[taxel])
+        away = np.linalg.norm(skin.positions - skin.positions[taxel], axis=1)
+        near = (away < 0.02) & (mounted().skin_link_index == link)
+        pressure[near] = 40 * np.exp(-((away[near] / 0.012) ** 2))
+        mark = ContactMark(link, skin.positions[taxel], skin.normals[taxel], 0.015)
+        chances = np.array([0.01, 0.9, 0.05, 0.01, 0.03], np.float32)
+        contacts = (mark,)
+        touches = (TouchNow(3, setup().links[link], 7.5, chances),)
+    return Picture(
+        seconds=seconds,
+        poses=packed_poses(mounted().kinematics.poses(q)),
+        pressure=pressure,
+        valid=np.packbits(np.ones(skin.count, bool)),
+        contacts=contacts,
+        touches=touches,
+        force=7.5 if contacts else 0.0,
+        peak=float(pressure.max()),
+        sayings=tuple(sayings),
+        faults=0,
+        rate=50.0,
+        step=2e-4,
+        age=1e-3,
+        arm=arm,
+    )
