@@ -43,12 +43,13 @@ VARIABLES = [
 ]
 
 
-def serve(host: str, output: int, orders: Connection) -> None:
+def serve(host: str, output: int, patience: float, orders: Connection) -> None:
     """Be the client of a controller: obey orders until they end or something breaks.
 
     Args:
         host: of the controller.
         output: standard digital output that closes the gripper.
+        patience: times as long as usual everything may take.
         orders: gives `UrOrder`s and takes `UrStatus`es, or a text: what broke.
     """
     # The client prints where it likes; the terminal belongs to others.
@@ -57,7 +58,7 @@ def serve(host: str, output: int, orders: Connection) -> None:
     # Ctrl-C is for the other process, which lets the robot go in good order.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     try:
-        controller = Controller(host, output)
+        controller = Controller(host, output, patience)
         orders.send(controller.status())
         while (order := orders.recv()) is not None:
             controller.obey(order)
@@ -76,7 +77,7 @@ def serve(host: str, output: int, orders: Connection) -> None:
 class Controller:
     """The three interfaces of `ur_rtde` as one."""
 
-    def __init__(self, host: str, output: int) -> None:
+    def __init__(self, host: str, output: int, patience: float) -> None:
         """Connect, start the program, and set the watchdog on the robot's side."""
         from rtde_control import RTDEControlInterface
         from rtde_io import RTDEIOInterface
@@ -85,8 +86,9 @@ class Controller:
         self.receive = RTDEReceiveInterface(host, -1.0, VARIABLES)
         self.control = RTDEControlInterface(host)
         self.io = RTDEIOInterface(host)
-        self.control.setWatchdog(WATCHDOG)
+        self.control.setWatchdog(WATCHDOG / patience)
         self.output = output
+        self.silence = ANSWER * patience
         self.time = self.receive.getTimestamp()
         self.heard = monotonic()
 
@@ -112,7 +114,7 @@ class Controller:
         if time != self.time:
             self.time, self.heard = time, now
         connected = receive.isConnected() and self.control.isConnected()
-        if not connected or now - self.heard > ANSWER:
+        if not connected or now - self.heard > self.silence:
             raise ConnectionError("the robot's controller is not heard any more")
         return UrStatus(
             q=tuple(receive.getActualQ()),
@@ -133,15 +135,19 @@ class Controller:
 class UrLink(Link):
     """Starts the client's process, and a new one whenever that is gone."""
 
-    def __init__(self, host: str, output: int) -> None:
+    def __init__(self, host: str, output: int, patience: float = 1.0) -> None:
         """Nothing is started before the first `exchange`.
 
         Args:
             host: of the controller.
             output: standard digital output that closes the gripper.
+            patience: times as long as usual the controller may be silent, and the
+                computer before the robot's watchdog stops it; above 1 where neither
+                keeps time, as in tests.
         """
         self.host = host
         self.output = output
+        self.patience = patience
         self.why = ""
         self.context = get_context("spawn")
         self.process = None
@@ -157,7 +163,7 @@ class UrLink(Link):
             if not self.ready:
                 return self.first()
             self.pipe.send(order)
-            if not self.pipe.poll(ANSWER):
+            if not self.pipe.poll(ANSWER * self.patience):
                 return self.lose("the robot's controller does not answer")
             return self.answer()
         except (OSError, EOFError):
@@ -169,7 +175,7 @@ class UrLink(Link):
             return
         self.since = monotonic()
         self.pipe, theirs = self.context.Pipe()
-        values = (self.host, self.output, theirs)
+        values = (self.host, self.output, self.patience, theirs)
         self.process = self.context.Process(target=serve, args=values, daemon=True)
         self.process.start()
         theirs.close()
