@@ -58,5 +58,13 @@ class Encoder(nn.Module):
         index = graphs.graph_index[graphs.targets][:, None].expand(-1, v.shape[1])
         largest = largest.scatter_reduce(0, index, v[graphs.targets], "amax")
         touched = (force > 0)[:, None]
-        pooled = torch.cat([torch.where(touched, largest, 0.0), mean], dim=1)
+        pooled = self.pooled(torch.where(touched, largest, 0.0), mean)
         return torch.where(touched, self.norm(pooled), 0.0)
+
+    def pooled(
+        self,
+        largest: Float[Tensor, "reading width"],
+        mean: Float[Tensor, "reading width"],
+    ) -> Float[Tensor, "reading embedding"]:
+        """Both ways of pooling beside each other."""
+        return torch.cat([largest, mean], dim=1)

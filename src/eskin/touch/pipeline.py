@@ -72,6 +72,14 @@ class TouchPipeline:
             ReadingError: the scan is of another skin, or not later than the last one;
                 nothing has changed then, and the next scan may follow.
         """
+        return self.push_reading(*self.calibrated(scan))
+
+    def calibrated(self, scan: Scan) -> tuple[Reading, tuple[Fault, ...]]:
+        """What the next scan says in kPa, and what of it is not to be believed.
+
+        Raises:
+            ReadingError: as for `push`.
+        """
         self.follower.poses.check(scan.q)
         check_count(scan, self.calibrator.skin)
         # The fault finder needs a reading first; no converter counts below zero.
@@ -79,7 +87,7 @@ class TouchPipeline:
         mask, faults = self.faults.push(scan, reading.pressure)
         if mask.any():
             reading = replace(reading, valid=reading.valid & ~mask)
-        return self.push_reading(self.crosstalk.taken_off(reading), faults)
+        return self.crosstalk.taken_off(reading), faults
 
     def push_reading(
         self, reading: Reading, faults: tuple[Fault, ...] = ()

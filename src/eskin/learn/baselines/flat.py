@@ -79,4 +79,4 @@ def bins(pressure: Float[np.ndarray, "clip 100 taxel"]) -> Rows:
     """Each taxel's mean in each of `BINS` parts of the window, in `KPA`."""
     clips, _, taxels = pressure.shape
     parts = pressure.reshape(clips, BINS, READINGS // BINS, taxels)
-    return parts.mean(axis=2).reshape(clips, -1) / np.float32(KPA)
+    return parts.mean(axis=2, dtype=np.float32).reshape(clips, -1) / np.float32(KPA)

@@ -87,7 +87,7 @@ class GraphWindow:
         q: Float[np.ndarray, "reading joint"],
     ) -> GraphBatch:
         """The graphs of the last readings, after taking these."""
-        for row, joints in zip(pressure, q, strict=True):
+        for row, joints in zip(pressure.astype(np.float32), q, strict=True):
             self.push(row, joints)
         return join(list(self.graphs))
 

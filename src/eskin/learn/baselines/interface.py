@@ -32,7 +32,7 @@ class Clips:
     """Windows of the whole skin, oldest reading first."""
 
     pressure: Float[np.ndarray, "clip 100 taxel"]
-    """[kPa] (float32)"""
+    """[kPa] (float32, or float16 where there are many)"""
 
     q: Float[np.ndarray, "clip 100 joint"]
     """Joint positions [rad] (float32)."""

@@ -147,8 +147,8 @@ class CachedStream(Stream):
 
 def tensors(pressure: np.ndarray, q: np.ndarray) -> tuple[Tensor, Tensor]:
     """Both as tensors of float32."""
-    joints = np.ascontiguousarray(q, np.float32)
-    return torch.from_numpy(np.ascontiguousarray(pressure)), torch.from_numpy(joints)
+    felt, joints = (np.ascontiguousarray(each, np.float32) for each in (pressure, q))
+    return torch.from_numpy(felt), torch.from_numpy(joints)
 
 
 def one_thread() -> None:

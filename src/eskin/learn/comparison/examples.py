@@ -1,0 +1,175 @@
+"""Clips of generated sets, as every method is given them."""
+
+import hashlib
+import os
+from collections.abc import Collection, Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float, Int
+from joblib import Parallel, delayed
+
+from eskin.errors import RecordingError
+from eskin.graph import GraphConfig
+from eskin.learn.baselines import READINGS, Clips
+from eskin.learn.clips import Clip, clips_of
+from eskin.learn.dataset import Dataset, prepare
+from eskin.recording import Recording, find_recordings, read_recording
+from eskin.robot import recorded_robot
+from eskin.skin import MountedSkin
+from eskin.touch import PipelineConfig, TouchPipeline
+
+FORMAT = 1
+"""Of the files that keep windows."""
+
+
+@dataclass(frozen=True, eq=False)
+class Examples:
+    """Clips of some recordings, for methods that see touches and for those that see
+    the whole skin."""
+
+    paths: tuple[Path, ...]
+    """The recordings."""
+
+    pack: Path
+    """Folder that keeps what was prepared of them."""
+
+    workers: int = 1
+    """How many processes prepare."""
+
+    @cached_property
+    def every(self) -> tuple[tuple[int, Clip], ...]:
+        """All clips, each with the index of its recording."""
+        numbered = enumerate(self.paths)
+        return tuple((n, clip) for n, path in numbered for clip in clips_of(path))
+
+    @cached_property
+    def gestures(self) -> tuple[str, ...]:
+        """What the clips were made for, sorted."""
+        return tuple(sorted({clip.gesture for _, clip in self.every}))
+
+    @cached_property
+    def sittings(self) -> dict[int, tuple[str, str]]:
+        """Person and session of each recording."""
+        facts = [read_recording(path).metadata for path in self.paths]
+        return {n: (each.subject, each.session) for n, each in enumerate(facts)}
+
+    @cached_property
+    def people(self) -> tuple[str, ...]:
+        """Who made each clip."""
+        return tuple(self.sittings[n][0] for n, _ in self.every)
+
+    @cached_property
+    def mounted(self) -> MountedSkin:
+        """The skin of the clips on its robot."""
+        first = read_recording(self.paths[0])
+        return MountedSkin(first.skin, recorded_robot(first.robot_name))
+
+    @cached_property
+    def digest(self) -> str:
+        """Names the recordings, whatever folder they are in."""
+        hashes = [hashlib.sha256(path.read_bytes()).hexdigest() for path in self.paths]
+        return hashlib.sha256("".join(hashes).encode()).hexdigest()[:16]
+
+    def truth(self, vocabulary: Sequence[str]) -> Int[np.ndarray, "clip"]:
+        """What each clip was made for, as an index into a vocabulary."""
+        return np.array([vocabulary.index(clip.gesture) for _, clip in self.every])
+
+    def dataset(self, graph: GraphConfig) -> Dataset:
+        """The touches of the clips as graphs."""
+        plain = graph.without_shear()
+        return prepare(self.paths, None, plain, self.pack, self.workers)
+
+    @cached_property
+    def windows(self) -> Clips:
+        """All taxels in the two seconds of each clip."""
+        jobs = (delayed(windows_of)(path, self.pack) for path in self.paths)
+        parts: Any = Parallel(n_jobs=self.workers)(jobs)
+        return Clips(*(np.concatenate(rows) for rows in zip(*parts, strict=True)))
+
+    def only(self, recordings: Collection[int]) -> "Examples":
+        """Those of some of the recordings."""
+        return replace(self, paths=tuple(self.paths[n] for n in sorted(recordings)))
+
+
+def find_examples(places: Sequence[Path], pack: Path, workers: int = 1) -> Examples:
+    """The clips of recordings, or of folders of them.
+
+    Args:
+        places: recordings and folders.
+        pack: folder that keeps what was prepared of them.
+        workers: how many processes prepare.
+
+    Raises:
+        RecordingError: there is no recording, or one that is not of a set of clips.
+    """
+    paths = find_recordings(places)
+    bare = next((path for path in paths if not clips_of(path)), None)
+    if bare is not None:
+        raise RecordingError(
+            f"{bare} is of no set of clips; allowed are sets of clips; make one with: "
+            "eskin generate OUT --set paper"
+        )
+    return Examples(paths, pack, workers)
+
+
+def windows_of(path: Path, pack: Path) -> tuple[np.ndarray, np.ndarray]:
+    """The windows of the clips of a recording, made where they are not there yet."""
+    with path.open("rb") as file:
+        content = hashlib.file_digest(file, "sha256").hexdigest()
+    facts = f"{FORMAT} {content} {PipelineConfig()}"
+    target = pack / f"{hashlib.sha256(facts.encode()).hexdigest()[:32]}.windows.npz"
+    if not target.exists():
+        pack.mkdir(parents=True, exist_ok=True)
+        pressure, q = cut_windows(path)
+        part = target.with_name(f"{target.name}.{os.getpid()}.part")
+        with part.open("wb") as file:
+            np.savez(file, pressure=pressure, q=q)
+        part.replace(target)
+    with np.load(target) as arrays:
+        return arrays["pressure"], arrays["q"]
+
+
+def cut_windows(
+    path: Path,
+) -> tuple[
+    Float[np.ndarray, "clip 100 taxel"],
+    Float[np.ndarray, "clip 100 joint"],
+]:
+    """Pressure [kPa] (float16) and joint positions [rad] in the clips of a recording.
+
+    Counts go through the same calibration, faults and crosstalk as live. What is not
+    valid reads zero; where no reading came, the window shows the one before.
+    """
+    recording = read_recording(path)
+    clips = clips_of(path)
+    taxels, joints = recording.skin.count, len(recording.joint_names)
+    pressure = np.zeros((len(clips), READINGS, taxels), np.float16)
+    q = np.zeros((len(clips), READINGS, joints), np.float32)
+    starts = np.array([clip.start for clip in clips])
+    begun = np.zeros(len(clips), dtype=bool)
+    for stamp, felt, positions in readings_of(recording):
+        n = int(np.searchsorted(starts, stamp, "right")) - 1
+        if n < 0 or stamp >= clips[n].end:
+            continue
+        length = clips[n].end - clips[n].start
+        slot = (stamp - clips[n].start) * READINGS // length
+        pressure[n, slot:] = felt
+        q[n, slot if begun[n] else 0 :] = positions
+        begun[n] = True
+    return pressure, q
+
+
+def readings_of(
+    recording: Recording,
+) -> Iterator[tuple[int, Float[np.ndarray, "taxel"], Float[np.ndarray, "joint"]]]:
+    """Stamp [ns], pressure [kPa] and joint positions [rad] of every reading."""
+    mounted = MountedSkin(recording.skin, recorded_robot(recording.robot_name))
+    pipeline = TouchPipeline(mounted, recording.calibration)
+    for scan in recording.scans():
+        reading, _ = pipeline.calibrated(scan)
+        felt = np.where(reading.valid, reading.pressure, 0.0)
+        yield reading.stamp, felt, reading.q

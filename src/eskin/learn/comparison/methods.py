@@ -1,0 +1,116 @@
+"""Methods that are compared: what learns from clips, and answers others."""
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import final
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from eskin.learn.baselines import BASELINES, NETWORKS, FitConfig, make_baseline
+from eskin.learn.clip_scoring import answer_clips
+from eskin.learn.comparison.encoders import ENCODERS, EncoderKind
+from eskin.learn.comparison.examples import Examples
+from eskin.learn.training import TrainConfig, Trainer
+from eskin.model import NetworkConfig
+from eskin.recording import NONE
+
+Answers = Callable[[Examples], Float[np.ndarray, "clip class"]]
+"""Log-probabilities of the classes for each clip, in the order of the gestures that
+were learned."""
+
+AS_LARGE_AS_SHIPPED = NetworkConfig(width=32, layers=3, channels=48, dropout=0.1)
+FOR_SMALL_SETS = TrainConfig(
+    epochs=6,
+    steps=100,
+    batch=96,
+    readings=10,
+    decay=0.1,
+    smoothing=0.05,
+    validation=0.0,
+    network=AS_LARGE_AS_SHIPPED,
+)
+"""How the recogniser is trained on some 500 clips: to the end, no epoch is chosen."""
+
+
+class Method(ABC):
+    """Learns from clips of a skin."""
+
+    @abstractmethod
+    def fit(self, examples: Examples, seed: int) -> Answers:
+        """Learn from clips; the same seed gives the same result.
+
+        Args:
+            examples: to learn from.
+            seed: decides everything that is drawn.
+        """
+
+
+@final
+@dataclass(frozen=True)
+class RecogniserMethod(Method):
+    """The recogniser, or one that lacks something."""
+
+    config: TrainConfig = FOR_SMALL_SETS
+    """How it is trained."""
+
+    encoder: EncoderKind = "equivariant"
+    """What it makes of a contact graph."""
+
+    def fit(self, examples: Examples, seed: int) -> Answers:
+        """Learn from the touches of clips."""
+        graph = self.config.graph
+        dataset = examples.dataset(graph)
+        vocabulary = (NONE, *(name for name in examples.gestures if name != NONE))
+        trainer = Trainer(dataset, vocabulary, self.config, seed=seed)
+        trainer.network.encoder = ENCODERS[self.encoder](self.config.network)
+        network = trainer.run(quiet=True)
+        columns = [vocabulary.index(gesture) for gesture in examples.gestures]
+        shares = shares_of(examples.truth(examples.gestures))
+
+        def answers(other: Examples) -> Float[np.ndarray, "clip class"]:
+            found = answer_clips(network, other.dataset(graph), vocabulary)
+            chances = found.log_chances[:, columns]
+            # Where `none` is no answer, nothing felt is the likeliest of the others.
+            nothing = np.isneginf(chances).all(axis=1)
+            return np.where(nothing[:, None], np.log(shares), chances)
+
+        return answers
+
+
+@final
+@dataclass(frozen=True)
+class BaselineMethod(Method):
+    """One of the baselines."""
+
+    name: str
+    """Which; see `eskin.learn.baselines`."""
+
+    config: FitConfig = field(default_factory=FitConfig)
+    """How it is trained, where it is a network."""
+
+    def fit(self, examples: Examples, seed: int) -> Answers:
+        """Learn from all taxels in clips."""
+        baseline = make_baseline(self.name, examples.mounted, self.config)
+        truth = examples.truth(examples.gestures)
+        fitted = baseline.fit(examples.windows, truth, seed)
+
+        def answers(other: Examples) -> Float[np.ndarray, "clip class"]:
+            chances = fitted.predict_probabilities(other.windows)
+            return np.log(np.maximum(chances, 1e-12))
+
+        return answers
+
+
+def shares_of(truth: Int[np.ndarray, "clip"]) -> Float[np.ndarray, "class"]:
+    """How often each class occurs."""
+    return np.bincount(truth) / len(truth)
+
+
+METHODS: dict[str, Method] = {
+    "eskin": RecogniserMethod(),
+    **{name: BaselineMethod(name) for name in (*BASELINES, *NETWORKS)},
+    "eskin-not-equivariant": RecogniserMethod(encoder="plain"),
+}
+"""By name; ours first."""

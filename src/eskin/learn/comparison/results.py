@@ -1,0 +1,146 @@
+"""What methods answered, kept in files so that each is trained once only."""
+
+import hashlib
+import json
+import time
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import final
+
+import numpy as np
+from jaxtyping import Bool
+
+from eskin.learn.comparison.examples import Examples
+from eskin.learn.comparison.methods import Method
+from eskin.learn.holdout import hold_out
+
+
+@dataclass(frozen=True)
+class Answered:
+    """What a method answered to some clips."""
+
+    truth: tuple[str, ...]
+    """What each was made for."""
+
+    answer: tuple[str, ...]
+    """What was answered."""
+
+    people: tuple[str, ...]
+    """Who made each."""
+
+    @property
+    def right(self) -> Bool[np.ndarray, "clip"]:
+        """Which answers are right."""
+        return np.array(self.truth) == np.array(self.answer)
+
+
+@dataclass(frozen=True)
+class Result:
+    """What came of one method that learned once."""
+
+    method: str
+    """Its name."""
+
+    seed: int
+    """That decided what was drawn."""
+
+    seconds: float
+    """Time that it took to learn and to answer [s]."""
+
+    answered: Mapping[str, Answered]
+    """By the name of what was asked: `val`, and the tests."""
+
+
+@final
+@dataclass(frozen=True)
+class Task:
+    """One method to be trained once, and what it is asked then."""
+
+    name: str
+    """Of the method."""
+
+    method: Method
+    """That learns."""
+
+    train: Examples
+    """To learn from, but for what is held out to validate on."""
+
+    tests: Mapping[str, Examples]
+    """To answer, by name."""
+
+    seed: int
+    """Decides everything that is drawn."""
+
+    share: float = 0.2
+    """Share of the recordings held out."""
+
+    @property
+    def key(self) -> str:
+        """Names what decides the result, so that a file of that name is the result."""
+        tests = {name: each.digest for name, each in self.tests.items()}
+        facts = f"{self.method} {self.train.digest} {tests} {self.seed} {self.share}"
+        short = hashlib.sha256(facts.encode()).hexdigest()[:12]
+        return f"{self.name}-{self.seed}-{short}"
+
+    def done(self, folder: Path) -> Result:
+        """The result from its file, which is made where it is not there yet."""
+        path = folder / f"{self.key}.json"
+        if path.exists():
+            return read_result(path)
+        result = self.run()
+        folder.mkdir(parents=True, exist_ok=True)
+        write_result(path, result)
+        return result
+
+    def run(self) -> Result:
+        """Learn and answer."""
+        started = time.monotonic()
+        learned, held = divided(self.train, self.share)
+        answers = self.method.fit(learned, self.seed)
+        asked = {"val": held, **self.tests}
+        answered = {}
+        for name, examples in asked.items():
+            said = answers(examples).argmax(axis=1)
+            answered[name] = Answered(
+                truth=tuple(clip.gesture for _, clip in examples.every),
+                answer=tuple(learned.gestures[n] for n in said.tolist()),
+                people=examples.people,
+            )
+        return Result(self.name, self.seed, time.monotonic() - started, answered)
+
+
+def divided(examples: Examples, share: float) -> tuple[Examples, Examples]:
+    """Whole sittings held out to validate on, the same ones for every method.
+
+    Returns:
+        What is learned from, and what is held out.
+    """
+    made: dict[int, set[str]] = {}
+    for n, clip in examples.every:
+        made.setdefault(n, set()).add(clip.gesture)
+    rng = np.random.default_rng(0)
+    found = hold_out(examples.sittings, made, share, rng)
+    return examples.only(found.train), examples.only(found.held)
+
+
+def write_result(path: Path, result: Result) -> None:
+    """Write a result as JSON, whole or not at all."""
+    facts = asdict(result) | {"seconds": round(result.seconds, 1)}
+    facts["answered"] = {
+        name: {key: " ".join(values) for key, values in asdict(each).items()}
+        for name, each in result.answered.items()
+    }
+    part = path.with_name(path.name + ".part")
+    part.write_text(json.dumps(facts, indent=1) + "\n", encoding="utf-8")
+    part.replace(path)
+
+
+def read_result(path: Path) -> Result:
+    """Read a result from its file."""
+    facts = json.loads(path.read_text(encoding="utf-8"))
+    answered = {
+        name: Answered(**{key: tuple(text.split()) for key, text in each.items()})
+        for name, each in facts["answered"].items()
+    }
+    return Result(facts["method"], facts["seed"], facts["seconds"], answered)
