@@ -113,7 +113,7 @@ def without_one_person(
     Without shear nothing is known of it, not even which taxels it touches.
     """
     config = replace(command.train, shear=shear)
-    dataset = prepare(paths, graph=config.graph)
+    dataset = prepare(paths, graph=config.graph_used)
     groups = groups_of(dataset, "subject")
     networks = train_folds(dataset, groups, config, command.seed, command.workers)
     answers = segment_answers(dataset, groups, networks, shear, command.seed)

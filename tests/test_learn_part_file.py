@@ -102,6 +102,7 @@ def test_other_bytes_or_settings_are_another_part(paths):
         key_of(paths[0], contacts, GRAPH),
         key_of(paths[0], PIPELINE, GraphConfig(live=3)),
         key_of(paths[0], PIPELINE, GRAPH.without_shear()),
+        key_of(paths[0], PIPELINE, GraphConfig(posed=False)),
     ]
     assert len(set(keys)) == len(keys)
     assert keys[0] == key_of(paths[0], PipelineConfig(), GraphConfig())

@@ -219,6 +219,19 @@ def test_shear_is_learned_where_it_is_measured_unless_told_not_to(tmp_path, caps
     assert [np.isinf(card.graph.shear_on) for card in cards] == [False, True, True]
 
 
+def test_a_model_learned_without_poses_keeps_to_that(data, tmp_path, capsys):
+    blind = "--train.graph.no-posed"
+    code, out, err = train(
+        *(capsys, data / "train", "--out", tmp_path / "m", blind),
+        *("--test", data / "test", "--json"),
+    )
+    assert (code, err) == (0, "")
+    assert not load_model(tmp_path / "m").card.graph.posed
+    said = last_json(out)["test_accuracy"]
+    _, out, _ = call(capsys, "evaluate", tmp_path / "m", data / "test", "--json")
+    assert last_json(out)["accuracy"] == said
+
+
 def test_a_recording_cut_in_half_is_used_up_to_the_cut_and_named(
     data, tmp_path, capsys
 ):

@@ -77,7 +77,7 @@ def run(command: Command) -> dict[str, object]:
     find_recordings(command.streams)  # Refused now rather than after the training.
     start = load_model(command.start) if command.start else None
     skins = tuple(Wear(command.wear, number) for number in range(command.skins))
-    dataset = prepared(command, paths, command.train.graph, skins)
+    dataset = prepared(command, paths, command.train.graph_used, skins)
     vocabulary = chosen_classes(dataset, command.classes)
     validation, test = (
         prepared(command, find_recordings(data), trained_on(command, dataset))

@@ -56,7 +56,7 @@ class GraphBuilder:
         """
         self.mounted = mounted
         self.config = config or GraphConfig()
-        self.poses = poses or LivePoses(mounted)
+        self.poses = poses or LivePoses(mounted, self.config.posed)
         self.ground = ground_of(mounted, self.config)
         self.loads = loads_of(mounted.skin.count)
         self.instant = Instant(0, LONG_AGO, LONGEST_STEP, False)

@@ -21,6 +21,10 @@ class GraphConfig:
     """On a skin that is not calibrated: shear from which a taxel belongs to the graph
     even where its pressure is too low for a contact [kPa]."""
 
+    posed: bool = True
+    """Whether the robot's pose is seen. Without it every joint is taken to be at 0, so
+    that the same counts are the same touch in every pose."""
+
     def without_shear(self) -> "GraphConfig":
         """The same where shear is not used: it touches no taxel either."""
         return replace(self, shear_on=math.inf)

@@ -12,6 +12,7 @@ from eskin.recording import Recording
 from eskin.robot import recorded_robot
 from eskin.skin import MountedSkin
 from eskin.touch import PipelineConfig, TouchPipeline, TouchState
+from eskin.touch.poses import LivePoses
 
 NOWHERE = np.full(3, np.nan)
 
@@ -87,8 +88,9 @@ def sequences_of(
 ) -> list[Sequence]:
     """All sequences of one recording, in the order in which they begin."""
     mounted = MountedSkin(recording.skin, recorded_robot(recording.robot_name))
-    touches = TouchPipeline(mounted, recording.calibration, pipeline)
-    stream = GraphStream(mounted, graph)
+    poses = LivePoses(mounted, graph.posed)
+    touches = TouchPipeline(mounted, recording.calibration, pipeline, poses)
+    stream = GraphStream(mounted, graph, poses)
     found: list[Sequence] = []
     open_now: dict[int, Sequence] = {}
     for scan in wear.scans(recording) if wear else recording.scans():

@@ -94,6 +94,9 @@ class TrainConfig:
     """Parts of each batch that are made and differentiated at the same time, one a
     core; with dropout and more than one, no two trainings are the same to the bit."""
 
+    graph: GraphConfig = field(default_factory=GraphConfig)
+    """How contacts become graphs."""
+
     augment: AugmentConfig = field(default_factory=AugmentConfig)
     """How training windows vary."""
 
@@ -101,9 +104,9 @@ class TrainConfig:
     """Sizes of the network."""
 
     @property
-    def graph(self) -> GraphConfig:
+    def graph_used(self) -> GraphConfig:
         """The graphs to train on: without shear, it touches no taxel either."""
-        return GraphConfig() if self.shear else GraphConfig().without_shear()
+        return self.graph if self.shear else self.graph.without_shear()
 
     def __post_init__(self) -> None:
         """Refuse numbers that mean nothing."""

@@ -18,6 +18,7 @@ from eskin.model import MODELS, DecisionConfig, Model, load_model
 from eskin.robot import Robot
 from eskin.skin import MountedSkin, Skin
 from eskin.touch import Calibration, Reading, Scan, Touch, TouchPipeline, TouchState
+from eskin.touch.poses import LivePoses
 
 
 @final
@@ -26,6 +27,9 @@ class Recognizer:
 
     Every reading of every touch is encoded once; the logits are those that the whole
     window gives offline.
+
+    With a model that does not see the pose (`GraphConfig.posed`), only the places and
+    directions of detections are those of the pose.
 
     Attributes:
         model: the weights and their card.
@@ -62,8 +66,10 @@ class Recognizer:
         self.mounted = mounted
         self.has_calibration = calibration is not None
         unused = Calibration.uniform(mounted.skin.count, 1, 1.0)
-        self.touches = TouchPipeline(mounted, calibration or unused, card.pipeline)
-        poses = self.touches.follower.poses
+        poses = LivePoses(mounted, card.graph.posed)
+        self.touches = TouchPipeline(
+            mounted, calibration or unused, card.pipeline, poses
+        )
         self.graphs = GraphStream(mounted, card.graph_used, poses)
         self.stream = LogitStream(model, self.graphs.builder)
         self.decider = Decider(
@@ -71,7 +77,8 @@ class Recognizer:
             decision or card.decision,
             change_ends=not mounted.skin.calibrated,
         )
-        self.travel = Travel(poses, self.decider.config.still)
+        true_poses = poses if poses.posed else LivePoses(mounted)
+        self.travel = Travel(true_poses, self.decider.config.still)
         self.state: TouchState | None = None
         self.logits: dict[int, Float[np.ndarray, "class"]] = {}
         self.probabilities: dict[int, Float[np.ndarray, "class"]] = {}

@@ -39,11 +39,12 @@ class TouchFollower:
         contacts: ContactConfig,
         tracks: TrackConfig,
         touches: TouchConfig,
+        poses: LivePoses,
     ) -> None:
         """Start untouched."""
         skin = mounted.skin
         self.skin = skin
-        self.poses = LivePoses(mounted)
+        self.poses = poses
         adjacency = Adjacency.of(
             skin, contacts.reach, contacts.least_reach if skin.calibrated else 0.0
         )

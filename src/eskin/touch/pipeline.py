@@ -15,7 +15,9 @@ from eskin.touch.crosstalk import Crosstalk
 from eskin.touch.fault import Fault
 from eskin.touch.faults import FaultConfig, FaultFinder
 from eskin.touch.follower import TouchFollower
+from eskin.touch.poses import LivePoses
 from eskin.touch.reading import Reading, Scan
+from eskin.touch.records import Followed
 from eskin.touch.state import TouchState
 from eskin.touch.touches import Touch, TouchConfig
 from eskin.touch.tracks import TrackConfig
@@ -50,8 +52,16 @@ class TouchPipeline:
         mounted: MountedSkin,
         calibration: Calibration,
         config: PipelineConfig | None = None,
+        poses: LivePoses | None = None,
     ) -> None:
-        """Start with every stage fresh."""
+        """Start with every stage fresh.
+
+        Args:
+            mounted: the skin on its robot.
+            calibration: of the skin.
+            config: of every stage.
+            poses: of the robot's links, shared with who else asks for them.
+        """
         self.config = config or PipelineConfig()
         self.mounted = mounted
         self.calibrator = Calibrator(mounted.skin, calibration, self.config.calibration)
@@ -62,6 +72,7 @@ class TouchPipeline:
             self.config.contacts.raised_to(calibration.floor),
             self.config.tracks,
             self.config.touches,
+            poses or LivePoses(mounted),
         )
         self.reading: Reading | None = None
 
@@ -99,7 +110,7 @@ class TouchPipeline:
         """
         followed = self.follower.push(reading)
         self.reading = reading
-        return TouchState(reading, faults, followed, self.mounted)
+        return self.state_of(reading, faults, followed)
 
     def finish(self) -> tuple[Touch, ...]:
         """Close the touches still open, as at the end of a recording.
@@ -108,5 +119,12 @@ class TouchPipeline:
         """
         if self.reading is None:
             return ()
-        state = TouchState(self.reading, (), self.follower.finish(), self.mounted)
+        state = self.state_of(self.reading, (), self.follower.finish())
         return tuple(replace(touch, closed=True) for touch in state.touches)
+
+    def state_of(
+        self, reading: Reading, faults: tuple[Fault, ...], followed: Followed
+    ) -> TouchState:
+        """All that is known at a reading."""
+        posed = self.follower.poses.posed
+        return TouchState(reading, faults, followed, self.mounted, posed)

@@ -13,9 +13,15 @@ from eskin.skin.mount import MountedSkin
 class LivePoses:
     """Poses of the links at the latest q asked for; an arm at rest costs nothing."""
 
-    def __init__(self, mounted: MountedSkin) -> None:
-        """Start without a pose."""
+    def __init__(self, mounted: MountedSkin, posed: bool = True) -> None:
+        """Start without a pose.
+
+        Args:
+            mounted: the skin on its robot.
+            posed: whether q counts; else every joint is at 0, whatever is asked.
+        """
         self.mounted = mounted
+        self.posed = posed
         self.joints = len(mounted.robot.joint_names)
         self.q: bytes | None = None
         self.T_world_link = np.empty((0, 4, 4))
@@ -25,7 +31,8 @@ class LivePoses:
         asked = q.tobytes()
         if asked != self.q:
             self.check(q)
-            self.T_world_link = self.mounted.kinematics.poses(q)
+            seen = q if self.posed else np.zeros_like(q)
+            self.T_world_link = self.mounted.kinematics.poses(seen)
             self.q = asked
         return self.T_world_link
 

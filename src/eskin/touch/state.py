@@ -1,6 +1,6 @@
 """All that is known of touch at one instant, made into objects when asked for."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -37,6 +37,10 @@ class TouchState:
 
     mounted: MountedSkin
     """The skin that it is on."""
+
+    posed: bool = True
+    """Whether contacts were found in the robot's pose; else they were found with every
+    joint at 0, and only what is made of them here is put where it is in this pose."""
 
     @property
     def going(self) -> tuple[TouchBrief, ...]:
@@ -97,7 +101,7 @@ class TouchState:
         if not len(self.records.contacts):
             return ()
         patches, taxels = self.mounted.skin.patches, self.records.loads["taxel"].copy()
-        return tuple(
+        contacts = tuple(
             Contact(
                 taxels=taxels[slice(*row["loads"])],
                 force=float(row["force"]),
@@ -110,6 +114,18 @@ class TouchState:
                 patch=patches[row["patch"]].id,
             )
             for row in self.records.contacts
+        )
+        return contacts if self.posed else tuple(map(self.placed, contacts))
+
+    def placed(self, contact: Contact) -> Contact:
+        """A contact that was found with every joint at 0, in the pose of now."""
+        link, q = self.mounted.robot.link_index(contact.link), self.reading.q
+        both = self.mounted.kinematics.poses(np.stack([q, np.zeros_like(q)]))
+        now, rest = both[:, link]
+        return replace(
+            contact,
+            p_world=now[:3, :3] @ contact.p_link + now[:3, 3],
+            n_world=now[:3, :3] @ rest[:3, :3].T @ contact.n_world,
         )
 
     def touch(self, row: TouchRow) -> Touch:
