@@ -24,6 +24,8 @@ COMMANDS = {
     "label": "label",
     "train": "train",
     "evaluate": "evaluate",
+    "compare": "compare",
+    "study": "study",
     "run": "run",
     "replay": "replay",
     "view": "view",

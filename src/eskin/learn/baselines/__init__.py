@@ -8,6 +8,7 @@ from eskin.learn.baselines.convolution import (
     CnnLstmBaseline,
     ImageBaseline,
 )
+from eskin.learn.baselines.egnn import Pooling
 from eskin.learn.baselines.estimators import (
     gradient_boosting,
     linear_discriminant,
@@ -32,6 +33,7 @@ __all__ = [
     "FitConfig",
     "NetworkBaseline",
     "PaperBaseline",
+    "Pooling",
     "Stream",
     "make_baseline",
     "one_thread",

@@ -29,7 +29,8 @@ FORMAT = 1
 @dataclass(frozen=True, eq=False)
 class Examples:
     """Clips of some recordings, for methods that see touches and for those that see
-    the whole skin."""
+    the whole skin.
+    """
 
     paths: tuple[Path, ...]
     """The recordings."""

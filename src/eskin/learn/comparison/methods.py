@@ -2,13 +2,22 @@
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import final
 
 import numpy as np
 from jaxtyping import Float, Int
 
-from eskin.learn.baselines import BASELINES, NETWORKS, FitConfig, make_baseline
+from eskin.graph import GraphConfig
+from eskin.learn.baselines import (
+    BASELINES,
+    NETWORKS,
+    Baseline,
+    FitConfig,
+    PaperBaseline,
+    Pooling,
+    make_baseline,
+)
 from eskin.learn.clip_scoring import answer_clips
 from eskin.learn.comparison.encoders import ENCODERS, EncoderKind
 from eskin.learn.comparison.examples import Examples
@@ -60,7 +69,7 @@ class RecogniserMethod(Method):
 
     def fit(self, examples: Examples, seed: int) -> Answers:
         """Learn from the touches of clips."""
-        graph = self.config.graph
+        graph = self.config.graph_used
         dataset = examples.dataset(graph)
         vocabulary = (NONE, *(name for name in examples.gestures if name != NONE))
         trainer = Trainer(dataset, vocabulary, self.config, seed=seed)
@@ -92,15 +101,40 @@ class BaselineMethod(Method):
 
     def fit(self, examples: Examples, seed: int) -> Answers:
         """Learn from all taxels in clips."""
-        baseline = make_baseline(self.name, examples.mounted, self.config)
-        truth = examples.truth(examples.gestures)
-        fitted = baseline.fit(examples.windows, truth, seed)
+        made = make_baseline(self.name, examples.mounted, self.config)
+        return fitted(made, examples, seed)
 
-        def answers(other: Examples) -> Float[np.ndarray, "clip class"]:
-            chances = fitted.predict_probabilities(other.windows)
-            return np.log(np.maximum(chances, 1e-12))
 
-        return answers
+@final
+@dataclass(frozen=True)
+class PaperMethod(Method):
+    """The paper's network with other neighbours and pooling."""
+
+    k: int = 8
+    """Neighbours of a taxel inside its patch."""
+
+    pooling: Pooling = "max"
+    """Over the nodes of a reading."""
+
+    config: FitConfig = field(default_factory=FitConfig)
+    """How it is trained."""
+
+    def fit(self, examples: Examples, seed: int) -> Answers:
+        """Learn from all taxels in clips."""
+        made = PaperBaseline(examples.mounted, self.config, self.k, self.pooling)
+        return fitted(made, examples, seed)
+
+
+def fitted(baseline: Baseline, examples: Examples, seed: int) -> Answers:
+    """The answers of a baseline that has learned from clips."""
+    truth = examples.truth(examples.gestures)
+    baseline.fit(examples.windows, truth, seed)
+
+    def answers(other: Examples) -> Float[np.ndarray, "clip class"]:
+        chances = baseline.predict_probabilities(other.windows)
+        return np.log(np.maximum(chances, 1e-12))
+
+    return answers
 
 
 def shares_of(truth: Int[np.ndarray, "clip"]) -> Float[np.ndarray, "class"]:
@@ -111,6 +145,13 @@ def shares_of(truth: Int[np.ndarray, "clip"]) -> Float[np.ndarray, "class"]:
 METHODS: dict[str, Method] = {
     "eskin": RecogniserMethod(),
     **{name: BaselineMethod(name) for name in (*BASELINES, *NETWORKS)},
-    "eskin-not-equivariant": RecogniserMethod(encoder="plain"),
 }
 """By name; ours first."""
+
+ABLATIONS: dict[str, Method] = {
+    "without poses": RecogniserMethod(
+        replace(FOR_SMALL_SETS, graph=GraphConfig(posed=False))
+    ),
+    "not equivariant": RecogniserMethod(encoder="plain"),
+}
+"""Ours without something, by what it lacks."""

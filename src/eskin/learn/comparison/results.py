@@ -3,13 +3,16 @@
 import hashlib
 import json
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import final
+from typing import Any, final
 
 import numpy as np
+import torch
 from jaxtyping import Bool
+from joblib import Parallel, delayed
+from rich.progress import track
 
 from eskin.learn.comparison.examples import Examples
 from eskin.learn.comparison.methods import Method
@@ -83,9 +86,17 @@ class Task:
         short = hashlib.sha256(facts.encode()).hexdigest()[:12]
         return f"{self.name}-{self.seed}-{short}"
 
+    def is_done(self, folder: Path) -> bool:
+        """Whether there is a file of the result."""
+        return self.file(folder).exists()
+
+    def file(self, folder: Path) -> Path:
+        """Where the result is kept."""
+        return folder / f"{self.key}.json"
+
     def done(self, folder: Path) -> Result:
         """The result from its file, which is made where it is not there yet."""
-        path = folder / f"{self.key}.json"
+        path = self.file(folder)
         if path.exists():
             return read_result(path)
         result = self.run()
@@ -108,6 +119,34 @@ class Task:
                 people=examples.people,
             )
         return Result(self.name, self.seed, time.monotonic() - started, answered)
+
+
+def do_all(
+    tasks: Sequence[Task], folder: Path, workers: int = 1, seconds: float = np.inf
+) -> list[Result | None]:
+    """The results of tasks, in their order; what has a file is not done again.
+
+    Args:
+        tasks: to do, in the order given.
+        folder: where results are kept.
+        workers: how many processes do them.
+        seconds: after how long no further task is begun [s].
+
+    Returns:
+        None in place of what was not begun any more.
+    """
+    end = time.monotonic() + seconds
+    jobs = (delayed(done_before)(task, folder, end) for task in tasks)
+    found: Any = Parallel(n_jobs=workers, return_as="generator")(jobs)
+    return list(track(found, description="Comparing", total=len(tasks)))
+
+
+def done_before(task: Task, folder: Path, end: float) -> Result | None:
+    """The result of a task, if it can be begun before a time on this machine."""
+    torch.set_num_threads(1)
+    if not task.is_done(folder) and time.monotonic() > end:
+        return None
+    return task.done(folder)
 
 
 def divided(examples: Examples, share: float) -> tuple[Examples, Examples]:

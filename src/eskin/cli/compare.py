@@ -1,0 +1,126 @@
+"""`eskin compare`: every method on the same clips (the paper's Table III)."""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import numpy as np
+
+from eskin.learn.comparison import (
+    METHODS,
+    Examples,
+    Place,
+    Result,
+    Task,
+    do_all,
+    find_examples,
+    markdown,
+    rows_of,
+)
+from eskin.model import check_limits
+
+
+@dataclass(frozen=True)
+class Command:
+    """Train every method on the same clips, and ask all of them the same others."""
+
+    train: tuple[Path, ...]
+    """Sets of clips to learn from; each is a draw of its own."""
+
+    test: tuple[Path, ...]
+    """The test of each of them; or several tests of a single one."""
+
+    seeds: int = 1
+    """How often each method is trained on each draw."""
+
+    methods: tuple[str, ...] = tuple(METHODS)
+    """Which of them; the first is the one that others are held against."""
+
+    results: Path = Path("results")
+    """Folder that keeps each result, so that a comparison that was cut goes on."""
+
+    pack: Path = Path("pack")
+    """Folder that keeps prepared clips."""
+
+    workers: int = 1
+    """How many processes train at once."""
+
+    minutes: float = math.inf
+    """After how long no further training is begun."""
+
+    def __post_init__(self) -> None:
+        """Refuse what cannot be compared."""
+        check_limits(self, {"seeds": (1, np.inf), "workers": (1, np.inf)})
+        unknown = [name for name in self.methods if name not in METHODS]
+        if unknown or not self.methods:
+            raise ValueError(
+                f"--methods names {', '.join(unknown) or 'none'}; allowed are "
+                f"{', '.join(METHODS)}; correct the name"
+            )
+        if len(self.train) not in (1, len(self.test)):
+            raise ValueError(
+                f"--train names {len(self.train)} and --test {len(self.test)}; allowed "
+                "are as many of either, or a single --train; name one test a draw"
+            )
+
+
+def run(command: Command) -> dict[str, object]:
+    """Train, answer, print the table, and return its rows."""
+    draws = draws_of(command)
+    places = [
+        (draw, seed) for draw in range(len(draws)) for seed in range(command.seeds)
+    ]
+    asked = [(name, place) for place in places for name in command.methods]
+    tasks = [
+        Task(name, METHODS[name], *draws[draw], seed) for name, (draw, seed) in asked
+    ]
+    seconds = 60 * command.minutes
+    done = do_all(tasks, command.results, command.workers, seconds)
+    left = sum(result is None for result in done)
+    if left:
+        print(f"{left} of {len(done)} trainings are left; the same command goes on")
+    rows = rows_of(sorted_out(command.methods, asked, done))
+    print(markdown(rows))
+    return {"rows": [asdict(row) for row in rows]}
+
+
+def draws_of(command: Command) -> list[tuple[Examples, Mapping[str, Examples]]]:
+    """What is learned from and what is asked then, draw by draw."""
+    workers = command.workers
+    trains, tests = (
+        [find_examples([place], command.pack, workers) for place in places]
+        for places in (command.train, command.test)
+    )
+    if len(trains) == 1:
+        names = [place.name for place in command.test]
+        return [(trains[0], dict(zip(names, tests, strict=True)))]
+    both = zip(trains, tests, strict=True)
+    return [(train, {"test": test}) for train, test in both]
+
+
+def sorted_out(
+    methods: Sequence[str],
+    asked: Sequence[tuple[str, Place]],
+    done: Sequence[Result | None],
+) -> dict[str, dict[Place, Result]]:
+    """What is there of each method, where the first has answered as well.
+
+    Raises:
+        ValueError: the first method has not been trained.
+    """
+    found: dict[str, dict[Place, Result]] = {name: {} for name in methods}
+    for (name, place), result in zip(asked, done, strict=True):
+        if result is not None:
+            found[name][place] = result
+    first = found[methods[0]]
+    if not first:
+        raise ValueError(
+            f"no training of {methods[0]} was begun within --minutes; allowed are more "
+            "minutes; run the same command again, it goes on from here"
+        )
+    kept = (
+        (name, {place: each for place, each in results.items() if place in first})
+        for name, results in found.items()
+    )
+    return {name: results for name, results in kept if results}

@@ -1,0 +1,105 @@
+"""`eskin study`: neighbours and pooling of the contact graph (the paper's Fig. 32)."""
+
+import math
+from dataclasses import asdict, dataclass
+from itertools import product
+from pathlib import Path
+
+import numpy as np
+
+from eskin.cli.checks import check_writable
+from eskin.learn.baselines import Pooling
+from eskin.learn.comparison import Task, do_all, find_examples
+from eskin.learn.comparison.pictures import draw_study
+from eskin.learn.comparison.study import Network, Variant, study_row, study_table
+from eskin.model import check_limits
+
+
+@dataclass(frozen=True)
+class Command:
+    """Train networks with more and fewer neighbours, and other pooling.
+
+    The data is one set of clips; where it has the parts `train` and `test`, the second
+    is the test, else what is held out of it for validation is.
+    """
+
+    data: tuple[Path, ...]
+    """A set of clips as `eskin generate --set paper` makes it, or several."""
+
+    k: tuple[int, ...] = (4, 8, 16, 32)
+    """Neighbours of a taxel inside its patch."""
+
+    pool: tuple[Pooling, ...] = ("max", "mean")
+    """How the nodes of a reading are pooled."""
+
+    networks: tuple[Network, ...] = ("eskin", "paper")
+    """Whose networks."""
+
+    seeds: int = 3
+    """How often each is trained on each set."""
+
+    epochs: int = 10
+    """How often the paper's network sees each clip."""
+
+    picture: Path | None = None
+    """Where to draw the accuracies (.png)."""
+
+    results: Path = Path("results")
+    """Folder that keeps each result, so that a study that was cut goes on."""
+
+    pack: Path = Path("pack")
+    """Folder that keeps prepared clips."""
+
+    workers: int = 1
+    """How many processes train at once."""
+
+    minutes: float = math.inf
+    """After how long no further training is begun."""
+
+    def __post_init__(self) -> None:
+        """Refuse numbers that mean nothing."""
+        limits = {"seeds": (1, np.inf), "epochs": (1, np.inf), "workers": (1, np.inf)}
+        check_limits(self, limits)
+        if not (self.k and min(self.k) > 0 and self.pool and self.networks):
+            raise ValueError(
+                "--k, --pool and --networks name nothing, or no neighbours; allowed "
+                "is one word or more of each, and a --k of 1 and above; name some"
+            )
+
+
+def run(command: Command) -> dict[str, object]:
+    """Train, print the table, and draw it where asked."""
+    if command.picture is not None:
+        check_writable(command.picture)
+    variants = [
+        Variant(*each) for each in product(command.networks, command.k, command.pool)
+    ]
+    tasks = [
+        task_of(command, variant, place, seed)
+        for seed in range(command.seeds)
+        for place in command.data
+        for variant in variants
+    ]
+    done = do_all(tasks, command.results, command.workers, 60 * command.minutes)
+    rows = []
+    for n, variant in enumerate(variants):
+        results = [result for result in done[n :: len(variants)] if result is not None]
+        if results:
+            rows.append(study_row(variant, results))
+    left = sum(result is None for result in done)
+    if left:
+        print(f"{left} of {len(done)} trainings are left; the same command goes on")
+    print(study_table(rows))
+    if command.picture is not None:
+        draw_study(rows, command.picture)
+    return {"rows": [asdict(row) for row in rows]}
+
+
+def task_of(command: Command, variant: Variant, place: Path, seed: int) -> Task:
+    """One training of a variant on a set of clips."""
+    train, test = place / "train", place / "test"
+    parts = train.is_dir() and test.is_dir()
+    learned = find_examples([train if parts else place], command.pack)
+    tests = {"test": find_examples([test], command.pack)} if parts else {}
+    name = f"{variant.network}-k{variant.k}-{variant.pool}"
+    return Task(name, variant.method(command.epochs), learned, tests, seed)

@@ -1,0 +1,32 @@
+"""Every method on the same clips: what is trained, what it answers, tables."""
+
+from eskin.learn.comparison.examples import Examples, find_examples
+from eskin.learn.comparison.methods import (
+    ABLATIONS,
+    METHODS,
+    BaselineMethod,
+    Method,
+    PaperMethod,
+    RecogniserMethod,
+)
+from eskin.learn.comparison.results import Answered, Result, Task, do_all
+from eskin.learn.comparison.table import Place, Row, markdown, rows_of
+
+__all__ = [
+    "ABLATIONS",
+    "METHODS",
+    "Answered",
+    "BaselineMethod",
+    "Examples",
+    "Method",
+    "PaperMethod",
+    "Place",
+    "RecogniserMethod",
+    "Result",
+    "Row",
+    "Task",
+    "do_all",
+    "find_examples",
+    "markdown",
+    "rows_of",
+]

@@ -1,0 +1,51 @@
+"""Pictures of comparisons."""
+
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from eskin.learn.comparison.study import VariantRow
+from eskin.learn.pictures import write
+
+COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9")
+"""Readable by colour-blind people (Okabe and Ito 2008)."""
+
+
+def draw_study(rows: Sequence[VariantRow], path: Path) -> None:
+    """Draw accuracy against neighbours, validation left and test right."""
+    figure = Figure(figsize=(7.5, 3.4), dpi=120, layout="constrained")
+    left, right = figure.subplots(1, 2, sharey=True)
+    for n, (network, pool) in enumerate(
+        dict.fromkeys((r.network, r.pool) for r in rows)
+    ):
+        chosen = [r for r in rows if (r.network, r.pool) == (network, pool)]
+        colour, label = COLOURS[n % 5], f"{network}, {pool}"
+        k = [r.k for r in chosen]
+        points = ((r.val_accuracy, r.val_std) for r in chosen)
+        draw_line(left, k, points, colour, label)
+        points = ((r.test_accuracy, r.test_std) for r in chosen)
+        draw_line(right, k, points, colour, label)
+    for axes, title in ((left, "validation"), (right, "test")):
+        axes.set(xscale="log", xlabel="neighbours K", title=title)
+        ticks = sorted({r.k for r in rows})
+        axes.set_xticks(ticks, [str(tick) for tick in ticks])
+        axes.minorticks_off()
+        axes.grid(alpha=0.3)
+    left.set_ylabel("clips right")
+    right.legend(frameon=False, fontsize=8)
+    write(figure, path)
+
+
+def draw_line(
+    axes: Axes,
+    x: Sequence[float],
+    points: Iterable[tuple[float, float]],
+    colour: str,
+    label: str,
+) -> None:
+    """Draw means with their spreads."""
+    means, spreads = zip(*points, strict=True)
+    line = axes.errorbar(x, means, spreads, color=colour, marker="o", ms=4, capsize=3)
+    line.set_label(label)
