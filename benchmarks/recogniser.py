@@ -15,6 +15,7 @@ from typing import Literal
 import numpy as np
 import tyro
 
+from benchmarks.simulated_sets import made_set
 from eskin.learn.checkpoint import to_network
 from eskin.learn.dataset import prepare
 from eskin.learn.evaluation import Evaluation, evaluate
@@ -22,8 +23,6 @@ from eskin.learn.events import EventScore, hear, score_events
 from eskin.learn.pictures import draw_confusion, draw_reliability
 from eskin.model import Model, load_model
 from eskin.recording import find_recordings
-from eskin.sim.files.generate import generate
-from eskin.sim.files.settings import Settings
 from eskin.sim.pairs.sides import KINDS
 
 Part = Literal["clips", "streams", "skins", "pairs", "all"]
@@ -121,12 +120,8 @@ def chosen(command: Command, names: Sequence[str]) -> list[str]:
 
 def made(command: Command, name: str, skin: str = "ur5") -> Path:
     """The folder of a set, generated where it is not there yet."""
-    suffix = "" if command.clips is None else f"-{command.clips}"
-    folder = command.sets / (name if skin == "ur5" else f"{name}-{skin}")
-    folder = folder.with_name(folder.name + suffix)
-    settings = Settings(name, skin, 0, command.clips)
-    generate(folder, settings, command.workers)
-    return folder
+    options = {"skin": skin, "clips": command.clips, "workers": command.workers}
+    return made_set(command.sets, name, **options)
 
 
 def clip_score(command: Command, folder: Path) -> Evaluation:

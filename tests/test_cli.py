@@ -21,6 +21,8 @@ RIGHT = {
     "label": ("a.mcap",),
     "train": ("a.mcap", "--out", "m"),
     "evaluate": ("m", "a.mcap"),
+    "compare": ("--train", "a", "--test", "b"),
+    "study": ("a",),
     "run": ("--source", "replay:a.mcap"),
     "device": ("sleeve", "--play", "a.mcap"),
     "view": ("a.mcap",),

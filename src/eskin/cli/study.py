@@ -6,6 +6,7 @@ from itertools import product
 from pathlib import Path
 
 import numpy as np
+import tyro
 
 from eskin.cli.checks import check_writable
 from eskin.learn.baselines import Pooling
@@ -23,7 +24,7 @@ class Command:
     is the test, else what is held out of it for validation is.
     """
 
-    data: tuple[Path, ...]
+    data: tyro.conf.Positional[tuple[Path, ...]]
     """A set of clips as `eskin generate --set paper` makes it, or several."""
 
     k: tuple[int, ...] = (4, 8, 16, 32)

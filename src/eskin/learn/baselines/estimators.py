@@ -62,39 +62,49 @@ class Perceptron(MLPClassifier):
             return super().fit(X, y, sample_weight)
 
 
-def support_vectors(seed: int) -> Estimator:
-    """A radial-basis support vector machine."""
-    return SupportVectors(SVC(C=10.0, random_state=seed))
+def support_vectors(seed: int, C: float = 10.0) -> Estimator:
+    """A radial-basis support vector machine; errors cost `C`."""
+    return SupportVectors(SVC(C=C, random_state=seed))
 
 
-def nearest_neighbours(seed: int) -> Estimator:
-    """The five nearest; nothing is drawn."""
-    return KNeighborsClassifier(5)
+def nearest_neighbours(seed: int, k: int = 5) -> Estimator:
+    """The `k` nearest; nothing is drawn."""
+    return KNeighborsClassifier(k)
 
 
-def perceptron(seed: int) -> Estimator:
-    """A multilayer perceptron with hidden layers of 128 and 64."""
-    return Perceptron((128, 64), max_iter=100, random_state=seed)
+def perceptron(
+    seed: int, hidden: tuple[int, ...] = (128, 64), decay: float = 1e-4
+) -> Estimator:
+    """A multilayer perceptron with these hidden layers."""
+    return Perceptron(hidden, alpha=decay, max_iter=100, random_state=seed)
 
 
-def linear_discriminant(seed: int) -> Estimator:
+def linear_discriminant(seed: int, shrinkage: float = 0.1) -> Estimator:
     """Fisher's discriminant, its covariance drawn to a sphere a little; draws nothing.
 
     How much is not estimated: scikit-learn does that on standardised features, which
     makes as much of the least principal component as of the first.
     """
-    return LinearDiscriminantAnalysis(solver="lsqr", shrinkage=0.1)
+    return LinearDiscriminantAnalysis(solver="lsqr", shrinkage=shrinkage)
 
 
-def random_forest(seed: int) -> Estimator:
-    """500 trees."""
-    return RandomForestClassifier(500, random_state=seed, n_jobs=1)
+def random_forest(seed: int, trees: int = 500, leaf: int = 1) -> Estimator:
+    """So many trees, with leaves of at least so many rows."""
+    return RandomForestClassifier(
+        trees, min_samples_leaf=leaf, random_state=seed, n_jobs=1
+    )
 
 
-def gradient_boosting(seed: int) -> Estimator:
+def gradient_boosting(
+    seed: int, trees: int = 100, leaves: int = 15, rate: float = 0.1
+) -> Estimator:
     """Small trees, each on what the last ones left over."""
     return HistGradientBoostingClassifier(
-        max_iter=100, max_leaf_nodes=15, min_samples_leaf=5, random_state=seed
+        learning_rate=rate,
+        max_iter=trees,
+        max_leaf_nodes=leaves,
+        min_samples_leaf=5,
+        random_state=seed,
     )
 
 

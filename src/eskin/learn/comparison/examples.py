@@ -17,6 +17,7 @@ from eskin.graph import GraphConfig
 from eskin.learn.baselines import READINGS, Clips
 from eskin.learn.clips import Clip, clips_of
 from eskin.learn.dataset import Dataset, prepare
+from eskin.learn.wear import Wear, WearConfig
 from eskin.recording import Recording, find_recordings, read_recording
 from eskin.robot import recorded_robot
 from eskin.skin import MountedSkin
@@ -28,9 +29,7 @@ FORMAT = 1
 
 @dataclass(frozen=True, eq=False)
 class Examples:
-    """Clips of some recordings, for methods that see touches and for those that see
-    the whole skin.
-    """
+    """Clips, for methods that see touches and for those that see the whole skin."""
 
     paths: tuple[Path, ...]
     """The recordings."""
@@ -79,10 +78,11 @@ class Examples:
         """What each clip was made for, as an index into a vocabulary."""
         return np.array([vocabulary.index(clip.gesture) for _, clip in self.every])
 
-    def dataset(self, graph: GraphConfig) -> Dataset:
-        """The touches of the clips as graphs."""
+    def dataset(self, graph: GraphConfig, skins: int = 0) -> Dataset:
+        """The touches of the clips as graphs, felt by so many worn skins besides."""
+        others = tuple(Wear(WearConfig(), number) for number in range(skins))
         plain = graph.without_shear()
-        return prepare(self.paths, None, plain, self.pack, self.workers)
+        return prepare(self.paths, None, plain, self.pack, self.workers, others)
 
     @cached_property
     def windows(self) -> Clips:

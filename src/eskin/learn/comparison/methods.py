@@ -67,10 +67,13 @@ class RecogniserMethod(Method):
     encoder: EncoderKind = "equivariant"
     """What it makes of a contact graph."""
 
+    skins: int = 0
+    """Other, worn skins that it learns each clip of besides."""
+
     def fit(self, examples: Examples, seed: int) -> Answers:
         """Learn from the touches of clips."""
         graph = self.config.graph_used
-        dataset = examples.dataset(graph)
+        dataset = examples.dataset(graph, self.skins)
         vocabulary = (NONE, *(name for name in examples.gestures if name != NONE))
         trainer = Trainer(dataset, vocabulary, self.config, seed=seed)
         trainer.network.encoder = ENCODERS[self.encoder](self.config.network)
@@ -82,8 +85,8 @@ class RecogniserMethod(Method):
             found = answer_clips(network, other.dataset(graph), vocabulary)
             chances = found.log_chances[:, columns]
             # Where `none` is no answer, nothing felt is the likeliest of the others.
-            nothing = np.isneginf(chances).all(axis=1)
-            return np.where(nothing[:, None], np.log(shares), chances)
+            nothing = np.isneginf(chances).all(axis=1, keepdims=True)
+            return np.where(nothing, np.log(shares), chances)
 
         return answers
 

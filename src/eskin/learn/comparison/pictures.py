@@ -40,12 +40,15 @@ def draw_study(rows: Sequence[VariantRow], path: Path) -> None:
 
 def draw_line(
     axes: Axes,
-    x: Sequence[float],
-    points: Iterable[tuple[float, float]],
+    x: Sequence[int],
+    points: Iterable[tuple[float | None, float]],
     colour: str,
     label: str,
 ) -> None:
     """Draw means with their spreads."""
-    means, spreads = zip(*points, strict=True)
+    known = [(at, *point) for at, point in zip(x, points, strict=True) if point[0]]
+    if not known:
+        return
+    x, means, spreads = zip(*known, strict=True)
     line = axes.errorbar(x, means, spreads, color=colour, marker="o", ms=4, capsize=3)
     line.set_label(label)

@@ -109,7 +109,7 @@ class Task:
         started = time.monotonic()
         learned, held = divided(self.train, self.share)
         answers = self.method.fit(learned, self.seed)
-        asked = {"val": held, **self.tests}
+        asked = {"val": held, **self.tests} if held.every else self.tests
         answered = {}
         for name, examples in asked.items():
             said = answers(examples).argmax(axis=1)
@@ -118,7 +118,8 @@ class Task:
                 answer=tuple(learned.gestures[n] for n in said.tolist()),
                 people=examples.people,
             )
-        return Result(self.name, self.seed, time.monotonic() - started, answered)
+        seconds = round(time.monotonic() - started, 1)
+        return Result(self.name, self.seed, seconds, answered)
 
 
 def do_all(
@@ -165,7 +166,7 @@ def divided(examples: Examples, share: float) -> tuple[Examples, Examples]:
 
 def write_result(path: Path, result: Result) -> None:
     """Write a result as JSON, whole or not at all."""
-    facts = asdict(result) | {"seconds": round(result.seconds, 1)}
+    facts = asdict(result)
     facts["answered"] = {
         name: {key: " ".join(values) for key, values in asdict(each).items()}
         for name, each in result.answered.items()

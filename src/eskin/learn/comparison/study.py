@@ -1,11 +1,8 @@
 """Neighbours and pooling of the contact graph: what is varied, and what came."""
 
-import math
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Literal
-
-import numpy as np
 
 from eskin.graph import GraphConfig
 from eskin.learn.baselines import FitConfig, Pooling
@@ -16,6 +13,7 @@ from eskin.learn.comparison.methods import (
     RecogniserMethod,
 )
 from eskin.learn.comparison.results import Result
+from eskin.learn.comparison.table import accuracies_of, mean_of, percent, spread_of
 
 Network = Literal["eskin", "paper"]
 
@@ -48,14 +46,14 @@ class VariantRow(Variant):
     runs: int
     """How often it was trained."""
 
-    val_accuracy: float
-    """Mean over these."""
+    val_accuracy: float | None
+    """Mean over these; None where nothing could be held out."""
 
     val_std: float
     """Standard deviation; 0 of a single run."""
 
-    test_accuracy: float
-    """Mean over these."""
+    test_accuracy: float | None
+    """Mean over these; None where there is no test."""
 
     test_std: float
     """Standard deviation; 0 of a single run."""
@@ -63,19 +61,14 @@ class VariantRow(Variant):
 
 def study_row(variant: Variant, results: Sequence[Result]) -> VariantRow:
     """What a variant came to."""
-    shares = {
-        asked: [r.answered[asked].right.mean() for r in results if asked in r.answered]
-        for asked in ("val", "test")
-    }
-    means = {k: float(np.mean(v)) if v else math.nan for k, v in shares.items()}
-    stds = {k: float(np.std(v, ddof=1)) if v[1:] else 0.0 for k, v in shares.items()}
+    val, test = accuracies_of(results, "val"), accuracies_of(results, "test")
     return VariantRow(
         **asdict(variant),
         runs=len(results),
-        val_accuracy=means["val"],
-        val_std=stds["val"],
-        test_accuracy=means["test"],
-        test_std=stds["test"],
+        val_accuracy=mean_of(val),
+        val_std=spread_of(val),
+        test_accuracy=mean_of(test),
+        test_std=spread_of(test),
     )
 
 
@@ -84,8 +77,8 @@ def study_table(rows: Sequence[VariantRow]) -> str:
     lines = ["| network | K | pooling | runs | validation | test |", "|---" * 6 + "|"]
     for row in rows:
         shares = (
-            f"{row.val_accuracy:.1%} ({row.val_std:.1%})",
-            f"{row.test_accuracy:.1%} ({row.test_std:.1%})",
+            f"{percent(row.val_accuracy)} ({row.val_std:.1%})",
+            f"{percent(row.test_accuracy)} ({row.test_std:.1%})",
         )
         cells = row.network, str(row.k), row.pool, str(row.runs), *shares
         lines.append(f"| {' | '.join(cells)} |")

@@ -25,8 +25,8 @@ class Row:
     runs: int
     """How often it was trained."""
 
-    val_accuracy: float
-    """Mean over these."""
+    val_accuracy: float | None
+    """Mean over these; None where nothing could be held out."""
 
     test_accuracy: float
     """Mean over these."""
@@ -83,9 +83,9 @@ def row_of(
         name=name,
         test=test,
         runs=len(places),
-        val_accuracy=float(np.mean(accuracies_of(list(results.values()), "val"))),
+        val_accuracy=mean_of(accuracies_of(list(results.values()), "val")),
         test_accuracy=float(np.mean(accuracies)),
-        std=float(np.std(accuracies, ddof=1)) if len(places) > 1 else 0.0,
+        std=spread_of(accuracies),
         ahead=float(both[0].mean() - both[1].mean()),
         ahead_low=low,
         ahead_high=high,
@@ -95,7 +95,23 @@ def row_of(
 
 def accuracies_of(results: Sequence[Result], asked: str) -> list[float]:
     """Share of right answers of each run."""
-    return [float(result.answered[asked].right.mean()) for result in results]
+    answered = [r.answered[asked] for r in results if asked in r.answered]
+    return [float(each.right.mean()) for each in answered]
+
+
+def mean_of(shares: Sequence[float]) -> float | None:
+    """Their mean; None of none."""
+    return float(np.mean(shares)) if shares else None
+
+
+def spread_of(shares: Sequence[float]) -> float:
+    """Their standard deviation; 0 of fewer than two."""
+    return float(np.std(shares, ddof=1)) if len(shares) > 1 else 0.0
+
+
+def percent(share: float | None) -> str:
+    """A share for a table."""
+    return "" if share is None else f"{share:.1%}"
 
 
 def markdown(rows: Sequence[Row]) -> str:
@@ -109,9 +125,9 @@ def markdown(rows: Sequence[Row]) -> str:
             row.name,
             row.test,
             str(row.runs),
-            f"{row.val_accuracy:.1%}",
-            f"{row.test_accuracy:.1%}",
-            f"{row.std:.1%}" if row.runs > 1 else "",
+            percent(row.val_accuracy),
+            percent(row.test_accuracy),
+            percent(row.std if row.runs > 1 else None),
             "" if row.ahead == row.ahead_low == row.ahead_high == 0 else ahead,
         )
         lines.append("| " + " | ".join(cells) + " |")

@@ -1,0 +1,208 @@
+"""What the settings of each compared method were chosen by.
+
+python -m benchmarks.tuning --sets FOLDER [--methods ...]: every method gets four
+settings, tried on the held-out people of two paper-size sets (seeds 100 and 101) that
+no table uses. The best of each is what `eskin compare` takes. FOLDER gets the sets and
+keeps prepared clips.
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from functools import partial
+from pathlib import Path
+from typing import final
+
+import numpy as np
+import tyro
+
+from benchmarks.simulated_sets import made_set
+from eskin.learn.augment import AugmentConfig
+from eskin.learn.baselines import NETWORKS, Baseline, FitConfig
+from eskin.learn.baselines.estimators import (
+    Estimator,
+    gradient_boosting,
+    linear_discriminant,
+    nearest_neighbours,
+    perceptron,
+    random_forest,
+    standardised,
+    support_vectors,
+)
+from eskin.learn.baselines.flat import FlatBaseline
+from eskin.learn.baselines.hand import HandBaseline
+from eskin.learn.comparison import (
+    BaselineMethod,
+    Examples,
+    Method,
+    RecogniserMethod,
+    Task,
+    do_all,
+    find_examples,
+)
+from eskin.learn.comparison.methods import FOR_SMALL_SETS, Answers, fitted
+from eskin.model import NetworkConfig
+from eskin.skin import MountedSkin
+
+SEEDS = (100, 101)
+GENTLE = AugmentConfig(
+    gain=0.15,
+    taxel_gain=0.05,
+    dead=0.03,
+    offset=0.25,
+    crop=0.0,
+    stretch=0.1,
+    lost=0.3,
+    halved=0.1,
+    patch=0.05,
+    noise=0.02,
+)
+"""How the weights that come with eskin were trained."""
+
+
+@final
+@dataclass(frozen=True)
+class EstimatorMethod(Method):
+    """A baseline on an estimator with settings of its own."""
+
+    kind: str
+    """Of the baseline."""
+    setting: str
+    """What sets the estimator apart."""
+    make: Callable[[MountedSkin], Baseline] = field(repr=False)
+    """Makes the baseline."""
+
+    def fit(self, examples: Examples, seed: int) -> Answers:
+        """Learn from all taxels in clips."""
+        return fitted(self.make(examples.mounted), examples, seed)
+
+
+FLAT: dict[str, dict[str, Callable[[int], Estimator]]] = {
+    "svm": {
+        "C = 1": partial(support_vectors, C=1.0),
+        "C = 10": support_vectors,
+        "C = 100": partial(support_vectors, C=100.0),
+        "C = 10, standardised": standardised(support_vectors),
+    },
+    "knn": {
+        "k = 1": partial(nearest_neighbours, k=1),
+        "k = 5": nearest_neighbours,
+        "k = 15": partial(nearest_neighbours, k=15),
+        "k = 5, standardised": standardised(nearest_neighbours),
+    },
+    "mlp": {
+        "128, 64": perceptron,
+        "512": partial(perceptron, hidden=(512,)),
+        "128, 64, decay 0.1": partial(perceptron, decay=0.1),
+        "128, 64, standardised": standardised(perceptron),
+    },
+    "lda": {
+        f"shrinkage {share}": partial(linear_discriminant, shrinkage=share)
+        for share in (0.1, 0.3, 0.6, 0.9)
+    },
+}
+HAND: dict[str, dict[str, Callable[[int], Estimator]]] = {
+    "random-forest": {
+        "500 trees": random_forest,
+        "1000 trees": partial(random_forest, trees=1000),
+        "500 trees, leaves of 3": partial(random_forest, leaf=3),
+        "500 trees, leaves of 5": partial(random_forest, leaf=5),
+    },
+    "gradient-boosting": {
+        "100 trees of 15 leaves": gradient_boosting,
+        "100 trees of 7": partial(gradient_boosting, leaves=7),
+        "300 trees of 7, rate 0.05": partial(
+            gradient_boosting, trees=300, leaves=7, rate=0.05
+        ),
+        "100 trees of 31": partial(gradient_boosting, leaves=31),
+    },
+}
+FITS: dict[str, FitConfig] = {
+    "40 epochs, rate 2e-3": FitConfig(),
+    "40 epochs, rate 5e-4": FitConfig(rate=5e-4),
+    "80 epochs, rate 1e-3": FitConfig(epochs=80, rate=1e-3),
+    "20 epochs, rate 2e-3": FitConfig(epochs=20),
+}
+OURS: dict[str, Method] = {
+    "strong augmentation": RecogniserMethod(),
+    "gentle augmentation": RecogniserMethod(replace(FOR_SMALL_SETS, augment=GENTLE)),
+    "gentle, two worn skins": RecogniserMethod(
+        replace(FOR_SMALL_SETS, augment=GENTLE), skins=2
+    ),
+    "gentle, two worn skins, small network": RecogniserMethod(
+        replace(FOR_SMALL_SETS, augment=GENTLE, network=NetworkConfig()), skins=2
+    ),
+}
+
+
+def candidates() -> dict[str, dict[str, Method]]:
+    """The settings of every method, by their words."""
+    found: dict[str, dict[str, Method]] = {"eskin": OURS}
+    for name, settings in FLAT.items():
+        for short, kind in (
+            (f"{name}-max", partial(FlatBaseline, features="maxima")),
+            (f"{name}-bins", partial(FlatBaseline, features="bins")),
+        ):
+            found[short] = {
+                words: EstimatorMethod(short, words, partial(kind, estimator=each))
+                for words, each in settings.items()
+            }
+    for name, settings in HAND.items():
+        found[name] = {
+            words: EstimatorMethod(name, words, partial(HandBaseline, estimator=each))
+            for words, each in settings.items()
+        }
+    for name in NETWORKS:
+        if name != "paper":
+            found[name] = {w: BaselineMethod(name, fit) for w, fit in FITS.items()}
+    return found
+
+
+@dataclass(frozen=True)
+class Command:
+    """Try four settings of each method."""
+
+    sets: Path = Path("sets")
+    """Folder of the sets."""
+
+    methods: tuple[str, ...] = ()
+    """Which methods; all unless given."""
+
+    workers: int = 1
+    """How many processes train."""
+
+
+def main() -> None:
+    """Try and print."""
+    command = tyro.cli(Command)
+    draws = [
+        find_examples(
+            [made_set(command.sets, "paper", seed=seed) / "train"],
+            command.sets / "pack",
+            command.workers,
+        )
+        for seed in SEEDS
+    ]
+    print("| method | settings | right on people held out |\n|---|---|---|")
+    for name, settings in candidates().items():
+        if not command.methods or name in command.methods:
+            print(table(name, settings, draws, command), flush=True)
+
+
+def table(
+    name: str, settings: Mapping[str, Method], draws: list[Examples], command: Command
+) -> str:
+    """A row a setting."""
+    tasks = [
+        Task(name, method, draw, {}, 0)
+        for method in settings.values()
+        for draw in draws
+    ]
+    done = do_all(tasks, command.sets / "tuning", command.workers)
+    shares = [r.answered["val"].right.mean() for r in done if r is not None]
+    means = np.reshape(shares, (len(settings), len(draws))).mean(axis=1)
+    rows = zip(settings, means.tolist(), strict=True)
+    return "\n".join(f"| {name} | {words} | {mean:.1%} |" for words, mean in rows)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,237 @@
+"""Methods compared on the same clips: what they are given, what is kept, the table."""
+
+import json
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+import torch
+
+from clip_scenes import generated
+from eskin.cli.main import run
+from eskin.errors import RecordingError
+from eskin.learn.baselines import READINGS
+from eskin.learn.clips import clips_of
+from eskin.learn.comparison import (
+    METHODS,
+    Answered,
+    Method,
+    Result,
+    Task,
+    do_all,
+    find_examples,
+    rows_of,
+)
+from eskin.learn.comparison.encoders import ENCODERS
+from eskin.model import NetworkConfig
+from eskin.nn import graph_tensors
+from eskin.recording import read_recording
+from eskin.touch import TouchPipeline
+from graph_scenes import orthogonal, random_graph, turned
+from learn_scenes import record_people
+
+SECOND = 1_000_000_000
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """Two sets of six clips each."""
+    place = tmp_path_factory.mktemp("sets")
+    generated(place / "a")
+    generated(place / "b", chosen="train")
+    return place
+
+
+@pytest.fixture
+def examples(folder, tmp_path):
+    return find_examples([folder / "a"], tmp_path / "pack")
+
+
+@dataclass(frozen=True)
+class Guess(Method):
+    """Answers the same to everything, and counts how often it learned."""
+
+    answer: int = 0
+    log: str = ""
+
+    def fit(self, examples, seed):
+        with open(self.log or "/dev/null", "a") as file:
+            file.write("x")
+        size = len(examples.gestures)
+
+        def answers(other):
+            return np.tile(np.eye(size)[self.answer], (len(other.every), 1))
+
+        return answers
+
+
+def test_a_window_shows_what_the_pipeline_says_in_the_two_seconds_of_its_clip(examples):
+    path = examples.paths[0]
+    recording, clips = read_recording(path), clips_of(path)
+    pipeline = TouchPipeline(examples.mounted, recording.calibration)
+    windows = examples.windows
+    assert windows.pressure.shape[:2] == (len(examples.every), READINGS)
+    for scan in recording.scans():
+        reading, _ = pipeline.calibrated(scan)
+        felt = np.where(reading.valid, reading.pressure, 0)
+        for n, clip in enumerate(clips):
+            if clip.start <= scan.stamp < clip.end:
+                slot = (scan.stamp - clip.start) * READINGS // (clip.end - clip.start)
+                np.testing.assert_allclose(
+                    windows.pressure[n, slot], felt, atol=0.01, rtol=1e-3
+                )
+                np.testing.assert_allclose(windows.q[n, slot], scan.q, atol=1e-6)
+    assert windows.pressure.max() > 1
+
+
+def test_windows_from_the_pack_are_those_that_were_made(examples):
+    again = replace(examples)
+    np.testing.assert_array_equal(examples.windows.pressure, again.windows.pressure)
+    np.testing.assert_array_equal(examples.windows.q, again.windows.q)
+
+
+def test_recordings_that_are_no_clips_are_refused(tmp_path):
+    record_people(tmp_path, ("ann",))
+    with pytest.raises(RecordingError, match="is of no set of clips; allowed are sets"):
+        find_examples([tmp_path], tmp_path)
+
+
+def test_what_is_held_out_is_not_learned_from(folder, tmp_path):
+    learned = []
+
+    class Spy(Guess):
+        def fit(self, examples, seed):
+            learned.extend(examples.paths)
+            return super().fit(examples, seed)
+
+    every = find_examples([folder], tmp_path)
+    result = Task("spy", Spy(), every, {}, 0, share=0.5).run()
+    held = len(every.every) - sum(len(clips_of(path)) for path in learned)
+    assert held > 0 and len(result.answered["val"].truth) == held
+
+
+def test_a_training_is_done_once_and_again_where_anything_differs(folder, tmp_path):
+    log, kept = tmp_path / "log", tmp_path / "results"
+    a, b = (find_examples([folder / name], tmp_path) for name in "ab")
+    task = Task("guess", Guess(0, str(log)), a, {"test": b}, 0)
+    first, again = task.done(kept), task.done(kept)
+    assert first == again and log.read_text() == "x"
+    others = (
+        replace(task, seed=1),
+        replace(task, method=Guess(1, str(log))),
+        replace(task, train=b),
+        replace(task, tests={"test": a}),
+    )
+    for other in others:
+        other.done(kept)
+    assert log.read_text() == "xxxxx"
+
+
+def test_what_is_not_begun_in_time_is_left_and_what_is_done_is_not(folder, tmp_path):
+    a = find_examples([folder / "a"], tmp_path)
+    tasks = [Task("guess", Guess(), a, {}, seed) for seed in range(2)]
+    tasks[1].done(tmp_path / "r")
+    found = do_all(tasks, tmp_path / "r", seconds=-1.0)
+    assert found[0] is None and found[1] is not None
+
+
+def answered(right):
+    truth = tuple("poke" for _ in right)
+    answer = tuple("poke" if each else "grab" for each in right)
+    return Answered(truth, answer, tuple(f"p{n % 5}" for n in range(len(right))))
+
+
+def result(name, seed, right):
+    return Result(name, seed, 1.0, {"val": answered([True]), "test": answered(right)})
+
+
+def test_a_method_is_held_against_the_first_on_what_both_answered():
+    good, bad = [True] * 40, [True, False] * 20
+    found = {
+        "ours": {(0, 0): result("ours", 0, good), (1, 0): result("ours", 0, bad)},
+        "other": {(1, 0): result("other", 0, [False] * 40)},
+    }
+    ours, other = rows_of(found)
+    assert ours.test_accuracy == pytest.approx(0.75) and ours.runs == 2
+    assert ours.std == pytest.approx(np.std([1.0, 0.5], ddof=1))
+    assert ours.ahead == ours.ahead_low == ours.ahead_high == 0
+    assert other.ahead == pytest.approx(0.5)
+    assert 0 < other.ahead_low <= other.ahead <= other.ahead_high
+
+
+def test_only_the_plain_encoder_feels_where_in_the_world_a_touch_is():
+    rng = np.random.default_rng(0)
+    batch = random_graph(rng, 30)
+    there = turned(batch, orthogonal(rng, 1), (10.0, 20.0, 30.0))
+    for kind, make in ENCODERS.items():
+        torch.manual_seed(0)
+        encoder = make(NetworkConfig()).double().eval()
+        here, away = (
+            encoder(graph_tensors(each, False, torch.float64)).detach().numpy()
+            for each in (batch, there)
+        )
+        assert np.abs(here).max() > 0.1
+        assert np.allclose(here, away, atol=1e-4) == (kind != "plain"), kind
+
+
+def test_an_encoder_of_one_pooling_knows_nothing_of_the_other():
+    batch = graph_tensors(random_graph(np.random.default_rng(0), 30), False)
+    for kind in ("max", "mean"):
+        torch.manual_seed(0)
+        encoder = ENCODERS[kind](NetworkConfig(width=8))
+        found = encoder(batch)
+        np.testing.assert_allclose(
+            found[:, :8].detach(), found[:, 8:].detach(), atol=1e-5
+        )
+
+
+def call(capsys, *argv):
+    code = run([str(word) for word in argv])
+    return code, *capsys.readouterr()
+
+
+def test_the_table_has_a_row_a_method_and_a_cut_comparison_goes_on(
+    folder, tmp_path, capsys
+):
+    words = ["compare", "--train", folder / "a", "--test", folder / "b", "--json"]
+    words += ["--methods", "knn-max", "mlp-max", "--pack", tmp_path / "pack"]
+    words += ["--results", tmp_path / "results"]
+    code, out, err = call(capsys, *words)
+    assert (code, err) == (0, "")
+    rows = json.loads(out.splitlines()[-1])["rows"]
+    assert [row["name"] for row in rows] == ["knn-max", "mlp-max"]
+    assert {"val_accuracy", "test_accuracy", "std"} <= rows[0].keys()
+    assert "knn-max | " in out
+    again = call(capsys, *words, "--minutes", -1)
+    assert json.loads(again[1].splitlines()[-1])["rows"] == rows
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["--methods", "magic"], "--methods names magic; allowed are eskin, "),
+        (["--seeds", "0"], "seeds is 0; allowed is from 1"),
+        (["--train", "x", "y", "z"], "--train names 3 and --test 2; allowed are as"),
+        (["--minutes", "-1"], "no training of eskin was begun"),
+    ],
+)
+def test_what_cannot_be_compared_is_refused(folder, tmp_path, capsys, words, message):
+    command = ["compare", "--train", folder / "a", "--test", folder / "b", folder / "a"]
+    command += ["--results", tmp_path / "r", "--pack", tmp_path / "p", *words]
+    code, _, err = call(capsys, *command)
+    assert code == 2 and err.count("\n") == 1 and message in err
+
+
+def test_a_study_has_a_row_a_variant_and_a_picture(folder, tmp_path, capsys):
+    picture = tmp_path / "study.png"
+    words = ["study", folder / "a", "--k", "4", "--networks", "paper", "--seeds", 1]
+    words += ["--epochs", 1, "--results", tmp_path, "--pack", tmp_path / "pack"]
+    code, out, err = call(capsys, *words, "--picture", picture, "--json")
+    assert (code, err) == (0, "")
+    rows = json.loads(out.splitlines()[-1])["rows"]
+    assert [(row["k"], row["pool"]) for row in rows] == [(4, "max"), (4, "mean")]
+    assert picture.read_bytes().startswith(b"\x89PNG")
+
+
+def test_ours_is_the_first_of_the_methods():
+    assert next(iter(METHODS)) == "eskin"
