@@ -1,6 +1,7 @@
 """Methods compared on the same clips: what they are given, what is kept, the table."""
 
 import json
+import shutil
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -23,6 +24,7 @@ from eskin.learn.comparison import (
     rows_of,
 )
 from eskin.learn.comparison.encoders import ENCODERS
+from eskin.learn.comparison.study import Variant
 from eskin.model import NetworkConfig
 from eskin.nn import graph_tensors
 from eskin.recording import read_recording
@@ -222,14 +224,21 @@ def test_what_cannot_be_compared_is_refused(folder, tmp_path, capsys, words, mes
     assert code == 2 and err.count("\n") == 1 and message in err
 
 
-def test_a_study_has_a_row_a_variant_and_a_picture(folder, tmp_path, capsys):
+def test_a_study_has_a_row_a_variant_and_a_picture(
+    folder, tmp_path, capsys, monkeypatch
+):
+    monkeypatch.setattr(Variant, "method", lambda variant, epochs: Guess(variant.k - 4))
+    for part, name in (("train", "a"), ("test", "b")):
+        shutil.copytree(folder / name, tmp_path / "set" / part)
     picture = tmp_path / "study.png"
-    words = ["study", folder / "a", "--k", "4", "--networks", "paper", "--seeds", 1]
-    words += ["--epochs", 1, "--results", tmp_path, "--pack", tmp_path / "pack"]
-    code, out, err = call(capsys, *words, "--picture", picture, "--json")
+    words = ["study", tmp_path / "set", "--k", "4", "5", "--networks", "paper"]
+    words += ["--results", tmp_path / "r", "--pack", tmp_path / "pack", "--json"]
+    code, out, err = call(capsys, *words, "--picture", picture)
     assert (code, err) == (0, "")
     rows = json.loads(out.splitlines()[-1])["rows"]
-    assert [(row["k"], row["pool"]) for row in rows] == [(4, "max"), (4, "mean")]
+    variants = [(row["k"], row["pool"], row["runs"]) for row in rows]
+    assert variants == [(4, "max", 3), (4, "mean", 3), (5, "max", 3), (5, "mean", 3)]
+    assert {row["test_std"] for row in rows} == {0.0}
     assert picture.read_bytes().startswith(b"\x89PNG")
 
 

@@ -3,6 +3,7 @@
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
+import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
@@ -46,9 +47,6 @@ def draw_line(
     label: str,
 ) -> None:
     """Draw means with their spreads."""
-    known = [(at, *point) for at, point in zip(x, points, strict=True) if point[0]]
-    if not known:
-        return
-    x, means, spreads = zip(*known, strict=True)
+    means, spreads = zip(*((mean or np.nan, std) for mean, std in points), strict=True)
     line = axes.errorbar(x, means, spreads, color=colour, marker="o", ms=4, capsize=3)
     line.set_label(label)

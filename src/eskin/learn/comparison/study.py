@@ -77,9 +77,14 @@ def study_table(rows: Sequence[VariantRow]) -> str:
     lines = ["| network | K | pooling | runs | validation | test |", "|---" * 6 + "|"]
     for row in rows:
         shares = (
-            f"{percent(row.val_accuracy)} ({row.val_std:.1%})",
-            f"{percent(row.test_accuracy)} ({row.test_std:.1%})",
+            spread(row.val_accuracy, row.val_std),
+            spread(row.test_accuracy, row.test_std),
         )
         cells = row.network, str(row.k), row.pool, str(row.runs), *shares
         lines.append(f"| {' | '.join(cells)} |")
     return "\n".join(lines)
+
+
+def spread(mean: float | None, std: float) -> str:
+    """A mean with its standard deviation, for a table."""
+    return "" if mean is None else f"{percent(mean)} ({percent(std)})"
