@@ -74,8 +74,11 @@ def headless(seconds: float, config: "DemoConfig") -> dict[str, object]:
         f"from the end of a touch to its command: p50 {outcome.delay[0]:.2f} s, p95 "
         f"{outcome.delay[1]:.2f} s"
     )
+    for why, count in outcome.score.lost().items():
+        print(f"{count:5} lost: {why}")
     return {
         **counts,
+        "lost": outcome.score.lost(),
         "step_ms_p50": outcome.step[0],
         "step_ms_p99": outcome.step[1],
         "delay_s_p50": outcome.delay[0],

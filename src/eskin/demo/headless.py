@@ -10,7 +10,7 @@ from eskin.demo.live_source import LiveSource
 from eskin.demo.score import Score
 from eskin.demo.visitor import Visitor
 from eskin.drivers import ManualClock
-from eskin.live import Recognizer
+from eskin.live import Detection, Recognizer
 from eskin.model import load_model
 from eskin.sim.live.live_skin import LiveSkin
 from eskin.stream import Commanded, Context, Heard, Listener, Recognition
@@ -88,10 +88,10 @@ class Straight:
 
 
 class Judge(Listener):
-    """Hears what is decided for a score; final."""
+    """Hears what is recognised and decided for a score; final."""
 
     name = "judge"
-    hears = (Commanded,)
+    hears = (Detection, Commanded)
     size = 1
     drop = "never"
 
@@ -103,8 +103,10 @@ class Judge(Listener):
         """Nothing needs to be made ready."""
 
     def hear(self, item: Heard) -> None:
-        """Take in a decision."""
-        if isinstance(item, Commanded):
+        """Take in what is recognised or decided."""
+        if isinstance(item, Detection):
+            self.score.note(item)
+        elif isinstance(item, Commanded):
             self.score.hear(item)
 
     def close(self) -> None:
@@ -143,9 +145,11 @@ def run_build(seconds: float, config: DemoConfig, seed: int) -> Outcome:
     )
     recognition = Recognition(Recognizer(model, skin.mounted, skin.calibration))
     policy = Policy(arm, commands, vocabulary, PolicyConfig(tick=None))
-    listeners = [recognition, policy, Judge(visitor.score)]
+    listeners = [Judge(visitor.score), recognition, policy]
     straight = Straight(source, listeners)
-    for _ in range(round(seconds / skin.period)):
+    end = clock.now() + round(seconds * SECOND)
+    while source.due <= end or visitor.is_touching(source.due):
+        visitor.stays = source.due <= end
         scan = source.read()
         assert scan is not None
         straight.tell(scan)

@@ -8,7 +8,7 @@ import numpy as np
 
 from eskin.command import ArmState, CommandMap
 from eskin.command.action import resolved
-from eskin.demo.score import Score, Try
+from eskin.demo.score import GRACE, Score, Try
 from eskin.recording import NONE
 from eskin.sim.live.live_skin import LiveSkin, demo_person
 
@@ -47,6 +47,7 @@ class Visitor:
     Attributes:
         score: of the touches that ask for something.
         accidents: how many did not.
+        stays: whether more touches are to come.
     """
 
     def __init__(
@@ -76,6 +77,8 @@ class Visitor:
         self.leaves = 0
         self.touch: int | None = None
         self.attempt: Try | None = None
+        self.stays = True
+        self.quiet = 0
 
     def come(self, stamp: int, state: ArmState) -> None:
         """What happens before the scan at a time.
@@ -88,8 +91,12 @@ class Visitor:
             self.next = stamp + round(self.config.first * SECOND)
         if self.touch is not None:
             self.go_on(stamp)
-        elif stamp >= self.next:
+        elif self.stays and stamp >= self.next:
             self.begin(stamp, state)
+
+    def is_touching(self, stamp: int) -> bool:
+        """Whether a touch goes on, or its command may still come."""
+        return self.touch is not None or stamp <= self.quiet
 
     def begin(self, stamp: int, state: ArmState) -> None:
         """Touch, on purpose or by accident."""
@@ -138,6 +145,7 @@ class Visitor:
         if self.attempt is not None and self.begun:
             self.attempt.end = self.last
         self.touch = self.attempt = None
+        self.quiet = stamp + round(GRACE * SECOND)
         self.next = stamp + round(SECOND * self.rng.uniform(*self.config.pause))
 
 
