@@ -41,16 +41,30 @@ class Command:
     model: str = "ur5"
     """Weights that come with eskin, or a model file."""
 
+    pause: tuple[float, float] = (0.6, 0.8)
+    """Headless: least and longest time from one touch to the next [s]."""
+
 
 def run(command: Command) -> dict[str, object]:
     """Demonstrate, and return what came of it."""
     from eskin.demo import DemoConfig
+    from eskin.demo.visitor import VisitorConfig
 
     if command.seconds is not None and not 0 < command.seconds < float("inf"):
         raise DeviceError(
             f"--seconds is {command.seconds}; allowed are above 0; change it"
         )
-    config = DemoConfig(command.skin, command.model, command.build, seed=command.seed)
+    least, longest = command.pause
+    if not 0 <= least <= longest < float("inf"):
+        raise DeviceError(
+            f"--pause is {least:g} {longest:g}; allowed are two times in their order, "
+            "not negative; change them"
+        )
+    config = DemoConfig(
+        *(command.skin, command.model, command.build),
+        seed=command.seed,
+        visitor=VisitorConfig(pause=command.pause),
+    )
     if command.headless:
         return headless(command.seconds or HEADLESS_SECONDS, config)
     return in_browser(command, config)

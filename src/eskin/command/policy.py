@@ -117,7 +117,10 @@ class Policy(Listener):
             )
         self.context = context
         self.watch = SkinWatch(
-            context.info.skin, self.config.watch, context.clock.now()
+            context.info.skin,
+            self.vocabulary,
+            self.config.watch,
+            context.clock.now(),
         )
         if self.config.tick is not None:
             self.thread = Thread(target=self.look_on, name="eskin watch", daemon=True)

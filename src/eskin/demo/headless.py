@@ -1,6 +1,6 @@
 """The demonstration without a browser: scripted touches, on a clock of its own."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
@@ -8,7 +8,7 @@ import numpy as np
 from eskin.command import Policy, PolicyConfig, SimulatedArm, load_commands
 from eskin.demo.live_source import LiveSource
 from eskin.demo.score import Score
-from eskin.demo.visitor import Visitor
+from eskin.demo.visitor import Visitor, VisitorConfig
 from eskin.drivers import ManualClock
 from eskin.live import Detection, Recognizer
 from eskin.model import load_model
@@ -36,6 +36,9 @@ class DemoConfig:
 
     seed: int = 0
     """Decides builds, people and what they do."""
+
+    visitor: VisitorConfig = field(default_factory=VisitorConfig)
+    """How often people touch."""
 
 
 @dataclass(frozen=True)
@@ -139,7 +142,7 @@ def run_build(seconds: float, config: DemoConfig, seed: int) -> Outcome:
     model = load_model(config.model)
     vocabulary = model.card.vocabulary
     commands = load_commands(None, vocabulary, skin.mounted.skin)
-    visitor = Visitor(skin, commands, seed)
+    visitor = Visitor(skin, commands, seed, config.visitor)
     source = LiveSource(
         skin, arm, clock, before=lambda stamp: visitor.come(stamp, arm.state())
     )

@@ -18,15 +18,22 @@ TO_WAKE = 0.7
 """Share of touches on a paused arm which ask it to go on; one that is held obeys
 nothing else, as everybody knows who works with it."""
 
+PAUSED = 1.0
+"""How long people leave an arm alone that has just been paused [s]."""
+
 
 @dataclass(frozen=True)
 class VisitorConfig:
-    """How often an arm is touched."""
+    """How often an arm is touched.
+
+    Nobody touches an arm within a second of its being paused: it could not go on yet,
+    as everybody knows who works with it.
+    """
 
     first: float = 4.0
     """When the first touch comes, after the skin is tared [s]."""
 
-    pause: tuple[float, float] = (1.5, 3.5)
+    pause: tuple[float, float] = (0.6, 0.8)
     """Least and longest time from one touch to the next [s]."""
 
     accidents: float = 0.35
@@ -78,6 +85,7 @@ class Visitor:
         self.touch: int | None = None
         self.attempt: Try | None = None
         self.stays = True
+        self.paused_since: int | None = None
         self.quiet = 0
 
     def come(self, stamp: int, state: ArmState) -> None:
@@ -89,9 +97,12 @@ class Visitor:
         """
         if self.next is None:
             self.next = stamp + round(self.config.first * SECOND)
+        since = self.paused_since if self.paused_since is not None else stamp
+        self.paused_since = since if state.paused else None
+        waits = state.paused and stamp - since < PAUSED * SECOND
         if self.touch is not None:
             self.go_on(stamp)
-        elif self.stays and stamp >= self.next:
+        elif self.stays and stamp >= self.next and not waits:
             self.begin(stamp, state)
 
     def is_touching(self, stamp: int) -> bool:
