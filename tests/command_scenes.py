@@ -186,7 +186,9 @@ class Scene:
         touch = self.touches.pop(number)
         self.moment((TouchBrief(number, touch["onset"], touch["last"], heir, 1),))
 
-    def detect(self, number, age=0.0, sure=None, patch=PATCH, gesture=None):
+    def detect(
+        self, number, age=0.0, sure=None, patch=PATCH, gesture=None, likeliest=""
+    ):
         """Say what a touch is; the decisions that follow at once."""
         touch, before = self.touches[number], len(self.said)
         stamp = self.clock.now() - round(age * SECOND)
@@ -204,6 +206,7 @@ class Scene:
                 n_world=np.zeros(3),
                 direction_world=np.zeros(3),
                 peak_force=touch["force"],
+                likeliest=likeliest,
             )
         )
         return self.said[before:]

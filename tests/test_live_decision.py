@@ -101,9 +101,9 @@ def test_none_is_said_at_closing_only():
     assert said(story) == [("end", "none")]
 
 
-def test_at_closing_the_likeliest_at_the_last_contact_is_said():
-    story = [(0, "stroke", 0.6), (20, "poke", 0.5)]
-    story += [(20 * n, "none", 0.9, "apart") for n in range(2, 20)]
+def test_at_closing_what_is_known_by_then_is_said():
+    story = [(0, "stroke", 0.6), (20, "stroke", 0.5)]
+    story += [(20 * n, "poke", 0.7, "apart") for n in range(2, 20)]
     assert said(story) == [("end", "poke")]
 
 
@@ -111,6 +111,16 @@ def test_what_is_like_nothing_is_unknown_unless_abstention_is_off():
     story = [(20 * n, "poke", 0.4) for n in range(5)]
     assert said(story, DecisionConfig(least=0.5)) == [("end", UNKNOWN)]
     assert said(story, DecisionConfig(least=0.0)) == [("end", "poke")]
+
+
+@given(st.sampled_from(VOCABULARY), st.floats(0.4, 1.0), st.floats(0.0, 1.0))
+def test_the_likeliest_is_told_of_what_is_unknown_and_of_nothing_else(name, p, least):
+    decider, touch = Decider(VOCABULARY, DecisionConfig(1.1, least=least)), touch_at(0)
+    decider.push(0, (touch,), (), {1: likely(name, p)})
+    (verdict,) = decider.close((touch,))
+    assert {verdict.gesture, verdict.likeliest} == (
+        {name, ""} if p >= least else {UNKNOWN, name}
+    )
 
 
 def test_a_gesture_can_have_its_own_threshold():

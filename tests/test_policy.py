@@ -117,6 +117,135 @@ def test_resuming_needs_to_be_sure_when_the_touch_has_ended():
     assert not scene.arm.paused
 
 
+def to_resume(sure):
+    """A touch that asks a paused arm to go on, recognised and lifted."""
+    scene = Scene()
+    scene.whole()
+    scene.rest(1.0)
+    number = scene.touch(sure=sure)
+    scene.rest(0.2)
+    scene.detect(number)
+    scene.lift(number)
+    return scene, number
+
+
+def test_a_touch_to_resume_may_become_sure_until_it_closes():
+    scene, number = to_resume(0.9)
+    scene.rest(0.3)
+    assert accepted(scene.said) == ["pause"] and scene.said[-1].action == "pause"
+    scene.touches[number]["sure"] = 0.96
+    scene.moment()
+    assert accepted(scene.said) == ["pause", "resume"] and not scene.arm.paused
+
+
+def test_what_is_not_sure_when_its_touch_closes_is_refused_for_good():
+    scene, number = to_resume(0.9)
+    scene.rest(0.4)
+    scene.touches[number]["sure"] = 0.94
+    scene.moment()
+    scene.close(number)
+    assert scene.said[-1].why == "confidence 0.94 is below 0.95"
+    scene.whole(sure=0.5)
+    assert scene.arm.paused
+
+
+def test_any_action_is_waited_for_until_it_is_sure_and_done_once():
+    rule = Rule(gesture="stroke", action="next_waypoint", confidence=0.9)
+    scene = Scene(CommandMap(commands=[rule]))
+    number = scene.touch("stroke", 0.85)
+    scene.rest(0.2)
+    assert scene.detect(number) == []
+    scene.touches[number]["sure"] = 0.92
+    scene.rest(0.5)
+    assert accepted(scene.said) == ["next_waypoint"] and len(scene.said) == 1
+
+
+def test_nobody_waits_for_a_touch_longer_than_patience():
+    rule = Rule(gesture="stroke", action="next_waypoint", confidence=0.9)
+    scene = Scene(CommandMap(commands=[rule]))
+    number = scene.touch("stroke", 0.85)
+    scene.moment()
+    scene.detect(number)
+    scene.rest(2.1)
+    assert [one.why for one in scene.said] == ["confidence 0.85 is below 0.90"]
+    scene.touches[number]["sure"] = 0.99
+    scene.rest(1.0)
+    assert accepted(scene.said) == []
+
+
+def test_what_takes_over_a_touch_that_is_waited_for_is_waited_for():
+    scene, number = to_resume(0.9)
+    heir = scene.touch(sure=0.97)
+    scene.lift(heir)
+    scene.close(number, heir)
+    scene.rest(0.2)
+    assert accepted(scene.said) == ["pause", "resume"]
+
+
+def test_what_has_commanded_is_not_waited_for_as_another_touch():
+    scene = Scene()
+    scene.whole()
+    scene.rest(1.0)
+    heir, number = scene.touch("double_pat"), scene.touch(sure=0.9)
+    scene.rest(0.2)
+    scene.detect(heir)
+    scene.detect(number)
+    scene.touches[heir].update(gesture="poke", sure=0.99)
+    scene.close(number, heir)
+    assert scene.said[-1].why == "its touch has commanded already"
+    scene.lift(heir)
+    scene.rest(0.5)
+    assert scene.arm.paused
+
+
+def test_what_is_waited_for_is_refused_once_the_skin_cannot_be_relied_on():
+    scene, number = to_resume(0.9)
+    scene.clock.sleep(0.12)
+    scene.policy.look()
+    assert [one.why for one in scene.said if not one.accepted] == [
+        "stale skin: no reading for 120 ms"
+    ]
+    scene.touches[number]["sure"] = 0.99
+    scene.rest(0.5)
+    assert scene.arm.paused
+
+
+@pytest.mark.parametrize(
+    ("likeliest", "sure", "done"),
+    [
+        ("poke", 0.6, ["pause"]),
+        ("poke", 0.4, []),
+        ("stroke", 0.75, []),
+        ("grab", 0.75, []),
+        ("none", 0.75, []),
+        ("", 0.75, []),
+    ],
+)
+def test_an_unknown_touch_halts_the_arm_where_it_most_likely_asks_for_it(
+    likeliest, sure, done
+):
+    scene = Scene()
+    number = scene.touch("none")
+    scene.rest(0.2)
+    scene.lift(number)
+    scene.detect(number, sure=sure, gesture="unknown", likeliest=likeliest)
+    scene.close(number)
+    assert accepted(scene.said) == done
+
+
+def test_an_unknown_touch_never_resumes():
+    scene = Scene()
+    scene.whole()
+    scene.rest(1.0)
+    number = scene.touch(sure=0.99)
+    scene.lift(number)
+    scene.rest(0.2)
+    scene.detect(number, gesture="unknown", likeliest="poke")
+    scene.rest(1.0)
+    scene.close(number)
+    assert scene.arm.paused and accepted(scene.said) == ["pause"]
+
+
 @pytest.mark.parametrize(
     ("gesture", "sure", "done"),
     [
@@ -267,6 +396,24 @@ def test_when_in_doubt_it_is_held(force, seconds, why):
     scene.touch("none", force=force)
     scene.rest(seconds)
     assert scene.arm.holding == why
+
+
+@pytest.mark.parametrize(
+    ("gesture", "sure", "seconds", "held"),
+    [
+        ("grab", 0.9, 0.28, False),
+        ("grab", 0.9, 0.4, True),
+        ("grab", 0.8, 0.1, True),
+        ("none", 0.9, 0.1, True),
+    ],
+)
+def test_what_is_likely_a_gesture_is_given_a_moment_to_be_recognised(
+    gesture, sure, seconds, held
+):
+    scene = Scene()
+    scene.touch(gesture, sure, force=60.0)
+    scene.rest(seconds)
+    assert (scene.arm.holding is not None) == held
 
 
 def test_what_is_said_to_be_nothing_is_not_recognised():

@@ -41,16 +41,30 @@ class Command:
     model: str = "ur5"
     """Weights that come with eskin, or a model file."""
 
+    pause: tuple[float, float] = (0.6, 0.8)
+    """Headless: least and longest time from one touch to the next [s]."""
+
 
 def run(command: Command) -> dict[str, object]:
     """Demonstrate, and return what came of it."""
     from eskin.demo import DemoConfig
+    from eskin.demo.visitor import VisitorConfig
 
     if command.seconds is not None and not 0 < command.seconds < float("inf"):
         raise DeviceError(
             f"--seconds is {command.seconds}; allowed are above 0; change it"
         )
-    config = DemoConfig(command.skin, command.model, command.build, seed=command.seed)
+    least, longest = command.pause
+    if not 0 <= least <= longest < float("inf"):
+        raise DeviceError(
+            f"--pause is {least:g} {longest:g}; allowed are two times in their order, "
+            "not negative; change them"
+        )
+    config = DemoConfig(
+        *(command.skin, command.model, command.build),
+        seed=command.seed,
+        visitor=VisitorConfig(pause=command.pause),
+    )
     if command.headless:
         return headless(command.seconds or HEADLESS_SECONDS, config)
     return in_browser(command, config)
@@ -74,8 +88,11 @@ def headless(seconds: float, config: "DemoConfig") -> dict[str, object]:
         f"from the end of a touch to its command: p50 {outcome.delay[0]:.2f} s, p95 "
         f"{outcome.delay[1]:.2f} s"
     )
+    for why, count in outcome.score.lost().items():
+        print(f"{count:5} lost: {why}")
     return {
         **counts,
+        "lost": outcome.score.lost(),
         "step_ms_p50": outcome.step[0],
         "step_ms_p99": outcome.step[1],
         "delay_s_p50": outcome.delay[0],

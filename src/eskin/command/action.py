@@ -41,8 +41,8 @@ NEVER_LESS = ("open_gripper", "resume")
 """A rule can ask more confidence for these, never less."""
 COOL_DOWN = 0.5
 """How long a rule rests after it was obeyed, where it says nothing [s]."""
-RESTLESS = ("pause", "hold")
-"""What no rest keeps anybody from."""
+HALTING = ("pause", "hold")
+"""What stops the arm: no rest keeps anybody from it, nor that a touch is unknown."""
 STOPPING = ("pause", "hold", "slow")
 """What makes the arm do less: allowed when much else is not."""
 

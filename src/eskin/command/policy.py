@@ -2,7 +2,7 @@
 
 import logging
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from threading import Event as Flag
 from threading import RLock, Thread
 from typing import final
@@ -10,7 +10,7 @@ from typing import final
 from eskin.command.action import (
     COOL_DOWN,
     FUNCTION,
-    RESTLESS,
+    HALTING,
     STOPPING,
     confidence_for,
     resolved,
@@ -19,12 +19,14 @@ from eskin.command.arm import Arm, ArmState
 from eskin.command.command_map import WORDLESS, CommandMap, Rule
 from eskin.command.functions import FUNCTIONS
 from eskin.command.skin_watch import SkinWatch, WatchConfig
+from eskin.command.waiting import Waiting
 from eskin.errors import ArmError
 from eskin.live import Detection
 from eskin.stream import Commanded, Context, Heard, Listener, Moment
 from eskin.stream.inbox import Drop
 
 SECOND = 1_000_000_000
+COMMANDED = "its touch has commanded already"
 logger = logging.getLogger(__name__)
 
 
@@ -42,7 +44,8 @@ class PolicyConfig:
     """How long nobody may have touched the skin before the arm is resumed [s]."""
 
     patience: float = 2.0
-    """How long after a detection its touch may go on if it is to resume [s]."""
+    """How long after a detection it may still be obeyed: a touch that is to resume may
+    go on so long, and one that is not sure enough become so [s]."""
 
     slow: float = 0.3
     """Share of full speed when slow."""
@@ -50,15 +53,6 @@ class PolicyConfig:
     tick: float | None = 0.02
     """How often it is looked whether the skin is stale, though nothing comes [s]; None
     where `look` is called by others."""
-
-
-@dataclass
-class Waiting:
-    """A touch that is to resume the arm once it has ended."""
-
-    detection: Detection
-    rule: Rule
-    confidence: float
 
 
 @final
@@ -103,7 +97,7 @@ class Policy(Listener):
         self.spent: set[tuple[int, int]] = set()
         self.barred: set[int] = set()
         self.rested: dict[object, int] = {}
-        self.waiting: Waiting | None = None
+        self.waiting: list[Waiting] = []
         self.paused_since: int | None = None
         self.failure: BaseException | None = None
         self.over = Flag()
@@ -123,7 +117,10 @@ class Policy(Listener):
             )
         self.context = context
         self.watch = SkinWatch(
-            context.info.skin, self.config.watch, context.clock.now()
+            context.info.skin,
+            self.vocabulary,
+            self.config.watch,
+            context.clock.now(),
         )
         if self.config.tick is not None:
             self.thread = Thread(target=self.look_on, name="eskin watch", daemon=True)
@@ -141,11 +138,14 @@ class Policy(Listener):
             self.watch.recognise(item)
             if item.gesture not in WORDLESS:
                 self.decide(item)
+            elif item.likeliest not in ("", *WORDLESS):
+                self.decide_doubtful(item)
         elif isinstance(item, Moment):
             self.watch.push(item)
             self.look()
             self.hold_if_unrecognised(item)
-            self.wait_on(item)
+            for waiting in tuple(self.waiting):
+                self.wait_on(waiting, item)
             self.forget(item)
 
     def look(self) -> None:
@@ -156,7 +156,8 @@ class Policy(Listener):
             self.paused_since = since if state.paused else None
             trouble = self.watch.trouble(now)
             if trouble is not None:
-                self.waiting = None
+                for waiting in tuple(self.waiting):
+                    self.end(waiting, trouble)
                 if state.holding is None:
                     self.hold(trouble)
 
@@ -206,24 +207,43 @@ class Policy(Listener):
         if action == "none":
             self.tell("none", detection, False, "the map says none")
             return
-        why = self.objection(action, detection, rule, state)
-        if why is None and action == "resume":
-            key = detection.touch, detection.onset
-            self.spent.add(key)
-            self.waiting = Waiting(detection, rule, detection.confidence)
-            return
+        key = detection.touch, detection.onset
+        why = self.objection(action, detection, rule, detection.stamp)
+        if why is None and (detection.touch in self.barred or key in self.spent):
+            why = COMMANDED
         needed = confidence_for(action, rule.confidence)
-        if why is None and detection.confidence < needed:
-            why = f"confidence {detection.confidence:.2f} is below {needed:.2f}"
+        if why is None and (action == "resume" or detection.confidence < needed):
+            self.spent.add(key)
+            self.waiting.append(
+                Waiting(
+                    *(detection, rule, action, needed),
+                    *(detection.confidence, detection.touch),
+                )
+            )
+            return
         self.finish(action, detection, rule, why)
 
+    def decide_doubtful(self, detection: Detection) -> None:
+        """Halt the arm where an unknown touch most likely asks for it, nothing else."""
+        gesture = detection.likeliest
+        rule = self.commands.rule_for(gesture, detection.link, detection.patch)
+        if rule is not None and resolved(rule.what, self.arm.state()) in HALTING:
+            self.decide(replace(detection, gesture=gesture))
+
     def objection(
-        self, action: str, detection: Detection, rule: Rule, state: ArmState
+        self, action: str, detection: Detection, rule: Rule, stamp: int
     ) -> str | None:
-        """Why a touch must not command that, whatever its confidence; None: it may."""
-        now = self.context.clock.now()
+        """Why a touch must not command that, whatever its confidence; None: it may.
+
+        Args:
+            action: that it asks for.
+            detection: what was said of it.
+            rule: that it asks by.
+            stamp: of the latest that is known of it [ns since the epoch].
+        """
+        now, state = self.context.clock.now(), self.arm.state()
         trouble = self.watch.trouble(now)
-        age = self.context.age(detection.stamp)
+        age = self.context.age(stamp)
         rest = rule.cool_down if rule.cool_down is not None else COOL_DOWN
         rested = (now - self.rested.get(rule.place, -SECOND * 3600)) / SECOND
         if state.protective_stop:
@@ -236,12 +256,7 @@ class Policy(Listener):
             return f"it was felt {1e3 * age:.0f} ms ago"
         if detection.patch in self.watch.out:
             return f"patch '{detection.patch}' is out"
-        if (
-            detection.touch in self.barred
-            or (detection.touch, detection.onset) in self.spent
-        ):
-            return "its touch has commanded already"
-        if rested < rest and action not in RESTLESS:
+        if rested < rest and action not in HALTING:
             return f"the same was done {rested:.1f} s ago, it rests {rest:g} s"
         if action == "resume":
             return self.objection_to_resuming(detection, state, now)
@@ -262,32 +277,33 @@ class Policy(Listener):
             return f"it was paused only {passed:.1f} s ago"
         return None
 
-    def wait_on(self, moment: Moment) -> None:
-        """Resume once the touch that asks for it has ended."""
-        waiting = self.waiting
-        if waiting is None:
-            return
-        detection = waiting.detection
-        chances = moment.probabilities.get(detection.touch)
-        if chances is not None:
-            place = self.vocabulary.index(detection.gesture)
-            waiting.confidence = float(chances[place])
-        lifted = self.config.lifted_seconds * SECOND
-        if self.watch.heard - self.watch.touching < lifted:
-            if self.context.age(detection.stamp) > self.config.patience:
-                self.waiting = None
-                self.finish("resume", detection, waiting.rule, "touching went on")
-            return
-        self.waiting = None
-        needed = confidence_for("resume", waiting.rule.confidence)
-        state, why = self.arm.state(), None
-        if not state.paused:
-            why = "nobody has paused it"
-        elif state.protective_stop or not state.connected:
-            why = "the arm is in protective stop or not connected"
-        elif waiting.confidence < needed:
-            why = f"confidence {waiting.confidence:.2f} is below {needed:.2f}"
-        self.finish("resume", detection, waiting.rule, why)
+    def wait_on(self, waiting: Waiting, moment: Moment) -> None:
+        """Obey a touch once it is sure enough, and has ended if it is to resume."""
+        before, detection = waiting.touch, waiting.detection
+        waiting.follow(moment, self.vocabulary)
+        stamp = moment.state.reading.stamp
+        why = self.objection(waiting.action, detection, waiting.rule, stamp)
+        if waiting.touch != before and self.stands_for_another(waiting.touch):
+            why = COMMANDED
+        lifted = self.watch.heard - self.watch.touching
+        ended = lifted >= self.config.lifted_seconds * SECOND
+        late = self.context.age(detection.stamp) > self.config.patience
+        if why is None and waiting.action == "resume" and not ended:
+            if late:
+                self.end(waiting, "touching went on")
+        elif why is not None or waiting.sure:
+            self.end(waiting, why)
+        elif late or waiting.closed:
+            self.end(waiting, waiting.doubt)
+
+    def stands_for_another(self, touch: int) -> bool:
+        """Whether a touch, or one that it took over, has commanded or asked already."""
+        return touch in self.barred or touch in {number for number, _ in self.spent}
+
+    def end(self, waiting: Waiting, why: str | None) -> None:
+        """Wait for a touch no longer; obey it where nothing is against it."""
+        self.waiting.remove(waiting)
+        self.finish(waiting.action, waiting.detection, waiting.rule, why)
 
     def finish(
         self, action: str, detection: Detection, rule: Rule, why: str | None

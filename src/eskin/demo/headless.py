@@ -1,6 +1,6 @@
 """The demonstration without a browser: scripted touches, on a clock of its own."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
@@ -8,9 +8,9 @@ import numpy as np
 from eskin.command import Policy, PolicyConfig, SimulatedArm, load_commands
 from eskin.demo.live_source import LiveSource
 from eskin.demo.score import Score
-from eskin.demo.visitor import Visitor
+from eskin.demo.visitor import Visitor, VisitorConfig
 from eskin.drivers import ManualClock
-from eskin.live import Recognizer
+from eskin.live import Detection, Recognizer
 from eskin.model import load_model
 from eskin.sim.live.live_skin import LiveSkin
 from eskin.stream import Commanded, Context, Heard, Listener, Recognition
@@ -36,6 +36,9 @@ class DemoConfig:
 
     seed: int = 0
     """Decides builds, people and what they do."""
+
+    visitor: VisitorConfig = field(default_factory=VisitorConfig)
+    """How often people touch."""
 
 
 @dataclass(frozen=True)
@@ -88,10 +91,10 @@ class Straight:
 
 
 class Judge(Listener):
-    """Hears what is decided for a score; final."""
+    """Hears what is recognised and decided for a score; final."""
 
     name = "judge"
-    hears = (Commanded,)
+    hears = (Detection, Commanded)
     size = 1
     drop = "never"
 
@@ -103,8 +106,10 @@ class Judge(Listener):
         """Nothing needs to be made ready."""
 
     def hear(self, item: Heard) -> None:
-        """Take in a decision."""
-        if isinstance(item, Commanded):
+        """Take in what is recognised or decided."""
+        if isinstance(item, Detection):
+            self.score.note(item)
+        elif isinstance(item, Commanded):
             self.score.hear(item)
 
     def close(self) -> None:
@@ -137,15 +142,17 @@ def run_build(seconds: float, config: DemoConfig, seed: int) -> Outcome:
     model = load_model(config.model)
     vocabulary = model.card.vocabulary
     commands = load_commands(None, vocabulary, skin.mounted.skin)
-    visitor = Visitor(skin, commands, seed)
+    visitor = Visitor(skin, commands, seed, config.visitor)
     source = LiveSource(
         skin, arm, clock, before=lambda stamp: visitor.come(stamp, arm.state())
     )
     recognition = Recognition(Recognizer(model, skin.mounted, skin.calibration))
     policy = Policy(arm, commands, vocabulary, PolicyConfig(tick=None))
-    listeners = [recognition, policy, Judge(visitor.score)]
+    listeners = [Judge(visitor.score), recognition, policy]
     straight = Straight(source, listeners)
-    for _ in range(round(seconds / skin.period)):
+    end = clock.now() + round(seconds * SECOND)
+    while source.due <= end or visitor.is_touching(source.due):
+        visitor.stays = source.due <= end
         scan = source.read()
         assert scan is not None
         straight.tell(scan)

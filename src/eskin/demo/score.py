@@ -1,8 +1,11 @@
 """Whether an arm did what the touches on it asked for."""
 
+import re
+from collections import Counter
 from dataclasses import dataclass, field
 from typing import Literal, final
 
+from eskin.live import Detection
 from eskin.stream import Commanded
 
 SECOND = 1_000_000_000
@@ -28,6 +31,8 @@ class Try:
     """The first command that was obeyed because of it."""
     refusals: list[Commanded] = field(default_factory=list)
     """What was understood but not obeyed, and why."""
+    said: list[str] = field(default_factory=list)
+    """What it was recognised as."""
 
     @property
     def verdict(self) -> Verdict:
@@ -35,6 +40,18 @@ class Try:
         if self.given is None:
             return "missed"
         return "correct" if self.given.action == self.wanted else "wrong"
+
+    @property
+    def lost(self) -> str:
+        """Why it was not rightly obeyed, without the figures; empty where it was."""
+        if self.verdict == "correct":
+            return ""
+        if self.refusals and self.given is None:
+            return re.split(r"[:\d]", self.refusals[-1].why)[0].strip()
+        others = [word for word in self.said if word != self.gesture]
+        if others:
+            return f"said to be {others[-1]}"
+        return "the arm had changed meanwhile" if self.said else "nothing was said"
 
     @property
     def delay(self) -> float | None:
@@ -89,6 +106,12 @@ class Score:
         else:
             latest.given = command
 
+    def note(self, detection: Detection) -> None:
+        """Take in what was recognised."""
+        latest = self.latest(detection.stamp)
+        if latest is not None:
+            latest.said.append(detection.gesture)
+
     def latest(self, stamp: int) -> Try | None:
         """The latest touch that a decision at that time counts for."""
         return next((t for t in reversed(self.tries) if t.takes(stamp)), None)
@@ -96,6 +119,11 @@ class Score:
     def count(self, verdict: Verdict) -> int:
         """How many touches came to that."""
         return sum(attempt.verdict == verdict for attempt in self.tries)
+
+    def lost(self) -> dict[str, int]:
+        """Why touches were not rightly obeyed, and how many; most frequent first."""
+        reasons = Counter(attempt.lost for attempt in self.tries)
+        return {why: count for why, count in reasons.most_common() if why}
 
     def delays(self) -> list[float]:
         """From the end of each touch rightly obeyed to its command [s]."""

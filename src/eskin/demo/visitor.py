@@ -8,7 +8,7 @@ import numpy as np
 
 from eskin.command import ArmState, CommandMap
 from eskin.command.action import resolved
-from eskin.demo.score import Score, Try
+from eskin.demo.score import GRACE, Score, Try
 from eskin.recording import NONE
 from eskin.sim.live.live_skin import LiveSkin, demo_person
 
@@ -18,15 +18,22 @@ TO_WAKE = 0.7
 """Share of touches on a paused arm which ask it to go on; one that is held obeys
 nothing else, as everybody knows who works with it."""
 
+PAUSED = 1.0
+"""How long people leave an arm alone that has just been paused [s]."""
+
 
 @dataclass(frozen=True)
 class VisitorConfig:
-    """How often an arm is touched."""
+    """How often an arm is touched.
+
+    Nobody touches an arm within a second of its being paused: it could not go on yet,
+    as everybody knows who works with it.
+    """
 
     first: float = 4.0
     """When the first touch comes, after the skin is tared [s]."""
 
-    pause: tuple[float, float] = (1.5, 3.5)
+    pause: tuple[float, float] = (0.6, 0.8)
     """Least and longest time from one touch to the next [s]."""
 
     accidents: float = 0.35
@@ -47,6 +54,7 @@ class Visitor:
     Attributes:
         score: of the touches that ask for something.
         accidents: how many did not.
+        stays: whether more touches are to come.
     """
 
     def __init__(
@@ -76,6 +84,9 @@ class Visitor:
         self.leaves = 0
         self.touch: int | None = None
         self.attempt: Try | None = None
+        self.stays = True
+        self.paused_since: int | None = None
+        self.quiet = 0
 
     def come(self, stamp: int, state: ArmState) -> None:
         """What happens before the scan at a time.
@@ -86,10 +97,17 @@ class Visitor:
         """
         if self.next is None:
             self.next = stamp + round(self.config.first * SECOND)
+        since = self.paused_since if self.paused_since is not None else stamp
+        self.paused_since = since if state.paused else None
+        waits = state.paused and stamp - since < PAUSED * SECOND
         if self.touch is not None:
             self.go_on(stamp)
-        elif stamp >= self.next:
+        elif self.stays and stamp >= self.next and not waits:
             self.begin(stamp, state)
+
+    def is_touching(self, stamp: int) -> bool:
+        """Whether a touch goes on, or its command may still come."""
+        return self.touch is not None or stamp <= self.quiet
 
     def begin(self, stamp: int, state: ArmState) -> None:
         """Touch, on purpose or by accident."""
@@ -138,6 +156,7 @@ class Visitor:
         if self.attempt is not None and self.begun:
             self.attempt.end = self.last
         self.touch = self.attempt = None
+        self.quiet = stamp + round(GRACE * SECOND)
         self.next = stamp + round(SECOND * self.rng.uniform(*self.config.pause))
 
 

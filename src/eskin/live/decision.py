@@ -57,6 +57,9 @@ class Verdict:
     onset: int
     """When it began [ns since the epoch]."""
 
+    likeliest: str = ""
+    """The likeliest gesture where it is unknown."""
+
 
 @dataclass
 class Hearing:
@@ -77,13 +80,15 @@ class Decider:
     1. While a touch is open, a gesture other than `none` is said once its probability
        has been above its threshold for the whole of `hold_seconds`; the threshold may
        be lower without contact.
-    2. When it closes and nothing has been said, the likeliest class at its last contact
-       is said, be it `none`; or `unknown` where that is below `least`.
+    2. When it closes and nothing has been said, the likeliest class at its last reading
+       is said, be it `none`; or `unknown` where that is below `least`. By then it is
+       known that no further contact came.
     3. A touch that takes another over is spoken for if either has been spoken of.
     4. On a skin that is not calibrated, contact may never end, under a tight sleeve
        say. There a touch ends once another class than the one that was said of it,
        or `none`, has been likeliest for the whole of `hold_seconds`; another begins
-       only with contact after that.
+       only with contact after that. Its last word is of its last contact: what comes
+       after that may be of the next touch.
     """
 
     def __init__(
@@ -161,7 +166,7 @@ class Decider:
         probabilities: list[float],
     ) -> Verdict | None:
         """Take in the probabilities of an open touch."""
-        if touch.last == stamp:
+        if touch.last == stamp or not self.change_ends:
             hearing.latest = probabilities
         leader = likeliest(probabilities)
         is_lifted = stamp - touch.last >= self.lift
@@ -198,9 +203,10 @@ class Decider:
         """What is said of a touch at closing."""
         leader = likeliest(probabilities)
         confidence = probabilities[leader]
-        known = confidence >= self.config.least
-        gesture = self.vocabulary[leader] if known else UNKNOWN
-        return Verdict(touch.id, gesture, confidence, hearing.onset)
+        gesture = self.vocabulary[leader]
+        if confidence >= self.config.least:
+            return Verdict(touch.id, gesture, confidence, hearing.onset)
+        return Verdict(touch.id, UNKNOWN, confidence, hearing.onset, gesture)
 
 
 def start_anew(hearing: Hearing, touch: Audible, stamp: int) -> None:

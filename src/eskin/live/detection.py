@@ -49,6 +49,10 @@ class Detection:
     peak_force: float
     """Greatest force until `stamp` [N]."""
 
+    likeliest: str = ""
+    """Likeliest gesture of a touch that is unknown, perhaps `none`; empty where it is
+    known."""
+
     def record(self) -> DetectionRecord:
         """As a recording keeps it."""
         return DetectionRecord(

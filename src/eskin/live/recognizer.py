@@ -207,4 +207,5 @@ def detection_of(
         n_world=contact.n_world,
         direction_world=direction_world,
         peak_force=touch.peak_force,
+        likeliest=verdict.likeliest,
     )
