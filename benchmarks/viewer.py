@@ -24,6 +24,7 @@ import numpy as np
 import tyro
 
 import eskin
+from benchmarks.browser import CHROMIUM, FLAGS
 from eskin.drivers import SourceInfo
 from eskin.drivers.played_source import PlayedSource
 from eskin.live import warm_up
@@ -33,20 +34,7 @@ from eskin.stream import Recognition, Stream
 from eskin.touch import Scan
 from eskin.viewer import Viewer, ViewerConfig
 
-CHROMIUM = "/usr/bin/chromium"
-FLAGS = (
-    "--headless=new",
-    "--no-sandbox",
-    "--disable-quic",
-    "--no-first-run",
-    "--disable-background-networking",
-    "--disable-component-update",
-    "--disable-sync",
-    "--use-gl=angle",
-    "--use-angle=swiftshader",
-    "--enable-unsafe-swiftshader",
-    "--window-size=1280,800",
-)
+WINDOW = ("--headless=new", "--window-size=1280,800")
 LAST_CORE = str(max(os.sched_getaffinity(0)))
 TICKS = os.sysconf("SC_CLK_TCK")
 SETTLE = 8.0
@@ -152,7 +140,8 @@ def opened(port: int, count: int, stalled: int) -> Iterator[None]:
         running = [
             subprocess.Popen(
                 [
-                    *("nice", "-n", "19", "taskset", "-c", LAST_CORE, CHROMIUM, *FLAGS),
+                    *("nice", "-n", "19", "taskset", "-c", LAST_CORE, CHROMIUM),
+                    *(*FLAGS, *WINDOW),
                     f"--user-data-dir={Path(folder) / str(number)}",
                     "--remote-debugging-port=0",
                     f"http://127.0.0.1:{port}",

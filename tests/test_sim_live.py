@@ -248,12 +248,17 @@ def test_what_is_left_of_a_touch_fades():
     assert max(live.sensor.memory.crept.max(), 0.0) <= 1.0
 
 
-def test_a_dragged_finger_follows_the_places_at_limited_speed():
-    live = LiveSkin()
+def ends_of(live):
+    """Two places of the forearm, far apart along it [m]."""
     skin = live.mounted.skin
     row = skin.taxels_of("forearm_back")
     low, high = row[skin.columns[row] == 8][[3, -4]]
-    ends = skin.positions[[low, high]].astype(float)
+    return skin.positions[[low, high]].astype(float)
+
+
+def test_a_dragged_finger_follows_the_places_at_limited_speed():
+    live = LiveSkin()
+    ends = ends_of(live)
     touch = live.hand.begin(Place("forearm_link", ends[0]), 4.0)
     places, q = [], swaying
     for reading in range(120):
@@ -276,10 +281,24 @@ def test_a_dragged_finger_follows_the_places_at_limited_speed():
     jumped = [in_link(live, truths[0], Q) for _, truths in run(live, 4)]
     assert 0.01 < np.linalg.norm(jumped[-1] - jumped[0]) < 4 * 1.3 * 0.4 * 0.02
     live.hand.end(touch)
-    run(live, 12)
+    run(live, 40)
     assert live.hand.touching == ()
     live.hand.move(touch, Place("forearm_link", ends[1]))
     live.hand.end(touch)
+
+
+def test_a_finger_told_to_leave_at_once_lands_and_goes_where_it_was_led_first():
+    live = LiveSkin()
+    begin, end = ends_of(live)
+    touch = live.hand.begin(Place("forearm_link", begin), 4.0)
+    live.hand.move(touch, Place("forearm_link", end))
+    live.hand.end(touch)
+    felt = [truths[0] for _, truths in run(live, 60) if truths]
+    assert live.hand.touching == ()
+    assert max(truth.force for truth in felt) == pytest.approx(4.0, rel=0.5)
+    places = np.array([in_link(live, truth, Q) for truth in felt])
+    assert np.linalg.norm(places[0] - begin) < 0.03
+    assert np.linalg.norm(places[-1] - end) < 0.03
 
 
 def test_a_dragged_finger_goes_from_link_to_link():

@@ -11,7 +11,7 @@ from tests.viewer_scenes import mounted, picture, setup
 from eskin.errors import DeviceError
 from eskin.page import ColourScale, PageOrder, TouchOrder
 from eskin.page.colours import UNHEARD
-from eskin.page.hand import GAP, Hand
+from eskin.page.hand import LEAST, TWICE, Hand
 from eskin.page.pointing import Spot
 from eskin.page.port import free_port
 from eskin.viewer.look import solids_of
@@ -107,34 +107,52 @@ def spot_of(taxel):
     return Spot(taxel, link, mounted().skin.positions[taxel])
 
 
-def test_a_click_pokes_at_once_and_a_second_one_when_the_finger_is_lifted():
+def test_a_click_pokes_when_no_other_comes_and_two_are_a_double_pat():
     sent = []
     hand = Hand(setup(), sent.append)
     hand.click(spot_of(FOREARM), 10.0)
+    hand.tick(10.0 + 0.9 * TWICE)
+    assert not sent
+    hand.tick(10.0 + TWICE)
     assert [order.kind for order in sent] == ["poke"]
-    hand.click(spot_of(FOREARM), 10.15)
-    assert len(sent) == 1
-    hand.tick(10.0 + hand.seconds + GAP)
-    assert [order.kind for order in sent] == ["poke", "poke"]
+    hand.click(spot_of(FOREARM), 11.0)
+    hand.click(spot_of(FOREARM + 1), 11.0 + 0.9 * TWICE)
+    hand.tick(20.0)
+    assert [order.kind for order in sent] == ["poke", "double_pat"]
+    hand.click(spot_of(FOREARM), 21.0)
+    hand.click(spot_of(FOREARM), 21.0 + TWICE)
+    hand.tick(30.0)
+    assert [order.kind for order in sent[2:]] == ["poke", "poke"]
+    assert len({order.key for order in sent}) == 4
+
+
+@pytest.mark.parametrize(("mode", "least"), sorted(LEAST.items()))
+def test_a_hand_takes_its_time_for_what_takes_time(mode, least):
+    sent = []
+    hand = Hand(setup(), sent.append)
+    for hand.seconds in (0.1, 2.0):
+        hand.click(spot_of(FOREARM), 0.0, mode.replace("_", "-"))
+    assert [order.seconds for order in sent] == [least, 2.0]
 
 
 @pytest.mark.parametrize("taxel", [0, 400, 800, FOREARM, 1800, 2100])
 def test_an_order_carries_the_place_of_its_taxel(taxel):
     sent = []
     hand = Hand(setup(), sent.append)
-    hand.force, hand.seconds = 12.0, 0.7
+    hand.force, hand.seconds = 13.0, 0.9
     hand.click(spot_of(taxel), 0.0, "grab")
     (order,) = sent
     patch = mounted().skin.patches[mounted().skin.patch_index[taxel]]
     assert (order.kind, order.link) == ("grab", patch.link)
     assert order.p_link == tuple(mounted().skin.positions[taxel].tolist())
-    assert (order.force, order.seconds) == (12.0, 0.7)
+    assert (order.force, order.seconds) == (13.0, 0.9)
 
 
 def test_a_drag_begins_moves_and_ends_one_finger():
     sent = []
     hand = Hand(setup(), sent.append)
     hand.drag("start", spot_of(FOREARM))
+    assert not sent
     hand.drag("update", spot_of(FOREARM + 1))
     hand.drag("update", None)
     hand.drag("end", None)
@@ -142,9 +160,19 @@ def test_a_drag_begins_moves_and_ends_one_finger():
     assert len({order.key for order in sent}) == 1
     assert sent[-1].p_link == sent[-2].p_link and sent[-1].link == "forearm_link"
     hand.drag("end", None)
+    hand.drag("end", spot_of(FOREARM))
     assert len(sent) == 3
+
+
+def test_a_drag_that_was_seen_only_where_it_began_and_ended_goes_all_the_way():
+    sent = []
+    hand = Hand(setup(), sent.append)
     hand.drag("start", spot_of(FOREARM))
-    assert sent[-1].kind == "begin" and sent[-1].key != sent[0].key
+    hand.drag("end", spot_of(FOREARM + 1))
+    assert [order.kind for order in sent] == ["begin", "move", "end"]
+    place = spot_of(FOREARM + 1).p_link
+    assert sent[0].p_link == tuple(spot_of(FOREARM).p_link.tolist())
+    assert sent[1].p_link == sent[2].p_link == tuple(place.tolist())
 
 
 def test_a_stroke_by_click_runs_over_taxels_of_one_link_and_ends():

@@ -3,7 +3,6 @@
 import io
 import threading
 import time
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,26 +11,16 @@ from tests.viewer_scenes import Q, mounted, picture, setup
 from eskin.page import ArmLine, Saying
 from eskin.viewer.process import PageProcess
 
-playwright = pytest.importorskip(
+pytest.importorskip(
     "playwright.sync_api", reason="no playwright; pip install 'eskin[dev]'"
 )
-image = pytest.importorskip("PIL.Image", reason="no pillow; pip install 'eskin[dev]'")
-CHROMIUM = Path("/usr/bin/chromium")
+pytest.importorskip("PIL.Image", reason="no pillow; pip install 'eskin[dev]'")
+
+from benchmarks.browser import CHROMIUM, EYE, PATIENCE, Canvas, chromium, new_tab, see
+from PIL import Image
+
 if not CHROMIUM.exists():
     pytest.skip(f"no {CHROMIUM}; apt-get install chromium", allow_module_level=True)
-
-FLAGS = [
-    "--no-sandbox",
-    "--disable-quic",
-    "--no-first-run",
-    "--disable-background-networking",
-    "--disable-component-update",
-    "--disable-sync",
-    "--use-gl=angle",
-    "--use-angle=swiftshader",
-    "--enable-unsafe-swiftshader",
-]
-PATIENCE = 60.0
 
 
 class Shown:
@@ -63,16 +52,13 @@ class Shown:
 
 
 @pytest.fixture(scope="module")
-def chromium():
-    with playwright.sync_playwright() as runner:
-        browser = runner.chromium.launch(executable_path=str(CHROMIUM), args=FLAGS)
+def browser():
+    with chromium() as browser:
         yield browser
-        browser.close()
 
 
-def opened(chromium, shown):
-    tab = chromium.new_page(viewport={"width": 1280, "height": 800})
-    tab.set_default_timeout(1000 * PATIENCE)
+def opened(browser, shown):
+    tab = new_tab(browser)
 
     def note(message):
         if message.type == "error":
@@ -80,8 +66,7 @@ def opened(chromium, shown):
 
     tab.on("console", note)
     tab.on("pageerror", lambda error: shown.complaints.append(str(error)))
-    tab.goto(f"http://127.0.0.1:{shown.port}")
-    tab.wait_for_selector("text=readings/s")
+    see(tab, shown.port)
     return tab
 
 
@@ -93,14 +78,14 @@ def shown():
 
 
 @pytest.fixture(scope="module")
-def tab(chromium, shown):
-    tab = opened(chromium, shown)
+def tab(browser, shown):
+    tab = opened(browser, shown)
     yield tab
     tab.close()
 
 
 def pixels(tab):
-    shot = image.open(io.BytesIO(tab.screenshot()))
+    shot = Image.open(io.BytesIO(tab.screenshot()))
     return np.asarray(shot.convert("RGB"), dtype=int)
 
 
@@ -124,36 +109,16 @@ def retried(action, condition, times=6, wait=5.0):
     return False
 
 
-def where(taxel):
-    """Where a taxel is drawn, as a share of the scene's size, by the page's camera."""
-    from eskin.page.page import DISTANCE, MIDDLE
-
-    eye = MIDDLE + DISTANCE * np.array([0.82, -0.80, 0.42])
-    ahead = (MIDDLE - eye) / np.linalg.norm(MIDDLE - eye)
-    right = np.cross(ahead, (0.0, 0.0, 1.0))
-    right /= np.linalg.norm(right)
-    up = np.cross(right, ahead)
-    p_world = mounted().poses(Q, np.array([taxel]))[0][0] - eye
-    tangent = np.tan(0.7 / 2) * (p_world @ ahead)
-    return p_world @ right / tangent, p_world @ up / tangent
-
-
 def at(tab, taxel):
     """Where a taxel is drawn in the page [px]."""
-    box = tab.locator("canvas").first.bounding_box()
-    x, y = where(taxel)
-    half = box["height"] / 2
-    return box["x"] + box["width"] / 2 + half * x, box["y"] + half - half * y
+    return Canvas.of(tab).drawn_at(mounted().poses(Q, np.array([taxel]))[0][0])
 
 
 def facing(patch):
     """The taxel of a patch that looks most at the camera."""
-    from eskin.page.page import DISTANCE, MIDDLE
-
-    eye = MIDDLE + DISTANCE * np.array([0.82, -0.80, 0.42])
     taxels = mounted().skin.taxels_of(patch)
     p_world, n_world = mounted().poses(Q, taxels)
-    away = eye - p_world
+    away = EYE - p_world
     return int(taxels[np.argmax(np.einsum("ti,ti->t", n_world, away))])
 
 
@@ -215,11 +180,11 @@ def test_what_is_said_is_in_the_log_and_the_arm_says_why_it_stopped(tab, shown):
     shown.content = {}
 
 
-def test_a_page_that_may_not_touch_has_nothing_to_touch_with(chromium, tab):
+def test_a_page_that_may_not_touch_has_nothing_to_touch_with(browser, tab):
     tab.goto("about:blank")  # Two pages at once draw four times as slowly.
     shown = Shown(touchable=False)
     try:
-        tab = opened(chromium, shown)
+        tab = opened(browser, shown)
         assert retried(lambda: None, lambda: len(seen(tab, (55, 15, 70), 30)) > 200)
         tab.mouse.click(*at(tab, TARGET))
         time.sleep(1.0)

@@ -19,6 +19,10 @@ if TYPE_CHECKING:
     from eskin.stream.inbox import Drop
 
 
+PORT = 8080
+"""Of the page, unless another is given."""
+
+
 @dataclass(frozen=True)
 class Command:
     """Recognise live: from patches on a cable, a recording or a simulated person.
@@ -82,8 +86,8 @@ class Command:
     view: bool = False
     """Show it in the browser; nothing can be touched or commanded there."""
 
-    port: int = 8080
-    """Of the page on this computer; 0 for any free one."""
+    port: int | None = None
+    """Of the page on this computer, 8080 unless given; 0 for any free one."""
 
 
 def run(command: Command) -> dict[str, object]:
@@ -128,7 +132,7 @@ def run(command: Command) -> dict[str, object]:
         gc.freeze()
         recognition = Recognition(recognizer, drop=drop_of(command))
         policies = [] if arm is None else [policy_of(command, arm, model, source)]
-        others = [*policies, *listeners_of(command, source, recognition)]
+        others = [*policies, *listeners_of(command, source, recognition, arm)]
         stream = Stream(source, [recognition, *others])
         introduce(source)
         with stopped_by_signals(stream.stop), short_turns(), stream:
@@ -161,6 +165,10 @@ def check(command: Command) -> None:
     if command.piece_mb is not None and command.record is None:
         raise DeviceError(
             "--piece-mb is given without --record; allowed is both; name the recording"
+        )
+    if command.port is not None and not command.view:
+        raise DeviceError(
+            "--port is given without --view; allowed is both; ask for the page"
         )
     if command.commands is not None and command.robot is None:
         raise ArmError(
@@ -212,7 +220,7 @@ def policy_of(
 
 
 def listeners_of(
-    command: Command, source: "Source", recognition: "Recognition"
+    command: Command, source: "Source", recognition: "Recognition", arm: "Arm | None"
 ) -> "list[Listener]":
     """Who else listens: the terminal; recorder and viewer where they are wanted."""
     from eskin.cli.terminal import Terminal
@@ -229,8 +237,8 @@ def listeners_of(
         from eskin.page.port import free_port
         from eskin.viewer import Viewer, ViewerConfig
 
-        port = free_port(command.port)
-        listeners.append(Viewer(recognition, ViewerConfig(port)))
+        port = free_port(PORT if command.port is None else command.port)
+        listeners.append(Viewer(recognition, ViewerConfig(port), arm=arm))
         print(f"see http://127.0.0.1:{port}", flush=True)
     return listeners
 

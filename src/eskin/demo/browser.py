@@ -2,7 +2,8 @@
 
 import gc
 import logging
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from threading import Event as Flag
@@ -20,7 +21,7 @@ from eskin.demo.headless import DemoConfig
 from eskin.demo.live_source import LiveSource
 from eskin.demo.obedience import Obedience
 from eskin.demo.record_button import RecordButton
-from eskin.drivers import HostClock
+from eskin.drivers import Clock, HostClock
 from eskin.errors import EskinError
 from eskin.live import Recognizer, warm_up
 from eskin.model import load_model
@@ -37,6 +38,9 @@ SKINS = ("ur5", "ur5-half", "ur5-double", "ur5-shapes", "ur5-missing")
 PATIENT = WatchConfig(oldest=0.4)
 """The same computer simulates the skin and draws the page: a simulated arm may wait
 longer for a reading than a real one."""
+
+READY = 60.0
+"""How long a page may take to be served [s]."""
 
 logger = logging.getLogger(__name__)
 
@@ -73,12 +77,31 @@ def serve(
         DeviceError: the port cannot be had.
         StreamError: something failed while it ran.
     """
+    port = free_port(port)
     while True:
         wanted = Wanted()
         served = serve_skin(config, port, seconds, tell, wanted)
         if wanted.skin is None:
             return served
         config = replace(config, skin=wanted.skin)
+
+
+@dataclass(frozen=True, eq=False)
+class Running:
+    """A page that is served, and what is behind it."""
+
+    port: int
+    """Of the page."""
+    arm: SimulatedArm
+    """At its task."""
+    source: LiveSource
+    """The skin on the arm."""
+    recognition: Recognition
+    """Of its touches."""
+    policy: Policy
+    """By which they command the arm."""
+    stream: Stream
+    """From the one to the other."""
 
 
 class Wanted:
@@ -103,20 +126,47 @@ def serve_skin(
     wanted: Wanted,
 ) -> Served:
     """Serve the page with one skin."""
+    with running(config, port, wanted) as demo:
+        tell(f"see http://127.0.0.1:{demo.port}; Ctrl-C ends it")
+        demo.stream.wait(seconds)
+    step = demo.recognition.step
+    return Served(
+        demo.source.given,
+        demo.recognition.detections,
+        demo.policy.accepted,
+        (1e3 * step.quantile(0.5), 1e3 * step.quantile(0.99)),
+    )
+
+
+@contextmanager
+def running(
+    config: DemoConfig, port: int, wanted: Wanted, clock: Clock | None = None
+) -> Iterator[Running]:
+    """Have one skin on its arm served; signals stop its stream.
+
+    Args:
+        config: what is demonstrated.
+        port: of the page on this computer; 0 for any free one.
+        wanted: is told of another skin that is chosen in the page.
+        clock: that arm and skin go by; this computer's unless given.
+
+    Raises:
+        DeviceError: the port cannot be had.
+        StreamError: something failed while it ran.
+    """
     model = load_model(config.model)
     skin = LiveSkin(config.skin, config.seed, config.build_kind)
     recognizer = Recognizer(model, skin.mounted, skin.calibration)
     warm_up(recognizer)
     warm_up_hand(config)
     skins = (config.skin, *(name for name in SKINS if name != config.skin))
-    vocabulary, clock = model.card.vocabulary, HostClock()
+    vocabulary, clock = model.card.vocabulary, clock or HostClock()
     commands = load_commands(None, vocabulary, skin.mounted.skin)
     with SimulatedArm(clock=clock) as arm:
         recognition = Recognition(recognizer)
         policy = Policy(arm, commands, vocabulary, PolicyConfig(watch=PATIENT))
         button = RecordButton(Path.cwd(), Metadata("demo", "mouse", "browser"))
         obedience = Obedience(skin, arm, lambda order: do(order, button, wanted))
-        port = free_port(port)
         page = ViewerConfig(port, touchable=True, skins=skins)
         viewer = Viewer(recognition, page, guarded(obedience.obey), arm)
         source = LiveSource(skin, arm, clock)
@@ -124,15 +174,8 @@ def serve_skin(
         stream = Stream(source, [recognition, policy, viewer, button])
         wanted.stop = stream.stop
         with stopped_by_signals(stream.stop), short_turns(), stream:
-            tell(f"see http://127.0.0.1:{port}; Ctrl-C ends it")
-            stream.wait(seconds)
-    step = recognition.step
-    return Served(
-        source.given,
-        recognition.detections,
-        policy.accepted,
-        (1e3 * step.quantile(0.5), 1e3 * step.quantile(0.99)),
-    )
+            port = viewer.wait_ready(READY)
+            yield Running(port, arm, source, recognition, policy, stream)
 
 
 def warm_up_hand(config: DemoConfig) -> None:

@@ -14,8 +14,10 @@ from eskin.page.pointing import Spot
 from eskin.page.setup import Setup
 
 Mode = Literal["poke", "double-pat", "grab", "stroke"]
-GAP = 0.1
-"""Least time between two pokes: the finger is lifted before it comes back [s]."""
+TWICE = 0.35
+"""A click so soon after another makes a double pat of both [s]."""
+LEAST: dict[TouchKind, float] = {"grab": 0.8, "double_pat": 0.4}
+"""How long a hand takes for these, though a poke is set to be shorter [s]."""
 STROKE_LENGTH = 0.12
 """Of the stroke that a click makes in that mode [m]."""
 STROKE_TICK = 0.05
@@ -26,14 +28,13 @@ STROKE_TICK = 0.05
 class Hand:
     """Makes orders of what the mouse does, each at its time.
 
-    A click pokes at once: nothing waits for a second one. That comes as soon as the
-    finger has been lifted, and the recogniser hears both as one touch, just as it does
-    when a person pats twice.
+    A click pokes once it is too late for a second one. That would make a double pat of
+    both: a fingertip that pokes twice is felt as a poke, and has commanded by then.
 
     Attributes:
         mode: what a click does.
         force: of what is begun next [N].
-        seconds: how long a poke or grab lasts [s].
+        seconds: how long it lasts; a grab or double pat takes its time [s].
     """
 
     def __init__(self, setup: Setup, send: Callable[[Order], None]) -> None:
@@ -46,10 +47,10 @@ class Hand:
         self.setup = setup
         self.send = send
         self.mode: Mode = "poke"
-        self.force = 8.0
-        self.seconds = 0.2
+        self.force = 12.0
+        self.seconds = 0.3
         self.keys = count(1)
-        self.lifted = 0.0
+        self.once: tuple[float, Spot] | None = None
         self.later: list[tuple[float, int, TouchOrder]] = []
         self.dragged: TouchOrder | None = None
         self.lock = RLock()
@@ -66,13 +67,21 @@ class Hand:
         if mode == "stroke":
             self.stroke(spot, now)
         elif mode == "poke":
-            begin = max(now, self.lifted)
-            self.lifted = begin + self.seconds + GAP
-            self.at(begin, self.order("poke", spot, next(self.keys)))
+            self.poke(spot, now)
         else:
             kind = "grab" if mode == "grab" else "double_pat"
             self.at(now, self.order(kind, spot, next(self.keys)))
         self.tick(now)
+
+    def poke(self, spot: Spot, now: float) -> None:
+        """Poke soon, or pat twice if a poke was about to begin."""
+        with self.lock:
+            self.tick(now)
+            if self.once is None:
+                self.once = (now + TWICE, spot)
+            else:
+                self.at(now, self.order("double_pat", self.once[1], next(self.keys)))
+                self.once = None
 
     def stroke(self, spot: Spot, now: float) -> None:
         """Stroke along the patch from a spot on, over taxels of the same link."""
@@ -101,19 +110,25 @@ class Hand:
     def drag(self, phase: Literal["start", "update", "end"], spot: Spot | None) -> None:
         """Drag a finger; where there is no skin it stays where it last was.
 
+        It lands when it begins to move: a browser that draws slowly tells of the one
+        long after the other, and a finger that rests before it moves is no stroke.
+
         Args:
             phase: of the drag.
             spot: where the mouse is on the skin.
         """
-        last = self.dragged
-        if phase == "end":
-            self.dragged = None
-            if last is not None:
-                self.send(replace(last, kind="end"))
-        elif spot is not None:
-            key = next(self.keys) if last is None else last.key
-            self.dragged = self.order("begin" if last is None else "move", spot, key)
-            self.send(self.dragged)
+        finger = self.dragged
+        if finger is not None and finger.kind == "begin":
+            self.send(finger)
+            finger = replace(finger, kind="move")
+        if spot is not None and finger is not None:
+            finger = self.order("move", spot, finger.key)
+            self.send(finger)
+        elif spot is not None and phase != "end":
+            finger = self.order("begin", spot, next(self.keys))
+        if phase == "end" and finger is not None:
+            self.send(replace(finger, kind="end"))
+        self.dragged = None if phase == "end" else finger
 
     def order(
         self,
@@ -124,7 +139,8 @@ class Hand:
         """An order for a spot with the force and duration that are set."""
         x, y, z = spot.p_link.tolist()
         link = self.setup.links[spot.link]
-        return TouchOrder(kind, link, (x, y, z), self.force, self.seconds, key)
+        seconds = max(self.seconds, LEAST.get(kind, 0.0))
+        return TouchOrder(kind, link, (x, y, z), self.force, seconds, key)
 
     def at(self, when: float, order: TouchOrder) -> None:
         """Send an order later."""
@@ -134,5 +150,8 @@ class Hand:
     def tick(self, now: float) -> None:
         """Send what is due."""
         with self.lock:
+            if self.once is not None and self.once[0] <= now:
+                self.at(now, self.order("poke", self.once[1], next(self.keys)))
+                self.once = None
             while self.later and self.later[0][0] <= now:
                 self.send(heapq.heappop(self.later)[2])

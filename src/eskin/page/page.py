@@ -67,9 +67,10 @@ class Page:
         if setup.touchable:
             for link, discs in self.scene.discs.items():
                 self.hear(link, discs)
+                self.hear(link, self.scene.add_pads(link))
 
     def hear(self, link: int, discs: BatchedMeshHandle) -> None:
-        """Make touches of clicks and drags on the taxels of a link."""
+        """Make touches of clicks and drags on the discs or pads of a link."""
         taxels, hand = self.scene.taxels[link], self.hand
 
         def click(event: SceneNodePointerEvent, mode: Mode | None) -> None:

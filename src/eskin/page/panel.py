@@ -65,7 +65,7 @@ class Panel:
             MODES,
             initial_value=hand.mode,
             hint="Click twice for a double-pat, drag for a stroke, shift and click for "
-            "a grab",
+            "a grab; anywhere else, drag to turn the view",
         )
         force = gui.add_slider(
             "force [N]", min=1, max=40, step=1, initial_value=int(hand.force)

@@ -16,8 +16,16 @@ LIFT = 0.0012
 """How far discs stand off the surface [m]."""
 COVER = 0.86
 """Radius of a disc, as a share of that of a circle of the taxel's area."""
+WHOLE = 1.26
+"""Radius of a pad, as such a share: a circle round the square of that area."""
+PAD = (196, 200, 206)
+"""Of what the taxels are on."""
 LINEAR = np.round(255 * (np.arange(256) / 255) ** 2.2).astype(np.uint8)
 """Light of each step of a screen: viser takes colours of instances as light."""
+FIELD = 0.7
+"""Of view of the camera, from top to bottom [rad]."""
+FROM = np.array([0.82, -0.80, 0.42])
+"""Where the camera stands, from what it looks at."""
 STILL = 1e-5
 """Change of a pose that is not shown [1 or m]."""
 
@@ -95,9 +103,9 @@ class Scene:
             distance: from it [m].
         """
         camera = self.server.initial_camera
-        camera.fov = 0.7
+        camera.fov = FIELD
         camera.look_at = middle
-        camera.position = middle + distance * np.array([0.82, -0.80, 0.42])
+        camera.position = middle + distance * FROM
 
     def add_discs(self, link: int) -> BatchedMeshHandle:
         """One disc a taxel, in the frame of their link."""
@@ -114,6 +122,24 @@ class Scene:
             batched_colors=LINEAR[
                 self.scale.colours(np.zeros(len(taxels)), np.ones(len(taxels), bool))
             ],
+            lod="off",
+            cast_shadow=False,
+            receive_shadow=False,
+        )
+
+    def add_pads(self, link: int) -> BatchedMeshHandle:
+        """What is seen between the discs of a link, so that it can be touched there."""
+        setup, taxels = self.setup, self.taxels[link]
+        vertices, faces = disc()
+        normals = setup.normals[taxels]
+        return self.server.scene.add_batched_meshes_simple(
+            f"/robot/{setup.links[link]}/pads",
+            vertices,
+            faces,
+            turned_to(normals),
+            setup.positions[taxels] + LIFT / 2 * normals,
+            batched_scales=WHOLE * np.sqrt(setup.areas[taxels] / np.pi),
+            batched_colors=tuple(LINEAR[list(PAD)].tolist()),
             lod="off",
             cast_shadow=False,
             receive_shadow=False,

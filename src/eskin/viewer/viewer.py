@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from time import monotonic
 from typing import Protocol, final, runtime_checkable
 
+from eskin.errors import DeviceError
 from eskin.page import Order, Setup
 from eskin.skin import MountedSkin
 from eskin.stream import Context, Heard, Listener, Moment, Recognition
@@ -129,6 +130,21 @@ class Viewer(Listener):
         if elapsed >= 1.0:
             self.rate = self.count / elapsed if self.counted_from else 0.0
             self.count, self.counted_from = 0, now
+
+    def wait_ready(self, timeout: float) -> int:
+        """Wait until the page is served, once the stream has started; its port.
+
+        Args:
+            timeout: how long at most [s].
+
+        Raises:
+            DeviceError: it is not served.
+        """
+        if self.page is None:
+            raise DeviceError(
+                "there is no page; allowed is a viewer of a running stream; start it"
+            )
+        return self.page.wait_ready(timeout)
 
     def close(self) -> None:
         """End the page's process."""

@@ -14,6 +14,8 @@ from eskin.sim.people.series import tremor
 from eskin.sim.robot.world import World
 from eskin.sim.site.site import Site
 
+NEAR = 0.01
+"""So far from where it is led, a finger is there [m]."""
 HELD = 20.0
 """Time after which the noise of a force begins anew [s]."""
 
@@ -23,7 +25,8 @@ class DraggedTouch(LiveTouch):
     """Parts of a hand that slide after the places they are given.
 
     They land softly, go no faster than people stroke, and ride on the link; whoever
-    leads them sees where the robot is, so they do not follow it late.
+    leads them sees where the robot is, so they do not follow it late. They leave once
+    they have landed and are where they were led, however quickly that was asked for.
     """
 
     def __init__(self, act: Act, force: float, world: World) -> None:
@@ -51,7 +54,8 @@ class DraggedTouch(LiveTouch):
         waves = tremor(steps, self.step, act.draw("stroke.ripple_rate"), act.rng)
         self.noise = act.held(steps)
         self.ripple = 1 + rippled * waves
-        self.given, self.level, self.leaving = 0, 0.0, False
+        self.given, self.level = 0, 0.0
+        self.told_to_leave = self.leaving = False
         self.over = False
         self.touch = TrueTouch(
             "stroke", act.kind, act.person.name, (self.press(np.zeros(1)),), act.drawn
@@ -68,8 +72,8 @@ class DraggedTouch(LiveTouch):
         self.target = self.centre + away
 
     def leave(self) -> None:
-        """Lift off."""
-        self.leaving = True
+        """Lift off, as soon as it is where it was led."""
+        self.told_to_leave = True
 
     def next(self, span: Span) -> TrueTouch:
         """What it does in the steps of a reading, whose first is 0."""
@@ -77,6 +81,7 @@ class DraggedTouch(LiveTouch):
         centre = np.zeros((span.steps, 2))
         for step in range(span.steps):
             moved = self.slide()
+            self.leaving |= self.told_to_leave and self.level == 1.0 and self.is_there
             self.level += -self.fall if self.leaving else self.rise
             self.level = float(np.clip(self.level, 0.0, 1.0))
             at = self.given % len(self.noise)
@@ -91,6 +96,11 @@ class DraggedTouch(LiveTouch):
             *((press,), self.touch.drawn),
         )
         return self.touch
+
+    @property
+    def is_there(self) -> bool:
+        """Whether it is about where it was led."""
+        return float(np.linalg.norm(self.target - self.centre)) < NEAR
 
     def slide(self) -> bool:
         """Go one step, as if on a damped spring to the target; whether it slides."""

@@ -1,0 +1,143 @@
+"""A person at the demonstration's page, whose hand is the mouse."""
+
+import io
+import time
+from collections.abc import Callable
+from functools import cache
+from typing import final
+
+import numpy as np
+from jaxtyping import Float, Int
+from PIL import Image
+from playwright.sync_api import Page
+
+from benchmarks.browser import EYE, PATIENCE, Canvas
+from benchmarks.served_demo import ServedDemo
+from eskin.robot import load_robot
+from eskin.skin import MountedSkin, load_skin
+
+LINK = "forearm_link"
+ASIDE, BEFORE = 0.03, 0.06
+"""A taxel so near a ray to another and so far before it hides it [m]."""
+SOME = np.arange(0, 2112, 3)
+"""Taxels that are enough to see what is in front."""
+CALM = 4.0
+"""So far the forearm moves in 0.2 s at most, to be hit [px]."""
+LENGTH = 0.16
+"""Of a stroke [m]."""
+
+
+@final
+class Visit:
+    """Sees the page and touches the arm's forearm in it."""
+
+    def __init__(self, tab: Page, demo: ServedDemo) -> None:
+        """Sit down.
+
+        Args:
+            tab: of the page.
+            demo: behind it.
+        """
+        self.tab = tab
+        self.demo = demo
+        self.canvas = Canvas.of(tab)
+
+    def text(self) -> str:
+        """All that can be read in the page."""
+        return str(self.tab.evaluate("document.body.innerText"))
+
+    def scene(self) -> Int[np.ndarray, "row column 3"]:
+        """What is drawn of the scene, in red, green and blue."""
+        shot = self.tab.screenshot(clip=self.canvas.box, scale="css")
+        return np.asarray(Image.open(io.BytesIO(shot)).convert("RGB"), dtype=np.int64)
+
+    def let_go(self) -> None:
+        """Press the button that lets an arm go on, if it is held."""
+        if self.demo.state["holding"]:
+            self.tab.get_by_role("button", name="resume").click()
+            becomes(lambda: not self.demo.state["holding"], PATIENCE)
+
+    def wait_calm(self) -> None:
+        """Wait until the forearm is seen and hardly moves in the picture."""
+        becomes(lambda: self.is_calm, PATIENCE)
+
+    @property
+    def is_calm(self) -> bool:
+        """Whether the forearm is seen and hardly moves in the picture."""
+        before = self.middle()
+        self.demo.wait(0.2)
+        step = np.subtract(self.middle(), before)
+        return bool(np.linalg.norm(step) < CALM and self.seen()[0].max() > 0.5)
+
+    def click(self) -> None:
+        """Poke."""
+        self.tab.mouse.click(*self.middle())
+
+    def double_click(self) -> None:
+        """Pat twice."""
+        self.tab.mouse.dblclick(*self.middle())
+
+    def grab(self) -> None:
+        """Click with shift held."""
+        self.tab.keyboard.down("Shift")
+        self.tab.mouse.click(*self.middle())
+        self.tab.keyboard.up("Shift")
+
+    def drag(self) -> None:
+        """Stroke along the forearm, as fast as the browser takes it."""
+        mouse = self.tab.mouse
+        mouse.move(*self.along(-0.5))
+        mouse.down()
+        mouse.move(*self.along(0.5))
+        mouse.up()
+
+    def middle(self) -> tuple[float, float]:
+        """Where the middle of the forearm is drawn [px]."""
+        return self.along(0.0)
+
+    def along(self, share: float) -> tuple[float, float]:
+        """Where a stroke along the forearm is drawn [px].
+
+        Args:
+            share: of the stroke's length, from its middle on.
+        """
+        seen, p_world = self.seen()
+        front = p_world[seen > np.quantile(seen, 0.8)]
+        axis = np.linalg.svd(front - front.mean(0), full_matrices=False)[2][0]
+        axis *= np.sign(axis[2]) or 1.0
+        return self.canvas.drawn_at(p_world[np.argmax(seen)] + LENGTH * share * axis)
+
+    def seen(self) -> tuple[Float[np.ndarray, "taxel"], Float[np.ndarray, "taxel 3"]]:
+        """How well some taxels of the forearm are seen, and where they are [m].
+
+        Best is one in the middle that faces the eye; one that is hidden is not seen.
+        """
+        everywhere, normals = mounted().poses(self.demo.q_shown, SOME)
+        own = mounted().skin_link_index[SOME] == mounted().robot.link_index(LINK)
+        p_world, n_world = everywhere[own], normals[own]
+        rays = p_world - EYE
+        depth = np.linalg.norm(rays, axis=1)
+        rays /= depth[:, None]
+        ahead = (everywhere - EYE) @ rays.T
+        away = np.linalg.norm(everywhere - EYE, axis=1)[:, None]
+        is_near = away**2 - ahead**2 < ASIDE**2
+        hidden = (is_near & (ahead < depth - BEFORE)).any(axis=0)
+        facing = -np.einsum("ti,ti->t", rays, n_world)
+        aside = np.linalg.norm(p_world - p_world.mean(0), axis=1)
+        return np.where(hidden, -1.0, facing - 4.0 * aside), p_world
+
+
+@cache
+def mounted() -> MountedSkin:
+    """The UR5 in its skin."""
+    return MountedSkin(load_skin("ur5"), load_robot("ur5"))
+
+
+def becomes(condition: Callable[[], bool], seconds: float) -> bool:
+    """Whether something comes true in time; looks again and again."""
+    end = time.monotonic() + seconds
+    while not condition():
+        if time.monotonic() > end:
+            return False
+        time.sleep(0.05)
+    return True
