@@ -87,7 +87,7 @@ class ServedDemo:
             text=True,
         )
         self.told = Condition()
-        self.port: int | None = None
+        self.port = 0
         self.states: deque[dict[str, Any]] = deque(maxlen=100)
         self.reader = Thread(target=self.read, daemon=True)
         self.reader.start()
@@ -116,7 +116,7 @@ class ServedDemo:
         with self.process.stdout as lines:
             for line in lines:
                 with self.told:
-                    if self.port is None:
+                    if not self.port:
                         self.port = int(line)
                     else:
                         self.states.append(json.loads(line))

@@ -15,6 +15,7 @@ from eskin.viewer.look import setup_of
 from eskin.viewer.packer import ArmTold, Packer, arm_line
 from eskin.viewer.process import PageProcess
 
+NANOSECONDS = 1_000_000_000
 PICTURES = 25.0
 """A second, at most [1/s]."""
 
@@ -113,7 +114,7 @@ class Viewer(Listener):
             self.packer.note(item)
             return
         now = monotonic()
-        self.count_up(now)
+        self.count_up(self.context.clock.now() / NANOSECONDS)
         if now < self.due or self.page is None or not self.page.wants():
             return
         self.due = max(self.due + 1 / PICTURES, now)
