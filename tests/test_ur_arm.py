@@ -222,7 +222,7 @@ def robot():
         pytest.skip("no ur_rtde; pip install 'eskin[ur]'")
     with StandIn(list(START)) as stand_in:
         # How fast a fault is seen is measured in benchmarks, on a quiet machine.
-        with UrArm(UrLink(stand_in.host, 0, patience=20)) as arm:
+        with UrArm(UrLink(stand_in.host, 0, patience=20.0)) as arm:
             yield stand_in, arm
 
 

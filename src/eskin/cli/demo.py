@@ -1,6 +1,7 @@
 """`eskin demo`: an arm at work in its skin, in the browser or headless."""
 
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 from eskin.errors import DeviceError
@@ -41,6 +42,10 @@ class Command:
     model: str = "ur5"
     """Weights that come with eskin, or a model file."""
 
+    commands: Path | None = None
+    """Which touch commands what, such as `examples/jog.yaml`; the map that comes with
+    eskin unless given."""
+
 
 def run(command: Command) -> dict[str, object]:
     """Demonstrate, and return what came of it."""
@@ -50,7 +55,9 @@ def run(command: Command) -> dict[str, object]:
         raise DeviceError(
             f"--seconds is {command.seconds}; allowed are above 0; change it"
         )
-    config = DemoConfig(command.skin, command.model, command.build, seed=command.seed)
+    config = DemoConfig(
+        command.skin, command.model, command.commands, command.build, seed=command.seed
+    )
     if command.headless:
         return headless(command.seconds or HEADLESS_SECONDS, config)
     return in_browser(command, config)

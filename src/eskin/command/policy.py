@@ -11,6 +11,7 @@ from eskin.command.action import (
     COOL_DOWN,
     FUNCTION,
     RESTLESS,
+    STARTING,
     STOPPING,
     confidence_for,
     resolved,
@@ -19,7 +20,7 @@ from eskin.command.arm import Arm, ArmState
 from eskin.command.command_map import WORDLESS, CommandMap, Rule
 from eskin.command.functions import FUNCTIONS
 from eskin.command.skin_watch import SkinWatch, WatchConfig
-from eskin.errors import ArmError
+from eskin.errors import ArmError, JogError
 from eskin.live import Detection
 from eskin.stream import Commanded, Context, Heard, Listener, Moment
 from eskin.stream.inbox import Drop
@@ -39,13 +40,16 @@ class PolicyConfig:
     """How long a pause lasts at least [s]."""
 
     lifted_seconds: float = 0.1
-    """How long nobody may have touched the skin before the arm is resumed [s]."""
+    """How long nobody may have touched the skin before the arm is set in motion [s]."""
 
     patience: float = 2.0
-    """How long after a detection its touch may go on if it is to resume [s]."""
+    """How long after a detection its touch may go on if it is to do that [s]."""
 
     slow: float = 0.3
     """Share of full speed when slow."""
+
+    step: float = 0.05
+    """How far a jog goes, where its rule says nothing [m]."""
 
     tick: float | None = 0.02
     """How often it is looked whether the skin is stale, though nothing comes [s]; None
@@ -54,8 +58,9 @@ class PolicyConfig:
 
 @dataclass
 class Waiting:
-    """A touch that is to resume the arm once it has ended."""
+    """A touch that is to set the arm in motion once it has ended."""
 
+    action: str
     detection: Detection
     rule: Rule
     confidence: float
@@ -145,6 +150,7 @@ class Policy(Listener):
             self.watch.push(item)
             self.look()
             self.hold_if_unrecognised(item)
+            self.stop_if_touched()
             self.wait_on(item)
             self.forget(item)
 
@@ -187,6 +193,18 @@ class Policy(Listener):
             if state.moving and not state.stopped:
                 self.hold(why)
 
+    def stop_if_touched(self) -> None:
+        """End a jog as soon as anybody touches the skin; the arm stays paused."""
+        watch = self.watch
+        if watch.touching == watch.heard and self.arm.state().jogging:
+            self.pause()
+            self.tell("pause", None, True, "touched while it jogs")
+
+    def pause(self) -> None:
+        """Pause the arm, from now on."""
+        self.arm.pause()
+        self.paused_since = self.context.clock.now()
+
     def hold(self, why: str) -> None:
         """Hold the arm and tell."""
         self.arm.hold(why)
@@ -207,10 +225,10 @@ class Policy(Listener):
             self.tell("none", detection, False, "the map says none")
             return
         why = self.objection(action, detection, rule, state)
-        if why is None and action == "resume":
+        if why is None and action in STARTING:
             key = detection.touch, detection.onset
             self.spent.add(key)
-            self.waiting = Waiting(detection, rule, detection.confidence)
+            self.waiting = Waiting(action, detection, rule, detection.confidence)
             return
         needed = confidence_for(action, rule.confidence)
         if why is None and detection.confidence < needed:
@@ -243,16 +261,18 @@ class Policy(Listener):
             return "its touch has commanded already"
         if rested < rest and action not in RESTLESS:
             return f"the same was done {rested:.1f} s ago, it rests {rest:g} s"
-        if action == "resume":
-            return self.objection_to_resuming(detection, state, now)
-        if state.holding is not None and action not in STOPPING:
+        if state.holding is not None and action not in (*STOPPING, "resume"):
             return f"the arm is held: {state.holding}; pause it, then resume"
+        if action == "jog" and not detection.direction_world.any():
+            return "the touch did not travel"
+        if action in STARTING:
+            return self.objection_to_starting(detection, state, now)
         return None
 
-    def objection_to_resuming(
+    def objection_to_starting(
         self, detection: Detection, state: ArmState, now: int
     ) -> str | None:
-        """Why a touch must not resume the arm; None where it may once it ends."""
+        """Why a touch must not set the arm in motion; None: it may once it ends."""
         if not state.paused or self.paused_since is None:
             return "nobody has paused it"
         if detection.onset <= self.paused_since:
@@ -263,7 +283,7 @@ class Policy(Listener):
         return None
 
     def wait_on(self, moment: Moment) -> None:
-        """Resume once the touch that asks for it has ended."""
+        """Set the arm in motion once the touch that asks for it has ended."""
         waiting = self.waiting
         if waiting is None:
             return
@@ -276,10 +296,10 @@ class Policy(Listener):
         if self.watch.heard - self.watch.touching < lifted:
             if self.context.age(detection.stamp) > self.config.patience:
                 self.waiting = None
-                self.finish("resume", detection, waiting.rule, "touching went on")
+                self.finish(waiting.action, detection, waiting.rule, "touching went on")
             return
         self.waiting = None
-        needed = confidence_for("resume", waiting.rule.confidence)
+        needed = confidence_for(waiting.action, waiting.rule.confidence)
         state, why = self.arm.state(), None
         if not state.paused:
             why = "nobody has paused it"
@@ -287,7 +307,7 @@ class Policy(Listener):
             why = "the arm is in protective stop or not connected"
         elif waiting.confidence < needed:
             why = f"confidence {waiting.confidence:.2f} is below {needed:.2f}"
-        self.finish("resume", detection, waiting.rule, why)
+        self.finish(waiting.action, detection, waiting.rule, why)
 
     def finish(
         self, action: str, detection: Detection, rule: Rule, why: str | None
@@ -296,6 +316,8 @@ class Policy(Listener):
         if why is None:
             try:
                 self.do(action, detection, rule)
+            except JogError as error:
+                why = str(error)
             except ArmError as error:
                 why = str(error)
                 self.hold(why)
@@ -311,12 +333,14 @@ class Policy(Listener):
         arm = self.arm
         match action:
             case "pause":
-                arm.pause()
-                self.paused_since = self.context.clock.now()
+                self.pause()
             case "resume":
                 arm.release()
                 arm.resume()
                 self.paused_since = None
+            case "jog":
+                step = self.config.step if rule.step is None else rule.step
+                arm.jog(step * detection.direction_world)
             case "slow":
                 arm.set_speed(self.config.slow)
             case "normal":
