@@ -46,6 +46,14 @@ class Command:
     """Which touch commands what, such as `examples/jog.yaml`; the map that comes with
     eskin unless given."""
 
+    same_touch: bool = False
+    """Instead, the same counts are played on the skin in two poses of the arm, where
+    they are another thing each time; what a recogniser says that sees the pose stands
+    beside what one says that does not. Headless, the answers are printed."""
+
+    pairs: int = 6
+    """How many touches `--same-touch` plays in turn."""
+
 
 def run(command: Command) -> dict[str, object]:
     """Demonstrate, and return what came of it."""
@@ -55,9 +63,17 @@ def run(command: Command) -> dict[str, object]:
         raise DeviceError(
             f"--seconds is {command.seconds}; allowed are above 0; change it"
         )
+    if command.same_touch and (command.commands is not None or command.pairs < 1):
+        raise DeviceError(
+            f"--same-touch with --pairs {command.pairs} and --commands "
+            f"{command.commands}; allowed are 1 pair and more, and no commands; change "
+            "it"
+        )
     config = DemoConfig(
         command.skin, command.model, command.commands, command.build, seed=command.seed
     )
+    if command.same_touch:
+        return same_touch(command, config)
     if command.headless:
         return headless(command.seconds or HEADLESS_SECONDS, config)
     return in_browser(command, config)
@@ -92,6 +108,42 @@ def headless(seconds: float, config: "DemoConfig") -> dict[str, object]:
         "delivered": outcome.delivered,
         "seconds": outcome.seconds,
     }
+
+
+def same_touch(command: Command, config: "DemoConfig") -> dict[str, object]:
+    """The same counts in two poses, to two recognisers."""
+    from eskin.demo.comparison import serve_same_touch
+    from eskin.demo.opinion import compare
+
+    if not command.headless:
+        return dict(
+            serve_same_touch(config, command.pairs, command.port, command.seconds, tell)
+        )
+    found = compare(command.pairs, config)
+    for number, each in enumerate(found):
+        print(f"touch {number + 1}: {each.labels[0]}, then {each.labels[1]}")
+        for who, (one, other) in (("with", each.posed), ("without", each.blind)):
+            print(f"  {who} the pose: {one.text}; then {other.text}")
+    counts = {
+        "playings": 2 * len(found),
+        "posed_right": sum(each.right(each.posed) for each in found),
+        "blind_right": sum(each.right(each.blind) for each in found),
+        "blind_same": sum(each.is_blind for each in found),
+    }
+    print(
+        f"with the pose {counts['posed_right']} of {counts['playings']} are right, "
+        f"without it {counts['blind_right']}, and both answers are the same for "
+        f"{counts['blind_same']} of {len(found)} touches"
+    )
+    rows = [
+        {
+            "labels": each.labels,
+            "posed": [answer.said for answer in each.posed],
+            "blind": [answer.said for answer in each.blind],
+        }
+        for each in found
+    ]
+    return {**counts, "pairs": rows}
 
 
 def in_browser(command: Command, config: "DemoConfig") -> dict[str, object]:
