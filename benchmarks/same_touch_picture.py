@@ -2,9 +2,9 @@
 
     python -m benchmarks.same_touch_picture --out docs/pictures/same_touch.png
 
-Plays touches as `eskin demo --same-touch` does, takes the one whose taxels the page's
-camera sees best in both poses, whatever is said of it, and shows the page at the height
-of the touch in either pose, in headless Chromium. Beside both stands the panel.
+Plays a touch as `eskin demo --same-touch` does, and shows the page with the largest
+pressure of each taxel in either pose, in headless Chromium. Beside both stands the
+panel, with what is said in the end.
 """
 
 import io
@@ -16,14 +16,14 @@ from pathlib import Path
 import numpy as np
 import tyro
 from PIL import Image
-from playwright.sync_api import Page, sync_playwright
+from playwright.sync_api import Page, ViewportSize, sync_playwright
 
 from benchmarks.viewer import CHROMIUM, FLAGS
 from eskin.demo.comparison import Comparison
 from eskin.demo.opinion import both_models
 from eskin.demo.same_touch import SameTouch, draw_touches
 from eskin.live import Recognizer
-from eskin.page import Picture
+from eskin.page import Picture, Setup
 from eskin.stream import Moment
 from eskin.viewer.look import setup_of
 from eskin.viewer.packer import Packer
@@ -31,11 +31,11 @@ from eskin.viewer.process import PageProcess
 
 SETTLE = 20.0
 """Until everything is drawn, by software [s]."""
-PANEL = 400
-"""Width of the panel [px]."""
-SIZE = {"width": 1100, "height": 720}
-TOWARDS = np.array([0.82, -0.80, 0.42])
-"""From the arm to the page's camera."""
+SIZE = ViewportSize(width=1300, height=900)
+SCENE = (150, 200, 770, 700)
+"""What is shown of the scene: left, top, right and bottom [px]."""
+ANSWERS = (900, 55, 1300, 445)
+"""What is shown of the panel."""
 
 
 @dataclass(frozen=True)
@@ -48,19 +48,14 @@ class Command:
     model: str = "ur5"
     """Weights that come with eskin, or a model file."""
 
-    pairs: int = 8
-    """Touches to choose the one from."""
-
     seed: int = 0
-    """Decides them."""
+    """Decides the touch."""
 
 
 def main() -> None:
     """Play, show and take the picture."""
     command = tyro.cli(Command)
-    touches = draw_touches(command.pairs, seed=command.seed)
-    touch = max(touches, key=seen)
-    print(f"touch {touches.index(touch) + 1}: {touch.labels}")
+    [touch] = draw_touches(1, seed=command.seed)
     setup, pictures = pictures_of(touch, command.model)
     process = PageProcess(setup, 0, None)
     try:
@@ -78,30 +73,7 @@ def main() -> None:
     joined(shots).save(command.out)
 
 
-def seen(touch: SameTouch) -> float:
-    """How well the touched taxels face the camera where they face it least."""
-    taxels, pressed = heaviest(touch)
-    facing = []
-    for q in touch.poses:
-        _, normals = touch.mounted.poses(q, taxels)
-        towards = normals @ TOWARDS / np.linalg.norm(TOWARDS)
-        facing += [float(towards[pressed == link].mean()) for link in set(pressed)]
-    return min(facing)
-
-
-def heaviest(touch: SameTouch) -> tuple[np.ndarray, np.ndarray]:
-    """The five most loaded taxels of each link that is touched, and their links."""
-    rise = touch.counts.max(axis=0) - np.median(touch.counts, axis=0)
-    links = np.asarray(touch.mounted.skin_link_index)
-    touched = [i for i in np.unique(links) if rise[links == i].max() > rise.max() / 3]
-    taxels = [
-        np.flatnonzero(links == i)[np.argsort(rise[links == i])[-5:]] for i in touched
-    ]
-    chosen = np.concatenate(taxels)
-    return chosen, links[chosen]
-
-
-def pictures_of(touch: SameTouch, model: str) -> tuple[object, list[Picture]]:
+def pictures_of(touch: SameTouch, model: str) -> tuple[Setup, list[Picture]]:
     """What the page is told once, and the height of the touch in either pose."""
     models = both_models(model)
     comparison = Comparison([touch], models)
@@ -147,12 +119,11 @@ def shot(page: Page, process: PageProcess, picture: Picture) -> Image.Image:
 
 def joined(shots: Sequence[Image.Image]) -> Image.Image:
     """Both scenes beside each other, then the panel."""
-    width, height = shots[0].size
-    scene = width - PANEL
-    whole = Image.new("RGB", (2 * scene + PANEL, height), "white")
-    for number, each in enumerate(shots):
-        whole.paste(each.crop((0, 0, scene, height)), (number * scene, 0))
-    whole.paste(shots[-1].crop((scene, 0, width, height)), (2 * scene, 0))
+    parts = [*(each.crop(SCENE) for each in shots), shots[-1].crop(ANSWERS)]
+    widths = [part.width for part in parts]
+    whole = Image.new("RGB", (sum(widths), parts[0].height), "white")
+    for number, part in enumerate(parts):
+        whole.paste(part, (sum(widths[:number]), 0))
     return whole
 
 

@@ -123,7 +123,8 @@ def same_touch(command: Command, config: "DemoConfig") -> dict[str, object]:
     for number, each in enumerate(found):
         print(f"touch {number + 1}: {each.labels[0]}, then {each.labels[1]}")
         for who, (one, other) in (("with", each.posed), ("without", each.blind)):
-            print(f"  {who} the pose: {one.text}; then {other.text}")
+            said = "; then ".join(", ".join(answer.words) for answer in (one, other))
+            print(f"  {who} the pose: {said}")
     counts = {
         "playings": 2 * len(found),
         "posed_right": sum(each.right(each.posed) for each in found),

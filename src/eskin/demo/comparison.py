@@ -112,9 +112,9 @@ class Comparison(Listener):
 def shown(answer: Answer | None, label: str, classes: int) -> Shown:
     """An answer as the page shows it; None is one that is still to come."""
     if answer is None:
-        return Shown("", None, np.zeros(classes, np.float32))
+        return Shown((), None, np.zeros(classes, np.float32))
     right = answer.is_right(label) if answer.said else None
-    return Shown(answer.text, right, answer.probabilities.astype(np.float32))
+    return Shown(answer.words, right, answer.probabilities.astype(np.float32))
 
 
 def played(touches: Sequence[SameTouch]) -> Iterator[Scan]:

@@ -22,12 +22,13 @@ class Answer:
     """Gesture and confidence of each touch, in the order in which they were said."""
 
     probabilities: Float[np.ndarray, "class"]
-    """Of the strongest touch, as last heard; zeros before there is one."""
+    """Of the strongest touch, as it was spoken of: at once, or after it closed by what
+    its latest contact told; zeros before there is one."""
 
     @property
-    def text(self) -> str:
-        """In words; empty before anything is said."""
-        return ", ".join(
+    def words(self) -> tuple[str, ...]:
+        """What is said, in words."""
+        return tuple(
             f"{gesture.replace('_', ' ')} {sure:.0%}" for gesture, sure in self.said
         )
 
@@ -50,12 +51,23 @@ class Opinion:
         self.recognizer = Recognizer(model, touch.mounted, touch.calibration)
         self.classes = len(model.card.vocabulary)
         self.chances: dict[int, np.ndarray] = {}
+        self.spoken: set[int] = set()
         self.detections: list[Detection] = []
 
     def hear(self, scan: Scan) -> None:
         """Take in the next scan."""
-        self.detections += self.recognizer.push(scan)
-        self.chances |= self.recognizer.probabilities
+        said = self.recognizer.push(scan)
+        self.detections += said
+        state = self.recognizer.state
+        assert state is not None
+        heard = {touch.id for touch in state.going if touch.last == scan.stamp}
+        heard |= {detection.touch for detection in said}
+        self.chances |= {
+            touch: chances
+            for touch, chances in self.recognizer.probabilities.items()
+            if touch in heard - self.spoken
+        }
+        self.spoken |= {detection.touch for detection in said}
 
     def finish(self) -> None:
         """Take in the end."""

@@ -8,12 +8,13 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from eskin.page.scene import CAMERA
 from eskin.sim.clip.plan import ClipPlan
 from eskin.sim.clip.play import build_of
 from eskin.sim.files.sitting import seed_of
 from eskin.sim.pairs.pair import pair_of, world_of
 from eskin.sim.pairs.schedule import plan_alone
-from eskin.sim.robot.free import is_free
+from eskin.sim.robot.free import is_free, limits
 from eskin.sim.robot.world import World
 from eskin.skin import PRESETS, MountedSkin
 from eskin.touch import Calibration, Scan
@@ -27,6 +28,10 @@ LINE = 60
 """Poses on a way that are looked at."""
 TRIES = 400
 """Pairs drawn at most for one to which there is a free way."""
+FEW = 5
+"""Most loaded taxels of a link that are looked at."""
+TURNS = 73
+"""Turns of the base that are tried."""
 SEEDS = 1_000_000
 """Of pairs, from one seed to the next."""
 
@@ -144,17 +149,50 @@ def touch_of(plan: ClipPlan, world: World) -> SameTouch:
     period = round(world.constants.value("sensor.period") * SECOND)
     cut = round(REST * SECOND / period)
     touched = pair.first
+    pressed = heaviest(touched.counts, world.mounted)
     return SameTouch(
         counts=np.concatenate([rest.counts[:cut], touched.counts, rest.counts[cut:]]),
         received=np.concatenate(
             [rest.received[:cut], touched.received, rest.received[cut:]]
         ),
-        poses=(touched.q[0], pair.second.q[0]),
+        poses=(
+            turned(touched.q[0], pressed, world),
+            turned(pair.second.q[0], pressed, world),
+        ),
         labels=pair.labels,
         mounted=world.mounted,
         calibration=build_of(plan.build, world).calibration(world.mounted.skin),
         period=period,
     )
+
+
+def heaviest(
+    counts: Int[np.ndarray, "reading taxel"], mounted: MountedSkin
+) -> list[Int[np.ndarray, "few"]]:
+    """The most loaded taxels of each link that is touched."""
+    rise = counts.max(axis=0) - np.median(counts, axis=0)
+    links = np.asarray(mounted.skin_link_index)
+    every = [np.flatnonzero(links == link) for link in np.unique(links)]
+    return [
+        taxels[np.argsort(rise[taxels])[-FEW:]]
+        for taxels in every
+        if rise[taxels].max() > rise.max() / 3
+    ]
+
+
+def turned(pose: Pose, pressed: list[Int[np.ndarray, "few"]], world: World) -> Pose:
+    """A pose with the base turned so that the page shows all that is pressed.
+
+    That turns the arm as a whole, and changes nothing on it.
+    """
+    low, high = (float(each[0]) for each in limits(world))
+    poses = np.tile(pose, (TURNS, 1))
+    poses[:, 0] = np.linspace(low, high, TURNS)
+    seen = [
+        [float((world.mounted.poses(q, taxels)[1] @ CAMERA).mean()) for q in poses]
+        for taxels in pressed
+    ]
+    return poses[int(np.min(seen, axis=0).argmax())]
 
 
 def is_way_free(poses: list[Pose], world: World) -> bool:

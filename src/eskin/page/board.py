@@ -77,10 +77,10 @@ def cell(answer: Answer, gestures: tuple[str, ...]) -> str:
         small_bar(name, chance, colour if chance == best > 0 else DULL)
         for name, chance in zip(gestures, chances, strict=True)
     )
-    said = escape(answer.said) or "&nbsp;"
+    said = "<br>".join(map(escape, answer.said))
     return (
-        f'<div style="flex:1;min-width:0"><b style="color:{colour}">{said}</b>'
-        f"{bars}</div>"
+        f'<div style="flex:1;min-width:0"><div style="font-weight:600;color:{colour};'
+        f'min-height:36px">{said}</div>{bars}</div>'
     )
 
 

@@ -89,8 +89,8 @@ class ArmLine:
 class Answer:
     """What a recogniser says of what is played in one pose."""
 
-    said: str
-    """In words; empty before anything is said."""
+    said: tuple[str, ...]
+    """In words, one line a touch."""
 
     right: bool | None
     """Whether that is what is truly done; None before all is said."""

@@ -18,6 +18,8 @@ COVER = 0.86
 """Radius of a disc, as a share of that of a circle of the taxel's area."""
 LINEAR = np.round(255 * (np.arange(256) / 255) ** 2.2).astype(np.uint8)
 """Light of each step of a screen: viser takes colours of instances as light."""
+CAMERA = np.array([0.82, -0.80, 0.42])
+"""From what the camera looks at towards it, about of length 1."""
 STILL = 1e-5
 """Change of a pose that is not shown [1 or m]."""
 
@@ -97,7 +99,7 @@ class Scene:
         camera = self.server.initial_camera
         camera.fov = 0.7
         camera.look_at = middle
-        camera.position = middle + distance * np.array([0.82, -0.80, 0.42])
+        camera.position = middle + distance * CAMERA
 
     def add_discs(self, link: int) -> BatchedMeshHandle:
         """One disc a taxel, in the frame of their link."""
