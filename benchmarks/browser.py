@@ -11,7 +11,7 @@ from jaxtyping import Float
 from playwright.sync_api import Browser, FloatRect, Page, sync_playwright
 
 from eskin.page.page import DISTANCE, MIDDLE
-from eskin.page.scene import FIELD, FROM
+from eskin.page.scene import CAMERA, FIELD
 
 CHROMIUM = Path("/usr/bin/chromium")
 FLAGS = (
@@ -27,7 +27,7 @@ FLAGS = (
 )
 PATIENCE = 60.0
 """How long anything on the page may take to come [s]."""
-EYE = MIDDLE + DISTANCE * FROM
+EYE = MIDDLE + DISTANCE * CAMERA
 """Where the page's camera is [m]."""
 
 

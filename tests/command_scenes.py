@@ -29,6 +29,8 @@ INFO = SourceInfo(
     calibration=Calibration.uniform(SKIN.count, 4095, 100.0),
     rate=50.0,
 )
+WAY = np.array([0.6, 0.0, 0.8])
+"""Where strokes go: a unit vector in the world."""
 DEFAULT = CommandMap(
     commands=[
         Rule(gesture="poke", action="toggle_pause"),
@@ -51,6 +53,7 @@ class ToldArm(Arm):
         self.paused, self.holding, self.speed, self.gripper = False, None, 1.0, "open"
         self.protective_stop, self.connected, self.broken = False, True, None
         self.working = True
+        self.jogging, self.steps = False, []
 
     def q_at(self, stamp):
         return Q
@@ -68,6 +71,7 @@ class ToldArm(Arm):
             "rack",
             self.protective_stop,
             self.connected,
+            jogging=self.jogging,
         )
 
     def tell(self, what):
@@ -77,7 +81,7 @@ class ToldArm(Arm):
 
     def pause(self):
         self.tell("pause")
-        self.paused = True
+        self.paused, self.jogging = True, False
 
     def resume(self):
         self.tell("resume")
@@ -98,6 +102,11 @@ class ToldArm(Arm):
 
     def previous_waypoint(self):
         self.tell("previous_waypoint")
+
+    def jog(self, step_world):
+        self.tell("jog")
+        self.steps.append(step_world)
+        self.jogging = True
 
     def open_gripper(self):
         self.tell("open_gripper")
@@ -176,6 +185,7 @@ class Scene:
             "force": force,
             "gesture": gesture,
             "sure": sure,
+            "way": np.zeros(3) if gesture != "stroke" else WAY,
         }
         return number
 
@@ -204,7 +214,7 @@ class Scene:
                 patch=patch.id,
                 p_world=np.zeros(3),
                 n_world=np.zeros(3),
-                direction_world=np.zeros(3),
+                direction_world=touch["way"],
                 peak_force=touch["force"],
                 likeliest=likeliest,
             )

@@ -1,5 +1,7 @@
 """Command maps: which rule counts, and what is refused in which words."""
 
+from pathlib import Path
+
 import pytest
 
 from command_scenes import PATCH, SKIN, VOCABULARY, Scene
@@ -37,6 +39,11 @@ def test_the_map_that_comes_with_eskin_is_the_design_s():
         "stroke": "toggle_speed",
     }
     assert load_commands(None, ("none", "poke", "hug"), SKIN).commands[0].what
+
+
+def test_the_maps_among_the_examples_can_be_used():
+    for path in (Path(__file__).parents[1] / "examples").glob("*.yaml"):
+        assert load_commands(path, VOCABULARY, SKIN).commands
 
 
 def test_the_most_particular_rule_counts(tmp_path):
@@ -97,6 +104,18 @@ WRONG = [
     (
         HEAD + "  - {gesture: poke, action: resume, confidence: 0.9}\n",
         "commands[0].confidence: got 0.9, allowed 0.95 to 1 for resume; raise it",
+    ),
+    (
+        HEAD + "  - {gesture: stroke, action: jog, confidence: 0.9}\n",
+        "commands[0].confidence: got 0.9, allowed 0.95 to 1 for jog; raise it",
+    ),
+    (
+        HEAD + "  - {gesture: stroke, action: jog, step: 0.5}\n",
+        "commands[0].step: got 0.5, be less than or equal to 0.1",
+    ),
+    (
+        HEAD + "  - {gesture: stroke, action: slow, step: 0.05}\n",
+        "commands[0].step: got 0.05, allowed only where the action is jog",
     ),
     (HEAD + POKE + POKE, "commands[1] is for the same touches as commands[0]"),
     (HEAD + "  - !!python/name:os.system ''\n", "not plain YAML"),

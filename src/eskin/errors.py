@@ -13,6 +13,7 @@ EskinError
 ├── CommandError        a command map that cannot be used         (ValueError)
 ├── DeviceError         a device or port that cannot be used      (OSError)
 ├── ArmError            an arm that cannot be used                (OSError)
+│   └── JogError        a step that an arm does not make
 └── StreamError         a stream that had to stop                 (RuntimeError)
 
 Every message says what is wrong, what was got, what is allowed, and the remedy, in one
@@ -79,6 +80,10 @@ class CommandError(EskinError, ValueError):
 
 class ArmError(EskinError, OSError):
     """An arm that cannot be used, or is lost."""
+
+
+class JogError(ArmError):
+    """A step that an arm does not make; it stands as it did."""
 
 
 class StreamError(EskinError, RuntimeError):

@@ -1,6 +1,7 @@
 """`eskin demo`: an arm at work in its skin, in the browser or headless."""
 
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 from eskin.errors import DeviceError
@@ -43,6 +44,17 @@ class Command:
 
     pause: tuple[float, float] = (0.6, 0.8)
     """Headless: least and longest time from one touch to the next [s]."""
+    commands: Path | None = None
+    """Which touch commands what, such as `examples/jog.yaml`; the map that comes with
+    eskin unless given."""
+
+    same_touch: bool = False
+    """Instead, the same counts are played on the skin in two poses of the arm, where
+    they are another thing each time; what a recogniser says that sees the pose stands
+    beside what one says that does not. Headless, the answers are printed."""
+
+    pairs: int = 6
+    """How many touches `--same-touch` plays in turn."""
 
 
 def run(command: Command) -> dict[str, object]:
@@ -60,11 +72,19 @@ def run(command: Command) -> dict[str, object]:
             f"--pause is {least:g} {longest:g}; allowed are two times in their order, "
             "not negative; change them"
         )
+    if command.same_touch and (command.commands is not None or command.pairs < 1):
+        raise DeviceError(
+            f"--same-touch with --pairs {command.pairs} and --commands "
+            f"{command.commands}; allowed are 1 pair and more, and no commands; change "
+            "it"
+        )
     config = DemoConfig(
-        *(command.skin, command.model, command.build),
+        *(command.skin, command.model, command.commands, command.build),
         seed=command.seed,
         visitor=VisitorConfig(pause=command.pause),
     )
+    if command.same_touch:
+        return same_touch(command, config)
     if command.headless:
         return headless(command.seconds or HEADLESS_SECONDS, config)
     return in_browser(command, config)
@@ -102,6 +122,43 @@ def headless(seconds: float, config: "DemoConfig") -> dict[str, object]:
         "delivered": outcome.delivered,
         "seconds": outcome.seconds,
     }
+
+
+def same_touch(command: Command, config: "DemoConfig") -> dict[str, object]:
+    """The same counts in two poses, to two recognisers."""
+    from eskin.demo.comparison import serve_same_touch
+    from eskin.demo.opinion import compare
+
+    if not command.headless:
+        return dict(
+            serve_same_touch(config, command.pairs, command.port, command.seconds, tell)
+        )
+    found = compare(command.pairs, config)
+    for number, each in enumerate(found):
+        print(f"touch {number + 1}: {each.labels[0]}, then {each.labels[1]}")
+        for who, (one, other) in (("with", each.posed), ("without", each.blind)):
+            said = "; then ".join(", ".join(answer.words) for answer in (one, other))
+            print(f"  {who} the pose: {said}")
+    counts = {
+        "playings": 2 * len(found),
+        "posed_right": sum(each.right(each.posed) for each in found),
+        "blind_right": sum(each.right(each.blind) for each in found),
+        "blind_same": sum(each.is_blind for each in found),
+    }
+    print(
+        f"with the pose {counts['posed_right']} of {counts['playings']} are right, "
+        f"without it {counts['blind_right']}, and both answers are the same for "
+        f"{counts['blind_same']} of {len(found)} touches"
+    )
+    rows = [
+        {
+            "labels": each.labels,
+            "posed": [answer.said for answer in each.posed],
+            "blind": [answer.said for answer in each.blind],
+        }
+        for each in found
+    ]
+    return {**counts, "pairs": rows}
 
 
 def in_browser(command: Command, config: "DemoConfig") -> dict[str, object]:

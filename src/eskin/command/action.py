@@ -16,6 +16,7 @@ Action = Literal[
     "slow",
     "normal",
     "toggle_speed",
+    "jog",
     "hold",
     "none",
 ]
@@ -34,15 +35,18 @@ LEAST = {
     "normal": 0.8,
     "open_gripper": 0.85,
     "resume": 0.95,
+    "jog": 0.95,
 }
 """Confidence that each needs, where a rule says nothing: the more can go wrong, the
 more."""
-NEVER_LESS = ("open_gripper", "resume")
+NEVER_LESS = ("open_gripper", "resume", "jog")
 """A rule can ask more confidence for these, never less."""
 COOL_DOWN = 0.5
 """How long a rule rests after it was obeyed, where it says nothing [s]."""
 HALTING = ("pause", "hold")
 """What stops the arm: no rest keeps anybody from it, nor that a touch is unknown."""
+STARTING = ("resume", "jog")
+"""What sets an arm in motion that stands: it does so once nobody touches it."""
 STOPPING = ("pause", "hold", "slow")
 """What makes the arm do less: allowed when much else is not."""
 

@@ -53,6 +53,9 @@ class ArmState:
     delivered: int = 0
     """Parts that it has brought to where they belong."""
 
+    jogging: bool = False
+    """Whether it makes a step while it is paused."""
+
     @property
     def stopped(self) -> bool:
         """Whether it is paused, held or in protective stop."""
@@ -104,6 +107,16 @@ class Arm(Joints, Closing):
     @abstractmethod
     def previous_waypoint(self) -> None:
         """Go back to the waypoint before, then on as the task says."""
+
+    @abstractmethod
+    def jog(self, step_world: Float[np.ndarray, "3"]) -> None:
+        """Move the tool a step [m] while paused, turned as it is, and stay paused.
+
+        Whatever stops the arm, and another pause, ends the step.
+
+        Raises:
+            JogError: it is not paused, or held, or moves, or does not reach so far.
+        """
 
     @abstractmethod
     def open_gripper(self) -> None:

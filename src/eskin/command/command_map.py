@@ -38,6 +38,7 @@ class Rule(BaseModel):
     patch: Name | None = None
     confidence: Annotated[float, Field(ge=0, le=1, allow_inf_nan=False)] | None = None
     cool_down: Annotated[float, Field(ge=0, le=60, allow_inf_nan=False)] | None = None
+    step: Annotated[float, Field(ge=0.005, le=0.1, allow_inf_nan=False)] | None = None
 
     @property
     def what(self) -> str:
@@ -116,6 +117,11 @@ def problems_of(rule: Rule) -> list[str]:
                 f".confidence: got {rule.confidence:g}, allowed {least:g} to 1 for "
                 f"{rule.action}; raise it"
             )
+    if rule.step is not None and rule.action != "jog":
+        found.append(
+            f".step: got {rule.step:g}, allowed only where the action is jog; take it "
+            "out"
+        )
     return found
 
 

@@ -11,6 +11,7 @@ from eskin.command.action import (
     COOL_DOWN,
     FUNCTION,
     HALTING,
+    STARTING,
     STOPPING,
     confidence_for,
     resolved,
@@ -20,7 +21,7 @@ from eskin.command.command_map import WORDLESS, CommandMap, Rule
 from eskin.command.functions import FUNCTIONS
 from eskin.command.skin_watch import SkinWatch, WatchConfig
 from eskin.command.waiting import Waiting
-from eskin.errors import ArmError
+from eskin.errors import ArmError, JogError
 from eskin.live import Detection
 from eskin.stream import Commanded, Context, Heard, Listener, Moment
 from eskin.stream.inbox import Drop
@@ -41,14 +42,17 @@ class PolicyConfig:
     """How long a pause lasts at least [s]."""
 
     lifted_seconds: float = 0.1
-    """How long nobody may have touched the skin before the arm is resumed [s]."""
+    """How long nobody may have touched the skin before the arm is set in motion [s]."""
 
     patience: float = 2.0
-    """How long after a detection it may still be obeyed: a touch that is to resume may
-    go on so long, and one that is not sure enough become so [s]."""
+    """How long after a detection it may still be obeyed: a touch that is to set the arm
+    in motion may go on so long, and one that is not sure enough become so [s]."""
 
     slow: float = 0.3
     """Share of full speed when slow."""
+
+    step: float = 0.05
+    """How far a jog goes, where its rule says nothing [m]."""
 
     tick: float | None = 0.02
     """How often it is looked whether the skin is stale, though nothing comes [s]; None
@@ -144,6 +148,7 @@ class Policy(Listener):
             self.watch.push(item)
             self.look()
             self.hold_if_unrecognised(item)
+            self.stop_if_touched()
             for waiting in tuple(self.waiting):
                 self.wait_on(waiting, item)
             self.forget(item)
@@ -188,6 +193,18 @@ class Policy(Listener):
             if state.moving and not state.stopped:
                 self.hold(why)
 
+    def stop_if_touched(self) -> None:
+        """End a jog as soon as anybody touches the skin; the arm stays paused."""
+        watch = self.watch
+        if watch.touching == watch.heard and self.arm.state().jogging:
+            self.pause()
+            self.tell("pause", None, True, "touched while it jogs")
+
+    def pause(self) -> None:
+        """Pause the arm, from now on."""
+        self.arm.pause()
+        self.paused_since = self.context.clock.now()
+
     def hold(self, why: str) -> None:
         """Hold the arm and tell."""
         self.arm.hold(why)
@@ -212,7 +229,7 @@ class Policy(Listener):
         if why is None and (detection.touch in self.barred or key in self.spent):
             why = COMMANDED
         needed = confidence_for(action, rule.confidence)
-        if why is None and (action == "resume" or detection.confidence < needed):
+        if why is None and (action in STARTING or detection.confidence < needed):
             self.spent.add(key)
             self.waiting.append(
                 Waiting(
@@ -258,16 +275,18 @@ class Policy(Listener):
             return f"patch '{detection.patch}' is out"
         if rested < rest and action not in HALTING:
             return f"the same was done {rested:.1f} s ago, it rests {rest:g} s"
-        if action == "resume":
-            return self.objection_to_resuming(detection, state, now)
-        if state.holding is not None and action not in STOPPING:
+        if state.holding is not None and action not in (*STOPPING, "resume"):
             return f"the arm is held: {state.holding}; pause it, then resume"
+        if action == "jog" and not detection.direction_world.any():
+            return "the touch did not travel"
+        if action in STARTING:
+            return self.objection_to_starting(detection, state, now)
         return None
 
-    def objection_to_resuming(
+    def objection_to_starting(
         self, detection: Detection, state: ArmState, now: int
     ) -> str | None:
-        """Why a touch must not resume the arm; None where it may once it ends."""
+        """Why a touch must not set the arm in motion; None: it may once it ends."""
         if not state.paused or self.paused_since is None:
             return "nobody has paused it"
         if detection.onset <= self.paused_since:
@@ -278,7 +297,7 @@ class Policy(Listener):
         return None
 
     def wait_on(self, waiting: Waiting, moment: Moment) -> None:
-        """Obey a touch once it is sure enough, and has ended if it is to resume."""
+        """Obey a touch once it is sure enough, and over if it sets the arm in motion."""
         before, detection = waiting.touch, waiting.detection
         waiting.follow(moment, self.vocabulary)
         stamp = moment.state.reading.stamp
@@ -288,7 +307,7 @@ class Policy(Listener):
         lifted = self.watch.heard - self.watch.touching
         ended = lifted >= self.config.lifted_seconds * SECOND
         late = self.context.age(detection.stamp) > self.config.patience
-        if why is None and waiting.action == "resume" and not ended:
+        if why is None and waiting.action in STARTING and not ended:
             if late:
                 self.end(waiting, "touching went on")
         elif why is not None or waiting.sure:
@@ -312,6 +331,8 @@ class Policy(Listener):
         if why is None:
             try:
                 self.do(action, detection, rule)
+            except JogError as error:
+                why = str(error)
             except ArmError as error:
                 why = str(error)
                 self.hold(why)
@@ -327,12 +348,14 @@ class Policy(Listener):
         arm = self.arm
         match action:
             case "pause":
-                arm.pause()
-                self.paused_since = self.context.clock.now()
+                self.pause()
             case "resume":
                 arm.release()
                 arm.resume()
                 self.paused_since = None
+            case "jog":
+                step = self.config.step if rule.step is None else rule.step
+                arm.jog(step * detection.direction_world)
             case "slow":
                 arm.set_speed(self.config.slow)
             case "normal":

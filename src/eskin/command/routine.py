@@ -1,4 +1,4 @@
-"""How an arm goes about its task, and what stops it; without clock, thread or robot."""
+"""How an arm goes about its task, and what stops it; without clock or thread."""
 
 from typing import final
 
@@ -8,11 +8,15 @@ from jaxtyping import Float
 from eskin.command.arm import ArmState, Grip
 from eskin.command.task import Task, Waypoint
 from eskin.command.trajectory import MotionConfig, Trajectory
+from eskin.errors import JogError
+from eskin.robot import Reach, load_robot
 
 GRIP_SECONDS = 0.6
 """How long a gripper takes to open or close [s]."""
 STEP = 0.008
 """Longest time let pass at once [s]."""
+JOG_SPEED = 0.3
+"""Largest share of full speed at which it jogs."""
 
 
 @final
@@ -29,6 +33,7 @@ class Routine:
         gripper: what it is, or was before it began to move.
         carrying: whether there is a part in it.
         delivered: parts that were brought.
+        jogging: whether it makes a step while it is paused.
     """
 
     def __init__(
@@ -50,6 +55,8 @@ class Routine:
         self.grip_left = 0.0
         self.carrying = False
         self.delivered = 0
+        self.jogging = False
+        self.reach = Reach(load_robot(task.robot_name), task.tool)
         self.trajectory.go_to(begin)
 
     @property
@@ -60,14 +67,17 @@ class Routine:
     def pause(self) -> None:
         """Stop, because a person wants it."""
         self.paused = True
+        self.end_jog()
 
     def resume(self) -> None:
         """End a pause."""
         self.paused = False
+        self.end_jog()
 
     def hold(self, why: str) -> None:
         """Stop, though nobody asked for it; the first reason is kept."""
         self.holding = self.holding or why
+        self.end_jog()
 
     def release(self) -> None:
         """End a hold."""
@@ -84,7 +94,46 @@ class Routine:
     def go(self, steps: int) -> None:
         """Go to the waypoint some steps on."""
         self.place = self.task.after(self.place, steps)
+        self.jogging = False
         self.trajectory.go_to(np.array(self.waypoint.q, np.float64))
+
+    def jog(self, step_world: Float[np.ndarray, "3"]) -> None:
+        """Make a step with the tool while paused [m], and stay paused.
+
+        Raises:
+            JogError: it is not paused, or held, or moves, or does not reach so far.
+        """
+        why = self.objection_to_jogging()
+        if why is not None:
+            raise JogError(
+                f"no jog: {why}; allowed is one on an arm that is paused and stands; "
+                "pause it, or wait"
+            )
+        q = self.reach.stepped(self.trajectory.q, step_world)
+        if q is None or self.reach.poses(q[None])[0, 2, 3] < self.task.lowest:
+            raise JogError(
+                f"no jog: {np.round(step_world, 3).tolist()} m further is out of reach "
+                f"or below {self.task.lowest:g} m; allowed is where the arm gets to "
+                "without a large turn; jog another way"
+            )
+        self.trajectory.go_to(q)
+        self.jogging = True
+
+    def objection_to_jogging(self) -> str | None:
+        """Why it must not jog now; None where it may."""
+        if self.holding is not None:
+            return f"the arm is held: {self.holding}"
+        if not self.paused:
+            return "the arm is not paused"
+        if not self.trajectory.stands or self.jogging or self.gripping is not None:
+            return "the arm or its gripper moves"
+        return None
+
+    def end_jog(self) -> None:
+        """Go on with the task from where it is, once it may."""
+        if self.jogging:
+            self.jogging = False
+            self.trajectory.go_to(np.array(self.waypoint.q, np.float64))
 
     def grip(self, grip: Grip) -> None:
         """Open or close the gripper."""
@@ -128,10 +177,13 @@ class Routine:
             self.grip_left -= seconds
             if self.grip_left <= 0:
                 self.gripped(self.gripping)
-        still = self.stopped or self.gripping is not None
-        share = 0.0 if still else self.speed * scaling
+        still = self.gripping is not None or (self.stopped and not self.jogging)
+        speed = min(self.speed, JOG_SPEED) if self.jogging else self.speed
+        share = 0.0 if still else speed * scaling
         self.trajectory.advance(seconds, share, urgent=scaling < 1)
-        if self.trajectory.arrived and not still:
+        if self.trajectory.arrived and self.jogging:
+            self.end_jog()
+        elif self.trajectory.arrived and not still:
             self.arrive()
 
     def gripped(self, grip: Grip) -> None:
@@ -172,4 +224,5 @@ class Routine:
             connected=connected,
             carrying=self.carrying,
             delivered=self.delivered,
+            jogging=self.jogging,
         )

@@ -43,6 +43,12 @@ class Task:
     part: str = "part"
     """What is carried."""
 
+    tool: str = "tool0"
+    """Link that a jog moves."""
+
+    lowest: float = 0.1
+    """Least height of that link over the robot's base to which a jog goes [m]."""
+
     def __post_init__(self) -> None:
         """Refuse what cannot be gone through."""
         names = [waypoint.name for waypoint in self.waypoints]

@@ -220,6 +220,11 @@ class UrArm(Arm):
         with self.lock:
             self.routine.previous_waypoint()
 
+    def jog(self, step_world: Float[np.ndarray, "3"]) -> None:
+        """Move the tool a step [m] while paused, turned as it is, and stay paused."""
+        with self.lock:
+            self.routine.jog(step_world)
+
     def open_gripper(self) -> None:
         """Open the gripper; the arm stands meanwhile."""
         with self.lock:

@@ -161,7 +161,7 @@ def running(
     warm_up_hand(config)
     skins = (config.skin, *(name for name in SKINS if name != config.skin))
     vocabulary, clock = model.card.vocabulary, clock or HostClock()
-    commands = load_commands(None, vocabulary, skin.mounted.skin)
+    commands = load_commands(config.commands, vocabulary, skin.mounted.skin)
     with SimulatedArm(clock=clock) as arm:
         recognition = Recognition(recognizer)
         policy = Policy(arm, commands, vocabulary, PolicyConfig(watch=PATIENT))

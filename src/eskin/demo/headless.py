@@ -1,6 +1,7 @@
 """The demonstration without a browser: scripted touches, on a clock of its own."""
 
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Literal
 
 import numpy as np
@@ -27,6 +28,9 @@ class DemoConfig:
 
     model: str = "ur5"
     """Weights that come with eskin, or a model file."""
+
+    commands: Path | None = None
+    """Which touch commands what; the map that comes with eskin unless given."""
 
     build_kind: Literal["fresh", "shifted"] = "fresh"
     """Sensors as in training, or aged ones of wider laws."""
@@ -141,7 +145,7 @@ def run_build(seconds: float, config: DemoConfig, seed: int) -> Outcome:
     skin = LiveSkin(config.skin, seed, config.build_kind)
     model = load_model(config.model)
     vocabulary = model.card.vocabulary
-    commands = load_commands(None, vocabulary, skin.mounted.skin)
+    commands = load_commands(config.commands, vocabulary, skin.mounted.skin)
     visitor = Visitor(skin, commands, seed, config.visitor)
     source = LiveSource(
         skin, arm, clock, before=lambda stamp: visitor.come(stamp, arm.state())

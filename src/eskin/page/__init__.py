@@ -2,11 +2,21 @@
 
 from eskin.page.colours import ColourScale
 from eskin.page.orders import Order, PageOrder, TouchOrder
-from eskin.page.picture import ArmLine, ContactMark, Picture, Saying, TouchNow
+from eskin.page.picture import (
+    Answer,
+    ArmLine,
+    Board,
+    ContactMark,
+    Picture,
+    Saying,
+    TouchNow,
+)
 from eskin.page.setup import Setup, Solid
 
 __all__ = [
+    "Answer",
     "ArmLine",
+    "Board",
     "ColourScale",
     "ContactMark",
     "Order",

@@ -12,6 +12,7 @@ from viser import (
     ViserServer,
 )
 
+from eskin.page.board import BoardPanel
 from eskin.page.colours import ColourScale
 from eskin.page.gripper import Gripper
 from eskin.page.hand import Hand, Mode
@@ -27,8 +28,8 @@ SCALE = 60.0
 """Pressure of the lightest colour until somebody changes it [kPa]."""
 DRAW = 0.1
 """Between two drawings of the panel [s]."""
-WIDTH = 320
-"""Of the panel [px]."""
+WIDTH, WIDER = 320, 400
+"""Of the panel, and of one with two columns [px]."""
 MIDDLE = np.array([0.05, 0.0, 0.3])
 """What the camera looks at, and how far it is [m]."""
 DISTANCE = 1.75
@@ -53,7 +54,7 @@ class Page:
         gui = server.gui
         gui.configure_theme(show_logo=False, show_share_button=False, brand_color=BRAND)
         gui.main_panel.dock_right()
-        gui.main_panel.set_width(WIDTH)
+        gui.main_panel.set_width(WIDER if setup.compares else WIDTH)
         gui.set_panel_label(setup.title)
         self.scale = ColourScale(SCALE)
         self.scene = Scene(server, setup, self.scale)
@@ -61,7 +62,11 @@ class Page:
         self.marks = Marks(server, self.scene)
         self.gripper = Gripper(server, setup) if setup.is_arm else None
         self.hand = Hand(setup, send)
-        self.panel = Panel(gui, setup, self.scale, self.hand)
+        self.panel = (
+            BoardPanel(gui, setup, self.scale)
+            if setup.compares
+            else Panel(gui, setup, self.scale, self.hand)
+        )
         self.pointing = Pointing(self.scene)
         self.drawn = 0.0
         if setup.touchable:

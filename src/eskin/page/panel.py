@@ -4,7 +4,7 @@ from collections import deque
 from typing import cast, final
 
 import numpy as np
-from viser import GuiApi, GuiEvent, Icon
+from viser import GuiApi, GuiEvent, GuiHtmlHandle, Icon
 
 from eskin.page import readout
 from eskin.page.colours import ColourScale
@@ -54,7 +54,7 @@ class Panel:
             if setup.touchable:
                 self.add_trouble()
         with tabs.add_tab("View", Icon.PALETTE):
-            self.add_scale()
+            add_scale(gui, scale, self.legend)
         self.log = gui.add_html(readout.log(()))
 
     def add_touch(self) -> None:
@@ -130,21 +130,6 @@ class Panel:
             async def _(event: GuiEvent) -> None:
                 self.order("skin", event.target.value)
 
-    def add_scale(self) -> None:
-        """The maximum of the colour scale."""
-        slider = self.gui.add_slider(
-            "scale to [kPa]",
-            min=5,
-            max=200,
-            step=5,
-            initial_value=int(self.scale.maximum),
-        )
-
-        @slider.on_update
-        async def _(event: GuiEvent) -> None:
-            self.scale.maximum = float(event.target.value)
-            self.legend.content = readout.block(self.scale.legend())
-
     def order(self, kind: PageKind, value: str | float | None = None) -> None:
         """Send what is not a touch."""
         self.hand.send(PageOrder(kind, value))
@@ -163,3 +148,15 @@ class Panel:
         count = self.setup.patch_index.size
         valid = np.unpackbits(picture.valid, count=count).astype(bool)
         self.patches.content = readout.patches(self.setup, valid)
+
+
+def add_scale(gui: GuiApi, scale: ColourScale, legend: GuiHtmlHandle) -> None:
+    """Let the maximum of the colour scale be changed."""
+    slider = gui.add_slider(
+        "scale to [kPa]", min=5, max=200, step=5, initial_value=int(scale.maximum)
+    )
+
+    @slider.on_update
+    async def _(event: GuiEvent) -> None:
+        scale.maximum = float(event.target.value)
+        legend.content = readout.block(scale.legend())

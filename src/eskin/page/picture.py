@@ -86,6 +86,40 @@ class ArmLine:
 
 
 @dataclass(frozen=True, eq=False)
+class Answer:
+    """What a recogniser says of what is played in one pose."""
+
+    said: tuple[str, ...]
+    """In words, one line a touch."""
+
+    right: bool | None
+    """Whether that is what is truly done; None before all is said."""
+
+    probabilities: Float32[np.ndarray, "class"]
+    """Of the strongest touch."""
+
+
+@dataclass(frozen=True)
+class Board:
+    """What two recognisers say of the same counts in two poses."""
+
+    title: str
+    """What is compared."""
+
+    poses: tuple[str, ...]
+    """Names."""
+
+    done: tuple[str, ...]
+    """What is truly done in each."""
+
+    playing: int
+    """The pose that the arm is in."""
+
+    rows: tuple[tuple[str, tuple[Answer, ...]], ...]
+    """What each recogniser is, and its answers, one a pose."""
+
+
+@dataclass(frozen=True, eq=False)
 class Picture:
     """One instant as the page shows it."""
 
@@ -130,3 +164,6 @@ class Picture:
 
     arm: ArmLine | None = None
     """Where there is an arm."""
+
+    board: Board | None = None
+    """Where recognisers are compared."""

@@ -24,8 +24,8 @@ LINEAR = np.round(255 * (np.arange(256) / 255) ** 2.2).astype(np.uint8)
 """Light of each step of a screen: viser takes colours of instances as light."""
 FIELD = 0.7
 """Of view of the camera, from top to bottom [rad]."""
-FROM = np.array([0.82, -0.80, 0.42])
-"""Where the camera stands, from what it looks at."""
+CAMERA = np.array([0.82, -0.80, 0.42])
+"""From what the camera looks at towards it, about of length 1."""
 STILL = 1e-5
 """Change of a pose that is not shown [1 or m]."""
 
@@ -105,7 +105,7 @@ class Scene:
         camera = self.server.initial_camera
         camera.fov = FIELD
         camera.look_at = middle
-        camera.position = middle + distance * FROM
+        camera.position = middle + distance * CAMERA
 
     def add_discs(self, link: int) -> BatchedMeshHandle:
         """One disc a taxel, in the frame of their link."""

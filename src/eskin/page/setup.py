@@ -65,3 +65,6 @@ class Setup:
 
     is_arm: bool = False
     """Whether an arm's state is told."""
+
+    compares: bool = False
+    """Whether recognisers are compared, in place of all else beside the scene."""

@@ -3,6 +3,7 @@
 from eskin.robot.kinematics import Kinematics
 from eskin.robot.meshing import body_mesh, shape_mesh
 from eskin.robot.presets import ROBOTS, load_robot, recorded_robot
+from eskin.robot.reach import Reach
 from eskin.robot.robot import Joint, Link, Mimic, Robot
 from eskin.robot.shapes import Body, Box, Cylinder, Shape, Sphere, TriangleMesh
 from eskin.robot.surface import surface_distance
@@ -17,6 +18,7 @@ __all__ = [
     "Kinematics",
     "Link",
     "Mimic",
+    "Reach",
     "Robot",
     "Shape",
     "Sphere",

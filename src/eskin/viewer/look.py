@@ -28,6 +28,7 @@ def setup_of(
     touchable: bool = False,
     skins: tuple[str, ...] = (),
     is_arm: bool = False,
+    compares: bool = False,
 ) -> Setup:
     """What a page is told of a skin on its robot; the rest as `Setup` has it."""
     skin = mounted.skin
@@ -45,6 +46,7 @@ def setup_of(
         touchable=touchable,
         skins=skins,
         is_arm=is_arm,
+        compares=compares,
     )
 
 

@@ -1,12 +1,12 @@
 """The browser view as a listener."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from time import monotonic
 from typing import Protocol, final, runtime_checkable
 
 from eskin.errors import DeviceError
-from eskin.page import Order, Setup
+from eskin.page import Board, Order, Setup
 from eskin.skin import MountedSkin
 from eskin.stream import Context, Heard, Listener, Moment, Recognition
 from eskin.stream.inbox import Drop
@@ -66,6 +66,7 @@ class Viewer(Listener):
         config: ViewerConfig | None = None,
         obey: Callable[[Order], None] | None = None,
         arm: HasState | None = None,
+        board: Callable[[], Board | None] | None = None,
     ) -> None:
         """Nothing is started before the stream is.
 
@@ -74,11 +75,14 @@ class Viewer(Listener):
             config: how the page is served.
             obey: is called on a thread of its own with each order that people give.
             arm: whose state is shown.
+            board: tells what recognisers that are compared say, which is then shown
+                in place of all else beside the scene.
         """
         self.recognition = recognition
         self.config = config or ViewerConfig()
         self.obey = obey
         self.arm = arm
+        self.board = board
         self.page: PageProcess | None = None
         self.due = self.counted_from = 0.0
         self.count, self.rate = 0, 0.0
@@ -106,6 +110,7 @@ class Viewer(Listener):
             touchable=self.config.touchable,
             skins=self.config.skins,
             is_arm=self.arm is not None,
+            compares=self.board is not None,
         )
 
     def hear(self, item: Heard) -> None:
@@ -120,9 +125,10 @@ class Viewer(Listener):
         self.due = max(self.due + 1 / PICTURES, now)
         step, stamp = self.recognition.step.quantile(0.5), item.state.reading.stamp
         arm = None if self.arm is None else arm_line(self.arm.state())
-        self.page.give(
-            self.packer.picture(item, self.rate, step, self.context.age(stamp), arm)
-        )
+        age = self.context.age(stamp)
+        picture = self.packer.picture(item, self.rate, step, age, arm)
+        board = None if self.board is None else self.board()
+        self.page.give(replace(picture, board=board))
 
     def count_up(self, now: float) -> None:
         """Measure the rate of readings once a second."""

@@ -1,0 +1,98 @@
+"""Answers beside each other: the same counts in two poses, by two recognisers."""
+
+from html import escape
+from typing import final
+
+from viser import GuiApi, Icon
+
+from eskin.page.colours import ColourScale
+from eskin.page.panel import add_scale
+from eskin.page.picture import Answer, Board, Picture
+from eskin.page.readout import AMBER, LINE, PALE, RED, TEAL, block, word
+from eskin.page.setup import Setup
+
+DULL = "#b9c2cd"
+
+
+@final
+class BoardPanel:
+    """In place of the panel where two recognisers are compared."""
+
+    def __init__(self, gui: GuiApi, setup: Setup, scale: ColourScale) -> None:
+        """Lay the panel out."""
+        self.setup = setup
+        self.board = gui.add_html(board(None, setup.gestures))
+        self.legend = gui.add_html(block(scale.legend()))
+        with gui.add_tab_group().add_tab("View", Icon.PALETTE):
+            add_scale(gui, scale, self.legend)
+
+    def take(self, picture: Picture) -> None:
+        """All that is shown stands in the picture that is drawn."""
+
+    def draw(self, picture: Picture) -> None:
+        """Draw what has changed."""
+        self.board.content = board(picture.board, self.setup.gestures)
+
+
+def board(shown: Board | None, gestures: tuple[str, ...]) -> str:
+    """Two poses beside each other, one recogniser under the other."""
+    if shown is None:
+        return block("the arm goes to its first pose")
+    heads = "".join(
+        pose(name, done, number == shown.playing)
+        for number, (name, done) in enumerate(zip(shown.poses, shown.done, strict=True))
+    )
+    rows = "".join(
+        f'<div style="color:{PALE};margin:10px 0 2px">{escape(who)}</div>'
+        + beside("".join(cell(answer, gestures) for answer in answers))
+        for who, answers in shown.rows
+    )
+    return block(
+        f"<b>{escape(shown.title)}</b>{beside(heads)}{rows}"
+        '<div style="height:14px"></div>'
+    )
+
+
+def beside(cells: str) -> str:
+    """Columns."""
+    return f'<div style="display:flex;gap:12px">{cells}</div>'
+
+
+def pose(name: str, done: str, is_on: bool) -> str:
+    """What a column is of, and what is truly done there."""
+    colour = AMBER if is_on else LINE
+    return (
+        f'<div style="flex:1;border-bottom:3px solid {colour};padding:4px 0">'
+        f"{escape(word(name))}<br>"
+        f'<span style="color:{PALE}">truly: {escape(word(done))}</span></div>'
+    )
+
+
+def cell(answer: Answer, gestures: tuple[str, ...]) -> str:
+    """One answer: in words, then the probabilities of the strongest touch."""
+    colour = DULL if answer.right is None else TEAL if answer.right else RED
+    chances = answer.probabilities.tolist()
+    best = max(chances, default=0.0)
+    bars = "".join(
+        small_bar(name, chance, colour if chance == best > 0 else DULL)
+        for name, chance in zip(gestures, chances, strict=True)
+    )
+    said = "<br>".join(map(escape, answer.said))
+    return (
+        f'<div style="flex:1;min-width:0"><div style="font-weight:600;color:{colour};'
+        f'min-height:36px">{said}</div>{bars}</div>'
+    )
+
+
+def small_bar(gesture: str, chance: float, colour: str) -> str:
+    """One probability in half the width of the panel."""
+    return (
+        '<div style="display:flex;align-items:center;gap:5px;height:15px;'
+        'font-size:11px"><span style="width:58px;white-space:nowrap">'
+        f"{escape(word(gesture))}</span>"
+        f'<span style="flex:1;height:7px;border-radius:4px;background:{LINE}">'
+        f'<span style="display:block;height:7px;border-radius:4px;width:{chance:.0%};'
+        f'background:{colour}"></span></span>'
+        f'<span style="width:28px;text-align:right;color:{PALE};'
+        f'font-variant-numeric:tabular-nums">{chance:.0%}</span></div>'
+    )
