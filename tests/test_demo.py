@@ -6,15 +6,17 @@ import numpy as np
 import pytest
 
 from eskin.cli.main import run
-from eskin.command import SimulatedArm
+from eskin.command import SimulatedArm, load_commands
 from eskin.demo import DemoConfig, LiveSource, Score, Try, run_headless
 from eskin.demo.obedience import Obedience
+from eskin.demo.visitor import Visitor, VisitorConfig
 from eskin.drivers import ManualClock
 from eskin.page import PageOrder, TouchOrder
 from eskin.sim.live.live_skin import LiveSkin
 from eskin.stream import Commanded
 
 SECOND = 1_000_000_000
+VOCABULARY = ("none", "double_pat", "grab", "poke", "stroke")
 
 
 def told(seconds, action="pause", accepted=True, touch=1):
@@ -55,6 +57,58 @@ def test_what_was_refused_is_no_command_and_a_hold_is_not_one_either():
     score = scored([tried(1.0, 1.4)], commands)
     assert (score.commands, score.holds, score.count("missed")) == (0, 1, 1)
     assert len(score.tries[0].refusals) == 1
+
+
+def refused(why):
+    return Commanded(round(1.5 * SECOND), "pause", 1, "poke", False, why)
+
+
+@pytest.mark.parametrize(
+    ("said", "commands", "why"),
+    [
+        (["poke"], [told(1.5)], ""),
+        (["poke"], [refused("confidence 0.94 is below 0.95")], "confidence"),
+        (["poke"], [refused("the arm is held: bump; pause it")], "the arm is held"),
+        (["unknown"], [], "said to be unknown"),
+        (["stroke"], [told(1.5, "slow")], "said to be stroke"),
+        (["poke"], [told(1.5, "resume")], "the arm had changed meanwhile"),
+        ([], [], "nothing was said"),
+    ],
+)
+def test_a_touch_that_is_lost_has_a_reason(said, commands, why):
+    score = scored([tried(1.0, 1.4)], commands)
+    score.tries[0].said += said
+    assert score.tries[0].lost == why
+    assert score.lost() == ({why: 1} if why else {})
+
+
+def test_nobody_touches_an_arm_that_has_just_been_paused():
+    clock = ManualClock(SECOND)
+    arm, skin = SimulatedArm(clock=clock), LiveSkin()
+    config = VisitorConfig(first=0.1)
+    visitor = Visitor(
+        skin, load_commands(None, VOCABULARY, skin.mounted.skin), 0, config
+    )
+    arm.pause()
+    stamps = SECOND + np.arange(0, 2 * SECOND, SECOND // 50)
+    begun = [
+        visitor.come(int(s), arm.state()) or bool(skin.hand.touching) for s in stamps
+    ]
+    assert stamps[begun.index(True)] == 2 * SECOND
+
+
+def test_a_touch_under_way_at_the_end_is_waited_for():
+    whole = run_headless(10.0, DemoConfig(seed=3)).score.tries[0]
+    seconds = whole.begin / SECOND - 1.0 + 0.04
+    (cut,) = run_headless(seconds, DemoConfig(seed=3)).score.tries
+    assert (cut.begin, cut.end, cut.said) == (whole.begin, whole.end, whole.said)
+    assert cut.verdict == whole.verdict
+
+
+@pytest.mark.parametrize("pause", [("2", "1"), ("-1", "1"), ("1", "inf")])
+def test_pauses_that_make_no_sense_are_refused_in_a_line(pause, capsys):
+    assert run(["demo", "--headless", "--pause", *pause]) == 2
+    assert "--pause is" in capsys.readouterr().err
 
 
 def test_touches_and_commands_add_up_and_are_the_same_every_time():

@@ -398,24 +398,6 @@ def test_when_in_doubt_it_is_held(force, seconds, why):
     assert scene.arm.holding == why
 
 
-@pytest.mark.parametrize(
-    ("gesture", "sure", "seconds", "held"),
-    [
-        ("grab", 0.9, 0.28, False),
-        ("grab", 0.9, 0.4, True),
-        ("grab", 0.8, 0.1, True),
-        ("none", 0.9, 0.1, True),
-    ],
-)
-def test_what_is_likely_a_gesture_is_given_a_moment_to_be_recognised(
-    gesture, sure, seconds, held
-):
-    scene = Scene()
-    scene.touch(gesture, sure, force=60.0)
-    scene.rest(seconds)
-    assert (scene.arm.holding is not None) == held
-
-
 def test_what_is_said_to_be_nothing_is_not_recognised():
     scene = Scene()
     number = scene.touch("none")

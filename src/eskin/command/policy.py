@@ -121,10 +121,7 @@ class Policy(Listener):
             )
         self.context = context
         self.watch = SkinWatch(
-            context.info.skin,
-            self.vocabulary,
-            self.config.watch,
-            context.clock.now(),
+            context.info.skin, self.config.watch, context.clock.now()
         )
         if self.config.tick is not None:
             self.thread = Thread(target=self.look_on, name="eskin watch", daemon=True)
@@ -297,7 +294,7 @@ class Policy(Listener):
         return None
 
     def wait_on(self, waiting: Waiting, moment: Moment) -> None:
-        """Obey a touch once it is sure enough, and over if it sets the arm in motion."""
+        """Obey a touch once it is sure, and over if it sets the arm in motion."""
         before, detection = waiting.touch, waiting.detection
         waiting.follow(moment, self.vocabulary)
         stamp = moment.state.reading.stamp

@@ -4,7 +4,6 @@ from dataclasses import dataclass
 from typing import final
 
 import numpy as np
-from jaxtyping import Float
 
 from eskin.command.command_map import WORDLESS
 from eskin.live import Detection
@@ -27,13 +26,6 @@ class WatchConfig:
     seconds: float = 2.0
     """How long a touch that was not recognised may last on a moving arm [s]."""
 
-    likely: float = 0.85
-    """Probability of one gesture from which a touch that has just begun may press
-    harder than `force`, since it will be recognised in a moment."""
-
-    begun: float = 0.3
-    """How long it has just begun [s]."""
-
 
 @final
 class SkinWatch:
@@ -45,12 +37,9 @@ class SkinWatch:
         touching: when there was last contact anywhere [ns since the epoch].
     """
 
-    def __init__(
-        self, skin: Skin, vocabulary: tuple[str, ...], config: WatchConfig, now: int
-    ) -> None:
+    def __init__(self, skin: Skin, config: WatchConfig, now: int) -> None:
         """Start with a skin in order, heard at a time [ns since the epoch]."""
         self.config = config
-        self.gestures = np.array([word not in WORDLESS for word in vocabulary])
         self.patches = tuple(patch.id for patch in skin.patches)
         self.index = np.asarray(skin.patch_index)
         self.heard = now
@@ -102,18 +91,8 @@ class SkinWatch:
             if row.closed or row.last < self.heard or row.id in self.recognised:
                 continue
             seconds = (self.heard - row.onset) / SECOND
-            if row.force > self.config.force and not self.is_likely(
-                moment.probabilities.get(row.id), seconds
-            ):
+            if row.force > self.config.force:
                 return f"unrecognised touch of {row.force:.0f} N"
             if seconds > self.config.seconds:
                 return f"unrecognised touch for {seconds:.1f} s"
         return None
-
-    def is_likely(
-        self, chances: Float[np.ndarray, "class"] | None, seconds: float
-    ) -> bool:
-        """Whether a touch so long will most likely be recognised in a moment."""
-        if chances is None or seconds > self.config.begun:
-            return False
-        return float(chances[self.gestures].max(initial=0.0)) >= self.config.likely

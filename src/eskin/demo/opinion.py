@@ -60,7 +60,7 @@ class Opinion:
         self.detections += said
         state = self.recognizer.state
         assert state is not None
-        heard = {touch.id for touch in state.going if touch.last == scan.stamp}
+        heard = {touch.id for touch in state.going}
         heard |= {detection.touch for detection in said}
         self.chances |= {
             touch: chances
