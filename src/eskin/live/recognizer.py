@@ -106,7 +106,7 @@ class Recognizer:
             SkinMismatchError: nothing tells what skin it is for.
         """
         if skin is None and str(name_or_path) in MODELS:
-            skin = str(name_or_path)
+            skin = MODELS[str(name_or_path)]
         if skin is None:
             raise SkinMismatchError(
                 f"model {name_or_path} is given without a skin; allowed is none only "

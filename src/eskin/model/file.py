@@ -18,8 +18,9 @@ from eskin.model.card import ModelCard
 CARD = "eskin"
 SUFFIX = ".safetensors"
 
-MODELS = ("ur5",)
-"""Names that `load_model` knows."""
+MODELS = {"ur5": "ur5", "ur5-blind": "ur5"}
+"""Names that `load_model` knows, each with the preset skin that it was trained on. The
+second never sees the pose: it is there to be compared with."""
 CARDS = TypeAdapter(ModelCard)
 
 
