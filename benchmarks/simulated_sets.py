@@ -12,6 +12,7 @@ def made_set(
     *,
     skin: str = "ur5",
     clips: int | None = None,
+    people: int | None = None,
     seed: int = 0,
     workers: int = 1,
 ) -> Path:
@@ -22,13 +23,15 @@ def made_set(
         name: of the set.
         skin: that is touched.
         clips: how many; as many as the set has where None.
+        people: how many; as many as suit the clips where None.
         seed: decides everything that is drawn.
         workers: how many processes generate.
     """
     words = [name]
     words += [skin] if skin != "ur5" else []
     words += [str(clips)] if clips is not None else []
+    words += [f"people{people}"] if people is not None else []
     words += [f"seed{seed}"] if seed else []
     folder = sets / "-".join(words)
-    generate(folder, Settings(name, skin, seed, clips), workers)
+    generate(folder, Settings(name, skin, seed, clips, people), workers)
     return folder

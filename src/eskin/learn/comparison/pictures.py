@@ -1,6 +1,6 @@
 """Pictures of comparisons."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -8,6 +8,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from eskin.learn.comparison.study import VariantRow
+from eskin.learn.comparison.table import mean_of, spread_of
 from eskin.learn.pictures import write
 
 COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9")
@@ -50,3 +51,26 @@ def draw_line(
     means, spreads = zip(*((mean or np.nan, std) for mean, std in points), strict=True)
     line = axes.errorbar(x, means, spreads, color=colour, marker="o", ms=4, capsize=3)
     line.set_label(label)
+
+
+def draw_clips_curve(
+    found: Mapping[str, Mapping[int, Sequence[float]]], path: Path
+) -> None:
+    """Draw accuracy against the number of clips learned.
+
+    Args:
+        found: accuracies by method and by number of clips.
+        path: where to.
+    """
+    figure = Figure(figsize=(5.2, 3.6), dpi=120, layout="constrained")
+    axes = figure.subplots()
+    for colour, (name, by_size) in zip(COLOURS, found.items(), strict=False):
+        points = [(mean_of(shares), spread_of(shares)) for shares in by_size.values()]
+        draw_line(axes, list(by_size), points, colour, name)
+    sizes = sorted({size for by_size in found.values() for size in by_size})
+    axes.set(xscale="log", xlabel="clips learned", ylabel="clips right")
+    axes.set_xticks(sizes, [str(size) for size in sizes])
+    axes.minorticks_off()
+    axes.grid(alpha=0.3)
+    axes.legend(frameon=False, fontsize=8)
+    write(figure, path)

@@ -13,7 +13,7 @@ from eskin.learn.comparison.methods import (
     RecogniserMethod,
 )
 from eskin.learn.comparison.results import Result
-from eskin.learn.comparison.table import accuracies_of, mean_of, percent, spread_of
+from eskin.learn.comparison.table import accuracies_of, mean_of, spread, spread_of
 
 Network = Literal["eskin", "paper"]
 
@@ -83,8 +83,3 @@ def study_table(rows: Sequence[VariantRow]) -> str:
         cells = row.network, str(row.k), row.pool, str(row.runs), *shares
         lines.append(f"| {' | '.join(cells)} |")
     return "\n".join(lines)
-
-
-def spread(mean: float | None, std: float) -> str:
-    """A mean with its standard deviation, for a table."""
-    return "" if mean is None else f"{percent(mean)} ({percent(std)})"

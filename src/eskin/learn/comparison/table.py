@@ -132,3 +132,8 @@ def markdown(rows: Sequence[Row]) -> str:
         )
         lines.append("| " + " | ".join(cells) + " |")
     return "\n".join(lines)
+
+
+def spread(mean: float | None, std: float) -> str:
+    """A mean with its standard deviation, for a table."""
+    return "" if mean is None else f"{percent(mean)} ({percent(std)})"

@@ -1,0 +1,226 @@
+"""The tables of recognisers beside each other, on simulated people.
+
+python -m benchmarks.results [PART] --sets FOLDER [--form short]: PART is one of table,
+large, clips, study, leaks or all. Sets that FOLDER does not hold yet are generated
+there. What each method answered is kept in `benchmarks/kept` (--results), so that
+whatever is there already is not trained again, and a run that was cut goes on. The
+short form takes some minutes, the long one about a night on two cores.
+"""
+
+import math
+import os
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+import tyro
+
+from benchmarks import leaks
+from benchmarks.simulated_sets import made_set
+from eskin.cli import compare, study
+from eskin.learn.comparison import (
+    ABLATIONS,
+    METHODS,
+    Method,
+    Task,
+    do_all,
+    find_examples,
+)
+from eskin.learn.comparison.pictures import draw_clips_curve
+from eskin.learn.comparison.table import accuracies_of, mean_of, spread, spread_of
+
+Part = Literal["table", "large", "clips", "study", "leaks", "all"]
+TESTS = ("test-s", "test-p", "test-x", "test-m")
+OF_581 = {29: 34, 58: 67, 116: 135, 232: 270, 464: 540}
+"""Clips to learn from, and how many the whole set has then."""
+
+
+@dataclass(frozen=True)
+class Form:
+    """How much is done."""
+
+    draws: int
+    """Paper-size sets."""
+    paper_draws: int
+    """Of these, those that the paper's network learns as well."""
+    slow: bool
+    """Whether the paper's network is trained at all."""
+    train: int | None
+    """Clips of the large training set; all where None."""
+    test: int | None
+    """Clips of each large test."""
+    sizes: tuple[int, ...]
+    """Clips learned in the curve."""
+    curve_draws: int
+    """Sets a point of the curve."""
+    study: tuple[str, ...]
+    """What else is said to the study."""
+
+
+FORMS = {
+    "short": Form(
+        *(2, 0, False, 200, 100, (29, 116), 1),
+        ("--networks", "eskin", "--k", "8", "--seeds", "1"),
+    ),
+    "long": Form(10, 3, True, 3000, 1000, (29, 58, 116, 232, 464), 3, ()),
+}
+
+
+@dataclass(frozen=True)
+class Command:
+    """Make the tables."""
+
+    part: tyro.conf.Positional[Part] = "all"
+    """Which of them."""
+
+    form: Literal["short", "long"] = "long"
+    """How much is done."""
+
+    sets: Path = Path("sets")
+    """Folder of the sets."""
+
+    results: Path = Path("benchmarks/kept")
+    """Folder of what methods answered."""
+
+    pictures: Path = Path("docs/pictures")
+    """Folder of the pictures."""
+
+    workers: int = os.cpu_count() or 1
+    """How many processes train."""
+
+    minutes: float = math.inf
+    """After how long no further training is begun, of each part."""
+
+    @property
+    def common(self) -> dict[str, object]:
+        """What is said to every comparison."""
+        return {
+            "results": self.results,
+            "pack": self.sets / "pack",
+            "workers": self.workers,
+            "minutes": self.minutes,
+        }
+
+
+def main() -> None:
+    """Make what was asked for."""
+    command = tyro.cli(Command)
+    for name, part in PARTS.items():
+        if command.part in (name, "all"):
+            print(f"\n## {name}\n", flush=True)
+            part(command, FORMS[command.form])
+
+
+def paper_sets(command: Command, count: int) -> list[Path]:
+    """Paper-size sets, each of people, poses, a build and a seed of its own."""
+    sets, workers = command.sets, command.workers
+    return [made_set(sets, "paper", seed=n, workers=workers) for n in range(count)]
+
+
+def table(command: Command, form: Form) -> None:
+    """Every method on paper-size sets (Table III)."""
+    draws = paper_sets(command, form.draws)
+    fast = tuple(name for name in METHODS if name != "paper")
+    show_compared(command, draws, fast)
+    if form.slow:
+        print("\nThe paper's network on the first of these:\n")
+        show_compared(command, draws[: form.paper_draws], ("eskin", "paper"))
+
+
+def show_compared(
+    command: Command, draws: Sequence[Path], methods: tuple[str, ...]
+) -> None:
+    """Compare methods on some draws."""
+    trains, tests = (tuple(d / part for d in draws) for part in ("train", "test"))
+    compare.run(
+        compare.Command(trains, tests, methods=methods, **command.common)  # type: ignore
+    )
+
+
+def large(command: Command, form: Form) -> None:
+    """Methods that learn from many people, on the four large tests."""
+    sets, workers = command.sets, command.workers
+    train = made_set(sets, "train", clips=form.train, workers=workers)
+    tests = tuple(
+        made_set(sets, name, clips=form.test, workers=workers) for name in TESTS
+    )
+    methods = tuple(name for name in METHODS if name not in ("paper", "3d-cnn"))
+    compare.run(
+        compare.Command((train,), tests, methods=methods, **command.common)  # type: ignore
+    )
+
+
+def clips(command: Command, form: Form) -> None:
+    """Accuracy against the number of clips learned, ours and what lacks something."""
+    methods = {"eskin": METHODS["eskin"], **ABLATIONS}
+    methods["random-forest"] = METHODS["random-forest"]
+    tests = [draw / "test" for draw in paper_sets(command, form.curve_draws)]
+    asked: list[tuple[str, int, Task]] = []
+    for size in form.sizes:
+        for draw, test in enumerate(tests):
+            folder = made_set(
+                command.sets,
+                "paper",
+                clips=OF_581[size],
+                people=6,
+                seed=draw,
+                workers=command.workers,
+            )
+            asked += [
+                (name, size, task_of(command, name, method, folder / "train", test))
+                for name, method in methods.items()
+            ]
+    tasks = [task for _, _, task in asked]
+    done = do_all(tasks, command.results, command.workers, 60 * command.minutes)
+    found: dict[str, dict[int, list[float]]] = {}
+    for (name, size, _), result in zip(asked, done, strict=True):
+        if result is not None:
+            shares = found.setdefault(name, {}).setdefault(size, [])
+            shares += accuracies_of([result], "test")
+    print("| method | " + " | ".join(f"{size} clips" for size in form.sizes) + " |")
+    print("|---" * (1 + len(form.sizes)) + "|")
+    for name, by_size in found.items():
+        each = (by_size.get(size, []) for size in form.sizes)
+        cells = (spread(mean_of(shares), spread_of(shares)) for shares in each)
+        print(f"| {name} | {' | '.join(cells)} |")
+    draw_clips_curve(found, command.pictures / "clips_curve.png")
+
+
+def task_of(
+    command: Command, name: str, method: Method, train: Path, test: Path
+) -> Task:
+    """One training of a method, with nothing held out."""
+    pack = command.sets / "pack"
+    learned, asked = (find_examples([place], pack) for place in (train, test))
+    return Task(name.replace(" ", "-"), method, learned, {"test": asked}, 0, share=0.0)
+
+
+def show_study(command: Command, form: Form) -> None:
+    """Neighbours and pooling (Fig. 32)."""
+    picture = command.pictures / "study.png"
+    words = [*form.study, "--picture", str(picture)]
+    data = tuple(paper_sets(command, 1))
+    chosen = tyro.cli(study.Command, args=[*map(str, data), *words])
+    changed = {**vars(chosen), **command.common}
+    study.run(study.Command(**changed))
+
+
+def show_leaks(command: Command, form: Form) -> None:
+    """What cannot be learned."""
+    folder = paper_sets(command, 1)[0]
+    pack = command.sets / "pack"
+    leaks.show(leaks.Command(folder / "train", folder / "test", pack))
+
+
+PARTS: dict[str, Callable[[Command, Form], None]] = {
+    "table": table,
+    "large": large,
+    "clips": clips,
+    "study": show_study,
+    "leaks": show_leaks,
+}
+
+
+if __name__ == "__main__":
+    main()
