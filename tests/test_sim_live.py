@@ -400,3 +400,16 @@ def test_what_cannot_be_is_refused_in_one_line():
         live.kill(2.0)
     with pytest.raises(ValueError, match="no skin 'x'"):
         LiveSkin("x")
+
+
+def test_patches_of_a_skin_that_loses_nothing_are_silent_where_they_are_unplugged():
+    heard = []
+    for loses in (True, False):
+        live = LiveSkin(seed=0, loses=loses)
+        q = np.zeros(len(live.mounted.robot.joint_names))
+        live.sensor.losses.next = lambda: np.ones((1, len(live.out)), dtype=bool)
+        heard.append(live.scan(1_000_000_000, q).received)
+        live.unplug(live.mounted.skin.patches[0].id)
+        first = live.mounted.skin.patch_index == 0
+        assert not live.scan(2_000_000_000, q).received[first].any()
+    assert not heard[0].any() and heard[1].all()

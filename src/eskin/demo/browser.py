@@ -155,7 +155,7 @@ def running(
         StreamError: something failed while it ran.
     """
     model = load_model(config.model)
-    skin = LiveSkin(config.skin, config.seed, config.build_kind)
+    skin = LiveSkin(config.skin, config.seed, config.build_kind, loses=False)
     recognizer = Recognizer(model, skin.mounted, skin.calibration)
     warm_up(recognizer)
     warm_up_hand(config)
@@ -180,7 +180,7 @@ def running(
 
 def warm_up_hand(config: DemoConfig) -> None:
     """Load all compiled code that a live skin and a touch need, on another skin."""
-    skin = LiveSkin(config.skin, config.seed, config.build_kind)
+    skin = LiveSkin(config.skin, config.seed, config.build_kind, loses=False)
     q = np.zeros(len(skin.mounted.robot.joint_names))
     for number in range(40):
         if number == 5:

@@ -55,6 +55,7 @@ class LiveSkin:
         seed: int = 0,
         build_kind: Literal["fresh", "shifted"] = "fresh",
         person: Person | None = None,
+        loses: bool = True,
     ) -> None:
         """Build a skin, of no set that recognisers are trained or tested on.
 
@@ -63,6 +64,8 @@ class LiveSkin:
             seed: decides everything that is drawn.
             build_kind: which laws the sensor is drawn from.
             person: who touches it; of no such set either unless given.
+            loses: whether patches fall silent at times, as those of a real skin do;
+                else only where they are unplugged.
 
         Raises:
             ValueError: there is no such skin, or the seed is negative.
@@ -91,6 +94,7 @@ class LiveSkin:
         assert delay is not None
         step = constants.value("time.step")
         self.track = Track(readings_every(self.world), round(delay.high / step) + 1)
+        self.loses = loses
         self.out = np.zeros(len(skin.patches), dtype=bool)
         self.feels = self.sensor.readout.feels.copy()
         self.rng = rng_of("kill", seed)
@@ -117,7 +121,8 @@ class LiveSkin:
         scene = Scene(span.q, tuple(touches.values()))
         self.feel(scene, list(touches), stamp)
         counts = self.sensor.read(np.array([self.sensor.steps - 1.0]))[0]
-        received = ~(self.sensor.losses.next()[0] | self.out)
+        silent = self.sensor.losses.next()[0] & self.loses
+        received = ~(silent | self.out)
         received = received[self.mounted.skin.patch_index]
         counts[~received] = 0
         return Scan(stamp, counts, received, q)
