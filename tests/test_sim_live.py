@@ -407,7 +407,8 @@ def test_patches_of_a_skin_that_loses_nothing_are_silent_where_they_are_unplugge
     for loses in (True, False):
         live = LiveSkin(seed=0, loses=loses)
         q = np.zeros(len(live.mounted.robot.joint_names))
-        live.sensor.losses.next = lambda: np.ones((1, len(live.out)), dtype=bool)
+        silent = np.ones((1, len(live.out)), dtype=bool)
+        live.sensor.losses.next = lambda silent=silent: silent
         heard.append(live.scan(1_000_000_000, q).received)
         live.unplug(live.mounted.skin.patches[0].id)
         first = live.mounted.skin.patch_index == 0
