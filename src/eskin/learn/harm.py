@@ -69,10 +69,6 @@ class Harm(Version):
 
     def __post_init__(self) -> None:
         """Refuse amounts that mean nothing."""
-        if self.kind not in KINDS:
-            raise ValueError(
-                f"kind is {self.kind!r}; allowed are {', '.join(KINDS)}; correct it"
-            )
         check_limits(self, {"amount": (0.0, MOST.get(self.kind, np.inf))})
         if self.kind == "patches" and self.amount % 1:
             raise ValueError(
