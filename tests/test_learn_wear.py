@@ -83,9 +83,9 @@ def test_counts_stay_within_the_converter(recording):
 
 def test_a_recording_is_learned_of_its_own_skin_and_of_others(tmp_path):
     paths = generated(tmp_path / "set")
-    others = [Wear(WearConfig(), 0), Wear(WearConfig(), 1)]
-    alone, plain = prepare(paths), prepare(paths, others=others)
-    packed = prepare(paths, others=others, pack=tmp_path / "pack")
+    versions = [None, Wear(WearConfig(), 0), Wear(WearConfig(), 1)]
+    alone, plain = prepare(paths), prepare(paths, versions=versions)
+    packed = prepare(paths, versions=versions, pack=tmp_path / "pack")
     assert len(plain.recordings) == len(plain.clips) == 3 * len(paths)
     own = plain.recording < len(paths)
     assert np.array_equal(plain.stamps[own], alone.stamps)
@@ -97,7 +97,7 @@ def test_a_recording_is_learned_of_its_own_skin_and_of_others(tmp_path):
 
 def test_what_is_held_out_is_learned_of_no_other_skin_either(tmp_path):
     paths = record_people(tmp_path, ("ann", "bob", "cleo", "dan"))
-    dataset = prepare(paths, others=[Wear(WearConfig(), 0)])
+    dataset = prepare(paths, versions=[None, Wear(WearConfig(), 0)])
     trainer = Trainer(dataset, dataset.vocabulary, replace(TINY, validation=0.5))
     learned = {s.recording for s in segments_of(trainer.maker)}
     held = {s.recording for s in segments_of(trainer.held)}

@@ -166,7 +166,10 @@ def prepared(
 ) -> Dataset:
     """Recordings made ready for learning."""
     workers = command.train.workers
-    return prepare(paths, graph=graph, pack=command.pack, workers=workers, others=skins)
+    versions = (None, *skins)
+    return prepare(
+        paths, graph=graph, pack=command.pack, workers=workers, versions=versions
+    )
 
 
 def trained_on(command: Command, dataset: Dataset) -> GraphConfig:

@@ -26,7 +26,7 @@ from eskin.learn.segments import (
     missed_gestures,
     places_at,
 )
-from eskin.learn.wear import Wear
+from eskin.learn.version import Version
 from eskin.recording import NONE, Recording, read_recording
 from eskin.touch import PipelineConfig
 
@@ -62,16 +62,16 @@ class Dataset:
     clips: tuple[tuple[Clip, ...], ...] = ()
     """The clips of each recording; none where it is no file of a set of clips."""
 
-    skins: int = 1
-    """How often `recordings` is repeated: as recorded, then as of each other skin."""
+    versions: int = 1
+    """How often `recordings` is repeated, once for each version of them."""
 
     @property
     def own(self) -> int:
-        """Number of recordings as recorded; the others are these of other skins."""
-        return len(self.recordings) // self.skins
+        """Number of recordings; the others are further versions of these."""
+        return len(self.recordings) // self.versions
 
-    def of_all_skins(self, recordings: Collection[int]) -> frozenset[int]:
-        """Some of the recordings as recorded, and the same of all other skins."""
+    def of_all_versions(self, recordings: Collection[int]) -> frozenset[int]:
+        """Some of the recordings in their first version, and in all others."""
         every = range(len(self.recordings))
         return frozenset(index for index in every if index % self.own in recordings)
 
@@ -102,7 +102,7 @@ def prepare(
     graph: GraphConfig | None = None,
     pack: Path | None = None,
     workers: int = 1,
-    others: Sequence[Wear] = (),
+    versions: Sequence[Version | None] = (None,),
 ) -> Dataset:
     """Run recordings through the same calibration, contacts and graphs as live.
 
@@ -114,7 +114,7 @@ def prepare(
         graph: how touches become graphs.
         pack: folder that keeps prepared recordings, to be prepared once only.
         workers: how many processes prepare them; more than one needs `pack`.
-        others: skins to have recorded each of them, besides its own.
+        versions: of each of them; None is as it was recorded.
 
     Raises:
         RecordingError: if there is nothing to learn from.
@@ -125,15 +125,14 @@ def prepare(
     pipeline, graph = pipeline or PipelineConfig(), graph or GraphConfig()
     if not all(recording.skin.has_shear for recording in recordings):
         graph = graph.without_shear()
-    skins = (None, *others)
-    total = len(recordings) * len(skins)
+    total = len(recordings) * len(versions)
     if pack is None:
-        made = (part_of(r, pipeline, graph, skin) for skin in skins for r in recordings)
+        made = (part_of(r, pipeline, graph, v) for v in versions for r in recordings)
         parts = list(track(made, description="Reading", total=total, disable=total < 2))
     else:
         make = delayed(packed_part)
         jobs = (
-            make(path, pack, pipeline, graph, skin) for skin in skins for path in paths
+            make(path, pack, pipeline, graph, v) for v in versions for path in paths
         )
         files: Any = Parallel(n_jobs=workers, return_as="generator")(jobs)
         parts = [
@@ -144,18 +143,18 @@ def prepare(
             f"no touch in {len(paths)} recordings; allowed are recordings of touches; "
             "check that they were converted, and the thresholds"
         )
-    return lay_end_to_end(recordings * len(skins), parts, len(skins))
+    return lay_end_to_end(recordings * len(versions), parts, len(versions))
 
 
 def lay_end_to_end(
-    recordings: tuple[Recording, ...], parts: Sequence[Part], skins: int = 1
+    recordings: tuple[Recording, ...], parts: Sequence[Part], versions: int = 1
 ) -> Dataset:
     """Join prepared recordings into one data set.
 
     Args:
-        recordings: what was prepared, the same again for every skin.
+        recordings: what was prepared, the same again for every version.
         parts: of each of them.
-        skins: how many there are.
+        versions: how many there are.
     """
     gestures: list[str] = []
     segments: list[Segment] = []
@@ -189,7 +188,7 @@ def lay_end_to_end(
         segments=tuple(segments),
         missed=tuple(missed),
         clips=tuple(clips_of(recording.path) for recording in recordings),
-        skins=skins,
+        versions=versions,
     )
 
 

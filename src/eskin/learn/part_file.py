@@ -11,7 +11,7 @@ import numpy as np
 from eskin.graph import GraphBatch, GraphConfig
 from eskin.learn.fitting import Fit
 from eskin.learn.parts import Part, part_of
-from eskin.learn.wear import Wear
+from eskin.learn.version import Version
 from eskin.recording import read_recording
 from eskin.touch import PipelineConfig
 
@@ -26,27 +26,32 @@ def packed_part(
     folder: Path,
     pipeline: PipelineConfig,
     graph: GraphConfig,
-    wear: Wear | None = None,
+    version: Version | None = None,
 ) -> Path:
     """The file of a prepared recording, made where it is not there yet.
 
     Its name is drawn from the recording's bytes and the settings, so that a file
     which is there is always the right one.
     """
-    target = folder / f"{key_of(path, pipeline, graph, wear)}.npz"
+    target = folder / f"{key_of(path, pipeline, graph, version)}.npz"
     if not target.exists():
         folder.mkdir(parents=True, exist_ok=True)
-        save_part(target, part_of(read_recording(path), pipeline, graph, wear))
+        save_part(target, part_of(read_recording(path), pipeline, graph, version))
     return target
 
 
 def key_of(
-    path: Path, pipeline: PipelineConfig, graph: GraphConfig, wear: Wear | None = None
+    path: Path,
+    pipeline: PipelineConfig,
+    graph: GraphConfig,
+    version: Version | None = None,
 ) -> str:
     """Names a recording prepared with some settings."""
     with path.open("rb") as file:
         content = hashlib.file_digest(file, "sha256").hexdigest()
-    facts = f"{FORMAT} {content} {pipeline} {graph}" + (f" {wear}" if wear else "")
+    facts = f"{FORMAT} {content} {pipeline} {graph}" + (
+        f" {version}" if version else ""
+    )
     return hashlib.sha256(facts.encode()).hexdigest()[:32]
 
 

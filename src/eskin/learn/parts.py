@@ -7,7 +7,7 @@ from jaxtyping import Float, Int
 
 from eskin.graph import GraphBatch, GraphConfig, GraphStream, join, no_graphs
 from eskin.learn.fitting import Fit, true_touches
-from eskin.learn.wear import Wear
+from eskin.learn.version import Version
 from eskin.recording import Recording
 from eskin.robot import recorded_robot
 from eskin.skin import MountedSkin
@@ -39,7 +39,7 @@ def part_of(
     recording: Recording,
     pipeline: PipelineConfig,
     graph: GraphConfig,
-    wear: Wear | None = None,
+    version: Version | None = None,
 ) -> Part:
     """Run a recording through the same calibration, contacts and graphs as live.
 
@@ -47,9 +47,9 @@ def part_of(
         recording: what to run.
         pipeline: how counts become touches.
         graph: how touches become graphs.
-        wear: another skin to have recorded it, its own where None.
+        version: that is run, the recording as it is where None.
     """
-    sequences = sequences_of(recording, pipeline, graph, wear)
+    sequences = sequences_of(recording, pipeline, graph, version)
     touches = true_touches(recording) if recording.skin.calibrated else None
     lengths = [len(one.stamps) for one in sequences]
     return Part(
@@ -84,16 +84,19 @@ def sequences_of(
     recording: Recording,
     pipeline: PipelineConfig,
     graph: GraphConfig,
-    wear: Wear | None = None,
+    version: Version | None = None,
 ) -> list[Sequence]:
     """All sequences of one recording, in the order in which they begin."""
-    mounted = MountedSkin(recording.skin, recorded_robot(recording.robot_name))
+    skin = recording.skin
+    if version is not None:
+        skin = version.skin(skin, recording.start)
+    mounted = MountedSkin(skin, recorded_robot(recording.robot_name))
     poses = LivePoses(mounted, graph.posed)
     touches = TouchPipeline(mounted, recording.calibration, pipeline, poses)
     stream = GraphStream(mounted, graph, poses)
     found: list[Sequence] = []
     open_now: dict[int, Sequence] = {}
-    for scan in wear.scans(recording) if wear else recording.scans():
+    for scan in version.scans(recording) if version else recording.scans():
         state = touches.push(scan)
         graphs = stream.push(state)
         centres = centres_of(state)

@@ -149,7 +149,7 @@ class Trainer:
         )
         self.shear = config.shear and dataset.has_shear
         self.graph = config.graph if self.shear else config.graph.without_shear()
-        learned = dataset.of_all_skins(self.holdout.train)
+        learned = dataset.of_all_versions(self.holdout.train)
         self.maker = self.maker_of(dataset, learned, config.augment)
         check_classes(self.maker.sampler, vocabulary)
         source, held = dataset, self.holdout.held

@@ -1,12 +1,13 @@
 """A recording as another skin would have made it: older, weaker, less even."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
-from itertools import islice
+from dataclasses import dataclass
+from typing import final
 
 import numpy as np
 from jaxtyping import Float
 
+from eskin.learn.version import Version, at_rest, recounted
 from eskin.model import check_limits
 from eskin.recording import Recording
 from eskin.skin import Skin
@@ -20,9 +21,6 @@ LIMITS = {
     "noise": (0.0, 1.0),
 }
 """Smallest and largest values of the settings."""
-
-AT_REST = 50
-"""Readings whose median is taken for the rest of a taxel."""
 
 UNFELT_SCATTER = 0.2
 """Spread of the logarithm of what a taxel does not feel, within its patch."""
@@ -55,8 +53,9 @@ class WearConfig:
         check_limits(self, LIMITS)
 
 
+@final
 @dataclass(frozen=True)
-class Wear:
+class Wear(Version):
     """One such skin: the same numbers give the same recording the same skin."""
 
     config: WearConfig
@@ -70,13 +69,11 @@ class Wear:
         calibration = recording.calibration
         skin = other_skin(recording.skin, self.config, rng)
         noise = self.config.noise * calibration.full_scale * rng.random()
-        rest = np.median([s.counts for s in islice(recording.scans(), AT_REST)], axis=0)
+        rest = at_rest(recording)
         for scan in recording.scans():
             above = skin.felt(scan.counts - rest, calibration)
             noisy = rest + above + noise * rng.standard_normal(len(rest))
-            counts = np.clip(np.rint(noisy), 0, calibration.full_scale)
-            counts = np.where(scan.received, counts, scan.counts)
-            yield replace(scan, counts=counts.astype(scan.counts.dtype))
+            yield recounted(scan, noisy, calibration.full_scale)
 
 
 @dataclass(frozen=True, eq=False)

@@ -2,6 +2,7 @@
 
 from collections import deque
 from collections.abc import Callable
+from copy import copy
 from typing import final
 
 import numpy as np
@@ -50,6 +51,12 @@ class HandBaseline(Baseline):
     def answer(self, clips: Clips) -> Probabilities:
         """Answer windows that have been checked."""
         return np.asarray(self.model.predict_proba(self.rows(clips)))
+
+    def on(self, mounted: MountedSkin) -> "HandBaseline":
+        """The same for a skin that lies elsewhere."""
+        other = copy(self)
+        other.mounted = mounted
+        return other
 
     def streams(self) -> dict[str, Stream]:
         """One that makes each reading's graph once."""

@@ -102,6 +102,10 @@ class Baseline(ABC):
             )
         return self.answer(clips)
 
+    def on(self, mounted: MountedSkin) -> "Baseline":
+        """The same for a skin that lies elsewhere; itself if it looks at no places."""
+        return self
+
     def streams(self) -> dict[str, Stream]:
         """Ways to answer one reading after the other, by what sets them apart.
 

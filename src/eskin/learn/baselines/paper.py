@@ -36,6 +36,17 @@ class PaperBaseline(NetworkBaseline):
         """Make the network."""
         return PaperNetwork(self.mounted, self.classes, self.k, self.pooling)
 
+    def on(self, mounted: MountedSkin) -> "PaperBaseline":
+        """The same weights on a skin that lies elsewhere."""
+        assert isinstance(self.network, PaperNetwork)
+        other = copy(self)
+        other.mounted = mounted
+        network = other.build()
+        places = {"positions": network.positions}
+        network.load_state_dict(self.network.state_dict() | places)
+        other.network = network.eval()
+        return other
+
     def streams(self) -> dict[str, Stream]:
         """All nodes of 100 graphs, of the newest graph, and only what a touch changes.
 

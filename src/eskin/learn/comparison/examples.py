@@ -17,6 +17,7 @@ from eskin.graph import GraphConfig
 from eskin.learn.baselines import READINGS, Clips
 from eskin.learn.clips import Clip, clips_of
 from eskin.learn.dataset import Dataset, prepare
+from eskin.learn.harm import Harm
 from eskin.learn.wear import Wear, WearConfig
 from eskin.recording import Recording, find_recordings, read_recording
 from eskin.robot import recorded_robot
@@ -39,6 +40,9 @@ class Examples:
 
     workers: int = 1
     """How many processes prepare."""
+
+    harm: Harm | None = None
+    """What harms them; nothing where None."""
 
     @cached_property
     def every(self) -> tuple[tuple[int, Clip], ...]:
@@ -70,8 +74,9 @@ class Examples:
 
     @cached_property
     def digest(self) -> str:
-        """Names the recordings, whatever folder they are in."""
+        """Names the recordings, whatever folder they are in, and what harms them."""
         hashes = [hashlib.sha256(path.read_bytes()).hexdigest() for path in self.paths]
+        hashes += [str(self.harm)] if self.harm else []
         return hashlib.sha256("".join(hashes).encode()).hexdigest()[:16]
 
     def truth(self, vocabulary: Sequence[str]) -> Int[np.ndarray, "clip"]:
@@ -80,16 +85,30 @@ class Examples:
 
     def dataset(self, graph: GraphConfig, skins: int = 0) -> Dataset:
         """The touches of the clips as graphs, felt by so many worn skins besides."""
-        others = tuple(Wear(WearConfig(), number) for number in range(skins))
-        plain = graph.without_shear()
-        return prepare(self.paths, None, plain, self.pack, self.workers, others)
+        others = (Wear(WearConfig(), number) for number in range(skins))
+        versions, plain = (self.harm, *others), graph.without_shear()
+        return prepare(self.paths, None, plain, self.pack, self.workers, versions)
 
     @cached_property
     def windows(self) -> Clips:
-        """All taxels in the two seconds of each clip."""
-        jobs = (delayed(windows_of)(path, self.pack) for path in self.paths)
+        """All taxels in the two seconds of each clip, wherever they lie."""
+        harm = None if self.harm is None or self.harm.moves else self.harm
+        jobs = (delayed(windows_of)(path, self.pack, harm) for path in self.paths)
         parts: Any = Parallel(n_jobs=self.workers)(jobs)
         return Clips(*(np.concatenate(rows) for rows in zip(*parts, strict=True)))
+
+    def windows_on(self, mounted: MountedSkin) -> Iterator[tuple[MountedSkin, Clips]]:
+        """The windows in order, each with where its skin is believed to lie.
+
+        Args:
+            mounted: where it lies.
+        """
+        if self.harm is None or not self.harm.moves:
+            yield mounted, self.windows
+            return
+        for n, path in enumerate(self.paths):
+            skin = self.harm.skin(mounted.skin, read_recording(path).start)
+            yield MountedSkin(skin, mounted.robot), self.only([n]).windows
 
     def only(self, recordings: Collection[int]) -> "Examples":
         """Those of some of the recordings."""
@@ -117,15 +136,17 @@ def find_examples(places: Sequence[Path], pack: Path, workers: int = 1) -> Examp
     return Examples(paths, pack, workers)
 
 
-def windows_of(path: Path, pack: Path) -> tuple[np.ndarray, np.ndarray]:
+def windows_of(
+    path: Path, pack: Path, harm: Harm | None = None
+) -> tuple[np.ndarray, np.ndarray]:
     """The windows of the clips of a recording, made where they are not there yet."""
     with path.open("rb") as file:
         content = hashlib.file_digest(file, "sha256").hexdigest()
-    facts = f"{FORMAT} {content} {PipelineConfig()}"
+    facts = f"{FORMAT} {content} {PipelineConfig()}" + (f" {harm}" if harm else "")
     target = pack / f"{hashlib.sha256(facts.encode()).hexdigest()[:32]}.windows.npz"
     if not target.exists():
         pack.mkdir(parents=True, exist_ok=True)
-        pressure, q = cut_windows(path)
+        pressure, q = cut_windows(path, harm)
         part = target.with_name(f"{target.name}.{os.getpid()}.part")
         with part.open("wb") as file:
             np.savez(file, pressure=pressure, q=q)
@@ -135,7 +156,7 @@ def windows_of(path: Path, pack: Path) -> tuple[np.ndarray, np.ndarray]:
 
 
 def cut_windows(
-    path: Path,
+    path: Path, harm: Harm | None = None
 ) -> tuple[
     Float[np.ndarray, "clip 100 taxel"],
     Float[np.ndarray, "clip 100 joint"],
@@ -152,7 +173,7 @@ def cut_windows(
     q = np.zeros((len(clips), READINGS, joints), np.float32)
     starts = np.array([clip.start for clip in clips])
     begun = np.zeros(len(clips), dtype=bool)
-    for stamp, felt, positions in readings_of(recording):
+    for stamp, felt, positions in readings_of(recording, harm):
         n = int(np.searchsorted(starts, stamp, "right")) - 1
         if n < 0 or stamp >= clips[n].end:
             continue
@@ -165,12 +186,12 @@ def cut_windows(
 
 
 def readings_of(
-    recording: Recording,
+    recording: Recording, harm: Harm | None = None
 ) -> Iterator[tuple[int, Float[np.ndarray, "taxel"], Float[np.ndarray, "joint"]]]:
     """Stamp [ns], pressure [kPa] and joint positions [rad] of every reading."""
     mounted = MountedSkin(recording.skin, recorded_robot(recording.robot_name))
     pipeline = TouchPipeline(mounted, recording.calibration)
-    for scan in recording.scans():
+    for scan in harm.scans(recording) if harm else recording.scans():
         reading, _ = pipeline.calibrated(scan)
         felt = np.where(reading.valid, reading.pressure, 0.0)
         yield reading.stamp, felt, reading.q

@@ -134,8 +134,11 @@ def fitted(baseline: Baseline, examples: Examples, seed: int) -> Answers:
     baseline.fit(examples.windows, truth, seed)
 
     def answers(other: Examples) -> Float[np.ndarray, "clip class"]:
-        chances = baseline.predict_probabilities(other.windows)
-        return np.log(np.maximum(chances, 1e-12))
+        chances = [
+            baseline.on(mounted).predict_probabilities(windows)
+            for mounted, windows in other.windows_on(baseline.mounted)
+        ]
+        return np.log(np.maximum(np.concatenate(chances), 1e-12))
 
     return answers
 

@@ -1,0 +1,196 @@
+"""How every method fares when skin, wire, robot or rate are not what it learned of.
+
+python -m benchmarks.robustness --train DIR --test DIR [--methods ...] [--kinds ...]
+[--picture FILE]: each method is trained once on clips as recorded; the clips of the
+test are then answered as recorded, and harmed in every kind and amount
+(`eskin.learn.harm`). Results are kept, so the same command goes on where it was cut.
+Prints a table and draws it.
+"""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import tyro
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from eskin.learn.comparison import METHODS, Result, Task, do_all, find_examples
+from eskin.learn.comparison.pictures import COLOURS
+from eskin.learn.harm import KINDS, Harm, Kind
+from eskin.learn.pictures import write
+
+AMOUNTS: Mapping[Kind, tuple[float, ...]] = {
+    "dead": (0.05, 0.1, 0.2),
+    "patches": (1.0, 2.0),
+    "noise": (0.002, 0.005, 0.01),
+    "drift": (0.5, 1.0, 2.0),
+    "lost": (0.05, 0.1, 0.2),
+    "rate": (25.0, 100.0, 200.0),
+    "pose-mm": (5.0, 10.0, 20.0),
+    "pose-deg": (2.0, 5.0, 10.0),
+}
+"""How much of each kind."""
+LABELS: Mapping[Kind, str] = {
+    "dead": "share of taxels dead",
+    "patches": "patches missing",
+    "noise": "noise, share of full scale",
+    "drift": "drift [kPa/s]",
+    "lost": "share of scans lost",
+    "rate": "rate of scans [Hz]",
+    "pose-mm": "links displaced [mm]",
+    "pose-deg": "links turned [degrees]",
+}
+"""What the axes say."""
+UNHARMED = "as recorded"
+RECORDED_HZ = 50.0
+MARKERS = "osD^vPX*"
+COLUMNS = 4
+
+
+@dataclass(frozen=True)
+class Command:
+    """Train methods on clips as recorded, and ask them harmed ones."""
+
+    train: Path
+    """Set of clips to learn from."""
+
+    test: Path
+    """Set of clips to answer."""
+
+    methods: tuple[str, ...] = (
+        "eskin",
+        "random-forest",
+        "gradient-boosting",
+        "cnn-lstm",
+    )
+    """Of those that `eskin compare` knows."""
+
+    kinds: tuple[Kind, ...] = KINDS
+    """Of harm; other kinds are another training."""
+
+    seed: int = 0
+    """Decides what is drawn, of training and of harm."""
+
+    results: Path = Path("results")
+    """Folder that keeps results."""
+
+    pack: Path = Path("pack")
+    """Folder that keeps prepared clips; each harm of a set needs as much as the set."""
+
+    workers: int = 1
+    """How many processes train at once."""
+
+    minutes: float = math.inf
+    """After how long no further training is begun."""
+
+    picture: Path | None = None
+    """Where to draw the curves."""
+
+    def __post_init__(self) -> None:
+        """Refuse methods that nobody knows."""
+        unknown = [name for name in self.methods if name not in METHODS]
+        if unknown or not self.methods:
+            raise SystemExit(
+                f"--methods names {', '.join(unknown) or 'none'}; allowed are "
+                f"{', '.join(METHODS)}; correct the name"
+            )
+
+
+def main(command: Command) -> None:
+    """Train, answer, print and draw."""
+    tasks = tasks_of(command)
+    seconds = 60 * command.minutes
+    done = do_all(tasks, command.results, command.workers, seconds)
+    results = [result for result in done if result is not None]
+    if len(results) < len(done):
+        left = len(done) - len(results)
+        print(f"{left} of {len(done)} trainings are left; the same command goes on")
+    if results:
+        print(table(results))
+        if command.picture is not None:
+            draw(results, command.kinds, command.picture)
+
+
+def tasks_of(command: Command) -> list[Task]:
+    """One training a method, which is asked the test in every version."""
+    train, test = (
+        find_examples([place], command.pack, command.workers)
+        for place in (command.train, command.test)
+    )
+    harms = [
+        Harm(kind, amount, command.seed)
+        for kind in command.kinds
+        for amount in AMOUNTS[kind]
+    ]
+    tests = {UNHARMED: test, **{h.name: replace(test, harm=h) for h in harms}}
+    return [
+        Task(name, METHODS[name], train, tests, command.seed)
+        for name in command.methods
+    ]
+
+
+def accuracy(result: Result, asked: str) -> float:
+    """Right answers of a test [%]."""
+    return 100 * float(result.answered[asked].right.mean())
+
+
+def table(results: Sequence[Result]) -> str:
+    """One row a version of the test, one column a method."""
+    names = [result.method for result in results]
+    lines = [f"| clips right [%] | {' | '.join(names)} |", "|---" * (len(names) + 1)]
+    lines[-1] += "|"
+    for asked in results[0].answered:
+        if asked != "val":
+            cells = " | ".join(f"{accuracy(result, asked):.1f}" for result in results)
+            lines.append(f"| {asked} | {cells} |")
+    return "\n".join(lines)
+
+
+def draw(results: Sequence[Result], kinds: Sequence[Kind], path: Path) -> None:
+    """One small picture a kind, one line a method."""
+    columns = min(COLUMNS, len(kinds))
+    rows = -(-len(kinds) // columns)
+    size = (2.5 * columns + 0.6, 2.3 * rows + 0.5)
+    figure = Figure(figsize=size, dpi=120, layout="constrained")
+    every = figure.subplots(rows, columns, sharey=True, squeeze=False).ravel()
+    for axes, kind in zip(every, kinds, strict=False):
+        draw_kind(axes, results, kind)
+    for axes in every[len(kinds) :]:
+        axes.set_visible(False)
+    for axes in figure.axes[::columns]:
+        axes.set_ylabel("clips right [%]")
+    lines, names = figure.axes[0].get_legend_handles_labels()
+    figure.legend(
+        lines, names, loc="outside upper center", ncols=len(names), frameon=False
+    )
+    write(figure, path)
+
+
+def draw_kind(axes: Axes, results: Sequence[Result], kind: Kind) -> None:
+    """Accuracy of each method against the amount of one kind."""
+    unharmed = RECORDED_HZ if kind == "rate" else 0.0
+    points = {unharmed: UNHARMED}
+    points |= {amount: Harm(kind, amount).name for amount in AMOUNTS[kind]}
+    amounts = sorted(points)
+    for n, result in enumerate(results):
+        axes.plot(
+            amounts,
+            [accuracy(result, points[amount]) for amount in amounts],
+            color=COLOURS[n % len(COLOURS)],
+            marker=MARKERS[n % len(MARKERS)],
+            ms=4,
+            label=result.method,
+        )
+    if kind == "rate":
+        axes.set_xscale("log")
+    axes.set_xticks(amounts, [f"{amount:g}" for amount in amounts])
+    axes.minorticks_off()
+    axes.tick_params(labelsize=7)
+    axes.set_xlabel(LABELS[kind], fontsize=8)
+    axes.grid(alpha=0.3)
+
+
+if __name__ == "__main__":
+    main(tyro.cli(Command))

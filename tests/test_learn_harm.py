@@ -1,0 +1,315 @@
+"""Harm: what it does, how much of it, and what it leaves alone."""
+
+from dataclasses import fields, replace
+
+import numpy as np
+import pytest
+
+from baseline_scenes import UR5, toy
+from clip_scenes import generated
+from eskin.graph import GraphBatch, GraphConfig
+from eskin.learn.baselines import FitConfig, make_baseline
+from eskin.learn.comparison import METHODS, Task, find_examples
+from eskin.learn.harm import KINDS, TURN, UNHARMED, Harm
+from eskin.recording import Metadata, RecordingWriter, read_recording, write_all
+from eskin.skin import MountedSkin
+from eskin.touch import Calibration, Scan
+
+SECOND = 1_000_000_000
+START = 1_700_000_000 * SECOND
+PERIOD = SECOND // 50
+REST, HIGH, FULL_SCALE = 300, 900, 4095
+SCANS = 160
+SOME = {
+    "dead": 0.1,
+    "patches": 2.0,
+    "noise": 0.01,
+    "drift": 2.0,
+    "lost": 0.2,
+    "rate": 200.0,
+    "pose-mm": 20.0,
+    "pose-deg": 10.0,
+}
+SHOWN = [kind for kind in KINDS if not kind.startswith("pose")]
+
+
+@pytest.fixture(scope="module")
+def recording(tmp_path_factory):
+    """All taxels of a moving arm are pressed after 2 s; then a pause, and a rest."""
+    skin, rng = UR5.skin, np.random.default_rng(0)
+    scans = []
+    for n in range(SCANS):
+        pause = 4 * SECOND if n >= 130 else 0
+        counts = REST + rng.integers(-2, 3, skin.count)
+        counts[rng.random(skin.count) < 0.5] += HIGH * (100 <= n < 120)
+        received = rng.random(skin.count) < 0.98
+        q = np.sin(0.01 * n + np.arange(6))
+        stamp = START + n * PERIOD + pause
+        scans.append(Scan(stamp, counts.astype(np.int32), received, q))
+    path = tmp_path_factory.mktemp("harm") / "a.mcap"
+    calibration = Calibration.uniform(skin.count, FULL_SCALE, 100.0)
+    with RecordingWriter(path, "ur5", skin, calibration, Metadata("scene")) as writer:
+        write_all(writer, scans, [])
+    return read_recording(path)
+
+
+@pytest.fixture(scope="module")
+def examples(tmp_path_factory):
+    """Two clips."""
+    folder = tmp_path_factory.mktemp("set")
+    generated(folder / "a", clips=2)
+    return find_examples([folder / "a"], folder / "pack")
+
+
+def stacked(scans):
+    """Stamps, counts, flags and joint positions of scans."""
+    rows = [(scan.stamp, scan.counts, scan.received, scan.q) for scan in scans]
+    return tuple(map(np.array, zip(*rows, strict=True)))
+
+
+def same(one, other):
+    return all(map(np.array_equal, one, other))
+
+
+def same_graphs(one, other):
+    names = [field.name for field in fields(GraphBatch)]
+    values = ([getattr(each.graphs, name) for name in names] for each in (one, other))
+    return same(*values) and np.array_equal(one.stamps, other.stamps)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_no_harm_changes_nothing(kind, recording, examples):
+    none = Harm(kind, 0.0)
+    assert same(stacked(none.scans(recording)), stacked(recording.scans()))
+    skin = none.skin(recording.skin, recording.start)
+    for name in ("positions", "normals", "tangents"):
+        assert np.array_equal(getattr(skin, name), getattr(recording.skin, name))
+    unharmed, harmed = examples, replace(examples, harm=none)
+    assert np.array_equal(harmed.windows.pressure, unharmed.windows.pressure)
+    assert np.array_equal(harmed.windows.q, unharmed.windows.q)
+    graph = GraphConfig()
+    assert same_graphs(harmed.dataset(graph), unharmed.dataset(graph))
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_the_same_harm_is_the_same_and_another_seed_another(kind, recording):
+    def shown(seed):
+        harm = Harm(kind, SOME[kind], seed)
+        skin = harm.skin(recording.skin, recording.start)
+        return (*stacked(harm.scans(recording)), skin.positions)
+
+    assert same(shown(0), shown(0))
+    assert same(shown(0), shown(1)) == (kind == "rate")
+
+
+@pytest.mark.parametrize("kind", SHOWN)
+def test_what_scans_show_says_nothing_of_places(kind, recording):
+    harm = Harm(kind, SOME[kind])
+    assert harm.skin(recording.skin, recording.start) is recording.skin
+
+
+@pytest.mark.parametrize("kind", ["dead", "patches", "noise", "drift", "lost"])
+def test_harm_of_one_kind_leaves_the_rest_alone(kind, recording):
+    was, now = (
+        stacked(recording.scans()),
+        stacked(Harm(kind, SOME[kind]).scans(recording)),
+    )
+    kept = np.isin(was[0], now[0])
+    assert kept.all() == (kind != "lost")
+    for name, before, after in zip(
+        ("stamp", "counts", "received", "q"), was, now, strict=True
+    ):
+        touched = {"patches": "received", "lost": ""}.get(kind, "counts")
+        assert np.array_equal(before[kept], after) == (name != touched), name
+    assert now[1].min() >= 0 and now[1].max() <= FULL_SCALE
+
+
+@pytest.mark.parametrize("kind", ["dead", "lost", "patches"])
+def test_more_harm_is_more_of_the_same(kind, recording):
+    def missing(amount):
+        stamps, counts, received, _ = stacked(Harm(kind, amount).scans(recording))
+        all_stamps = stacked(recording.scans())[0]
+        return {
+            "dead": set(np.flatnonzero(np.ptp(counts, axis=0) == 0)),
+            "lost": set(all_stamps) - set(stamps),
+            "patches": set(np.flatnonzero(~received.any(axis=0))),
+        }[kind]
+
+    little, much = (1.0, 2.0) if kind == "patches" else (0.05, 0.1)
+    assert missing(little) < missing(much)
+
+
+def test_dead_taxels_are_so_many_and_never_touched(recording):
+    was = stacked(recording.scans())
+    _, counts, received, _ = stacked(Harm("dead", 0.1).scans(recording))
+    heard = np.where(received, counts, REST)
+    dead = heard.max(axis=0) < REST + 10
+    assert (was[1].max(axis=0) > REST + HIGH - 10).all()
+    assert dead.sum() == round(0.1 * recording.skin.count)
+    assert np.array_equal(counts[:, ~dead], was[1][:, ~dead])
+
+
+def test_missing_patches_are_never_received_and_others_as_before(recording):
+    was, now = (
+        stacked(each)[2]
+        for each in (recording.scans(), Harm("patches", 2.0).scans(recording))
+    )
+    patch = recording.skin.patch_index
+    silent = {int(n) for n in np.unique(patch) if not now[:, patch == n].any()}
+    assert len(silent) == 2
+    others = ~np.isin(patch, list(silent))
+    assert np.array_equal(was[:, others], now[:, others])
+
+
+def test_noise_is_as_large_as_asked(recording):
+    _, was, received, _ = stacked(recording.scans())
+    _, now, _, _ = stacked(Harm("noise", 0.01).scans(recording))
+    noise = (now - was)[received]
+    assert noise.std() == pytest.approx(0.01 * FULL_SCALE, rel=0.01)
+    assert abs(noise.mean()) < 0.5
+    assert np.array_equal(now[~received], was[~received])
+
+
+def test_drift_begins_after_the_tare_and_goes_at_its_speed_there_and_back(recording):
+    stamps, was, received, _ = stacked(recording.scans())
+    _, now, _, _ = stacked(Harm("drift", 2.0).scans(recording))
+    kpa = (now - was) * 100 / FULL_SCALE
+    seconds = (stamps - stamps[0]) / SECOND
+    assert (np.abs(kpa)[seconds <= UNHARMED][received[seconds <= UNHARMED]] == 0).all()
+    heard = seconds - np.where(seconds > 4, 4.02, 0.0) - UNHARMED
+    wanted = 2.0 * (TURN - np.abs(np.maximum(heard, 0) - TURN))
+    apart = np.abs(np.abs(kpa) - wanted[:, None])
+    assert apart[received].max() < 100 / FULL_SCALE
+    ways = np.sign(kpa[100][received[100]])
+    assert set(ways) == {-1.0, 1.0} and abs(ways.mean()) < 0.1
+
+
+def test_lost_scans_are_so_many_and_the_others_come(recording):
+    was, now = stacked(recording.scans()), stacked(Harm("lost", 0.2).scans(recording))
+    assert len(now[0]) == SCANS - round(0.2 * SCANS)
+    assert set(now[0]) < set(was[0])
+
+
+def test_at_25_hz_every_other_scan_comes(recording):
+    was, now = stacked(recording.scans()), stacked(Harm("rate", 25.0).scans(recording))
+    assert same([each[::2] for each in was], now)
+
+
+@pytest.mark.parametrize("times", [2, 4])
+def test_at_more_hertz_there_are_more_scans_that_say_no_more(recording, times):
+    was = stacked(recording.scans())
+    now = stacked(Harm("rate", 50.0 * times).scans(recording))
+    assert len(now[0]) == times * SCANS
+    assert same([each[::times] for each in now], was)
+    assert (np.diff(now[0]) > 0).all()
+    half = slice(times // 2, 129 * times, times)
+    mean = (was[1][:129] + was[1][1:130]) / 2
+    assert np.abs(now[1][half] - mean).max() <= 0.5
+    assert np.array_equal(now[2][half], was[2][:129] & was[2][1:130])
+    np.testing.assert_allclose(now[3][half], (was[3][:129] + was[3][1:130]) / 2)
+
+
+def test_in_a_pause_nothing_is_made_up(recording):
+    stamps, counts, _, _ = stacked(Harm("rate", 100.0).scans(recording))
+    assert stamps[259] - stamps[258] == PERIOD // 2
+    assert np.array_equal(counts[259], counts[258])
+    assert stamps[260] - stamps[259] > 4 * SECOND
+
+
+@pytest.mark.parametrize("kind", ["pose-mm", "pose-deg"])
+def test_links_move_rigidly_by_the_amount_and_no_scan_changes(kind, recording):
+    harm, skin = Harm(kind, SOME[kind]), recording.skin
+    assert same(stacked(harm.scans(recording)), stacked(recording.scans()))
+    moved = harm.skin(skin, recording.start)
+    links, ways = np.array(skin.link_names)[skin.patch_index], []
+    for link in set(skin.link_names):
+        on = links == link
+        p, now = skin.positions[on], moved.positions[on]
+        np.testing.assert_allclose(apart(now), apart(p), atol=1e-12)
+        shift = now.mean(axis=0) - p.mean(axis=0)
+        length = 0.02 if kind == "pose-mm" else 0.0
+        assert np.linalg.norm(shift) == pytest.approx(length, abs=1e-12)
+        rotation = turn_between(p, now)
+        angle = 10.0 if kind == "pose-deg" else 0.0
+        cosine = (np.trace(rotation) - 1) / 2
+        assert cosine == pytest.approx(np.cos(np.radians(angle)), abs=1e-9)
+        for name in ("normals", "tangents"):
+            turned = getattr(skin, name)[on] @ rotation.T
+            np.testing.assert_allclose(getattr(moved, name)[on], turned, atol=1e-9)
+        ways.append(tuple((now - p)[0]))
+    assert len(set(ways)) == len(ways) > 1
+
+
+def apart(points):
+    return np.linalg.norm(points[:40, None] - points[None], axis=-1)
+
+
+def turn_between(one, other):
+    """The rotation about the middle that brings points to others (Kabsch 1976)."""
+    u, _, vt = np.linalg.svd((one - one.mean(0)).T @ (other - other.mean(0)))
+    sign = np.diag([1, 1, np.sign(np.linalg.det(u @ vt))])
+    return vt.T @ sign @ u.T
+
+
+def test_wrong_places_change_graphs_and_no_window(examples):
+    wrong = replace(examples, harm=Harm("pose-deg", 10.0))
+    was, now = (each.dataset(GraphConfig()).graphs for each in (examples, wrong))
+    assert np.array_equal(was.pressure, now.pressure)
+    between = (was.normals * now.normals).sum(axis=1)
+    assert 0.98 < between.min() <= between.max() < 1.0
+    assert np.array_equal(examples.windows.pressure, wrong.windows.pressure)
+    mounted = examples.mounted
+    [(seen, windows)] = wrong.windows_on(mounted)
+    assert windows.count == len(examples.every)
+    skin = wrong.harm.skin(mounted.skin, read_recording(examples.paths[0]).start)
+    assert np.array_equal(seen.skin.positions, skin.positions)
+    assert not np.allclose(skin.positions, mounted.skin.positions, atol=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("name", "looks"),
+    [("random-forest", True), ("paper", True), ("knn-max", False), ("cnn-lstm", False)],
+)
+def test_only_methods_that_look_at_places_see_them_change(name, looks):
+    clips, labels = toy(2)
+    fitted = make_baseline(name, UR5, FitConfig(epochs=1)).fit(clips, labels)
+    answers = fitted.predict_probabilities(clips)
+    again = fitted.on(MountedSkin(UR5.skin, UR5.robot)).predict_probabilities(clips)
+    np.testing.assert_allclose(again, answers, atol=1e-6)
+    skin = replace(UR5.skin, positions=3.0 * UR5.skin.positions)
+    other = fitted.on(MountedSkin(skin, UR5.robot)).predict_probabilities(clips)
+    assert np.allclose(other, answers, atol=1e-6) == (not looks)
+    assert np.array_equal(fitted.predict_probabilities(clips), answers)
+
+
+def test_a_harmed_test_is_another_test(examples):
+    harms = [None, Harm("dead", 0.1), Harm("dead", 0.2), Harm("dead", 0.1, 1)]
+    tests = [replace(examples, harm=harm) for harm in harms]
+    assert len({each.digest for each in tests}) == len(harms)
+    keys = {
+        Task("a", METHODS["eskin"], examples, {"test": each}, 0).key for each in tests
+    }
+    assert len(keys) == len(harms)
+    pressures = [each.windows.pressure.tobytes() for each in tests[:3]]
+    assert len(set(pressures)) == 3
+    assert tests[1].only([0]).harm == harms[1]
+
+
+@pytest.mark.parametrize(
+    ("kind", "amount", "message"),
+    [
+        ("dead", 1.5, "amount is 1.5; allowed is 0 to 1"),
+        ("noise", -1.0, "amount is -1.0; allowed is"),
+        ("patches", 1.5, "amount of patches is 1.5; allowed are whole numbers"),
+    ],
+)
+def test_harm_that_means_nothing_is_refused(kind, amount, message):
+    with pytest.raises(ValueError, match=message):
+        Harm(kind, amount)
+
+
+def test_what_a_recording_cannot_lack_or_give_is_refused(recording):
+    with pytest.raises(ValueError, match="10 patches are to be missing of 9"):
+        next(Harm("patches", 10.0).scans(recording))
+    with pytest.raises(ValueError, match=r"rate is 30 Hz of scans that came at 50\.0"):
+        next(iter(Harm("rate", 30.0).scans(recording)))
