@@ -37,8 +37,13 @@ bench: $(READY)
 	$(BIN)/python -m benchmarks.limit
 	$(BIN)/python -m benchmarks.network_step
 
-# The tables of docs/results.md: about half an hour on two cores.
+# The tables of docs/results.md. Real recordings take about half an hour on two cores,
+# simulated people a night (FORM=short: some minutes); what was answered is kept in
+# benchmarks/kept, so that a run that was cut goes on.
+FORM ?= long
+SETS ?= sets
 results: $(READY)
+	$(BIN)/python -m benchmarks.results all --form $(FORM) --sets "$(SETS)"
 	$(BIN)/python -m benchmarks.real_recordings sleeve --data "$(DATA)" \
 		--picture docs/pictures/confusion_sleeve.png
 	$(BIN)/python -m benchmarks.real_recordings shearsense --data "$(SHEARSENSE)" \
