@@ -8,6 +8,7 @@ Prints a table and draws it.
 """
 
 import math
+import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -92,10 +93,12 @@ class Command:
         """Refuse methods that nobody knows."""
         unknown = [name for name in self.methods if name not in METHODS]
         if unknown or not self.methods:
-            raise SystemExit(
+            print(
                 f"--methods names {', '.join(unknown) or 'none'}; allowed are "
-                f"{', '.join(METHODS)}; correct the name"
+                f"{', '.join(METHODS)}; correct the name",
+                file=sys.stderr,
             )
+            raise SystemExit(2)
 
 
 def main(command: Command) -> None:
