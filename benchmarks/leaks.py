@@ -3,8 +3,10 @@
 python -m benchmarks.leaks --train SET/train --test SET/test: learns from labels that
 are shuffled, and from windows without the touch itself: all readings from the first
 contact on are replaced by the last one before it. Either way a method that is asked
-fairly is at chance on the test. That no person, pose group or sensor build of a test
-set is in training is a test of the project (`tests/test_sim_sets.py`).
+fairly is at chance on the test. Which people, pose groups and sensor builds the sets
+share is a test of the project (`tests/test_sim_sets.py`): none between `train` and the
+builds and people of `test-x` and `test-m`; all between the two parts of a paper-size
+set, as in the paper, but for the day.
 """
 
 from dataclasses import dataclass, replace

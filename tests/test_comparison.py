@@ -214,6 +214,7 @@ def test_the_table_has_a_row_a_method_and_a_cut_comparison_goes_on(
         (["--methods", "magic"], "--methods names magic; allowed are eskin, "),
         (["--seeds", "0"], "seeds is 0; allowed is from 1"),
         (["--train", "x", "y", "z"], "--train names 3 and --test 2; allowed are as"),
+        (["--test", "a/x", "b/x"], "--test names folders x, x; allowed is each name"),
         (["--minutes", "-1"], "no training of eskin was begun"),
     ],
 )

@@ -148,6 +148,27 @@ def test_an_order_carries_the_place_of_its_taxel(taxel):
     assert (order.force, order.seconds) == (13.0, 0.9)
 
 
+def test_clicks_far_from_each_other_are_two_pokes_however_fast():
+    sent = []
+    hand = Hand(setup(), sent.append)
+    away = int(np.flatnonzero(mounted().skin_link_index != spot_of(FOREARM).link)[0])
+    hand.click(spot_of(FOREARM), 1.0)
+    hand.click(spot_of(away), 1.1)
+    hand.tick(9.0)
+    assert [order.kind for order in sent] == ["poke", "poke"]
+    assert sent[0].link != sent[1].link
+
+
+def test_a_new_drag_lifts_a_finger_that_was_never_lifted():
+    sent = []
+    hand = Hand(setup(), sent.append)
+    for taxel in (FOREARM, FOREARM + 1):
+        hand.drag("start", spot_of(taxel))
+        hand.drag("update", spot_of(taxel + 1))
+    assert [order.kind for order in sent] == ["begin", "move", "end", "begin", "move"]
+    assert sent[2].key == sent[0].key != sent[3].key
+
+
 def test_a_drag_begins_moves_and_ends_one_finger():
     sent = []
     hand = Hand(setup(), sent.append)

@@ -63,6 +63,13 @@ class Command:
                 f"--train names {len(self.train)} and --test {len(self.test)}; allowed "
                 "are as many of either, or a single --train; name one test a draw"
             )
+        names = [place.name for place in self.test]
+        several = len(self.train) == 1
+        if several and (len(set(names)) < len(names) or "val" in names):
+            raise ValueError(
+                f"--test names folders {', '.join(names)}; allowed is each name once, "
+                "and none called val; rename one"
+            )
 
 
 def run(command: Command) -> dict[str, object]:

@@ -103,6 +103,7 @@ class Policy(Listener):
         self.rested: dict[object, int] = {}
         self.waiting: list[Waiting] = []
         self.paused_since: int | None = None
+        self.held_since: int | None = None
         self.failure: BaseException | None = None
         self.over = Flag()
         self.thread: Thread | None = None
@@ -156,6 +157,8 @@ class Policy(Listener):
             now, state = self.context.clock.now(), self.arm.state()
             since = self.paused_since if self.paused_since is not None else now
             self.paused_since = since if state.paused else None
+            held = self.held_since if self.held_since is not None else now
+            self.held_since = held if state.holding is not None else None
             trouble = self.watch.trouble(now)
             if trouble is not None:
                 for waiting in tuple(self.waiting):
@@ -205,6 +208,7 @@ class Policy(Listener):
     def hold(self, why: str) -> None:
         """Hold the arm and tell."""
         self.arm.hold(why)
+        self.held_since = self.context.clock.now()
         self.held += 1
         self.tell("hold", None, True, why)
 
@@ -226,7 +230,7 @@ class Policy(Listener):
         if why is None and (detection.touch in self.barred or key in self.spent):
             why = COMMANDED
         needed = confidence_for(action, rule.confidence)
-        if why is None and (action in STARTING or detection.confidence < needed):
+        if why is None and (action not in HALTING or detection.confidence < needed):
             self.spent.add(key)
             self.waiting.append(
                 Waiting(
@@ -288,6 +292,8 @@ class Policy(Listener):
             return "nobody has paused it"
         if detection.onset <= self.paused_since:
             return "the touch began before the pause"
+        if self.held_since is not None and detection.onset <= self.held_since:
+            return "the touch began before the hold"
         passed = (now - self.paused_since) / SECOND
         if passed < self.config.pause_seconds:
             return f"it was paused only {passed:.1f} s ago"
@@ -299,10 +305,18 @@ class Policy(Listener):
         waiting.follow(moment, self.vocabulary)
         stamp = moment.state.reading.stamp
         why = self.objection(waiting.action, detection, waiting.rule, stamp)
-        if waiting.touch != before and self.stands_for_another(waiting.touch):
+        joined = {waiting.touch}
+        for touch in reversed(moment.state.over):
+            if touch.merged_into in joined:
+                joined.add(touch.id)
+        if any(map(self.stands_for_another, joined - {before})):
             why = COMMANDED
+        meant = resolved(waiting.rule.what, self.arm.state())
+        if why is None and waiting.action not in HALTING and meant != waiting.action:
+            why = f"the arm has changed: the same would {meant.replace('_', ' ')} now"
         lifted = self.watch.heard - self.watch.touching
         ended = lifted >= self.config.lifted_seconds * SECOND
+        ended = ended and self.watch.hears(detection.patch)
         late = self.context.age(detection.stamp) > self.config.patience
         if why is None and waiting.action in STARTING and not ended:
             if late:
@@ -359,6 +373,7 @@ class Policy(Listener):
                 arm.set_speed(1.0)
             case "hold":
                 arm.hold(f"{detection.gesture} on {detection.patch}")
+                self.held_since = self.context.clock.now()
             case _ if action == FUNCTION:
                 FUNCTIONS[rule.function or ""](arm, detection)
             case _:

@@ -64,14 +64,16 @@ class SkinWatch:
         if any(touch.last == stamp for touch in state.going):
             self.touching = stamp
         for touch in state.over:
-            if touch.id in self.recognised and touch.merged_into:
-                self.recognised.add(touch.merged_into)
             self.recognised.discard(touch.id)
 
     def recognise(self, detection: Detection) -> None:
         """Remember what was said of a touch."""
         if detection.gesture not in WORDLESS:
             self.recognised.add(detection.touch)
+
+    def hears(self, patch: str) -> bool:
+        """Whether the latest reading tells of a patch."""
+        return bool(self.alive[self.patches.index(patch)] == self.heard)
 
     def trouble(self, now: int) -> str | None:
         """Why the skin cannot be relied on at a time; None where it can."""

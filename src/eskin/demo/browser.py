@@ -170,6 +170,8 @@ def running(
         page = ViewerConfig(port, touchable=True, skins=skins)
         viewer = Viewer(recognition, page, guarded(obedience.obey), arm)
         source = LiveSource(skin, arm, clock)
+        gc.unfreeze()
+        gc.collect()
         gc.freeze()
         stream = Stream(source, [recognition, policy, viewer, button])
         wanted.stop = stream.stop

@@ -101,7 +101,8 @@ class Comparison(Listener):
             (who, tuple(map(shown, said, labels, (classes, classes))))
             for who, said in zip(WHO, zip(*answers, strict=True), strict=True)
         )
-        title = f"The same counts twice: touch {self.playing // 2 + 1}"
+        number = self.playing // 2 % len(self.touches) + 1
+        title = f"The same counts twice: touch {number}"
         return Board(title, POSES, labels, len(self.opinions) - 1, rows)
 
     def close(self) -> None:

@@ -16,6 +16,8 @@ from eskin.page.setup import Setup
 Mode = Literal["poke", "double-pat", "grab", "stroke"]
 TWICE = 0.35
 """A click so soon after another makes a double pat of both [s]."""
+CLOSE = 0.05
+"""How near to the first click the second one of a double pat is [m]."""
 LEAST: dict[TouchKind, float] = {"grab": 0.8, "double_pat": 0.4}
 """How long a hand takes for these, though a poke is set to be shorter [s]."""
 STROKE_LENGTH = 0.12
@@ -77,11 +79,14 @@ class Hand:
         """Poke soon, or pat twice if a poke was about to begin."""
         with self.lock:
             self.tick(now)
-            if self.once is None:
-                self.once = (now + TWICE, spot)
-            else:
-                self.at(now, self.order("double_pat", self.once[1], next(self.keys)))
+            first = None if self.once is None else self.once[1]
+            if first is not None and are_near(first, spot):
+                self.at(now, self.order("double_pat", first, next(self.keys)))
                 self.once = None
+                return
+            if first is not None:
+                self.at(now, self.order("poke", first, next(self.keys)))
+            self.once = (now + TWICE, spot)
 
     def stroke(self, spot: Spot, now: float) -> None:
         """Stroke along the patch from a spot on, over taxels of the same link."""
@@ -118,6 +123,9 @@ class Hand:
             spot: where the mouse is on the skin.
         """
         finger = self.dragged
+        if finger is not None and phase == "start":
+            self.send(replace(finger, kind="end"))
+            finger = None
         if finger is not None and finger.kind == "begin":
             self.send(finger)
             finger = replace(finger, kind="move")
@@ -155,3 +163,9 @@ class Hand:
                 self.once = None
             while self.later and self.later[0][0] <= now:
                 self.send(heapq.heappop(self.later)[2])
+
+
+def are_near(one: Spot, other: Spot) -> bool:
+    """Whether two clicks are on the same place, as far as a hand cares."""
+    away = np.linalg.norm(one.p_link - other.p_link)
+    return one.link == other.link and bool(away <= CLOSE)

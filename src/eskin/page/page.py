@@ -73,6 +73,7 @@ class Page:
             for link, discs in self.scene.discs.items():
                 self.hear(link, discs)
                 self.hear(link, self.scene.add_pads(link))
+            server.on_client_disconnect(lambda _: self.hand.drag("end", None))
 
     def hear(self, link: int, discs: BatchedMeshHandle) -> None:
         """Make touches of clicks and drags on the discs or pads of a link."""

@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+import os
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
@@ -17,6 +18,10 @@ from rich.progress import track
 from eskin.learn.comparison.examples import Examples
 from eskin.learn.comparison.methods import Method
 from eskin.learn.holdout import hold_out
+from eskin.touch import PipelineConfig
+
+FORMAT = 1
+"""Of results; raised whenever a method is changed that its settings do not tell of."""
 
 
 @dataclass(frozen=True)
@@ -82,7 +87,8 @@ class Task:
     def key(self) -> str:
         """Names what decides the result, so that a file of that name is the result."""
         tests = {name: each.digest for name, each in self.tests.items()}
-        facts = f"{self.method} {self.train.digest} {tests} {self.seed} {self.share}"
+        facts = f"{FORMAT} {PipelineConfig()} {self.method} {self.train.digest} "
+        facts += f"{tests} {self.seed} {self.share}"
         short = hashlib.sha256(facts.encode()).hexdigest()[:12]
         return f"{self.name}-{self.seed}-{short}"
 
@@ -172,7 +178,7 @@ def write_result(path: Path, result: Result) -> None:
         name: {key: " ".join(values) for key, values in asdict(each).items()}
         for name, each in result.answered.items()
     }
-    part = path.with_name(path.name + ".part")
+    part = path.with_name(f"{path.name}.{os.getpid()}.part")
     part.write_text(json.dumps(facts, indent=1) + "\n", encoding="utf-8")
     part.replace(path)
 
