@@ -72,6 +72,7 @@ class ToldArm(Arm):
             self.protective_stop,
             self.connected,
             jogging=self.jogging,
+            pauses=self.told.count("pause"),
         )
 
     def tell(self, what):

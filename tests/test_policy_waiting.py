@@ -52,6 +52,16 @@ def test_a_stop_of_the_arm_itself_is_not_undone_by_a_touch_before_it():
     assert scene.arm.paused and scene.arm.holding == "emergency stop"
 
 
+def test_a_pause_by_somebody_else_is_not_undone_by_a_touch_before_it():
+    scene, number = asked_to_resume()
+    scene.arm.resume()
+    scene.arm.pause()
+    scene.rest(0.2)
+    scene.lift(number)
+    scene.rest(1.5)
+    assert scene.arm.paused and "resume" not in accepted(scene)
+
+
 @pytest.mark.parametrize("oldest", [0.1, 0.4])
 def test_a_finger_whose_patch_falls_silent_has_not_been_lifted(oldest):
     scene, number = asked_to_resume(watch=WatchConfig(oldest=oldest))

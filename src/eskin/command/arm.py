@@ -56,6 +56,9 @@ class ArmState:
     jogging: bool = False
     """Whether it makes a step while it is paused."""
 
+    pauses: int = 0
+    """How often it was asked to pause so far, paused already or not."""
+
     @property
     def stopped(self) -> bool:
         """Whether it is paused, held or in protective stop."""

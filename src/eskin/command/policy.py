@@ -103,6 +103,7 @@ class Policy(Listener):
         self.rested: dict[object, int] = {}
         self.waiting: list[Waiting] = []
         self.paused_since: int | None = None
+        self.pauses = 0
         self.held_since: int | None = None
         self.failure: BaseException | None = None
         self.over = Flag()
@@ -155,8 +156,10 @@ class Policy(Listener):
         """Hold the arm if its skin cannot be relied on."""
         with self.lock:
             now, state = self.context.clock.now(), self.arm.state()
-            since = self.paused_since if self.paused_since is not None else now
+            anew = self.paused_since is None or state.pauses != self.pauses
+            since = now if anew else self.paused_since
             self.paused_since = since if state.paused else None
+            self.pauses = state.pauses
             held = self.held_since if self.held_since is not None else now
             self.held_since = held if state.holding is not None else None
             trouble = self.watch.trouble(now)
@@ -204,6 +207,7 @@ class Policy(Listener):
         """Pause the arm, from now on."""
         self.arm.pause()
         self.paused_since = self.context.clock.now()
+        self.pauses = self.arm.state().pauses
 
     def hold(self, why: str) -> None:
         """Hold the arm and tell."""

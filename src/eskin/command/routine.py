@@ -28,6 +28,7 @@ class Routine:
         trajectory: the motion.
         place: of the waypoint that it goes to.
         paused: whether a person asked it to pause.
+        pauses: how often one has.
         holding: why it was stopped without being asked; None where it was not.
         speed: share of full speed.
         gripper: what it is, or was before it began to move.
@@ -47,7 +48,7 @@ class Routine:
         self.task = task
         self.trajectory = Trajectory(begin if q is None else q, motion)
         self.place = 0
-        self.paused = False
+        self.paused, self.pauses = False, 0
         self.holding: str | None = None
         self.speed = 1.0
         self.gripper: Grip = "open"
@@ -66,7 +67,7 @@ class Routine:
 
     def pause(self) -> None:
         """Stop, because a person wants it."""
-        self.paused = True
+        self.paused, self.pauses = True, self.pauses + 1
         self.end_jog()
 
     def resume(self) -> None:
@@ -225,4 +226,5 @@ class Routine:
             carrying=self.carrying,
             delivered=self.delivered,
             jogging=self.jogging,
+            pauses=self.pauses,
         )
