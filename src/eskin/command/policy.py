@@ -16,10 +16,12 @@ from eskin.command.action import (
     confidence_for,
     resolved,
 )
-from eskin.command.arm import Arm, ArmState
+from eskin.command.arm import Arm
 from eskin.command.command_map import WORDLESS, CommandMap, Rule
 from eskin.command.functions import FUNCTIONS
 from eskin.command.skin_watch import SkinWatch, WatchConfig
+from eskin.command.spent import Spent
+from eskin.command.stops import Stops
 from eskin.command.waiting import Waiting
 from eskin.errors import ArmError, JogError
 from eskin.live import Detection
@@ -98,13 +100,10 @@ class Policy(Listener):
         self.config = config or PolicyConfig()
         self.lock = RLock()
         self.accepted = self.held = 0
-        self.spent: set[tuple[int, int]] = set()
-        self.barred: set[int] = set()
+        self.spent = Spent()
+        self.stops = Stops()
         self.rested: dict[object, int] = {}
         self.waiting: list[Waiting] = []
-        self.paused_since: int | None = None
-        self.pauses = 0
-        self.held_since: int | None = None
         self.failure: BaseException | None = None
         self.over = Flag()
         self.thread: Thread | None = None
@@ -150,18 +149,13 @@ class Policy(Listener):
             self.stop_if_touched()
             for waiting in tuple(self.waiting):
                 self.wait_on(waiting, item)
-            self.forget(item)
+            self.spent.forget(item.state.over)
 
     def look(self) -> None:
         """Hold the arm if its skin cannot be relied on."""
         with self.lock:
             now, state = self.context.clock.now(), self.arm.state()
-            anew = self.paused_since is None or state.pauses != self.pauses
-            since = now if anew else self.paused_since
-            self.paused_since = since if state.paused else None
-            self.pauses = state.pauses
-            held = self.held_since if self.held_since is not None else now
-            self.held_since = held if state.holding is not None else None
+            self.stops.look(state, now)
             trouble = self.watch.trouble(now)
             if trouble is not None:
                 for waiting in tuple(self.waiting):
@@ -206,13 +200,12 @@ class Policy(Listener):
     def pause(self) -> None:
         """Pause the arm, from now on."""
         self.arm.pause()
-        self.paused_since = self.context.clock.now()
-        self.pauses = self.arm.state().pauses
+        self.stops.pause(self.arm.state(), self.context.clock.now())
 
     def hold(self, why: str) -> None:
         """Hold the arm and tell."""
         self.arm.hold(why)
-        self.held_since = self.context.clock.now()
+        self.stops.hold(self.context.clock.now())
         self.held += 1
         self.tell("hold", None, True, why)
 
@@ -229,13 +222,12 @@ class Policy(Listener):
         if action == "none":
             self.tell("none", detection, False, "the map says none")
             return
-        key = detection.touch, detection.onset
         why = self.objection(action, detection, rule, detection.stamp)
-        if why is None and (detection.touch in self.barred or key in self.spent):
+        if why is None and self.spent.has(detection.touch, detection.onset):
             why = COMMANDED
         needed = confidence_for(action, rule.confidence)
         if why is None and (action not in HALTING or detection.confidence < needed):
-            self.spent.add(key)
+            self.spent.add(detection.touch, detection.onset)
             self.waiting.append(
                 Waiting(
                     *(detection, rule, action, needed),
@@ -285,22 +277,10 @@ class Policy(Listener):
         if action == "jog" and not detection.direction_world.any():
             return "the touch did not travel"
         if action in STARTING:
-            return self.objection_to_starting(detection, state, now)
-        return None
-
-    def objection_to_starting(
-        self, detection: Detection, state: ArmState, now: int
-    ) -> str | None:
-        """Why a touch must not set the arm in motion; None: it may once it ends."""
-        if not state.paused or self.paused_since is None:
-            return "nobody has paused it"
-        if detection.onset <= self.paused_since:
-            return "the touch began before the pause"
-        if self.held_since is not None and detection.onset <= self.held_since:
-            return "the touch began before the hold"
-        passed = (now - self.paused_since) / SECOND
-        if passed < self.config.pause_seconds:
-            return f"it was paused only {passed:.1f} s ago"
+            if not state.paused:
+                return "nobody has paused it"
+            least = self.config.pause_seconds
+            return self.stops.objection(detection.onset, now, least)
         return None
 
     def wait_on(self, waiting: Waiting, moment: Moment) -> None:
@@ -309,11 +289,7 @@ class Policy(Listener):
         waiting.follow(moment, self.vocabulary)
         stamp = moment.state.reading.stamp
         why = self.objection(waiting.action, detection, waiting.rule, stamp)
-        joined = {waiting.touch}
-        for touch in reversed(moment.state.over):
-            if touch.merged_into in joined:
-                joined.add(touch.id)
-        if any(map(self.stands_for_another, joined - {before})):
+        if self.spent.joins(waiting.touch, before, moment.state.over):
             why = COMMANDED
         meant = resolved(waiting.rule.what, self.arm.state())
         if why is None and waiting.action not in HALTING and meant != waiting.action:
@@ -329,10 +305,6 @@ class Policy(Listener):
             self.end(waiting, why)
         elif late or waiting.closed:
             self.end(waiting, waiting.doubt)
-
-    def stands_for_another(self, touch: int) -> bool:
-        """Whether a touch, or one that it took over, has commanded or asked already."""
-        return touch in self.barred or touch in {number for number, _ in self.spent}
 
     def end(self, waiting: Waiting, why: str | None) -> None:
         """Wait for a touch no longer; obey it where nothing is against it."""
@@ -353,7 +325,7 @@ class Policy(Listener):
                 self.hold(why)
         if why is None:
             self.accepted += 1
-            self.spent.add((detection.touch, detection.onset))
+            self.spent.add(detection.touch, detection.onset)
             self.rested[rule.place] = self.context.clock.now()
         reason = f"{detection.gesture} on {detection.patch}" if why is None else why
         self.tell(action, detection, why is None, reason)
@@ -367,7 +339,7 @@ class Policy(Listener):
             case "resume":
                 arm.release()
                 arm.resume()
-                self.paused_since = None
+                self.stops.resume()
             case "jog":
                 step = self.config.step if rule.step is None else rule.step
                 arm.jog(step * detection.direction_world)
@@ -377,20 +349,11 @@ class Policy(Listener):
                 arm.set_speed(1.0)
             case "hold":
                 arm.hold(f"{detection.gesture} on {detection.patch}")
-                self.held_since = self.context.clock.now()
+                self.stops.hold(self.context.clock.now())
             case _ if action == FUNCTION:
                 FUNCTIONS[rule.function or ""](arm, detection)
             case _:
                 getattr(arm, action)()
-
-    def forget(self, moment: Moment) -> None:
-        """Let go of touches that have closed; what took one over is barred for it."""
-        for touch in moment.state.over:
-            spent = {key for key in self.spent if key[0] == touch.id}
-            if touch.merged_into and (spent or touch.id in self.barred):
-                self.barred.add(touch.merged_into)
-            self.spent -= spent
-            self.barred.discard(touch.id)
 
     def tell(
         self, action: str, detection: Detection | None, accepted: bool, why: str
