@@ -3,7 +3,7 @@
 from typing import final
 
 import numpy as np
-from jaxtyping import Float, Float32
+from jaxtyping import Float, Float32, UInt8
 from viser import BatchedMeshHandle, FrameHandle, ViserServer
 
 from eskin.page.colours import ColourScale
@@ -109,37 +109,43 @@ class Scene:
 
     def add_discs(self, link: int) -> BatchedMeshHandle:
         """One disc a taxel, in the frame of their link."""
-        setup, taxels = self.setup, self.taxels[link]
-        vertices, faces = disc()
-        normals = setup.normals[taxels]
-        return self.server.scene.add_batched_meshes_simple(
-            f"/robot/{setup.links[link]}/taxels",
-            vertices,
-            faces,
-            turned_to(normals),
-            setup.positions[taxels] + LIFT * normals,
-            batched_scales=COVER * np.sqrt(setup.areas[taxels] / np.pi),
-            batched_colors=LINEAR[
-                self.scale.colours(np.zeros(len(taxels)), np.ones(len(taxels), bool))
-            ],
-            lod="off",
-            cast_shadow=False,
-            receive_shadow=False,
-        )
+        count = len(self.taxels[link])
+        colours = self.scale.colours(np.zeros(count), np.ones(count, dtype=bool))
+        return self.add_rounds("taxels", link, LIFT, COVER, LINEAR[colours])
 
     def add_pads(self, link: int) -> BatchedMeshHandle:
         """What is seen between the discs of a link, so that it can be touched there."""
+        colour = tuple(LINEAR[list(PAD)].tolist())
+        return self.add_rounds("pads", link, LIFT / 2, WHOLE, colour)
+
+    def add_rounds(
+        self,
+        name: str,
+        link: int,
+        lift: float,
+        share: float,
+        colours: UInt8[np.ndarray, "taxel 3"] | tuple[int, int, int],
+    ) -> BatchedMeshHandle:
+        """Something round on each taxel of a link, in the frame of the link.
+
+        Args:
+            name: of all of them in the scene.
+            link: index of the link.
+            lift: how far they stand off the surface [m].
+            share: their radius, as a share of that of a circle of the taxel's area.
+            colours: of each, or of all.
+        """
         setup, taxels = self.setup, self.taxels[link]
         vertices, faces = disc()
         normals = setup.normals[taxels]
         return self.server.scene.add_batched_meshes_simple(
-            f"/robot/{setup.links[link]}/pads",
+            f"/robot/{setup.links[link]}/{name}",
             vertices,
             faces,
             turned_to(normals),
-            setup.positions[taxels] + LIFT / 2 * normals,
-            batched_scales=WHOLE * np.sqrt(setup.areas[taxels] / np.pi),
-            batched_colors=tuple(LINEAR[list(PAD)].tolist()),
+            setup.positions[taxels] + lift * normals,
+            batched_scales=share * np.sqrt(setup.areas[taxels] / np.pi),
+            batched_colors=colours,
             lod="off",
             cast_shadow=False,
             receive_shadow=False,
