@@ -150,6 +150,18 @@ def test_a_file_where_training_should_stand_that_is_none_is_one_line(
     assert list(tmp_path.iterdir()) == [kept]
 
 
+def test_training_starts_from_a_model_by_its_name_and_the_card_tells(
+    data, tmp_path, capsys
+):
+    model = tmp_path / "m.safetensors"
+    words = (data / "train", "--out", model, "--start")
+    assert train(capsys, *words, "ur5")[0] == 0
+    assert load_model(model).card.training["start"] == "ur5"
+    nowhere = tmp_path / "no.safetensors"
+    code, _, err = train(capsys, *words, nowhere)
+    assert code == 2 and f"{nowhere}: no such model" in err
+
+
 def test_the_card_tells_how_the_model_was_made(data, tmp_path, capsys):
     out = tmp_path / "m.safetensors"
     flags = ("--seed", "7", "--train.rate", "0.002")

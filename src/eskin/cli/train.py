@@ -37,7 +37,8 @@ class Command:
     """Recorded streams to choose on how sure is sure; the defaults where none is."""
 
     start: Path | None = None
-    """A model to start from: its weights are taken wherever they fit."""
+    """A model to start from, of those that come with eskin or a file: its weights are
+    taken wherever they fit."""
 
     test: tuple[Path, ...] = ()
     """Recordings to score the model on when it is done."""
@@ -100,7 +101,8 @@ def run(command: Command) -> dict[str, object]:
         check_fits(card, test)
     kept = command.out.with_name(command.out.name + ".training")
     facts = f"{content} {vocabulary} {command.train} {command.seed} {skins}"
-    facts += "".join(f" {digest(find_recordings(data))}" for data in others(command))
+    facts += f" {digest(find_recordings(command.val))}" if command.val else ""
+    facts += f" {start.digest}" if start else ""
     network = trainer.run(kept=kept, facts=facts)
     right = trainer.validation_accuracy()
     card = replace(
@@ -122,12 +124,6 @@ def run(command: Command) -> dict[str, object]:
     return result
 
 
-def others(command: Command) -> list[tuple[Path, ...]]:
-    """What else decides what a training comes to."""
-    start = () if command.start is None else ((command.start,),)
-    return [data for data in (command.val, *start) if data]
-
-
 def first_card(command: Command, trainer: Trainer, content: str) -> ModelCard:
     """What is known of a model before it is trained."""
     return ModelCard(
@@ -143,6 +139,7 @@ def first_card(command: Command, trainer: Trainer, content: str) -> ModelCard:
 def facts_of(command: Command) -> dict[str, str]:
     """What else of the command the card tells."""
     facts = {"seed": str(command.seed), "skins": str(command.skins)}
+    facts |= {"start": str(command.start)} if command.start else {}
     return facts | (flat(asdict(command.wear), "wear.") if command.skins else {})
 
 

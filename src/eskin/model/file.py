@@ -1,5 +1,6 @@
 """Reading and writing model files: safetensors with one JSON card as metadata."""
 
+import hashlib
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -33,6 +34,14 @@ class Model:
 
     card: ModelCard
     """What they are for."""
+
+    @property
+    def digest(self) -> str:
+        """SHA-256 over the weights, by name."""
+        every = hashlib.sha256()
+        for name in sorted(self.weights):
+            every.update(name.encode() + self.weights[name].tobytes())
+        return every.hexdigest()
 
 
 def save_model(path: Path, model: Model) -> None:
