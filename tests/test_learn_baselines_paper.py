@@ -99,7 +99,7 @@ def test_a_touched_taxel_is_heard_as_many_hops_away_as_there_are_layers():
     for _ in range(LAYERS):
         table = net.table.tolist()
         heard |= {node for node, hears in enumerate(table) if heard & set(hears)}
-    assert set(rows.node[rows.targets].tolist()) == heard
+    assert set(rows.node[rows.steps[-1].targets].tolist()) == heard
 
 
 def test_k_is_the_number_of_neighbours_and_new_weights_forget_the_rest():

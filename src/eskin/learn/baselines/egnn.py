@@ -35,6 +35,16 @@ AT_ONCE = 4
 
 
 @dataclass(frozen=True, eq=False)
+class Step:
+    """What one layer computes; all other rows are as at rest after it."""
+
+    targets: Int[Tensor, "target"]
+    """Rows that are computed."""
+    sources: Int[Tensor, "target k"]
+    """Rows that each of these hears, or -1."""
+
+
+@dataclass(frozen=True, eq=False)
 class Rows:
     """The nodes of some readings that are computed, and those that they hear."""
 
@@ -42,10 +52,8 @@ class Rows:
     """Of each row."""
     node: Int[Tensor, "row"]
     """The taxel of each row."""
-    targets: Int[Tensor, "target"]
-    """Rows that are computed; the others are as at rest."""
-    sources: Int[Tensor, "target k"]
-    """Rows that each of these hears, or -1."""
+    steps: list[Step]
+    """One a layer: what differs from rest spreads by one hop with each."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -201,15 +209,15 @@ class PaperNetwork(ReadingNetwork):
         rotation, origin = T_row[:, :3, :3], T_row[:, :3, 3]
         v = self.embed(felt[rows.reading, rows.node, None])
         x = turned(rotation, rest.x[0].index_select(0, rows.node)) + origin
-        apart = x[rows.targets, None] - gather(x, rows.sources.clamp(min=0))
-        lengths = apart.norm(dim=-1)
-        computed = v
-        for n, layer in enumerate(self.layers, 1):
-            computed, moved = layer(v, x, lengths, rows.targets, rows.sources)
+        x_first, computed = x, v
+        for n, (layer, step) in enumerate(zip(self.layers, rows.steps, strict=True), 1):
+            apart = x_first[step.targets, None] - gather(x_first, step.sources.clamp(0))
+            lengths = apart.norm(dim=-1)
+            computed, moved = layer(v, x, lengths, step.targets, step.sources)
             v = rest.v[n].index_select(0, rows.node)
-            v = v.index_copy(0, rows.targets, computed)
+            v = v.index_copy(0, step.targets, computed)
             x = turned(rotation, rest.x[n].index_select(0, rows.node)) + origin
-            x = x.index_copy(0, rows.targets, moved)
+            x = x.index_copy(0, step.targets, moved)
         return self.pool(computed, rows, rest.v[-1], len(felt))
 
     def pool(
@@ -221,7 +229,8 @@ class PaperNetwork(ReadingNetwork):
     ) -> Float[Tensor, "reading width"]:
         """Maximum or mean over all nodes of each reading."""
         taxels = len(rest)
-        flat = rows.reading[rows.targets] * taxels + rows.node[rows.targets]
+        targets = rows.steps[-1].targets
+        flat = rows.reading[targets] * taxels + rows.node[targets]
         every = rest.repeat(readings, 1).index_copy(0, flat, computed)
         nodes = every.view(readings, *rest.shape)
         return nodes.amax(dim=1) if self.pooling == "max" else nodes.mean(dim=1)
@@ -244,25 +253,30 @@ class PaperNetwork(ReadingNetwork):
         touched: Bool[Tensor, "reading taxel"],
         live: Int[Tensor, "reading taxel live"],
     ) -> Rows:
-        """Which nodes are computed, and which of them hear which."""
+        """Which nodes each layer computes, and which of them hear which."""
         table = self.table
         joined = (live >= 0).any(dim=-1)
         changed = torch.ones_like(touched) if self.whole else touched
-        for _ in range(0 if self.whole else LAYERS):
+        computed: list[tuple[Tensor, Tensor, Tensor]] = []
+        for _ in range(LAYERS):
             near = (changed[:, table.clamp(min=0)] & (table >= 0)).any(dim=-1)
             changed = changed | near | joined
-        reading, node = changed.nonzero(as_tuple=True)
-        heard = torch.cat([table[node], live[reading, node]], dim=1)
-        needed = changed.clone()
-        needed[reading[:, None], heard.clamp(min=0)] |= heard >= 0
+            reading, node = changed.nonzero(as_tuple=True)
+            heard = torch.cat([table[node], live[reading, node]], dim=1)
+            computed.append((reading, node, heard))
+        needed, (reading, _, heard) = changed.clone(), computed[-1]
+        target, _ = (heard >= 0).nonzero(as_tuple=True)
+        needed[reading[target], heard[heard >= 0]] = True
         place = torch.full(touched.shape, -1)
         place[needed] = torch.arange(int(needed.sum()))
-        sources = place[reading[:, None], heard.clamp(min=0)]
-        return Rows(
-            *needed.nonzero(as_tuple=True),
-            targets=place[reading, node],
-            sources=torch.where(heard >= 0, sources, -1),
-        )
+        steps = []
+        for reading, node, heard in computed:
+            sources = place[reading[:, None], heard.clamp(min=0)]
+            steps.append(
+                Step(place[reading, node], torch.where(heard >= 0, sources, -1))
+            )
+        reading, node = needed.nonzero(as_tuple=True)
+        return Rows(reading, node, steps)
 
     def live_edges(
         self, touched: Bool[Tensor, "reading taxel"], q: Float[Tensor, "reading joint"]
