@@ -37,17 +37,19 @@ bench: $(READY)
 	$(BIN)/python -m benchmarks.limit
 	$(BIN)/python -m benchmarks.network_step
 
-# The tables of docs/results.md. Real recordings take about half an hour on two cores,
-# simulated people a night (FORM=short: some minutes); what was answered is kept in
-# benchmarks/kept, so that a run that was cut goes on.
+# The tables of docs/results.md: simulated people, a night on two cores, and real
+# recordings, half an hour. What was answered is kept in benchmarks/kept, so that a run
+# that was cut goes on. FORM=short shows in some minutes that the first of these runs.
 FORM ?= long
 SETS ?= sets
 results: $(READY)
 	$(BIN)/python -m benchmarks.results all --form $(FORM) --sets "$(SETS)"
+ifneq ($(FORM),short)
 	$(BIN)/python -m benchmarks.real_recordings sleeve --data "$(DATA)" \
 		--picture docs/pictures/confusion_sleeve.png
 	$(BIN)/python -m benchmarks.real_recordings shearsense --data "$(SHEARSENSE)" \
 		--picture docs/pictures/confusion_shearsense.png
+endif
 
 # What the simulated world is held to: a quarter of an hour on two cores.
 validate: $(READY)

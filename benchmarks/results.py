@@ -1,10 +1,12 @@
 """The tables of recognisers beside each other, on simulated people.
 
 python -m benchmarks.results [PART] --sets FOLDER [--form short]: PART is one of table,
-large, clips, study, leaks or all. Sets that FOLDER does not hold yet are generated
-there. What each method answered is kept in `benchmarks/kept` (--results), so that
-whatever is there already is not trained again, and a run that was cut goes on. The
-short form takes some minutes, the long one about a night on two cores.
+large, clips, robustness, study, leaks or all. Sets that FOLDER does not hold yet are
+generated there. What each method answered is kept, so that whatever is there already is
+not trained again, and a run that was cut goes on: that of the long form in
+`benchmarks/kept`, its pictures in `docs/pictures`; that of the short form, which only
+shows that all of it runs, beside the sets. The short form takes some minutes, the long
+one about a night on two cores.
 """
 
 import math
@@ -16,7 +18,7 @@ from typing import Literal
 
 import tyro
 
-from benchmarks import leaks
+from benchmarks import leaks, robustness
 from benchmarks.simulated_sets import made_set
 from eskin.cli import compare, study
 from eskin.learn.comparison import (
@@ -29,8 +31,9 @@ from eskin.learn.comparison import (
 )
 from eskin.learn.comparison.pictures import draw_clips_curve
 from eskin.learn.comparison.table import accuracies_of, mean_of, spread, spread_of
+from eskin.learn.harm import KINDS, Kind
 
-Part = Literal["table", "large", "clips", "study", "leaks", "all"]
+Part = Literal["table", "large", "clips", "robustness", "study", "leaks", "all"]
 TESTS = ("test-s", "test-p", "test-x", "test-m")
 OF_581 = {29: 33, 58: 67, 116: 134, 232: 269, 464: 539}
 """Clips to learn from, and how many the whole set has then."""
@@ -53,17 +56,40 @@ class Form:
     sizes: tuple[int, ...]
     """Clips learned in the curve."""
     curve_draws: int
-    """Sets a point of the curve."""
+    """Sets a point of the curve, and of what is harmed."""
+    harmed: tuple[str, ...]
+    """Methods whose clips are harmed."""
+    kinds: tuple[Kind, ...]
+    """Of harm."""
     study: tuple[str, ...]
     """What else is said to the study."""
 
 
 FORMS = {
     "short": Form(
-        *(2, 0, False, 200, 100, (29, 116), 1),
-        ("--networks", "eskin", "--k", "8", "--seeds", "1"),
+        draws=1,
+        paper_draws=0,
+        slow=False,
+        train=200,
+        test=100,
+        sizes=(29,),
+        curve_draws=1,
+        harmed=("eskin", "random-forest"),
+        kinds=("dead",),
+        study=("--networks", "eskin", "--k", "8", "--seeds", "1"),
     ),
-    "long": Form(10, 3, True, 3000, 1000, (29, 58, 116, 232, 464), 3, ()),
+    "long": Form(
+        draws=10,
+        paper_draws=3,
+        slow=True,
+        train=3000,
+        test=1000,
+        sizes=(29, 58, 116, 232, 464),
+        curve_draws=3,
+        harmed=("eskin", "gradient-boosting", "random-forest", "cnn-lstm"),
+        kinds=KINDS,
+        study=(),
+    ),
 }
 
 
@@ -80,17 +106,23 @@ class Command:
     sets: Path = Path("sets")
     """Folder of the sets."""
 
-    results: Path = Path("benchmarks/kept")
-    """Folder of what methods answered."""
-
-    pictures: Path = Path("docs/pictures")
-    """Folder of the pictures."""
-
     workers: int = os.cpu_count() or 1
     """How many processes train."""
 
     minutes: float = math.inf
     """After how long no further training is begun, of each part."""
+
+    @property
+    def results(self) -> Path:
+        """Folder of what methods answered."""
+        short = self.form == "short"
+        return self.sets / "kept" if short else Path("benchmarks/kept")
+
+    @property
+    def pictures(self) -> Path:
+        """Folder of the pictures."""
+        short = self.form == "short"
+        return self.sets / "pictures" if short else Path("docs/pictures")
 
     @property
     def common(self) -> dict[str, object]:
@@ -196,6 +228,19 @@ def task_of(
     return Task(name.replace(" ", "-"), method, learned, {"test": asked}, 0, share=0.0)
 
 
+def harmed(command: Command, form: Form) -> None:
+    """What is left of it when skin, wire, robot or rate are not as learned."""
+    draws = paper_sets(command, form.curve_draws)
+    trains, tests = (tuple(d / part for d in draws) for part in ("train", "test"))
+    robustness.main(
+        robustness.Command(
+            *(trains, tests, form.harmed, form.kinds),
+            picture=command.pictures / "robustness.png",
+            **command.common,  # type: ignore
+        )
+    )
+
+
 def show_study(command: Command, form: Form) -> None:
     """Neighbours and pooling (Fig. 32)."""
     picture = command.pictures / "study.png"
@@ -217,6 +262,7 @@ PARTS: dict[str, Callable[[Command, Form], None]] = {
     "table": table,
     "large": large,
     "clips": clips,
+    "robustness": harmed,
     "study": show_study,
     "leaks": show_leaks,
 }

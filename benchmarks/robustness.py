@@ -1,10 +1,10 @@
 """How every method fares when skin, wire, robot or rate are not what it learned of.
 
-python -m benchmarks.robustness --train DIR --test DIR [--methods ...] [--kinds ...]
-[--picture FILE]: each method is trained once on clips as recorded; the clips of the
-test are then answered as recorded, and harmed in every kind and amount
-(`eskin.learn.harm`). Results are kept, so the same command goes on where it was cut.
-Prints a table and draws it.
+python -m benchmarks.robustness --train DIR ... --test DIR ... [--methods ...]
+[--kinds ...] [--picture FILE]: each method is trained once on the clips of each --train
+as recorded; those of its --test are then answered as recorded, and harmed in every kind
+and amount (`eskin.learn.harm`). Results are kept, so the same command goes on where it
+was cut. Prints a table of the shares of all clips together, and draws it.
 """
 
 import math
@@ -13,6 +13,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+import numpy as np
 import tyro
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -54,11 +55,11 @@ COLUMNS = 4
 class Command:
     """Train methods on clips as recorded, and ask them harmed ones."""
 
-    train: Path
-    """Set of clips to learn from."""
+    train: tuple[Path, ...]
+    """Sets of clips to learn from, each for itself."""
 
-    test: Path
-    """Set of clips to answer."""
+    test: tuple[Path, ...]
+    """Set of clips to answer, one for each of them."""
 
     methods: tuple[str, ...] = (
         "eskin",
@@ -99,59 +100,70 @@ class Command:
                 file=sys.stderr,
             )
             raise SystemExit(2)
+        if len(self.train) != len(self.test):
+            print(
+                f"--train names {len(self.train)} and --test {len(self.test)}; allowed "
+                "are as many of either; name one test for each",
+                file=sys.stderr,
+            )
+            raise SystemExit(2)
 
 
 def main(command: Command) -> None:
     """Train, answer, print and draw."""
-    tasks = tasks_of(command)
+    tasks = [task for name in command.methods for task in tasks_of(command, name)]
     seconds = 60 * command.minutes
     done = do_all(tasks, command.results, command.workers, seconds)
-    results = [result for result in done if result is not None]
-    if len(results) < len(done):
-        left = len(done) - len(results)
+    found: dict[str, list[Result]] = {}
+    for result in done:
+        if result is not None:
+            found.setdefault(result.method, []).append(result)
+    left = done.count(None)
+    if left:
         print(f"{left} of {len(done)} trainings are left; the same command goes on")
-    if results:
-        print(table(results))
+    if found:
+        print(table(found))
         if command.picture is not None:
-            draw(results, command.kinds, command.picture)
+            draw(found, command.kinds, command.picture)
 
 
-def tasks_of(command: Command) -> list[Task]:
-    """One training a method, which is asked the test in every version."""
-    train, test = (
-        find_examples([place], command.pack, command.workers)
-        for place in (command.train, command.test)
-    )
+def tasks_of(command: Command, name: str) -> list[Task]:
+    """The trainings of a method, each of which is asked its test in every version."""
     harms = [
         Harm(kind, amount, command.seed)
         for kind in command.kinds
         for amount in AMOUNTS[kind]
     ]
-    tests = {UNHARMED: test, **{h.name: replace(test, harm=h) for h in harms}}
-    return [
-        Task(name, METHODS[name], train, tests, command.seed)
-        for name in command.methods
-    ]
+    tasks = []
+    for places in zip(command.train, command.test, strict=True):
+        train, test = (find_examples([place], command.pack) for place in places)
+        tests = {UNHARMED: test, **{h.name: replace(test, harm=h) for h in harms}}
+        tasks.append(Task(name, METHODS[name], train, tests, command.seed))
+    return tasks
 
 
-def accuracy(result: Result, asked: str) -> float:
-    """Right answers of a test [%]."""
-    return 100 * float(result.answered[asked].right.mean())
+def accuracy(results: Sequence[Result], asked: str) -> float:
+    """Right answers of all clips of a test [%]."""
+    right = np.concatenate([result.answered[asked].right for result in results])
+    return 100 * float(right.mean())
 
 
-def table(results: Sequence[Result]) -> str:
+def table(found: Mapping[str, Sequence[Result]]) -> str:
     """One row a version of the test, one column a method."""
-    names = [result.method for result in results]
-    lines = [f"| clips right [%] | {' | '.join(names)} |", "|---" * (len(names) + 1)]
+    lines = [f"| clips right [%] | {' | '.join(found)} |", "|---" * (len(found) + 1)]
     lines[-1] += "|"
-    for asked in results[0].answered:
+    first = next(iter(found.values()))[0]
+    for asked in first.answered:
         if asked != "val":
-            cells = " | ".join(f"{accuracy(result, asked):.1f}" for result in results)
+            shares = [accuracy(results, asked) for results in found.values()]
+            cells = " | ".join(f"{share:.1f}" for share in shares)
             lines.append(f"| {asked} | {cells} |")
     return "\n".join(lines)
 
 
-def draw(results: Sequence[Result], kinds: Sequence[Kind], path: Path) -> None:
+def draw(
+    found: Mapping[str, Sequence[Result]], kinds: Sequence[Kind], path: Path
+) -> None:
     """One small picture a kind, one line a method."""
     columns = min(COLUMNS, len(kinds))
     rows = -(-len(kinds) // columns)
@@ -159,7 +171,7 @@ def draw(results: Sequence[Result], kinds: Sequence[Kind], path: Path) -> None:
     figure = Figure(figsize=size, dpi=120, layout="constrained")
     every = figure.subplots(rows, columns, sharey=True, squeeze=False).ravel()
     for axes, kind in zip(every, kinds, strict=False):
-        draw_kind(axes, results, kind)
+        draw_kind(axes, found, kind)
     for axes in every[len(kinds) :]:
         axes.set_visible(False)
     for axes in figure.axes[::columns]:
@@ -171,20 +183,20 @@ def draw(results: Sequence[Result], kinds: Sequence[Kind], path: Path) -> None:
     write(figure, path)
 
 
-def draw_kind(axes: Axes, results: Sequence[Result], kind: Kind) -> None:
+def draw_kind(axes: Axes, found: Mapping[str, Sequence[Result]], kind: Kind) -> None:
     """Accuracy of each method against the amount of one kind."""
     unharmed = RECORDED_HZ if kind == "rate" else 0.0
     points = {unharmed: UNHARMED}
     points |= {amount: Harm(kind, amount).name for amount in AMOUNTS[kind]}
     amounts = sorted(points)
-    for n, result in enumerate(results):
+    for n, (name, results) in enumerate(found.items()):
         axes.plot(
             amounts,
-            [accuracy(result, points[amount]) for amount in amounts],
+            [accuracy(results, points[amount]) for amount in amounts],
             color=COLOURS[n % len(COLOURS)],
             marker=MARKERS[n % len(MARKERS)],
             ms=4,
-            label=result.method,
+            label=name,
         )
     if kind == "rate":
         axes.set_xscale("log")

@@ -8,7 +8,6 @@ from typing import Literal
 
 import tyro
 from rich.console import Console
-from rich.progress import track
 from rich.table import Table
 
 from eskin.cli.checks import check_writable, tell_cut
@@ -19,6 +18,7 @@ from eskin.learn.dataset import prepare
 from eskin.learn.evaluation import Evaluation, evaluate
 from eskin.learn.events import EventScore, hear, is_stream, score_events
 from eskin.learn.pictures import draw_confusion, draw_reliability
+from eskin.learn.progress import shown
 from eskin.model import Model, load_model
 from eskin.recording import find_recordings, read_recording
 
@@ -171,16 +171,8 @@ def score_streams(
     command: Command, model: Model, paths: Sequence[Path], workers: int
 ) -> dict[str, object]:
     """Score recordings by their events, with what the recogniser says live."""
-    console = Console(stderr=True)
     takes = []
-    for stream in track(
-        hear(paths, model, workers),
-        "Replaying",
-        len(paths),
-        console=console,
-        transient=True,
-        disable=not console.is_terminal,
-    ):
+    for stream in shown(hear(paths, model, workers), "Replaying", len(paths)):
         if stream.truncated:
             print(f"{stream.path} is cut or damaged: used up to there")
         takes.append(stream.take())

@@ -10,13 +10,13 @@ from typing import Any
 import numpy as np
 from jaxtyping import Int
 from joblib import Parallel, delayed
-from rich.progress import track
 
 from eskin.errors import RecordingError
 from eskin.graph import GraphBatch, GraphConfig, join
 from eskin.learn.clips import Clip, clips_of
 from eskin.learn.part_file import load_part, packed_part
 from eskin.learn.parts import Part, part_of
+from eskin.learn.progress import shown
 from eskin.learn.segments import (
     Missed,
     Segment,
@@ -128,16 +128,14 @@ def prepare(
     total = len(recordings) * len(versions)
     if pack is None:
         made = (part_of(r, pipeline, graph, v) for v in versions for r in recordings)
-        parts = list(track(made, description="Reading", total=total, disable=total < 2))
+        parts = list(shown(made, "Reading", total))
     else:
         make = delayed(packed_part)
         jobs = (
             make(path, pack, pipeline, graph, v) for v in versions for path in paths
         )
         files: Any = Parallel(n_jobs=workers, return_as="generator")(jobs)
-        parts = [
-            load_part(file) for file in track(files, description="Packing", total=total)
-        ]
+        parts = [load_part(file) for file in shown(files, "Packing", total)]
     if not any(len(part.stamps) for part in parts):
         raise RecordingError(
             f"no touch in {len(paths)} recordings; allowed are recordings of touches; "

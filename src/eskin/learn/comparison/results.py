@@ -13,11 +13,11 @@ import numpy as np
 import torch
 from jaxtyping import Bool
 from joblib import Parallel, delayed
-from rich.progress import track
 
 from eskin.learn.comparison.examples import Examples
 from eskin.learn.comparison.methods import Method
 from eskin.learn.holdout import hold_out
+from eskin.learn.progress import shown
 from eskin.touch import PipelineConfig
 
 FORMAT = 1
@@ -146,7 +146,7 @@ def do_all(
     end = time.monotonic() + seconds
     jobs = (delayed(done_before)(task, folder, end) for task in tasks)
     found: Any = Parallel(n_jobs=workers, return_as="generator")(jobs)
-    return list(track(found, description="Comparing", total=len(tasks)))
+    return list(shown(found, "Comparing", len(tasks)))
 
 
 def done_before(task: Task, folder: Path, end: float) -> Result | None:
