@@ -41,6 +41,8 @@ FOR_SMALL_SETS = TrainConfig(
     network=AS_LARGE_AS_SHIPPED,
 )
 """How the recogniser is trained on some 500 clips: to the end, no epoch is chosen."""
+SMALL = 500
+"""Clips; on more of them it takes as many more steps."""
 
 
 class Method(ABC):
@@ -75,7 +77,9 @@ class RecogniserMethod(Method):
         graph = self.config.graph_used
         dataset = examples.dataset(graph, self.skins)
         vocabulary = (NONE, *(name for name in examples.gestures if name != NONE))
-        trainer = Trainer(dataset, vocabulary, self.config, seed=seed)
+        more = max(1.0, len(examples.every) / SMALL)
+        config = replace(self.config, steps=round(more * self.config.steps))
+        trainer = Trainer(dataset, vocabulary, config, seed=seed)
         trainer.network.encoder = ENCODERS[self.encoder](self.config.network)
         network = trainer.run(quiet=True)
         columns = [vocabulary.index(gesture) for gesture in examples.gestures]
