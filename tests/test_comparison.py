@@ -15,6 +15,7 @@ from eskin.learn.baselines import READINGS
 from eskin.learn.clips import clips_of
 from eskin.learn.comparison import (
     METHODS,
+    Ahead,
     Answered,
     Method,
     Result,
@@ -156,9 +157,10 @@ def test_a_method_is_held_against_the_first_on_what_both_answered():
     ours, other = rows_of(found)
     assert ours.test_accuracy == pytest.approx(0.75) and ours.runs == 2
     assert ours.std == pytest.approx(np.std([1.0, 0.5], ddof=1))
-    assert ours.ahead == ours.ahead_low == ours.ahead_high == 0
-    assert other.ahead == pytest.approx(0.5)
-    assert 0 < other.ahead_low <= other.ahead <= other.ahead_high
+    assert ours.test_ahead == Ahead(0.0, 0.0, 0.0)
+    assert other.val_ahead == Ahead(0.0, 0.0, 0.0)
+    assert other.test_ahead.mean == pytest.approx(0.5)
+    assert 0 < other.test_ahead.low <= other.test_ahead.mean <= other.test_ahead.high
 
 
 def test_only_the_plain_encoder_feels_where_in_the_world_a_touch_is():

@@ -10,11 +10,12 @@ from eskin.learn.comparison.methods import (
     RecogniserMethod,
 )
 from eskin.learn.comparison.results import Answered, Result, Task, do_all
-from eskin.learn.comparison.table import Place, Row, markdown, rows_of
+from eskin.learn.comparison.table import Ahead, Place, Row, markdown, rows_of
 
 __all__ = [
     "ABLATIONS",
     "METHODS",
+    "Ahead",
     "Answered",
     "BaselineMethod",
     "Examples",

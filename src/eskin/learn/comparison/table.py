@@ -13,6 +13,20 @@ Place = tuple[int, int]
 
 
 @dataclass(frozen=True)
+class Ahead:
+    """By how much the first method is ahead on the clips that both answered."""
+
+    mean: float
+    """Share of clips."""
+
+    low: float
+    """Lower end of its paired 95 % bootstrap interval; whole people are drawn."""
+
+    high: float
+    """Upper end."""
+
+
+@dataclass(frozen=True)
 class Row:
     """One method on one test."""
 
@@ -34,14 +48,11 @@ class Row:
     std: float
     """Standard deviation of the accuracy on the test; 0 of a single run."""
 
-    ahead: float
-    """By how much the first method is ahead on the clips that both answered."""
+    val_ahead: Ahead | None
+    """The first method on validation; None where nothing could be held out."""
 
-    ahead_low: float
-    """Lower end of its paired 95 % bootstrap interval; whole people are drawn."""
-
-    ahead_high: float
-    """Upper end."""
+    test_ahead: Ahead
+    """The first method on the test."""
 
     seconds: float
     """Mean time to learn and to answer [s]."""
@@ -72,25 +83,33 @@ def row_of(
     """One method on one test."""
     places = sorted(results)
     accuracies = accuracies_of([results[place] for place in places], test)
-    theirs, ours, people = [], [], []
-    for draw, seed in places:
-        theirs.append(results[draw, seed].answered[test].right)
-        ours.append(first[draw, seed].answered[test].right)
-        people += [f"{draw} {who}" for who in results[draw, seed].answered[test].people]
-    both = np.concatenate(ours), np.concatenate(theirs)
-    low, high = paired_interval(*both, cluster=people)
+    validated = accuracies_of(list(results.values()), "val")
     return Row(
         name=name,
         test=test,
         runs=len(places),
-        val_accuracy=mean_of(accuracies_of(list(results.values()), "val")),
+        val_accuracy=mean_of(validated),
         test_accuracy=float(np.mean(accuracies)),
         std=spread_of(accuracies),
-        ahead=float(both[0].mean() - both[1].mean()),
-        ahead_low=low,
-        ahead_high=high,
+        val_ahead=ahead(results, first, "val") if validated else None,
+        test_ahead=ahead(results, first, test),
         seconds=float(np.mean([result.seconds for result in results.values()])),
     )
+
+
+def ahead(
+    results: Mapping[Place, Result], first: Mapping[Place, Result], asked: str
+) -> Ahead:
+    """How far the first method is ahead of another on what both were asked."""
+    theirs, ours, people = [], [], []
+    for draw, seed in sorted(results):
+        answered = results[draw, seed].answered[asked]
+        theirs.append(answered.right)
+        ours.append(first[draw, seed].answered[asked].right)
+        people += [f"{draw} {who}" for who in answered.people]
+    both = np.concatenate(ours), np.concatenate(theirs)
+    mean = float(both[0].mean() - both[1].mean())
+    return Ahead(mean, *paired_interval(*both, cluster=people))
 
 
 def accuracies_of(results: Sequence[Result], asked: str) -> list[float]:
@@ -114,24 +133,36 @@ def percent(share: float | None) -> str:
     return "" if share is None else f"{share:.1%}"
 
 
+def margin(ahead: Ahead | None) -> str:
+    """How far ours is ahead, in points, for a table; empty for ours."""
+    if ahead is None or ahead.mean == ahead.low == ahead.high == 0:
+        return ""
+    return f"{100 * ahead.mean:+.1f} [{100 * ahead.low:+.1f}, {100 * ahead.high:+.1f}]"
+
+
 def markdown(rows: Sequence[Row]) -> str:
-    """The rows as a table."""
-    heads = "method", "test", "runs", "validation", "test accuracy", "SD", "ours ahead"
-    lines = [" | ".join(("", *heads, "")).strip(), "|" + "---|" * len(heads)]
-    for row in rows:
-        low, high = 100 * row.ahead_low, 100 * row.ahead_high
-        ahead = f"{100 * row.ahead:+.1f} [{low:+.1f}, {high:+.1f}]"
-        cells = (
-            row.name,
-            row.test,
-            str(row.runs),
-            percent(row.val_accuracy),
-            percent(row.test_accuracy),
-            percent(row.std if row.runs > 1 else None),
-            "" if row.ahead == row.ahead_low == row.ahead_high == 0 else ahead,
-        )
-        lines.append("| " + " | ".join(cells) + " |")
-    return "\n".join(lines)
+    """The rows as tables, one for each test."""
+    tables = []
+    for test in dict.fromkeys(row.test for row in rows):
+        heads = "method", "runs", "validation", "ours ahead", test, "SD", "ours ahead"
+        lines = [f"| {' | '.join(heads)} |", "|" + "---|" * len(heads)]
+        lines += [line_of(row) for row in rows if row.test == test]
+        tables.append("\n".join(lines))
+    return "\n\n".join(tables)
+
+
+def line_of(row: Row) -> str:
+    """A row of a table."""
+    cells = (
+        row.name,
+        str(row.runs),
+        percent(row.val_accuracy),
+        margin(row.val_ahead),
+        percent(row.test_accuracy),
+        percent(row.std if row.runs > 1 else None),
+        margin(row.test_ahead),
+    )
+    return f"| {' | '.join(cells)} |"
 
 
 def spread(mean: float | None, std: float) -> str:
