@@ -1,9 +1,11 @@
+import sys
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from contact_scenes import DOME, FINGERS, FLAT, TIP, TUBE, WIDE_TUBE, field, press
+from eskin.errors import ExtraError
 from eskin.sim import load_constants
 from eskin.sim.contact.contact import feel
 from eskin.sim.contact.reference import (
@@ -142,9 +144,6 @@ def test_a_body_too_small_for_its_force_is_refused():
 
 
 def test_who_lacks_mujoco_is_told_how_to_get_it(monkeypatch):
-    def lacking(name):
-        raise ImportError(name)
-
-    monkeypatch.setattr("eskin.sim.contact.reference_scene.import_module", lacking)
-    with pytest.raises(ValueError, match=r"pip install 'eskin\[sim\]'"):
+    monkeypatch.setitem(sys.modules, "mujoco", None)
+    with pytest.raises(ExtraError, match=r"pip install 'eskin\[sim\]'"):
         reference(press(TIP, 1.0), FLAT)

@@ -11,6 +11,7 @@ EskinError
 ├── GenerationError     clips that cannot be simulated            (ValueError)
 ├── PacketError         bytes that are no packet of a device      (ValueError)
 ├── CommandError        a command map that cannot be used         (ValueError)
+├── ExtraError          an optional package that is not installed (ImportError)
 ├── DeviceError         a device or port that cannot be used      (OSError)
 ├── ArmError            an arm that cannot be used                (OSError)
 │   └── JogError        a step that an arm does not make
@@ -68,6 +69,10 @@ class PacketError(EskinError, ValueError):
         """Say what is wrong, and by which check."""
         super().__init__(message)
         self.reason = reason
+
+
+class ExtraError(EskinError, ImportError):
+    """An optional package that is needed and not installed."""
 
 
 class DeviceError(EskinError, OSError):

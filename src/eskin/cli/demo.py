@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 from eskin.errors import DeviceError
+from eskin.extras import find_mujoco
 
 if TYPE_CHECKING:
     from eskin.demo import DemoConfig
@@ -48,6 +49,11 @@ class Command:
     """Which touch commands what, such as `examples/jog.yaml`; the map that comes with
     eskin unless given."""
 
+    dynamics: bool = False
+    """The arm has masses, joint servos and torque limits in MuJoCo (extra `sim`): it
+    lags, yields to the hand, and stops by itself where it is held off; `resume` in the
+    page unlocks it."""
+
     same_touch: bool = False
     """Instead, the same counts are played on the skin in two poses of the arm, where
     they are another thing each time; what a recogniser says that sees the pose stands
@@ -72,15 +78,19 @@ def run(command: Command) -> dict[str, object]:
             f"--pause is {least:g} {longest:g}; allowed are two times in their order, "
             "not negative; change them"
         )
-    if command.same_touch and (command.commands is not None or command.pairs < 1):
+    commanded = command.commands is not None or command.dynamics
+    if command.same_touch and (commanded or command.pairs < 1):
         raise DeviceError(
-            f"--same-touch with --pairs {command.pairs} and --commands "
-            f"{command.commands}; allowed are 1 pair and more, and no commands; change "
-            "it"
+            f"--same-touch with --pairs {command.pairs}, --commands {command.commands} "
+            f"and dynamics {'on' if command.dynamics else 'off'}; allowed are 1 pair "
+            "and more, no commands and no dynamics; change it"
         )
+    if command.dynamics:
+        find_mujoco("--dynamics")
     config = DemoConfig(
         *(command.skin, command.model, command.commands, command.build),
         seed=command.seed,
+        dynamics=command.dynamics,
         visitor=VisitorConfig(pause=command.pause),
     )
     if command.same_touch:

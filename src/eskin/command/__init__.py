@@ -2,6 +2,7 @@
 
 from eskin.command.arm import Arm, ArmState
 from eskin.command.command_map import CommandMap, Rule, load_commands
+from eskin.command.dynamic_plant import DynamicPlant
 from eskin.command.functions import command_function
 from eskin.command.policy import Policy, PolicyConfig
 from eskin.command.routine import Routine
@@ -15,6 +16,7 @@ __all__ = [
     "Arm",
     "ArmState",
     "CommandMap",
+    "DynamicPlant",
     "MotionConfig",
     "Policy",
     "PolicyConfig",

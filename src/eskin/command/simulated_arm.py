@@ -1,5 +1,7 @@
 """An arm that only exists as numbers."""
 
+from collections.abc import Sequence
+from dataclasses import replace
 from threading import RLock
 from typing import final
 
@@ -8,20 +10,26 @@ from jaxtyping import Float
 
 from eskin.command.arm import Arm, ArmState
 from eskin.command.joint_history import JointHistory
+from eskin.command.plant import STOP, KinematicPlant, Plant
 from eskin.command.routine import Routine
 from eskin.command.task import FRAME_TASK, Task
 from eskin.command.trajectory import MotionConfig
 from eskin.drivers import Clock, HostClock
+from eskin.errors import ArmError
+from eskin.robot import Wrench
 
 SECOND = 1_000_000_000
+KEPT = 2500
+"""Joint positions that are kept."""
 
 
 @final
 class SimulatedArm(Arm):
-    """Goes exactly where its task takes it, on any clock, within the limits of motion.
+    """Goes where its task takes it, on any clock, within the limits of motion.
 
-    It has no thread: whenever it is asked or told something, the time since then passes
-    first. What it does depends on what it is told and when, never on who looks.
+    It goes there exactly, or as its plant does. It has no thread: whenever it is asked
+    or told something, the time since then passes first. What it does depends on what it
+    is told and when, never on who looks.
     """
 
     def __init__(
@@ -29,6 +37,7 @@ class SimulatedArm(Arm):
         task: Task = FRAME_TASK,
         clock: Clock | None = None,
         motion: MotionConfig | None = None,
+        plant: Plant | None = None,
     ) -> None:
         """Begin with the task at once.
 
@@ -36,22 +45,25 @@ class SimulatedArm(Arm):
             task: what it does.
             clock: it goes by; this computer's unless given.
             motion: how fast it goes.
+            plant: its joints; they go exactly where they are to be unless given.
         """
         self.name = task.robot_name
         self.joint_names = task.joint_names
         self.clock = clock or HostClock()
         self.routine = Routine(task, motion=motion)
+        self.plant = plant or KinematicPlant(self.routine.trajectory.q)
         self.lock = RLock()
         self.time = self.clock.now()
-        self.past = JointHistory(self.time, self.routine.trajectory.q)
+        self.past = JointHistory(self.time, self.plant.q, KEPT)
 
     def catch_up(self, stamp: int | None = None) -> None:
         """Let the time until a stamp pass, until now where None."""
         stamp = self.clock.now() if stamp is None else stamp
-        if stamp > self.time:
-            self.routine.advance((stamp - self.time) / SECOND)
-            self.time = stamp
-            self.past.add(stamp, self.routine.trajectory.q)
+        period = self.plant.period or max(stamp - self.time, 1)
+        while self.time + period <= stamp:
+            self.plant.advance(self.routine, period / SECOND)
+            self.time += period
+            self.past.add(self.time, self.plant.q)
 
     def q_at(self, stamp: int) -> Float[np.ndarray, "joint"]:
         """Joint positions at a time [rad]; between those it was asked for, a line."""
@@ -63,7 +75,21 @@ class SimulatedArm(Arm):
         """What it does now."""
         with self.lock:
             self.catch_up()
-            return self.routine.state(self.time)
+            state = self.routine.state(self.time, self.plant.stopped)
+            moving = state.moving or self.plant.moving
+            return replace(state, q=self.plant.q, moving=moving)
+
+    def push(self, wrenches: Sequence[Wrench]) -> None:
+        """Be pushed so, and not otherwise, until told anew."""
+        with self.lock:
+            self.catch_up()
+            self.plant.push(wrenches)
+
+    def unlock(self) -> None:
+        """End a protective stop, as a person does at the robot; it stays held."""
+        with self.lock:
+            self.catch_up()
+            self.plant.unlock()
 
     def pause(self) -> None:
         """Stop, because a person wants it."""
@@ -84,9 +110,18 @@ class SimulatedArm(Arm):
             self.routine.hold(why)
 
     def release(self) -> None:
-        """End a hold."""
+        """End a hold.
+
+        Raises:
+            ArmError: it is in protective stop.
+        """
         with self.lock:
             self.catch_up()
+            if self.plant.stopped:
+                raise ArmError(
+                    f"the arm stays held: {STOP}; allowed is to go on once that is "
+                    "over; unlock the arm, then release it again"
+                )
             self.routine.release()
 
     def next_waypoint(self) -> None:

@@ -17,7 +17,7 @@ from eskin.command import (
     WatchConfig,
     load_commands,
 )
-from eskin.demo.headless import DemoConfig
+from eskin.demo.headless import DemoConfig, arm_of
 from eskin.demo.live_source import LiveSource
 from eskin.demo.obedience import Obedience
 from eskin.demo.record_button import RecordButton
@@ -162,14 +162,14 @@ def running(
     skins = (config.skin, *(name for name in SKINS if name != config.skin))
     vocabulary, clock = model.card.vocabulary, clock or HostClock()
     commands = load_commands(config.commands, vocabulary, skin.mounted.skin)
-    with SimulatedArm(clock=clock) as arm:
+    with arm_of(config, clock) as arm:
         recognition = Recognition(recognizer)
         policy = Policy(arm, commands, vocabulary, PolicyConfig(watch=PATIENT))
         button = RecordButton(Path.cwd(), Metadata("demo", "mouse", "browser"))
         obedience = Obedience(skin, arm, lambda order: do(order, button, wanted))
         page = ViewerConfig(port, touchable=True, skins=skins)
         viewer = Viewer(recognition, page, guarded(obedience.obey), arm)
-        source = LiveSource(skin, arm, clock)
+        source = LiveSource(skin, arm, clock, after=lambda: arm.push(skin.wrenches))
         gc.unfreeze()
         gc.collect()
         gc.freeze()

@@ -6,11 +6,17 @@ from typing import Literal
 
 import numpy as np
 
-from eskin.command import Policy, PolicyConfig, SimulatedArm, load_commands
+from eskin.command import (
+    DynamicPlant,
+    Policy,
+    PolicyConfig,
+    SimulatedArm,
+    load_commands,
+)
 from eskin.demo.live_source import LiveSource
 from eskin.demo.score import Score
 from eskin.demo.visitor import Visitor, VisitorConfig
-from eskin.drivers import ManualClock
+from eskin.drivers import Clock, ManualClock
 from eskin.live import Detection, Recognizer
 from eskin.model import load_model
 from eskin.sim.live.live_skin import LiveSkin
@@ -41,6 +47,10 @@ class DemoConfig:
     seed: int = 0
     """Decides builds, people and what they do."""
 
+    dynamics: bool = False
+    """Whether the arm has masses and servos, and yields to who touches it; else it is
+    exactly where it is to be."""
+
     visitor: VisitorConfig = field(default_factory=VisitorConfig)
     """How often people touch."""
 
@@ -66,6 +76,15 @@ class Outcome:
 
     delay: tuple[float, float]
     """From the end of a touch to its command, p50 and p95 [s]."""
+
+
+def arm_of(config: DemoConfig, clock: Clock) -> SimulatedArm:
+    """The arm that is touched.
+
+    Raises:
+        ExtraError: it has dynamics, and MuJoCo is not installed.
+    """
+    return SimulatedArm(clock=clock, plant=DynamicPlant() if config.dynamics else None)
 
 
 class Straight:
@@ -141,14 +160,16 @@ def run_headless(seconds: float, config: DemoConfig | None = None) -> Outcome:
 def run_build(seconds: float, config: DemoConfig, seed: int) -> Outcome:
     """The same on one build."""
     clock = ManualClock(SECOND)
-    arm = SimulatedArm(clock=clock)
+    arm = arm_of(config, clock)
     skin = LiveSkin(config.skin, seed, config.build_kind)
     model = load_model(config.model)
     vocabulary = model.card.vocabulary
     commands = load_commands(config.commands, vocabulary, skin.mounted.skin)
     visitor = Visitor(skin, commands, seed, config.visitor)
     source = LiveSource(
-        skin, arm, clock, before=lambda stamp: visitor.come(stamp, arm.state())
+        *(skin, arm, clock),
+        before=lambda stamp: visitor.come(stamp, arm.state()),
+        after=lambda: arm.push(skin.wrenches),
     )
     recognition = Recognition(Recognizer(model, skin.mounted, skin.calibration))
     policy = Policy(arm, commands, vocabulary, PolicyConfig(tick=None))

@@ -27,6 +27,7 @@ class LiveSource(Source):
         joints: Joints,
         clock: Clock,
         before: Callable[[int], None] = lambda stamp: None,
+        after: Callable[[], None] = lambda: None,
     ) -> None:
         """Begin now.
 
@@ -35,11 +36,13 @@ class LiveSource(Source):
             joints: where the arm is.
             clock: that scans are timed by.
             before: called ahead of each scan with its stamp.
+            after: called after each scan.
         """
         self.skin = skin
         self.joints = joints
         self.clock = clock
         self.before = before
+        self.after = after
         self.period = round(skin.period * SECOND)
         self.due = clock.now() + self.period
         self.given = self.skipped = 0
@@ -71,7 +74,9 @@ class LiveSource(Source):
         stamp, self.due = self.due, self.due + self.period
         self.before(stamp)
         self.given += 1
-        return self.skin.scan(stamp, self.joints.q_at(stamp))
+        scan = self.skin.scan(stamp, self.joints.q_at(stamp))
+        self.after()
+        return scan
 
     @property
     def ended(self) -> bool:

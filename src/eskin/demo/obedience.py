@@ -5,7 +5,7 @@ from typing import final
 
 import numpy as np
 
-from eskin.command import Arm
+from eskin.command import SimulatedArm
 from eskin.page import Order, PageOrder, TouchOrder
 from eskin.sim.live.live_skin import LiveSkin
 from eskin.sim.live.place import Place
@@ -22,14 +22,14 @@ class Obedience:
     def __init__(
         self,
         skin: LiveSkin,
-        arm: Arm,
+        arm: SimulatedArm,
         other: Callable[[PageOrder], None] = lambda order: None,
     ) -> None:
         """Obey from now on.
 
         Args:
             skin: that is touched.
-            arm: that is paused.
+            arm: that is paused, and unlocked as at the robot.
             other: obeys what is neither touch nor fault nor pause.
         """
         self.skin = skin
@@ -78,6 +78,7 @@ class Obedience:
             case "pause_task":
                 self.arm.pause()
             case "resume_task":
+                self.arm.unlock()
                 self.arm.release()
                 self.arm.resume()
             case _:

@@ -8,6 +8,7 @@ from eskin.robot.robot import Joint, Link, Mimic, Robot
 from eskin.robot.shapes import Body, Box, Cylinder, Shape, Sphere, TriangleMesh
 from eskin.robot.surface import surface_distance
 from eskin.robot.urdf import load_urdf
+from eskin.robot.wrench import Wrench
 
 __all__ = [
     "ROBOTS",
@@ -23,6 +24,7 @@ __all__ = [
     "Shape",
     "Sphere",
     "TriangleMesh",
+    "Wrench",
     "body_mesh",
     "load_robot",
     "load_urdf",

@@ -7,7 +7,7 @@ from eskin.errors import RobotError
 from eskin.robot.robot import Robot
 from eskin.robot.urdf import load_urdf
 
-__all__ = ["ROBOTS", "load_robot", "recorded_robot"]
+__all__ = ["ROBOTS", "load_robot", "preset_text", "recorded_robot"]
 
 ROBOTS = ("ur5", "ur10", "base", "post", "table", "tube")
 """Names that `load_robot` knows."""
@@ -33,6 +33,19 @@ def load_robot(name_or_path: str | Path) -> Robot:
             "or the path of a .urdf file"
         )
     return load_urdf(path)
+
+
+def preset_text(name: str) -> str:
+    """The URDF of a robot that comes with eskin.
+
+    Raises:
+        RobotError: There is no such robot.
+    """
+    if name not in ROBOTS:
+        raise RobotError(
+            f"no robot '{name}' comes with eskin; allowed: {', '.join(ROBOTS)}"
+        )
+    return (resources.files("eskin.robot") / "presets" / f"{name}.urdf").read_text()
 
 
 def recorded_robot(name: str, urdf: str | Path | None = None) -> Robot:

@@ -41,7 +41,8 @@ def feel_in_mujoco(press: Press, chart: Chart, constants: Constants) -> Felt:
     Needs MuJoCo (extra `sim`).
 
     Raises:
-        ValueError: the parts cannot carry the force, or MuJoCo is not installed.
+        ValueError: the parts cannot carry the force.
+        ExtraError: MuJoCo is not installed.
     """
     press = instant(press, 0)
     sheet = sheet_about(press, chart, constants)

@@ -1,14 +1,13 @@
 """The parts of a body as ellipsoids over a surface in MuJoCo (extra `sim`)."""
 
 from dataclasses import dataclass
-from importlib import import_module
-from types import ModuleType
 from typing import final
 
 import numpy as np
 from jaxtyping import Float
 from scipy.spatial.transform import Rotation
 
+from eskin.extras import find_mujoco
 from eskin.sim.contact.chart import Chart
 from eskin.sim.contact.dents import long_axes, placed
 from eskin.sim.contact.press import Press
@@ -62,9 +61,9 @@ class Scene:
         """Set the scene of the first step of a press.
 
         Raises:
-            ValueError: MuJoCo is not installed.
+            ExtraError: MuJoCo is not installed.
         """
-        self.mujoco = find_mujoco()
+        self.mujoco = find_mujoco("the reference of contact")
         surface = at_origin(chart.surface)
         wrapped = surface.wrap(sheet.unrolled)
         self.areas = wrapped.stretch * sheet.spacing.prod()
@@ -82,17 +81,6 @@ class Scene:
         self.data.qpos[part] = depth
         self.mujoco.mj_forward(self.model, self.data)
         return self.data.sensordata[: len(self.areas)].copy()
-
-
-def find_mujoco() -> ModuleType:
-    """The simulator, or an error that says how to get it."""
-    try:
-        return import_module("mujoco")
-    except ImportError as error:
-        raise ValueError(
-            "the reference needs MuJoCo, which is not installed; "
-            "install it with: pip install 'eskin[sim]'"
-        ) from error
 
 
 def at_origin(surface: Surface) -> Plane | Tube | Dome:

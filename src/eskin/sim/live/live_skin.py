@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Float
 
 from eskin.recording import TruthRecord
-from eskin.robot import load_robot
+from eskin.robot import Wrench, load_robot
 from eskin.sim.clip.outcome import TrueSeries
 from eskin.sim.clip.plan import BuildOrigin, Origin
 from eskin.sim.clip.play import (
@@ -21,6 +21,7 @@ from eskin.sim.clip.scene import Scene
 from eskin.sim.constants import load_constants
 from eskin.sim.files.sitting import seed_of
 from eskin.sim.live.live_hand import LiveHand
+from eskin.sim.live.pushing import wrenches_of
 from eskin.sim.live.span import Track
 from eskin.sim.people.person import Person, draw_person
 from eskin.sim.robot.world import World, build_world
@@ -47,6 +48,7 @@ class LiveSkin:
         calibration: what the user of the build knows of it.
         period: time between two scans [s].
         hand: touches it.
+        wrenches: of touches on links at the latest scan; means over its time.
     """
 
     def __init__(
@@ -98,6 +100,7 @@ class LiveSkin:
         self.out = np.zeros(len(skin.patches), dtype=bool)
         self.feels = self.sensor.readout.feels.copy()
         self.rng = rng_of("kill", seed)
+        self.wrenches: tuple[Wrench, ...] = ()
 
     def scan(self, stamp: int, q: Float[np.ndarray, "joint"]) -> Scan:
         """The next scan.
@@ -131,7 +134,9 @@ class LiveSkin:
         """Press on the sensor what takes place in a reading, and witness it."""
         felt = felt_in(scene, self.world)
         skin = self.mounted.skin
-        self.sensor.push(*pressure_of(felt, scene.steps, self.build, skin))
+        pressure, taxels = pressure_of(felt, scene.steps, self.build, skin)
+        self.wrenches = wrenches_of(pressure.mean(axis=0), taxels, skin)
+        self.sensor.push(pressure, taxels)
         found: tuple[TrueSeries, ...] = ()
         if numbers:
             charts = self.world.charts
