@@ -119,8 +119,8 @@ HAND: dict[str, dict[str, Callable[[int], Estimator]]] = {
 FITS: dict[str, FitConfig] = {
     "40 epochs, rate 2e-3": FitConfig(),
     "40 epochs, rate 5e-4": FitConfig(rate=5e-4),
-    "80 epochs, rate 1e-3": FitConfig(epochs=80, rate=1e-3),
     "20 epochs, rate 2e-3": FitConfig(epochs=20),
+    "20 epochs, rate 5e-4": FitConfig(epochs=20, rate=5e-4),
 }
 OURS: dict[str, Method] = {
     "strong augmentation": RecogniserMethod(),
