@@ -39,25 +39,36 @@ __all__ = [
     "one_thread",
 ]
 
-FLAT = {
-    "svm": support_vectors,
+ON_MAXIMA = {
+    "svm": partial(support_vectors, C=100.0),
+    "knn": partial(nearest_neighbours, k=1),
+    "mlp": partial(perceptron, decay=0.1),
+    "lda": linear_discriminant,
+}
+ON_BINS = {
+    "svm": partial(support_vectors, C=100.0),
     "knn": nearest_neighbours,
-    "mlp": perceptron,
+    "mlp": partial(perceptron, hidden=(512,)),
     "lda": linear_discriminant,
 }
 BASELINES: dict[str, Callable[[MountedSkin], Baseline]] = {
     **{
         f"{name}-max": partial(FlatBaseline, estimator=estimator, features="maxima")
-        for name, estimator in FLAT.items()
+        for name, estimator in ON_MAXIMA.items()
     },
     **{
         f"{name}-bins": partial(FlatBaseline, estimator=estimator, features="bins")
-        for name, estimator in FLAT.items()
+        for name, estimator in ON_BINS.items()
     },
-    "random-forest": partial(HandBaseline, estimator=random_forest),
-    "gradient-boosting": partial(HandBaseline, estimator=gradient_boosting),
+    "random-forest": partial(
+        HandBaseline, estimator=partial(random_forest, trees=1000)
+    ),
+    "gradient-boosting": partial(
+        HandBaseline, estimator=partial(gradient_boosting, leaves=31)
+    ),
 }
-"""Those that are no networks, by name."""
+"""Those that are no networks, by name, with the settings that did best on sets that no
+table uses (`benchmarks/tuning.py`)."""
 
 NETWORKS: dict[str, type[NetworkBaseline]] = {
     "cnn-lstm": CnnLstmBaseline,

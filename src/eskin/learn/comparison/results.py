@@ -20,7 +20,7 @@ from eskin.learn.holdout import hold_out
 from eskin.learn.progress import shown
 from eskin.touch import PipelineConfig
 
-FORMAT = 1
+FORMAT = 2
 """Of results; raised whenever a method is changed that its settings do not tell of."""
 
 
