@@ -37,8 +37,8 @@ bench: $(READY)
 	$(BIN)/python -m benchmarks.limit
 	$(BIN)/python -m benchmarks.network_step
 
-# The tables of docs/results.md: simulated people, a night on two cores, and real
-# recordings, half an hour. What was answered is kept in benchmarks/kept, so that a run
+# The tables of docs/comparison.md: simulated people, a night on two cores; those of real
+# recordings in docs/results.md, half an hour. What was answered is kept in benchmarks/kept, so that a run
 # that was cut goes on. FORM=short shows in some minutes that the first of these runs.
 FORM ?= long
 SETS ?= sets

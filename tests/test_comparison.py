@@ -22,6 +22,7 @@ from eskin.learn.comparison import (
     Task,
     do_all,
     find_examples,
+    markdown,
     rows_of,
 )
 from eskin.learn.comparison.encoders import ENCODERS
@@ -157,10 +158,23 @@ def test_a_method_is_held_against_the_first_on_what_both_answered():
     ours, other = rows_of(found)
     assert ours.test_accuracy == pytest.approx(0.75) and ours.runs == 2
     assert ours.std == pytest.approx(np.std([1.0, 0.5], ddof=1))
-    assert ours.test_ahead == Ahead(0.0, 0.0, 0.0)
-    assert other.val_ahead == Ahead(0.0, 0.0, 0.0)
+    assert ours.val_ahead is None and ours.test_ahead is None
     assert other.test_ahead.mean == pytest.approx(0.5)
     assert 0 < other.test_ahead.low <= other.test_ahead.mean <= other.test_ahead.high
+
+
+def test_of_a_single_person_there_is_no_interval_and_a_tie_is_told():
+    good, bad = [True] * 40, [True, False] * 20
+    found = {
+        name: {(0, 0): result(name, 0, right)}
+        for name, right in (("ours", good), ("tie", good), ("other", bad))
+    }
+    rows = rows_of(found)
+    assert rows[2].val_ahead == Ahead(0.0, None, None)
+    lines = markdown(rows).splitlines()[2:]
+    assert [line.split(" | ")[3] for line in lines] == ["", "+0.0", "+0.0"]
+    ends = [line.split(" | ")[6].strip(" |") for line in lines]
+    assert ends[:2] == ["", "+0.0 [+0.0, +0.0]"] and ends[2].startswith("+50.0 [")
 
 
 def test_only_the_plain_encoder_feels_where_in_the_world_a_touch_is():

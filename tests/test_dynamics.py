@@ -10,8 +10,10 @@ from eskin.cli.main import run
 from eskin.command import FRAME_TASK, DynamicPlant, MotionConfig, SimulatedArm
 from eskin.command.dynamic_plant import ProtectiveConfig
 from eskin.demo import LiveSource
+from eskin.demo.obedience import Obedience
 from eskin.drivers import ManualClock
 from eskin.errors import ArmError, ExtraError, RobotError
+from eskin.page import PageOrder
 from eskin.robot import Kinematics, Wrench, load_robot
 from eskin.robot.dynamics import Dynamics, ServoConfig
 from eskin.robot.presets import preset_text
@@ -253,11 +255,30 @@ def test_an_arm_that_stands_yields_to_a_poke_on_its_skin():
     assert left < 1e-6
 
 
-def test_the_demonstration_runs_with_dynamics(capsys):
+def test_who_touches_the_arm_of_the_demonstration_pushes_it(capsys, monkeypatch):
+    forces, push = [0.0], DynamicPlant.push
+
+    def noted(plant, wrenches):
+        forces.extend(np.linalg.norm(wrench.force_link) for wrench in wrenches)
+        push(plant, wrenches)
+
+    monkeypatch.setattr(DynamicPlant, "push", noted)
     argv = ["demo", "--headless", "--dynamics", "--seed", "103", "--seconds", "5"]
     assert run([*argv, "--json"]) == 0
     told = json.loads(capsys.readouterr().out.splitlines()[-1])
     assert told["seconds"] == 5.0
+    assert max(forces) > 1.0
+
+
+def test_resume_in_the_page_ends_a_protective_stop():
+    arm, clock = arm_and_clock()
+    obedience = Obedience(LiveSkin(), arm)
+    arm.push(pushed((600.0, 0.0, 0.0)))
+    clock.sleep(0.5)
+    arm.push([])
+    assert arm.state().protective_stop
+    obedience.obey(PageOrder("resume_task"))
+    assert not arm.state().stopped
 
 
 def test_a_robot_without_masses_is_refused():

@@ -154,12 +154,25 @@ def test_training_starts_from_a_model_by_its_name_and_the_card_tells(
     data, tmp_path, capsys
 ):
     model = tmp_path / "m.safetensors"
-    words = (data / "train", "--out", model, "--start")
-    assert train(capsys, *words, "ur5")[0] == 0
+    sizes = ("--train.network.width", "32", "--train.network.layers", "3")
+    sizes += ("--train.network.channels", "48", "--train.rate", "1e-9")
+    words = ("train", data / "train", "--out", model, *FLAGS, *sizes, "--start")
+    assert call(capsys, *words, "ur5")[0] == 0
     assert load_model(model).card.training["start"] == "ur5"
+    trained, start = load_model(model).weights, load_model("ur5").weights
+    name = "encoder.embed.weight"
+    np.testing.assert_allclose(trained[name], start[name], atol=1e-6)
     nowhere = tmp_path / "no.safetensors"
-    code, _, err = train(capsys, *words, nowhere)
+    code, _, err = call(capsys, *words, nowhere)
     assert code == 2 and f"{nowhere}: no such model" in err
+
+
+def test_a_start_of_other_sizes_is_refused_in_a_line(data, tmp_path, capsys):
+    model = tmp_path / "m.safetensors"
+    code, _, err = train(capsys, data / "train", "--out", model, "--start", "ur5")
+    assert code == 2 and len(err.splitlines()) == 1
+    assert "width 32" in err and "--train.network.channels 48" in err
+    assert not model.exists()
 
 
 def test_the_card_tells_how_the_model_was_made(data, tmp_path, capsys):

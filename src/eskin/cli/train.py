@@ -1,6 +1,7 @@
 """`eskin train`: train the recogniser on recordings."""
 
 import time
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 
@@ -8,7 +9,7 @@ import numpy as np
 import tyro
 
 from eskin.cli.checks import check_writable, tell_cut
-from eskin.errors import RecordingError
+from eskin.errors import ModelError, RecordingError
 from eskin.graph import GraphConfig
 from eskin.learn.checkpoint import to_model
 from eskin.learn.dataset import Dataset, digest, prepare
@@ -18,6 +19,9 @@ from eskin.learn.training import TrainConfig, Trainer
 from eskin.learn.wear import Wear, WearConfig
 from eskin.model import Model, ModelCard, check_limits, load_model, save_model
 from eskin.recording import NONE, find_recordings
+
+SIZES = ("width", "layers", "channels")
+"""Of a network, without which no weights of another fit."""
 
 
 @dataclass(frozen=True)
@@ -37,8 +41,8 @@ class Command:
     """Recorded streams to choose on how sure is sure; the defaults where none is."""
 
     start: Path | None = None
-    """A model to start from, of those that come with eskin or a file: its weights are
-    taken wherever they fit."""
+    """A model to start from, of those that come with eskin or a file, with a network of
+    the same sizes: its weights are taken wherever they fit."""
 
     test: tuple[Path, ...] = ()
     """Recordings to score the model on when it is done."""
@@ -76,7 +80,7 @@ def run(command: Command) -> dict[str, object]:
     check_writable(command.out)
     paths = find_recordings(command.data)
     find_recordings(command.streams)  # Refused now rather than after the training.
-    start = load_model(command.start) if command.start else None
+    start = loaded_start(command)
     skins = tuple(Wear(command.wear, number) for number in range(command.skins))
     dataset = prepared(command, paths, command.train.graph_used, skins)
     vocabulary = chosen_classes(dataset, command.classes)
@@ -122,6 +126,33 @@ def run(command: Command) -> dict[str, object]:
     }
     print(f"{command.out}: " + ", ".join(f"{k} {v}" for k, v in result.items()))
     return result
+
+
+def loaded_start(command: Command) -> Model | None:
+    """The model to start from; None where none is named.
+
+    Raises:
+        ModelError: there is no such model, or its network has other sizes.
+    """
+    if command.start is None:
+        return None
+    model = load_model(command.start)
+    theirs, ours = (
+        {size: getattr(network, size) for size in SIZES}
+        for network in (model.card.network, command.train.network)
+    )
+    if theirs != ours:
+        flags = " ".join(f"--train.network.{size} {n}" for size, n in theirs.items())
+        raise ModelError(
+            f"--start {command.start} has a network of {told(theirs)}, the one to be "
+            f"trained {told(ours)}; allowed are the same sizes; train with {flags}"
+        )
+    return model
+
+
+def told(sizes: Mapping[str, int]) -> str:
+    """Sizes of a network in words."""
+    return ", ".join(f"{size} {number}" for size, number in sizes.items())
 
 
 def first_card(command: Command, trainer: Trainer, content: str) -> ModelCard:

@@ -19,10 +19,11 @@ class Ahead:
     mean: float
     """Share of clips."""
 
-    low: float
-    """Lower end of its paired 95 % bootstrap interval; whole people are drawn."""
+    low: float | None
+    """Lower end of its paired 95 % bootstrap interval; whole people are drawn, so there
+    is none where all clips are of one."""
 
-    high: float
+    high: float | None
     """Upper end."""
 
 
@@ -49,10 +50,11 @@ class Row:
     """Standard deviation of the accuracy on the test; 0 of a single run."""
 
     val_ahead: Ahead | None
-    """The first method on validation; None where nothing could be held out."""
+    """The first method on validation; None where nothing could be held out, and of the
+    first itself."""
 
-    test_ahead: Ahead
-    """The first method on the test."""
+    test_ahead: Ahead | None
+    """The first method on the test; None of the first itself."""
 
     seconds: float
     """Mean time to learn and to answer [s]."""
@@ -84,6 +86,7 @@ def row_of(
     places = sorted(results)
     accuracies = accuracies_of([results[place] for place in places], test)
     validated = accuracies_of(list(results.values()), "val")
+    other = results is not first
     return Row(
         name=name,
         test=test,
@@ -91,8 +94,8 @@ def row_of(
         val_accuracy=mean_of(validated),
         test_accuracy=float(np.mean(accuracies)),
         std=spread_of(accuracies),
-        val_ahead=ahead(results, first, "val") if validated else None,
-        test_ahead=ahead(results, first, test),
+        val_ahead=ahead(results, first, "val") if other and validated else None,
+        test_ahead=ahead(results, first, test) if other else None,
         seconds=float(np.mean([result.seconds for result in results.values()])),
     )
 
@@ -109,6 +112,8 @@ def ahead(
         people += [f"{draw} {who}" for who in answered.people]
     both = np.concatenate(ours), np.concatenate(theirs)
     mean = float(both[0].mean() - both[1].mean())
+    if len(set(people)) == 1:
+        return Ahead(mean, None, None)
     return Ahead(mean, *paired_interval(*both, cluster=people))
 
 
@@ -135,9 +140,12 @@ def percent(share: float | None) -> str:
 
 def margin(ahead: Ahead | None) -> str:
     """How far ours is ahead, in points, for a table; empty for ours."""
-    if ahead is None or ahead.mean == ahead.low == ahead.high == 0:
+    if ahead is None:
         return ""
-    return f"{100 * ahead.mean:+.1f} [{100 * ahead.low:+.1f}, {100 * ahead.high:+.1f}]"
+    points = f"{100 * ahead.mean:+.1f}"
+    if ahead.low is None or ahead.high is None:
+        return points
+    return f"{points} [{100 * ahead.low:+.1f}, {100 * ahead.high:+.1f}]"
 
 
 def markdown(rows: Sequence[Row]) -> str:
