@@ -1,26 +1,29 @@
 """Whether anything tells the answer that should not.
 
-python -m benchmarks.leaks --train SET/train --test SET/test: learns from labels that
-are shuffled, and from windows without the touch itself: all readings from the first
-contact on are replaced by the last one before it. Either way a method that is asked
-fairly is at chance on the test. Which people, pose groups and sensor builds the sets
-share is a test of the project (`tests/test_sim_sets.py`): none between `train` and the
-builds and people of `test-x` and `test-m`; all between the two parts of a paper-size
-set, as in the paper, but for the day.
+python -m benchmarks.leaks --train SET/train ... --test SET/test ...: learns from
+labels that are shuffled, and from windows without the touch itself: all readings from
+the first contact on are replaced by the last one before it. Either way a method that is
+asked fairly is at chance on the test of each pair of sets. One pair says little: a clip
+that is near to many others may be right for all of them by luck. Which people, pose
+groups and sensor builds the sets share is a test of the project
+(`tests/test_sim_sets.py`): none between `train` and the builds and people of `test-x`
+and `test-m`; all between the two parts of a paper-size set, as in the paper, but for
+the day.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 import tyro
 from jaxtyping import Float, Int
+from scipy.stats import t
 
 from eskin.learn.baselines import Clips, make_baseline
 from eskin.learn.clip_scoring import answer_clips
 from eskin.learn.comparison import Examples, find_examples
 from eskin.learn.comparison.methods import FOR_SMALL_SETS
-from eskin.learn.metrics import wilson_interval
 from eskin.learn.training import Trainer
 from eskin.recording import NONE, read_recording
 
@@ -31,11 +34,11 @@ WHOLE_SKIN = ("svm-bins", "lda-bins", "knn-max", "gradient-boosting")
 class Command:
     """Learn what cannot be learned."""
 
-    train: Path
-    """A set of clips to learn from."""
+    train: tuple[Path, ...]
+    """Sets of clips to learn from, each for itself."""
 
-    test: Path
-    """Another, to answer."""
+    test: tuple[Path, ...]
+    """Another to answer, for each of them."""
 
     pack: Path = Path("pack")
     """Folder that keeps prepared clips."""
@@ -46,36 +49,40 @@ class Command:
 
 def show(command: Command) -> None:
     """Print the table."""
-    train, test = (
-        find_examples([place], command.pack) for place in (command.train, command.test)
-    )
-    names = train.gestures
-    truth = test.truth(names)
-    chance = np.bincount(truth).max() / len(truth)
-    print(f"chance: {1 / len(names):.1%}, the commonest class: {chance:.1%}\n")
+    shuffled: dict[str, list[float]] = {}
+    before: dict[str, list[float]] = {}
+    for n, places in enumerate(zip(command.train, command.test, strict=True)):
+        train, test = (find_examples([place], command.pack) for place in places)
+        seed = command.seed + n
+        truth = test.truth(train.gestures)
+        labels = train.truth(train.gestures)
+        mixed = np.random.default_rng(seed).permutation(labels)
+        cut = windows_before_contact(train), windows_before_contact(test)
+        for name in WHOLE_SKIN:
+            for shares, windows, asked, learned in (
+                (shuffled, train.windows, test.windows, mixed),
+                (before, *cut, labels),
+            ):
+                baseline = make_baseline(name, train.mounted)
+                baseline.fit(windows, learned, seed)
+                said = baseline.predict_probabilities(asked).argmax(axis=1)
+                shares.setdefault(name, []).append(float((said == truth).mean()))
+        said = ours_shuffled(train, test, seed)
+        shuffled.setdefault("eskin", []).append(float((said == truth).mean()))
+    print(f"{len(command.train)} pairs of sets of four gestures: chance is 25 %\n")
     print("| method | labels shuffled (95 %) | before contact only (95 %) |")
     print("|---|---|---|")
-    shuffled = np.random.default_rng(command.seed).permutation(train.truth(names))
-    before = windows_before_contact(train), windows_before_contact(test)
-    for name in WHOLE_SKIN:
-        cells = []
-        for windows, asked, labels in (
-            (train.windows, test.windows, shuffled),
-            (*before, train.truth(names)),
-        ):
-            baseline = make_baseline(name, train.mounted)
-            baseline.fit(windows, labels, command.seed)
-            said = baseline.predict_probabilities(asked).argmax(axis=1)
-            cells.append(share(said, truth))
-        print(f"| {name} | {cells[0]} | {cells[1]} |", flush=True)
-    print(f"| eskin | {share(ours_shuffled(train, test, command.seed), truth)} | |")
+    for name, shares in shuffled.items():
+        print(f"| {name} | {spread(shares)} | {spread(before.get(name, []))} |")
 
 
-def share(said: Int[np.ndarray, "clip"], truth: Int[np.ndarray, "clip"]) -> str:
-    """Share of right answers with its interval."""
-    right = int((said == truth).sum())
-    low, high = wilson_interval(right, len(truth))
-    return f"{right / len(truth):.1%} ({low:.1%}-{high:.1%})"
+def spread(shares: Sequence[float]) -> str:
+    """The mean over pairs of sets, with the interval that their spread gives it."""
+    if len(shares) < 2:
+        return "".join(f"{share:.1%}" for share in shares)
+    mean, count = float(np.mean(shares)), len(shares)
+    half = float(t.ppf(0.975, count - 1) * np.std(shares, ddof=1) / np.sqrt(count))
+    return f"{mean:.1%} ({mean - half:.1%}-{mean + half:.1%})"
 
 
 def ours_shuffled(
@@ -91,7 +98,7 @@ def ours_shuffled(
         segments[n] = replace(dataset.segments[n], gesture=gesture)
     vocabulary = (NONE, *(name for name in train.gestures if name != NONE))
     wrong = replace(dataset, segments=tuple(segments))
-    network = Trainer(wrong, vocabulary, FOR_SMALL_SETS, seed=seed).run()
+    network = Trainer(wrong, vocabulary, FOR_SMALL_SETS, seed=seed).run(quiet=True)
     answers = answer_clips(network, test.dataset(FOR_SMALL_SETS.graph), vocabulary)
     columns = [vocabulary.index(name) for name in train.gestures]
     return answers.log_chances[:, columns].argmax(axis=1)

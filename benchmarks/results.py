@@ -57,6 +57,8 @@ class Form:
     """Clips learned in the curve."""
     curve_draws: int
     """Sets a point of the curve, and of what is harmed."""
+    leak_draws: int
+    """Sets on which leaks are looked for."""
     harmed: tuple[str, ...]
     """Methods whose clips are harmed."""
     kinds: tuple[Kind, ...]
@@ -74,6 +76,7 @@ FORMS = {
         test=100,
         sizes=(29,),
         curve_draws=1,
+        leak_draws=1,
         harmed=("eskin", "random-forest"),
         kinds=("dead",),
         study=("--networks", "eskin", "--k", "8", "--seeds", "1"),
@@ -86,6 +89,7 @@ FORMS = {
         test=1000,
         sizes=(29, 58, 116, 232, 464),
         curve_draws=3,
+        leak_draws=5,
         harmed=("eskin", "gradient-boosting", "random-forest", "cnn-lstm"),
         kinds=KINDS,
         study=(),
@@ -150,6 +154,11 @@ def paper_sets(command: Command, count: int) -> list[Path]:
     return [made_set(sets, "paper", seed=n, workers=workers) for n in range(count)]
 
 
+def parts_of(draws: Sequence[Path]) -> tuple[tuple[Path, ...], tuple[Path, ...]]:
+    """What is learned of each, and what is asked then."""
+    return tuple(d / "train" for d in draws), tuple(d / "test" for d in draws)
+
+
 def table(command: Command, form: Form) -> None:
     """Every method on paper-size sets (Table III)."""
     draws = paper_sets(command, form.draws)
@@ -164,7 +173,7 @@ def show_compared(
     command: Command, draws: Sequence[Path], methods: tuple[str, ...]
 ) -> None:
     """Compare methods on some draws."""
-    trains, tests = (tuple(d / part for d in draws) for part in ("train", "test"))
+    trains, tests = parts_of(draws)
     compare.run(
         compare.Command(trains, tests, methods=methods, **command.common)  # type: ignore
     )
@@ -200,7 +209,11 @@ def clips(command: Command, form: Form) -> None:
                 workers=command.workers,
             )
             asked += [
-                (name, size, task_of(command, name, method, folder / "train", test))
+                (
+                    name,
+                    size,
+                    task_of(command, name, method, folder / "train", test, draw),
+                )
                 for name, method in methods.items()
             ]
     tasks = [task for _, _, task in asked]
@@ -220,18 +233,19 @@ def clips(command: Command, form: Form) -> None:
 
 
 def task_of(
-    command: Command, name: str, method: Method, train: Path, test: Path
+    command: Command, name: str, method: Method, train: Path, test: Path, seed: int
 ) -> Task:
     """One training of a method, with nothing held out."""
     pack = command.sets / "pack"
     learned, asked = (find_examples([place], pack) for place in (train, test))
-    return Task(name.replace(" ", "-"), method, learned, {"test": asked}, 0, share=0.0)
+    return Task(
+        name.replace(" ", "-"), method, learned, {"test": asked}, seed, share=0.0
+    )
 
 
 def harmed(command: Command, form: Form) -> None:
     """What is left of it when skin, wire, robot or rate are not as learned."""
-    draws = paper_sets(command, form.curve_draws)
-    trains, tests = (tuple(d / part for d in draws) for part in ("train", "test"))
+    trains, tests = parts_of(paper_sets(command, form.curve_draws))
     robustness.main(
         robustness.Command(
             *(trains, tests, form.harmed, form.kinds),
@@ -253,9 +267,8 @@ def show_study(command: Command, form: Form) -> None:
 
 def show_leaks(command: Command, form: Form) -> None:
     """What cannot be learned."""
-    folder = paper_sets(command, 1)[0]
-    pack = command.sets / "pack"
-    leaks.show(leaks.Command(folder / "train", folder / "test", pack))
+    trains, tests = parts_of(paper_sets(command, form.leak_draws))
+    leaks.show(leaks.Command(trains, tests, command.sets / "pack"))
 
 
 PARTS: dict[str, Callable[[Command, Form], None]] = {

@@ -135,10 +135,10 @@ def tasks_of(command: Command, name: str) -> list[Task]:
         for amount in AMOUNTS[kind]
     ]
     tasks = []
-    for places in zip(command.train, command.test, strict=True):
+    for n, places in enumerate(zip(command.train, command.test, strict=True)):
         train, test = (find_examples([place], command.pack) for place in places)
         tests = {UNHARMED: test, **{h.name: replace(test, harm=h) for h in harms}}
-        tasks.append(Task(name, METHODS[name], train, tests, command.seed))
+        tasks.append(Task(name, METHODS[name], train, tests, command.seed + n))
     return tasks
 
 

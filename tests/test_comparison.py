@@ -208,6 +208,17 @@ def call(capsys, *argv):
     return code, *capsys.readouterr()
 
 
+def test_every_draw_is_learned_with_a_seed_of_its_own(folder, tmp_path, capsys):
+    words = ["compare", "--train", folder / "a", folder / "b", "--seeds", 2]
+    words += ["--test", folder / "b", folder / "a", "--methods", "knn-max"]
+    words += ["--pack", tmp_path / "pack", "--results", tmp_path / "results"]
+    assert call(capsys, *words)[0] == 0
+    names = sorted(path.name for path in (tmp_path / "results").iterdir())
+    assert [name[: len("knn-max-0")] for name in names] == [
+        f"knn-max-{seed}" for seed in range(4)
+    ]
+
+
 def test_the_table_has_a_row_a_method_and_a_cut_comparison_goes_on(
     folder, tmp_path, capsys
 ):

@@ -32,7 +32,7 @@ class Command:
     """The test of each of them; or several tests of a single one."""
 
     seeds: int = 1
-    """How often each method is trained on each draw."""
+    """How often each method is trained on each draw, always with a seed of its own."""
 
     methods: tuple[str, ...] = tuple(METHODS)
     """Which of them; the first is the one that others are held against."""
@@ -80,7 +80,8 @@ def run(command: Command) -> dict[str, object]:
     ]
     asked = [(name, place) for place in places for name in command.methods]
     tasks = [
-        Task(name, METHODS[name], *draws[draw], seed) for name, (draw, seed) in asked
+        Task(name, METHODS[name], *draws[draw], draw * command.seeds + seed)
+        for name, (draw, seed) in asked
     ]
     seconds = 60 * command.minutes
     done = do_all(tasks, command.results, command.workers, seconds)
