@@ -155,8 +155,9 @@ def shares_of(truth: Int[np.ndarray, "clip"]) -> Float[np.ndarray, "class"]:
 METHODS: dict[str, Method] = {
     "eskin": RecogniserMethod(),
     **{name: BaselineMethod(name) for name in (*BASELINES, *NETWORKS)},
+    "paper": BaselineMethod("paper", FitConfig(epochs=10)),
 }
-"""By name; ours first."""
+"""By name; ours first. Forty epochs of the paper's network would take hours."""
 
 ABLATIONS: dict[str, Method] = {
     "without poses": RecogniserMethod(
