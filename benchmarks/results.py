@@ -223,6 +223,11 @@ def clips(command: Command, form: Form) -> None:
         if result is not None:
             shares = found.setdefault(name, {}).setdefault(size, [])
             shares += accuracies_of([result], "test")
+    # A point is of all sets, or there is none.
+    found = {
+        name: {n: shares for n, shares in by_size.items() if len(shares) == len(tests)}
+        for name, by_size in found.items()
+    }
     print("| method | " + " | ".join(f"{size} clips" for size in form.sizes) + " |")
     print("|---" * (1 + len(form.sizes)) + "|")
     for name, by_size in found.items():

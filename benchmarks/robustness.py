@@ -121,10 +121,12 @@ def main(command: Command) -> None:
     left = done.count(None)
     if left:
         print(f"{left} of {len(done)} trainings are left; the same command goes on")
-    if found:
-        print(table(found))
+    # Methods are compared on the same sets only.
+    whole = {name: rs for name, rs in found.items() if len(rs) == len(command.train)}
+    if whole:
+        print(table(whole))
         if command.picture is not None:
-            draw(found, command.kinds, command.picture)
+            draw(whole, command.kinds, command.picture)
 
 
 def tasks_of(command: Command, name: str) -> list[Task]:
