@@ -1,4 +1,4 @@
-"""What the issue lists, from a virtual device over a real transport to the recogniser.
+"""Every fault, from a virtual device over a real transport to the recogniser.
 
 Device and host share a simulated clock (`Cable`). Each scan of each patch is told by
 its counts: nothing can be used twice, too late or broken without being noticed.
@@ -6,6 +6,7 @@ its counts: nothing can be used twice, too late or broken without being noticed.
 
 import time
 from contextlib import ExitStack
+from functools import cache
 
 import numpy as np
 import pytest
@@ -22,7 +23,7 @@ from eskin.drivers import (
     UdpTransport,
 )
 from eskin.drivers.virtual import PtyPort, UdpPort, VirtualSkin, parse_fault
-from eskin.live import Detection, Recognizer
+from eskin.live import Detection, Recognizer, warm_up
 from eskin.model import load_model
 from eskin.robot import load_robot
 from eskin.skin import MountedSkin
@@ -72,6 +73,12 @@ def resting(count, touch=None):
         yield Scan(PERIOD * (number + 1), counts, received, np.zeros(0))
 
 
+@cache
+def compile_first():
+    """Who stops a stream does not wait until what it needs is compiled."""
+    warm_up(Recognizer(load_model("ur5"), MOUNTED, CALIBRATION))
+
+
 class Heard:
     """What came of a skin with faults."""
 
@@ -87,6 +94,7 @@ class Heard:
             source = DeviceSource(
                 cable, MOUNTED, CALIBRATION, FixedJoints(np.zeros(0)), clock, over
             )
+            compile_first()
             recognizer = Recognizer(load_model("ur5"), MOUNTED, CALIBRATION)
             recognition = Recognition(recognizer, drop="never")
             self.ear = Ear(hears=(Scan, Event, Detection), size=10_000)
