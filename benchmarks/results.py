@@ -45,6 +45,8 @@ class Form:
 
     draws: int
     """Paper-size sets."""
+    clips: int | None
+    """Clips of each of these; as many as the paper has where None."""
     paper_draws: int
     """Of these, those that the paper's network learns as well."""
     slow: bool
@@ -53,6 +55,8 @@ class Form:
     """Clips of the large training set; all where None."""
     test: int | None
     """Clips of each large test."""
+    large: tuple[str, ...]
+    """Methods that learn the large training set."""
     sizes: tuple[int, ...]
     """Clips learned in the curve."""
     curve_draws: int
@@ -70,10 +74,12 @@ class Form:
 FORMS = {
     "short": Form(
         draws=1,
+        clips=67,
         paper_draws=0,
         slow=False,
-        train=200,
-        test=100,
+        train=100,
+        test=50,
+        large=("eskin", "gradient-boosting"),
         sizes=(29,),
         curve_draws=1,
         leak_draws=1,
@@ -83,10 +89,12 @@ FORMS = {
     ),
     "long": Form(
         draws=10,
+        clips=None,
         paper_draws=3,
         slow=True,
         train=3000,
         test=1000,
+        large=tuple(name for name in METHODS if name not in ("paper", "3d-cnn")),
         sizes=(29, 58, 116, 232, 464),
         curve_draws=3,
         leak_draws=5,
@@ -150,8 +158,18 @@ def main() -> None:
 
 def paper_sets(command: Command, count: int) -> list[Path]:
     """Paper-size sets, each of people, poses, a build and a seed of its own."""
-    sets, workers = command.sets, command.workers
-    return [made_set(sets, "paper", seed=n, workers=workers) for n in range(count)]
+    return [paper_set(command, FORMS[command.form].clips, n) for n in range(count)]
+
+
+def paper_set(command: Command, clips: int | None, seed: int) -> Path:
+    """One of six people, with so many clips in all."""
+    return made_set(
+        *(command.sets, "paper"),
+        clips=clips,
+        people=None if clips is None else 6,
+        seed=seed,
+        workers=command.workers,
+    )
 
 
 def parts_of(draws: Sequence[Path]) -> tuple[tuple[Path, ...], tuple[Path, ...]]:
@@ -186,9 +204,8 @@ def large(command: Command, form: Form) -> None:
     tests = tuple(
         made_set(sets, name, clips=form.test, workers=workers) for name in TESTS
     )
-    methods = tuple(name for name in METHODS if name not in ("paper", "3d-cnn"))
     compare.run(
-        compare.Command((train,), tests, methods=methods, **command.common)  # type: ignore
+        compare.Command((train,), tests, methods=form.large, **command.common)  # type: ignore
     )
 
 
@@ -200,14 +217,7 @@ def clips(command: Command, form: Form) -> None:
     asked: list[tuple[str, int, Task]] = []
     for size in form.sizes:
         for draw, test in enumerate(tests):
-            folder = made_set(
-                command.sets,
-                "paper",
-                clips=OF_581[size],
-                people=6,
-                seed=draw,
-                workers=command.workers,
-            )
+            folder = paper_set(command, OF_581[size], draw)
             asked += [
                 (
                     name,
