@@ -87,13 +87,11 @@ def test_nobody_touches_an_arm_that_has_just_been_paused():
     arm, skin = SimulatedArm(clock=clock), LiveSkin()
     config = VisitorConfig(first=0.1)
     visitor = Visitor(
-        skin, load_commands(None, VOCABULARY, skin.mounted.skin), 0, config
+        skin, arm, load_commands(None, VOCABULARY, skin.mounted.skin), 0, config
     )
     arm.pause()
     stamps = SECOND + np.arange(0, 2 * SECOND, SECOND // 50)
-    begun = [
-        visitor.come(int(s), arm.state()) or bool(skin.hand.touching) for s in stamps
-    ]
+    begun = [visitor.come(int(s)) or bool(skin.hand.touching) for s in stamps]
     assert stamps[begun.index(True)] == 2 * SECOND
 
 

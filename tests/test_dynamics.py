@@ -6,11 +6,19 @@ import sys
 import numpy as np
 import pytest
 
+from command_scenes import VOCABULARY
 from eskin.cli.main import run
-from eskin.command import FRAME_TASK, DynamicPlant, MotionConfig, SimulatedArm
+from eskin.command import (
+    FRAME_TASK,
+    DynamicPlant,
+    MotionConfig,
+    SimulatedArm,
+    load_commands,
+)
 from eskin.command.dynamic_plant import ProtectiveConfig
 from eskin.demo import LiveSource
 from eskin.demo.obedience import Obedience
+from eskin.demo.visitor import Visitor, VisitorConfig
 from eskin.drivers import ManualClock
 from eskin.errors import ArmError, ExtraError, RobotError
 from eskin.page import PageOrder
@@ -279,6 +287,22 @@ def test_resume_in_the_page_ends_a_protective_stop():
     assert arm.state().protective_stop
     obedience.obey(PageOrder("resume_task"))
     assert not arm.state().stopped
+
+
+def test_people_unlock_an_arm_in_protective_stop_before_they_touch_it():
+    arm, clock = arm_and_clock()
+    skin = LiveSkin()
+    commands = load_commands(None, VOCABULARY, skin.mounted.skin)
+    visitor = Visitor(skin, arm, commands, 0, VisitorConfig(first=0.1))
+    arm.push(pushed((600.0, 0.0, 0.0)))
+    clock.sleep(0.5)
+    arm.push([])
+    assert arm.state().protective_stop
+    while not skin.hand.touching:
+        clock.sleep(0.02)
+        visitor.come(clock.now())
+    assert visitor.unlocked == 1 and not arm.state().protective_stop
+    assert arm.state().holding == "protective stop"
 
 
 def test_a_robot_without_masses_is_refused():

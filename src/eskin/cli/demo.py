@@ -112,7 +112,7 @@ def headless(seconds: float, config: "DemoConfig") -> dict[str, object]:
         f"builds: {counts['correct']} obeyed rightly, {counts['wrong']} wrongly, "
         f"{counts['missed']} missed; {outcome.accidents} accidental contacts, "
         f"{counts['false_alarms']} commands that nobody gave; {outcome.score.holds} "
-        f"holds, {outcome.delivered} parts brought"
+        f"holds, {outcome.unlocked} protective stops, {outcome.delivered} parts brought"
     )
     print(
         f"from the end of a touch to its command: p50 {outcome.delay[0]:.2f} s, p95 "
@@ -129,6 +129,7 @@ def headless(seconds: float, config: "DemoConfig") -> dict[str, object]:
         "delay_s_p95": outcome.delay[1],
         "accidents": outcome.accidents,
         "holds": outcome.score.holds,
+        "protective_stops": outcome.unlocked,
         "delivered": outcome.delivered,
         "seconds": outcome.seconds,
     }

@@ -68,6 +68,9 @@ class Outcome:
     accidents: int
     """Touches that asked for nothing."""
 
+    unlocked: int
+    """How often a push had put the arm into protective stop."""
+
     delivered: int
     """Parts that the arm has brought."""
 
@@ -165,10 +168,10 @@ def run_build(seconds: float, config: DemoConfig, seed: int) -> Outcome:
     model = load_model(config.model)
     vocabulary = model.card.vocabulary
     commands = load_commands(config.commands, vocabulary, skin.mounted.skin)
-    visitor = Visitor(skin, commands, seed, config.visitor)
+    visitor = Visitor(skin, arm, commands, seed, config.visitor)
     source = LiveSource(
         *(skin, arm, clock),
-        before=lambda stamp: visitor.come(stamp, arm.state()),
+        before=visitor.come,
         after=lambda: arm.push(skin.wrenches),
     )
     recognition = Recognition(Recognizer(model, skin.mounted, skin.calibration))
@@ -188,6 +191,7 @@ def run_build(seconds: float, config: DemoConfig, seed: int) -> Outcome:
         visitor.score,
         seconds,
         visitor.accidents,
+        visitor.unlocked,
         state.delivered,
         (1e3 * step.quantile(0.5), 1e3 * step.quantile(0.99)),
         (float(np.median(delays)), float(np.percentile(delays, 95))),
@@ -208,6 +212,7 @@ def joined(parts: list[Outcome]) -> Outcome:
         score,
         sum(part.seconds for part in parts),
         sum(part.accidents for part in parts),
+        sum(part.unlocked for part in parts),
         sum(part.delivered for part in parts),
         (
             float(np.median([part.step[0] for part in parts])),

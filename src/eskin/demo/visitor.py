@@ -6,7 +6,7 @@ from typing import final
 
 import numpy as np
 
-from eskin.command import ArmState, CommandMap
+from eskin.command import ArmState, CommandMap, SimulatedArm
 from eskin.command.action import resolved
 from eskin.demo.score import GRACE, Score, Try
 from eskin.recording import NONE
@@ -18,8 +18,9 @@ TO_WAKE = 0.7
 """Share of touches on a paused arm which ask it to go on; one that is held obeys
 nothing else, as everybody knows who works with it."""
 
-PAUSED = 1.0
-"""How long people leave an arm alone that has just been paused [s]."""
+ALONE = 1.0
+"""How long people leave an arm alone that has just been paused, or has gone into
+protective stop [s]."""
 
 
 @dataclass(frozen=True)
@@ -27,7 +28,7 @@ class VisitorConfig:
     """How often an arm is touched.
 
     Nobody touches an arm within a second of its being paused: it could not go on yet,
-    as everybody knows who works with it.
+    as everybody knows who works with it. One in protective stop is unlocked first.
     """
 
     first: float = 4.0
@@ -54,12 +55,14 @@ class Visitor:
     Attributes:
         score: of the touches that ask for something.
         accidents: how many did not.
+        unlocked: how often the arm was in protective stop, and had to be unlocked.
         stays: whether more touches are to come.
     """
 
     def __init__(
         self,
         skin: LiveSkin,
+        arm: SimulatedArm,
         commands: CommandMap,
         seed: int = 0,
         config: VisitorConfig | None = None,
@@ -68,40 +71,48 @@ class Visitor:
 
         Args:
             skin: to touch.
+            arm: that wears it.
             commands: what touches ask for.
             seed: decides who comes and what they do.
             config: how often they touch.
         """
         self.skin = skin
+        self.arm = arm
         self.commands = commands
         self.config = config or VisitorConfig()
         self.seed = seed
         self.rng = np.random.default_rng([seed, 1907])
         self.score = Score()
         self.accidents = 0
+        self.unlocked = 0
         self.people = 0
         self.next: int | None = None
         self.leaves = 0
         self.touch: int | None = None
         self.attempt: Try | None = None
         self.stays = True
-        self.paused_since: int | None = None
+        self.alone_since: int | None = None
         self.quiet = 0
 
-    def come(self, stamp: int, state: ArmState) -> None:
+    def come(self, stamp: int) -> None:
         """What happens before the scan at a time.
 
         Args:
             stamp: of that scan [ns since the epoch].
-            state: of the arm.
         """
+        state = self.arm.state()
         if self.next is None:
             self.next = stamp + round(self.config.first * SECOND)
-        since = self.paused_since if self.paused_since is not None else stamp
-        self.paused_since = since if state.paused else None
-        waits = state.paused and stamp - since < PAUSED * SECOND
+        stands = state.paused or state.protective_stop
+        since = self.alone_since if self.alone_since is not None else stamp
+        self.alone_since = since if stands else None
+        waits = stands and stamp - since < ALONE * SECOND
         if self.touch is not None:
             self.go_on(stamp)
+        elif state.protective_stop:
+            if not waits:
+                self.arm.unlock()
+                self.unlocked += 1
         elif self.stays and stamp >= self.next and not waits:
             self.begin(stamp, state)
 
