@@ -2,8 +2,10 @@
 
 python -m benchmarks.leaks --train SET/train ... --test SET/test ...: learns from
 labels that are shuffled, and from windows without the touch itself: all readings from
-the first contact on are replaced by the last one before it. Either way a method that is
-asked fairly is at chance on the test of each pair of sets. One pair says little: a clip
+the first contact on are replaced by the last one before it, and clips that begin in
+contact, which have none before, are left out. Either way a method that is asked fairly
+is at chance on the test of each pair of sets, and the command exits with 1 where one is
+right more often than by chance once in a thousand times. One pair says little: a clip
 that is near to many others may be right for all of them by luck. Which people, pose
 groups and sensor builds the sets share is a test of the project
 (`tests/test_sim_sets.py`): none between `train` and the builds and people of `test-x`
@@ -11,14 +13,14 @@ and `test-m`; all between the two parts of a paper-size set, as in the paper, bu
 the day.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 import tyro
-from jaxtyping import Float, Int
-from scipy.stats import t
+from jaxtyping import Bool, Float, Int
+from scipy.stats import binomtest, t
 
 from eskin.learn.baselines import Clips, make_baseline
 from eskin.learn.clip_scoring import answer_clips
@@ -27,6 +29,13 @@ from eskin.learn.comparison.methods import FOR_SMALL_SETS
 from eskin.learn.training import Trainer
 from eskin.recording import NONE, read_recording
 
+Right = Bool[np.ndarray, "clip"]
+"""Which answers are right."""
+
+CHANCE = 0.25
+"""Of a guess among four gestures."""
+
+SHUFFLED, BEFORE = "shuffled labels", "readings before contact"
 WHOLE_SKIN = ("svm-bins", "lda-bins", "knn-max", "gradient-boosting")
 
 
@@ -48,36 +57,54 @@ class Command:
 
 
 def show(command: Command) -> None:
-    """Print the table."""
-    shuffled: dict[str, list[float]] = {}
-    before: dict[str, list[float]] = {}
+    """Print the table, and exit with 1 where something is above chance."""
+    found: dict[tuple[str, str], list[Right]] = {}
     for n, places in enumerate(zip(command.train, command.test, strict=True)):
         train, test = (find_examples([place], command.pack) for place in places)
-        seed = command.seed + n
-        truth = test.truth(train.gestures)
-        labels = train.truth(train.gestures)
-        mixed = np.random.default_rng(seed).permutation(labels)
-        cut = windows_before_contact(train), windows_before_contact(test)
-        for name in WHOLE_SKIN:
-            for shares, windows, asked, learned in (
-                (shuffled, train.windows, test.windows, mixed),
-                (before, *cut, labels),
-            ):
-                baseline = make_baseline(name, train.mounted)
-                baseline.fit(windows, learned, seed)
-                said = baseline.predict_probabilities(asked).argmax(axis=1)
-                shares.setdefault(name, []).append(float((said == truth).mean()))
-        said = ours_shuffled(train, test, seed)
-        shuffled.setdefault("eskin", []).append(float((said == truth).mean()))
+        for case, right in answers(train, test, command.seed + n):
+            found.setdefault(case, []).append(right)
     print(f"{len(command.train)} pairs of sets of four gestures: chance is 25 %\n")
     print("| method | labels shuffled (95 %) | before contact only (95 %) |")
     print("|---|---|---|")
-    for name, shares in shuffled.items():
-        print(f"| {name} | {spread(shares)} | {spread(before.get(name, []))} |")
+    for name in (*WHOLE_SKIN, "eskin"):
+        cells = [spread(found.get((name, way), [])) for way in (SHUFFLED, BEFORE)]
+        print(f"| {name} | {' | '.join(cells)} |")
+    for (name, way), rights in found.items():
+        check_chance(f"{name} from {way}", np.concatenate(rights))
 
 
-def spread(shares: Sequence[float]) -> str:
+def answers(
+    train: Examples, test: Examples, seed: int
+) -> Iterator[tuple[tuple[str, str], Right]]:
+    """Which answers are right, by method and what it learned from."""
+    truth, labels = test.truth(train.gestures), train.truth(train.gestures)
+    mixed = np.random.default_rng(seed).permutation(labels)
+    (cut, learned), (asked, which) = map(windows_before_contact, (train, test))
+    for name in WHOLE_SKIN:
+        for way, windows, taught, others, true in (
+            (SHUFFLED, train.windows, mixed, test.windows, truth),
+            (BEFORE, cut, labels[learned], asked, truth[which]),
+        ):
+            baseline = make_baseline(name, train.mounted)
+            baseline.fit(windows, taught, seed)
+            said = baseline.predict_probabilities(others).argmax(axis=1)
+            yield (name, way), said == true
+    yield ("eskin", SHUFFLED), ours_shuffled(train, test, seed) == truth
+
+
+def check_chance(who: str, right: Right) -> None:
+    """Exit where more is right than by chance once in a thousand times."""
+    found = binomtest(int(right.sum()), len(right), CHANCE, alternative="greater")
+    if found.pvalue < 0.001:
+        raise SystemExit(
+            f"{who}: {right.mean():.1%} of {len(right)} right; allowed is chance, "
+            f"{CHANCE:.0%}; find what tells the answer"
+        )
+
+
+def spread(rights: Sequence[Right]) -> str:
     """The mean over pairs of sets, with the interval that their spread gives it."""
+    shares = [float(right.mean()) for right in rights]
     if len(shares) < 2:
         return "".join(f"{share:.1%}" for share in shares)
     mean, count = float(np.mean(shares)), len(shares)
@@ -104,15 +131,23 @@ def ours_shuffled(
     return answers.log_chances[:, columns].argmax(axis=1)
 
 
-def windows_before_contact(examples: Examples) -> Clips:
-    """Windows that stay as they were just before the first true contact."""
+def windows_before_contact(
+    examples: Examples,
+) -> tuple[Clips, Int[np.ndarray, "window"]]:
+    """Windows that stay as they were just before the first true contact.
+
+    Returns:
+        the windows, and which clips they are of: those that do not begin in contact.
+    """
+    since = onsets(examples)
+    chosen = np.flatnonzero(since >= 1)
     windows = examples.windows
-    pressure, q = windows.pressure.copy(), windows.q.copy()
-    for n, onset in enumerate(onsets(examples)):
-        first = int(np.clip(onset, 1, pressure.shape[1]))
+    pressure, q = windows.pressure[chosen], windows.q[chosen]
+    for n, onset in enumerate(since[chosen]):
+        first = int(min(onset, pressure.shape[1]))
         pressure[n, first:] = pressure[n, first - 1]
         q[n, first:] = q[n, first - 1]
-    return Clips(pressure, q)
+    return Clips(pressure, q), chosen
 
 
 def onsets(examples: Examples) -> Float[np.ndarray, "clip"]:
