@@ -19,18 +19,19 @@ class Image:
     """A place in an image for each taxel."""
 
     shape: tuple[int, int, int]
-    """Channels, rows and columns."""
+    """Rows, columns and channels."""
 
     place: Int[np.ndarray, "taxel"]
-    """The pixel of each taxel, counted through the columns, rows and channels."""
+    """The pixel of each taxel, counted through the channels, columns and rows."""
 
 
 def patch_image(skin: Skin) -> Image:
     """Each patch in a channel of its own, by row and column, padded to the largest."""
     rows = max(patch.rows for patch in skin.patches)
     columns = max(patch.columns for patch in skin.patches)
-    place = (skin.patch_index * rows + skin.rows) * columns + skin.columns
-    return Image((len(skin.patches), rows, columns), place.astype(np.int64))
+    channels = len(skin.patches)
+    place = (skin.rows * columns + skin.columns) * channels + skin.patch_index
+    return Image((rows, columns, channels), place.astype(np.int64))
 
 
 def unrolled_image(skin: Skin) -> Image:
@@ -53,4 +54,4 @@ def unrolled_image(skin: Skin) -> Image:
         level = ((along - along.min()) / PITCH).astype(np.int64)
         rows[here] = height + level
         height += int(level.max()) + 1
-    return Image((1, height, ROUND), rows * ROUND + columns)
+    return Image((height, ROUND, 1), rows * ROUND + columns)
