@@ -158,6 +158,8 @@ def test_a_method_is_held_against_the_first_on_what_both_answered():
     ours, other = rows_of(found)
     assert ours.test_accuracy == pytest.approx(0.75) and ours.runs == 2
     assert ours.std == pytest.approx(np.std([1.0, 0.5], ddof=1))
+    assert ours.val_std == 0.0
+    assert "| ours | 2 | 100.0% |  | 75.0% (35.4%) |  |" in markdown([ours, other])
     assert ours.val_ahead is None and ours.test_ahead is None
     assert other.test_ahead.mean == pytest.approx(0.5)
     assert 0 < other.test_ahead.low <= other.test_ahead.mean <= other.test_ahead.high
@@ -173,7 +175,7 @@ def test_of_a_single_person_there_is_no_interval_and_a_tie_is_told():
     assert rows[2].val_ahead == Ahead(0.0, None, None)
     lines = markdown(rows).splitlines()[2:]
     assert [line.split(" | ")[3] for line in lines] == ["", "+0.0", "+0.0"]
-    ends = [line.split(" | ")[6].strip(" |") for line in lines]
+    ends = [line.split(" | ")[5].strip(" |") for line in lines]
     assert ends[:2] == ["", "+0.0 [+0.0, +0.0]"] and ends[2].startswith("+50.0 [")
 
 
@@ -230,7 +232,7 @@ def test_the_table_has_a_row_a_method_and_a_cut_comparison_goes_on(
     rows = json.loads(out.splitlines()[-1])["rows"]
     assert [row["name"] for row in rows] == ["knn-max", "mlp-max"]
     assert {"val_accuracy", "test_accuracy", "std"} <= rows[0].keys()
-    assert "knn-max | " in out
+    assert f"knn-max | 1 | {rows[0]['val_accuracy']:.1%} | " in out
     again = call(capsys, *words, "--minutes", -1)
     assert json.loads(again[1].splitlines()[-1])["rows"] == rows
 

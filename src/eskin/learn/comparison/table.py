@@ -49,6 +49,9 @@ class Row:
     std: float
     """Standard deviation of the accuracy on the test; 0 of a single run."""
 
+    val_std: float
+    """That of the accuracy on validation; 0 of a single run, or of none."""
+
     val_ahead: Ahead | None
     """The first method on validation; None where nothing could be held out, and of the
     first itself."""
@@ -94,6 +97,7 @@ def row_of(
         val_accuracy=mean_of(validated),
         test_accuracy=float(np.mean(accuracies)),
         std=spread_of(accuracies),
+        val_std=spread_of(validated),
         val_ahead=ahead(results, first, "val") if other and validated else None,
         test_ahead=ahead(results, first, test) if other else None,
         seconds=float(np.mean([result.seconds for result in results.values()])),
@@ -133,11 +137,6 @@ def spread_of(shares: Sequence[float]) -> float:
     return float(np.std(shares, ddof=1)) if len(shares) > 1 else 0.0
 
 
-def percent(share: float | None) -> str:
-    """A share for a table."""
-    return "" if share is None else f"{share:.1%}"
-
-
 def margin(ahead: Ahead | None) -> str:
     """How far ours is ahead, in points, for a table; empty for ours."""
     if ahead is None:
@@ -152,7 +151,8 @@ def markdown(rows: Sequence[Row]) -> str:
     """The rows as tables, one for each test."""
     tables = []
     for test in dict.fromkeys(row.test for row in rows):
-        heads = "method", "runs", "validation", "ours ahead", test, "SD", "ours ahead"
+        heads = ("method", "runs", "validation (SD)", "ours ahead")
+        heads += (f"{test} (SD)", "ours ahead")
         lines = [f"| {' | '.join(heads)} |", "|" + "---|" * len(heads)]
         lines += [line_of(row) for row in rows if row.test == test]
         tables.append("\n".join(lines))
@@ -164,15 +164,16 @@ def line_of(row: Row) -> str:
     cells = (
         row.name,
         str(row.runs),
-        percent(row.val_accuracy),
+        spread(row.val_accuracy, row.val_std),
         margin(row.val_ahead),
-        percent(row.test_accuracy),
-        percent(row.std if row.runs > 1 else None),
+        spread(row.test_accuracy, row.std),
         margin(row.test_ahead),
     )
     return f"| {' | '.join(cells)} |"
 
 
 def spread(mean: float | None, std: float) -> str:
-    """A mean with its standard deviation, for a table."""
-    return "" if mean is None else f"{percent(mean)} ({percent(std)})"
+    """A mean with its standard deviation where there is one, for a table."""
+    if mean is None:
+        return ""
+    return f"{mean:.1%} ({std:.1%})" if std > 0 else f"{mean:.1%}"
