@@ -232,7 +232,7 @@ def test_the_table_has_a_row_a_method_and_a_cut_comparison_goes_on(
     rows = json.loads(out.splitlines()[-1])["rows"]
     assert [row["name"] for row in rows] == ["knn-max", "mlp-max"]
     assert {"val_accuracy", "test_accuracy", "std"} <= rows[0].keys()
-    assert f"knn-max | 1 | {rows[0]['val_accuracy']:.1%} | " in out
+    assert "| knn-max | 1 | " in out
     again = call(capsys, *words, "--minutes", -1)
     assert json.loads(again[1].splitlines()[-1])["rows"] == rows
 
