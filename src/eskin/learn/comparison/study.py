@@ -5,9 +5,10 @@ from dataclasses import asdict, dataclass, replace
 from typing import Literal
 
 from eskin.graph import GraphConfig
-from eskin.learn.baselines import FitConfig, Pooling
+from eskin.learn.baselines import Pooling
 from eskin.learn.comparison.methods import (
     FOR_SMALL_SETS,
+    PAPER_FIT,
     Method,
     PaperMethod,
     RecogniserMethod,
@@ -34,7 +35,7 @@ class Variant:
     def method(self, epochs: int) -> Method:
         """What learns."""
         if self.network == "paper":
-            return PaperMethod(self.k, self.pool, FitConfig(epochs))
+            return PaperMethod(self.k, self.pool, replace(PAPER_FIT, epochs=epochs))
         config = replace(FOR_SMALL_SETS, graph=GraphConfig(fixed=self.k))
         return RecogniserMethod(config, self.pool)
 
