@@ -7,28 +7,27 @@ keeps prepared clips.
 """
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import final
 
 import numpy as np
 import tyro
 
 from benchmarks.simulated_sets import made_set
 from eskin.learn.augment import AugmentConfig
-from eskin.learn.baselines import NETWORKS, Baseline, FitConfig
+from eskin.learn.baselines import NETWORKS, FitConfig
 from eskin.learn.baselines.estimators import (
     Estimator,
-    gradient_boosting,
-    linear_discriminant,
-    nearest_neighbours,
-    perceptron,
-    random_forest,
-    standardised,
-    support_vectors,
+    GradientBoosting,
+    LinearDiscriminant,
+    NearestNeighbours,
+    Perceptron,
+    RandomForest,
+    Standardised,
+    SupportVectors,
 )
-from eskin.learn.baselines.flat import FlatBaseline
+from eskin.learn.baselines.flat import Features, FlatBaseline
 from eskin.learn.baselines.hand import HandBaseline
 from eskin.learn.comparison import (
     BaselineMethod,
@@ -39,9 +38,8 @@ from eskin.learn.comparison import (
     do_all,
     find_examples,
 )
-from eskin.learn.comparison.methods import FOR_SMALL_SETS, Answers, fitted
+from eskin.learn.comparison.methods import FOR_SMALL_SETS, network_method
 from eskin.model import NetworkConfig
-from eskin.skin import MountedSkin
 
 SEEDS = (100, 101)
 GENTLE = AugmentConfig(
@@ -57,63 +55,43 @@ GENTLE = AugmentConfig(
     noise=0.02,
 )
 """How the weights that come with eskin were trained."""
-
-
-@final
-@dataclass(frozen=True)
-class EstimatorMethod(Method):
-    """A baseline on an estimator with settings of its own."""
-
-    kind: str
-    """Of the baseline."""
-    setting: str
-    """What sets the estimator apart."""
-    make: Callable[[MountedSkin], Baseline] = field(repr=False)
-    """Makes the baseline."""
-
-    def fit(self, examples: Examples, seed: int) -> Answers:
-        """Learn from all taxels in clips."""
-        return fitted(self.make(examples.mounted), examples, seed)
-
-
+FEATURES: dict[str, Features] = {"max": "maxima", "bins": "bins"}
 FLAT: dict[str, dict[str, Callable[[int], Estimator]]] = {
     "svm": {
-        "C = 1": partial(support_vectors, C=1.0),
-        "C = 10": support_vectors,
-        "C = 100": partial(support_vectors, C=100.0),
-        "C = 10, standardised": standardised(support_vectors),
+        "C = 1": SupportVectors(C=1.0),
+        "C = 10": SupportVectors(),
+        "C = 100": SupportVectors(C=100.0),
+        "C = 10, standardised": Standardised(SupportVectors()),
     },
     "knn": {
-        "k = 1": partial(nearest_neighbours, k=1),
-        "k = 5": nearest_neighbours,
-        "k = 15": partial(nearest_neighbours, k=15),
-        "k = 5, standardised": standardised(nearest_neighbours),
+        "k = 1": NearestNeighbours(k=1),
+        "k = 5": NearestNeighbours(),
+        "k = 15": NearestNeighbours(k=15),
+        "k = 5, standardised": Standardised(NearestNeighbours()),
     },
     "mlp": {
-        "128, 64": perceptron,
-        "512": partial(perceptron, hidden=(512,)),
-        "128, 64, decay 0.1": partial(perceptron, decay=0.1),
-        "128, 64, standardised": standardised(perceptron),
+        "128, 64": Perceptron(),
+        "512": Perceptron(hidden=(512,)),
+        "128, 64, decay 0.1": Perceptron(decay=0.1),
+        "128, 64, standardised": Standardised(Perceptron()),
     },
     "lda": {
-        f"shrinkage {share}": partial(linear_discriminant, shrinkage=share)
+        f"shrinkage {share}": LinearDiscriminant(share)
         for share in (0.1, 0.3, 0.6, 0.9)
     },
 }
 HAND: dict[str, dict[str, Callable[[int], Estimator]]] = {
     "random-forest": {
-        "500 trees": random_forest,
-        "1000 trees": partial(random_forest, trees=1000),
-        "500 trees, leaves of 3": partial(random_forest, leaf=3),
-        "500 trees, leaves of 5": partial(random_forest, leaf=5),
+        "500 trees": RandomForest(),
+        "1000 trees": RandomForest(trees=1000),
+        "500 trees, leaves of 3": RandomForest(leaf=3),
+        "500 trees, leaves of 5": RandomForest(leaf=5),
     },
     "gradient-boosting": {
-        "100 trees of 15 leaves": gradient_boosting,
-        "100 trees of 7": partial(gradient_boosting, leaves=7),
-        "300 trees of 7, rate 0.05": partial(
-            gradient_boosting, trees=300, leaves=7, rate=0.05
-        ),
-        "100 trees of 31": partial(gradient_boosting, leaves=31),
+        "100 trees of 15 leaves": GradientBoosting(),
+        "100 trees of 7": GradientBoosting(leaves=7),
+        "300 trees of 7, rate 0.05": GradientBoosting(trees=300, leaves=7, rate=0.05),
+        "100 trees of 31": GradientBoosting(leaves=31),
     },
 }
 FITS: dict[str, FitConfig] = {
@@ -144,22 +122,21 @@ def candidates() -> dict[str, dict[str, Method]]:
     """The settings of every method, by their words."""
     found: dict[str, dict[str, Method]] = {"eskin": OURS}
     for name, settings in FLAT.items():
-        for short, kind in (
-            (f"{name}-max", partial(FlatBaseline, features="maxima")),
-            (f"{name}-bins", partial(FlatBaseline, features="bins")),
-        ):
-            found[short] = {
-                words: EstimatorMethod(short, words, partial(kind, estimator=each))
-                for words, each in settings.items()
+        for short, features in FEATURES.items():
+            found[f"{name}-{short}"] = {
+                words: BaselineMethod(
+                    partial(FlatBaseline, estimator=estimator, features=features)
+                )
+                for words, estimator in settings.items()
             }
     for name, settings in HAND.items():
         found[name] = {
-            words: EstimatorMethod(name, words, partial(HandBaseline, estimator=each))
-            for words, each in settings.items()
+            words: BaselineMethod(partial(HandBaseline, estimator=estimator))
+            for words, estimator in settings.items()
         }
     for name in NETWORKS:
         fits = PAPER if name == "paper" else FITS
-        found[name] = {words: BaselineMethod(name, fit) for words, fit in fits.items()}
+        found[name] = {words: network_method(name, fit) for words, fit in fits.items()}
     return found
 
 

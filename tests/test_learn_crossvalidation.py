@@ -8,7 +8,7 @@ import torch
 
 from eskin.errors import RecordingError
 from eskin.learn import crossvalidation
-from eskin.learn.baselines.estimators import ON_FEATURES, RandomForestClassifier
+from eskin.learn.baselines.estimators import ON_FEATURES, RandomForest
 from eskin.learn.crossvalidation import (
     groups_of,
     instant_answers,
@@ -44,10 +44,7 @@ def dataset(tmp_path_factory):
 
 @pytest.fixture
 def few_trees(monkeypatch):
-    def forest(seed):
-        return RandomForestClassifier(20, random_state=seed, n_jobs=1)
-
-    monkeypatch.setitem(ON_FEATURES, "random forest", forest)
+    monkeypatch.setitem(ON_FEATURES, "random forest", RandomForest(trees=20))
 
 
 def weights(network):

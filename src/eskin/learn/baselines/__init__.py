@@ -10,12 +10,13 @@ from eskin.learn.baselines.convolution import (
 )
 from eskin.learn.baselines.egnn import Pooling
 from eskin.learn.baselines.estimators import (
-    gradient_boosting,
-    linear_discriminant,
-    nearest_neighbours,
-    perceptron,
-    random_forest,
-    support_vectors,
+    Estimator,
+    GradientBoosting,
+    LinearDiscriminant,
+    NearestNeighbours,
+    Perceptron,
+    RandomForest,
+    SupportVectors,
 )
 from eskin.learn.baselines.flat import FlatBaseline
 from eskin.learn.baselines.hand import HandBaseline
@@ -39,17 +40,17 @@ __all__ = [
     "one_thread",
 ]
 
-ON_MAXIMA = {
-    "svm": partial(support_vectors, C=100.0),
-    "knn": partial(nearest_neighbours, k=1),
-    "mlp": partial(perceptron, decay=0.1),
-    "lda": linear_discriminant,
+ON_MAXIMA: dict[str, Callable[[int], Estimator]] = {
+    "svm": SupportVectors(C=100.0),
+    "knn": NearestNeighbours(k=1),
+    "mlp": Perceptron(decay=0.1),
+    "lda": LinearDiscriminant(),
 }
-ON_BINS = {
-    "svm": partial(support_vectors, C=100.0),
-    "knn": nearest_neighbours,
-    "mlp": partial(perceptron, hidden=(512,)),
-    "lda": linear_discriminant,
+ON_BINS: dict[str, Callable[[int], Estimator]] = {
+    "svm": SupportVectors(C=100.0),
+    "knn": NearestNeighbours(),
+    "mlp": Perceptron(hidden=(512,)),
+    "lda": LinearDiscriminant(),
 }
 BASELINES: dict[str, Callable[[MountedSkin], Baseline]] = {
     **{
@@ -60,12 +61,8 @@ BASELINES: dict[str, Callable[[MountedSkin], Baseline]] = {
         f"{name}-bins": partial(FlatBaseline, estimator=estimator, features="bins")
         for name, estimator in ON_BINS.items()
     },
-    "random-forest": partial(
-        HandBaseline, estimator=partial(random_forest, trees=1000)
-    ),
-    "gradient-boosting": partial(
-        HandBaseline, estimator=partial(gradient_boosting, leaves=31)
-    ),
+    "random-forest": partial(HandBaseline, estimator=RandomForest(trees=1000)),
+    "gradient-boosting": partial(HandBaseline, estimator=GradientBoosting(leaves=31)),
 }
 """Those that are no networks, by name, with the settings that did best on sets that no
 table uses (`benchmarks/tuning.py`)."""

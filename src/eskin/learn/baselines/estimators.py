@@ -1,7 +1,12 @@
-"""Classifiers of rows of features, from scikit-learn (Pedregosa et al. 2011)."""
+"""Classifiers of rows of features, from scikit-learn (Pedregosa et al. 2011).
+
+Each makes one when it is called with a seed. It prints as all of its settings, since
+results are kept by what a method prints as.
+"""
 
 import warnings
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any, final
 
 import numpy as np
@@ -20,7 +25,127 @@ Estimator = Any
 
 
 @final
-class SupportVectors(ClassifierMixin, BaseEstimator):
+@dataclass(frozen=True)
+class SupportVectors:
+    """A radial-basis support vector machine."""
+
+    C: float = 10.0
+    """What errors cost."""
+
+    def __call__(self, seed: int) -> Estimator:
+        """Make one."""
+        return SoftmaxMachine(SVC(C=self.C, random_state=seed))
+
+
+@final
+@dataclass(frozen=True)
+class NearestNeighbours:
+    """The nearest rows; nothing is drawn."""
+
+    k: int = 5
+    """How many."""
+
+    def __call__(self, seed: int) -> Estimator:
+        """Make one."""
+        return KNeighborsClassifier(self.k)
+
+
+@final
+@dataclass(frozen=True)
+class Perceptron:
+    """A multilayer perceptron."""
+
+    hidden: tuple[int, ...] = (128, 64)
+    """Sizes of its hidden layers."""
+
+    decay: float = 1e-4
+    """Weight decay."""
+
+    epochs: int = 100
+    """At most so many."""
+
+    def __call__(self, seed: int) -> Estimator:
+        """Make one."""
+        return ContentPerceptron(
+            self.hidden, alpha=self.decay, max_iter=self.epochs, random_state=seed
+        )
+
+
+@final
+@dataclass(frozen=True)
+class LinearDiscriminant:
+    """Fisher's discriminant, its covariance drawn to a sphere a little; draws nothing.
+
+    How much is not estimated: scikit-learn does that on standardised features, which
+    makes as much of the least principal component as of the first.
+    """
+
+    shrinkage: float = 0.1
+    """Share of the sphere."""
+
+    def __call__(self, seed: int) -> Estimator:
+        """Make one."""
+        return LinearDiscriminantAnalysis(solver="lsqr", shrinkage=self.shrinkage)
+
+
+@final
+@dataclass(frozen=True)
+class RandomForest:
+    """Trees on rows drawn anew, which vote."""
+
+    trees: int = 500
+    """How many."""
+
+    leaf: int = 1
+    """Fewest rows of a leaf."""
+
+    def __call__(self, seed: int) -> Estimator:
+        """Make one."""
+        return RandomForestClassifier(
+            self.trees, min_samples_leaf=self.leaf, random_state=seed, n_jobs=1
+        )
+
+
+@final
+@dataclass(frozen=True)
+class GradientBoosting:
+    """Small trees, each on what the last ones left over."""
+
+    trees: int = 100
+    """How many of each class."""
+
+    leaves: int = 15
+    """Most leaves of a tree."""
+
+    rate: float = 0.1
+    """Share of each tree that is taken."""
+
+    def __call__(self, seed: int) -> Estimator:
+        """Make one."""
+        return HistGradientBoostingClassifier(
+            learning_rate=self.rate,
+            max_iter=self.trees,
+            max_leaf_nodes=self.leaves,
+            min_samples_leaf=5,
+            random_state=seed,
+        )
+
+
+@final
+@dataclass(frozen=True)
+class Standardised:
+    """Another one on features of mean zero and variance one."""
+
+    of: Callable[[int], Estimator]
+    """Makes the other."""
+
+    def __call__(self, seed: int) -> Estimator:
+        """Make one."""
+        return make_pipeline(StandardScaler(), self.of(seed))
+
+
+@final
+class SoftmaxMachine(ClassifierMixin, BaseEstimator):
     """A support vector machine whose probabilities are the softmax of its decisions.
 
     Platt's scaling, which scikit-learn has for this, fits every machine five times.
@@ -30,7 +155,7 @@ class SupportVectors(ClassifierMixin, BaseEstimator):
         """Take a machine that is to be fitted."""
         self.machine = machine
 
-    def fit(self, X: np.ndarray, y: np.ndarray) -> "SupportVectors":
+    def fit(self, X: np.ndarray, y: np.ndarray) -> "SoftmaxMachine":
         """Learn from rows of features."""
         self.machine.fit(X, y)
         self.classes_ = self.machine.classes_
@@ -50,79 +175,22 @@ class SupportVectors(ClassifierMixin, BaseEstimator):
 
 
 @final
-class Perceptron(MLPClassifier):
+class ContentPerceptron(MLPClassifier):
     """A multilayer perceptron that is content with what its epochs have brought."""
 
     def fit(
         self, X: np.ndarray, y: np.ndarray, sample_weight: np.ndarray | None = None
-    ) -> "Perceptron":
+    ) -> "ContentPerceptron":
         """Learn from rows of features."""
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", ConvergenceWarning)
             return super().fit(X, y, sample_weight)
 
 
-def support_vectors(seed: int, C: float = 10.0) -> Estimator:
-    """A radial-basis support vector machine; errors cost `C`."""
-    return SupportVectors(SVC(C=C, random_state=seed))
-
-
-def nearest_neighbours(seed: int, k: int = 5) -> Estimator:
-    """The `k` nearest; nothing is drawn."""
-    return KNeighborsClassifier(k)
-
-
-def perceptron(
-    seed: int, hidden: tuple[int, ...] = (128, 64), decay: float = 1e-4
-) -> Estimator:
-    """A multilayer perceptron with these hidden layers."""
-    return Perceptron(hidden, alpha=decay, max_iter=100, random_state=seed)
-
-
-def linear_discriminant(seed: int, shrinkage: float = 0.1) -> Estimator:
-    """Fisher's discriminant, its covariance drawn to a sphere a little; draws nothing.
-
-    How much is not estimated: scikit-learn does that on standardised features, which
-    makes as much of the least principal component as of the first.
-    """
-    return LinearDiscriminantAnalysis(solver="lsqr", shrinkage=shrinkage)
-
-
-def random_forest(seed: int, trees: int = 500, leaf: int = 1) -> Estimator:
-    """So many trees, with leaves of at least so many rows."""
-    return RandomForestClassifier(
-        trees, min_samples_leaf=leaf, random_state=seed, n_jobs=1
-    )
-
-
-def gradient_boosting(
-    seed: int, trees: int = 100, leaves: int = 15, rate: float = 0.1
-) -> Estimator:
-    """Small trees, each on what the last ones left over."""
-    return HistGradientBoostingClassifier(
-        learning_rate=rate,
-        max_iter=trees,
-        max_leaf_nodes=leaves,
-        min_samples_leaf=5,
-        random_state=seed,
-    )
-
-
-def standardised(
-    estimator: Callable[[int], Estimator],
-) -> Callable[[int], Estimator]:
-    """The same on features of mean zero and variance one."""
-
-    def make(seed: int) -> Estimator:
-        return make_pipeline(StandardScaler(), estimator(seed))
-
-    return make
-
-
 ON_FEATURES: dict[str, Callable[[int], Estimator]] = {
-    "random forest": random_forest,
-    "SVM": standardised(support_vectors),
-    "kNN": standardised(nearest_neighbours),
+    "random forest": RandomForest(),
+    "SVM": Standardised(SupportVectors()),
+    "kNN": Standardised(NearestNeighbours()),
 }
 """Those that stand beside the recogniser on hand-made features of whole segments, by
 the name that tables show; each takes a seed."""

@@ -28,6 +28,7 @@ KPA = 10.0
 BINS = 10
 COMPONENTS = 512
 
+Features = Literal["maxima", "bins"]
 Rows = Float[np.ndarray, "clip feature"]
 
 
@@ -39,7 +40,7 @@ class FlatBaseline(Baseline):
         self,
         mounted: MountedSkin,
         estimator: Callable[[int], Estimator],
-        features: Literal["maxima", "bins"],
+        features: Features,
     ) -> None:
         """Make one that knows nothing yet.
 

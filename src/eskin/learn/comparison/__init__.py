@@ -6,7 +6,6 @@ from eskin.learn.comparison.methods import (
     METHODS,
     BaselineMethod,
     Method,
-    PaperMethod,
     RecogniserMethod,
 )
 from eskin.learn.comparison.results import Answered, Result, Task, do_all
@@ -20,7 +19,6 @@ __all__ = [
     "BaselineMethod",
     "Examples",
     "Method",
-    "PaperMethod",
     "Place",
     "RecogniserMethod",
     "Result",

@@ -74,8 +74,9 @@ class Examples:
 
     @cached_property
     def digest(self) -> str:
-        """Names the recordings, whatever folder they are in, and what harms them."""
+        """Names recordings and clips, wherever they are, and what harms them."""
         hashes = [hashlib.sha256(path.read_bytes()).hexdigest() for path in self.paths]
+        hashes += [str(self.every)]
         hashes += [str(self.harm)] if self.harm else []
         return hashlib.sha256("".join(hashes).encode()).hexdigest()[:16]
 

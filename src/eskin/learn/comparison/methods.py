@@ -2,7 +2,8 @@
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
+from functools import partial
 from typing import final
 
 import numpy as np
@@ -16,7 +17,6 @@ from eskin.learn.baselines import (
     FitConfig,
     PaperBaseline,
     Pooling,
-    make_baseline,
 )
 from eskin.learn.clip_scoring import answer_clips
 from eskin.learn.comparison.encoders import ENCODERS, EncoderKind
@@ -24,6 +24,7 @@ from eskin.learn.comparison.examples import Examples
 from eskin.learn.training import TrainConfig, Trainer
 from eskin.model import NetworkConfig
 from eskin.recording import NONE
+from eskin.skin import MountedSkin
 
 Answers = Callable[[Examples], Float[np.ndarray, "clip class"]]
 """Log-probabilities of the classes for each clip, in the order of the gestures that
@@ -100,53 +101,50 @@ class RecogniserMethod(Method):
 @final
 @dataclass(frozen=True)
 class BaselineMethod(Method):
-    """One of the baselines."""
+    """One of the baselines; see `eskin.learn.baselines`."""
 
-    name: str
-    """Which; see `eskin.learn.baselines`."""
-
-    config: FitConfig = field(default_factory=FitConfig)
-    """How it is trained, where it is a network."""
+    make: Callable[[MountedSkin], Baseline]
+    """Makes it; prints as all of its settings, since results are kept by what a method
+    prints as."""
 
     def fit(self, examples: Examples, seed: int) -> Answers:
         """Learn from all taxels in clips."""
-        made = make_baseline(self.name, examples.mounted, self.config)
-        return fitted(made, examples, seed)
+        baseline = self.make(examples.mounted)
+        baseline.fit(examples.windows, examples.truth(examples.gestures), seed)
+
+        def answers(other: Examples) -> Float[np.ndarray, "clip class"]:
+            chances = [
+                baseline.on(mounted).predict_probabilities(windows)
+                for mounted, windows in other.windows_on(baseline.mounted)
+            ]
+            return np.log(np.maximum(np.concatenate(chances), 1e-12))
+
+        return answers
 
 
-@final
-@dataclass(frozen=True)
-class PaperMethod(Method):
-    """The paper's network with other neighbours and pooling."""
+def network_method(name: str, config: FitConfig) -> BaselineMethod:
+    """A baseline that is a network.
 
-    k: int = 8
-    """Neighbours of a taxel inside its patch."""
-
-    pooling: Pooling = "max"
-    """Over the nodes of a reading."""
-
-    config: FitConfig = field(default_factory=FitConfig)
-    """How it is trained."""
-
-    def fit(self, examples: Examples, seed: int) -> Answers:
-        """Learn from all taxels in clips."""
-        made = PaperBaseline(examples.mounted, self.config, self.k, self.pooling)
-        return fitted(made, examples, seed)
+    Args:
+        name: one of `NETWORKS`.
+        config: how it is trained.
+    """
+    if name == "paper":
+        return paper_method(config)
+    return BaselineMethod(partial(NETWORKS[name], config=config))
 
 
-def fitted(baseline: Baseline, examples: Examples, seed: int) -> Answers:
-    """The answers of a baseline that has learned from clips."""
-    truth = examples.truth(examples.gestures)
-    baseline.fit(examples.windows, truth, seed)
+def paper_method(
+    config: FitConfig, k: int = 8, pooling: Pooling = "max"
+) -> BaselineMethod:
+    """The paper's network.
 
-    def answers(other: Examples) -> Float[np.ndarray, "clip class"]:
-        chances = [
-            baseline.on(mounted).predict_probabilities(windows)
-            for mounted, windows in other.windows_on(baseline.mounted)
-        ]
-        return np.log(np.maximum(np.concatenate(chances), 1e-12))
-
-    return answers
+    Args:
+        config: how it is trained.
+        k: neighbours of a taxel inside its patch.
+        pooling: over the nodes of a reading.
+    """
+    return BaselineMethod(partial(PaperBaseline, config=config, k=k, pooling=pooling))
 
 
 def shares_of(truth: Int[np.ndarray, "clip"]) -> Float[np.ndarray, "class"]:
@@ -156,8 +154,9 @@ def shares_of(truth: Int[np.ndarray, "clip"]) -> Float[np.ndarray, "class"]:
 
 METHODS: dict[str, Method] = {
     "eskin": RecogniserMethod(),
-    **{name: BaselineMethod(name) for name in (*BASELINES, *NETWORKS)},
-    "paper": BaselineMethod("paper", PAPER_FIT),
+    **{name: BaselineMethod(make) for name, make in BASELINES.items()},
+    **{name: network_method(name, FitConfig()) for name in NETWORKS},
+    "paper": paper_method(PAPER_FIT),
 }
 """By name; ours first."""
 

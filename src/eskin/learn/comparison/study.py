@@ -10,8 +10,8 @@ from eskin.learn.comparison.methods import (
     FOR_SMALL_SETS,
     PAPER_FIT,
     Method,
-    PaperMethod,
     RecogniserMethod,
+    paper_method,
 )
 from eskin.learn.comparison.results import Result
 from eskin.learn.comparison.table import accuracies_of, mean_of, spread, spread_of
@@ -35,7 +35,8 @@ class Variant:
     def method(self, epochs: int) -> Method:
         """What learns."""
         if self.network == "paper":
-            return PaperMethod(self.k, self.pool, replace(PAPER_FIT, epochs=epochs))
+            fit = replace(PAPER_FIT, epochs=epochs)
+            return paper_method(fit, self.k, self.pool)
         config = replace(FOR_SMALL_SETS, graph=GraphConfig(fixed=self.k))
         return RecogniserMethod(config, self.pool)
 
