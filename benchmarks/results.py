@@ -49,8 +49,6 @@ class Form:
     """Clips of each of these; as many as the paper has where None."""
     paper_draws: int
     """Of these, those that the paper's network learns as well."""
-    slow: bool
-    """Whether the paper's network is trained at all."""
     train: int | None
     """Clips of the large training set; all where None."""
     test: int | None
@@ -76,7 +74,6 @@ FORMS = {
         draws=1,
         clips=67,
         paper_draws=0,
-        slow=False,
         train=100,
         test=50,
         large=("eskin", "gradient-boosting"),
@@ -91,7 +88,6 @@ FORMS = {
         draws=10,
         clips=None,
         paper_draws=3,
-        slow=True,
         train=3000,
         test=1000,
         large=tuple(name for name in METHODS if name not in ("paper", "3d-cnn")),
@@ -182,7 +178,7 @@ def table(command: Command, form: Form) -> None:
     draws = paper_sets(command, form.draws)
     fast = tuple(name for name in METHODS if name != "paper")
     show_compared(command, draws, fast)
-    if form.slow:
+    if form.paper_draws:
         print("\nThe paper's network on the first of these:\n")
         show_compared(command, draws[: form.paper_draws], ("eskin", "paper"))
 

@@ -47,9 +47,10 @@ def draw_line(
     colour: str,
     label: str,
 ) -> None:
-    """Draw means with their spreads."""
-    means, spreads = zip(*((mean or np.nan, std) for mean, std in points), strict=True)
-    line = axes.errorbar(x, means, spreads, color=colour, marker="o", ms=4, capsize=3)
+    """Draw means with their spreads; none where there is none."""
+    means, spreads = zip(*points, strict=True)
+    y = np.array(means, float)
+    line = axes.errorbar(x, y, spreads, color=colour, marker="o", ms=4, capsize=3)
     line.set_label(label)
 
 
