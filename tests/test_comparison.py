@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 import torch
+from matplotlib.figure import Figure
 
 from clip_scenes import generated
 from eskin.cli.main import run
@@ -26,8 +27,9 @@ from eskin.learn.comparison import (
     rows_of,
 )
 from eskin.learn.comparison.encoders import ENCODERS
+from eskin.learn.comparison.pictures import draw_line
 from eskin.learn.comparison.study import Variant
-from eskin.model import NetworkConfig
+from eskin.model import LENGTH_CM, NetworkConfig
 from eskin.nn import graph_tensors
 from eskin.recording import read_recording
 from eskin.touch import TouchPipeline
@@ -179,10 +181,10 @@ def test_of_a_single_person_there_is_no_interval_and_a_tie_is_told():
     assert ends[:2] == ["", "+0.0 [+0.0, +0.0]"] and ends[2].startswith("+50.0 [")
 
 
-def test_only_the_plain_encoder_feels_where_in_the_world_a_touch_is():
+def test_only_the_plain_encoder_feels_how_a_touch_is_turned_in_the_world():
     rng = np.random.default_rng(0)
     batch = random_graph(rng, 30)
-    there = turned(batch, orthogonal(rng, 1), (10.0, 20.0, 30.0))
+    there = turned(batch, orthogonal(rng, 1))
     for kind, make in ENCODERS.items():
         torch.manual_seed(0)
         encoder = make(NetworkConfig()).double().eval()
@@ -192,6 +194,23 @@ def test_only_the_plain_encoder_feels_where_in_the_world_a_touch_is():
         )
         assert np.abs(here).max() > 0.1
         assert np.allclose(here, away, atol=1e-4) == (kind != "plain"), kind
+
+
+def test_every_encoder_feels_coordinates_in_the_same_unit():
+    batch = graph_tensors(random_graph(np.random.default_rng(0), 30), False)
+    felt = []
+    for kind, make in ENCODERS.items():
+        encoder = make(NetworkConfig())
+        encoder.layers[0].register_forward_pre_hook(lambda _, seen: felt.append(seen))
+        encoder(batch)
+        (_, x, *_) = felt.pop()
+        torch.testing.assert_close(LENGTH_CM * x, batch.positions, msg=kind)
+
+
+def test_an_accuracy_of_nothing_is_drawn_and_none_is_not():
+    axes = Figure().subplots()
+    draw_line(axes, [4, 8, 16], [(0.0, 0.0), (None, 0.0), (0.5, 0.1)], "k", "a")
+    np.testing.assert_array_equal(axes.lines[0].get_ydata(), [0.0, np.nan, 0.5])
 
 
 def test_an_encoder_of_one_pooling_knows_nothing_of_the_other():

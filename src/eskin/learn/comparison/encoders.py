@@ -10,12 +10,11 @@ from torch import Tensor, nn
 from torch.nn.functional import silu
 
 from eskin.graph import NODE_SCALARS
-from eskin.model import NetworkConfig
+from eskin.model import LENGTH_CM, NetworkConfig
 from eskin.nn import Encoder, GraphTensors
 from eskin.nn.egcl import Edges, edges_of, gathered
 
 EncoderKind = Literal["equivariant", "plain", "max", "mean"]
-METRE_CM = 100.0
 
 
 @final
@@ -44,7 +43,8 @@ class PlainLayer(nn.Module):
 
         Args:
             v: features of the nodes.
-            x: where they are in the world [m].
+            x: coordinates about the middle of the touch, in the directions of the
+                world, in units of `LENGTH_CM`.
             normals: outward unit normals in the world.
             edges: who hears whom.
         """
@@ -63,7 +63,10 @@ class PlainLayer(nn.Module):
 
 @final
 class PlainEncoder(Encoder):
-    """Sees where taxels are in the world, so every place and pose is another one."""
+    """Sees directions in the world: the same touch, turned, is another one to it.
+
+    Where in the world it is, it does not see: coordinates are about its middle.
+    """
 
     def __init__(self, config: NetworkConfig) -> None:
         """Make an encoder."""
@@ -74,7 +77,7 @@ class PlainEncoder(Encoder):
 
     def forward(self, graphs: GraphTensors) -> Float[Tensor, "reading embedding"]:
         """Embed every reading."""
-        x = graphs.positions / METRE_CM
+        x = graphs.positions / LENGTH_CM
         seen = torch.cat([graphs.scalars, x, graphs.normals], dim=1)
         v = silu(self.embed(seen))
         edges = edges_of(graphs.areas, graphs.targets, graphs.sources)
