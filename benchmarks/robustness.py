@@ -4,11 +4,11 @@ python -m benchmarks.robustness --train DIR ... --test DIR ... [--methods ...]
 [--kinds ...] [--picture FILE]: each method is trained once on the clips of each --train
 as recorded; those of its --test are then answered as recorded, and harmed in every kind
 and amount (`eskin.learn.harm`). Results are kept, so the same command goes on where it
-was cut. Prints a table of the shares of all clips together, and draws it.
+was cut. Prints a table of the shares of all clips together and how far the first method
+is ahead, and draws the shares.
 """
 
 import math
-import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -18,8 +18,16 @@ import tyro
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from eskin.learn.comparison import METHODS, Result, Task, do_all, find_examples
+from eskin.learn.comparison import (
+    METHODS,
+    Place,
+    Result,
+    Task,
+    do_all,
+    find_examples,
+)
 from eskin.learn.comparison.pictures import COLOURS
+from eskin.learn.comparison.table import ahead, margin
 from eskin.learn.harm import KINDS, Harm, Kind
 from eskin.learn.pictures import write
 
@@ -73,7 +81,7 @@ class Command:
     """Of harm; other kinds are another training."""
 
     seed: int = 0
-    """Decides what is drawn, of training and of harm."""
+    """Decides what is drawn, of training and of harm; each further set has the next."""
 
     results: Path = Path("results")
     """Folder that keeps results."""
@@ -91,22 +99,18 @@ class Command:
     """Where to draw the curves."""
 
     def __post_init__(self) -> None:
-        """Refuse methods that nobody knows."""
+        """Refuse what cannot be compared."""
         unknown = [name for name in self.methods if name not in METHODS]
         if unknown or not self.methods:
-            print(
+            raise ValueError(
                 f"--methods names {', '.join(unknown) or 'none'}; allowed are "
-                f"{', '.join(METHODS)}; correct the name",
-                file=sys.stderr,
+                f"{', '.join(METHODS)}; correct the name"
             )
-            raise SystemExit(2)
         if len(self.train) != len(self.test):
-            print(
+            raise ValueError(
                 f"--train names {len(self.train)} and --test {len(self.test)}; allowed "
-                "are as many of either; name one test for each",
-                file=sys.stderr,
+                "are as many of either; name one test for each"
             )
-            raise SystemExit(2)
 
 
 def main(command: Command) -> None:
@@ -114,10 +118,11 @@ def main(command: Command) -> None:
     tasks = [task for name in command.methods for task in tasks_of(command, name)]
     seconds = 60 * command.minutes
     done = do_all(tasks, command.results, command.workers, seconds)
-    found: dict[str, list[Result]] = {}
+    found: dict[str, dict[Place, Result]] = {}
     for result in done:
         if result is not None:
-            found.setdefault(result.method, []).append(result)
+            place = result.seed - command.seed, result.seed
+            found.setdefault(result.method, {})[place] = result
     left = done.count(None)
     if left:
         print(f"{left} of {len(done)} trainings are left; the same command goes on")
@@ -131,40 +136,48 @@ def main(command: Command) -> None:
 
 def tasks_of(command: Command, name: str) -> list[Task]:
     """The trainings of a method, each of which is asked its test in every version."""
-    harms = [
-        Harm(kind, amount, command.seed)
-        for kind in command.kinds
-        for amount in AMOUNTS[kind]
-    ]
     tasks = []
     for n, places in enumerate(zip(command.train, command.test, strict=True)):
+        # Sets begin at the same stamp, so only the seed has others harmed in each.
+        seed = command.seed + n
         train, test = (find_examples([place], command.pack) for place in places)
+        harms = [Harm(kind, a, seed) for kind in command.kinds for a in AMOUNTS[kind]]
         tests = {UNHARMED: test, **{h.name: replace(test, harm=h) for h in harms}}
-        tasks.append(Task(name, METHODS[name], train, tests, command.seed + n))
+        tasks.append(Task(name, METHODS[name], train, tests, seed))
     return tasks
 
 
-def accuracy(results: Sequence[Result], asked: str) -> float:
+def accuracy(results: Mapping[Place, Result], asked: str) -> float:
     """Right answers of all clips of a test [%]."""
-    right = np.concatenate([result.answered[asked].right for result in results])
-    return 100 * float(right.mean())
+    rights = [result.answered[asked].right for result in results.values()]
+    return 100 * float(np.concatenate(rights).mean())
 
 
-def table(found: Mapping[str, Sequence[Result]]) -> str:
+def table(found: Mapping[str, Mapping[Place, Result]]) -> str:
     """One row a version of the test, one column a method."""
-    lines = [f"| clips right [%] | {' | '.join(found)} |", "|---" * (len(found) + 1)]
-    lines[-1] += "|"
-    first = next(iter(found.values()))[0]
-    for asked in first.answered:
+    name, *others = found
+    heads = "clips right [%]", name, *(f"{each} ({name} ahead)" for each in others)
+    lines = [f"| {' | '.join(heads)} |", "|---" * len(heads) + "|"]
+    first = found[name]
+    for asked in next(iter(first.values())).answered:
         if asked != "val":
-            shares = [accuracy(results, asked) for results in found.values()]
-            cells = " | ".join(f"{share:.1f}" for share in shares)
-            lines.append(f"| {asked} | {cells} |")
+            cells = [cell(results, first, asked) for results in found.values()]
+            lines.append(f"| {asked} | {' | '.join(cells)} |")
     return "\n".join(lines)
 
 
+def cell(
+    results: Mapping[Place, Result], first: Mapping[Place, Result], asked: str
+) -> str:
+    """Right answers of a method [%], and how far the first is ahead in points."""
+    share = f"{accuracy(results, asked):.1f}"
+    if results is first:
+        return share
+    return f"{share} ({margin(ahead(results, first, asked))})"
+
+
 def draw(
-    found: Mapping[str, Sequence[Result]], kinds: Sequence[Kind], path: Path
+    found: Mapping[str, Mapping[Place, Result]], kinds: Sequence[Kind], path: Path
 ) -> None:
     """One small picture a kind, one line a method."""
     columns = min(COLUMNS, len(kinds))
@@ -185,7 +198,9 @@ def draw(
     write(figure, path)
 
 
-def draw_kind(axes: Axes, found: Mapping[str, Sequence[Result]], kind: Kind) -> None:
+def draw_kind(
+    axes: Axes, found: Mapping[str, Mapping[Place, Result]], kind: Kind
+) -> None:
     """Accuracy of each method against the amount of one kind."""
     unharmed = RECORDED_HZ if kind == "rate" else 0.0
     points = {unharmed: UNHARMED}

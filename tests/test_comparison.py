@@ -1,4 +1,4 @@
-"""Methods compared on the same clips: what they are given, what is kept, the table."""
+"""Methods compared on the same clips: what they are given, and what is kept."""
 
 import json
 import shutil
@@ -16,17 +16,13 @@ from eskin.learn.baselines import READINGS
 from eskin.learn.clips import clips_of
 from eskin.learn.comparison import (
     METHODS,
-    Ahead,
-    Answered,
     Method,
-    Result,
     Task,
     do_all,
     find_examples,
-    markdown,
-    rows_of,
 )
 from eskin.learn.comparison.encoders import ENCODERS
+from eskin.learn.comparison.examples import cut_windows
 from eskin.learn.comparison.pictures import draw_line
 from eskin.learn.comparison.study import Variant
 from eskin.model import LENGTH_CM, NetworkConfig
@@ -90,6 +86,21 @@ def test_a_window_shows_what_the_pipeline_says_in_the_two_seconds_of_its_clip(ex
     assert windows.pressure.max() > 1
 
 
+def test_what_is_not_valid_reads_zero_in_a_window(examples, monkeypatch):
+    felt = examples.windows.pressure
+    told = TouchPipeline.calibrated
+
+    def calibrated(pipeline, scan):
+        reading, faults = told(pipeline, scan)
+        return replace(reading, valid=np.arange(len(reading.valid)) % 2 == 1), faults
+
+    monkeypatch.setattr(TouchPipeline, "calibrated", calibrated)
+    pressure, _ = cut_windows(examples.paths[0])
+    assert felt[..., ::2].max() > 1
+    np.testing.assert_array_equal(pressure[..., ::2], 0)
+    assert pressure[..., 1::2].any()
+
+
 def test_windows_from_the_pack_are_those_that_were_made(examples):
     again = replace(examples)
     np.testing.assert_array_equal(examples.windows.pressure, again.windows.pressure)
@@ -139,46 +150,6 @@ def test_what_is_not_begun_in_time_is_left_and_what_is_done_is_not(folder, tmp_p
     tasks[1].done(tmp_path / "r")
     found = do_all(tasks, tmp_path / "r", seconds=-1.0)
     assert found[0] is None and found[1] is not None
-
-
-def answered(right):
-    truth = tuple("poke" for _ in right)
-    answer = tuple("poke" if each else "grab" for each in right)
-    return Answered(truth, answer, tuple(f"p{n % 5}" for n in range(len(right))))
-
-
-def result(name, seed, right):
-    return Result(name, seed, 1.0, {"val": answered([True]), "test": answered(right)})
-
-
-def test_a_method_is_held_against_the_first_on_what_both_answered():
-    good, bad = [True] * 40, [True, False] * 20
-    found = {
-        "ours": {(0, 0): result("ours", 0, good), (1, 0): result("ours", 0, bad)},
-        "other": {(1, 0): result("other", 0, [False] * 40)},
-    }
-    ours, other = rows_of(found)
-    assert ours.test_accuracy == pytest.approx(0.75) and ours.runs == 2
-    assert ours.std == pytest.approx(np.std([1.0, 0.5], ddof=1))
-    assert ours.val_std == 0.0
-    assert "| ours | 2 | 100.0% |  | 75.0% (35.4%) |  |" in markdown([ours, other])
-    assert ours.val_ahead is None and ours.test_ahead is None
-    assert other.test_ahead.mean == pytest.approx(0.5)
-    assert 0 < other.test_ahead.low <= other.test_ahead.mean <= other.test_ahead.high
-
-
-def test_of_a_single_person_there_is_no_interval_and_a_tie_is_told():
-    good, bad = [True] * 40, [True, False] * 20
-    found = {
-        name: {(0, 0): result(name, 0, right)}
-        for name, right in (("ours", good), ("tie", good), ("other", bad))
-    }
-    rows = rows_of(found)
-    assert rows[2].val_ahead == Ahead(0.0, None, None)
-    lines = markdown(rows).splitlines()[2:]
-    assert [line.split(" | ")[3] for line in lines] == ["", "+0.0", "+0.0"]
-    ends = [line.split(" | ")[5].strip(" |") for line in lines]
-    assert ends[:2] == ["", "+0.0 [+0.0, +0.0]"] and ends[2].startswith("+50.0 [")
 
 
 def test_only_the_plain_encoder_feels_how_a_touch_is_turned_in_the_world():
@@ -251,6 +222,8 @@ def test_the_table_has_a_row_a_method_and_a_cut_comparison_goes_on(
     rows = json.loads(out.splitlines()[-1])["rows"]
     assert [row["name"] for row in rows] == ["knn-max", "mlp-max"]
     assert {"val_accuracy", "test_accuracy", "std"} <= rows[0].keys()
+    gestures = sorted(rows[0]["by_gesture"])
+    assert f"| b, clips of | {' | '.join(gestures)} |" in out
     assert "| knn-max | 1 | " in out
     again = call(capsys, *words, "--minutes", -1)
     assert json.loads(again[1].splitlines()[-1])["rows"] == rows

@@ -15,6 +15,7 @@ from eskin.learn.comparison import (
     Task,
     do_all,
     find_examples,
+    gestures_markdown,
     markdown,
     rows_of,
 )
@@ -73,7 +74,7 @@ class Command:
 
 
 def run(command: Command) -> dict[str, object]:
-    """Train, answer, print the table, and return its rows."""
+    """Train, answer, print the tables, and return their rows."""
     draws = draws_of(command)
     places = [
         (draw, seed) for draw in range(len(draws)) for seed in range(command.seeds)
@@ -89,7 +90,7 @@ def run(command: Command) -> dict[str, object]:
     if left:
         print(f"{left} of {len(done)} trainings are left; the same command goes on")
     rows = rows_of(sorted_out(command.methods, asked, done))
-    print(markdown(rows))
+    print(f"{markdown(rows)}\n\n{gestures_markdown(rows)}")
     return {"rows": [asdict(row) for row in rows]}
 
 

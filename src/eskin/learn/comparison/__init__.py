@@ -9,7 +9,14 @@ from eskin.learn.comparison.methods import (
     RecogniserMethod,
 )
 from eskin.learn.comparison.results import Answered, Result, Task, do_all
-from eskin.learn.comparison.table import Ahead, Place, Row, markdown, rows_of
+from eskin.learn.comparison.table import (
+    Ahead,
+    Place,
+    Row,
+    gestures_markdown,
+    markdown,
+    rows_of,
+)
 
 __all__ = [
     "ABLATIONS",
@@ -26,6 +33,7 @@ __all__ = [
     "Task",
     "do_all",
     "find_examples",
+    "gestures_markdown",
     "markdown",
     "rows_of",
 ]

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from eskin.learn.comparison.results import Result
-from eskin.learn.metrics import paired_interval
+from eskin.learn.comparison.results import Answered, Result
+from eskin.learn.metrics import by_group, paired_interval
 
 Place = tuple[int, int]
 """The draw of the data, and the seed."""
@@ -62,6 +62,9 @@ class Row:
     seconds: float
     """Mean time to learn and to answer [s]."""
 
+    by_gesture: Mapping[str, float]
+    """Share of right answers on the test among all clips made for a gesture."""
+
 
 def rows_of(found: Mapping[str, Mapping[Place, Result]]) -> list[Row]:
     """One row a method and test, the methods in the order given.
@@ -101,6 +104,7 @@ def row_of(
         val_ahead=ahead(results, first, "val") if other and validated else None,
         test_ahead=ahead(results, first, test) if other else None,
         seconds=float(np.mean([result.seconds for result in results.values()])),
+        by_gesture=gestures_right([results[place].answered[test] for place in places]),
     )
 
 
@@ -119,6 +123,12 @@ def ahead(
     if len(set(people)) == 1:
         return Ahead(mean, None, None)
     return Ahead(mean, *paired_interval(*both, cluster=people))
+
+
+def gestures_right(answered: Sequence[Answered]) -> dict[str, float]:
+    """Share of right answers among all clips of each gesture."""
+    right = np.concatenate([each.right for each in answered])
+    return by_group(right, [gesture for each in answered for gesture in each.truth])
 
 
 def accuracies_of(results: Sequence[Result], asked: str) -> list[float]:
@@ -155,6 +165,21 @@ def markdown(rows: Sequence[Row]) -> str:
         heads += (f"{test} (SD)", "ours ahead")
         lines = [f"| {' | '.join(heads)} |", "|" + "---|" * len(heads)]
         lines += [line_of(row) for row in rows if row.test == test]
+        tables.append("\n".join(lines))
+    return "\n\n".join(tables)
+
+
+def gestures_markdown(rows: Sequence[Row]) -> str:
+    """Shares of right answers by gesture as tables, one for each test."""
+    tables = []
+    for test in dict.fromkeys(row.test for row in rows):
+        asked = [row for row in rows if row.test == test]
+        gestures = sorted({name for row in asked for name in row.by_gesture})
+        lines = [f"| {test}, clips of | {' | '.join(gestures)} |"]
+        lines.append("|" + "---|" * (1 + len(gestures)))
+        for row in asked:
+            shares = (spread(row.by_gesture.get(name), 0.0) for name in gestures)
+            lines.append(f"| {row.name} | {' | '.join(shares)} |")
         tables.append("\n".join(lines))
     return "\n\n".join(tables)
 

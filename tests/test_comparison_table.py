@@ -1,0 +1,145 @@
+"""Methods beside each other: means, spreads, how far ours is ahead, and by gesture."""
+
+import numpy as np
+import pytest
+from benchmarks import robustness
+
+from clip_scenes import generated
+from eskin.learn.comparison import (
+    Ahead,
+    Answered,
+    Result,
+    gestures_markdown,
+    markdown,
+    rows_of,
+)
+
+
+def answered(right):
+    truth = tuple("poke" for _ in right)
+    answer = tuple("poke" if each else "grab" for each in right)
+    return Answered(truth, answer, tuple(f"p{n % 5}" for n in range(len(right))))
+
+
+def result(name, seed, right):
+    return Result(name, seed, 1.0, {"val": answered([True]), "test": answered(right)})
+
+
+def test_a_method_is_held_against_the_first_on_what_both_answered():
+    good, bad = [True] * 40, [True, False] * 20
+    found = {
+        "ours": {(0, 0): result("ours", 0, good), (1, 0): result("ours", 0, bad)},
+        "other": {(1, 0): result("other", 0, [False] * 40)},
+    }
+    ours, other = rows_of(found)
+    assert ours.test_accuracy == pytest.approx(0.75) and ours.runs == 2
+    assert ours.std == pytest.approx(np.std([1.0, 0.5], ddof=1))
+    assert ours.val_std == 0.0
+    assert "| ours | 2 | 100.0% |  | 75.0% (35.4%) |  |" in markdown([ours, other])
+    assert ours.val_ahead is None and ours.test_ahead is None
+    assert other.test_ahead.mean == pytest.approx(0.5)
+    assert 0 < other.test_ahead.low <= other.test_ahead.mean <= other.test_ahead.high
+
+
+def test_the_interval_is_for_other_people_than_these():
+    """Clips of one person are right or wrong together, so five say less than forty."""
+    ours, theirs = [True] * 40, [n % 5 < 3 for n in range(40)]
+    found = {
+        name: {(0, 0): result(name, 0, right)}
+        for name, right in (("ours", ours), ("other", theirs))
+    }
+    by_person = rows_of(found)[1].test_ahead
+    assert by_person.mean == pytest.approx(0.4)
+    assert by_person.low == 0.0 and by_person.high == pytest.approx(0.8)
+
+
+def test_people_of_another_draw_are_others():
+    def one(name, draw, right):
+        return Result(name, draw, 1.0, {"test": Answered(("a",), (right,), ("p0",))})
+
+    found = {
+        name: {(0, 0): one(name, 0, "a"), (1, 1): one(name, 1, second)}
+        for name, second in (("ours", "a"), ("other", "b"))
+    }
+    assert rows_of(found)[1].test_ahead == Ahead(0.5, 0.0, 1.0)
+
+
+def test_the_share_of_a_gesture_is_of_its_clips_in_all_draws():
+    def one(name, draw, truth, answer):
+        people = ("p0",) * len(truth)
+        test = Answered(tuple(truth), tuple(answer), people)
+        return Result(name, draw, 1.0, {"a": test, "b": test})
+
+    found = {
+        "ours": {
+            (0, 0): one("ours", 0, "xxy", "xxx"),
+            (1, 1): one("ours", 1, "x", "x"),
+        },
+        "other": {
+            (0, 0): one("other", 0, "xxy", "xyy"),
+            (1, 1): one("other", 1, "x", "y"),
+        },
+    }
+    rows = rows_of(found)
+    assert [row.by_gesture for row in rows[:2]] == [
+        {"x": 1.0, "y": 0.0},
+        {"x": pytest.approx(1 / 3), "y": 1.0},
+    ]
+    table, _ = gestures_markdown(rows).split("\n\n")
+    assert table.splitlines() == [
+        "| a, clips of | x | y |",
+        "|---|---|---|",
+        "| ours | 100.0% | 0.0% |",
+        "| other | 33.3% | 100.0% |",
+    ]
+
+
+def test_of_a_single_person_there_is_no_interval_and_a_tie_is_told():
+    good, bad = [True] * 40, [True, False] * 20
+    found = {
+        name: {(0, 0): result(name, 0, right)}
+        for name, right in (("ours", good), ("tie", good), ("other", bad))
+    }
+    rows = rows_of(found)
+    assert rows[2].val_ahead == Ahead(0.0, None, None)
+    lines = markdown(rows).splitlines()[2:]
+    assert [line.split(" | ")[3] for line in lines] == ["", "+0.0", "+0.0"]
+    ends = [line.split(" | ")[5].strip(" |") for line in lines]
+    assert ends[:2] == ["", "+0.0 [+0.0, +0.0]"] and ends[2].startswith("+50.0 [")
+
+
+def test_how_far_ours_is_ahead_stands_beside_every_harmed_share():
+    def one(name, right):
+        return Result(name, 0, 1.0, {"as recorded": answered(right)})
+
+    good, bad = [True] * 40, [n % 5 < 3 for n in range(40)]
+    found = {"ours": {(0, 0): one("ours", good)}, "other": {(0, 0): one("other", bad)}}
+    assert robustness.table(found).splitlines() == [
+        "| clips right [%] | ours | other (ours ahead) |",
+        "|---|---|---|",
+        "| as recorded | 100.0 | 60.0 (+40.0 [+0.0, +80.0]) |",
+    ]
+
+
+def test_each_draw_is_harmed_in_a_way_of_its_own(tmp_path):
+    generated(tmp_path / "a", clips=1)
+    sets = (tmp_path / "a",) * 3
+    command = robustness.Command(sets, sets, kinds=("dead",), seed=5)
+    tasks = robustness.tasks_of(command, "eskin")
+    assert [task.seed for task in tasks] == [5, 6, 7]
+    for task in tasks:
+        harms = [each.harm for each in task.tests.values() if each.harm]
+        assert len(harms) == len(robustness.AMOUNTS["dead"])
+        assert {harm.seed for harm in harms} == {task.seed}
+
+
+@pytest.mark.parametrize(
+    ("changed", "message"),
+    [
+        ({"methods": ("magic",)}, "--methods names magic; allowed are eskin, "),
+        ({"train": ()}, "--train names 0 and --test 1; allowed are as many"),
+    ],
+)
+def test_what_cannot_be_harmed_is_refused(changed, message):
+    with pytest.raises(ValueError, match=message):
+        robustness.Command(**{"train": ("a",), "test": ("a",), **changed})
