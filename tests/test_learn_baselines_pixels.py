@@ -8,18 +8,21 @@ from baseline_scenes import UR5
 from eskin.learn.baselines.convolution import Cnn3d, CnnLstm, ImageCnn, Pixels
 from eskin.learn.baselines.flat import BINS, KPA, bins
 from eskin.learn.baselines.pixels import PITCH, ROUND, patch_image, unrolled_image
-from eskin.skin import Grid, Patch, Tube, join_patches, load_skin
-from graph_scenes import flat, motion
+from eskin.skin import Grid, Patch, Plane, Tube, join_patches, load_skin
+from graph_scenes import motion
 
+GAP = 0.0103  # between taxels of a patch that is laid here [m]
 CAPS = "elbow_cap", "wrist_1_cap"
 MEANS = 4.5 + 10.0 * np.arange(BINS)  # of the parts of `ramp` [kPa]
+any_way = pytest.mark.parametrize("seed", [0, 1, 2])
 every_skin = pytest.mark.parametrize("name", ["ur5", "ur5-shapes", "bent", "sleeve"])
 
 
-def ring(T_link_ring):
-    """Five rows of 18 taxels about z that nearly close, wider than it is high."""
-    patch, grid = Patch("ring", "table", 0, 5, 18), Grid(5, 18, 0.01, 0.01)
-    return join_patches("ring", [(patch, grid, Tube(0.03, T_link_ring))])
+def laid(rows, columns, surface):
+    """One patch on a surface."""
+    patch = Patch("patch", "table", 0, rows, columns)
+    grid = Grid(rows, columns, GAP, GAP)
+    return join_patches("laid", [(patch, grid, surface)])
 
 
 def pixels_of(skin):
@@ -89,18 +92,20 @@ def test_most_taxels_have_a_pixel_of_their_own():
     assert len(np.unique(unrolled_image(UR5.skin).place)) > 0.9 * UR5.skin.count
 
 
-@pytest.mark.parametrize("seed", [0, 1, 2])
+@any_way
 def test_a_ring_is_unrolled_about_its_axis_however_it_lies(seed):
-    skin = ring(motion(seed, far=0.1))
+    """One that nearly closes, wider than it is high."""
+    skin = laid(5, 18, Tube(0.03, motion(seed, far=0.1)))
     rows, columns = (place.reshape(5, 18) for place in pixels_of(skin))
-    assert rows.max() == int(0.04 / PITCH)
-    turn = np.arange(18) * 0.01 / (2 * np.pi * 0.03) * ROUND
+    assert rows.max() == int(4 * GAP / PITCH)
+    turn = np.arange(18) * GAP / (2 * np.pi * 0.03) * ROUND
     off = apart_round(columns, columns[:, :1]) - apart_round(turn, 0)
     assert np.abs(off).max() <= 1
 
 
-def test_a_flat_skin_is_spread_over_rows_and_columns():
-    skin = flat(rows=12, columns=20).skin
+@any_way
+def test_a_flat_skin_is_spread_over_rows_and_columns(seed):
+    skin = laid(12, 20, Plane(motion(seed, far=0.1)))
     rows, columns = pixels_of(skin)
     one, other = side_by_side(skin)
     assert np.abs(rows[one] - rows[other]).max() <= 2
