@@ -95,15 +95,16 @@ HAND: dict[str, dict[str, Callable[[int], Estimator]]] = {
     },
 }
 FITS: dict[str, FitConfig] = {
-    "40 epochs, rate 2e-3": FitConfig(),
-    "40 epochs, rate 5e-4": FitConfig(rate=5e-4),
-    "20 epochs, rate 2e-3": FitConfig(epochs=20),
-    "20 epochs, rate 5e-4": FitConfig(epochs=20, rate=5e-4),
+    "40 epochs, rate up to 2e-3": FitConfig(),
+    "40 epochs, rate up to 5e-4": FitConfig(peak_rate=5e-4),
+    "40 epochs, rate up to 5e-3": FitConfig(peak_rate=5e-3),
+    "80 epochs, rate up to 2e-3": FitConfig(epochs=80),
 }
 PAPER: dict[str, FitConfig] = {
-    f"{batch} clips a step, rate {words}": FitConfig(epochs=5, batch=batch, rate=rate)
-    for batch in (16, 4)
-    for words, rate in (("2e-3", 2e-3), ("5e-4", 5e-4))
+    "16 clips a step, rate up to 2e-3": FitConfig(epochs=5),
+    "4 clips a step, rate up to 5e-4": FitConfig(epochs=5, batch=4, peak_rate=5e-4),
+    "4 clips a step, rate up to 1e-3": FitConfig(epochs=5, batch=4, peak_rate=1e-3),
+    "4 clips a step, rate up to 2e-3": FitConfig(epochs=5, batch=4),
 }
 """Half of the epochs that it gets in the end: each takes minutes."""
 OURS: dict[str, Method] = {

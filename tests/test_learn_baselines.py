@@ -19,7 +19,7 @@ from eskin.learn.baselines.interface import Rolling
 from live_scenes import mounted
 
 NAMES = (*BASELINES, *NETWORKS)
-QUICK = FitConfig(epochs=12, batch=6, rate=5e-3)
+QUICK = FitConfig(epochs=12, batch=6, peak_rate=5e-3)
 every_baseline = pytest.mark.parametrize("name", NAMES)
 
 

@@ -3,6 +3,7 @@
 The paper gives the CNN-LSTM's input (section V-B), no sizes; all sizes are ours.
 """
 
+from collections.abc import Callable
 from math import prod
 from typing import final
 
@@ -43,9 +44,13 @@ class Pixels(nn.Module):
     def forward(
         self, pressure: Float[Tensor, "*batch taxel"]
     ) -> Float[Tensor, "*batch row column channel"]:
-        """Images in `KPA`, zero where there is no taxel."""
-        flat = pressure.new_zeros(*pressure.shape[:-1], prod(self.shape))
-        flat[..., self.place] = pressure / KPA
+        """Images in `KPA`, zero where there is no taxel.
+
+        Where several taxels meet in a pixel, it shows the largest pressure.
+        """
+        felt = pressure / KPA
+        flat = felt.new_zeros(*felt.shape[:-1], prod(self.shape))
+        flat.scatter_reduce_(-1, self.place.expand_as(felt), felt, "amax")
         return flat.unflatten(-1, self.shape)
 
 
@@ -115,7 +120,8 @@ class Cnn3d(WindowNetwork):
 class ImageCnn(WindowNetwork):
     """Convolutions on tactile images (Albini and Cannata 2020): the arm unrolled.
 
-    The means of ten parts of the window are the channels.
+    The means of ten parts of the window are the channels. Round a link the first and
+    the last column are neighbours.
     """
 
     def __init__(self, skin: Skin, classes: int) -> None:
@@ -123,7 +129,7 @@ class ImageCnn(WindowNetwork):
         super().__init__()
         self.pixels = Pixels(unrolled_image(skin))
         self.convolutions = nn.Sequential(
-            *strided(nn.Conv2d, BINS, 32, 64, 64),
+            *strided(round_convolution, BINS, 32, 64, 64),
             nn.AdaptiveMaxPool2d(1),
             nn.Flatten(),
         )
@@ -135,8 +141,18 @@ class ImageCnn(WindowNetwork):
         return self.out(self.convolutions(self.pixels(parts)[..., 0]))
 
 
+def round_convolution(
+    inputs: int, outputs: int, taps: int, stride: int, padding: int
+) -> nn.Sequential:
+    """A convolution to which the first and the last column are neighbours."""
+    return nn.Sequential(
+        nn.CircularPad2d((padding, padding, 0, 0)),
+        nn.Conv2d(inputs, outputs, taps, stride, (padding, 0)),
+    )
+
+
 def strided(
-    convolution: type[nn.Conv2d] | type[nn.Conv3d], *channels: int
+    convolution: Callable[[int, int, int, int, int], nn.Module], *channels: int
 ) -> list[nn.Module]:
     """Convolutions of three taps that halve every axis, each with a rectifier."""
     layers: list[nn.Module] = []

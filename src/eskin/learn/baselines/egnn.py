@@ -1,12 +1,18 @@
 """The paper's network: an EGNN on the graph of all taxels, then the window.
 
-From the paper: a node for every taxel, its pressure and its pose from forward
-kinematics (section IV-C1); the kinematic distance as the edges' feature (IV-C2); K
-nearest neighbours (K = 8), those inside a patch known beforehand and those of triggered
-taxels found live (IV-C4); layers after Satorras et al. 2021 (its eq. 2); 100 graphs a
-window (IV-C3); maximum over the nodes (V-A). It gives neither widths nor depth nor what
-follows the pooling: three layers of width 32, as ours has, and two convolutions over
-time are our choice.
+From the paper: a node for every taxel, its pressure the node's feature (section
+IV-C1); the kinematic distance as the edges' feature (IV-C2); K nearest neighbours
+(K = 8), those inside a patch known beforehand and those of triggered taxels found live
+(IV-C4); layers after Satorras et al. 2021 (its eq. 2); 100 graphs a window (IV-C3);
+maximum over the nodes (V-A). It gives neither widths nor depth nor what follows the
+pooling: three layers of width 32, as ours has, and two convolutions over time are our
+choice.
+
+The paper puts each taxel's pose from forward kinematics, a frame whose z axis is the
+outward normal, into the node's feature too (IV-C1), and calls the x of its equation 2
+"poses". It does not say how; that equation adds, subtracts and measures x, as it can
+positions, and a pose among the features would undo its equivariance. Ours takes the
+position only, as x: normals are not looked at.
 """
 
 from dataclasses import dataclass

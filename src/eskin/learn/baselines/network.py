@@ -9,6 +9,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor, nn
 from torch.nn.functional import cross_entropy
+from torch.optim.lr_scheduler import OneCycleLR
 
 from eskin.learn.baselines.interface import (
     Baseline,
@@ -32,8 +33,8 @@ class FitConfig:
     batch: int = 16
     """Clips a step."""
 
-    rate: float = 2e-3
-    """Learning rate of Adam."""
+    peak_rate: float = 2e-3
+    """Highest learning rate of Adam, which goes through one cycle in all steps."""
 
 
 class WindowNetwork(nn.Module):
@@ -92,15 +93,19 @@ class NetworkBaseline(Baseline):
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(seed)
             network = self.build().train()
-            adam = torch.optim.Adam(network.parameters(), self.config.rate)
+            config = self.config
+            adam = torch.optim.Adam(network.parameters())
+            steps = config.epochs * -(-clips.count // config.batch)
+            cycle = OneCycleLR(adam, config.peak_rate, total_steps=steps)
             truth = torch.from_numpy(labels.astype(np.int64))
-            for _ in range(self.config.epochs):
-                for chosen in torch.randperm(clips.count).split(self.config.batch):
+            for _ in range(config.epochs):
+                for chosen in torch.randperm(clips.count).split(config.batch):
                     rows = chosen.numpy()
                     logits = network(*tensors(clips.pressure[rows], clips.q[rows]))
                     adam.zero_grad()
                     cross_entropy(logits, truth[chosen]).backward()
                     adam.step()
+                    cycle.step()
         self.network = network.eval()
 
     def answer(self, clips: Clips) -> Probabilities:

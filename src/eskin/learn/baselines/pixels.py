@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Int
+from jaxtyping import Float, Int
 
 from eskin.skin import Skin
 
@@ -11,7 +11,11 @@ PITCH = 0.008
 """Height of a pixel of the unrolled arm [m]: about the distance of taxels."""
 
 ROUND = 48
-"""Pixels round a link."""
+"""Pixels round a link; the first and the last are neighbours."""
+
+AS_GOOD = 0.01
+"""Directions are as good as an axis where their mean squared cosines with the normals
+differ by less."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,23 +39,48 @@ def patch_image(skin: Skin) -> Image:
 
 
 def unrolled_image(skin: Skin) -> Image:
-    """The links one above the other, each unrolled about its longest axis.
+    """The links one above the other, each unrolled about its axis.
 
-    A column is an angle, a row a height. Where several taxels meet in a pixel, it
-    shows the last of them.
+    A column is an angle, a row a height. Several taxels may meet in a pixel.
     """
     rows, columns = np.zeros((2, skin.count), np.int64)
     height = 0
     links = np.array(skin.link_names)[skin.patch_index]
     for link in dict.fromkeys(skin.link_names):
         here = np.flatnonzero(links == link)
-        points = skin.positions[here] - skin.positions[here].mean(axis=0)
-        # Axes by spread, the widest first; flat links have none across.
-        axes = np.linalg.svd(points, full_matrices=True)[2]
-        along, x, y = (points @ axes.T).T
-        angle = np.arctan2(y, x) / (2 * np.pi) + 0.5
-        columns[here] = np.minimum((angle * ROUND).astype(np.int64), ROUND - 1)
+        along, angle = round_axis(skin.positions[here], skin.normals[here])
+        columns[here] = (angle / (2 * np.pi) * ROUND).astype(np.int64) % ROUND
         level = ((along - along.min()) / PITCH).astype(np.int64)
         rows[here] = height + level
         height += int(level.max()) + 1
     return Image((height, ROUND, 1), rows * ROUND + columns)
+
+
+def round_axis(
+    positions: Float[np.ndarray, "part 3"], normals: Float[np.ndarray, "part 3"]
+) -> tuple[Float[np.ndarray, "part"], Float[np.ndarray, "part"]]:
+    """Height [m] along the axis of a link's skin, and angle round it from 0 to 2 pi.
+
+    The axis lies as far behind the skin as is right for a round one of this width whose
+    normals spread as these do, or at most twice its width (root mean square), since
+    that of a flat one would lie infinitely far away.
+    """
+    points = positions - positions.mean(axis=0)
+    along, *across = np.linalg.svd(axis_of(points, normals)[None])[2]
+    xy, n = points @ np.transpose(across), normals @ np.transpose(across)
+    spread = max(n.var(axis=0).sum(), 0.25)
+    x, y = (xy + n.mean(axis=0) * np.sqrt(xy.var(axis=0).sum() / spread)).T
+    return points @ along, np.arctan2(y, x) % (2 * np.pi)
+
+
+def axis_of(
+    points: Float[np.ndarray, "part 3"], normals: Float[np.ndarray, "part 3"]
+) -> Float[np.ndarray, "3"]:
+    """The direction to which the normals are most perpendicular.
+
+    Where several are as good, as on a flat skin, the one along which the points, whose
+    mean is zero, lie farthest apart.
+    """
+    cosines, directions = np.linalg.eigh(normals.T @ normals / len(normals))
+    free = directions[:, cosines < cosines[0] + AS_GOOD]
+    return free @ np.linalg.eigh(free.T @ points.T @ points @ free)[1][:, -1]

@@ -1,0 +1,162 @@
+"""Images of the skin: each taxel is where it belongs, and none is lost."""
+
+import numpy as np
+import pytest
+import torch
+
+from baseline_scenes import UR5
+from eskin.learn.baselines.convolution import Cnn3d, CnnLstm, ImageCnn, Pixels
+from eskin.learn.baselines.flat import BINS, KPA, bins
+from eskin.learn.baselines.pixels import PITCH, ROUND, patch_image, unrolled_image
+from eskin.skin import Grid, Patch, Plane, Tube, join_patches, load_skin
+from graph_scenes import motion
+
+GAP = 0.0103  # between taxels of a patch that is laid here [m]
+CAPS = "elbow_cap", "wrist_1_cap"
+MEANS = 4.5 + 10.0 * np.arange(BINS)  # of the parts of `ramp` [kPa]
+any_way = pytest.mark.parametrize("seed", [0, 1, 2])
+every_skin = pytest.mark.parametrize("name", ["ur5", "ur5-shapes", "bent", "sleeve"])
+
+
+def laid(rows, columns, surface):
+    """One patch on a surface."""
+    patch = Patch("patch", "table", 0, rows, columns)
+    grid = Grid(rows, columns, GAP, GAP)
+    return join_patches("laid", [(patch, grid, surface)])
+
+
+def pixels_of(skin):
+    """Row and column in the unrolled image of each taxel."""
+    return np.divmod(unrolled_image(skin).place, ROUND)
+
+
+def apart_round(one, other):
+    """How many columns lie between, the shorter way round."""
+    apart = np.abs(one - other)
+    return np.minimum(apart, ROUND - apart)
+
+
+def side_by_side(skin):
+    """Pairs of taxels that follow each other in a row or a column of a patch."""
+    cells = np.stack([skin.patch_index, skin.rows, skin.columns], axis=1)
+    where = {tuple(cell): taxel for taxel, cell in enumerate(cells)}
+    steps = (0, 0, 1), (0, 1, 0)
+    pairs = [(t, where.get(tuple(cells[t] + s))) for t in where.values() for s in steps]
+    return np.array([pair for pair in pairs if pair[1] is not None]).T
+
+
+def test_a_taxel_of_a_patch_lies_at_its_row_its_column_and_its_patch():
+    skin = UR5.skin
+    pressure = torch.arange(1.0, skin.count + 1)
+    image = Pixels(patch_image(skin))(pressure)
+    for taxel in range(skin.count):
+        at = skin.rows[taxel], skin.columns[taxel], skin.patch_index[taxel]
+        assert image[at].item() == pytest.approx((taxel + 1) / KPA)
+    assert (image > 0).sum() == skin.count
+
+
+@every_skin
+@pytest.mark.parametrize("image_of", [patch_image, unrolled_image])
+def test_any_taxel_pressed_alone_is_seen_in_one_pixel(name, image_of):
+    skin = load_skin(name)
+    pixels = Pixels(image_of(skin))
+    for some in torch.arange(skin.count).split(256):
+        images = pixels(KPA * torch.eye(skin.count)[some]).flatten(1)
+        assert torch.equal(images.sum(dim=1), torch.ones(len(some)))
+        assert torch.equal(images.amax(dim=1), torch.ones(len(some)))
+
+
+def test_where_taxels_meet_the_largest_pressure_is_seen():
+    image = unrolled_image(UR5.skin)
+    pressure = np.random.default_rng(0).uniform(1, 30, UR5.skin.count)
+    want = np.zeros(image.shape).ravel()
+    for place, felt in zip(image.place, pressure, strict=True):
+        want[place] = max(want[place], felt / KPA)
+    got = Pixels(image)(torch.from_numpy(pressure))
+    assert np.array_equal(got.numpy().ravel(), want)
+    assert (want > 0).sum() < UR5.skin.count
+
+
+def test_neighbours_on_the_arm_are_neighbours_in_the_unrolled_image():
+    """But on caps, which close the end of a link."""
+    skin = UR5.skin
+    rows, columns = pixels_of(skin)
+    one, other = side_by_side(skin)
+    ids = np.array([patch.id for patch in skin.patches])[skin.patch_index[one]]
+    round_link = ~np.isin(ids, CAPS)
+    assert np.abs(rows[one] - rows[other])[round_link].max() <= 2
+    assert apart_round(columns[one], columns[other])[round_link].max() <= 2
+
+
+def test_most_taxels_have_a_pixel_of_their_own():
+    assert len(np.unique(unrolled_image(UR5.skin).place)) > 0.9 * UR5.skin.count
+
+
+@any_way
+def test_a_ring_is_unrolled_about_its_axis_however_it_lies(seed):
+    """One that nearly closes, wider than it is high."""
+    skin = laid(5, 18, Tube(0.03, motion(seed, far=0.1)))
+    rows, columns = (place.reshape(5, 18) for place in pixels_of(skin))
+    assert rows.max() == int(4 * GAP / PITCH)
+    turn = np.arange(18) * GAP / (2 * np.pi * 0.03) * ROUND
+    off = apart_round(columns, columns[:, :1]) - apart_round(turn, 0)
+    assert np.abs(off).max() <= 1
+
+
+@any_way
+def test_a_flat_skin_is_spread_over_rows_and_columns(seed):
+    skin = laid(12, 20, Plane(motion(seed, far=0.1)))
+    rows, columns = pixels_of(skin)
+    one, other = side_by_side(skin)
+    assert np.abs(rows[one] - rows[other]).max() <= 2
+    assert apart_round(columns[one], columns[other]).max() <= 2
+    assert len(np.unique(rows)) == 20
+    assert len(np.unique(columns)) >= 10
+
+
+def ramp(skin, taxel):
+    """A window in which the pressure of one taxel [kPa] is the index of the reading."""
+    pressure = torch.zeros(1, 100, skin.count)
+    pressure[0, :, taxel] = torch.arange(100.0)
+    return pressure
+
+
+def test_bins_are_the_means_of_ten_consecutive_parts_in_order():
+    rows = bins(ramp(UR5.skin, 700).numpy()).reshape(BINS, -1)
+    np.testing.assert_allclose(rows[:, 700], MEANS / KPA, rtol=1e-6)
+    assert not np.delete(rows, 700, axis=1).any()
+
+
+def seen_by(network, pressure):
+    """What the convolutions of a network are given."""
+    seen = []
+    network.convolutions.register_forward_pre_hook(lambda _, given: seen.append(given))
+    with torch.inference_mode():
+        network(pressure, torch.zeros(1, 100, 6))
+    return seen[0][0].numpy()
+
+
+@pytest.mark.parametrize("taxel", [3, 700, 2111])
+def test_networks_see_readings_and_taxels_in_their_order(taxel):
+    skin, pressure = UR5.skin, ramp(UR5.skin, taxel)
+    row, column, patch = skin.rows[taxel], skin.columns[taxel], skin.patch_index[taxel]
+    want = np.arange(100.0) / KPA
+    readings = seen_by(CnnLstm(skin, 3), pressure)[:, patch, row, column]
+    np.testing.assert_allclose(readings, want, rtol=1e-6)
+    volume = seen_by(Cnn3d(skin, 3), pressure)[0, patch, :, row, column]
+    np.testing.assert_allclose(volume, want, rtol=1e-6)
+    at = tuple(place[taxel] for place in pixels_of(skin))
+    parts = seen_by(ImageCnn(skin, 3), pressure)[0, :, *at]
+    np.testing.assert_allclose(parts, MEANS / KPA, rtol=1e-6)
+
+
+def test_where_round_a_link_the_image_begins_makes_no_difference():
+    torch.manual_seed(0)
+    convolutions = ImageCnn(UR5.skin, 3).double().convolutions
+    image = torch.randn(1, BINS, 93, ROUND).double()
+    with torch.inference_mode():
+        one = convolutions(image)
+        round_it = convolutions(image.roll(8, dims=-1))
+        along_it = convolutions(image.roll(8, dims=-2))
+    torch.testing.assert_close(one, round_it, atol=1e-12, rtol=1e-12)
+    assert (one - along_it).abs().max() > 1e-6
