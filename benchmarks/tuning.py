@@ -3,7 +3,7 @@
 python -m benchmarks.tuning --sets FOLDER [--methods ...]: every method gets four
 settings, tried on the held-out people of two paper-size sets (seeds 100 and 101) that
 no table uses. The best of each is what `eskin compare` takes. FOLDER gets the sets and
-keeps prepared clips.
+keeps prepared clips; what was answered is kept in `benchmarks/kept/tuning`.
 """
 
 from collections.abc import Callable, Mapping
@@ -39,9 +39,11 @@ from eskin.learn.comparison import (
     find_examples,
 )
 from eskin.learn.comparison.methods import FOR_SMALL_SETS, network_method
+from eskin.learn.comparison.touch_trees import TouchTrees
 from eskin.model import NetworkConfig
 
 SEEDS = (100, 101)
+RESULTS = Path("benchmarks/kept/tuning")
 GENTLE = AugmentConfig(
     gain=0.15,
     taxel_gain=0.05,
@@ -135,6 +137,10 @@ def candidates() -> dict[str, dict[str, Method]]:
             words: BaselineMethod(partial(HandBaseline, estimator=estimator))
             for words, estimator in settings.items()
         }
+    found["boosting-on-touch"] = {
+        words: TouchTrees(estimator)
+        for words, estimator in HAND["gradient-boosting"].items()
+    }
     for name in NETWORKS:
         fits = PAPER if name == "paper" else FITS
         found[name] = {words: network_method(name, fit) for words, fit in fits.items()}
@@ -181,7 +187,7 @@ def table(
         for method in settings.values()
         for draw in draws
     ]
-    done = do_all(tasks, command.sets / "tuning", command.workers)
+    done = do_all(tasks, RESULTS, command.workers)
     shares = [r.answered["val"].right.mean() for r in done if r is not None]
     means = np.reshape(shares, (len(settings), len(draws))).mean(axis=1)
     rows = zip(settings, means.tolist(), strict=True)

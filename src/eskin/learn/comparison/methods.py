@@ -1,6 +1,5 @@
-"""Methods that are compared: what learns from clips, and answers others."""
+"""The methods that are compared."""
 
-from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
@@ -21,14 +20,12 @@ from eskin.learn.baselines import (
 from eskin.learn.clip_scoring import answer_clips
 from eskin.learn.comparison.encoders import ENCODERS, EncoderKind
 from eskin.learn.comparison.examples import Examples
+from eskin.learn.comparison.method import Answers, Method
+from eskin.learn.comparison.touch_trees import TouchTrees
 from eskin.learn.training import TrainConfig, Trainer
 from eskin.model import NetworkConfig
 from eskin.recording import NONE
 from eskin.skin import MountedSkin
-
-Answers = Callable[[Examples], Float[np.ndarray, "clip class"]]
-"""Log-probabilities of the classes for each clip, in the order of the gestures that
-were learned."""
 
 AS_LARGE_AS_SHIPPED = NetworkConfig(width=32, layers=3, channels=48, dropout=0.1)
 FOR_SMALL_SETS = TrainConfig(
@@ -46,19 +43,6 @@ SMALL = 500
 """Clips; on more of them it takes as many more steps."""
 PAPER_FIT = FitConfig(epochs=10, batch=4, peak_rate=5e-4)
 """How the paper's network is trained; forty epochs of it would take hours."""
-
-
-class Method(ABC):
-    """Learns from clips of a skin."""
-
-    @abstractmethod
-    def fit(self, examples: Examples, seed: int) -> Answers:
-        """Learn from clips; the same seed gives the same result.
-
-        Args:
-            examples: to learn from.
-            seed: decides everything that is drawn.
-        """
 
 
 @final
@@ -154,6 +138,7 @@ def shares_of(truth: Int[np.ndarray, "clip"]) -> Float[np.ndarray, "class"]:
 
 METHODS: dict[str, Method] = {
     "eskin": RecogniserMethod(),
+    "boosting-on-touch": TouchTrees(),
     **{name: BaselineMethod(make) for name, make in BASELINES.items()},
     **{name: network_method(name, FitConfig()) for name in NETWORKS},
     "paper": paper_method(PAPER_FIT),

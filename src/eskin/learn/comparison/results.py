@@ -15,7 +15,7 @@ from jaxtyping import Bool
 from joblib import Parallel, delayed
 
 from eskin.learn.comparison.examples import Examples
-from eskin.learn.comparison.methods import Method
+from eskin.learn.comparison.method import Method
 from eskin.learn.holdout import hold_out
 from eskin.learn.progress import shown
 from eskin.touch import PipelineConfig

@@ -6,10 +6,10 @@ from typing import Literal
 
 from eskin.graph import GraphConfig
 from eskin.learn.baselines import Pooling
+from eskin.learn.comparison.method import Method
 from eskin.learn.comparison.methods import (
     FOR_SMALL_SETS,
     PAPER_FIT,
-    Method,
     RecogniserMethod,
     paper_method,
 )
