@@ -9,8 +9,7 @@ right more often than by chance once in a thousand times. One pair says little: 
 that is near to many others may be right for all of them by luck. Which people, pose
 groups and sensor builds the sets share is a test of the project
 (`tests/test_sim_sets.py`): none between `train` and the builds and people of `test-x`
-and `test-m`; all between the two parts of a paper-size set, as in the paper, but for
-the day.
+and `test-m`; all between the two parts of a paper-size set but the day.
 """
 
 from collections.abc import Iterator, Sequence
