@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from clip_scenes import generated
+from eskin.graph import GraphConfig
 from eskin.learn.baselines import PaperBaseline
 from eskin.learn.baselines.estimators import (
     GradientBoosting,
@@ -29,9 +30,11 @@ from eskin.learn.comparison import (
     Task,
     find_examples,
     methods,
+    touch_trees,
 )
 from eskin.learn.comparison.encoders import ENCODERS
 from eskin.learn.comparison.study import Variant
+from eskin.learn.comparison.touch_trees import touch_rows
 from eskin.learn.training import Trainer
 from eskin.nn import graph_tensors
 from graph_scenes import random_graph
@@ -199,3 +202,17 @@ def test_a_variant_of_the_papers_has_its_neighbours_and_pooling(examples, monkey
     for k, pool, epochs in wanted:
         Variant("paper", k, pool).method(epochs).fit(examples, 0)
     assert found == wanted
+
+
+def test_trees_on_a_touch_see_its_features_and_nothing_where_nothing_is_felt(
+    examples, monkeypatch
+):
+    rows = touch_rows(examples)
+    assert len(rows) == len(examples.every) and np.isfinite(rows).all()
+    assert rows.any(axis=1).all() and len(np.unique(rows, axis=0)) == len(rows)
+    ends = list(touch_trees.last_rows(examples.dataset(GraphConfig()), examples.every))
+    ends[2] = -1
+    monkeypatch.setattr(touch_trees, "last_rows", lambda dataset, every: ends)
+    other = touch_rows(examples)
+    assert not other[2].any()
+    np.testing.assert_array_equal(np.delete(other, 2, 0), np.delete(rows, 2, 0))
