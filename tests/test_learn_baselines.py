@@ -1,5 +1,6 @@
 """What every baseline must do, whatever is inside it."""
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -19,7 +20,7 @@ from eskin.learn.baselines.interface import Rolling
 from live_scenes import mounted
 
 NAMES = (*BASELINES, *NETWORKS)
-QUICK = FitConfig(epochs=12, batch=6, peak_rate=5e-3)
+QUICK = FitConfig(epochs=12, batch=6, rate=5e-3)
 every_baseline = pytest.mark.parametrize("name", NAMES)
 
 
@@ -59,6 +60,21 @@ def test_another_seed_gives_other_answers(name):
     one, other = (make_baseline(name, UR5, brief).fit(clips, labels, n) for n in (5, 6))
     answers = one.predict_probabilities(clips)
     assert not np.array_equal(answers, other.predict_probabilities(clips))
+
+
+@pytest.mark.parametrize(
+    "change", [{"epochs": 1}, {"batch": 2}, {"rate": 1e-4}, {"schedule": "constant"}]
+)
+def test_every_setting_of_training_decides_what_comes_of_it(change):
+    clips, labels = toy(2)
+    usual = FitConfig(epochs=2, batch=3)
+    answers = [
+        make_baseline("tactile-image", UR5, config)
+        .fit(clips, labels, 5)
+        .predict_probabilities(clips)
+        for config in (usual, replace(usual, **change))
+    ]
+    assert not np.array_equal(*answers)
 
 
 @every_baseline

@@ -2,14 +2,14 @@
 
 from abc import abstractmethod
 from dataclasses import dataclass
-from typing import final
+from typing import Literal, final
 
 import numpy as np
 import torch
 from jaxtyping import Float
 from torch import Tensor, nn
 from torch.nn.functional import cross_entropy
-from torch.optim.lr_scheduler import OneCycleLR
+from torch.optim.lr_scheduler import ConstantLR, OneCycleLR
 
 from eskin.learn.baselines.interface import (
     Baseline,
@@ -22,6 +22,8 @@ from eskin.learn.baselines.interface import (
 )
 from eskin.skin import MountedSkin
 
+Schedule = Literal["one-cycle", "constant"]
+
 
 @dataclass(frozen=True)
 class FitConfig:
@@ -33,8 +35,11 @@ class FitConfig:
     batch: int = 16
     """Clips a step."""
 
-    peak_rate: float = 2e-3
-    """Highest learning rate of Adam, which goes through one cycle in all steps."""
+    rate: float = 2e-3
+    """Learning rate of Adam; of a cycle the highest."""
+
+    schedule: Schedule = "one-cycle"
+    """Whether the rate goes through one cycle in all steps, or stays as it is."""
 
 
 class WindowNetwork(nn.Module):
@@ -94,9 +99,12 @@ class NetworkBaseline(Baseline):
             torch.manual_seed(seed)
             network = self.build().train()
             config = self.config
-            adam = torch.optim.Adam(network.parameters())
+            adam = torch.optim.Adam(network.parameters(), config.rate)
             steps = config.epochs * -(-clips.count // config.batch)
-            cycle = OneCycleLR(adam, config.peak_rate, total_steps=steps)
+            if config.schedule == "one-cycle":
+                schedule = OneCycleLR(adam, config.rate, total_steps=steps)
+            else:
+                schedule = ConstantLR(adam, factor=1.0)
             truth = torch.from_numpy(labels.astype(np.int64))
             for _ in range(config.epochs):
                 for chosen in torch.randperm(clips.count).split(config.batch):
@@ -105,7 +113,7 @@ class NetworkBaseline(Baseline):
                     adam.zero_grad()
                     cross_entropy(logits, truth[chosen]).backward()
                     adam.step()
-                    cycle.step()
+                    schedule.step()
         self.network = network.eval()
 
     def answer(self, clips: Clips) -> Probabilities:

@@ -41,7 +41,7 @@ FOR_SMALL_SETS = TrainConfig(
 """How the recogniser is trained on some 500 clips: to the end, no epoch is chosen."""
 SMALL = 500
 """Clips; on more of them it takes as many more steps."""
-PAPER_FIT = FitConfig(epochs=10, batch=4, peak_rate=5e-4)
+PAPER_FIT = FitConfig(epochs=10, batch=4, rate=5e-4, schedule="constant")
 """How the paper's network is trained; forty epochs of it would take hours."""
 
 
