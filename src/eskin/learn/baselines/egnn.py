@@ -18,13 +18,12 @@ position only, as x: normals are not looked at.
 from dataclasses import dataclass
 from typing import Literal, final
 
-import numpy as np
 import torch
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Float, Int
 from torch import Tensor, nn
 from torch.nn.functional import silu
 
-from eskin.graph import FixedNeighbours, GraphConfig, live_neighbours
+from eskin.learn.baselines.egnn_rows import Neighbourhood, Rows
 from eskin.learn.baselines.flat import KPA
 from eskin.learn.baselines.interface import TOUCHED
 from eskin.learn.baselines.network import ReadingNetwork
@@ -38,28 +37,6 @@ UNIT = LENGTH_CM / 100.0
 
 AT_ONCE = 4
 """Readings encoded together: what one makes then stays in the cache."""
-
-
-@dataclass(frozen=True, eq=False)
-class Step:
-    """What one layer computes; all other rows are as at rest after it."""
-
-    targets: Int[Tensor, "target"]
-    """Rows that are computed."""
-    sources: Int[Tensor, "target k"]
-    """Rows that each of these hears, or -1."""
-
-
-@dataclass(frozen=True, eq=False)
-class Rows:
-    """The nodes of some readings that are computed, and those that they hear."""
-
-    reading: Int[Tensor, "row"]
-    """Of each row."""
-    node: Int[Tensor, "row"]
-    """The taxel of each row."""
-    steps: list[Step]
-    """One a layer: what differs from rest spreads by one hop with each."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -154,9 +131,7 @@ class PaperNetwork(ReadingNetwork):
         super().__init__()
         self.mounted, self.pooling, self.whole = mounted, pooling, False
         self.rest: Rest | None = None
-        fixed = FixedNeighbours(mounted.skin, k)
-        self.table = torch.from_numpy(fixed.table)
-        self.rank = fixed.rank
+        self.neighbourhood = Neighbourhood(mounted, k)
         self.links = torch.from_numpy(mounted.skin_link_index)
         positions = torch.from_numpy(mounted.skin.positions / UNIT)
         self.register_buffer("positions", positions.float())
@@ -186,9 +161,7 @@ class PaperNetwork(ReadingNetwork):
         computed = torch.arange(len(felt))
         if not self.whole:
             computed = computed[(felt > 0).any(dim=1)]
-        nodes = rest.v[-1]
-        pooled = nodes.amax(dim=0) if self.pooling == "max" else nodes.mean(dim=0)
-        features = pooled.expand(len(felt), -1)
+        features = self.pooled(rest.v[-1]).expand(len(felt), -1)
         for some in computed.split(AT_ONCE):
             encoded = self.encode_some(felt[some], q[some], rest)
             features = features.index_copy(0, some, encoded)
@@ -209,8 +182,7 @@ class PaperNetwork(ReadingNetwork):
         T = self.mounted.kinematics.poses(q.double().numpy())
         T[..., :3, 3] /= UNIT
         T_world_link = torch.from_numpy(T).to(self.positions.dtype)
-        live = self.live_edges(felt > 0, q)
-        rows = self.rows(felt > 0, live)
+        rows = self.neighbourhood.rows(felt > 0, q, LAYERS, self.whole)
         T_row = T_world_link[rows.reading, self.links[rows.node]]
         rotation, origin = T_row[:, :3, :3], T_row[:, :3, 3]
         v = self.embed(felt[rows.reading, rows.node, None])
@@ -224,9 +196,9 @@ class PaperNetwork(ReadingNetwork):
             v = v.index_copy(0, step.targets, computed)
             x = turned(rotation, rest.x[n].index_select(0, rows.node)) + origin
             x = x.index_copy(0, step.targets, moved)
-        return self.pool(computed, rows, rest.v[-1], len(felt))
+        return self.pool_rows(computed, rows, rest.v[-1], len(felt))
 
-    def pool(
+    def pool_rows(
         self,
         computed: Float[Tensor, "target width"],
         rows: Rows,
@@ -238,74 +210,26 @@ class PaperNetwork(ReadingNetwork):
         targets = rows.steps[-1].targets
         flat = rows.reading[targets] * taxels + rows.node[targets]
         every = rest.repeat(readings, 1).index_copy(0, flat, computed)
-        nodes = every.view(readings, *rest.shape)
-        return nodes.amax(dim=1) if self.pooling == "max" else nodes.mean(dim=1)
+        return self.pooled(every.view(readings, *rest.shape))
+
+    def pooled(
+        self, nodes: Float[Tensor, "*reading taxel width"]
+    ) -> Float[Tensor, "*reading width"]:
+        """Maximum or mean over nodes."""
+        return nodes.amax(dim=-2) if self.pooling == "max" else nodes.mean(dim=-2)
 
     def at_rest(self) -> Rest:
         """What every layer gives for a skin that nobody touches."""
-        everyone = torch.arange(len(self.table))
-        x = self.positions
+        x, table = self.positions, self.neighbourhood.table
+        everyone = torch.arange(len(x))
         v = self.embed(torch.zeros_like(x[:, :1]))
         rest = Rest([v], [x])
-        apart = x[:, None] - gather(x, self.table.clamp(min=0))
+        apart = x[:, None] - gather(x, table.clamp(min=0))
         for layer in self.layers:
-            v, x = layer(v, x, apart.norm(dim=-1), everyone, self.table)
+            v, x = layer(v, x, apart.norm(dim=-1), everyone, table)
             rest.v.append(v)
             rest.x.append(x)
         return rest
-
-    def rows(
-        self,
-        touched: Bool[Tensor, "reading taxel"],
-        live: Int[Tensor, "reading taxel live"],
-    ) -> Rows:
-        """Which nodes each layer computes, and which of them hear which."""
-        table = self.table
-        joined = (live >= 0).any(dim=-1)
-        changed = torch.ones_like(touched) if self.whole else touched
-        computed: list[tuple[Tensor, Tensor, Tensor]] = []
-        for _ in range(LAYERS):
-            near = (changed[:, table.clamp(min=0)] & (table >= 0)).any(dim=-1)
-            changed = changed | near | joined
-            reading, node = changed.nonzero(as_tuple=True)
-            heard = torch.cat([table[node], live[reading, node]], dim=1)
-            computed.append((reading, node, heard))
-        needed, (reading, _, heard) = changed.clone(), computed[-1]
-        target, _ = (heard >= 0).nonzero(as_tuple=True)
-        needed[reading[target], heard[heard >= 0]] = True
-        place = torch.full(touched.shape, -1)
-        place[needed] = torch.arange(int(needed.sum()))
-        steps = []
-        for reading, node, heard in computed:
-            sources = place[reading[:, None], heard.clamp(min=0)]
-            steps.append(
-                Step(place[reading, node], torch.where(heard >= 0, sources, -1))
-            )
-        reading, node = needed.nonzero(as_tuple=True)
-        return Rows(reading, node, steps)
-
-    def live_edges(
-        self, touched: Bool[Tensor, "reading taxel"], q: Float[Tensor, "reading joint"]
-    ) -> Int[Tensor, "reading taxel live"]:
-        """Neighbours in other patches of triggered taxels and of those next to them."""
-        config, skin = GraphConfig(), self.mounted.skin
-        live = np.full((*touched.shape, config.live), -1)
-        for reading, flags in enumerate(touched.numpy()):
-            near = self.table[np.flatnonzero(flags)].numpy()
-            nodes = np.union1d(np.flatnonzero(flags), near[near >= 0])
-            patches = skin.patch_index[nodes]
-            if len(np.unique(patches)) > 1:
-                p_world, _ = self.mounted.poses(q[reading].double().numpy(), nodes)
-                found = live_neighbours(
-                    p_world,
-                    patches,
-                    self.rank[nodes],
-                    config.live,
-                    config.live_reach,
-                )
-                live[reading, nodes] = np.where(found >= 0, nodes[found], -1)
-        widest = (live >= 0).any(axis=(0, 1)).sum()
-        return torch.from_numpy(live[..., :widest])
 
     def classify(
         self, features: Float[Tensor, "clip 100 width"]
