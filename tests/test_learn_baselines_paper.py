@@ -7,6 +7,7 @@ import torch
 from baseline_scenes import UR5
 from eskin.graph import live_neighbours
 from eskin.learn.baselines.egnn import LAYERS, PaperNetwork
+from eskin.learn.baselines.egnn_rows import Neighbourhood
 from graph_scenes import FOLDED
 
 
@@ -65,8 +66,8 @@ def test_gradients_are_the_same_too():
 
 
 def test_live_edges_join_patches_only_where_they_come_near():
-    net, (pressure, q) = network(), readings()
-    live = net.live_edges(pressure > 0, q)
+    pressure, q = readings()
+    live = Neighbourhood(UR5, 8).live_edges(pressure > 0, q)
     patch = torch.from_numpy(UR5.skin.patch_index)
     reading, node, _ = (live >= 0).nonzero(as_tuple=True)
     assert set(reading.tolist()) == {0, 1}
@@ -91,20 +92,19 @@ def test_a_pose_in_which_links_come_near_is_seen():
 
 
 def test_a_touched_taxel_is_heard_as_many_hops_away_as_there_are_layers():
-    net = network()
-    touched = torch.zeros(1, UR5.skin.count, dtype=torch.bool)
-    touched[0, 700] = True
-    rows = net.rows(touched, torch.empty(1, UR5.skin.count, 0, dtype=torch.long))
+    neighbourhood = Neighbourhood(UR5, 8)
+    alone, q = (each[2:3] for each in readings())
+    rows = neighbourhood.rows(alone > 0, q, LAYERS, whole=False)
     heard = {700}
     for _ in range(LAYERS):
-        table = net.table.tolist()
+        table = neighbourhood.table.tolist()
         heard |= {node for node, hears in enumerate(table) if heard & set(hears)}
     assert set(rows.node[rows.steps[-1].targets].tolist()) == heard
 
 
 def test_k_is_the_number_of_neighbours_and_new_weights_forget_the_rest():
     net = network(k=4)
-    assert net.table.shape == (2112, 4)
+    assert net.neighbourhood.table.shape == (2112, 4)
     with torch.inference_mode():
         before = net.encode(*readings())
         net.embed.bias.add_(1.0)
