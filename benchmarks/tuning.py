@@ -38,7 +38,7 @@ from eskin.learn.comparison import (
     do_all,
     find_examples,
 )
-from eskin.learn.comparison.methods import FOR_SMALL_SETS, PAPER_FIT, network_method
+from eskin.learn.comparison.methods import FOR_SMALL_SETS, network_method
 from eskin.learn.comparison.touch_trees import TouchTrees
 from eskin.model import NetworkConfig
 
@@ -106,7 +106,9 @@ PAPER: dict[str, FitConfig] = {
     "16 clips a step, rate 2e-3": FitConfig(epochs=5, schedule="constant"),
     "16 clips a step, rate 5e-4": FitConfig(epochs=5, rate=5e-4, schedule="constant"),
     "4 clips a step, rate 2e-3": FitConfig(epochs=5, batch=4, schedule="constant"),
-    "4 clips a step, rate 5e-4": replace(PAPER_FIT, epochs=5),
+    "4 clips a step, rate 5e-4": FitConfig(
+        epochs=5, batch=4, rate=5e-4, schedule="constant"
+    ),
     "16 clips a step, rate up to 2e-3": FitConfig(epochs=5),
     "4 clips a step, rate up to 5e-4": FitConfig(epochs=5, batch=4, rate=5e-4),
 }

@@ -41,8 +41,14 @@ FOR_SMALL_SETS = TrainConfig(
 """How the recogniser is trained on some 500 clips: to the end, no epoch is chosen."""
 SMALL = 500
 """Clips; on more of them it takes as many more steps."""
-PAPER_FIT = FitConfig(epochs=10, batch=4, rate=5e-4, schedule="constant")
-"""How the paper's network is trained; forty epochs of it would take hours."""
+FITS: dict[str, FitConfig] = {
+    "cnn-lstm": FitConfig(epochs=80),
+    "3d-cnn": FitConfig(rate=5e-3),
+    "tactile-image": FitConfig(),
+    "paper": FitConfig(epochs=10, batch=4, rate=5e-4, schedule="constant"),
+}
+"""How the networks among the baselines are trained: as did best of the settings tried
+(`benchmarks.tuning`); forty epochs of the paper's would take an hour."""
 
 
 @final
@@ -140,8 +146,7 @@ METHODS: dict[str, Method] = {
     "eskin": RecogniserMethod(),
     "boosting-on-touch": TouchTrees(),
     **{name: BaselineMethod(make) for name, make in BASELINES.items()},
-    **{name: network_method(name, FitConfig()) for name in NETWORKS},
-    "paper": paper_method(PAPER_FIT),
+    **{name: network_method(name, FITS[name]) for name in NETWORKS},
 }
 """By name; ours first."""
 

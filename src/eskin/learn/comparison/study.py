@@ -8,8 +8,8 @@ from eskin.graph import GraphConfig
 from eskin.learn.baselines import Pooling
 from eskin.learn.comparison.method import Method
 from eskin.learn.comparison.methods import (
+    FITS,
     FOR_SMALL_SETS,
-    PAPER_FIT,
     RecogniserMethod,
     paper_method,
 )
@@ -35,7 +35,7 @@ class Variant:
     def method(self, epochs: int) -> Method:
         """What learns."""
         if self.network == "paper":
-            fit = replace(PAPER_FIT, epochs=epochs)
+            fit = replace(FITS["paper"], epochs=epochs)
             return paper_method(fit, self.k, self.pool)
         config = replace(FOR_SMALL_SETS, graph=GraphConfig(fixed=self.k))
         return RecogniserMethod(config, self.pool)
