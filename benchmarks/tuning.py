@@ -1,9 +1,10 @@
 """What the settings of each compared method were chosen by.
 
 python -m benchmarks.tuning --sets FOLDER [--methods ...]: every method gets four
-settings, tried on the held-out people of two paper-size sets (seeds 100 and 101) that
-no table uses. The best of each is what `eskin compare` takes. FOLDER gets the sets and
-keeps prepared clips; what was answered is kept in `benchmarks/kept/tuning`.
+settings, the paper's network six, tried on the held-out people of two paper-size sets
+(seeds 100 and 101) that no table uses. The best of each is what `eskin compare` takes.
+FOLDER gets the sets and keeps prepared clips; what was answered is kept in
+`benchmarks/kept/tuning`.
 """
 
 from collections.abc import Callable, Mapping
@@ -153,7 +154,7 @@ def candidates() -> dict[str, dict[str, Method]]:
 
 @dataclass(frozen=True)
 class Command:
-    """Try four settings of each method."""
+    """Try some settings of each method."""
 
     sets: Path = Path("sets")
     """Folder of the sets."""
