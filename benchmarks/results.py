@@ -11,7 +11,7 @@ one about a night on two cores.
 
 import math
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
@@ -25,12 +25,14 @@ from eskin.learn.comparison import (
     ABLATIONS,
     METHODS,
     Method,
+    Place,
+    Result,
     Task,
     do_all,
     find_examples,
 )
 from eskin.learn.comparison.pictures import draw_clips_curve
-from eskin.learn.comparison.table import accuracies_of, mean_of, spread, spread_of
+from eskin.learn.comparison.table import accuracies_of
 from eskin.learn.harm import KINDS, Kind
 
 Part = Literal["table", "large", "clips", "robustness", "study", "leaks", "all"]
@@ -207,40 +209,58 @@ def large(command: Command, form: Form) -> None:
 
 def clips(command: Command, form: Form) -> None:
     """Accuracy against the number of clips learned, ours and what lacks something."""
-    methods = {"eskin": METHODS["eskin"], **ABLATIONS}
-    methods["random-forest"] = METHODS["random-forest"]
+    names = ("eskin", "boosting-on-touch", "random-forest")
+    methods = {**{name: METHODS[name] for name in names}, **ABLATIONS}
     tests = [draw / "test" for draw in paper_sets(command, form.curve_draws)]
-    asked: list[tuple[str, int, Task]] = []
+    asked: dict[tuple[str, int, Place], Task] = {}
     for size in form.sizes:
         for draw, test in enumerate(tests):
-            folder = paper_set(command, OF_581[size], draw)
-            asked += [
-                (
-                    name,
-                    size,
-                    task_of(command, name, method, folder / "train", test, draw),
-                )
-                for name, method in methods.items()
-            ]
-    tasks = [task for _, _, task in asked]
+            train = paper_set(command, OF_581[size], draw) / "train"
+            for name, method in methods.items():
+                task = task_of(command, name, method, train, test, draw)
+                asked[name, size, (draw, draw)] = task
+    tasks = list(asked.values())
     done = do_all(tasks, command.results, command.workers, 60 * command.minutes)
-    found: dict[str, dict[int, list[float]]] = {}
-    for (name, size, _), result in zip(asked, done, strict=True):
+    found: dict[int, dict[str, dict[Place, Result]]] = {}
+    for (name, size, place), result in zip(asked, done, strict=True):
         if result is not None:
-            shares = found.setdefault(name, {}).setdefault(size, [])
-            shares += accuracies_of([result], "test")
-    # A point is of all sets, or there is none.
-    found = {
-        name: {n: shares for n, shares in by_size.items() if len(shares) == len(tests)}
-        for name, by_size in found.items()
+            by_name = found.setdefault(size, {})
+            by_name.setdefault(name, {})[place] = result
+    # A row is of all methods and all sets, or there is none.
+    whole = {
+        size: by_name
+        for size, by_name in found.items()
+        if sum(map(len, by_name.values())) == len(methods) * len(tests)
     }
-    print("| method | " + " | ".join(f"{size} clips" for size in form.sizes) + " |")
-    print("|---" * (1 + len(form.sizes)) + "|")
-    for name, by_size in found.items():
-        each = (by_size.get(size, []) for size in form.sizes)
-        cells = (spread(mean_of(shares), spread_of(shares)) for shares in each)
-        print(f"| {name} | {' | '.join(cells)} |")
-    draw_clips_curve(found, command.pictures / "clips_curve.png")
+    left = done.count(None)
+    if left:
+        print(f"{left} of {len(done)} trainings are left; the same command goes on")
+    if whole:
+        print(curve_table(whole))
+        draw_clips_curve(
+            {
+                name: {
+                    size: accuracies_of(list(by_name[name].values()), "test")
+                    for size, by_name in whole.items()
+                }
+                for name in methods
+            },
+            command.pictures / "clips_curve.png",
+        )
+
+
+def curve_table(found: Mapping[int, Mapping[str, Mapping[Place, Result]]]) -> str:
+    """One row a number of clips, one column a method; ours is the first."""
+    ours, *others = next(iter(found.values()))
+    heads = "clips learned", ours, *(f"{name} ({ours} ahead)" for name in others)
+    lines = [f"| {' | '.join(heads)} |", "|---" * len(heads) + "|"]
+    for size, by_name in found.items():
+        cells = (
+            robustness.cell(results, by_name[ours], "test")
+            for results in by_name.values()
+        )
+        lines.append(f"| {size} | {' | '.join(cells)} |")
+    return "\n".join(lines)
 
 
 def task_of(
