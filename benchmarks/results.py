@@ -96,7 +96,7 @@ FORMS = {
         sizes=(29, 58, 116, 232, 464),
         curve_draws=3,
         leak_draws=5,
-        harmed=("eskin", "gradient-boosting", "random-forest", "cnn-lstm"),
+        harmed=("eskin", "boosting-on-touch", "gradient-boosting", "random-forest"),
         kinds=KINDS,
         study=(),
     ),

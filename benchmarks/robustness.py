@@ -71,9 +71,9 @@ class Command:
 
     methods: tuple[str, ...] = (
         "eskin",
-        "random-forest",
+        "boosting-on-touch",
         "gradient-boosting",
-        "cnn-lstm",
+        "random-forest",
     )
     """Of those that `eskin compare` knows."""
 
