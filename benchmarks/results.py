@@ -98,7 +98,7 @@ FORMS = {
         leak_draws=5,
         harmed=("eskin", "boosting-on-touch", "gradient-boosting", "random-forest"),
         kinds=KINDS,
-        study=(),
+        study=("--epochs", "5"),
     ),
 }
 
