@@ -97,7 +97,7 @@ HAND: dict[str, dict[str, Callable[[int], Estimator]]] = {
         "100 trees of 31": GradientBoosting(leaves=31),
     },
 }
-FITS: dict[str, FitConfig] = {
+CNNS: dict[str, FitConfig] = {
     "40 epochs, rate up to 2e-3": FitConfig(),
     "40 epochs, rate up to 5e-4": FitConfig(rate=5e-4),
     "40 epochs, rate up to 5e-3": FitConfig(rate=5e-3),
@@ -147,7 +147,7 @@ def candidates() -> dict[str, dict[str, Method]]:
         for words, estimator in HAND["gradient-boosting"].items()
     }
     for name in NETWORKS:
-        fits = PAPER if name == "paper" else FITS
+        fits = PAPER if name == "paper" else CNNS
         found[name] = {words: network_method(name, fit) for words, fit in fits.items()}
     return found
 
