@@ -11,7 +11,7 @@ one about a night on two cores.
 
 import math
 import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
@@ -236,7 +236,8 @@ def clips(command: Command, form: Form) -> None:
     if left:
         print(f"{left} of {len(done)} trainings are left; the same command goes on")
     if whole:
-        print(curve_table(whole))
+        rows = [(str(size), "test", by_name) for size, by_name in whole.items()]
+        print(robustness.ahead_table("clips learned", rows))
         draw_clips_curve(
             {
                 name: {
@@ -247,20 +248,6 @@ def clips(command: Command, form: Form) -> None:
             },
             command.pictures / "clips_curve.png",
         )
-
-
-def curve_table(found: Mapping[int, Mapping[str, Mapping[Place, Result]]]) -> str:
-    """One row a number of clips, one column a method; ours is the first."""
-    ours, *others = next(iter(found.values()))
-    heads = "clips learned", ours, *(f"{name} ({ours} ahead)" for name in others)
-    lines = [f"| {' | '.join(heads)} |", "|---" * len(heads) + "|"]
-    for size, by_name in found.items():
-        cells = (
-            robustness.cell(results, by_name[ours], "test")
-            for results in by_name.values()
-        )
-        lines.append(f"| {size} | {' | '.join(cells)} |")
-    return "\n".join(lines)
 
 
 def task_of(

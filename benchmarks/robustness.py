@@ -155,14 +155,26 @@ def accuracy(results: Mapping[Place, Result], asked: str) -> float:
 
 def table(found: Mapping[str, Mapping[Place, Result]]) -> str:
     """One row a version of the test, one column a method."""
-    name, *others = found
-    heads = "clips right [%]", name, *(f"{each} ({name} ahead)" for each in others)
+    answered = next(iter(next(iter(found.values())).values())).answered
+    rows = [(asked, asked, found) for asked in answered if asked != "val"]
+    return ahead_table("clips right [%]", rows)
+
+
+def ahead_table(
+    head: str, rows: Sequence[tuple[str, str, Mapping[str, Mapping[Place, Result]]]]
+) -> str:
+    """Right answers by method, and how far the first is ahead.
+
+    Args:
+        head: of the first column.
+        rows: what stands in it, the test, and the results of each method.
+    """
+    name, *others = rows[0][2]
+    heads = head, name, *(f"{each} ({name} ahead)" for each in others)
     lines = [f"| {' | '.join(heads)} |", "|---" * len(heads) + "|"]
-    first = found[name]
-    for asked in next(iter(first.values())).answered:
-        if asked != "val":
-            cells = [cell(results, first, asked) for results in found.values()]
-            lines.append(f"| {asked} | {' | '.join(cells)} |")
+    for label, asked, found in rows:
+        cells = (cell(results, found[name], asked) for results in found.values())
+        lines.append(f"| {label} | {' | '.join(cells)} |")
     return "\n".join(lines)
 
 
