@@ -22,7 +22,8 @@ class TouchTrees(Method):
     """Boosting on statistics of the touch that our recogniser answers for a clip.
 
     Readings, segmentation, contact graphs and their summary are the recogniser's own,
-    so that what is between the two is what the network is worth.
+    so that what is between the two is what the network is worth, with its augmentation
+    and with labels of every touch.
     """
 
     estimator: Callable[[int], Estimator] = GradientBoosting(leaves=31)
