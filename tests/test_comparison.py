@@ -86,6 +86,26 @@ def test_a_window_shows_what_the_pipeline_says_in_the_two_seconds_of_its_clip(ex
     assert windows.pressure.max() > 1
 
 
+def test_where_no_reading_came_a_window_shows_the_one_before(examples, monkeypatch):
+    path = examples.paths[0]
+    clip, taxels = clips_of(path)[0], examples.mounted.skin.count
+
+    def readings_of(recording, harm):
+        for slot in (10, 60):
+            stamp = clip.start + slot * (clip.end - clip.start) // READINGS
+            yield (
+                stamp,
+                np.full(taxels, slot),
+                np.full(len(recording.joint_names), slot),
+            )
+
+    monkeypatch.setattr("eskin.learn.comparison.examples.readings_of", readings_of)
+    pressure, _ = cut_windows(path)
+    held = np.repeat([0, 10, 60], [10, 50, 40])
+    np.testing.assert_array_equal(pressure[0, :, -1], held)
+    assert not pressure[1:].any()
+
+
 def test_what_is_not_valid_reads_zero_in_a_window(examples, monkeypatch):
     felt = examples.windows.pressure
     told = TouchPipeline.calibrated
@@ -125,6 +145,8 @@ def test_what_is_held_out_is_not_learned_from(folder, tmp_path):
     result = Task("spy", Spy(), every, {}, 0, share=0.5).run()
     held = len(every.every) - sum(len(clips_of(path)) for path in learned)
     assert held > 0 and len(result.answered["val"].truth) == held
+    again = [Task("spy", Spy(), every, {}, seed, share=0.5).run() for seed in range(6)]
+    assert {each.answered["val"] for each in again} == {result.answered["val"]}
 
 
 def test_a_training_is_done_once_and_again_where_anything_differs(folder, tmp_path):
@@ -138,10 +160,11 @@ def test_a_training_is_done_once_and_again_where_anything_differs(folder, tmp_pa
         replace(task, method=Guess(1, str(log))),
         replace(task, train=b),
         replace(task, tests={"test": a}),
+        replace(task, share=0.5),
     )
     for other in others:
         other.done(kept)
-    assert log.read_text() == "xxxxx"
+    assert log.read_text() == "xxxxxx"
 
 
 def test_what_is_not_begun_in_time_is_left_and_what_is_done_is_not(folder, tmp_path):

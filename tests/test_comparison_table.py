@@ -5,6 +5,7 @@ import pytest
 from benchmarks import robustness
 
 from clip_scenes import generated
+from eskin.cli.compare import sorted_out
 from eskin.learn.comparison import (
     Ahead,
     Answered,
@@ -39,6 +40,13 @@ def test_a_method_is_held_against_the_first_on_what_both_answered():
     assert ours.val_ahead is None and ours.test_ahead is None
     assert other.test_ahead.mean == pytest.approx(0.5)
     assert 0 < other.test_ahead.low <= other.test_ahead.mean <= other.test_ahead.high
+
+
+def test_what_the_first_method_has_not_answered_is_not_compared():
+    asked = [(name, (n, n)) for n in (0, 1) for name in ("ours", "other")]
+    first, second, left = (result(name, 0, [True]) for name in ("ours", "other", "-"))
+    found = sorted_out(("ours", "other"), asked, [first, second, None, left])
+    assert found == {"ours": {(0, 0): first}, "other": {(0, 0): second}}
 
 
 def test_the_interval_is_for_other_people_than_these():

@@ -2,10 +2,13 @@
 
 import numpy as np
 import pytest
+from benchmarks import leaks
 from benchmarks.leaks import check_chance, onsets, windows_before_contact
 
-from eskin.learn.baselines.interface import TOUCHED
+from eskin.learn.baselines.interface import TOUCHED, Clips
+from eskin.learn.clip_scoring import ClipAnswers
 from eskin.learn.comparison import find_examples
+from eskin.recording import NONE
 from eskin.sim.files.generate import generate
 from eskin.sim.files.settings import Settings
 
@@ -46,3 +49,61 @@ def test_more_right_than_chance_ends_the_command_with_a_line():
     check_chance("a fair one", np.arange(400) % 4 == 0)
     with pytest.raises(SystemExit, match="one who knows: 40.0% of 400 right; allowed"):
         check_chance("one who knows", np.arange(400) % 5 < 2)
+
+
+def test_one_who_knows_is_right_whatever_was_taught(examples, monkeypatch):
+    """Else a leak would look like chance; and only the labels are shuffled."""
+    windows, truth = examples.windows, examples.truth(examples.gestures)
+    clip_of = {row.tobytes(): n for n, row in enumerate(windows.pressure)}
+    assert len(clip_of) == len(truth)
+    taught = []
+
+    def true(windows):
+        return truth[[clip_of[row.tobytes()] for row in windows.pressure]]
+
+    class Knowing:
+        def fit(self, windows, labels, seed):
+            taught.append((true(windows).tolist(), labels.tolist()))
+
+        def predict_probabilities(self, windows):
+            return np.eye(len(examples.gestures))[true(windows)]
+
+    def some(examples):
+        chosen = np.array([6, 1, 4])
+        return Clips(windows.pressure[chosen], windows.q[chosen]), chosen
+
+    monkeypatch.setattr(leaks, "make_baseline", lambda name, mounted: Knowing())
+    monkeypatch.setattr(leaks, "windows_before_contact", some)
+    monkeypatch.setattr(leaks, "ours_shuffled", lambda train, test, seed: truth)
+    found = dict(leaks.answers(examples, examples, 0))
+    assert len(found) == 2 * len(leaks.WHOLE_SKIN) + 1
+    assert all(right.all() for right in found.values())
+    for shuffled, before in zip(taught[::2], taught[1::2], strict=True):
+        assert sorted(shuffled[0]) == sorted(shuffled[1]) and shuffled[0] != shuffled[1]
+        assert before[0] == before[1] and len(before[0]) == 3
+
+
+def test_ours_learns_from_touches_whose_gestures_are_shuffled(examples, monkeypatch):
+    taught, truth = [], examples.truth(examples.gestures)
+
+    class Untrained:
+        def __init__(self, dataset, vocabulary, config, seed):
+            taught.append([segment.gesture for segment in dataset.segments])
+
+        def run(self, quiet):
+            return None
+
+    def knowing(network, dataset, vocabulary):
+        names = [vocabulary.index(examples.gestures[n]) for n in truth]
+        unknown = np.zeros(len(truth), dtype=np.int64)
+        return ClipAnswers((), unknown, unknown, np.eye(len(vocabulary))[names])
+
+    monkeypatch.setattr(leaks, "Trainer", Untrained)
+    monkeypatch.setattr(leaks, "answer_clips", knowing)
+    said = leaks.ours_shuffled(examples, examples, 0)
+    np.testing.assert_array_equal(said, truth)
+    graph = leaks.FOR_SMALL_SETS.graph
+    was = [segment.gesture for segment in examples.dataset(graph).segments]
+    (now,) = taught
+    assert sorted(now) == sorted(was) and now != was
+    assert [name == NONE for name in now] == [name == NONE for name in was]

@@ -9,6 +9,7 @@ from baseline_scenes import UR5, toy
 from clip_scenes import generated
 from eskin.graph import GraphBatch, GraphConfig
 from eskin.learn.baselines import FitConfig, make_baseline
+from eskin.learn.baselines.flat import FlatBaseline
 from eskin.learn.comparison import METHODS, Task, find_examples
 from eskin.learn.harm import KINDS, TURN, UNHARMED, Harm
 from eskin.recording import Metadata, RecordingWriter, read_recording, write_all
@@ -264,6 +265,21 @@ def test_wrong_places_change_graphs_and_no_window(examples):
     skin = wrong.harm.skin(mounted.skin, read_recording(examples.paths[0]).start)
     assert np.array_equal(seen.skin.positions, skin.positions)
     assert not np.allclose(skin.positions, mounted.skin.positions, atol=1e-4)
+
+
+def test_a_baseline_is_asked_where_the_taxels_are_believed_to_be(examples, monkeypatch):
+    seen = []
+
+    def on(baseline, mounted):
+        seen.append(mounted.skin.positions)
+        return baseline
+
+    monkeypatch.setattr(FlatBaseline, "on", on)
+    wrong = replace(examples, harm=Harm("pose-mm", 20.0))
+    METHODS["knn-max"].fit(examples, 0)(wrong)
+    start = read_recording(examples.paths[0]).start
+    skin = wrong.harm.skin(examples.mounted.skin, start)
+    np.testing.assert_array_equal(seen, [skin.positions])
 
 
 @pytest.mark.parametrize(

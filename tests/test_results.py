@@ -1,0 +1,22 @@
+"""The tables of recognisers beside each other: what each training is given."""
+
+import pytest
+from benchmarks.results import OF_581, Command, task_of
+
+from clip_scenes import generated
+from eskin.learn.comparison import METHODS
+from eskin.sim.files.settings import Settings
+
+
+@pytest.mark.parametrize(("learned", "clips"), OF_581.items())
+def test_a_point_of_the_curve_learns_as_many_clips_as_it_says(learned, clips):
+    sittings = Settings("paper", clips=clips, subjects=6).sittings
+    train = [one.clips for one in sittings if one.file.startswith("train/")]
+    assert sum(train) == learned and len(train) == 6
+
+
+def test_in_the_curve_nothing_is_held_out(tmp_path):
+    generated(tmp_path / "a", clips=1)
+    places = (tmp_path / "a", tmp_path / "a")
+    task = task_of(Command(sets=tmp_path), "a b", METHODS["eskin"], *places, 3)
+    assert (task.name, task.seed, task.share) == ("a-b", 3, 0.0)
