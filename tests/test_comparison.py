@@ -253,13 +253,31 @@ def test_the_table_has_a_row_a_method_and_a_cut_comparison_goes_on(
 
 
 @pytest.mark.parametrize(
+    ("words", "left"),
+    [
+        (["compare", "--train", "a", "--test", "b", "--methods", "knn-max"], 1),
+        (["study", "a", "--k", "8", "--picture", "study.png"], 12),
+    ],
+)
+def test_what_is_cut_before_its_first_training_says_what_is_left(
+    folder, tmp_path, capsys, monkeypatch, words, left
+):
+    monkeypatch.chdir(tmp_path)
+    words = [folder / word if word in ("a", "b") else word for word in words]
+    code, out, err = call(capsys, *words, "--minutes", -1, "--json")
+    said, rows = out.splitlines()
+    assert (code, err, json.loads(rows)["rows"]) == (0, "", [])
+    assert said == f"{left} of {left} trainings are left; the same command goes on"
+    assert not (tmp_path / "study.png").exists()
+
+
+@pytest.mark.parametrize(
     ("words", "message"),
     [
         (["--methods", "magic"], "--methods names magic; allowed are eskin, "),
         (["--seeds", "0"], "seeds is 0; allowed is from 1"),
         (["--train", "x", "y", "z"], "--train names 3 and --test 2; allowed are as"),
         (["--test", "a/x", "b/x"], "--test names folders x, x; allowed is each name"),
-        (["--minutes", "-1"], "no training of eskin was begun"),
     ],
 )
 def test_what_cannot_be_compared_is_refused(folder, tmp_path, capsys, words, message):

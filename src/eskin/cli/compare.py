@@ -89,8 +89,10 @@ def run(command: Command) -> dict[str, object]:
     left = sum(result is None for result in done)
     if left:
         print(f"{left} of {len(done)} trainings are left; the same command goes on")
-    rows = rows_of(sorted_out(command.methods, asked, done))
-    print(f"{markdown(rows)}\n\n{gestures_markdown(rows)}")
+    found = sorted_out(command.methods, asked, done)
+    rows = rows_of(found) if found else []
+    if rows:
+        print(f"{markdown(rows)}\n\n{gestures_markdown(rows)}")
     return {"rows": [asdict(row) for row in rows]}
 
 
@@ -113,21 +115,12 @@ def sorted_out(
     asked: Sequence[tuple[str, Place]],
     done: Sequence[Result | None],
 ) -> dict[str, dict[Place, Result]]:
-    """What is there of each method, where the first has answered as well.
-
-    Raises:
-        ValueError: the first method has not been trained.
-    """
+    """What is there of each method, where the first has answered as well."""
     found: dict[str, dict[Place, Result]] = {name: {} for name in methods}
     for (name, place), result in zip(asked, done, strict=True):
         if result is not None:
             found[name][place] = result
     first = found[methods[0]]
-    if not first:
-        raise ValueError(
-            f"no training of {methods[0]} was begun within --minutes; allowed are more "
-            "minutes; run the same command again, it goes on from here"
-        )
     kept = (
         (name, {place: each for place, each in results.items() if place in first})
         for name, results in found.items()

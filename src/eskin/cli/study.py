@@ -90,9 +90,10 @@ def run(command: Command) -> dict[str, object]:
     left = sum(result is None for result in done)
     if left:
         print(f"{left} of {len(done)} trainings are left; the same command goes on")
-    print(study_table(rows))
-    if command.picture is not None:
-        draw_study(rows, command.picture)
+    if rows:
+        print(study_table(rows))
+        if command.picture is not None:
+            draw_study(rows, command.picture)
     return {"rows": [asdict(row) for row in rows]}
 
 
