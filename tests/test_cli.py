@@ -111,7 +111,7 @@ def test_a_path_that_does_not_exist_is_one_line(name, empty, capsys):
     ("argv", "message"),
     [
         (("dance",), "no command 'dance'; commands: convert, label, train"),
-        (("skin",), "no command 'skin'; commands: "),
+        (("skin",), "no command 'skin'; commands: skin show, skin check; see"),
         (("skin", "paint"), "no command 'skin'"),
         (("--json", "train"), "no command '--json'"),
         (("convert", "glove", "in", "out"), "'glove' for argument 'dataset'"),

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 
 from clip_scenes import generated
 from eskin.cli.main import run
-from eskin.errors import RecordingError
+from eskin.errors import EskinError, RecordingError
 from eskin.learn.baselines import READINGS
 from eskin.learn.clips import clips_of
 from eskin.learn.comparison import (
@@ -278,6 +278,9 @@ def test_what_is_cut_before_its_first_training_says_what_is_left(
         (["--seeds", "0"], "seeds is 0; allowed is from 1"),
         (["--train", "x", "y", "z"], "--train names 3 and --test 2; allowed are as"),
         (["--test", "a/x", "b/x"], "--test names folders x, x; allowed is each name"),
+        (["--results", "pyproject.toml"], "pyproject.toml is no folder that can be"),
+        (["--pack", "pyproject.toml"], "pyproject.toml is no folder that can be"),
+        ([], "1 recordings of --test a, such as "),
     ],
 )
 def test_what_cannot_be_compared_is_refused(folder, tmp_path, capsys, words, message):
@@ -303,6 +306,32 @@ def test_a_study_has_a_row_a_variant_and_a_picture(
     assert variants == [(4, "max", 3), (4, "mean", 3), (5, "max", 3), (5, "mean", 3)]
     assert {row["test_std"] for row in rows} == {0.0}
     assert picture.read_bytes().startswith(b"\x89PNG")
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        ([], "no set of clips is named; allowed is one or more"),
+        (["a", "--picture", "study.gif"], "allowed are .png, .svg, .pdf; change its"),
+        (["a", "--results", "pyproject.toml"], "pyproject.toml is no folder that can"),
+    ],
+)
+def test_what_cannot_be_studied_is_refused(folder, capsys, words, message):
+    words = [folder / word if word == "a" else word for word in words]
+    code, _, err = call(capsys, "study", *words)
+    assert code == 2 and err.count("\n") == 1 and message in err
+
+
+@pytest.mark.parametrize("kept", ["", "{", "[]", '{"method": "x"}'])
+def test_a_damaged_result_is_named_and_left_alone(folder, tmp_path, kept):
+    a, b = (find_examples([folder / name], tmp_path / "pack") for name in ("a", "b"))
+    task = Task("guess", Guess(0), a, {"test": b}, 0)
+    task.done(tmp_path)
+    path = task.file(tmp_path)
+    path.write_text(kept)
+    with pytest.raises(EskinError, match=f"{path.name} is no result .*; delete it"):
+        task.done(tmp_path)
+    assert path.read_text() == kept
 
 
 def test_ours_is_the_first_of_the_methods():

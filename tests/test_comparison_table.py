@@ -36,10 +36,26 @@ def test_a_method_is_held_against_the_first_on_what_both_answered():
     assert ours.test_accuracy == pytest.approx(0.75) and ours.runs == 2
     assert ours.std == pytest.approx(np.std([1.0, 0.5], ddof=1))
     assert ours.val_std == 0.0
-    assert "| ours | 2 | 100.0% |  | 75.0% (35.4%) |  |" in markdown([ours, other])
+    table = markdown([ours, other])
+    assert "| ours | 2 | 100.0% |  | 75.0% (35.4%) |  |" in table
+    assert "| ours ahead | test (SD) | ours ahead |" in table
     assert ours.val_ahead is None and ours.test_ahead is None
     assert other.test_ahead.mean == pytest.approx(0.5)
     assert 0 < other.test_ahead.low <= other.test_ahead.mean <= other.test_ahead.high
+
+
+def test_a_table_tells_of_how_many_people_it_is():
+    """Whatever the seeds; of another draw it is others, whatever they are called."""
+    asked = {"val": answered([True]), "test": answered([True] * 40)}
+    places = ((0, 0), (0, 1), (1, 2))
+    (row,) = rows_of({"ours": {at: Result("ours", at[1], 1.0, asked) for at in places}})
+    people = 2 * len(set(asked["test"].people))
+    assert (row.val_people, row.val_clips) == (2, 2)
+    assert (row.test_people, row.test_clips) == (people, 80)
+    *_, said = markdown([row]).splitlines()
+    assert said.startswith(
+        f"80 clips of {people} people asked, 2 of 2 held out of the training"
+    )
 
 
 def test_what_the_first_method_has_not_answered_is_not_compared():
@@ -110,7 +126,7 @@ def test_of_a_single_person_there_is_no_interval_and_a_tie_is_told():
     }
     rows = rows_of(found)
     assert rows[2].val_ahead == Ahead(0.0, None, None)
-    lines = markdown(rows).splitlines()[2:]
+    lines = markdown(rows).splitlines()[2:5]
     assert [line.split(" | ")[3] for line in lines] == ["", "+0.0", "+0.0"]
     ends = [line.split(" | ")[5].strip(" |") for line in lines]
     assert ends[:2] == ["", "+0.0 [+0.0, +0.0]"] and ends[2].startswith("+50.0 [")

@@ -128,6 +128,13 @@ def test_the_command_prints_what_the_contract_says(capsys):
     assert wanted | {"step_ms_p50", "step_ms_p99"} <= set(told)
 
 
+def test_where_nothing_was_obeyed_no_delay_is_told(capsys):
+    assert run(["demo", "--headless", "--seconds", "1", "--json"]) == 0
+    *_, said, told = capsys.readouterr().out.splitlines()
+    assert said.startswith("no touch was obeyed in that time")
+    assert (json.loads(told)["correct"], json.loads(told)["delay_s_p50"]) == (0, None)
+
+
 def test_scans_come_period_by_period_where_the_arm_is():
     clock = ManualClock()
     with SimulatedArm(clock=clock) as arm:

@@ -198,7 +198,10 @@ def test_bad_input_is_one_line_and_leaves_nothing(model, data, tmp_path, capsys)
         ((), "model"),
         ((model, data, "--picture", tmp_path), "is a folder"),
         ((model, data, "--picture", model / "a.png"), "is no folder"),
-        ((model, data, "--picture", tmp_path / "new/a.foo"), "'foo' is not supported"),
+        (
+            (model, data, "--picture", tmp_path / "new/a.foo"),
+            "allowed are .png, .svg, .pdf",
+        ),
         ((model, data, "--threshold", "1"), "--threshold"),
         ((model, data, "--workers", "0"), "--workers is 0; allowed are 1 and above"),
         ((model, data, "--event-picture", tmp_path), "is a folder"),

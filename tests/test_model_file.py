@@ -121,7 +121,7 @@ def test_a_missing_file_is_named_with_the_way_to_make_one(path):
 
 
 def test_a_folder_is_no_model(tmp_path):
-    assert "is no model file" in refusal(tmp_path)
+    assert "is a folder, and no model file; allowed are ur5" in refusal(tmp_path)
 
 
 def test_a_file_cut_anywhere_is_refused(path):

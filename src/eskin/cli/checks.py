@@ -9,6 +9,8 @@ from eskin.errors import EskinError
 if TYPE_CHECKING:
     from eskin.learn.dataset import Dataset
 
+PICTURES = (".png", ".svg", ".pdf")
+
 
 def check_writable(target: Path) -> None:
     """Refuse a place where no file can be written, before the work is done.
@@ -22,11 +24,35 @@ def check_writable(target: Path) -> None:
         raise EskinError(
             f"cannot write {target}: it is a folder; give the path of a file"
         )
-    nearest = next(place for place in target.absolute().parents if place.exists())
+    check_folder(target.absolute().parent)
+
+
+def check_folder(folder: Path) -> None:
+    """Refuse a folder that cannot be made or written to, before the work is done.
+
+    Raises:
+        EskinError: if something else is in its place, or nothing can be written there.
+    """
+    places = folder.absolute(), *folder.absolute().parents
+    nearest = next(place for place in places if place.exists())
     if not nearest.is_dir() or not os.access(nearest, os.W_OK):
         raise EskinError(
-            f"cannot write {target}: {nearest} is no folder that can be written to; "
+            f"cannot write to {folder}: {nearest} is no folder that can be written to; "
             "give a path in one that can"
+        )
+
+
+def check_picture(target: Path) -> None:
+    """Refuse a picture that cannot be written, before the work is done.
+
+    Raises:
+        EskinError: if its place cannot be written, or its format is unknown.
+    """
+    check_writable(target)
+    if target.suffix not in PICTURES:
+        raise EskinError(
+            f"{target} is no picture that can be drawn; allowed are "
+            f"{', '.join(PICTURES)}; change its end"
         )
 
 

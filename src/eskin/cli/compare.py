@@ -7,6 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
+from eskin.cli.checks import check_folder
+from eskin.errors import EskinError
 from eskin.learn.comparison import (
     METHODS,
     Examples,
@@ -75,7 +77,11 @@ class Command:
 
 def run(command: Command) -> dict[str, object]:
     """Train, answer, print the tables, and return their rows."""
+    check_folder(command.results)
+    check_folder(command.pack)
     draws = draws_of(command)
+    for train, tests in draws:
+        check_apart(train, tests)
     places = [
         (draw, seed) for draw in range(len(draws)) for seed in range(command.seeds)
     ]
@@ -108,6 +114,23 @@ def draws_of(command: Command) -> list[tuple[Examples, Mapping[str, Examples]]]:
         return [(trains[0], dict(zip(names, tests, strict=True)))]
     both = zip(trains, tests, strict=True)
     return [(train, {"test": test}) for train, test in both]
+
+
+def check_apart(train: Examples, tests: Mapping[str, Examples]) -> None:
+    """Refuse to ask what has been learned.
+
+    Raises:
+        EskinError: if a recording of a test is among those to learn from.
+    """
+    learned = {path.resolve() for path in train.paths}
+    for name, test in tests.items():
+        both = [path for path in test.paths if path.resolve() in learned]
+        if both:
+            raise EskinError(
+                f"{len(both)} recordings of --test {name}, such as {both[0]}, are in "
+                "--train as well; allowed are none; name folders apart, as the parts "
+                "SET/train and SET/test of eskin generate SET --set paper"
+            )
 
 
 def sorted_out(

@@ -114,10 +114,13 @@ def headless(seconds: float, config: "DemoConfig") -> dict[str, object]:
         f"{counts['false_alarms']} commands that nobody gave; {outcome.score.holds} "
         f"holds, {outcome.unlocked} protective stops, {outcome.delivered} parts brought"
     )
-    print(
-        f"from the end of a touch to its command: p50 {outcome.delay[0]:.2f} s, p95 "
-        f"{outcome.delay[1]:.2f} s"
-    )
+    p50, p95 = outcome.delay or (None, None)
+    if p50 is None:
+        print("no touch was obeyed in that time; let it run for longer: --seconds 60")
+    else:
+        print(
+            f"from the end of a touch to its command: p50 {p50:.2f} s, p95 {p95:.2f} s"
+        )
     for why, count in outcome.score.lost().items():
         print(f"{count:5} lost: {why}")
     return {
@@ -125,8 +128,8 @@ def headless(seconds: float, config: "DemoConfig") -> dict[str, object]:
         "lost": outcome.score.lost(),
         "step_ms_p50": outcome.step[0],
         "step_ms_p99": outcome.step[1],
-        "delay_s_p50": outcome.delay[0],
-        "delay_s_p95": outcome.delay[1],
+        "delay_s_p50": p50,
+        "delay_s_p95": p95,
         "accidents": outcome.accidents,
         "holds": outcome.score.holds,
         "protective_stops": outcome.unlocked,

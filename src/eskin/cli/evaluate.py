@@ -10,7 +10,7 @@ import tyro
 from rich.console import Console
 from rich.table import Table
 
-from eskin.cli.checks import check_writable, tell_cut
+from eskin.cli.checks import check_picture, tell_cut
 from eskin.cli.event_report import by_person, event_rows, show_events
 from eskin.errors import RecordingError
 from eskin.learn.checkpoint import to_network
@@ -71,7 +71,7 @@ class Command:
 def run(command: Command) -> dict[str, object]:
     """Score, print tables, and draw what is asked for."""
     for picture in pictures_of(command):
-        check_writable(picture)
+        check_picture(picture)
     workers = os.cpu_count() or 1 if command.workers is None else command.workers
     if workers < 1:
         raise ValueError(f"--workers is {workers}; allowed are 1 and above; change it")

@@ -89,7 +89,8 @@ def split_command(argv: list[str]) -> tuple[str, list[str]]:
         name = " ".join(argv[:words])
         if name in COMMANDS:
             return name, argv[words:]
-    known = ", ".join(COMMANDS)
+    begun = [name for name in COMMANDS if name.split()[0] == argv[0]]
+    known = ", ".join(begun or COMMANDS)
     raise ValueError(f"no command '{argv[0]}'; commands: {known}; see eskin --help")
 
 

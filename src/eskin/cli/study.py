@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import tyro
 
-from eskin.cli.checks import check_writable
+from eskin.cli.checks import check_folder, check_picture
 from eskin.learn.baselines import Pooling
 from eskin.learn.comparison import Task, do_all, find_examples
 from eskin.learn.comparison.pictures import draw_study
@@ -61,6 +61,11 @@ class Command:
         """Refuse numbers that mean nothing."""
         limits = {"seeds": (1, np.inf), "epochs": (1, np.inf), "workers": (1, np.inf)}
         check_limits(self, limits)
+        if not self.data:
+            raise ValueError(
+                "no set of clips is named; allowed is one or more, as eskin generate "
+                "--set paper makes it; name one"
+            )
         if not (self.k and min(self.k) > 0 and self.pool and self.networks):
             raise ValueError(
                 "--k, --pool and --networks name nothing, or no neighbours; allowed "
@@ -70,8 +75,10 @@ class Command:
 
 def run(command: Command) -> dict[str, object]:
     """Train, print the table, and draw it where asked."""
+    check_folder(command.results)
+    check_folder(command.pack)
     if command.picture is not None:
-        check_writable(command.picture)
+        check_picture(command.picture)
     variants = [
         Variant(*each) for each in product(command.networks, command.k, command.pool)
     ]

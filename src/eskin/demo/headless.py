@@ -77,8 +77,13 @@ class Outcome:
     step: tuple[float, float]
     """Time of a step, p50 and p99 [ms]."""
 
-    delay: tuple[float, float]
-    """From the end of a touch to its command, p50 and p95 [s]."""
+    @property
+    def delay(self) -> tuple[float, float] | None:
+        """From the end of a touch to its command, p50 and p95 [s]; None of none."""
+        delays = self.score.delays()
+        if not delays:
+            return None
+        return float(np.median(delays)), float(np.percentile(delays, 95))
 
 
 def arm_of(config: DemoConfig, clock: Clock) -> SimulatedArm:
@@ -186,7 +191,7 @@ def run_build(seconds: float, config: DemoConfig, seed: int) -> Outcome:
         straight.tell(scan)
     state = arm.state()
     straight.close()
-    step, delays = recognition.step, visitor.score.delays() or [np.nan]
+    step = recognition.step
     return Outcome(
         visitor.score,
         seconds,
@@ -194,7 +199,6 @@ def run_build(seconds: float, config: DemoConfig, seed: int) -> Outcome:
         visitor.unlocked,
         state.delivered,
         (1e3 * step.quantile(0.5), 1e3 * step.quantile(0.99)),
-        (float(np.median(delays)), float(np.percentile(delays, 95))),
     )
 
 
@@ -207,7 +211,6 @@ def joined(parts: list[Outcome]) -> Outcome:
         sum(each.commands for each in scores),
         sum(each.holds for each in scores),
     )
-    delays = score.delays() or [np.nan]
     return Outcome(
         score,
         sum(part.seconds for part in parts),
@@ -218,5 +221,4 @@ def joined(parts: list[Outcome]) -> Outcome:
             float(np.median([part.step[0] for part in parts])),
             max(part.step[1] for part in parts),
         ),
-        (float(np.median(delays)), float(np.percentile(delays, 95))),
     )

@@ -73,7 +73,7 @@ def draw_reliability(found: Reliability, path: Path, title: str) -> None:
 def write(figure: Figure, path: Path) -> None:
     """Write a picture whole or not at all."""
     picture = BytesIO()
-    figure.savefig(picture, format=path.suffix.removeprefix(".") or "png")
+    figure.savefig(picture, format=path.suffix.removeprefix("."))
     path.parent.mkdir(parents=True, exist_ok=True)
     part = path.with_name(path.name + ".part")
     try:

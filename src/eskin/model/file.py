@@ -70,6 +70,11 @@ def load_model(name_or_path: str | Path) -> Model:
     path = Path(name_or_path)
     if str(name_or_path) in MODELS:
         path = Path(str(resources.files("eskin.model") / "presets" / f"{path}{SUFFIX}"))
+    if path.is_dir():
+        raise ModelError(
+            f"{path} is a folder, and no model file; allowed are {', '.join(MODELS)} "
+            "and .safetensors files; name the model here, and recordings elsewhere"
+        )
     try:
         with safe_open(path, framework="numpy") as file:
             card = read_card((file.metadata() or {}).get(CARD), path)

@@ -18,4 +18,4 @@ def check_limits(settings: object, limits: Limits) -> None:
         value = getattr(settings, name)
         if not (np.isfinite(value) and low <= value <= high):
             allowed = f"{low:g} to {high:g}" if high < np.inf else f"from {low:g}"
-            raise ValueError(f"{name} is {value}; allowed is {allowed}")
+            raise ValueError(f"{name} is {value}; allowed is {allowed}; change it")

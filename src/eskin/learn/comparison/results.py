@@ -14,6 +14,7 @@ import torch
 from jaxtyping import Bool
 from joblib import Parallel, delayed
 
+from eskin.errors import EskinError
 from eskin.learn.comparison.examples import Examples
 from eskin.learn.comparison.method import Method
 from eskin.learn.holdout import hold_out
@@ -184,8 +185,23 @@ def write_result(path: Path, result: Result) -> None:
 
 
 def read_result(path: Path) -> Result:
-    """Read a result from its file."""
-    facts = json.loads(path.read_text(encoding="utf-8"))
+    """Read a result from its file.
+
+    Raises:
+        EskinError: if it is damaged.
+    """
+    try:
+        return parse_result(path.read_text(encoding="utf-8"))
+    except (ValueError, LookupError, TypeError, AttributeError) as error:
+        raise EskinError(
+            f"{path} is no result ({error!r}); allowed are files that eskin compare "
+            "and eskin study keep; delete it, and it is made again"
+        ) from None
+
+
+def parse_result(text: str) -> Result:
+    """The result that a file holds."""
+    facts = json.loads(text)
     answered = {
         name: Answered(**{key: tuple(text.split()) for key, text in each.items()})
         for name, each in facts["answered"].items()

@@ -43,6 +43,18 @@ class Row:
     val_accuracy: float | None
     """Mean over these; None where nothing could be held out."""
 
+    val_people: int
+    """Who made what is validated on."""
+
+    val_clips: int
+    """What is validated on, of all draws together."""
+
+    test_people: int
+    """Who made what is asked."""
+
+    test_clips: int
+    """What is asked, of all draws together."""
+
     test_accuracy: float
     """Mean over these."""
 
@@ -93,11 +105,17 @@ def row_of(
     accuracies = accuracies_of([results[place] for place in places], test)
     validated = accuracies_of(list(results.values()), "val")
     other = results is not first
+    val_people, val_clips = asked_of(results, "val")
+    test_people, test_clips = asked_of(results, test)
     return Row(
         name=name,
         test=test,
         runs=len(places),
         val_accuracy=mean_of(validated),
+        val_people=val_people,
+        val_clips=val_clips,
+        test_people=test_people,
+        test_clips=test_clips,
         test_accuracy=float(np.mean(accuracies)),
         std=spread_of(accuracies),
         val_std=spread_of(validated),
@@ -106,6 +124,17 @@ def row_of(
         seconds=float(np.mean([result.seconds for result in results.values()])),
         by_gesture=gestures_right([results[place].answered[test] for place in places]),
     )
+
+
+def asked_of(results: Mapping[Place, Result], asked: str) -> tuple[int, int]:
+    """How many people and clips answers are of, each draw counted once."""
+    draws = {
+        draw: r.answered[asked]
+        for (draw, _), r in results.items()
+        if asked in r.answered
+    }
+    people = {(draw, who) for draw, each in draws.items() for who in each.people}
+    return len(people), sum(len(each.people) for each in draws.values())
 
 
 def ahead(
@@ -158,15 +187,27 @@ def margin(ahead: Ahead | None) -> str:
 
 
 def markdown(rows: Sequence[Row]) -> str:
-    """The rows as tables, one for each test."""
-    tables = []
+    """The rows as tables, one for each test, each with what stands in it."""
+    tables, lead = [], f"{rows[0].name} ahead"
     for test in dict.fromkeys(row.test for row in rows):
-        heads = ("method", "runs", "validation (SD)", "ours ahead")
-        heads += (f"{test} (SD)", "ours ahead")
+        heads = ("method", "runs", "validation (SD)", lead, f"{test} (SD)", lead)
         lines = [f"| {' | '.join(heads)} |", "|" + "---|" * len(heads)]
-        lines += [line_of(row) for row in rows if row.test == test]
-        tables.append("\n".join(lines))
+        of_test = [row for row in rows if row.test == test]
+        lines += [line_of(row) for row in of_test]
+        tables.append("\n".join([*lines, "", caption(of_test[0])]))
     return "\n\n".join(tables)
+
+
+def caption(first: Row) -> str:
+    """What stands in the table that begins with this row."""
+    asked = f"{first.test_clips} clips of {first.test_people} people asked"
+    if first.val_clips:
+        held = f"{first.val_clips} of {first.val_people} held out of the training"
+        asked = f"{asked}, {held} to validate on"
+    return (
+        f"{asked}. Shares that are right, with the standard deviation over runs; ahead "
+        "in points, with the paired 95 % bootstrap interval, whole people drawn anew."
+    )
 
 
 def gestures_markdown(rows: Sequence[Row]) -> str:
