@@ -6,7 +6,8 @@ from eskin.learn.dataset import Dataset, prepare
 from eskin.learn.evaluation import Evaluation, evaluate
 from eskin.learn.metrics import Score, score
 from eskin.learn.segments import Segment
-from eskin.learn.training import TrainConfig, Trainer
+from eskin.learn.train_config import TrainConfig
+from eskin.learn.training import Trainer
 
 __all__ = [
     "AugmentConfig",

@@ -15,7 +15,8 @@ from eskin.learn.dataset import Dataset
 from eskin.learn.hand_features import segment_features, stretch_features
 from eskin.learn.scoring import instant_scores, segment_scores
 from eskin.learn.segments import Segment
-from eskin.learn.training import TrainConfig, Trainer
+from eskin.learn.train_config import TrainConfig
+from eskin.learn.training import Trainer
 from eskin.model import Model
 from eskin.nn import RecogniserNetwork
 

@@ -2,7 +2,6 @@
 
 import time
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -12,15 +11,15 @@ from rich.progress import Progress
 from torch import Tensor, nn
 from torch.nn.functional import cross_entropy
 
-from eskin.graph import GraphConfig
 from eskin.learn.augment import UNCHANGED, AugmentConfig
 from eskin.learn.batches import Batch, BatchMaker
 from eskin.learn.clip_scoring import answer_clips
+from eskin.learn.course import Best, Course
 from eskin.learn.dataset import Dataset
 from eskin.learn.holdout import gestures_made, hold_out, sittings_of
 from eskin.learn.sampler import check_classes, make_sampler
-from eskin.learn.stand import Stand, load_stand, save_stand
-from eskin.model import Model, NetworkConfig, check_limits
+from eskin.learn.train_config import TrainConfig
+from eskin.model import Model
 from eskin.nn import RecogniserNetwork
 
 KEEP_EVERY = 30.0
@@ -34,83 +33,6 @@ CERTAIN = -30.0
 
 TEMPERATURES = np.geomspace(0.3, 5.0, 57)
 """The temperatures tried."""
-
-LIMITS = {
-    "epochs": (1, np.inf),
-    "steps": (1, np.inf),
-    "batch": (1, np.inf),
-    "encoded": (1, np.inf),
-    "readings": (1, np.inf),
-    "workers": (1, np.inf),
-    "patience": (0, np.inf),
-    "rate": (1e-9, 1.0),
-    "decay": (0.0, np.inf),
-    "smoothing": (0.0, 1.0),
-    "validation": (0.0, 0.9),
-}
-"""Smallest and largest values of the settings."""
-
-
-@dataclass(frozen=True)
-class TrainConfig:
-    """How the network is trained."""
-
-    epochs: int = 10
-    """Epochs of `steps` steps."""
-
-    steps: int = 40
-    """Steps an epoch."""
-
-    batch: int = 64
-    """Windows a step."""
-
-    encoded: int = 32
-    """Of these, windows whose graphs are encoded, which is what takes the time: the
-    summary view sees all."""
-
-    readings: int = 25
-    """Of an encoded window, readings whose graphs are encoded, drawn anew each time."""
-
-    rate: float = 3e-3
-    """Highest learning rate of the cycle."""
-
-    decay: float = 0.3
-    """Weight decay."""
-
-    smoothing: float = 0.1
-    """Label smoothing."""
-
-    patience: int = 5
-    """Epochs without a better validation loss that are waited for; one more stops."""
-
-    validation: float = 0.15
-    """Share of the recordings held out to choose the epoch, in whole sessions; 0 trains
-    to the end."""
-
-    shear: bool = True
-    """Whether shear is used where every skin measures it."""
-
-    workers: int = 1
-    """Parts of each batch that are made and differentiated at the same time, one a
-    core; with dropout and more than one, no two trainings are the same to the bit."""
-
-    graph: GraphConfig = field(default_factory=GraphConfig)
-    """How contacts become graphs."""
-
-    augment: AugmentConfig = field(default_factory=AugmentConfig)
-    """How training windows vary."""
-
-    network: NetworkConfig = field(default_factory=NetworkConfig)
-    """Sizes of the network."""
-
-    @property
-    def graph_used(self) -> GraphConfig:
-        """The graphs to train on: without shear, it touches no taxel either."""
-        return self.graph if self.shear else self.graph.without_shear()
-
-    def __post_init__(self) -> None:
-        """Refuse numbers that mean nothing."""
-        check_limits(self, LIMITS)
 
 
 class Trainer:
@@ -218,7 +140,7 @@ class Trainer:
         best.restore(network)
         return network.eval()
 
-    def is_over(self, best: "Best") -> bool:
+    def is_over(self, best: Best) -> bool:
         """Whether validation at the end of an epoch says so."""
         return self.held is not None and best.is_enough(
             self.network, self.validation_loss()
@@ -328,68 +250,3 @@ def generators(seed: int, workers: int) -> list[np.random.Generator]:
     """One generator a worker; with one worker, that of the seed itself."""
     first = np.random.default_rng(seed)
     return [first, *(np.random.default_rng([seed, n]) for n in range(1, workers))]
-
-
-@dataclass(eq=False)
-class Course:
-    """All that changes while training goes on."""
-
-    network: RecogniserNetwork
-    optimiser: torch.optim.Optimizer
-    cycle: torch.optim.lr_scheduler.OneCycleLR
-    best: "Best"
-    rngs: list[np.random.Generator]
-
-    def keep(self, path: Path, facts: str, step: int) -> None:
-        """Write where training stands after some steps."""
-        state = {
-            "network": self.network.state_dict(),
-            "optimiser": self.optimiser.state_dict(),
-            "cycle": self.cycle.state_dict(),
-            "rngs": [dict(rng.bit_generator.state) for rng in self.rngs],
-            "torch": torch.get_rng_state(),
-        }
-        save_stand(path, Stand(facts, step, vars(self.best), state))
-
-    def go_on(self, path: Path, facts: str) -> int:
-        """Take up where training was cut; return the steps that were done."""
-        found = load_stand(path, facts)
-        if found is None:
-            return 0
-        self.network.load_state_dict(found.state["network"])
-        self.optimiser.load_state_dict(found.state["optimiser"])
-        self.cycle.load_state_dict(found.state["cycle"])
-        for rng, state in zip(self.rngs, found.state["rngs"], strict=True):
-            rng.bit_generator.state = state
-        torch.set_rng_state(found.state["torch"])
-        vars(self.best).update(found.best)
-        return found.step
-
-
-class Best:
-    """Remembers the weights with the lowest validation loss."""
-
-    def __init__(self, patience: int) -> None:
-        """Start with nothing."""
-        self.patience, self.waited = patience, 0
-        self.loss = float("inf")
-        self.weights: dict[str, Tensor] | None = None
-
-    @property
-    def has_waited(self) -> bool:
-        """Whether it is time to stop."""
-        return self.waited > self.patience
-
-    def is_enough(self, network: nn.Module, loss: float) -> bool:
-        """Take in an epoch; True when it is time to stop."""
-        if loss < self.loss:
-            self.loss, self.waited = loss, 0
-            self.weights = {k: v.clone() for k, v in network.state_dict().items()}
-        else:
-            self.waited += 1
-        return self.has_waited
-
-    def restore(self, network: nn.Module) -> None:
-        """Put the best weights back, if any were kept."""
-        if self.weights is not None:
-            network.load_state_dict(self.weights)

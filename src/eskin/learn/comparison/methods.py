@@ -22,7 +22,8 @@ from eskin.learn.comparison.encoders import ENCODERS, EncoderKind
 from eskin.learn.comparison.examples import Examples
 from eskin.learn.comparison.method import Answers, Method
 from eskin.learn.comparison.touch_trees import TouchTrees
-from eskin.learn.training import TrainConfig, Trainer
+from eskin.learn.train_config import TrainConfig
+from eskin.learn.training import Trainer
 from eskin.model import NetworkConfig
 from eskin.recording import NONE
 from eskin.skin import MountedSkin
