@@ -11,7 +11,7 @@ one about a night on two cores.
 
 import math
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
@@ -67,8 +67,9 @@ class Form:
     """Methods whose clips are harmed."""
     kinds: tuple[Kind, ...]
     """Of harm."""
-    study: tuple[str, ...]
-    """What else is said to the study."""
+    studies: Mapping[str, tuple[int, tuple[str, ...]]]
+    """Of neighbours and pooling, by the name of its picture: on how many paper-size
+    sets, and what else is said to it."""
 
 
 FORMS = {
@@ -84,7 +85,7 @@ FORMS = {
         leak_draws=1,
         harmed=("eskin", "random-forest"),
         kinds=("dead",),
-        study=("--networks", "eskin", "--k", "8", "--seeds", "1"),
+        studies={"study": (1, ("--networks", "eskin", "--k", "8", "--seeds", "1"))},
     ),
     "long": Form(
         draws=10,
@@ -98,7 +99,10 @@ FORMS = {
         leak_draws=5,
         harmed=("eskin", "boosting-on-touch", "gradient-boosting", "random-forest"),
         kinds=KINDS,
-        study=("--epochs", "5"),
+        studies={
+            "study": (1, ("--epochs", "5")),
+            "study_ours": (5, ("--networks", "eskin", "--seeds", "1")),
+        },
     ),
 }
 
@@ -275,12 +279,14 @@ def harmed(command: Command, form: Form) -> None:
 
 def show_study(command: Command, form: Form) -> None:
     """Neighbours and pooling (Fig. 32)."""
-    picture = command.pictures / "study.png"
-    words = [*form.study, "--picture", str(picture)]
-    data = tuple(paper_sets(command, 1))
-    chosen = tyro.cli(study.Command, args=[*map(str, data), *words])
-    changed = {**vars(chosen), **command.common}
-    study.run(study.Command(**changed))
+    for name, (draws, words) in form.studies.items():
+        data = [str(place) for place in paper_sets(command, draws)]
+        picture = str(command.pictures / f"{name}.png")
+        chosen = tyro.cli(study.Command, args=[*data, *words, "--picture", picture])
+        changed = {**vars(chosen), **command.common}
+        print(f"On {draws} of the sets:\n")
+        study.run(study.Command(**changed))
+        print()
 
 
 def show_leaks(command: Command, form: Form) -> None:

@@ -16,7 +16,9 @@ from eskin.learn.baselines import READINGS
 from eskin.learn.clips import clips_of
 from eskin.learn.comparison import (
     METHODS,
+    Answered,
     Method,
+    Result,
     Task,
     do_all,
     find_examples,
@@ -24,7 +26,7 @@ from eskin.learn.comparison import (
 from eskin.learn.comparison.encoders import ENCODERS
 from eskin.learn.comparison.examples import cut_windows
 from eskin.learn.comparison.pictures import draw_line
-from eskin.learn.comparison.study import Variant
+from eskin.learn.comparison.study import Variant, study_rows
 from eskin.model import LENGTH_CM, NetworkConfig
 from eskin.nn import graph_tensors
 from eskin.recording import read_recording
@@ -305,6 +307,8 @@ def test_a_study_has_a_row_a_variant_and_a_picture(
     variants = [(row["k"], row["pool"], row["runs"]) for row in rows]
     assert variants == [(4, "max", 3), (4, "mean", 3), (5, "max", 3), (5, "mean", 3)]
     assert {row["test_std"] for row in rows} == {0.0}
+    table = [line for line in out.splitlines() if line.startswith("| ")]
+    assert table[0].count("| K 4, max ahead |") == 2 and len(table) == 5
     assert picture.read_bytes().startswith(b"\x89PNG")
 
 
@@ -332,6 +336,27 @@ def test_a_damaged_result_is_named_and_left_alone(folder, tmp_path, kept):
     with pytest.raises(EskinError, match=f"{path.name} is no result .*; delete it"):
         task.done(tmp_path)
     assert path.read_text() == kept
+
+
+def test_a_variant_is_held_against_the_first_of_its_network_where_both_were_trained():
+    def result(right):
+        truth, people = ("poke", "grab") * 2, ("p1", "p1", "p2", "p2")
+        answer = truth if right else ("poke",) * 4
+        return Result("", 0, 1.0, {"test": Answered(truth, answer, people)})
+
+    ours = [Variant("eskin", k, "max") for k in (4, 8, 16)]
+    theirs = Variant("paper", 8, "max")
+    found = {
+        ours[0]: {(0, 0): result(True), (1, 0): result(True)},
+        ours[1]: {(0, 0): result(False), (1, 0): result(True), (2, 0): result(False)},
+        ours[2]: {(2, 0): result(True)},
+        theirs: {(0, 0): result(False)},
+    }
+    first, second, other = study_rows(found)
+    assert (first.k, second.k, other.network) == (4, 8, "paper")
+    assert (first.runs, second.runs, other.runs) == (2, 2, 1)
+    assert (first.test_ahead, other.test_ahead, second.val_ahead) == (None, None, None)
+    assert second.test_accuracy == 0.75 and second.test_ahead.mean == 0.25
 
 
 def test_ours_is_the_first_of_the_methods():

@@ -10,9 +10,9 @@ import tyro
 
 from eskin.cli.checks import check_folder, check_picture
 from eskin.learn.baselines import Pooling
-from eskin.learn.comparison import Task, do_all, find_examples
+from eskin.learn.comparison import Place, Result, Task, do_all, find_examples
 from eskin.learn.comparison.pictures import draw_study
-from eskin.learn.comparison.study import Network, Variant, study_row, study_table
+from eskin.learn.comparison.study import Network, Variant, study_rows, study_table
 from eskin.model import check_limits
 
 
@@ -82,21 +82,22 @@ def run(command: Command) -> dict[str, object]:
     variants = [
         Variant(*each) for each in product(command.networks, command.k, command.pool)
     ]
-    tasks = [
-        task_of(command, variant, place, seed)
+    asked = [
+        (variant, (place, seed))
         for seed in range(command.seeds)
-        for place in command.data
+        for place in range(len(command.data))
         for variant in variants
     ]
+    tasks = [task_of(command, variant, *at) for variant, at in asked]
     done = do_all(tasks, command.results, command.workers, 60 * command.minutes)
-    rows = []
-    for n, variant in enumerate(variants):
-        results = [result for result in done[n :: len(variants)] if result is not None]
-        if results:
-            rows.append(study_row(variant, results))
-    left = sum(result is None for result in done)
+    found: dict[Variant, dict[Place, Result]] = {variant: {} for variant in variants}
+    for (variant, at), result in zip(asked, done, strict=True):
+        if result is not None:
+            found[variant][at] = result
+    left = done.count(None)
     if left:
         print(f"{left} of {len(done)} trainings are left; the same command goes on")
+    rows = study_rows(found)
     if rows:
         print(study_table(rows))
         if command.picture is not None:
@@ -104,8 +105,9 @@ def run(command: Command) -> dict[str, object]:
     return {"rows": [asdict(row) for row in rows]}
 
 
-def task_of(command: Command, variant: Variant, place: Path, seed: int) -> Task:
-    """One training of a variant on a set of clips."""
+def task_of(command: Command, variant: Variant, number: int, seed: int) -> Task:
+    """One training of a variant on one of the sets of clips."""
+    place = command.data[number]
     train, test = place / "train", place / "test"
     parts = train.is_dir() and test.is_dir()
     learned = find_examples([train if parts else place], command.pack)

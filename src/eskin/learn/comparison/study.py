@@ -1,6 +1,6 @@
 """Neighbours and pooling of the contact graph: what is varied, and what came."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Literal
 
@@ -14,7 +14,16 @@ from eskin.learn.comparison.methods import (
     paper_method,
 )
 from eskin.learn.comparison.results import Result
-from eskin.learn.comparison.table import accuracies_of, mean_of, spread, spread_of
+from eskin.learn.comparison.table import (
+    Ahead,
+    Place,
+    accuracies_of,
+    ahead,
+    margin,
+    mean_of,
+    spread,
+    spread_of,
+)
 
 Network = Literal["eskin", "paper"]
 
@@ -54,34 +63,82 @@ class VariantRow(Variant):
     val_std: float
     """Standard deviation; 0 of a single run."""
 
+    val_ahead: Ahead | None
+    """How far the first variant of this network is ahead; None of itself, and where
+    nothing could be held out."""
+
     test_accuracy: float | None
     """Mean over these; None where there is no test."""
 
     test_std: float
     """Standard deviation; 0 of a single run."""
 
+    test_ahead: Ahead | None
+    """As on validation."""
 
-def study_row(variant: Variant, results: Sequence[Result]) -> VariantRow:
-    """What a variant came to."""
-    val, test = accuracies_of(results, "val"), accuracies_of(results, "test")
+
+def study_rows(found: Mapping[Variant, Mapping[Place, Result]]) -> list[VariantRow]:
+    """What variants came to, where the first one of their network was trained as well.
+
+    Args:
+        found: results by what learned and by what from.
+    """
+    firsts: dict[Network, Variant] = {}
+    rows = []
+    for variant, results in found.items():
+        first = firsts.setdefault(variant.network, variant)
+        shared = {place: r for place, r in results.items() if place in found[first]}
+        if shared:
+            held = None if variant == first else found[first]
+            rows.append(study_row(variant, shared, held))
+    return rows
+
+
+def study_row(
+    variant: Variant,
+    results: Mapping[Place, Result],
+    first: Mapping[Place, Result] | None,
+) -> VariantRow:
+    """What a variant came to, held against the first one of its network if other."""
+    val, test = (
+        accuracies_of(list(results.values()), each) for each in ("val", "test")
+    )
     return VariantRow(
         **asdict(variant),
         runs=len(results),
         val_accuracy=mean_of(val),
         val_std=spread_of(val),
+        val_ahead=ahead(results, first, "val") if first and val else None,
         test_accuracy=mean_of(test),
         test_std=spread_of(test),
+        test_ahead=ahead(results, first, "test") if first and test else None,
     )
 
 
 def study_table(rows: Sequence[VariantRow]) -> str:
     """The rows as a table."""
-    lines = ["| network | K | pooling | runs | validation | test |", "|---" * 6 + "|"]
+    lead = f"K {rows[0].k}, {rows[0].pool} ahead"
+    heads = (
+        "network",
+        "K",
+        "pooling",
+        "runs",
+        "validation (SD)",
+        lead,
+        "test (SD)",
+        lead,
+    )
+    lines = [f"| {' | '.join(heads)} |", "|---" * len(heads) + "|"]
     for row in rows:
-        shares = (
+        cells = (
+            row.network,
+            str(row.k),
+            row.pool,
+            str(row.runs),
             spread(row.val_accuracy, row.val_std),
+            margin(row.val_ahead),
             spread(row.test_accuracy, row.test_std),
+            margin(row.test_ahead),
         )
-        cells = row.network, str(row.k), row.pool, str(row.runs), *shares
         lines.append(f"| {' | '.join(cells)} |")
     return "\n".join(lines)
