@@ -39,7 +39,7 @@ bench: $(READY)
 
 # The tables of docs/comparison.md: simulated people, a night on two cores; those of real
 # recordings in docs/results.md, half an hour. What was answered is kept in benchmarks/kept, so that a run
-# that was cut goes on. FORM=short shows in some minutes that the first of these runs.
+# that was cut goes on. FORM=short shows in a quarter of an hour that all of it runs.
 FORM ?= long
 SETS ?= sets
 results: $(READY)

@@ -5,8 +5,8 @@ large, clips, robustness, study, leaks or all. Sets that FOLDER does not hold ye
 generated there. What each method answered is kept, so that whatever is there already is
 not trained again, and a run that was cut goes on: that of the long form in
 `benchmarks/kept`, its pictures in `docs/pictures`; that of the short form, which only
-shows that all of it runs, beside the sets. The short form takes some minutes, the long
-one about a night on two cores.
+shows that all of it runs, beside the sets. The short form takes a quarter of an hour,
+the long one about a night on two cores.
 """
 
 import math

@@ -15,6 +15,7 @@ from eskin.learn.comparison.methods import (
 )
 from eskin.learn.comparison.results import Result
 from eskin.learn.comparison.table import (
+    LEGEND,
     Ahead,
     Place,
     accuracies_of,
@@ -141,4 +142,4 @@ def study_table(rows: Sequence[VariantRow]) -> str:
             margin(row.test_ahead),
         )
         lines.append(f"| {' | '.join(cells)} |")
-    return "\n".join(lines)
+    return "\n".join([*lines, "", LEGEND])

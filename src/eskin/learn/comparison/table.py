@@ -11,6 +11,11 @@ from eskin.learn.metrics import by_group, paired_interval
 Place = tuple[int, int]
 """The draw of the data, and the seed."""
 
+LEGEND = (
+    "Shares that are right, with the standard deviation over runs; ahead in points, "
+    "with the paired 95 % bootstrap interval, whole people drawn anew."
+)
+
 
 @dataclass(frozen=True)
 class Ahead:
@@ -187,7 +192,7 @@ def margin(ahead: Ahead | None) -> str:
 
 
 def markdown(rows: Sequence[Row]) -> str:
-    """The rows as tables, one for each test, each with what stands in it."""
+    """The rows as tables, one for each test, and what stands in them."""
     tables, lead = [], f"{rows[0].name} ahead"
     for test in dict.fromkeys(row.test for row in rows):
         heads = ("method", "runs", "validation (SD)", lead, f"{test} (SD)", lead)
@@ -195,19 +200,16 @@ def markdown(rows: Sequence[Row]) -> str:
         of_test = [row for row in rows if row.test == test]
         lines += [line_of(row) for row in of_test]
         tables.append("\n".join([*lines, "", caption(of_test[0])]))
-    return "\n\n".join(tables)
+    return "\n\n".join([*tables, LEGEND])
 
 
 def caption(first: Row) -> str:
-    """What stands in the table that begins with this row."""
+    """Of whom the table is that begins with this row."""
     asked = f"{first.test_clips} clips of {first.test_people} people asked"
     if first.val_clips:
         held = f"{first.val_clips} of {first.val_people} held out of the training"
         asked = f"{asked}, {held} to validate on"
-    return (
-        f"{asked}. Shares that are right, with the standard deviation over runs; ahead "
-        "in points, with the paired 95 % bootstrap interval, whole people drawn anew."
-    )
+    return f"{asked}."
 
 
 def gestures_markdown(rows: Sequence[Row]) -> str:
