@@ -38,8 +38,9 @@ bench: $(READY)
 	$(BIN)/python -m benchmarks.network_step
 
 # The tables of docs/comparison.md: simulated people, a night on two cores; those of real
-# recordings in docs/results.md, half an hour. What was answered is kept in benchmarks/kept, so that a run
-# that was cut goes on. FORM=short shows in a quarter of an hour that all of it runs.
+# recordings in docs/results.md, half an hour. What was answered is kept in
+# benchmarks/kept, so that a run that was cut goes on. FORM=short shows in a quarter of an
+# hour that all of it runs.
 FORM ?= long
 SETS ?= sets
 results: $(READY)
