@@ -32,6 +32,7 @@ from eskin.learn.comparison import (
     find_examples,
 )
 from eskin.learn.comparison.pictures import draw_clips_curve
+from eskin.learn.comparison.results import read_result
 from eskin.learn.comparison.table import accuracies_of
 from eskin.learn.harm import KINDS, Kind
 
@@ -156,6 +157,14 @@ def main() -> None:
         if command.part in (name, "all"):
             print(f"\n## {name}\n", flush=True)
             part(command, FORMS[command.form])
+    print(f"\n{spent(command.results)}")
+
+
+def spent(results: Path) -> str:
+    """How many trainings are kept in a folder, and how long they took together."""
+    seconds = [read_result(path).seconds for path in results.glob("*.json")]
+    hours = sum(seconds) / 3600
+    return f"{len(seconds)} trainings kept, of {hours:.1f} hours on one core together"
 
 
 def paper_sets(command: Command, count: int) -> list[Path]:

@@ -1,10 +1,11 @@
 """The tables of recognisers beside each other: what each training is given."""
 
 import pytest
-from benchmarks.results import OF_581, Command, task_of
+from benchmarks.results import OF_581, Command, spent, task_of
 
 from clip_scenes import generated
-from eskin.learn.comparison import METHODS
+from eskin.learn.comparison import METHODS, Result
+from eskin.learn.comparison.results import write_result
 from eskin.sim.files.settings import Settings
 
 
@@ -20,3 +21,9 @@ def test_in_the_curve_nothing_is_held_out(tmp_path):
     places = (tmp_path / "a", tmp_path / "a")
     task = task_of(Command(sets=tmp_path), "a b", METHODS["eskin"], *places, 3)
     assert (task.name, task.seed, task.share) == ("a-b", 3, 0.0)
+
+
+def test_what_trainings_took_is_added_up(tmp_path):
+    for n, seconds in enumerate((1800.0, 5400.0)):
+        write_result(tmp_path / f"{n}.json", Result("a", n, seconds, {}))
+    assert spent(tmp_path) == "2 trainings kept, of 2.0 hours on one core together"
