@@ -24,7 +24,8 @@ def draw_study(rows: Sequence[VariantRow], path: Path) -> None:
     ):
         chosen = [r for r in rows if (r.network, r.pool) == (network, pool)]
         colour, label = COLOURS[n % 5], f"{network}, {pool}"
-        k = [r.k for r in chosen]
+        # Beside each other, so that the spreads can be told apart.
+        k = [r.k * 1.05**n for r in chosen]
         points = ((r.val_accuracy, r.val_std) for r in chosen)
         draw_line(left, k, points, colour, label)
         points = ((r.test_accuracy, r.test_std) for r in chosen)
@@ -35,21 +36,20 @@ def draw_study(rows: Sequence[VariantRow], path: Path) -> None:
         axes.set_xticks(ticks, [str(tick) for tick in ticks])
         axes.minorticks_off()
         axes.grid(alpha=0.3)
-    left.set_ylabel("clips right")
+    left.set_ylabel("clips right [%]")
     right.legend(frameon=False, fontsize=8)
     write(figure, path)
 
 
 def draw_line(
     axes: Axes,
-    x: Sequence[int],
+    x: Sequence[float],
     points: Iterable[tuple[float | None, float]],
     colour: str,
     label: str,
 ) -> None:
-    """Draw means with their spreads; none where there is none."""
-    means, spreads = zip(*points, strict=True)
-    y = np.array(means, float)
+    """Draw mean shares with their spreads, in percent; none where there is none."""
+    y, spreads = 100 * np.array(list(points), float).T
     line = axes.errorbar(x, y, spreads, color=colour, marker="o", ms=4, capsize=3)
     line.set_label(label)
 
@@ -69,7 +69,7 @@ def draw_clips_curve(
         points = [(mean_of(shares), spread_of(shares)) for shares in by_size.values()]
         draw_line(axes, list(by_size), points, colour, name)
     sizes = sorted({size for by_size in found.values() for size in by_size})
-    axes.set(xscale="log", xlabel="clips learned", ylabel="clips right")
+    axes.set(xscale="log", xlabel="clips learned", ylabel="clips right [%]")
     axes.set_xticks(sizes, [str(size) for size in sizes])
     axes.minorticks_off()
     axes.grid(alpha=0.3)
