@@ -206,7 +206,7 @@ def test_every_encoder_feels_coordinates_in_the_same_unit():
 def test_an_accuracy_of_nothing_is_drawn_and_none_is_not():
     axes = Figure().subplots()
     draw_line(axes, [4, 8, 16], [(0.0, 0.0), (None, 0.0), (0.5, 0.1)], "k", "a")
-    np.testing.assert_array_equal(axes.lines[0].get_ydata(), [0.0, np.nan, 0.5])
+    np.testing.assert_array_equal(axes.lines[0].get_ydata(), [0.0, np.nan, 50.0])
 
 
 def test_an_encoder_of_one_pooling_knows_nothing_of_the_other():

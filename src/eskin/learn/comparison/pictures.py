@@ -43,7 +43,7 @@ def draw_study(rows: Sequence[VariantRow], path: Path) -> None:
 
 def draw_line(
     axes: Axes,
-    x: Sequence[float],
+    x: Sequence[int | float],
     points: Iterable[tuple[float | None, float]],
     colour: str,
     label: str,
