@@ -17,7 +17,7 @@ COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9")
 
 def draw_study(rows: Sequence[VariantRow], path: Path) -> None:
     """Draw accuracy against neighbours, validation left and test right."""
-    figure = Figure(figsize=(7.5, 3.4), dpi=120, layout="constrained")
+    figure = Figure(figsize=(7.5, 3.7), dpi=120, layout="constrained")
     left, right = figure.subplots(1, 2, sharey=True)
     for n, (network, pool) in enumerate(
         dict.fromkeys((r.network, r.pool) for r in rows)
@@ -37,7 +37,8 @@ def draw_study(rows: Sequence[VariantRow], path: Path) -> None:
         axes.minorticks_off()
         axes.grid(alpha=0.3)
     left.set_ylabel("clips right [%]")
-    right.legend(frameon=False, fontsize=8)
+    lines = right.get_legend_handles_labels()
+    figure.legend(*lines, loc="outside upper center", ncols=4, frameon=False)
     write(figure, path)
 
 
