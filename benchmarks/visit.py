@@ -11,7 +11,7 @@ from jaxtyping import Float, Int
 from PIL import Image
 from playwright.sync_api import Page
 
-from benchmarks.browser import EYE, PATIENCE, Canvas
+from benchmarks.browser import EYE, PATIENCE, Canvas, see
 from benchmarks.served_demo import ServedDemo
 from eskin.robot import load_robot
 from eskin.skin import MountedSkin, load_skin
@@ -56,6 +56,10 @@ class Visit:
         if self.demo.state["holding"]:
             self.tab.get_by_role("button", name="resume").click()
             becomes(lambda: not self.demo.state["holding"], PATIENCE)
+
+    def come_anew(self) -> None:
+        """Open the page again: a drag that missed the arm has turned the view."""
+        see(self.tab, self.demo.port)
 
     def wait_calm(self) -> None:
         """Wait until the forearm is seen and hardly moves in the picture."""

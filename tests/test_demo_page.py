@@ -37,6 +37,7 @@ def obeyed(visit, touch, line, done):
         visit.wait_calm()
         if is_obeyed(visit, touch, line, done):
             return
+        visit.come_anew()
     pytest.fail(
         f"of {TRIES} touches none led to '{line}'; the arm is {visit.demo.state}, and "
         f"the page says {visit.text()}"
