@@ -1,0 +1,1 @@
+"""Textbook touches: plain formulas on a perfect sensor, never trained on."""

@@ -1,0 +1,71 @@
+"""Accuracy on textbook touches, one factor swept at a time.
+
+    python -m benchmarks.textbook [--model MODEL] [--picture FILE] [--json FILE]
+
+Pokes, double pats, strokes, grabs round a tube and three kinds of `none` (a resting
+hand, one pat, a long press) made of plain formulas, on a perfect sensor with plain
+white noise. Nothing of `eskin.sim` is used, and nothing here is ever trained on.
+"""
+
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+import tyro
+
+from benchmarks.textbook.report import draw, report, to_json
+from benchmarks.textbook.sweeps import run
+
+
+@dataclass(frozen=True)
+class Command:
+    """Answer textbook touches."""
+
+    model: str = "ur5"
+    """Weights that come with eskin, or a model file."""
+
+    form: Literal["short", "long"] = "long"
+    """Short shows only that it runs: one touch at three values of each sweep."""
+
+    draws: int | None = None
+    """Touches at each value; 16 in the long form."""
+
+    seed: int = 0
+    """Decides everything that is drawn."""
+
+    factors: tuple[str, ...] = ()
+    """Those that are swept; all where none is named."""
+
+    picture: Path | None = None
+    """Where to draw the sweeps."""
+
+    json: Path | None = None
+    """Where to write all answers."""
+
+    def __post_init__(self) -> None:
+        """Refuse what cannot be drawn."""
+        if self.draws is not None and self.draws < 1:
+            raise ValueError(
+                f"--draws is {self.draws}; allowed are 1 and above; change it"
+            )
+
+
+def main() -> None:
+    """Sweep, print, write and draw."""
+    command = tyro.cli(Command)
+    long = command.form == "long"
+    draws, values = command.draws or (16 if long else 1), 9 if long else 3
+    begun = time.monotonic()
+    points = list(run(command.model, draws, values, command.seed, command.factors))
+    clips = sum(one.count for one in points)
+    print(report(points))
+    print(f"{clips} clips in {time.monotonic() - begun:.0f} s, model {command.model}")
+    if command.json is not None:
+        command.json.write_text(to_json(points), encoding="utf-8")
+    if command.picture is not None:
+        draw(points, f"Textbook touches, model {command.model}", command.picture)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,101 @@
+"""A touch as the scans of a perfect sensor, and what a recogniser answers."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Int
+
+from benchmarks.textbook.draws import CLIP
+from benchmarks.textbook.skins import GAIN, NOISE, REST, Site
+from benchmarks.textbook.touches import Touch
+from eskin.live import UNKNOWN, Recognizer
+from eskin.model import Model
+from eskin.recording import NONE
+from eskin.touch import Scan
+
+BEFORE, AFTER = 2.0, 0.7
+"""Rest before the clip, in which the skin is tared, and what is heard after it until
+touches have closed [s]."""
+START = 1_700_000_000_000_000_000
+NANOSECONDS = 1_000_000_000
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What a recogniser says of one clip."""
+
+    forced: str
+    """The likeliest class at the clip's last reading, of the touch of the largest
+    impulse; `none` without a touch."""
+    said: str
+    """The first gesture that was said live; `none` where none was."""
+
+
+def scans_of(touch: Touch, site: Site, rate: float, rng: np.random.Generator) -> "Clip":
+    """The scans of a touch.
+
+    Args:
+        touch: its times count from the start of the clip.
+        site: where it is.
+        rate: scans a second [Hz].
+        rng: of the noise, and of the phase of the scans.
+    """
+    first = -BEFORE + rng.random() / rate
+    times = np.arange(first, CLIP + AFTER, 1.0 / rate)
+    pressure = np.zeros((len(times), site.mounted.skin.count), np.float32)
+    on = touch.share(times) > 0
+    if on.any():
+        pressure[on] = site.pressure(touch, times[on])
+    pressure += NOISE * rng.standard_normal(pressure.shape, np.float32)
+    counts = np.rint(REST + pressure / GAIN).astype(np.int32)
+    return Clip(times, counts, site)
+
+
+@dataclass(frozen=True, eq=False)
+class Clip:
+    """Scans before, in and after the two seconds that are answered."""
+
+    times: np.ndarray
+    """(scan) from the start of the two seconds [s]."""
+    counts: Int[np.ndarray, "scan taxel"]
+    """Of a perfect sensor."""
+    site: Site
+    """Where they were taken."""
+
+    def scan(self, index: int) -> Scan:
+        """One of the scans."""
+        stamp = START + round(self.times[index] * NANOSECONDS)
+        received = np.ones(self.counts.shape[1], bool)
+        return Scan(stamp, self.counts[index], received, self.site.q)
+
+
+def answer(model: Model, clip: Clip) -> Answer:
+    """What a model says of a clip, scan by scan as live."""
+    site = clip.site
+    recognizer = Recognizer(model, site.mounted, site.calibration)
+    ends = int(np.searchsorted(clip.times, CLIP))
+    felt: dict[int, tuple[float, str]] = {}
+    said = []
+    for index in range(len(clip.times)):
+        said += recognizer.push(clip.scan(index))
+        if index < ends:
+            felt |= words(recognizer)
+    said += recognizer.finish()
+    gestures = [d.gesture for d in said if d.gesture not in (NONE, UNKNOWN)]
+    return Answer(
+        forced=max(felt.values(), default=(0.0, NONE))[1],
+        said=next(iter(gestures), NONE),
+    )
+
+
+def words(recognizer: Recognizer) -> dict[int, tuple[float, str]]:
+    """Impulse [N s] and likeliest class of every open touch, by its id."""
+    state = recognizer.state
+    if state is None or not state.going:
+        return {}
+    vocabulary = recognizer.model.card.vocabulary
+    return {
+        row.id: (row.impulse, vocabulary[recognizer.probabilities[row.id].argmax()])
+        for row in state.rows
+        if not row.closed
+    }

@@ -1,0 +1,204 @@
+"""Sweeps as tables, verdicts, JSON and a picture."""
+
+import json
+from collections.abc import Sequence
+from dataclasses import asdict
+from pathlib import Path
+
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from benchmarks.textbook.draws import TOUCHES, truth_of
+from benchmarks.textbook.sweeps import FACTORS, SURFACE, WANTED, Factor, Point
+from eskin.learn.pictures import write
+
+LABELS = {
+    "force": "force [N]",
+    "area": "area of a fingertip [cm2]",
+    "duration": "duration of a poke [s]",
+    "press": "duration of a press [s]",
+    "ramp": "ramp of force [ms]",
+    "gap": "onset to onset of two pats [s]",
+    "speed": "speed of a stroke [cm/s]",
+    "pitch": "pitch of the taxels [mm]",
+    "rate": "rate of scans [Hz]",
+    SURFACE: "surface",
+}
+"""What tables and axes say."""
+LOOKS = {
+    "poke": ("tab:red", "o", "-"),
+    "double_pat": ("tab:blue", "s", "-"),
+    "stroke": ("tab:green", "^", "-"),
+    "grab": ("tab:purple", "D", "-"),
+    "resting hand": ("tab:brown", "v", "--"),
+    "one pat": ("tab:cyan", "P", "--"),
+    "press": ("tab:gray", "X", "--"),
+}
+"""Colour, marker and line of each touch; dashed where the right answer is none."""
+
+
+def report(points: Sequence[Point]) -> str:
+    """A table for each factor, and how many verdicts are met."""
+    factors = list(dict.fromkeys(one.factor for one in points))
+    met = [ok for f in factors for ok in verdicts(points, f).values()]
+    tables = [table(points, factor) for factor in factors]
+    last = f"{sum(met)} of {len(met)} met: at least {WANTED:.0%} of the middle half"
+    return "\n\n".join([*tables, last])
+
+
+def table(points: Sequence[Point], factor: str) -> str:
+    """Shares of forced choice at each value, then of the middle half, and the verdict.
+
+    Values of the middle half are in bold. `live` is the share of the middle half of
+    which the right gesture was said first, or rightly none.
+    """
+    lines: list[str] = []
+    for touch in touches_of(points, factor):
+        row = sweep_of(points, factor, touch)
+        if factor == SURFACE:
+            row = [one for name in surfaces(points) for one in found(row, name)]
+        middle = [one for one in row if one.inside]
+        most = max(wrong(middle).items(), key=lambda entry: entry[1], default=("", 0))
+        cells = [share_text(one) for one in row]
+        if factor == SURFACE and len(row) < len(surfaces(points)):
+            cells = ["", *cells]
+        lines.append(
+            f"| {touch} | {' | '.join(cells)} | {share(middle):.0%} | "
+            f"{share(middle, live=True):.0%} | "
+            f"{'met' if verdicts(points, factor)[touch] else 'not met'} | "
+            f"{most[0] if most[1] else ''} |"
+        )
+    values = values_of(points, factor)
+    head = " | ".join(value_text(value, inside) for value, inside in values)
+    title = (
+        f"| {LABELS[factor]} | {head} | middle half | live | verdict | else mostly |"
+    )
+    return "\n".join([title, "|---" * (len(values) + 5) + "|", *lines])
+
+
+def touches_of(points: Sequence[Point], factor: str) -> list[str]:
+    """What is swept over a factor, in the order of `TOUCHES`."""
+    swept = {one.touch for one in points if one.factor == factor}
+    return [name for name in TOUCHES if name in swept]
+
+
+def sweep_of(points: Sequence[Point], factor: str, touch: str) -> list[Point]:
+    """The points of one line of a table."""
+    return [one for one in points if (one.factor, one.touch) == (factor, touch)]
+
+
+def surfaces(points: Sequence[Point]) -> list[float | str]:
+    """The surfaces that were swept."""
+    return [value for value, _ in values_of(points, SURFACE)]
+
+
+def found(row: Sequence[Point], value: float | str) -> list[Point]:
+    """The point of that value, if there is one."""
+    return [one for one in row if one.value == value]
+
+
+def values_of(points: Sequence[Point], factor: str) -> list[tuple[float | str, bool]]:
+    """The values of a factor, and whether each lies in the middle half."""
+    every = [(one.value, one.inside) for one in points if one.factor == factor]
+    return list(dict.fromkeys(every))
+
+
+def verdicts(points: Sequence[Point], factor: str) -> dict[str, bool]:
+    """Whether enough of the middle half is right, for all that is swept."""
+    return {
+        touch: share([p for p in sweep_of(points, factor, touch) if p.inside]) >= WANTED
+        for touch in touches_of(points, factor)
+    }
+
+
+def share(points: Sequence[Point], live: bool = False) -> float:
+    """Share of all clips of some points that are right."""
+    right = sum(one.right_said if live else one.right for one in points)
+    return right / max(sum(one.count for one in points), 1)
+
+
+def wrong(points: Sequence[Point]) -> dict[str, int]:
+    """How often each wrong class was answered."""
+    total: dict[str, int] = {}
+    for one in points:
+        for name, count in one.forced.items():
+            if name != truth_of(one.touch):
+                total[name] = total.get(name, 0) + count
+    return total
+
+
+def share_text(one: Point) -> str:
+    """The share of one point."""
+    return f"{100 * one.right / one.count:.0f}"
+
+
+def value_text(value: float | str, inside: bool) -> str:
+    """A value as a table's head."""
+    text = value if isinstance(value, str) else f"{value:.3g}"
+    return f"**{text}**" if inside else text
+
+
+def to_json(points: Sequence[Point]) -> str:
+    """All that was answered, and every verdict."""
+    factors = dict.fromkeys(one.factor for one in points)
+    met = {factor: verdicts(points, factor) for factor in factors}
+    content = {"points": [asdict(one) for one in points], "met": met}
+    return json.dumps(content, indent=1)
+
+
+def draw(points: Sequence[Point], title: str, path: Path) -> None:
+    """Draw a panel for each factor with a line for each touch."""
+    swept = dict.fromkeys(one.factor for one in points)
+    columns = min(len(swept), 4)
+    rows = -(-len(swept) // columns)
+    figure = Figure(figsize=(4 * columns, 3 * rows + 1), dpi=110, layout="constrained")
+    panels = list(figure.subplots(rows, columns, squeeze=False).flat)
+    known = {factor.name: factor for factor in FACTORS}
+    for name, axes in zip(swept, panels, strict=False):
+        draw_panel(axes, points, name, known.get(name))
+    for axes in panels[len(swept) :]:
+        axes.axis("off")
+    lines = {}
+    for axes in panels:
+        handles, names = axes.get_legend_handles_labels()
+        lines |= dict(zip(names, handles, strict=True))
+    ordered = [name for name in TOUCHES if name in lines]
+    figure.legend(
+        [lines[name] for name in ordered],
+        [f"{n} (none)" if truth_of(n) != n else n for n in ordered],
+        loc="outside lower center",
+        ncols=len(ordered),
+        frameon=False,
+    )
+    figure.suptitle(title)
+    write(figure, path)
+
+
+def draw_panel(
+    axes: Axes, points: Sequence[Point], name: str, factor: Factor | None
+) -> None:
+    """Draw the sweep of one factor, its middle half shaded; None is the surface."""
+    for touch in touches_of(points, name):
+        row = sweep_of(points, name, touch)
+        colour, marker, line = LOOKS[touch]
+        values = [one.value for one in row]
+        if factor is None:
+            order = surfaces(points)
+            step = 0.08 * (list(TOUCHES).index(touch) - 3)
+            values = [order.index(value) + step for value in values]
+        style = "none" if factor is None else line
+        shares = [100 * one.right / one.count for one in row]
+        axes.plot(
+            values, shares, color=colour, marker=marker, ls=style, ms=5, label=touch
+        )
+    if factor is None:
+        axes.set_xticks(range(len(surfaces(points))), map(str, surfaces(points)))
+    else:
+        values = [value for value, _ in values_of(points, name)]
+        axes.set_xscale("log")
+        shown = values[:: max(1, (len(values) - 1) // 4)]
+        axes.set_xticks(shown, [f"{value:.3g}" for value in shown])  # type: ignore[arg-type]
+        axes.minorticks_off()
+        axes.axvspan(*factor.middle, color="0.92", zorder=0)
+    axes.axhline(100 * WANTED, color="black", lw=0.8, ls=":")
+    axes.set(ylim=(-4, 104), xlabel=LABELS[name], ylabel="right [%]")

@@ -1,0 +1,214 @@
+"""Skins to touch, unrolled, and what a perfect sensor counts on them."""
+
+from dataclasses import dataclass
+from functools import lru_cache
+from math import ceil, floor, inf, pi
+from typing import Literal
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from benchmarks.textbook.touches import Spot, Touch, path_ends
+from eskin.robot import load_robot
+from eskin.skin import (
+    Grid,
+    MountedSkin,
+    Patch,
+    Plane,
+    Skin,
+    Surface,
+    Tube,
+    join_patches,
+    load_skin,
+)
+from eskin.skin.ur5 import UR5_PARTS
+from eskin.touch import Calibration
+
+SurfaceName = Literal["flat", "round", "ur5"]
+
+WIDTH, LENGTH = 0.16, 0.24
+"""Of the flat patch, and length of the tube [m]."""
+RADIUS = 0.0375
+"""Of the tube: a UR5's forearm [m]."""
+LATTICE = 0.001
+"""Largest distance of the points at which pressure is averaged over a taxel [m]."""
+EDGE = 0.008
+"""Nothing is touched nearer than this to the edge of a skin [m]."""
+
+GAIN = 0.02
+"""Pressure of one count [kPa]."""
+FULL_SCALE = 65_000
+"""Counts that no touch here reaches: 1300 kPa."""
+REST = 500
+"""Counts at rest."""
+NOISE = 0.1
+"""Standard deviation of the white noise [kPa]: 0.1 % of a sensor for 100 kPa."""
+
+
+@dataclass(frozen=True, eq=False)
+class Site:
+    """A part of a skin that can be touched, unrolled."""
+
+    mounted: MountedSkin
+    girth: float
+    """Once round, after which s comes back; infinite where it is flat [m]."""
+    half: tuple[float, float]
+    """Half the extents along s and t within which touches lie [m]."""
+    points: Float[np.ndarray, "point 2"]
+    """Where pressure is evaluated [m], taxel by taxel."""
+    taxel: Int[np.ndarray, "point"]
+    """The taxel of each point."""
+    per_taxel: int
+    """How many points a taxel has."""
+    q: Float[np.ndarray, "joint"]
+    """Pose of the robot [rad]."""
+
+    @property
+    def calibration(self) -> Calibration:
+        """That of a linear sensor."""
+        return Calibration(np.full(self.mounted.skin.count, GAIN), FULL_SCALE)
+
+    def holds(self, spots: tuple[Spot, ...], travel: tuple[float, float]) -> bool:
+        """Whether spots lie inside before and after their travel [m]."""
+        return all(
+            abs(s) + reach <= self.half[0] and abs(t) + reach <= self.half[1]
+            for s, t, reach in path_ends(spots, travel)
+        )
+
+    def pressure(
+        self, touch: Touch, times: Float[np.ndarray, "step"]
+    ) -> Float[np.ndarray, "step taxel"]:
+        """Mean pressure on each taxel at each time [kPa]."""
+        share = touch.share(times)
+        shift = touch.shift(times) if touch.moves else np.zeros((1, 2))
+        field = np.zeros((len(shift), self.mounted.skin.count))
+        for spot in touch.spots:
+            self.add(spot, shift, field)
+        return share[:, None] * field
+
+    def add(
+        self,
+        spot: Spot,
+        shift: Float[np.ndarray, "step 2"],
+        field: Float[np.ndarray, "step taxel"],
+    ) -> None:
+        """Add what a spot presses at every step of its way [kPa]."""
+        apart = self.points - spot.centre
+        if self.girth < inf:
+            half = self.girth / 2
+            middle = shift[-1, 0] / 2
+            apart[:, 0] = (apart[:, 0] - middle + half) % self.girth - half + middle
+        near = np.flatnonzero(off_way(apart, shift[-1]) <= spot.reach)
+        if not len(near):
+            return
+        c, d = np.cos(spot.angle), np.sin(spot.angle)
+        local = (apart[near] - shift[:, None]) @ np.array([[c, -d], [d, c]])
+        part = np.maximum(1.0 - np.sum((local / spot.axes) ** 2, axis=2), 0.0)
+        taxels, firsts = np.unique(self.taxel[near], return_index=True)
+        total = np.add.reduceat(part, firsts, axis=1)
+        field[:, taxels] += spot.peak / self.per_taxel * total
+
+
+def off_way(
+    apart: Float[np.ndarray, "point 2"], way: Float[np.ndarray, "2"]
+) -> Float[np.ndarray, "point"]:
+    """Distance of points from the straight way from the origin to `way` [m]."""
+    along = apart @ way / max(way @ way, 1e-12)
+    return np.linalg.norm(apart - np.clip(along, 0.0, 1.0)[:, None] * way, axis=1)
+
+
+@lru_cache(maxsize=32)
+def site_of(surface: SurfaceName, pitch: float) -> Site:
+    """A site to touch.
+
+    Args:
+        surface: a flat patch, a tube, or the forearm of the ur5 skin.
+        pitch: of the taxels [m]; that of `ur5` is its own.
+    """
+    if surface == "flat":
+        return flat_site(pitch)
+    return round_site(pitch) if surface == "round" else ur5_site()
+
+
+def flat_site(pitch: float) -> Site:
+    """A flat patch of 16 x 24 cm on a table."""
+    rows, columns = round(LENGTH / pitch), round(WIDTH / pitch)
+    plane = Plane(np.eye(4))
+    patch = Patch("flat", "table", 1, rows, columns)
+    skin = join_patches("flat", [(patch, Grid(rows, columns, pitch, pitch), plane)])
+    every = np.arange(skin.count)
+    half = columns * pitch / 2 - EDGE, rows * pitch / 2 - EDGE
+    mounted = MountedSkin(skin, load_robot("table"))
+    return site(mounted, plane, every, pitch, inf, half)
+
+
+def round_site(pitch: float) -> Site:
+    """A tube all covered by two half shells, 24 cm long; its pitch fits its girth."""
+    columns = max(1, floor(pi * RADIUS / pitch + 0.5))
+    pitch = pi * RADIUS / columns
+    rows = round(LENGTH / pitch)
+    grid = Grid(rows, columns, pitch, pitch)
+    tubes = [Tube(RADIUS, np.diag([x, x, 1.0, 1.0])) for x in (1.0, -1.0)]
+    skin = join_patches(
+        "round",
+        [
+            (Patch(name, "tube", number, rows, columns), grid, tube)
+            for number, (name, tube) in enumerate(
+                zip(("front", "back"), tubes, strict=True), 1
+            )
+        ],
+    )
+    mounted = MountedSkin(skin, load_robot("tube"))
+    half = inf, rows * pitch / 2 - EDGE
+    return site(mounted, tubes[0], np.arange(skin.count), pitch, 2 * pi * RADIUS, half)
+
+
+def ur5_site() -> Site:
+    """The forearm of the ur5 skin, its two patches and the bare strips between."""
+    skin, part = load_skin("ur5"), UR5_PARTS["forearm"]
+    shells = [skin.taxels_of(f"forearm_{side}") for side in ("front", "back")]
+    rows = max(p.rows for p in skin.patches if p.id == "forearm_front")
+    taxels = np.concatenate(shells)
+    tube = part.surface((1.0, 0.0, 0.0), 0.0)
+    heights = np.unique(np.round(tube.unroll(skin.positions[taxels])[:, 1], 9))
+    pitch = float(np.ptp(heights) / (rows - 1))
+    mounted = MountedSkin(skin, load_robot("ur5"))
+    half = inf, rows * pitch / 2 - EDGE
+    return site(mounted, tube, taxels, pitch, part.girth, half)
+
+
+def site(
+    mounted: MountedSkin,
+    surface: Surface,
+    taxels: Int[np.ndarray, "touched"],
+    row_pitch: float,
+    girth: float,
+    half: tuple[float, float],
+) -> Site:
+    """A site with the points at which its taxels are evaluated.
+
+    Args:
+        mounted: the skin on its robot.
+        surface: that the taxels lie on.
+        taxels: that can be touched.
+        row_pitch: of their rows [m]; a cell is as wide as its area makes it.
+        girth: once round the surface [m].
+        half: half the extents of what can be touched [m].
+    """
+    skin: Skin = mounted.skin
+    centres = surface.unroll(skin.positions[taxels])
+    widths = skin.areas[taxels] / row_pitch
+    fine = ceil(max(widths.max(), row_pitch) / LATTICE)
+    steps = (np.arange(fine) + 0.5) / fine - 0.5
+    inner = np.stack(np.meshgrid(steps, steps), axis=2).reshape(-1, 2)
+    sides = np.column_stack([widths, np.full(len(taxels), row_pitch)])
+    points = centres[:, None] + inner * sides[:, None]
+    return Site(
+        mounted=mounted,
+        girth=girth,
+        half=half,
+        points=points.reshape(-1, 2),
+        taxel=np.repeat(taxels, len(inner)),
+        per_taxel=len(inner),
+        q=np.full(len(mounted.robot.joint_names), -0.5),
+    )

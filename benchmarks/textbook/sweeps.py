@@ -1,0 +1,199 @@
+"""One factor swept at a time, the others drawn from the middle halves of their ranges.
+
+A range is swept in even steps of its logarithm, and its middle half is that of the
+logarithm too: forces of 2.1 to 9.5 N of 1 to 20 N. All values of a sweep are asked with
+the same other factors, places and noise.
+"""
+
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from math import sqrt
+from pathlib import Path
+from typing import get_args
+
+import numpy as np
+
+from benchmarks.textbook.clips import answer, scans_of
+from benchmarks.textbook.draws import TOUCHES, Setting, draw_touch, truth_of
+from benchmarks.textbook.skins import SurfaceName, site_of
+from eskin.model import Model, load_model
+
+WANTED = 0.9
+"""Share of the middle half that is to be right."""
+EVERY = tuple(TOUCHES)
+SURFACE = "surface"
+SURFACES: tuple[SurfaceName, ...] = get_args(SurfaceName)
+COMMON: tuple[SurfaceName, ...] = ("flat", "round")
+"""What is touched where the surface is not swept."""
+
+
+@dataclass(frozen=True)
+class Factor:
+    """One of the numbers of a setting, its range, and what it says something about."""
+
+    name: str
+    """Of the field of `Setting`."""
+    low: float
+    high: float
+    scale: float
+    """Units of the setting in one of the range."""
+    unit: str
+    touches: tuple[str, ...]
+    """What is swept."""
+
+    def values(self, count: int) -> list[float]:
+        """So many values over the range, in its own unit."""
+        return np.geomspace(self.low, self.high, count).tolist()
+
+    @property
+    def middle(self) -> tuple[float, float]:
+        """Ends of the middle half of the range, in its own unit."""
+        quarter = sqrt(sqrt(self.high / self.low))
+        return self.low * quarter, self.high / quarter
+
+
+WHERE_AREA = tuple(name for name in EVERY if name != "grab")
+WHERE_RAMP = ("poke", "double_pat", "stroke", "grab", "one pat")
+FACTORS = (
+    Factor("force", 1.0, 20.0, 1.0, "N", EVERY),
+    Factor("area", 0.5, 4.0, 1e-4, "cm2", WHERE_AREA),
+    Factor("duration", 0.15, 0.8, 1.0, "s", ("poke",)),
+    Factor("press", 1.0, 1.8, 1.0, "s", ("press",)),
+    Factor("ramp", 20.0, 150.0, 1e-3, "ms", WHERE_RAMP),
+    Factor("gap", 0.15, 0.45, 1.0, "s", ("double_pat",)),
+    Factor("speed", 5.0, 40.0, 1e-2, "cm/s", ("stroke",)),
+    Factor("pitch", 4.0, 12.0, 1e-3, "mm", EVERY),
+    Factor("rate", 25.0, 200.0, 1.0, "Hz", EVERY),
+)
+"""All that are swept, but for the surface."""
+PITCHES = 5
+"""How many pitches there are in the middle half: skins are made once."""
+
+
+@dataclass(frozen=True)
+class Point:
+    """What was answered at one value of a sweep."""
+
+    factor: str
+    value: float | str
+    """In the factor's own unit; the name of a surface."""
+    touch: str
+    """What was done, one of `TOUCHES`."""
+    inside: bool
+    """Whether the value lies in the middle half; every surface does."""
+    forced: dict[str, int]
+    """How often each class was the forced choice."""
+    said: dict[str, int]
+    """How often each gesture was said first live."""
+
+    @property
+    def count(self) -> int:
+        """Number of clips."""
+        return sum(self.forced.values())
+
+    @property
+    def right(self) -> int:
+        """How many were answered right by forced choice."""
+        return self.forced.get(truth_of(self.touch), 0)
+
+    @property
+    def right_said(self) -> int:
+        """How many were right live: the gesture was said first, or rightly none."""
+        return self.said.get(truth_of(self.touch), 0)
+
+
+def run(
+    model: Model | str | Path,
+    draws: int = 16,
+    values: int = 9,
+    seed: int = 0,
+    factors: Sequence[str] = (),
+) -> Iterator[Point]:
+    """Sweep every factor.
+
+    Args:
+        model: the weights, or the name or path of a model.
+        draws: touches of each name at each value.
+        values: of each factor.
+        seed: decides everything that is drawn.
+        factors: the names of those that are swept; all of them where there is none.
+
+    Raises:
+        ValueError: there is no such factor.
+    """
+    names = [*(factor.name for factor in FACTORS), SURFACE]
+    strange = sorted(set(factors) - set(names))
+    if strange:
+        raise ValueError(
+            f"no factor {', '.join(strange)}; allowed are {', '.join(names)}"
+        )
+    loaded = model if isinstance(model, Model) else load_model(model)
+    asked = list(factors) or names
+    for factor in FACTORS:
+        if factor.name in asked:
+            yield from sweep(loaded, factor, draws, values, seed)
+    if SURFACE in asked:
+        for touch in EVERY:
+            for surface in SURFACES if touch != "grab" else SURFACES[1:]:
+                yield point(loaded, SURFACE, surface, touch, True, draws, seed)
+
+
+def sweep(
+    model: Model, factor: Factor, draws: int, values: int, seed: int
+) -> Iterator[Point]:
+    """The values of one factor, for everything that it says something about."""
+    low, high = (factor.middle[0] * (1 - 1e-9), factor.middle[1] * (1 + 1e-9))
+    for touch in factor.touches:
+        for value in factor.values(values):
+            inside = low <= value <= high
+            yield point(model, factor.name, value, touch, inside, draws, seed)
+
+
+def point(
+    model: Model,
+    factor: str,
+    value: float | str,
+    touch: str,
+    inside: bool,
+    draws: int,
+    seed: int,
+) -> Point:
+    """What is answered at one value of a sweep."""
+    forced, said = Counter[str](), Counter[str]()
+    for draw in range(draws):
+        names = [*(one.name for one in FACTORS), SURFACE]
+        key = (seed, names.index(factor), EVERY.index(touch), draw)
+        rng = np.random.default_rng(key)
+        of_setting, of_touch, of_noise = rng.spawn(3)
+        setting = draw_setting(touch, of_setting, {factor: value})
+        site = site_of(setting.surface, setting.pitch)
+        made = draw_touch(touch, setting, site, of_touch)
+        said_of = answer(model, scans_of(made, site, setting.rate, of_noise))
+        forced[said_of.forced] += 1
+        said[said_of.said] += 1
+    return Point(factor, value, touch, inside, dict(forced), dict(said))
+
+
+def draw_setting(
+    touch: str, rng: np.random.Generator, given: dict[str, float | str]
+) -> Setting:
+    """Factors drawn from the middle halves of their ranges.
+
+    Args:
+        touch: what is done; a grab is only done where it is round.
+        rng: to draw from; as much is drawn whatever is given.
+        given: factors in their own units, which are not drawn.
+    """
+    drawn: dict[str, float | str] = {}
+    for factor in FACTORS:
+        low, high = factor.middle
+        part = rng.random()
+        if factor.name == "pitch":
+            part = int(part * PITCHES) / (PITCHES - 1)
+        drawn[factor.name] = low * (high / low) ** part
+    surface = COMMON[rng.integers(2)]
+    drawn[SURFACE] = "round" if touch == "grab" else surface
+    drawn |= given
+    scaled = {one.name: float(drawn[one.name]) * one.scale for one in FACTORS}
+    return Setting(**scaled, surface=drawn[SURFACE])  # type: ignore[arg-type]
