@@ -14,8 +14,8 @@ from typing import Literal
 
 import tyro
 
-from benchmarks.textbook.report import draw, report, to_json
-from benchmarks.textbook.sweeps import run
+from benchmarks.textbook.report import draw, summary, table, to_json
+from benchmarks.textbook.sweeps import SWEPT, Point, run
 
 
 @dataclass(frozen=True)
@@ -51,16 +51,19 @@ class Command:
             )
 
 
-def main() -> None:
-    """Sweep, print, write and draw."""
-    command = tyro.cli(Command)
+def main(command: Command) -> None:
+    """Sweep, print each factor as it is done, write and draw."""
     long = command.form == "long"
     draws, values = command.draws or (16 if long else 1), 9 if long else 3
     begun = time.monotonic()
-    points = list(run(command.model, draws, values, command.seed, command.factors))
-    clips = sum(one.count for one in points)
-    print(report(points))
-    print(f"{clips} clips in {time.monotonic() - begun:.0f} s, model {command.model}")
+    points: list[Point] = []
+    for factor in command.factors or SWEPT:
+        found = list(run(command.model, draws, values, command.seed, (factor,)))
+        points += found
+        print(table(found, factor), end="\n\n", flush=True)
+    print(summary(points))
+    clips, seconds = sum(one.count for one in points), time.monotonic() - begun
+    print(f"{clips} clips in {seconds:.0f} s, model {command.model}")
     if command.json is not None:
         command.json.write_text(to_json(points), encoding="utf-8")
     if command.picture is not None:
@@ -68,4 +71,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    main(tyro.cli(Command))

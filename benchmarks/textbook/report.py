@@ -35,15 +35,15 @@ LOOKS = {
     "press": ("tab:gray", "X", "--"),
 }
 """Colour, marker and line of each touch; dashed where the right answer is none."""
+APART = 0.7
+"""By which lines are drawn apart, so that none lies on another [%]."""
 
 
-def report(points: Sequence[Point]) -> str:
-    """A table for each factor, and how many verdicts are met."""
-    factors = list(dict.fromkeys(one.factor for one in points))
-    met = [ok for f in factors for ok in verdicts(points, f).values()]
-    tables = [table(points, factor) for factor in factors]
-    last = f"{sum(met)} of {len(met)} met: at least {WANTED:.0%} of the middle half"
-    return "\n\n".join([*tables, last])
+def summary(points: Sequence[Point]) -> str:
+    """How many verdicts of all sweeps are met."""
+    factors = dict.fromkeys(one.factor for one in points)
+    met = [ok for factor in factors for ok in verdicts(points, factor).values()]
+    return f"{sum(met)} of {len(met)} met: at least {WANTED:.0%} of the middle half"
 
 
 def table(points: Sequence[Point], factor: str) -> str:
@@ -149,9 +149,11 @@ def to_json(points: Sequence[Point]) -> str:
 def draw(points: Sequence[Point], title: str, path: Path) -> None:
     """Draw a panel for each factor with a line for each touch."""
     swept = dict.fromkeys(one.factor for one in points)
-    columns = min(len(swept), 4)
+    columns = min(len(swept), 5)
     rows = -(-len(swept) // columns)
-    figure = Figure(figsize=(4 * columns, 3 * rows + 1), dpi=110, layout="constrained")
+    figure = Figure(
+        figsize=(3.6 * columns, 3.2 * rows + 0.8), dpi=110, layout="constrained"
+    )
     panels = list(figure.subplots(rows, columns, squeeze=False).flat)
     known = {factor.name: factor for factor in FACTORS}
     for name, axes in zip(swept, panels, strict=False):
@@ -161,7 +163,7 @@ def draw(points: Sequence[Point], title: str, path: Path) -> None:
     lines = {}
     for axes in panels:
         handles, names = axes.get_legend_handles_labels()
-        lines |= dict(zip(names, handles, strict=True))
+        lines = dict(zip(names, handles, strict=True)) | lines
     ordered = [name for name in TOUCHES if name in lines]
     figure.legend(
         [lines[name] for name in ordered],
@@ -187,7 +189,8 @@ def draw_panel(
             step = 0.08 * (list(TOUCHES).index(touch) - 3)
             values = [order.index(value) + step for value in values]
         style = "none" if factor is None else line
-        shares = [100 * one.right / one.count for one in row]
+        apart = APART * (list(TOUCHES).index(touch) - len(TOUCHES) // 2)
+        shares = [100 * one.right / one.count + apart for one in row]
         axes.plot(
             values, shares, color=colour, marker=marker, ls=style, ms=5, label=touch
         )
@@ -201,4 +204,4 @@ def draw_panel(
         axes.minorticks_off()
         axes.axvspan(*factor.middle, color="0.92", zorder=0)
     axes.axhline(100 * WANTED, color="black", lw=0.8, ls=":")
-    axes.set(ylim=(-4, 104), xlabel=LABELS[name], ylabel="right [%]")
+    axes.set(ylim=(-5, 105), xlabel=LABELS[name], ylabel="right [%]")

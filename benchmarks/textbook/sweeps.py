@@ -67,6 +67,8 @@ FACTORS = (
     Factor("rate", 25.0, 200.0, 1.0, "Hz", EVERY),
 )
 """All that are swept, but for the surface."""
+SWEPT = (*(factor.name for factor in FACTORS), SURFACE)
+"""The names of all that are swept."""
 PITCHES = 5
 """How many pitches there are in the middle half: skins are made once."""
 
@@ -122,14 +124,14 @@ def run(
     Raises:
         ValueError: there is no such factor.
     """
-    names = [*(factor.name for factor in FACTORS), SURFACE]
-    strange = sorted(set(factors) - set(names))
+    strange = sorted(set(factors) - set(SWEPT))
     if strange:
         raise ValueError(
-            f"no factor {', '.join(strange)}; allowed are {', '.join(names)}"
+            f"--factors names {', '.join(strange)}; allowed are {', '.join(SWEPT)}; "
+            "correct the name"
         )
     loaded = model if isinstance(model, Model) else load_model(model)
-    asked = list(factors) or names
+    asked = factors or SWEPT
     for factor in FACTORS:
         if factor.name in asked:
             yield from sweep(loaded, factor, draws, values, seed)
@@ -162,8 +164,7 @@ def point(
     """What is answered at one value of a sweep."""
     forced, said = Counter[str](), Counter[str]()
     for draw in range(draws):
-        names = [*(one.name for one in FACTORS), SURFACE]
-        key = (seed, names.index(factor), EVERY.index(touch), draw)
+        key = (seed, SWEPT.index(factor), EVERY.index(touch), draw)
         rng = np.random.default_rng(key)
         of_setting, of_touch, of_noise = rng.spawn(3)
         setting = draw_setting(touch, of_setting, {factor: value})
