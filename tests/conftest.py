@@ -47,6 +47,12 @@ def shearsense_folder() -> Path:
     return folder_or_skip("shearsense")
 
 
+@pytest.fixture(scope="session")
+def socialtouch_folder() -> Path:
+    """The public SocialTouch recordings, or a skip that says where they were sought."""
+    return folder_or_skip("socialtouch")
+
+
 def folder_or_skip(name: str) -> Path:
     folder = SHARED / "data" / name
     if not folder.is_dir():

@@ -64,6 +64,7 @@ def test_convert_of_bad_input_is_one_line_and_leaves_nothing(tmp_path, capsys):
     for argv in (
         ("convert", "sleeve", tmp_path / "in", tmp_path / "out"),
         ("convert", "shearsense", tmp_path / "in", tmp_path / "out"),
+        ("convert", "socialtouch", tmp_path / "in", tmp_path / "out"),
         ("convert", "sleeve", tmp_path / "gone", tmp_path / "out"),
         ("convert", "glove", tmp_path / "in", tmp_path / "out"),
         ("convert", "sleeve", tmp_path / "in", bad),

@@ -1,5 +1,6 @@
 """Public sets become recordings: files as in the sets, and the sets where present."""
 
+import csv
 import gzip
 import json
 from collections import Counter
@@ -9,8 +10,16 @@ import numpy as np
 import pytest
 
 from eskin.errors import ImportSourceError
-from eskin.recording import convert_shearsense, convert_sleeve, read_recording
+from eskin.recording import (
+    convert_shearsense,
+    convert_sleeve,
+    convert_socialtouch,
+    read_recording,
+)
 from eskin.recording.shearsense import participant, shearsense_files, support
+from eskin.recording.socialtouch import GESTURES
+from eskin.skin import load_skin
+from socialtouch_scenes import HEADER, pressed, text_of, write_socialtouch
 
 SECOND = 1_000_000_000
 
@@ -262,7 +271,123 @@ def test_a_shearsense_file_that_is_one_array_alone_is_named(tmp_path):
         convert_shearsense(tmp_path / "in", tmp_path / "out")
 
 
-@pytest.mark.parametrize("convert", [convert_sleeve, convert_shearsense])
+def test_a_socialtouch_file_keeps_every_value_and_labels_what_is_touched(tmp_path):
+    rng = np.random.default_rng(0)
+    counts = [rng.integers(0, 9, (5, 456)), pressed((0, 4), 4), np.zeros((3, 456), int)]
+    counts[0][1:3, 7] = 255
+    write_socialtouch(tmp_path / "in", text=text_of(counts, person=1, gesture=7))
+    result = convert_socialtouch(tmp_path / "in", tmp_path / "out")
+    assert (result.recordings, result.taxels) == (1, 456)
+    assert (result.readings, result.labels) == (12, 2)
+    path = tmp_path / "out/poke_strong_P1_20220420_170523.mcap"
+    recording = read_recording(path)
+    arrays = recording.arrays()
+    np.testing.assert_array_equal(arrays.counts, np.concatenate(counts))
+    assert arrays.received.all()
+    start = int(datetime(2022, 4, 20, 17, 5, 23, tzinfo=UTC).timestamp()) * SECOND
+    ms = (arrays.stamps - start) / 1e6
+    first, second = 83 * 4 + 2000, 83 * 7 + 4000
+    np.testing.assert_array_equal(ms[:5], np.arange(5) * 83)
+    np.testing.assert_array_equal(ms[5:9], first + np.arange(4) * 83)
+    np.testing.assert_array_equal(ms[9:], second + np.arange(3) * 83)
+    spans = [
+        (x.gesture, (x.start - start) / 1e6, (x.end - start) / 1e6)
+        for x in recording.labels
+    ]
+    assert spans == [
+        ("poke_strong", 83, 83 * 3),
+        ("poke_strong", first, first + 83 * 4),
+    ]
+    metadata = recording.metadata
+    assert (metadata.subject, metadata.session) == ("P1", "P1-20220420")
+
+
+def test_socialtouch_geometry_and_units_are_nominal_unless_given(tmp_path):
+    write_socialtouch(tmp_path / "in")
+    convert_socialtouch(tmp_path / "in", tmp_path / "one")
+    convert_socialtouch(tmp_path / "in", tmp_path / "two", 0.004, 40.0)
+    for folder, pitch, pressure in (("one", 0.010, 100.0), ("two", 0.004, 40.0)):
+        [path] = (tmp_path / folder).iterdir()
+        recording = read_recording(path)
+        assert recording.robot_name == "table" and not recording.skin.calibrated
+        places = recording.skin.positions.reshape(19, 24, 3)
+        steps = np.linalg.norm(np.diff(places, axis=1), axis=-1)
+        np.testing.assert_allclose(steps, pitch)
+        full = recording.calibration.gain * recording.calibration.full_scale
+        np.testing.assert_allclose(full, pressure)
+    [path] = (tmp_path / "one").iterdir()
+    preset = load_skin("socialtouch")
+    np.testing.assert_array_equal(read_recording(path).skin.positions, preset.positions)
+
+
+def test_socialtouch_files_may_be_plain_nested_or_one_alone(tmp_path):
+    path = write_socialtouch(tmp_path / "in", "a/touch_p0_g31-1_5_9h_0m_1s.csv")
+    write_socialtouch(tmp_path / "in", gesture=0)
+    (tmp_path / "in/GesturesRated.csv").write_text("id,gesture_name\n")
+    assert convert_socialtouch(tmp_path / "in", tmp_path / "out").recordings == 2
+    assert convert_socialtouch(path, tmp_path / "alone").recordings == 1
+
+
+def socialtouch_text(**cells):
+    """A file with some cells of its third reading replaced, by column."""
+    lines = text_of([pressed()]).splitlines()
+    row = lines[3].split(",")
+    for column, value in cells.items():
+        row[int(column[1:])] = value
+    return "\n".join([*lines[:3], ",".join(row), *lines[4:]]) + "\n"
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (socialtouch_text(_9="256"), "a pixel is 256; allowed are 0 to 255"),
+        (socialtouch_text(_9="-1"), "a pixel is -1; allowed are 0 to 255"),
+        (socialtouch_text(_9="1.5"), "not whole numbers in 461 columns"),
+        (socialtouch_text(_9="nan"), "not whole numbers in 461 columns"),
+        (socialtouch_text(_9=""), "not whole numbers in 461 columns"),
+        (socialtouch_text(_9="1,1"), "not whole numbers in 461 columns"),
+        (socialtouch_text(_0="1"), "participantID is 0 and 1; allowed is one a file"),
+        (socialtouch_text(_1="7"), "gesture is 6 and 7; allowed is one a file"),
+        (socialtouch_text(_4="83"), "at 83 ms is followed by one at 83 ms"),
+        (text_of([pressed()], gesture=32), "gesture is 32; allowed are 0 to 31"),
+        (text_of([pressed()], person=-1), "participantID is -1; allowed are 0 to"),
+        (text_of([pressed()[:, :-1]]), "rows have 460 columns; allowed are 461"),
+        (text_of([]), "no readings"),
+        ("", "first line is ''; allowed is 'participantID,gesture,"),
+        (HEADER.replace("time", "ms"), "first line is 'participantID,.*allowed is"),
+    ],
+)
+def test_a_socialtouch_file_that_is_broken_is_named_and_nothing_is_left(
+    tmp_path, text, message
+):
+    write_socialtouch(tmp_path / "in", "touch_p0_g0-20_4_9h_0m_0s.csv", gesture=0)
+    bad = write_socialtouch(tmp_path / "in", text=text)
+    with pytest.raises(ImportSourceError, match=message) as caught:
+        convert_socialtouch(tmp_path / "in", tmp_path / "out")
+    assert str(bad) in str(caught.value)
+    assert "\n" not in str(caught.value)
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_socialtouch_file_that_is_cut_or_has_no_time_is_named(tmp_path):
+    path = write_socialtouch(tmp_path / "in")
+    whole = path.read_bytes()
+    for left in (0, 3, 100, len(whole) - 5):
+        path.write_bytes(whole[:left])
+        message = "not whole text" if left else "first line is ''"
+        with pytest.raises(ImportSourceError, match=message):
+            convert_socialtouch(tmp_path / "in", tmp_path / "out")
+    path.write_bytes(whole)
+    for name in ("touch_p0_g6.csv.gz", "touch_p0_g6-31_2_17h_5m_23s.csv.gz"):
+        path = path.rename(path.with_name(name))
+        with pytest.raises(ImportSourceError, match=f"{name}: name holds no day"):
+            convert_socialtouch(tmp_path / "in", tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(
+    "convert", [convert_sleeve, convert_shearsense, convert_socialtouch]
+)
 def test_a_folder_without_the_set_is_refused(tmp_path, convert):
     with pytest.raises(ImportSourceError, match="no folder .*gone"):
         convert(tmp_path / "gone", tmp_path / "out")
@@ -296,11 +421,13 @@ def broken_folder(tmp_path):
 def test_the_same_files_make_the_same_bytes(tmp_path):
     write_sleeve(tmp_path / "in", "Grab_20250521150000.json.gz")
     write_shearsense(tmp_path / "in", "tap/tapP1_FLAT.npz")
+    write_socialtouch(tmp_path / "in")
     for folder in ("one", "two"):
         convert_sleeve(tmp_path / "in", tmp_path / folder)
         convert_shearsense(tmp_path / "in", tmp_path / folder)
+        convert_socialtouch(tmp_path / "in", tmp_path / folder)
     names = sorted(path.name for path in (tmp_path / "one").iterdir())
-    assert len(names) == 2
+    assert len(names) == 3
     for name in names:
         one, two = (tmp_path / folder / name for folder in ("one", "two"))
         assert one.read_bytes() == two.read_bytes()
@@ -344,3 +471,17 @@ def test_every_name_in_the_real_shearsense_set_is_understood(shearsense_folder):
     people = {participant(path, path.stem) for path in files}
     assert people >= {f"P{number}" for number in range(1, 9)}
     assert {support(path.stem) for path in files} == {"FLAT", "PILLOW"}
+
+
+def test_the_real_socialtouch_set_has_32_gestures_of_two_people(
+    tmp_path, socialtouch_folder
+):
+    with (socialtouch_folder / "GesturesRated.csv").open() as file:
+        names = [row["gesture_name"] for row in csv.DictReader(file)]
+    assert tuple(name.replace("carress", "caress") for name in names) == GESTURES
+    result = convert_socialtouch(socialtouch_folder, tmp_path)
+    assert (result.recordings, result.readings) == (64, 64_677)
+    assert result.labels == 1_815, "five of 1,820 repetitions touch next to nothing"
+    recordings = [read_recording(path) for path in tmp_path.iterdir()]
+    assert {r.metadata.subject for r in recordings} == {"P0", "P1"}
+    assert {label.gesture for r in recordings for label in r.labels} == set(GESTURES)

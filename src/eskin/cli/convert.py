@@ -11,7 +11,7 @@ import tyro
 class Command:
     """Convert a public set of touch gestures to recordings."""
 
-    dataset: tyro.conf.Positional[Literal["sleeve", "shearsense"]]
+    dataset: tyro.conf.Positional[Literal["sleeve", "shearsense", "socialtouch"]]
     """Which set it is."""
 
     src: tyro.conf.Positional[Path]
@@ -23,9 +23,17 @@ class Command:
 
 def run(command: Command) -> dict[str, object]:
     """Convert and return recordings, taxels, readings and labels."""
-    from eskin.recording import convert_shearsense, convert_sleeve
+    from eskin.recording import (
+        convert_shearsense,
+        convert_sleeve,
+        convert_socialtouch,
+    )
 
-    convert = {"sleeve": convert_sleeve, "shearsense": convert_shearsense}
+    convert = {
+        "sleeve": convert_sleeve,
+        "shearsense": convert_shearsense,
+        "socialtouch": convert_socialtouch,
+    }
     result = convert[command.dataset](command.src, command.out)
     print(
         f"{command.out}: {result.recordings} recordings of {result.taxels} taxels, "

@@ -21,6 +21,7 @@ from eskin.recording.reader import Recording, ScanArrays, read_recording
 from eskin.recording.relabel import Labelling, find_labels, rewrite
 from eskin.recording.shearsense import convert_shearsense
 from eskin.recording.sleeve import convert_sleeve
+from eskin.recording.socialtouch import convert_socialtouch
 from eskin.recording.truth import TruthRecord
 from eskin.recording.writer import RecordingWriter, write_all
 
@@ -47,6 +48,7 @@ __all__ = [
     "check_no_overlap",
     "convert_shearsense",
     "convert_sleeve",
+    "convert_socialtouch",
     "find_recordings",
     "label_instants",
     "labels_from_instants",

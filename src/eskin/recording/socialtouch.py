@@ -1,25 +1,43 @@
 """Recordings of the SocialTouch set (github yliess86/SocialTouch).
 
-Its files state neither units nor geometry. Taken here: a flat grid of 10 mm, 255 = 100
-kPa (both nominal), stamps as if local time were UTC, and the year 2022 (the oldest that
-its software could run in).
+Its files state neither units nor geometry nor the year. Taken here: a flat grid of 10
+mm, 255 = 100 kPa (both nominal), stamps as if local time were UTC, and the year 2022,
+the first in which the set's own software could run.
 """
 
 import gzip
+import re
 import zlib
 from collections.abc import Iterator
 from dataclasses import dataclass
+from datetime import UTC, datetime
 from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float, Int
 
 from eskin.errors import ImportSourceError
+from eskin.recording.conversion import FULL_SCALE_KPA, Clip, Conversion, write_clips
+from eskin.recording.labels import Label
+from eskin.recording.metadata import Metadata
+from eskin.skin.grids import grid_skin
+from eskin.touch.calibration import Calibration
+from eskin.touch.reading import Scan
 
 ROWS, COLUMNS = 19, 24
+PITCH = 0.010  # [m]
 FULL_SCALE = 255
+YEAR = 2022
+PERIOD = 83_000_000
+GAP = 2_000_000_000
+"""From the last reading of one repetition to the first of the next [ns]: as long as
+the recogniser's window, so that none sees two."""
+TOUCHED = 26
+"""Counts from which a reading is touched: a tenth of full scale, which three in four
+readings pass; taxels at rest show less."""
 SUFFIXES = (".csv", ".csv.gz")
 HEAD = ("participantID", "gesture", "repetition", "frameID", "time")
+WIDTH = len(HEAD) + ROWS * COLUMNS
 HEADER = ",".join((*HEAD, *(f"pixel{n}" for n in range(ROWS * COLUMNS))))
 
 GESTURES = (
@@ -74,6 +92,29 @@ class Repetition:
     """From 0 to `FULL_SCALE`, row by row."""
 
 
+def convert_socialtouch(
+    source: Path | str,
+    folder: Path | str,
+    pitch: float = PITCH,
+    full_scale_kpa: float = FULL_SCALE_KPA,
+) -> Conversion:
+    """Convert every file of the SocialTouch set in `source` to recordings in `folder`.
+
+    Args:
+        source: folder with the set's own files, or one of them.
+        folder: for the recordings, one a person and gesture.
+        pitch: nominal distance of neighbouring taxels [m].
+        full_scale_kpa: nominal pressure at full scale [kPa].
+
+    Raises:
+        ImportSourceError: naming the file that cannot be converted.
+    """
+    skin = grid_skin(ROWS, COLUMNS, pitch, name="socialtouch")
+    calibration = Calibration.uniform(skin.count, FULL_SCALE, full_scale_kpa)
+    files = socialtouch_files(Path(source))
+    return write_clips(socialtouch_clips(files), folder, skin, calibration)
+
+
 def socialtouch_files(source: Path) -> list[Path]:
     """Files of touches in a folder, sorted by name, or one file."""
     if source.is_file():
@@ -87,6 +128,66 @@ def socialtouch_files(source: Path) -> list[Path]:
             "SocialTouch set"
         )
     return files
+
+
+def socialtouch_clips(files: list[Path]) -> Iterator[Clip]:
+    """Read one file after the other."""
+    for path in files:
+        yield socialtouch_clip(path)
+
+
+def socialtouch_clip(path: Path) -> Clip:
+    """One file as a clip: its repetitions in turn, each labelled while it is felt."""
+    start = start_time(path)
+    repetitions = list(read_repetitions(path))
+    first = repetitions[0]
+    scans: list[Scan] = []
+    labels: list[Label] = []
+    stamp = int(start.timestamp()) * 1_000_000_000
+    for repetition in repetitions:
+        found = scans_of(repetition, stamp)
+        scans += found
+        labels += labels_of(repetition, found)
+        stamp = found[-1].stamp + GAP
+    subject = f"P{first.person}"
+    session = f"{subject}-{start:%Y%m%d}"
+    notes = {"source_file": path.name, "repetitions": str(len(repetitions))}
+    metadata = Metadata("socialtouch", subject, session, "socialtouch", notes)
+    name = f"{first.gesture}_{subject}_{start:%Y%m%d_%H%M%S}"
+    return Clip(name, metadata, tuple(scans), tuple(labels))
+
+
+def start_time(path: Path) -> datetime:
+    """When a file was begun: day, month and time in its name."""
+    found = re.search(r"-(\d+)_(\d+)_(\d+)h_(\d+)m_(\d+)s\.csv", path.name)
+    try:
+        day, month, *clock = [int(n) for n in found.groups()] if found else []
+        return datetime(YEAR, month, day, *clock, tzinfo=UTC)
+    except ValueError:
+        raise ImportSourceError(
+            f"{path}: name holds no day, month and time such as -20_4_17h_5m_23s; "
+            "name it as in the set"
+        ) from None
+
+
+def scans_of(repetition: Repetition, start: int) -> list[Scan]:
+    """The readings of a repetition, the first one at `start` [ns since the epoch]."""
+    received = np.ones(ROWS * COLUMNS, dtype=np.bool_)
+    stamps = start + np.rint(repetition.seconds * 1e9).astype(np.int64)
+    return [
+        Scan(int(stamp), counts, received, np.empty(0))
+        for stamp, counts in zip(stamps, repetition.counts, strict=True)
+    ]
+
+
+def labels_of(repetition: Repetition, scans: list[Scan]) -> list[Label]:
+    """From the first to the last touched reading; none where nothing is felt."""
+    touched = np.flatnonzero(repetition.counts.max(axis=1) >= TOUCHED)
+    if not len(touched):
+        return []
+    stamps = [scan.stamp for scan in scans] + [scans[-1].stamp + PERIOD]
+    start, end = stamps[touched[0]], stamps[touched[-1] + 1]
+    return [Label(start, end, repetition.gesture)]
 
 
 def read_repetitions(path: Path) -> Iterator[Repetition]:
@@ -115,10 +216,10 @@ def load_rows(path: Path) -> Int[np.ndarray, "reading column"]:
     if not body.strip():
         raise ImportSourceError(f"{path}: no readings; leave the file out")
     try:
-        rows = np.loadtxt(body.splitlines(), np.int64, delimiter=",", ndmin=2)
+        rows = np.loadtxt(body.splitlines(), np.int64, None, ",", ndmin=2)
     except ValueError as error:
         raise ImportSourceError(
-            f"{path}: not whole numbers in {len(HEAD) + ROWS * COLUMNS} columns "
+            f"{path}: not whole numbers in {WIDTH} columns "
             f"({error}); copy it again from the set"
         ) from error
     check_rows(path, rows)
@@ -138,34 +239,44 @@ def load_text(path: Path) -> str:
 
 def check_rows(path: Path, rows: Int[np.ndarray, "reading column"]) -> None:
     """Raise when a file's rows are not those of one person and one gesture."""
-    if rows.shape[1] != len(HEAD) + ROWS * COLUMNS:
+    if rows.shape[1] != WIDTH:
         raise ImportSourceError(
-            f"{path}: rows have {rows.shape[1]} columns; allowed are "
-            f"{len(HEAD) + ROWS * COLUMNS}; copy it again from the set"
+            f"{path}: rows have {rows.shape[1]} columns; allowed are {WIDTH}; copy it "
+            "again from the set"
         )
-    for column, name, least, most in (
-        (rows[:, 0], "participantID", 0, np.inf),
-        (rows[:, 1], "gesture", 0, len(GESTURES) - 1),
-        (rows[:, len(HEAD) :].ravel(), "a pixel", 0, FULL_SCALE),
-    ):
-        wrong = (column < least) | (column > most)
-        if wrong.any():
+    check_range(path, "participantID", rows[:, 0], np.iinfo(np.int64).max)
+    check_range(path, "gesture", rows[:, 1], len(GESTURES) - 1)
+    check_range(path, "a pixel", rows[:, len(HEAD) :].ravel(), FULL_SCALE)
+    for name, column in (("participantID", rows[:, 0]), ("gesture", rows[:, 1])):
+        if np.ptp(column):
             raise ImportSourceError(
-                f"{path}: {name} is {column[wrong][0]}; allowed are {least} to {most}; "
-                "leave the file out"
+                f"{path}: {name} is {column.min()} and {column.max()}; allowed is one "
+                "a file; split it"
             )
-    for column, name in ((0, "participantID"), (1, "gesture")):
-        found = np.unique(rows[:, column])
-        if len(found) > 1:
-            raise ImportSourceError(
-                f"{path}: {name} is {found[0]} and {found[1]}; allowed is one a file; "
-                "split the file"
-            )
-    same = np.diff(rows[:, 2]) == 0
-    late = np.flatnonzero(same & (np.diff(rows[:, 4]) <= 0))
-    if len(late):
-        number = late[0] + 1
+    check_times(path, rows[:, 2], rows[:, 4])
+
+
+def check_range(
+    path: Path, name: str, values: Int[np.ndarray, "value"], most: int
+) -> None:
+    """Raise when values are not from 0 to `most`."""
+    wrong = values[(values < 0) | (values > most)]
+    if len(wrong):
         raise ImportSourceError(
-            f"{path}: reading {number} is at {rows[number, 4]} ms, after one at "
-            f"{rows[number - 1, 4]} ms; allowed is only later; leave the file out"
+            f"{path}: {name} is {wrong[0]}; allowed are 0 to {most}; leave the file out"
+        )
+
+
+def check_times(
+    path: Path,
+    repetitions: Int[np.ndarray, "reading"],
+    times: Int[np.ndarray, "reading"],
+) -> None:
+    """Raise when time [ms] does not increase within a repetition."""
+    late = np.flatnonzero((np.diff(repetitions) == 0) & (np.diff(times) <= 0))
+    if len(late):
+        before, after = times[late[0] : late[0] + 2]
+        raise ImportSourceError(
+            f"{path}: in repetition {repetitions[late[0]]} a reading at {before} ms is "
+            f"followed by one at {after} ms; allowed is only later; leave the file out"
         )

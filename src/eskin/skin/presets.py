@@ -44,6 +44,7 @@ PRESETS = {
     "shearsense": Preset(
         partial(grid_skin, 6, 6, kind="shear", name="shearsense"), "table"
     ),
+    "socialtouch": Preset(partial(grid_skin, 19, 24, name="socialtouch"), "table"),
     "bent": Preset(bent_skin, "tube"),
     "flat": Preset(flat_skin, "table"),
 }
