@@ -190,19 +190,24 @@ def test_a_grab_has_the_force_asked_for_unless_nobody_can():
 def test_taxels_bear_the_whole_force_inside_a_patch():
     live = LiveSkin()
     world, skin = live.world, live.mounted.skin
-    site = live.hand.site(
-        "poke", None, place_of(live, "upper_arm_back", 200), live.hand.person
-    )
     asked = {"force": 5.0, "duration": 0.4}
     rng = np.random.default_rng(0)
-    touch = perform(
-        *("poke", "one_tip", live.hand.person, site, world.constants, rng, 0.0),
-        *("paper", asked),
+    on_a_taxel = live.hand.site(
+        "poke", None, place_of(live, "upper_arm_back", 200), live.hand.person
     )
-    (part,) = felt_in(Scene(np.tile(Q, (60, 1)), (touch,)), world)[0]
-    borne = part.felt.pressure @ skin.areas[part.felt.taxels] * 1e3
-    fill = world.constants.value("contact.fill")
-    assert borne.max() == pytest.approx(5.0, rel=0.1), fill
+    borne = []
+    for off in rng.uniform(-0.005, 0.005, (20, 2)):
+        s, t = np.array(on_a_taxel.centre) + off
+        site = replace(on_a_taxel, centre=(float(s), float(t)))
+        touch = perform(
+            *("poke", "one_tip", live.hand.person, site, world.constants, rng, 0.0),
+            *("paper", asked),
+        )
+        (part,) = felt_in(Scene(np.tile(Q, (60, 1)), (touch,)), world)[0]
+        forces = part.felt.pressure @ skin.areas[part.felt.taxels] * 1e3
+        borne.append(forces.max())
+    # Few points of a taxel lie under a fingertip: one place is off by up to 20 %.
+    assert np.median(borne) == pytest.approx(5.0, rel=0.1)
 
 
 @pytest.mark.parametrize("patch", ["forearm_back", "upper_arm_back", "wrist_1"])

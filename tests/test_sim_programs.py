@@ -65,18 +65,28 @@ def test_a_double_pat_has_two_peaks_and_mostly_leaves_between_them(people):
     left = []
     for touch in many(people, "double_pat", None, 1.0):
         force = touch.presses[0].force
-        tops = (force[1:-1] > force[:-2]) & (force[1:-1] >= force[2:])
-        assert np.sum(tops) == 2
+        half = len(force) // 2
+        first, second = np.argmax(force[:half]), half + np.argmax(force[half:])
+        weaker = min(force[first], force[second])
+        assert force[first : second + 1].min() <= weaker / 2 * (1 + 1e-9)
         left.append(np.any(force[1:-1] == 0))
     assert np.mean(left) == pytest.approx(0.85, abs=0.05)
+
+
+def middle_of(force):
+    """Middle of the time in which a force is above half of its largest value."""
+    return np.flatnonzero(force > force.max() / 2)[[0, -1]].mean()
 
 
 def test_pats_are_apart_by_what_was_drawn(people):
     for touch in many(people[:200], "double_pat", None, 1.5, None):
         force = touch.presses[0].force
         half = len(force) // 2
-        found = (np.argmax(force[half:]) + half - np.argmax(force[:half])) * STEP
-        assert found == pytest.approx(touch.drawn["interval"], abs=0.011 + STEP)
+        first, second = middle_of(force[:half]), half + middle_of(force[half:])
+        # A push that rises faster than it falls has its middle earlier than its mate.
+        apart = 0.02 + 0.15 * touch.drawn["contact"]
+        found = (second - first) * STEP
+        assert found == pytest.approx(touch.drawn["interval"], abs=apart)
         assert 0.15 <= touch.drawn["interval"] <= 0.7
 
 
@@ -119,7 +129,7 @@ def test_a_stroke_passes_its_target_within_its_room_at_a_hands_speed(people):
     speeds, returns = [], []
     for touch in many(people, "stroke"):
         drawn, press = touch.drawn, touch.presses[0]
-        slip = 6 * drawn["stroke.slip"] * np.sqrt(press.steps)
+        slip = 8 * drawn["hand.wander"]
         away = press.centre - SITE.centre
         assert away[:, 1].min() >= SITE.clear[0] - slip
         assert away[:, 1].max() <= SITE.clear[1] + slip
@@ -134,11 +144,14 @@ def test_a_stroke_passes_its_target_within_its_room_at_a_hands_speed(people):
 
 
 def test_a_stroke_starts_and_ends_at_rest_and_lifts_off_slowly(people):
+    slowly = []
     for touch in many(people[:200], "stroke"):
         force = touch.presses[0].force
         first, last = np.flatnonzero(force > force.max() / 2)[[0, -1]]
         if len(force) > 40 and touch.drawn["stroke.fall"] > 0.3:
-            assert len(force) - last > first
+            slowly.append(len(force) - last > first)
+    # A ripple may raise the end of a few.
+    assert np.mean(slowly) > 0.9
 
 
 def test_a_bump_is_a_mass_on_a_spring(people):

@@ -89,7 +89,7 @@ def test_touches_are_as_short_as_published(difficulty):
         for gesture in ("poke", "grab", "stroke")
     }
     assert 0.60 <= (short["grab"] + short["stroke"]) / 2 <= 0.66
-    assert 0.97 <= short["poke"] <= 0.99
+    assert short["poke"] == 1.0
     assert np.mean(durations(many("double_pat", None, difficulty)) < 1) >= 0.98
 
 
@@ -155,3 +155,15 @@ def test_kinds_of_nothing_come_as_often_as_they_should():
     kinds = [ways(person, "none", 0.0, rng) for person in people()]
     for name, weight in CONSTANTS.weights("none.kinds").items():
         assert kinds.count(name) / len(kinds) == pytest.approx(weight, abs=0.03)
+
+
+def test_a_finger_that_presses_longer_than_any_poke_is_no_gesture():
+    longest = durations(many("poke", difficulty=1.5, regime="cost")).max()
+    presses = many("none", "press", 1.5, "paper")
+    fingers = [each for each in presses if len(each.presses[0].stamps.centres) <= 2]
+    assert longest <= 0.8 + STEP < durations(fingers).min()
+
+
+def test_a_single_pat_is_of_more_than_two_fingers():
+    for touch in many("none", "single_pat", 1.5, "paper"):
+        assert len(touch.presses[0].stamps.centres) > 2

@@ -5,7 +5,6 @@ from eskin.sim.people.series import (
     bell,
     minimum_jerk,
     peaked,
-    random_walk,
     steps_of,
     trapezoid,
     wander,
@@ -55,10 +54,3 @@ def test_wandering_has_mean_square_one_and_stays_in_its_band():
     power = np.abs(np.fft.rfft(waves, axis=1)) ** 2
     rates = np.fft.rfftfreq(2000, 0.01)
     assert power[:, rates < 4].sum() > 0.99 * power.sum()
-
-
-def test_a_random_walk_starts_at_nothing_and_spreads_as_the_root_of_time():
-    rng = np.random.default_rng(0)
-    walks = np.array([random_walk(101, 0.5, rng) for _ in range(500)])
-    assert np.all(walks[:, 0] == 0)
-    np.testing.assert_allclose(walks[:, -1].std(axis=0), 0.5 * 10, rtol=0.1)

@@ -10,7 +10,6 @@ from eskin.sim.contact.press import Press
 from eskin.sim.live.live_touch import LiveTouch
 from eskin.sim.live.span import Span
 from eskin.sim.people.programs.act import Act
-from eskin.sim.people.series import tremor
 from eskin.sim.robot.world import World
 from eskin.sim.site.site import Site
 
@@ -50,10 +49,7 @@ class DraggedTouch(LiveTouch):
         self.centre = np.array(act.site.centre)
         self.target, self.speed = self.centre, np.zeros(2)
         steps = act.steps(HELD)
-        rippled = act.constants.value("stroke.ripple")
-        waves = tremor(steps, self.step, act.draw("stroke.ripple_rate"), act.rng)
-        self.noise = act.held(steps)
-        self.ripple = 1 + rippled * waves
+        self.noise, self.ripple = act.held(steps), act.rippled(steps)
         self.given, self.level = 0, 0.0
         self.told_to_leave = self.leaving = False
         self.over = False

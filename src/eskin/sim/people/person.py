@@ -8,7 +8,7 @@ from eskin.sim.constants import Constants
 from eskin.sim.contact.press import Flesh, Stamps
 from eskin.sim.people.hand import GROUPS, MM, hand_of, mirrored, part_of, splayed
 
-STYLES = ("poke.kinds", "poke.shape", "double_pat.kinds", "grab.kinds") + (
+STYLES = ("poke.kinds", "push.shape", "double_pat.kinds", "grab.kinds") + (
     "stroke.kinds",
     "stroke.path",
 )

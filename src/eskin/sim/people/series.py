@@ -79,11 +79,3 @@ def wander(
 def tremor(steps: int, step: float, rate: float, rng: np.random.Generator) -> Series:
     """A sine of amplitude 1, `rate` [Hz], whose phase is drawn."""
     return np.sin(2 * np.pi * (rate * np.arange(steps) * step + rng.random()))
-
-
-def random_walk(
-    steps: int, deviation: float, rng: np.random.Generator
-) -> Float[np.ndarray, "time 2"]:
-    """A walk in the plane from (0, 0), `deviation` per step in each direction."""
-    walk = np.cumsum(rng.normal(0.0, deviation, (steps, 2)), axis=0)
-    return walk - walk[0]

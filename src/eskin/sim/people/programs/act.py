@@ -9,7 +9,14 @@ from jaxtyping import Float
 from eskin.sim.constants import Constants
 from eskin.sim.contact.press import Flesh, Press, Stamps
 from eskin.sim.people.person import Person
-from eskin.sim.people.series import Series, random_walk, steps_of, tremor, wander
+from eskin.sim.people.series import (
+    Series,
+    bell,
+    steps_of,
+    trapezoid,
+    tremor,
+    wander,
+)
 from eskin.sim.site.site import Site
 
 Regime = Literal["paper", "cost"]
@@ -92,11 +99,29 @@ class Act:
         """Angle of the hand on the chart [rad]."""
         return self.note("angle", self.site.angle + self.draw("hand.turn"))
 
-    def slip(self, name: str, steps: int) -> Float[np.ndarray, "time 2"]:
-        """A random walk, its size per reading drawn, wider if more difficult [m]."""
-        period = self.constants.value("sensor.period") / self.step
-        rate = self.draw(name) * (1 + self.difficulty) / np.sqrt(2 * period)
-        return random_walk(steps, rate, self.rng)
+    def wander(self, steps: int) -> Float[np.ndarray, "time 2"]:
+        """Slow wandering of what a person holds in place, from (0, 0) [m].
+
+        One law for every contact, gestures and others alike: what a hand does must not
+        be told by how still it is.
+        """
+        size = self.draw("hand.wander")
+        band = self.band("hand.wander_band")
+        axes = [self.tones(band, steps) for _ in "st"]
+        path = size * np.column_stack(axes)
+        return path - path[0]
+
+    def push(self, steps: int) -> Series:
+        """Force of one push through time, largest value 1; one law for all pushes."""
+        if self.choose("push.shape") == "bell":
+            return bell(steps, self.constants.value("force.bell"))
+        smooth = round(self.constants.value("force.smooth") / self.step / 2)
+        return trapezoid(steps, self.draw("push.rise"), self.draw("push.fall"), smooth)
+
+    def rippled(self, steps: int) -> Series:
+        """How the force of what slides comes and goes, around 1."""
+        rate, depth = self.draw("slide.ripple_rate"), self.draw("slide.ripple")
+        return 1 + depth * tremor(steps, self.step, rate, self.rng)
 
     def held(self, steps: int) -> Series:
         """The noise of a force that a hand holds, around 1."""
@@ -108,21 +133,19 @@ class Act:
         """The noise of a force that a body leans with, around 1: no hand trembles."""
         return np.clip(1 + self.slow("none.lean.sway_band", steps), 0.0, None)
 
-    def slow(self, band: str, steps: int) -> Series:
+    def slow(self, name: str, steps: int) -> Series:
         """The slow noise of a force, in a band of frequencies, around 0."""
-        low, high = self.constants.array(band)
-        tones = int(self.constants.value("force.noise_tones"))
-        waves = wander(steps, self.step, (low, high), tones, self.rng)
-        return self.draw("force.noise") * waves
+        return self.draw("force.noise") * self.tones(self.band(name), steps)
 
-    def rests(self, steps: int) -> Float[np.ndarray, "time 2"]:
-        """Slow wandering of what rests on the robot [m]."""
-        low, high = self.constants.array("none.wander_band")
-        tones = int(self.constants.value("force.noise_tones"))
-        size = self.constants.value("none.wander") / np.sqrt(2)
-        ways = [wander(steps, self.step, (low, high), tones, self.rng) for _ in "st"]
-        path = size * np.column_stack(ways)
-        return path - path[0]
+    def band(self, name: str) -> tuple[float, float]:
+        """Lowest and highest frequency of a constant [Hz]."""
+        low, high = self.constants.array(name)
+        return low, high
+
+    def tones(self, band: tuple[float, float], steps: int) -> Series:
+        """Slow noise with mean square 1, equal power in each octave of a band."""
+        count = int(self.constants.value("force.noise_tones"))
+        return wander(steps, self.step, band, count, self.rng)
 
     def press(
         self,

@@ -8,7 +8,7 @@ from eskin.sim.people.hand import MM, body_of
 from eskin.sim.people.programs.act import Act
 from eskin.sim.people.programs.amount import draw_force
 from eskin.sim.people.programs.nothing import ramped
-from eskin.sim.people.series import bell, peaked, tremor
+from eskin.sim.people.series import bell, peaked
 
 
 def thing(act: Act) -> Flesh:
@@ -30,7 +30,7 @@ def lean(act: Act) -> tuple[Press, ...]:
     up, down = (act.draw("none.lean.ramp") for _ in range(2))
     series = peaked(ramped(act, steps, up, down) * act.leant(steps), force)
     body = body_of(act.choose("none.lean.bodies"), act.constants)
-    return (act.press(body, act.flesh(), series, act.rests(steps), act.turn()),)
+    return (act.press(body, act.flesh(), series, act.wander(steps), act.turn()),)
 
 
 def bump(act: Act) -> tuple[Press, ...]:
@@ -79,14 +79,12 @@ def dragged(act: Act, body: str, flesh: Flesh) -> Press:
     """A body that passes lightly and unevenly, across its long axis."""
     force = act.note("force", act.draw("none.brush.force"))
     steps = act.steps(act.draw("none.brush.hold"))
-    rate = act.draw("stroke.ripple_rate")
-    uneven = act.draw("none.brush.ripple") * tremor(steps, act.step, rate, act.rng)
     rise, fall = act.draw("stroke.rise"), act.draw("stroke.fall")
     whole = (steps - 1) * act.step
     shape = ramped(act, steps, rise * whole, fall * whole)
     path = slid(act, act.draw("none.brush.speed"), steps)
     angle = float(act.drawn["direction"]) + np.pi / 2 + act.draw("hand.turn")
-    series = peaked(shape * (1 + uneven), force)
+    series = peaked(shape * act.rippled(steps), force)
     return act.press(
         body_of(body, act.constants), flesh, series, within(act, path), angle
     )

@@ -5,7 +5,7 @@ import numpy as np
 from eskin.sim.contact.press import Press
 from eskin.sim.people.programs.act import Act
 from eskin.sim.people.programs.amount import draw_duration, draw_force
-from eskin.sim.people.series import bell, minimum_jerk
+from eskin.sim.people.series import minimum_jerk, peaked
 
 
 def double_pat(act: Act) -> tuple[Press, ...]:
@@ -34,10 +34,10 @@ def pats(act: Act, count: int, group: str) -> tuple[Press, ...]:
     length, apart = act.steps(contact), max(round(interval / act.step), 1)
     apart = max(apart, length)
     series = np.zeros((count - 1) * apart + length)
-    path = np.zeros((len(series), 2))
+    path, noise = act.wander(len(series)), act.held(len(series))
     for number, each in enumerate(firm):
         start = number * apart
-        pat = each * bell(length, act.constants.value("force.bell"))
+        pat = peaked(act.push(length) * noise[start : start + length], each)
         series[start : start + length] = pat
         if number:
             move(act, path, start - apart + length, start)

@@ -7,7 +7,7 @@ import numpy as np
 from eskin.sim.contact.press import Flesh, Press
 from eskin.sim.people.programs.act import Act
 from eskin.sim.people.programs.amount import draw_duration, draw_force
-from eskin.sim.people.series import Series, minimum_jerk, peaked, trapezoid, tremor
+from eskin.sim.people.series import minimum_jerk, peaked, trapezoid
 
 
 def grab(act: Act) -> tuple[Press, ...]:
@@ -22,8 +22,8 @@ def hold(act: Act, duration: float, group: str, firmer: float = 1.0) -> Press:
     steps = act.steps(duration)
     smooth = round(act.constants.value("force.smooth") / act.step / 2)
     rise, fall = act.draw("grab.rise"), act.draw("grab.fall")
-    series = peaked(trapezoid(steps, rise, fall, smooth) * gripping(act, steps), force)
-    path = act.slip("grab.slip", steps)
+    series = peaked(trapezoid(steps, rise, fall, smooth) * act.held(steps), force)
+    path = act.wander(steps)
     twist = act.draw("grab.twist") * minimum_jerk(steps)
     series = np.minimum(series, most * firmer)
     stamps = act.person.part(group, act.draw("grab.splay"))
@@ -33,13 +33,6 @@ def hold(act: Act, duration: float, group: str, firmer: float = 1.0) -> Press:
 def closed(act: Act) -> Flesh:
     """A hand that wraps round what it holds."""
     return replace(act.person.flesh, conformity=act.draw("grab.conformity"))
-
-
-def gripping(act: Act, steps: int) -> Series:
-    """Noise of a grip, around 1."""
-    rate = act.draw("grab.tremor_rate")
-    size = act.constants.value("grab.tremor")
-    return act.held(steps) + size * tremor(steps, act.step, rate, act.rng)
 
 
 def across(act: Act) -> float:

@@ -2,12 +2,15 @@
 
 import numpy as np
 
-from eskin.sim.contact.press import Press, Stamps
+from eskin.sim.contact.press import Press
 from eskin.sim.people.programs.act import Act
 from eskin.sim.people.programs.amount import draw_duration, draw_force
 from eskin.sim.people.programs.double_pat import pats
 from eskin.sim.people.programs.grab import across, closed, hold
-from eskin.sim.people.series import Series, bell, peaked, trapezoid, tremor
+from eskin.sim.people.series import Series, peaked, trapezoid, tremor
+
+FINGERS = ("one_tip", "two_tips")
+"""Parts of a hand whose brief push is a poke."""
 
 
 def resting_hand(act: Act) -> tuple[Press, ...]:
@@ -19,7 +22,7 @@ def resting_hand(act: Act) -> tuple[Press, ...]:
     stamps = act.stamps(act.choose("none.resting_hand.kinds"))
     series = peaked(ramped(act, steps, ramp, ramp) * act.held(steps), force)
     flesh, angle = act.flesh(), act.turn()
-    return (act.press(stamps, flesh, series, act.rests(steps), angle),)
+    return (act.press(stamps, flesh, series, act.wander(steps), angle),)
 
 
 def ramped(act: Act, steps: int, up: float, down: float) -> Series:
@@ -32,29 +35,28 @@ def ramped(act: Act, steps: int, up: float, down: float) -> Series:
 
 def single_pat(act: Act) -> tuple[Press, ...]:
     """One pat; slower ones are as long as a tap of Jung et al. 2017."""
-    style = act.choose("double_pat.kinds")
+    style = act.choose("none.single_pat.kinds")
     if act.regime == "paper":
         return pats(act, 1, style)
     force = draw_force(act, "double_pat.force", "double_pat")
     steps = act.steps(draw_duration(act, "tap"))
-    series = force * bell(steps, act.constants.value("force.bell"))
-    return (still(act, act.stamps(style), series),)
+    return (pushed(act, style, force, steps),)
 
 
 def press(act: Act) -> tuple[Press, ...]:
-    """A hand or finger pushes and keeps pushing."""
+    """A hand or finger pushes and keeps pushing: a finger for longer than a poke."""
     force = draw_force(act, "none.press.force", "press")
-    steps = act.steps(draw_duration(act, "press"))
-    smooth = round(act.constants.value("force.smooth") / act.step / 2)
-    rise, fall = act.draw("grab.rise"), act.draw("grab.fall")
-    series = peaked(trapezoid(steps, rise, fall, smooth) * act.held(steps), force)
-    return (still(act, act.stamps(act.choose("none.press.kinds")), series),)
+    style = act.choose("none.press.kinds")
+    length = "finger_press" if style in FINGERS else "press"
+    steps = act.steps(draw_duration(act, length, "press"))
+    return (pushed(act, style, force, steps),)
 
 
-def still(act: Act, stamps: Stamps, series: Series) -> Press:
-    """A hand that presses where it is, slipping as in a grab."""
-    path = act.slip("grab.slip", len(series))
-    return act.press(stamps, act.flesh(), series, path, act.turn())
+def pushed(act: Act, style: str, force: float, steps: int) -> Press:
+    """Parts of a hand that push once, where they are."""
+    series = peaked(act.push(steps) * act.held(steps), force)
+    stamps, flesh = act.stamps(style), act.flesh()
+    return act.press(stamps, flesh, series, act.wander(steps), act.turn())
 
 
 def squeeze_hold(act: Act) -> tuple[Press, ...]:
@@ -90,6 +92,6 @@ def guide(act: Act, force: float, steps: int, place: float) -> Press:
     swaying = 1 + sway * tremor(steps, act.step, rate, act.rng)
     shape = ramped(act, steps, *(act.draw("none.lean.ramp") for _ in range(2)))
     stamps = act.stamps("full_hand")
-    path = act.rests(steps) + np.array([0.0, place])
+    path = act.wander(steps) + np.array([0.0, place])
     series = peaked(shape * swaying * act.held(steps), force)
     return act.press(stamps, closed(act), series, path, across(act))

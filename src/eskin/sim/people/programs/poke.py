@@ -9,7 +9,7 @@ from eskin.sim.contact.press import Press, Stamps
 from eskin.sim.people.hand import body_of
 from eskin.sim.people.programs.act import Act
 from eskin.sim.people.programs.amount import draw_duration, draw_force
-from eskin.sim.people.series import Series, bell, peaked, trapezoid
+from eskin.sim.people.series import Series, peaked
 
 
 def poke(act: Act) -> tuple[Press, ...]:
@@ -17,12 +17,13 @@ def poke(act: Act) -> tuple[Press, ...]:
     force = draw_force(act, "poke.force", "poke")
     duration = draw_duration(act, "poke")
     steps = act.steps(duration)
-    shape = push(act, steps)
+    shape = act.push(steps)
     if act.happens("again", act.constants.value("poke.again") * act.difficulty):
         shape = fitted(again(act, shape), steps)
-    path = act.slip("poke.slip", len(shape))
+    series = peaked(shape * act.held(steps), force)
     flesh = replace(act.person.flesh, conformity=act.draw("poke.conformity"))
-    return (act.press(finger(act), flesh, force * shape, path, act.turn()),)
+    path, angle = act.wander(steps), act.turn()
+    return (act.press(finger(act), flesh, series, path, angle),)
 
 
 def finger(act: Act) -> Stamps:
@@ -30,15 +31,6 @@ def finger(act: Act) -> Stamps:
     if act.kind == "knuckle":
         return body_of("knuckle", act.constants)
     return act.stamps(act.kind)
-
-
-def push(act: Act, steps: int) -> Series:
-    """Force of one push through time, largest value 1."""
-    if act.choose("poke.shape") == "bell":
-        return bell(steps, act.constants.value("force.bell"))
-    rise, fall = (act.constants.value(f"poke.{part}") for part in ("rise", "fall"))
-    smooth = round(act.constants.value("force.smooth") / act.step / 2)
-    return trapezoid(steps, rise, fall, smooth)
 
 
 def again(act: Act, shape: Series) -> Float[np.ndarray, "longer"]:

@@ -6,7 +6,7 @@ from jaxtyping import Float
 from eskin.sim.contact.press import Press
 from eskin.sim.people.programs.act import Act
 from eskin.sim.people.programs.amount import draw_duration, draw_force
-from eskin.sim.people.series import Series, minimum_jerk, peaked, trapezoid, tremor
+from eskin.sim.people.series import Series, minimum_jerk, peaked, trapezoid
 
 
 def stroke(act: Act) -> tuple[Press, ...]:
@@ -21,7 +21,7 @@ def stroke(act: Act) -> tuple[Press, ...]:
     start, length = fit(act, way, speed * duration / legs)
     act.note("speed", legs * length / duration)
     along = start + length * there(steps, back)
-    path = along[:, None] * way + act.slip("stroke.slip", steps)
+    path = along[:, None] * way + act.wander(steps)
     series = peaked(sliding(act, steps), force)
     flesh, angle = act.flesh(), act.turn()
     return (act.press(act.stamps(act.kind), flesh, series, path, angle),)
@@ -83,7 +83,4 @@ def sliding(act: Act, steps: int) -> Series:
     """Force of a sliding hand, around 1: it ripples, and lifts off slowly."""
     smooth = round(act.constants.value("force.smooth") / act.step / 2)
     shape = trapezoid(steps, act.draw("stroke.rise"), act.draw("stroke.fall"), smooth)
-    rate = act.draw("stroke.ripple_rate")
-    ripple = act.constants.value("stroke.ripple")
-    rippled = 1 + ripple * tremor(steps, act.step, rate, act.rng)
-    return shape * rippled * act.held(steps)
+    return shape * act.rippled(steps) * act.held(steps)

@@ -17,7 +17,7 @@ def rub(act: Act) -> tuple[Press, ...]:
     force = draw_force(act, "unknown.rub.force", "stroke")
     steps = act.steps(draw_duration(act, "rub", "stroke"))
     swing = swung(act, steps, "unknown.rub")
-    path = swing[:, None] * draw_way(act) + act.slip("stroke.slip", steps)
+    path = swing[:, None] * draw_way(act) + act.wander(steps)
     stamps = act.stamps(act.choose("stroke.kinds"))
     series = peaked(sliding(act, steps), force)
     return (act.press(stamps, act.flesh(), series, path, act.turn()),)
@@ -34,7 +34,8 @@ def tickle(act: Act) -> tuple[Press, ...]:
     """Fingertips, lightly and quickly."""
     force = draw_force(act, "unknown.tickle.force", "tickle")
     steps = act.steps(draw_duration(act, "tickle"))
-    path = np.column_stack([swung(act, steps, "unknown.tickle") for _ in "st"])
+    swings = [swung(act, steps, "unknown.tickle") for _ in "st"]
+    path = np.column_stack(swings) + act.wander(steps)
     depth = act.draw("unknown.tickle.depth")
     rate = act.draw("unknown.tickle.rate")
     beats = 1 - depth * (1 + tremor(steps, act.step, rate, act.rng)) / 2
