@@ -14,7 +14,7 @@ from benchmarks.textbook.draws import CLIP, TOUCHES, draw_touch
 from benchmarks.textbook.report import share, table, verdicts
 from benchmarks.textbook.skins import GAIN, REST, site_of
 from benchmarks.textbook.sweeps import FACTORS, Point, draw_setting
-from benchmarks.textbook.touches import Spot, Touch, axes_of
+from benchmarks.textbook.touches import Spot, Touch, axes_of, flat_hand, laid
 
 PITCH = 0.008
 TIMES = np.arange(0, CLIP, 0.001)
@@ -130,6 +130,14 @@ def test_pats_are_so_far_apart_and_lifted_between(gap):
     assert end - second == pytest.approx(lifted - first)
 
 
+def test_one_pat_is_answered_once_no_second_can_come():
+    for seed in range(20):
+        drawn = setting("one pat", seed)
+        touch = draw_touch("one pat", drawn, site_of("flat", PITCH), rng(seed))
+        [(start, _)] = touch.contacts
+        assert CLIP - start >= 0.45 - 1e-9
+
+
 @pytest.mark.parametrize("surface", ["flat", "round"])
 @pytest.mark.parametrize("speed", [5.0, 40.0])
 def test_stroke_moves_at_its_speed(surface, speed):
@@ -148,18 +156,38 @@ def test_stroke_moves_at_its_speed(surface, speed):
 
 
 @pytest.mark.parametrize("name", TOUCHES)
-def test_touch_ends_in_its_clip_and_lies_inside(name):
-    site = site_of("round", PITCH)
+def test_touch_ends_in_its_clip(name):
     for seed in range(5):
-        touch = draw_touch(name, setting(name, seed), site, rng(seed))
+        touch = draw_touch(
+            name, setting(name, seed), site_of("round", PITCH), rng(seed)
+        )
         start, end = touch.contacts[0][0], touch.contacts[-1][1]
         if name == "resting hand":
             assert start < 0.5 and end > CLIP
         else:
             assert 0 <= start < end <= CLIP - 0.1 + 1e-9
-        felt = site.pressure(touch, np.array([np.mean(touch.contacts[0])]))[0]
-        heights = site.mounted.skin.positions[:, 2]
-        assert not felt[np.abs(heights) > np.abs(heights).max() - 1e-6].any()
+
+
+@pytest.mark.parametrize("name", TOUCHES)
+def test_edge_of_the_skin_is_never_touched(name):
+    site = site_of("round" if name == "grab" else "flat", PITCH)
+    apart = np.abs(site.points)
+    outer = apart > apart.max(axis=0) - PITCH / 2
+    edge = site.taxel[outer[:, 1] if name == "grab" else outer.any(axis=1)]
+    for seed in range(30):
+        touch = draw_touch(name, setting(name, seed), site, rng(seed))
+        felt = site.pressure(touch, np.linspace(*touch.contacts[0], 9))
+        assert felt.any() and not felt[:, edge].any()
+
+
+def test_hand_turns_as_one():
+    hand = flat_hand(5.0, 2e-4)
+    turned = laid(hand, np.pi / 2, (0.01, 0.02))
+    for before, after in zip(hand, turned, strict=True):
+        s, t = before.centre
+        assert after.centre == pytest.approx((0.01 - t, 0.02 + s))
+        assert after.angle == pytest.approx(np.pi / 2)
+        assert (after.force, after.axes) == (before.force, before.axes)
 
 
 def test_sensor_counts_pressure_and_white_noise():

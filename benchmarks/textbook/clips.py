@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Int
+from jaxtyping import Float, Int
 
 from benchmarks.textbook.draws import CLIP
 from benchmarks.textbook.skins import GAIN, NOISE, REST, Site
@@ -31,7 +31,25 @@ class Answer:
     """The first gesture that was said live; `none` where none was."""
 
 
-def scans_of(touch: Touch, site: Site, rate: float, rng: np.random.Generator) -> "Clip":
+@dataclass(frozen=True, eq=False)
+class Clip:
+    """Scans before, in and after the two seconds that are answered."""
+
+    times: Float[np.ndarray, "scan"]
+    """Counted from the start of the two seconds [s]."""
+    counts: Int[np.ndarray, "scan taxel"]
+    """Of a perfect sensor."""
+    site: Site
+    """Where they were taken."""
+
+    def scan(self, index: int) -> Scan:
+        """One of the scans."""
+        stamp = START + round(self.times[index] * NANOSECONDS)
+        received = np.ones(self.counts.shape[1], bool)
+        return Scan(stamp, self.counts[index], received, self.site.q)
+
+
+def scans_of(touch: Touch, site: Site, rate: float, rng: np.random.Generator) -> Clip:
     """The scans of a touch.
 
     Args:
@@ -49,24 +67,6 @@ def scans_of(touch: Touch, site: Site, rate: float, rng: np.random.Generator) ->
     pressure += NOISE * rng.standard_normal(pressure.shape, np.float32)
     counts = np.rint(REST + pressure / GAIN).astype(np.int32)
     return Clip(times, counts, site)
-
-
-@dataclass(frozen=True, eq=False)
-class Clip:
-    """Scans before, in and after the two seconds that are answered."""
-
-    times: np.ndarray
-    """(scan) from the start of the two seconds [s]."""
-    counts: Int[np.ndarray, "scan taxel"]
-    """Of a perfect sensor."""
-    site: Site
-    """Where they were taken."""
-
-    def scan(self, index: int) -> Scan:
-        """One of the scans."""
-        stamp = START + round(self.times[index] * NANOSECONDS)
-        received = np.ones(self.counts.shape[1], bool)
-        return Scan(stamp, self.counts[index], received, self.site.q)
 
 
 def answer(model: Model, clip: Clip) -> Answer:

@@ -1,7 +1,7 @@
 """Textbook touches drawn at random from a setting: what, where and when."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import cos, pi, sin
 
 import numpy as np
@@ -23,6 +23,9 @@ CLIP = 2.0
 """Length of a clip [s]; touches tell their times from its start."""
 LIFTED = (0.1, 0.5)
 """How long before the end of its clip a touch has ended, where it fits [s]."""
+NO_SECOND = 0.45
+"""From the onset of one pat to the end of its clip at least [s]: the longest interval
+of two pats; before, nobody can know that there is no second one."""
 PAT = (0.08, 0.16)
 """Contact of one pat [s]."""
 PAT_SHARE = 0.6
@@ -84,9 +87,10 @@ def one_tip(name: str, setting: Setting, seconds: float, rng: Rng) -> Touch:
 
 
 def one_pat(setting: Setting, rng: Rng) -> Touch:
-    """One pat of a hand."""
+    """One pat of a hand, and no second one for as long as it might come."""
     hand, seconds = patting(setting, rng), rng.uniform(*PAT)
-    return Touch("one pat", hand, (span(seconds, rng),), setting.ramp)
+    lifted = NO_SECOND - seconds, LIFTED[1]
+    return Touch("one pat", hand, (span(seconds, rng, lifted),), setting.ramp)
 
 
 def double_pat(setting: Setting, rng: Rng) -> Touch:
@@ -145,10 +149,18 @@ def truth_of(name: str) -> str:
     return name if name in GESTURES else NONE
 
 
-def span(seconds: float, rng: Rng) -> tuple[float, float]:
-    """Start and end of so long in a clip [s]."""
-    lifted = min(rng.uniform(*LIFTED), CLIP - seconds)
-    return CLIP - lifted - seconds, CLIP - lifted
+def span(
+    seconds: float, rng: Rng, lifted: tuple[float, float] = LIFTED
+) -> tuple[float, float]:
+    """Start and end of so long in a clip [s].
+
+    Args:
+        seconds: how long.
+        rng: to draw from.
+        lifted: how long before the end of the clip it has ended, where it fits [s].
+    """
+    end = CLIP - min(rng.uniform(*lifted), CLIP - seconds)
+    return end - seconds, end
 
 
 def draw_touch(name: str, setting: Setting, site: Site, rng: Rng) -> Touch:
@@ -186,7 +198,7 @@ def placed(touch: Touch, site: Site, rng: Rng) -> Touch:
         back = at[0] - travel[0] / 2, at[1] - travel[1] / 2
         spots = laid(touch.spots, angle, back)
         if site.holds(spots, travel):
-            return Touch(touch.name, spots, touch.contacts, touch.ramp, velocity)
+            return replace(touch, spots=spots, velocity=velocity)
     raise ValueError(
         f"no room for a {touch.name} on {site.mounted.skin.name} in {TRIES} tries; "
         f"allowed are touches within {site.half} m; make it smaller"

@@ -37,6 +37,8 @@ LOOKS = {
 """Colour, marker and line of each touch; dashed where the right answer is none."""
 APART = 0.7
 """By which lines are drawn apart, so that none lies on another [%]."""
+BESIDE = 0.1
+"""By which markers of one surface stand beside each other."""
 
 
 def summary(points: Sequence[Point]) -> str:
@@ -49,31 +51,42 @@ def summary(points: Sequence[Point]) -> str:
 def table(points: Sequence[Point], factor: str) -> str:
     """Shares of forced choice at each value, then of the middle half, and the verdict.
 
-    Values of the middle half are in bold. `live` is the share of the middle half of
-    which the right gesture was said first, or rightly none.
+    Values of the middle half are in bold; all surfaces count as such. `live` is the
+    share of the middle half of which the right gesture was said first, or rightly none.
     """
-    lines: list[str] = []
-    for touch in touches_of(points, factor):
-        row = sweep_of(points, factor, touch)
-        if factor == SURFACE:
-            row = [one for name in surfaces(points) for one in found(row, name)]
-        middle = [one for one in row if one.inside]
-        most = max(wrong(middle).items(), key=lambda entry: entry[1], default=("", 0))
-        cells = [share_text(one) for one in row]
-        if factor == SURFACE and len(row) < len(surfaces(points)):
-            cells = ["", *cells]
-        lines.append(
-            f"| {touch} | {' | '.join(cells)} | {share(middle):.0%} | "
-            f"{share(middle, live=True):.0%} | "
-            f"{'met' if verdicts(points, factor)[touch] else 'not met'} | "
-            f"{most[0] if most[1] else ''} |"
-        )
     values = values_of(points, factor)
-    head = " | ".join(value_text(value, inside) for value, inside in values)
-    title = (
-        f"| {LABELS[factor]} | {head} | middle half | live | verdict | else mostly |"
+    heads = [
+        LABELS[factor],
+        *(value_text(value, inside) for value, inside in values),
+        *("middle half", "live", "verdict", "else mostly"),
+    ]
+    lines = [
+        line_of(sweep_of(points, factor, touch), [value for value, _ in values])
+        for touch in touches_of(points, factor)
+    ]
+    return "\n".join([row_text(heads), "|---" * len(heads) + "|", *lines])
+
+
+def line_of(row: Sequence[Point], values: Sequence[float | str]) -> str:
+    """The line of one touch: a cell for each value, empty where it was not asked."""
+    texts = {one.value: f"{100 * share([one]):.0f}" for one in row}
+    middle = [one for one in row if one.inside]
+    others = wrong(middle)
+    return row_text(
+        [
+            row[0].touch,
+            *(texts.get(value, "") for value in values),
+            f"{share(middle):.0%}",
+            f"{share(middle, live=True):.0%}",
+            "met" if share(middle) >= WANTED else "not met",
+            max(others, key=lambda name: others[name], default=""),
+        ]
     )
-    return "\n".join([title, "|---" * (len(values) + 5) + "|", *lines])
+
+
+def row_text(cells: Sequence[str]) -> str:
+    """Cells as a row of a table."""
+    return f"| {' | '.join(cells)} |"
 
 
 def touches_of(points: Sequence[Point], factor: str) -> list[str]:
@@ -85,16 +98,6 @@ def touches_of(points: Sequence[Point], factor: str) -> list[str]:
 def sweep_of(points: Sequence[Point], factor: str, touch: str) -> list[Point]:
     """The points of one line of a table."""
     return [one for one in points if (one.factor, one.touch) == (factor, touch)]
-
-
-def surfaces(points: Sequence[Point]) -> list[float | str]:
-    """The surfaces that were swept."""
-    return [value for value, _ in values_of(points, SURFACE)]
-
-
-def found(row: Sequence[Point], value: float | str) -> list[Point]:
-    """The point of that value, if there is one."""
-    return [one for one in row if one.value == value]
 
 
 def values_of(points: Sequence[Point], factor: str) -> list[tuple[float | str, bool]]:
@@ -125,11 +128,6 @@ def wrong(points: Sequence[Point]) -> dict[str, int]:
             if name != truth_of(one.touch):
                 total[name] = total.get(name, 0) + count
     return total
-
-
-def share_text(one: Point) -> str:
-    """The share of one point."""
-    return f"{100 * one.right / one.count:.0f}"
 
 
 def value_text(value: float | str, inside: bool) -> str:
@@ -180,27 +178,28 @@ def draw_panel(
     axes: Axes, points: Sequence[Point], name: str, factor: Factor | None
 ) -> None:
     """Draw the sweep of one factor, its middle half shaded; None is the surface."""
+    values = [value for value, _ in values_of(points, name)]
     for touch in touches_of(points, name):
         row = sweep_of(points, name, touch)
         colour, marker, line = LOOKS[touch]
-        values = [one.value for one in row]
-        if factor is None:
-            order = surfaces(points)
-            step = 0.08 * (list(TOUCHES).index(touch) - 3)
-            values = [order.index(value) + step for value in values]
-        style = "none" if factor is None else line
-        apart = APART * (list(TOUCHES).index(touch) - len(TOUCHES) // 2)
-        shares = [100 * one.right / one.count + apart for one in row]
+        place = list(TOUCHES).index(touch) - len(TOUCHES) // 2
         axes.plot(
-            values, shares, color=colour, marker=marker, ls=style, ms=5, label=touch
+            [one.value for one in row]
+            if factor
+            else [values.index(one.value) + BESIDE * place for one in row],
+            [100 * share([one]) + APART * place for one in row],
+            color=colour,
+            marker=marker,
+            ls=line if factor else "none",
+            ms=5,
+            label=touch,
         )
     if factor is None:
-        axes.set_xticks(range(len(surfaces(points))), map(str, surfaces(points)))
+        axes.set_xticks(range(len(values)), [str(value) for value in values])
     else:
-        values = [value for value, _ in values_of(points, name)]
+        shown = [float(value) for value in values[:: max(1, (len(values) - 1) // 4)]]
         axes.set_xscale("log")
-        shown = values[:: max(1, (len(values) - 1) // 4)]
-        axes.set_xticks(shown, [f"{value:.3g}" for value in shown])  # type: ignore[arg-type]
+        axes.set_xticks(shown, [f"{value:.3g}" for value in shown])
         axes.minorticks_off()
         axes.axvspan(*factor.middle, color="0.92", zorder=0)
     axes.axhline(100 * WANTED, color="black", lw=0.8, ls=":")

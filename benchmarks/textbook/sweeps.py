@@ -1,8 +1,8 @@
 """One factor swept at a time, the others drawn from the middle halves of their ranges.
 
 A range is swept in even steps of its logarithm, and its middle half is that of the
-logarithm too: forces of 2.1 to 9.5 N of 1 to 20 N. All values of a sweep are asked with
-the same other factors, places and noise.
+logarithm too: forces of 2.1 to 9.5 N of 1 to 20 N. Every touch is drawn for itself, so
+that the clips of a middle half are so many independent ones.
 """
 
 from collections import Counter
@@ -137,8 +137,10 @@ def run(
             yield from sweep(loaded, factor, draws, values, seed)
     if SURFACE in asked:
         for touch in EVERY:
-            for surface in SURFACES if touch != "grab" else SURFACES[1:]:
-                yield point(loaded, SURFACE, surface, touch, True, draws, seed)
+            for number, surface in enumerate(SURFACES):
+                if (surface, touch) != ("flat", "grab"):
+                    key = seed, SWEPT.index(SURFACE), EVERY.index(touch), number
+                    yield point(loaded, SURFACE, surface, touch, True, draws, key)
 
 
 def sweep(
@@ -147,9 +149,10 @@ def sweep(
     """The values of one factor, for everything that it says something about."""
     low, high = (factor.middle[0] * (1 - 1e-9), factor.middle[1] * (1 + 1e-9))
     for touch in factor.touches:
-        for value in factor.values(values):
+        for number, value in enumerate(factor.values(values)):
             inside = low <= value <= high
-            yield point(model, factor.name, value, touch, inside, draws, seed)
+            key = seed, SWEPT.index(factor.name), EVERY.index(touch), number
+            yield point(model, factor.name, value, touch, inside, draws, key)
 
 
 def point(
@@ -159,20 +162,28 @@ def point(
     touch: str,
     inside: bool,
     draws: int,
-    seed: int,
+    key: tuple[int, ...],
 ) -> Point:
-    """What is answered at one value of a sweep."""
+    """What is answered at one value of a sweep.
+
+    Args:
+        model: that answers.
+        factor: the name of what is swept.
+        value: in the factor's own unit, or the name of a surface.
+        touch: what is done, one of `TOUCHES`.
+        inside: whether the value lies in the middle half.
+        draws: how many touches.
+        key: decides what is drawn, together with the number of the draw.
+    """
     forced, said = Counter[str](), Counter[str]()
     for draw in range(draws):
-        key = (seed, SWEPT.index(factor), EVERY.index(touch), draw)
-        rng = np.random.default_rng(key)
-        of_setting, of_touch, of_noise = rng.spawn(3)
+        of_setting, of_touch, of_noise = np.random.default_rng((*key, draw)).spawn(3)
         setting = draw_setting(touch, of_setting, {factor: value})
         site = site_of(setting.surface, setting.pitch)
         made = draw_touch(touch, setting, site, of_touch)
-        said_of = answer(model, scans_of(made, site, setting.rate, of_noise))
-        forced[said_of.forced] += 1
-        said[said_of.said] += 1
+        found = answer(model, scans_of(made, site, setting.rate, of_noise))
+        forced[found.forced] += 1
+        said[found.said] += 1
     return Point(factor, value, touch, inside, dict(forced), dict(said))
 
 

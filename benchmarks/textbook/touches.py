@@ -7,7 +7,7 @@ area, so that the mean pressure is the same under all of them.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from math import cos, hypot, pi, sin, sqrt
+from math import cos, pi, sin, sqrt
 
 import numpy as np
 from jaxtyping import Float
@@ -167,8 +167,3 @@ def path_ends(spots: Sequence[Spot], travel: Place) -> list[tuple[float, float, 
     """The centre (s, t) and reach of every spot [m], before and after its travel."""
     ends = [spot for by in ((0.0, 0.0), travel) for spot in laid(spots, 0.0, by)]
     return [(*spot.centre, spot.reach) for spot in ends]
-
-
-def length_of(travel: Place) -> float:
-    """How far a travel goes [m]."""
-    return hypot(*travel)
