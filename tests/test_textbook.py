@@ -236,7 +236,7 @@ def test_verdict_is_of_the_middle_half_alone():
     ]
     assert verdicts(points, "force") == {"poke": False, "press": True}
     assert share(points[1:2]) == 0.9
-    assert "| press | 0 | 90 | 90% | 0% | met | poke |" in table(points, "force")
+    assert "| press | 0 | 90 | 90.0% | 0.0% | met | poke |" in table(points, "force")
 
 
 def test_short_form_runs(tmp_path, capsys):

@@ -13,7 +13,7 @@ from eskin.model import Model
 from eskin.recording import NONE
 from eskin.touch import Scan
 
-BEFORE, AFTER = 2.0, 0.7
+BEFORE, AFTER = 2.0, 0.5
 """Rest before the clip, in which the skin is tared, and what is heard after it until
 touches have closed [s]."""
 START = 1_700_000_000_000_000_000

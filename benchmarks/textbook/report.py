@@ -76,8 +76,8 @@ def line_of(row: Sequence[Point], values: Sequence[float | str]) -> str:
         [
             row[0].touch,
             *(texts.get(value, "") for value in values),
-            f"{share(middle):.0%}",
-            f"{share(middle, live=True):.0%}",
+            f"{share(middle):.1%}",
+            f"{share(middle, live=True):.1%}",
             "met" if share(middle) >= WANTED else "not met",
             max(others, key=lambda name: others[name], default=""),
         ]
