@@ -61,9 +61,14 @@ def count_peaks(force, share):
     return int(np.sum(above[1:] & ~above[:-1]))
 
 
+def two_pats(touches):
+    """Those that are not of more pats."""
+    return [touch for touch in touches if not touch.drawn["more"]]
+
+
 def test_a_double_pat_has_two_peaks_and_mostly_leaves_between_them(people):
     left = []
-    for touch in many(people, "double_pat", None, 1.0):
+    for touch in two_pats(many(people, "double_pat", None, 1.0)):
         force = touch.presses[0].force
         half = len(force) // 2
         first, second = np.argmax(force[:half]), half + np.argmax(force[half:])
@@ -79,7 +84,7 @@ def middle_of(force):
 
 
 def test_pats_are_apart_by_what_was_drawn(people):
-    for touch in many(people[:200], "double_pat", None, 1.5, None):
+    for touch in two_pats(many(people[:200], "double_pat", None, 1.5, None)):
         force = touch.presses[0].force
         half = len(force) // 2
         first, second = middle_of(force[:half]), half + middle_of(force[half:])
@@ -138,7 +143,7 @@ def test_a_stroke_passes_its_target_within_its_room_at_a_hands_speed(people):
         speeds.append(drawn["speed"])
         returns.append(drawn["return"])
     assert max(speeds) <= 0.4 and min(speeds) > 0.01
-    assert np.median(speeds) == pytest.approx(0.13, abs=0.02)
+    assert np.median(speeds) == pytest.approx(0.11, abs=0.02)
     # Three standard errors of 300 touches.
     assert np.mean(returns) == pytest.approx(0.2, abs=0.07)
 

@@ -59,7 +59,7 @@ def gsd(numbers):
         ("poke", 4.0, 1.8),
         ("double_pat", 5.0, 1.7),
         ("grab", 40.0, 1.8),
-        ("stroke", 3.0, 1.8),
+        ("stroke", 3.0, 2.0),
     ],
 )
 def test_forces_have_the_law_of_their_constant(gesture, median, spread):
@@ -90,7 +90,9 @@ def test_touches_are_as_short_as_published(difficulty):
     }
     assert 0.60 <= (short["grab"] + short["stroke"]) / 2 <= 0.66
     assert short["poke"] == 1.0
-    assert np.mean(durations(many("double_pat", None, difficulty)) < 1) >= 0.98
+    pats = many("double_pat", None, difficulty)
+    two = [touch for touch in pats if not touch.drawn["more"]]
+    assert np.mean(durations(two) < 1) >= 0.98
 
 
 @pytest.mark.parametrize("gesture", ["grab", "stroke"])

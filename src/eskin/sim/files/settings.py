@@ -2,7 +2,7 @@
 
 import json
 import os
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from hashlib import sha256
 from pathlib import Path
@@ -71,8 +71,14 @@ class Settings:
 
     @cached_property
     def clip_set(self) -> ClipSet:
-        """The set, as large as it was asked for."""
+        """The set, as large as it was asked for.
+
+        Nobody grabs a robot without joints: it is wider than a hand closes round.
+        """
         whole = load_set(self.set_name, self.constants)
+        if not folds(self.skin):
+            classes = tuple(name for name in whole.classes if name != "grab")
+            whole = replace(whole, classes=classes)
         return resized(whole, self.clips, self.subjects, self.constants)
 
     @cached_property

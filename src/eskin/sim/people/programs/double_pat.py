@@ -9,14 +9,19 @@ from eskin.sim.people.series import minimum_jerk, peaked
 
 
 def double_pat(act: Act) -> tuple[Press, ...]:
-    """Two pats."""
-    return pats(act, 2, act.kind)
+    """Two pats; sometimes more, which mean the same."""
+    more = act.happens("more", act.constants.value("double_pat.more"))
+    return pats(act, several(act) if more else 2, act.kind)
 
 
 def tap_many(act: Act) -> tuple[Press, ...]:
     """Three pats or more."""
-    count = int(act.choose("unknown.taps"))
-    return pats(act, count, act.choose("double_pat.kinds"))
+    return pats(act, several(act), act.choose("double_pat.kinds"))
+
+
+def several(act: Act) -> int:
+    """How many pats, three or more."""
+    return int(act.choose("unknown.taps"))
 
 
 def pats(act: Act, count: int, group: str) -> tuple[Press, ...]:

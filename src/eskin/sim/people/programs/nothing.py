@@ -21,7 +21,9 @@ def resting_hand(act: Act) -> tuple[Press, ...]:
     ramp = act.draw("none.resting_hand.ramp")
     stamps = act.stamps(act.choose("none.resting_hand.kinds"))
     series = peaked(ramped(act, steps, ramp, ramp) * act.held(steps), force)
-    flesh, angle = act.flesh(), act.turn()
+    lies_round = act.happens("round", act.constants.value("none.resting_hand.round"))
+    flesh = closed(act) if lies_round else act.flesh()
+    angle = across(act) if lies_round else act.turn()
     return (act.press(stamps, flesh, series, act.wander(steps), angle),)
 
 

@@ -99,8 +99,19 @@ def perform(
     program = program_of(gesture, way)
     presses = program(act)
     nobody = gesture == "none" and way in NOBODY
-    label = "double_pat" if gesture == "tap_many" else gesture
+    label = label_of(gesture, site, constants)
     return TrueTouch(label, way, "" if nobody else person.name, presses, act.drawn)
+
+
+def label_of(gesture: str, site: Site, constants: Constants) -> str:
+    """What a recogniser should say of a gesture at a site.
+
+    A hand spread over what it cannot close round presses, it does not grab.
+    """
+    if gesture == "tap_many":
+        return "double_pat"
+    wide = np.isfinite(site.radius) and 2 * site.radius > constants.value("grab.widest")
+    return "none" if gesture == "grab" and wide else gesture
 
 
 def regime_of(name: str) -> Regime:

@@ -1,0 +1,129 @@
+"""Whether the weights know a class by something that only the simulator gives it.
+
+    python -m benchmarks.signatures --model MODEL --sets SETS
+
+Every constant of the simulated world that one class has and another lacks is made almost
+nothing in test clips alone, weights as they are, on the same people, places and seeds. A
+class that loses much was known by that constant: then it needs a measured source, or it
+is mended. Prints a table of docs/simulation.md. The clips are those of `--set val` with a
+seed of their own; nothing is chosen on them.
+"""
+
+import shutil
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import tyro
+
+from eskin.learn.checkpoint import to_network
+from eskin.learn.clip_scoring import answer_clips
+from eskin.learn.dataset import prepare
+from eskin.model import Model, load_model
+from eskin.recording import find_recordings
+from eskin.sim.constants import load_constants
+from eskin.sim.files.generate import generate
+from eskin.sim.files.settings import Settings
+from eskin.sim.files.simulator import Simulator
+
+NEARLY_NOTHING = 1e-3
+"""Factor on a constant that is to be as good as zero."""
+
+ALLOWED = 0.05
+"""Recall that a class may lose before a constant is looked at."""
+
+LACKED: dict[str, tuple[str, ...]] = {
+    "wander of what a person holds in place": ("hand.wander",),
+    "slow noise of a force": ("force.noise",),
+    "tremor of a force (not of bodies and things)": ("force.tremor",),
+    "ripple of what slides": ("slide.ripple",),
+    "ramps of a push": ("push.rise", "push.fall"),
+    "ramps of a grab": ("grab.rise", "grab.fall"),
+    "ramps of a stroke, a brush, a cable": ("stroke.rise", "stroke.fall"),
+    "ramps of a resting hand": ("none.resting_hand.ramp",),
+    "pressing again (pokes)": ("poke.again",),
+    "way between two pats": ("double_pat.shift",),
+    "hand that stays between two pats": ("double_pat.stays",),
+    "twist of a grab": ("grab.twist",),
+    "fingers that bend one by one (pokes)": ("poke.conformity",),
+    "splay of the fingers": ("hand.splay", "grab.splay"),
+    "slide of a bump": ("none.bump.slide",),
+    "rebound of a bump": ("none.bump.rebound",),
+    "sway of guiding hands": ("none.guiding.sway",),
+    "film over the taxels (electrical events have none)": ("film.sigma",),
+}
+"""What some classes have and others lack, and its constants."""
+
+
+@dataclass(frozen=True)
+class Command:
+    """Take from the simulated touches, one by one, what only some classes have."""
+
+    model: Path = Path("ur5")
+    """One that comes with eskin, or a file."""
+
+    sets: Path = Path("sets")
+    """Folder of the clips, which are removed when they are answered."""
+
+    clips: int = 500
+    """Clips of each row, equally many of each class."""
+
+    seed: int = 31
+    """Of people, places and sensors."""
+
+    workers: int = 2
+    """Processes that generate and prepare."""
+
+
+def main() -> None:
+    """Print the table."""
+    command = tyro.cli(Command)
+    model = load_model(command.model)
+    names = model.card.vocabulary
+    usual = recalls(command, model, ())
+    print(f"| almost nothing | {' | '.join(names)} | loses more than 5 points |")
+    print("|---|" + "---|" * (len(names) + 1))
+    print(f"| (as it is) | {' | '.join(f'{each:.1%}' for each in usual)} | |")
+    for what, constants in LACKED.items():
+        found = recalls(command, model, constants)
+        lost = [
+            n for n, a, b in zip(names, usual, found, strict=True) if a - b > ALLOWED
+        ]
+        cells = [f"{b - a:+.1%}" for a, b in zip(usual, found, strict=True)]
+        print(f"| {what} | {' | '.join(cells)} | {', '.join(lost)} |", flush=True)
+
+
+def recalls(
+    command: Command, model: Model, constants: tuple[str, ...]
+) -> tuple[float, ...]:
+    """Recall of each class where some constants are almost nothing."""
+    folder = command.sets / "signature"
+    shutil.rmtree(folder, ignore_errors=True)
+    settings = Settings("val", "ur5", command.seed, command.clips)
+    generate(folder, settings, command.workers, partial(world_without, constants))
+    card = model.card
+    dataset = prepare(
+        find_recordings([folder]),
+        pipeline=card.pipeline,
+        graph=card.graph_used,
+        pack=folder / "pack",
+        workers=command.workers,
+    )
+    found = answer_clips(to_network(model), dataset, card.vocabulary, card.temperature)
+    shutil.rmtree(folder)
+    right = found.answer == found.truth
+    return tuple(
+        float(np.mean(right[found.truth == number]))
+        for number in range(len(card.vocabulary))
+    )
+
+
+def world_without(constants: tuple[str, ...], skin: str) -> Simulator:
+    """The world with some constants almost nothing."""
+    factors = {name: NEARLY_NOTHING for name in constants}
+    return Simulator(skin, load_constants().scaled(factors))
+
+
+if __name__ == "__main__":
+    main()
