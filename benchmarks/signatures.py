@@ -2,11 +2,11 @@
 
     python -m benchmarks.signatures --model MODEL --sets SETS
 
-Every constant of the simulated world that one class has and another lacks is made almost
-nothing in test clips alone, weights as they are, on the same people, places and seeds. A
-class that loses much was known by that constant: then it needs a measured source, or it
-is mended. Prints a table of docs/simulation.md. The clips are those of `--set val` with a
-seed of their own; nothing is chosen on them.
+Every constant of the simulated world that one class has and another lacks is made
+almost nothing in test clips alone, weights as they are, on the same people, places and
+seeds. A class that loses much was known by that constant: then it needs a measured
+source, or it is mended. Prints a table of docs/simulation.md. The clips are those of
+`--set val` with a seed of their own; nothing is chosen on them.
 """
 
 import shutil

@@ -141,6 +141,9 @@ class Setting:
     rate: float
     """Scans a second that are played [Hz]."""
 
+    floor: float = 0.0
+    """Share of full scale below which a signal does not tell a touch from rest."""
+
 
 @dataclass(frozen=True)
 class Answer:
@@ -192,6 +195,10 @@ class Command:
     rate: float = 50.0
     """Scans a second that are played [Hz]."""
 
+    floor: float = 0.0
+    """Share of full scale below which the array's signal does not tell a touch from
+    rest, as its calibration would say."""
+
     headline: bool = False
     """Play only the groups that have a bar: a third of the time."""
 
@@ -209,7 +216,9 @@ def main() -> None:
     public, model = SETS[command.dataset], load_model(command.model)
     if command.headline:
         public = replace(public, groups=headline_of(public))
-    setting = Setting(command.pitch_mm, command.full_scale_kpa, command.rate)
+    setting = Setting(
+        command.pitch_mm, command.full_scale_kpa, command.rate, command.floor
+    )
     trials = trials_of(public, command.data or public.folder)
     answers = answer_trials(trials, public, model, setting)
     groups = {group.name: figures(answers, group, model) for group in public.groups}
@@ -223,7 +232,7 @@ def main() -> None:
     print(forced_table(groups, model))
     print(live_table(groups, model), flush=True)
     if command.sweep:
-        result["sweep"] = sweep(trials, public, model, command.rate)
+        result["sweep"] = sweep(trials, public, model, setting)
         print(sweep_table(result["sweep"]))
     if command.json is not None:
         command.json.write_text(json.dumps(result, indent=1) + "\n")
@@ -256,7 +265,10 @@ def answer_trials(
     pitch = setting.pitch_mm / 1000
     skin = grid_skin(public.rows, public.columns, pitch, calibrated=True)
     mounted = MountedSkin(skin, load_robot("table"))
-    calibration = Calibration.uniform(skin.count, FINEST, setting.full_scale_kpa)
+    scale = setting.full_scale_kpa
+    calibration = Calibration.uniform(
+        skin.count, FINEST, scale, floor=setting.floor * scale
+    )
     return [
         answer(trial, Recognizer(model, mounted, calibration), setting.rate)
         for trial in trials
@@ -265,21 +277,21 @@ def answer_trials(
 
 def answer(trial: Trial, recognizer: Recognizer, rate: float) -> Answer:
     """Play one trial."""
-    ear = Ear(recognizer)
+    touches = TouchTraces(recognizer)
     for scan in scans_of(trial, rate):
-        ear.push(scan)
-    ear.finish()
-    said = {detection.gesture for detection in ear.detections} - {NONE}
-    touch = ear.largest()
+        touches.push(scan)
+    touches.finish()
+    said = {detection.gesture for detection in touches.detections} - {NONE}
+    touch = touches.largest()
     seconds = touched_seconds(trial)
-    heard = Answer(
+    found = Answer(
         trial.subject, trial.gesture, NONE, NONE, tuple(sorted(said)), seconds
     )
     if touch is None:
-        return heard
+        return found
     names = recognizer.model.card.vocabulary
     return replace(
-        heard,
+        found,
         forced=names[touch.forced().argmax()],
         averaged=names[touch.averaged().argmax()],
     )
@@ -350,7 +362,7 @@ class Trace:
         return np.log([self.probabilities[row] + 1e-12 for row in rows]).mean(axis=0)
 
 
-class Ear:
+class TouchTraces:
     """Keeps what a recogniser makes of one trial."""
 
     def __init__(self, recognizer: Recognizer) -> None:
@@ -443,12 +455,12 @@ def shares(
     `none`: no gesture), and wrong where another one was: it can be both.
     """
     names = model.card.vocabulary
-    heard = (*(name for name in names if name != NONE), UNKNOWN)
+    live = (*(name for name in names if name != NONE), UNKNOWN)
     found: dict[str, object] = {
         "n": len(answers),
         "forced": {n: share(a.forced == n for a in answers) for n in names},
         "averaged": {n: share(a.averaged == n for a in answers) for n in names},
-        "live": {n: share(n in a.said for a in answers) for n in heard}
+        "live": {n: share(n in a.said for a in answers) for n in live}
         | {NOTHING: share(not a.gestures for a in answers)},
     }
     if truth is not None:
@@ -503,7 +515,7 @@ def rows_of(
 
 
 def sweep(
-    trials: Sequence[Trial], public: PublicSet, model: Model, rate: float
+    trials: Sequence[Trial], public: PublicSet, model: Model, usual: Setting
 ) -> list[dict[str, Any]]:
     """The share of right forced choices of each headline group, setting by setting."""
     groups = headline_of(public)
@@ -511,7 +523,7 @@ def sweep(
     chosen = [trial for trial in trials if trial.gesture in wanted]
     found = []
     for pitch, scale in itertools.product(SWEEP_PITCHES, SWEEP_SCALES):
-        setting = Setting(pitch, scale, rate)
+        setting = replace(usual, pitch_mm=pitch, full_scale_kpa=scale)
         answers = answer_trials(chosen, public, model, setting)
         right = {g.name: figures(answers, g, model)["forced_right"] for g in groups}
         found.append(asdict(setting) | {"forced_right": right})

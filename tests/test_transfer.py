@@ -60,13 +60,13 @@ def test_the_largest_touch_is_answered_after_its_last_contact():
     skin = transfer.grid_skin(19, 24, pitch, calibrated=True)
     mounted = transfer.MountedSkin(skin, transfer.load_robot("table"))
     calibration = transfer.Calibration.uniform(skin.count, transfer.FINEST, 40.0)
-    ear = transfer.Ear(transfer.Recognizer(model, mounted, calibration))
+    touches = transfer.TouchTraces(transfer.Recognizer(model, mounted, calibration))
     for scan in transfer.scans_of(trial, 50.0):
-        ear.push(scan)
-    ear.finish()
-    touch = ear.largest()
+        touches.push(scan)
+    touches.finish()
+    touch = touches.largest()
     assert touch is not None
-    assert touch.impulse == max(trace.impulse for trace in ear.traces.values())
+    assert touch.impulse == max(trace.impulse for trace in touches.traces.values())
     late = (touch.stamps[touch.end] - touch.last) / 1e9
     assert 0.1 <= late < 0.12
     np.testing.assert_allclose(touch.forced().sum(), 1, atol=1e-5)
