@@ -23,6 +23,15 @@ FINGERTIP = {0.5: 67.0, 1.0: 90.0, 2.0: 120.0, 5.0: 177.0}
 BALANCE = {"one_tip": 4.0, "fingers": 30.0, "flat_hand": 60.0}
 """Force [N] on parts of a hand that lie inside a patch."""
 FOREARM = "forearm_link"
+WANDER = {
+    "poke": ("poke", None, 0.24, 0.6),
+    "long finger touch": ("none", "press", 0.24, 1.76),
+    "resting hand": ("none", "resting_hand", 0.16, 1.2),
+}
+"""Median way of a touch's centre in 83 ms, and its range over the touch [mm], while its
+force is above 60 % of its peak: two people of SocialTouch, taxels of 4 mm."""
+SAMPLED = 0.083
+"""Time between two readings of SocialTouch [s]."""
 
 
 def physics_checks(constants: Constants, people: int, seed: int) -> list[Check]:
@@ -31,6 +40,7 @@ def physics_checks(constants: Constants, people: int, seed: int) -> list[Check]:
         *fingertip_checks(constants),
         *people_checks(constants, people, seed),
         *time_checks(constants, people, seed),
+        *wander_checks(constants, people, seed),
     ]
 
 
@@ -208,6 +218,34 @@ def time_checks(constants: Constants, people: int, seed: int) -> list[Check]:
         times("bump: time of contact", bumps, 15, 60, "mass on a spring"),
         times("pat: time of contact", pats, 80, 200, "touchscreen taps, 133 (83) ms"),
     ]
+
+
+def wander_checks(constants: Constants, people: int, seed: int) -> list[Check]:
+    """How far the centre of a touch moves where the hand stays in place."""
+    rng = np.random.default_rng([seed, 63])
+    site = Site(0, (0.0, 0.0), 0.0375, (-0.1, 0.1), 0.0)
+    every = round(SAMPLED / constants.value("time.step"))
+    checks = []
+    for name, (gesture, kind, way, span) in WANDER.items():
+        ways, spans = [], []
+        for number in range(people):
+            person = draw_person(f"wander-{number}", constants, rng)
+            touch = perform(gesture, kind, person, site, constants, rng, 1.5, None)
+            press = touch.presses[0]
+            centre = press.centre[press.force > 0.6 * press.force.max()] / MM
+            if len(centre) > every:
+                moved = np.linalg.norm(centre[every:] - centre[:-every], axis=1)
+                ways.append(float(np.median(moved)))
+                spans.append(float(np.linalg.norm(np.ptp(centre, axis=0))))
+        for what, found, wanted in (
+            ("way in 83 ms", ways, way),
+            ("range", spans, span),
+        ):
+            label = f"{name}: {what}, median"
+            median = float(np.median(found))
+            limits = 0.5 * wanted, 1.5 * wanted
+            checks.append(within(label, median, *limits, "SocialTouch", "mm"))
+    return checks
 
 
 def times(name: str, found: list[float], low: float, high: float, source: str) -> Check:
