@@ -66,7 +66,7 @@ def test_a_clip_is_as_long_as_planned_and_counts_every_taxel():
 @pytest.mark.parametrize("gesture", GESTURES)
 def test_what_is_felt_is_felt_where_and_when_it_truly_is(gesture):
     near = []
-    for clip in clips(6, gesture=gesture):
+    for clip in clips(10, gesture=gesture):
         (truth,) = clip.truths
         calibration = build_of(PLAN.build, world()).calibration(world().mounted.skin)
         rest = np.median(clip.counts, axis=0)

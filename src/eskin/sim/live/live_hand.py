@@ -93,7 +93,7 @@ class LiveHand:
         self, place: Place, force: float | None = None, seconds: float | None = None
     ) -> int:
         """Pat twice with the hand; arguments as of `poke`."""
-        asked = asked_for(force=force, duration=seconds)
+        asked = asked_for(force=force, duration=seconds) | {"more": 0.0}
         if force is not None:
             asked["force.1"] = force
         if seconds is not None:
