@@ -186,7 +186,10 @@ def head(*names: str) -> list[str]:
 
 
 def row(names: tuple[str, str], cases: list[Case]) -> list[str]:
-    """A line, if there are cases: shares of clips within each bar, and medians."""
+    """A line, if there are cases: shares of clips within each bar, and medians.
+
+    A correlation that is undefined is within no bar, and in no median.
+    """
     clips: dict[int, list[Agreement]] = {}
     for case in cases:
         if case.found is not None:
@@ -197,7 +200,7 @@ def row(names: tuple[str, str], cases: list[Case]) -> list[str]:
     shares = [np.abs(area - 1) <= 0.25, away <= 0.004, alike > 0.8]
     cells = [*names, len(clips), *(f"{share.mean():.0%}" for share in shares)]
     cells += [f"{np.median(area):.2f}", f"{1e3 * np.median(away):.1f}"]
-    cells += [f"{np.median(alike):.2f}", f"{np.median(strict):.2f}"]
+    cells += [f"{np.nanmedian(alike):.2f}", f"{np.nanmedian(strict):.2f}"]
     return [f"| {' | '.join(map(str, cells))} |"]
 
 

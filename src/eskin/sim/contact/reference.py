@@ -170,6 +170,13 @@ def agreement(felt: Felt, reference: Felt) -> Agreement:
     return Agreement(
         area=float(felt.area[0] / reference.area[0]),
         centroid=float(np.linalg.norm(felt.centroid[0] - reference.centroid[0])),
-        correlation=float(np.corrcoef(pairs.T)[0, 1]),
-        strict=float(np.corrcoef(touched.T)[0, 1]) if len(touched) > 1 else 1.0,
+        correlation=correlation_of(pairs),
+        strict=correlation_of(touched) if len(touched) > 1 else 1.0,
     )
+
+
+def correlation_of(pairs: Float[np.ndarray, "taxel 2"]) -> float:
+    """Pearson's correlation of two pressures; nan where one is the same everywhere."""
+    if np.ptp(pairs, axis=0).min() == 0:
+        return np.nan
+    return float(np.corrcoef(pairs.T)[0, 1])

@@ -23,7 +23,6 @@ TIPS, THUMB, HEADS, HEEL = PARTS[:4], PARTS[12:14], PARTS[14:17], PARTS[17:]
 GROUPS: dict[str, tuple[str, ...]] = {
     "one_tip": PARTS[:1],
     "two_tips": PARTS[:2],
-    "three_tips": PARTS[:3],
     "tips": TIPS,
     "thumb": PARTS[12:13],
     "one_finger": ("index_tip", "index_mid"),

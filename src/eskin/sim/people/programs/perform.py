@@ -99,11 +99,11 @@ def perform(
     program = program_of(gesture, way)
     presses = program(act)
     nobody = gesture == "none" and way in NOBODY
-    label = label_of(gesture, site, constants)
+    label = meaning_of(gesture, site, constants)
     return TrueTouch(label, way, "" if nobody else person.name, presses, act.drawn)
 
 
-def label_of(gesture: str, site: Site, constants: Constants) -> str:
+def meaning_of(gesture: str, site: Site, constants: Constants) -> str:
     """What a recogniser should say of a gesture at a site.
 
     A hand spread over what it cannot close round presses, it does not grab.
