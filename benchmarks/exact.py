@@ -35,9 +35,9 @@ from eskin.recording import (
 from eskin.robot import load_robot
 from eskin.skin import MountedSkin
 from eskin.touch import Scan
+from eskin.units import NS_PER_S
 
 ALLOWED = 1e-4
-NANOSECONDS = 1_000_000_000
 TURN = 1_300_000_000
 
 
@@ -69,7 +69,7 @@ def some_lost(scans: Iterator[Scan]) -> Iterator[Scan]:
 def slower_half(scans: Iterator[Scan]) -> Iterator[Scan]:
     """Every other scan in turns of three seconds."""
     for n, scan in enumerate(scans):
-        if n % 2 == 0 or scan.stamp // (3 * NANOSECONDS) % 2 == 0:
+        if n % 2 == 0 or scan.stamp // (3 * NS_PER_S) % 2 == 0:
             yield scan
 
 

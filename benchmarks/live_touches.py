@@ -29,6 +29,7 @@ from eskin.sim.live.place import Place
 from eskin.sim.people.series import minimum_jerk
 from eskin.sim.robot.motion import fastest
 from eskin.sim.robot.pose import GROUPS, draw_pose
+from eskin.units import NS_PER_S
 
 GESTURES = ("poke", "double_pat", "grab", "stroke")
 QUIET = 2.0
@@ -40,7 +41,6 @@ PAUSE = (1.5, 3.0)
 STRETCH = 0.3
 """How far joints go to either side [rad]."""
 
-SECOND = 1_000_000_000
 
 Path = Callable[[float], Float[np.ndarray, "joint"]]
 
@@ -90,7 +90,7 @@ class Run:
         self.time += self.live.period
         q = self.path(self.time)
         begun = time.thread_time()
-        scan = self.live.scan(round(self.time * SECOND), q)
+        scan = self.live.scan(round(self.time * NS_PER_S), q)
         self.heard.scans.append(time.thread_time() - begun)
         self.heard.truths += self.live.hand.truths()
         self.heard.detections += self.recognizer.push(scan)

@@ -35,10 +35,9 @@ from eskin.recording import socialtouch as social
 from eskin.robot import load_robot
 from eskin.skin import MountedSkin, grid_skin
 from eskin.touch import Calibration, Scan, TouchState
+from eskin.units import NS_PER_S
 
-NANOSECONDS = 1_000_000_000
-
-START = 1_000 * NANOSECONDS
+START = 1_000 * NS_PER_S
 """Stamp of the first scan of every trial [ns]."""
 
 REST_BEFORE = 1.5
@@ -50,7 +49,7 @@ REST_AFTER = 0.6
 FINEST = 4080
 """Counts at full scale: about those of a converter of 12 bits."""
 
-ANSWER_AFTER = round(0.1 * NANOSECONDS)
+ANSWER_AFTER = round(0.1 * NS_PER_S)
 """From the last contact to the forced choice [ns]."""
 
 WINDOW, HOP = 2.0, 0.5
@@ -321,7 +320,7 @@ def scans_of(trial: Trial, rate: float) -> Iterator[Scan]:
     between = (1 - part) * share[before] + part * share[before + 1]
     received = np.ones(between.shape[1], dtype=np.bool_)
     for number, counts in enumerate(np.rint(FINEST * between).astype(np.int32)):
-        stamp = START + round(number * NANOSECONDS / rate)
+        stamp = START + round(number * NS_PER_S / rate)
         yield Scan(stamp, counts, received, np.empty(0))
 
 
@@ -356,8 +355,8 @@ class Trace:
 
     def averaged(self) -> Float[np.ndarray, "class"]:
         """The mean log-probability of windows, the last one that of `forced`."""
-        seconds = (self.stamps[self.end] - self.onset) / NANOSECONDS
-        times = self.onset + np.arange(WINDOW, seconds, HOP) * NANOSECONDS
+        seconds = (self.stamps[self.end] - self.onset) / NS_PER_S
+        times = self.onset + np.arange(WINDOW, seconds, HOP) * NS_PER_S
         rows = np.unique([*np.searchsorted(self.stamps, times), self.end])
         return np.log([self.probabilities[row] + 1e-12 for row in rows]).mean(axis=0)
 

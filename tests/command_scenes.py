@@ -6,11 +6,11 @@ from eskin.command import Arm, ArmState, Policy, PolicyConfig
 from eskin.command.command_map import CommandMap, Rule
 from eskin.drivers import ManualClock, SourceInfo
 from eskin.errors import ArmError
-from eskin.held import hold
 from eskin.live import Detection
 from eskin.robot import load_robot
 from eskin.skin import MountedSkin, load_skin
 from eskin.stream import Context, Moment
+from eskin.structref_kernels import pack
 from eskin.touch import Calibration, Fault, Reading, TouchState
 from eskin.touch.records import NOTHING, TOUCH, Followed, TouchBrief
 
@@ -160,8 +160,8 @@ class Scene:
         for patch in self.silent:
             valid[np.asarray(SKIN.patch_index) == names.index(patch)] = False
         reading = Reading(now, np.zeros(SKIN.count, np.float32), valid, Q)
-        held = hold(NOTHING._replace(touches=rows))
-        state = TouchState(reading, faults, Followed(held, going, over), MOUNTED)
+        packed = pack(NOTHING._replace(touches=rows))
+        state = TouchState(reading, faults, Followed(packed, going, over), MOUNTED)
         chances = {n: self.chances(t) for n, t in self.touches.items()}
         self.policy.hear(Moment(state, chances, ()))
 

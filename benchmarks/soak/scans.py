@@ -8,8 +8,7 @@ from eskin.drivers import PlayedSource, SourceInfo
 from eskin.robot import load_robot
 from eskin.skin import load_skin
 from eskin.touch import Calibration, Scan
-
-NANOSECONDS = 1_000_000_000
+from eskin.units import NS_PER_S
 
 
 def idle_source(rate: float, scans: int | None = None) -> PlayedSource:
@@ -35,7 +34,7 @@ def idle_scans(
     received = np.ones(taxels, bool)
     number = 0
     while scans is None or number < scans:
-        stamp = round((number + 1) * NANOSECONDS / rate)
+        stamp = round((number + 1) * NS_PER_S / rate)
         q = np.sin(np.arange(joints) + number / rate)
         counts = rng.integers(36, 45, taxels, dtype=np.int32)
         yield Scan(stamp, counts, received, q)

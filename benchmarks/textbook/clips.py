@@ -12,12 +12,12 @@ from eskin.live import UNKNOWN, Recognizer
 from eskin.model import Model
 from eskin.recording import NONE
 from eskin.touch import Scan
+from eskin.units import NS_PER_S
 
 BEFORE, AFTER = 2.0, 0.5
 """Rest before the clip, in which the skin is tared, and what is heard after it until
 touches have closed [s]."""
 START = 1_700_000_000_000_000_000
-NANOSECONDS = 1_000_000_000
 
 
 @dataclass(frozen=True)
@@ -44,7 +44,7 @@ class Clip:
 
     def scan(self, index: int) -> Scan:
         """One of the scans."""
-        stamp = START + round(self.times[index] * NANOSECONDS)
+        stamp = START + round(self.times[index] * NS_PER_S)
         received = np.ones(self.counts.shape[1], bool)
         return Scan(stamp, self.counts[index], received, self.site.q)
 

@@ -8,8 +8,8 @@ from jaxtyping import Float, Int
 
 from eskin.skin import Grid, MountedSkin, Patch, Plane, Skin, join_patches, load_skin
 from eskin.touch import Reading
+from eskin.units import NS_PER_S
 
-SECOND = 1_000_000_000
 PANEL = (32, 64)
 PITCH = 0.008
 """Of the panels' taxels [m], as on the ur5."""
@@ -161,7 +161,7 @@ class Scene:
         pressure = self.pressed if touched else self.idle
         self.number += 1
         reading = Reading(
-            round(seconds * SECOND) + SECOND,
+            round(seconds * NS_PER_S) + NS_PER_S,
             pressure[phase % PRESSURES],
             self.valid,
             self.posture(seconds),

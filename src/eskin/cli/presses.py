@@ -6,8 +6,8 @@ from eskin.skin import MountedSkin, Skin
 from eskin.skin.wiring import Answer, Spot, spots_of
 from eskin.touch import TouchPipeline
 from eskin.touch.press import PressFinder
+from eskin.units import NS_PER_S
 
-NANOSECONDS = 1_000_000_000
 TARE = 3.0
 """Without touch at first [s]."""
 
@@ -37,7 +37,7 @@ def tare(source: Source, pipeline: TouchPipeline) -> None:
     """Let the skin come to rest, whoever touches it meanwhile."""
     until = None
     for scan in source:
-        until = scan.stamp + TARE * NANOSECONDS if until is None else until
+        until = scan.stamp + TARE * NS_PER_S if until is None else until
         pipeline.push(scan)
         if scan.stamp >= until:
             return
@@ -49,7 +49,7 @@ def next_press(source: Source, pipeline: TouchPipeline, wait: float) -> int | No
     for scan in source:
         begun = scan.stamp if begun is None else begun
         taxel = finder.push(pipeline.push(scan))
-        if taxel is not None or scan.stamp - begun > wait * NANOSECONDS:
+        if taxel is not None or scan.stamp - begun > wait * NS_PER_S:
             return taxel
     return None
 

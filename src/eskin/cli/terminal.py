@@ -6,8 +6,7 @@ from eskin.drivers import Event
 from eskin.live import Detection
 from eskin.stream import Commanded, Context, Heard, Listener, found_together
 from eskin.stream.inbox import Drop
-
-NANOSECONDS = 1_000_000_000
+from eskin.units import NS_PER_S
 
 
 @final
@@ -42,7 +41,7 @@ class Terminal(Listener):
 
     def write(self, item: Detection | Event | Commanded) -> None:
         """Print one line."""
-        seconds = (item.stamp - self.first) / NANOSECONDS
+        seconds = (item.stamp - self.first) / NS_PER_S
         if isinstance(item, Event):
             text = f"{item.kind:12} {'':4}  {item.text}"
         elif isinstance(item, Commanded):

@@ -11,8 +11,7 @@ from eskin.command.routine import Routine
 from eskin.command.task import FRAME_TASK, Task
 from eskin.robot import Wrench
 from eskin.robot.dynamics import Dynamics, ServoConfig
-
-SECOND = 1_000_000_000
+from eskin.units import NS_PER_S
 
 
 @dataclass(frozen=True)
@@ -63,7 +62,7 @@ class DynamicPlant(Plant):
         self.dynamics = Dynamics(task.robot_name, begin, servo)
         self.protective = protective or ProtectiveConfig()
         self.q = begin
-        self.period = round(self.dynamics.config.step * SECOND)
+        self.period = round(self.dynamics.config.step * NS_PER_S)
         self.held_off = np.zeros(len(begin))
 
     def advance(self, routine: Routine, seconds: float) -> None:

@@ -27,8 +27,8 @@ from eskin.errors import ArmError, JogError
 from eskin.live import Detection
 from eskin.stream import Commanded, Context, Heard, Listener, Moment
 from eskin.stream.inbox import Drop
+from eskin.units import NS_PER_S
 
-SECOND = 1_000_000_000
 COMMANDED = "its touch has commanded already"
 logger = logging.getLogger(__name__)
 
@@ -259,7 +259,7 @@ class Policy(Listener):
         trouble = self.watch.trouble(now)
         age = self.context.age(stamp)
         rest = rule.cool_down if rule.cool_down is not None else COOL_DOWN
-        rested = (now - self.rested.get(rule.place, -SECOND * 3600)) / SECOND
+        rested = (now - self.rested.get(rule.place, -NS_PER_S * 3600)) / NS_PER_S
         if state.protective_stop:
             return "the arm is in protective stop"
         if not state.connected:
@@ -295,7 +295,7 @@ class Policy(Listener):
         if why is None and waiting.action not in HALTING and meant != waiting.action:
             why = f"the arm has changed: the same would {meant.replace('_', ' ')} now"
         lifted = self.watch.heard - self.watch.touching
-        ended = lifted >= self.config.lifted_seconds * SECOND
+        ended = lifted >= self.config.lifted_seconds * NS_PER_S
         ended = ended and self.watch.hears(detection.patch)
         late = self.context.age(detection.stamp) > self.config.patience
         if why is None and waiting.action in STARTING and not ended:

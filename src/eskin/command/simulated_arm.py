@@ -17,8 +17,8 @@ from eskin.command.trajectory import MotionConfig
 from eskin.drivers import Clock, HostClock
 from eskin.errors import ArmError
 from eskin.robot import Wrench
+from eskin.units import NS_PER_S
 
-SECOND = 1_000_000_000
 KEPT = 2500
 """Joint positions that are kept."""
 
@@ -61,7 +61,7 @@ class SimulatedArm(Arm):
         stamp = self.clock.now() if stamp is None else stamp
         period = self.plant.period or max(stamp - self.time, 1)
         while self.time + period <= stamp:
-            self.plant.advance(self.routine, period / SECOND)
+            self.plant.advance(self.routine, period / NS_PER_S)
             self.time += period
             self.past.add(self.time, self.plant.q)
 

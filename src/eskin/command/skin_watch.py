@@ -9,8 +9,7 @@ from eskin.command.command_map import WORDLESS
 from eskin.live import Detection
 from eskin.skin import Skin
 from eskin.stream import Moment
-
-SECOND = 1_000_000_000
+from eskin.units import NS_PER_S
 
 
 @dataclass(frozen=True)
@@ -54,7 +53,7 @@ class SkinWatch:
         self.heard = stamp = state.reading.stamp
         valid = np.bincount(self.index[state.reading.valid], minlength=len(self.alive))
         self.alive[valid > 0] = stamp
-        silent = stamp - self.alive > self.config.oldest * SECOND
+        silent = stamp - self.alive > self.config.oldest * NS_PER_S
         faulty = {fault.patch for fault in state.faults if fault.kind == "patch"}
         self.out = tuple(
             name
@@ -77,7 +76,7 @@ class SkinWatch:
 
     def trouble(self, now: int) -> str | None:
         """Why the skin cannot be relied on at a time; None where it can."""
-        age = (now - self.heard) / SECOND
+        age = (now - self.heard) / NS_PER_S
         if age > self.config.oldest:
             return f"stale skin: no reading for {1e3 * age:.0f} ms"
         if self.out:
@@ -92,7 +91,7 @@ class SkinWatch:
         for row in state.rows:
             if row.closed or row.last < self.heard or row.id in self.recognised:
                 continue
-            seconds = (self.heard - row.onset) / SECOND
+            seconds = (self.heard - row.onset) / NS_PER_S
             if row.force > self.config.force:
                 return f"unrecognised touch of {row.force:.0f} N"
             if seconds > self.config.seconds:

@@ -3,8 +3,7 @@
 from typing import final
 
 from eskin.command.arm import ArmState
-
-SECOND = 1_000_000_000
+from eskin.units import NS_PER_S
 
 
 @final
@@ -52,5 +51,5 @@ class Stops:
             return "the touch began before the pause"
         if self.held_since is not None and onset <= self.held_since:
             return "the touch began before the hold"
-        passed = (now - self.paused_since) / SECOND
+        passed = (now - self.paused_since) / NS_PER_S
         return f"it was paused only {passed:.1f} s ago" if passed < least else None

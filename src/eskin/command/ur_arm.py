@@ -15,9 +15,9 @@ from eskin.command.task import FRAME_TASK, Task
 from eskin.command.trajectory import MotionConfig
 from eskin.drivers import Clock, HostClock
 from eskin.errors import ArmError
+from eskin.units import NS_PER_S
 from eskin.ur import PERIOD, Link, UrOrder, UrStatus
 
-SECOND = 1_000_000_000
 FOLLOWING = 0.2
 """How far the robot may be from where it is sent [rad]."""
 CONNECTING = 30.0
@@ -77,7 +77,7 @@ class UrArm(Arm):
 
     def connect(self) -> UrStatus:
         """The first word of the robot."""
-        end = self.clock.now() + round(CONNECTING * SECOND)
+        end = self.clock.now() + round(CONNECTING * NS_PER_S)
         while self.clock.now() < end:
             status = self.link.exchange(UrOrder(None, None))
             if status is not None:
@@ -104,8 +104,8 @@ class UrArm(Arm):
                 self.link.close()
                 return
             now = self.clock.now()
-            due = max(due + round(PERIOD * SECOND), now)
-            self.closed.wait((due - now) / SECOND)
+            due = max(due + round(PERIOD * NS_PER_S), now)
+            self.closed.wait((due - now) / NS_PER_S)
 
     def tick(self) -> None:
         """Let time pass: tell the robot where to be, and hear where it is."""
@@ -114,7 +114,7 @@ class UrArm(Arm):
         status = self.link.exchange(order)
         with self.lock:
             now = self.clock.now()
-            passed = min((now - self.time) / SECOND, 2 * PERIOD)
+            passed = min((now - self.time) / NS_PER_S, 2 * PERIOD)
             self.time = now
             self.connected = status is not None
             self.status = status or self.status
@@ -252,6 +252,6 @@ class UrArm(Arm):
 
     def stop_smoothly(self) -> None:
         """Wait until the arm stands, as long as a stop takes."""
-        end = self.clock.now() + SECOND // 2
+        end = self.clock.now() + NS_PER_S // 2
         while self.state().moving and self.clock.now() < end:
             self.clock.sleep(PERIOD)

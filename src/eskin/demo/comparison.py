@@ -8,7 +8,7 @@ import numpy as np
 
 from eskin.demo.headless import DemoConfig
 from eskin.demo.opinion import Answer, Opinion, both_models
-from eskin.demo.same_touch import SECOND, SameTouch, draw_touches
+from eskin.demo.same_touch import SameTouch, draw_touches
 from eskin.drivers import SourceInfo
 from eskin.drivers.played_source import PlayedSource
 from eskin.live import Recognizer, warm_up
@@ -27,6 +27,7 @@ from eskin.stream import (
 )
 from eskin.stream.inbox import Drop
 from eskin.touch import Scan
+from eskin.units import NS_PER_S
 from eskin.viewer import Viewer, ViewerConfig
 
 POSES = ("patches folded together", "the same patches apart")
@@ -166,7 +167,7 @@ def serve_same_touch(
         joint_names=mounted.robot.joint_names,
         skin=mounted.skin,
         calibration=calibration,
-        rate=SECOND / touches[0].period,
+        rate=NS_PER_S / touches[0].period,
     )
     source = PlayedSource(info, played(touches), anew=True)
     stream = Stream(source, [recognition, comparison, viewer])

@@ -21,8 +21,7 @@ from eskin.live import Detection, Recognizer
 from eskin.model import load_model
 from eskin.sim.live.live_skin import LiveSkin
 from eskin.stream import Commanded, Context, Heard, Listener, Recognition
-
-SECOND = 1_000_000_000
+from eskin.units import NS_PER_S
 
 
 @dataclass(frozen=True)
@@ -167,7 +166,7 @@ def run_headless(seconds: float, config: DemoConfig | None = None) -> Outcome:
 
 def run_build(seconds: float, config: DemoConfig, seed: int) -> Outcome:
     """The same on one build."""
-    clock = ManualClock(SECOND)
+    clock = ManualClock(NS_PER_S)
     arm = arm_of(config, clock)
     skin = LiveSkin(config.skin, seed, config.build_kind)
     model = load_model(config.model)
@@ -183,7 +182,7 @@ def run_build(seconds: float, config: DemoConfig, seed: int) -> Outcome:
     policy = Policy(arm, commands, vocabulary, PolicyConfig(tick=None))
     listeners = [Judge(visitor.score), recognition, policy]
     straight = Straight(source, listeners)
-    end = clock.now() + round(seconds * SECOND)
+    end = clock.now() + round(seconds * NS_PER_S)
     while source.due <= end or visitor.is_touching(source.due):
         visitor.stays = source.due <= end
         scan = source.read()

@@ -6,8 +6,8 @@ from typing import final
 from eskin.drivers import Clock, Event, Joints, Source, SourceInfo
 from eskin.sim.live.live_skin import LiveSkin
 from eskin.touch import Scan
+from eskin.units import NS_PER_S
 
-SECOND = 1_000_000_000
 MOST_LATE = 0.5
 """Later than this, scans are left out and it goes on with the present [s]."""
 
@@ -43,7 +43,7 @@ class LiveSource(Source):
         self.clock = clock
         self.before = before
         self.after = after
-        self.period = round(skin.period * SECOND)
+        self.period = round(skin.period * NS_PER_S)
         self.due = clock.now() + self.period
         self.given = self.skipped = 0
         self.closed = False
@@ -61,13 +61,13 @@ class LiveSource(Source):
         """The next scan when it is due; None where it is not in time."""
         if self.closed:
             return None
-        wait = (self.due - self.clock.now()) / SECOND
+        wait = (self.due - self.clock.now()) / NS_PER_S
         if timeout is not None and wait > timeout:
             self.clock.sleep(timeout)
             return None
         self.clock.sleep(wait)
         late = self.clock.now() - self.due
-        if late > MOST_LATE * SECOND:
+        if late > MOST_LATE * NS_PER_S:
             missed = late // self.period
             self.skipped += missed
             self.due += missed * self.period

@@ -18,8 +18,8 @@ from eskin.sim.robot.free import is_free, limits
 from eskin.sim.robot.world import World
 from eskin.skin import PRESETS, MountedSkin
 from eskin.touch import Calibration, Scan
+from eskin.units import NS_PER_S
 
-SECOND = 1_000_000_000
 REST, AFTER = 4.0, 4.0
 """Without touch before and after the counts that are compared [s]."""
 GOING = 3.0
@@ -66,7 +66,7 @@ class SameTouch:
     @property
     def seconds(self) -> float:
         """Of one playing [s]."""
-        return len(self.counts) * self.period / SECOND
+        return len(self.counts) * self.period / NS_PER_S
 
     def scans(self, side: int, begin: int, come_from: Pose | None) -> Iterator[Scan]:
         """One playing.
@@ -81,7 +81,7 @@ class SameTouch:
         for index, (counts, received) in enumerate(
             zip(self.counts, self.received, strict=True)
         ):
-            way = min(index * self.period / (GOING * SECOND), 1.0)
+            way = min(index * self.period / (GOING * NS_PER_S), 1.0)
             q = pose + (start - pose) * (1 + np.cos(np.pi * way)) / 2
             yield Scan(begin + index * self.period, counts, received, q)
 
@@ -146,8 +146,8 @@ def touch_of(plan: ClipPlan, world: World) -> SameTouch:
         pair=replace(plan.pair, number=-1, gesture="none"),
     )
     pair, rest = pair_of(plan, world), pair_of(idle, world).first
-    period = round(world.constants.value("sensor.period") * SECOND)
-    cut = round(REST * SECOND / period)
+    period = round(world.constants.value("sensor.period") * NS_PER_S)
+    cut = round(REST * NS_PER_S / period)
     touched = pair.first
     pressed = heaviest(touched.counts, world.mounted)
     return SameTouch(

@@ -7,8 +7,8 @@ from typing import Literal, final
 
 from eskin.live import Detection
 from eskin.stream import Commanded
+from eskin.units import NS_PER_S
 
-SECOND = 1_000_000_000
 GRACE = 1.0
 """A command counts for a touch until so long after the touch's end [s]."""
 
@@ -58,11 +58,11 @@ class Try:
         """From its last contact to the command; negative if earlier [s]."""
         if self.given is None or self.end is None:
             return None
-        return (self.given.stamp - self.end) / SECOND
+        return (self.given.stamp - self.end) / NS_PER_S
 
     def takes(self, stamp: int) -> bool:
         """Whether a command at that time counts for it."""
-        over = self.end is not None and stamp > self.end + GRACE * SECOND
+        over = self.end is not None and stamp > self.end + GRACE * NS_PER_S
         return self.begin <= stamp and not over
 
 

@@ -11,8 +11,8 @@ from eskin.command.action import resolved
 from eskin.demo.score import GRACE, Score, Try
 from eskin.recording import NONE
 from eskin.sim.live.live_skin import LiveSkin, demo_person
+from eskin.units import NS_PER_S
 
-SECOND = 1_000_000_000
 GESTURES = ("poke", "double_pat", "grab", "stroke")
 TO_WAKE = 0.7
 """Share of touches on a paused arm which ask it to go on; one that is held obeys
@@ -102,11 +102,11 @@ class Visitor:
         """
         state = self.arm.state()
         if self.next is None:
-            self.next = stamp + round(self.config.first * SECOND)
+            self.next = stamp + round(self.config.first * NS_PER_S)
         stands = state.paused or state.protective_stop
         since = self.alone_since if self.alone_since is not None else stamp
         self.alone_since = since if stands else None
-        waits = stands and stamp - since < ALONE * SECOND
+        waits = stands and stamp - since < ALONE * NS_PER_S
         if self.touch is not None:
             self.go_on(stamp)
         elif state.protective_stop:
@@ -126,7 +126,7 @@ class Visitor:
             person = demo_person(self.skin.world, 1000 * self.seed + self.people)
             self.skin.hand.person = person
             self.people += 1
-            self.leaves = stamp + round(self.config.patience * SECOND)
+            self.leaves = stamp + round(self.config.patience * NS_PER_S)
         what = self.choose(state)
         self.touch = self.skin.hand.perform(what)
         self.begun = False
@@ -167,8 +167,8 @@ class Visitor:
         if self.attempt is not None and self.begun:
             self.attempt.end = self.last
         self.touch = self.attempt = None
-        self.quiet = stamp + round(GRACE * SECOND)
-        self.next = stamp + round(SECOND * self.rng.uniform(*self.config.pause))
+        self.quiet = stamp + round(GRACE * NS_PER_S)
+        self.next = stamp + round(NS_PER_S * self.rng.uniform(*self.config.pause))
 
 
 def summary_of(score: Score) -> Mapping[str, int]:

@@ -13,14 +13,15 @@ from eskin.drivers.feed import Feed
 from eskin.drivers.joints import Joints
 from eskin.drivers.pace import Change
 from eskin.drivers.packet import Data, Hello, Packet, Status
-from eskin.drivers.period import SECOND, Grid, PeriodScans
+from eskin.drivers.period import Grid, PeriodScans
 from eskin.drivers.roster import Roster
 from eskin.drivers.seat import Seat
 from eskin.drivers.timeline import Timeline
 from eskin.skin import Skin
 from eskin.touch import Scan
+from eskin.units import NS_PER_S
 
-LOOK = SECOND // 50
+LOOK = NS_PER_S // 50
 """How often it is noticed who is gone [ns]."""
 
 
@@ -259,7 +260,7 @@ class Assembler:
     def ages(self, now: int) -> dict[str, float]:
         """How old each patch's newest data is [s]; infinite where there is none."""
         return {
-            feed.seat.patch.id: inf if fresh is None else (now - fresh) / SECOND
+            feed.seat.patch.id: inf if fresh is None else (now - fresh) / NS_PER_S
             for feed in self.feeds.values()
             for fresh in (feed.fresh,)
         }
@@ -268,7 +269,7 @@ class Assembler:
         """How long after its reading's stamp each patch began its newest scan [s]."""
         grid = None if self.timeline is None else self.timeline.grid
         return {
-            feed.seat.patch.id: (feed.newest - grid.start(feed.period)) / SECOND
+            feed.seat.patch.id: (feed.newest - grid.start(feed.period)) / NS_PER_S
             for feed in self.feeds.values()
             if grid and feed.newest is not None and feed.period is not None
         }

@@ -4,7 +4,7 @@ import time
 from abc import ABC, abstractmethod
 from typing import final
 
-NANOSECONDS = 1_000_000_000
+from eskin.units import NS_PER_S
 
 
 class Clock(ABC):
@@ -44,7 +44,7 @@ class HostClock(Clock):
 class ManualClock(Clock):
     """One that only goes on when it is told to: for tests, and faster than life."""
 
-    def __init__(self, start: int = NANOSECONDS) -> None:
+    def __init__(self, start: int = NS_PER_S) -> None:
         """Start at a time [ns since the epoch]."""
         self.time = start
 
@@ -54,4 +54,4 @@ class ManualClock(Clock):
 
     def sleep(self, seconds: float) -> None:
         """Go on by some time [s], at once."""
-        self.time += max(0, round(seconds * NANOSECONDS))
+        self.time += max(0, round(seconds * NS_PER_S))

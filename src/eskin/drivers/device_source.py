@@ -16,8 +16,8 @@ from eskin.drivers.transport import Delivery, Transport
 from eskin.errors import DeviceError, PacketError, SkinMismatchError
 from eskin.skin import MountedSkin
 from eskin.touch import Calibration, Scan
+from eskin.units import NS_PER_S
 
-SECOND = 1_000_000_000
 USUAL_RATE = 50.0
 """Of a skin whose patches do not say theirs [1/s]."""
 LISTEN = 1.2
@@ -97,16 +97,16 @@ class DeviceSource(Source):
     def listen(self) -> float:
         """The rate that patches promise, as soon as all of them were heard [1/s]."""
         roster = self.assembler.roster
-        end = self.clock.now() + round(LISTEN * SECOND)
+        end = self.clock.now() + round(LISTEN * NS_PER_S)
         while (now := self.clock.now()) < end:
-            self.take(self.transport.read(min(LONGEST_WAIT, (end - now) / SECOND)))
+            self.take(self.transport.read(min(LONGEST_WAIT, (end - now) / NS_PER_S)))
             if all(seat.holder for seat in roster.seats.values()):
                 break
         return float(roster.promised or USUAL_RATE)
 
     def read(self, timeout: float | None = None) -> Scan | None:
         """The next scan of the whole skin; None where none was due in time."""
-        end = None if timeout is None else self.clock.now() + round(timeout * SECOND)
+        end = None if timeout is None else self.clock.now() + round(timeout * NS_PER_S)
         while not self.ready and not self.closed:
             before = self.clock.now()
             self.hear(before, end)
@@ -120,9 +120,9 @@ class DeviceSource(Source):
         What the system holds was all read before a period is given up: the time that is
         asked for is that of the first packet of a read, or of the end of a wait.
         """
-        times = [now + round(LONGEST_WAIT * SECOND), self.assembler.due(), end]
+        times = [now + round(LONGEST_WAIT * NS_PER_S), self.assembler.due(), end]
         until = max(now, min(time for time in times if time is not None))
-        deliveries = self.transport.read((until - now) / SECOND)
+        deliveries = self.transport.read((until - now) / NS_PER_S)
         self.take(deliveries)
         heard = deliveries[0].arrived if deliveries else until
         self.ready += self.assembler.poll(min(heard, self.clock.now()))

@@ -4,8 +4,9 @@ from itertools import combinations
 from statistics import median
 from typing import final
 
-SECOND = 1_000_000_000
-BUCKET = SECOND
+from eskin.units import NS_PER_S
+
+BUCKET = NS_PER_S
 """How long arrivals compete for the least delay [ns]."""
 BUCKETS = 10
 """How many such times are remembered."""

@@ -2,7 +2,8 @@
 
 from typing import Literal, final
 
-SECOND = 1_000_000_000
+from eskin.units import NS_PER_S
+
 LEAST_SCANS = 10
 """Fewer tell no rate."""
 ENOUGH = 0.8
@@ -37,8 +38,8 @@ class Pace:
     @property
     def window(self) -> int:
         """How long scans are counted for [ns]."""
-        promised = self.promised or SECOND
-        return max(SECOND, LEAST_SCANS * SECOND // promised)
+        promised = self.promised or NS_PER_S
+        return max(NS_PER_S, LEAST_SCANS * NS_PER_S // promised)
 
     def push(self, stamp: int) -> Change | None:
         """Count a scan that began at a time [ns]; what has changed, if anything."""
@@ -50,7 +51,7 @@ class Pace:
         elapsed = stamp - start
         if elapsed < self.window:
             return None
-        self.measured = self.scans * SECOND / elapsed
+        self.measured = self.scans * NS_PER_S / elapsed
         self.start, self.scans = stamp, 0
         slow = self.measured < ENOUGH * self.promised
         if slow == self.slow:

@@ -4,7 +4,8 @@ from typing import final
 
 import numpy as np
 
-SECOND = 1_000_000_000
+from eskin.units import NS_PER_S
+
 LEAST_GRACE = 20_000_000
 """How long after its end a period waits at least for what is under way [ns]: USB serial
 chips hold bytes back for up to 16 ms, and a busy computer as long."""
@@ -25,9 +26,9 @@ class Grid:
         """Start at a time [ns], with a rate [1/s] and a grace [s]; half a period."""
         self.origin = start
         self.rate = rate
-        self.period = round(SECOND / rate)
+        self.period = round(NS_PER_S / rate)
         half = max(self.period // 2, LEAST_GRACE)
-        self.grace = half if grace is None else round(grace * SECOND)
+        self.grace = half if grace is None else round(grace * NS_PER_S)
 
     def start(self, k: int) -> int:
         """When a period begins [ns]."""

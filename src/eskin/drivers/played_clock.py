@@ -3,7 +3,8 @@
 import math
 from typing import final
 
-from eskin.drivers.clock import NANOSECONDS, Clock
+from eskin.drivers.clock import Clock
+from eskin.units import NS_PER_S
 
 
 @final
@@ -52,7 +53,7 @@ class PlayedClock(Clock):
 
     def until(self, stamp: int) -> float:
         """How long until that stamp is due, by the host's clock [s]."""
-        return (stamp - self.now()) / NANOSECONDS / self.pace
+        return (stamp - self.now()) / NS_PER_S / self.pace
 
     def sleep(self, seconds: float) -> None:
         """Let some time of what is played pass [s]."""

@@ -6,12 +6,13 @@ from dataclasses import replace
 from pathlib import Path
 from typing import final
 
-from eskin.drivers.clock import NANOSECONDS, Clock, HostClock
+from eskin.drivers.clock import Clock, HostClock
 from eskin.drivers.event import Event
 from eskin.drivers.played_clock import PlayedClock
 from eskin.drivers.source import Source, SourceInfo
 from eskin.recording import read_recording
 from eskin.touch import Scan
+from eskin.units import NS_PER_S
 
 STEPPED = math.inf
 """The pace at which each scan is given as soon as it is asked for."""
@@ -119,6 +120,6 @@ def replay_source(
         joint_names=recording.joint_names,
         skin=recording.skin,
         calibration=recording.calibration,
-        rate=NANOSECONDS / recording.period if recording.period else 0.0,
+        rate=NS_PER_S / recording.period if recording.period else 0.0,
     )
     return PlayedSource(info, recording.scans(), pace, clock, anew)

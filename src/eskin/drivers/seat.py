@@ -8,17 +8,17 @@ from eskin.drivers.event import EventKind
 from eskin.drivers.packet import Hello
 from eskin.skin import Patch
 from eskin.touch import CalibrationConfig
+from eskin.units import NS_PER_S
 
-SECOND = 1_000_000_000
-SILENT = SECOND // 2
+SILENT = NS_PER_S // 2
 """After how long unheard a patch is taken to be gone [ns]."""
 SILENT_SCANS = 4
 """The same in scans of a slow patch."""
-ALONE = 3 * SECOND
+ALONE = 3 * NS_PER_S
 """How long only one module must be heard until it is believed again [ns]."""
-REORDERED = SECOND // 20
+REORDERED = NS_PER_S // 20
 """How long after another module began the first must be heard to be alive [ns]."""
-HOLD = round((CalibrationConfig().silence_seconds + 0.5) * SECOND)
+HOLD = round((CalibrationConfig().silence_seconds + 0.5) * NS_PER_S)
 """How long a module is held back that takes the place of another [ns]: then the
 calibrator, which has not heard its taxels for so long, tares them anew."""
 MOST_CLAIMS = 8
@@ -158,7 +158,7 @@ class Seat:
         if old is None:
             self.say(arrived, "appeared", f"{claim.name} is heard")
         elif old.serial_number != claim.serial_number:
-            wait = max(0, self.held_until - arrived) / SECOND
+            wait = max(0, self.held_until - arrived) / NS_PER_S
             text = f"{claim.name} has taken the place of {old.name}"
             self.say(arrived, "replaced", f"{text}; it is used in {wait:.1f} s")
         elif old.port != claim.port:
@@ -174,8 +174,8 @@ class Seat:
     @property
     def patience(self) -> int:
         """How long the holder may be unheard [ns]."""
-        rate = (self.holder and self.holder.rate) or SECOND
-        return max(SILENT, SILENT_SCANS * SECOND // rate)
+        rate = (self.holder and self.holder.rate) or NS_PER_S
+        return max(SILENT, SILENT_SCANS * NS_PER_S // rate)
 
     def hear(self, arrived: int) -> None:
         """Data of the holder came, by its port and its clock."""

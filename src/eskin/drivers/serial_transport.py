@@ -10,8 +10,7 @@ from eskin.drivers.event_log import EventLog
 from eskin.drivers.serial_port import RETRY, SerialPort
 from eskin.drivers.transport import Delivery, Transport
 from eskin.errors import DeviceError
-
-SECOND = 1_000_000_000
+from eskin.units import NS_PER_S
 
 
 @final
@@ -61,7 +60,7 @@ class SerialTransport(Transport):
                 self.log.say(now, "returned", f"port {path} is back")
         open_ports = [port for port in self.ports.values() if port.line is not None]
         if len(open_ports) < len(self.ports):
-            timeout = min(timeout, RETRY / SECOND)
+            timeout = min(timeout, RETRY / NS_PER_S)
         deliveries = []
         for port in self.ready(open_ports, max(0.0, timeout)):
             packets = port.read()

@@ -7,9 +7,10 @@ from jaxtyping import Integer
 
 from eskin.drivers.fates import Fate, Fates
 from eskin.drivers.feed import Feed
-from eskin.drivers.period import SECOND, Grid, PeriodScans
+from eskin.drivers.period import Grid, PeriodScans
+from eskin.units import NS_PER_S
 
-BEHIND = SECOND // 2
+BEHIND = NS_PER_S // 2
 """How far readings may be given out late after a stall; older periods are skipped."""
 
 
@@ -117,7 +118,7 @@ class Timeline:
         seat = feed.seat
         if seat.port is None or seat.silent or feed.newest is None:
             return False
-        interval = SECOND / feed.pace.rate if feed.pace.rate else self.grid.period
+        interval = NS_PER_S / feed.pace.rate if feed.pace.rate else self.grid.period
         return feed.newest + 0.75 * interval < self.grid.start(k + 1)
 
     def give(self) -> PeriodScans:

@@ -7,8 +7,8 @@ from typing import no_type_check
 
 import numpy as np
 from jaxtyping import Float, Int
-from numba import njit
 
+from eskin.compiled import compiled
 from eskin.graph.arrays import GraphMemory, Ground, Instant, Loads
 from eskin.graph.neighbour_kernels import NOBODY, find_nearest
 
@@ -24,7 +24,7 @@ for place in range(WORD):
 ONE, NONE = np.uint64(1), np.uint64(0)
 
 
-@njit(cache=True, nogil=True)
+@compiled
 @no_type_check
 def take_in(
     active: Int[np.ndarray, "active"],
@@ -60,7 +60,7 @@ def take_in(
             loads.shear[taxel, d] = shear[taxel, d] if len(shear) > 0 else 0.0
 
 
-@njit(cache=True, nogil=True)
+@compiled
 @no_type_check
 def build_graph(
     taxels: Int[np.ndarray, "active"],
@@ -106,7 +106,7 @@ def build_graph(
     return nodes
 
 
-@njit(cache=True, nogil=True)
+@compiled
 @no_type_check
 def find_support(
     taxels: Int[np.ndarray, "active"],
@@ -152,7 +152,7 @@ def find_support(
     return count
 
 
-@njit(cache=True, nogil=True)
+@compiled
 @no_type_check
 def place_fixed(
     nodes: Int[np.ndarray, "node"],
@@ -180,7 +180,7 @@ def place_fixed(
                     out[n, k] = m
 
 
-@njit(cache=True, nogil=True)
+@compiled
 @no_type_check
 def place_nodes(
     nodes: int,
@@ -212,7 +212,7 @@ def place_nodes(
         patch[n], rank[n] = ground.patch[members[n]], ground.rank[members[n]]
 
 
-@njit(cache=True, nogil=True)
+@compiled
 @no_type_check
 def load_nodes(
     nodes: int,
@@ -253,7 +253,7 @@ def load_nodes(
         drag(taxel, links, T_world_link, tangents, felt, n, shear_before)
 
 
-@njit(cache=True, nogil=True)
+@compiled
 @no_type_check
 def drag(
     taxel: int,
@@ -274,7 +274,7 @@ def drag(
         out[n, d] = x * shear[taxel, 0] + y * shear[taxel, 1]
 
 
-@njit(cache=True, nogil=True)
+@compiled
 @no_type_check
 def turned(
     d: int,

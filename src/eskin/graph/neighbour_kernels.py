@@ -4,7 +4,8 @@ from typing import NamedTuple, no_type_check
 
 import numpy as np
 from jaxtyping import Float, Int
-from numba import njit
+
+from eskin.compiled import compiled
 
 MICROMETRES = 1e6
 NOBODY = -1
@@ -23,7 +24,7 @@ class Search(NamedTuple):
     """(neighbour) distances of the nearest so far [um]"""
 
 
-@njit(cache=True, nogil=True)
+@compiled
 @no_type_check
 def find_nearest(
     p_world: Float[np.ndarray, "node 3"],
@@ -72,7 +73,7 @@ def find_nearest(
                 within = min(widest, (lengths[last] + 1.0) / MICROMETRES)
 
 
-@njit(cache=True, nogil=True)
+@compiled
 @no_type_check
 def find_near(
     p_world: Float[np.ndarray, "node 3"],
@@ -103,7 +104,7 @@ def find_near(
     return count
 
 
-@njit(cache=True, nogil=True)
+@compiled
 @no_type_check
 def find_boxes(
     p_world: Float[np.ndarray, "node 3"],
@@ -129,7 +130,7 @@ def find_boxes(
     return count
 
 
-@njit(cache=True, nogil=True)
+@compiled
 @no_type_check
 def keep(
     node: int,
@@ -150,7 +151,7 @@ def keep(
         out[asking, k], lengths[k] = node, length
 
 
-@njit(cache=True, nogil=True)
+@compiled
 @no_type_check
 def is_nearer(
     one: int,

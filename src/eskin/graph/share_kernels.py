@@ -5,28 +5,28 @@ from typing import no_type_check
 
 import numpy as np
 from jaxtyping import Float, Int
-from numba import njit
 
+from eskin.compiled import compiled
 from eskin.graph.history import CM_PER_M, HISTORY, NANOSECOND
 from eskin.graph.shares import Shares
-from eskin.held import Held
+from eskin.structref_kernels import Packed
 
 COLUMNS = len(HISTORY)
 
 
-@njit(cache=True, nogil=True)
+@compiled
 @no_type_check
-def shares_of(records_held: Held, stamp: int) -> tuple[Held, int]:
+def shares_of(packed_records: Packed, stamp: int) -> tuple[Packed, int]:
     """The share of each open touch.
 
     Args:
-        records_held: `TouchRecords` of a reading.
+        packed_records: `TouchRecords` of a reading.
         stamp: of that reading [ns since the epoch].
 
     Returns:
         `Shares`, and the taxels of one touch at most, now and a reading ago together.
     """
-    records = records_held.parts
+    records = packed_records.parts
     touches, loads = records.touches, records.loads
     count = 0
     while count < len(touches) and not touches[count].closed:
@@ -40,10 +40,10 @@ def shares_of(records_held: Held, stamp: int) -> tuple[Held, int]:
         write_history(touches[n], stamp, histories[n])
         most = max(most, now[n, 1] - now[n, 0] + before[n, 1] - before[n, 0])
     shares = Shares(keys, active, earlier, now, before, histories)
-    return Held(shares), most
+    return Packed(shares), most
 
 
-@njit(cache=True, nogil=True)
+@compiled
 @no_type_check
 def spans_of(
     spans: Int[np.ndarray, "touch 2"], loads: np.ndarray
@@ -63,7 +63,7 @@ def spans_of(
     return taxels, found
 
 
-@njit(cache=True, nogil=True)
+@compiled
 @no_type_check
 def write_history(touch: np.void, stamp: int, out: Float[np.ndarray, "column"]) -> None:
     """Write the history of an open touch, as in `eskin.graph.history.HISTORY`."""

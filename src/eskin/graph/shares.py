@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from eskin.graph.history import HISTORY
-from eskin.held import Held, hold
+from eskin.structref_kernels import Packed, pack
 
 
 class Share(NamedTuple):
@@ -47,7 +47,7 @@ class HeldShares(NamedTuple):
     """Which sequences there are."""
     most: int
     """Taxels of one of them at most, now and a reading ago together."""
-    held: Held
+    packed: Packed
     """`Shares`."""
 
 
@@ -60,9 +60,9 @@ def held_shares(shares: Mapping[int, Share]) -> HeldShares:
     for n, share in enumerate(every):
         histories[n] = share.history
     numbers = np.array(keys, np.int64)
-    held = hold(Shares(numbers, active, earlier, now, before, histories))
+    packed = pack(Shares(numbers, active, earlier, now, before, histories))
     sizes = [len(share.taxels) + len(share.earlier) for share in every]
-    return HeldShares(keys, max(sizes, default=0), held)
+    return HeldShares(keys, max(sizes, default=0), packed)
 
 
 def in_a_row(

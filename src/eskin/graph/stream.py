@@ -11,8 +11,8 @@ from eskin.graph.config import GraphConfig
 from eskin.graph.history import NOTHING
 from eskin.graph.share_kernels import shares_of
 from eskin.graph.shares import HeldShares, Share, Shares, held_shares
-from eskin.held import let_go
 from eskin.skin import MountedSkin
+from eskin.structref_kernels import unpack
 from eskin.touch import Reading, TouchState
 from eskin.touch.poses import LivePoses
 
@@ -57,7 +57,7 @@ class GraphStream:
 
         A touch between two contacts has a graph without pressure.
         """
-        shares: Shares = let_go(self.shares(state).held)
+        shares: Shares = unpack(self.shares(state).packed)
         self.builder.advance(state.reading, shares.active)
         return {
             int(key): self.builder.graph(
@@ -77,8 +77,8 @@ class GraphStream:
             return held_shares({WHOLE_SKIN: Share(taxels, earlier, NOTHING)})
         if not state.going:
             return self.nothing
-        held, most = shares_of(state.followed.held, state.reading.stamp)
-        return HeldShares([touch.id for touch in state.going], most, held)
+        packed, most = shares_of(state.followed.packed, state.reading.stamp)
+        return HeldShares([touch.id for touch in state.going], most, packed)
 
     def whole_skin(self, state: TouchState) -> Int[np.ndarray, "active"]:
         """All active taxels, whatever touch they belong to."""

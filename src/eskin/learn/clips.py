@@ -6,9 +6,9 @@ from functools import lru_cache
 from pathlib import Path
 
 from eskin.errors import RecordingError
+from eskin.units import NS_PER_S
 
 INDEX_NAME = "clips.jsonl"
-NANOSECONDS = 1_000_000_000
 
 
 @dataclass(frozen=True)
@@ -50,7 +50,7 @@ def read_clips(index: Path) -> dict[str, tuple[Clip, ...]]:
                 start, seconds = int(facts["start"]), float(facts["plan"]["seconds"])
                 clip = Clip(
                     start,
-                    start + round(seconds * NANOSECONDS),
+                    start + round(seconds * NS_PER_S),
                     str(facts["gesture"]),
                     str(facts["kind"]),
                 )

@@ -13,6 +13,7 @@ from eskin.recording import Recording
 from eskin.skin import Skin
 from eskin.touch import Scan
 from eskin.transforms import exp_so3
+from eskin.units import NS_PER_S
 
 Kind = Literal[
     "dead", "patches", "noise", "drift", "lost", "rate", "pose-mm", "pose-deg"
@@ -32,7 +33,6 @@ TURN = 2.0
 """Time after which drift goes back, and forth again [s]."""
 PAUSE = 0.5
 """No drift while nothing is heard for longer than this, as between clips [s]."""
-NANOSECONDS = 1_000_000_000
 MILLIMETRE = 1e-3
 
 
@@ -170,7 +170,7 @@ def with_drift(
     way = rng.choice([-1.0, 1.0], recording.skin.count)
     heard, last = -UNHARMED, recording.start
     for scan in recording.scans():
-        gap = (scan.stamp - last) / NANOSECONDS
+        gap = (scan.stamp - last) / NS_PER_S
         heard, last = heard + (gap if gap < PAUSE else 0.0), scan.stamp
         seconds = TURN - abs(max(heard, 0.0) % (2 * TURN) - TURN)
         moved = way * calibration.counts_at(speed * seconds)

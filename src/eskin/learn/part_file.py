@@ -2,12 +2,12 @@
 
 import hashlib
 import json
-import os
 from dataclasses import fields
 from pathlib import Path
 
 import numpy as np
 
+from eskin.files import atomic_path
 from eskin.graph import GraphBatch, GraphConfig
 from eskin.learn.fitting import Fit
 from eskin.learn.parts import Part, part_of
@@ -65,15 +65,10 @@ def save_part(target: Path, part: Part) -> None:
     }
     arrays |= {name: arrays[name].astype(dtype) for name, dtype in SMALL.items()}
     facts = np.frombuffer(json.dumps(part.fits).encode(), np.uint8)
-    scratch = target.with_name(f"{target.stem}.{os.getpid()}.part")
-    try:
-        with scratch.open("wb") as file:
-            np.savez(
-                file, stamps=part.stamps, sequence=part.sequence, fits=facts, **arrays
-            )
-        os.replace(scratch, target)
-    finally:
-        scratch.unlink(missing_ok=True)
+    with atomic_path(target) as scratch:
+        np.savez(
+            scratch, stamps=part.stamps, sequence=part.sequence, fits=facts, **arrays
+        )
 
 
 def load_part(path: Path) -> Part:

@@ -1,13 +1,13 @@
 """Pictures of scores."""
 
 from collections.abc import Sequence
-from io import BytesIO
 from pathlib import Path
 
 import numpy as np
 from jaxtyping import Int
 from matplotlib.figure import Figure
 
+from eskin.files import atomic_path
 from eskin.learn.metrics import Reliability
 
 
@@ -72,12 +72,5 @@ def draw_reliability(found: Reliability, path: Path, title: str) -> None:
 
 def write(figure: Figure, path: Path) -> None:
     """Write a picture whole or not at all."""
-    picture = BytesIO()
-    figure.savefig(picture, format=path.suffix.removeprefix("."))
-    path.parent.mkdir(parents=True, exist_ok=True)
-    part = path.with_name(path.name + ".part")
-    try:
-        part.write_bytes(picture.getvalue())
-        part.replace(path)
-    finally:
-        part.unlink(missing_ok=True)
+    with atomic_path(path) as part:
+        figure.savefig(part)

@@ -8,8 +8,8 @@ import numpy as np
 
 from eskin.recording import Recording
 from eskin.touch import Scan
+from eskin.units import NS_PER_S
 
-NANOSECONDS = 1_000_000_000
 LOOKED_AT = 50
 """Scans whose median distance is taken for the period."""
 NEAR = 0.02
@@ -33,12 +33,12 @@ def at_rate(recording: Recording, rate: float) -> Iterator[Scan]:
         ValueError: neither rate is a multiple of the other.
     """
     stamps = [scan.stamp for scan in islice(recording.scans(), LOOKED_AT)]
-    period = float(np.median(np.diff(stamps))) if len(stamps) > 1 else NANOSECONDS
-    ratio = rate * period / NANOSECONDS
+    period = float(np.median(np.diff(stamps))) if len(stamps) > 1 else NS_PER_S
+    ratio = rate * period / NS_PER_S
     times = max(ratio, 1 / ratio)
     if abs(times - round(times)) > NEAR * times:
         raise ValueError(
-            f"rate is {rate:g} Hz of scans that came at {NANOSECONDS / period:.1f} Hz; "
+            f"rate is {rate:g} Hz of scans that came at {NS_PER_S / period:.1f} Hz; "
             "allowed are multiples and whole parts of that; take one of them"
         )
     if ratio < 1:

@@ -1,6 +1,5 @@
 """What a training that was cut goes on from."""
 
-import os
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -8,6 +7,7 @@ from typing import Any
 import torch
 
 from eskin.errors import ModelError
+from eskin.files import atomic_path
 
 
 @dataclass(frozen=True)
@@ -26,13 +26,8 @@ class Stand:
 
 def save_stand(path: Path, stand: Stand) -> None:
     """Write where training stands; whole or not at all."""
-    part = path.with_name(path.name + ".part")
-    path.parent.mkdir(parents=True, exist_ok=True)
-    try:
+    with atomic_path(path) as part:
         torch.save(vars(stand), part)
-        os.replace(part, path)
-    finally:
-        part.unlink(missing_ok=True)
 
 
 def load_stand(path: Path, facts: str) -> Stand | None:

@@ -10,8 +10,8 @@ from jaxtyping import Float
 
 from eskin.model import DecisionConfig
 from eskin.recording.labels import NONE
+from eskin.units import NS_PER_S
 
-NANOSECONDS = 1_000_000_000
 UNKNOWN = "unknown"
 """Said of a touch that is like nothing in the vocabulary."""
 
@@ -114,8 +114,8 @@ class Decider:
             every if math.isinf(every) else min(every, self.config.lifted)
             for every in self.thresholds
         ]
-        self.lift = round(self.config.lift_seconds * NANOSECONDS)
-        self.hold = round(self.config.hold_seconds * NANOSECONDS)
+        self.lift = round(self.config.lift_seconds * NS_PER_S)
+        self.hold = round(self.config.hold_seconds * NS_PER_S)
         self.change_ends = change_ends
         self.hearings: dict[int, Hearing] = {}
 

@@ -17,7 +17,7 @@ from eskin.live.kernels import (
     activate,
     add,
     add_bias,
-    compiled,
+    compiled_network,
     normalise,
     product,
     sigmoid,
@@ -30,7 +30,7 @@ NOBODY = -1
 ONE, TWO = np.float32(1.0), np.float32(2.0)
 
 
-@compiled
+@compiled_network
 @no_type_check
 def encode(
     graph: Graph,
@@ -60,7 +60,7 @@ def encode(
     pool(graph, targets, weights, memory, out)
 
 
-@compiled
+@compiled_network
 @no_type_check
 def find_targets(graph: Graph, memory: EncoderMemory) -> int:
     """Number the active nodes, the targets, and return how many there are."""
@@ -74,7 +74,7 @@ def find_targets(graph: Graph, memory: EncoderMemory) -> int:
     return targets
 
 
-@compiled
+@compiled_network
 @no_type_check
 def find_edges(graph: Graph, targets: int, memory: EncoderMemory) -> int:
     """List who is heard by each target, and return how many edges there are."""
@@ -97,7 +97,7 @@ def find_edges(graph: Graph, targets: int, memory: EncoderMemory) -> int:
     return edges
 
 
-@compiled
+@compiled_network
 @no_type_check
 def place(graph: Graph, shear: bool, memory: EncoderMemory) -> None:
     """Write coordinates and, where the network takes it, compressed shear."""
@@ -111,7 +111,7 @@ def place(graph: Graph, shear: bool, memory: EncoderMemory) -> None:
                 memory.shear[node, d] = graph.shear[node, d] * scale
 
 
-@compiled
+@compiled_network
 @no_type_check
 def embed(
     graph: Graph,
@@ -140,7 +140,7 @@ def embed(
     return rows
 
 
-@compiled
+@compiled_network
 @no_type_check
 def describe(graph: Graph, node: int, row: int, memory: EncoderMemory) -> bool:
     """Write the scalars of a node to a row, and tell whether all are zero."""
@@ -159,7 +159,7 @@ def describe(graph: Graph, node: int, row: int, memory: EncoderMemory) -> bool:
     return False
 
 
-@compiled
+@compiled_network
 @no_type_check
 def step(
     layer: int,
@@ -195,7 +195,7 @@ def step(
             memory.x[node, d] += memory.moved[i, d]
 
 
-@compiled
+@compiled_network
 @no_type_check
 def hear(
     layer: int,
@@ -215,7 +215,7 @@ def hear(
         begin = end
 
 
-@compiled
+@compiled_network
 @no_type_check
 def hear_block(
     layer: int,
@@ -245,7 +245,7 @@ def hear_block(
         add_moves(firsts, shares, ways, memory.r, memory.moved[begin:end])
 
 
-@compiled
+@compiled_network
 @no_type_check
 def add_ends(
     firsts: Int[np.ndarray, "target_and_one"],
@@ -265,7 +265,7 @@ def add_ends(
             edge += 1
 
 
-@compiled
+@compiled_network
 @no_type_check
 def add_shares(
     firsts: Int[np.ndarray, "target_and_one"],
@@ -286,7 +286,7 @@ def add_shares(
             edge += 1
 
 
-@compiled
+@compiled_network
 @no_type_check
 def add_moves(
     firsts: Int[np.ndarray, "target_and_one"],
@@ -307,7 +307,7 @@ def add_moves(
             edge += 1
 
 
-@compiled
+@compiled_network
 @no_type_check
 def measure(
     graph: Graph, shear: bool, begin: int, end: int, memory: EncoderMemory
@@ -332,7 +332,7 @@ def measure(
                 edge[k, 4], edge[k, 5] = np.float32(0.0), np.float32(0.0)
 
 
-@compiled
+@compiled_network
 @no_type_check
 def pool(
     graph: Graph,
@@ -360,7 +360,7 @@ def pool(
     normalise(pooled, weights.pool_weight, weights.pool_bias, out.reshape(1, 2 * width))
 
 
-@compiled
+@compiled_network
 @no_type_check
 def arcsinh(x: float) -> float:
     """The inverse of sinh; numpy's own is several times slower one at a time."""
@@ -368,7 +368,7 @@ def arcsinh(x: float) -> float:
     return math.copysign(math.log(size + math.sqrt(size * size + 1.0)), x)
 
 
-@compiled
+@compiled_network
 @no_type_check
 def squared(vector: Float[np.ndarray, "3"]) -> float:
     """Its length squared."""

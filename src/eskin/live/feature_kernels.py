@@ -8,7 +8,7 @@ from jaxtyping import Float
 from eskin.live.encoder import EncoderMemory, EncoderWeights
 from eskin.live.encoder_kernels import encode
 from eskin.live.graph import Graph
-from eskin.live.kernels import compiled
+from eskin.live.kernels import compiled_network
 from eskin.live.summary_kernels import summarise
 
 FARTHEST = np.float32(4.0)  # standard deviations that a summary feature may be off
@@ -25,7 +25,7 @@ class FeatureWeights(NamedTuple):
     """Parameters of the encoder."""
 
 
-@compiled
+@compiled_network
 @no_type_check
 def featurise(
     graph: Graph,

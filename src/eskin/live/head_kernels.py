@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from eskin.live.head import STATISTICS, HeadMemory, HeadWeights
-from eskin.live.kernels import add_product, compiled, dot, silu
+from eskin.live.kernels import add_product, compiled_network, dot, silu
 from eskin.model.weights import LONG, SHORT
 
 SHORT_STRIDE, LONG_STRIDE = 4, 2
@@ -16,7 +16,7 @@ LONG_APART = SHORT_STRIDE * LONG_STRIDE
 ZERO = np.float32(0.0)
 
 
-@compiled
+@compiled_network
 @no_type_check
 def classify(
     features: Float[np.ndarray, "input"],
@@ -62,7 +62,7 @@ def classify(
         logits[k] = weights.classify_bias[k] + dot(found, weights.classify_weight[k])
 
 
-@compiled
+@compiled_network
 @no_type_check
 def convolve(slot: int, weights: HeadWeights, memory: HeadMemory) -> None:
     """Compute what ends with a slot, all of its taps being known."""
@@ -90,7 +90,7 @@ def convolve(slot: int, weights: HeadWeights, memory: HeadMemory) -> None:
     )
 
 
-@compiled
+@compiled_network
 @no_type_check
 def filter_taps(
     slot: int,
@@ -138,7 +138,7 @@ def filter_taps(
     activate_scaled(out[here], np.float32(kernel / count), bias)
 
 
-@compiled
+@compiled_network
 @no_type_check
 def activate_scaled(
     x: Float[np.ndarray, "track"], scale: float, bias: Float[np.ndarray, "track"]
@@ -148,7 +148,7 @@ def activate_scaled(
         x[c] = silu(x[c] * scale + bias[c])
 
 
-@compiled
+@compiled_network
 @no_type_check
 def gather(now: int, memory: HeadMemory) -> None:
     """Write the statistics of the window that ends now, at all three scales."""
@@ -170,7 +170,7 @@ def gather(now: int, memory: HeadMemory) -> None:
     measure(memory.long, places[:count], share, long)
 
 
-@compiled
+@compiled_network
 @no_type_check
 def covered(now: int, seen: Bool[np.ndarray, "slot"]) -> int:
     """Slots of the window since its first reading."""
@@ -181,7 +181,7 @@ def covered(now: int, seen: Bool[np.ndarray, "slot"]) -> int:
     return 1
 
 
-@compiled
+@compiled_network
 @no_type_check
 def find_places(
     now: int,
@@ -208,7 +208,7 @@ def find_places(
     return count
 
 
-@compiled
+@compiled_network
 @no_type_check
 def measure(
     x: Float[np.ndarray, "slot track"],
@@ -243,7 +243,7 @@ def measure(
         spread[c] = np.sqrt(variance + np.float32(1e-4))
 
 
-@compiled
+@compiled_network
 @no_type_check
 def gather_one(
     x: Float[np.ndarray, "track"],
@@ -260,7 +260,7 @@ def gather_one(
         largest[c] = max(largest[c], x[c])
 
 
-@compiled
+@compiled_network
 @no_type_check
 def gather_four(
     x: Float[np.ndarray, "slot track"],

@@ -3,23 +3,18 @@
 `no_type_check` keeps the tests' hooks off compiled code.
 """
 
-from functools import partial
 from typing import no_type_check
 
 import numpy as np
 from jaxtyping import Float
-from numba import njit
 
-compiled = partial(
-    njit,
-    cache=True,
-    nogil=True,
-    error_model="numpy",
-    fastmath={"contract", "reassoc", "nsz", "arcp"},
+from eskin.compiled import compiled
+
+compiled_network = compiled(
+    error_model="numpy", fastmath={"contract", "reassoc", "nsz", "arcp"}
 )
-"""How the network's loops are compiled: sums may be reordered, but NaN and infinity
-are what they are everywhere. A compiled function is kept on disk until its own file
-changes: after changing one that others call, delete `__pycache__`."""
+"""Decorator of the network's loops: sums may be reordered, but NaN and infinity are
+what they are everywhere."""
 
 BLOCK = 256
 """Rows multiplied at once: they and what comes of them fit a near cache, and no
@@ -43,7 +38,7 @@ ROUNDER = np.float32(1.5 * 2**23)
 EXPONENT_SHIFT = np.int32(23)
 
 
-@njit(cache=True, nogil=True, fastmath={"contract", "nsz"})
+@compiled(fastmath={"contract", "nsz"})
 @no_type_check
 def exp_of_minus(x: float) -> float:
     """exp(-x), without a call, so that loops over it are vectorised.
@@ -58,21 +53,21 @@ def exp_of_minus(x: float) -> float:
     return np.int32(power.view(np.int32) + exponent).view(np.float32)
 
 
-@compiled(inline="always")
+@compiled_network(inline="always")
 @no_type_check
 def sigmoid(x: float) -> float:
     """1 / (1 + exp(-x))."""
     return ONE / (ONE + exp_of_minus(x))
 
 
-@compiled(inline="always")
+@compiled_network(inline="always")
 @no_type_check
 def silu(x: float) -> float:
     """The product of x and its sigmoid."""
     return x / (ONE + exp_of_minus(x))
 
 
-@compiled
+@compiled_network
 @no_type_check
 def product(
     x: Float[np.ndarray, "row input"],
@@ -85,7 +80,7 @@ def product(
         np.dot(x[first:last], weight, out[first:last])
 
 
-@compiled
+@compiled_network
 @no_type_check
 def add_product(
     x: Float[np.ndarray, "input"],
@@ -105,7 +100,7 @@ def add_product(
             out[o] += x[c] * weight[c, o]
 
 
-@compiled
+@compiled_network
 @no_type_check
 def dot(x: Float[np.ndarray, "input"], weight: Float[np.ndarray, "input"]) -> float:
     """The sum of products; short ones are sooner done here than in BLAS."""
@@ -115,7 +110,7 @@ def dot(x: Float[np.ndarray, "input"], weight: Float[np.ndarray, "input"]) -> fl
     return total
 
 
-@compiled
+@compiled_network
 @no_type_check
 def add_bias(
     x: Float[np.ndarray, "row channel"], bias: Float[np.ndarray, "channel"]
@@ -126,7 +121,7 @@ def add_bias(
             x[i, c] += bias[c]
 
 
-@compiled
+@compiled_network
 @no_type_check
 def add(
     x: Float[np.ndarray, "row channel"], out: Float[np.ndarray, "row channel"]
@@ -137,7 +132,7 @@ def add(
             out[i, c] += x[i, c]
 
 
-@compiled
+@compiled_network
 @no_type_check
 def activate(
     x: Float[np.ndarray, "row channel"], bias: Float[np.ndarray, "channel"]
@@ -148,7 +143,7 @@ def activate(
             x[i, c] = silu(x[i, c] + bias[c])
 
 
-@compiled
+@compiled_network
 @no_type_check
 def normalise(
     x: Float[np.ndarray, "row channel"],

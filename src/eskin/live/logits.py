@@ -6,11 +6,11 @@ import numpy as np
 from jaxtyping import Float
 
 from eskin.graph import GraphBuilder, HeldShares
-from eskin.held import Held, hold
 from eskin.live.network import Network
 from eskin.live.pool import FREE, fresh_pool, larger_pool
 from eskin.live.step_kernels import StepParts, calibrate, step
 from eskin.model import SLOT_NS, Model
+from eskin.structref_kernels import Packed, pack
 from eskin.touch import Reading
 
 PerClass = Float[np.ndarray, "class"]
@@ -43,9 +43,9 @@ class LogitStream:
         self.logits: dict[int, PerClass] = {}
         self.probabilities: dict[int, PerClass] = {}
         self.memory = builder.memory
-        self.parts = self.hold_parts()
+        self.parts = self.pack_parts()
         self.pool = fresh_pool(self.network.heads, self.network.slots, SEQUENCES)
-        self.held_pool = hold(self.pool)
+        self.packed_pool = pack(self.pool)
 
     def push(self, reading: Reading, shares: HeldShares) -> None:
         """Take the next reading.
@@ -67,8 +67,8 @@ class LogitStream:
         out = np.empty((len(keys), 2, self.classes), np.float32)
         step(
             self.parts,
-            self.held_pool,
-            shares.held,
+            self.packed_pool,
+            shares.packed,
             reading.pressure,
             shear,
             builder.T_world_link,
@@ -83,13 +83,13 @@ class LogitStream:
         """Take more memory where a graph, or all sequences at once, need it."""
         memory = self.builder.room_for(shares.most)
         if memory is not self.memory:
-            self.memory, self.parts = memory, self.hold_parts()
+            self.memory, self.parts = memory, self.pack_parts()
         count = len(shares.keys)
         if count > len(self.pool.keys):
             self.pool = larger_pool(self.pool, self.network.heads, 2 * count)
-            self.held_pool = hold(self.pool)
+            self.packed_pool = pack(self.pool)
 
-    def hold_parts(self) -> Held:
+    def pack_parts(self) -> Packed:
         """Hand over everything anew, where memory has grown."""
         builder, network = self.builder, self.network
         nodes, neighbours = builder.memory.neighbours.shape
@@ -105,7 +105,7 @@ class LogitStream:
             heads=network.heads,
             temperature=self.temperature,
         )
-        return hold(parts)
+        return pack(parts)
 
 
 def calibrated(logits: PerClass, temperature: float) -> PerClass:

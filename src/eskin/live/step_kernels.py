@@ -8,14 +8,14 @@ from jaxtyping import Float, Int
 
 from eskin.graph.arrays import GraphMemory, Ground, Instant, Loads
 from eskin.graph.builder_kernels import build_graph, take_in
-from eskin.held import Held
 from eskin.live.encoder import EncoderMemory
 from eskin.live.feature_kernels import FeatureWeights, featurise
 from eskin.live.graph import Graph
 from eskin.live.head import HeadMemory, HeadWeights
 from eskin.live.head_kernels import classify
-from eskin.live.kernels import compiled
+from eskin.live.kernels import compiled_network
 from eskin.live.pool import FREE, LONG_AGO
+from eskin.structref_kernels import Packed
 
 
 class StepParts(NamedTuple):
@@ -41,12 +41,12 @@ class StepParts(NamedTuple):
     """That logits are divided by."""
 
 
-@compiled
+@compiled_network
 @no_type_check
 def step(
-    parts_held: Held,
-    pool_held: Held,
-    shares_held: Held,
+    packed_parts: Packed,
+    packed_pool: Packed,
+    packed_shares: Packed,
     pressure: Float[np.ndarray, "taxel"],
     shear: Float[np.ndarray, "taxel_or_none 2"],
     T_world_link: Float[np.ndarray, "link 4 4"],
@@ -57,9 +57,9 @@ def step(
     """Take in a reading, and write logits and probabilities of each sequence.
 
     Args:
-        parts_held: `StepParts`, with room for every graph.
-        pool_held: `Pool`, with a row for every sequence.
-        shares_held: `Shares` of the reading.
+        packed_parts: `StepParts`, with room for every graph.
+        packed_pool: `Pool`, with a row for every sequence.
+        packed_shares: `Shares` of the reading.
         pressure: of every taxel [kPa].
         shear: of every taxel [kPa]; empty where it is not measured.
         T_world_link: of every link of the robot.
@@ -67,14 +67,14 @@ def step(
         slot: number of its slot, the same as that of the reading before or later.
         out: where they go.
     """
-    shares, pool = shares_held.parts, pool_held.parts
+    shares, pool = packed_shares.parts, packed_pool.parts
     keys, now, before = shares.keys, shares.now, shares.before
-    take_in(shares.active, pressure, shear, instant, parts_held.parts.loads)
+    take_in(shares.active, pressure, shear, instant, packed_parts.parts.loads)
     free_others(keys, pool.keys)
     for n in range(len(keys)):
         row = row_of(keys[n], pool.keys, pool.slots)
         step_one(
-            parts_held,
+            packed_parts,
             shares.active[now[n, 0] : now[n, 1]],
             shares.earlier[before[n, 0] : before[n, 1]],
             shares.histories[n],
@@ -88,10 +88,10 @@ def step(
         pool.slots[row] = slot
 
 
-@compiled
+@compiled_network
 @no_type_check
 def step_one(
-    parts_held: Held,
+    packed_parts: Packed,
     taxels: Int[np.ndarray, "active"],
     earlier: Int[np.ndarray, "earlier"],
     history: Float[np.ndarray, "column"],
@@ -105,7 +105,7 @@ def step_one(
     """Write logits and probabilities of one sequence.
 
     Args:
-        parts_held: `StepParts`, with room for the graph.
+        packed_parts: `StepParts`, with room for the graph.
         taxels: its active taxels now.
         earlier: those it had one reading ago.
         history: what it has been so far.
@@ -116,7 +116,7 @@ def step_one(
         window: of the sequence.
         out: where they go.
     """
-    parts = parts_held.parts
+    parts = packed_parts.parts
     memory = parts.graph
     nodes = build_graph(
         taxels,
@@ -147,7 +147,7 @@ def step_one(
     calibrate(out[0], parts.temperature, out[1])
 
 
-@compiled
+@compiled_network
 @no_type_check
 def free_others(keys: Int[np.ndarray, "share"], rows: Int[np.ndarray, "row"]) -> None:
     """Free the rows of sequences that have no share: they have ended."""
@@ -159,7 +159,7 @@ def free_others(keys: Int[np.ndarray, "share"], rows: Int[np.ndarray, "row"]) ->
             rows[row] = FREE
 
 
-@compiled
+@compiled_network
 @no_type_check
 def row_of(
     key: int, rows: Int[np.ndarray, "row"], slots: Int[np.ndarray, "row"]
@@ -175,7 +175,7 @@ def row_of(
     return free
 
 
-@compiled
+@compiled_network
 @no_type_check
 def window_of(row: int, memory: HeadMemory) -> HeadMemory:
     """The memory of one row of a pool."""
@@ -192,7 +192,7 @@ def window_of(row: int, memory: HeadMemory) -> HeadMemory:
     )
 
 
-@compiled
+@compiled_network
 @no_type_check
 def calibrate(
     logits: Float[np.ndarray, "class"],

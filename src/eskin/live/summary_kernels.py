@@ -22,7 +22,7 @@ from eskin.graph.summary import (
     SPEED,
 )
 from eskin.live.graph import Graph
-from eskin.live.kernels import compiled
+from eskin.live.kernels import compiled_network
 
 Vector = tuple[float, float, float]
 
@@ -32,7 +32,7 @@ ROTATIONS = 5
 """Sweeps of Jacobi's method; four bring 3x3 matrices to float64's last digit."""
 
 
-@compiled
+@compiled_network
 @no_type_check
 def summarise(
     graph: Graph,
@@ -55,7 +55,7 @@ def summarise(
         summarise_shear(graph, force, centre, velocity, out[at:])
 
 
-@compiled
+@compiled_network
 @no_type_check
 def motion_of(graph: Graph) -> tuple[float, Vector, Vector]:
     """The load's force [N], its centre [cm] and how that moves [cm/s]."""
@@ -87,7 +87,7 @@ def motion_of(graph: Graph) -> tuple[float, Vector, Vector]:
     return now * N_PER_KPA_CM2, centre, velocity
 
 
-@compiled
+@compiled_network
 @no_type_check
 def summarise_pressure(
     graph: Graph,
@@ -159,7 +159,7 @@ def summarise_pressure(
     return len(columns)
 
 
-@compiled
+@compiled_network
 @no_type_check
 def summarise_shear(
     graph: Graph,
@@ -213,28 +213,28 @@ def summarise_shear(
         out[k] = columns[k]
 
 
-@compiled
+@compiled_network
 @no_type_check
 def log(value: float, floor: float) -> float:
     """Logarithm that is zero at zero and grows slowly below `floor`."""
     return math.log1p(value / floor)
 
 
-@compiled
+@compiled_network
 @no_type_check
 def length_of(x: float, y: float, z: float) -> float:
     """Euclidean length of a vector."""
     return math.sqrt(x * x + y * y + z * z)
 
 
-@compiled
+@compiled_network
 @no_type_check
 def extent(variance: float) -> float:
     """Standard deviation along an axis, as in `principal_extents` [cm]."""
     return math.sqrt(max(variance, 0.0) + FLAT**2) - FLAT
 
 
-@compiled
+@compiled_network
 @no_type_check
 def eigenvalues(
     xx: float, yy: float, zz: float, xy: float, xz: float, yz: float
@@ -251,7 +251,7 @@ def eigenvalues(
     return max(high, zz), max(low, min(high, zz)), min(low, zz)
 
 
-@compiled
+@compiled_network
 @no_type_check
 def rotated(
     pp: float, qq: float, pq: float, rp: float, rq: float

@@ -1,7 +1,6 @@
 """Reading and writing model files: safetensors with one JSON card as metadata."""
 
 import hashlib
-import os
 from collections.abc import Mapping
 from dataclasses import dataclass
 from importlib import resources
@@ -14,6 +13,7 @@ from safetensors import SafetensorError, safe_open
 from safetensors.numpy import save_file
 
 from eskin.errors import ModelError
+from eskin.files import atomic_path
 from eskin.model.card import ModelCard
 
 CARD = "eskin"
@@ -46,16 +46,11 @@ class Model:
 
 def save_model(path: Path, model: Model) -> None:
     """Write a model file; whole or not at all."""
-    part = path.with_name(path.name + ".part")
-    path.parent.mkdir(parents=True, exist_ok=True)
     # A metric may be NaN, which JSON has no number for.
     card = to_json(model.card, inf_nan_mode="strings").decode()
     weights = {name: np.asarray(w, order="C") for name, w in model.weights.items()}
-    try:
+    with atomic_path(path) as part:
         save_file(weights, part, metadata={CARD: card})
-        os.replace(part, path)
-    finally:
-        part.unlink(missing_ok=True)
 
 
 def load_model(name_or_path: str | Path) -> Model:

@@ -7,8 +7,8 @@ import numpy as np
 from jaxtyping import Bool, Int
 
 from eskin.recording.labels import NONE, Label
+from eskin.units import NS_PER_S
 
-SECOND = 1_000_000_000
 SAME = 0.5
 
 
@@ -53,7 +53,7 @@ class Agreement:
         for event, best in zip(events, matches, strict=True):
             self.overlaps.append(0.0 if best is None else overlap(event, best))
             if best is not None:
-                self.onset_errors.append((best.start - event.start) / SECOND)
+                self.onset_errors.append((best.start - event.start) / NS_PER_S)
         self.found_events += len(found)
 
     def summary(self) -> dict[str, float | int | None]:

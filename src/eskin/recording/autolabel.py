@@ -12,8 +12,8 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from eskin.recording.labels import Label, sort_labels
+from eskin.units import NS_PER_S
 
-SECOND = 1_000_000_000
 BINS = 128
 
 
@@ -83,14 +83,14 @@ def windowed(
     """Spans with short gaps closed, then short spans dropped."""
     merged: list[tuple[int, int]] = []
     for start, end in spans:
-        if merged and start - merged[-1][1] < config.min_window * SECOND:
+        if merged and start - merged[-1][1] < config.min_window * NS_PER_S:
             merged[-1] = (merged[-1][0], end)
         else:
             merged.append((start, end))
     return [
         (start, end)
         for start, end in merged
-        if end - start >= config.min_touch * SECOND
+        if end - start >= config.min_touch * NS_PER_S
     ]
 
 

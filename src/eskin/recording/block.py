@@ -9,8 +9,9 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from eskin.errors import RecordingError
-from eskin.recording.cdr import ENCAPSULATION, LATEST_STAMP, NANOSECONDS
+from eskin.recording.cdr import ENCAPSULATION, LATEST_STAMP
 from eskin.recording.messages import to_16_bits
+from eskin.units import NS_PER_S
 
 Field = tuple[str, str] | tuple[str, str, int]
 """Name and type of a field, and how many of it follow each other."""
@@ -91,7 +92,7 @@ def put_text(template: np.ndarray, name: str, content: str) -> None:
 def stamped(template: np.ndarray, stamps: Int[np.ndarray, "reading"]) -> np.ndarray:
     """The template once a stamp, with its encapsulation and stamp."""
     messages = np.repeat(template, len(stamps))
-    seconds, nanoseconds = np.divmod(stamps, NANOSECONDS)
+    seconds, nanoseconds = np.divmod(stamps, NS_PER_S)
     messages["encapsulation"] = ENCAPSULATION
     messages["seconds"], messages["nanoseconds"] = seconds, nanoseconds
     return messages

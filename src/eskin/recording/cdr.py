@@ -10,10 +10,10 @@ import numpy as np
 from jaxtyping import Shaped
 
 from eskin.errors import RecordingError
+from eskin.units import NS_PER_S
 
 ENCAPSULATION = b"\x00\x01\x00\x00"
-NANOSECONDS = 1_000_000_000
-LATEST_STAMP = 2**31 * NANOSECONDS
+LATEST_STAMP = 2**31 * NS_PER_S
 
 
 class CdrPacker:
@@ -54,7 +54,7 @@ class CdrPacker:
                 "since the epoch; give stamps in nanoseconds of Unix time"
             )
         self.align(4)
-        self.buffer += struct.pack("<iI", *divmod(stamp, NANOSECONDS))
+        self.buffer += struct.pack("<iI", *divmod(stamp, NS_PER_S))
 
     def string(self, text: str) -> None:
         """Append a string: count with its closing zero, UTF-8 bytes, zero."""
@@ -115,7 +115,7 @@ class CdrUnpacker:
     def stamp(self) -> int:
         """Take a `builtin_interfaces/Time` as a stamp [ns since the epoch]."""
         seconds, nanoseconds = self.take("iI", 4)
-        return seconds * NANOSECONDS + nanoseconds
+        return seconds * NS_PER_S + nanoseconds
 
     def string(self) -> str:
         """Take a string."""

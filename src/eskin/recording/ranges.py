@@ -7,8 +7,7 @@ import yaml
 
 from eskin.errors import RecordingError
 from eskin.recording.labels import NONE, Label, sort_labels
-
-SECOND = 1_000_000_000
+from eskin.units import NS_PER_S
 
 # The paper leaves two seconds between gestures: a range reaches half way.
 MARGIN = 1.0
@@ -54,7 +53,7 @@ def range_of(entry: object, place: str, start: int) -> Label:
         )
     if last <= first:
         raise RecordingError(f"{place} ends at {last} s, not after its start {first} s")
-    begin, end = start + round(first * SECOND), start + round(last * SECOND)
+    begin, end = start + round(first * NS_PER_S), start + round(last * NS_PER_S)
     return Label(begin, end, gesture.strip().lower(), "range")
 
 
@@ -68,7 +67,7 @@ def rough_ranges(truth: Iterable[Label], margin: float = MARGIN) -> tuple[Label,
         truth: labels, of which those of source `true` count.
         margin: how far a range reaches beyond its labels [s].
     """
-    reach = round(margin * SECOND)
+    reach = round(margin * NS_PER_S)
     ranges: list[Label] = []
     for label in sort_labels(truth, "true"):
         if label.gesture == NONE:

@@ -21,6 +21,7 @@ from eskin.recording.metadata import Metadata
 from eskin.skin.files import load_skin
 from eskin.touch.calibration import Calibration
 from eskin.touch.reading import Scan
+from eskin.units import NS_PER_S
 
 SIDE = 6
 RATE = 44.7
@@ -87,7 +88,7 @@ def shearsense_clip(path: Path) -> Clip:
     if rest.lower().startswith(path.parent.name.lower()):
         rest = rest[len(path.parent.name) :]
     pressure, shear_x, shear_y = load_counts(path)
-    start = int(start_time(rest).timestamp()) * 1_000_000_000
+    start = int(start_time(rest).timestamp()) * NS_PER_S
     stamps = [start + round(i * 1e9 / RATE) for i in range(len(pressure) + 1)]
     received = np.ones(SIDE * SIDE, dtype=np.bool_)
     shear = np.stack([shear_x, shear_y], axis=-1)

@@ -23,6 +23,7 @@ from eskin.recording.metadata import Metadata
 from eskin.skin.files import load_skin
 from eskin.touch.calibration import Calibration
 from eskin.touch.reading import Scan
+from eskin.units import NS_PER_S
 
 ROWS, COLUMNS = 19, 27
 STEP = 1.5
@@ -112,7 +113,7 @@ def sleeve_clip(path: Path, time: datetime, session: str) -> Clip:
     frames = content.get("frames") if isinstance(content, dict) else None
     if not isinstance(frames, list) or not frames:
         raise ImportSourceError(f"{path}: no frames; is it a file of the sleeve set?")
-    start = int(time.timestamp()) * 1_000_000_000
+    start = int(time.timestamp()) * NS_PER_S
     stamps = start + np.arange(len(frames), dtype=np.int64) * PERIOD
     received = np.ones(ROWS * COLUMNS, dtype=np.bool_)
     counts = [frame_counts(path, index, frame) for index, frame in enumerate(frames)]

@@ -23,6 +23,7 @@ from eskin.recording.metadata import Metadata
 from eskin.skin.grids import grid_skin
 from eskin.touch.calibration import Calibration
 from eskin.touch.reading import Scan
+from eskin.units import NS_PER_S
 
 ROWS, COLUMNS = 19, 24
 PITCH = 0.010  # [m]
@@ -143,7 +144,7 @@ def socialtouch_clip(path: Path) -> Clip:
     first = repetitions[0]
     scans: list[Scan] = []
     labels: list[Label] = []
-    stamp = int(start.timestamp()) * 1_000_000_000
+    stamp = int(start.timestamp()) * NS_PER_S
     for repetition in repetitions:
         found = scans_of(repetition, stamp)
         scans += found

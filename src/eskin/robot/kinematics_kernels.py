@@ -5,10 +5,11 @@ from typing import no_type_check
 
 import numpy as np
 from jaxtyping import Float, Int
-from numba import njit
+
+from eskin.compiled import compiled
 
 
-@njit(cache=True, nogil=True)
+@compiled
 @no_type_check
 def pose_links(
     q: Float[np.ndarray, "pose joint"],
@@ -41,7 +42,7 @@ def pose_links(
                 hang(out[n, parent], T)
 
 
-@njit(cache=True, nogil=True)
+@compiled
 @no_type_check
 def turn(
     sine: float,
@@ -69,7 +70,7 @@ def turn(
             )
 
 
-@njit(cache=True, nogil=True)
+@compiled
 @no_type_check
 def hang(parent: Float[np.ndarray, "4 4"], T: Float[np.ndarray, "4 4"]) -> None:
     """Replace a frame in its parent by the same in the world."""

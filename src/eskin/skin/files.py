@@ -1,9 +1,10 @@
 """Skins in files: a folder with `skin.yaml` and `taxels.csv`, or one text."""
 
-import os
+from contextlib import ExitStack
 from pathlib import Path
 
 from eskin.errors import SkinError
+from eskin.files import atomic_path
 from eskin.skin.directions import direction_problems
 from eskin.skin.draft import MANIFEST, Draft, make_draft, read_draft
 from eskin.skin.manifest import format_manifest, parse_manifest
@@ -40,16 +41,12 @@ def save_skin(skin: Skin, folder: str | Path) -> None:
     """Write a skin into a folder, which is made where it does not exist."""
     folder = Path(folder)
     texts = {"taxels.csv": format_table(skin), MANIFEST: format_manifest(skin)}
-    folder.mkdir(parents=True, exist_ok=True)
-    halves = {name: folder / f".{name}.{os.getpid()}.part" for name in texts}
-    try:
+    with ExitStack() as stack:
+        parts = {
+            name: stack.enter_context(atomic_path(folder / name)) for name in texts
+        }
         for name, text in texts.items():
-            halves[name].write_text(text, encoding="utf-8", newline="\n")
-        for name, half in halves.items():
-            half.replace(folder / name)
-    finally:
-        for half in halves.values():
-            half.unlink(missing_ok=True)
+            parts[name].write_text(text, encoding="utf-8", newline="\n")
 
 
 def skin_to_bytes(skin: Skin) -> bytes:

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from jaxtyping import Float
 
+from eskin.files import atomic_path
 from eskin.robot import Robot
 from eskin.skin.fit import fit_surface
 from eskin.skin.mount import MountedSkin
@@ -70,12 +71,8 @@ def draw_skin(
         f"{area:.0f} cm², {skin.count / area:.2f} taxels/cm²"
         + ("" if skin.calibrated else " (nominal geometry)")
     )
-    half = path.with_name(f".{path.stem}.part{path.suffix}")
-    try:
-        figure.savefig(half, dpi=110)
-        half.replace(path)
-    finally:
-        half.unlink(missing_ok=True)
+    with atomic_path(path) as part:
+        figure.savefig(part, dpi=110)
 
 
 def lay_panels(figure: "Figure", has_views: bool) -> tuple["Axes", list["Axes"]]:

@@ -7,8 +7,7 @@ from dataclasses import dataclass
 from eskin.drivers import Clock, SourceInfo
 from eskin.stream.inbox import Drop
 from eskin.stream.moment import Heard
-
-NANOSECONDS = 1_000_000_000
+from eskin.units import NS_PER_S
 
 
 @dataclass(frozen=True)
@@ -24,7 +23,7 @@ class Context:
 
     def age(self, stamp: int) -> float:
         """How long ago that stamp was [s]."""
-        return (self.clock.now() - stamp) / NANOSECONDS
+        return (self.clock.now() - stamp) / NS_PER_S
 
 
 class Listener(ABC):

@@ -15,10 +15,11 @@ from eskin.live import Detection
 from eskin.recording import Metadata
 from eskin.stream.durations import Durations
 from eskin.stream.inbox import Drop
-from eskin.stream.listener import NANOSECONDS, Context, Listener
+from eskin.stream.listener import Context, Listener
 from eskin.stream.moment import Heard
 from eskin.stream.pieces import Pieces
 from eskin.touch import Scan
+from eskin.units import NS_PER_S
 
 FULL = (errno.ENOSPC, errno.EDQUOT)
 
@@ -138,7 +139,7 @@ class Recorder(Listener):
         """Make sure of what is written, where a scan at that time begins a chunk."""
         if self.chunk is None:
             self.chunk = stamp
-        passed = (stamp - self.chunk) / NANOSECONDS
+        passed = (stamp - self.chunk) / NS_PER_S
         if self.pieces.writer is None or passed < self.config.chunk_seconds:
             return
         self.chunk = stamp

@@ -4,13 +4,13 @@ from typing import no_type_check
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
-from numba import njit
 
+from eskin.compiled import compiled
 from eskin.touch.memory import HELD, Memory
 from eskin.touch.rules import Instant, Rules
 
 
-@njit(cache=True, nogil=True)
+@compiled
 @no_type_check
 def find_candidates(
     pressure: Float[np.ndarray, "taxel"], least: float, out: Int[np.ndarray, "taxel"]
@@ -27,7 +27,7 @@ def find_candidates(
     return count
 
 
-@njit(cache=True, nogil=True)
+@compiled
 @no_type_check
 def activate(
     candidates: Int[np.ndarray, "candidate"],
@@ -71,7 +71,7 @@ def activate(
     return active
 
 
-@njit(cache=True, nogil=True)
+@compiled
 @no_type_check
 def hold(
     active: Int[np.ndarray, "active"],
@@ -95,7 +95,7 @@ def hold(
     memory.counts[HELD] = count
 
 
-@njit(cache=True, nogil=True)
+@compiled
 @no_type_check
 def by_rank(
     active: Int[np.ndarray, "active"], sites: np.ndarray

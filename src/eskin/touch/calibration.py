@@ -12,8 +12,7 @@ from eskin.skin.skin import Skin
 from eskin.touch.adjacency import Adjacency
 from eskin.touch.kernels import MOST, Bend, Memory, Rates, calibrate
 from eskin.touch.reading import Reading, Scan, check_order
-
-NANOSECONDS = 1_000_000_000
+from eskin.units import NS_PER_S
 
 VERSION = 1
 
@@ -295,8 +294,8 @@ class Calibrator:
         check_order(self.last, scan.stamp)
         if self.first is None:
             self.first = scan.stamp
-        seconds = (scan.stamp - self.first) / NANOSECONDS
-        elapsed = 0.0 if self.last is None else (scan.stamp - self.last) / NANOSECONDS
+        seconds = (scan.stamp - self.first) / NS_PER_S
+        elapsed = 0.0 if self.last is None else (scan.stamp - self.last) / NS_PER_S
         self.last = scan.stamp
         use = scan.received if faulty is None else scan.received & ~faulty
         pressure = np.empty(self.skin.count, np.float32)

@@ -4,8 +4,8 @@ from typing import no_type_check
 
 import numpy as np
 from jaxtyping import Float, Int
-from numba import njit
 
+from eskin.compiled import compiled
 from eskin.touch.active_kernels import activate, by_rank
 from eskin.touch.geometry_kernels import box_gap, box_of, place, point_gap, to_link
 from eskin.touch.memory import Memory
@@ -15,7 +15,7 @@ from eskin.touch.rules import Instant, Rules
 PASCAL = 1000.0
 
 
-@njit(cache=True, nogil=True)
+@compiled
 @no_type_check
 def root_of(parents: Int[np.ndarray, "active"], i: int) -> int:
     """The representative of an element's set."""
@@ -25,7 +25,7 @@ def root_of(parents: Int[np.ndarray, "active"], i: int) -> int:
     return i
 
 
-@njit(cache=True, nogil=True)
+@compiled
 @no_type_check
 def join(parents: Int[np.ndarray, "active"], i: int, j: int) -> None:
     """Join the sets of two elements; the earlier one represents both."""
@@ -34,7 +34,7 @@ def join(parents: Int[np.ndarray, "active"], i: int, j: int) -> None:
         parents[max(a, b)] = min(a, b)
 
 
-@njit(cache=True, nogil=True)
+@compiled
 @no_type_check
 def connect(
     active: Int[np.ndarray, "active"],
@@ -68,7 +68,7 @@ def connect(
     return labels
 
 
-@njit(cache=True, nogil=True)
+@compiled
 @no_type_check
 def connect_links(
     active: Int[np.ndarray, "active"],
@@ -104,7 +104,7 @@ def connect_links(
                     join_near(a, others, active, p_world, sites, parents)
 
 
-@njit(cache=True, nogil=True)
+@compiled
 @no_type_check
 def join_near(
     a: int,
@@ -124,7 +124,7 @@ def join_near(
             join(parents, a, b)
 
 
-@njit(cache=True, nogil=True)
+@compiled
 @no_type_check
 def find_contacts(
     candidates: Int[np.ndarray, "candidate"],
@@ -166,7 +166,7 @@ def find_contacts(
     return contacts, loads, points
 
 
-@njit(cache=True, nogil=True)
+@compiled
 @no_type_check
 def lay_out(labels: Int[np.ndarray, "active"], stamp: int) -> np.ndarray:
     """A contact for each label; its loads end where the next is to be written."""
@@ -183,7 +183,7 @@ def lay_out(labels: Int[np.ndarray, "active"], stamp: int) -> np.ndarray:
     return contacts
 
 
-@njit(cache=True, nogil=True)
+@compiled
 @no_type_check
 def add_load(
     contact: np.void,
@@ -202,7 +202,7 @@ def add_load(
         contact.n_world[r] += force * n_world[r]
 
 
-@njit(cache=True, nogil=True)
+@compiled
 @no_type_check
 def finish_sums(contact: np.void, T_world_link: Float[np.ndarray, "link 4 4"]) -> None:
     """Turn the sums of a contact into its centre and its unit normal."""

@@ -4,7 +4,8 @@ from typing import NamedTuple, no_type_check
 
 import numpy as np
 from jaxtyping import Bool, Float
-from numba import njit
+
+from eskin.compiled import compiled
 
 VISIBLE = 0.3
 """Conductance of others, by that at half scale, of which a part stands out of noise."""
@@ -89,7 +90,7 @@ class Learned(NamedTuple):
     """(part, observation) the latest of them, in turn."""
 
 
-@njit(cache=True, nogil=True)
+@compiled
 @no_type_check
 def take_off(
     pressure: Float[np.ndarray, "skin"],
@@ -126,7 +127,7 @@ def take_off(
         pressure[cells.taxels[k]] = felt + min(felt, law.unfelt)
 
 
-@njit(cache=True, nogil=True)
+@compiled
 @no_type_check
 def read(pressure: Float[np.ndarray, "skin"], law: Law, cells: Cells) -> float:
     """Write what each cell lets through, and return the largest."""
@@ -141,7 +142,7 @@ def read(pressure: Float[np.ndarray, "skin"], law: Law, cells: Cells) -> float:
     return largest
 
 
-@njit(cache=True, nogil=True)
+@compiled
 @no_type_check
 def look_around(cells: Cells) -> None:
     """Write what the others of each taxel's lines let through, and detours past it."""
@@ -163,7 +164,7 @@ def look_around(cells: Cells) -> None:
         cells.detours[k] = 1.0 / series
 
 
-@njit(cache=True, nogil=True)
+@compiled
 @no_type_check
 def touched(cells: Cells, largest: float) -> float:
     """Share of the patch that lets through more than a little."""
@@ -173,7 +174,7 @@ def touched(cells: Cells, largest: float) -> float:
     return count / len(cells.taxels)
 
 
-@njit(cache=True, nogil=True)
+@compiled
 @no_type_check
 def learn(valid: Bool[np.ndarray, "skin"], cells: Cells, learned: Learned) -> None:
     """Observe the leak where there are no detours, then ghosts where there are."""
@@ -194,7 +195,7 @@ def learn(valid: Bool[np.ndarray, "skin"], cells: Cells, learned: Learned) -> No
     observe(GHOST, cells.shares[:count], learned)
 
 
-@njit(cache=True, nogil=True)
+@compiled
 @no_type_check
 def observe(part: int, shares: Float[np.ndarray, "some"], learned: Learned) -> None:
     """Believe a low one of the shares that taxels show, if it is no touch."""

@@ -14,7 +14,6 @@ FaultKind = Literal[
 ]
 TAXEL_KINDS: tuple[FaultKind, ...] = ("stuck", "dead", "negative", "saturated", "noisy")
 LEAST_LINE = 3
-NANOSECONDS = 1_000_000_000
 
 
 @dataclass(frozen=True)

@@ -4,7 +4,8 @@ from typing import NamedTuple, no_type_check
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
-from numba import njit
+
+from eskin.compiled import compiled
 
 PAUSE, PAUSE_SCANS = 0.15, 5
 """Without a turn a taxel comes to rest: in seconds, and in scans at slow rates."""
@@ -43,7 +44,7 @@ class Watch(NamedTuple):
     """Since when it has jumped to and fro without a pause."""
 
 
-@njit(cache=True, nogil=True)
+@compiled
 @no_type_check
 def watch_counts(
     counts: Int[np.ndarray, "taxel"],
@@ -107,7 +108,7 @@ def watch_counts(
             mask[i] = True
 
 
-@njit(cache=True, nogil=True)
+@compiled
 @no_type_check
 def note_jump(i: int, jump: int, now: float, elapsed: float, watch: Watch) -> None:
     """Note a jump; one that undoes the last is a turn, and turns follow each other."""
@@ -118,7 +119,7 @@ def note_jump(i: int, jump: int, now: float, elapsed: float, watch: Watch) -> No
     watch.jump[i] = jump
 
 
-@njit(cache=True, nogil=True)
+@compiled
 @no_type_check
 def start_anew(i: int, count: int, now: float, watch: Watch) -> None:
     """Forget a taxel: it is heard for the first time, or after long silence."""
@@ -136,7 +137,7 @@ def start_anew(i: int, count: int, now: float, watch: Watch) -> None:
     watch.restless[i] = now
 
 
-@njit(cache=True, nogil=True)
+@compiled
 @no_type_check
 def watch_neighbours(
     pressure: Float[np.ndarray, "taxel"],

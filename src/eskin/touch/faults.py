@@ -9,9 +9,10 @@ from jaxtyping import Bool, Float
 from eskin.skin.skin import Skin
 from eskin.touch.adjacency import Adjacency
 from eskin.touch.calibration import Calibration
-from eskin.touch.fault import LEAST_LINE, NANOSECONDS, Fault, FaultLister
+from eskin.touch.fault import LEAST_LINE, Fault, FaultLister
 from eskin.touch.fault_kernels import PAUSE, Watch, watch_counts, watch_neighbours
 from eskin.touch.reading import Scan, check_order
+from eskin.units import NS_PER_S
 
 STUCK, DEAD, NEGATIVE, SATURATED, NOISY = range(5)
 MOST_ELAPSED = 0.2
@@ -119,7 +120,7 @@ class FaultFinder:
         if self.first is None:
             self.first = scan.stamp
         self.last = scan.stamp
-        now = (scan.stamp - self.first) / NANOSECONDS
+        now = (scan.stamp - self.first) / NS_PER_S
         self.mask = self.mask.copy()
         watch_counts(
             scan.counts,
@@ -157,7 +158,7 @@ class FaultFinder:
         self.checked = now
         self.mask = self.code >= 0
         heard = np.maximum(self.watch.heard, 0.0)
-        begun = np.where(self.mask, self.since, heard) * NANOSECONDS
+        begun = np.where(self.mask, self.since, heard) * NS_PER_S
         self.faults = tuple(
             self.lister.report(
                 self.code,

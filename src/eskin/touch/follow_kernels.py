@@ -4,9 +4,9 @@ from typing import NamedTuple, no_type_check
 
 import numpy as np
 from jaxtyping import Int
-from numba import njit
 
-from eskin.held import Held
+from eskin.compiled import compiled
+from eskin.structref_kernels import Packed
 from eskin.touch.contact_kernels import find_contacts
 from eskin.touch.group_kernels import KNOWN, OVER, Groups
 from eskin.touch.memory import Memory
@@ -33,27 +33,27 @@ class FollowParts(NamedTuple):
     """Of the taxels; written to."""
 
 
-@njit(cache=True, nogil=True)
+@compiled
 @no_type_check
 def follow(
     candidates: Int[np.ndarray, "candidate"],
     reading: Instant,
-    parts_held: Held,
-    before_held: Held,
-) -> tuple[Held, Int[np.ndarray, "touch column"], int, int]:
+    packed_parts: Packed,
+    packed_before: Packed,
+) -> tuple[Packed, Int[np.ndarray, "touch column"], int, int]:
     """Follow contacts, tracks and touches into the next reading.
 
     Args:
         candidates: all taxels of enough pressure to be active, ascending.
         reading: the next one.
-        parts_held: `FollowParts`.
-        before_held: `TouchRecords` of the reading before.
+        packed_parts: `FollowParts`.
+        packed_before: `TouchRecords` of the reading before.
 
     Returns:
         `TouchRecords` of this reading; a `TouchBrief` of each touch; how many of them
         are open; and how many tracks there are.
     """
-    parts, before = parts_held.parts, before_held.parts
+    parts, before = packed_parts.parts, packed_before.parts
     rules, memory, sites = parts.rules, parts.memory, parts.sites
     contacts, loads, points = find_contacts(
         candidates, reading, rules, sites, parts.neighbours, memory
@@ -73,10 +73,10 @@ def follow(
         members,
     )
     going = len(touches) - groups.used[OVER]
-    return Held(records), briefs_of(touches), going, len(tracks)
+    return Packed(records), briefs_of(touches), going, len(tracks)
 
 
-@njit(cache=True, nogil=True)
+@compiled
 @no_type_check
 def briefs_of(touches: np.ndarray) -> Int[np.ndarray, "touch column"]:
     """The fields of a `TouchBrief` of each touch."""
@@ -88,7 +88,7 @@ def briefs_of(touches: np.ndarray) -> Int[np.ndarray, "touch column"]:
     return briefs
 
 
-@njit(cache=True, nogil=True)
+@compiled
 @no_type_check
 def in_order(before: TouchRecords, room: Room, groups: Groups) -> np.ndarray:
     """Open touches, then those that have closed; their contacts are kept."""

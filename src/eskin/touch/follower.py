@@ -5,8 +5,8 @@ from typing import final
 import numpy as np
 
 from eskin.errors import ReadingError
-from eskin.held import hold
 from eskin.skin.mount import MountedSkin
+from eskin.structref_kernels import pack
 from eskin.touch.active_kernels import find_candidates
 from eskin.touch.adjacency import MICROMETRE, Adjacency
 from eskin.touch.contacts import ContactConfig
@@ -18,8 +18,7 @@ from eskin.touch.records import NOTHING, Followed, TouchBrief
 from eskin.touch.rules import Instant, Rules
 from eskin.touch.touches import TouchConfig
 from eskin.touch.tracks import TrackConfig
-
-NANOSECONDS = 1_000_000_000
+from eskin.units import NS_PER_S
 
 
 @final
@@ -59,8 +58,8 @@ class TouchFollower:
             neighbours=adjacency.neighbours,
             memory=self.memory,
         )
-        self.parts = hold(parts)
-        self.nothing = Followed(hold(NOTHING), (), ())
+        self.parts = pack(parts)
+        self.nothing = Followed(pack(NOTHING), (), ())
         self.followed = self.nothing
         self.first: int | None = None
         self.last: int | None = None
@@ -100,19 +99,19 @@ class TouchFollower:
         instant = Instant(
             stamp,
             stamp - last,
-            (stamp - first) / NANOSECONDS,
-            (last - first) / NANOSECONDS,
+            (stamp - first) / NS_PER_S,
+            (last - first) / NS_PER_S,
             reading.pressure,
             reading.valid,
             self.poses.at(reading.q),
         )
-        held, rows, going, tracks = follow(
-            candidates, instant, self.parts, self.followed.held
+        packed, rows, going, tracks = follow(
+            candidates, instant, self.parts, self.followed.packed
         )
         if not len(rows) and not tracks:
             return self.nothing
         briefs = tuple(map(TouchBrief._make, rows.tolist()))
-        return Followed(held, briefs[:going], briefs[going:])
+        return Followed(packed, briefs[:going], briefs[going:])
 
     def finish(self) -> Followed:
         """Let go of every track and touch, as at the end of a recording.
@@ -138,9 +137,9 @@ def rules_of(
         gate=tracks.gate,
         speed=tracks.speed,
         coast=tracks.coast_seconds,
-        gap=tracks.gap_seconds * NANOSECONDS,
+        gap=tracks.gap_seconds * NS_PER_S,
         near=touches.near + MICROMETRE,
-        pause=round(touches.pause_seconds * NANOSECONDS),
+        pause=round(touches.pause_seconds * NS_PER_S),
         beside=touches.beside + MICROMETRE,
         calibrated=calibrated,
     )

@@ -4,10 +4,11 @@ from typing import no_type_check
 
 import numpy as np
 from jaxtyping import Float, Int
-from numba import njit
+
+from eskin.compiled import compiled
 
 
-@njit(cache=True, nogil=True)
+@compiled
 @no_type_check
 def place(
     taxels: Int[np.ndarray, "asked"],
@@ -30,7 +31,7 @@ def place(
     return result
 
 
-@njit(cache=True, nogil=True)
+@compiled
 @no_type_check
 def to_link(
     T_world_link: Float[np.ndarray, "4 4"],
@@ -45,7 +46,7 @@ def to_link(
         out[c] = total
 
 
-@njit(cache=True, nogil=True)
+@compiled
 @no_type_check
 def distance_to(
     T_world_link: Float[np.ndarray, "4 4"],
@@ -61,7 +62,7 @@ def distance_to(
     return np.sqrt(squared)
 
 
-@njit(cache=True, nogil=True)
+@compiled
 @no_type_check
 def distance(one: Float[np.ndarray, "3"], other: Float[np.ndarray, "3"]) -> float:
     """How far two points are from each other [m]."""
@@ -71,7 +72,7 @@ def distance(one: Float[np.ndarray, "3"], other: Float[np.ndarray, "3"]) -> floa
     return np.sqrt(squared)
 
 
-@njit(cache=True, nogil=True)
+@compiled
 @no_type_check
 def box_of(points: Float[np.ndarray, "point 3"], box: Float[np.ndarray, "2 3"]) -> None:
     """Write the least and the greatest coordinates of some points."""
@@ -82,7 +83,7 @@ def box_of(points: Float[np.ndarray, "point 3"], box: Float[np.ndarray, "2 3"]) 
         box[0, r], box[1, r] = low, high
 
 
-@njit(cache=True, nogil=True)
+@compiled
 @no_type_check
 def box_gap(one: Float[np.ndarray, "2 3"], other: Float[np.ndarray, "2 3"]) -> float:
     """How far two boxes are apart along an axis; no points in them are nearer."""
@@ -92,7 +93,7 @@ def box_gap(one: Float[np.ndarray, "2 3"], other: Float[np.ndarray, "2 3"]) -> f
     return gap
 
 
-@njit(cache=True, nogil=True)
+@compiled
 @no_type_check
 def point_gap(point: Float[np.ndarray, "3"], box: Float[np.ndarray, "2 3"]) -> float:
     """How far a point is from a box along an axis."""

@@ -3,8 +3,8 @@
 from typing import NamedTuple, no_type_check
 
 import numpy as np
-from numba import njit
 
+from eskin.compiled import compiled
 from eskin.touch.memory import NEXT_TOUCH, Memory
 from eskin.touch.records import TOUCH, TouchRecords
 from eskin.touch.room_kernels import Room
@@ -34,7 +34,7 @@ class Groups(NamedTuple):
     """(track) the touch that it has just joined, or -1."""
 
 
-@njit(cache=True, nogil=True)
+@compiled
 @no_type_check
 def make_groups(
     tracks: np.ndarray, alive: int, before: TouchRecords, stamp: int, pause: int
@@ -64,7 +64,7 @@ def make_groups(
     return groups
 
 
-@njit(cache=True, nogil=True)
+@compiled
 @no_type_check
 def heir_of(touch: int, groups: Groups) -> int:
     """The touch that one has become a part of, or itself."""
@@ -73,7 +73,7 @@ def heir_of(touch: int, groups: Groups) -> int:
     return touch
 
 
-@njit(cache=True, nogil=True)
+@compiled
 @no_type_check
 def start(track: np.void, memory: Memory, room: Room, groups: Groups) -> int:
     """Start a touch with its first track; return its place."""
@@ -94,7 +94,7 @@ def start(track: np.void, memory: Memory, room: Room, groups: Groups) -> int:
     return place
 
 
-@njit(cache=True, nogil=True)
+@compiled
 @no_type_check
 def take_over(older: int, younger: int, groups: Groups) -> None:
     """Make a touch part of an older one."""
@@ -108,7 +108,7 @@ def take_over(older: int, younger: int, groups: Groups) -> None:
     close(younger, touch.id, groups)
 
 
-@njit(cache=True, nogil=True)
+@compiled
 @no_type_check
 def close(touch: int, heir: int, groups: Groups) -> None:
     """Close a touch, for the one of that id or for nobody."""

@@ -4,7 +4,8 @@ from typing import NamedTuple, no_type_check
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
-from numba import njit
+
+from eskin.compiled import compiled
 
 
 class Rates(NamedTuple):
@@ -71,7 +72,7 @@ MOST = 0.999
 """Part of a divider's full scale above which pressure is not told apart."""
 
 
-@njit(cache=True, nogil=True)
+@compiled
 @no_type_check
 def undo(above: float, bend: Bend) -> float:
     """Counts above rest as a linear device with the same gain would give them."""
@@ -84,7 +85,7 @@ def undo(above: float, bend: Bend) -> float:
     return bend.full * conductance
 
 
-@njit(cache=True, nogil=True)
+@compiled
 @no_type_check
 def calibrate(
     counts: Int[np.ndarray, "taxel"],
@@ -130,7 +131,7 @@ def calibrate(
     follow(counts, use, now, margin, memory, rates)
 
 
-@njit(cache=True, nogil=True)
+@compiled
 @no_type_check
 def hear(
     i: int, count: int, now: float, margin: float, memory: Memory, rates: Rates
@@ -158,7 +159,7 @@ def hear(
     memory.due[i] = now + rates.tare_step
 
 
-@njit(cache=True, nogil=True)
+@compiled
 @no_type_check
 def is_kept(
     i: int,
@@ -174,7 +175,7 @@ def is_kept(
     return rates.still * margin[i] < above < rates.kept * margin[i]
 
 
-@njit(cache=True, nogil=True)
+@compiled
 @no_type_check
 def follow(
     counts: Int[np.ndarray, "taxel"],

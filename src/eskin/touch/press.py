@@ -5,14 +5,13 @@ from typing import final
 import numpy as np
 
 from eskin.touch.state import TouchState
+from eskin.units import NS_PER_S
 
 LEAST_FORCE = 0.5
 """Of a press that is meant [N]."""
 
 LEAST_SECONDS = 0.15
 """That it lasts [s]."""
-
-NANOSECONDS = 1_000_000_000
 
 
 @final
@@ -43,5 +42,5 @@ class PressFinder:
             return None
         since, taxel = self.since, self.taxel
         self.since, self.force, self.taxel = None, 0.0, -1
-        long = since is not None and stamp - since >= LEAST_SECONDS * NANOSECONDS
+        long = since is not None and stamp - since >= LEAST_SECONDS * NS_PER_S
         return taxel if long else None

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from eskin.held import Held
+from eskin.structref_kernels import Packed
 
 SPAN = ("i8", 2)
 VECTOR = ("f8", 3)
@@ -134,7 +134,7 @@ class TouchBrief(NamedTuple):
 class Followed(NamedTuple):
     """The touches of one reading: what everybody asks for, and a handle on the rest."""
 
-    held: Held
+    packed: Packed
     """`TouchRecords`."""
     going: tuple[TouchBrief, ...]
     """Touches that are open, by id."""

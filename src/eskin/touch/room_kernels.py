@@ -3,8 +3,8 @@
 from typing import NamedTuple, no_type_check
 
 import numpy as np
-from numba import njit
 
+from eskin.compiled import compiled
 from eskin.touch.records import CONTACT, LOAD, TouchRecords
 
 CONTACTS, LOADS = 0, 1
@@ -26,7 +26,7 @@ class Room(NamedTuple):
     """(2) how much is written."""
 
 
-@njit(cache=True, nogil=True)
+@compiled
 @no_type_check
 def make_room(contacts: np.ndarray, loads: np.ndarray, before: TouchRecords) -> Room:
     """Room that begins with the contacts and loads of a reading.
@@ -46,7 +46,7 @@ def make_room(contacts: np.ndarray, loads: np.ndarray, before: TouchRecords) -> 
     return room
 
 
-@njit(cache=True, nogil=True)
+@compiled
 @no_type_check
 def keep(old: int, before: TouchRecords, room: Room) -> int:
     """Keep a contact of the reading before with its loads; return its new place."""
@@ -59,7 +59,7 @@ def keep(old: int, before: TouchRecords, room: Room) -> int:
     return place
 
 
-@njit(cache=True, nogil=True)
+@compiled
 @no_type_check
 def keep_place(old: int, before: TouchRecords, room: Room) -> int:
     """Keep where a contact of the reading before was; return its new place."""
@@ -72,7 +72,7 @@ def keep_place(old: int, before: TouchRecords, room: Room) -> int:
     return room.places[old]
 
 
-@njit(cache=True, nogil=True)
+@compiled
 @no_type_check
 def add_loads(loads: np.ndarray, room: Room) -> int:
     """Write loads behind those that are there; return where they end now."""

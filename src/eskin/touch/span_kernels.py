@@ -4,14 +4,14 @@ from typing import no_type_check
 
 import numpy as np
 from jaxtyping import Int
-from numba import njit
 
+from eskin.compiled import compiled
 from eskin.touch.group_kernels import KNOWN, NOBODY, OLDER, Groups, heir_of
 from eskin.touch.records import TouchRecords
 from eskin.touch.room_kernels import LOADS, Room, add_loads
 
 
-@njit(cache=True, nogil=True)
+@compiled
 @no_type_check
 def write_spans(
     tracks: np.ndarray,
@@ -49,7 +49,7 @@ def write_spans(
     return write_members(tracks, before, groups)
 
 
-@njit(cache=True, nogil=True)
+@compiled
 @no_type_check
 def write_loads(
     n: int, tracks: np.ndarray, stamp: int, room: Room, groups: Groups
@@ -70,7 +70,7 @@ def write_loads(
             span[1] = add_loads(room.loads[own[0] : own[1]], room)
 
 
-@njit(cache=True, nogil=True)
+@compiled
 @no_type_check
 def write_before(n: int, before: TouchRecords, room: Room, groups: Groups) -> None:
     """Write the loads that a touch, and those it has taken over, had a reading ago."""
@@ -82,7 +82,7 @@ def write_before(n: int, before: TouchRecords, room: Room, groups: Groups) -> No
             span[1] = add_loads(before.loads[had[0] : had[1]], room)
 
 
-@njit(cache=True, nogil=True)
+@compiled
 @no_type_check
 def write_members(
     tracks: np.ndarray, before: TouchRecords, groups: Groups
@@ -116,7 +116,7 @@ def write_members(
     return members
 
 
-@njit(cache=True, nogil=True)
+@compiled
 @no_type_check
 def count_members(
     touch: int, count: int, ends: Int[np.ndarray, "touch_and_one"], groups: Groups
@@ -127,7 +127,7 @@ def count_members(
         touch = groups.heirs[touch]
 
 
-@njit(cache=True, nogil=True)
+@compiled
 @no_type_check
 def add_member(
     touch: int, track: int, members: Int[np.ndarray, "member"], groups: Groups

@@ -5,8 +5,8 @@ from functools import cached_property
 
 import numpy as np
 
-from eskin.held import let_go
 from eskin.skin.mount import MountedSkin
+from eskin.structref_kernels import unpack
 from eskin.touch.contacts import Contact
 from eskin.touch.fault import Fault
 from eskin.touch.reading import Reading
@@ -55,7 +55,7 @@ class TouchState:
     @cached_property
     def records(self) -> TouchRecords:
         """All that follows, as arrays."""
-        return let_go(self.followed.held)
+        return unpack(self.followed.packed)
 
     @cached_property
     def rows(self) -> tuple[TouchRow, ...]:

@@ -4,8 +4,8 @@ from typing import NamedTuple, no_type_check
 
 import numpy as np
 from jaxtyping import Float
-from numba import njit
 
+from eskin.compiled import compiled
 from eskin.touch.geometry_kernels import (
     box_gap,
     box_of,
@@ -29,8 +29,8 @@ from eskin.touch.memory import Memory
 from eskin.touch.records import TouchRecords
 from eskin.touch.room_kernels import Room
 from eskin.touch.rules import Instant, Rules
+from eskin.units import NS_PER_S
 
-NANOSECONDS = 1_000_000_000
 LIFTED = 60_000_000
 """Shortest time without contact after which contact is made anew [ns]; there must be
 a reading that tells of it."""
@@ -47,7 +47,7 @@ class Surface(NamedTuple):
     """How far contacts of one touch may be apart [m]."""
 
 
-@njit(cache=True, nogil=True)
+@compiled
 @no_type_check
 def follow_touches(
     tracks: np.ndarray,
@@ -92,7 +92,7 @@ def follow_touches(
     return groups
 
 
-@njit(cache=True, nogil=True)
+@compiled
 @no_type_check
 def assign(
     track: int,
@@ -124,7 +124,7 @@ def assign(
     groups.owners[track] = groups.joined[track] = first
 
 
-@njit(cache=True, nogil=True)
+@compiled
 @no_type_check
 def belongs(
     track: int,
@@ -148,7 +148,7 @@ def belongs(
     return distance_to(T_world_link, was.p_link, here) <= rules.near
 
 
-@njit(cache=True, nogil=True)
+@compiled
 @no_type_check
 def are_beside(
     one: int, other: int, tracks: np.ndarray, surface: Surface, room: Room
@@ -168,7 +168,7 @@ def are_beside(
     return False
 
 
-@njit(cache=True, nogil=True)
+@compiled
 @no_type_check
 def join_beside(
     tracks: np.ndarray,
@@ -191,7 +191,7 @@ def join_beside(
                 take_over(min(a, b), max(a, b), groups)
 
 
-@njit(cache=True, nogil=True)
+@compiled
 @no_type_check
 def update(
     tracks: np.ndarray,
@@ -208,7 +208,7 @@ def update(
     # Nobody knows what force there was in a gap.
     seconds = 0.0
     if reading.elapsed <= rules.pause:
-        seconds = reading.elapsed / NANOSECONDS
+        seconds = reading.elapsed / NS_PER_S
     strongest = np.full(count, NOBODY)
     for track in range(alive):
         if tracks[track].last == reading.stamp:
@@ -238,7 +238,7 @@ def update(
             touch.contacts += is_anew(before.touches[n].last, touch.last, reading)
 
 
-@njit(cache=True, nogil=True)
+@compiled
 @no_type_check
 def is_anew(before: int, last: int, reading: Instant) -> bool:
     """Whether a last contact is another one than the last at the reading before."""

@@ -4,20 +4,20 @@ from typing import no_type_check
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
-from numba import njit
 
+from eskin.compiled import compiled
 from eskin.touch.geometry_kernels import distance_to
 from eskin.touch.memory import NEXT_TRACK, Memory
 from eskin.touch.records import ENDED, GOING, PAST, TRACK, TouchRecords
 from eskin.touch.room_kernels import Room, keep, keep_place
 from eskin.touch.rules import Instant, Rules
+from eskin.units import NS_PER_S
 
-NANOSECONDS = 1_000_000_000
 MICROMETRES = 1e6
 NOBODY = -1
 
 
-@njit(cache=True, nogil=True)
+@compiled
 @no_type_check
 def follow_tracks(
     contacts: np.ndarray,
@@ -51,7 +51,7 @@ def follow_tracks(
     parents = np.full(len(contacts), NOBODY)
     if reading.elapsed <= rules.gap:
         overlap(contacts, loads, before, sites, memory.taxels, going, parents)
-        gate = rules.gate + rules.speed * (reading.elapsed / NANOSECONDS)
+        gate = rules.gate + rules.speed * (reading.elapsed / NS_PER_S)
         pair_nearest(contacts, before, reading.T_world_link, gate, going, parents)
     keeper = oldest(going, len(contacts), before.tracks)
     tracks = np.empty(len(before.tracks) + len(contacts), TRACK)
@@ -67,7 +67,7 @@ def follow_tracks(
     return tracks[:count], alive
 
 
-@njit(cache=True, nogil=True)
+@compiled
 @no_type_check
 def count_going(tracks: np.ndarray) -> int:
     """How many tracks go on; they are in front."""
@@ -77,7 +77,7 @@ def count_going(tracks: np.ndarray) -> int:
     return count
 
 
-@njit(cache=True, nogil=True)
+@compiled
 @no_type_check
 def overlap(
     contacts: np.ndarray,
@@ -125,7 +125,7 @@ def overlap(
     mark(before, len(going), taxels, False)
 
 
-@njit(cache=True, nogil=True)
+@compiled
 @no_type_check
 def mark(before: TouchRecords, count: int, taxels: np.ndarray, on: bool) -> None:
     """Write to the taxels that tracks had which track it was, or take it off again."""
@@ -135,7 +135,7 @@ def mark(before: TouchRecords, count: int, taxels: np.ndarray, on: bool) -> None
             taxels[before.loads[k].taxel].place = track if on else NOBODY
 
 
-@njit(cache=True, nogil=True)
+@compiled
 @no_type_check
 def pair_nearest(
     contacts: np.ndarray,
@@ -166,7 +166,7 @@ def pair_nearest(
             nearest[k], gaps[k] = find_nearest(was, contacts, free, T_world_link)
 
 
-@njit(cache=True, nogil=True)
+@compiled
 @no_type_check
 def find_nearest(
     was: np.void,
@@ -189,7 +189,7 @@ def find_nearest(
     return nearest, least
 
 
-@njit(cache=True, nogil=True)
+@compiled
 @no_type_check
 def oldest(
     going: Int[np.ndarray, "track"], count: int, tracks: np.ndarray
@@ -207,7 +207,7 @@ def oldest(
     return keeper
 
 
-@njit(cache=True, nogil=True)
+@compiled
 @no_type_check
 def go_on(
     going: Int[np.ndarray, "track"],
@@ -233,11 +233,11 @@ def go_on(
     return count
 
 
-@njit(cache=True, nogil=True)
+@compiled
 @no_type_check
 def waits(track: np.void, before: TouchRecords, reading: Instant, rules: Rules) -> bool:
     """Whether a track without contact may only not have been received."""
-    if (reading.stamp - track.last) / NANOSECONDS > rules.coast:
+    if (reading.stamp - track.last) / NS_PER_S > rules.coast:
         return False
     span = before.contacts[track.contact].loads
     heard = 0
@@ -246,7 +246,7 @@ def waits(track: np.void, before: TouchRecords, reading: Instant, rules: Rules) 
     return 1.0 - heard / (span[1] - span[0]) > 0.5
 
 
-@njit(cache=True, nogil=True)
+@compiled
 @no_type_check
 def begin(
     contact: int, parent: int, stamp: int, track: np.void, memory: Memory
@@ -260,7 +260,7 @@ def begin(
     track.phase = GOING
 
 
-@njit(cache=True, nogil=True)
+@compiled
 @no_type_check
 def end_tracks(
     going: Int[np.ndarray, "track"],

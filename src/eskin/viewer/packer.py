@@ -13,8 +13,8 @@ from eskin.skin import MountedSkin
 from eskin.stream import Commanded, Moment, found_together
 from eskin.touch import Contact
 from eskin.transforms import apply, invert, matrix_to_quaternion, rotate
+from eskin.units import NS_PER_S
 
-NANOSECONDS = 1_000_000_000
 MOST_SAID = 32
 """Lines of the log that wait for a picture; older ones are dropped."""
 MOST_CONTACTS = 8
@@ -86,7 +86,7 @@ class Packer:
 
     def seconds(self, stamp: int) -> float:
         """Since the beginning [s]."""
-        return (stamp - self.begin) / NANOSECONDS
+        return (stamp - self.begin) / NS_PER_S
 
     def note(self, item: object) -> None:
         """Keep a detection, an event or what was made of a touch for the log."""

@@ -11,11 +11,11 @@ from eskin.skin import MountedSkin
 from eskin.stream import Context, Heard, Listener, Moment, Recognition
 from eskin.stream.inbox import Drop
 from eskin.stream.moment import RARE
+from eskin.units import NS_PER_S
 from eskin.viewer.look import setup_of
 from eskin.viewer.packer import ArmTold, Packer, arm_line
 from eskin.viewer.process import PageProcess
 
-NANOSECONDS = 1_000_000_000
 PICTURES = 25.0
 """A second, at most [1/s]."""
 
@@ -119,7 +119,7 @@ class Viewer(Listener):
             self.packer.note(item)
             return
         now = monotonic()
-        self.count_up(self.context.clock.now() / NANOSECONDS)
+        self.count_up(self.context.clock.now() / NS_PER_S)
         if now < self.due or self.page is None or not self.page.wants():
             return
         self.due = max(self.due + 1 / PICTURES, now)

@@ -2,8 +2,8 @@
 
 from collections.abc import Iterable, Iterator
 
-from eskin.drivers.clock import NANOSECONDS
 from eskin.touch import Scan
+from eskin.units import NS_PER_S
 
 
 def at_rate(scans: Iterable[Scan], rate: float) -> Iterator[Scan]:
@@ -22,7 +22,7 @@ def at_rate(scans: Iterable[Scan], rate: float) -> Iterator[Scan]:
         if latest is None:
             start = scan.stamp
         else:
-            while start + round(ticks * NANOSECONDS / rate) < scan.stamp:
+            while start + round(ticks * NS_PER_S / rate) < scan.stamp:
                 yield latest
                 ticks += 1
         latest = scan

@@ -6,7 +6,7 @@ from typing import final
 import numpy as np
 
 from eskin.closing import Closing
-from eskin.drivers.clock import NANOSECONDS, Clock
+from eskin.drivers.clock import Clock
 from eskin.drivers.framing import frame
 from eskin.drivers.virtual.faults.fault import (
     FOREVER,
@@ -22,6 +22,7 @@ from eskin.drivers.virtual.port import Port
 from eskin.errors import DeviceError
 from eskin.skin import Skin
 from eskin.touch import Scan
+from eskin.units import NS_PER_S
 
 CRYSTAL = 50.0
 """Largest error of a patch's clock [ppm]."""
@@ -99,13 +100,13 @@ class VirtualSkin(Closing):
             seconds: when to stop [s].
         """
         began: int | None = None
-        end = FOREVER if seconds is None else round(seconds * NANOSECONDS)
+        end = FOREVER if seconds is None else round(seconds * NS_PER_S)
         for scan in scans:
             if self.is_stopped or self.elapsed >= end:
                 break
             if began is None:
                 began = clock.now() - self.elapsed
-            clock.sleep((began + self.elapsed - clock.now()) / NANOSECONDS)
+            clock.sleep((began + self.elapsed - clock.now()) / NS_PER_S)
             self.send(scan)
         self.pass_on([], FOREVER)
         for port in self.ports:
@@ -140,7 +141,7 @@ class VirtualSkin(Closing):
                 packets += [Outgoing(index, data) for data in made]
         self.packets += len(packets)
         self.scans += 1
-        self.elapsed = round(self.scans * NANOSECONDS / self.rate)
+        self.elapsed = round(self.scans * NS_PER_S / self.rate)
         self.plug_ports()
         self.pass_on(packets, at)
 

@@ -1,7 +1,6 @@
 """Clips of generated sets, as every method is given them."""
 
 import hashlib
-import os
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -13,6 +12,7 @@ from jaxtyping import Float, Int
 from joblib import Parallel, delayed
 
 from eskin.errors import RecordingError
+from eskin.files import atomic_path
 from eskin.graph import GraphConfig
 from eskin.learn.baselines import READINGS, Clips
 from eskin.learn.clips import Clip, clips_of
@@ -146,12 +146,9 @@ def windows_of(
     facts = f"{FORMAT} {content} {PipelineConfig()}" + (f" {harm}" if harm else "")
     target = pack / f"{hashlib.sha256(facts.encode()).hexdigest()[:32]}.windows.npz"
     if not target.exists():
-        pack.mkdir(parents=True, exist_ok=True)
         pressure, q = cut_windows(path, harm)
-        part = target.with_name(f"{target.name}.{os.getpid()}.part")
-        with part.open("wb") as file:
-            np.savez(file, pressure=pressure, q=q)
-        part.replace(target)
+        with atomic_path(target) as part:
+            np.savez(part, pressure=pressure, q=q)
     with np.load(target) as arrays:
         return arrays["pressure"], arrays["q"]
 

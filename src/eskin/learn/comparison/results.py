@@ -2,7 +2,6 @@
 
 import hashlib
 import json
-import os
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
@@ -15,6 +14,7 @@ from jaxtyping import Bool
 from joblib import Parallel, delayed
 
 from eskin.errors import EskinError
+from eskin.files import atomic_path
 from eskin.learn.comparison.examples import Examples
 from eskin.learn.comparison.method import Method
 from eskin.learn.holdout import hold_out
@@ -179,9 +179,8 @@ def write_result(path: Path, result: Result) -> None:
         name: {key: " ".join(values) for key, values in asdict(each).items()}
         for name, each in result.answered.items()
     }
-    part = path.with_name(f"{path.name}.{os.getpid()}.part")
-    part.write_text(json.dumps(facts, indent=1) + "\n", encoding="utf-8")
-    part.replace(path)
+    with atomic_path(path) as part:
+        part.write_text(json.dumps(facts, indent=1) + "\n", encoding="utf-8")
 
 
 def read_result(path: Path) -> Result:

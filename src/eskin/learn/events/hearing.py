@@ -10,9 +10,10 @@ from joblib import Parallel, delayed, parallel_config
 from eskin.errors import RecordingError
 from eskin.learn.events.take import Take
 from eskin.learn.events.trace import Trace, trace_of
-from eskin.learn.events.true_events import NANOSECONDS, TrueEvent, true_events
+from eskin.learn.events.true_events import TrueEvent, true_events
 from eskin.model import DecisionConfig, Model
 from eskin.recording import Recording, read_recording
+from eskin.units import NS_PER_S
 
 BREAK = 1.0
 """Time without a reading after which another clip begins [s]."""
@@ -82,7 +83,7 @@ def hear_one(path: Path, model: Model) -> HeardStream:
     return HeardStream(
         path=path,
         subject=recording.metadata.subject or recording.metadata.session,
-        seconds=(recording.end - recording.start) / NANOSECONDS,
+        seconds=(recording.end - recording.start) / NS_PER_S,
         truncated=recording.truncated,
         events=true_events(recording),
         trace=trace_of(recording, model),
@@ -98,8 +99,8 @@ def is_stream(recording: Recording) -> bool:
         return True
     start = last = recording.start
     for scan in recording.scans():
-        start = scan.stamp if scan.stamp - last > BREAK * NANOSECONDS else start
+        start = scan.stamp if scan.stamp - last > BREAK * NS_PER_S else start
         last = scan.stamp
-        if last - start >= STREAM * NANOSECONDS:
+        if last - start >= STREAM * NS_PER_S:
             return True
     return False

@@ -10,9 +10,10 @@ from eskin.learn.events.marked import Marked, mark
 from eskin.learn.events.matching import MatchConfig
 from eskin.learn.events.score import EventScore
 from eskin.learn.events.take import NO_GESTURE, Take
-from eskin.learn.events.true_events import NANOSECONDS, TrueEvent
+from eskin.learn.events.true_events import TrueEvent
 from eskin.live import UNKNOWN
 from eskin.recording import NONE
+from eskin.units import NS_PER_S
 
 NOTHING = "nothing"
 """Row of what was said of no event; column of events of which nothing was said."""
@@ -94,8 +95,8 @@ def delays_of(every: Sequence[Marked], gesture: str) -> Delays:
         if marked.take.events[event].gesture == gesture
     ]
     return Delays(
-        np.array([stamp - event.end for event, stamp in pairs], float) / NANOSECONDS,
-        np.array([stamp - event.onset for event, stamp in pairs], float) / NANOSECONDS,
+        np.array([stamp - event.end for event, stamp in pairs], float) / NS_PER_S,
+        np.array([stamp - event.onset for event, stamp in pairs], float) / NS_PER_S,
     )
 
 

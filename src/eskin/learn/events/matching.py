@@ -8,8 +8,9 @@ from jaxtyping import Bool, Float
 from scipy.optimize import linear_sum_assignment
 
 from eskin.learn.events.take import NO_GESTURE
-from eskin.learn.events.true_events import NANOSECONDS, TrueEvent
+from eskin.learn.events.true_events import TrueEvent
 from eskin.live import Detection
+from eskin.units import NS_PER_S
 
 FORBIDDEN = 1e9
 """Cost of a pair that does not match; onsets are never so many seconds apart."""
@@ -89,7 +90,7 @@ def are_in_time(
     events: Sequence[TrueEvent], detections: Sequence[Detection], config: MatchConfig
 ) -> Bool[np.ndarray, "event detection"]:
     """Which detections were said between onset and a while after the end."""
-    late = round(config.late * NANOSECONDS)
+    late = round(config.late * NS_PER_S)
     onsets = np.array([event.onset for event in events], dtype=np.int64)
     ends = np.array([event.end for event in events], dtype=np.int64)
     stamps = np.array([found.stamp for found in detections], dtype=np.int64)
@@ -102,7 +103,7 @@ def onset_gaps(
     """How far apart the onsets of events and of detected touches are [s]."""
     onsets = np.array([event.onset for event in events], dtype=np.int64)
     starts = np.array([found.onset for found in detections], dtype=np.int64)
-    return np.abs(onsets[:, None] - starts) / NANOSECONDS
+    return np.abs(onsets[:, None] - starts) / NS_PER_S
 
 
 def closeness(event: TrueEvent, found: Detection) -> tuple[int, int]:

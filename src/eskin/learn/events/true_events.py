@@ -7,8 +7,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from eskin.recording import Label, Recording, TruthRecord, best_labels
-
-NANOSECONDS = 1_000_000_000
+from eskin.units import NS_PER_S
 
 SAME_AS = {"tap_many": "double_pat"}
 """Names of gestures that count as another one: three or more pats are a double pat."""
@@ -55,7 +54,7 @@ class TrueEvent:
         if not len(self.path):
             return 0.0
         apart = np.abs(self.stamps - stamp)
-        near = apart <= max(round(around * NANOSECONDS), int(apart.min()))
+        near = apart <= max(round(around * NS_PER_S), int(apart.min()))
         return float(np.linalg.norm(self.path[near] - p_world, axis=1).min())
 
 

@@ -4,7 +4,8 @@ from typing import NamedTuple, no_type_check
 
 import numpy as np
 from jaxtyping import Float, Int
-from numba import njit
+
+from eskin.compiled import compiled
 
 
 class Ground(NamedTuple):
@@ -33,7 +34,7 @@ class Dents(NamedTuple):
     """Pressure in the middle [kPa]."""
 
 
-@njit(cache=True)
+@compiled
 @no_type_check
 def share(
     force: Float[np.ndarray, "time"],
@@ -71,7 +72,7 @@ def share(
     return loads
 
 
-@njit(cache=True)
+@compiled
 @no_type_check
 def cover(
     dents: Dents, least: float, spots: Float[np.ndarray, "spot 2"]
@@ -105,7 +106,7 @@ def cover(
     return areas
 
 
-@njit(cache=True)
+@compiled
 @no_type_check
 def neighbours_of(
     centres: Float[np.ndarray, "part 2"],
@@ -124,7 +125,7 @@ def neighbours_of(
     return count
 
 
-@njit(cache=True)
+@compiled
 @no_type_check
 def holders(
     dents: Dents,
@@ -145,7 +146,7 @@ def holders(
     return count
 
 
-@njit(cache=True)
+@compiled
 @no_type_check
 def squeeze(
     s: float, t: float, ds: float, dt: float, dome: float
@@ -164,7 +165,7 @@ def squeeze(
     return radial * rs - round_it * rt, radial * rt + round_it * rs
 
 
-@njit(cache=True)
+@compiled
 @no_type_check
 def imprint(
     dents: Dents,
@@ -235,7 +236,7 @@ def imprint(
     return pressure
 
 
-@njit(cache=True)
+@compiled
 @no_type_check
 def leak(
     pressure: Float[np.ndarray, "time active"],

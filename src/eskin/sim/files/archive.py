@@ -4,8 +4,8 @@ import os
 from collections.abc import Sequence
 from pathlib import Path
 
+from eskin.files import atomic_path
 from eskin.sim.files.index import INDEX_NAME, ClipRow, to_text
-from eskin.sim.files.settings import replace_text
 from eskin.sim.files.sitting import Sitting
 
 
@@ -33,7 +33,8 @@ class Archive:
         if self.index.exists():
             os.truncate(self.index, kept)
         else:
-            replace_text(self.index, "")
+            with atomic_path(self.index, durable=True) as part:
+                part.touch()
         for sitting in self.sittings[done:]:
             path = self.folder / sitting.file
             path.unlink(missing_ok=True)

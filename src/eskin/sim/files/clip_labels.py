@@ -12,8 +12,7 @@ from eskin.sim.clip.plan import ClipPlan
 from eskin.sim.files.peak_kernels import largest_pressure
 from eskin.touch import Calibration
 from eskin.touch.calibration import bend_of
-
-NANOSECONDS = 1_000_000_000
+from eskin.units import NS_PER_S
 
 
 def true_labels(plan: ClipPlan, clip: Clip, start: int) -> tuple[Label, ...]:
@@ -47,7 +46,7 @@ def pair_labels(plan: ClipPlan, clip: Clip, start: int) -> tuple[Label, ...]:
 def label_of(truth: TrueSeries, plan: ClipPlan, start: int) -> Label | None:
     """The label of a touch as far as its clip shows it; None where it does not."""
     onset, end = np.clip([truth.onset, truth.end], 0.0, plan.seconds)
-    first, last = (start + round(float(t) * NANOSECONDS) for t in (onset, end))
+    first, last = (start + round(float(t) * NS_PER_S) for t in (onset, end))
     return Label(first, last, truth.gesture, "true") if last > first else None
 
 
@@ -61,7 +60,7 @@ def ranges_of(plan: ClipPlan, truth: Iterable[Label], start: int) -> tuple[Label
     """
     if plan.gesture is None:
         return rough_ranges(truth)
-    end = start + round(plan.seconds * NANOSECONDS)
+    end = start + round(plan.seconds * NS_PER_S)
     return (Label(start, end, plan.gesture, "range"),)
 
 

@@ -3,12 +3,12 @@
 from typing import no_type_check
 
 import numpy as np
-from numba import njit
 
+from eskin.compiled import compiled
 from eskin.touch.kernels import Bend, undo
 
 
-@njit(cache=True)
+@compiled
 @no_type_check
 def largest_pressure(
     counts: np.ndarray, received: np.ndarray, rest: np.ndarray, bend: Bend

@@ -1,13 +1,13 @@
 """What a folder of clips was generated with."""
 
 import json
-import os
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from hashlib import sha256
 from pathlib import Path
 
 from eskin.errors import GenerationError
+from eskin.files import atomic_path
 from eskin.sim.clip.plan import ClipPlan
 from eskin.sim.constants import FILE, Constants, load_constants
 from eskin.sim.files.index import INDEX_NAME
@@ -135,7 +135,8 @@ def claim(folder: Path, settings: Settings) -> None:
                 "from a generation; give a new folder"
             )
         else:
-            replace_text(path, json.dumps(wanted, indent=1) + "\n")
+            with atomic_path(path, durable=True) as part:
+                part.write_text(json.dumps(wanted, indent=1) + "\n", encoding="utf-8")
     except OSError as error:
         raise GenerationError(
             f"cannot write to {folder}: {error.strerror}; give a folder that can be "
@@ -158,13 +159,3 @@ def check_same(path: Path, wanted: dict[str, object]) -> None:
             f"{path.parent} was generated with {name} {found.get(name)}, not "
             f"{wanted[name]}; give a new folder, or the same settings to go on"
         )
-
-
-def replace_text(path: Path, text: str) -> None:
-    """Write a text file that is whole or not there."""
-    part = path.with_name(path.name + ".part")
-    with part.open("w", encoding="utf-8") as file:
-        file.write(text)
-        file.flush()
-        os.fsync(file.fileno())
-    part.replace(path)

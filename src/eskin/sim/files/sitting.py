@@ -7,8 +7,7 @@ from dataclasses import dataclass
 from eskin.sim.clip.plan import BuildOrigin, Origin, Seed
 from eskin.sim.constants import Constants
 from eskin.sim.files.sets import ClipSet
-
-NANOSECONDS = 1_000_000_000
+from eskin.units import NS_PER_S
 
 
 @dataclass(frozen=True)
@@ -91,7 +90,7 @@ def build_of(chosen: ClipSet, subject: int, seed: int) -> BuildOrigin:
 def start_of(number: int, constants: Constants) -> int:
     """The first stamp of a file [ns since the epoch]."""
     epoch, apart = constants.value("sets.epoch"), constants.value("sets.apart")
-    return (int(epoch) + number * int(apart)) * NANOSECONDS
+    return (int(epoch) + number * int(apart)) * NS_PER_S
 
 
 def shares_of(

@@ -20,8 +20,9 @@ from eskin.sim.files.clip_labels import (
 from eskin.sim.files.index import ClipRow, row_of
 from eskin.sim.files.maker import Maker
 from eskin.sim.files.settings import Settings
-from eskin.sim.files.sitting import NANOSECONDS, Sitting
+from eskin.sim.files.sitting import Sitting
 from eskin.touch import Calibration
+from eskin.units import NS_PER_S
 
 GESTURE_SET = "paper"
 
@@ -131,8 +132,8 @@ class Sheet:
 
     def add(self, number: int, plan: ClipPlan, clip: Clip) -> None:
         """Write a clip; the first one, number -1, is the lead-in."""
-        start = self.sitting.start + round(plan.at * NANOSECONDS)
-        step = round(self.period * NANOSECONDS)
+        start = self.sitting.start + round(plan.at * NS_PER_S)
+        step = round(self.period * NS_PER_S)
         stamps = start + step * np.arange(len(clip.counts), dtype=np.int64)
         self.write(stamps, clip)
         if number < 0:

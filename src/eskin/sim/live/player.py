@@ -13,8 +13,9 @@ from eskin.sim.clip.plan import BuildOrigin, ClipPlan, Origin
 from eskin.sim.constants import load_constants
 from eskin.sim.files.maker import Maker
 from eskin.sim.files.sets import groups_of
-from eskin.sim.files.sitting import NANOSECONDS, seed_of
+from eskin.sim.files.sitting import seed_of
 from eskin.touch import Scan
+from eskin.units import NS_PER_S
 
 ROLE = "device"
 """Of its person, build and session; no set has one of that name."""
@@ -72,8 +73,8 @@ class Player:
         )
         self.groups = groups_of(constants, "known", "new")
         self.difficulty = constants.value("sets.difficulty")
-        self.period = round(constants.value("sensor.period") * NANOSECONDS)
-        self.rate = NANOSECONDS / self.period
+        self.period = round(constants.value("sensor.period") * NS_PER_S)
+        self.rate = NS_PER_S / self.period
 
     def scans(self) -> Iterator[Scan]:
         """Scans without end."""

@@ -4,7 +4,8 @@ from typing import NamedTuple, no_type_check
 
 import numpy as np
 from jaxtyping import Float, Int
-from numba import njit
+
+from eskin.compiled import compiled
 
 
 class Rods(NamedTuple):
@@ -27,7 +28,7 @@ CLOSE = 2e-5
 """Distances are found to this [m], from below."""
 
 
-@njit(cache=True)
+@compiled
 @no_type_check
 def placed(
     rods: Rods, T_world_link: Float[np.ndarray, "link 4 4"]
@@ -46,14 +47,14 @@ def placed(
     return centres, axes
 
 
-@njit(cache=True)
+@compiled
 @no_type_check
 def dot(a: Float[np.ndarray, "3"], b: Float[np.ndarray, "3"]) -> float:
     """Scalar product."""
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
-@njit(cache=True)
+@compiled
 @no_type_check
 def axis_points(
     c: Float[np.ndarray, "3"],
@@ -76,7 +77,7 @@ def axis_points(
     return u, v
 
 
-@njit(cache=True)
+@compiled
 @no_type_check
 def nearest(
     p: tuple[float, float, float],
@@ -99,7 +100,7 @@ def nearest(
     )
 
 
-@njit(cache=True)
+@compiled
 @no_type_check
 def reach(
     n: tuple[float, float, float],
@@ -112,7 +113,7 @@ def reach(
     return abs(along) * half + radius * np.sqrt(max(1.0 - along * along, 0.0))
 
 
-@njit(cache=True)
+@compiled
 @no_type_check
 def apart(p: tuple[float, float, float], q: tuple[float, float, float]) -> float:
     """Distance of two points [m]."""
@@ -120,7 +121,7 @@ def apart(p: tuple[float, float, float], q: tuple[float, float, float]) -> float
     return np.sqrt(x * x + y * y + z * z)
 
 
-@njit(cache=True)
+@compiled
 @no_type_check
 def between(
     c: Float[np.ndarray, "3"],
@@ -163,7 +164,7 @@ def between(
     return best
 
 
-@njit(cache=True)
+@compiled
 @no_type_check
 def clearances(
     rods: Rods,
@@ -204,7 +205,7 @@ def clearances(
     return found
 
 
-@njit(cache=True)
+@compiled
 @no_type_check
 def rooms(
     rods: Rods,

@@ -4,13 +4,14 @@ from typing import no_type_check
 
 import numpy as np
 from jaxtyping import Float
-from numba import njit
+
+from eskin.compiled import compiled
 
 LEAST = 1e-9
 """Conductance below which a detour is open."""
 
 
-@njit(cache=True, error_model="numpy")
+@compiled(error_model="numpy")
 @no_type_check
 def add_ghosts(
     conductance: Float[np.ndarray, "row column"],
@@ -42,7 +43,7 @@ def add_ghosts(
                 out[i, j] += np.float32(ghost * detours)
 
 
-@njit(cache=True, error_model="numpy")
+@compiled(error_model="numpy")
 @no_type_check
 def add_leak(
     conductance: Float[np.ndarray, "row column"],
@@ -63,7 +64,7 @@ def add_leak(
             out[i, j] += part * max(along[i] + across[j] - own - own, np.float32(0.0))
 
 
-@njit(cache=True, error_model="numpy")
+@compiled(error_model="numpy")
 @no_type_check
 def read_array(
     conductance: Float[np.ndarray, "row column"],

@@ -4,8 +4,8 @@ from typing import NamedTuple, no_type_check
 
 import numpy as np
 from jaxtyping import Float, Int
-from numba import njit
 
+from eskin.compiled import compiled
 from eskin.sim.sensor.crosstalk_kernels import read_array
 
 
@@ -66,7 +66,7 @@ FORGOTTEN = 1e-30
 """What is smaller is as good as nothing; ever smaller numbers would be slow."""
 
 
-@njit(cache=True, error_model="numpy")
+@compiled(error_model="numpy")
 @no_type_check
 def conduct(
     pressure: Float[np.ndarray, "time active"],
@@ -175,7 +175,7 @@ class Arrays(NamedTuple):
     """Columns of each array (array)."""
 
 
-@njit(cache=True)
+@compiled
 @no_type_check
 def at(
     series: Float[np.ndarray, "time live"], first: int, a: int, place: float
@@ -192,7 +192,7 @@ def at(
     return (1.0 - part) * series[before, a] + part * series[before + 1, a]
 
 
-@njit(cache=True, error_model="numpy")
+@compiled(error_model="numpy")
 @no_type_check
 def scan(
     conductance: Float[np.ndarray, "time live"],
@@ -267,7 +267,7 @@ class Readout(NamedTuple):
     """Counts of a stuck taxel, -1 of the others (taxel)."""
 
 
-@njit(cache=True, error_model="numpy")
+@compiled(error_model="numpy")
 @no_type_check
 def convert(
     level: Float[np.ndarray, "reading taxel"],

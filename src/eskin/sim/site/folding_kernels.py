@@ -4,10 +4,11 @@ from typing import no_type_check
 
 import numpy as np
 from jaxtyping import Float, Int
-from numba import njit
+
+from eskin.compiled import compiled
 
 
-@njit(cache=True)
+@compiled
 @no_type_check
 def placed_points(
     T: Float[np.ndarray, "4 4"], local: Float[np.ndarray, "3"], shifted: float
@@ -19,7 +20,7 @@ def placed_points(
     return x + shifted * T[0, 3], y + shifted * T[1, 3], z + shifted * T[2, 3]
 
 
-@njit(cache=True)
+@compiled
 @no_type_check
 def facing_gaps(
     points: Float[np.ndarray, "point 3"],

@@ -15,8 +15,7 @@ from eskin.recording import (
     rewrite,
     sort_labels,
 )
-
-NANOSECONDS = 1_000_000_000
+from eskin.units import NS_PER_S
 
 
 @final
@@ -40,11 +39,11 @@ class Editing:
 
     def stamp(self, seconds: float) -> int:
         """A time of the recording as a stamp [ns since the epoch]."""
-        return self.recording.start + round(seconds * NANOSECONDS)
+        return self.recording.start + round(seconds * NS_PER_S)
 
     def seconds(self, stamp: int) -> float:
         """A stamp as a time of the recording [s]."""
-        return (stamp - self.recording.start) / NANOSECONDS
+        return (stamp - self.recording.start) / NS_PER_S
 
     def add(self, gesture: str, start: float, end: float) -> Label:
         """Label a time.

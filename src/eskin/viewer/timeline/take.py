@@ -8,8 +8,7 @@ from jaxtyping import Bool, Float, Float16, Int
 from eskin.errors import RecordingError
 from eskin.recording import Recording
 from eskin.touch import Calibrator
-
-NANOSECONDS = 1_000_000_000
+from eskin.units import NS_PER_S
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,7 +60,7 @@ def read_take(recording: Recording) -> Take:
         reading = calibrator.push(scan)
         row = count - 1
         believed = np.where(reading.valid, np.maximum(reading.pressure, 0.0), 0.0)
-        seconds[row] = (reading.stamp - recording.start) / NANOSECONDS
+        seconds[row] = (reading.stamp - recording.start) / NS_PER_S
         pressure[row], valid[row], q[row] = believed, reading.valid, reading.q
         force[row], peak[row] = believed @ areas, believed.max()
     rows = slice(count)

@@ -8,7 +8,6 @@ import re
 import numpy as np
 from jaxtyping import Int
 
-from eskin.drivers.clock import NANOSECONDS
 from eskin.drivers.virtual.faults.fault import FOREVER, Fault, Order
 from eskin.drivers.virtual.faults.line import Flip, Garbage
 from eskin.drivers.virtual.faults.modules import (
@@ -32,6 +31,7 @@ from eskin.drivers.virtual.faults.packets import (
 )
 from eskin.drivers.virtual.faults.taxels import Dead, Noisy, Stuck
 from eskin.skin import Skin
+from eskin.units import NS_PER_S
 
 KINDS: dict[str, type[Fault]] = {
     "unplug": Unplug,
@@ -153,10 +153,10 @@ def span_of(
     text: str, start: str | None, end: str | None, kind: type[Fault]
 ) -> tuple[int, int]:
     """From when until when [ns]."""
-    first = round(float(start or 0.0) * NANOSECONDS)
+    first = round(float(start or 0.0) * NS_PER_S)
     if end is None:
         return first, FOREVER
-    last = round(float(end) * NANOSECONDS)
+    last = round(float(end) * NS_PER_S)
     if not kind.lasts:
         raise ValueError(
             f"fault '{text}' has an end, but happens at an instant; allowed is @FROM"

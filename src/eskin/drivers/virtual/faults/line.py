@@ -4,10 +4,10 @@ from typing import final
 
 import numpy as np
 
-from eskin.drivers.clock import NANOSECONDS
 from eskin.drivers.packet import MOST_BYTES
 from eskin.drivers.virtual.faults.fault import LineFault, Order, Outgoing
 from eskin.drivers.virtual.faults.packets import flipped
+from eskin.units import NS_PER_S
 
 
 @final
@@ -59,7 +59,7 @@ class Garbage(LineFault):
         since, self.last = at - self.last, at
         if not self.holds(at):
             return chunks
-        size = int(self.rng.poisson(self.order.amount * since / NANOSECONDS))
+        size = int(self.rng.poisson(self.order.amount * since / NS_PER_S))
         self.count += size
         flood = self.rng.bytes(size)
         source = int(self.rng.choice(self.order.patches))

@@ -5,9 +5,9 @@ from typing import final
 
 import numpy as np
 
-from eskin.drivers.clock import NANOSECONDS
 from eskin.drivers.virtual.faults.fault import ModuleFault, Order
 from eskin.drivers.virtual.patch import VirtualPatch
+from eskin.units import NS_PER_S
 
 MONTH = 2.6e6
 """[s]"""
@@ -62,7 +62,7 @@ class Reboot(Absence):
     def __init__(self, order: Order, rng: np.random.Generator) -> None:
         """Prepare it."""
         super().__init__(order, rng)
-        self.end = order.start + round(order.amount * NANOSECONDS)
+        self.end = order.start + round(order.amount * NS_PER_S)
 
     def bring_back(self, patch: VirtualPatch, at: int) -> None:
         """Power up the same module."""
@@ -78,7 +78,7 @@ class Replace(Absence):
     def __init__(self, order: Order, rng: np.random.Generator) -> None:
         """Prepare it."""
         super().__init__(order, rng)
-        self.end = order.start + round(order.amount * NANOSECONDS)
+        self.end = order.start + round(order.amount * NS_PER_S)
 
     def bring_back(self, patch: VirtualPatch, at: int) -> None:
         """Power up another module."""

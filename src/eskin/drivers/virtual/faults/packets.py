@@ -6,9 +6,9 @@ from typing import final
 
 import numpy as np
 
-from eskin.drivers.clock import NANOSECONDS
 from eskin.drivers.packet import CRC, DATA
 from eskin.drivers.virtual.faults.fault import FOREVER, Order, Outgoing, PacketFault
+from eskin.units import NS_PER_S
 
 MOST_BITS = 3
 """Flipped in a packet; a CRC-32 always notices so few."""
@@ -129,7 +129,7 @@ class Delay(PacketFault):
     def __init__(self, order: Order, rng: np.random.Generator) -> None:
         """Prepare it."""
         super().__init__(order, rng)
-        self.late = round(order.amount * NANOSECONDS)
+        self.late = round(order.amount * NS_PER_S)
         self.held: deque[tuple[int, Outgoing]] = deque()
 
     def pass_on(self, packets: list[Outgoing], at: int) -> list[Outgoing]:
