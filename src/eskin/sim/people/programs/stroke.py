@@ -8,10 +8,14 @@ from eskin.sim.people.programs.act import Act
 from eskin.sim.people.programs.amount import draw_duration, draw_force
 from eskin.sim.people.series import Series, minimum_jerk, peaked, trapezoid
 
+WHOLE_HAND = ("flat_hand", "full_hand")
+"""Parts of a hand that stroke as firmly as a hand rests."""
+
 
 def stroke(act: Act) -> tuple[Press, ...]:
     """One stroke, or there and back."""
-    force = draw_force(act, "stroke.force", "stroke")
+    law = "stroke.hand_force" if act.kind in WHOLE_HAND else "stroke.force"
+    force = draw_force(act, law, "stroke")
     duration = draw_duration(act, "stroke")
     steps = act.steps(duration)
     way = draw_way(act)
