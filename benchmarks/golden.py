@@ -21,10 +21,11 @@ import tyro
 from safetensors.numpy import load_file
 
 from eskin import MountedSkin, Recognizer, load_robot, read_recording
-from eskin.demo.headless import run_headless
+from eskin.demo.headless import DemoConfig, run_headless
 from eskin.drivers import Data, FixedJoints, Hello, decode, encode
 from eskin.drivers.assembler import Assembler
 from eskin.drivers.event_log import EventLog
+from eskin.model import load_model, save_model
 from eskin.recording import Recording
 from eskin.units import NS_PER_S
 
@@ -46,7 +47,7 @@ class Command:
     """What to do."""
 
     folder: tyro.conf.Positional[Path]
-    """Where the answers are kept."""
+    """Where the answers are kept, with the weights that gave them."""
 
     parts: tuple[str, ...] = ()
     """Which answers; all unless given."""
@@ -56,12 +57,15 @@ def main() -> None:
     """Write or check."""
     command = tyro.cli(Command)
     command.folder.mkdir(parents=True, exist_ok=True)
+    model = command.folder / "model.safetensors"
+    if not model.exists():
+        save_model(model, load_model("ur5"))
     wrong = 0
     with tempfile.TemporaryDirectory() as place:
         for name, part in PARTS.items():
             if command.parts and name not in command.parts:
                 continue
-            answers = part(Path(place))
+            answers = part(Path(place), model)
             file = command.folder / f"{name}.npz"
             if command.task == "write":
                 np.savez_compressed(file, **answers)  # type: ignore
@@ -124,7 +128,7 @@ def made(place: Path, name: str, clips: int) -> Path:
     return folder
 
 
-def generated(place: Path) -> Answers:
+def generated(place: Path, model: Path) -> Answers:
     """200 clips of worn builds and moving arms, 10 streams, 20 pairs."""
     folders = [
         made(place, name, count)
@@ -137,23 +141,23 @@ def generated(place: Path) -> Answers:
     }
 
 
-def recognised(place: Path) -> Answers:
+def recognised(place: Path, model: Path) -> Answers:
     """Logits and detections of the weights that come with eskin, reading by reading."""
     out: Answers = {}
     for folder in (made(place, "test-m", 200), made(place, "streams", 10)):
         for file in sorted(folder.rglob("*.mcap")):
             name = f"{folder.name}/{file.stem}"
-            logits, detections = replayed(read_recording(file))
+            logits, detections = replayed(read_recording(file), model)
             out[f"{name}/logits"] = logits
             out[f"{name}/detections"] = digest(detections.encode())
     return out
 
 
-def replayed(recording: Recording) -> tuple[np.ndarray, str]:
+def replayed(recording: Recording, model: Path) -> tuple[np.ndarray, str]:
     """Return all logits of a recording, and its detections as text."""
     mounted = MountedSkin(recording.skin, load_robot(recording.robot_name))
     recognizer = Recognizer.load(
-        "ur5", mounted.skin, mounted.robot, recording.calibration
+        model, mounted.skin, mounted.robot, recording.calibration
     )
     logits, lines = [], []
     for scan in recording.scans():
@@ -168,21 +172,21 @@ def replayed(recording: Recording) -> tuple[np.ndarray, str]:
     return np.array(logits), "\n".join(lines)
 
 
-def evaluated(place: Path) -> Answers:
+def evaluated(place: Path, model: Path) -> Answers:
     """Scores of the same recordings by the torch network and by events."""
     folders = made(place, "test-m", 200), made(place, "streams", 10)
-    scores = run_eskin("evaluate", "ur5", *folders)
+    scores = run_eskin("evaluate", model, *folders)
     return {"scores": digest(json.dumps(scores, sort_keys=True).encode())}
 
 
-def trained(place: Path) -> Answers:
+def trained(place: Path, model: Path) -> Answers:
     """Weights after 50 steps."""
-    model = place / "model.safetensors"
-    run_eskin("train", made(place, "test-m", 200), "--out", model, *TRAIN)
-    return dict(load_file(model))
+    out = place / "trained.safetensors"
+    run_eskin("train", made(place, "test-m", 200), "--out", out, *TRAIN)
+    return dict(load_file(out))
 
 
-def converted(place: Path) -> Answers:
+def converted(place: Path, model: Path) -> Answers:
     """A sleeve and a ShearSense recording."""
     out: Answers = {}
     sleeve = sorted((DATA / "sleeve").glob("*.json.gz"))[0]
@@ -196,7 +200,7 @@ def converted(place: Path) -> Answers:
     return out
 
 
-def assembled(place: Path) -> Answers:
+def assembled(place: Path, model: Path) -> Answers:
     """What an assembler makes of the packets of three modules that jitter and lose."""
     from eskin import load_skin
 
@@ -206,12 +210,13 @@ def assembled(place: Path) -> Answers:
     assembler = Assembler(skin, joints, log)
     assembler.start(NS_PER_S, 50.0, None)
     arrivals = []
-    for address, patch in enumerate(skin.patches):
+    for index, patch in enumerate(skin.patches):
+        taxels = int((skin.patch_index == index).sum())
         phase = rng.uniform(0, 0.02)
         for number in range(500):
             true = phase + number / 50
             arrived = NS_PER_S + round(NS_PER_S * (true + rng.uniform(0.001, 0.006)))
-            device = round(1e6 * true * (1 + 1e-5 * address))
+            device = round(1e6 * true * (1 + 1e-5 * index))
             if number % 50 == 0:
                 hello = Hello(
                     patch.address,
@@ -219,21 +224,21 @@ def assembled(place: Path) -> Answers:
                     device,
                     patch.rows,
                     patch.columns,
-                    patch.count,
+                    taxels,
                     50,
-                    1 + address,
+                    1 + index,
                     "golden",
                 )
                 arrivals.append((arrived, encode(hello)))
             if rng.random() < 0.02:
                 continue
-            counts = rng.integers(0, 1023, patch.count).astype(np.uint16)
+            counts = rng.integers(0, 1023, taxels).astype(np.uint16)
             data = Data(patch.address, number, device, 0, counts)
             arrivals.append((arrived, encode(data)))
     scans = []
     for arrived, packet in sorted(arrivals):
-        while assembler.due() <= arrived:
-            scans += assembler.poll(assembler.due())
+        while (due := assembler.due()) is not None and due <= arrived:
+            scans += assembler.poll(due)
         assembler.push(decode(packet), arrived, "a")
         scans += assembler.poll(arrived)
     return {
@@ -244,9 +249,9 @@ def assembled(place: Path) -> Answers:
     }
 
 
-def commanded(place: Path) -> Answers:
+def commanded(place: Path, model: Path) -> Answers:
     """Every decision about a simulated arm in four minutes of scripted touches."""
-    score = run_headless(240).score
+    score = run_headless(240, DemoConfig(model=str(model))).score
     lines = []
     for one in score.tries:
         lines.append(f"{one.gesture} {one.wanted} {one.begin} {one.end} {one.verdict}")
@@ -259,7 +264,7 @@ def commanded(place: Path) -> Answers:
     }
 
 
-PARTS: dict[str, Callable[[Path], Answers]] = {
+PARTS: dict[str, Callable[[Path, Path], Answers]] = {
     "generated": generated,
     "recognised": recognised,
     "evaluated": evaluated,

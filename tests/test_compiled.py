@@ -1,43 +1,64 @@
-"""What numba keeps on disk follows a change in any module of kernels."""
+"""What numba keeps on disk follows a change in any kernel that a module imports."""
 
-import importlib.util
+import ast
+import importlib
+import sys
 
 import pytest
 
 from eskin import compiled
 
-SOURCE = """
+CALLER = """
+from eskin.compiled import compiled
+from eskin.callee_kernels import double
+
+@compiled
+def quadruple(x):
+    return double(double(x))
+"""
+CALLEE = """
 from eskin.compiled import compiled
 
 @compiled
 def double(x):
-    return 2 * x
+    return {} * x
 """
 
 
 @pytest.fixture
-def load(tmp_path):
-    path = tmp_path / "some_kernels.py"
-    path.write_text(SOURCE)
+def load(tmp_path, monkeypatch):
+    """Import the two modules anew; returns the result and the hits of the cache."""
+    monkeypatch.setattr(compiled, "PACKAGE", tmp_path)
+    monkeypatch.setattr(sys.modules["eskin"], "__path__", [str(tmp_path)])
 
-    def load():
-        spec = importlib.util.spec_from_file_location("some_kernels", path)
-        module = importlib.util.module_from_spec(spec)
-        spec.loader.exec_module(module)
-        assert module.double(2) == 4
-        return sum(module.double.stats.cache_hits.values())
+    def load(factor):
+        (tmp_path / "caller_kernels.py").write_text(CALLER)
+        (tmp_path / "callee_kernels.py").write_text(CALLEE.format(factor))
+        for name in ("eskin.caller_kernels", "eskin.callee_kernels"):
+            sys.modules.pop(name, None)
+        compiled.digest_sources.cache_clear()
+        importlib.invalidate_caches()
+        module = importlib.import_module("eskin.caller_kernels")
+        return module.quadruple(1), sum(module.quadruple.stats.cache_hits.values())
 
-    return load
+    yield load
+    for name in ("eskin.caller_kernels", "eskin.callee_kernels"):
+        sys.modules.pop(name, None)
+    compiled.digest_sources.cache_clear()
 
 
-def test_compiled_function_is_kept_until_any_kernel_changes(load, monkeypatch):
-    assert load() == 0
-    assert load() == 1
-    monkeypatch.setattr(compiled, "digest_sources", lambda: "changed")
-    assert load() == 0
+def test_compiled_function_is_kept_until_a_callee_changes(load):
+    assert load("2") == (4, 0)
+    assert load("2") == (4, 1)
+    assert load("(1 + 2)") == (9, 0)
 
 
-def test_every_compiled_module_is_in_the_digest():
+def test_compiled_functions_are_in_modules_of_kernels_and_call_only_those():
     for path in compiled.PACKAGE.rglob("*.py"):
-        if path.name != "compiled.py" and "@compiled" in path.read_text():
+        text = path.read_text()
+        if path.name != "compiled.py" and "@compiled" in text:
             assert path.name.endswith("kernels.py"), path
+            seen = set(compiled.KERNELS.findall(text))
+            for node in ast.walk(ast.parse(text)):
+                if isinstance(node, ast.ImportFrom) and "kernels" in node.module:
+                    assert node.module.removeprefix("eskin.") in seen

@@ -2,10 +2,11 @@
 
 Numba compiles a kept function again only when its own source file has changed; a
 change in a file that it calls into goes unnoticed. Here every kept function carries a
-digest of all modules of kernels, so that a change in any of them compiles all anew.
+digest of its module and of all modules of kernels that this one imports.
 """
 
 import hashlib
+import re
 from functools import cache, partial
 from pathlib import Path
 from typing import Any
@@ -13,6 +14,8 @@ from typing import Any
 from numba import njit
 
 PACKAGE = Path(__file__).parent
+KERNELS = re.compile(r"^from eskin\.([\w.]*kernels) import", re.MULTILINE)
+"""How a module imports compiled functions."""
 
 
 def compiled(function: Any = None, /, **options: Any) -> Any:  # noqa: ANN401
@@ -26,14 +29,17 @@ def compiled(function: Any = None, /, **options: Any) -> Any:  # noqa: ANN401
     dispatcher = njit(cache=True, nogil=True, **options)(function)
     # Numba has no public way to say what else a cached function depends on.
     file = dispatcher._cache._cache_file
-    file._source_stamp = (file._source_stamp, digest_sources())
+    digest = digest_sources(Path(function.__code__.co_filename))
+    file._source_stamp = (file._source_stamp, digest)
     return dispatcher
 
 
 @cache
-def digest_sources() -> str:
-    """Return a digest of all modules that hold compiled functions."""
-    digest = hashlib.sha256()
-    for path in sorted(PACKAGE.rglob("*kernels.py")):
-        digest.update(path.read_bytes())
+def digest_sources(path: Path) -> str:
+    """Return a digest of a module and of the kernels that it imports, at any depth."""
+    text = path.read_text(encoding="utf-8")
+    digest = hashlib.sha256(text.encode())
+    for name in KERNELS.findall(text):
+        imported = PACKAGE.joinpath(*name.split(".")).with_suffix(".py")
+        digest.update(digest_sources(imported).encode())
     return digest.hexdigest()
