@@ -66,7 +66,7 @@ class Command:
 
 
 @dataclass
-class Heard:
+class Message:
     """What happened to one skin."""
 
     truths: list[TruthRecord] = field(default_factory=list)
@@ -82,7 +82,7 @@ class Run:
         """Wait until a baseline is found."""
         self.live, self.path = live, path
         self.recognizer = Recognizer(model, live.mounted, live.calibration)
-        self.time, self.heard = 0.0, Heard()
+        self.time, self.heard = 0.0, Message()
         self.wait(QUIET)
 
     def scan(self) -> None:

@@ -21,6 +21,7 @@ import tyro
 from benchmarks import leaks, robustness
 from benchmarks.simulated_sets import made_set
 from eskin.cli import compare, study
+from eskin.learn.baselines import NETWORKS
 from eskin.learn.comparison import (
     ABLATIONS,
     METHODS,
@@ -50,8 +51,8 @@ class Form:
     """Paper-size sets."""
     clips: int | None
     """Clips of each of these; as many as the paper has where None."""
-    paper_draws: int
-    """Of these, those that the paper's network learns as well."""
+    network_draws: int
+    """Sets of these that the networks of others learn as well."""
     train: int | None
     """Clips of the large training set; all where None."""
     test: int | None
@@ -77,7 +78,7 @@ FORMS = {
     "short": Form(
         draws=1,
         clips=67,
-        paper_draws=0,
+        network_draws=0,
         train=100,
         test=50,
         large=("eskin", "gradient-boosting"),
@@ -91,7 +92,7 @@ FORMS = {
     "long": Form(
         draws=10,
         clips=None,
-        paper_draws=3,
+        network_draws=3,
         train=3000,
         test=1000,
         large=tuple(name for name in METHODS if name not in ("paper", "3d-cnn")),
@@ -101,8 +102,8 @@ FORMS = {
         harmed=("eskin", "boosting-on-touch", "gradient-boosting", "random-forest"),
         kinds=KINDS,
         studies={
-            "study": (1, ("--epochs", "5")),
-            "study_ours": (5, ("--networks", "eskin", "--seeds", "1")),
+            "study": (1, ("--epochs", "5", "--seeds", "1")),
+            "study_ours": (3, ("--networks", "eskin", "--seeds", "1")),
         },
     ),
 }
@@ -191,11 +192,11 @@ def parts_of(draws: Sequence[Path]) -> tuple[tuple[Path, ...], tuple[Path, ...]]
 def table(command: Command, form: Form) -> None:
     """Every method on paper-size sets (Table III)."""
     draws = paper_sets(command, form.draws)
-    fast = tuple(name for name in METHODS if name != "paper")
+    fast = tuple(name for name in METHODS if name not in NETWORKS)
     show_compared(command, draws, fast)
-    if form.paper_draws:
-        print("\nThe paper's network on the first of these:\n")
-        show_compared(command, draws[: form.paper_draws], ("eskin", "paper"))
+    if form.network_draws:
+        print("\nNetworks of others on the first of these:\n")
+        show_compared(command, draws[: form.network_draws], ("eskin", *NETWORKS))
 
 
 def show_compared(

@@ -20,11 +20,10 @@ from playwright.sync_api import Page, ViewportSize, sync_playwright
 
 from benchmarks.viewer import CHROMIUM, FLAGS
 from eskin.demo.comparison import Comparison
-from eskin.demo.opinion import both_models
-from eskin.demo.same_touch import SameTouch, draw_touches
+from eskin.demo.same_touch import SameTouch, both_models, draw_touches
 from eskin.live import Recognizer
 from eskin.page import Picture, Setup
-from eskin.stream import Moment
+from eskin.stream import RecognitionState
 from eskin.viewer.look import setup_of
 from eskin.viewer.packer import Packer
 from eskin.viewer.process import PageProcess
@@ -83,10 +82,10 @@ def pictures_of(touch: SameTouch, model: str) -> tuple[Setup, list[Picture]]:
         recognizer = Recognizer(models[0], touch.mounted, touch.calibration)
         shown: list[Picture] = []
         for scan in touch.scans(side, begin, None):
-            comparison.hear(scan)
+            comparison.on_message(scan)
             recognizer.push(scan)
             assert recognizer.state is not None
-            moment = Moment(recognizer.state, recognizer.probabilities, ())
+            moment = RecognitionState(recognizer.state, recognizer.probabilities, ())
             shown.append(packer.picture(moment, 50.0, 0.0, 0.0, None))
         begin += touch.period * len(touch.counts)
         highest.append(most(shown))

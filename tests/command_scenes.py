@@ -9,7 +9,7 @@ from eskin.errors import ArmError
 from eskin.live import Detection
 from eskin.robot import load_robot
 from eskin.skin import MountedSkin, load_skin
-from eskin.stream import Context, Moment
+from eskin.stream import Context, RecognitionState
 from eskin.structref_kernels import pack
 from eskin.touch import Calibration, Fault, Reading, TouchState
 from eskin.touch.records import NOTHING, TOUCH, Followed, TouchBrief
@@ -163,7 +163,7 @@ class Scene:
         packed = pack(NOTHING._replace(touches=rows))
         state = TouchState(reading, faults, Followed(packed, going, over), MOUNTED)
         chances = {n: self.chances(t) for n, t in self.touches.items()}
-        self.policy.hear(Moment(state, chances, ()))
+        self.policy.on_message(RecognitionState(state, chances, ()))
 
     @staticmethod
     def chances(touch):
@@ -203,7 +203,7 @@ class Scene:
         """Say what a touch is; the decisions that follow at once."""
         touch, before = self.touches[number], len(self.said)
         stamp = self.clock.now() - round(age * SECOND)
-        self.policy.hear(
+        self.policy.on_message(
             Detection(
                 stamp=stamp,
                 touch=number,

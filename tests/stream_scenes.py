@@ -45,8 +45,8 @@ def played(scans, pace=STEPPED, clock=None, anew=False):
 class Ear(Listener):
     """Keeps what it hears; what it does besides is given to it."""
 
-    def __init__(self, name="ear", size=1000, drop="never", hears=(Scan,), do=None):
-        self.name, self.size, self.drop, self.hears = name, size, drop, hears
+    def __init__(self, name="ear", size=1000, drop="never", message_types=(Scan,), do=None):
+        self.name, self.size, self.drop, self.message_types = name, size, drop, message_types
         self.do = do or (lambda item: None)
         self.heard = []
         self.log = None
@@ -56,7 +56,7 @@ class Ear(Listener):
     def start(self, context):
         self.context = context
 
-    def hear(self, item):
+    def on_message(self, item):
         self.thread = threading.current_thread()
         self.do(item)
         self.heard.append(item)

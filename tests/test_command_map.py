@@ -6,7 +6,7 @@ import pytest
 
 from command_scenes import PATCH, SKIN, VOCABULARY, Scene
 from eskin.command import load_commands
-from eskin.command.action import ACTIONS, LEAST, confidence_for, resolved
+from eskin.command.actions import ACTIONS, LEAST, confidence_for, resolved
 from eskin.command.command_map import parse_commands
 from eskin.errors import CommandError
 

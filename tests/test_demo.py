@@ -8,8 +8,8 @@ import pytest
 from eskin.cli.main import run
 from eskin.command import SimulatedArm, load_commands
 from eskin.demo import DemoConfig, LiveSource, Score, Try, run_headless
-from eskin.demo.obedience import Obedience
-from eskin.demo.visitor import Visitor, VisitorConfig
+from eskin.demo.browser import Obedience
+from eskin.demo.simulated_user import Visitor, VisitorConfig
 from eskin.drivers import ManualClock
 from eskin.page import PageOrder, TouchOrder
 from eskin.sim.live.live_skin import LiveSkin
@@ -30,7 +30,7 @@ def tried(begin, end, wanted="pause"):
 def scored(tries, commands):
     score = Score(tries=list(tries))
     for command in commands:
-        score.hear(command)
+        score.on_message(command)
     return score
 
 

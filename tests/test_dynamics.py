@@ -15,10 +15,10 @@ from eskin.command import (
     SimulatedArm,
     load_commands,
 )
-from eskin.command.dynamic_plant import ProtectiveConfig
+from eskin.command.simulated_arm import ProtectiveConfig
 from eskin.demo import LiveSource
-from eskin.demo.obedience import Obedience
-from eskin.demo.visitor import Visitor, VisitorConfig
+from eskin.demo.browser import Obedience
+from eskin.demo.simulated_user import Visitor, VisitorConfig
 from eskin.drivers import ManualClock
 from eskin.errors import ArmError, ExtraError, RobotError
 from eskin.page import PageOrder

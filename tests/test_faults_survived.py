@@ -79,7 +79,7 @@ def compile_first():
     warm_up(Recognizer(load_model("ur5"), MOUNTED, CALIBRATION))
 
 
-class Heard:
+class Message:
     """What came of a skin with faults."""
 
     def __init__(self, over, faults, seconds, touch=None, ports=3, folder=None):
@@ -97,7 +97,7 @@ class Heard:
             compile_first()
             recognizer = Recognizer(load_model("ur5"), MOUNTED, CALIBRATION)
             recognition = Recognition(recognizer, drop="never")
-            self.ear = Ear(hears=(Scan, Event, Detection), size=10_000)
+            self.ear = Ear(message_types=(Scan, Event, Detection), size=10_000)
             with Stream(source, [recognition, self.ear]) as stream:
                 until = time.monotonic() + 6 * PATIENCE
                 while not cable.over.is_set() and time.monotonic() < until:
@@ -177,7 +177,7 @@ def struck(heard):
 
 @pytest.mark.parametrize("over", ["udp", "serial"])
 def test_without_faults_every_scan_is_used(over):
-    heard = Heard(over, [], 4)
+    heard = Message(over, [], 4)
     check(heard)
     assert heard.received("left", 1, 4) == heard.received("middle", 1, 4) == 1.0
     counted = heard.counted
@@ -187,7 +187,7 @@ def test_without_faults_every_scan_is_used(over):
 
 @pytest.mark.parametrize("faults", [[], ["corrupt@1=0.05"], ["flip@1=0.0005"]])
 def test_a_touch_is_detected_whatever_else_is_broken(faults):
-    heard = Heard("udp", faults, 4.5, touch=(3.0, 3.4))
+    heard = Message("udp", faults, 4.5, touch=(3.0, 3.4))
     assert heard.detections == len(heard.of(Detection)) == 1
     [found] = heard.of(Detection)
     assert 2.9 < (found.onset - heard.start) / 1e9 < 3.1
@@ -196,7 +196,7 @@ def test_a_touch_is_detected_whatever_else_is_broken(faults):
 
 @pytest.mark.parametrize("over", ["udp", "serial"])
 def test_one_bit_in_a_hundred_flipped_costs_what_it_strikes_and_no_more(over):
-    heard = Heard(over, ["flip@2.5-4=0.01"], 5.5)
+    heard = Message(over, ["flip@2.5-4=0.01"], 5.5)
     check(heard)
     assert struck(heard).count > 600
     assert heard.received("left", 1, 2.4) == 1.0 == heard.received("left", 5, 5.5)
@@ -218,14 +218,14 @@ def test_one_bit_in_a_hundred_flipped_costs_what_it_strikes_and_no_more(over):
 def test_broken_lost_doubled_and_strange_packets_are_counted_one_by_one(
     over, fault, counter, of
 ):
-    heard = Heard(over, [fault], 5)
+    heard = Message(over, [fault], 5)
     check(heard)
     assert heard.counted[counter] == getattr(struck(heard), of) > 0
 
 
 @pytest.mark.parametrize("over", ["udp", "serial"])
 def test_packets_in_the_wrong_order_are_not_lost_and_none_is_used_late(over):
-    heard = Heard(over, ["reorder@2.5-4.5=0.1"], 5)
+    heard = Message(over, ["reorder@2.5-4.5=0.1"], 5)
     check(heard)
     assert struck(heard).count > 10
     assert heard.counted["lost"] == heard.counted["damaged"] == 0
@@ -233,7 +233,7 @@ def test_packets_in_the_wrong_order_are_not_lost_and_none_is_used_late(over):
 
 @pytest.mark.parametrize("over", ["udp", "serial"])
 def test_a_flood_of_garbage_is_thrown_away(over):
-    heard = Heard(over, ["garbage@2.5-4=100000"], 5)
+    heard = Message(over, ["garbage@2.5-4=100000"], 5)
     check(heard)
     assert struck(heard).count > 100_000
     assert heard.received("right", 1, 2.4) == 1.0 == heard.received("middle", 4.2, 5)
@@ -241,7 +241,7 @@ def test_a_flood_of_garbage_is_thrown_away(over):
 
 @pytest.mark.parametrize("over", ["udp", "serial"])
 def test_of_two_patches_with_one_address_on_one_line_neither_is_used(over):
-    heard = Heard(over, ["same_address:left,right@2.5"], 5.5, ports=1)
+    heard = Message(over, ["same_address:left,right@2.5"], 5.5, ports=1)
     check(heard)
     assert heard.received("left", 3.7, 5.5) == 0.0 == heard.received("right", 2.6, 5.5)
     assert heard.received("middle", 1, 5.5) == 1.0
@@ -249,7 +249,7 @@ def test_of_two_patches_with_one_address_on_one_line_neither_is_used(over):
 
 
 def test_a_second_sender_of_an_address_is_not_heard_over_udp():
-    heard = Heard("udp", ["same_address:left,right@2.5"], 5)
+    heard = Message("udp", ["same_address:left,right@2.5"], 5)
     check(heard)
     assert heard.received("left", 1, 5) == heard.received("middle", 1, 5) == 1.0
     assert heard.received("right", 2.6, 5) == 0.0
@@ -266,7 +266,7 @@ def test_a_patch_unplugged_and_replugged_is_there_each_time(
     begins = [2 + cycle * n for n in range(times)]
     faults = [f"unplug:left@{begin:.1f}-{begin + 0.1:.1f}" for begin in begins]
     end = 2.1 + cycle * times
-    heard = Heard(over, faults, end, folder=tmp_path)
+    heard = Message(over, faults, end, folder=tmp_path)
     check(heard)
     assert [fault.count for fault in heard.device.faults] == [1] * times
     for begin in begins:
@@ -285,7 +285,7 @@ def test_a_patch_unplugged_and_replugged_is_there_each_time(
     ],
 )
 def test_a_module_that_begins_anew_or_is_late_is_never_old_data(fault, kind):
-    heard = Heard("udp", [fault], 5)
+    heard = Message("udp", [fault], 5)
     check(heard)
     assert heard.received("middle", 1, 5) == 1.0
     assert heard.received("left", 2.5, 4) < 1.0
@@ -298,14 +298,14 @@ def test_a_module_that_begins_anew_or_is_late_is_never_old_data(fault, kind):
 
 @pytest.mark.parametrize("over", ["udp", "serial"])
 def test_a_device_clock_that_wraps_loses_nothing(over):
-    heard = Heard(over, ["wrap@2=1"], 4.5)
+    heard = Message(over, ["wrap@2=1"], 4.5)
     check(heard)
     assert heard.received("left", 3, 4.5) == 1.0
 
 
 @pytest.mark.parametrize("over", ["udp", "serial"])
 def test_a_stall_of_five_seconds_is_readings_without_data(over):
-    heard = Heard(over, ["stall@2.5-7.5"], 8.5)
+    heard = Message(over, ["stall@2.5-7.5"], 8.5)
     check(heard)
     for patch in PARTS:
         assert heard.received(patch, 2.6, 7.45) == 0.0

@@ -75,7 +75,7 @@ class Reporter(Ear):
     def report(self, scan):
         for word in self.words:
             if word.stamp == scan.stamp:
-                self.context.tell(word)
+                self.context.publish(word)
 
 
 def test_every_scan_is_in_the_recording_with_all_metadata(tmp_path):
@@ -140,8 +140,8 @@ def test_all_but_the_last_half_second_is_in_the_file_while_recording_goes_on(tmp
         def start(self, context):
             recorder.start(context)
 
-        def hear(self, item):
-            recorder.hear(item)
+        def on_message(self, item):
+            recorder.on_message(item)
             look(item)
 
         def close(self):
@@ -168,7 +168,7 @@ def test_every_chunk_is_synced_before_more_is_written(tmp_path, monkeypatch):
     assert recorder.sync.count == 7
 
 
-# Pieces.
+# RecordingFiles.
 
 
 def test_the_pieces_together_hold_every_scan_and_each_is_whole(tmp_path):
@@ -214,7 +214,7 @@ def test_recording_stops_before_the_disk_is_full_and_the_rest_goes_on(tmp_path):
 
     config = RecorderConfig(least_free=20_000)
     recorder = recorder_to(tmp_path / "a.mcap", config, free=free)
-    ear = Ear(hears=(Scan, Event))
+    ear = Ear(message_types=(Scan, Event))
     scans = make_scans(2000)
     stream_to(recorder, scans, [ear])
     recording = read_recording(tmp_path / "a.mcap")
@@ -270,7 +270,7 @@ def test_a_full_disk_leaves_what_was_written_and_the_rest_goes_on(
     tmp_path, tiny_disk, room
 ):
     tiny_disk.room, tiny_disk.reason = room, errno.ENOSPC
-    recorder, ear = recorder_to(tmp_path / "a.mcap"), Ear(hears=(Scan, Event))
+    recorder, ear = recorder_to(tmp_path / "a.mcap"), Ear(message_types=(Scan, Event))
     scans = make_scans(2000)
     stream_to(recorder, scans, [ear])
     recording = read_recording(tmp_path / "a.mcap.part")
@@ -293,7 +293,7 @@ def test_a_disk_that_is_full_at_a_new_piece_keeps_those_before(tmp_path, monkeyp
 
     monkeypatch.setattr(Path, "open", opened)
     recorder = recorder_to(tmp_path / "a.mcap", RecorderConfig(piece_bytes=20_000))
-    ear, scans = Ear(hears=(Scan, Event)), make_scans(2000)
+    ear, scans = Ear(message_types=(Scan, Event)), make_scans(2000)
     stream_to(recorder, scans, [ear])
     names = ["a-0001.mcap", "a-0002.mcap"]
     assert sorted(path.name for path in tmp_path.iterdir()) == names

@@ -9,8 +9,7 @@ import pytest
 from eskin.cli.main import run
 from eskin.demo import same_touch
 from eskin.demo.comparison import Comparison, played
-from eskin.demo.opinion import Answer, answer_to, both_models
-from eskin.demo.same_touch import draw_touches
+from eskin.demo.same_touch import Answer, answer_to, both_models, draw_touches
 from eskin.page import Answer as Shown
 from eskin.page import Board
 from eskin.page.board import board
@@ -80,7 +79,7 @@ def test_the_page_is_told_what_is_said_without_it(touches, answers):
     heard, touch = Comparison(touches, both_models("ur5")), touches[0]
     length = len(touch.counts)
     for scan in islice(played(touches), 2 * length - 1):
-        heard.hear(scan)
+        heard.on_message(scan)
     told = heard.board
     assert told is not None and told.done == touch.labels and told.playing == 1
     for (_, row), known in zip(told.rows, answers, strict=True):
@@ -91,7 +90,7 @@ def test_the_page_is_told_what_is_said_without_it(touches, answers):
                 shown.probabilities, answer.probabilities, rtol=1e-6
             )
     for scan in islice(played(touches), 2 * length, 2 * length + 1):
-        heard.hear(scan)
+        heard.on_message(scan)
     told = heard.board
     assert told is not None and told.playing == 0 and told.title.endswith("touch 2")
     assert all(not answer.said for _, row in told.rows for answer in row)

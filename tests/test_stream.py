@@ -17,13 +17,13 @@ from eskin.errors import SkinMismatchError, StreamError
 from eskin.live import Detection, Recognizer
 from eskin.recording import read_recording
 from eskin.stream import (
-    Durations,
-    FaultWatch,
-    Inbox,
-    Moment,
+    BoundedQueue,
+    DurationHistogram,
+    FaultReporter,
     Recognition,
+    RecognitionState,
     Stream,
-    stopped_by_signals,
+    stop_on_signals,
 )
 from eskin.touch import Fault, Scan
 from live_scenes import calibration_of, model_of, mounted, network, scans, two_hands
@@ -111,7 +111,7 @@ def test_each_listener_has_a_thread_of_its_own():
 
 
 def test_events_of_the_source_come_before_the_scan_they_came_with():
-    ear = Ear(hears=(Scan, Event))
+    ear = Ear(message_types=(Scan, Event))
     with Stream(Watched(SCANS, events=[EVENT]), [ear]) as stream:
         stream.wait()
     assert ear.heard[0] == EVENT
@@ -119,7 +119,7 @@ def test_events_of_the_source_come_before_the_scan_they_came_with():
 
 
 def test_a_listener_is_told_only_what_it_hears():
-    ear = Ear(hears=(Event,))
+    ear = Ear(message_types=(Event,))
     with Stream(Watched(SCANS, events=[EVENT]), [ear]) as stream:
         stream.wait()
         assert stream.counted()["ear"].given == 1
@@ -127,8 +127,8 @@ def test_a_listener_is_told_only_what_it_hears():
 
 
 def test_what_a_listener_tells_all_hear_but_itself():
-    teller, other = Ear("teller", hears=(Scan, Event)), Ear("other", hears=(Event,))
-    teller.do = lambda scan: teller.context.tell(EVENT)
+    teller, other = Ear("teller", message_types=(Scan, Event)), Ear("other", message_types=(Event,))
+    teller.do = lambda scan: teller.context.publish(EVENT)
     with Stream(played(SCANS), [teller, other]) as stream:
         stream.wait()
     assert other.heard == [EVENT] * 200
@@ -136,8 +136,8 @@ def test_what_a_listener_tells_all_hear_but_itself():
 
 
 def test_what_is_told_at_closing_is_heard_by_those_that_come_later():
-    teller, other = Ear("teller"), Ear("other", hears=(Event,))
-    teller.close = lambda: teller.context.tell(EVENT)
+    teller, other = Ear("teller"), Ear("other", message_types=(Event,))
+    teller.close = lambda: teller.context.publish(EVENT)
     with Stream(played(SCANS), [teller, other]) as stream:
         stream.wait()
     assert other.heard == [EVENT]
@@ -201,7 +201,7 @@ def test_an_event_is_dropped_after_all_scans(drop):
 
 
 def test_never_waits_until_there_is_room():
-    inbox = Inbox(2, "never")
+    inbox = BoundedQueue(2, "never")
     writer = threading.Thread(target=lambda: [inbox.put(s) for s in SCANS])
     writer.start()
     heard = [inbox.take() for _ in SCANS]
@@ -211,7 +211,7 @@ def test_never_waits_until_there_is_room():
 
 
 def test_who_waits_for_room_is_let_go_when_the_queue_is_closed():
-    inbox = Inbox(1, "never")
+    inbox = BoundedQueue(1, "never")
     inbox.put(SCANS[0])
     writer = threading.Thread(target=inbox.put, args=(SCANS[1],))
     writer.start()
@@ -224,7 +224,7 @@ def test_who_waits_for_room_is_let_go_when_the_queue_is_closed():
 
 @pytest.mark.parametrize("drop", ["oldest", "newest"])
 def test_counters_add_up_whatever_comes_from_however_many(drop):
-    inbox, wrong = Inbox(7, drop), []
+    inbox, wrong = BoundedQueue(7, drop), []
     items = [*SCANS, EVENT] * 5
 
     def bring():
@@ -253,7 +253,7 @@ def test_counters_add_up_whatever_comes_from_however_many(drop):
 
 
 def filled(drop, items, size=3):
-    inbox = Inbox(size, drop)
+    inbox = BoundedQueue(size, drop)
     for item in items:
         inbox.put(item)
     assert adds_up(inbox.count())
@@ -268,7 +268,7 @@ def rest_of(inbox):
 
 def test_a_queue_that_holds_nothing_is_refused():
     with pytest.raises(ValueError, match="allowed is 1 or more"):
-        Inbox(0, "oldest")
+        BoundedQueue(0, "oldest")
 
 
 # Ends.
@@ -410,13 +410,13 @@ STREAMING = """
     import sys, time
     sys.path.insert(0, sys.argv[3])
     from eskin.drivers import HostClock
-    from eskin.stream import Recorder, Stream, stopped_by_signals, RecorderConfig
+    from eskin.stream import Recorder, Stream, stop_on_signals, RecorderConfig
     from stream_scenes import METADATA, Ear, make_scans, played
     hang = (lambda scan: time.sleep(60)) if sys.argv[2] == "hang" else None
     source = played(make_scans(5000), 1.0, HostClock())
     recorder = Recorder(sys.argv[1], METADATA, RecorderConfig(least_free=0))
     ear = Ear(do=hang)
-    with Stream(source, [recorder, ear]) as stream, stopped_by_signals(stream.stop):
+    with Stream(source, [recorder, ear]) as stream, stop_on_signals(stream.stop):
         while not ear.thread: time.sleep(0.01)
         print("streaming", flush=True)
         stream.wait()
@@ -464,7 +464,7 @@ def test_the_second_ctrl_c_quits_hard(tmp_path):
 def test_handlers_are_put_back():
     before = [signal.getsignal(s) for s in (signal.SIGINT, signal.SIGTERM)]
     stopped = []
-    with stopped_by_signals(lambda: stopped.append(1)):
+    with stop_on_signals(lambda: stopped.append(1)):
         signal.raise_signal(signal.SIGTERM)
         assert stopped == [1]
     assert [signal.getsignal(s) for s in (signal.SIGINT, signal.SIGTERM)] == before
@@ -474,7 +474,7 @@ def test_outside_the_main_thread_handlers_stay():
     before, seen = signal.getsignal(signal.SIGINT), []
 
     def other():
-        with stopped_by_signals(lambda: None):
+        with stop_on_signals(lambda: None):
             seen.append(signal.getsignal(signal.SIGINT))
 
     thread = threading.Thread(target=other)
@@ -505,15 +505,15 @@ def test_a_stream_recognises_what_its_recogniser_does_scan_by_scan():
     expected = [d for scan in stream for d in alone.push(scan)]
     expected += alone.finish()
     listener = Recognition(recognizer(on), drop="never")
-    words = Ear("policy", hears=(Detection,))
-    view = Ear("view", hears=(Moment, Detection))
+    words = Ear("policy", message_types=(Detection,))
+    view = Ear("view", message_types=(RecognitionState, Detection))
     with Stream(source_of(on, stream), [listener, words, view]) as running:
         running.wait()
     assert len(expected) == 3
     assert [asdict(d.record()) for d in words.heard] == [
         asdict(d.record()) for d in expected
     ]
-    moments = [item for item in view.heard if isinstance(item, Moment)]
+    moments = [item for item in view.heard if isinstance(item, RecognitionState)]
     assert [m.state.reading.stamp for m in moments] == [scan.stamp for scan in stream]
     for moment in moments:
         assert set(moment.probabilities) == {touch.id for touch in moment.state.going}
@@ -550,7 +550,7 @@ def told(watch, *faults):
 
 
 def test_a_fault_is_told_once_when_it_comes_and_once_when_it_goes():
-    watch = FaultWatch()
+    watch = FaultReporter()
     assert told(watch) == []
     assert told(watch, ONE) == [("fault", "a", 1, 2, 17)]
     assert told(watch, replace(ONE, since=START + 5)) == []
@@ -561,12 +561,12 @@ def test_a_fault_is_told_once_when_it_comes_and_once_when_it_goes():
 
 def test_what_becomes_part_of_a_larger_fault_is_not_over():
     for larger in (ROW, fault("column", column=2), PATCH):
-        watch = FaultWatch()
+        watch = FaultReporter()
         told(watch, ONE)
         place = ("fault", "a", larger.row, larger.column, None)
         assert told(watch, larger) == [place]
     for other in (fault("row", row=2), fault("patch", patch="b")):
-        watch = FaultWatch()
+        watch = FaultReporter()
         told(watch, ONE)
         assert ("mended", "a", 1, 2, 17) in told(watch, other)
 
@@ -581,7 +581,7 @@ def test_what_becomes_part_of_a_larger_fault_is_not_over():
     ],
 )
 def test_a_fault_is_told_in_words(one, text):
-    watch = FaultWatch()
+    watch = FaultReporter()
     [begun], [over] = watch.push(START, [one]), watch.push(START, [])
     assert begun.text.startswith(text)
     assert over.text == text.split(" is ")[0] + " is in order again"
@@ -592,7 +592,7 @@ def test_a_stuck_taxel_is_an_event_of_the_stream():
     stream = scans(on, [], 25, 12.0)
     for scan in stream[100:]:
         scan.counts[5] = 1234
-    listener, ear = Recognition(recognizer(on), drop="never"), Ear(hears=(Event,))
+    listener, ear = Recognition(recognizer(on), drop="never"), Ear(message_types=(Event,))
     with Stream(source_of(on, stream), [listener, ear]) as running:
         running.wait()
     assert [(e.kind, e.taxel) for e in ear.heard if e.taxel is not None] == [
@@ -600,13 +600,13 @@ def test_a_stuck_taxel_is_an_event_of_the_stream():
     ]
 
 
-# Durations.
+# DurationHistogram.
 
 
 def test_quantiles_are_those_of_all_durations_within_two_percent():
     rng = np.random.default_rng(5)
     values = np.exp(rng.normal(-7, 2, 20_000))
-    durations = Durations()
+    durations = DurationHistogram()
     for value in values:
         durations.add(float(value))
     for share in (0.01, 0.5, 0.9, 0.99, 1.0):
@@ -618,7 +618,7 @@ def test_quantiles_are_those_of_all_durations_within_two_percent():
 
 
 def test_durations_of_any_size_are_counted():
-    durations = Durations()
+    durations = DurationHistogram()
     assert durations.quantile(0.5) == 0.0
     for value in (-1.0, 0.0, 1e9):
         durations.add(value)

@@ -57,7 +57,7 @@ class Captures:
     """Many captures of one gesture."""
 
     seconds: Float[np.ndarray, "capture"]
-    """Durations [s]."""
+    """DurationHistogram [s]."""
     area: Float[np.ndarray, "capture"]
     """Share of cells above half of the maximum, when the sum is largest."""
     peak: Float[np.ndarray, "capture"]

@@ -7,7 +7,7 @@ import sys
 
 from benchmarks.soak.scans import idle_source
 from eskin.recording import Metadata
-from eskin.stream import Context, Heard, Listener, Recorder, Stream
+from eskin.stream import Context, Listener, Message, Recorder, Stream
 from eskin.touch import Scan
 
 RATE = 50.0
@@ -17,14 +17,14 @@ class Teller(Listener):
     """Prints the stamp of every scan."""
 
     name = "teller"
-    hears = (Scan,)
+    message_types = (Scan,)
     size = 1000
     drop = "never"
 
     def start(self, context: Context) -> None:
         """Nothing is needed."""
 
-    def hear(self, item: Heard) -> None:
+    def on_message(self, item: Message) -> None:
         """Print one line at once."""
         if isinstance(item, Scan):
             print(item.stamp, flush=True)

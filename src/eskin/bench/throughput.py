@@ -18,7 +18,7 @@ from eskin.live import Recognizer, warm_up
 from eskin.model import load_model
 from eskin.robot import load_robot
 from eskin.skin import MountedSkin, load_skin
-from eskin.stream import Durations, Recognition, Stream, short_turns
+from eskin.stream import DurationHistogram, Recognition, Stream, short_switch_interval
 
 Over = Literal["udp", "serial"]
 
@@ -128,9 +128,9 @@ def throughput(over: Over, rate: float, seconds: float) -> Throughput:
         source = DeviceSource(transport, mounted, calibration, joints, clock, over)
         gc.collect()
         gc.freeze()
-        with short_turns(), Stream(source, [recognition]) as stream:
+        with short_switch_interval(), Stream(source, [recognition]) as stream:
             stream.wait(SETTLE)
-            recognition.age, recognition.step = Durations(), Durations()
+            recognition.age, recognition.step = DurationHistogram(), DurationHistogram()
             said, before = recognition.detections, counted(source, stream)
             busy, start = time.process_time(), time.perf_counter()
             stream.wait(seconds)

@@ -66,7 +66,7 @@ class Command:
 def run(command: Command) -> dict[str, object]:
     """Demonstrate, and return what came of it."""
     from eskin.demo import DemoConfig
-    from eskin.demo.visitor import VisitorConfig
+    from eskin.demo.simulated_user import VisitorConfig
 
     if command.seconds is not None and not 0 < command.seconds < float("inf"):
         raise DeviceError(
@@ -103,7 +103,7 @@ def run(command: Command) -> dict[str, object]:
 def headless(seconds: float, config: "DemoConfig") -> dict[str, object]:
     """Scripted touches."""
     from eskin.demo import run_headless
-    from eskin.demo.visitor import summary_of
+    from eskin.demo.simulated_user import summary_of
 
     outcome = run_headless(seconds, config)
     counts = dict(summary_of(outcome.score))
@@ -141,7 +141,7 @@ def headless(seconds: float, config: "DemoConfig") -> dict[str, object]:
 def same_touch(command: Command, config: "DemoConfig") -> dict[str, object]:
     """The same counts in two poses, to two recognisers."""
     from eskin.demo.comparison import serve_same_touch
-    from eskin.demo.opinion import compare
+    from eskin.demo.same_touch import compare
 
     if not command.headless:
         return dict(

@@ -69,7 +69,7 @@ def run(command: Command) -> dict[str, object]:
     from eskin.drivers.clock import HostClock
     from eskin.drivers.virtual import VirtualSkin, at_rate, parse_fault
     from eskin.skin import load_skin
-    from eskin.stream import stopped_by_signals
+    from eskin.stream import stop_on_signals
 
     check(command)
     skin = load_skin(command.skin)
@@ -88,7 +88,7 @@ def run(command: Command) -> dict[str, object]:
         introduce(device)
         if command.udp is not None and not is_loopback(address_of(command.udp)[0]):
             print("what it feels leaves this computer, in the clear", flush=True)
-        with stopped_by_signals(device.stop):
+        with stop_on_signals(device.stop):
             device.play(at_rate(scans, rate), HostClock(), command.seconds)
     result = device.counted()
     print(

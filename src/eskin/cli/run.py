@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from eskin.drivers import Clock, Source
     from eskin.model import Model
     from eskin.stream import Listener, Recognition, Stream
-    from eskin.stream.inbox import Drop
+    from eskin.stream.queue import Drop
 
 
 PORT = 8080
@@ -99,7 +99,12 @@ def run(command: Command) -> dict[str, object]:
     from eskin.model import load_model
     from eskin.robot import recorded_robot
     from eskin.skin import MountedSkin
-    from eskin.stream import Recognition, Stream, short_turns, stopped_by_signals
+    from eskin.stream import (
+        Recognition,
+        Stream,
+        short_switch_interval,
+        stop_on_signals,
+    )
 
     check(command)
     model, clock = load_model(command.model), HostClock()
@@ -135,7 +140,7 @@ def run(command: Command) -> dict[str, object]:
         others = [*policies, *listeners_of(command, source, recognition, arm)]
         stream = Stream(source, [recognition, *others])
         introduce(source)
-        with stopped_by_signals(stream.stop), short_turns(), stream:
+        with stop_on_signals(stream.stop), short_switch_interval(), stream:
             stream.wait(command.seconds)
     commands = sum(policy.accepted for policy in policies)
     return summary(source, stream, recognition, commands)

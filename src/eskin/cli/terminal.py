@@ -4,8 +4,8 @@ from typing import final
 
 from eskin.drivers import Event
 from eskin.live import Detection
-from eskin.stream import Commanded, Context, Heard, Listener, found_together
-from eskin.stream.inbox import Drop
+from eskin.stream import Commanded, Context, Listener, Message, found_at_once
+from eskin.stream.queue import Drop
 from eskin.units import NS_PER_S
 
 
@@ -17,7 +17,7 @@ class Terminal(Listener):
     """
 
     name = "terminal"
-    hears = (Detection, Event, Commanded)
+    message_types = (Detection, Event, Commanded)
     size = 1000
     drop: Drop = "oldest"
 
@@ -28,11 +28,11 @@ class Terminal(Listener):
         self.more = 0
         print(f"{'time':>8}  {'what':12} {'sure':>4}  where", flush=True)
 
-    def hear(self, item: Heard) -> None:
+    def on_message(self, item: Message) -> None:
         """Print it, unless it is one more fault of many."""
         if not isinstance(item, Detection | Event | Commanded):
             return
-        if isinstance(item, Event) and found_together(self.fault, item):
+        if isinstance(item, Event) and found_at_once(self.fault, item):
             self.more += 1
             return
         self.close()

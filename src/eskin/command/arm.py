@@ -1,8 +1,10 @@
-"""An arm that is at work and can be told what to do: the abstract arm."""
+"""The abstract arm, which works on a task and takes commands."""
 
 from abc import abstractmethod
+from bisect import bisect_right
+from collections import deque
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, final
 
 import numpy as np
 from jaxtyping import Float
@@ -136,3 +138,32 @@ class Arm(Joints, Closing):
         Raises:
             ValueError: the share is not above 0 and at most 1.
         """
+
+
+@final
+class JointHistory:
+    """Keeps the latest joint positions; between two, a line."""
+
+    def __init__(
+        self, stamp: int, q: Float[np.ndarray, "joint"], size: int = 250
+    ) -> None:
+        """Begin with positions [rad] at a time; keep `size` of them."""
+        self.stamps = deque([stamp], size)
+        self.positions = deque([np.array(q, np.float64)], size)
+
+    def add(self, stamp: int, q: Float[np.ndarray, "joint"]) -> None:
+        """Positions at a time later than the last [ns since the epoch]."""
+        if stamp > self.stamps[-1]:
+            self.stamps.append(stamp)
+            self.positions.append(np.array(q, np.float64))
+
+    def at(self, stamp: int) -> Float[np.ndarray, "joint"]:
+        """Positions at a time [rad]; outside of what is kept, the nearest."""
+        if stamp >= self.stamps[-1]:
+            return self.positions[-1]
+        place = bisect_right(self.stamps, stamp)
+        if place == 0:
+            return self.positions[0]
+        before, after = self.stamps[place - 1], self.stamps[place]
+        q, q_after = self.positions[place - 1], self.positions[place]
+        return q + (q_after - q) * ((stamp - before) / (after - before))

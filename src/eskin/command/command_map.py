@@ -8,8 +8,14 @@ import yaml
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from pydantic_core import ErrorDetails
 
-from eskin.command.action import ACTIONS, FUNCTION, LEAST, NEVER_LESS, Action
-from eskin.command.functions import FUNCTIONS
+from eskin.command.actions import (
+    ACTIONS,
+    FUNCTION,
+    FUNCTIONS,
+    LEAST,
+    NEVER_LESS,
+    Action,
+)
 from eskin.errors import CommandError
 from eskin.skin import Skin
 from eskin.skin.manifest import (

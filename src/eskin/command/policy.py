@@ -7,9 +7,10 @@ from threading import Event as Flag
 from threading import RLock, Thread
 from typing import final
 
-from eskin.command.action import (
+from eskin.command.actions import (
     COOL_DOWN,
     FUNCTION,
+    FUNCTIONS,
     HALTING,
     STARTING,
     STOPPING,
@@ -18,15 +19,12 @@ from eskin.command.action import (
 )
 from eskin.command.arm import Arm
 from eskin.command.command_map import WORDLESS, CommandMap, Rule
-from eskin.command.functions import FUNCTIONS
-from eskin.command.skin_watch import SkinWatch, WatchConfig
-from eskin.command.spent import Spent
-from eskin.command.stops import Stops
-from eskin.command.waiting import Waiting
+from eskin.command.pending import Spent, Stops, Waiting
+from eskin.command.skin_monitor import SkinWatch, WatchConfig
 from eskin.errors import ArmError, JogError
 from eskin.live import Detection
-from eskin.stream import Commanded, Context, Heard, Listener, Moment
-from eskin.stream.inbox import Drop
+from eskin.stream import Commanded, Context, Listener, Message, RecognitionState
+from eskin.stream.queue import Drop
 from eskin.units import NS_PER_S
 
 COMMANDED = "its touch has commanded already"
@@ -75,7 +73,7 @@ class Policy(Listener):
     """
 
     name = "policy"
-    hears = (Detection, Moment)
+    message_types = (Detection, RecognitionState)
     size = 64
     drop: Drop = "oldest"
 
@@ -128,13 +126,13 @@ class Policy(Listener):
             self.thread = Thread(target=self.look_on, name="eskin watch", daemon=True)
             self.thread.start()
 
-    def hear(self, item: Heard) -> None:
+    def on_message(self, item: Message) -> None:
         """Take in a detection or a moment."""
         if self.failure is not None:
             raise self.failure
         self.guarded(lambda: self.take(item))
 
-    def take(self, item: Heard) -> None:
+    def take(self, item: Message) -> None:
         """Do what a detection or a moment asks for."""
         if isinstance(item, Detection):
             self.watch.recognise(item)
@@ -142,7 +140,7 @@ class Policy(Listener):
                 self.decide(item)
             elif item.likeliest not in ("", *WORDLESS):
                 self.decide_doubtful(item)
-        elif isinstance(item, Moment):
+        elif isinstance(item, RecognitionState):
             self.watch.push(item)
             self.look()
             self.hold_if_unrecognised(item)
@@ -182,7 +180,7 @@ class Policy(Listener):
             self.arm.hold(f"the policy failed: {type(error).__name__}")
             raise
 
-    def hold_if_unrecognised(self, moment: Moment) -> None:
+    def hold_if_unrecognised(self, moment: RecognitionState) -> None:
         """Hold a moving arm that is touched in a way that nobody understands."""
         why = self.watch.unrecognised(moment)
         if why is not None:
@@ -283,7 +281,7 @@ class Policy(Listener):
             return self.stops.objection(detection.onset, now, least)
         return None
 
-    def wait_on(self, waiting: Waiting, moment: Moment) -> None:
+    def wait_on(self, waiting: Waiting, moment: RecognitionState) -> None:
         """Obey a touch once it is sure, and over if it sets the arm in motion."""
         before, detection = waiting.touch, waiting.detection
         waiting.follow(moment, self.vocabulary)
@@ -362,7 +360,7 @@ class Policy(Listener):
         touch = None if detection is None else detection.touch
         gesture = None if detection is None else detection.gesture
         now = self.context.clock.now()
-        self.context.tell(Commanded(now, action, touch, gesture, accepted, why))
+        self.context.publish(Commanded(now, action, touch, gesture, accepted, why))
 
     def close(self) -> None:
         """Hold the arm: nobody listens to the skin any more."""

@@ -8,10 +8,8 @@ from typing import final
 import numpy as np
 from jaxtyping import Float
 
-from eskin.command.arm import Arm, ArmState
-from eskin.command.joint_history import JointHistory
-from eskin.command.routine import Routine
-from eskin.command.task import FRAME_TASK, Task
+from eskin.command.arm import Arm, ArmState, JointHistory
+from eskin.command.task import FRAME_TASK, Routine, Task
 from eskin.command.trajectory import MotionConfig
 from eskin.drivers import Clock, HostClock
 from eskin.errors import ArmError

@@ -2,8 +2,7 @@
 
 from eskin.demo.headless import DemoConfig, Outcome, run_headless
 from eskin.demo.live_source import LiveSource
-from eskin.demo.score import Score, Try
-from eskin.demo.visitor import Visitor
+from eskin.demo.simulated_user import Score, Try, Visitor
 
 __all__ = [
     "DemoConfig",

@@ -1,36 +1,174 @@
-"""The demonstration in the browser: the arm works, the mouse is the hand."""
+"""The demonstration in the browser."""
 
 import gc
 import logging
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from threading import Event as Flag
+from threading import Lock
+from typing import final
 
 import numpy as np
 
-from eskin.command import (
-    Policy,
-    PolicyConfig,
-    SimulatedArm,
-    WatchConfig,
-    load_commands,
-)
+from eskin.command import Policy, PolicyConfig, SimulatedArm, WatchConfig, load_commands
 from eskin.demo.headless import DemoConfig, arm_of
 from eskin.demo.live_source import LiveSource
-from eskin.demo.obedience import Obedience
-from eskin.demo.record_button import RecordButton
-from eskin.drivers import Clock, HostClock
+from eskin.drivers import Clock, Event, HostClock
 from eskin.errors import EskinError
-from eskin.live import Recognizer, warm_up
+from eskin.live import Detection, Recognizer, warm_up
 from eskin.model import load_model
-from eskin.page import Order, PageOrder
+from eskin.page import Order, PageOrder, TouchOrder
 from eskin.page.port import free_port
 from eskin.recording import Metadata
 from eskin.sim.live.live_skin import LiveSkin
-from eskin.stream import Recognition, Stream, short_turns, stopped_by_signals
+from eskin.sim.live.place import Place
+from eskin.stream import (
+    Context,
+    Listener,
+    Message,
+    Recognition,
+    Recorder,
+    Stream,
+    short_switch_interval,
+    stop_on_signals,
+)
+from eskin.stream.queue import Drop
+from eskin.touch import Scan
 from eskin.viewer import Viewer, ViewerConfig
+
+
+@final
+class RecordButton(Listener):
+    """Records from `press` to `lift`, each time into another file."""
+
+    name = "record button"
+    message_types = (Scan, Detection, Event)
+    size = 2000
+    drop: Drop = "newest"
+
+    def __init__(self, folder: Path, metadata: Metadata) -> None:
+        """Record nothing yet.
+
+        Args:
+            folder: that recordings go to.
+            metadata: of all of them.
+        """
+        self.folder = folder
+        self.metadata = metadata
+        self.recorder: Recorder | None = None
+        self.lock = Lock()
+
+    def start(self, context: Context) -> None:
+        """Remember the stream."""
+        self.context = context
+
+    def press(self) -> None:
+        """Begin a recording; one that goes on goes on.
+
+        Raises:
+            RecordingError: it cannot be written.
+        """
+        with self.lock:
+            if self.recorder is None:
+                name = time.strftime("touches-%Y%m%d-%H%M%S.mcap")
+                recorder = Recorder(self.folder / name, self.metadata)
+                recorder.start(self.context)
+                self.recorder = recorder
+
+    def lift(self) -> None:
+        """Finish the recording, if there is one."""
+        with self.lock:
+            recorder, self.recorder = self.recorder, None
+            if recorder is not None:
+                recorder.close()
+
+    def on_message(self, item: Message) -> None:
+        """Write it while recording."""
+        with self.lock:
+            if self.recorder is not None:
+                self.recorder.on_message(item)
+
+    def close(self) -> None:
+        """Finish the recording, if there is one."""
+        self.lift()
+
+
+@final
+class Obedience:
+    """Turns the orders of a page into touches of simulated fingers, and the rest.
+
+    A touch goes through the same hand, contact and sensor as the training data: the
+    recogniser hears nothing of what it was meant to be.
+    """
+
+    def __init__(
+        self,
+        skin: LiveSkin,
+        arm: SimulatedArm,
+        other: Callable[[PageOrder], None] = lambda order: None,
+    ) -> None:
+        """Obey from now on.
+
+        Args:
+            skin: that is touched.
+            arm: that is paused, and unlocked as at the robot.
+            other: obeys what is neither touch nor fault nor pause.
+        """
+        self.skin = skin
+        self.arm = arm
+        self.other = other
+        self.dragged: dict[int, int] = {}
+
+    def obey(self, order: Order) -> None:
+        """Do what is asked for."""
+        if isinstance(order, TouchOrder):
+            self.touch(order)
+        else:
+            self.do(order)
+
+    def touch(self, order: TouchOrder) -> None:
+        """Touch the skin."""
+        hand = self.skin.hand
+        place = Place(order.link, np.array(order.p_link, np.float64))
+        match order.kind:
+            case "poke":
+                hand.poke(place, order.force, order.seconds)
+            case "double_pat":
+                hand.double_pat(place, order.force, order.seconds)
+            case "grab":
+                hand.grab(place, order.force, order.seconds)
+            case "begin":
+                self.dragged[order.key] = hand.begin(place, order.force)
+            case "move":
+                if order.key in self.dragged:
+                    hand.move(self.dragged[order.key], place)
+            case "end":
+                if order.key in self.dragged:
+                    hand.end(self.dragged.pop(order.key))
+
+    def do(self, order: PageOrder) -> None:
+        """Do something else."""
+        match order.kind:
+            case "unplug":
+                self.skin.unplug(str(order.value))
+            case "plug":
+                self.skin.plug(str(order.value))
+            case "kill":
+                self.skin.kill(float(order.value or 0.0))
+            case "restore":
+                self.skin.restore()
+            case "pause_task":
+                self.arm.pause()
+            case "resume_task":
+                self.arm.unlock()
+                self.arm.release()
+                self.arm.resume()
+            case _:
+                self.other(order)
+
 
 SKINS = ("ur5", "ur5-half", "ur5-double", "ur5-shapes", "ur5-missing")
 """That fit the arm which is shown."""
@@ -175,7 +313,7 @@ def running(
         gc.freeze()
         stream = Stream(source, [recognition, policy, viewer, button])
         wanted.stop = stream.stop
-        with stopped_by_signals(stream.stop), short_turns(), stream:
+        with stop_on_signals(stream.stop), short_switch_interval(), stream:
             port = viewer.wait_ready(READY)
             yield Running(port, arm, source, recognition, policy, stream)
 

@@ -7,8 +7,7 @@ from typing import final
 import numpy as np
 
 from eskin.demo.headless import DemoConfig
-from eskin.demo.opinion import Answer, Opinion, both_models
-from eskin.demo.same_touch import SameTouch, draw_touches
+from eskin.demo.same_touch import Answer, Opinion, SameTouch, both_models, draw_touches
 from eskin.drivers import SourceInfo
 from eskin.drivers.played_source import PlayedSource
 from eskin.live import Recognizer, warm_up
@@ -18,14 +17,14 @@ from eskin.page import Board
 from eskin.page.port import free_port
 from eskin.stream import (
     Context,
-    Heard,
     Listener,
+    Message,
     Recognition,
     Stream,
-    short_turns,
-    stopped_by_signals,
+    short_switch_interval,
+    stop_on_signals,
 )
-from eskin.stream.inbox import Drop
+from eskin.stream.queue import Drop
 from eskin.touch import Scan
 from eskin.units import NS_PER_S
 from eskin.viewer import Viewer, ViewerConfig
@@ -43,7 +42,7 @@ class Comparison(Listener):
     """
 
     name = "comparison"
-    hears = (Scan,)
+    message_types = (Scan,)
     size = 512
     drop: Drop = "oldest"
 
@@ -62,7 +61,7 @@ class Comparison(Listener):
     def start(self, context: Context) -> None:
         """Nothing needs to be made ready."""
 
-    def hear(self, item: Heard) -> None:
+    def on_message(self, item: Message) -> None:
         """Let both hear a scan."""
         if not isinstance(item, Scan):
             return
@@ -71,7 +70,7 @@ class Comparison(Listener):
         if playing != self.playing:
             self.turn_to(playing)
         for opinion in self.opinions[-1]:
-            opinion.hear(item)
+            opinion.on_message(item)
         self.board = self.board_now()
 
     def turn_to(self, playing: int) -> None:
@@ -171,7 +170,7 @@ def serve_same_touch(
     )
     source = PlayedSource(info, played(touches), anew=True)
     stream = Stream(source, [recognition, comparison, viewer])
-    with stopped_by_signals(stream.stop), short_turns(), stream:
+    with stop_on_signals(stream.stop), short_switch_interval(), stream:
         tell(f"see http://127.0.0.1:{port}; Ctrl-C ends it")
         stream.wait(seconds)
     return {"readings": source.given}

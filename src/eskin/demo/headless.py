@@ -14,13 +14,12 @@ from eskin.command import (
     load_commands,
 )
 from eskin.demo.live_source import LiveSource
-from eskin.demo.score import Score
-from eskin.demo.visitor import Visitor, VisitorConfig
+from eskin.demo.simulated_user import Score, Visitor, VisitorConfig
 from eskin.drivers import Clock, ManualClock
 from eskin.live import Detection, Recognizer
 from eskin.model import load_model
 from eskin.sim.live.live_skin import LiveSkin
-from eskin.stream import Commanded, Context, Heard, Listener, Recognition
+from eskin.stream import Commanded, Context, Listener, Message, Recognition
 from eskin.units import NS_PER_S
 
 
@@ -108,11 +107,11 @@ class Straight:
         for listener in listeners:
             listener.start(Context(source.info, source.clock, self.tell))
 
-    def tell(self, item: Heard) -> None:
+    def tell(self, item: Message) -> None:
         """Give something to all who hear its kind."""
         for listener in self.listeners:
-            if isinstance(item, listener.hears):
-                listener.hear(item)
+            if isinstance(item, listener.message_types):
+                listener.on_message(item)
 
     def close(self) -> None:
         """Close all of them."""
@@ -124,7 +123,7 @@ class Judge(Listener):
     """Hears what is recognised and decided for a score; final."""
 
     name = "judge"
-    hears = (Detection, Commanded)
+    message_types = (Detection, Commanded)
     size = 1
     drop = "never"
 
@@ -135,12 +134,12 @@ class Judge(Listener):
     def start(self, context: Context) -> None:
         """Nothing needs to be made ready."""
 
-    def hear(self, item: Heard) -> None:
+    def on_message(self, item: Message) -> None:
         """Take in what is recognised or decided."""
         if isinstance(item, Detection):
             self.score.note(item)
         elif isinstance(item, Commanded):
-            self.score.hear(item)
+            self.score.on_message(item)
 
     def close(self) -> None:
         """Nothing is held."""

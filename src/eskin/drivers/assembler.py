@@ -6,7 +6,7 @@ from typing import final
 import numpy as np
 from jaxtyping import Integer
 
-from eskin.drivers.device_time import Moment
+from eskin.drivers.device_time import ScanTime
 from eskin.drivers.event_log import EventLog
 from eskin.drivers.fates import Fate, Fates
 from eskin.drivers.feed import Feed
@@ -151,7 +151,7 @@ class Assembler:
         seat.believe(arrived)
         return self.sort(feed, data, moment, arrived)
 
-    def sort(self, feed: Feed, data: Data, moment: Moment, arrived: int) -> Fate:
+    def sort(self, feed: Feed, data: Data, moment: ScanTime, arrived: int) -> Fate:
         """Put believed data to its scan; its fate so far."""
         number = moment.number
         novelty = feed.numbers.take(number)
@@ -178,7 +178,7 @@ class Assembler:
     def place(
         self,
         feed: Feed,
-        moment: Moment,
+        moment: ScanTime,
         counts: Integer[np.ndarray, "part"],
         packets: int,
         arrived: int,

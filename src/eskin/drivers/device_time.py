@@ -25,7 +25,7 @@ SETTLE = SECOND_US * US // 10
 SETTLE_SCANS = 3
 
 
-class Moment(NamedTuple):
+class ScanTime(NamedTuple):
     """Which scan, and when it began."""
 
     number: int
@@ -66,14 +66,14 @@ class Epoch:
         behind = silence // US - time
         return (time, scans) if time < 0 and behind <= REORDERED else None
 
-    def take(self, step: tuple[int, int], arrived: int) -> Moment:
+    def take(self, step: tuple[int, int], arrived: int) -> ScanTime:
         """Which scan a packet of this clock is of, and when that began."""
         time, scans = step
         device, number = self.device + time, self.number + scans
         if scans > 0:
             self.device, self.number, self.arrived = device, number, arrived
             self.scans += 1
-        return Moment(number, self.delay.push(device, arrived))
+        return ScanTime(number, self.delay.push(device, arrived))
 
     @property
     def settled(self) -> bool:
@@ -101,7 +101,7 @@ class DeviceTime:
         self.shift = 0
         self.reboots = 0
 
-    def push(self, device_time: int, scan: int, arrived: int) -> Moment | None:
+    def push(self, device_time: int, scan: int, arrived: int) -> ScanTime | None:
         """Which scan a packet is of, and when it began; None while that is not known.
 
         Args:
@@ -115,7 +115,7 @@ class DeviceTime:
             if step is not None:
                 self.candidate = None
                 number, stamp = epoch.take(step, arrived)
-                return Moment(number + self.shift, stamp)
+                return ScanTime(number + self.shift, stamp)
         self.try_candidate(device_time, scan, arrived)
         return None
 

@@ -1,31 +1,28 @@
 """From a source to those who listen: recogniser, recorder, viewer, commands."""
 
-from eskin.stream.durations import Durations
-from eskin.stream.fault_watch import FaultWatch, found_together
-from eskin.stream.inbox import Inbox, InboxCount
 from eskin.stream.listener import Context, Listener
-from eskin.stream.moment import Commanded, Heard, Moment
-from eskin.stream.recognition import Recognition
+from eskin.stream.messages import Commanded, Message, RecognitionState
+from eskin.stream.queue import BoundedQueue, QueueCount
+from eskin.stream.recognition import FaultReporter, Recognition, found_at_once
 from eskin.stream.recorder import Recorder, RecorderConfig
-from eskin.stream.signals import stopped_by_signals
-from eskin.stream.stream import Stream
-from eskin.stream.turns import short_turns
+from eskin.stream.stream import Stream, stop_on_signals
+from eskin.stream.timing import DurationHistogram, short_switch_interval
 
 __all__ = [
     "Commanded",
     "Context",
-    "Durations",
-    "FaultWatch",
-    "Heard",
-    "Inbox",
-    "InboxCount",
+    "DurationHistogram",
+    "FaultReporter",
+    "Message",
+    "BoundedQueue",
+    "QueueCount",
     "Listener",
-    "Moment",
+    "RecognitionState",
     "Recognition",
     "Recorder",
     "RecorderConfig",
     "Stream",
-    "found_together",
-    "short_turns",
-    "stopped_by_signals",
+    "found_at_once",
+    "short_switch_interval",
+    "stop_on_signals",
 ]

@@ -1,12 +1,12 @@
-"""What hears a stream: the abstract listener."""
+"""This module defines the abstract listener of a stream."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
 
 from eskin.drivers import Clock, SourceInfo
-from eskin.stream.inbox import Drop
-from eskin.stream.moment import Heard
+from eskin.stream.messages import Message
+from eskin.stream.queue import Drop
 from eskin.units import NS_PER_S
 
 
@@ -18,7 +18,7 @@ class Context:
     """Of the source."""
     clock: Clock
     """That scans are stamped by."""
-    tell: Callable[[Heard], None]
+    tell: Callable[[Message], None]
     """Gives something to every other listener that hears its kind."""
 
     def age(self, stamp: int) -> float:
@@ -31,8 +31,8 @@ class Listener(ABC):
 
     Attributes:
         name: tells it from the stream's other listeners.
-        hears: kinds of what it is told: `Scan` and `Event` come from the source,
-            `Moment` and `Detection` from a `Recognition`.
+        message_types: kinds of what it is told: `Scan` and `Event` come from the source,
+            `RecognitionState` and `Detection` from a `Recognition`.
         size: how much its queue holds.
         drop: what happens when that is full: `oldest` keeps what is fresh, for whom old
             data is of no use; `newest` keeps what is held; `never` makes who tells it
@@ -41,7 +41,7 @@ class Listener(ABC):
     """
 
     name: str
-    hears: tuple[type, ...]
+    message_types: tuple[type, ...]
     size: int
     drop: Drop
 
@@ -50,7 +50,7 @@ class Listener(ABC):
         """Make ready, before the first scan is read."""
 
     @abstractmethod
-    def hear(self, item: Heard) -> None:
+    def on_message(self, item: Message) -> None:
         """Take one thing in; what it raises stops the whole stream."""
 
     @abstractmethod

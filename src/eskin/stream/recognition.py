@@ -1,16 +1,109 @@
-"""The recogniser as a listener."""
+"""This module runs a recogniser, and a report of faults, as one listener."""
 
+from collections.abc import Sequence
 from time import perf_counter
 from typing import final
 
+from eskin.drivers import Event
 from eskin.errors import SkinMismatchError
 from eskin.live import Detection, Recognizer
-from eskin.stream.durations import Durations
-from eskin.stream.fault_watch import FaultWatch
-from eskin.stream.inbox import Drop
 from eskin.stream.listener import Context, Listener
-from eskin.stream.moment import Heard, Moment
-from eskin.touch import Scan
+from eskin.stream.messages import Message, RecognitionState
+from eskin.stream.queue import Drop
+from eskin.stream.timing import DurationHistogram
+from eskin.touch import Fault, Scan
+
+WRONG = {
+    "stuck": "is frozen at one count",
+    "dead": "is frozen at zero",
+    "negative": "counts below zero",
+    "saturated": "is at full scale for longer than anybody touches",
+    "noisy": "jumps to and fro on its own",
+    "row": "is out",
+    "column": "is out",
+    "patch": "is out or silent",
+}
+
+
+@final
+class FaultReporter:
+    """Remembers the faults of the last reading; says what is new and what is over."""
+
+    def __init__(self) -> None:
+        """Start with a skin in order."""
+        self.known: tuple[Fault, ...] = ()
+
+    def push(self, stamp: int, faults: Sequence[Fault]) -> list[Event]:
+        """Events of a reading.
+
+        What becomes part of a larger fault, as a taxel whose row goes out, is not over.
+
+        Args:
+            stamp: of the reading [ns since the epoch].
+            faults: known at it.
+        """
+        faults = tuple(faults)
+        if faults == self.known:
+            return []
+        before, now = map(places, (self.known, faults))
+        self.known = faults
+        over = [
+            fault
+            for place, fault in before.items()
+            if place not in now and not any(covers(other, fault) for other in faults)
+        ]
+        begun = [fault for place, fault in now.items() if place not in before]
+        return [
+            *(event_of(stamp, fault, over=True) for fault in over),
+            *(event_of(stamp, fault, over=False) for fault in begun),
+        ]
+
+
+def found_at_once(last: Event | None, event: Event) -> bool:
+    """Whether an event is a fault that was found together with the last one."""
+    return (
+        last is not None
+        and event.kind == last.kind == "fault"
+        and event.stamp == last.stamp
+    )
+
+
+def places(faults: Sequence[Fault]) -> dict[tuple[object, ...], Fault]:
+    """Faults by what and where they are."""
+    return {
+        (fault.kind, fault.patch, fault.row, fault.column, fault.taxel): fault
+        for fault in faults
+    }
+
+
+def covers(fault: Fault, other: Fault) -> bool:
+    """Whether a fault is of a line or patch that another is part of."""
+    if fault.patch != other.patch:
+        return False
+    if fault.kind in ("row", "column"):
+        line = "row" if fault.kind == "row" else "column"
+        return other.taxel is not None and getattr(fault, line) == getattr(other, line)
+    return fault.kind == "patch"
+
+
+def event_of(stamp: int, fault: Fault, over: bool) -> Event:
+    """The event that a fault has come, or is over."""
+    what = f"patch '{fault.patch}'"
+    if fault.taxel is not None:
+        what = f"taxel {fault.taxel} (row {fault.row}, column {fault.column}) of {what}"
+    elif fault.row is not None or fault.column is not None:
+        number = fault.column if fault.row is None else fault.row
+        what = f"{fault.kind} {number} of {what}"
+    text = f"{what} {WRONG[fault.kind]} and is left out; check its lines and plug"
+    return Event(
+        stamp,
+        "mended" if over else "fault",
+        f"{what} is in order again" if over else text,
+        fault.patch,
+        fault.row,
+        fault.column,
+        fault.taxel,
+    )
 
 
 @final
@@ -27,7 +120,7 @@ class Recognition(Listener):
     """
 
     name = "recognition"
-    hears = (Scan,)
+    message_types = (Scan,)
 
     def __init__(
         self, recognizer: Recognizer, size: int = 512, drop: Drop = "oldest"
@@ -42,9 +135,9 @@ class Recognition(Listener):
         self.recognizer = recognizer
         self.size = size
         self.drop = drop
-        self.step = Durations()
-        self.age = Durations()
-        self.faults = FaultWatch()
+        self.step = DurationHistogram()
+        self.age = DurationHistogram()
+        self.faults = FaultReporter()
         self.detections = 0
 
     def start(self, context: Context) -> None:
@@ -65,7 +158,7 @@ class Recognition(Listener):
             )
         self.context = context
 
-    def hear(self, item: Heard) -> None:
+    def on_message(self, item: Message) -> None:
         """Recognise one scan."""
         if not isinstance(item, Scan):
             return
@@ -77,9 +170,11 @@ class Recognition(Listener):
         state = self.recognizer.state
         if state is not None:
             for event in self.faults.push(item.stamp, state.faults):
-                self.context.tell(event)
-            moment = Moment(state, self.recognizer.probabilities, tuple(detections))
-            self.context.tell(moment)
+                self.context.publish(event)
+            moment = RecognitionState(
+                state, self.recognizer.probabilities, tuple(detections)
+            )
+            self.context.publish(moment)
 
     def close(self) -> None:
         """Close the touches still open."""
@@ -89,4 +184,4 @@ class Recognition(Listener):
         """Tell detections, and count them."""
         self.detections += len(detections)
         for detection in detections:
-            self.context.tell(detection)
+            self.context.publish(detection)

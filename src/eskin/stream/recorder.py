@@ -1,25 +1,112 @@
-"""The recorder: a listener that writes a recording."""
+"""This module provides the listener that writes a recording."""
 
 import errno
 import logging
 import shutil
 from collections.abc import Callable
-from dataclasses import dataclass
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from glob import escape
 from pathlib import Path
 from time import perf_counter
 from typing import final
 
-from eskin.drivers import Event
+from eskin.drivers import Event, SourceInfo
 from eskin.errors import RecordingError
 from eskin.live import Detection
-from eskin.recording import Metadata
-from eskin.stream.durations import Durations
-from eskin.stream.inbox import Drop
+from eskin.recording import Metadata, RecordingWriter
 from eskin.stream.listener import Context, Listener
-from eskin.stream.moment import Heard
-from eskin.stream.pieces import Pieces
+from eskin.stream.messages import Message
+from eskin.stream.queue import Drop
+from eskin.stream.timing import DurationHistogram
 from eskin.touch import Scan
 from eskin.units import NS_PER_S
+
+
+@final
+class RecordingFiles:
+    """Opens the files of a recording one after the other.
+
+    Attributes:
+        writer: of the file that is open; None before the first and after the last.
+        files: those that are finished.
+    """
+
+    def __init__(self, path: Path, metadata: Metadata, piece_bytes: int | None) -> None:
+        """Nothing is opened yet.
+
+        Args:
+            path: of the recording; pieces of `name.mcap` are `name-0001.mcap` and on.
+            metadata: of all of them; each piece has its number as a note besides.
+            piece_bytes: size from which a file is finished; None makes one file.
+        """
+        self.path = path
+        self.metadata = metadata
+        self.piece_bytes = piece_bytes
+        self.count = 0
+        self.writer: RecordingWriter | None = None
+        self.files: list[Path] = []
+
+    def check(self) -> None:
+        """Refuse to write over a recording.
+
+        Raises:
+            RecordingError: one of that name is there, whole or cut.
+        """
+        stem, suffix = escape(self.path.stem), escape(self.path.suffix)
+        for name in (stem + suffix, f"{stem}-[0-9][0-9][0-9][0-9]{suffix}"):
+            for pattern in (name, f"{name}.part"):
+                for other in self.path.parent.glob(pattern):
+                    raise RecordingError(
+                        f"cannot record to {self.path}: {other.name} is there already; "
+                        "allowed is a new name; move it away or give another"
+                    )
+
+    def begin(self, info: SourceInfo) -> None:
+        """Open the next file.
+
+        Raises:
+            RecordingError: it cannot be written.
+        """
+        self.count += 1
+        path, metadata = self.path, self.metadata
+        if self.piece_bytes is not None:
+            path = path.with_name(f"{path.stem}-{self.count:04d}{path.suffix}")
+            notes = metadata.notes | {"piece": str(self.count)}
+            metadata = replace(metadata, notes=notes)
+        self.writer = RecordingWriter(
+            path,
+            info.robot_name,
+            info.skin,
+            info.calibration,
+            metadata,
+            info.joint_names,
+        )
+
+    @property
+    def large(self) -> bool:
+        """Whether it is time for another file."""
+        return (
+            self.piece_bytes is not None
+            and self.writer is not None
+            and self.writer.file.tell() >= self.piece_bytes
+        )
+
+    def finish(self) -> None:
+        """Finish the file that is open, if there is one."""
+        writer = self.writer
+        if writer is not None:
+            writer.close()
+            self.files.append(writer.path)
+            self.writer = None
+
+    def break_off(self) -> None:
+        """Let the file go as it is on a disk that takes no more; it stays `.part`."""
+        if self.writer is not None:
+            with suppress(OSError):
+                self.writer.file.close()
+            self.writer = None
+
 
 FULL = (errno.ENOSPC, errno.EDQUOT)
 
@@ -66,7 +153,7 @@ class Recorder(Listener):
     """
 
     name = "recorder"
-    hears = (Scan, Detection, Event)
+    message_types = (Scan, Detection, Event)
 
     def __init__(
         self,
@@ -93,10 +180,10 @@ class Recorder(Listener):
         self.size = size
         self.drop = drop
         self.free = free
-        self.pieces = Pieces(self.path, metadata, self.config.piece_bytes)
+        self.pieces = RecordingFiles(self.path, metadata, self.config.piece_bytes)
         self.chunk: int | None = None
         self.unrecorded = 0
-        self.sync = Durations()
+        self.sync = DurationHistogram()
 
     def start(self, context: Context) -> None:
         """Begin the first file.
@@ -110,7 +197,7 @@ class Recorder(Listener):
             raise RecordingError(f"cannot record to {self.path}: {self.space()}")
         self.pieces.begin(context.info)
 
-    def hear(self, item: Heard) -> None:
+    def on_message(self, item: Message) -> None:
         """Write one thing, unless recording has stopped."""
         try:
             if isinstance(item, Scan):
@@ -123,7 +210,7 @@ class Recorder(Listener):
             self.unrecorded += isinstance(item, Scan)
             self.stopped("its disk is full; free some space")
 
-    def write(self, item: Heard) -> None:
+    def write(self, item: Message) -> None:
         """Hand one thing to the writer."""
         writer = self.pieces.writer
         if writer is None:
@@ -178,7 +265,7 @@ class Recorder(Listener):
         """Say that recording has stopped."""
         text = f"recording {self.path} has stopped, all else goes on: {why}"
         logger.warning("%s", text)
-        self.context.tell(Event(self.context.clock.now(), "unrecorded", text))
+        self.context.publish(Event(self.context.clock.now(), "unrecorded", text))
 
     def close(self) -> None:
         """Finish the file."""

@@ -1,20 +1,86 @@
-"""From a source to its listeners, each on a thread of its own."""
+"""This module runs a stream: a source and its listeners, each on its own thread."""
 
 import logging
-from collections.abc import Callable, Sequence
+import signal
+import threading
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from functools import partial
 from threading import Event as Flag
 from threading import Lock, Thread
 from time import monotonic
-from types import TracebackType
+from types import FrameType, TracebackType
 from typing import final
 
 from eskin.drivers import Source
 from eskin.errors import StreamError
-from eskin.stream.inbox import InboxCount
 from eskin.stream.listener import Context, Listener
-from eskin.stream.moment import Heard
-from eskin.stream.post import Post
+from eskin.stream.messages import Message
+from eskin.stream.queue import BoundedQueue, QueueCount
+
+Fail = Callable[[str, BaseException], None]
+
+
+@final
+class ListenerThread:
+    """Where a listener listens."""
+
+    def __init__(self, listener: Listener, fail: Fail) -> None:
+        """Set up queue and thread; nothing runs yet.
+
+        Args:
+            listener: who listens.
+            fail: is given its title and what it raises.
+        """
+        self.listener = listener
+        self.title = f"listener '{listener.name}'"
+        self.fail = fail
+        self.inbox = BoundedQueue(listener.size, listener.drop)
+        self.thread = Thread(target=self.run, name=f"eskin {self.title}", daemon=True)
+
+    def put(self, item: Message) -> None:
+        """Give the listener something, if it hears such."""
+        if isinstance(item, self.listener.message_types):
+            self.inbox.put(item)
+
+    def run(self) -> None:
+        """Listen until no more will come."""
+        try:
+            while (item := self.inbox.take()) is not None:
+                self.listener.on_message(item)
+        except BaseException as error:
+            self.fail(self.title, error)
+
+
+SIGNALS = (signal.SIGINT, signal.SIGTERM)
+
+
+@contextmanager
+def stop_on_signals(stop: Callable[[], None]) -> Iterator[None]:
+    """Inside, the first SIGINT or SIGTERM calls `stop`; the second kills the process.
+
+    Handlers are put back at the end. Outside the main thread, where Python allows no
+    handlers, nothing is changed.
+
+    Args:
+        stop: returns at once and takes no lock, such as `Stream.stop`.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+
+    def on_signal(number: int, frame: FrameType | None) -> None:
+        for one in SIGNALS:
+            signal.signal(one, signal.SIG_DFL)
+        stop()
+
+    before = {one: signal.signal(one, on_signal) for one in SIGNALS}
+    try:
+        yield
+    finally:
+        for one, handler in before.items():
+            signal.signal(one, signal.SIG_DFL if handler is None else handler)
+
 
 SLICE = 0.05
 """How often a thread that waits looks whether it should go on [s]."""
@@ -60,7 +126,9 @@ class Stream:
         self.source = source
         self.title = f"source {source.info.uri}"
         self.patience = patience
-        self.posts = tuple(Post(listener, self.fail) for listener in listeners)
+        self.posts = tuple(
+            ListenerThread(listener, self.fail) for listener in listeners
+        )
         self.reader = Thread(target=self.run, name="eskin reader", daemon=True)
         self.stopping = False
         self.failure: StreamError | None = None
@@ -69,7 +137,7 @@ class Stream:
 
     def __enter__(self) -> "Stream":
         """Start the listeners, then read."""
-        started: list[Post] = []
+        started: list[ListenerThread] = []
         try:
             for post in self.posts:
                 tell = partial(self.tell, post)
@@ -127,7 +195,7 @@ class Stream:
         if not self.over.wait(self.patience * (len(self.posts) + 1)):
             self.fail("closing", self.too_late())
 
-    def counted(self) -> dict[str, InboxCount]:
+    def counted(self) -> dict[str, QueueCount]:
         """What each listener's queue has counted so far."""
         return {post.listener.name: post.inbox.count() for post in self.posts}
 
@@ -146,7 +214,7 @@ class Stream:
             if scan is not None:
                 self.tell(None, scan)
 
-    def tell(self, teller: Post | None, item: Heard) -> None:
+    def tell(self, teller: ListenerThread | None, item: Message) -> None:
         """Give something to all who hear its kind, but for the one who tells it."""
         for post in self.posts:
             if post is not teller:
@@ -161,7 +229,7 @@ class Stream:
         self.attempt(self.title, self.source.close)
         self.over.set()
 
-    def finish(self, post: Post) -> None:
+    def finish(self, post: ListenerThread) -> None:
         """Let a listener hear what is held for it, then close it."""
         post.inbox.end()
         waited = 0.0

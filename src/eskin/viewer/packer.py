@@ -10,7 +10,7 @@ from eskin.drivers import Event
 from eskin.live import Detection
 from eskin.page import ArmLine, ContactMark, Picture, Saying, TouchNow
 from eskin.skin import MountedSkin
-from eskin.stream import Commanded, Moment, found_together
+from eskin.stream import Commanded, RecognitionState, found_at_once
 from eskin.touch import Contact
 from eskin.transforms import apply, invert, matrix_to_quaternion, rotate
 from eskin.units import NS_PER_S
@@ -93,7 +93,7 @@ class Packer:
         match item:
             case Detection():
                 self.sayings.append(self.detection(item))
-            case Event() if found_together(self.told, item):
+            case Event() if found_at_once(self.told, item):
                 pass  # of many faults found together one is told; their number is shown
             case Event():
                 self.told = item
@@ -121,7 +121,12 @@ class Packer:
         )
 
     def picture(
-        self, moment: Moment, rate: float, step: float, age: float, arm: ArmLine | None
+        self,
+        moment: RecognitionState,
+        rate: float,
+        step: float,
+        age: float,
+        arm: ArmLine | None,
     ) -> Picture:
         """Everything of one moment that the page shows.
 
@@ -163,7 +168,7 @@ class Packer:
         radius = float(np.sqrt(contact.area / np.pi))
         return ContactMark(link, contact.p_link, n_link, radius)
 
-    def touches(self, moment: Moment) -> tuple[TouchNow, ...]:
+    def touches(self, moment: RecognitionState) -> tuple[TouchNow, ...]:
         """Open touches with what is thought of them, strongest first."""
         found = [
             TouchNow(

@@ -8,9 +8,9 @@ from typing import Protocol, final, runtime_checkable
 from eskin.errors import DeviceError
 from eskin.page import Board, Order, Setup
 from eskin.skin import MountedSkin
-from eskin.stream import Context, Heard, Listener, Moment, Recognition
-from eskin.stream.inbox import Drop
-from eskin.stream.moment import RARE
+from eskin.stream import Context, Listener, Message, Recognition, RecognitionState
+from eskin.stream.messages import RARE
+from eskin.stream.queue import Drop
 from eskin.units import NS_PER_S
 from eskin.viewer.look import setup_of
 from eskin.viewer.packer import ArmTold, Packer, arm_line
@@ -56,7 +56,7 @@ class Viewer(Listener):
     """
 
     name = "viewer"
-    hears = (Moment, *RARE)
+    message_types = (RecognitionState, *RARE)
     size = 64
     drop: Drop = "oldest"
 
@@ -113,9 +113,9 @@ class Viewer(Listener):
             compares=self.board is not None,
         )
 
-    def hear(self, item: Heard) -> None:
+    def on_message(self, item: Message) -> None:
         """Keep what is said; of moments show one in 40 ms."""
-        if not isinstance(item, Moment):
+        if not isinstance(item, RecognitionState):
             self.packer.note(item)
             return
         now = monotonic()

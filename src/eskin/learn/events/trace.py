@@ -19,7 +19,7 @@ ANY_TRAVEL = DecisionConfig(still=float(np.finfo(float).tiny))
 
 
 @dataclass(frozen=True, eq=False)
-class Moment:
+class TraceStep:
     """A reading at which a touch is open or has just closed."""
 
     stamp: int
@@ -54,7 +54,7 @@ class Trace:
     change_ends: bool
     """Whether touches end when another class is likelier (see `Decider`)."""
 
-    moments: tuple[Moment, ...]
+    moments: tuple[TraceStep, ...]
     """In the order of time; nothing is decided at other readings."""
 
     def detections(
@@ -96,7 +96,7 @@ def trace_of(recording: Recording, model: Model) -> Trace:
     """Replay a recording through the recogniser, and keep what it decides upon."""
     mounted = MountedSkin(recording.skin, recorded_robot(recording.robot_name))
     recognizer = Recognizer(model, mounted, recording.calibration, ANY_TRAVEL)
-    moments: list[Moment] = []
+    moments: list[TraceStep] = []
     for scan in recording.scans():
         recognizer.push(scan)
         state = recognizer.state
@@ -116,13 +116,13 @@ def trace_of(recording: Recording, model: Model) -> Trace:
 
 def moment_of(
     recognizer: Recognizer, touches: tuple[Touch, ...], closed: tuple[Touch, ...]
-) -> Moment:
+) -> TraceStep:
     """What the recogniser knows at the reading that it has just taken."""
     assert recognizer.state is not None
     classes = len(recognizer.model.card.vocabulary)
     keys = [recognizer.graphs.key_of(touch.id) for touch in touches]
     directions = [recognizer.travel.of(touch.id) for touch in touches]
-    return Moment(
+    return TraceStep(
         stamp=recognizer.state.reading.stamp,
         touches=touches,
         closed=closed,

@@ -26,7 +26,7 @@ LEAD = 2.0
 
 
 @dataclass(frozen=True, eq=False)
-class Moment:
+class SampledScan:
     """One scan, and what was really done during it."""
 
     scan: Scan
@@ -80,7 +80,7 @@ class Player:
         """Scans without end."""
         return (moment.scan for moment in self.moments())
 
-    def moments(self) -> Iterator[Moment]:
+    def moments(self) -> Iterator[SampledScan]:
         """Scans without end, and what was really done; the same every time.
 
         Touches are numbered through all stretches.
@@ -125,7 +125,7 @@ class Player:
             regime=None,
         )
 
-    def stretch(self, clip: Clip, start: int, first: int) -> Iterator[Moment]:
+    def stretch(self, clip: Clip, start: int, first: int) -> Iterator[SampledScan]:
         """The scans of a clip, and its touches from a number on."""
         for reading in range(len(clip.counts)):
             stamp = start + reading * self.period
@@ -137,4 +137,4 @@ class Player:
             scan = Scan(
                 stamp, clip.counts[reading], clip.received[reading], clip.q[reading]
             )
-            yield Moment(scan, truths)
+            yield SampledScan(scan, truths)

@@ -1,8 +1,10 @@
-"""What a touch can make an arm do."""
+"""The actions that a touch can command, and the confidence that each one needs."""
 
+from collections.abc import Callable
 from typing import Literal, get_args
 
-from eskin.command.arm import ArmState
+from eskin.command.arm import Arm, ArmState
+from eskin.live import Detection
 
 Action = Literal[
     "pause",
@@ -74,3 +76,33 @@ def confidence_for(action: str, asked: float | None) -> float:
     if asked is None:
         return least
     return max(asked, least) if action in NEVER_LESS else asked
+
+
+CommandFunction = Callable[[Arm, Detection], None]
+FUNCTIONS: dict[str, CommandFunction] = {}
+"""Those that Python code has registered, by name: a file can only name them."""
+
+
+def command_function(name: str) -> Callable[[CommandFunction], CommandFunction]:
+    """Let command maps call the function below by a name.
+
+    It is called like every other action: after all rules of the policy, once a touch.
+
+    Args:
+        name: that files give.
+
+    Raises:
+        ValueError: the name is taken, or is no plain word.
+    """
+    if not name.isidentifier() or name in FUNCTIONS:
+        taken = ", ".join(FUNCTIONS) or "none"
+        raise ValueError(
+            f"command function '{name}'; allowed is a word that is not taken (taken: "
+            f"{taken}); choose another name"
+        )
+
+    def register(function: CommandFunction) -> CommandFunction:
+        FUNCTIONS[name] = function
+        return function
+
+    return register

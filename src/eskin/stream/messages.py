@@ -1,4 +1,4 @@
-"""What listeners are told."""
+"""This module defines what a stream publishes to its listeners."""
 
 from dataclasses import dataclass
 
@@ -11,7 +11,7 @@ from eskin.touch import Scan, TouchState
 
 
 @dataclass(frozen=True, eq=False)
-class Moment:
+class RecognitionState:
     """One instant of the skin as the recogniser understands it."""
 
     state: TouchState
@@ -47,7 +47,7 @@ class Commanded:
     """Why it was, or was not."""
 
 
-Heard = Scan | Moment | Detection | Event | Commanded
+Message = Scan | RecognitionState | Detection | Event | Commanded
 """Scans and moments flow at the rate of the skin; the others are rare."""
 
 RARE = (Detection, Event, Commanded)

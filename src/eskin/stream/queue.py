@@ -1,17 +1,17 @@
-"""The bounded queue in front of a listener."""
+"""This module provides the bounded queue in front of each listener."""
 
 from collections import deque
 from dataclasses import dataclass
 from threading import Condition
 from typing import Literal, final
 
-from eskin.stream.moment import RARE, Heard
+from eskin.stream.messages import RARE, Message
 
 Drop = Literal["oldest", "newest", "never"]
 
 
 @dataclass(frozen=True)
-class InboxCount:
+class QueueCount:
     """What a queue has counted: given = taken + dropped + waiting, at every moment."""
 
     given: int
@@ -27,7 +27,7 @@ class InboxCount:
 
 
 @final
-class Inbox:
+class BoundedQueue:
     """Holds what a listener has still to hear; safe between threads.
 
     When it is full, the oldest scan or moment goes (`oldest`), or the one that comes is
@@ -46,12 +46,12 @@ class Inbox:
             raise ValueError(f"queue of size {size}; allowed is 1 or more; give one")
         self.size = size
         self.drop = drop
-        self.items: deque[Heard] = deque()
+        self.items: deque[Message] = deque()
         self.changed = Condition()
         self.ending = False
         self.given = self.taken = self.dropped = self.longest = 0
 
-    def put(self, item: Heard) -> None:
+    def put(self, item: Message) -> None:
         """Bring something; waits for room only where nothing may be dropped."""
         with self.changed:
             self.given += 1
@@ -68,7 +68,7 @@ class Inbox:
         """Whether something may enter."""
         return len(self.items) < self.size
 
-    def make_room(self, item: Heard) -> bool:
+    def make_room(self, item: Message) -> bool:
         """Drop what matters less than `item`; false where that is `item` itself."""
         rare = isinstance(item, RARE)
         if self.drop == "newest":
@@ -86,7 +86,7 @@ class Inbox:
             return True
         return False
 
-    def take(self) -> Heard | None:
+    def take(self) -> Message | None:
         """The next, once there is one; None when no more will come."""
         with self.changed:
             self.changed.wait_for(lambda: self.items or self.ending)
@@ -111,9 +111,9 @@ class Inbox:
             self.items.clear()
             self.changed.notify_all()
 
-    def count(self) -> InboxCount:
+    def count(self) -> QueueCount:
         """What it has counted so far."""
         with self.changed:
-            return InboxCount(
+            return QueueCount(
                 self.given, self.taken, self.dropped, len(self.items), self.longest
             )

@@ -1,4 +1,4 @@
-"""Whether the skin can be relied on, and whether somebody means what they do to it."""
+"""This module monitors the skin."""
 
 from dataclasses import dataclass
 from typing import final
@@ -8,7 +8,7 @@ import numpy as np
 from eskin.command.command_map import WORDLESS
 from eskin.live import Detection
 from eskin.skin import Skin
-from eskin.stream import Moment
+from eskin.stream import RecognitionState
 from eskin.units import NS_PER_S
 
 
@@ -47,7 +47,7 @@ class SkinWatch:
         self.out: tuple[str, ...] = ()
         self.recognised: set[int] = set()
 
-    def push(self, moment: Moment) -> None:
+    def push(self, moment: RecognitionState) -> None:
         """Take in the next moment."""
         state = moment.state
         self.heard = stamp = state.reading.stamp
@@ -83,7 +83,7 @@ class SkinWatch:
             return f"broken skin: patch '{self.out[0]}' is out"
         return None
 
-    def unrecognised(self, moment: Moment) -> str | None:
+    def unrecognised(self, moment: RecognitionState) -> str | None:
         """What is done to the skin that nobody understands; None where nothing is."""
         state = moment.state
         if not state.going:
