@@ -22,9 +22,9 @@ from jaxtyping import Bool, Float, Int
 from scipy.stats import binomtest, t
 
 from eskin.learn.baselines import Clips, make_baseline
-from eskin.learn.clip_scoring import answer_clips
 from eskin.learn.comparison import Examples, find_examples
 from eskin.learn.comparison.methods import FOR_SMALL_SETS
+from eskin.learn.scoring import answer_clips
 from eskin.learn.training import Trainer
 from eskin.recording import NONE, read_recording
 

@@ -17,9 +17,8 @@ import numpy as np
 import tyro
 from jaxtyping import Float
 
-from eskin.learn.events.judge import score_events
-from eskin.learn.events.score import EventScore
-from eskin.learn.events.take import Take
+from eskin.learn.events.event_scoring import EventScore, score_events
+from eskin.learn.events.matching import Take
 from eskin.learn.events.true_events import events_of_truths
 from eskin.live import Detection, Recognizer
 from eskin.model import Model, load_model

@@ -20,9 +20,9 @@ from jaxtyping import Float
 from sklearn.ensemble import HistGradientBoostingClassifier
 
 from eskin.graph import GraphConfig, pressure_summary
-from eskin.learn.clip_scoring import last_rows
 from eskin.learn.dataset import Dataset, prepare
-from eskin.learn.segments import runs_of
+from eskin.learn.ground_truth import runs_of
+from eskin.learn.scoring import last_rows
 from eskin.recording import NONE, find_recordings
 from eskin.sim.constants import load_constants
 from eskin.sim.files.generate import generate

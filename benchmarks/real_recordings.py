@@ -20,7 +20,7 @@ from typing import Literal
 import numpy as np
 import tyro
 
-from eskin.learn.crossvalidation import (
+from benchmarks.crossvalidation import (
     Answers,
     groups_of,
     instant_answers,
@@ -29,8 +29,8 @@ from eskin.learn.crossvalidation import (
 )
 from eskin.learn.dataset import Dataset, prepare
 from eskin.learn.metrics import by_group, paired_interval, score
-from eskin.learn.pictures import draw_confusion
-from eskin.learn.train_config import TrainConfig
+from eskin.learn.plots import draw_confusion
+from eskin.learn.training import TrainConfig
 from eskin.model import load_model
 from eskin.recording import convert_shearsense, convert_sleeve, find_recordings
 

@@ -19,6 +19,7 @@ from typing import Literal
 import tyro
 
 from benchmarks import leaks, robustness
+from benchmarks.corruption import KINDS, Kind
 from benchmarks.simulated_sets import made_set
 from eskin.cli import compare, study
 from eskin.learn.baselines import NETWORKS
@@ -32,10 +33,9 @@ from eskin.learn.comparison import (
     do_all,
     find_examples,
 )
-from eskin.learn.comparison.pictures import draw_clips_curve
 from eskin.learn.comparison.results import read_result
+from eskin.learn.comparison.study import draw_clips_curve
 from eskin.learn.comparison.table import accuracies_of
-from eskin.learn.harm import KINDS, Kind
 
 Part = Literal["table", "large", "clips", "robustness", "study", "leaks", "all"]
 TESTS = ("test-s", "test-p", "test-x", "test-m")

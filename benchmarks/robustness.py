@@ -3,7 +3,7 @@
 python -m benchmarks.robustness --train DIR ... --test DIR ... [--methods ...]
 [--kinds ...] [--picture FILE]: each method is trained once on the clips of each --train
 as recorded; those of its --test are then answered as recorded, and harmed in every kind
-and amount (`eskin.learn.harm`). Results are kept, so the same command goes on where it
+and amount (`benchmarks.corruption`). Results are kept, so the same command goes on where it
 was cut. Prints a table of the shares of all clips together and how far the first method
 is ahead, and draws the shares.
 """
@@ -18,6 +18,7 @@ import tyro
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from benchmarks.corruption import KINDS, Harm, Kind
 from eskin.learn.comparison import (
     METHODS,
     Place,
@@ -26,10 +27,9 @@ from eskin.learn.comparison import (
     do_all,
     find_examples,
 )
-from eskin.learn.comparison.pictures import COLOURS
+from eskin.learn.comparison.study import COLOURS
 from eskin.learn.comparison.table import ahead, margin
-from eskin.learn.harm import KINDS, Harm, Kind
-from eskin.learn.pictures import write
+from eskin.learn.plots import write
 
 AMOUNTS: Mapping[Kind, tuple[float, ...]] = {
     "dead": (0.05, 0.1, 0.2),

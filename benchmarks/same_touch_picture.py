@@ -19,8 +19,8 @@ from PIL import Image
 from playwright.sync_api import Page, ViewportSize, sync_playwright
 
 from benchmarks.viewer import CHROMIUM, FLAGS
-from eskin.demo.comparison import Comparison
-from eskin.demo.same_touch import SameTouch, both_models, draw_touches
+from eskin.demo.comparison import ComparisonListener
+from eskin.demo.same_touch import SameTouch, draw_touches, load_both_models
 from eskin.live import Recognizer
 from eskin.page import Picture, Setup
 from eskin.stream import RecognitionState
@@ -74,8 +74,8 @@ def main() -> None:
 
 def pictures_of(touch: SameTouch, model: str) -> tuple[Setup, list[Picture]]:
     """What the page is told once, and the height of the touch in either pose."""
-    models = both_models(model)
-    comparison = Comparison([touch], models)
+    models = load_both_models(model)
+    comparison = ComparisonListener([touch], models)
     setup = setup_of(touch.mounted, models[0].card.vocabulary, compares=True)
     packer, begin, highest = Packer(touch.mounted, 0), touch.period, []
     for side in (0, 1):

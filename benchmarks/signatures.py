@@ -18,8 +18,8 @@ import numpy as np
 import tyro
 
 from eskin.learn.checkpoint import to_network
-from eskin.learn.clip_scoring import answer_clips
 from eskin.learn.dataset import prepare
+from eskin.learn.scoring import answer_clips
 from eskin.model import Model, load_model
 from eskin.recording import find_recordings
 from eskin.sim.constants import load_constants

@@ -39,8 +39,7 @@ from eskin.learn.comparison import (
     do_all,
     find_examples,
 )
-from eskin.learn.comparison.methods import FOR_SMALL_SETS, network_method
-from eskin.learn.comparison.touch_trees import TouchTrees
+from eskin.learn.comparison.methods import FOR_SMALL_SETS, TouchTrees, network_method
 from eskin.model import NetworkConfig
 
 SEEDS = (100, 101)

@@ -23,8 +23,8 @@ from eskin.command import (
     Policy,
     PolicyConfig,
     Rule,
+    SkinMonitorConfig,
     Task,
-    WatchConfig,
     Waypoint,
 )
 from eskin.command.ur_arm import UrArm
@@ -108,7 +108,7 @@ def watch(arm: UrArm, skin: Any) -> Policy:  # noqa: ANN401
     calibration = Calibration.uniform(skin.count, 4095, 100.0)
     info = SourceInfo("sim:none", "ur5", names, skin, calibration, 50.0)
     rules = CommandMap(commands=[Rule(gesture="poke", action="pause")])
-    policy = Policy(arm, rules, ("none", "poke"), PolicyConfig(WatchConfig()))
+    policy = Policy(arm, rules, ("none", "poke"), PolicyConfig(SkinMonitorConfig()))
     policy.start(Context(info, arm.clock, lambda item: None))
     # From here the newest reading is as old as it may be.
     policy.watch.heard -= 100_000_000

@@ -7,8 +7,8 @@ import numpy as np
 
 from eskin.graph import GraphBatch
 from eskin.graph.history import HISTORY
-from eskin.learn.clips import Clip
 from eskin.learn.dataset import Dataset
+from eskin.learn.ground_truth import Clip
 from eskin.sim.files.generate import generate
 from eskin.sim.files.settings import Settings
 from eskin.skin import MountedSkin

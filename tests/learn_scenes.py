@@ -9,7 +9,7 @@ from eskin.graph import no_graphs
 from eskin.graph.history import HISTORY
 from eskin.learn.augment import UNCHANGED
 from eskin.learn.dataset import Dataset
-from eskin.learn.train_config import TrainConfig
+from eskin.learn.training import TrainConfig
 from eskin.model import NetworkConfig
 from eskin.recording import Label, Metadata, RecordingWriter, write_all
 from eskin.skin import grid_skin

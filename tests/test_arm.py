@@ -9,9 +9,9 @@ from eskin.app import open_arm
 from eskin.command import (
     FRAME_TASK,
     MotionConfig,
-    Routine,
     SimulatedArm,
     Task,
+    TaskExecutor,
     Waypoint,
 )
 from eskin.drivers import ManualClock
@@ -109,7 +109,7 @@ def test_no_order_breaks_the_limits_or_makes_the_arm_jump(orders):
     speeds = np.diff(q, axis=0) / 0.01
     assert np.abs(speeds).max(initial=0) <= CONFIG.speed * (1 + 1e-6)
     changes = np.abs(np.diff(speeds, axis=0)) / 0.01
-    assert changes.max(initial=0) <= CONFIG.greatest_acceleration * (1 + 1e-6)
+    assert changes.max(initial=0) <= CONFIG.max_acceleration * (1 + 1e-6)
 
 
 @settings(max_examples=15, deadline=None)
@@ -249,7 +249,7 @@ def test_a_task_that_cannot_be_gone_through_is_refused():
 
 
 def test_a_robot_that_allows_no_speed_stops_the_clock():
-    routine = Routine(FRAME_TASK)
+    routine = TaskExecutor(FRAME_TASK)
     routine.advance(6.0)
     routine.advance(CONFIG.brake_seconds, 0.0)
     clock = routine.trajectory.time

@@ -6,7 +6,12 @@ import pytest
 
 from command_scenes import PATCH, SKIN, VOCABULARY, Scene
 from eskin.command import load_commands
-from eskin.command.actions import ACTIONS, LEAST, confidence_for, resolved
+from eskin.command.actions import (
+    ACTIONS,
+    MIN_CONFIDENCE,
+    required_confidence,
+    resolve_action,
+)
 from eskin.command.command_map import parse_commands
 from eskin.errors import CommandError
 
@@ -53,10 +58,10 @@ def test_the_most_particular_rule_counts(tmp_path):
         f"  - {{gesture: poke, action: slow, patch: {PATCH.id}}}\n{POKE}"
     )
     commands = loaded(tmp_path, text)
-    assert commands.rule_for("poke", PATCH.link, PATCH.id).action == "slow"
-    assert commands.rule_for("poke", PATCH.link, "else").action == "next_waypoint"
-    assert commands.rule_for("poke", other.link, other.id).action == "pause"
-    assert commands.rule_for("grab", PATCH.link, PATCH.id) is None
+    assert commands.find_rule("poke", PATCH.link, PATCH.id).action == "slow"
+    assert commands.find_rule("poke", PATCH.link, "else").action == "next_waypoint"
+    assert commands.find_rule("poke", other.link, other.id).action == "pause"
+    assert commands.find_rule("grab", PATCH.link, PATCH.id) is None
 
 
 WRONG = [
@@ -154,10 +159,14 @@ def test_files_that_are_none_are_refused(tmp_path):
 def test_every_plain_action_has_its_confidence_and_toggles_become_plain():
     state = Scene().arm.state()
     for action in ACTIONS:
-        assert action == "none" or resolved(action, state) in LEAST
-    assert LEAST["resume"] > LEAST["open_gripper"] > LEAST["pause"]
-    assert confidence_for("resume", 0.1) == LEAST["resume"]
-    assert confidence_for("pause", 0.1) == 0.1
+        assert action == "none" or resolve_action(action, state) in MIN_CONFIDENCE
+    assert (
+        MIN_CONFIDENCE["resume"]
+        > MIN_CONFIDENCE["open_gripper"]
+        > MIN_CONFIDENCE["pause"]
+    )
+    assert required_confidence("resume", 0.1) == MIN_CONFIDENCE["resume"]
+    assert required_confidence("pause", 0.1) == 0.1
 
 
 def test_the_text_alone_is_not_compared_to_a_skin():

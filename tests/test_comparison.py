@@ -13,7 +13,6 @@ from clip_scenes import generated
 from eskin.cli.main import run
 from eskin.errors import EskinError, RecordingError
 from eskin.learn.baselines import READINGS
-from eskin.learn.clips import clips_of
 from eskin.learn.comparison import (
     METHODS,
     Answered,
@@ -25,8 +24,8 @@ from eskin.learn.comparison import (
 )
 from eskin.learn.comparison.encoders import ENCODERS
 from eskin.learn.comparison.examples import cut_windows
-from eskin.learn.comparison.pictures import draw_line
-from eskin.learn.comparison.study import Variant, study_rows
+from eskin.learn.comparison.study import Variant, draw_line, study_rows
+from eskin.learn.ground_truth import clips_of
 from eskin.model import LENGTH_CM, NetworkConfig
 from eskin.nn import graph_tensors
 from eskin.recording import read_recording

@@ -21,7 +21,6 @@ from eskin.learn.baselines.estimators import (
     SupportVectors,
 )
 from eskin.learn.baselines.flat import FlatBaseline
-from eskin.learn.clip_scoring import ClipAnswers
 from eskin.learn.comparison import (
     ABLATIONS,
     METHODS,
@@ -33,8 +32,9 @@ from eskin.learn.comparison import (
     touch_trees,
 )
 from eskin.learn.comparison.encoders import ENCODERS
+from eskin.learn.comparison.methods import touch_rows
 from eskin.learn.comparison.study import Variant
-from eskin.learn.comparison.touch_trees import touch_rows
+from eskin.learn.scoring import ClipAnswers
 from eskin.learn.training import Trainer
 from eskin.nn import graph_tensors
 from graph_scenes import random_graph

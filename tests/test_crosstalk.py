@@ -11,8 +11,8 @@ from hypothesis.extra.numpy import arrays
 from eskin.sim.sensor.crosstalk_kernels import read_array
 from eskin.skin import grid_skin
 from eskin.touch import Calibration, Reading, TouchPipeline
-from eskin.touch.crosstalk import Crosstalk
-from eskin.touch.crosstalk_kernels import LEAK
+from eskin.touch.calibration_kernels import LEAK
+from eskin.touch.calibrator import Crosstalk
 from touch_scenes import REST, calibration_of, mounted_grid, pressed, scan_at
 
 ROWS, COLUMNS = 12, 14

@@ -7,28 +7,28 @@ import pytest
 
 from eskin.cli.main import run
 from eskin.command import SimulatedArm, load_commands
-from eskin.demo import DemoConfig, LiveSource, Score, Try, run_headless
-from eskin.demo.browser import Obedience
-from eskin.demo.simulated_user import Visitor, VisitorConfig
+from eskin.demo import Attempt, CommandScore, DemoConfig, LiveSource, run_headless
+from eskin.demo.browser import PageCommandHandler
+from eskin.demo.simulated_user import SimulatedUser, SimulatedUserConfig
 from eskin.drivers import ManualClock
 from eskin.page import PageOrder, TouchOrder
 from eskin.sim.live.live_skin import LiveSkin
-from eskin.stream import Commanded
+from eskin.stream import CommandEvent
 
 SECOND = 1_000_000_000
 VOCABULARY = ("none", "double_pat", "grab", "poke", "stroke")
 
 
 def told(seconds, action="pause", accepted=True, touch=1):
-    return Commanded(round(seconds * SECOND), action, touch, "poke", accepted, "")
+    return CommandEvent(round(seconds * SECOND), action, touch, "poke", accepted, "")
 
 
 def tried(begin, end, wanted="pause"):
-    return Try("poke", wanted, round(begin * SECOND), round(end * SECOND))
+    return Attempt("poke", wanted, round(begin * SECOND), round(end * SECOND))
 
 
 def scored(tries, commands):
-    score = Score(tries=list(tries))
+    score = CommandScore(tries=list(tries))
     for command in commands:
         score.on_message(command)
     return score
@@ -60,7 +60,7 @@ def test_what_was_refused_is_no_command_and_a_hold_is_not_one_either():
 
 
 def refused(why):
-    return Commanded(round(1.5 * SECOND), "pause", 1, "poke", False, why)
+    return CommandEvent(round(1.5 * SECOND), "pause", 1, "poke", False, why)
 
 
 @pytest.mark.parametrize(
@@ -85,8 +85,8 @@ def test_a_touch_that_is_lost_has_a_reason(said, commands, why):
 def test_nobody_touches_an_arm_that_has_just_been_paused():
     clock = ManualClock(SECOND)
     arm, skin = SimulatedArm(clock=clock), LiveSkin()
-    config = VisitorConfig(first=0.1)
-    visitor = Visitor(
+    config = SimulatedUserConfig(first=0.1)
+    visitor = SimulatedUser(
         skin, arm, load_commands(None, VOCABULARY, skin.mounted.skin), 0, config
     )
     arm.pause()
@@ -149,7 +149,7 @@ def test_scans_come_period_by_period_where_the_arm_is():
 def test_orders_of_the_page_touch_the_skin_and_pause_the_arm():
     clock = ManualClock()
     arm, skin, others = SimulatedArm(clock=clock), LiveSkin(), []
-    obedience = Obedience(skin, arm, others.append)
+    obedience = PageCommandHandler(skin, arm, others.append)
     taxel = int(skin.mounted.skin.taxels_of("forearm_front")[200])
     place = tuple(skin.mounted.skin.positions[taxel].tolist())
     obedience.obey(TouchOrder("poke", "forearm_link", place, 5.0, 0.3, 1))

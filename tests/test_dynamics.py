@@ -15,10 +15,10 @@ from eskin.command import (
     SimulatedArm,
     load_commands,
 )
-from eskin.command.simulated_arm import ProtectiveConfig
+from eskin.command.simulated_arm import ProtectiveStopConfig
 from eskin.demo import LiveSource
-from eskin.demo.browser import Obedience
-from eskin.demo.simulated_user import Visitor, VisitorConfig
+from eskin.demo.browser import PageCommandHandler
+from eskin.demo.simulated_user import SimulatedUser, SimulatedUserConfig
 from eskin.drivers import ManualClock
 from eskin.errors import ArmError, ExtraError, RobotError
 from eskin.page import PageOrder
@@ -33,7 +33,7 @@ from eskin.transforms import apply
 mujoco = pytest.importorskip("mujoco", reason="needs the extra sim")
 
 CONFIG = MotionConfig()
-LIMITS = ProtectiveConfig()
+LIMITS = ProtectiveStopConfig()
 ELBOW_TO_WRIST = np.array([0.0, 0.0, 0.3])
 STRETCHED = np.zeros(6)
 EFFORT = np.array([150.0, 150.0, 150.0, 28.0, 28.0, 28.0])
@@ -280,7 +280,7 @@ def test_who_touches_the_arm_of_the_demonstration_pushes_it(capsys, monkeypatch)
 
 def test_resume_in_the_page_ends_a_protective_stop():
     arm, clock = arm_and_clock()
-    obedience = Obedience(LiveSkin(), arm)
+    obedience = PageCommandHandler(LiveSkin(), arm)
     arm.push(pushed((600.0, 0.0, 0.0)))
     clock.sleep(0.5)
     arm.push([])
@@ -293,7 +293,7 @@ def test_people_unlock_an_arm_in_protective_stop_before_they_touch_it():
     arm, clock = arm_and_clock()
     skin = LiveSkin()
     commands = load_commands(None, VOCABULARY, skin.mounted.skin)
-    visitor = Visitor(skin, arm, commands, 0, VisitorConfig(first=0.1))
+    visitor = SimulatedUser(skin, arm, commands, 0, SimulatedUserConfig(first=0.1))
     arm.push(pushed((600.0, 0.0, 0.0)))
     clock.sleep(0.5)
     arm.push([])

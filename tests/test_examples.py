@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from eskin.learn.train_config import TrainConfig
+from eskin.learn.training import TrainConfig
 from learn_scenes import FLAGS
 
 EXAMPLES = Path(__file__).parents[1] / "examples"

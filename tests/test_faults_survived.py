@@ -106,7 +106,7 @@ class Message:
         self.start, self.end = cable.start, cable.start + self.device.elapsed
         self.counted = source.counted()
         self.detections = recognition.detections
-        self.queues = stream.counted()
+        self.queues = stream.queue_counts()
 
     def of(self, kind):
         return [item for item in self.ear.heard if isinstance(item, kind)]

@@ -123,7 +123,7 @@ def test_no_jog_breaks_the_limits_or_makes_the_arm_jump(seed, orders):
     speeds = np.diff(q, axis=0) / 0.01
     assert np.abs(speeds).max(initial=0) <= CONFIG.speed * (1 + 1e-6)
     changes = np.abs(np.diff(speeds, axis=0)) / 0.01
-    assert changes.max(initial=0) <= CONFIG.greatest_acceleration * (1 + 1e-6)
+    assert changes.max(initial=0) <= CONFIG.max_acceleration * (1 + 1e-6)
 
 
 @pytest.mark.parametrize("kind", ["sim", "ur"])

@@ -6,8 +6,8 @@ from benchmarks import leaks
 from benchmarks.leaks import check_chance, onsets, windows_before_contact
 
 from eskin.learn.baselines.interface import TOUCHED, Clips
-from eskin.learn.clip_scoring import ClipAnswers
 from eskin.learn.comparison import find_examples
+from eskin.learn.scoring import ClipAnswers
 from eskin.recording import NONE
 from eskin.sim.files.generate import generate
 from eskin.sim.files.settings import Settings

@@ -6,8 +6,7 @@ import torch
 
 from baseline_scenes import UR5
 from eskin.graph import live_neighbours
-from eskin.learn.baselines.egnn import LAYERS, PaperNetwork
-from eskin.learn.baselines.egnn_rows import Neighbourhood
+from eskin.learn.baselines.paper import LAYERS, Neighbourhood, PaperNetwork
 from graph_scenes import FOLDED
 
 

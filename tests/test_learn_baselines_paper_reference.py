@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import torch
 
-from eskin.learn.baselines.egnn import PaperNetwork
+from eskin.learn.baselines.paper import PaperNetwork
 from eskin.skin import MountedSkin
 from graph_scenes import book
 

@@ -5,9 +5,17 @@ import pytest
 import torch
 
 from baseline_scenes import UR5
-from eskin.learn.baselines.convolution import Cnn3d, CnnLstm, ImageCnn, Pixels
+from eskin.learn.baselines.convolution import (
+    PITCH,
+    ROUND,
+    Cnn3d,
+    CnnLstm,
+    ImageCnn,
+    Pixels,
+    patch_image,
+    unrolled_image,
+)
 from eskin.learn.baselines.flat import BINS, KPA, bins
-from eskin.learn.baselines.pixels import PITCH, ROUND, patch_image, unrolled_image
 from eskin.skin import Grid, Patch, Plane, Tube, join_patches, load_skin
 from graph_scenes import motion
 

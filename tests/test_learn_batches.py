@@ -7,9 +7,8 @@ import pytest
 import torch
 
 from eskin.learn.augment import UNCHANGED, AugmentConfig
-from eskin.learn.batches import BatchMaker
+from eskin.learn.batches import BatchMaker, make_sampler
 from eskin.learn.dataset import prepare
-from eskin.learn.sampler import make_sampler
 from eskin.nn import summary
 from learn_scenes import record, record_people
 

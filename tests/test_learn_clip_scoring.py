@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 
 from clip_scenes import clip_at, generated, loaded
-from eskin.learn.clip_scoring import answer_clips, last_rows
 from eskin.learn.dataset import prepare
-from eskin.learn.scoring import log_probabilities
+from eskin.learn.scoring import answer_clips, last_rows, log_probabilities
 from live_scenes import network
 
 VOCABULARY = ("poke", "none", "stroke")

@@ -6,7 +6,7 @@ import pytest
 
 from clip_scenes import START, generated
 from eskin.errors import RecordingError
-from eskin.learn.clips import INDEX_NAME, Clip, clips_of
+from eskin.learn.ground_truth import INDEX_NAME, Clip, clips_of
 from eskin.recording import read_recording
 from eskin.sim.files.index import INDEX_NAME as WRITTEN_NAME
 from eskin.sim.files.index import read_index

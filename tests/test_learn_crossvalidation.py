@@ -5,19 +5,19 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
-
-from eskin.errors import RecordingError
-from eskin.learn import crossvalidation
-from eskin.learn.baselines.estimators import ON_FEATURES, RandomForest
-from eskin.learn.crossvalidation import (
+from benchmarks.crossvalidation import (
     groups_of,
     instant_answers,
     segment_answers,
     train_folds,
     window_features,
 )
+
+from eskin.errors import RecordingError
+from eskin.learn import crossvalidation
+from eskin.learn.baselines.estimators import ON_FEATURES, RandomForest
+from eskin.learn.baselines.hand import stretch_features
 from eskin.learn.dataset import prepare
-from eskin.learn.hand_features import stretch_features
 from eskin.learn.training import Trainer
 from learn_scenes import AS_RECORDED, TINY, record_people
 

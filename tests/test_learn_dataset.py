@@ -9,7 +9,7 @@ from clip_scenes import Elsewhere, Placed, generated
 from eskin.errors import RecordingError
 from eskin.graph import GraphConfig
 from eskin.learn.dataset import digest, prepare
-from eskin.learn.segments import gestures_at, labels_of, places_at, runs_of
+from eskin.learn.ground_truth import gestures_at, labels_of, places_at, runs_of
 from eskin.recording import read_recording
 from eskin.touch import ContactConfig, PipelineConfig
 from learn_scenes import (

@@ -10,17 +10,17 @@ from torch.nn.functional import log_softmax
 from clip_scenes import generated
 from eskin.errors import RecordingError, SkinMismatchError
 from eskin.learn import scoring
-from eskin.learn.clip_scoring import answer_clips
 from eskin.learn.dataset import prepare
 from eskin.learn.evaluation import check_fits, confidence, evaluate
-from eskin.learn.pictures import draw_confusion
+from eskin.learn.ground_truth import Missed, Segment
+from eskin.learn.plots import draw_confusion
 from eskin.learn.scoring import (
+    answer_clips,
     instant_scores,
     log_probabilities,
     segment_scores,
     window_ends,
 )
-from eskin.learn.segments import Missed, Segment
 from eskin.learn.windows import cut, to_input
 from eskin.model import ModelCard
 from learn_scenes import NETWORK, START, bare, record_people

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from eskin.learn.events import MatchConfig, Tally, match, score_events
-from eskin.learn.events.counting import f1_interval
+from eskin.learn.events.event_scoring import f1_interval
 from eskin.learn.events.true_events import event_of_label, events_of_truths
 from eskin.recording import Label, TruthRecord
 from event_scenes import (

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from eskin.learn.fitting import NEAR, Fit, TrueTouches, true_touches
+from eskin.learn.ground_truth import NEAR, Fit, TrueTouches, true_touches
 from eskin.recording import (
     Metadata,
     RecordingWriter,

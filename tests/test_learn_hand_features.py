@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from eskin.learn.baselines.hand import BANDS, bands, segment_features, stretch_features
 from eskin.learn.dataset import prepare
-from eskin.learn.hand_features import BANDS, bands, segment_features, stretch_features
 from learn_scenes import record
 
 

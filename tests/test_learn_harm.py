@@ -4,6 +4,7 @@ from dataclasses import fields, replace
 
 import numpy as np
 import pytest
+from benchmarks.corruption import KINDS, TURN, UNHARMED, Harm
 
 from baseline_scenes import UR5, toy
 from clip_scenes import generated
@@ -11,7 +12,6 @@ from eskin.graph import GraphBatch, GraphConfig
 from eskin.learn.baselines import FitConfig, make_baseline
 from eskin.learn.baselines.flat import FlatBaseline
 from eskin.learn.comparison import METHODS, Task, find_examples
-from eskin.learn.harm import KINDS, TURN, UNHARMED, Harm
 from eskin.recording import Metadata, RecordingWriter, read_recording, write_all
 from eskin.skin import MountedSkin
 from eskin.touch import Calibration, Scan

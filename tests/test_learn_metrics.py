@@ -17,7 +17,7 @@ from eskin.learn.metrics import (
     score,
     wilson_interval,
 )
-from eskin.learn.pictures import draw_confusion, draw_reliability
+from eskin.learn.plots import draw_confusion, draw_reliability
 
 NAMES = ("none", "hold", "tap")
 

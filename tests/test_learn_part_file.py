@@ -9,9 +9,14 @@ from clip_scenes import generated
 from eskin.graph import GraphBatch, GraphConfig
 from eskin.learn import part_file
 from eskin.learn.dataset import Dataset, prepare
-from eskin.learn.fitting import Fit
-from eskin.learn.part_file import key_of, load_part, packed_part, save_part
-from eskin.learn.parts import part_of
+from eskin.learn.ground_truth import Fit
+from eskin.learn.prepared_recording import (
+    key_of,
+    load_part,
+    packed_part,
+    part_of,
+    save_part,
+)
 from eskin.nn import summary
 from eskin.recording import read_recording
 from eskin.touch import ContactConfig, PipelineConfig

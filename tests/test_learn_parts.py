@@ -5,9 +5,8 @@ import pytest
 
 from clip_scenes import Elsewhere, generated
 from eskin.graph import GraphConfig, GraphStream, join
-from eskin.learn.clips import clips_of
-from eskin.learn.parts import Part, part_of
-from eskin.learn.segments import runs_of
+from eskin.learn.ground_truth import clips_of, runs_of
+from eskin.learn.prepared_recording import Part, part_of
 from eskin.recording import read_recording
 from eskin.robot import load_robot
 from eskin.skin import MountedSkin

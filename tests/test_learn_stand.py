@@ -8,7 +8,7 @@ import torch
 
 from eskin.errors import ModelError
 from eskin.learn import stand as module
-from eskin.learn.stand import Stand, load_stand, save_stand
+from eskin.learn.checkpoint import Stand, load_stand, save_stand
 
 STAND = Stand(
     facts="data and settings",

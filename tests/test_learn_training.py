@@ -9,13 +9,11 @@ import torch
 from clip_scenes import generated
 from eskin.errors import ModelError, RecordingError
 from eskin.learn import training
-from eskin.learn.clip_scoring import answer_clips
-from eskin.learn.course import Best
+from eskin.learn.batches import Sampler, make_sampler
+from eskin.learn.checkpoint import Best
 from eskin.learn.dataset import prepare
-from eskin.learn.sampler import Sampler, make_sampler
-from eskin.learn.scoring import instant_scores, segment_scores
-from eskin.learn.train_config import TrainConfig
-from eskin.learn.training import TEMPERATURES, Trainer
+from eskin.learn.scoring import answer_clips, instant_scores, segment_scores
+from eskin.learn.training import TEMPERATURES, TrainConfig, Trainer
 from eskin.model import SLOT_NS, Model, ModelCard
 from learn_scenes import AS_RECORDED, TINY, record, record_people
 

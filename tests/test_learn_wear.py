@@ -8,9 +8,9 @@ import pytest
 from clip_scenes import generated
 from eskin.graph import GraphConfig
 from eskin.learn.dataset import prepare
-from eskin.learn.part_file import key_of
+from eskin.learn.prepared_recording import key_of
+from eskin.learn.recording_transforms import Wear, WearConfig
 from eskin.learn.training import Trainer
-from eskin.learn.wear import Wear, WearConfig
 from eskin.recording import read_recording
 from eskin.touch import PipelineConfig
 from learn_scenes import TINY, record, record_people

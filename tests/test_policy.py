@@ -22,7 +22,7 @@ from eskin.drivers import HostClock, ManualClock
 from eskin.errors import ArmError
 from eskin.stream import Context
 
-STARTING = {"resume", "release"}
+STARTING_ACTIONS = {"resume", "release"}
 
 
 def accepted(said):
@@ -477,7 +477,7 @@ def test_no_single_touch_starts_an_arm_that_was_not_paused_a_second_ago(stop, to
     if ends:
         scene.lift(number)
     scene.rest(rest)
-    assert not STARTING & set(scene.arm.told)
+    assert not STARTING_ACTIONS & set(scene.arm.told)
 
 
 @settings(max_examples=12, deadline=None)

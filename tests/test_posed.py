@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from eskin.graph import GraphConfig
-from eskin.learn.parts import part_of
+from eskin.learn.prepared_recording import part_of
 from eskin.live import Recognizer
 from eskin.model import load_model
 from eskin.model.file import read_card

@@ -3,7 +3,7 @@
 import numpy as np
 
 from eskin.touch import TouchPipeline
-from eskin.touch.press import PressFinder
+from eskin.touch.touches import PressFinder
 from touch_scenes import calibration_of, mounted_grid, pressed, reading_at
 
 MOUNTED = mounted_grid(rows=8, columns=8)

@@ -15,8 +15,7 @@ from mcap.records import Metadata as MetadataItem
 
 from eskin.errors import RecordingError
 from eskin.recording import read_recording
-from eskin.recording.mcap_file import packed
-from eskin.recording.records import MAGIC, MOST_CHUNK, RECORD
+from eskin.recording.mcap_file import MAGIC, MOST_CHUNK, RECORD, packed
 from eskin.touch import Calibration
 
 LABEL = b"poke\0\0\0\0\x05\0\0\0true"

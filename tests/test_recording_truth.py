@@ -15,10 +15,11 @@ from eskin.recording import (
     read_recording,
     rewrite,
 )
-from eskin.recording.block import pack_joint_states, pack_readings
 from eskin.recording.messages import (
     pack_joint_state,
+    pack_joint_states,
     pack_reading,
+    pack_readings,
     pack_truth,
     unpack_truth,
 )

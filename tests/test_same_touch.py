@@ -8,10 +8,15 @@ import pytest
 
 from eskin.cli.main import run
 from eskin.demo import same_touch
-from eskin.demo.comparison import Comparison, played
-from eskin.demo.same_touch import Answer, answer_to, both_models, draw_touches
-from eskin.page import Answer as Shown
+from eskin.demo.comparison import ComparisonListener, played
+from eskin.demo.same_touch import (
+    RecognitionResult,
+    draw_touches,
+    load_both_models,
+    recognise_touch,
+)
 from eskin.page import Board
+from eskin.page import RecognitionResult as Shown
 from eskin.page.board import board
 from eskin.sim.robot.free import is_free
 from world_scenes import world
@@ -33,8 +38,8 @@ def touches(small_world):
 @pytest.fixture(scope="module")
 def answers(touches):
     """Of who sees the pose, and of who does not, to the first touch in both poses."""
-    models = both_models("ur5")
-    return [[answer_to(touches[0], side, m) for side in (0, 1)] for m in models]
+    models = load_both_models("ur5")
+    return [[recognise_touch(touches[0], side, m) for side in (0, 1)] for m in models]
 
 
 def test_both_playings_have_the_same_counts_and_not_the_same_pose(touches):
@@ -76,7 +81,7 @@ def test_the_arm_goes_from_pose_to_pose_without_a_jump_or_a_collision(touches):
 
 
 def test_the_page_is_told_what_is_said_without_it(touches, answers):
-    heard, touch = Comparison(touches, both_models("ur5")), touches[0]
+    heard, touch = ComparisonListener(touches, load_both_models("ur5")), touches[0]
     length = len(touch.counts)
     for scan in islice(played(touches), 2 * length - 1):
         heard.on_message(scan)
@@ -100,7 +105,9 @@ def test_an_answer_is_right_that_says_what_is_done_once_and_nothing_else():
     nothing = np.zeros(3)
 
     def right(label, *said):
-        return Answer(tuple((each, 0.9) for each in said), nothing).is_right(label)
+        return RecognitionResult(tuple((each, 0.9) for each in said), nothing).is_right(
+            label
+        )
 
     assert right("grab", "grab") and right("grab", "none", "grab")
     assert right("none", "none", "unknown") and right("none")

@@ -94,10 +94,10 @@ def test_every_listener_hears_every_scan_in_order():
         assert stream.wait()
         assert all(same_scans(ear.heard, SCANS) for ear in ears)
         assert all(ear.closed == 1 for ear in ears)
-        for count in stream.counted().values():
+        for count in stream.queue_counts().values():
             assert adds_up(count)
             assert (count.taken, count.dropped, count.waiting) == (200, 0, 0)
-        assert stream.counted()["b"].longest == 1
+        assert stream.queue_counts()["b"].longest == 1
 
 
 def test_each_listener_has_a_thread_of_its_own():
@@ -122,7 +122,7 @@ def test_a_listener_is_told_only_what_it_hears():
     ear = Ear(message_types=(Event,))
     with Stream(Watched(SCANS, events=[EVENT]), [ear]) as stream:
         stream.wait()
-        assert stream.counted()["ear"].given == 1
+        assert stream.queue_counts()["ear"].given == 1
     assert ear.heard == [EVENT]
 
 
@@ -169,11 +169,11 @@ def test_a_stalled_listener_delays_nobody():
 
     with Stream(Patient(SCANS), [slow, fast]) as stream:
         assert done.wait(20)
-        count = stream.counted()["viewer"]
+        count = stream.queue_counts()["viewer"]
         assert (count.taken, count.waiting, adds_up(count)) == (1, 5, True)
         go.set()
         stream.wait()
-        count = stream.counted()["viewer"]
+        count = stream.queue_counts()["viewer"]
     assert same_scans(fast.heard, SCANS)
     assert (count.given, count.taken, count.dropped) == (200, 6, 194)
     assert count.longest == 5
@@ -279,7 +279,7 @@ def test_leaving_stops_the_stream_and_what_is_held_is_still_heard():
     ear = Ear(size=50, do=lambda scan: time.sleep(0.001))
     with Stream(source, [ear]) as stream:
         assert not stream.wait(0.1)
-    count = stream.counted()["ear"]
+    count = stream.queue_counts()["ear"]
     assert 0 < count.taken < 2000
     assert (count.dropped, count.waiting, count.given) == (0, 0, count.taken)
     assert (ear.closed, source.closed) == (1, 1)
@@ -313,7 +313,7 @@ def test_what_a_listener_raises_stops_all_and_is_raised(leave):
     assert "\n" not in str(caught.value)
     assert log == ["a", "b", "c"]
     assert source.closed == 1
-    assert all(adds_up(count) for count in stream.counted().values())
+    assert all(adds_up(count) for count in stream.queue_counts().values())
     assert len(ears[1].heard) == 2
 
 
@@ -324,12 +324,12 @@ def test_after_a_failure_nothing_more_is_heard():
     with pytest.raises(StreamError):
         with Stream(Watched(SCANS), [slow, bad]) as stream:
             for _ in range(300):
-                if stream.failure and not stream.counted()["slow"].waiting:
+                if stream.failure and not stream.queue_counts()["slow"].waiting:
                     break
                 time.sleep(0.01)
             go.set()
     assert len(slow.heard) <= 1
-    assert stream.counted()["slow"].dropped >= 49
+    assert stream.queue_counts()["slow"].dropped >= 49
 
 
 def test_what_the_source_raises_stops_all_and_is_raised():
@@ -395,7 +395,7 @@ def test_what_holds_up_the_reader_is_named_and_the_rest_is_closed(who):
     assert good.closed == 1
     go.set()
     stream.reader.join()
-    stream.posts[0].thread.join()
+    stream.workers[0].thread.join()
     assert source.closed == 1
 
 
@@ -420,7 +420,7 @@ STREAMING = """
         while not ear.thread: time.sleep(0.01)
         print("streaming", flush=True)
         stream.wait()
-    print("readings", stream.counted()["recorder"].taken, flush=True)
+    print("readings", stream.queue_counts()["recorder"].taken, flush=True)
 """
 
 

@@ -6,8 +6,8 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial.distance import cdist
 
 from eskin.errors import ReadingError
-from eskin.touch.active_kernels import find_candidates
 from eskin.touch.adjacency import Adjacency
+from eskin.touch.contact_kernels import find_candidates
 from eskin.touch.records import TOUCH, TouchRow
 from touch_scenes import (
     START,

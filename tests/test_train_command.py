@@ -11,8 +11,8 @@ import torch
 from eskin.cli.main import run
 from eskin.learn import training
 from eskin.learn.dataset import digest
+from eskin.learn.recording_transforms import WearConfig
 from eskin.learn.training import Trainer
-from eskin.learn.wear import WearConfig
 from eskin.model import load_model
 from learn_scenes import FLAGS, label, record, record_people
 

@@ -46,7 +46,7 @@ def test_speed_and_acceleration_hold_at_every_instant_whatever_is_asked(orders):
     positions, speeds = run(orders)
     assert np.abs(speeds).max() <= CONFIG.speed * (1 + 1e-9)
     assert np.abs(np.diff(positions, axis=0)).max() <= CONFIG.speed * FINE * (1 + 1e-9)
-    most = CONFIG.greatest_acceleration * (1 + 1e-6)
+    most = CONFIG.max_acceleration * (1 + 1e-6)
     assert np.abs(np.diff(speeds, axis=0)).max() <= most * FINE + 1e-8
 
 
@@ -56,7 +56,7 @@ def test_speed_is_the_change_of_position(orders):
     positions, speeds = run(orders)
     between = (speeds[1:] + speeds[:-1]) / 2
     change = np.diff(positions, axis=0) / FINE
-    most = CONFIG.greatest_acceleration * FINE
+    most = CONFIG.max_acceleration * FINE
     assert np.abs(change - between).max(initial=0.0) <= most
 
 

@@ -15,7 +15,7 @@ from eskin.command.ur_arm import UrArm
 from eskin.drivers import ManualClock
 from eskin.errors import ArmError
 from eskin.stream import Context
-from eskin.ur import PERIOD, Link, UrLink, UrStatus
+from eskin.ur import PERIOD, ControllerLink, UrLink, UrStatus
 
 SECOND = 1_000_000_000
 START = np.array(FRAME_TASK.waypoints[0].q) + (1.5, 0, 0, 0, 0, 0)
@@ -30,7 +30,7 @@ WELL = UrStatus(
 LIMIT = MotionConfig().speed
 
 
-class ToldLink(Link):
+class ToldLink(ControllerLink):
     """A robot that is at once where it is told to be."""
 
     why = ""

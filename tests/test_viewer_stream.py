@@ -11,7 +11,7 @@ from eskin.drivers import STEPPED, Event, ManualClock, PlayedSource, SourceInfo
 from eskin.errors import StreamError
 from eskin.live import Detection, Recognizer
 from eskin.page.server import is_local
-from eskin.stream import Commanded, Recognition, Stream
+from eskin.stream import CommandEvent, Recognition, Stream
 from eskin.transforms import apply
 from eskin.viewer import Viewer, ViewerConfig
 from eskin.viewer.packer import MOST_SAID, Packer
@@ -49,8 +49,8 @@ def test_words_float_at_their_place_on_the_link_and_say_when():
 
 def test_commands_taken_and_refused_and_events_are_in_the_log():
     packer = Packer(mounted(), START)
-    packer.note(Commanded(START, "pause", 4, "poke", True, ""))
-    packer.note(Commanded(START, "resume", 5, "poke", False, "too soon"))
+    packer.note(CommandEvent(START, "pause", 4, "poke", True, ""))
+    packer.note(CommandEvent(START, "resume", 5, "poke", False, "too soon"))
     packer.note(Event(START, "silent", "patch 'a' is silent"))
     assert [(saying.kind, saying.text) for saying in packer.sayings] == [
         ("command", "pause"),

@@ -25,8 +25,7 @@ from eskin.recording import (
     TruthRecord,
     read_recording,
 )
-from eskin.recording.mcap_file import packed
-from eskin.recording.records import MAGIC, RECORD
+from eskin.recording.mcap_file import MAGIC, RECORD, packed
 from eskin.touch import Calibration, Scan
 
 START = 1_700_000_000_000_000_000

@@ -24,7 +24,7 @@ from eskin.sim.people.programs.act import Regime
 from eskin.sim.robot.world import World
 from eskin.sim.site.site import Site
 from eskin.touch.calibration import bend_of
-from eskin.touch.kernels import undo
+from eskin.touch.calibration_kernels import undo
 
 BANDS = {
     "poke": ((3, 4, 7), (3, 5, 7), (2, 4, 7), (16, 32, 59)),

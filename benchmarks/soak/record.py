@@ -23,7 +23,7 @@ def record_line(seconds: float, rate: float) -> str:
         with Stream(source, [recorder]) as stream:
             stream.wait()
         wall, busy = time.perf_counter() - start, time.process_time() - busy
-        count = stream.counted()["recorder"]
+        count = stream.queue_counts()["recorder"]
         size = sum(path.stat().st_size for path in recorder.pieces.files)
     sync = recorder.sync
     return (

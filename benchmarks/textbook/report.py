@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from benchmarks.textbook.draws import TOUCHES, truth_of
 from benchmarks.textbook.sweeps import FACTORS, SURFACE, WANTED, Factor, Point
-from eskin.learn.pictures import write
+from eskin.learn.plots import write
 
 LABELS = {
     "force": "force [N]",

@@ -153,10 +153,10 @@ def device(uris: Sequence[str], config: SourceConfig, clock: Clock) -> Source:
             "a skin's folder; say whose patches they are"
         )
     mounted = mount(config.skin, config.robot)
-    calibration = calibration_of(config, mounted.skin)
-    joints = config.joints or FixedJoints(pose_of(config, mounted))
+    calibration = load_calibration(config, mounted.skin)
+    joints = config.joints or FixedJoints(fixed_positions(config, mounted))
     with ExitStack() as stack:
-        transport = transport_of(uris, config, clock)
+        transport = open_transport(uris, config, clock)
         stack.callback(transport.close)
         source = DeviceSource(
             transport, mounted, calibration, joints, clock, " ".join(uris), config.rate
@@ -165,16 +165,18 @@ def device(uris: Sequence[str], config: SourceConfig, clock: Clock) -> Source:
     return source
 
 
-def transport_of(uris: Sequence[str], config: SourceConfig, clock: Clock) -> Transport:
+def open_transport(
+    uris: Sequence[str], config: SourceConfig, clock: Clock
+) -> Transport:
     """Serial ports, or a UDP socket."""
     if uris[0].startswith("serial:"):
         paths = [uri.removeprefix("serial:") for uri in uris]
         return SerialTransport(clock, paths, config.baud)
-    host, port = address_of(uris[0])
+    host, port = parse_udp_address(uris[0])
     return UdpTransport(clock, host, port, config.allow_remote)
 
 
-def address_of(uri: str) -> tuple[str, int]:
+def parse_udp_address(uri: str) -> tuple[str, int]:
     """Host and port of `udp://HOST:PORT`.
 
     Raises:
@@ -193,7 +195,9 @@ def address_of(uri: str) -> tuple[str, int]:
     return host, port
 
 
-def pose_of(config: SourceConfig, mounted: MountedSkin) -> Float[np.ndarray, "joint"]:
+def fixed_positions(
+    config: SourceConfig, mounted: MountedSkin
+) -> Float[np.ndarray, "joint"]:
     """Joint positions of a robot that does not move [rad]."""
     count = len(mounted.robot.joint_names)
     q = np.zeros(count) if config.q is None else np.array(config.q, np.float64)
@@ -205,7 +209,7 @@ def pose_of(config: SourceConfig, mounted: MountedSkin) -> Float[np.ndarray, "jo
     return q
 
 
-def calibration_of(config: SourceConfig, skin: Skin) -> Calibration:
+def load_calibration(config: SourceConfig, skin: Skin) -> Calibration:
     """The calibration that was given, or lies beside the skin, or is nominal.
 
     Raises:

@@ -1,4 +1,4 @@
-"""Link to a UR controller."""
+"""ControllerLink to a UR controller."""
 
 import os
 import signal
@@ -12,7 +12,7 @@ from typing import final
 
 
 @dataclass(frozen=True)
-class UrOrder:
+class UrCommand:
     """What a controller is to do until it hears more."""
 
     q: tuple[float, ...] | None
@@ -45,7 +45,7 @@ class UrStatus:
     """Whether the output of the gripper is on."""
 
 
-class Link(ABC):
+class ControllerLink(ABC):
     """Reaches one controller; lost, it tries again by itself.
 
     Attributes:
@@ -55,7 +55,7 @@ class Link(ABC):
     why: str
 
     @abstractmethod
-    def exchange(self, order: UrOrder) -> UrStatus | None:
+    def exchange(self, order: UrCommand) -> UrStatus | None:
         """Give an order; what the robot says, or None where it is not heard.
 
         Takes no more than a few hundredths of a second, whatever happens.
@@ -101,7 +101,7 @@ def serve(host: str, output: int, patience: float, orders: Connection) -> None:
         host: of the controller.
         output: standard digital output that closes the gripper.
         patience: times as long as usual everything may take.
-        orders: gives `UrOrder`s and takes `UrStatus`es, or a text: what broke.
+        orders: gives `UrCommand`s and takes `UrStatus`es, or a text: what broke.
     """
     # The client prints where it likes; the terminal belongs to others.
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
@@ -143,7 +143,7 @@ class Controller:
         self.time = self.receive.getTimestamp()
         self.heard = monotonic()
 
-    def obey(self, order: UrOrder) -> None:
+    def obey(self, order: UrCommand) -> None:
         """Pass on an order; nothing is sent to a program that does not run."""
         if not self.control.isProgramRunning():
             return
@@ -183,7 +183,7 @@ class Controller:
 
 
 @final
-class UrLink(Link):
+class UrLink(ControllerLink):
     """Starts the client's process, and a new one whenever that is gone."""
 
     def __init__(self, host: str, output: int, patience: float = 1.0) -> None:
@@ -205,7 +205,7 @@ class UrLink(Link):
         self.ready = False
         self.since = -AGAIN
 
-    def exchange(self, order: UrOrder) -> UrStatus | None:
+    def exchange(self, order: UrCommand) -> UrStatus | None:
         """Give an order; what the robot says, or None where it is not heard."""
         try:
             if self.process is None:

@@ -158,7 +158,7 @@ def throughput(over: Over, rate: float, seconds: float) -> Throughput:
 def counted(source: DeviceSource, stream: Stream) -> dict[str, int]:
     """Packets used, and everything by which readings get lost."""
     counts = source.counted()
-    queues = sum(queue.dropped for queue in stream.counted().values())
+    queues = sum(queue.dropped for queue in stream.queue_counts().values())
     lost = {key: counts[key] for key in ("used", "lost", "skipped", *PACKETS)}
     return {**lost, "queue": queues}
 

@@ -66,7 +66,7 @@ class Command:
 def run(command: Command) -> dict[str, object]:
     """Demonstrate, and return what came of it."""
     from eskin.demo import DemoConfig
-    from eskin.demo.simulated_user import VisitorConfig
+    from eskin.demo.simulated_user import SimulatedUserConfig
 
     if command.seconds is not None and not 0 < command.seconds < float("inf"):
         raise DeviceError(
@@ -91,7 +91,7 @@ def run(command: Command) -> dict[str, object]:
         *(command.skin, command.model, command.commands, command.build),
         seed=command.seed,
         dynamics=command.dynamics,
-        visitor=VisitorConfig(pause=command.pause),
+        visitor=SimulatedUserConfig(pause=command.pause),
     )
     if command.same_touch:
         return same_touch(command, config)
@@ -103,10 +103,10 @@ def run(command: Command) -> dict[str, object]:
 def headless(seconds: float, config: "DemoConfig") -> dict[str, object]:
     """Scripted touches."""
     from eskin.demo import run_headless
-    from eskin.demo.simulated_user import summary_of
+    from eskin.demo.simulated_user import summarise_score
 
     outcome = run_headless(seconds, config)
-    counts = dict(summary_of(outcome.score))
+    counts = dict(summarise_score(outcome.score))
     print(
         f"{counts['touches']} touches in {outcome.seconds:g} s on {config.build_kind} "
         f"builds: {counts['correct']} obeyed rightly, {counts['wrong']} wrongly, "

@@ -86,7 +86,9 @@ def run(command: Command) -> dict[str, object]:
             command.calibration.parent.mkdir(parents=True, exist_ok=True)
             command.calibration.write_bytes(calibration.to_bytes())
         introduce(device)
-        if command.udp is not None and not is_loopback(address_of(command.udp)[0]):
+        if command.udp is not None and not is_loopback(
+            parse_udp_address(command.udp)[0]
+        ):
             print("what it feels leaves this computer, in the clear", flush=True)
         with stop_on_signals(device.stop):
             device.play(at_rate(scans, rate), HostClock(), command.seconds)
@@ -168,7 +170,7 @@ def opened(command: Command, count: int, stack: ExitStack) -> "list[Port]":
             f"--ports is {command.ports}; allowed are 1 to {count}, one for each patch"
         )
     if command.udp is not None:
-        host, port = address_of(command.udp)
+        host, port = parse_udp_address(command.udp)
         return [stack.enter_context(UdpPort(host, port)) for _ in range(command.ports)]
     link = command.link
     if link is None:
@@ -181,7 +183,7 @@ def opened(command: Command, count: int, stack: ExitStack) -> "list[Port]":
     return [stack.enter_context(PtyPort(name)) for name in names]
 
 
-def address_of(text: str) -> tuple[str, int]:
+def parse_udp_address(text: str) -> tuple[str, int]:
     """Host and port of a HOST:PORT.
 
     Raises:

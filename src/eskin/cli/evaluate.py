@@ -17,7 +17,7 @@ from eskin.learn.checkpoint import to_network
 from eskin.learn.dataset import prepare
 from eskin.learn.evaluation import Evaluation, evaluate
 from eskin.learn.events import EventScore, hear, is_stream, score_events
-from eskin.learn.pictures import draw_confusion, draw_reliability
+from eskin.learn.plots import draw_confusion, draw_reliability
 from eskin.learn.progress import shown
 from eskin.model import Model, load_model
 from eskin.recording import find_recordings, read_recording

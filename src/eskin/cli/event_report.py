@@ -7,7 +7,7 @@ from rich.console import Console
 from rich.table import Table
 
 from eskin.learn.events import EventScore, LeftAlone, Tally
-from eskin.learn.events.counting import Delays
+from eskin.learn.events.event_scoring import Delays
 
 
 def by_person(people: dict[str, float]) -> dict[str, float]:

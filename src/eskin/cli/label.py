@@ -102,7 +102,7 @@ def check_targets(
     command: Command, recordings: "list[Recording]", targets: list[Path]
 ) -> None:
     """Refuse all recordings where one cannot be written."""
-    from eskin.recording.relabel import check_target
+    from eskin.recording.autolabel import check_target
 
     if len(set(targets)) < len(targets):
         raise RecordingError(

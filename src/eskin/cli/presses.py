@@ -5,7 +5,7 @@ from eskin.robot import Robot
 from eskin.skin import MountedSkin, Skin
 from eskin.skin.wiring import Answer, Spot, spots_of
 from eskin.touch import TouchPipeline
-from eskin.touch.press import PressFinder
+from eskin.touch.touches import PressFinder
 from eskin.units import NS_PER_S
 
 TARE = 3.0

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from eskin.drivers import Clock, Source
     from eskin.model import Model
     from eskin.stream import Listener, Recognition, Stream
-    from eskin.stream.queue import Drop
+    from eskin.stream.listener import Drop
 
 
 PORT = 8080
@@ -194,12 +194,12 @@ def check_senders(command: Command) -> None:
     Raises:
         DeviceError: a source can be heard from other computers.
     """
-    from eskin.app import address_of
+    from eskin.app import parse_udp_address
     from eskin.drivers.udp_transport import check_host
 
     for uri in command.source:
         if uri.startswith("udp:"):
-            check_host(address_of(uri)[0], command.allow_remote)
+            check_host(parse_udp_address(uri)[0], command.allow_remote)
 
 
 def arm_of(command: Command, clock: "Clock") -> "Arm | None":
@@ -262,7 +262,7 @@ def summary(
     source: "Source", stream: "Stream", recognition: "Recognition", commands: int
 ) -> dict[str, object]:
     """Print and return what came and what was made of it."""
-    counted, queues = source.counted(), stream.counted()
+    counted, queues = source.counted(), stream.queue_counts()
     skipped = counted.get("skipped", 0)
     dropped = skipped + sum(queue.dropped for queue in queues.values())
     step = recognition.step

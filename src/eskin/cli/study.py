@@ -11,8 +11,13 @@ import tyro
 from eskin.cli.checks import check_folder, check_picture
 from eskin.learn.baselines import Pooling
 from eskin.learn.comparison import Place, Result, Task, do_all, find_examples
-from eskin.learn.comparison.pictures import draw_study
-from eskin.learn.comparison.study import Network, Variant, study_rows, study_table
+from eskin.learn.comparison.study import (
+    Network,
+    Variant,
+    draw_study,
+    study_rows,
+    study_table,
+)
 from eskin.model import check_limits
 
 

@@ -4,8 +4,8 @@ from typing import final
 
 from eskin.drivers import Event
 from eskin.live import Detection
-from eskin.stream import Commanded, Context, Listener, Message, found_at_once
-from eskin.stream.queue import Drop
+from eskin.stream import CommandEvent, Context, Listener, Message, found_at_once
+from eskin.stream.listener import Drop
 from eskin.units import NS_PER_S
 
 
@@ -17,7 +17,7 @@ class Terminal(Listener):
     """
 
     name = "terminal"
-    message_types = (Detection, Event, Commanded)
+    message_types = (Detection, Event, CommandEvent)
     size = 1000
     drop: Drop = "oldest"
 
@@ -30,7 +30,7 @@ class Terminal(Listener):
 
     def on_message(self, item: Message) -> None:
         """Print it, unless it is one more fault of many."""
-        if not isinstance(item, Detection | Event | Commanded):
+        if not isinstance(item, Detection | Event | CommandEvent):
             return
         if isinstance(item, Event) and found_at_once(self.fault, item):
             self.more += 1
@@ -39,12 +39,12 @@ class Terminal(Listener):
         self.fault = item if isinstance(item, Event) else None
         self.write(item)
 
-    def write(self, item: Detection | Event | Commanded) -> None:
+    def write(self, item: Detection | Event | CommandEvent) -> None:
         """Print one line."""
         seconds = (item.stamp - self.first) / NS_PER_S
         if isinstance(item, Event):
             text = f"{item.kind:12} {'':4}  {item.text}"
-        elif isinstance(item, Commanded):
+        elif isinstance(item, CommandEvent):
             verdict = "done" if item.accepted else "not done"
             text = f"  {item.action:15}  {verdict}: {item.why}"
         else:

@@ -15,9 +15,8 @@ from eskin.learn.checkpoint import to_model
 from eskin.learn.dataset import Dataset, digest, prepare
 from eskin.learn.evaluation import check_fits, evaluate
 from eskin.learn.events import choose_decision, hear
-from eskin.learn.train_config import TrainConfig
-from eskin.learn.training import Trainer
-from eskin.learn.wear import Wear, WearConfig
+from eskin.learn.recording_transforms import Wear, WearConfig
+from eskin.learn.training import TrainConfig, Trainer
 from eskin.model import Model, ModelCard, check_limits, load_model, save_model
 from eskin.recording import NONE, find_recordings
 

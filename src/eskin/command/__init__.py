@@ -5,8 +5,8 @@ from eskin.command.arm import Arm, ArmState
 from eskin.command.command_map import CommandMap, Rule, load_commands
 from eskin.command.policy import Policy, PolicyConfig
 from eskin.command.simulated_arm import DynamicPlant, SimulatedArm
-from eskin.command.skin_monitor import WatchConfig
-from eskin.command.task import FRAME_TASK, Routine, Task, Waypoint
+from eskin.command.skin_monitor import SkinMonitorConfig
+from eskin.command.task import FRAME_TASK, Task, TaskExecutor, Waypoint
 from eskin.command.trajectory import MotionConfig, Trajectory
 
 __all__ = [
@@ -18,12 +18,12 @@ __all__ = [
     "MotionConfig",
     "Policy",
     "PolicyConfig",
-    "Routine",
+    "TaskExecutor",
     "Rule",
     "SimulatedArm",
     "Task",
     "Trajectory",
-    "WatchConfig",
+    "SkinMonitorConfig",
     "Waypoint",
     "command_function",
     "load_commands",

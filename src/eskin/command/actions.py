@@ -26,7 +26,7 @@ ACTIONS: tuple[str, ...] = get_args(Action)
 FUNCTION = "function"
 """The action of a rule that names a function."""
 
-LEAST = {
+MIN_CONFIDENCE = {
     "hold": 0.5,
     "pause": 0.5,
     "slow": 0.6,
@@ -41,19 +41,19 @@ LEAST = {
 }
 """Confidence that each needs, where a rule says nothing: the more can go wrong, the
 more."""
-NEVER_LESS = ("open_gripper", "resume", "jog")
+STRICT_ACTIONS = ("open_gripper", "resume", "jog")
 """A rule can ask more confidence for these, never less."""
 COOL_DOWN = 0.5
 """How long a rule rests after it was obeyed, where it says nothing [s]."""
-HALTING = ("pause", "hold")
+HALTING_ACTIONS = ("pause", "hold")
 """What stops the arm: no rest keeps anybody from it, nor that a touch is unknown."""
-STARTING = ("resume", "jog")
+STARTING_ACTIONS = ("resume", "jog")
 """What sets an arm in motion that stands: it does so once nobody touches it."""
-STOPPING = ("pause", "hold", "slow")
+REDUCING_ACTIONS = ("pause", "hold", "slow")
 """What makes the arm do less: allowed when much else is not."""
 
 
-def resolved(action: str, state: ArmState) -> str:
+def resolve_action(action: str, state: ArmState) -> str:
     """The plain action that a toggle means in a state of the arm."""
     match action:
         case "toggle_pause":
@@ -65,21 +65,21 @@ def resolved(action: str, state: ArmState) -> str:
     return action
 
 
-def confidence_for(action: str, asked: float | None) -> float:
+def required_confidence(action: str, asked: float | None) -> float:
     """The confidence that a plain action needs.
 
     Args:
         action: no toggle.
         asked: what its rule says; None where it says nothing.
     """
-    least = LEAST[action]
+    least = MIN_CONFIDENCE[action]
     if asked is None:
         return least
-    return max(asked, least) if action in NEVER_LESS else asked
+    return max(asked, least) if action in STRICT_ACTIONS else asked
 
 
 CommandFunction = Callable[[Arm, Detection], None]
-FUNCTIONS: dict[str, CommandFunction] = {}
+COMMAND_FUNCTIONS: dict[str, CommandFunction] = {}
 """Those that Python code has registered, by name: a file can only name them."""
 
 
@@ -94,15 +94,15 @@ def command_function(name: str) -> Callable[[CommandFunction], CommandFunction]:
     Raises:
         ValueError: the name is taken, or is no plain word.
     """
-    if not name.isidentifier() or name in FUNCTIONS:
-        taken = ", ".join(FUNCTIONS) or "none"
+    if not name.isidentifier() or name in COMMAND_FUNCTIONS:
+        taken = ", ".join(COMMAND_FUNCTIONS) or "none"
         raise ValueError(
             f"command function '{name}'; allowed is a word that is not taken (taken: "
             f"{taken}); choose another name"
         )
 
     def register(function: CommandFunction) -> CommandFunction:
-        FUNCTIONS[name] = function
+        COMMAND_FUNCTIONS[name] = function
         return function
 
     return register

@@ -10,10 +10,10 @@ from pydantic_core import ErrorDetails
 
 from eskin.command.actions import (
     ACTIONS,
+    COMMAND_FUNCTIONS,
     FUNCTION,
-    FUNCTIONS,
-    LEAST,
-    NEVER_LESS,
+    MIN_CONFIDENCE,
+    STRICT_ACTIONS,
     Action,
 )
 from eskin.errors import CommandError
@@ -28,7 +28,7 @@ from eskin.skin.manifest import (
 
 LARGEST = 1 << 18
 """Characters that a command map may have."""
-WORDLESS = ("none", "unknown")
+NON_GESTURES = ("none", "unknown")
 """What detections say of touches that command nothing."""
 
 
@@ -65,7 +65,7 @@ class CommandMap(BaseModel):
     version: Literal[1] = 1
     commands: Annotated[list[Rule], Field(min_length=1, max_length=1000)]
 
-    def rule_for(self, gesture: str, link: str, patch: str) -> Rule | None:
+    def find_rule(self, gesture: str, link: str, patch: str) -> Rule | None:
         """The rule for a touch: of its patch, else of its link, else of neither."""
         fitting = [
             rule
@@ -80,10 +80,10 @@ class CommandMap(BaseModel):
     def problems(self, vocabulary: tuple[str, ...], skin: Skin) -> list[str]:
         """What does not fit the model, the skin, or itself; each with its path."""
         known = {
-            "gesture": tuple(word for word in vocabulary if word not in WORDLESS),
+            "gesture": tuple(word for word in vocabulary if word not in NON_GESTURES),
             "link": tuple(sorted({patch.link for patch in skin.patches})),
             "patch": tuple(patch.id for patch in skin.patches),
-            "function": tuple(FUNCTIONS),
+            "function": tuple(COMMAND_FUNCTIONS),
         }
         found, links = [], {patch.id: patch.link for patch in skin.patches}
         for index, rule in enumerate(self.commands):
@@ -100,7 +100,7 @@ class CommandMap(BaseModel):
                     f"{where}.link: got {shorten(rule.link)}, allowed "
                     f"{links[rule.patch or '']}, which its patch is on, or none"
                 )
-            found += [f"{where}{problem}" for problem in problems_of(rule)]
+            found += [f"{where}{problem}" for problem in find_rule_problems(rule)]
         places = [rule.place for rule in self.commands]
         for index, place in enumerate(places):
             if (first := places.index(place)) < index:
@@ -111,13 +111,13 @@ class CommandMap(BaseModel):
         return found
 
 
-def problems_of(rule: Rule) -> list[str]:
+def find_rule_problems(rule: Rule) -> list[str]:
     """What is wrong with a rule by itself."""
     found = []
     if (rule.action is None) == (rule.function is None):
         found.append(": allowed is either action or function; give one of them")
-    if rule.action in NEVER_LESS and rule.confidence is not None:
-        least = LEAST[rule.action]
+    if rule.action in STRICT_ACTIONS and rule.confidence is not None:
+        least = MIN_CONFIDENCE[rule.action]
         if rule.confidence < least:
             found.append(
                 f".confidence: got {rule.confidence:g}, allowed {least:g} to 1 for "
@@ -206,11 +206,11 @@ def parse_commands(text: str, file: str) -> CommandMap:
     try:
         return CommandMap.model_validate(data)
     except ValidationError as error:
-        lines = "; ".join(map(problem_of_entry, error.errors()))
+        lines = "; ".join(map(describe_entry_error, error.errors()))
         raise CommandError(f"{file}: {lines}") from None
 
 
-def problem_of_entry(detail: ErrorDetails) -> str:
+def describe_entry_error(detail: ErrorDetails) -> str:
     """Say which entry is wrong, what was got and what is allowed."""
     path = ""
     for step in detail["loc"]:

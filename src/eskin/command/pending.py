@@ -13,7 +13,7 @@ from eskin.units import NS_PER_S
 
 
 @final
-class Spent:
+class CommandedTouches:
     """Touches that have commanded or asked; who takes one over is barred for it."""
 
     def __init__(self) -> None:
@@ -55,7 +55,7 @@ class Spent:
 
 
 @final
-class Stops:
+class StopTimes:
     """Follows the arm's state; all times are in ns since the epoch."""
 
     def __init__(self) -> None:
@@ -104,7 +104,7 @@ class Stops:
 
 
 @dataclass
-class Waiting:
+class PendingCommand:
     """What a touch asks for, and how sure that is by now."""
 
     detection: Detection

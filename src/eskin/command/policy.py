@@ -8,23 +8,23 @@ from threading import RLock, Thread
 from typing import final
 
 from eskin.command.actions import (
+    COMMAND_FUNCTIONS,
     COOL_DOWN,
     FUNCTION,
-    FUNCTIONS,
-    HALTING,
-    STARTING,
-    STOPPING,
-    confidence_for,
-    resolved,
+    HALTING_ACTIONS,
+    REDUCING_ACTIONS,
+    STARTING_ACTIONS,
+    required_confidence,
+    resolve_action,
 )
 from eskin.command.arm import Arm
-from eskin.command.command_map import WORDLESS, CommandMap, Rule
-from eskin.command.pending import Spent, Stops, Waiting
-from eskin.command.skin_monitor import SkinWatch, WatchConfig
+from eskin.command.command_map import NON_GESTURES, CommandMap, Rule
+from eskin.command.pending import CommandedTouches, PendingCommand, StopTimes
+from eskin.command.skin_monitor import SkinMonitor, SkinMonitorConfig
 from eskin.errors import ArmError, JogError
 from eskin.live import Detection
-from eskin.stream import Commanded, Context, Listener, Message, RecognitionState
-from eskin.stream.queue import Drop
+from eskin.stream import CommandEvent, Context, Listener, Message, RecognitionState
+from eskin.stream.listener import Drop
 from eskin.units import NS_PER_S
 
 COMMANDED = "its touch has commanded already"
@@ -35,7 +35,7 @@ logger = logging.getLogger(__name__)
 class PolicyConfig:
     """How careful commands are."""
 
-    watch: WatchConfig = field(default_factory=WatchConfig)
+    watch: SkinMonitorConfig = field(default_factory=SkinMonitorConfig)
     """When the arm is held because of its skin."""
 
     pause_seconds: float = 1.0
@@ -98,10 +98,10 @@ class Policy(Listener):
         self.config = config or PolicyConfig()
         self.lock = RLock()
         self.accepted = self.held = 0
-        self.spent = Spent()
-        self.stops = Stops()
+        self.spent = CommandedTouches()
+        self.stops = StopTimes()
         self.rested: dict[object, int] = {}
-        self.waiting: list[Waiting] = []
+        self.waiting: list[PendingCommand] = []
         self.failure: BaseException | None = None
         self.over = Flag()
         self.thread: Thread | None = None
@@ -119,7 +119,7 @@ class Policy(Listener):
                 " or more, so that what is old is noticed; run it without an arm"
             )
         self.context = context
-        self.watch = SkinWatch(
+        self.watch = SkinMonitor(
             context.info.skin, self.config.watch, context.clock.now()
         )
         if self.config.tick is not None:
@@ -136,9 +136,9 @@ class Policy(Listener):
         """Do what a detection or a moment asks for."""
         if isinstance(item, Detection):
             self.watch.recognise(item)
-            if item.gesture not in WORDLESS:
+            if item.gesture not in NON_GESTURES:
                 self.decide(item)
-            elif item.likeliest not in ("", *WORDLESS):
+            elif item.likeliest not in ("", *NON_GESTURES):
                 self.decide_doubtful(item)
         elif isinstance(item, RecognitionState):
             self.watch.push(item)
@@ -209,25 +209,27 @@ class Policy(Listener):
 
     def decide(self, detection: Detection) -> None:
         """Obey a detection, or tell why not."""
-        rule = self.commands.rule_for(
+        rule = self.commands.find_rule(
             detection.gesture, detection.link, detection.patch
         )
         if rule is None:
             self.tell("none", detection, False, "the map has no rule for it")
             return
         state = self.arm.state()
-        action = resolved(rule.what, state)
+        action = resolve_action(rule.what, state)
         if action == "none":
             self.tell("none", detection, False, "the map says none")
             return
         why = self.objection(action, detection, rule, detection.stamp)
         if why is None and self.spent.has(detection.touch, detection.onset):
             why = COMMANDED
-        needed = confidence_for(action, rule.confidence)
-        if why is None and (action not in HALTING or detection.confidence < needed):
+        needed = required_confidence(action, rule.confidence)
+        if why is None and (
+            action not in HALTING_ACTIONS or detection.confidence < needed
+        ):
             self.spent.add(detection.touch, detection.onset)
             self.waiting.append(
-                Waiting(
+                PendingCommand(
                     *(detection, rule, action, needed),
                     *(detection.confidence, detection.touch),
                 )
@@ -238,8 +240,11 @@ class Policy(Listener):
     def decide_doubtful(self, detection: Detection) -> None:
         """Halt the arm where an unknown touch most likely asks for it, nothing else."""
         gesture = detection.likeliest
-        rule = self.commands.rule_for(gesture, detection.link, detection.patch)
-        if rule is not None and resolved(rule.what, self.arm.state()) in HALTING:
+        rule = self.commands.find_rule(gesture, detection.link, detection.patch)
+        if (
+            rule is not None
+            and resolve_action(rule.what, self.arm.state()) in HALTING_ACTIONS
+        ):
             self.decide(replace(detection, gesture=gesture))
 
     def objection(
@@ -268,20 +273,20 @@ class Policy(Listener):
             return f"it was felt {1e3 * age:.0f} ms ago"
         if detection.patch in self.watch.out:
             return f"patch '{detection.patch}' is out"
-        if rested < rest and action not in HALTING:
+        if rested < rest and action not in HALTING_ACTIONS:
             return f"the same was done {rested:.1f} s ago, it rests {rest:g} s"
-        if state.holding is not None and action not in (*STOPPING, "resume"):
+        if state.holding is not None and action not in (*REDUCING_ACTIONS, "resume"):
             return f"the arm is held: {state.holding}; pause it, then resume"
         if action == "jog" and not detection.direction_world.any():
             return "the touch did not travel"
-        if action in STARTING:
+        if action in STARTING_ACTIONS:
             if not state.paused:
                 return "nobody has paused it"
             least = self.config.pause_seconds
             return self.stops.objection(detection.onset, now, least)
         return None
 
-    def wait_on(self, waiting: Waiting, moment: RecognitionState) -> None:
+    def wait_on(self, waiting: PendingCommand, moment: RecognitionState) -> None:
         """Obey a touch once it is sure, and over if it sets the arm in motion."""
         before, detection = waiting.touch, waiting.detection
         waiting.follow(moment, self.vocabulary)
@@ -289,14 +294,18 @@ class Policy(Listener):
         why = self.objection(waiting.action, detection, waiting.rule, stamp)
         if self.spent.joins(waiting.touch, before, moment.state.over):
             why = COMMANDED
-        meant = resolved(waiting.rule.what, self.arm.state())
-        if why is None and waiting.action not in HALTING and meant != waiting.action:
+        meant = resolve_action(waiting.rule.what, self.arm.state())
+        if (
+            why is None
+            and waiting.action not in HALTING_ACTIONS
+            and meant != waiting.action
+        ):
             why = f"the arm has changed: the same would {meant.replace('_', ' ')} now"
         lifted = self.watch.heard - self.watch.touching
         ended = lifted >= self.config.lifted_seconds * NS_PER_S
         ended = ended and self.watch.hears(detection.patch)
         late = self.context.age(detection.stamp) > self.config.patience
-        if why is None and waiting.action in STARTING and not ended:
+        if why is None and waiting.action in STARTING_ACTIONS and not ended:
             if late:
                 self.end(waiting, "touching went on")
         elif why is not None or waiting.sure:
@@ -304,7 +313,7 @@ class Policy(Listener):
         elif late or waiting.closed:
             self.end(waiting, waiting.doubt)
 
-    def end(self, waiting: Waiting, why: str | None) -> None:
+    def end(self, waiting: PendingCommand, why: str | None) -> None:
         """Wait for a touch no longer; obey it where nothing is against it."""
         self.waiting.remove(waiting)
         self.finish(waiting.action, waiting.detection, waiting.rule, why)
@@ -349,7 +358,7 @@ class Policy(Listener):
                 arm.hold(f"{detection.gesture} on {detection.patch}")
                 self.stops.hold(self.context.clock.now())
             case _ if action == FUNCTION:
-                FUNCTIONS[rule.function or ""](arm, detection)
+                COMMAND_FUNCTIONS[rule.function or ""](arm, detection)
             case _:
                 getattr(arm, action)()
 
@@ -360,7 +369,7 @@ class Policy(Listener):
         touch = None if detection is None else detection.touch
         gesture = None if detection is None else detection.gesture
         now = self.context.clock.now()
-        self.context.publish(Commanded(now, action, touch, gesture, accepted, why))
+        self.context.publish(CommandEvent(now, action, touch, gesture, accepted, why))
 
     def close(self) -> None:
         """Hold the arm: nobody listens to the skin any more."""

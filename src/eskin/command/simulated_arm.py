@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Float
 
 from eskin.command.arm import Arm, ArmState, JointHistory
-from eskin.command.task import FRAME_TASK, Routine, Task
+from eskin.command.task import FRAME_TASK, Task, TaskExecutor
 from eskin.command.trajectory import MotionConfig
 from eskin.drivers import Clock, HostClock
 from eskin.errors import ArmError
@@ -18,7 +18,7 @@ from eskin.robot import Wrench
 from eskin.robot.dynamics import Dynamics, ServoConfig
 from eskin.units import NS_PER_S
 
-STOP = "protective stop"
+PROTECTIVE_STOP = "protective stop"
 
 
 class Plant(ABC):
@@ -37,7 +37,7 @@ class Plant(ABC):
     moving: bool = False
 
     @abstractmethod
-    def advance(self, routine: Routine, seconds: float) -> None:
+    def advance(self, routine: TaskExecutor, seconds: float) -> None:
         """Let time pass, for the routine and the joints."""
 
     @abstractmethod
@@ -57,7 +57,7 @@ class KinematicPlant(Plant):
         """Stand at joint positions [rad]."""
         self.q = q
 
-    def advance(self, routine: Routine, seconds: float) -> None:
+    def advance(self, routine: TaskExecutor, seconds: float) -> None:
         """Let time pass, for the routine and the joints."""
         routine.advance(seconds)
         self.q = routine.trajectory.q
@@ -70,7 +70,7 @@ class KinematicPlant(Plant):
 
 
 @dataclass(frozen=True)
-class ProtectiveConfig:
+class ProtectiveStopConfig:
     """When an arm goes into protective stop.
 
     A UR5 that is pushed with up to 100 N deviates from its way and stops above that
@@ -105,7 +105,7 @@ class DynamicPlant(Plant):
         self,
         task: Task = FRAME_TASK,
         servo: ServoConfig | None = None,
-        protective: ProtectiveConfig | None = None,
+        protective: ProtectiveStopConfig | None = None,
     ) -> None:
         """Stand where a task begins.
 
@@ -115,12 +115,12 @@ class DynamicPlant(Plant):
         """
         begin = np.array(task.waypoints[0].q, np.float64)
         self.dynamics = Dynamics(task.robot_name, begin, servo)
-        self.protective = protective or ProtectiveConfig()
+        self.protective = protective or ProtectiveStopConfig()
         self.q = begin
         self.period = round(self.dynamics.config.step * NS_PER_S)
         self.held_off = np.zeros(len(begin))
 
-    def advance(self, routine: Routine, seconds: float) -> None:
+    def advance(self, routine: TaskExecutor, seconds: float) -> None:
         """Let one step pass, for the routine and the joints."""
         routine.advance(seconds)
         trajectory, dynamics = routine.trajectory, self.dynamics
@@ -132,7 +132,7 @@ class DynamicPlant(Plant):
         if not self.stopped and self.is_held_off(routine, seconds):
             self.stop(routine)
 
-    def is_held_off(self, routine: Routine, seconds: float) -> bool:
+    def is_held_off(self, routine: TaskExecutor, seconds: float) -> bool:
         """Whether a joint has been too far off, or at its limit, for too long."""
         dynamics, limits = self.dynamics, self.protective
         far = np.abs(routine.trajectory.q - self.q) > limits.deviation
@@ -140,11 +140,11 @@ class DynamicPlant(Plant):
         self.held_off = np.where(far | spent, self.held_off + seconds, 0.0)
         return bool(self.held_off.max() > limits.seconds)
 
-    def stop(self, routine: Routine) -> None:
+    def stop(self, routine: TaskExecutor) -> None:
         """Go into protective stop."""
         self.stopped = True
         self.dynamics.brake()
-        routine.hold(STOP)
+        routine.hold(PROTECTIVE_STOP)
 
     def push(self, wrenches: Sequence[Wrench]) -> None:
         """Be pushed so, and not otherwise, until told anew."""
@@ -158,7 +158,7 @@ class DynamicPlant(Plant):
             self.dynamics.release()
 
 
-KEPT = 2500
+HISTORY_SIZE = 2500
 """Joint positions that are kept."""
 
 
@@ -189,11 +189,11 @@ class SimulatedArm(Arm):
         self.name = task.robot_name
         self.joint_names = task.joint_names
         self.clock = clock or HostClock()
-        self.routine = Routine(task, motion=motion)
+        self.routine = TaskExecutor(task, motion=motion)
         self.plant = plant or KinematicPlant(self.routine.trajectory.q)
         self.lock = RLock()
         self.time = self.clock.now()
-        self.past = JointHistory(self.time, self.plant.q, KEPT)
+        self.past = JointHistory(self.time, self.plant.q, HISTORY_SIZE)
 
     def catch_up(self, stamp: int | None = None) -> None:
         """Let the time until a stamp pass, until now where None."""
@@ -258,7 +258,7 @@ class SimulatedArm(Arm):
             self.catch_up()
             if self.plant.stopped:
                 raise ArmError(
-                    f"the arm stays held: {STOP}; allowed is to go on once that is "
+                    f"the arm stays held: {PROTECTIVE_STOP}; allowed is to go on once that is "
                     "over; unlock the arm, then release it again"
                 )
             self.routine.release()

@@ -5,7 +5,7 @@ from typing import final
 
 import numpy as np
 
-from eskin.command.command_map import WORDLESS
+from eskin.command.command_map import NON_GESTURES
 from eskin.live import Detection
 from eskin.skin import Skin
 from eskin.stream import RecognitionState
@@ -13,7 +13,7 @@ from eskin.units import NS_PER_S
 
 
 @dataclass(frozen=True)
-class WatchConfig:
+class SkinMonitorConfig:
     """When the arm is held because of its skin."""
 
     oldest: float = 0.1
@@ -27,7 +27,7 @@ class WatchConfig:
 
 
 @final
-class SkinWatch:
+class SkinMonitor:
     """Remembers when the skin was last heard, and what touches were recognised.
 
     Attributes:
@@ -36,7 +36,7 @@ class SkinWatch:
         touching: when there was last contact anywhere [ns since the epoch].
     """
 
-    def __init__(self, skin: Skin, config: WatchConfig, now: int) -> None:
+    def __init__(self, skin: Skin, config: SkinMonitorConfig, now: int) -> None:
         """Start with a skin in order, heard at a time [ns since the epoch]."""
         self.config = config
         self.patches = tuple(patch.id for patch in skin.patches)
@@ -67,7 +67,7 @@ class SkinWatch:
 
     def recognise(self, detection: Detection) -> None:
         """Remember what was said of a touch."""
-        if detection.gesture not in WORDLESS:
+        if detection.gesture not in NON_GESTURES:
             self.recognised.add(detection.touch)
 
     def hears(self, patch: str) -> bool:

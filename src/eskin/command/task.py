@@ -106,14 +106,14 @@ tool points down all the way [rad]."""
 
 GRIP_SECONDS = 0.6
 """How long a gripper takes to open or close [s]."""
-STEP = 0.008
+MAX_STEP = 0.008
 """Longest time let pass at once [s]."""
 JOG_SPEED = 0.3
 """Largest share of full speed at which it jogs."""
 
 
 @final
-class Routine:
+class TaskExecutor:
     """Runs a task on a trajectory; says where the arm is to be after any time.
 
     Attributes:
@@ -197,7 +197,7 @@ class Routine:
         Raises:
             JogError: it is not paused, or held, or moves, or does not reach so far.
         """
-        why = self.objection_to_jogging()
+        why = self.find_jog_refusal()
         if why is not None:
             raise JogError(
                 f"no jog: {why}; allowed is one on an arm that is paused and stands; "
@@ -213,7 +213,7 @@ class Routine:
         self.trajectory.go_to(q)
         self.jogging = True
 
-    def objection_to_jogging(self) -> str | None:
+    def find_jog_refusal(self) -> str | None:
         """Why it must not jog now; None where it may."""
         if self.holding is not None:
             return f"the arm is held: {self.holding}"
@@ -261,7 +261,7 @@ class Routine:
                 trajectory runs no faster.
         """
         while seconds > 0:
-            passed = min(seconds, STEP)
+            passed = min(seconds, MAX_STEP)
             seconds -= passed
             self.step(passed, scaling)
 

@@ -1,4 +1,4 @@
-"""Straight lines between joint positions, run through on a clock that can be slowed."""
+"""SynchronousStream lines between joint positions, run through on a clock that can be slowed."""
 
 import math
 from dataclasses import dataclass
@@ -7,7 +7,7 @@ from typing import final
 import numpy as np
 from jaxtyping import Float
 
-NEAR = 1e-9
+TOLERANCE = 1e-9
 """Distance below which two positions are one [rad], and times one [s]."""
 
 
@@ -28,13 +28,13 @@ class MotionConfig:
     """From standstill to full speed when it may go on, or slower [s]."""
 
     @property
-    def greatest_acceleration(self) -> float:
+    def max_acceleration(self) -> float:
         """Of any joint, whatever happens [rad/s2]."""
         return self.acceleration + self.speed / self.brake_seconds
 
 
 @final
-class Line:
+class JointSegment:
     """A straight line in joint space, run through with a trapezoid of speed.
 
     Attributes:
@@ -64,7 +64,7 @@ class Line:
     def q(self, time: float) -> Float[np.ndarray, "joint"]:
         """Joint positions at a time from its beginning [rad]."""
         left = max(self.duration - time, 0.0)
-        if left <= NEAR:
+        if left <= TOLERANCE:
             return self.goal
         if time < self.rise:
             way = self.gain * time**2 / 2
@@ -108,7 +108,7 @@ class Trajectory:
     ) -> None:
         """Stand at the beginning of a line [rad]."""
         start, goal = np.array(start, np.float64), np.array(goal, np.float64)
-        self.line = Line(start, goal, self.config)
+        self.line = JointSegment(start, goal, self.config)
         self.coming = None
         self.time = self.scale = 0.0
 
@@ -120,12 +120,12 @@ class Trajectory:
     @property
     def arrived(self) -> bool:
         """Whether it stands at its goal, with no other to come."""
-        return self.coming is None and self.time >= self.line.duration - NEAR
+        return self.coming is None and self.time >= self.line.duration - TOLERANCE
 
     @property
     def stands(self) -> bool:
         """Whether no joint moves."""
-        return self.scale <= 0 or not 0 < self.time < self.line.duration - NEAR
+        return self.scale <= 0 or not 0 < self.time < self.line.duration - TOLERANCE
 
     @property
     def q(self) -> Float[np.ndarray, "joint"]:
@@ -156,7 +156,7 @@ class Trajectory:
             share: the time scale to bring about; 0 stops.
             urgent: whether it is brought about as fast as a stop.
         """
-        while seconds > NEAR:
+        while seconds > TOLERANCE:
             if self.coming is not None and self.stands:
                 self.begin(self.q, self.coming)
             changing = self.coming is not None
@@ -168,7 +168,7 @@ class Trajectory:
         ramp = self.config.brake_seconds if urgent else self.config.ramp_seconds
         before, gap = self.scale, share - self.scale
         needed = abs(gap) * ramp
-        passed = seconds if needed <= NEAR else min(seconds, needed)
+        passed = seconds if needed <= TOLERANCE else min(seconds, needed)
         if passed >= needed:
             self.scale = share
         else:

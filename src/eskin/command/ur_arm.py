@@ -9,16 +9,16 @@ import numpy as np
 from jaxtyping import Float
 
 from eskin.command.arm import Arm, ArmState, JointHistory
-from eskin.command.task import FRAME_TASK, Routine, Task
+from eskin.command.task import FRAME_TASK, Task, TaskExecutor
 from eskin.command.trajectory import MotionConfig
 from eskin.drivers import Clock, HostClock
 from eskin.errors import ArmError
 from eskin.units import NS_PER_S
-from eskin.ur import PERIOD, Link, UrOrder, UrStatus
+from eskin.ur import PERIOD, ControllerLink, UrCommand, UrStatus
 
-FOLLOWING = 0.2
+MAX_FOLLOWING_ERROR = 0.2
 """How far the robot may be from where it is sent [rad]."""
-CONNECTING = 30.0
+CONNECT_TIMEOUT = 30.0
 """How long the first connection may take [s]."""
 NOT_STARTED = "not started"
 logger = logging.getLogger(__name__)
@@ -36,7 +36,7 @@ class UrArm(Arm):
 
     def __init__(
         self,
-        link: Link,
+        link: ControllerLink,
         task: Task = FRAME_TASK,
         clock: Clock | None = None,
         motion: MotionConfig | None = None,
@@ -64,7 +64,7 @@ class UrArm(Arm):
         self.status = self.connect()
         self.connected = True
         self.time = self.clock.now()
-        self.routine = Routine(task, np.array(self.status.q), motion)
+        self.routine = TaskExecutor(task, np.array(self.status.q), motion)
         self.routine.gripper = "closed" if self.status.closed else "open"
         self.routine.hold(NOT_STARTED)
         self.past = JointHistory(self.time, np.array(self.status.q))
@@ -75,9 +75,9 @@ class UrArm(Arm):
 
     def connect(self) -> UrStatus:
         """The first word of the robot."""
-        end = self.clock.now() + round(CONNECTING * NS_PER_S)
+        end = self.clock.now() + round(CONNECT_TIMEOUT * NS_PER_S)
         while self.clock.now() < end:
-            status = self.link.exchange(UrOrder(None, None))
+            status = self.link.exchange(UrCommand(None, None))
             if status is not None:
                 return status
             if self.link.why:
@@ -126,13 +126,13 @@ class UrArm(Arm):
             else:
                 self.routine.trajectory.stand_at(np.array(self.status.q))
 
-    def order(self) -> UrOrder:
+    def order(self) -> UrCommand:
         """What the robot is to do now."""
         routine = self.routine
         if not self.obeys():
-            return UrOrder(None, None)
+            return UrCommand(None, None)
         closed = None if routine.gripping is None else routine.gripping == "closed"
-        return UrOrder(tuple(routine.trajectory.q.tolist()), closed)
+        return UrCommand(tuple(routine.trajectory.q.tolist()), closed)
 
     def obeys(self) -> bool:
         """Whether the robot does what it is told."""
@@ -158,7 +158,7 @@ class UrArm(Arm):
             return "the robot's program has ended"
         if self.scaling <= 0:
             return "speed slider at zero"
-        if np.abs(self.routine.trajectory.q - status.q).max() > FOLLOWING:
+        if np.abs(self.routine.trajectory.q - status.q).max() > MAX_FOLLOWING_ERROR:
             return "the robot does not follow"
         return None
 

@@ -1,15 +1,15 @@
 """A simulated arm at work in its skin, touched by people or by the mouse."""
 
-from eskin.demo.headless import DemoConfig, Outcome, run_headless
+from eskin.demo.headless import DemoConfig, DemoResult, run_headless
 from eskin.demo.live_source import LiveSource
-from eskin.demo.simulated_user import Score, Try, Visitor
+from eskin.demo.simulated_user import Attempt, CommandScore, SimulatedUser
 
 __all__ = [
     "DemoConfig",
     "LiveSource",
-    "Outcome",
-    "Score",
-    "Try",
-    "Visitor",
+    "DemoResult",
+    "CommandScore",
+    "Attempt",
+    "SimulatedUser",
     "run_headless",
 ]

@@ -13,7 +13,13 @@ from typing import final
 
 import numpy as np
 
-from eskin.command import Policy, PolicyConfig, SimulatedArm, WatchConfig, load_commands
+from eskin.command import (
+    Policy,
+    PolicyConfig,
+    SimulatedArm,
+    SkinMonitorConfig,
+    load_commands,
+)
 from eskin.demo.headless import DemoConfig, arm_of
 from eskin.demo.live_source import LiveSource
 from eskin.drivers import Clock, Event, HostClock
@@ -35,7 +41,7 @@ from eskin.stream import (
     short_switch_interval,
     stop_on_signals,
 )
-from eskin.stream.queue import Drop
+from eskin.stream.listener import Drop
 from eskin.touch import Scan
 from eskin.viewer import Viewer, ViewerConfig
 
@@ -97,7 +103,7 @@ class RecordButton(Listener):
 
 
 @final
-class Obedience:
+class PageCommandHandler:
     """Turns the orders of a page into touches of simulated fingers, and the rest.
 
     A touch goes through the same hand, contact and sensor as the training data: the
@@ -173,7 +179,7 @@ class Obedience:
 SKINS = ("ur5", "ur5-half", "ur5-double", "ur5-shapes", "ur5-missing")
 """That fit the arm which is shown."""
 
-PATIENT = WatchConfig(oldest=0.4)
+PATIENT = SkinMonitorConfig(oldest=0.4)
 """The same computer simulates the skin and draws the page: a simulated arm may wait
 longer for a reading than a real one."""
 
@@ -184,7 +190,7 @@ logger = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
-class Served:
+class PageResult:
     """What came of a page that was served."""
 
     readings: int
@@ -202,7 +208,7 @@ def serve(
     port: int,
     seconds: float | None = None,
     tell: Callable[[str], None] = lambda line: None,
-) -> Served:
+) -> PageResult:
     """Serve the page until it is over, or a signal comes.
 
     Args:
@@ -217,7 +223,7 @@ def serve(
     """
     port = free_port(port)
     while True:
-        wanted = Wanted()
+        wanted = SkinChoice()
         served = serve_skin(config, port, seconds, tell, wanted)
         if wanted.skin is None:
             return served
@@ -225,7 +231,7 @@ def serve(
 
 
 @dataclass(frozen=True, eq=False)
-class Running:
+class RunningDemo:
     """A page that is served, and what is behind it."""
 
     port: int
@@ -242,7 +248,7 @@ class Running:
     """From the one to the other."""
 
 
-class Wanted:
+class SkinChoice:
     """A skin that was chosen in the page, which the stream is begun anew for; final."""
 
     def __init__(self) -> None:
@@ -261,14 +267,14 @@ def serve_skin(
     port: int,
     seconds: float | None,
     tell: Callable[[str], None],
-    wanted: Wanted,
-) -> Served:
+    wanted: SkinChoice,
+) -> PageResult:
     """Serve the page with one skin."""
     with running(config, port, wanted) as demo:
         tell(f"see http://127.0.0.1:{demo.port}; Ctrl-C ends it")
         demo.stream.wait(seconds)
     step = demo.recognition.step
-    return Served(
+    return PageResult(
         demo.source.given,
         demo.recognition.detections,
         demo.policy.accepted,
@@ -278,8 +284,8 @@ def serve_skin(
 
 @contextmanager
 def running(
-    config: DemoConfig, port: int, wanted: Wanted, clock: Clock | None = None
-) -> Iterator[Running]:
+    config: DemoConfig, port: int, wanted: SkinChoice, clock: Clock | None = None
+) -> Iterator[RunningDemo]:
     """Have one skin on its arm served; signals stop its stream.
 
     Args:
@@ -304,7 +310,9 @@ def running(
         recognition = Recognition(recognizer)
         policy = Policy(arm, commands, vocabulary, PolicyConfig(watch=PATIENT))
         button = RecordButton(Path.cwd(), Metadata("demo", "mouse", "browser"))
-        obedience = Obedience(skin, arm, lambda order: do(order, button, wanted))
+        obedience = PageCommandHandler(
+            skin, arm, lambda order: do(order, button, wanted)
+        )
         page = ViewerConfig(port, touchable=True, skins=skins)
         viewer = Viewer(recognition, page, guarded(obedience.obey), arm)
         source = LiveSource(skin, arm, clock, after=lambda: arm.push(skin.wrenches))
@@ -315,7 +323,7 @@ def running(
         wanted.stop = stream.stop
         with stop_on_signals(stream.stop), short_switch_interval(), stream:
             port = viewer.wait_ready(READY)
-            yield Running(port, arm, source, recognition, policy, stream)
+            yield RunningDemo(port, arm, source, recognition, policy, stream)
 
 
 def warm_up_hand(config: DemoConfig) -> None:
@@ -328,7 +336,7 @@ def warm_up_hand(config: DemoConfig) -> None:
         skin.scan(number + 1, q)
 
 
-def do(order: PageOrder, button: RecordButton, wanted: Wanted) -> None:
+def do(order: PageOrder, button: RecordButton, wanted: SkinChoice) -> None:
     """Record, or put on another skin."""
     match order.kind:
         case "record":

@@ -7,13 +7,19 @@ from typing import final
 import numpy as np
 
 from eskin.demo.headless import DemoConfig
-from eskin.demo.same_touch import Answer, Opinion, SameTouch, both_models, draw_touches
+from eskin.demo.same_touch import (
+    RecognitionResult,
+    RecognitionRun,
+    SameTouch,
+    draw_touches,
+    load_both_models,
+)
 from eskin.drivers import SourceInfo
 from eskin.drivers.played_source import PlayedSource
 from eskin.live import Recognizer, warm_up
 from eskin.model import Model
-from eskin.page import Answer as Shown
 from eskin.page import Board
+from eskin.page import RecognitionResult as Shown
 from eskin.page.port import free_port
 from eskin.stream import (
     Context,
@@ -24,7 +30,7 @@ from eskin.stream import (
     short_switch_interval,
     stop_on_signals,
 )
-from eskin.stream.queue import Drop
+from eskin.stream.listener import Drop
 from eskin.touch import Scan
 from eskin.units import NS_PER_S
 from eskin.viewer import Viewer, ViewerConfig
@@ -34,7 +40,7 @@ WHO = ("sees the pose", "never sees the pose")
 
 
 @final
-class Comparison(Listener):
+class ComparisonListener(Listener):
     """Hears each playing with recognisers that have heard nothing before.
 
     Attributes:
@@ -55,7 +61,7 @@ class Comparison(Listener):
         self.length = touches[0].period * len(touches[0].counts)
         self.begin: int | None = None
         self.playing = -1
-        self.opinions: list[tuple[Opinion, ...]] = []
+        self.opinions: list[tuple[RecognitionRun, ...]] = []
         self.board: Board | None = None
 
     def start(self, context: Context) -> None:
@@ -80,7 +86,9 @@ class Comparison(Listener):
         if playing % 2 == 0:
             self.opinions = []
         touch = self.touch
-        self.opinions.append(tuple(Opinion(model, touch) for model in self.models))
+        self.opinions.append(
+            tuple(RecognitionRun(model, touch) for model in self.models)
+        )
 
     @property
     def touch(self) -> SameTouch:
@@ -110,7 +118,7 @@ class Comparison(Listener):
         self.finish()
 
 
-def shown(answer: Answer | None, label: str, classes: int) -> Shown:
+def shown(answer: RecognitionResult | None, label: str, classes: int) -> Shown:
     """An answer as the page shows it; None is one that is still to come."""
     if answer is None:
         return Shown((), None, np.zeros(classes, np.float32))
@@ -152,12 +160,12 @@ def serve_same_touch(
         StreamError: something failed while it ran.
     """
     port = free_port(port)
-    models = both_models(config.model)
+    models = load_both_models(config.model)
     touches = draw_touches(number, config.skin, config.build_kind, config.seed)
     mounted, calibration = touches[0].mounted, touches[0].calibration
     recognizer = Recognizer(models[0], mounted, calibration)
     warm_up(recognizer)
-    comparison = Comparison(touches, models)
+    comparison = ComparisonListener(touches, models)
     recognition = Recognition(recognizer)
     viewer = Viewer(recognition, ViewerConfig(port), board=lambda: comparison.board)
     info = SourceInfo(

@@ -14,12 +14,12 @@ from eskin.command import (
     load_commands,
 )
 from eskin.demo.live_source import LiveSource
-from eskin.demo.simulated_user import Score, Visitor, VisitorConfig
+from eskin.demo.simulated_user import CommandScore, SimulatedUser, SimulatedUserConfig
 from eskin.drivers import Clock, ManualClock
 from eskin.live import Detection, Recognizer
 from eskin.model import load_model
 from eskin.sim.live.live_skin import LiveSkin
-from eskin.stream import Commanded, Context, Listener, Message, Recognition
+from eskin.stream import CommandEvent, Context, Listener, Message, Recognition
 from eskin.units import NS_PER_S
 
 
@@ -49,15 +49,15 @@ class DemoConfig:
     """Whether the arm has masses and servos, and yields to who touches it; else it is
     exactly where it is to be."""
 
-    visitor: VisitorConfig = field(default_factory=VisitorConfig)
+    visitor: SimulatedUserConfig = field(default_factory=SimulatedUserConfig)
     """How often people touch."""
 
 
 @dataclass(frozen=True)
-class Outcome:
+class DemoResult:
     """What came of it."""
 
-    score: Score
+    score: CommandScore
     """Touches, and what was obeyed."""
 
     seconds: float
@@ -93,7 +93,7 @@ def arm_of(config: DemoConfig, clock: Clock) -> SimulatedArm:
     return SimulatedArm(clock=clock, plant=DynamicPlant() if config.dynamics else None)
 
 
-class Straight:
+class SynchronousStream:
     """Tells listeners one after the other in the caller's own thread; final.
 
     What one of them tells, the others hear at once, so that nothing depends on how fast
@@ -119,16 +119,16 @@ class Straight:
             listener.close()
 
 
-class Judge(Listener):
+class ScoreListener(Listener):
     """Hears what is recognised and decided for a score; final."""
 
     name = "judge"
-    message_types = (Detection, Commanded)
+    message_types = (Detection, CommandEvent)
     size = 1
     drop = "never"
 
-    def __init__(self, score: Score) -> None:
-        """Judge into a score."""
+    def __init__(self, score: CommandScore) -> None:
+        """ScoreListener into a score."""
         self.score = score
 
     def start(self, context: Context) -> None:
@@ -138,14 +138,14 @@ class Judge(Listener):
         """Take in what is recognised or decided."""
         if isinstance(item, Detection):
             self.score.note(item)
-        elif isinstance(item, Commanded):
+        elif isinstance(item, CommandEvent):
             self.score.on_message(item)
 
     def close(self) -> None:
         """Nothing is held."""
 
 
-def run_headless(seconds: float, config: DemoConfig | None = None) -> Outcome:
+def run_headless(seconds: float, config: DemoConfig | None = None) -> DemoResult:
     """Let people touch an arm at work, on one build of its skin after the other.
 
     Args:
@@ -163,7 +163,7 @@ def run_headless(seconds: float, config: DemoConfig | None = None) -> Outcome:
     return joined(parts)
 
 
-def run_build(seconds: float, config: DemoConfig, seed: int) -> Outcome:
+def run_build(seconds: float, config: DemoConfig, seed: int) -> DemoResult:
     """The same on one build."""
     clock = ManualClock(NS_PER_S)
     arm = arm_of(config, clock)
@@ -171,7 +171,7 @@ def run_build(seconds: float, config: DemoConfig, seed: int) -> Outcome:
     model = load_model(config.model)
     vocabulary = model.card.vocabulary
     commands = load_commands(config.commands, vocabulary, skin.mounted.skin)
-    visitor = Visitor(skin, arm, commands, seed, config.visitor)
+    visitor = SimulatedUser(skin, arm, commands, seed, config.visitor)
     source = LiveSource(
         *(skin, arm, clock),
         before=visitor.come,
@@ -179,8 +179,8 @@ def run_build(seconds: float, config: DemoConfig, seed: int) -> Outcome:
     )
     recognition = Recognition(Recognizer(model, skin.mounted, skin.calibration))
     policy = Policy(arm, commands, vocabulary, PolicyConfig(tick=None))
-    listeners = [Judge(visitor.score), recognition, policy]
-    straight = Straight(source, listeners)
+    listeners = [ScoreListener(visitor.score), recognition, policy]
+    straight = SynchronousStream(source, listeners)
     end = clock.now() + round(seconds * NS_PER_S)
     while source.due <= end or visitor.is_touching(source.due):
         visitor.stays = source.due <= end
@@ -190,7 +190,7 @@ def run_build(seconds: float, config: DemoConfig, seed: int) -> Outcome:
     state = arm.state()
     straight.close()
     step = recognition.step
-    return Outcome(
+    return DemoResult(
         visitor.score,
         seconds,
         visitor.accidents,
@@ -200,16 +200,16 @@ def run_build(seconds: float, config: DemoConfig, seed: int) -> Outcome:
     )
 
 
-def joined(parts: list[Outcome]) -> Outcome:
+def joined(parts: list[DemoResult]) -> DemoResult:
     """Several outcomes as one."""
     scores = [part.score for part in parts]
-    score = Score(
+    score = CommandScore(
         [attempt for each in scores for attempt in each.tries],
         [command for each in scores for command in each.false_alarms],
         sum(each.commands for each in scores),
         sum(each.holds for each in scores),
     )
-    return Outcome(
+    return DemoResult(
         score,
         sum(part.seconds for part in parts),
         sum(part.accidents for part in parts),

@@ -8,7 +8,7 @@ from eskin.sim.live.live_skin import LiveSkin
 from eskin.touch import Scan
 from eskin.units import NS_PER_S
 
-MOST_LATE = 0.5
+MAX_LATE = 0.5
 """Later than this, scans are left out and it goes on with the present [s]."""
 
 
@@ -67,7 +67,7 @@ class LiveSource(Source):
             return None
         self.clock.sleep(wait)
         late = self.clock.now() - self.due
-        if late > MOST_LATE * NS_PER_S:
+        if late > MAX_LATE * NS_PER_S:
             missed = late // self.period
             self.skipped += missed
             self.due += missed * self.period

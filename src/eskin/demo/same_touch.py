@@ -8,7 +8,7 @@ from typing import Literal, final
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from eskin.command.command_map import WORDLESS
+from eskin.command.command_map import NON_GESTURES
 from eskin.demo.headless import DemoConfig
 from eskin.live import Detection, Recognizer
 from eskin.model import Model, load_model
@@ -209,7 +209,7 @@ BLIND = "ur5-blind"
 
 
 @dataclass(frozen=True, eq=False)
-class Answer:
+class RecognitionResult:
     """What is said of one playing."""
 
     said: tuple[tuple[str, float], ...]
@@ -229,15 +229,15 @@ class Answer:
     @property
     def gestures(self) -> list[str]:
         """What was recognised, less what is no gesture."""
-        return [gesture for gesture, _ in self.said if gesture not in WORDLESS]
+        return [gesture for gesture, _ in self.said if gesture not in NON_GESTURES]
 
     def is_right(self, label: str) -> bool:
         """Whether it says what is truly done, once, and nothing else."""
-        return self.gestures == ([] if label in WORDLESS else [label])
+        return self.gestures == ([] if label in NON_GESTURES else [label])
 
 
 @final
-class Opinion:
+class RecognitionRun:
     """A recogniser that has heard nothing before, listening to one playing."""
 
     def __init__(self, model: Model, touch: SameTouch) -> None:
@@ -268,19 +268,19 @@ class Opinion:
         self.detections += self.recognizer.finish()
 
     @property
-    def answer(self) -> Answer:
+    def answer(self) -> RecognitionResult:
         """What it says so far."""
         touch = max(self.chances, default=None)
         if self.detections:
             touch = max(self.detections, key=lambda each: each.peak_force).touch
         chances = np.zeros(self.classes) if touch is None else self.chances[touch]
         said = tuple((each.gesture, each.confidence) for each in self.detections)
-        return Answer(said, chances)
+        return RecognitionResult(said, chances)
 
 
-def answer_to(touch: SameTouch, side: int, model: Model) -> Answer:
+def recognise_touch(touch: SameTouch, side: int, model: Model) -> RecognitionResult:
     """What is said of the playing in one of its poses."""
-    opinion = Opinion(model, touch)
+    opinion = RecognitionRun(model, touch)
     for scan in touch.scans(side, touch.period, None):
         opinion.on_message(scan)
     opinion.finish()
@@ -288,21 +288,21 @@ def answer_to(touch: SameTouch, side: int, model: Model) -> Answer:
 
 
 @dataclass(frozen=True, eq=False)
-class Compared:
+class PoseComparison:
     """What two recognisers say of one touch in both of its poses."""
 
     labels: tuple[str, str]
     """What is truly done in either."""
 
-    posed: tuple[Answer, Answer]
+    posed: tuple[RecognitionResult, RecognitionResult]
     """Of the one that sees the pose."""
 
-    blind: tuple[Answer, Answer]
+    blind: tuple[RecognitionResult, RecognitionResult]
     """Of the one that does not."""
 
-    def right(self, answers: tuple[Answer, Answer]) -> int:
+    def right(self, answers: tuple[RecognitionResult, RecognitionResult]) -> int:
         """In how many of the poses that is what is truly done."""
-        return sum(map(Answer.is_right, answers, self.labels))
+        return sum(map(RecognitionResult.is_right, answers, self.labels))
 
     @property
     def is_blind(self) -> bool:
@@ -312,24 +312,25 @@ class Compared:
         return one.said == other.said and alike
 
 
-def compare(number: int, config: DemoConfig) -> list[Compared]:
+def compare(number: int, config: DemoConfig) -> list[PoseComparison]:
     """What both say of some touches, as fast as the computer can.
 
     Args:
         number: of touches.
         config: what is demonstrated.
     """
-    models = both_models(config.model)
+    models = load_both_models(config.model)
     touches = draw_touches(number, config.skin, config.build_kind, config.seed)
     found = []
     for touch in touches:
         posed, blind = (
-            (answer_to(touch, 0, model), answer_to(touch, 1, model)) for model in models
+            (recognise_touch(touch, 0, model), recognise_touch(touch, 1, model))
+            for model in models
         )
-        found.append(Compared(touch.labels, posed, blind))
+        found.append(PoseComparison(touch.labels, posed, blind))
     return found
 
 
-def both_models(name: str) -> tuple[Model, Model]:
+def load_both_models(name: str) -> tuple[Model, Model]:
     """A model, and one that was trained without ever seeing the pose."""
     return load_model(name), load_model(BLIND)

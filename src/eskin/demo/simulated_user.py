@@ -9,11 +9,11 @@ from typing import Literal, final
 import numpy as np
 
 from eskin.command import ArmState, CommandMap, SimulatedArm
-from eskin.command.actions import resolved
+from eskin.command.actions import resolve_action
 from eskin.live import Detection
 from eskin.recording import NONE
 from eskin.sim.live.live_skin import LiveSkin, demo_person
-from eskin.stream import Commanded
+from eskin.stream import CommandEvent
 from eskin.units import NS_PER_S
 
 GRACE = 1.0
@@ -23,7 +23,7 @@ Verdict = Literal["correct", "wrong", "missed"]
 
 
 @dataclass
-class Try:
+class Attempt:
     """A touch that asks for something."""
 
     gesture: str
@@ -34,9 +34,9 @@ class Try:
     """Stamp of its first contact [ns since the epoch]."""
     end: int | None = None
     """Stamp of its last contact; None while it goes on."""
-    given: Commanded | None = None
+    given: CommandEvent | None = None
     """The first command that was obeyed because of it."""
-    refusals: list[Commanded] = field(default_factory=list)
+    refusals: list[CommandEvent] = field(default_factory=list)
     """What was understood but not obeyed, and why."""
     said: list[str] = field(default_factory=list)
     """What it was recognised as."""
@@ -75,7 +75,7 @@ class Try:
 
 @final
 @dataclass
-class Score:
+class CommandScore:
     """Touches that ask for something beside the commands that were obeyed.
 
     A command counts for the touch that it comes during, or within 1 s of whose end; the
@@ -83,20 +83,20 @@ class Score:
     alarm. That the arm is held, for whatever reason, is no command.
     """
 
-    tries: list[Try] = field(default_factory=list)
+    tries: list[Attempt] = field(default_factory=list)
     """All touches that ask for something, oldest first."""
-    false_alarms: list[Commanded] = field(default_factory=list)
+    false_alarms: list[CommandEvent] = field(default_factory=list)
     """Commands that nobody gave."""
     commands: int = 0
     """All commands that were obeyed."""
     holds: int = 0
     """How often the arm was held without being asked."""
 
-    def add(self, attempt: Try) -> None:
+    def add(self, attempt: Attempt) -> None:
         """Begin a touch."""
         self.tries.append(attempt)
 
-    def on_message(self, command: Commanded) -> None:
+    def on_message(self, command: CommandEvent) -> None:
         """Take in what was decided."""
         if not command.accepted:
             latest = self.latest(command.stamp)
@@ -119,7 +119,7 @@ class Score:
         if latest is not None:
             latest.said.append(detection.gesture)
 
-    def latest(self, stamp: int) -> Try | None:
+    def latest(self, stamp: int) -> Attempt | None:
         """The latest touch that a decision at that time counts for."""
         return next((t for t in reversed(self.tries) if t.takes(stamp)), None)
 
@@ -152,7 +152,7 @@ protective stop [s]."""
 
 
 @dataclass(frozen=True)
-class VisitorConfig:
+class SimulatedUserConfig:
     """How often an arm is touched.
 
     Nobody touches an arm within a second of its being paused: it could not go on yet,
@@ -173,7 +173,7 @@ class VisitorConfig:
 
 
 @final
-class Visitor:
+class SimulatedUser:
     """Touches a live skin one touch at a time, in turn with other people.
 
     None of them is of a set that recognisers are trained or tested on. What a touch
@@ -193,7 +193,7 @@ class Visitor:
         arm: SimulatedArm,
         commands: CommandMap,
         seed: int = 0,
-        config: VisitorConfig | None = None,
+        config: SimulatedUserConfig | None = None,
     ) -> None:
         """Come, and wait.
 
@@ -207,17 +207,17 @@ class Visitor:
         self.skin = skin
         self.arm = arm
         self.commands = commands
-        self.config = config or VisitorConfig()
+        self.config = config or SimulatedUserConfig()
         self.seed = seed
         self.rng = np.random.default_rng([seed, 1907])
-        self.score = Score()
+        self.score = CommandScore()
         self.accidents = 0
         self.unlocked = 0
         self.people = 0
         self.next: int | None = None
         self.leaves = 0
         self.touch: int | None = None
-        self.attempt: Try | None = None
+        self.attempt: Attempt | None = None
         self.stays = True
         self.alone_since: int | None = None
         self.quiet = 0
@@ -262,7 +262,7 @@ class Visitor:
             self.accidents += 1
             self.attempt = None
             return
-        self.attempt = Try(what, self.wanted(what, state), stamp)
+        self.attempt = Attempt(what, self.wanted(what, state), stamp)
 
     def choose(self, state: ArmState) -> str:
         """What to do next."""
@@ -274,8 +274,8 @@ class Visitor:
 
     def wanted(self, gesture: str, state: ArmState) -> str:
         """The action that a gesture asks for; which place it is on does not matter."""
-        rule = self.commands.rule_for(gesture, "", "")
-        return NONE if rule is None else resolved(rule.what, state)
+        rule = self.commands.find_rule(gesture, "", "")
+        return NONE if rule is None else resolve_action(rule.what, state)
 
     def go_on(self, stamp: int) -> None:
         """Follow the touch under way until it is over."""
@@ -299,7 +299,7 @@ class Visitor:
         self.next = stamp + round(NS_PER_S * self.rng.uniform(*self.config.pause))
 
 
-def summary_of(score: Score) -> Mapping[str, int]:
+def summarise_score(score: CommandScore) -> Mapping[str, int]:
     """The counts that a demonstration reports."""
     return {
         "touches": len(score.tries),

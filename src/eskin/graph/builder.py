@@ -19,7 +19,7 @@ from eskin.graph.config import GraphConfig
 from eskin.graph.history import NOTHING
 from eskin.skin import MountedSkin
 from eskin.touch import Reading
-from eskin.touch.poses import LivePoses
+from eskin.touch.pipeline import LivePoses
 
 LONGEST_STEP = 0.5  # [s] between readings that a rate is taken over
 SHORTEST_STEP = 1e-4  # [s]

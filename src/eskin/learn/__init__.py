@@ -4,10 +4,9 @@ from eskin.learn.augment import AugmentConfig
 from eskin.learn.checkpoint import to_model, to_network
 from eskin.learn.dataset import Dataset, prepare
 from eskin.learn.evaluation import Evaluation, evaluate
+from eskin.learn.ground_truth import Segment
 from eskin.learn.metrics import Score, score
-from eskin.learn.segments import Segment
-from eskin.learn.train_config import TrainConfig
-from eskin.learn.training import Trainer
+from eskin.learn.training import TrainConfig, Trainer
 
 __all__ = [
     "AugmentConfig",

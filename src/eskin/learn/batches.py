@@ -1,5 +1,6 @@
-"""Batches of training windows: the summary of every reading, the graphs of some."""
+"""This module draws training windows and makes augmented batches of them."""
 
+from collections.abc import Collection
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -8,11 +9,96 @@ import torch
 from jaxtyping import Float, Int
 from torch import Tensor
 
+from eskin.errors import RecordingError
 from eskin.learn.augment import UNCHANGED, AugmentConfig, augment
 from eskin.learn.dataset import Dataset
-from eskin.learn.sampler import Sampler
+from eskin.learn.ground_truth import Segment
 from eskin.learn.windows import cut, lose, stretch, thin, to_input, to_places
+from eskin.model import SLOT_NS
 from eskin.nn import NetworkInput, Places, summary
+
+WHOLE = 0.5
+"""Share of windows that see all of their gesture, or as much as fits."""
+
+EARLIEST_NS = 100_000_000
+"""Time after the onset from which a gesture is asked for [ns]."""
+
+
+@dataclass(frozen=True)
+class Sampler:
+    """Draws windows so that every gesture, then every segment, counts the same.
+
+    Half of the windows see as much of their gesture as a window can hold, the others
+    end anywhere from 0.1 s after its onset, as they do live.
+    """
+
+    dataset: Dataset
+    classes: dict[int, list[Segment]]
+    """The segments of each class."""
+    slots: int
+    crop: float
+
+    def draw(
+        self, count: int, rng: np.random.Generator
+    ) -> tuple[Int[np.ndarray, "window"], Int[np.ndarray, "window"], list[int]]:
+        """Last and first rows of windows, and their classes."""
+        labels = rng.choice(list(self.classes), count).tolist()
+        segments = [self.pick(label, rng) for label in labels]
+        after = np.where(rng.random(count) < WHOLE, self.slots * SLOT_NS, EARLIEST_NS)
+        pairs = zip(segments, after.tolist(), strict=True)
+        ends = np.array([self.end(segment, ns, rng) for segment, ns in pairs])
+        firsts = np.array([segment.first for segment in segments])
+        cropped = rng.random(count) < self.crop
+        return ends, np.where(cropped, firsts, self.dataset.starts[ends]), labels
+
+    def pick(self, label: int, rng: np.random.Generator) -> Segment:
+        """One segment of a class."""
+        segments = self.classes[label]
+        return segments[rng.integers(len(segments))]
+
+    def end(self, segment: Segment, after: int, rng: np.random.Generator) -> int:
+        """A row of a segment later than `after` [ns], or its last one."""
+        stamps = self.dataset.stamps[segment.first : segment.end]
+        low = np.searchsorted(stamps, stamps[0] + after)
+        return segment.first + int(rng.integers(min(low, len(stamps) - 1), len(stamps)))
+
+
+def make_sampler(
+    dataset: Dataset,
+    vocabulary: tuple[str, ...],
+    recordings: Collection[int],
+    slots: int,
+    crop: float,
+) -> Sampler:
+    """A sampler over some of the recordings.
+
+    Args:
+        dataset: where to draw from.
+        vocabulary: the gestures to draw; others are passed over.
+        recordings: indices of those to draw from.
+        slots: length of a window on the head's clock.
+        crop: share of windows that see nothing from before their gesture.
+    """
+    classes: dict[int, list[Segment]] = {}
+    for segment in dataset.segments:
+        if segment.recording in recordings and segment.gesture in vocabulary:
+            label = vocabulary.index(segment.gesture)
+            classes.setdefault(label, []).append(segment)
+    return Sampler(dataset, classes, slots, crop)
+
+
+def check_classes(sampler: Sampler, vocabulary: tuple[str, ...]) -> None:
+    """Refuse to train where there is nothing to tell apart.
+
+    Raises:
+        RecordingError: if the sampler has fewer than two classes.
+    """
+    if len(sampler.classes) < 2:
+        found = ", ".join(vocabulary[label] for label in sampler.classes)
+        raise RecordingError(
+            f"training recordings hold only {found or 'no gestures'}; at least two "
+            "classes are needed; give more recordings or other --classes"
+        )
 
 
 @dataclass(frozen=True)

@@ -13,20 +13,20 @@ from joblib import Parallel, delayed
 
 from eskin.errors import RecordingError
 from eskin.graph import GraphBatch, GraphConfig, join
-from eskin.learn.clips import Clip, clips_of
-from eskin.learn.part_file import load_part, packed_part
-from eskin.learn.parts import Part, part_of
-from eskin.learn.progress import shown
-from eskin.learn.segments import (
+from eskin.learn.ground_truth import (
+    Clip,
     Missed,
     Segment,
+    clips_of,
     fitted_segments,
     labelled_segments,
     labels_of,
     missed_gestures,
     places_at,
 )
-from eskin.learn.version import Version
+from eskin.learn.prepared_recording import Part, load_part, packed_part, part_of
+from eskin.learn.progress import shown
+from eskin.learn.recording_transforms import Version
 from eskin.recording import NONE, Recording, read_recording
 from eskin.touch import PipelineConfig
 

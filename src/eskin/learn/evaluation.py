@@ -7,7 +7,6 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from eskin.errors import RecordingError, SkinMismatchError
-from eskin.learn.clip_scoring import answer_clips
 from eskin.learn.dataset import Dataset
 from eskin.learn.metrics import (
     Reliability,
@@ -17,7 +16,7 @@ from eskin.learn.metrics import (
     reliability,
     score,
 )
-from eskin.learn.scoring import instant_scores, segment_scores
+from eskin.learn.scoring import answer_clips, instant_scores, segment_scores
 from eskin.model import ModelCard
 from eskin.nn import RecogniserNetwork
 from eskin.recording import NONE

@@ -18,7 +18,7 @@ from eskin.model import MODELS, DecisionConfig, Model, load_model
 from eskin.robot import Robot
 from eskin.skin import MountedSkin, Skin
 from eskin.touch import Calibration, Reading, Scan, Touch, TouchPipeline, TouchState
-from eskin.touch.poses import LivePoses
+from eskin.touch.pipeline import LivePoses
 
 
 @final

@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Float
 
 from eskin.touch import Touch, TouchState
-from eskin.touch.poses import LivePoses
+from eskin.touch.pipeline import LivePoses
 from eskin.touch.records import TouchBrief
 
 

@@ -1,11 +1,14 @@
 """Recordings: MCAP files of scans and labels, and where they come from."""
 
-from eskin.recording.agreement import Agreement
-from eskin.recording.autolabel import AutoLabelConfig, label_automatically
+from eskin.recording.autolabel import (
+    Agreement,
+    AutoLabelConfig,
+    Labelling,
+    find_labels,
+    label_automatically,
+    rewrite,
+)
 from eskin.recording.conversion import Conversion
-from eskin.recording.detection import DetectionRecord
-from eskin.recording.event import EventRecord
-from eskin.recording.folder import find_recordings
 from eskin.recording.labels import (
     NONE,
     Label,
@@ -13,16 +16,20 @@ from eskin.recording.labels import (
     check_no_overlap,
     label_instants,
     labels_from_instants,
+    load_ranges,
+    rough_ranges,
     sort_labels,
 )
-from eskin.recording.metadata import Metadata
-from eskin.recording.ranges import load_ranges, rough_ranges
-from eskin.recording.reader import Recording, ScanArrays, read_recording
-from eskin.recording.relabel import Labelling, find_labels, rewrite
+from eskin.recording.reader import (
+    Recording,
+    ScanArrays,
+    find_recordings,
+    read_recording,
+)
+from eskin.recording.records import DetectionRecord, EventRecord, Metadata, TruthRecord
 from eskin.recording.shearsense import convert_shearsense
 from eskin.recording.sleeve import convert_sleeve
 from eskin.recording.socialtouch import convert_socialtouch
-from eskin.recording.truth import TruthRecord
 from eskin.recording.writer import RecordingWriter, write_all
 
 __all__ = [

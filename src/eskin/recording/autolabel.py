@@ -1,17 +1,23 @@
-"""The paper's automatic labelling: where the largest pressure passes a threshold.
+"""This module labels recordings automatically and scores the labels that it finds.
 
-"Within these ranges, we applied a threshold-based automatic data labeling method,
-incorporating a minimum window size to mitigate noise and prevent issues such as the
-separation of double-tap gestures" (the paper, Data Collection).
+The method is that of the paper: "Within these ranges, we applied a threshold-based
+automatic data labeling method, incorporating a minimum window size to mitigate noise and
+prevent issues such as the separation of double-tap gestures" (Data Collection).
 """
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from pathlib import Path
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from eskin.recording.labels import Label, sort_labels
+from eskin.errors import RecordingError
+from eskin.recording.labels import NONE, Label, rough_ranges, sort_labels
+from eskin.recording.reader import Recording
+from eskin.recording.records import DetectionRecord
+from eskin.recording.writer import RecordingWriter, write_all
+from eskin.touch.calibration import Calibrator
 from eskin.units import NS_PER_S
 
 BINS = 128
@@ -113,3 +119,238 @@ def best_threshold(peaks: Float[np.ndarray, "instant"]) -> float:
         between = np.nan_to_num(below * above * gap**2)
     best = np.flatnonzero(between >= between.max() * (1 - 1e-12))
     return float(np.expm1(edges[1 + best].mean()))
+
+
+SAME = 0.5
+
+
+@dataclass
+class Agreement:
+    """Adds up over recordings; `summary` gives the figures."""
+
+    hits: int = 0
+    """Instants touched in both."""
+    misses: int = 0
+    """Instants touched in truth only."""
+    extras: int = 0
+    """Instants touched in what was found only."""
+    rests: int = 0
+    """Instants touched in neither."""
+    overlaps: list[float] = field(default_factory=list)
+    """Intersection over union of every true event and the one matched to it."""
+    onset_errors: list[float] = field(default_factory=list)
+    """Onset found minus true onset of every matched event [s]."""
+    found_events: int = 0
+    """Number of events found."""
+
+    @property
+    def instants(self) -> int:
+        """Number of instants judged."""
+        return self.hits + self.misses + self.extras + self.rests
+
+    def add(
+        self,
+        truth: Sequence[Label],
+        found: Sequence[Label],
+        stamps: Int[np.ndarray, "reading"],
+    ) -> None:
+        """Add one recording."""
+        is_true, is_found = touched(truth, stamps), touched(found, stamps)
+        self.hits += int((is_true & is_found).sum())
+        self.misses += int((is_true & ~is_found).sum())
+        self.extras += int((~is_true & is_found).sum())
+        self.rests += int((~is_true & ~is_found).sum())
+        events = [label for label in truth if label.gesture != NONE]
+        matches = match(events, found)
+        for event, best in zip(events, matches, strict=True):
+            self.overlaps.append(0.0 if best is None else overlap(event, best))
+            if best is not None:
+                self.onset_errors.append((best.start - event.start) / NS_PER_S)
+        self.found_events += len(found)
+
+    def summary(self) -> dict[str, float | int | None]:
+        """Figures by name; None where there is nothing to judge.
+
+        Instants are judged as touched or not, since the gesture comes from the range.
+        """
+        recall = ratio(self.hits, self.hits + self.misses)
+        rest_recall = ratio(self.rests, self.rests + self.extras)
+        same = sum(value >= SAME for value in self.overlaps)
+        return {
+            "instants": self.instants,
+            "accuracy": ratio(self.hits + self.rests, self.instants),
+            "balanced_accuracy": mean([recall, rest_recall]),
+            "touched_recall": recall,
+            "untouched_recall": rest_recall,
+            "events": len(self.overlaps),
+            "events_found": self.found_events,
+            "event_iou": mean(self.overlaps),
+            "event_recall": ratio(same, len(self.overlaps)),
+            "event_precision": ratio(same, self.found_events),
+            "onset_error_s": median(np.abs(self.onset_errors).tolist()),
+            "onset_bias_s": median(self.onset_errors),
+        }
+
+
+def touched(
+    labels: Sequence[Label], stamps: Int[np.ndarray, "reading"]
+) -> Bool[np.ndarray, "reading"]:
+    """Whether any gesture is made at each stamp."""
+    inside = np.zeros(len(stamps), dtype=np.bool_)
+    for label in labels:
+        if label.gesture != NONE:
+            inside |= (stamps >= label.start) & (stamps < label.end)
+    return inside
+
+
+def match(truth: Sequence[Label], found: Sequence[Label]) -> list[Label | None]:
+    """For each true label the one found that is its, one to one, best overlap first."""
+    pairs = [
+        (overlap(event, other), i, j)
+        for i, event in enumerate(truth)
+        for j, other in enumerate(found)
+        if event.gesture == other.gesture and overlap(event, other) > 0
+    ]
+    matches: list[Label | None] = [None] * len(truth)
+    taken: set[int] = set()
+    for _, i, j in sorted(pairs, key=lambda pair: (-pair[0], pair[1:])):
+        if matches[i] is None and j not in taken:
+            matches[i] = found[j]
+            taken.add(j)
+    return matches
+
+
+def overlap(one: Label, other: Label) -> float:
+    """Intersection over union in time."""
+    shared = min(one.end, other.end) - max(one.start, other.start)
+    if shared <= 0:
+        return 0.0
+    return shared / (max(one.end, other.end) - min(one.start, other.start))
+
+
+def ratio(part: int, whole: int) -> float | None:
+    """A share, None of nothing."""
+    return part / whole if whole else None
+
+
+def mean(values: Sequence[float | None]) -> float | None:
+    """The mean of those that are known."""
+    known = [value for value in values if value is not None]
+    return float(np.mean(known)) if known else None
+
+
+def median(values: Sequence[float]) -> float | None:
+    """The median, None of nothing."""
+    return float(np.median(values)) if len(values) else None
+
+
+@dataclass(frozen=True)
+class Labelling:
+    """What automatic labelling says of one recording."""
+
+    stamps: Int[np.ndarray, "reading"]
+    """Of the readings [ns since the epoch]."""
+    peaks: Float[np.ndarray, "reading"]
+    """Largest pressure of each reading [kPa]."""
+    ranges: tuple[Label, ...]
+    """Where a gesture was roughly made."""
+    found: tuple[Label, ...]
+    """Labels of source `auto`."""
+
+
+def find_labels(
+    recording: Recording,
+    ranges: Sequence[Label] | None = None,
+    config: AutoLabelConfig | None = None,
+) -> Labelling:
+    """Label a recording automatically; nothing is written.
+
+    Args:
+        recording: what to label.
+        ranges: where gestures were roughly made; None takes the recording's own labels
+            of source `range`, or else its true labels, widened and joined.
+        config: what counts as a touch.
+
+    Raises:
+        RecordingError: when nothing says where and what.
+    """
+    if ranges is None:
+        ranges = sort_labels(recording.labels, "range")
+        ranges = ranges or rough_ranges(recording.labels)
+    if not ranges:
+        raise RecordingError(
+            f"{recording.path} holds neither ranges nor true gestures; "
+            "say where the gestures are with --ranges FILE"
+        )
+    stamps, peaks = peak_pressures(recording)
+    found = label_automatically(stamps, peaks, ranges, config)
+    return Labelling(stamps, peaks, tuple(ranges), found)
+
+
+def peak_pressures(
+    recording: Recording,
+) -> tuple[Int[np.ndarray, "reading"], Float[np.ndarray, "reading"]]:
+    """Stamps [ns] and largest valid pressure [kPa] of all readings, calibrated."""
+    calibrator = Calibrator(recording.skin, recording.calibration)
+    stamps: list[int] = []
+    peaks: list[float] = []
+    for scan in recording.scans():
+        reading = calibrator.push(scan)
+        stamps.append(reading.stamp)
+        peaks.append(float(reading.pressure.max(initial=0.0, where=reading.valid)))
+    return np.array(stamps, dtype=np.int64), np.array(peaks, dtype=np.float64)
+
+
+def rewrite(
+    recording: Recording,
+    path: Path | str | None = None,
+    labels: Iterable[Label] | None = None,
+    detections: Iterable[DetectionRecord] | None = None,
+) -> None:
+    """Write a copy of a recording with other labels or detections, whole or not at all.
+
+    Args:
+        recording: what to copy.
+        path: of the copy; None replaces the recording once its copy is whole.
+        labels: all labels of the copy; None keeps the recording's.
+        detections: all detections of the copy; None keeps the recording's.
+
+    Raises:
+        RecordingError: when a recording that is cut short would be replaced.
+    """
+    target = recording.path if path is None else Path(path)
+    check_target(recording, target)
+    writer = RecordingWriter(
+        target,
+        recording.robot_name,
+        recording.skin,
+        recording.calibration,
+        recording.metadata,
+        recording.joint_names,
+    )
+    try:
+        with writer:
+            write_all(
+                writer,
+                recording.scans(),
+                recording.labels if labels is None else labels,
+                recording.detections if detections is None else detections,
+                recording.truths(),
+                recording.events,
+            )
+    except BaseException:
+        writer.part.unlink(missing_ok=True)
+        raise
+
+
+def check_target(recording: Recording, target: Path) -> None:
+    """Refuse to replace a recording by less than there was of it.
+
+    Raises:
+        RecordingError: when it is cut short and would be replaced.
+    """
+    if recording.truncated and target.resolve() == recording.path.resolve():
+        raise RecordingError(
+            f"{recording.path} is cut short and would be replaced by what is left; "
+            "write the copy elsewhere"
+        )

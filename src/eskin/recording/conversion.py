@@ -8,7 +8,7 @@ from pathlib import Path
 
 from eskin.errors import ImportSourceError
 from eskin.recording.labels import Label
-from eskin.recording.metadata import Metadata
+from eskin.recording.records import Metadata
 from eskin.recording.writer import RecordingWriter, write_all
 from eskin.skin.skin import Skin
 from eskin.touch.calibration import Calibration

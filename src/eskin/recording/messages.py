@@ -1,4 +1,4 @@
-"""The six messages of a recording, to CDR and back; definitions are in `schemas`."""
+"""This module defines the six messages of a recording and converts them to and from CDR."""
 
 from dataclasses import dataclass
 from functools import lru_cache
@@ -9,12 +9,164 @@ import numpy as np
 from jaxtyping import Bool, Float, Int, Integer
 
 from eskin.errors import RecordingError
-from eskin.recording.cdr import CdrPacker, CdrUnpacker
-from eskin.recording.detection import DetectionRecord, Vector
-from eskin.recording.event import EventRecord
+from eskin.recording.cdr import ENCAPSULATION, LATEST_STAMP, CdrPacker, CdrUnpacker
 from eskin.recording.labels import Label
-from eskin.recording.truth import TruthRecord
+from eskin.recording.records import DetectionRecord, EventRecord, TruthRecord, Vector
 from eskin.touch.reading import Scan
+from eskin.units import NS_PER_S
+
+
+@dataclass(frozen=True)
+class Topic:
+    """A topic of a recording, the type of its messages and their definition."""
+
+    name: str
+    type_name: str
+    definition: str
+
+
+def definition(own: str, *others: tuple[str, str]) -> str:
+    """Join a definition and those it refers to, as rosbag2 stores them."""
+    rule = "=" * 80
+    parts = [own.strip()]
+    parts += [f"{rule}\nMSG: {name}\n{text.strip()}" for name, text in others]
+    return "\n".join(parts) + "\n"
+
+
+TIME = ("builtin_interfaces/Time", "int32 sec\nuint32 nanosec")
+HEADER = ("std_msgs/Header", "builtin_interfaces/Time stamp\nstring frame_id")
+POINT = ("geometry_msgs/Point", "float64 x\nfloat64 y\nfloat64 z")
+VECTOR = ("geometry_msgs/Vector3", "float64 x\nfloat64 y\nfloat64 z")
+
+READING = Topic(
+    "/eskin/reading",
+    "eskin_msgs/msg/Reading",
+    definition(
+        """
+# One instant of the whole skin, before calibration. frame_id is the skin's name.
+std_msgs/Header header
+# One count a taxel, in the order of the attached skin.
+uint16[] counts
+# False where no fresh data came.
+bool[] received
+# Counts along each taxel's tangent x and y in turn; empty where shear is not measured.
+int16[] shear
+""",
+        HEADER,
+        TIME,
+    ),
+)
+
+JOINT_STATES = Topic(
+    "/joint_states",
+    "sensor_msgs/msg/JointState",
+    definition(
+        """
+std_msgs/Header header
+string[] name
+float64[] position
+float64[] velocity
+float64[] effort
+""",
+        HEADER,
+        TIME,
+    ),
+)
+
+LABEL = Topic(
+    "/eskin/label",
+    "eskin_msgs/msg/Label",
+    definition(
+        """
+# One gesture from start until just before end. source: true, range or auto.
+builtin_interfaces/Time start
+builtin_interfaces/Time end
+string gesture
+string source
+""",
+        TIME,
+    ),
+)
+
+DETECTION = Topic(
+    "/eskin/detection",
+    "eskin_msgs/msg/Detection",
+    definition(
+        """
+# What was recognised of one touch, when it was said. frame_id is world.
+std_msgs/Header header
+string gesture
+float32 confidence
+builtin_interfaces/Time onset
+builtin_interfaces/Time end
+string link
+string patch
+geometry_msgs/Point point
+geometry_msgs/Vector3 normal
+# Unit direction of travel; zero where the touch stood still.
+geometry_msgs/Vector3 direction
+# Largest force of the touch [N].
+float32 peak_force
+""",
+        HEADER,
+        TIME,
+        POINT,
+        VECTOR,
+    ),
+)
+
+TRUTH = Topic(
+    "/eskin/truth",
+    "eskin_msgs/msg/Truth",
+    definition(
+        """
+# What one touch really was at one reading, while in contact; known where the skin is
+# simulated. frame_id is world.
+std_msgs/Header header
+# Counts the touches of the file.
+uint32 touch
+string gesture
+# Variant of the gesture.
+string kind
+# Link that bears most of it.
+string link
+# Total force on the skin [N].
+float64 force
+# Contact area [m2].
+float64 area
+# Centre of the force [m].
+geometry_msgs/Point centroid
+""",
+        HEADER,
+        TIME,
+        POINT,
+    ),
+)
+
+EVENT = Topic(
+    "/eskin/event",
+    "eskin_msgs/msg/Event",
+    definition(
+        """
+# Something that happened to the skin. frame_id is the skin's name.
+std_msgs/Header header
+string kind
+# The same as a sentence.
+string text
+# Empty where it is of no one patch.
+string patch
+# -1 where it is of no one row, column or taxel.
+int32 row
+int32 column
+int32 taxel
+""",
+        HEADER,
+        TIME,
+    ),
+)
+
+TOPICS = (READING, JOINT_STATES, LABEL, DETECTION)
+"""Those of every recording; `TRUTH` and `EVENT` are only in those that have some."""
 
 WORLD = "world"
 NOWHERE = -1
@@ -229,3 +381,128 @@ def unpack_event(data: bytes) -> EventRecord:
     places = (unpacker.signed() for _ in range(3))
     row, column, taxel = (None if n == NOWHERE else n for n in places)
     return EventRecord(stamp, kind, text, patch or None, row, column, taxel)
+
+
+Field = tuple[str, str] | tuple[str, str, int]
+"""Name and type of a field, and how many of it follow each other."""
+
+
+def layout(*fields: Field) -> np.dtype:
+    """The message with these fields, each aligned to its own size unless empty."""
+    names, formats, offsets = ["encapsulation"], [np.dtype("S4")], [0]
+    end = len(ENCAPSULATION)
+    for name, code, *many in fields:
+        single = np.dtype(code)
+        aligned = 1 if single.kind == "S" or many == [0] else single.itemsize
+        end += -(end - len(ENCAPSULATION)) % aligned
+        names.append(name)
+        formats.append(np.dtype((code, tuple(many))) if many else single)
+        offsets.append(end)
+        end += formats[-1].itemsize
+    return np.dtype(
+        {"names": names, "formats": formats, "offsets": offsets, "itemsize": end}
+    )
+
+
+STAMP: tuple[Field, ...] = (("seconds", "<i4"), ("nanoseconds", "<u4"))
+
+
+def text(name: str, content: str) -> tuple[Field, ...]:
+    """The fields of a string."""
+    size = len(content.encode()) + 1
+    return ((f"{name}_length", "<u4"), (name, f"S{size}"))
+
+
+@lru_cache(maxsize=8)
+def reading_template(frame_id: str, taxels: int) -> np.ndarray:
+    """One message of `/eskin/reading` without shear and values."""
+    message = layout(
+        *STAMP,
+        *text("frame", frame_id),
+        ("counts_length", "<u4"),
+        ("counts", "<u2", taxels),
+        ("received_length", "<u4"),
+        ("received", "?", taxels),
+        ("shear_length", "<u4"),
+    )
+    template = np.zeros(1, message)
+    put_text(template, "frame", frame_id)
+    template["counts_length"] = template["received_length"] = taxels
+    return template
+
+
+@lru_cache(maxsize=8)
+def state_template(names: tuple[str, ...]) -> np.ndarray:
+    """One message of `/joint_states` without values."""
+    each = [text(f"name{i}", name) for i, name in enumerate(names)]
+    message = layout(
+        *STAMP,
+        *text("frame", ""),
+        ("names_length", "<u4"),
+        *(field for fields in each for field in fields),
+        ("positions_length", "<u4"),
+        ("positions", "<f8", len(names)),
+        ("velocities_length", "<u4"),
+        ("efforts_length", "<u4"),
+    )
+    template = np.zeros(1, message)
+    put_text(template, "frame", "")
+    template["names_length"] = template["positions_length"] = len(names)
+    for i, name in enumerate(names):
+        put_text(template, f"name{i}", name)
+    return template
+
+
+def put_text(template: np.ndarray, name: str, content: str) -> None:
+    """Fill in a string."""
+    template[name] = content.encode()
+    template[f"{name}_length"] = len(content.encode()) + 1
+
+
+def stamped(template: np.ndarray, stamps: Int[np.ndarray, "reading"]) -> np.ndarray:
+    """The template once a stamp, with its encapsulation and stamp."""
+    messages = np.repeat(template, len(stamps))
+    seconds, nanoseconds = np.divmod(stamps, NS_PER_S)
+    messages["encapsulation"] = ENCAPSULATION
+    messages["seconds"], messages["nanoseconds"] = seconds, nanoseconds
+    return messages
+
+
+def pack_readings(
+    stamps: Int[np.ndarray, "reading"],
+    counts: Int[np.ndarray, "reading taxel"],
+    received: Bool[np.ndarray, "reading taxel"],
+    frame_id: str,
+) -> list[bytes]:
+    """Messages of `/eskin/reading` without shear.
+
+    Raises:
+        RecordingError: when a stamp or a count cannot be written.
+    """
+    if len(stamps) and not (0 <= stamps.min() and stamps.max() < LATEST_STAMP):
+        raise RecordingError(
+            f"stamps from {stamps.min()} to {stamps.max()} ns cannot be written; "
+            "allowed are 0 to 2^31 s since the epoch; give nanoseconds of Unix time"
+        )
+    messages = stamped(reading_template(frame_id, counts.shape[1]), stamps)
+    narrow = to_16_bits(counts.reshape(-1), np.dtype("<u2"), "counts")
+    messages["counts"] = narrow.reshape(counts.shape)
+    messages["received"] = received
+    return rows(messages)
+
+
+def pack_joint_states(
+    stamps: Int[np.ndarray, "reading"],
+    names: tuple[str, ...],
+    q: Float[np.ndarray, "reading joint"],
+) -> list[bytes]:
+    """Messages of `/joint_states` with positions [rad] and nothing else."""
+    messages = stamped(state_template(names), stamps)
+    messages["positions"] = q
+    return rows(messages)
+
+
+def rows(messages: np.ndarray) -> list[bytes]:
+    """Each message as bytes."""
+    whole, size = messages.tobytes(), messages.itemsize
+    return [whole[i : i + size] for i in range(0, len(whole), size)]

@@ -1,7 +1,7 @@
-"""Reading a recording, whole or cut."""
+"""This module finds recordings on disk and reads them, whole or cut."""
 
 import json
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -13,10 +13,15 @@ from mcap.records import Attachment
 from mcap.records import Metadata as MetadataItem
 
 from eskin.errors import RecordingError, SkinError
-from eskin.recording.detection import DetectionRecord
-from eskin.recording.event import EventRecord
 from eskin.recording.labels import Label, sort_labels
+from eskin.recording.mcap_file import McapStream, TopicMessage
 from eskin.recording.messages import (
+    DETECTION,
+    EVENT,
+    JOINT_STATES,
+    LABEL,
+    READING,
+    TRUTH,
     unpack_detection,
     unpack_event,
     unpack_joint_state,
@@ -24,22 +29,39 @@ from eskin.recording.messages import (
     unpack_reading,
     unpack_truth,
 )
-from eskin.recording.metadata import Metadata
-from eskin.recording.records import McapStream, TopicMessage
-from eskin.recording.schemas import (
-    DETECTION,
-    EVENT,
-    JOINT_STATES,
-    LABEL,
-    READING,
-    TRUTH,
-)
-from eskin.recording.truth import TruthRecord
+from eskin.recording.records import DetectionRecord, EventRecord, Metadata, TruthRecord
 from eskin.recording.writer import CALIBRATION_NAME, FORMAT, RECORD_NAME, SKIN_NAME
 from eskin.skin.files import skin_from_bytes
 from eskin.skin.skin import Skin
 from eskin.touch.calibration import Calibration
 from eskin.touch.reading import Scan
+
+
+def find_recordings(places: Iterable[Path | str]) -> tuple[Path, ...]:
+    """The files given, and all `.mcap` files below the folders given, sorted.
+
+    Raises:
+        RecordingError: when a place does not exist or a folder holds no recording.
+    """
+    found: list[Path] = []
+    for place in map(Path, places):
+        if place.is_dir():
+            inside = sorted(place.rglob("*.mcap"))
+            if not inside:
+                raise RecordingError(
+                    f"no .mcap file below {place}; convert or record some first"
+                )
+            found += inside
+        elif place.is_file():
+            found.append(place)
+        else:
+            raise RecordingError(
+                f"no recording at {place}; give .mcap files or folders that hold some"
+            )
+    once: dict[Path, Path] = {}
+    for path in found:
+        once.setdefault(path.resolve(), path)
+    return tuple(once.values())
 
 
 @dataclass(frozen=True)

@@ -19,7 +19,7 @@ from jaxtyping import Int
 from eskin.errors import ImportSourceError
 from eskin.recording.conversion import FULL_SCALE_KPA, Clip, Conversion, write_clips
 from eskin.recording.labels import NONE, labels_from_instants
-from eskin.recording.metadata import Metadata
+from eskin.recording.records import Metadata
 from eskin.skin.files import load_skin
 from eskin.touch.calibration import Calibration
 from eskin.touch.reading import Scan

@@ -15,21 +15,9 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from eskin.errors import RecordingError
-from eskin.recording.block import pack_joint_states, pack_readings
-from eskin.recording.detection import DetectionRecord
-from eskin.recording.event import EventRecord
 from eskin.recording.labels import Label, sort_labels
 from eskin.recording.mcap_file import McapFile
 from eskin.recording.messages import (
-    pack_detection,
-    pack_event,
-    pack_joint_state,
-    pack_label,
-    pack_reading,
-    pack_truth,
-)
-from eskin.recording.metadata import Metadata
-from eskin.recording.schemas import (
     DETECTION,
     EVENT,
     JOINT_STATES,
@@ -38,8 +26,16 @@ from eskin.recording.schemas import (
     TOPICS,
     TRUTH,
     Topic,
+    pack_detection,
+    pack_event,
+    pack_joint_state,
+    pack_joint_states,
+    pack_label,
+    pack_reading,
+    pack_readings,
+    pack_truth,
 )
-from eskin.recording.truth import TruthRecord
+from eskin.recording.records import DetectionRecord, EventRecord, Metadata, TruthRecord
 from eskin.robot.presets import load_robot
 from eskin.skin.files import skin_to_bytes
 from eskin.skin.skin import Skin

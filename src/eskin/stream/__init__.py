@@ -1,15 +1,21 @@
-"""From a source to those who listen: recogniser, recorder, viewer, commands."""
+"""This package publishes the scans of a source to recogniser, recorder and viewer."""
 
-from eskin.stream.listener import Context, Listener
-from eskin.stream.messages import Commanded, Message, RecognitionState
-from eskin.stream.queue import BoundedQueue, QueueCount
+from eskin.stream.listener import (
+    BoundedQueue,
+    CommandEvent,
+    Context,
+    Listener,
+    Message,
+    QueueCount,
+    RecognitionState,
+)
 from eskin.stream.recognition import FaultReporter, Recognition, found_at_once
 from eskin.stream.recorder import Recorder, RecorderConfig
 from eskin.stream.stream import Stream, stop_on_signals
 from eskin.stream.timing import DurationHistogram, short_switch_interval
 
 __all__ = [
-    "Commanded",
+    "CommandEvent",
     "Context",
     "DurationHistogram",
     "FaultReporter",

@@ -1,43 +1,205 @@
-"""This module defines the abstract listener of a stream."""
+"""This module defines listeners, the messages that they get, and their queues."""
 
 from abc import ABC, abstractmethod
+from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
+from threading import Condition
+from typing import Literal, final
 
-from eskin.drivers import Clock, SourceInfo
-from eskin.stream.messages import Message
-from eskin.stream.queue import Drop
+import numpy as np
+from jaxtyping import Float
+
+from eskin.drivers import Clock, Event, SourceInfo
+from eskin.live import Detection
+from eskin.touch import Scan, TouchState
 from eskin.units import NS_PER_S
+
+
+@dataclass(frozen=True, eq=False)
+class RecognitionState:
+    """What the recogniser knows after one scan; it is published for every scan."""
+
+    state: TouchState
+    """The calibrated reading with its faults, contacts and touches."""
+
+    probabilities: dict[int, Float[np.ndarray, "class"]]
+    """Calibrated probabilities of the model's vocabulary, for each open touch by id."""
+
+    detections: tuple[Detection, ...]
+    """Detections of this scan; each is published by itself as well, before."""
+
+
+@dataclass(frozen=True)
+class CommandEvent:
+    """A decision that a policy makes about the robot's motion."""
+
+    stamp: int
+    """Time of the decision [ns since the epoch]."""
+
+    action: str
+    """Action decided on."""
+
+    touch: int | None
+    """Id of the touch that led to it; None where a fault did."""
+
+    gesture: str | None
+    """Gesture recognised in that touch, if any."""
+
+    accepted: bool
+    """Whether the action was carried out."""
+
+    why: str
+    """Reason why it was, or was not."""
+
+
+Message = Scan | RecognitionState | Detection | Event | CommandEvent
+"""Scans and recognition states come at the rate of the skin; the others are rare."""
+
+RARE = (Detection, Event, CommandEvent)
+"""Messages that a full queue drops last."""
+
+Drop = Literal["oldest", "newest", "never"]
+
+
+@dataclass(frozen=True)
+class QueueCount:
+    """Counters of a queue, for which given = taken + dropped + waiting always holds."""
+
+    given: int
+    """Messages put in, whether kept or not."""
+    taken: int
+    """Messages that the listener has taken out."""
+    dropped: int
+    """Messages that the listener will never get."""
+    waiting: int
+    """Messages in it now."""
+    longest: int
+    """Largest number of messages that was ever in it."""
+
+
+@final
+class BoundedQueue:
+    """Holds the messages that wait for a listener; safe between threads.
+
+    When it is full, it drops its oldest scan or state (`oldest`) or the one that comes
+    (`newest`), or blocks until there is room (`never`). Rare messages are only dropped
+    where it holds nothing else.
+    """
+
+    def __init__(self, size: int, drop: Drop) -> None:
+        """Create an empty queue.
+
+        Args:
+            size: capacity.
+            drop: policy when it is full.
+        """
+        if size < 1:
+            raise ValueError(f"queue of size {size}; allowed is 1 or more; give one")
+        self.size = size
+        self.drop = drop
+        self.items: deque[Message] = deque()
+        self.changed = Condition()
+        self.ending = False
+        self.given = self.taken = self.dropped = self.longest = 0
+
+    def put(self, item: Message) -> None:
+        """Put a message in; block for room only where nothing may be dropped."""
+        with self.changed:
+            self.given += 1
+            if self.drop == "never":
+                self.changed.wait_for(self.has_room)
+            if self.ending or not (self.has_room() or self.make_room(item)):
+                self.dropped += 1
+                return
+            self.items.append(item)
+            self.longest = max(self.longest, len(self.items))
+            self.changed.notify_all()
+
+    def has_room(self) -> bool:
+        """Tell whether there is room for a message."""
+        return len(self.items) < self.size
+
+    def make_room(self, item: Message) -> bool:
+        """Drop a message that matters less than `item`; False where there is none."""
+        rare = isinstance(item, RARE)
+        if self.drop == "newest":
+            places = range(self.size - 1, -1, -1) if rare else ()
+        else:
+            places = range(self.size)
+        for place in places:
+            if not isinstance(self.items[place], RARE):
+                del self.items[place]
+                self.dropped += 1
+                return True
+        if rare and self.drop == "oldest":
+            self.items.popleft()
+            self.dropped += 1
+            return True
+        return False
+
+    def take(self) -> Message | None:
+        """Wait for the next message and return it; None when no more will come."""
+        with self.changed:
+            self.changed.wait_for(lambda: self.items or self.ending)
+            if not self.items:
+                return None
+            self.taken += 1
+            item = self.items.popleft()
+            self.changed.notify_all()
+            return item
+
+    def end(self) -> None:
+        """Accept no more messages; those that wait can still be taken."""
+        with self.changed:
+            self.ending = True
+            self.changed.notify_all()
+
+    def close(self) -> None:
+        """Accept no more messages, and drop those that wait."""
+        with self.changed:
+            self.ending = True
+            self.dropped += len(self.items)
+            self.items.clear()
+            self.changed.notify_all()
+
+    def count(self) -> QueueCount:
+        """Return the counters so far."""
+        with self.changed:
+            return QueueCount(
+                self.given, self.taken, self.dropped, len(self.items), self.longest
+            )
 
 
 @dataclass(frozen=True)
 class Context:
-    """The stream, as its listeners see it."""
+    """Access that the listeners of a stream have to it."""
 
     info: SourceInfo
-    """Of the source."""
+    """Description of the source."""
     clock: Clock
-    """That scans are stamped by."""
-    tell: Callable[[Message], None]
-    """Gives something to every other listener that hears its kind."""
+    """Clock that stamps the scans."""
+    publish: Callable[[Message], None]
+    """Function that gives a message to every other listener that takes its type."""
 
     def age(self, stamp: int) -> float:
-        """How long ago that stamp was [s]."""
+        """Return how long ago a stamp was [s]."""
         return (self.clock.now() - stamp) / NS_PER_S
 
 
 class Listener(ABC):
-    """Hears what streams, one thing after the other, on a thread of its own.
+    """Receives the messages of a stream, one at a time, on a thread of its own.
 
     Attributes:
-        name: tells it from the stream's other listeners.
-        message_types: kinds of what it is told: `Scan` and `Event` come from the source,
-            `RecognitionState` and `Detection` from a `Recognition`.
-        size: how much its queue holds.
-        drop: what happens when that is full: `oldest` keeps what is fresh, for whom old
-            data is of no use; `newest` keeps what is held; `never` makes who tells it
-            wait, so that a recording is read no faster than it is heard, while a device
-            goes on and counts what it loses.
+        name: unique among the listeners of a stream.
+        message_types: types of the messages that it receives. The source publishes
+            `Scan` and `Event`, a `Recognition` publishes `RecognitionState` and
+            `Detection`.
+        size: capacity of its queue.
+        drop: policy of a full queue. `oldest` drops the oldest message, for listeners
+            to which old data are of no use; `newest` drops the one that comes; `never`
+            blocks the publisher, so that a recording is read no faster than the
+            listener works, while a device goes on and counts what it loses.
     """
 
     name: str
@@ -47,12 +209,12 @@ class Listener(ABC):
 
     @abstractmethod
     def start(self, context: Context) -> None:
-        """Make ready, before the first scan is read."""
+        """Get ready, before the first scan is read."""
 
     @abstractmethod
     def on_message(self, item: Message) -> None:
-        """Take one thing in; what it raises stops the whole stream."""
+        """Process one message; an exception stops the whole stream."""
 
     @abstractmethod
     def close(self) -> None:
-        """Let everything go; called once, after the last `hear`, if it was started."""
+        """Release all resources; called once, after the last message."""

@@ -7,9 +7,7 @@ from typing import final
 from eskin.drivers import Event
 from eskin.errors import SkinMismatchError
 from eskin.live import Detection, Recognizer
-from eskin.stream.listener import Context, Listener
-from eskin.stream.messages import Message, RecognitionState
-from eskin.stream.queue import Drop
+from eskin.stream.listener import Context, Drop, Listener, Message, RecognitionState
 from eskin.stream.timing import DurationHistogram
 from eskin.touch import Fault, Scan
 
@@ -27,25 +25,26 @@ WRONG = {
 
 @final
 class FaultReporter:
-    """Remembers the faults of the last reading; says what is new and what is over."""
+    """Turns the list of current faults into events as faults come and go."""
 
     def __init__(self) -> None:
-        """Start with a skin in order."""
+        """Start with a skin without faults."""
         self.known: tuple[Fault, ...] = ()
 
     def push(self, stamp: int, faults: Sequence[Fault]) -> list[Event]:
-        """Events of a reading.
+        """Return the events of a reading.
 
-        What becomes part of a larger fault, as a taxel whose row goes out, is not over.
+        A fault that becomes part of a larger one, as a taxel whose row goes out, does
+        not count as over.
 
         Args:
-            stamp: of the reading [ns since the epoch].
-            faults: known at it.
+            stamp: stamp of the reading [ns since the epoch].
+            faults: faults known at that reading.
         """
         faults = tuple(faults)
         if faults == self.known:
             return []
-        before, now = map(places, (self.known, faults))
+        before, now = map(faults_by_place, (self.known, faults))
         self.known = faults
         over = [
             fault
@@ -54,13 +53,13 @@ class FaultReporter:
         ]
         begun = [fault for place, fault in now.items() if place not in before]
         return [
-            *(event_of(stamp, fault, over=True) for fault in over),
-            *(event_of(stamp, fault, over=False) for fault in begun),
+            *(fault_event(stamp, fault, over=True) for fault in over),
+            *(fault_event(stamp, fault, over=False) for fault in begun),
         ]
 
 
 def found_at_once(last: Event | None, event: Event) -> bool:
-    """Whether an event is a fault that was found together with the last one."""
+    """Tell whether an event is a fault found at the same reading as the last one."""
     return (
         last is not None
         and event.kind == last.kind == "fault"
@@ -68,8 +67,8 @@ def found_at_once(last: Event | None, event: Event) -> bool:
     )
 
 
-def places(faults: Sequence[Fault]) -> dict[tuple[object, ...], Fault]:
-    """Faults by what and where they are."""
+def faults_by_place(faults: Sequence[Fault]) -> dict[tuple[object, ...], Fault]:
+    """Return faults keyed by kind and place."""
     return {
         (fault.kind, fault.patch, fault.row, fault.column, fault.taxel): fault
         for fault in faults
@@ -77,7 +76,7 @@ def places(faults: Sequence[Fault]) -> dict[tuple[object, ...], Fault]:
 
 
 def covers(fault: Fault, other: Fault) -> bool:
-    """Whether a fault is of a line or patch that another is part of."""
+    """Tell whether a fault of a line or patch includes another."""
     if fault.patch != other.patch:
         return False
     if fault.kind in ("row", "column"):
@@ -86,8 +85,8 @@ def covers(fault: Fault, other: Fault) -> bool:
     return fault.kind == "patch"
 
 
-def event_of(stamp: int, fault: Fault, over: bool) -> Event:
-    """The event that a fault has come, or is over."""
+def fault_event(stamp: int, fault: Fault, over: bool) -> Event:
+    """Return the event that a fault has come, or is over."""
     what = f"patch '{fault.patch}'"
     if fault.taxel is not None:
         what = f"taxel {fault.taxel} (row {fault.row}, column {fault.column}) of {what}"
@@ -108,15 +107,16 @@ def event_of(stamp: int, fault: Fault, over: bool) -> Event:
 
 @final
 class Recognition(Listener):
-    """Pushes every scan through a recogniser and tells what it finds.
+    """Pushes every scan through a recogniser and publishes what it finds.
 
-    Each detection is told first, then faults that have come or gone, then the moment.
-    Touches still open when the stream ends are closed and their detections told too.
+    It publishes detections first, then faults that have come or gone, then the
+    recognition state. Touches still open when the stream ends are closed, and their
+    detections published.
 
     Attributes:
-        step: how long one scan takes.
-        age: how old a scan is once all is said of it.
-        detections: how many were told.
+        step: durations of one step of the recogniser.
+        age: ages of scans when they have been processed.
+        detections: number of detections published.
     """
 
     name = "recognition"
@@ -125,12 +125,12 @@ class Recognition(Listener):
     def __init__(
         self, recognizer: Recognizer, size: int = 512, drop: Drop = "oldest"
     ) -> None:
-        """Listen with a recogniser that has heard nothing yet.
+        """Wrap a recogniser that has got no scan yet.
 
         Args:
-            recognizer: of the skin that the source is of.
-            size: scans that may wait.
-            drop: what happens when more wait; live, fresh scans count most.
+            recognizer: a recogniser for the skin of the source.
+            size: capacity of the queue of scans.
+            drop: policy of a full queue; live, fresh scans count most.
         """
         self.recognizer = recognizer
         self.size = size
@@ -141,7 +141,7 @@ class Recognition(Listener):
         self.detections = 0
 
     def start(self, context: Context) -> None:
-        """Refuse a source of another skin.
+        """Check that the source has the recogniser's skin.
 
         Raises:
             SkinMismatchError: the recogniser is for another skin or robot.
@@ -159,14 +159,14 @@ class Recognition(Listener):
         self.context = context
 
     def on_message(self, item: Message) -> None:
-        """Recognise one scan."""
+        """Process one scan."""
         if not isinstance(item, Scan):
             return
         began = perf_counter()
         detections = self.recognizer.push(item)
         self.step.add(perf_counter() - began)
         self.age.add(self.context.age(item.stamp))
-        self.tell(detections)
+        self.publish(detections)
         state = self.recognizer.state
         if state is not None:
             for event in self.faults.push(item.stamp, state.faults):
@@ -177,11 +177,11 @@ class Recognition(Listener):
             self.context.publish(moment)
 
     def close(self) -> None:
-        """Close the touches still open."""
-        self.tell(self.recognizer.finish())
+        """Close the touches that are still open."""
+        self.publish(self.recognizer.finish())
 
-    def tell(self, detections: list[Detection]) -> None:
-        """Tell detections, and count them."""
+    def publish(self, detections: list[Detection]) -> None:
+        """Publish and count detections."""
         self.detections += len(detections)
         for detection in detections:
             self.context.publish(detection)

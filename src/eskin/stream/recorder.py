@@ -15,9 +15,7 @@ from eskin.drivers import Event, SourceInfo
 from eskin.errors import RecordingError
 from eskin.live import Detection
 from eskin.recording import Metadata, RecordingWriter
-from eskin.stream.listener import Context, Listener
-from eskin.stream.messages import Message
-from eskin.stream.queue import Drop
+from eskin.stream.listener import Context, Drop, Listener, Message
 from eskin.stream.timing import DurationHistogram
 from eskin.touch import Scan
 from eskin.units import NS_PER_S
@@ -28,17 +26,18 @@ class RecordingFiles:
     """Opens the files of a recording one after the other.
 
     Attributes:
-        writer: of the file that is open; None before the first and after the last.
-        files: those that are finished.
+        writer: writer of the open file; None before the first and after the last.
+        files: paths of the finished files.
     """
 
     def __init__(self, path: Path, metadata: Metadata, piece_bytes: int | None) -> None:
-        """Nothing is opened yet.
+        """Store the settings; nothing is opened yet.
 
         Args:
-            path: of the recording; pieces of `name.mcap` are `name-0001.mcap` and on.
-            metadata: of all of them; each piece has its number as a note besides.
-            piece_bytes: size from which a file is finished; None makes one file.
+            path: path of the recording; pieces of `name.mcap` are `name-0001.mcap`
+                and on.
+            metadata: metadata of all files; each piece has its number as a note.
+            piece_bytes: size from which a file is finished [bytes]; None writes one.
         """
         self.path = path
         self.metadata = metadata
@@ -48,10 +47,10 @@ class RecordingFiles:
         self.files: list[Path] = []
 
     def check(self) -> None:
-        """Refuse to write over a recording.
+        """Refuse to overwrite a recording.
 
         Raises:
-            RecordingError: one of that name is there, whole or cut.
+            RecordingError: a recording of that name exists, whole or cut.
         """
         stem, suffix = escape(self.path.stem), escape(self.path.suffix)
         for name in (stem + suffix, f"{stem}-[0-9][0-9][0-9][0-9]{suffix}"):
@@ -85,7 +84,7 @@ class RecordingFiles:
 
     @property
     def large(self) -> bool:
-        """Whether it is time for another file."""
+        """Whether the open file has reached its size."""
         return (
             self.piece_bytes is not None
             and self.writer is not None
@@ -93,7 +92,7 @@ class RecordingFiles:
         )
 
     def finish(self) -> None:
-        """Finish the file that is open, if there is one."""
+        """Finish the open file, if there is one."""
         writer = self.writer
         if writer is not None:
             writer.close()
@@ -101,7 +100,7 @@ class RecordingFiles:
             self.writer = None
 
     def break_off(self) -> None:
-        """Let the file go as it is on a disk that takes no more; it stays `.part`."""
+        """Close the file as it is, on a full disk; it keeps its name `.part`."""
         if self.writer is not None:
             with suppress(OSError):
                 self.writer.file.close()
@@ -114,19 +113,19 @@ logger = logging.getLogger(__name__)
 
 
 def free_bytes(folder: Path) -> int:
-    """What may still be written below a folder [bytes]."""
+    """Return the free space of a folder's disk [bytes]."""
     return shutil.disk_usage(folder).free
 
 
 @dataclass(frozen=True)
 class RecorderConfig:
-    """How a recorder writes."""
+    """Configures how a recorder writes."""
 
     chunk_seconds: float = 0.5
-    """Time of scans that is held before it is written [s]."""
+    """Duration of the scans in one chunk [s]."""
 
     least_free: int = 500_000_000
-    """Recording stops before less than this is free on the disk [bytes]."""
+    """Free space of the disk below which recording stops [bytes]."""
 
     piece_bytes: int | None = None
     """Size from which a new file is begun [bytes]; None writes one file."""
@@ -134,22 +133,22 @@ class RecorderConfig:
 
 @final
 class Recorder(Listener):
-    """Writes scans, detections and events; the stream goes on where it cannot.
+    """Writes scans, detections and events; the stream goes on when the disk is full.
 
-    Every half second of scans is one chunk, which is handed to the system and then
-    fsynced, on this listener's own thread, before more is written. A process that is
-    killed and a computer that loses power lose the last half second of scans and what
-    waits in the queue. The file is `<path>.part` until it is closed and renamed; a
-    computer that loses power just then may keep it under that name.
+    Every half second of scans is one chunk, which is written and then fsynced, on this
+    listener's own thread, before more is written. A process that is killed and a
+    computer that loses power lose the last half second of scans and the messages in the
+    queue. The file is `<path>.part` until it is closed and renamed; a computer that
+    loses power just then may keep it under that name.
 
     When less than `least_free` would be left on the disk, the recording is finished and
-    an event told; so it is when the disk is full all the same, when a `.part` file
-    stays. Any other error of the disk stops the stream.
+    an event published. The same happens when the disk is full all the same; a `.part`
+    file stays then. Any other error of the disk stops the stream.
 
     Attributes:
         pieces: the files.
-        unrecorded: scans that came when recording stopped and after it had.
-        sync: how long each chunk takes until it is on the disk.
+        unrecorded: number of scans that came after recording had stopped.
+        sync: durations of writing a chunk to the disk.
     """
 
     name = "recorder"
@@ -164,16 +163,16 @@ class Recorder(Listener):
         drop: Drop = "newest",
         free: Callable[[Path], int] = free_bytes,
     ) -> None:
-        """Nothing is written before the stream starts.
+        """Store the settings; nothing is written before the stream starts.
 
         Args:
-            path: of the recording; pieces of `name.mcap` are `name-0001.mcap` and on,
-                each a recording of its own with all metadata and its number as a note.
-            metadata: who and what is recorded.
-            config: how it is written.
-            size: what may wait to be written.
-            drop: what happens when more waits.
-            free: tells what may still be written below a folder [bytes].
+            path: path of the recording; pieces of `name.mcap` are `name-0001.mcap`
+                and on, each a recording with all metadata and its number as a note.
+            metadata: metadata of the recording.
+            config: how to write.
+            size: capacity of the queue.
+            drop: policy of a full queue.
+            free: function that returns the free space of a folder's disk [bytes].
         """
         self.path = Path(path)
         self.config = config or RecorderConfig()
@@ -186,19 +185,21 @@ class Recorder(Listener):
         self.sync = DurationHistogram()
 
     def start(self, context: Context) -> None:
-        """Begin the first file.
+        """Open the first file.
 
         Raises:
-            RecordingError: it cannot be written, is there already, or the disk is full.
+            RecordingError: it cannot be written, exists already, or the disk is full.
         """
         self.context = context
         self.pieces.check()
         if self.path.parent.is_dir() and self.disk_full():
-            raise RecordingError(f"cannot record to {self.path}: {self.space()}")
+            raise RecordingError(
+                f"cannot record to {self.path}: {self.describe_space()}"
+            )
         self.pieces.begin(context.info)
 
     def on_message(self, item: Message) -> None:
-        """Write one thing, unless recording has stopped."""
+        """Write one message, unless recording has stopped."""
         try:
             if isinstance(item, Scan):
                 self.end_chunk(item.stamp)
@@ -208,10 +209,10 @@ class Recorder(Listener):
                 raise
             self.pieces.break_off()
             self.unrecorded += isinstance(item, Scan)
-            self.stopped("its disk is full; free some space")
+            self.report_stop("its disk is full; free some space")
 
     def write(self, item: Message) -> None:
-        """Hand one thing to the writer."""
+        """Pass one message to the writer."""
         writer = self.pieces.writer
         if writer is None:
             self.unrecorded += isinstance(item, Scan)
@@ -223,7 +224,7 @@ class Recorder(Listener):
             writer.event(item.record())
 
     def end_chunk(self, stamp: int) -> None:
-        """Make sure of what is written, where a scan at that time begins a chunk."""
+        """Sync the file, where a scan with that stamp begins a chunk."""
         if self.chunk is None:
             self.chunk = stamp
         passed = (stamp - self.chunk) / NS_PER_S
@@ -235,13 +236,13 @@ class Recorder(Listener):
         self.sync.add(perf_counter() - began)
         if self.disk_full():
             self.pieces.finish()
-            self.stopped(self.space())
+            self.report_stop(self.describe_space())
         elif self.pieces.large:
             self.pieces.finish()
             self.begin_piece()
 
     def begin_piece(self) -> None:
-        """Open the next file; a full disk is told as such."""
+        """Open the next file; a full disk raises OSError."""
         try:
             self.pieces.begin(self.context.info)
         except RecordingError as error:
@@ -250,25 +251,25 @@ class Recorder(Listener):
             raise
 
     def disk_full(self) -> bool:
-        """Whether less is free than should be."""
+        """Tell whether less space is free than required."""
         return self.free(self.path.parent) < self.config.least_free
 
-    def space(self) -> str:
-        """How full the disk is, and what to do."""
+    def describe_space(self) -> str:
+        """Describe the free space, and the remedy."""
         free, least = self.free(self.path.parent), self.config.least_free
         return (
             f"its disk has {free / 1e6:.0f} MB left; allowed are {least / 1e6:.0f} MB "
             "or more; free some space"
         )
 
-    def stopped(self, why: str) -> None:
-        """Say that recording has stopped."""
+    def report_stop(self, why: str) -> None:
+        """Publish that recording has stopped."""
         text = f"recording {self.path} has stopped, all else goes on: {why}"
         logger.warning("%s", text)
         self.context.publish(Event(self.context.clock.now(), "unrecorded", text))
 
     def close(self) -> None:
-        """Finish the file."""
+        """Finish the recording."""
         try:
             self.pieces.finish()
         finally:

@@ -14,39 +14,37 @@ from typing import final
 
 from eskin.drivers import Source
 from eskin.errors import StreamError
-from eskin.stream.listener import Context, Listener
-from eskin.stream.messages import Message
-from eskin.stream.queue import BoundedQueue, QueueCount
+from eskin.stream.listener import BoundedQueue, Context, Listener, Message, QueueCount
 
 Fail = Callable[[str, BaseException], None]
 
 
 @final
 class ListenerThread:
-    """Where a listener listens."""
+    """Runs one listener with its queue on a thread."""
 
     def __init__(self, listener: Listener, fail: Fail) -> None:
         """Set up queue and thread; nothing runs yet.
 
         Args:
-            listener: who listens.
-            fail: is given its title and what it raises.
+            listener: the listener.
+            fail: called with a title and the exception that the listener raised.
         """
         self.listener = listener
         self.title = f"listener '{listener.name}'"
         self.fail = fail
-        self.inbox = BoundedQueue(listener.size, listener.drop)
+        self.queue = BoundedQueue(listener.size, listener.drop)
         self.thread = Thread(target=self.run, name=f"eskin {self.title}", daemon=True)
 
     def put(self, item: Message) -> None:
-        """Give the listener something, if it hears such."""
+        """Queue a message, if the listener takes its type."""
         if isinstance(item, self.listener.message_types):
-            self.inbox.put(item)
+            self.queue.put(item)
 
     def run(self) -> None:
-        """Listen until no more will come."""
+        """Pass messages to the listener until no more will come."""
         try:
-            while (item := self.inbox.take()) is not None:
+            while (item := self.queue.take()) is not None:
                 self.listener.on_message(item)
         except BaseException as error:
             self.fail(self.title, error)
@@ -57,13 +55,13 @@ SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
 @contextmanager
 def stop_on_signals(stop: Callable[[], None]) -> Iterator[None]:
-    """Inside, the first SIGINT or SIGTERM calls `stop`; the second kills the process.
+    """Call `stop` on the first SIGINT or SIGTERM; the second kills the process.
 
-    Handlers are put back at the end. Outside the main thread, where Python allows no
-    handlers, nothing is changed.
+    The handlers are restored at the end. Outside the main thread, where Python allows
+    no handlers, nothing changes.
 
     Args:
-        stop: returns at once and takes no lock, such as `Stream.stop`.
+        stop: a function that returns at once and takes no lock, such as `Stream.stop`.
     """
     if threading.current_thread() is not threading.main_thread():
         yield
@@ -83,36 +81,37 @@ def stop_on_signals(stop: Callable[[], None]) -> Iterator[None]:
 
 
 SLICE = 0.05
-"""How often a thread that waits looks whether it should go on [s]."""
+"""Interval at which a waiting thread checks whether to go on [s]."""
 
 logger = logging.getLogger(__name__)
 
 
 @final
 class Stream:
-    """Reads a source and gives what comes to listeners, until it ends or is stopped.
+    """Reads a source and publishes its scans to listeners, until it ends or is stopped.
 
     One thread reads, and one runs for each listener; queues between them are bounded.
-    When the source ends, or `stop` is called, listeners hear what is held for them and
-    are closed one after the other. When the source or a listener raises, nothing more
-    is heard, all are closed, and `wait` and the end of `with` raise the error.
+    When the source ends, or `stop` is called, the listeners get the messages that wait
+    for them and are closed one after the other. When the source or a listener raises,
+    no more messages are delivered, all are closed, and `wait` and the end of `with`
+    raise the error.
 
     Attributes:
-        source: what is read; the stream closes it.
-        failure: what stopped the stream, if it had to stop.
+        source: the source that is read; the stream closes it.
+        failure: the error that stopped the stream, if any.
     """
 
     def __init__(
         self, source: Source, listeners: Sequence[Listener], patience: float = 5.0
     ) -> None:
-        """Set everything up; nothing runs before `with`.
+        """Create queues and threads; nothing runs before `with`.
 
         Args:
-            source: what to read.
-            listeners: in the order in which they are started and closed. One that tells
-                something comes before those that hear it.
-            patience: how long each listener has to finish once the stream is to stop
-                [s]; one that hangs for longer is left behind, which is a failure.
+            source: the source to read.
+            listeners: in the order in which they are started and closed. A listener
+                that publishes comes before those that receive its messages.
+            patience: time that each listener has to finish once the stream is to stop
+                [s]; one that hangs for longer is abandoned, which is a failure.
 
         Raises:
             ValueError: two listeners have one name.
@@ -126,7 +125,7 @@ class Stream:
         self.source = source
         self.title = f"source {source.info.uri}"
         self.patience = patience
-        self.posts = tuple(
+        self.workers = tuple(
             ListenerThread(listener, self.fail) for listener in listeners
         )
         self.reader = Thread(target=self.run, name="eskin reader", daemon=True)
@@ -139,17 +138,18 @@ class Stream:
         """Start the listeners, then read."""
         started: list[ListenerThread] = []
         try:
-            for post in self.posts:
-                tell = partial(self.tell, post)
-                post.listener.start(Context(self.source.info, self.source.clock, tell))
-                started.append(post)
+            for worker in self.workers:
+                publish = partial(self.publish, worker)
+                context = Context(self.source.info, self.source.clock, publish)
+                worker.listener.start(context)
+                started.append(worker)
         except BaseException:
-            for post in started:
-                self.attempt(post.title, post.listener.close)
+            for worker in started:
+                self.attempt(worker.title, worker.listener.close)
             self.attempt(self.title, self.source.close)
             raise
-        for post in self.posts:
-            post.thread.start()
+        for worker in self.workers:
+            worker.thread.start()
         self.reader.start()
         return self
 
@@ -165,10 +165,10 @@ class Stream:
             raise self.failure
 
     def wait(self, timeout: float | None = None) -> bool:
-        """Wait until the stream is over; whether it is.
+        """Wait until the stream is over; return whether it is.
 
         Args:
-            timeout: how long at most [s]; None waits for as long as it takes.
+            timeout: longest wait [s]; None waits for as long as it takes.
 
         Raises:
             StreamError: the source or a listener failed; everything is closed then.
@@ -183,94 +183,94 @@ class Stream:
         return True
 
     def stop(self) -> None:
-        """Read no more; returns at once, and may be called by a signal's handler."""
+        """Stop reading; returns at once, and may be called by a signal handler."""
         self.stopping = True
 
     def close(self) -> None:
-        """Stop, and come back when everything is closed."""
+        """Stop, and return when everything is closed."""
         self.stop()
         if not self.read_all.wait(self.patience):
-            self.fail(self.held_up_by(), self.too_late())
+            self.fail(self.find_blocker(), self.timed_out())
             self.finish_all()
-        if not self.over.wait(self.patience * (len(self.posts) + 1)):
-            self.fail("closing", self.too_late())
+        if not self.over.wait(self.patience * (len(self.workers) + 1)):
+            self.fail("closing", self.timed_out())
 
-    def counted(self) -> dict[str, QueueCount]:
-        """What each listener's queue has counted so far."""
-        return {post.listener.name: post.inbox.count() for post in self.posts}
+    def queue_counts(self) -> dict[str, QueueCount]:
+        """Return the counters of each listener's queue, by the listener's name."""
+        return {worker.listener.name: worker.queue.count() for worker in self.workers}
 
     def run(self) -> None:
-        """Read, then close everything."""
+        """Read until the end, then close everything."""
         self.attempt(self.title, self.read)
         self.read_all.set()
         self.finish_all()
 
     def read(self) -> None:
-        """Tell the listeners what comes, as long as it comes."""
+        """Publish scans and events of the source as they come."""
         while not (self.stopping or self.source.ended):
             scan = self.source.read(SLICE)
             for event in self.source.take_events():
-                self.tell(None, event)
+                self.publish(None, event)
             if scan is not None:
-                self.tell(None, scan)
+                self.publish(None, scan)
 
-    def tell(self, teller: ListenerThread | None, item: Message) -> None:
-        """Give something to all who hear its kind, but for the one who tells it."""
-        for post in self.posts:
-            if post is not teller:
-                post.put(item)
+    def publish(self, sender: ListenerThread | None, item: Message) -> None:
+        """Give a message to all listeners that take its type, except its sender."""
+        for worker in self.workers:
+            if worker is not sender:
+                worker.put(item)
 
     def finish_all(self) -> None:
-        """Let every listener finish and close it, then the source; once."""
+        """Finish and close every listener, then the source; once."""
         if not self.closing.acquire(blocking=False):
             return
-        for post in self.posts:
-            self.attempt(post.title, self.finish, post)
+        for worker in self.workers:
+            self.attempt(worker.title, self.finish, worker)
         self.attempt(self.title, self.source.close)
         self.over.set()
 
-    def finish(self, post: ListenerThread) -> None:
-        """Let a listener hear what is held for it, then close it."""
-        post.inbox.end()
+    def finish(self, worker: ListenerThread) -> None:
+        """Let a listener process the messages that wait for it, then close it."""
+        worker.queue.end()
         waited = 0.0
-        while post.thread.is_alive():
-            post.thread.join(SLICE)
+        while worker.thread.is_alive():
+            worker.thread.join(SLICE)
             waited += SLICE if self.stopping else 0.0
             if waited > self.patience:
-                raise self.too_late()
-        post.listener.close()
+                raise self.timed_out()
+        worker.listener.close()
 
     def attempt(
         self, title: str, action: Callable[..., None], *arguments: object
     ) -> None:
-        """Do something that makes the stream fail when it raises."""
+        """Call a function; if it raises, the stream fails."""
         try:
             action(*arguments)
         except BaseException as error:
             self.fail(title, error)
 
     def fail(self, title: str, error: BaseException) -> None:
-        """Stop because of an error; the first is the one that is raised."""
+        """Stop because of an error; the first one is the one that is raised."""
         reason = " ".join(f"{type(error).__name__}: {error}".split())
         failure = StreamError(
-            f"{title} failed and the stream has stopped ({reason}); mend it or do "
-            "without it, and start anew"
+            f"{title} failed and the stream has stopped ({reason}); fix it or leave it "
+            "out, and start again"
         )
         failure.__cause__ = error
         logger.error("%s", failure)
         with self.failing:
             self.failure = self.failure or failure
         self.stop()
-        for post in self.posts:
-            post.inbox.close()
+        for worker in self.workers:
+            worker.queue.close()
 
-    def held_up_by(self) -> str:
-        """Who keeps the reader from coming back: a full queue, else the source."""
-        for post in self.posts:
-            if post.inbox.drop == "never" and post.inbox.count().waiting:
-                return post.title
+    def find_blocker(self) -> str:
+        """Return the title of what blocks the reader: a full queue, else the source."""
+        for worker in self.workers:
+            if worker.queue.drop == "never" and worker.queue.count().waiting:
+                return worker.title
         return self.title
 
-    def too_late(self) -> TimeoutError:
-        """The error of what does not finish in time."""
+    def timed_out(self) -> TimeoutError:
+        """Return the error for something that does not finish in time."""
         return TimeoutError(f"not finished after {self.patience:g} s")

@@ -9,40 +9,40 @@ from typing import final
 import numpy as np
 
 LEAST = 1e-6
-"""Duration below which all are alike [s]."""
+"""Shortest duration that is told apart [s]."""
 RATIO = 1.02
-"""Of one bin's edge to the last: a quantile is at most 2 % too long."""
+"""Ratio of neighbouring bin edges: a quantile is at most 2 % too long."""
 BINS = 1100
-"""Up to 2,800 s; what is longer lies in the last."""
+"""Number of bins; they reach 2,800 s, and longer durations count in the last."""
 
 
 @final
 class DurationHistogram:
-    """Counts durations in bins that grow with them; 9 kB, however many there are.
+    """Counts durations in logarithmic bins, in 9 kB for any number of them.
 
     Attributes:
-        count: how many there were.
-        longest: of them [s].
+        count: number of durations.
+        longest: the longest of them [s].
     """
 
     def __init__(self) -> None:
-        """Start with none."""
+        """Create an empty histogram."""
         self.bins = np.zeros(BINS, np.int64)
         self.count = 0
         self.longest = 0.0
 
     def add(self, seconds: float) -> None:
-        """Count one [s]; one below 1 us counts as that."""
+        """Count a duration [s]; one below 1 us counts as 1 us."""
         place = math.log(max(seconds, LEAST) / LEAST) / math.log(RATIO)
         self.bins[min(math.ceil(place), BINS - 1)] += 1
         self.count += 1
         self.longest = max(self.longest, seconds)
 
     def quantile(self, share: float) -> float:
-        """The duration that a share of them does not pass [s]; 0 where there are none.
+        """Return a quantile of the durations [s]; 0 where there are none.
 
         Args:
-            share: 0.5 for the median, 0.99 for all but the longest hundredth.
+            share: 0.5 for the median, 0.99 for the 99th percentile.
         """
         sums = np.cumsum(self.bins)
         if not sums[-1]:
@@ -51,18 +51,19 @@ class DurationHistogram:
         return min(LEAST * RATIO**place, max(self.longest, LEAST))
 
 
-TURN = 0.0005
-"""Python gives a thread 5 ms before another may go on: at 1 kHz, five readings [s]."""
+SWITCH_INTERVAL = 0.0005
+"""Time after which Python switches threads [s]; its default of 5 ms is five readings
+at 1 kHz."""
 
 
 @contextmanager
 def short_switch_interval() -> Iterator[None]:
-    """Let threads of this process take turns sooner; as before at the end.
+    """Let Python switch between threads sooner, inside a `with` block.
 
     It holds for the whole process, so programs choose it, not the library.
     """
     before = sys.getswitchinterval()
-    sys.setswitchinterval(TURN)
+    sys.setswitchinterval(SWITCH_INTERVAL)
     try:
         yield
     finally:

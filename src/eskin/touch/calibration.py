@@ -10,7 +10,7 @@ from jaxtyping import Bool, Float, Int
 from eskin.errors import ReadingError, RecordingError, SkinMismatchError
 from eskin.skin.skin import Skin
 from eskin.touch.adjacency import Adjacency
-from eskin.touch.kernels import MOST, Bend, Memory, Rates, calibrate
+from eskin.touch.calibration_kernels import MOST, Bend, Memory, Rates, calibrate
 from eskin.touch.reading import Reading, Scan, check_order
 from eskin.units import NS_PER_S
 

@@ -1,16 +1,205 @@
-"""Compiled search for the contacts of a reading: its cost follows the touch."""
+"""Compiled kernels that find the active taxels and the contacts of a reading."""
 
 from typing import no_type_check
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 from eskin.compiled import compiled
-from eskin.touch.active_kernels import activate, by_rank
-from eskin.touch.geometry_kernels import box_gap, box_of, place, point_gap, to_link
-from eskin.touch.memory import Memory
-from eskin.touch.records import CONTACT, LOAD
-from eskin.touch.rules import Instant, Rules
+from eskin.touch.records import CONTACT, HELD, LOAD, Instant, Memory, Rules
+
+
+@compiled
+@no_type_check
+def place(
+    taxels: Int[np.ndarray, "asked"],
+    vectors: Float[np.ndarray, "taxel 3"],
+    links: Int[np.ndarray, "taxel"],
+    T_world_link: Float[np.ndarray, "link 4 4"],
+    moved: float,
+) -> Float[np.ndarray, "asked 3"]:
+    """Vectors in the world: points where `moved` is 1, directions where it is 0."""
+    result = np.empty((len(taxels), 3))
+    for a in range(len(taxels)):
+        i = taxels[a]
+        T = T_world_link[links[i]]
+        for r in range(3):
+            result[a, r] = moved * T[r, 3] + (
+                T[r, 0] * vectors[i, 0]
+                + T[r, 1] * vectors[i, 1]
+                + T[r, 2] * vectors[i, 2]
+            )
+    return result
+
+
+@compiled
+@no_type_check
+def to_link(
+    T_world_link: Float[np.ndarray, "4 4"],
+    p_world: Float[np.ndarray, "3"],
+    out: Float[np.ndarray, "3"],
+) -> None:
+    """Write a point in the world in the frame of a link [m]."""
+    for c in range(3):
+        total = 0.0
+        for r in range(3):
+            total += (p_world[r] - T_world_link[r, 3]) * T_world_link[r, c]
+        out[c] = total
+
+
+@compiled
+@no_type_check
+def distance_to(
+    T_world_link: Float[np.ndarray, "4 4"],
+    p_link: Float[np.ndarray, "3"],
+    p_world: Float[np.ndarray, "3"],
+) -> float:
+    """How far a point fixed to a link is from one in the world [m]."""
+    squared = 0.0
+    for r in range(3):
+        T = T_world_link[r]
+        here = T[0] * p_link[0] + T[1] * p_link[1] + T[2] * p_link[2] + T[3]
+        squared += (p_world[r] - here) ** 2
+    return np.sqrt(squared)
+
+
+@compiled
+@no_type_check
+def distance(one: Float[np.ndarray, "3"], other: Float[np.ndarray, "3"]) -> float:
+    """How far two points are from each other [m]."""
+    squared = 0.0
+    for r in range(3):
+        squared += (one[r] - other[r]) ** 2
+    return np.sqrt(squared)
+
+
+@compiled
+@no_type_check
+def box_of(points: Float[np.ndarray, "point 3"], box: Float[np.ndarray, "2 3"]) -> None:
+    """Write the least and the greatest coordinates of some points."""
+    for r in range(3):
+        low, high = np.inf, -np.inf
+        for a in range(len(points)):
+            low, high = min(low, points[a, r]), max(high, points[a, r])
+        box[0, r], box[1, r] = low, high
+
+
+@compiled
+@no_type_check
+def box_gap(one: Float[np.ndarray, "2 3"], other: Float[np.ndarray, "2 3"]) -> float:
+    """How far two boxes are apart along an axis; no points in them are nearer."""
+    gap = 0.0
+    for r in range(3):
+        gap = max(gap, one[0, r] - other[1, r], other[0, r] - one[1, r])
+    return gap
+
+
+@compiled
+@no_type_check
+def point_gap(point: Float[np.ndarray, "3"], box: Float[np.ndarray, "2 3"]) -> float:
+    """How far a point is from a box along an axis."""
+    gap = 0.0
+    for r in range(3):
+        gap = max(gap, box[0, r] - point[r], point[r] - box[1, r])
+    return gap
+
+
+@compiled
+@no_type_check
+def find_candidates(
+    pressure: Float[np.ndarray, "taxel"], least: float, out: Int[np.ndarray, "taxel"]
+) -> int:
+    """Write the taxels of at least so much pressure [kPa]; return how many there are.
+
+    All that is done for every taxel of the skin.
+    """
+    count = 0
+    for i in range(len(pressure)):
+        if pressure[i] >= least:
+            out[count] = i
+            count += 1
+    return count
+
+
+@compiled
+@no_type_check
+def activate(
+    candidates: Int[np.ndarray, "candidate"],
+    reading: Instant,
+    rules: Rules,
+    memory: Memory,
+) -> Int[np.ndarray, "active"]:
+    """Choose the active ones of the candidates, remember them, and order them by rank.
+
+    A taxel that is held needs only the lower threshold. Both rise with the recent peak
+    of the taxel, which fades, so that what a sensor keeps after a release is no
+    contact. A taxel is held until it is received again, but not for long.
+
+    Args:
+        candidates: taxels, ascending.
+        reading: an `Instant`.
+        rules: `Rules`.
+        memory: `Memory`.
+    """
+    chosen = np.empty(len(candidates), np.int64)
+    count, now = 0, reading.now
+    since = min(reading.before, now - rules.hold)
+    for i in candidates:
+        if not reading.valid[i]:
+            continue
+        taxel, pressure = memory.taxels[i], reading.pressure[i]
+        recent = taxel.peak * rules.fade / (rules.fade + now - taxel.active_at)
+        if taxel.held and taxel.active_at >= since:
+            enough = pressure >= max(rules.off, rules.off_share * recent)
+        else:
+            enough = pressure >= max(rules.on, rules.on_share * recent)
+        if enough:
+            chosen[count] = i
+            count += 1
+            if taxel.active_at != reading.before:
+                taxel.onset = reading.stamp
+            taxel.peak = max(recent, pressure)
+            taxel.active_at = now
+    active = chosen[:count]
+    hold(active, reading.valid, since, memory)
+    return active
+
+
+@compiled
+@no_type_check
+def hold(
+    active: Int[np.ndarray, "active"],
+    valid: Bool[np.ndarray, "taxel"],
+    since: float,
+    memory: Memory,
+) -> None:
+    """Hold the active taxels, and those held since then that were not received."""
+    taxels, held, count = memory.taxels, memory.held, 0
+    for k in range(memory.counts[HELD]):
+        i = held[k]
+        if valid[i] or taxels[i].active_at < since:
+            taxels[i].held = 0
+        else:
+            held[count] = i
+            count += 1
+    for i in active:
+        taxels[i].held = 1
+        held[count] = i
+        count += 1
+    memory.counts[HELD] = count
+
+
+@compiled
+@no_type_check
+def by_rank(
+    active: Int[np.ndarray, "active"], sites: np.ndarray
+) -> Int[np.ndarray, "active"]:
+    """Taxels ordered by patch, row and column, as most skins number them anyway."""
+    for a in range(1, len(active)):
+        if sites[active[a]].rank < sites[active[a - 1]].rank:
+            return active[np.argsort(np.array([sites[i].rank for i in active]))]
+    return active
+
 
 PASCAL = 1000.0
 

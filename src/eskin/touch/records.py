@@ -1,15 +1,12 @@
-"""What is known of touch at one instant, as arrays that compiled code reads.
-
-Links and patches are places in `robot.links` and `skin.patches`; ids count from 1, and
-0 is none; a span is the first and the end of a part of another array. Nothing is ever
-written to these arrays once a reading has been followed.
-"""
+"""This module defines the arrays and tuples that the compiled tracking kernels read and write."""
 
 from typing import NamedTuple
 
 import numpy as np
 
+from eskin.skin.mount import MountedSkin
 from eskin.structref_kernels import Packed
+from eskin.touch.adjacency import Adjacency
 
 SPAN = ("i8", 2)
 VECTOR = ("f8", 3)
@@ -150,3 +147,120 @@ NOTHING = TouchRecords(
     np.empty(0, np.int64),
 )
 """Nobody touches the skin."""
+
+SITE = np.dtype(
+    [
+        ("position", "f8", 3),
+        ("normal", "f8", 3),
+        ("area", "f8"),
+        ("reach", "f8"),
+        ("link", "i8"),
+        ("patch", "i8"),
+        ("rank", "i8"),
+        ("neighbours", "i8", 2),
+    ]
+)
+"""A taxel in the frame of its link: position [m], outward normal, area [m2], how far it
+connects [m], its link in `robot.links`, its patch, its place by patch, row and column,
+and the span of its neighbours on the same link."""
+
+TAXEL = np.dtype(
+    [
+        ("active_at", "f8"),
+        ("peak", "f8"),
+        ("onset", "i8"),
+        ("held", "i8"),
+        ("place", "i8"),
+    ]
+)
+"""How a taxel was: when it was last active [s], its recent peak then [kPa], since when
+it was active [ns], whether it has not been released since; and -1, which kernels use
+to find the taxel among others."""
+
+HELD, NEXT_TRACK, NEXT_TOUCH = 0, 1, 2
+"""What is counted: taxels that are held, and the ids to be given next."""
+
+
+class Memory(NamedTuple):
+    """What is written to at every reading; its cost follows the touch."""
+
+    taxels: np.ndarray
+    """(taxel) TAXEL."""
+    held: np.ndarray
+    """(taxel) those that are held, in front."""
+    counts: np.ndarray
+    """(3) see `HELD`, `NEXT_TRACK`, `NEXT_TOUCH`."""
+
+
+def sites_of(mounted: MountedSkin, adjacency: Adjacency) -> np.ndarray:
+    """Every taxel of a skin as a SITE."""
+    skin = mounted.skin
+    sites = np.empty(skin.count, SITE)
+    sites["position"], sites["normal"] = skin.positions, skin.normals
+    sites["area"], sites["reach"] = skin.areas, adjacency.reach
+    sites["link"], sites["patch"] = mounted.skin_link_index, skin.patch_index
+    order = np.lexsort((skin.columns, skin.rows, skin.patch_index))
+    sites["rank"][order] = np.arange(skin.count)
+    sites["neighbours"][:, 0] = adjacency.starts[:-1]
+    sites["neighbours"][:, 1] = adjacency.starts[1:]
+    return sites
+
+
+def fresh_memory(count: int) -> Memory:
+    """The memory of a skin that was never touched."""
+    taxels = np.zeros(count, TAXEL)
+    taxels["active_at"] = -np.inf
+    taxels["place"] = -1
+    return Memory(taxels, np.empty(count, np.int64), np.array([0, 1, 1]))
+
+
+class Rules(NamedTuple):
+    """The configuration of contacts, tracks and touches as the kernels want it."""
+
+    on: float
+    """Pressure from which a taxel becomes active [kPa]."""
+    off: float
+    """Pressure from which it stays active [kPa]."""
+    on_share: float
+    """Part of the recent peak that goes with `on`."""
+    off_share: float
+    """Part of the recent peak that goes with `off`."""
+    fade: float
+    """Half-life of the recent peak [s]."""
+    hold: float
+    """How long a taxel not received is held [s]."""
+    gate: float
+    """Distance that a contact may jump at once [m]."""
+    speed: float
+    """Speed by which that grows [m/s]."""
+    coast: float
+    """How long a track waits [s]."""
+    gap: float
+    """Time between readings that ends every track [ns]."""
+    near: float
+    """How far a track may begin from where one ended [m]."""
+    pause: int
+    """How long after it, and when a touch closes [ns]."""
+    beside: float
+    """How far contacts of one touch may be apart [m]."""
+    calibrated: bool
+    """Whether distances mean anything."""
+
+
+class Instant(NamedTuple):
+    """A reading as the kernels want it."""
+
+    stamp: int
+    """When it was taken [ns]."""
+    elapsed: int
+    """Time since the reading before [ns]; 0 at the first."""
+    now: float
+    """When it was taken, since the first reading [s]."""
+    before: float
+    """When the reading before was, or itself [s]."""
+    pressure: np.ndarray
+    """(taxel) [kPa]."""
+    valid: np.ndarray
+    """(taxel) whether that is to be believed."""
+    T_world_link: np.ndarray
+    """(link, 4, 4) poses of the robot's links."""

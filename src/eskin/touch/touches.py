@@ -1,11 +1,134 @@
-"""Touches: all tracks of one gesture."""
+"""This module defines contacts, tracks and touches, and the state that holds them."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import final
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
-from eskin.touch.contacts import Contact
+from eskin.skin.mount import MountedSkin
+from eskin.structref_kernels import unpack
+from eskin.touch.faults import Fault
+from eskin.touch.reading import Reading
+from eskin.touch.records import (
+    ENDED,
+    PAST,
+    Followed,
+    TouchBrief,
+    TouchRecords,
+    TouchRow,
+)
+from eskin.units import NS_PER_S
+
+
+@dataclass(frozen=True, eq=False)
+class Contact:
+    """Connected active taxels at one instant."""
+
+    taxels: Int[np.ndarray, "active"]
+    """Its taxels, ordered by patch, row and column."""
+
+    force: float
+    """Sum of pressure times area [N]."""
+
+    area: float
+    """Sum of the taxels' areas [m2]."""
+
+    peak: float
+    """Greatest pressure [kPa]."""
+
+    p_world: Float[np.ndarray, "3"]
+    """Centre, weighted by force [m]."""
+
+    n_world: Float[np.ndarray, "3"]
+    """Mean outward normal, weighted by force; unit, or zero where normals cancel."""
+
+    p_link: Float[np.ndarray, "3"]
+    """The centre in the frame of `link` [m]."""
+
+    link: str
+    """Link of the most loaded taxel."""
+
+    patch: str
+    """Patch of the most loaded taxel."""
+
+
+@dataclass(frozen=True)
+class ContactConfig:
+    """When a taxel is active and when two active taxels belong together."""
+
+    on: float = 0.7
+    """Pressure from which a taxel becomes active [kPa]."""
+
+    off: float = 0.5
+    """Pressure from which an active taxel stays active [kPa]."""
+
+    on_share: float = 0.15
+    """Part of its recent peak that a released taxel must exceed to be active again."""
+
+    off_share: float = 0.1
+    """Part of its recent peak that an active taxel must exceed to stay active."""
+
+    fade_seconds: float = 5.0
+    """Time in which half of the recent peak is forgotten [s]."""
+
+    hold_seconds: float = 0.1
+    """How long a taxel not received is remembered as active [s]."""
+
+    reach: float = 1.6
+    """How far active taxels connect, in units of the local spacing."""
+
+    least_reach: float = 0.018
+    """How far they connect anyway [m]: over the seams between patches."""
+
+    def raised_to(self, floor: float) -> "ContactConfig":
+        """The same, its thresholds in proportion, `on` at least `floor` [kPa]."""
+        factor = max(1.0, floor / self.on)
+        return replace(self, on=self.on * factor, off=self.off * factor)
+
+
+@dataclass(frozen=True, eq=False)
+class Track:
+    """A contact through time."""
+
+    id: int
+    """Counts up from 1 in the order of appearance."""
+
+    onset: int
+    """Stamp of its first reading [ns since the epoch]."""
+
+    last: int
+    """Stamp of its last reading with contact [ns since the epoch]."""
+
+    contact: Contact
+    """Its contact at `last`."""
+
+    parent: int | None = None
+    """The track that it split off from."""
+
+    merged_into: int | None = None
+    """The track that took its contact over when two contacts became one."""
+
+    ended: bool = False
+    """True once there is no contact any more."""
+
+
+@dataclass(frozen=True)
+class TrackConfig:
+    """How far a contact may move between two readings."""
+
+    gate: float = 0.03
+    """Distance that the centre may jump at once [m]."""
+
+    speed: float = 1.0
+    """Speed by which that distance grows with the time between readings [m/s]."""
+
+    coast_seconds: float = 0.2
+    """How long a track waits while most of its taxels are not received [s]."""
+
+    gap_seconds: float = 0.5
+    """After how long without a reading every track has ended [s]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,3 +192,167 @@ class TouchConfig:
 
     beside: float = 0.1
     """How far contacts at the same time may be apart [m], nearest taxels in space."""
+
+
+@dataclass(frozen=True, eq=False)
+class TouchState:
+    """All that is known of touch at one instant."""
+
+    reading: Reading
+    """The calibrated reading; faulty taxels are not valid in it."""
+
+    faults: tuple[Fault, ...]
+    """Faults known now."""
+
+    followed: Followed
+    """All that follows, as it was found."""
+
+    mounted: MountedSkin
+    """The skin that it is on."""
+
+    posed: bool = True
+    """Whether contacts were found in the robot's pose; else they were found with every
+    joint at 0, and only what is made of them here is put where it is in this pose."""
+
+    @property
+    def going(self) -> tuple[TouchBrief, ...]:
+        """The touches that are open, in brief."""
+        return self.followed.going
+
+    @property
+    def over(self) -> tuple[TouchBrief, ...]:
+        """The touches that closed with this reading, in brief."""
+        return self.followed.over
+
+    @cached_property
+    def records(self) -> TouchRecords:
+        """All that follows, as arrays."""
+        return unpack(self.followed.packed)
+
+    @cached_property
+    def rows(self) -> tuple[TouchRow, ...]:
+        """Open touches, then closed ones, as they are recorded."""
+        return tuple(map(TouchRow._make, self.records.touches.tolist()))
+
+    @cached_property
+    def contacts(self) -> tuple[Contact, ...]:
+        """Contacts now."""
+        stamps = self.records.contacts["stamp"]
+        return self.all_contacts[: np.count_nonzero(stamps == self.reading.stamp)]
+
+    @cached_property
+    def tracks(self) -> tuple[Track, ...]:
+        """Tracks going on, and those that ended with this reading."""
+        return tuple(
+            Track(
+                id=int(row["id"]),
+                onset=int(row["onset"]),
+                last=int(row["last"]),
+                contact=self.all_contacts[row["contact"]],
+                parent=int(row["parent"]) or None,
+                merged_into=int(row["merged_into"]) or None,
+                ended=bool(row["phase"] == ENDED),
+            )
+            for row in self.records.tracks
+            if row["phase"] != PAST
+        )
+
+    @cached_property
+    def touches(self) -> tuple[Touch, ...]:
+        """Touches that are open."""
+        return tuple(self.touch(row) for row in self.rows if not row.closed)
+
+    @cached_property
+    def closed(self) -> tuple[Touch, ...]:
+        """Touches that closed with this reading."""
+        return tuple(self.touch(row) for row in self.rows if row.closed)
+
+    @cached_property
+    def all_contacts(self) -> tuple[Contact, ...]:
+        """Contacts now, then older ones that tracks and touches had last."""
+        if not len(self.records.contacts):
+            return ()
+        patches, taxels = self.mounted.skin.patches, self.records.loads["taxel"].copy()
+        contacts = tuple(
+            Contact(
+                taxels=taxels[slice(*row["loads"])],
+                force=float(row["force"]),
+                area=float(row["area"]),
+                peak=float(row["peak"]),
+                p_world=row["p_world"].copy(),
+                n_world=row["n_world"].copy(),
+                p_link=row["p_link"].copy(),
+                link=patches[row["patch"]].link,
+                patch=patches[row["patch"]].id,
+            )
+            for row in self.records.contacts
+        )
+        return contacts if self.posed else tuple(map(self.placed, contacts))
+
+    def placed(self, contact: Contact) -> Contact:
+        """A contact that was found with every joint at 0, in the pose of now."""
+        link, q = self.mounted.robot.link_index(contact.link), self.reading.q
+        both = self.mounted.kinematics.poses(np.stack([q, np.zeros_like(q)]))
+        now, rest = both[:, link]
+        return replace(
+            contact,
+            p_world=now[:3, :3] @ contact.p_link + now[:3, 3],
+            n_world=now[:3, :3] @ rest[:3, :3].T @ contact.n_world,
+        )
+
+    def touch(self, row: TouchRow) -> Touch:
+        """The touch that a row of this state records."""
+        return Touch(
+            id=row.id,
+            onset=row.onset,
+            last=row.last,
+            tracks=tuple(self.records.members[slice(*row.tracks)].tolist()),
+            impulse=row.impulse,
+            peak_force=row.peak_force,
+            peak=row.peak,
+            link=self.mounted.robot.link_names[row.link],
+            start=row.start,
+            latest=row.latest,
+            contact=self.all_contacts[row.contact],
+            closed=bool(row.closed),
+            merged_into=row.merged_into or None,
+        )
+
+
+LEAST_FORCE = 0.5
+"""Of a press that is meant [N]."""
+
+LEAST_SECONDS = 0.15
+"""That it lasts [s]."""
+
+
+@final
+class PressFinder:
+    """Finds presses in what is felt, one after the other; stateful."""
+
+    def __init__(self) -> None:
+        """Wait for the first."""
+        self.since: int | None = None
+        self.force = 0.0
+        self.taxel = -1
+
+    def push(self, state: TouchState) -> int | None:
+        """Take the next reading in.
+
+        Returns:
+            The taxel of most pressure when the press that has just ended was hardest;
+            None while nothing ends.
+        """
+        contact = max(state.contacts, key=lambda one: one.force, default=None)
+        stamp = state.reading.stamp
+        if contact is not None and contact.force >= LEAST_FORCE:
+            self.since = stamp if self.since is None else self.since
+            if contact.force > self.force:
+                pressure = state.reading.pressure[contact.taxels]
+                self.force = contact.force
+                self.taxel = int(contact.taxels[np.argmax(pressure)])
+            return None
+        since, taxel = self.since, self.taxel
+        self.since, self.force, self.taxel = None, 0.0, -1
+        long = since is not None and stamp - since >= LEAST_SECONDS * NS_PER_S
+        return taxel if long else None

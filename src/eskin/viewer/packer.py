@@ -10,7 +10,7 @@ from eskin.drivers import Event
 from eskin.live import Detection
 from eskin.page import ArmLine, ContactMark, Picture, Saying, TouchNow
 from eskin.skin import MountedSkin
-from eskin.stream import Commanded, RecognitionState, found_at_once
+from eskin.stream import CommandEvent, RecognitionState, found_at_once
 from eskin.touch import Contact
 from eskin.transforms import apply, invert, matrix_to_quaternion, rotate
 from eskin.units import NS_PER_S
@@ -100,7 +100,7 @@ class Packer:
                 self.sayings.append(
                     Saying(self.seconds(item.stamp), "event", item.text)
                 )
-            case Commanded():
+            case CommandEvent():
                 kind = "command" if item.accepted else "refused"
                 text = item.action + (f": {item.why}" if item.why else "")
                 self.sayings.append(Saying(self.seconds(item.stamp), kind, text))

@@ -9,8 +9,7 @@ from eskin.errors import DeviceError
 from eskin.page import Board, Order, Setup
 from eskin.skin import MountedSkin
 from eskin.stream import Context, Listener, Message, Recognition, RecognitionState
-from eskin.stream.messages import RARE
-from eskin.stream.queue import Drop
+from eskin.stream.listener import RARE, Drop
 from eskin.units import NS_PER_S
 from eskin.viewer.look import setup_of
 from eskin.viewer.packer import ArmTold, Packer, arm_line

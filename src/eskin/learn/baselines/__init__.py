@@ -8,7 +8,6 @@ from eskin.learn.baselines.convolution import (
     CnnLstmBaseline,
     ImageBaseline,
 )
-from eskin.learn.baselines.egnn import Pooling
 from eskin.learn.baselines.estimators import (
     Estimator,
     GradientBoosting,
@@ -22,7 +21,7 @@ from eskin.learn.baselines.flat import FlatBaseline
 from eskin.learn.baselines.hand import HandBaseline
 from eskin.learn.baselines.interface import READINGS, Baseline, Clips, Stream
 from eskin.learn.baselines.network import FitConfig, NetworkBaseline, one_thread
-from eskin.learn.baselines.paper import PaperBaseline
+from eskin.learn.baselines.paper import PaperBaseline, Pooling
 from eskin.skin import MountedSkin
 
 __all__ = [

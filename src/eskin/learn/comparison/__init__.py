@@ -1,11 +1,11 @@
 """Every method on the same clips: what is trained, what it answers, tables."""
 
 from eskin.learn.comparison.examples import Examples, find_examples
-from eskin.learn.comparison.method import Method
 from eskin.learn.comparison.methods import (
     ABLATIONS,
     METHODS,
     BaselineMethod,
+    Method,
     RecogniserMethod,
 )
 from eskin.learn.comparison.results import Answered, Result, Task, do_all

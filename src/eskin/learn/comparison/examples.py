@@ -15,10 +15,9 @@ from eskin.errors import RecordingError
 from eskin.files import atomic_path
 from eskin.graph import GraphConfig
 from eskin.learn.baselines import READINGS, Clips
-from eskin.learn.clips import Clip, clips_of
 from eskin.learn.dataset import Dataset, prepare
-from eskin.learn.harm import Harm
-from eskin.learn.wear import Wear, WearConfig
+from eskin.learn.ground_truth import Clip, clips_of
+from eskin.learn.recording_transforms import Version, Wear, WearConfig
 from eskin.recording import Recording, find_recordings, read_recording
 from eskin.robot import recorded_robot
 from eskin.skin import MountedSkin
@@ -41,7 +40,7 @@ class Examples:
     workers: int = 1
     """How many processes prepare."""
 
-    harm: Harm | None = None
+    harm: Version | None = None
     """What harms them; nothing where None."""
 
     @cached_property
@@ -138,7 +137,7 @@ def find_examples(places: Sequence[Path], pack: Path, workers: int = 1) -> Examp
 
 
 def windows_of(
-    path: Path, pack: Path, harm: Harm | None = None
+    path: Path, pack: Path, harm: Version | None = None
 ) -> tuple[np.ndarray, np.ndarray]:
     """The windows of the clips of a recording, made where they are not there yet."""
     with path.open("rb") as file:
@@ -154,7 +153,7 @@ def windows_of(
 
 
 def cut_windows(
-    path: Path, harm: Harm | None = None
+    path: Path, harm: Version | None = None
 ) -> tuple[
     Float[np.ndarray, "clip 100 taxel"],
     Float[np.ndarray, "clip 100 joint"],
@@ -184,7 +183,7 @@ def cut_windows(
 
 
 def readings_of(
-    recording: Recording, harm: Harm | None = None
+    recording: Recording, harm: Version | None = None
 ) -> Iterator[tuple[int, Float[np.ndarray, "taxel"], Float[np.ndarray, "joint"]]]:
     """Stamp [ns], pressure [kPa] and joint positions [rad] of every reading."""
     mounted = MountedSkin(recording.skin, recorded_robot(recording.robot_name))

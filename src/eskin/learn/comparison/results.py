@@ -16,7 +16,7 @@ from joblib import Parallel, delayed
 from eskin.errors import EskinError
 from eskin.files import atomic_path
 from eskin.learn.comparison.examples import Examples
-from eskin.learn.comparison.method import Method
+from eskin.learn.comparison.methods import Method
 from eskin.learn.holdout import hold_out
 from eskin.learn.progress import shown
 from eskin.touch import PipelineConfig

@@ -3,10 +3,9 @@
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
-from eskin.learn.events.hearing import HeardStream
-from eskin.learn.events.judge import score_events
-from eskin.learn.events.score import EventScore
-from eskin.learn.events.take import NO_GESTURE
+from eskin.learn.events.event_scoring import EventScore, score_events
+from eskin.learn.events.matching import NO_GESTURE
+from eskin.learn.events.traces import HeardStream
 from eskin.model import DecisionConfig
 
 Choice = tuple[DecisionConfig, EventScore]

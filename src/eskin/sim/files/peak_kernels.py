@@ -5,7 +5,7 @@ from typing import no_type_check
 import numpy as np
 
 from eskin.compiled import compiled
-from eskin.touch.kernels import Bend, undo
+from eskin.touch.calibration_kernels import Bend, undo
 
 
 @compiled

@@ -1,4 +1,4 @@
-"""Pictures of scores."""
+"""This module draws scores and writes the pictures to files."""
 
 from collections.abc import Sequence
 from pathlib import Path

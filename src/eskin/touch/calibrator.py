@@ -1,4 +1,4 @@
-"""What a taxel shows of the others of its patch, learned and taken off."""
+"""This module turns the counts of a skin into pressure, scan by scan."""
 
 from dataclasses import replace
 from typing import final
@@ -7,7 +7,7 @@ import numpy as np
 
 from eskin.skin.skin import Skin
 from eskin.touch.calibration import Calibration
-from eskin.touch.crosstalk_kernels import GHOST, LEAK, Cells, Law, Learned, take_off
+from eskin.touch.calibration_kernels import GHOST, LEAK, Cells, Law, Learned, take_off
 from eskin.touch.reading import Reading
 
 TOUCHED = 1.5

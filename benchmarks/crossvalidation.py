@@ -1,4 +1,4 @@
-"""Leaving one person or session out, the recogniser and the baselines side by side."""
+"""Cross-validation."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -11,12 +11,11 @@ from joblib import Parallel, delayed
 
 from eskin.errors import RecordingError
 from eskin.learn.baselines.estimators import ON_FEATURES
+from eskin.learn.baselines.hand import segment_features, stretch_features
 from eskin.learn.dataset import Dataset
-from eskin.learn.hand_features import segment_features, stretch_features
+from eskin.learn.ground_truth import Segment
 from eskin.learn.scoring import instant_scores, segment_scores
-from eskin.learn.segments import Segment
-from eskin.learn.train_config import TrainConfig
-from eskin.learn.training import Trainer
+from eskin.learn.training import TrainConfig, Trainer
 from eskin.model import Model
 from eskin.nn import RecogniserNetwork
 
