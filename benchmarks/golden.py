@@ -24,7 +24,7 @@ from eskin import MountedSkin, Recognizer, load_robot, read_recording
 from eskin.demo.headless import DemoConfig, run_headless
 from eskin.drivers import Data, FixedJoints, Hello, decode, encode
 from eskin.drivers.assembler import Assembler
-from eskin.drivers.event_log import EventLog
+from eskin.drivers.events import EventLog
 from eskin.model import load_model, save_model
 from eskin.recording import Recording
 from eskin.units import NS_PER_S

@@ -124,7 +124,7 @@ def once(
     """From a fault to the hold, and to standstill [s]."""
     full = 0.9 * MotionConfig().speed
     while np.abs(stand_in.ask("qd")).max() < full:
-        if arm.state().holding is not None:
+        if arm.state().hold_reason is not None:
             until(lambda: arm.trouble() is None)
             time.sleep(0.3)
             with suppress(ArmError):
@@ -132,7 +132,7 @@ def once(
         time.sleep(0.01)
     began = time.monotonic()
     make()
-    until(lambda: arm.state().holding is not None)
+    until(lambda: arm.state().hold_reason is not None)
     held = time.monotonic() - began
     until(lambda: np.abs(stand_in.ask("qd")).max() < STANDING)
     stands = time.monotonic() - began

@@ -53,9 +53,9 @@ class Visit:
 
     def let_go(self) -> None:
         """Press the button that lets an arm go on, if it is held."""
-        if self.demo.state["holding"]:
+        if self.demo.state["hold_reason"]:
             self.tab.get_by_role("button", name="resume").click()
-            becomes(lambda: not self.demo.state["holding"], PATIENCE)
+            becomes(lambda: not self.demo.state["hold_reason"], PATIENCE)
 
     def come_anew(self) -> None:
         """Open the page again: a drag that missed the arm has turned the view."""

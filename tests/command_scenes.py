@@ -50,7 +50,12 @@ class ToldArm(Arm):
     def __init__(self, clock):
         self.clock = clock
         self.told = []
-        self.paused, self.holding, self.speed, self.gripper = False, None, 1.0, "open"
+        self.paused, self.hold_reason, self.speed, self.gripper = (
+            False,
+            None,
+            1.0,
+            "open",
+        )
         self.protective_stop, self.connected, self.broken = False, True, None
         self.working = True
         self.jogging, self.steps = False, []
@@ -59,20 +64,20 @@ class ToldArm(Arm):
         return Q
 
     def state(self):
-        stopped = self.paused or self.holding is not None or self.protective_stop
+        stopped = self.paused or self.hold_reason is not None or self.protective_stop
         return ArmState(
             self.clock.now(),
             Q,
             self.working and not stopped,
             self.paused,
-            self.holding,
+            self.hold_reason,
             self.speed,
             self.gripper,
             "rack",
             self.protective_stop,
             self.connected,
             jogging=self.jogging,
-            pauses=self.told.count("pause"),
+            pause_count=self.told.count("pause"),
         )
 
     def tell(self, what):
@@ -90,13 +95,13 @@ class ToldArm(Arm):
 
     def hold(self, why):
         self.tell("hold")
-        self.holding = self.holding or why
+        self.hold_reason = self.hold_reason or why
 
     def release(self):
         if self.protective_stop or not self.connected:
             raise ArmError("the arm stays held; allowed is later; wait")
         self.tell("release")
-        self.holding = None
+        self.hold_reason = None
 
     def next_waypoint(self):
         self.tell("next_waypoint")

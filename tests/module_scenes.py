@@ -4,8 +4,8 @@ import numpy as np
 
 from eskin.drivers import Data, Hello, ManualClock
 from eskin.drivers.assembler import Assembler
-from eskin.drivers.event_log import EventLog
-from eskin.drivers.joints import FixedJoints
+from eskin.drivers.events import EventLog
+from eskin.drivers.source import FixedJoints
 from eskin.drivers.transport import Delivery, Transport
 from touch_scenes import SECOND, START, grid_skin
 

@@ -157,7 +157,7 @@ def test_pause_and_hold_must_both_be_over():
     arm.hold("first")
     arm.hold("second")
     clock.sleep(0.5)
-    assert arm.state().holding == "first" and arm.state().stopped
+    assert arm.state().hold_reason == "first" and arm.state().stopped
     arm.resume()
     assert not any(state.moving for state in passed(arm, clock, 1.0))
     arm.release()
@@ -234,7 +234,7 @@ def test_what_it_does_depends_on_no_one_looking():
 def test_arms_are_opened_by_their_uri():
     with open_arm("sim:ur5", clock=ManualClock()) as arm:
         assert arm.name == "ur5"
-    assert arm.state().holding == "closed"
+    assert arm.state().hold_reason == "closed"
     for uri in ("sim:ur10", "ur:host", "ur://", "ur://a/b", "udp://a:1", "ur5"):
         with pytest.raises(ArmError, match="allowed is sim:ur5 or ur://HOST"):
             open_arm(uri)

@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 
 from eskin.drivers import Data, Status
-from eskin.drivers.period import Grid
-from eskin.drivers.seat import HOLD
+from eskin.drivers.module_registry import HOLD
+from eskin.drivers.timeline import Grid
 from module_scenes import MS, PATCHES, SKIN, TAXELS, Module, World, check, tagged
 from touch_scenes import SECOND, START, grid_skin
 

@@ -13,8 +13,8 @@ import pytest
 from eskin.drivers import HostClock, ManualClock, encode
 from eskin.drivers.device_source import DeviceSource
 from eskin.drivers.framing import Deframer, frame
-from eskin.drivers.joints import FixedJoints
 from eskin.drivers.serial_transport import SerialTransport
+from eskin.drivers.source import FixedJoints
 from eskin.drivers.udp_transport import UdpTransport
 from eskin.errors import DeviceError, SkinMismatchError
 from eskin.skin import MountedSkin

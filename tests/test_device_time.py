@@ -1,9 +1,7 @@
 import numpy as np
 import pytest
 
-from eskin.drivers.device_time import DeviceTime
-from eskin.drivers.least_delay import LeastDelay
-from eskin.drivers.scan_numbers import ScanNumbers
+from eskin.drivers.clock_sync import DeviceTime, LeastDelay, ScanNumbers
 from module_scenes import MS
 from touch_scenes import SECOND, START
 

@@ -178,7 +178,7 @@ def test_a_hard_push_stops_it_for_good_until_a_person_unlocks_it():
     np.testing.assert_allclose(arm.state().q, state.q, atol=1e-3)
     arm.push([])
     state = arm.state()
-    assert state.protective_stop and state.holding == "protective stop"
+    assert state.protective_stop and state.hold_reason == "protective stop"
     for tell in (arm.resume, arm.next_waypoint, arm.open_gripper):
         tell()
         clock.sleep(2.0)
@@ -187,7 +187,7 @@ def test_a_hard_push_stops_it_for_good_until_a_person_unlocks_it():
         arm.release()
     arm.unlock()
     clock.sleep(1.0)
-    assert arm.state().holding and not arm.state().protective_stop
+    assert arm.state().hold_reason and not arm.state().protective_stop
     np.testing.assert_allclose(arm.state().q, state.q, atol=1e-6)
     arm.release()
     clock.sleep(2.0)
@@ -302,7 +302,7 @@ def test_people_unlock_an_arm_in_protective_stop_before_they_touch_it():
         clock.sleep(0.02)
         visitor.come(clock.now())
     assert visitor.unlocked == 1 and not arm.state().protective_stop
-    assert arm.state().holding == "protective stop"
+    assert arm.state().hold_reason == "protective stop"
 
 
 def test_a_robot_without_masses_is_refused():

@@ -245,7 +245,7 @@ def test_no_stroke_jogs_an_arm_that_moves_or_is_held_or_that_it_is_unsure_of():
     scene.arm.hold("test")
     (said,) = scene.whole("stroke")
     assert said.why.startswith("the arm is held: test")
-    scene.arm.holding = None
+    scene.arm.hold_reason = None
     number = scene.touch("stroke")
     scene.touches[number]["way"] = np.zeros(3)
     scene.moment()
@@ -265,4 +265,4 @@ def test_a_jog_that_is_refused_holds_nothing_and_an_arm_that_fails_is_held():
         scene.arm.broken = broken
         said = scene.whole("stroke")
         assert jogs(said) == [False] and said[-1].why == str(broken)
-        assert (scene.arm.holding is not None) == held
+        assert (scene.arm.hold_reason is not None) == held

@@ -7,21 +7,21 @@ from hypothesis import strategies as st
 
 from eskin.errors import RecordingError
 from eskin.recording import (
-    Agreement,
     AutoLabelConfig,
     Label,
+    LabelAgreement,
     Metadata,
     RecordingWriter,
-    best_labels,
+    build_labels,
+    build_rough_ranges,
     check_no_overlap,
-    find_labels,
     label_automatically,
     label_instants,
-    labels_from_instants,
+    label_recording,
     load_ranges,
     read_recording,
-    rewrite,
-    rough_ranges,
+    rewrite_recording,
+    select_labels,
     sort_labels,
     write_all,
 )
@@ -71,10 +71,10 @@ def test_labels_are_sorted_and_chosen_by_source():
 
 def test_the_best_labels_are_all_of_one_source():
     true, auto, rough = (seconds(1, 2, source=s) for s in ("true", "auto", "range"))
-    assert best_labels([rough, auto, true]) == (true,)
-    assert best_labels([rough, auto]) == (auto,)
-    assert best_labels([rough]) == (rough,)
-    assert best_labels([]) == ()
+    assert select_labels([rough, auto, true]) == (true,)
+    assert select_labels([rough, auto]) == (auto,)
+    assert select_labels([rough]) == (rough,)
+    assert select_labels([]) == ()
 
 
 def test_a_label_holds_from_its_start_until_just_before_its_end():
@@ -89,7 +89,7 @@ def test_a_label_holds_from_its_start_until_just_before_its_end():
 @given(st.lists(st.sampled_from(range(4)), min_size=1, max_size=40))
 def test_labels_made_from_instants_give_the_instants_back(indices):
     stamps = 10**18 + np.arange(len(indices)) * PERIOD
-    labels = labels_from_instants(stamps, [GESTURES[i] for i in indices], PERIOD)
+    labels = build_labels(stamps, [GESTURES[i] for i in indices], PERIOD)
     np.testing.assert_array_equal(label_instants(labels, stamps, GESTURES), indices)
     check_no_overlap(labels)
 
@@ -178,7 +178,7 @@ def test_ranges_are_truth_widened_joined_by_gesture_and_parted_half_way():
         seconds(20, 21, "none"),
         seconds(30, 31, "stroke", "auto"),
     ]
-    got = rough_ranges(truth, margin=1.0)
+    got = build_rough_ranges(truth, margin=1.0)
     assert spans(got) == [(4, 8.5, "poke"), (8.5, 11, "stroke")]
     assert {label.source for label in got} == {"range"}
     check_no_overlap(got)
@@ -187,7 +187,7 @@ def test_ranges_are_truth_widened_joined_by_gesture_and_parted_half_way():
 def test_perfect_labels_agree_perfectly_and_none_do_not():
     truth = [seconds(1, 2), seconds(3, 4, "stroke")]
     stamps = instants(5)
-    perfect, nothing = Agreement(), Agreement()
+    perfect, nothing = LabelAgreement(), LabelAgreement()
     perfect.add(truth, truth, stamps)
     nothing.add(truth, [], stamps)
     same = perfect.summary()
@@ -201,7 +201,7 @@ def test_perfect_labels_agree_perfectly_and_none_do_not():
 
 
 def test_agreement_counts_overlap_and_lateness_of_matched_events():
-    agreement = Agreement()
+    agreement = LabelAgreement()
     found = [seconds(1.25, 2.25), seconds(1, 2, "stroke"), seconds(3, 3.1)]
     agreement.add([seconds(1, 2)], found, instants(5))
     figures = agreement.summary()
@@ -211,7 +211,7 @@ def test_agreement_counts_overlap_and_lateness_of_matched_events():
 
 
 def test_one_label_found_is_never_counted_for_two_events():
-    agreement = Agreement()
+    agreement = LabelAgreement()
     agreement.add([seconds(1, 2), seconds(3, 4)], [seconds(1, 4)], instants(5))
     figures = agreement.summary()
     assert figures["event_iou"] == pytest.approx(1 / 6)
@@ -240,26 +240,26 @@ def record(path, *times, labels=(), duration=12.0, height=200):
 def test_a_recording_is_labelled_where_its_ranges_and_its_pressure_say(tmp_path):
     truth = (seconds(4, 4.5), seconds(8, 8.6, "stroke"))
     recording = record(tmp_path / "a.mcap", (4, 4.5), (8, 8.6), labels=truth)
-    found = find_labels(recording).found
+    found = label_recording(recording).found
     assert spans(found) == [(4, 4.5, "poke"), (8, 8.6, "stroke")]
 
 
 def test_ranges_in_the_recording_win_over_its_truth(tmp_path):
     labels = (seconds(4, 4.5), seconds(7, 10, "stroke", "range"))
     recording = record(tmp_path / "a.mcap", (4, 4.5), (8, 8.6), labels=labels)
-    assert spans(find_labels(recording).found) == [(8, 8.6, "stroke")]
+    assert spans(label_recording(recording).found) == [(8, 8.6, "stroke")]
 
 
 def test_a_recording_that_says_nothing_cannot_be_labelled(tmp_path):
     recording = record(tmp_path / "a.mcap", labels=(seconds(1, 2, "none"),))
     with pytest.raises(RecordingError, match="--ranges FILE"):
-        find_labels(recording)
+        label_recording(recording)
 
 
 def test_rewriting_changes_the_labels_and_nothing_else(tmp_path):
     recording = record(tmp_path / "a.mcap", (4, 4.5), labels=(seconds(4, 4.5),))
     labels = [*recording.labels, seconds(4, 4.4, source="auto")]
-    rewrite(recording, labels=labels)
+    rewrite_recording(recording, labels=labels)
     again = read_recording(recording.path)
     assert again.labels == tuple(sorted(labels))
     assert again.metadata == recording.metadata
@@ -280,7 +280,7 @@ def test_a_copy_that_fails_leaves_nothing_behind(tmp_path):
 
     for target in (None, tmp_path / "b.mcap"):
         with pytest.raises(OSError, match="disk full"):
-            rewrite(recording, target, labels=labels())
+            rewrite_recording(recording, target, labels=labels())
         assert list(tmp_path.iterdir()) == [recording.path]
         assert recording.path.read_bytes() == before
 
@@ -291,9 +291,9 @@ def test_a_cut_recording_is_never_replaced_but_may_be_copied(tmp_path):
     whole.path.write_bytes(data)
     cut = read_recording(whole.path)
     with pytest.raises(RecordingError, match="is cut short .* elsewhere"):
-        rewrite(cut)
+        rewrite_recording(cut)
     assert whole.path.read_bytes() == data
-    rewrite(cut, tmp_path / "b.mcap")
+    rewrite_recording(cut, tmp_path / "b.mcap")
     copy = read_recording(tmp_path / "b.mcap")
     assert (copy.count, copy.truncated) == (cut.count, False)
 

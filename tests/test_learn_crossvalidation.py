@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
+from benchmarks import crossvalidation
 from benchmarks.crossvalidation import (
     groups_of,
     instant_answers,
@@ -14,7 +15,6 @@ from benchmarks.crossvalidation import (
 )
 
 from eskin.errors import RecordingError
-from eskin.learn import crossvalidation
 from eskin.learn.baselines.estimators import ON_FEATURES, RandomForest
 from eskin.learn.baselines.hand import stretch_features
 from eskin.learn.dataset import prepare

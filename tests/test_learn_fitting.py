@@ -88,7 +88,7 @@ def recorded(path, records, simulated=True):
         counts = np.zeros(skin.count, np.int32)
         writer.write(Scan(START, counts, np.ones(skin.count, bool), np.zeros(0)))
         for record in records:
-            writer.truth(record)
+            writer.write_truth(record)
     return read_recording(path)
 
 

@@ -7,7 +7,7 @@ import pytest
 
 from clip_scenes import generated
 from eskin.graph import GraphBatch, GraphConfig
-from eskin.learn import part_file
+from eskin.learn import prepared_recording
 from eskin.learn.dataset import Dataset, prepare
 from eskin.learn.ground_truth import Fit
 from eskin.learn.prepared_recording import (
@@ -92,7 +92,7 @@ def test_a_recording_is_prepared_once_whatever_its_name(paths, tmp_path, monkeyp
     def never(*args) -> None:
         raise AssertionError("prepared in vain")
 
-    monkeypatch.setattr(part_file, "part_of", never)
+    monkeypatch.setattr(prepared_recording, "part_of", never)
     copy = tmp_path / "copy.mcap"
     copy.write_bytes(paths[0].read_bytes())
     assert packed_part(copy, pack, PIPELINE, GRAPH) == first

@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from eskin.errors import ModelError
-from eskin.learn import stand as module
+from eskin.learn import checkpoint as module
 from eskin.learn.checkpoint import Stand, load_stand, save_stand
 
 STAND = Stand(

@@ -323,10 +323,10 @@ def test_a_stale_skin_holds_the_arm_though_nothing_comes():
     scene.moment()
     scene.clock.sleep(0.1)
     scene.policy.look()
-    assert scene.arm.holding is None
+    assert scene.arm.hold_reason is None
     scene.clock.sleep(0.02)
     scene.policy.look()
-    assert scene.arm.holding == "stale skin: no reading for 120 ms"
+    assert scene.arm.hold_reason == "stale skin: no reading for 120 ms"
     assert accepted(scene.said) == ["hold"] and scene.policy.accepted == 0
 
 
@@ -337,11 +337,11 @@ def test_the_watch_looks_by_itself_within_150_ms():
     policy.start(Context(INFO, clock, said.append))
     clock.sleep(0.121)
     for _ in range(500):
-        if arm.holding:
+        if arm.hold_reason:
             break
         time.sleep(0.01)
     policy.close()
-    assert arm.holding == "stale skin: no reading for 121 ms"
+    assert arm.hold_reason == "stale skin: no reading for 121 ms"
     assert not policy.thread.is_alive()
 
 
@@ -351,7 +351,7 @@ def test_a_patch_that_is_out_holds_the_arm_and_commands_nothing(kind):
     scene.rest(0.2)
     setattr(scene, kind, (PATCH.id,))
     scene.rest(0.14)
-    assert scene.arm.holding == f"broken skin: patch '{PATCH.id}' is out"
+    assert scene.arm.hold_reason == f"broken skin: patch '{PATCH.id}' is out"
     number = scene.touch()
     scene.moment()
     (said,) = scene.detect(number)
@@ -366,7 +366,7 @@ def test_a_patch_that_misses_a_few_readings_holds_nothing():
         scene.rest(0.08)
         scene.silent = ()
         scene.rest(0.02)
-    assert scene.arm.holding is None
+    assert scene.arm.hold_reason is None
 
 
 @pytest.mark.parametrize(
@@ -395,7 +395,7 @@ def test_when_in_doubt_it_is_held(force, seconds, why):
     scene = Scene()
     scene.touch("none", force=force)
     scene.rest(seconds)
-    assert scene.arm.holding == why
+    assert scene.arm.hold_reason == why
 
 
 def test_what_is_said_to_be_nothing_is_not_recognised():
@@ -404,7 +404,7 @@ def test_what_is_said_to_be_nothing_is_not_recognised():
     scene.moment()
     scene.detect(number, gesture="unknown")
     scene.rest(2.1)
-    assert scene.arm.holding == "unrecognised touch for 2.0 s"
+    assert scene.arm.hold_reason == "unrecognised touch for 2.0 s"
 
 
 def test_a_recognised_touch_may_be_firm_and_long_and_a_short_gentle_one_not():
@@ -417,7 +417,7 @@ def test_a_recognised_touch_may_be_firm_and_long_and_a_short_gentle_one_not():
     scene.close(number)
     scene.touch("none", force=39.0)
     scene.rest(1.9)
-    assert scene.arm.holding is None
+    assert scene.arm.hold_reason is None
 
 
 def test_an_arm_that_stands_is_not_held_by_touching_it():
@@ -425,7 +425,7 @@ def test_an_arm_that_stands_is_not_held_by_touching_it():
     scene.arm.working = False
     scene.touch("none", force=80.0)
     scene.rest(3.0)
-    assert scene.arm.holding is None
+    assert scene.arm.hold_reason is None
 
 
 def test_a_held_arm_takes_two_deliberate_touches_to_start():
@@ -435,10 +435,10 @@ def test_a_held_arm_takes_two_deliberate_touches_to_start():
         (said,) = scene.whole(gesture)
         assert said.why == "the arm is held: not started; pause it, then resume"
     assert accepted(scene.whole()) == ["pause"]
-    assert scene.arm.holding == "not started"
+    assert scene.arm.hold_reason == "not started"
     scene.rest(1.0)
     assert accepted(scene.whole()) == ["resume"]
-    assert scene.arm.holding is None and not scene.arm.paused
+    assert scene.arm.hold_reason is None and not scene.arm.paused
 
 
 def test_an_arm_that_cannot_be_released_stays_held_and_says_why():
@@ -449,7 +449,7 @@ def test_an_arm_that_cannot_be_released_stays_held_and_says_why():
     scene.arm.broken = ArmError("the arm stays held: speed slider at zero")
     said = scene.whole()
     assert [one.accepted for one in said if one.action == "resume"] == [False]
-    assert scene.arm.holding and scene.arm.paused
+    assert scene.arm.hold_reason and scene.arm.paused
 
 
 touches = st.tuples(
@@ -532,7 +532,7 @@ def test_whatever_goes_wrong_holds_the_arm_and_stops_the_stream():
     scene.moment()
     with pytest.raises(RuntimeError, match="bug"):
         scene.detect(number)
-    assert scene.arm.holding == "the policy failed: RuntimeError"
+    assert scene.arm.hold_reason == "the policy failed: RuntimeError"
 
 
 def test_a_watch_that_fails_holds_the_arm_and_stops_the_stream():
@@ -542,7 +542,7 @@ def test_a_watch_that_fails_holds_the_arm_and_stops_the_stream():
     arm.state = lambda: 1 / 0
     policy.start(Context(INFO, clock, lambda item: None))
     policy.thread.join(5)
-    assert arm.holding == "the policy failed: ZeroDivisionError"
+    assert arm.hold_reason == "the policy failed: ZeroDivisionError"
     with pytest.raises(ZeroDivisionError):
         Scene.moment.__get__(stand_for(policy, clock))()
     policy.close()
@@ -557,7 +557,7 @@ def stand_for(policy, clock):
 def test_when_the_stream_ends_the_arm_is_held():
     scene = Scene()
     scene.policy.close()
-    assert scene.arm.holding == "the stream has ended"
+    assert scene.arm.hold_reason == "the stream has ended"
 
 
 def test_a_skin_too_slow_to_be_watched_is_refused():

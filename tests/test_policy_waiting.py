@@ -40,7 +40,7 @@ def test_a_hold_that_came_after_a_touch_is_not_undone_by_it():
     scene.lift(number)
     scene.lift(other)
     scene.rest(0.6)
-    assert scene.arm.paused and scene.arm.holding
+    assert scene.arm.paused and scene.arm.hold_reason
 
 
 def test_a_stop_of_the_arm_itself_is_not_undone_by_a_touch_before_it():
@@ -49,7 +49,7 @@ def test_a_stop_of_the_arm_itself_is_not_undone_by_a_touch_before_it():
     scene.rest(0.2)
     scene.lift(number)
     scene.rest(0.6)
-    assert scene.arm.paused and scene.arm.holding == "emergency stop"
+    assert scene.arm.paused and scene.arm.hold_reason == "emergency stop"
 
 
 def test_a_pause_by_somebody_else_is_not_undone_by_a_touch_before_it():
@@ -135,4 +135,4 @@ def test_a_tap_beside_it_does_not_make_a_press_understood():
     scene.close(tap, heir=lean)
     scene.touches[lean]["force"] = 60.0
     scene.rest(0.1)
-    assert scene.arm.holding
+    assert scene.arm.hold_reason

@@ -13,7 +13,7 @@ from benchmarks.soak.kill import kill_often
 from eskin.drivers import Event
 from eskin.errors import RecordingError, StreamError
 from eskin.live import Detection
-from eskin.recording import EventRecord, read_recording, rewrite
+from eskin.recording import EventRecord, read_recording, rewrite_recording
 from eskin.recording.messages import pack_event, unpack_event
 from eskin.stream import Recorder, RecorderConfig, Stream
 from eskin.touch import Scan
@@ -97,7 +97,7 @@ def test_detections_and_events_are_recorded(tmp_path):
     recording = read_recording(tmp_path / "a.mcap")
     assert recording.events == tuple(event.record() for event in EVENTS)
     assert recording.detections == (said.record(),)
-    rewrite(recording, tmp_path / "b.mcap")
+    rewrite_recording(recording, tmp_path / "b.mcap")
     again = read_recording(tmp_path / "b.mcap")
     assert again.events == recording.events
     assert same_scans(list(again.scans()), SCANS)

@@ -89,7 +89,7 @@ def open_writer(path, joints=JOINTS, metadata=METADATA):
 def write_recording(path, scans, labels=(), joints=JOINTS):
     with open_writer(path, joints) as writer:
         write_all(writer, scans, labels)
-        writer.detection(DETECTION)
+        writer.write_detection(DETECTION)
     return path
 
 
@@ -365,7 +365,7 @@ def test_labels_written_in_any_order_are_read_in_order_of_time(tmp_path):
     labels = make_labels(scans)
     with open_writer(tmp_path / "a.mcap") as writer:
         for label in reversed(labels):
-            writer.label(label)
+            writer.write_label(label)
         write_all(writer, scans, ())
     assert read_recording(tmp_path / "a.mcap").labels == labels
 

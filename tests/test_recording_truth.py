@@ -13,7 +13,7 @@ from eskin.recording import (
     RecordingWriter,
     TruthRecord,
     read_recording,
-    rewrite,
+    rewrite_recording,
 )
 from eskin.recording.messages import (
     pack_joint_state,
@@ -106,7 +106,7 @@ def write_truths(path):
     with open_writer(path) as writer:
         writer.write_block(*block(12))
         for record in TRUTHS:
-            writer.truth(record)
+            writer.write_truth(record)
     return path
 
 
@@ -118,11 +118,11 @@ def test_a_recording_gives_back_what_was_really_done(tmp_path):
 
 def test_a_copy_with_other_labels_keeps_what_was_really_done(tmp_path):
     recording = read_recording(write_truths(tmp_path / "a.mcap"))
-    rewrite(recording, tmp_path / "b.mcap", labels=())
+    rewrite_recording(recording, tmp_path / "b.mcap", labels=())
     assert tuple(read_recording(tmp_path / "b.mcap").truths()) == TRUTHS
-    rewrite(recording)
+    rewrite_recording(recording)
     once = (tmp_path / "a.mcap").read_bytes()
-    rewrite(read_recording(tmp_path / "a.mcap"))
+    rewrite_recording(read_recording(tmp_path / "a.mcap"))
     assert (tmp_path / "a.mcap").read_bytes() == once
 
 

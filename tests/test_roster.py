@@ -2,9 +2,8 @@ from dataclasses import replace
 
 import pytest
 
-from eskin.drivers.event_log import EventLog
-from eskin.drivers.roster import Roster
-from eskin.drivers.seat import HOLD
+from eskin.drivers.events import EventLog
+from eskin.drivers.module_registry import HOLD, Roster
 from eskin.errors import SkinError
 from module_scenes import SKIN, TAXELS, Module
 from touch_scenes import SECOND, START

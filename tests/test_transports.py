@@ -13,10 +13,8 @@ import pytest
 
 from eskin.drivers import HostClock, encode
 from eskin.drivers.framing import frame
-from eskin.drivers.serial_port import SerialPort
-from eskin.drivers.serial_transport import SerialTransport
-from eskin.drivers.udp_pins import RELEASE, Pins
-from eskin.drivers.udp_transport import UdpTransport
+from eskin.drivers.serial_transport import SerialPort, SerialTransport
+from eskin.drivers.udp_transport import RELEASE, Pins, UdpTransport
 from eskin.errors import DeviceError
 from module_scenes import MS, START, Module
 from touch_scenes import SECOND

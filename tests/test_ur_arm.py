@@ -74,7 +74,7 @@ def ticks(arm, seconds):
 
 def test_it_begins_held_where_the_robot_stands():
     arm, link = told_arm(release=False)
-    assert arm.state().holding == "not started"
+    assert arm.state().hold_reason == "not started"
     positions = ticks(arm, 1.0)
     assert np.array_equal(positions, np.tile(START, (len(positions), 1)))
     arm.release()
@@ -107,7 +107,7 @@ def test_what_stops_the_robot_holds_it_at_once_and_never_ends_by_itself(why):
     fault = FAULTS[why]
     link.status = None if fault is None else replace(before, **fault)
     ticks(arm, PERIOD)
-    assert arm.state().holding == why
+    assert arm.state().hold_reason == why
     ticks(arm, 0.15 - PERIOD)
     assert not arm.state().moving
     last = link.orders[-1].q
@@ -118,11 +118,11 @@ def test_what_stops_the_robot_holds_it_at_once_and_never_ends_by_itself(why):
     link.status = replace(before, q=link.orders[-1].q or before.q)
     stood = ticks(arm, 3.0)
     assert np.array_equal(stood, np.tile(stood[0], (len(stood), 1)))
-    assert arm.state().holding == why
+    assert arm.state().hold_reason == why
     arm.release()
     arm.resume()
     assert np.abs(np.diff(ticks(arm, 1.0), axis=0)).max() <= LIMIT * PERIOD * 1.001
-    assert arm.state().holding is None
+    assert arm.state().hold_reason is None
 
 
 def test_a_stopped_robot_is_given_no_positions():
@@ -174,7 +174,7 @@ def test_a_robot_that_does_not_follow_is_held():
     arm = UrArm(Stubborn(), clock=ManualClock(), threaded=False)
     arm.release()
     ticks(arm, 2.0)
-    assert arm.state().holding == "the robot does not follow"
+    assert arm.state().hold_reason == "the robot does not follow"
 
 
 def test_a_stale_skin_holds_it_within_150_ms():
@@ -182,7 +182,7 @@ def test_a_stale_skin_holds_it_within_150_ms():
     policy = Policy(arm, Scene().policy.commands, VOCABULARY, PolicyConfig(tick=None))
     policy.start(Context(INFO, arm.clock, lambda item: None))
     began = arm.clock.now()
-    while not arm.state().holding:
+    while not arm.state().hold_reason:
         ticks(arm, PERIOD)
         policy.look()
     visible = arm.clock.now()
@@ -204,7 +204,7 @@ def test_a_loop_that_fails_holds_it_for_good(caplog):
     arm = UrArm(link)
     link.exchange = None
     arm.thread.join(5)
-    assert arm.state().holding and link.closed
+    assert arm.state().hold_reason and link.closed
     with pytest.raises(ArmError, match="loop failed"):
         arm.release()
     arm.close()
@@ -279,32 +279,32 @@ def test_the_real_client_does_every_action(working):
     assert stand_in.ask("slider") == 1.0
     assert np.abs(arm.q_at(arm.clock.now()) - stand_in.ask("q")).max() < 0.1
     arm.hold("test")
-    assert stays(stand_in) and arm.state().holding == "test"
+    assert stays(stand_in) and arm.state().hold_reason == "test"
 
 
 def test_the_real_client_is_held_by_a_protective_stop(working):
     stand_in, arm = working
     stand_in.order("protective", True)
-    until(lambda: arm.state().holding == "protective stop")
+    until(lambda: arm.state().hold_reason == "protective stop")
     assert stays(stand_in)
     stand_in.order("protective", False)
-    assert stays(stand_in) and arm.state().holding
+    assert stays(stand_in) and arm.state().hold_reason
 
 
 def test_the_real_client_is_held_by_a_slider_at_zero(working):
     stand_in, arm = working
     stand_in.order("slider", 0.0)
-    until(lambda: arm.state().holding == "speed slider at zero")
+    until(lambda: arm.state().hold_reason == "speed slider at zero")
     assert stays(stand_in) and stand_in.ask("slider") == 0.0
     stand_in.order("slider", 0.5)
-    assert stays(stand_in) and arm.state().holding
+    assert stays(stand_in) and arm.state().hold_reason
 
 
 def test_the_real_client_is_held_by_a_stale_skin(working):
     stand_in, arm = working
     policy = Policy(arm, Scene().policy.commands, VOCABULARY)
     policy.start(Context(INFO, arm.clock, lambda item: None))
-    until(lambda: (arm.state().holding or "").startswith("stale skin"))
+    until(lambda: (arm.state().hold_reason or "").startswith("stale skin"))
     assert stays(stand_in)
     policy.close()
 
@@ -313,17 +313,17 @@ def test_the_watchdog_on_the_robot_stops_it_when_nothing_comes(working):
     stand_in, arm = working
     stand_in.order("mute", True)
     until(lambda: not stand_in.ask("running"))
-    until(lambda: arm.state().holding)
+    until(lambda: arm.state().hold_reason)
     assert stays(stand_in)
     stand_in.order("mute", False)
     until(lambda: arm.state().connected)
-    assert stays(stand_in) and arm.state().holding
+    assert stays(stand_in) and arm.state().hold_reason
 
 
 def test_the_real_client_that_loses_its_robot_never_resumes_by_itself(working):
     stand_in, arm = working
     stand_in.order("hang_up")
-    until(lambda: arm.state().holding == "lost connection")
+    until(lambda: arm.state().hold_reason == "lost connection")
     assert stays(stand_in)
     with pytest.raises(ArmError, match="stays held: lost connection"):
         arm.release()
@@ -337,6 +337,6 @@ def test_the_real_client_that_loses_its_robot_never_resumes_by_itself(working):
 def test_the_real_client_whose_process_dies_is_a_lost_connection(working):
     stand_in, arm = working
     arm.link.process.kill()
-    until(lambda: arm.state().holding == "lost connection")
+    until(lambda: arm.state().hold_reason == "lost connection")
     assert stays(stand_in)
     until(lambda: arm.state().connected)

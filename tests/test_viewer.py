@@ -210,7 +210,7 @@ def test_a_stroke_by_click_runs_over_taxels_of_one_link_and_ends():
 
 
 class Told:
-    moving, paused, holding, speed = True, False, None, 0.5
+    moving, paused, hold_reason, speed = True, False, None, 0.5
     gripper, target, protective_stop, connected = "open", "rack", False, True
 
 
@@ -220,7 +220,7 @@ class Told:
         ({}, "running", ""),
         ({"moving": False}, "waiting", ""),
         ({"paused": True}, "paused", ""),
-        ({"paused": True, "holding": "stale skin"}, "held", "stale skin"),
+        ({"paused": True, "hold_reason": "stale skin"}, "held", "stale skin"),
         ({"protective_stop": True}, "stopped", "protective stop"),
         ({"connected": False, "paused": True}, "stopped", "lost connection"),
     ],

@@ -17,7 +17,7 @@ from typing import Literal
 import tyro
 
 from benchmarks.fuzz.guided import guide
-from benchmarks.fuzz.run import DemoResult, fuzz
+from benchmarks.fuzz.run import Outcome, fuzz
 from benchmarks.fuzz.target import Target
 
 Name = Literal["decoder", "skin", "recording", "commands"]
@@ -63,7 +63,7 @@ def kind_of(name: Name) -> type[Target]:
     return getattr(import_module(module), kind)
 
 
-def described(command: Command, outcome: DemoResult) -> str:
+def described(command: Command, outcome: Outcome) -> str:
     """The outcome in words."""
     lines = [
         f"{command.target}: {outcome.inputs} inputs of seed {command.seed} in "

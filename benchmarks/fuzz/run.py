@@ -28,7 +28,7 @@ class HangError(BaseException):
 
 
 @dataclass
-class DemoResult:
+class Outcome:
     """What came of the inputs."""
 
     inputs: int = 0
@@ -40,9 +40,9 @@ class DemoResult:
     """The first input of every kind of finding, by what was raised and where."""
 
 
-def fuzz(target: Target, first: int, inputs: int, seed: int) -> DemoResult:
+def fuzz(target: Target, first: int, inputs: int, seed: int) -> Outcome:
     """Feed a target; input number n is the same whatever came before it."""
-    outcome, start, before = DemoResult(), time.monotonic(), resident_peak()
+    outcome, start, before = Outcome(), time.monotonic(), resident_peak()
     with limits():
         for number in range(first, first + inputs):
             data = target.make(random.Random(seed * PLACES + number))

@@ -13,9 +13,9 @@ from jaxtyping import Float
 from eskin.command import FRAME_TASK, Arm, MotionConfig, SimulatedArm, Task
 from eskin.drivers import Clock, HostClock, Source, SourceInfo
 from eskin.drivers.device_source import DeviceSource
-from eskin.drivers.joints import FixedJoints, Joints
 from eskin.drivers.played_source import PlayedSource, replay_source
 from eskin.drivers.serial_transport import SerialTransport
+from eskin.drivers.source import FixedJoints, Joints
 from eskin.drivers.transport import Transport
 from eskin.drivers.udp_transport import UdpTransport
 from eskin.errors import ArmError, DeviceError, RecordingError

@@ -12,8 +12,8 @@ from numba.core import event
 
 from eskin.app import SourceConfig, open_source
 from eskin.drivers import DeviceSource
-from eskin.drivers.pace import Pace
-from eskin.drivers.serial_ports import SerialPortInfo, serial_ports
+from eskin.drivers.patch_stream import Pace
+from eskin.drivers.serial_transport import SerialPortInfo, serial_ports
 from eskin.errors import DeviceError, EskinError
 from eskin.live import Recognizer, warm_up
 from eskin.model import MODELS

@@ -14,11 +14,10 @@ from eskin.cli.checks import check_picture, tell_cut
 from eskin.cli.event_report import by_person, event_rows, show_events
 from eskin.errors import RecordingError
 from eskin.learn.checkpoint import to_network
-from eskin.learn.dataset import prepare
+from eskin.learn.dataset import prepare, shown
 from eskin.learn.evaluation import Evaluation, evaluate
 from eskin.learn.events import EventScore, hear, is_stream, score_events
 from eskin.learn.plots import draw_confusion, draw_reliability
-from eskin.learn.progress import shown
 from eskin.model import Model, load_model
 from eskin.recording import find_recordings, read_recording
 

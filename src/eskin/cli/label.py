@@ -10,7 +10,7 @@ from eskin.cli.checks import check_writable
 from eskin.errors import RecordingError
 
 if TYPE_CHECKING:
-    from eskin.recording import Labelling, Recording
+    from eskin.recording import AutoLabelResult, Recording
 
 
 @dataclass(frozen=True)
@@ -42,7 +42,12 @@ class Command:
 
 def run(command: Command) -> dict[str, object]:
     """Label and return labels and agreement."""
-    from eskin.recording import Agreement, find_recordings, read_recording, sort_labels
+    from eskin.recording import (
+        LabelAgreement,
+        find_recordings,
+        read_recording,
+        sort_labels,
+    )
 
     check(command)
     paths = find_recordings(command.recordings)
@@ -55,7 +60,7 @@ def run(command: Command) -> dict[str, object]:
     targets = [target_of(command, recording) for recording in recordings]
     check_targets(command, recordings, targets)
     labellings = [label_one(command, recording) for recording in recordings]
-    agreement = Agreement()
+    agreement = LabelAgreement()
     for recording, labelling in zip(recordings, labellings, strict=True):
         truth = sort_labels(recording.labels, "true")
         if truth:
@@ -80,15 +85,15 @@ def check(command: Command) -> None:
             raise RecordingError(f"--{option} is {value}; allowed is 0 or more")
 
 
-def label_one(command: Command, recording: "Recording") -> "Labelling":
+def label_one(command: Command, recording: "Recording") -> "AutoLabelResult":
     """Find the labels of one recording."""
-    from eskin.recording import AutoLabelConfig, find_labels, load_ranges
+    from eskin.recording import AutoLabelConfig, label_recording, load_ranges
 
     config = AutoLabelConfig(command.threshold, min_window=command.min_window)
     ranges = None
     if command.ranges is not None:
         ranges = load_ranges(command.ranges, recording.start)
-    return find_labels(recording, ranges, config)
+    return label_recording(recording, ranges, config)
 
 
 def target_of(command: Command, recording: "Recording") -> Path:
@@ -102,7 +107,7 @@ def check_targets(
     command: Command, recordings: "list[Recording]", targets: list[Path]
 ) -> None:
     """Refuse all recordings where one cannot be written."""
-    from eskin.recording.autolabel import check_target
+    from eskin.recording.writer import check_target
 
     if len(set(targets)) < len(targets):
         raise RecordingError(
@@ -117,11 +122,11 @@ def check_targets(
 def write(
     command: Command,
     recordings: "list[Recording]",
-    labellings: "list[Labelling]",
+    labellings: "list[AutoLabelResult]",
     targets: list[Path],
 ) -> None:
     """Write all recordings with their new labels."""
-    from eskin.recording import rewrite
+    from eskin.recording import rewrite_recording
 
     if command.out is not None:
         command.out.mkdir(parents=True, exist_ok=True)
@@ -132,4 +137,4 @@ def write(
         if command.ranges is not None:
             kept = [label for label in kept if label.source != "range"]
             kept += labelling.ranges
-        rewrite(recording, target, [*kept, *labelling.found])
+        rewrite_recording(recording, target, [*kept, *labelling.found])

@@ -39,7 +39,7 @@ def run(command: Command) -> dict[str, object]:
     """Replay and return the detections."""
     from eskin.live import Recognizer
     from eskin.model import load_model
-    from eskin.recording import best_labels, read_recording, rewrite
+    from eskin.recording import read_recording, rewrite_recording, select_labels
     from eskin.robot import recorded_robot
     from eskin.skin import MountedSkin
 
@@ -54,7 +54,7 @@ def run(command: Command) -> dict[str, object]:
         decision = replace(decision, threshold=command.threshold, thresholds={})
     recognizer = Recognizer(model, mounted, recording.calibration, decision)
     introduce(recording)
-    truth = best_labels(recording.labels)
+    truth = select_labels(recording.labels)
     found: list[Detection] = []
     rows: list[dict[str, object]] = []
     for scan in recording.scans():
@@ -64,7 +64,9 @@ def run(command: Command) -> dict[str, object]:
     rows += tell(recording, truth, found[len(rows) :])
     print(f"{len(rows)} detections")
     if command.record is not None:
-        rewrite(recording, command.record, detections=[f.record() for f in found])
+        rewrite_recording(
+            recording, command.record, detections=[f.record() for f in found]
+        )
         print(f"written to {command.record}")
     return {"detections": rows}
 

@@ -1,4 +1,4 @@
-"""The actions that a touch can command, and the confidence that each one needs."""
+"""This module defines the actions that a touch can command, and what each one needs."""
 
 from collections.abc import Callable
 from typing import Literal, get_args
@@ -24,7 +24,7 @@ Action = Literal[
 ]
 ACTIONS: tuple[str, ...] = get_args(Action)
 FUNCTION = "function"
-"""The action of a rule that names a function."""
+"""Action of a rule that names a function."""
 
 MIN_CONFIDENCE = {
     "hold": 0.5,
@@ -39,22 +39,25 @@ MIN_CONFIDENCE = {
     "resume": 0.95,
     "jog": 0.95,
 }
-"""Confidence that each needs, where a rule says nothing: the more can go wrong, the
-more."""
+"""Default confidence that each action needs: the more can go wrong, the higher."""
 STRICT_ACTIONS = ("open_gripper", "resume", "jog")
-"""A rule can ask more confidence for these, never less."""
+"""Actions whose default confidence a rule can only raise."""
 COOL_DOWN = 0.5
-"""How long a rule rests after it was obeyed, where it says nothing [s]."""
+"""Default time for which a rule rests after it was executed [s]."""
 HALTING_ACTIONS = ("pause", "hold")
-"""What stops the arm: no rest keeps anybody from it, nor that a touch is unknown."""
+"""Actions that stop the arm: neither a cool-down nor an unknown touch blocks them."""
 STARTING_ACTIONS = ("resume", "jog")
-"""What sets an arm in motion that stands: it does so once nobody touches it."""
+"""Actions that set a standing arm in motion: executed once nobody touches it."""
 REDUCING_ACTIONS = ("pause", "hold", "slow")
-"""What makes the arm do less: allowed when much else is not."""
+"""Actions that make the arm do less: allowed when most others are not."""
+
+CommandFunction = Callable[[Arm, Detection], None]
+COMMAND_FUNCTIONS: dict[str, CommandFunction] = {}
+"""Functions that Python code has registered, by name: a file can only name them."""
 
 
 def resolve_action(action: str, state: ArmState) -> str:
-    """The plain action that a toggle means in a state of the arm."""
+    """Return the plain action that a toggle means in a state of the arm."""
     match action:
         case "toggle_pause":
             return "resume" if state.paused else "pause"
@@ -65,31 +68,26 @@ def resolve_action(action: str, state: ArmState) -> str:
     return action
 
 
-def required_confidence(action: str, asked: float | None) -> float:
-    """The confidence that a plain action needs.
+def required_confidence(action: str, requested: float | None) -> float:
+    """Return the confidence that a plain action needs.
 
     Args:
-        action: no toggle.
-        asked: what its rule says; None where it says nothing.
+        action: a plain action, not a toggle.
+        requested: the confidence that its rule gives; None where it gives none.
     """
     least = MIN_CONFIDENCE[action]
-    if asked is None:
+    if requested is None:
         return least
-    return max(asked, least) if action in STRICT_ACTIONS else asked
-
-
-CommandFunction = Callable[[Arm, Detection], None]
-COMMAND_FUNCTIONS: dict[str, CommandFunction] = {}
-"""Those that Python code has registered, by name: a file can only name them."""
+    return max(requested, least) if action in STRICT_ACTIONS else requested
 
 
 def command_function(name: str) -> Callable[[CommandFunction], CommandFunction]:
-    """Let command maps call the function below by a name.
+    """Register the decorated function, so that command maps can name it.
 
     It is called like every other action: after all rules of the policy, once a touch.
 
     Args:
-        name: that files give.
+        name: the name that files give.
 
     Raises:
         ValueError: the name is taken, or is no plain word.

@@ -1,4 +1,4 @@
-"""The abstract arm, which works on a task and takes commands."""
+"""This module defines the abstract arm, which runs a task and takes commands."""
 
 from abc import abstractmethod
 from bisect import bisect_right
@@ -10,17 +10,17 @@ import numpy as np
 from jaxtyping import Float
 
 from eskin.closing import Closing
-from eskin.drivers.joints import Joints
+from eskin.drivers.source import Joints
 
 Grip = Literal["open", "closed"]
 
 
 @dataclass(frozen=True, eq=False)
 class ArmState:
-    """What an arm does at one instant."""
+    """The state of an arm describes what it does at one instant."""
 
     stamp: int
-    """When [ns since the epoch]."""
+    """Time of the state [ns since the epoch]."""
 
     q: Float[np.ndarray, "joint"]
     """Joint positions [rad]."""
@@ -31,14 +31,14 @@ class ArmState:
     paused: bool
     """Whether a person asked it to pause."""
 
-    holding: str | None
+    hold_reason: str | None
     """Why it was stopped without being asked; None where it was not."""
 
     speed: float
-    """Share of full speed that it goes at when it goes, above 0, at most 1."""
+    """Commanded share of full speed, above 0, at most 1."""
 
     gripper: Grip
-    """What the gripper is, or was before it began to move."""
+    """State of the gripper; while it moves, the state before."""
 
     target: str
     """Name of the waypoint that it goes to."""
@@ -47,35 +47,36 @@ class ArmState:
     """Whether the robot's own safety functions have stopped it."""
 
     connected: bool
-    """Whether the robot is heard."""
+    """Whether the robot answers."""
 
     carrying: bool = False
     """Whether it has a part in its gripper, as far as it knows."""
 
     delivered: int = 0
-    """Parts that it has brought to where they belong."""
+    """Number of parts that it has delivered."""
 
     jogging: bool = False
     """Whether it makes a step while it is paused."""
 
-    pauses: int = 0
+    pause_count: int = 0
     """How often it was asked to pause so far, paused already or not."""
 
     @property
     def stopped(self) -> bool:
         """Whether it is paused, held or in protective stop."""
-        return self.paused or self.holding is not None or self.protective_stop
+        return self.paused or self.hold_reason is not None or self.protective_stop
 
 
 class Arm(Joints, Closing):
-    """Goes from waypoint to waypoint of its task until it is told otherwise.
+    """An arm goes from waypoint to waypoint of its task until it is told otherwise.
 
-    All of it may be called from any thread. A pause and a hold stop it alike; both must
-    be over for it to go on. What is over is only ended by `resume` and `release`.
+    All methods may be called from any thread. A pause and a hold stop the arm alike;
+    both must be over for it to go on. Only `resume` ends a pause, and only `release`
+    ends a hold.
 
     Attributes:
-        name: of the robot, a preset or URDF.
-        joint_names: in the order of `q`.
+        name: name of the robot, a preset or URDF.
+        joint_names: names of the joints, in the order of `q`.
     """
 
     name: str
@@ -83,18 +84,18 @@ class Arm(Joints, Closing):
 
     @abstractmethod
     def state(self) -> ArmState:
-        """What it does now."""
+        """Return the present state."""
 
     @abstractmethod
     def pause(self) -> None:
-        """Stop, because a person wants it."""
+        """Stop, because a person asked for it."""
 
     @abstractmethod
     def resume(self) -> None:
-        """End a pause: speed up from where it stands."""
+        """End a pause: speed up from the present position."""
 
     @abstractmethod
-    def hold(self, why: str) -> None:
+    def hold(self, reason: str) -> None:
         """Stop, though nobody asked for it; the first reason is kept."""
 
     @abstractmethod
@@ -107,7 +108,7 @@ class Arm(Joints, Closing):
 
     @abstractmethod
     def next_waypoint(self) -> None:
-        """Go to the next waypoint from where it is."""
+        """Go to the next waypoint from the present position."""
 
     @abstractmethod
     def previous_waypoint(self) -> None:
@@ -115,7 +116,7 @@ class Arm(Joints, Closing):
 
     @abstractmethod
     def jog(self, step_world: Float[np.ndarray, "3"]) -> None:
-        """Move the tool a step [m] while paused, turned as it is, and stay paused.
+        """Move the tool by a step [m] while paused, keep its rotation, stay paused.
 
         Whatever stops the arm, and another pause, ends the step.
 
@@ -142,28 +143,28 @@ class Arm(Joints, Closing):
 
 @final
 class JointHistory:
-    """Keeps the latest joint positions; between two, a line."""
+    """A joint history keeps the latest joint positions and interpolates linearly."""
 
     def __init__(
         self, stamp: int, q: Float[np.ndarray, "joint"], size: int = 250
     ) -> None:
-        """Begin with positions [rad] at a time; keep `size` of them."""
+        """Start with positions [rad] at a time; keep at most `size` of them."""
         self.stamps = deque([stamp], size)
         self.positions = deque([np.array(q, np.float64)], size)
 
     def add(self, stamp: int, q: Float[np.ndarray, "joint"]) -> None:
-        """Positions at a time later than the last [ns since the epoch]."""
+        """Add positions [rad] at a time later than the last [ns since the epoch]."""
         if stamp > self.stamps[-1]:
             self.stamps.append(stamp)
             self.positions.append(np.array(q, np.float64))
 
     def at(self, stamp: int) -> Float[np.ndarray, "joint"]:
-        """Positions at a time [rad]; outside of what is kept, the nearest."""
+        """Return the positions at a time [rad]; outside of what is kept, the nearest."""
         if stamp >= self.stamps[-1]:
             return self.positions[-1]
-        place = bisect_right(self.stamps, stamp)
-        if place == 0:
+        index = bisect_right(self.stamps, stamp)
+        if index == 0:
             return self.positions[0]
-        before, after = self.stamps[place - 1], self.stamps[place]
-        q, q_after = self.positions[place - 1], self.positions[place]
+        before, after = self.stamps[index - 1], self.stamps[index]
+        q, q_after = self.positions[index - 1], self.positions[index]
         return q + (q_after - q) * ((stamp - before) / (after - before))

@@ -1,4 +1,4 @@
-"""Commands that wait for confidence, touches that have commanded, and pauses."""
+"""This module tracks pending commands, touches that have commanded, and stop times."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -12,28 +12,83 @@ from eskin.touch.records import TouchBrief
 from eskin.units import NS_PER_S
 
 
-@final
-class CommandedTouches:
-    """Touches that have commanded or asked; who takes one over is barred for it."""
+@dataclass
+class PendingCommand:
+    """A pending command waits until its confidence suffices or its touch has ended."""
 
-    def __init__(self) -> None:
-        """Nobody has."""
-        self.asked: set[tuple[int, int]] = set()
-        self.barred: set[int] = set()
+    detection: Detection
+    """Detection that asks for it."""
 
-    def add(self, touch: int, onset: int) -> None:
-        """Remember a touch by its id and its onset [ns since the epoch]."""
-        self.asked.add((touch, onset))
+    rule: Rule
+    """Rule that maps the detection to an action."""
 
-    def has(self, touch: int, onset: int) -> bool:
-        """Whether a touch has commanded or asked, or took over one that did."""
-        return touch in self.barred or (touch, onset) in self.asked
+    action: str
+    """Plain action that it asks for."""
 
-    def joins(self, touch: int, before: int, over: Sequence[TouchBrief]) -> bool:
-        """Whether another touch that has commanded or asked is one with this now.
+    required: float
+    """Confidence that the action needs."""
+
+    confidence: float
+    """Probability of its gesture at the latest reading of the touch."""
+
+    touch: int
+    """Id of the touch, or of the touch that has taken it over."""
+
+    closed: bool = False
+    """Whether the touch has closed, so that its confidence is final."""
+
+    @property
+    def confident(self) -> bool:
+        """Whether its confidence suffices."""
+        return self.confidence >= self.required
+
+    @property
+    def doubt(self) -> str:
+        """Why it is refused where its confidence does not suffice."""
+        return f"confidence {self.confidence:.2f} is below {self.required:.2f}"
+
+    def update(self, recognition: RecognitionState, vocabulary: tuple[str, ...]) -> None:
+        """Follow the touch and its confidence through the next recognition state.
 
         Args:
-            touch: id of what this touch is now.
+            recognition: a state not earlier than the detection.
+            vocabulary: gestures in the order of the probabilities.
+        """
+        for touch in recognition.state.over:
+            if touch.id == self.touch:
+                self.closed = not touch.merged_into
+                self.touch = touch.merged_into or self.touch
+        probabilities = recognition.probabilities.get(self.touch)
+        if probabilities is not None:
+            index = vocabulary.index(self.detection.gesture)
+            self.confidence = float(probabilities[index])
+
+
+@final
+class CommandedTouches:
+    """This set holds the touches that have commanded or asked to; each does so once.
+
+    A touch that takes over one of them is blocked as well.
+    """
+
+    def __init__(self) -> None:
+        """Start without any touch."""
+        self.asked: set[tuple[int, int]] = set()
+        self.blocked: set[int] = set()
+
+    def add(self, touch: int, onset: int) -> None:
+        """Add a touch by its id and its onset [ns since the epoch]."""
+        self.asked.add((touch, onset))
+
+    def contains(self, touch: int, onset: int) -> bool:
+        """Return whether a touch has commanded or asked, or took over one that did."""
+        return touch in self.blocked or (touch, onset) in self.asked
+
+    def merges(self, touch: int, before: int, over: Sequence[TouchBrief]) -> bool:
+        """Return whether another touch that has commanded or asked merges with this.
+
+        Args:
+            touch: present id of this touch.
             before: its id until now.
             over: touches that have closed, in their order.
         """
@@ -41,57 +96,57 @@ class CommandedTouches:
         for closed in reversed(over):
             if closed.merged_into in joined:
                 joined.add(closed.id)
-        known = self.barred | {number for number, _ in self.asked}
+        known = self.blocked | {number for number, _ in self.asked}
         return bool((joined - {before}) & known)
 
     def forget(self, over: Sequence[TouchBrief]) -> None:
-        """Let go of touches that have closed."""
+        """Remove touches that have closed."""
         for touch in over:
             asked = {key for key in self.asked if key[0] == touch.id}
-            if touch.merged_into and (asked or touch.id in self.barred):
-                self.barred.add(touch.merged_into)
+            if touch.merged_into and (asked or touch.id in self.blocked):
+                self.blocked.add(touch.merged_into)
             self.asked -= asked
-            self.barred.discard(touch.id)
+            self.blocked.discard(touch.id)
 
 
 @final
 class StopTimes:
-    """Follows the arm's state; all times are in ns since the epoch."""
+    """Stop times tell since when an arm is paused and held [ns since the epoch]."""
 
     def __init__(self) -> None:
-        """It is neither paused nor held."""
+        """Start with an arm that is neither paused nor held."""
         self.paused_since: int | None = None
         self.held_since: int | None = None
-        self.pauses = 0
+        self.pause_count = 0
 
-    def look(self, state: ArmState, now: int) -> None:
-        """Take in the arm's state at a time."""
-        if self.paused_since is None or state.pauses != self.pauses:
+    def update(self, state: ArmState, now: int) -> None:
+        """Update the times from the arm's state at a time."""
+        if self.paused_since is None or state.pause_count != self.pause_count:
             self.pause(state, now)
         if not state.paused:
             self.paused_since = None
         held = now if self.held_since is None else self.held_since
-        self.held_since = None if state.holding is None else held
+        self.held_since = None if state.hold_reason is None else held
 
     def pause(self, state: ArmState, now: int) -> None:
-        """Take in that it was paused just now, paused already or not."""
-        self.paused_since, self.pauses = now, state.pauses
+        """Note that the arm was paused just now, paused already or not."""
+        self.paused_since, self.pause_count = now, state.pause_count
 
     def hold(self, now: int) -> None:
-        """Take in that it was held just now."""
+        """Note that the arm was held just now."""
         self.held_since = now
 
     def resume(self) -> None:
-        """Take in that a pause is over."""
+        """Note that a pause is over."""
         self.paused_since = None
 
-    def objection(self, onset: int, now: int, least: float) -> str | None:
-        """Why a touch must not set the arm in motion; None: it may once it ends.
+    def find_refusal(self, onset: int, now: int, min_pause: float) -> str | None:
+        """Return why a touch must not set the arm in motion, or None where it may.
 
         Args:
-            onset: of the touch.
-            now: the time.
-            least: how long a pause lasts at least [s].
+            onset: time at which the touch began.
+            now: present time.
+            min_pause: least duration of a pause [s].
         """
         if self.paused_since is None:
             return "nobody has paused it"
@@ -100,55 +155,4 @@ class StopTimes:
         if self.held_since is not None and onset <= self.held_since:
             return "the touch began before the hold"
         passed = (now - self.paused_since) / NS_PER_S
-        return f"it was paused only {passed:.1f} s ago" if passed < least else None
-
-
-@dataclass
-class PendingCommand:
-    """What a touch asks for, and how sure that is by now."""
-
-    detection: Detection
-    """What was said of it."""
-
-    rule: Rule
-    """That it asks by."""
-
-    action: str
-    """The plain action that it asks for."""
-
-    needed: float
-    """Confidence that the action needs."""
-
-    confidence: float
-    """The probability of its gesture at the latest moment of the touch."""
-
-    touch: int
-    """Id of the touch, or of what has taken it over."""
-
-    closed: bool = False
-    """Whether no more will be known of it."""
-
-    @property
-    def sure(self) -> bool:
-        """Whether it is sure enough."""
-        return self.confidence >= self.needed
-
-    @property
-    def doubt(self) -> str:
-        """Why it is refused where it is not."""
-        return f"confidence {self.confidence:.2f} is below {self.needed:.2f}"
-
-    def follow(self, moment: RecognitionState, vocabulary: tuple[str, ...]) -> None:
-        """Take in the next moment.
-
-        Args:
-            moment: not earlier than what was said.
-            vocabulary: in the order of its probabilities.
-        """
-        for touch in moment.state.over:
-            if touch.id == self.touch:
-                self.closed = not touch.merged_into
-                self.touch = touch.merged_into or self.touch
-        chances = moment.probabilities.get(self.touch)
-        if chances is not None:
-            self.confidence = float(chances[vocabulary.index(self.detection.gesture)])
+        return f"it was paused only {passed:.1f} s ago" if passed < min_pause else None

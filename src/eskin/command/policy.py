@@ -158,7 +158,7 @@ class Policy(Listener):
             if trouble is not None:
                 for waiting in tuple(self.waiting):
                     self.end(waiting, trouble)
-                if state.holding is None:
+                if state.hold_reason is None:
                     self.hold(trouble)
 
     def look_on(self) -> None:
@@ -275,8 +275,11 @@ class Policy(Listener):
             return f"patch '{detection.patch}' is out"
         if rested < rest and action not in HALTING_ACTIONS:
             return f"the same was done {rested:.1f} s ago, it rests {rest:g} s"
-        if state.holding is not None and action not in (*REDUCING_ACTIONS, "resume"):
-            return f"the arm is held: {state.holding}; pause it, then resume"
+        if state.hold_reason is not None and action not in (
+            *REDUCING_ACTIONS,
+            "resume",
+        ):
+            return f"the arm is held: {state.hold_reason}; pause it, then resume"
         if action == "jog" and not detection.direction_world.any():
             return "the touch did not travel"
         if action in STARTING_ACTIONS:

@@ -121,8 +121,8 @@ class TaskExecutor:
         trajectory: the motion.
         place: of the waypoint that it goes to.
         paused: whether a person asked it to pause.
-        pauses: how often one has.
-        holding: why it was stopped without being asked; None where it was not.
+        pause_count: how often one has.
+        hold_reason: why it was stopped without being asked; None where it was not.
         speed: share of full speed.
         gripper: what it is, or was before it began to move.
         carrying: whether there is a part in it.
@@ -141,8 +141,8 @@ class TaskExecutor:
         self.task = task
         self.trajectory = Trajectory(begin if q is None else q, motion)
         self.place = 0
-        self.paused, self.pauses = False, 0
-        self.holding: str | None = None
+        self.paused, self.pause_count = False, 0
+        self.hold_reason: str | None = None
         self.speed = 1.0
         self.gripper: Grip = "open"
         self.gripping: Grip | None = None
@@ -160,7 +160,7 @@ class TaskExecutor:
 
     def pause(self) -> None:
         """Stop, because a person wants it."""
-        self.paused, self.pauses = True, self.pauses + 1
+        self.paused, self.pause_count = True, self.pause_count + 1
         self.end_jog()
 
     def resume(self) -> None:
@@ -170,12 +170,12 @@ class TaskExecutor:
 
     def hold(self, why: str) -> None:
         """Stop, though nobody asked for it; the first reason is kept."""
-        self.holding = self.holding or why
+        self.hold_reason = self.hold_reason or why
         self.end_jog()
 
     def release(self) -> None:
         """End a hold."""
-        self.holding = None
+        self.hold_reason = None
 
     def next_waypoint(self) -> None:
         """Go to the next waypoint from where it is."""
@@ -215,8 +215,8 @@ class TaskExecutor:
 
     def find_jog_refusal(self) -> str | None:
         """Why it must not jog now; None where it may."""
-        if self.holding is not None:
-            return f"the arm is held: {self.holding}"
+        if self.hold_reason is not None:
+            return f"the arm is held: {self.hold_reason}"
         if not self.paused:
             return "the arm is not paused"
         if not self.trajectory.stands or self.jogging or self.gripping is not None:
@@ -250,7 +250,7 @@ class TaskExecutor:
     @property
     def stopped(self) -> bool:
         """Whether it is paused or held."""
-        return self.paused or self.holding is not None
+        return self.paused or self.hold_reason is not None
 
     def advance(self, seconds: float, scaling: float = 1.0) -> None:
         """Let time pass.
@@ -267,7 +267,7 @@ class TaskExecutor:
 
     def step(self, seconds: float, scaling: float) -> None:
         """Let a short time pass."""
-        if self.gripping is not None and self.holding is None:
+        if self.gripping is not None and self.hold_reason is None:
             self.grip_left -= seconds
             if self.grip_left <= 0:
                 self.gripped(self.gripping)
@@ -310,7 +310,7 @@ class TaskExecutor:
             q=self.trajectory.q,
             moving=not self.trajectory.stands,
             paused=self.paused,
-            holding=self.holding,
+            hold_reason=self.hold_reason,
             speed=self.speed,
             gripper=self.gripper,
             target=self.waypoint.name,
@@ -319,5 +319,5 @@ class TaskExecutor:
             carrying=self.carrying,
             delivered=self.delivered,
             jogging=self.jogging,
-            pauses=self.pauses,
+            pause_count=self.pause_count,
         )

@@ -19,7 +19,7 @@ from eskin.drivers.played_source import PlayedSource
 from eskin.live import Recognizer, warm_up
 from eskin.model import Model
 from eskin.page import Board
-from eskin.page import RecognitionResult as Shown
+from eskin.page import Answer as Shown
 from eskin.page.port import free_port
 from eskin.stream import (
     Context,

@@ -268,7 +268,7 @@ class SimulatedUser:
         """What to do next."""
         if self.rng.random() < self.config.accidents:
             return NONE
-        if state.holding or (state.paused and self.rng.random() < TO_WAKE):
+        if state.hold_reason or (state.paused and self.rng.random() < TO_WAKE):
             return "poke"
         return str(self.rng.choice(GESTURES))
 

@@ -6,17 +6,13 @@ from typing import final
 import numpy as np
 from jaxtyping import Integer
 
-from eskin.drivers.device_time import ScanTime
-from eskin.drivers.event_log import EventLog
-from eskin.drivers.fates import Fate, Fates
-from eskin.drivers.feed import Feed
-from eskin.drivers.joints import Joints
-from eskin.drivers.pace import Change
+from eskin.drivers.clock_sync import ScanTime
+from eskin.drivers.events import EventLog
+from eskin.drivers.module_registry import Fate, Fates, Roster, Seat
 from eskin.drivers.packet import Data, Hello, Packet, Status
-from eskin.drivers.period import Grid, PeriodScans
-from eskin.drivers.roster import Roster
-from eskin.drivers.seat import Seat
-from eskin.drivers.timeline import Timeline
+from eskin.drivers.patch_stream import Change, Feed
+from eskin.drivers.source import Joints
+from eskin.drivers.timeline import Grid, PeriodScans, Timeline
 from eskin.skin import Skin
 from eskin.touch import Scan
 from eskin.units import NS_PER_S

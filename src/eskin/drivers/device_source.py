@@ -5,13 +5,10 @@ from typing import final
 
 from eskin.drivers.assembler import Assembler
 from eskin.drivers.clock import Clock
-from eskin.drivers.event import Event
-from eskin.drivers.event_log import EventLog
-from eskin.drivers.fates import Fate
-from eskin.drivers.joints import Joints
+from eskin.drivers.events import Event, EventLog
+from eskin.drivers.module_registry import MOST_RATE, Fate
 from eskin.drivers.packet import decode
-from eskin.drivers.roster import MOST_RATE
-from eskin.drivers.source import Source, SourceInfo
+from eskin.drivers.source import Joints, Source, SourceInfo
 from eskin.drivers.transport import Delivery, Transport
 from eskin.errors import DeviceError, PacketError, SkinMismatchError
 from eskin.skin import MountedSkin

@@ -1,14 +1,39 @@
-"""Where scans come from: the abstract source."""
+"""This module defines the abstract source of scans and of joint positions."""
 
-from abc import abstractmethod
+from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import final
+
+import numpy as np
+from jaxtyping import Float
 
 from eskin.closing import Closing
 from eskin.drivers.clock import Clock
-from eskin.drivers.event import Event
+from eskin.drivers.events import Event
 from eskin.skin import Skin
 from eskin.touch import Calibration, Scan
+
+
+class Joints(ABC):
+    """Tells the joint positions of a robot at a time."""
+
+    @abstractmethod
+    def q_at(self, stamp: int) -> Float[np.ndarray, "joint"]:
+        """Joint positions [rad] at a time [ns since the epoch]; the last known."""
+
+
+@final
+class FixedJoints(Joints):
+    """A robot that does not move."""
+
+    def __init__(self, q: Float[np.ndarray, "joint"]) -> None:
+        """Stay at `q` [rad]."""
+        self.q = np.array(q, np.float64)
+
+    def q_at(self, stamp: int) -> Float[np.ndarray, "joint"]:
+        """The same at all times."""
+        return self.q
 
 
 @dataclass(frozen=True)

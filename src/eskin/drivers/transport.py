@@ -4,7 +4,7 @@ from abc import abstractmethod
 from typing import NamedTuple
 
 from eskin.closing import Closing
-from eskin.drivers.event import Event
+from eskin.drivers.events import Event
 
 
 class Delivery(NamedTuple):

@@ -1,15 +1,17 @@
-"""Recordings made ready for learning: every reading tracked and its graphs laid out."""
+"""A data set holds prepared recordings laid end to end, ready for learning."""
 
 import hashlib
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from jaxtyping import Int
 from joblib import Parallel, delayed
+from rich.console import Console
+from rich.progress import track
 
 from eskin.errors import RecordingError
 from eskin.graph import GraphBatch, GraphConfig, join
@@ -25,10 +27,26 @@ from eskin.learn.ground_truth import (
     places_at,
 )
 from eskin.learn.prepared_recording import Part, load_part, packed_part, part_of
-from eskin.learn.progress import shown
 from eskin.learn.recording_transforms import Version
 from eskin.recording import NONE, Recording, read_recording
 from eskin.touch import PipelineConfig
+
+T = TypeVar("T")
+
+
+def shown(items: Iterable[T], what: str, total: int) -> Iterator[T]:
+    """The same items; until the last, a bar stands on the terminal if there is one.
+
+    Args:
+        items: as they get ready.
+        what: is done.
+        total: how many there are.
+    """
+    console = Console(stderr=True)
+    silent = not console.is_terminal
+    yield from track(
+        items, what, total, console=console, transient=True, disable=silent
+    )
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from eskin.errors import RecordingError
-from eskin.recording import NONE, Label, Recording, best_labels
+from eskin.recording import NONE, Label, Recording, select_labels
 from eskin.units import NS_PER_S
 
 INDEX_NAME = "clips.jsonl"
@@ -181,7 +181,7 @@ def labels_of(recording: Recording) -> list[Label]:
     On a calibrated skin a label lasts 0.6 s longer, or until the next one: a touch
     keeps its gesture until it closes.
     """
-    truth = best_labels(recording.labels)
+    truth = select_labels(recording.labels)
     if not truth or not recording.skin.calibrated:
         return list(truth)
     nexts = [label.start for label in truth[1:]] + [LATEST]

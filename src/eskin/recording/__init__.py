@@ -1,23 +1,22 @@
 """Recordings: MCAP files of scans and labels, and where they come from."""
 
 from eskin.recording.autolabel import (
-    Agreement,
     AutoLabelConfig,
-    Labelling,
-    find_labels,
+    AutoLabelResult,
+    LabelAgreement,
     label_automatically,
-    rewrite,
+    label_recording,
 )
-from eskin.recording.conversion import Conversion
+from eskin.recording.conversion import ConversionResult
 from eskin.recording.labels import (
     NONE,
     Label,
-    best_labels,
+    build_labels,
+    build_rough_ranges,
     check_no_overlap,
     label_instants,
-    labels_from_instants,
     load_ranges,
-    rough_ranges,
+    select_labels,
     sort_labels,
 )
 from eskin.recording.reader import (
@@ -30,19 +29,19 @@ from eskin.recording.records import DetectionRecord, EventRecord, Metadata, Trut
 from eskin.recording.shearsense import convert_shearsense
 from eskin.recording.sleeve import convert_sleeve
 from eskin.recording.socialtouch import convert_socialtouch
-from eskin.recording.writer import RecordingWriter, write_all
+from eskin.recording.writer import RecordingWriter, rewrite_recording, write_all
 
 __all__ = [
     "NONE",
-    "Agreement",
+    "LabelAgreement",
     "AutoLabelConfig",
-    "Labelling",
-    "find_labels",
+    "AutoLabelResult",
+    "label_recording",
     "label_automatically",
     "load_ranges",
-    "rough_ranges",
-    "rewrite",
-    "Conversion",
+    "build_rough_ranges",
+    "rewrite_recording",
+    "ConversionResult",
     "DetectionRecord",
     "EventRecord",
     "Label",
@@ -51,14 +50,14 @@ __all__ = [
     "RecordingWriter",
     "ScanArrays",
     "TruthRecord",
-    "best_labels",
+    "select_labels",
     "check_no_overlap",
     "convert_shearsense",
     "convert_sleeve",
     "convert_socialtouch",
     "find_recordings",
     "label_instants",
-    "labels_from_instants",
+    "build_labels",
     "read_recording",
     "sort_labels",
     "write_all",

@@ -7,16 +7,13 @@ prevent issues such as the separation of double-tap gestures" (Data Collection).
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
-from pathlib import Path
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from eskin.errors import RecordingError
-from eskin.recording.labels import NONE, Label, rough_ranges, sort_labels
+from eskin.recording.labels import NONE, Label, build_rough_ranges, sort_labels
 from eskin.recording.reader import Recording
-from eskin.recording.records import DetectionRecord
-from eskin.recording.writer import RecordingWriter, write_all
 from eskin.touch.calibration import Calibrator
 from eskin.units import NS_PER_S
 
@@ -31,7 +28,7 @@ class AutoLabelConfig:
     """Largest pressure from which on the skin is touched [kPa]; None finds the value
     that parts touched from untouched best in each recording (Otsu 1979)."""
 
-    least_threshold: float = 1.0
+    min_threshold: float = 1.0
     """No threshold found is below this [kPa]: it would part noise from noise."""
 
     min_window: float = 0.5
@@ -64,7 +61,7 @@ def label_automatically(
     threshold = config.threshold
     if threshold is None:
         among = peaks[np.any(insides, axis=0)]
-        threshold = max(config.least_threshold, best_threshold(among))
+        threshold = max(config.min_threshold, best_threshold(among))
     found: list[Label] = []
     for marked, inside in zip(ranges, insides, strict=True):
         spans = touched_spans(stamps, inside & (peaks >= threshold))
@@ -125,7 +122,7 @@ SAME = 0.5
 
 
 @dataclass
-class Agreement:
+class LabelAgreement:
     """Adds up over recordings; `summary` gives the figures."""
 
     hits: int = 0
@@ -245,7 +242,7 @@ def median(values: Sequence[float]) -> float | None:
 
 
 @dataclass(frozen=True)
-class Labelling:
+class AutoLabelResult:
     """What automatic labelling says of one recording."""
 
     stamps: Int[np.ndarray, "reading"]
@@ -258,11 +255,11 @@ class Labelling:
     """Labels of source `auto`."""
 
 
-def find_labels(
+def label_recording(
     recording: Recording,
     ranges: Sequence[Label] | None = None,
     config: AutoLabelConfig | None = None,
-) -> Labelling:
+) -> AutoLabelResult:
     """Label a recording automatically; nothing is written.
 
     Args:
@@ -276,7 +273,7 @@ def find_labels(
     """
     if ranges is None:
         ranges = sort_labels(recording.labels, "range")
-        ranges = ranges or rough_ranges(recording.labels)
+        ranges = ranges or build_rough_ranges(recording.labels)
     if not ranges:
         raise RecordingError(
             f"{recording.path} holds neither ranges nor true gestures; "
@@ -284,7 +281,7 @@ def find_labels(
         )
     stamps, peaks = peak_pressures(recording)
     found = label_automatically(stamps, peaks, ranges, config)
-    return Labelling(stamps, peaks, tuple(ranges), found)
+    return AutoLabelResult(stamps, peaks, tuple(ranges), found)
 
 
 def peak_pressures(
@@ -299,58 +296,3 @@ def peak_pressures(
         stamps.append(reading.stamp)
         peaks.append(float(reading.pressure.max(initial=0.0, where=reading.valid)))
     return np.array(stamps, dtype=np.int64), np.array(peaks, dtype=np.float64)
-
-
-def rewrite(
-    recording: Recording,
-    path: Path | str | None = None,
-    labels: Iterable[Label] | None = None,
-    detections: Iterable[DetectionRecord] | None = None,
-) -> None:
-    """Write a copy of a recording with other labels or detections, whole or not at all.
-
-    Args:
-        recording: what to copy.
-        path: of the copy; None replaces the recording once its copy is whole.
-        labels: all labels of the copy; None keeps the recording's.
-        detections: all detections of the copy; None keeps the recording's.
-
-    Raises:
-        RecordingError: when a recording that is cut short would be replaced.
-    """
-    target = recording.path if path is None else Path(path)
-    check_target(recording, target)
-    writer = RecordingWriter(
-        target,
-        recording.robot_name,
-        recording.skin,
-        recording.calibration,
-        recording.metadata,
-        recording.joint_names,
-    )
-    try:
-        with writer:
-            write_all(
-                writer,
-                recording.scans(),
-                recording.labels if labels is None else labels,
-                recording.detections if detections is None else detections,
-                recording.truths(),
-                recording.events,
-            )
-    except BaseException:
-        writer.part.unlink(missing_ok=True)
-        raise
-
-
-def check_target(recording: Recording, target: Path) -> None:
-    """Refuse to replace a recording by less than there was of it.
-
-    Raises:
-        RecordingError: when it is cut short and would be replaced.
-    """
-    if recording.truncated and target.resolve() == recording.path.resolve():
-        raise RecordingError(
-            f"{recording.path} is cut short and would be replaced by what is left; "
-            "write the copy elsewhere"
-        )

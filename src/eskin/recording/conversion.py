@@ -20,7 +20,7 @@ FULL_SCALE_KPA = 100.0
 
 
 @dataclass(frozen=True)
-class Clip:
+class ImportedClip:
     """One recording of a public set, read into memory."""
 
     name: str
@@ -34,7 +34,7 @@ class Clip:
 
 
 @dataclass(frozen=True)
-class Conversion:
+class ConversionResult:
     """What a conversion wrote."""
 
     recordings: int
@@ -48,8 +48,11 @@ class Conversion:
 
 
 def write_clips(
-    clips: Iterable[Clip], folder: Path | str, skin: Skin, calibration: Calibration
-) -> Conversion:
+    clips: Iterable[ImportedClip],
+    folder: Path | str,
+    skin: Skin,
+    calibration: Calibration,
+) -> ConversionResult:
     """Write each clip to `<folder>/<name>.mcap`, after all of them could be read.
 
     Raises:
@@ -78,7 +81,7 @@ def write_clips(
         shutil.rmtree(work)
         if not existed and not any(folder.iterdir()):
             folder.rmdir()
-    return Conversion(recordings, skin.count, readings, labels)
+    return ConversionResult(recordings, skin.count, readings, labels)
 
 
 def make_work_folder(folder: Path) -> Path:

@@ -46,7 +46,7 @@ def sort_labels(
     return tuple(sorted(x for x in labels if source in (None, x.source)))
 
 
-def best_labels(labels: Iterable[Label]) -> tuple[Label, ...]:
+def select_labels(labels: Iterable[Label]) -> tuple[Label, ...]:
     """The true ones; where there are none the automatic ones, else the rough ones."""
     known = tuple(labels)
     each = (sort_labels(known, source) for source in ("true", "auto", "range"))
@@ -91,7 +91,7 @@ def label_instants(
     return instants
 
 
-def labels_from_instants(
+def build_labels(
     stamps: Int[np.ndarray, "reading"],
     gestures: Sequence[str],
     period: int,
@@ -164,7 +164,9 @@ def range_of(entry: object, place: str, start: int) -> Label:
     return Label(begin, end, gesture.strip().lower(), "range")
 
 
-def rough_ranges(truth: Iterable[Label], margin: float = MARGIN) -> tuple[Label, ...]:
+def build_rough_ranges(
+    truth: Iterable[Label], margin: float = MARGIN
+) -> tuple[Label, ...]:
     """Ranges such as a person would mark: true labels widened and joined by gesture.
 
     Neighbours of one gesture become one range where they meet; those of different

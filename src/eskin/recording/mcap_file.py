@@ -62,7 +62,7 @@ class TopicMessage(NamedTuple):
 McapItem = Header | Metadata | Attachment | TopicMessage
 
 
-class McapStream:
+class McapReader:
     """Iterates over what an MCAP file holds; `truncated` is known at its end.
 
     Every iteration reads the file again from its start.
@@ -202,7 +202,7 @@ def packed(records: Iterable[McapRecord]) -> bytes:
     return builder.end()
 
 
-class McapFile:
+class McapWriter:
     """Writes one file front to back."""
 
     def __init__(self, file: BinaryIO, profile: str, library: str) -> None:

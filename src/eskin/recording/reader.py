@@ -14,7 +14,7 @@ from mcap.records import Metadata as MetadataItem
 
 from eskin.errors import RecordingError, SkinError
 from eskin.recording.labels import Label, sort_labels
-from eskin.recording.mcap_file import McapStream, TopicMessage
+from eskin.recording.mcap_file import McapReader, TopicMessage
 from eskin.recording.messages import (
     DETECTION,
     EVENT,
@@ -29,8 +29,16 @@ from eskin.recording.messages import (
     unpack_reading,
     unpack_truth,
 )
-from eskin.recording.records import DetectionRecord, EventRecord, Metadata, TruthRecord
-from eskin.recording.writer import CALIBRATION_NAME, FORMAT, RECORD_NAME, SKIN_NAME
+from eskin.recording.records import (
+    CALIBRATION_NAME,
+    FORMAT,
+    RECORD_NAME,
+    SKIN_NAME,
+    DetectionRecord,
+    EventRecord,
+    Metadata,
+    TruthRecord,
+)
 from eskin.skin.files import skin_from_bytes
 from eskin.skin.skin import Skin
 from eskin.touch.calibration import Calibration
@@ -119,7 +127,7 @@ class Recording:
     def scans(self) -> Iterator[Scan]:
         """Every scan up to the last whole chunk, from disk."""
         q = np.empty(0)
-        for message in McapStream(self.path):
+        for message in McapReader(self.path):
             if not isinstance(message, TopicMessage):
                 continue
             try:
@@ -132,7 +140,7 @@ class Recording:
 
     def truths(self) -> Iterator[TruthRecord]:
         """Every touch as it really was, from disk; none where that is not known."""
-        for message in McapStream(self.path):
+        for message in McapReader(self.path):
             if isinstance(message, TopicMessage) and message.topic == TRUTH.name:
                 try:
                     yield unpack_truth(message.data)
@@ -198,7 +206,7 @@ def read_recording(path: Path | str) -> Recording:
     path = Path(path)
     if not path.is_file():
         raise RecordingError(f"no recording at {path}; give an .mcap file")
-    stream = McapStream(path)
+    stream = McapReader(path)
     found = Findings(path)
     for item in stream:
         found.take(item)

@@ -2,6 +2,10 @@
 
 from dataclasses import asdict, dataclass, field
 
+RECORD_NAME = "eskin"
+SKIN_NAME = "skin"
+CALIBRATION_NAME = "calibration.json"
+FORMAT = "1"
 NOTE = "note."
 
 

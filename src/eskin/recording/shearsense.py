@@ -15,7 +15,12 @@ import numpy as np
 from jaxtyping import Int
 
 from eskin.errors import ImportSourceError
-from eskin.recording.conversion import FULL_SCALE_KPA, Clip, Conversion, write_clips
+from eskin.recording.conversion import (
+    FULL_SCALE_KPA,
+    ConversionResult,
+    ImportedClip,
+    write_clips,
+)
 from eskin.recording.labels import NONE, Label
 from eskin.recording.records import Metadata
 from eskin.skin.files import load_skin
@@ -43,7 +48,7 @@ BROKEN = (
 )
 
 
-def convert_shearsense(source: Path | str, folder: Path | str) -> Conversion:
+def convert_shearsense(source: Path | str, folder: Path | str) -> ConversionResult:
     """Convert every file of the ShearSense set in `source` to recordings in `folder`.
 
     Raises:
@@ -75,13 +80,13 @@ def shearsense_files(source: Path) -> list[Path]:
     return files
 
 
-def shearsense_clips(files: list[Path]) -> Iterator[Clip]:
+def shearsense_clips(files: list[Path]) -> Iterator[ImportedClip]:
     """Read one file after the other."""
     for path in files:
         yield shearsense_clip(path)
 
 
-def shearsense_clip(path: Path) -> Clip:
+def shearsense_clip(path: Path) -> ImportedClip:
     """One file as a clip with one label; its folder names the gesture."""
     gesture = re.sub(r"[\s-]+", "_", path.parent.name.strip().lower())
     rest = path.stem
@@ -102,7 +107,7 @@ def shearsense_clip(path: Path) -> Clip:
         "shearsense", participant(path, rest), support(rest), "shearsense", notes
     )
     name = re.sub(r"[^A-Za-z0-9]+", "_", f"{gesture}_{rest}").strip("_")
-    return Clip(name, metadata, scans, (label,))
+    return ImportedClip(name, metadata, scans, (label,))
 
 
 def load_counts(path: Path) -> list[Int[np.ndarray, "reading taxel"]]:

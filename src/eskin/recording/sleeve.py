@@ -17,8 +17,13 @@ import numpy as np
 from jaxtyping import Int
 
 from eskin.errors import ImportSourceError
-from eskin.recording.conversion import FULL_SCALE_KPA, Clip, Conversion, write_clips
-from eskin.recording.labels import NONE, labels_from_instants
+from eskin.recording.conversion import (
+    FULL_SCALE_KPA,
+    ConversionResult,
+    ImportedClip,
+    write_clips,
+)
+from eskin.recording.labels import NONE, build_labels
 from eskin.recording.records import Metadata
 from eskin.skin.files import load_skin
 from eskin.touch.calibration import Calibration
@@ -37,7 +42,7 @@ SUFFIXES = (".json", ".json.gz")
 ALIASES = {"squeez": "squeeze", "unknown": "tap", "": NONE}
 
 
-def convert_sleeve(source: Path | str, folder: Path | str) -> Conversion:
+def convert_sleeve(source: Path | str, folder: Path | str) -> ConversionResult:
     """Convert every file of the sleeve set in `source` to recordings in `folder`.
 
     Raises:
@@ -101,13 +106,13 @@ def session_names(times: Sequence[datetime]) -> list[str]:
 
 def sleeve_clips(
     times: Sequence[tuple[datetime, Path]], sessions: Sequence[str]
-) -> Iterator[Clip]:
+) -> Iterator[ImportedClip]:
     """Read one file after the other."""
     for (time, path), session in zip(times, sessions, strict=True):
         yield sleeve_clip(path, time, session)
 
 
-def sleeve_clip(path: Path, time: datetime, session: str) -> Clip:
+def sleeve_clip(path: Path, time: datetime, session: str) -> ImportedClip:
     """One file as a clip."""
     content = load_json(path)
     frames = content.get("frames") if isinstance(content, dict) else None
@@ -122,11 +127,11 @@ def sleeve_clip(path: Path, time: datetime, session: str) -> Clip:
         Scan(int(stamp), count, received, np.empty(0))
         for stamp, count in zip(stamps, counts, strict=True)
     )
-    labels = labels_from_instants(stamps, gestures, PERIOD)
+    labels = build_labels(stamps, gestures, PERIOD)
     name = path.name.removesuffix(".gz").removesuffix(".json")
     notes = {"source_file": path.name, "rate": "10 Hz, nominal"}
     metadata = Metadata("sleeve", "", session, "sleeve", notes)
-    return Clip(name, metadata, scans, labels)
+    return ImportedClip(name, metadata, scans, labels)
 
 
 def load_json(path: Path) -> object:

@@ -17,7 +17,12 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from eskin.errors import ImportSourceError
-from eskin.recording.conversion import FULL_SCALE_KPA, Clip, Conversion, write_clips
+from eskin.recording.conversion import (
+    FULL_SCALE_KPA,
+    ConversionResult,
+    ImportedClip,
+    write_clips,
+)
 from eskin.recording.labels import Label
 from eskin.recording.records import Metadata
 from eskin.skin.grids import grid_skin
@@ -98,7 +103,7 @@ def convert_socialtouch(
     folder: Path | str,
     pitch: float = PITCH,
     full_scale_kpa: float = FULL_SCALE_KPA,
-) -> Conversion:
+) -> ConversionResult:
     """Convert every file of the SocialTouch set in `source` to recordings in `folder`.
 
     Args:
@@ -131,13 +136,13 @@ def socialtouch_files(source: Path) -> list[Path]:
     return files
 
 
-def socialtouch_clips(files: list[Path]) -> Iterator[Clip]:
+def socialtouch_clips(files: list[Path]) -> Iterator[ImportedClip]:
     """Read one file after the other."""
     for path in files:
         yield socialtouch_clip(path)
 
 
-def socialtouch_clip(path: Path) -> Clip:
+def socialtouch_clip(path: Path) -> ImportedClip:
     """One file as a clip: its repetitions in turn, each labelled while it is felt."""
     start = start_time(path)
     repetitions = list(read_repetitions(path))
@@ -155,7 +160,7 @@ def socialtouch_clip(path: Path) -> Clip:
     notes = {"source_file": path.name, "repetitions": str(len(repetitions))}
     metadata = Metadata("socialtouch", subject, session, "socialtouch", notes)
     name = f"{first.gesture}_{subject}_{start:%Y%m%d_%H%M%S}"
-    return Clip(name, metadata, tuple(scans), tuple(labels))
+    return ImportedClip(name, metadata, tuple(scans), tuple(labels))
 
 
 def start_time(path: Path) -> datetime:

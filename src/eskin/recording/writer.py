@@ -16,7 +16,7 @@ from jaxtyping import Bool, Float, Int
 
 from eskin.errors import RecordingError
 from eskin.recording.labels import Label, sort_labels
-from eskin.recording.mcap_file import McapFile
+from eskin.recording.mcap_file import McapWriter
 from eskin.recording.messages import (
     DETECTION,
     EVENT,
@@ -35,7 +35,17 @@ from eskin.recording.messages import (
     pack_readings,
     pack_truth,
 )
-from eskin.recording.records import DetectionRecord, EventRecord, Metadata, TruthRecord
+from eskin.recording.reader import Recording
+from eskin.recording.records import (
+    CALIBRATION_NAME,
+    FORMAT,
+    RECORD_NAME,
+    SKIN_NAME,
+    DetectionRecord,
+    EventRecord,
+    Metadata,
+    TruthRecord,
+)
 from eskin.robot.presets import load_robot
 from eskin.skin.files import skin_to_bytes
 from eskin.skin.skin import Skin
@@ -43,10 +53,6 @@ from eskin.touch.calibration import Calibration
 from eskin.touch.reading import Scan
 
 CHUNK_NS = 1_000_000_000
-RECORD_NAME = "eskin"
-SKIN_NAME = "skin"
-CALIBRATION_NAME = "calibration.json"
-FORMAT = "1"
 
 Word = Label | DetectionRecord | EventRecord
 
@@ -92,7 +98,7 @@ class RecordingWriter:
                 f"cannot write {self.part}: {error.strerror}; give a path in a folder "
                 "that exists and can be written to"
             ) from error
-        self.mcap = McapFile(self.file, "ros2", "eskin")
+        self.mcap = McapWriter(self.file, "ros2", "eskin")
         try:
             self.begin(robot_name, calibration, metadata)
         except BaseException:
@@ -293,7 +299,7 @@ def write_all(
         writer.write(scan)
         count += 1
         while truth is not None and truth.stamp <= scan.stamp:
-            writer.truth(truth)
+            writer.write_truth(truth)
             truth = next(known, None)
     for _, word in words[done:]:
         write_word(writer, word)
@@ -303,8 +309,63 @@ def write_all(
 def write_word(writer: RecordingWriter, word: Word) -> None:
     """Write a label, a detection or an event."""
     if isinstance(word, Label):
-        writer.label(word)
+        writer.write_label(word)
     elif isinstance(word, DetectionRecord):
-        writer.detection(word)
+        writer.write_detection(word)
     else:
-        writer.event(word)
+        writer.write_event(word)
+
+
+def rewrite_recording(
+    recording: Recording,
+    path: Path | str | None = None,
+    labels: Iterable[Label] | None = None,
+    detections: Iterable[DetectionRecord] | None = None,
+) -> None:
+    """Write a copy of a recording with other labels or detections, whole or not at all.
+
+    Args:
+        recording: what to copy.
+        path: of the copy; None replaces the recording once its copy is whole.
+        labels: all labels of the copy; None keeps the recording's.
+        detections: all detections of the copy; None keeps the recording's.
+
+    Raises:
+        RecordingError: when a recording that is cut short would be replaced.
+    """
+    target = recording.path if path is None else Path(path)
+    check_target(recording, target)
+    writer = RecordingWriter(
+        target,
+        recording.robot_name,
+        recording.skin,
+        recording.calibration,
+        recording.metadata,
+        recording.joint_names,
+    )
+    try:
+        with writer:
+            write_all(
+                writer,
+                recording.scans(),
+                recording.labels if labels is None else labels,
+                recording.detections if detections is None else detections,
+                recording.truths(),
+                recording.events,
+            )
+    except BaseException:
+        writer.part.unlink(missing_ok=True)
+        raise
+
+
+def check_target(recording: Recording, target: Path) -> None:
+    """Refuse to replace a recording by less than there was of it.
+
+    Raises:
+        RecordingError: when it is cut short and would be replaced.
+    """
+    if recording.truncated and target.resolve() == recording.path.resolve():
+        raise RecordingError(
+            f"{recording.path} is cut short and would be replaced by what is left; "
+            "write the copy elsewhere"
+        )

@@ -219,9 +219,9 @@ class Recorder(Listener):
         elif isinstance(item, Scan):
             writer.write(item)
         elif isinstance(item, Detection):
-            writer.detection(item.record())
+            writer.write_detection(item.record())
         elif isinstance(item, Event):
-            writer.event(item.record())
+            writer.write_event(item.record())
 
     def end_chunk(self, stamp: int) -> None:
         """Sync the file, where a scan with that stamp begins a chunk."""

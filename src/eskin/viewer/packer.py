@@ -35,7 +35,7 @@ class ArmTold(Protocol):
         ...
 
     @property
-    def holding(self) -> str | None:
+    def hold_reason(self) -> str | None:
         """Why it was stopped without being asked."""
         ...
 
@@ -198,8 +198,8 @@ def arm_line(arm: ArmTold) -> ArmLine:
         return ArmLine("stopped", "lost connection", speed, gripper, target)
     if arm.protective_stop:
         return ArmLine("stopped", "protective stop", speed, gripper, target)
-    if arm.holding:
-        return ArmLine("held", arm.holding, speed, gripper, target)
+    if arm.hold_reason:
+        return ArmLine("held", arm.hold_reason, speed, gripper, target)
     if arm.paused:
         return ArmLine("paused", "", speed, gripper, target)
     state = "running" if arm.moving else "waiting"

@@ -1,12 +1,9 @@
 """Patches that are not there: the device protocol on real transports."""
 
 from eskin.drivers.virtual.faults import KINDS, Fault, parse_fault
-from eskin.drivers.virtual.pace import at_rate
 from eskin.drivers.virtual.patch import VirtualPatch
-from eskin.drivers.virtual.port import Port
-from eskin.drivers.virtual.pty_port import PtyPort
-from eskin.drivers.virtual.skin import VirtualSkin
-from eskin.drivers.virtual.udp_port import UdpPort
+from eskin.drivers.virtual.ports import Port, PtyPort, UdpPort
+from eskin.drivers.virtual.skin import VirtualSkin, at_rate
 
 __all__ = [
     "KINDS",

@@ -1,6 +1,6 @@
-"""A whole skin that is not there, on real transports."""
+"""This module simulates a whole skin on real transports."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from typing import final
 
 import numpy as np
@@ -8,7 +8,7 @@ import numpy as np
 from eskin.closing import Closing
 from eskin.drivers.clock import Clock
 from eskin.drivers.framing import frame
-from eskin.drivers.virtual.faults.fault import (
+from eskin.drivers.virtual.fault import (
     FOREVER,
     Fault,
     LineFault,
@@ -18,11 +18,36 @@ from eskin.drivers.virtual.faults.fault import (
     TaxelFault,
 )
 from eskin.drivers.virtual.patch import VirtualPatch
-from eskin.drivers.virtual.port import Port
+from eskin.drivers.virtual.ports import Port
 from eskin.errors import DeviceError
 from eskin.skin import Skin
 from eskin.touch import Scan
 from eskin.units import NS_PER_S
+
+
+def at_rate(scans: Iterable[Scan], rate: float) -> Iterator[Scan]:
+    """The latest scan at every tick of another rate, so that all lasts as long.
+
+    A scan comes several times where the rate is higher, and may be left out where it is
+    lower.
+
+    Args:
+        scans: in the order of their stamps.
+        rate: of the ticks, the first of which is at the first scan [1/s].
+    """
+    latest: Scan | None = None
+    start = ticks = 0
+    for scan in scans:
+        if latest is None:
+            start = scan.stamp
+        else:
+            while start + round(ticks * NS_PER_S / rate) < scan.stamp:
+                yield latest
+                ticks += 1
+        latest = scan
+    if latest is not None:
+        yield latest
+
 
 CRYSTAL = 50.0
 """Largest error of a patch's clock [ppm]."""

@@ -17,8 +17,8 @@ from eskin.errors import EskinError
 from eskin.files import atomic_path
 from eskin.learn.comparison.examples import Examples
 from eskin.learn.comparison.methods import Method
+from eskin.learn.dataset import shown
 from eskin.learn.holdout import hold_out
-from eskin.learn.progress import shown
 from eskin.touch import PipelineConfig
 
 FORMAT = 2

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Int
 
-from eskin.recording import Label, Recording, TruthRecord, best_labels
+from eskin.recording import Label, Recording, TruthRecord, select_labels
 from eskin.units import NS_PER_S
 
 SAME_AS = {"tap_many": "double_pat"}
@@ -65,7 +65,9 @@ def true_events(recording: Recording) -> tuple[TrueEvent, ...]:
     none, from the best labels.
     """
     found = events_of_truths(recording.truths())
-    found = found or [event_of_label(label) for label in best_labels(recording.labels)]
+    found = found or [
+        event_of_label(label) for label in select_labels(recording.labels)
+    ]
     return tuple(sorted(found, key=lambda event: (event.onset, event.end)))
 
 

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from eskin.recording import Label, label_automatically, rough_ranges
+from eskin.recording import Label, build_rough_ranges, label_automatically
 from eskin.sim.clip.outcome import Clip, TrueSeries
 from eskin.sim.clip.plan import ClipPlan
 from eskin.sim.files.peak_kernels import largest_pressure
@@ -59,7 +59,7 @@ def ranges_of(plan: ClipPlan, truth: Iterable[Label], start: int) -> tuple[Label
         start: stamp of its first reading [ns since the epoch].
     """
     if plan.gesture is None:
-        return rough_ranges(truth)
+        return build_rough_ranges(truth)
     end = start + round(plan.seconds * NS_PER_S)
     return (Label(start, end, plan.gesture, "range"),)
 

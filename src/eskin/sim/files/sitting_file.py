@@ -141,7 +141,7 @@ class Sheet:
             return
         truth = true_labels(plan, clip, start)
         for label in truth:
-            self.writer.label(label)
+            self.writer.write_label(label)
         self.ranges += ranges_of(plan, truth, start)
         self.stamps.append(stamps)
         self.peaks.append(
@@ -172,9 +172,9 @@ class Sheet:
         """Write a touch at the readings at which it is in contact."""
         for reading in part.start + np.flatnonzero(truth.force[part] > 0):
             stamp = int(stamps[reading])
-            self.writer.truth(truth.record(number, int(reading), stamp))
+            self.writer.write_truth(truth.record(number, int(reading), stamp))
 
     def finish(self) -> None:
         """Write the automatic labels; their threshold needs the whole file."""
         for label in auto_labels(self.stamps, self.peaks, self.ranges):
-            self.writer.label(label)
+            self.writer.write_label(label)

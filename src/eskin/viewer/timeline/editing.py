@@ -9,10 +9,10 @@ from typing import final
 from eskin.recording import (
     Label,
     Recording,
-    best_labels,
     check_no_overlap,
     read_recording,
-    rewrite,
+    rewrite_recording,
+    select_labels,
     sort_labels,
 )
 from eskin.units import NS_PER_S
@@ -34,7 +34,7 @@ class Editing:
     def __init__(self, recording: Recording) -> None:
         """Begin with the labels in the file."""
         self.recording = recording
-        self.labels = best_labels(recording.labels)
+        self.labels = select_labels(recording.labels)
         self.changed = False
 
     def stamp(self, seconds: float) -> int:
@@ -101,7 +101,7 @@ class Editing:
         if not self.recording.truncated and not kept.exists():
             keep(path, kept)
         mine = (replace(label, source="true") for label in self.labels)
-        rewrite(self.recording, labels=sort_labels([*others, *mine]))
+        rewrite_recording(self.recording, labels=sort_labels([*others, *mine]))
         self.recording = read_recording(path)
         self.changed = False
         return kept

@@ -1,6 +1,6 @@
 """What may go wrong with a virtual skin, on request."""
 
-from eskin.drivers.virtual.faults.fault import Fault, Order
-from eskin.drivers.virtual.faults.language import KINDS, parse_fault
+from eskin.drivers.virtual.fault import Fault, Order
+from eskin.drivers.virtual.fault_parser import KINDS, parse_fault
 
 __all__ = ["KINDS", "Fault", "Order", "parse_fault"]

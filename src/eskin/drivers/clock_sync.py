@@ -1,8 +1,163 @@
-"""A patch's clock and scan numbers, unwrapped and mapped to the host's clock."""
+"""This module maps a patch's clock and scan numbers to the host's clock."""
 
-from typing import NamedTuple, final
+from itertools import combinations
+from statistics import median
+from typing import Literal, NamedTuple, final
 
-from eskin.drivers.least_delay import LeastDelay
+from eskin.units import NS_PER_S
+
+BUCKET = NS_PER_S
+"""How long arrivals compete for the least delay [ns]."""
+BUCKETS = 10
+"""How many such times are remembered."""
+ENOUGH = 5
+"""From how many of them drift is told."""
+LEARN = 0.3
+"""Part of a newly found drift that is believed."""
+MOST_DRIFT = 0.01
+"""The worst clock of a microcontroller, one without a crystal."""
+JUMP = 50_000_000
+"""A packet that is faster than any before by so much means that all before lay in some
+buffer, or that the device's clock was set [ns]."""
+
+
+@final
+class LeastDelay:
+    """Maps device time to host time; offset and drift follow the least delayed.
+
+    Delays only ever make packets late, so the smallest arrival minus device time of a
+    while is nearest to the truth. Only times in which the device was heard are
+    remembered: after a pause of any length, packets that lay in a buffer keep their
+    true spacing.
+
+    Attributes:
+        drift: what the device's clock loses against the host's, as a part of time.
+    """
+
+    def __init__(self, device: int, arrived: int) -> None:
+        """Start with one packet, as if it was not delayed."""
+        self.device = device
+        self.arrived = arrived
+        self.drift = 0.0
+        self.least = 0.0
+        self.restart(0, 0, arrived)
+
+    def restart(self, elapsed: int, extra: int, arrived: int) -> None:
+        """Forget all but one packet."""
+        self.past: list[tuple[int, int]] = []
+        self.best = (elapsed, extra)
+        self.best_rest = extra - self.drift * elapsed
+        self.bucket_end = arrived + BUCKET
+
+    def push(self, device: int, arrived: int) -> int:
+        """Host time of a device time [ns]; never later than the arrival.
+
+        Args:
+            device: unwrapped device time [us].
+            arrived: when it was heard [ns].
+        """
+        elapsed = (device - self.device) * 1000
+        extra = arrived - self.arrived - elapsed
+        rest = extra - self.drift * elapsed
+        if rest < self.least:
+            if rest < self.least - JUMP:
+                self.restart(elapsed, extra, arrived)
+            self.least = rest
+        if arrived >= self.bucket_end:
+            self.close_bucket(elapsed, extra, arrived)
+        elif rest < self.best_rest:
+            self.best, self.best_rest = (elapsed, extra), rest
+        return min(self.stamp(device), arrived)
+
+    def stamp(self, device: int) -> int:
+        """Host time of a device time [ns], by what was heard so far."""
+        elapsed = (device - self.device) * 1000
+        return self.arrived + elapsed + int((self.least + self.drift * elapsed) // 1)
+
+    def close_bucket(self, elapsed: int, extra: int, arrived: int) -> None:
+        """Remember the fastest packet of a while, follow the drift, begin another."""
+        self.past = [*self.past, self.best][-BUCKETS:]
+        if len(self.past) >= ENOUGH:
+            slopes = [
+                (y1 - y0) / (x1 - x0)
+                for (x0, y0), (x1, y1) in combinations(self.past, 2)
+                if x1 != x0
+            ]
+            found = min(max(median(slopes or [0.0]), -MOST_DRIFT), MOST_DRIFT)
+            self.drift += LEARN * (found - self.drift)
+        self.best = (elapsed, extra)
+        self.best_rest = extra - self.drift * elapsed
+        self.least = min(y - self.drift * x for x, y in [*self.past, self.best])
+        self.bucket_end = arrived + BUCKET
+
+
+WINDOW = 64
+"""Scans that are remembered one by one."""
+ALL = (1 << WINDOW) - 1
+
+Novelty = Literal["new", "again", "old"]
+
+
+@final
+class ScanNumbers:
+    """Scan numbers as they are heard, in whatever order; a few are remembered.
+
+    Attributes:
+        gone: numbers that were passed over and will not count any more if they come.
+    """
+
+    def __init__(self) -> None:
+        """Start without having heard any."""
+        self.first = 0
+        self.highest: int | None = None
+        self.heard = ALL
+        self.gone = 0
+
+    def take(self, number: int) -> Novelty:
+        """Whether an unwrapped number is new, heard before, or too old to say."""
+        if self.highest is None:
+            self.first = self.highest = number
+            return "new"
+        ahead = number - self.highest
+        if ahead > 0:
+            self.advance(ahead)
+            self.highest = number
+            return "new"
+        if -ahead >= WINDOW or number < self.first:
+            return "old"
+        bit = 1 << -ahead
+        if self.heard & bit:
+            return "again"
+        self.heard |= bit
+        return "new"
+
+    def advance(self, ahead: int) -> None:
+        """Move the window on; what leaves it unheard is gone."""
+        if ahead == 1:
+            self.gone += not self.heard >> (WINDOW - 1)
+            self.heard = (self.heard << 1 | 1) & ALL
+            return
+        leaving = self.heard >> max(WINDOW - ahead, 0)
+        self.gone += ahead - leaving.bit_count()
+        self.heard = (self.heard << min(ahead, WINDOW) | 1) & ALL
+
+    def has(self, number: int) -> bool:
+        """Whether a number was heard, as far as is remembered."""
+        if self.highest is None or number > self.highest:
+            return False
+        back = self.highest - number
+        return back < WINDOW and bool(self.heard >> back & 1)
+
+    @property
+    def lost(self) -> int:
+        """Numbers between the first and the highest that were not heard."""
+        return self.gone + WINDOW - self.heard.bit_count()
+
+    def forget(self) -> None:
+        """Begin anew at the next number; what was lost stays counted."""
+        self.gone = self.lost
+        self.highest, self.heard = None, ALL
+
 
 US = 1000
 """One microsecond [ns]."""

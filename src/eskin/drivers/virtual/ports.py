@@ -1,14 +1,55 @@
-"""A serial port that is not there: one end of a pseudo-terminal."""
+"""This module defines the ports that virtual patches are plugged into."""
 
 import os
 import select
+import socket
 import time
 import tty
+from abc import abstractmethod
 from pathlib import Path
 from typing import final
 
-from eskin.drivers.virtual.port import Port
+from eskin.closing import Closing
 from eskin.errors import DeviceError
+
+
+class Port(Closing):
+    """Takes what patches say to whoever listens.
+
+    Attributes:
+        framed: whether packets need framing on it, as on a serial line.
+        unheard: packets that nobody was there for, or had no room for.
+        bytes: how many were sent.
+    """
+
+    framed: bool
+
+    def __init__(self) -> None:
+        """Start counting."""
+        self.unheard = 0
+        self.bytes = 0
+
+    @property
+    @abstractmethod
+    def uri(self) -> str:
+        """What a listener opens it by."""
+
+    @abstractmethod
+    def send(self, chunks: list[bytes]) -> None:
+        """Send packets, framed where the port wants that; each whole or not at all."""
+
+    @abstractmethod
+    def flush(self) -> None:
+        """Wait until what was sent has been taken, if somebody takes it."""
+
+    @abstractmethod
+    def unplug(self) -> None:
+        """Vanish, as the port of a module without power does."""
+
+    @abstractmethod
+    def plug(self) -> None:
+        """Be there again."""
+
 
 PATIENCE = 1.0
 """How long a listener may leave the line full before packets are lost [s]."""
@@ -140,3 +181,72 @@ class PtyPort(Port):
         if self.master is None:
             return False
         return not any(state & select.POLLHUP for _, state in self.room.poll(0))
+
+
+@final
+class UdpPort(Port):
+    """Sends every packet as one datagram to one address."""
+
+    framed = False
+
+    def __init__(self, host: str, port: int) -> None:
+        """Open a socket of its own.
+
+        Args:
+            host: name or number of the listening computer.
+            port: that it listens on.
+
+        Raises:
+            DeviceError: there is no such computer, or no way to it.
+        """
+        super().__init__()
+        self.host, self.port = host, port
+        try:
+            found = socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM)
+            family, kind, protocol, _, address = found[0]
+            self.socket = socket.socket(family, kind, protocol)
+        except (OSError, OverflowError) as error:
+            raise DeviceError(
+                f"cannot send to {host}:{port} ({error}); allowed are a computer that "
+                "is known and a port from 1 to 65535; check both"
+            ) from error
+        try:
+            self.socket.connect(address)
+        except OSError as error:
+            self.socket.close()
+            raise DeviceError(
+                f"cannot send to {host}:{port} ({error}); check the network"
+            ) from error
+        self.is_plugged = True
+
+    @property
+    def uri(self) -> str:
+        """`udp://` and where it sends to."""
+        host = f"[{self.host}]" if ":" in self.host else self.host
+        return f"udp://{host}:{self.port}"
+
+    def send(self, chunks: list[bytes]) -> None:
+        """Send datagrams; those that nobody listens for are lost."""
+        for chunk in chunks:
+            try:
+                if self.is_plugged:
+                    self.bytes += self.socket.send(chunk)
+                else:
+                    self.unheard += 1
+            except OSError:
+                self.unheard += 1
+
+    def flush(self) -> None:
+        """Nothing to wait for: a datagram that was sent is away."""
+
+    def unplug(self) -> None:
+        """Send nothing any more."""
+        self.is_plugged = False
+
+    def plug(self) -> None:
+        """Send again, from the same address."""
+        self.is_plugged = True
+
+    def close(self) -> None:
+        """Close the socket."""
+        self.socket.close()

@@ -1,35 +1,33 @@
-"""The language that faults are asked for in: `KIND[:WHERE][@FROM[-TO]][=AMOUNT]`.
-
-`docs/devices.md` has the table of kinds.
-"""
+"""This module parses the language that faults are asked for in."""
 
 import re
 
 import numpy as np
 from jaxtyping import Int
 
-from eskin.drivers.virtual.faults.fault import FOREVER, Fault, Order
-from eskin.drivers.virtual.faults.line import Flip, Garbage
-from eskin.drivers.virtual.faults.modules import (
+from eskin.drivers.virtual.fault import FOREVER, Fault, Order
+from eskin.drivers.virtual.fault_kinds import (
     ClockJump,
-    Reboot,
-    Replace,
-    SameAddress,
-    Swap,
-    Unplug,
-    Wrap,
-)
-from eskin.drivers.virtual.faults.packets import (
     Corrupt,
+    Dead,
     Delay,
     Duplicate,
+    Flip,
+    Garbage,
     Lose,
+    Noisy,
+    Reboot,
     Reorder,
+    Replace,
+    SameAddress,
     Stall,
+    Stuck,
+    Swap,
     Truncate,
+    Unplug,
+    Wrap,
     WrongPatch,
 )
-from eskin.drivers.virtual.faults.taxels import Dead, Noisy, Stuck
 from eskin.skin import Skin
 from eskin.units import NS_PER_S
 

@@ -1,4 +1,4 @@
-"""What may go wrong with a skin, on request: the abstract fault."""
+"""This module defines the abstract faults of a virtual skin."""
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
