@@ -251,7 +251,7 @@ def with_drift(
         gap = (scan.stamp - last) / NS_PER_S
         heard, last = heard + (gap if gap < PAUSE else 0.0), scan.stamp
         seconds = TURN - abs(max(heard, 0.0) % (2 * TURN) - TURN)
-        moved = way * calibration.counts_at(speed * seconds)
+        moved = way * calibration.compute_counts(speed * seconds)
         yield recounted(scan, scan.counts + moved, calibration.full_scale)
 
 

@@ -18,7 +18,7 @@ import tyro
 
 import eskin
 from eskin.graph import GraphBatch, GraphBuilder, GraphConfig, Share, held_shares
-from eskin.graph.history import NOTHING
+from eskin.graph.batch import NOTHING
 from eskin.learn.checkpoint import to_model
 from eskin.live.encoder_kernels import encode
 from eskin.live.graph import graph_of

@@ -376,12 +376,12 @@ class TouchTraces:
         self.detections += self.recognizer.push(scan)
         state = self.recognizer.state
         assert state is not None
-        for touch in state.going:
+        for touch in state.open:
             trace = self.traces.setdefault(touch.id, Trace(touch.onset, 0, [], []))
             trace.last = touch.last
             trace.stamps.append(scan.stamp)
             trace.probabilities.append(self.recognizer.probabilities[touch.id])
-        if state.over:
+        if state.closed:
             self.weigh(state)
 
     def finish(self) -> None:

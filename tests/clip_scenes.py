@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from eskin.graph import GraphBatch
-from eskin.graph.history import HISTORY
+from eskin.graph.batch import HISTORY
 from eskin.learn.dataset import Dataset
 from eskin.learn.ground_truth import Clip
 from eskin.sim.files.generate import generate

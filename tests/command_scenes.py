@@ -12,7 +12,7 @@ from eskin.skin import MountedSkin, load_skin
 from eskin.stream import Context, RecognitionState
 from eskin.structref_kernels import pack
 from eskin.touch import Calibration, Fault, Reading, TouchState
-from eskin.touch.records import NOTHING, TOUCH, Followed, TouchBrief
+from eskin.touch.records import NO_TOUCHES, TOUCH, TouchStatus, TrackingResult
 
 SECOND = 1_000_000_000
 PERIOD = SECOND // 50
@@ -156,7 +156,7 @@ class Scene:
             row["id"], row["onset"], row["last"] = number, touch["onset"], touch["last"]
             row["force"] = touch["force"]
         going = tuple(
-            TouchBrief(number, touch["onset"], touch["last"], 0, 0)
+            TouchStatus(number, touch["onset"], touch["last"], 0, 0)
             for number, touch in self.touches.items()
         )
         faults = tuple(Fault("patch", p, None, None, None, now) for p in self.out)
@@ -165,8 +165,10 @@ class Scene:
         for patch in self.silent:
             valid[np.asarray(SKIN.patch_index) == names.index(patch)] = False
         reading = Reading(now, np.zeros(SKIN.count, np.float32), valid, Q)
-        packed = pack(NOTHING._replace(touches=rows))
-        state = TouchState(reading, faults, Followed(packed, going, over), MOUNTED)
+        packed = pack(NO_TOUCHES._replace(touches=rows))
+        state = TouchState(
+            reading, faults, TrackingResult(packed, going, over), MOUNTED
+        )
         chances = {n: self.chances(t) for n, t in self.touches.items()}
         self.policy.on_message(RecognitionState(state, chances, ()))
 
@@ -200,7 +202,7 @@ class Scene:
 
     def close(self, number, heir=0):
         touch = self.touches.pop(number)
-        self.moment((TouchBrief(number, touch["onset"], touch["last"], heir, 1),))
+        self.moment((TouchStatus(number, touch["onset"], touch["last"], heir, 1),))
 
     def detect(
         self, number, age=0.0, sure=None, patch=PATCH, gesture=None, likeliest=""

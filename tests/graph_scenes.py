@@ -7,7 +7,7 @@ import numpy as np
 import torch
 
 from eskin.graph import GraphBatch, GraphBuilder, GraphConfig, join
-from eskin.graph.history import HISTORY
+from eskin.graph.batch import HISTORY
 from eskin.nn import network_input
 from eskin.nn.batch import summary
 from eskin.robot import Joint, Link, Robot, load_robot

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from eskin.graph import no_graphs
-from eskin.graph.history import HISTORY
+from eskin.graph.batch import HISTORY
 from eskin.learn.augment import UNCHANGED
 from eskin.learn.dataset import Dataset
 from eskin.learn.training import TrainConfig

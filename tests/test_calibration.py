@@ -211,7 +211,7 @@ def test_the_margin_is_the_same_pressure_behind_a_divider():
     closing = replace(DIVIDER, unfelt=2.0)
     for calibration in (calibration_of(SKIN), DIVIDER, closing):
         calibrator = Calibrator(SKIN, calibration)
-        at_margin = calibration.counts_at(1.5)
+        at_margin = calibration.compute_counts(1.5)
         for factor, learned in ((0.9, True), (1.1, False)):
             above = np.round(factor * at_margin).astype(int)
             down = np.round(0.4 * at_margin).astype(int)
@@ -243,17 +243,17 @@ def test_pressure_and_counts_of_a_calibration_undo_each_other():
     for calibration in (calibration_of(SKIN), DIVIDER, closing):
         calibrator = Calibrator(SKIN, calibration)
         play(lambda t: np.zeros(SKIN.count), 3.0, 50, calibrator)
-        counts = np.round(calibration.counts_at(30.0)).astype(int)
+        counts = np.round(calibration.compute_counts(30.0)).astype(int)
         pressure = calibrator.push(scan_at(3.0, counts)).pressure
         np.testing.assert_allclose(pressure, 30.0, rtol=1e-3)
-        above = calibration.counts_at(30.0)
-        np.testing.assert_allclose(calibration.pressure_at(above), 30.0)
+        above = calibration.compute_counts(30.0)
+        np.testing.assert_allclose(calibration.compute_pressure(above), 30.0)
 
 
 def test_what_closes_the_sensor_is_added_but_never_more_than_is_felt():
     plain, closing = DIVIDER, replace(DIVIDER, unfelt=2.0)
     above = np.linspace(0.0, 500.0, SKIN.count)
-    felt, whole = plain.pressure_at(above), closing.pressure_at(above)
+    felt, whole = plain.compute_pressure(above), closing.compute_pressure(above)
     np.testing.assert_allclose(whole, felt + np.minimum(felt, 2.0))
     assert whole[0] == 0.0
 
@@ -326,8 +326,8 @@ def test_a_nan_marked_valid_is_refused_and_one_marked_invalid_is_not():
 
 def test_a_floor_raises_both_thresholds_of_contact_and_never_lowers_them():
     config = ContactConfig(on=3.0, off=2.0)
-    assert config.raised_to(0.0) == config
-    raised = config.raised_to(12.0)
+    assert config.with_floor(0.0) == config
+    raised = config.with_floor(12.0)
     assert (raised.on, raised.off) == (12.0, 8.0)
 
 

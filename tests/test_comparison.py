@@ -75,7 +75,7 @@ def test_a_window_shows_what_the_pipeline_says_in_the_two_seconds_of_its_clip(ex
     windows = examples.windows
     assert windows.pressure.shape[:2] == (len(examples.every), READINGS)
     for scan in recording.scans():
-        reading, _ = pipeline.calibrated(scan)
+        reading, _ = pipeline.calibrate(scan)
         felt = np.where(reading.valid, reading.pressure, 0)
         for n, clip in enumerate(clips):
             if clip.start <= scan.stamp < clip.end:

@@ -12,7 +12,7 @@ from eskin.sim.sensor.crosstalk_kernels import read_array
 from eskin.skin import grid_skin
 from eskin.touch import Calibration, Reading, TouchPipeline
 from eskin.touch.calibration_kernels import LEAK
-from eskin.touch.calibrator import Crosstalk
+from eskin.touch.calibrator import CrosstalkCompensator
 from touch_scenes import REST, calibration_of, mounted_grid, pressed, scan_at
 
 ROWS, COLUMNS = 12, 14
@@ -37,10 +37,10 @@ def reading_of(pressure, valid=None) -> Reading:
 def read(pressure, leak, ghost) -> Reading:
     """What a plain matrix of taxels shows of a pressure."""
     cells = np.zeros((ROWS, COLUMNS), np.float32)
-    cells[SKIN.rows, SKIN.columns] = MATRIX.conductance_at(np.asarray(pressure))
+    cells[SKIN.rows, SKIN.columns] = MATRIX.compute_conductance(np.asarray(pressure))
     shown = np.zeros_like(cells)
     read_array(cells, ghost, leak, shown)
-    return reading_of(MATRIX.pressure_of(shown[SKIN.rows, SKIN.columns]))
+    return reading_of(MATRIX.invert_conductance(shown[SKIN.rows, SKIN.columns]))
 
 
 def pad(row, column, kpa=60.0, size=2):
@@ -53,11 +53,11 @@ PADS = [pad(3, 4), pad(8, 9), pad(3, 10), pad(6, 6, 90.0)]
 CROSSING = [pad(2, 3) + pad(9, 10), pad(3, 11) + pad(8, 2), pad(2, 2) + pad(8, 8)]
 
 
-def taught(leak, ghost) -> Crosstalk:
+def taught(leak, ghost) -> CrosstalkCompensator:
     """A device that has been touched here and there."""
-    crosstalk = Crosstalk(SKIN, MATRIX)
+    crosstalk = CrosstalkCompensator(SKIN, MATRIX)
     for pressure in PADS + CROSSING:
-        crosstalk.taken_off(read(pressure, leak, ghost))
+        crosstalk.compensate(read(pressure, leak, ghost))
     return crosstalk
 
 
@@ -67,7 +67,7 @@ def test_what_no_one_touches_shows_nothing_and_what_is_touched_stays(leak, ghost
     crosstalk = taught(leak, ghost)
     for pressure in PADS + CROSSING:
         shown = read(pressure, leak, ghost)
-        left = crosstalk.taken_off(shown).pressure
+        left = crosstalk.compensate(shown).pressure
         touched = pressure > 0
         assert (shown.pressure[~touched] > 0.0).any()
         assert left[~touched].max() < 0.5
@@ -85,16 +85,16 @@ def test_it_learns_how_much_leaks(leak, ghost):
 def test_a_device_that_does_not_leak_is_left_alone():
     crosstalk = taught(0.0, 0.0)
     for pressure in PADS + CROSSING:
-        left = crosstalk.taken_off(reading_of(pressure)).pressure
+        left = crosstalk.compensate(reading_of(pressure)).pressure
         assert left == pytest.approx(pressure, rel=1e-5)
 
 
 def test_a_hand_over_the_whole_patch_teaches_nothing():
-    crosstalk = Crosstalk(SKIN, MATRIX)
+    crosstalk = CrosstalkCompensator(SKIN, MATRIX)
     broad = np.random.default_rng(0).uniform(10, 40, SKIN.count)
     reading = reading_of(broad)
     for _ in range(20):
-        left = crosstalk.taken_off(reading)
+        left = crosstalk.compensate(reading)
     assert left.pressure == pytest.approx(reading.pressure, rel=1e-5)
 
 
@@ -103,7 +103,7 @@ def test_nothing_is_added_and_nothing_pulls(pressures):
     crosstalk = taught(0.005, 0.05)
     for pressure in pressures:
         reading = reading_of(pressure)
-        left = crosstalk.taken_off(reading).pressure
+        left = crosstalk.compensate(reading).pressure
         assert left.dtype == reading.pressure.dtype
         assert (left >= 0).all()
         assert (left <= reading.pressure * (1 + 1e-5) + 1e-6).all()
@@ -111,7 +111,7 @@ def test_nothing_is_added_and_nothing_pulls(pressures):
 
 def test_a_device_that_isolates_its_taxels_keeps_its_readings():
     reading = read(pad(3, 4), 0.01, 0.05)
-    assert Crosstalk(SKIN, PLAIN).taken_off(reading) is reading
+    assert CrosstalkCompensator(SKIN, PLAIN).compensate(reading) is reading
 
 
 def test_what_is_not_valid_leaks_nothing():
@@ -119,19 +119,19 @@ def test_what_is_not_valid_leaks_nothing():
     pressure = np.zeros(SKIN.count)
     pressure[[6, 7]] = 5.0, 300.0
     valid = np.arange(SKIN.count) != 7
-    left = crosstalk.taken_off(reading_of(pressure, valid)).pressure
+    left = crosstalk.compensate(reading_of(pressure, valid)).pressure
     assert left[6] == pytest.approx(5.0)
 
 
 def test_patches_do_not_leak_into_each_other():
     left_half = (SKIN.columns < COLUMNS // 2).astype(np.int32)
     both = replace(SKIN, patch_index=left_half, patches=SKIN.patches * 2)
-    crosstalk = Crosstalk(both, MATRIX)
+    crosstalk = CrosstalkCompensator(both, MATRIX)
     crosstalk.learned.value[LEAK] = 0.01
     pressure = np.zeros(SKIN.count)
     pressure[[0, COLUMNS - 1]] = 100.0, 5.0
     assert both.rows[0] == both.rows[COLUMNS - 1]
-    left = crosstalk.taken_off(reading_of(pressure)).pressure
+    left = crosstalk.compensate(reading_of(pressure)).pressure
     assert left[COLUMNS - 1] == pytest.approx(5.0)
 
 
@@ -170,6 +170,6 @@ def test_how_it_is_read_out_travels_with_the_calibration(matrix):
 @given(st.floats(0, 0.98), st.sampled_from(["linear", "divider"]), st.floats(0.5, 1.5))
 def test_pressure_and_conductance_undo_each_other(share, curve, exponent):
     calibration = replace(PLAIN, curve=curve, exponent=exponent)
-    pressure = calibration.pressure_at(np.full(SKIN.count, 4095 * share))
-    back = calibration.pressure_of(calibration.conductance_at(pressure))
+    pressure = calibration.compute_pressure(np.full(SKIN.count, 4095 * share))
+    back = calibration.invert_conductance(calibration.compute_conductance(pressure))
     assert back == pytest.approx(pressure, rel=1e-6, abs=1e-9)

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from eskin.touch import Calibrator, FaultFinder
+from eskin.touch import Calibrator, FaultDetector
 from touch_scenes import SECOND, START, calibration_of, grid_skin, scan_at
 
 SKIN = grid_skin(rows=6, columns=6, patches=2)
@@ -19,7 +19,7 @@ def play(plant, seconds=12.0, rate=50, noise=2.0, rest=200):
     rng = np.random.default_rng(3)
     calibration = calibration_of(SKIN)
     calibrator = Calibrator(SKIN, calibration)
-    finder = FaultFinder(SKIN, calibration)
+    finder = FaultDetector(SKIN, calibration)
     said = []
     for t in np.arange(round(seconds * rate)) / rate:
         counts = np.round(rest + noise * rng.standard_normal(COUNT)).astype(np.int32)

@@ -12,7 +12,7 @@ from eskin.graph import (
     pressure_summary,
     shear_summary,
 )
-from eskin.graph.segments import segment_max, segment_sum
+from eskin.graph.batch import segment_max, segment_sum
 from graph_scenes import assert_same, random_graph
 
 SIZES = [(4, 1, 7), (0, 5, 0, 0, 3, 0), (0,), (0, 0, 0), (6,), (5, 0), (0, 5)]

@@ -5,7 +5,7 @@ import pytest
 
 from eskin.graph import GraphBuilder, GraphConfig, join, node_scalars, pressure_summary
 from eskin.graph.batch import NODE_FIELDS
-from eskin.graph.node_features import NODE_SCALARS
+from eskin.graph.features import NODE_SCALARS
 from graph_scenes import (
     FOLDED,
     SCENES,

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from eskin.graph import GraphStream, join
-from eskin.graph.history import HISTORY, NOTHING
+from eskin.graph.batch import HISTORY, NOTHING
 from eskin.touch import Calibration, TouchPipeline
 from graph_scenes import (
     Scene,

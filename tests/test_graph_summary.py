@@ -13,8 +13,8 @@ from eskin.graph import (
     pressure_summary,
     shear_summary,
 )
-from eskin.graph.history import HISTORY
-from eskin.graph.summary import AREA, FORCE, HISTORY_FLOORS, RATE, SPEED
+from eskin.graph.batch import HISTORY
+from eskin.graph.features import AREA, FORCE, HISTORY_FLOORS, RATE, SPEED
 from graph_scenes import (
     SCENES,
     book,

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from eskin.graph import join
-from eskin.graph.history import HISTORY
+from eskin.graph.batch import HISTORY
 from eskin.learn.augment import UNCHANGED, AugmentConfig, augment
 from eskin.learn.dataset import prepare
 from graph_scenes import random_graph

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from eskin.graph import join, node_scalars, pressure_summary
-from eskin.graph.history import HISTORY
+from eskin.graph.batch import HISTORY
 from eskin.learn.windows import TIMES, Windows, cut, lose, stretch, thin
 from eskin.model import SLOT_NS
 from graph_scenes import assert_same, random_graph

@@ -7,7 +7,7 @@ from numba.core.runtime import rtsys
 from numba.core.runtime._nrt_python import memsys_disable_stats, memsys_enable_stats
 
 from eskin.graph import GraphBuilder, Share, held_shares
-from eskin.graph.history import NOTHING
+from eskin.graph.batch import NOTHING
 from eskin.learn.dataset import prepare
 from eskin.learn.windows import cut, to_input
 from eskin.live import Network, Recognizer

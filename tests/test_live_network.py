@@ -13,14 +13,14 @@ from numba.core.runtime._nrt_python import memsys_disable_stats, memsys_enable_s
 
 from eskin.errors import ModelError
 from eskin.graph import GraphBatch, join
-from eskin.graph.history import HISTORY
+from eskin.graph.batch import HISTORY
 from eskin.live import Network
 from eskin.live.graph import graph_of
 from eskin.live.kernels import activate
 from eskin.live.network import NODES
 from eskin.live.summary_kernels import eigenvalues, summarise
 from eskin.model import SLOT_NS, Model
-from eskin.model.weights import network_shapes
+from eskin.model.file import network_shapes
 from eskin.nn import network_input
 from eskin.nn.batch import graph_tensors, summary
 from graph_scenes import with_bystanders

@@ -67,7 +67,12 @@ def test_touches_that_become_one_have_one_detection():
     stream = scans(on, toward, 50, 4.6)
     calibration = calibration_of(on.skin)
     pipeline = TouchPipeline(on, calibration)
-    merges = [t for scan in stream for t in pipeline.push(scan).closed if t.merged_into]
+    merges = [
+        t
+        for scan in stream
+        for t in pipeline.push(scan).closed_touches
+        if t.merged_into
+    ]
     assert len(merges) == 1
     for said in ("stroke", "none"):
         late = say_always(said)

@@ -4,7 +4,7 @@ import pytest
 
 from command_scenes import PATCH, SKIN, Scene
 from eskin.command import CommandMap, Rule, SkinMonitorConfig
-from eskin.touch.records import TouchBrief
+from eskin.touch.records import TouchStatus
 
 ELSEWHERE = SKIN.patches[1]
 
@@ -23,7 +23,7 @@ def asked_to_resume(**config):
 
 def brief(scene, number, heir):
     touch = scene.touches.pop(number)
-    return TouchBrief(number, touch["onset"], touch["last"], heir, 1)
+    return TouchStatus(number, touch["onset"], touch["last"], heir, 1)
 
 
 def accepted(scene):

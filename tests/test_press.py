@@ -3,7 +3,7 @@
 import numpy as np
 
 from eskin.touch import TouchPipeline
-from eskin.touch.touches import PressFinder
+from eskin.touch.touches import PressDetector
 from touch_scenes import calibration_of, mounted_grid, pressed, reading_at
 
 MOUNTED = mounted_grid(rows=8, columns=8)
@@ -13,7 +13,7 @@ SPOT = 3 * 8 + 5
 def found_in(pressure_at, seconds=3.0, rate=50):
     """The taxels of all presses found."""
     pipeline = TouchPipeline(MOUNTED, calibration_of(MOUNTED.skin))
-    finder = PressFinder()
+    finder = PressDetector()
     times = np.arange(round(seconds * rate)) / rate
     states = (pipeline.push_reading(reading_at(t, pressure_at(t))) for t in times)
     return [taxel for taxel in map(finder.push, states) if taxel is not None]

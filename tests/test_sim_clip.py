@@ -70,7 +70,7 @@ def test_what_is_felt_is_felt_where_and_when_it_truly_is(gesture):
         (truth,) = clip.truths
         calibration = build_of(PLAN.build, world()).calibration(world().mounted.skin)
         rest = np.median(clip.counts, axis=0)
-        felt = calibration.pressure_at(clip.counts - rest) * clip.received
+        felt = calibration.compute_pressure(clip.counts - rest) * clip.received
         felt[:, felt.mean(axis=0) > 5.0] = 0.0  # stuck taxels
         reading, taxel = np.unravel_index(felt.argmax(), felt.shape)
         if felt[reading, taxel] < 10.0:

@@ -24,7 +24,7 @@ def touch(force):
 def test_counts_of_a_pressure_read_as_that_pressure():
     wanted = np.array([2.0, 10.0, 60.0])
     calibration = Calibration(np.full(3, 0.02), 4095, curve="divider", exponent=0.8)
-    counts = np.array([calibration.counts_at(kpa)[0] for kpa in wanted])
+    counts = np.array([calibration.compute_counts(kpa)[0] for kpa in wanted])
     read = pressure_of(
         np.round(counts[None] + 100).astype(np.int32),
         np.ones((1, 3), dtype=bool),

@@ -70,7 +70,9 @@ def touches_of(folder, side):
         recording = read_recording(folder / file)
         mounted = MountedSkin(recording.skin, load_robot(recording.robot_name))
         pipeline = TouchPipeline(mounted, recording.calibration)
-        closed = [t for scan in recording.scans() for t in pipeline.push(scan).closed]
+        closed = [
+            t for scan in recording.scans() for t in pipeline.push(scan).closed_touches
+        ]
         closed += pipeline.finish()
         onsets = np.array([t.onset for t in closed if t.merged_into is None])
         for row in rows:

@@ -41,7 +41,7 @@ def felt(clip, plan, made):
     """Largest pressure that taxels read above their first readings [kPa]."""
     calibration = made.calibration(plan.build)
     rest = np.median(clip.counts, axis=0)
-    pressure = calibration.pressure_at(np.maximum(clip.counts - rest, 0))
+    pressure = calibration.compute_pressure(np.maximum(clip.counts - rest, 0))
     return float((pressure * clip.received).max())
 
 

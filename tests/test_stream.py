@@ -127,7 +127,10 @@ def test_a_listener_is_told_only_what_it_hears():
 
 
 def test_what_a_listener_tells_all_hear_but_itself():
-    teller, other = Ear("teller", message_types=(Scan, Event)), Ear("other", message_types=(Event,))
+    teller, other = (
+        Ear("teller", message_types=(Scan, Event)),
+        Ear("other", message_types=(Event,)),
+    )
     teller.do = lambda scan: teller.context.publish(EVENT)
     with Stream(played(SCANS), [teller, other]) as stream:
         stream.wait()
@@ -516,7 +519,7 @@ def test_a_stream_recognises_what_its_recogniser_does_scan_by_scan():
     moments = [item for item in view.heard if isinstance(item, RecognitionState)]
     assert [m.state.reading.stamp for m in moments] == [scan.stamp for scan in stream]
     for moment in moments:
-        assert set(moment.probabilities) == {touch.id for touch in moment.state.going}
+        assert set(moment.probabilities) == {touch.id for touch in moment.state.open}
         for detection in moment.detections:
             place = view.heard.index(detection)
             assert place < view.heard.index(moment)
@@ -592,7 +595,10 @@ def test_a_stuck_taxel_is_an_event_of_the_stream():
     stream = scans(on, [], 25, 12.0)
     for scan in stream[100:]:
         scan.counts[5] = 1234
-    listener, ear = Recognition(recognizer(on), drop="never"), Ear(message_types=(Event,))
+    listener, ear = (
+        Recognition(recognizer(on), drop="never"),
+        Ear(message_types=(Event,)),
+    )
     with Stream(source_of(on, stream), [listener, ear]) as running:
         running.wait()
     assert [(e.kind, e.taxel) for e in ear.heard if e.taxel is not None] == [

@@ -8,7 +8,7 @@ from scipy.spatial.distance import cdist
 from eskin.errors import ReadingError
 from eskin.touch.adjacency import Adjacency
 from eskin.touch.contact_kernels import find_candidates
-from eskin.touch.records import TOUCH, TouchRow
+from eskin.touch.records import TOUCH, TouchRecord
 from touch_scenes import (
     START,
     hinged_skin,
@@ -30,7 +30,7 @@ def described(state):
     tracks = [(t.id, t.last, t.ended, t.contact.force) for t in state.tracks]
     touches = [
         (t.id, t.last, t.tracks, t.impulse, t.latest.tolist(), t.closed, t.merged_into)
-        for t in (*state.touches, *state.closed)
+        for t in (*state.touches, *state.closed_touches)
     ]
     return contacts, tracks, touches
 
@@ -156,7 +156,7 @@ def test_contacts_are_all_that_is_within_reach_in_the_pose(q):
     )
     active = np.flatnonzero(pressure)
     points, _ = mounted.poses(np.array([q]), active)
-    reach = Adjacency.of(mounted.skin, 1.6, 0.018).reach[active]
+    reach = Adjacency.build(mounted.skin, 1.6, 0.018).reach[active]
     near = cdist(points, points) <= np.maximum(reach[:, None], reach)
     count, label = connected_components(near)
     parts = {frozenset(active[label == n].tolist()) for n in range(count)}
@@ -186,4 +186,4 @@ def test_an_untouched_skin_tells_nothing_and_time_goes_on():
 
 
 def test_a_row_is_a_record_by_the_same_names():
-    assert TouchRow._fields == TOUCH.names
+    assert TouchRecord._fields == TOUCH.names

@@ -31,7 +31,7 @@ def feel(mounted, pressure_at, seconds, rate=50, q_at=None):
 
 
 def closed_of(states, rest):
-    return [touch for state in states for touch in state.closed] + list(rest)
+    return [touch for state in states for touch in state.closed_touches] + list(rest)
 
 
 def whole(touches):
@@ -130,8 +130,8 @@ def test_a_touch_closes_half_a_second_after_its_last_contact(rate):
     scene = pats(mounted, [0.2], [0.02], length=0.5)
     states, rest = feel(mounted, scene, 2.0, rate)
     assert rest == ()
-    (state,) = [state for state in states if state.closed]
-    (touch,) = state.closed
+    (state,) = [state for state in states if state.closed_touches]
+    (touch,) = state.closed_touches
     after = (state.reading.stamp - touch.last) * 1e-9
     assert 0.5 < after <= 0.5 + 1.001 / rate
 
@@ -184,7 +184,7 @@ def test_a_gap_in_the_readings_closes_tracks_and_touches():
     for t in (0.0, 0.1, 0.2):
         pipeline.push_reading(reading_at(t, touch))
     state = pipeline.push_reading(reading_at(10.0, touch))
-    assert [t.id for t in state.closed] == [1]
+    assert [t.id for t in state.closed_touches] == [1]
     assert [t.id for t in state.touches] == [2]
     assert [(t.id, t.ended) for t in state.tracks] == [(2, False), (1, True)]
     assert state.touches[0].impulse < 1.0
@@ -250,7 +250,7 @@ def test_the_pipeline_leads_from_counts_to_a_touch_and_a_stuck_taxel():
         counts = counts_of(mounted, t)
         counts[35] = 900 if t > 5.0 else counts[35]
         state = pipeline.push(scan_at(t, counts))
-        closed += state.closed
+        closed += state.closed_touches
         faults = state.faults
     assert [(f.kind, f.row, f.column) for f in faults] == [("stuck", 5, 5)]
     assert not state.reading.valid[35]

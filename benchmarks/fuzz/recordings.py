@@ -92,7 +92,9 @@ def write(path: Path) -> None:
             counts = rng.integers(0, 4096, skin.count).astype(np.int32)
             shear = rng.integers(-300, 300, (skin.count, 2)).astype(np.int32)
             writer.write(Scan(stamp, counts, received, rng.normal(size=2), shear))
-            writer.write_truth(TruthRecord(stamp, 1, "poke", "tip", "t", 1.0, 1e-4, point))
+            writer.write_truth(
+                TruthRecord(stamp, 1, "poke", "tip", "t", 1.0, 1e-4, point)
+            )
         writer.write_label(Label(START, START + 9 * PERIOD, "poke"))
         writer.write_detection(
             DetectionRecord(

@@ -23,8 +23,8 @@ from eskin.sim.people.programs import perform
 from eskin.sim.people.programs.act import Regime
 from eskin.sim.robot.world import World
 from eskin.sim.site.site import Site
-from eskin.touch.calibration import bend_of
-from eskin.touch.calibration_kernels import undo
+from eskin.touch.calibration import build_pressure_curve
+from eskin.touch.calibration_kernels import linearise_counts
 
 BANDS = {
     "poke": ((3, 4, 7), (3, 5, 7), (2, 4, 7), (16, 32, 59)),
@@ -243,7 +243,10 @@ def readings(
     build = build_of(origin, world)
     session = session_of(Origin("bands", (seed, 64)), build)
     calibration = build.calibration(world.mounted.skin)
-    bend, lead = bend_of(calibration), round(1.0 / constants.value("time.step"))
+    bend, lead = (
+        build_pressure_curve(calibration),
+        round(1.0 / constants.value("time.step")),
+    )
     steps = lead + round(SECONDS / constants.value("time.step"))
     q = np.zeros((steps, len(world.mounted.robot.joint_names)))
     rng = np.random.default_rng([seed, 65])
@@ -256,7 +259,7 @@ def readings(
         rest = np.nan_to_num(rest_of(quiet), posinf=FULL)
         above = np.where(clip.received, clip.counts - rest, 0.0).max(axis=1)
         gain = float(calibration.gain[0])
-        yield np.array([gain * undo(float(x), bend) for x in above]), touch
+        yield np.array([gain * linearise_counts(float(x), bend) for x in above]), touch
 
 
 def slow_share(series: Series) -> float:

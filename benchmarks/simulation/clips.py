@@ -174,8 +174,8 @@ def pressure_of(
     It is zero where nothing came, and on taxels that never reach `LEAST`.
     """
     above = np.where(received, np.maximum(counts - rest, 0.0), 0.0)
-    felt = np.flatnonzero((above > calibration.counts_at(LEAST)).any(axis=0))
+    felt = np.flatnonzero((above > calibration.compute_counts(LEAST)).any(axis=0))
     pressure = np.zeros(counts.shape)
     those = replace(calibration, gain=calibration.gain[felt])
-    pressure[:, felt] = those.pressure_at(above[:, felt])
+    pressure[:, felt] = those.compute_pressure(above[:, felt])
     return pressure

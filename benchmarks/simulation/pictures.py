@@ -100,7 +100,7 @@ def pressure_of(
 ) -> Float[np.ndarray, "reading taxel"]:
     """What the calibrated skin reads [kPa]; rest is what is counted most often."""
     above = clip.counts - np.median(clip.counts, axis=0)
-    return np.where(clip.received, calibration.pressure_at(above), 0.0)
+    return np.where(clip.received, calibration.compute_pressure(above), 0.0)
 
 
 def draw(simulator: Simulator, clip: Clip, plan: ClipPlan) -> pyplot.Figure:

@@ -91,7 +91,7 @@ def answer(model: Model, clip: Clip) -> Answer:
 def words(recognizer: Recognizer) -> dict[int, tuple[float, str]]:
     """Impulse [N s] and likeliest class of every open touch, by its id."""
     state = recognizer.state
-    if state is None or not state.going:
+    if state is None or not state.open:
         return {}
     vocabulary = recognizer.model.card.vocabulary
     return {

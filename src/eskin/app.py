@@ -19,7 +19,7 @@ from eskin.drivers.source import FixedJoints, Joints
 from eskin.drivers.transport import Transport
 from eskin.drivers.udp_transport import UdpTransport
 from eskin.errors import ArmError, DeviceError, RecordingError
-from eskin.live.mounting import mount
+from eskin.live.recognizer import mount
 from eskin.robot import Robot
 from eskin.skin import MountedSkin, Skin
 from eskin.touch import Calibration

@@ -107,7 +107,7 @@ def check_targets(
     command: Command, recordings: "list[Recording]", targets: list[Path]
 ) -> None:
     """Refuse all recordings where one cannot be written."""
-    from eskin.recording.writer import check_target
+    from eskin.recording.writer import check_not_overwritten
 
     if len(set(targets)) < len(targets):
         raise RecordingError(
@@ -115,7 +115,7 @@ def check_targets(
             "label them in two calls"
         )
     for recording, target in zip(recordings, targets, strict=True):
-        check_target(recording, target)
+        check_not_overwritten(recording, target)
         check_writable(target)
 
 

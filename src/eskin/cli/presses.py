@@ -5,7 +5,7 @@ from eskin.robot import Robot
 from eskin.skin import MountedSkin, Skin
 from eskin.skin.wiring import Answer, Spot, spots_of
 from eskin.touch import TouchPipeline
-from eskin.touch.touches import PressFinder
+from eskin.touch.touches import PressDetector
 from eskin.units import NS_PER_S
 
 TARE = 3.0
@@ -45,7 +45,7 @@ def tare(source: Source, pipeline: TouchPipeline) -> None:
 
 def next_press(source: Source, pipeline: TouchPipeline, wait: float) -> int | None:
     """The taxel of the next press; None where none comes in time [s]."""
-    finder, begun = PressFinder(), None
+    finder, begun = PressDetector(), None
     for scan in source:
         begun = scan.stamp if begun is None else begun
         taxel = finder.push(pipeline.push(scan))

@@ -95,7 +95,7 @@ def run(command: Command) -> dict[str, object]:
     from eskin.app import SourceConfig, open_source
     from eskin.drivers import HostClock
     from eskin.live import Recognizer, warm_up
-    from eskin.live.mounting import mount
+    from eskin.live.recognizer import mount
     from eskin.model import load_model
     from eskin.robot import recorded_robot
     from eskin.skin import MountedSkin

@@ -8,7 +8,7 @@ from eskin.command.arm import ArmState
 from eskin.command.command_map import Rule
 from eskin.live import Detection
 from eskin.stream import RecognitionState
-from eskin.touch.records import TouchBrief
+from eskin.touch.records import TouchStatus
 from eskin.units import NS_PER_S
 
 
@@ -47,14 +47,16 @@ class PendingCommand:
         """Why it is refused where its confidence does not suffice."""
         return f"confidence {self.confidence:.2f} is below {self.required:.2f}"
 
-    def update(self, recognition: RecognitionState, vocabulary: tuple[str, ...]) -> None:
+    def update(
+        self, recognition: RecognitionState, vocabulary: tuple[str, ...]
+    ) -> None:
         """Follow the touch and its confidence through the next recognition state.
 
         Args:
             recognition: a state not earlier than the detection.
             vocabulary: gestures in the order of the probabilities.
         """
-        for touch in recognition.state.over:
+        for touch in recognition.state.closed:
             if touch.id == self.touch:
                 self.closed = not touch.merged_into
                 self.touch = touch.merged_into or self.touch
@@ -84,7 +86,7 @@ class CommandedTouches:
         """Return whether a touch has commanded or asked, or took over one that did."""
         return touch in self.blocked or (touch, onset) in self.asked
 
-    def merges(self, touch: int, before: int, over: Sequence[TouchBrief]) -> bool:
+    def merges(self, touch: int, before: int, over: Sequence[TouchStatus]) -> bool:
         """Return whether another touch that has commanded or asked merges with this.
 
         Args:
@@ -99,7 +101,7 @@ class CommandedTouches:
         known = self.blocked | {number for number, _ in self.asked}
         return bool((joined - {before}) & known)
 
-    def forget(self, over: Sequence[TouchBrief]) -> None:
+    def forget(self, over: Sequence[TouchStatus]) -> None:
         """Remove touches that have closed."""
         for touch in over:
             asked = {key for key in self.asked if key[0] == touch.id}

@@ -147,7 +147,7 @@ class Policy(Listener):
             self.stop_if_touched()
             for waiting in tuple(self.waiting):
                 self.wait_on(waiting, item)
-            self.spent.forget(item.state.over)
+            self.spent.forget(item.state.closed)
 
     def look(self) -> None:
         """Hold the arm if its skin cannot be relied on."""
@@ -295,7 +295,7 @@ class Policy(Listener):
         waiting.follow(moment, self.vocabulary)
         stamp = moment.state.reading.stamp
         why = self.objection(waiting.action, detection, waiting.rule, stamp)
-        if self.spent.joins(waiting.touch, before, moment.state.over):
+        if self.spent.joins(waiting.touch, before, moment.state.closed):
             why = COMMANDED
         meant = resolve_action(waiting.rule.what, self.arm.state())
         if (

@@ -1,4 +1,4 @@
-"""This module monitors the skin."""
+"""This module monitors whether the skin can be relied on, and unrecognised touches."""
 
 from dataclasses import dataclass
 from typing import final
@@ -14,86 +14,88 @@ from eskin.units import NS_PER_S
 
 @dataclass(frozen=True)
 class SkinMonitorConfig:
-    """When the arm is held because of its skin."""
+    """Limits beyond which the arm is held because of its skin."""
 
-    oldest: float = 0.1
+    max_age: float = 0.1
     """Age from which a reading is stale, and a patch without data is out [s]."""
 
-    force: float = 40.0
-    """Of a touch that was not recognised, above which a moving arm is held [N]."""
+    max_force: float = 40.0
+    """Force of an unrecognised touch above which a moving arm is held [N]."""
 
-    seconds: float = 2.0
-    """How long a touch that was not recognised may last on a moving arm [s]."""
+    max_seconds: float = 2.0
+    """How long an unrecognised touch may last on a moving arm [s]."""
 
 
 @final
 class SkinMonitor:
-    """Remembers when the skin was last heard, and what touches were recognised.
+    """A skin monitor keeps the age of readings, failed patches and recognised touches.
 
     Attributes:
-        heard: stamp of the latest reading [ns since the epoch].
-        out: ids of patches from which nothing can be believed.
-        touching: when there was last contact anywhere [ns since the epoch].
+        latest: stamp of the latest reading [ns since the epoch].
+        failed_patches: ids of patches from which nothing can be believed.
+        last_contact: time of the last contact anywhere [ns since the epoch].
     """
 
     def __init__(self, skin: Skin, config: SkinMonitorConfig, now: int) -> None:
-        """Start with a skin in order, heard at a time [ns since the epoch]."""
+        """Start with a working skin, read at a time [ns since the epoch]."""
         self.config = config
         self.patches = tuple(patch.id for patch in skin.patches)
-        self.index = np.asarray(skin.patch_index)
-        self.heard = now
-        self.touching = now
-        self.alive = np.full(len(self.patches), now, np.int64)
-        self.out: tuple[str, ...] = ()
+        self.patch_index = np.asarray(skin.patch_index)
+        self.latest = now
+        self.last_contact = now
+        self.last_valid = np.full(len(self.patches), now, np.int64)
+        self.failed_patches: tuple[str, ...] = ()
         self.recognised: set[int] = set()
 
-    def push(self, moment: RecognitionState) -> None:
-        """Take in the next moment."""
-        state = moment.state
-        self.heard = stamp = state.reading.stamp
-        valid = np.bincount(self.index[state.reading.valid], minlength=len(self.alive))
-        self.alive[valid > 0] = stamp
-        silent = stamp - self.alive > self.config.oldest * NS_PER_S
-        faulty = {fault.patch for fault in state.faults if fault.kind == "patch"}
-        self.out = tuple(
-            name
-            for name, gone in zip(self.patches, silent, strict=True)
-            if gone or name in faulty
+    def update(self, recognition: RecognitionState) -> None:
+        """Update from the next recognition state."""
+        state = recognition.state
+        self.latest = stamp = state.reading.stamp
+        valid = np.bincount(
+            self.patch_index[state.reading.valid], minlength=len(self.patches)
         )
-        if any(touch.last == stamp for touch in state.going):
-            self.touching = stamp
-        for touch in state.over:
+        self.last_valid[valid > 0] = stamp
+        silent = stamp - self.last_valid > self.config.max_age * NS_PER_S
+        faulty = {fault.patch for fault in state.faults if fault.kind == "patch"}
+        self.failed_patches = tuple(
+            name
+            for name, is_silent in zip(self.patches, silent, strict=True)
+            if is_silent or name in faulty
+        )
+        if any(touch.last == stamp for touch in state.open):
+            self.last_contact = stamp
+        for touch in state.closed:
             self.recognised.discard(touch.id)
 
-    def recognise(self, detection: Detection) -> None:
-        """Remember what was said of a touch."""
+    def add_detection(self, detection: Detection) -> None:
+        """Note that a touch was recognised as a gesture."""
         if detection.gesture not in NON_GESTURES:
             self.recognised.add(detection.touch)
 
-    def hears(self, patch: str) -> bool:
-        """Whether the latest reading tells of a patch."""
-        return bool(self.alive[self.patches.index(patch)] == self.heard)
+    def has_data(self, patch: str) -> bool:
+        """Return whether the latest reading has valid taxels of a patch."""
+        return bool(self.last_valid[self.patches.index(patch)] == self.latest)
 
-    def trouble(self, now: int) -> str | None:
-        """Why the skin cannot be relied on at a time; None where it can."""
-        age = (now - self.heard) / NS_PER_S
-        if age > self.config.oldest:
+    def find_problem(self, now: int) -> str | None:
+        """Return why the skin cannot be relied on at a time, or None where it can."""
+        age = (now - self.latest) / NS_PER_S
+        if age > self.config.max_age:
             return f"stale skin: no reading for {1e3 * age:.0f} ms"
-        if self.out:
-            return f"broken skin: patch '{self.out[0]}' is out"
+        if self.failed_patches:
+            return f"broken skin: patch '{self.failed_patches[0]}' is out"
         return None
 
-    def unrecognised(self, moment: RecognitionState) -> str | None:
-        """What is done to the skin that nobody understands; None where nothing is."""
-        state = moment.state
-        if not state.going:
+    def find_unrecognised(self, recognition: RecognitionState) -> str | None:
+        """Describe a strong or long touch that was not recognised; None if none is."""
+        state = recognition.state
+        if not state.open:
             return None
         for row in state.rows:
-            if row.closed or row.last < self.heard or row.id in self.recognised:
+            if row.closed or row.last < self.latest or row.id in self.recognised:
                 continue
-            seconds = (self.heard - row.onset) / NS_PER_S
-            if row.force > self.config.force:
+            seconds = (self.latest - row.onset) / NS_PER_S
+            if row.force > self.config.max_force:
                 return f"unrecognised touch of {row.force:.0f} N"
-            if seconds > self.config.seconds:
+            if seconds > self.config.max_seconds:
                 return f"unrecognised touch for {seconds:.1f} s"
         return None

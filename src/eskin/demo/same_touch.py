@@ -254,7 +254,7 @@ class RecognitionRun:
         self.detections += said
         state = self.recognizer.state
         assert state is not None
-        heard = {touch.id for touch in state.going}
+        heard = {touch.id for touch in state.open}
         heard |= {detection.touch for detection in said}
         self.chances |= {
             touch: chances

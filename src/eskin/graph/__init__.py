@@ -3,12 +3,18 @@
 from eskin.graph.batch import GraphBatch, join, no_graphs
 from eskin.graph.builder import GraphBuilder
 from eskin.graph.config import GraphConfig
+from eskin.graph.features import (
+    NODE_SCALARS,
+    PRESSURE_SUMMARY,
+    SHEAR_SUMMARY,
+    compressed,
+    node_scalars,
+    pressure_summary,
+    shear_summary,
+)
 from eskin.graph.neighbours import FixedNeighbours, live_neighbours
-from eskin.graph.node_features import NODE_SCALARS, compressed, node_scalars
 from eskin.graph.shares import HeldShares, Share, held_shares
-from eskin.graph.shear_summary import SHEAR_SUMMARY, shear_summary
 from eskin.graph.stream import WHOLE_SKIN, GraphStream
-from eskin.graph.summary import PRESSURE_SUMMARY, pressure_summary
 
 __all__ = [
     "NODE_SCALARS",

@@ -4,8 +4,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from eskin.graph.batch import HISTORY
 from eskin.graph.config import GraphConfig
-from eskin.graph.history import HISTORY
 from eskin.graph.neighbour_kernels import Search
 from eskin.graph.neighbours import FixedNeighbours, search_memory
 from eskin.skin import MountedSkin

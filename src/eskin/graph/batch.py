@@ -1,4 +1,4 @@
-"""The contact graph of a touch at one reading, and many laid end to end."""
+"""This module defines contact graphs and operations on batches of them."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
@@ -7,7 +7,51 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Float, Int
 
-from eskin.graph.history import HISTORY
+HISTORY = (
+    "age",
+    "pause",
+    "contacts",
+    "travel",
+    "farthest",
+    "impulse",
+    "peak force",
+)
+"""Columns of a history: time since onset [s], since the last contact [s], how often it
+made contact, distance from where it began, now and at most [cm], force integrated over
+time [N s], greatest force [N]. On a skin that is not calibrated all are zero."""
+
+CM_PER_M = 100.0
+NANOSECOND = 1e-9
+NOTHING = np.zeros(len(HISTORY))
+
+
+def segment_sum(
+    values: Float[np.ndarray, "node *axes"], offsets: Int[np.ndarray, "bound"]
+) -> Float[np.ndarray, "graph *axes"]:
+    """Sum over the nodes of each graph; zero for a graph without nodes."""
+    padded = np.concatenate(
+        [values, np.zeros_like(values[:1], shape=(1, *values.shape[1:]))]
+    )
+    sums = np.add.reduceat(padded, offsets[:-1], axis=0)
+    return blank_empty(sums, offsets)
+
+
+def segment_max(
+    values: Float[np.ndarray, "node *axes"], offsets: Int[np.ndarray, "bound"]
+) -> Float[np.ndarray, "graph *axes"]:
+    """Largest of the nodes of each graph; zero for a graph without nodes."""
+    lowest = np.full_like(values, -np.inf, shape=(1, *values.shape[1:]))
+    padded = np.concatenate([values, lowest])
+    largest = np.maximum.reduceat(padded, offsets[:-1], axis=0)
+    return blank_empty(largest, offsets)
+
+
+def blank_empty(
+    values: Float[np.ndarray, "graph *axes"], offsets: Int[np.ndarray, "bound"]
+) -> Float[np.ndarray, "graph *axes"]:
+    """Zero the rows of graphs without nodes, where `reduceat` gives the next one's."""
+    empty = (np.diff(offsets) == 0).reshape(-1, *(1,) * (values.ndim - 1))
+    return np.where(empty, np.zeros_like(values), values)
 
 
 @dataclass(frozen=True)
@@ -55,7 +99,7 @@ class GraphBatch:
     """Time since the reading before [s]."""
 
     history: Float[np.ndarray, "graph column"]
-    """What the touch has been so far; see `eskin.graph.history.HISTORY`."""
+    """What the touch has been so far; see `eskin.graph.batch.HISTORY`."""
 
     @property
     def count(self) -> int:

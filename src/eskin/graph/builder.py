@@ -13,13 +13,12 @@ from eskin.graph.arrays import (
     ground_of,
     loads_of,
 )
-from eskin.graph.batch import GraphBatch
+from eskin.graph.batch import NOTHING, GraphBatch
 from eskin.graph.builder_kernels import build_graph, take_in
 from eskin.graph.config import GraphConfig
-from eskin.graph.history import NOTHING
 from eskin.skin import MountedSkin
 from eskin.touch import Reading
-from eskin.touch.pipeline import LivePoses
+from eskin.touch.pipeline import LinkPoseCache
 
 LONGEST_STEP = 0.5  # [s] between readings that a rate is taken over
 SHORTEST_STEP = 1e-4  # [s]
@@ -45,7 +44,7 @@ class GraphBuilder:
         self,
         mounted: MountedSkin,
         config: GraphConfig | None = None,
-        poses: LivePoses | None = None,
+        poses: LinkPoseCache | None = None,
     ) -> None:
         """Find the fixed neighbours of a skin on a robot.
 
@@ -56,7 +55,7 @@ class GraphBuilder:
         """
         self.mounted = mounted
         self.config = config or GraphConfig()
-        self.poses = poses or LivePoses(mounted, self.config.posed)
+        self.poses = poses or LinkPoseCache(mounted, self.config.posed)
         self.ground = ground_of(mounted, self.config)
         self.loads = loads_of(mounted.skin.count)
         self.instant = Instant(0, LONG_AGO, LONGEST_STEP, False)
@@ -82,7 +81,7 @@ class GraphBuilder:
             min(max(step, SHORTEST_STEP), LONGEST_STEP),
             step <= LONGEST_STEP,
         )
-        self.T_world_link = self.poses.at(reading.q)
+        self.T_world_link = self.poses.get(reading.q)
         return NO_SHEAR if reading.shear is None else reading.shear
 
     def room_for(self, active: int) -> GraphMemory:

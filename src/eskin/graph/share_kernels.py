@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from eskin.compiled import compiled
-from eskin.graph.history import CM_PER_M, HISTORY, NANOSECOND
+from eskin.graph.batch import CM_PER_M, HISTORY, NANOSECOND
 from eskin.graph.shares import Shares
 from eskin.structref_kernels import Packed
 
@@ -66,7 +66,7 @@ def spans_of(
 @compiled
 @no_type_check
 def write_history(touch: np.void, stamp: int, out: Float[np.ndarray, "column"]) -> None:
-    """Write the history of an open touch, as in `eskin.graph.history.HISTORY`."""
+    """Write the history of an open touch, as in `eskin.graph.batch.HISTORY`."""
     far = 0.0
     for d in range(3):
         far += (touch.latest[d] - touch.start[d]) ** 2

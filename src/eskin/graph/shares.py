@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float, Int
 
-from eskin.graph.history import HISTORY
+from eskin.graph.batch import HISTORY
 from eskin.structref_kernels import Packed, pack
 
 
@@ -20,7 +20,7 @@ class Share(NamedTuple):
     """Those it had one reading ago."""
 
     history: Float[np.ndarray, "column"]
-    """What it has been so far; see `eskin.graph.history.HISTORY`."""
+    """What it has been so far; see `eskin.graph.batch.HISTORY`."""
 
 
 class Shares(NamedTuple):

@@ -5,16 +5,15 @@ from typing import final
 import numpy as np
 from jaxtyping import Int
 
-from eskin.graph.batch import GraphBatch
+from eskin.graph.batch import NOTHING, GraphBatch
 from eskin.graph.builder import GraphBuilder
 from eskin.graph.config import GraphConfig
-from eskin.graph.history import NOTHING
 from eskin.graph.share_kernels import shares_of
 from eskin.graph.shares import HeldShares, Share, Shares, held_shares
 from eskin.skin import MountedSkin
 from eskin.structref_kernels import unpack
 from eskin.touch import Reading, TouchState
-from eskin.touch.pipeline import LivePoses
+from eskin.touch.pipeline import LinkPoseCache
 
 WHOLE_SKIN = 0
 """The one sequence of a skin whose distances mean nothing; touches count from 1."""
@@ -34,7 +33,7 @@ class GraphStream:
         self,
         mounted: MountedSkin,
         config: GraphConfig | None = None,
-        poses: LivePoses | None = None,
+        poses: LinkPoseCache | None = None,
     ) -> None:
         """Start before the first reading.
 
@@ -75,10 +74,10 @@ class GraphStream:
             taxels, earlier = self.whole_skin(state), self.earlier
             self.earlier = taxels
             return held_shares({WHOLE_SKIN: Share(taxels, earlier, NOTHING)})
-        if not state.going:
+        if not state.open:
             return self.nothing
-        packed, most = shares_of(state.followed.packed, state.reading.stamp)
-        return HeldShares([touch.id for touch in state.going], most, packed)
+        packed, most = shares_of(state.tracking.packed, state.reading.stamp)
+        return HeldShares([touch.id for touch in state.open], most, packed)
 
     def whole_skin(self, state: TouchState) -> Int[np.ndarray, "active"]:
         """All active taxels, whatever touch they belong to."""

@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from eskin.graph import GraphBatch
-from eskin.graph.history import HISTORY
+from eskin.graph.batch import HISTORY
 from eskin.model import check_limits
 
 LIMITS = {

@@ -16,7 +16,7 @@ from eskin.recording import Recording, read_recording
 from eskin.robot import recorded_robot
 from eskin.skin import MountedSkin
 from eskin.touch import PipelineConfig, TouchPipeline, TouchState
-from eskin.touch.pipeline import LivePoses
+from eskin.touch.pipeline import LinkPoseCache
 
 NOWHERE = np.full(3, np.nan)
 
@@ -95,7 +95,7 @@ def sequences_of(
     if version is not None:
         skin = version.skin(skin, recording.start)
     mounted = MountedSkin(skin, recorded_robot(recording.robot_name))
-    poses = LivePoses(mounted, graph.posed)
+    poses = LinkPoseCache(mounted, graph.posed)
     touches = TouchPipeline(mounted, recording.calibration, pipeline, poses)
     stream = GraphStream(mounted, graph, poses)
     found: list[Sequence] = []

@@ -130,9 +130,9 @@ class OtherSkin:
         self, above: Float[np.ndarray, "taxel"], calibration: Calibration
     ) -> Float[np.ndarray, "taxel"]:
         """Counts above rest that it gives where the skin that recorded gave `above`."""
-        left = np.maximum(calibration.pressure_at(above) - self.unfelt, 0.0)
+        left = np.maximum(calibration.compute_pressure(above) - self.unfelt, 0.0)
         bent = self.gain * REFERENCE * (left / REFERENCE) ** self.exponent
-        return calibration.counts_at(bent)
+        return calibration.compute_counts(bent)
 
 
 def other_skin(skin: Skin, config: WearConfig, rng: np.random.Generator) -> OtherSkin:

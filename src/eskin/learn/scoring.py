@@ -9,7 +9,7 @@ from jaxtyping import Float, Int
 from torch import Tensor
 from torch.nn.functional import log_softmax
 
-from eskin.graph.summary import N_PER_KPA_CM2, total
+from eskin.graph.features import N_PER_KPA_CM2, total
 from eskin.learn.dataset import Dataset
 from eskin.learn.ground_truth import Clip, Segment, runs_of
 from eskin.learn.windows import cut

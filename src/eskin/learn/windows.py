@@ -7,7 +7,7 @@ import torch
 from jaxtyping import Int
 
 from eskin.graph import GraphBatch
-from eskin.graph.history import HISTORY
+from eskin.graph.batch import HISTORY
 from eskin.learn.dataset import Dataset
 from eskin.model import SLOT_NS
 from eskin.nn import NetworkInput, Places, graph_tensors

@@ -3,8 +3,7 @@
 from eskin.live.decision import UNKNOWN, Decider, Verdict
 from eskin.live.detection import Detection
 from eskin.live.network import Network
-from eskin.live.recognizer import Recognizer
-from eskin.live.warming import warm_up
+from eskin.live.recognizer import Recognizer, warm_up
 from eskin.live.window import Window
 
 __all__ = [

@@ -1,11 +1,16 @@
-"""What the recogniser says of a touch."""
+"""This module defines detections and tracks the direction of each touch."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import final
 
 import numpy as np
 from jaxtyping import Float
 
 from eskin.recording import DetectionRecord
+from eskin.touch import Touch, TouchState
+from eskin.touch.pipeline import LinkPoseCache
+from eskin.touch.records import TouchStatus
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,3 +79,50 @@ def vector(array: Float[np.ndarray, "3"]) -> tuple[float, float, float]:
     """As plain numbers."""
     x, y, z = array.tolist()
     return x, y, z
+
+
+@final
+class Travel:
+    """Remembers every open touch as it was at its latest contact; stateful.
+
+    Few touches are ever asked about: a direction is worked out when it is.
+    """
+
+    def __init__(self, poses: LinkPoseCache, still: float) -> None:
+        """Start without touches.
+
+        Args:
+            poses: of the links of the robot that the touches are on.
+            still: travel below which a touch has no direction [m].
+        """
+        self.poses = poses
+        self.still = still
+        self.felt: dict[int, tuple[TouchState, np.ndarray]] = {}
+
+    def push(self, state: TouchState) -> None:
+        """Follow the touches that are in contact at this reading."""
+        if not state.open:
+            return
+        then = state, self.poses.get(state.reading.q)
+        for touch in state.open:
+            if touch.last == state.reading.stamp:
+                self.felt[touch.id] = then
+
+    def of(self, touch: int) -> Float[np.ndarray, "3"]:
+        """The direction of the touch of that id at its latest contact.
+
+        A unit vector in the world, zero where the touch stayed in its place.
+        """
+        state, T_world_link = self.felt[touch]
+        touches = state.records.touches
+        [then] = touches[touches["id"] == touch]
+        travel = then["latest"] - then["start"]
+        distance = np.linalg.norm(travel)
+        if distance < self.still:
+            return np.zeros(3)
+        return T_world_link[then["link"], :3, :3] @ travel / distance
+
+    def forget(self, closed: Sequence[Touch | TouchStatus]) -> None:
+        """Drop touches that are over."""
+        for touch in closed:
+            self.felt.pop(touch.id, None)

@@ -7,7 +7,7 @@ import numpy as np
 
 from eskin.graph import NODE_SCALARS
 from eskin.live.kernels import BLOCK
-from eskin.model.weights import EDGE_SCALARS, layer_shapes
+from eskin.model.file import EDGE_SCALARS, layer_shapes
 
 Weights = Mapping[str, np.ndarray]
 """Parameters by name, as in the state of the torch network."""

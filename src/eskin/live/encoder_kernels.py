@@ -9,7 +9,7 @@ from typing import no_type_check
 import numpy as np
 from jaxtyping import Float, Int
 
-from eskin.graph.node_features import LONGEST_AGE
+from eskin.graph.features import LONGEST_AGE
 from eskin.live.encoder import EncoderMemory, EncoderWeights
 from eskin.live.graph import Graph
 from eskin.live.kernels import (

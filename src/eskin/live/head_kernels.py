@@ -7,7 +7,7 @@ from jaxtyping import Bool, Float, Int
 
 from eskin.live.head import STATISTICS, HeadMemory, HeadWeights
 from eskin.live.kernels import add_product, compiled_network, dot, silu
-from eskin.model.weights import LONG, SHORT
+from eskin.model.file import LONG, SHORT
 
 SHORT_STRIDE, LONG_STRIDE = 4, 2
 """Slots between outputs of the short convolution, and of those between the long's."""

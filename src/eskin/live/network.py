@@ -11,7 +11,7 @@ from eskin.live.graph import Graph
 from eskin.live.head import head_weights
 from eskin.live.window import Window
 from eskin.model import Model
-from eskin.model.weights import checked_weights
+from eskin.model.file import checked_weights
 
 NODES, NEIGHBOURS = 256, 16
 """What there is memory for at first."""

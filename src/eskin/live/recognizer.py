@@ -1,4 +1,4 @@
-"""From scans to detections, one at a time."""
+"""This module recognises gestures in a stream of scans or readings."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -10,15 +10,49 @@ from jaxtyping import Float
 from eskin.errors import ReadingError, SkinMismatchError
 from eskin.graph import GraphStream
 from eskin.live.decision import Decider, Verdict
-from eskin.live.detection import Detection
+from eskin.live.detection import Detection, Travel
 from eskin.live.logits import LogitStream
-from eskin.live.mounting import check_kind, mount
-from eskin.live.travel import Travel
-from eskin.model import MODELS, DecisionConfig, Model, load_model
-from eskin.robot import Robot
-from eskin.skin import MountedSkin, Skin
+from eskin.model import MODELS, DecisionConfig, Model, ModelCard, load_model
+from eskin.robot import Robot, load_robot
+from eskin.skin import MountedSkin, Skin, load_skin, robot_for
 from eskin.touch import Calibration, Reading, Scan, Touch, TouchPipeline, TouchState
-from eskin.touch.pipeline import LivePoses
+from eskin.touch.pipeline import LinkPoseCache
+
+
+def mount(skin: str | Path | Skin, robot: str | Path | Robot | None) -> MountedSkin:
+    """Mount a skin.
+
+    Args:
+        skin: a preset's name, a skin's folder, or a skin.
+        robot: a preset's name, a URDF, or a robot; None for that of a preset skin.
+
+    Raises:
+        SkinMismatchError: if nothing tells what robot the skin is on.
+    """
+    known = robot_for(str(skin)) if isinstance(skin, str) and robot is None else None
+    found = skin if isinstance(skin, Skin) else load_skin(skin)
+    if isinstance(robot, str | Path):
+        robot = load_robot(robot)
+    robot = robot or known
+    if robot is None:
+        raise SkinMismatchError(
+            f"skin '{found.name}' is given without a robot; allowed are a robot's "
+            "name, a URDF or a Robot; give the robot that it is on"
+        )
+    return MountedSkin(found, robot)
+
+
+def check_kind(card: ModelCard, skin: Skin) -> None:
+    """Refuse a skin that does not measure what a model needs.
+
+    Raises:
+        SkinMismatchError: saying what is missing.
+    """
+    if card.kind == "shear" and not skin.has_shear:
+        raise SkinMismatchError(
+            f"model needs shear, skin '{skin.name}' measures only pressure; allowed is "
+            "a skin with a patch of kind shear; use a model for pressure alone"
+        )
 
 
 @final
@@ -66,7 +100,7 @@ class Recognizer:
         self.mounted = mounted
         self.has_calibration = calibration is not None
         unused = Calibration.uniform(mounted.skin.count, 1, 1.0)
-        poses = LivePoses(mounted, card.graph.posed)
+        poses = LinkPoseCache(mounted, card.graph.posed)
         self.touches = TouchPipeline(
             mounted, calibration or unused, card.pipeline, poses
         )
@@ -77,7 +111,7 @@ class Recognizer:
             decision or card.decision,
             change_ends=not mounted.skin.calibrated,
         )
-        true_poses = poses if poses.posed else LivePoses(mounted)
+        true_poses = poses if poses.posed else LinkPoseCache(mounted)
         self.travel = Travel(true_poses, self.decider.config.still)
         self.state: TouchState | None = None
         self.logits: dict[int, Float[np.ndarray, "class"]] = {}
@@ -133,14 +167,18 @@ class Recognizer:
         self.logits = self.stream.logits
         self.probabilities = {
             touch.id: self.stream.probabilities[self.graphs.key_of(touch.id)]
-            for touch in state.going
+            for touch in state.open
         }
         self.travel.push(state)
-        verdicts = self.decider.push(stamp, state.going, state.over, self.probabilities)
+        verdicts = self.decider.push(
+            stamp, state.open, state.closed, self.probabilities
+        )
         detections = []
         if verdicts:
-            detections = self.detections(verdicts, (*state.touches, *state.closed))
-        self.travel.forget(state.over)
+            detections = self.detections(
+                verdicts, (*state.touches, *state.closed_touches)
+            )
+        self.travel.forget(state.closed)
         return detections
 
     def finish(self) -> list[Detection]:
@@ -209,3 +247,32 @@ def detection_of(
         peak_force=touch.peak_force,
         likeliest=verdict.likeliest,
     )
+
+
+PERIOD = 20_000_000
+"""Between readings [ns]."""
+
+
+def warm_up(recognizer: Recognizer) -> None:
+    """Load all compiled code that a recogniser of this kind needs.
+
+    A poke of one patch goes through others like it, as readings and as scans of a
+    matrix behind a divider; the recogniser itself hears nothing of it.
+    """
+    model, mounted = recognizer.model, recognizer.mounted
+    skin, robot = mounted.skin, mounted.robot
+    pressed = np.arange(skin.count) < 4
+    everywhere, q = np.ones(skin.count, bool), np.zeros(len(robot.joint_names))
+    calibration = Calibration(
+        np.full(skin.count, 0.1), 4000, curve="divider", exponent=0.8, matrix=True
+    )
+    of_readings = Recognizer(model, mounted, None)
+    of_scans = Recognizer(model, mounted, calibration)
+    shear = np.zeros((skin.count, 2), np.float32) if skin.has_shear else None
+    shear_counts = None if shear is None else shear.astype(np.int32)
+    for number in range(150):
+        stamp, down = number * PERIOD, 120 <= number < 135
+        pressure = np.where(pressed & down, 30.0, 0.0).astype(np.float32)
+        of_readings.push(Reading(stamp, pressure, everywhere, q, shear))
+        counts = np.where(pressed & down, 300, 20).astype(np.int32)
+        of_scans.push(Scan(stamp, counts, everywhere, q, shear_counts))

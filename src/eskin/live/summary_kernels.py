@@ -9,14 +9,14 @@ from typing import no_type_check
 import numpy as np
 from jaxtyping import Float
 
-from eskin.graph.shear_summary import NEAR
-from eskin.graph.summary import (
+from eskin.graph.features import (
     AREA,
     FLAT,
     FORCE,
     HISTORY_FLOORS,
     LEVELS,
     N_PER_KPA_CM2,
+    NEAR,
     PRESSURE,
     RATE,
     SPEED,

@@ -8,8 +8,7 @@ from eskin.nn.batch import (
     network_input,
     summary,
 )
-from eskin.nn.egcl import EquivariantLayer
-from eskin.nn.encoder import Encoder
+from eskin.nn.encoder import Encoder, EquivariantLayer
 from eskin.nn.head import TemporalHead
 from eskin.nn.network import RecogniserNetwork
 

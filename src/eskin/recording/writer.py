@@ -1,6 +1,6 @@
-"""Writing a recording: MCAP, profile ros2, CDR, zstd chunks of less than 1 s.
+"""This module writes recordings: MCAP, profile ros2, CDR, zstd chunks of less than 1 s.
 
-Name, skin, calibration and metadata come first, then chunks, so that a file cut
+Name, skin, calibration and metadata come first, then chunks, so that a file that is cut
 anywhere can be used up to its last whole chunk.
 """
 
@@ -51,17 +51,16 @@ from eskin.skin.files import skin_to_bytes
 from eskin.skin.skin import Skin
 from eskin.touch.calibration import Calibration
 from eskin.touch.reading import Scan
+from eskin.units import NS_PER_S
 
-CHUNK_NS = 1_000_000_000
-
-Word = Label | DetectionRecord | EventRecord
+Annotation = Label | DetectionRecord | EventRecord
 
 
 class RecordingWriter:
-    """Writes `<path>.part` and renames it to `path` when closed.
+    """A writer that fills `<path>.part` and renames it to `path` when it is closed.
 
-    After an exception inside `with` the `.part` file stays, readable up to the last
-    scan that was written.
+    After an exception inside `with`, the `.part` file stays and can be read up to the
+    last scan that was written.
     """
 
     def __init__(
@@ -73,15 +72,15 @@ class RecordingWriter:
         metadata: Metadata,
         joint_names: tuple[str, ...] | None = None,
     ) -> None:
-        """Open the file and write all that does not change.
+        """Open the file and write everything that stays the same for all scans.
 
         Args:
-            path: of the finished recording; its folder must exist.
-            robot_name: preset or URDF that the skin is on; `table` for none.
-            skin: whose taxels the scans count.
-            calibration: of that skin.
-            metadata: who and what is recorded.
-            joint_names: in the order of `Scan.q`; None asks the robot of that name.
+            path: path of the finished recording; its folder must exist.
+            robot_name: preset or URDF that the skin is mounted on; `table` for none.
+            skin: skin that is recorded.
+            calibration: calibration of that skin.
+            metadata: origin of the recording.
+            joint_names: names in the order of `Scan.q`; None takes those of the robot.
         """
         self.path = Path(path)
         self.part = self.path.with_name(self.path.name + ".part")
@@ -100,33 +99,32 @@ class RecordingWriter:
             ) from error
         self.mcap = McapWriter(self.file, "ros2", "eskin")
         try:
-            self.begin(robot_name, calibration, metadata)
+            self.write_header(robot_name, calibration, metadata)
         except BaseException:
             self.file.close()
             self.part.unlink()
             raise
 
-    def begin(
+    def write_header(
         self, robot_name: str, calibration: Calibration, metadata: Metadata
     ) -> None:
-        """Write header, metadata and attachments and declare the topics."""
+        """Write metadata and attachments and declare the topics."""
         facts = {"format": FORMAT, "robot": robot_name, "skin": self.skin.name}
         facts["joints"] = json.dumps(self.joint_names)
         self.mcap.add_metadata(RECORD_NAME, facts | metadata.to_record())
-        self.attach(SKIN_NAME, "application/yaml", skin_text(self.skin))
-        self.attach(CALIBRATION_NAME, "application/json", calibration.to_bytes())
+        skin_yaml = encode_skin(self.skin)
+        self.mcap.add_attachment(SKIN_NAME, "application/yaml", skin_yaml)
+        self.mcap.add_attachment(
+            CALIBRATION_NAME, "application/json", calibration.to_bytes()
+        )
         self.channels: dict[str, int] = {}
         for topic in TOPICS:
             if topic != JOINT_STATES or self.joint_names:
-                self.declare(topic)
+                self.declare_topic(topic)
         self.file.flush()
 
-    def attach(self, name: str, media_type: str, data: bytes) -> None:
-        """Write one attachment."""
-        self.mcap.add_attachment(name, media_type, data)
-
-    def declare(self, topic: Topic) -> None:
-        """Make a topic known to the file."""
+    def declare_topic(self, topic: Topic) -> None:
+        """Add a channel for a topic to the file."""
         self.channels[topic.name] = self.mcap.add_channel(
             topic.name, topic.type_name, topic.definition
         )
@@ -135,12 +133,13 @@ class RecordingWriter:
         """Append one scan; stamps must increase.
 
         Raises:
-            RecordingError: when it does not fit the skin, the robot or its time.
+            RecordingError: when it fits neither the skin nor the robot, or is not
+                later than the scan before.
         """
-        self.check(scan.counts.shape, scan.q.shape, scan.stamp)
+        self.check_next_scan(scan.counts.shape, scan.q.shape, scan.stamp)
         reading = pack_reading(scan, self.skin.name)
         state = pack_joint_state(scan.stamp, self.joint_names, scan.q)
-        self.append(scan.stamp, reading, state)
+        self.append_scan(scan.stamp, reading, state)
 
     def write_block(
         self,
@@ -149,38 +148,39 @@ class RecordingWriter:
         received: Bool[np.ndarray, "reading taxel"],
         q: Float[np.ndarray, "reading joint"],
     ) -> None:
-        """Append many scans without shear: the same file as one by one, but sooner.
+        """Append many scans without shear at once.
+
+        The file is the same as if they were written one by one, which takes longer.
 
         Raises:
-            RecordingError: when they do not fit the skin, the robot or their time;
-                then none of them is written.
+            RecordingError: as for `write`; then none of them is written.
         """
         if not len(stamps):
             return
         if (np.diff(stamps) <= 0).any():
             raise RecordingError("stamps of a block must increase; use one clock")
-        self.check(counts.shape[1:], q.shape[1:], int(stamps[0]))
+        self.check_next_scan(counts.shape[1:], q.shape[1:], int(stamps[0]))
         readings = pack_readings(stamps, counts, received, self.skin.name)
         states = pack_joint_states(stamps, self.joint_names, q)
         for stamp, reading, state in zip(
             stamps.tolist(), readings, states, strict=True
         ):
-            self.append(stamp, reading, state)
+            self.append_scan(stamp, reading, state)
 
-    def append(self, stamp: int, reading: bytes, state: bytes) -> None:
-        """Append the messages of one scan; a second begins a chunk."""
-        if self.chunk_start is None or stamp - self.chunk_start >= CHUNK_NS:
+    def append_scan(self, stamp: int, reading: bytes, state: bytes) -> None:
+        """Append the messages of one scan; start a new chunk after one second."""
+        if self.chunk_start is None or stamp - self.chunk_start >= NS_PER_S:
             self.mcap.end_chunk()
             self.chunk_start = stamp
         if self.joint_names:
-            self.add(JOINT_STATES.name, stamp, state)
-        self.add(READING.name, stamp, reading)
+            self.append_message(JOINT_STATES.name, stamp, state)
+        self.append_message(READING.name, stamp, reading)
         self.last_stamp = stamp
 
-    def check(
+    def check_next_scan(
         self, counts: tuple[int, ...], joints: tuple[int, ...], first: int
     ) -> None:
-        """Raise when scans of these shapes cannot follow the one before."""
+        """Raise if scans of these shapes cannot follow the scan before."""
         if counts != (self.skin.count,):
             raise RecordingError(
                 f"scan has {counts[0]} counts, skin '{self.skin.name}' has "
@@ -197,42 +197,43 @@ class RecordingWriter:
                 "stamps must increase; use one clock"
             )
 
-    def label(self, label: Label) -> None:
-        """Append a label; logged at the latest scan, wherever its own time lies."""
-        self.add(LABEL.name, self.now(label.start), pack_label(label))
+    def write_label(self, label: Label) -> None:
+        """Append a label; its log time is that of the latest scan."""
+        self.append_message(LABEL.name, self.log_time(label.start), pack_label(label))
 
-    def detection(self, record: DetectionRecord) -> None:
-        """Append a detection; logged at the latest scan."""
-        self.add(DETECTION.name, self.now(record.stamp), pack_detection(record))
+    def write_detection(self, record: DetectionRecord) -> None:
+        """Append a detection; its log time is that of the latest scan."""
+        stamp = self.log_time(record.stamp)
+        self.append_message(DETECTION.name, stamp, pack_detection(record))
 
-    def truth(self, record: TruthRecord) -> None:
-        """Append what was really done; only a file that has some knows the topic."""
+    def write_truth(self, record: TruthRecord) -> None:
+        """Append the ground truth of one touch; the first one declares the topic."""
         if TRUTH.name not in self.channels:
-            self.declare(TRUTH)
-        self.add(TRUTH.name, record.stamp, pack_truth(record))
+            self.declare_topic(TRUTH)
+        self.append_message(TRUTH.name, record.stamp, pack_truth(record))
 
-    def event(self, record: EventRecord) -> None:
-        """Append an event; logged at the latest scan, as a label is."""
+    def write_event(self, record: EventRecord) -> None:
+        """Append an event; its log time is that of the latest scan."""
         if EVENT.name not in self.channels:
-            self.declare(EVENT)
+            self.declare_topic(EVENT)
         data = pack_event(record, self.skin.name)
-        self.add(EVENT.name, self.now(record.stamp), data)
+        self.append_message(EVENT.name, self.log_time(record.stamp), data)
 
-    def now(self, otherwise: int) -> int:
-        """Stamp of the latest scan [ns], `otherwise` before the first."""
-        return otherwise if self.last_stamp is None else self.last_stamp
+    def log_time(self, default: int) -> int:
+        """Return the stamp of the latest scan [ns], or `default` before the first."""
+        return default if self.last_stamp is None else self.last_stamp
 
-    def add(self, topic: str, stamp: int, data: bytes) -> None:
-        """Append one message."""
+    def append_message(self, topic: str, stamp: int, data: bytes) -> None:
+        """Append one message to the chunk."""
         self.mcap.add_message(self.channels[topic], stamp, data)
 
     def sync(self) -> None:
-        """End the chunk, and come back once all so far is on the disk itself."""
+        """End the chunk and wait until everything so far is on the disk."""
         self.mcap.end_chunk()
         os.fsync(self.file.fileno())
 
     def close(self) -> None:
-        """Finish the file and give it its name."""
+        """Finish the file and rename it to its final name."""
         if self.file.closed:
             return
         self.mcap.finish()
@@ -242,13 +243,13 @@ class RecordingWriter:
         self.part.replace(self.path)
 
     def abandon(self) -> None:
-        """Stop; what was written stays in the `.part` file, without an index."""
+        """Stop and leave what was written in the `.part` file, without an index."""
         if not self.file.closed:
             self.mcap.end_chunk()
             self.file.close()
 
     def __enter__(self) -> "RecordingWriter":
-        """The writer itself."""
+        """Return the writer itself."""
         return self
 
     def __exit__(
@@ -257,7 +258,7 @@ class RecordingWriter:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        """Close, or keep the `.part` file after an exception."""
+        """Close the file, or keep the `.part` file after an exception."""
         if kind is None:
             self.close()
         else:
@@ -265,8 +266,8 @@ class RecordingWriter:
 
 
 @lru_cache(maxsize=8)
-def skin_text(skin: Skin) -> bytes:
-    """The attachment of a skin, kept since sets of recordings share one skin."""
+def encode_skin(skin: Skin) -> bytes:
+    """Return the attachment of a skin; cached, since many recordings share one skin."""
     return skin_to_bytes(skin)
 
 
@@ -278,42 +279,42 @@ def write_all(
     truths: Iterable[TruthRecord] = (),
     events: Iterable[EventRecord] = (),
 ) -> int:
-    """Write scans, with labels, detections, truths and events among them at their time.
+    """Write scans, and everything known about them, in the order of time.
 
-    A label comes after its last scan, so that no part of a file says more of a touch
+    A label comes after its last scan, so that no part of a file says more about a touch
     than was known by then. Truths keep their order. Returns the number of scans.
     """
-    words: list[tuple[int, Word]] = [
+    annotations: list[tuple[int, Annotation]] = [
         *((label.end, label) for label in sort_labels(labels)),
         *((record.stamp, record) for record in detections),
         *((record.stamp, record) for record in events),
     ]
-    words.sort(key=lambda word: word[0])
-    count = done = 0
-    known = iter(truths)
-    truth = next(known, None)
+    annotations.sort(key=lambda entry: entry[0])
+    count = written = 0
+    remaining_truths = iter(truths)
+    truth = next(remaining_truths, None)
     for scan in scans:
-        while done < len(words) and words[done][0] <= scan.stamp:
-            write_word(writer, words[done][1])
-            done += 1
+        while written < len(annotations) and annotations[written][0] <= scan.stamp:
+            write_annotation(writer, annotations[written][1])
+            written += 1
         writer.write(scan)
         count += 1
         while truth is not None and truth.stamp <= scan.stamp:
             writer.write_truth(truth)
-            truth = next(known, None)
-    for _, word in words[done:]:
-        write_word(writer, word)
+            truth = next(remaining_truths, None)
+    for _, annotation in annotations[written:]:
+        write_annotation(writer, annotation)
     return count
 
 
-def write_word(writer: RecordingWriter, word: Word) -> None:
+def write_annotation(writer: RecordingWriter, annotation: Annotation) -> None:
     """Write a label, a detection or an event."""
-    if isinstance(word, Label):
-        writer.write_label(word)
-    elif isinstance(word, DetectionRecord):
-        writer.write_detection(word)
+    if isinstance(annotation, Label):
+        writer.write_label(annotation)
+    elif isinstance(annotation, DetectionRecord):
+        writer.write_detection(annotation)
     else:
-        writer.write_event(word)
+        writer.write_event(annotation)
 
 
 def rewrite_recording(
@@ -322,19 +323,21 @@ def rewrite_recording(
     labels: Iterable[Label] | None = None,
     detections: Iterable[DetectionRecord] | None = None,
 ) -> None:
-    """Write a copy of a recording with other labels or detections, whole or not at all.
+    """Write a copy of a recording with other labels or detections.
+
+    The copy is written whole or not at all.
 
     Args:
-        recording: what to copy.
-        path: of the copy; None replaces the recording once its copy is whole.
+        recording: recording to copy.
+        path: path of the copy; None replaces the recording once its copy is complete.
         labels: all labels of the copy; None keeps the recording's.
         detections: all detections of the copy; None keeps the recording's.
 
     Raises:
-        RecordingError: when a recording that is cut short would be replaced.
+        RecordingError: when a truncated recording would be replaced.
     """
     target = recording.path if path is None else Path(path)
-    check_target(recording, target)
+    check_not_overwritten(recording, target)
     writer = RecordingWriter(
         target,
         recording.robot_name,
@@ -358,12 +361,8 @@ def rewrite_recording(
         raise
 
 
-def check_target(recording: Recording, target: Path) -> None:
-    """Refuse to replace a recording by less than there was of it.
-
-    Raises:
-        RecordingError: when it is cut short and would be replaced.
-    """
+def check_not_overwritten(recording: Recording, target: Path) -> None:
+    """Raise if a truncated recording would be replaced by what can be read of it."""
     if recording.truncated and target.resolve() == recording.path.resolve():
         raise RecordingError(
             f"{recording.path} is cut short and would be replaced by what is left; "

@@ -1,7 +1,7 @@
 """From counts to touches: calibration, faults, contacts, tracks, touches."""
 
 from eskin.touch.calibration import Calibration, CalibrationConfig, Calibrator
-from eskin.touch.faults import Fault, FaultConfig, FaultFinder
+from eskin.touch.faults import Fault, FaultConfig, FaultDetector
 from eskin.touch.pipeline import PipelineConfig, TouchPipeline
 from eskin.touch.reading import Reading, Scan
 from eskin.touch.records import TouchRecords
@@ -23,7 +23,7 @@ __all__ = [
     "ContactConfig",
     "Fault",
     "FaultConfig",
-    "FaultFinder",
+    "FaultDetector",
     "PipelineConfig",
     "Reading",
     "Scan",

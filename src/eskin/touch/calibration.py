@@ -10,7 +10,13 @@ from jaxtyping import Bool, Float, Int
 from eskin.errors import ReadingError, RecordingError, SkinMismatchError
 from eskin.skin.skin import Skin
 from eskin.touch.adjacency import Adjacency
-from eskin.touch.calibration_kernels import MOST, Bend, Memory, Rates, calibrate
+from eskin.touch.calibration_kernels import (
+    MOST,
+    Memory,
+    PressureCurve,
+    Rates,
+    calibrate,
+)
 from eskin.touch.reading import Reading, Scan, check_order
 from eskin.units import NS_PER_S
 
@@ -72,7 +78,7 @@ class Calibration:
 
     matrix: bool = False
     """Whether taxels are read out by rows and columns that leak into each other; how
-    much is then learned from the readings and taken off, see `Crosstalk`."""
+    much is then learned from the readings and taken off, see `CrosstalkCompensator`."""
 
     def __post_init__(self) -> None:
         """Refuse constants that no electronics have."""
@@ -104,26 +110,26 @@ class Calibration:
         """The same gain for all taxels: `pressure` [kPa] at `full_scale` counts."""
         return cls(np.full(count, pressure / full_scale), full_scale, floor=floor)
 
-    def counts_at(
+    def compute_counts(
         self, pressure: float | Float[np.ndarray, "*batch taxel"]
     ) -> Float[np.ndarray, "*batch taxel"]:
         """Counts above rest that mean a pressure [kPa], the same or of each taxel."""
-        conductance = self.conductance_at(pressure)
+        conductance = self.compute_conductance(pressure)
         if self.curve == "linear":
             return self.full_scale * conductance
         return self.full_scale * conductance / (1.0 + conductance)
 
-    def pressure_at(
+    def compute_pressure(
         self, above: Float[np.ndarray, "*batch taxel"]
     ) -> Float[np.ndarray, "*batch taxel"]:
         """Pressure [kPa] that counts above rest mean."""
         share = np.maximum(above, 0.0) / self.full_scale
         if self.curve == "linear":
-            return self.pressure_of(share)
+            return self.invert_conductance(share)
         share = np.minimum(share, MOST)
-        return self.pressure_of(share / (1.0 - share))
+        return self.invert_conductance(share / (1.0 - share))
 
-    def conductance_at(
+    def compute_conductance(
         self, pressure: float | Float[np.ndarray, "*batch taxel"]
     ) -> Float[np.ndarray, "*batch taxel"]:
         """What a pressure [kPa] lets through, by what half scale does.
@@ -134,10 +140,10 @@ class Calibration:
         linear = felt / (np.asarray(self.gain, np.float64) * self.full_scale)
         return linear if self.curve == "linear" else linear**self.exponent
 
-    def pressure_of(
+    def invert_conductance(
         self, conductance: Float[np.ndarray, "*batch taxel"]
     ) -> Float[np.ndarray, "*batch taxel"]:
-        """Pressure [kPa] that lets through so much; undoes `conductance_at`."""
+        """Pressure [kPa] that lets through so much; undoes `compute_conductance`."""
         power = 1.0 if self.curve == "linear" else 1.0 / self.exponent
         felt = conductance**power * self.gain * self.full_scale
         return felt + np.minimum(felt, self.unfelt)
@@ -276,10 +282,10 @@ class Calibrator:
         self.skin = skin
         self.calibration = calibration
         self.config = config or CalibrationConfig()
-        self.adjacency = Adjacency.of(skin)
+        self.adjacency = Adjacency.build(skin)
         self.gain = np.asarray(calibration.gain, np.float64)
-        self.margin = calibration.counts_at(self.config.margin)
-        self.bend = bend_of(calibration)
+        self.margin = calibration.compute_counts(self.config.margin)
+        self.bend = build_pressure_curve(calibration)
         self.rates = rates_of(self.config)
         self.memory = fresh_memory(skin.count, self.config.tare_samples)
         self.shear_rest = np.full((skin.count, 2), float(calibration.shear_rest))
@@ -334,12 +340,12 @@ class Calibrator:
         return shear
 
 
-def bend_of(calibration: Calibration) -> Bend:
+def build_pressure_curve(calibration: Calibration) -> PressureCurve:
     """How the curve bends, as the kernel wants it."""
     if calibration.curve == "linear":
-        return Bend(np.inf, 1.0, calibration.unfelt)
+        return PressureCurve(np.inf, 1.0, calibration.unfelt)
     power = 1.0 / calibration.exponent
-    return Bend(float(calibration.full_scale), power, calibration.unfelt)
+    return PressureCurve(float(calibration.full_scale), power, calibration.unfelt)
 
 
 def check_count(scan: Scan, skin: Skin) -> None:

@@ -28,7 +28,7 @@ class Rates(NamedTuple):
     settle: float
 
 
-class Bend(NamedTuple):
+class PressureCurve(NamedTuple):
     """How pressure grows with counts."""
 
     full: float
@@ -74,7 +74,7 @@ MOST = 0.999
 
 @compiled
 @no_type_check
-def undo(above: float, bend: Bend) -> float:
+def linearise_counts(above: float, bend: PressureCurve) -> float:
     """Counts above rest as a linear device with the same gain would give them."""
     if above <= 0.0 or bend.full == np.inf:
         return max(above, 0.0)
@@ -92,7 +92,7 @@ def calibrate(
     use: Bool[np.ndarray, "taxel"],
     now: float,
     gain: Float[np.ndarray, "taxel"],
-    bend: Bend,
+    bend: PressureCurve,
     margin: Float[np.ndarray, "taxel"],
     starts: Int[np.ndarray, "taxel_and_one"],
     neighbours: Int[np.ndarray, "pair"],
@@ -117,7 +117,7 @@ def calibrate(
         if filled[i] < size or now - heard[i] > silence:
             hear(i, counts[i], now, margin[i], memory, rates)
         above = counts[i] - baseline[i]
-        felt = undo(above, bend) * gain[i]
+        felt = linearise_counts(above, bend) * gain[i]
         out[i] = felt + min(felt, bend.unfelt)
         if above > margin[i] and above > after * peak[i]:
             if since[i] == np.inf:

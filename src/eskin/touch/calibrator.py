@@ -18,7 +18,7 @@ MEMORY = 200
 
 
 @final
-class Crosstalk:
+class CrosstalkCompensator:
     """Learns and undoes the crosstalk of taxels read out by rows and columns; stateful.
 
     Current through a pressed taxel also flows elsewhere: it leaks into the others of
@@ -51,7 +51,7 @@ class Crosstalk:
         """Share of what detours over three others let through that a taxel shows."""
         return float(self.learned.value[GHOST])
 
-    def taken_off(self, reading: Reading) -> Reading:
+    def compensate(self, reading: Reading) -> Reading:
         """Learn from the reading, and give it without what is not its taxels' own.
 
         What is not valid counts for nothing.

@@ -176,7 +176,7 @@ class FaultConfig:
 
 
 @final
-class FaultFinder:
+class FaultDetector:
     """Finds faults from what the counts do over time; stateful.
 
     A fault needs evidence: a quiet sensor whose quantised counts do not change, and one
@@ -190,8 +190,10 @@ class FaultFinder:
         self.skin = skin
         self.config = config or FaultConfig()
         self.full_scale = calibration.full_scale
-        self.jump = np.maximum(calibration.counts_at(self.config.noisy), LEAST_JUMP)
-        self.adjacency = Adjacency.of(skin)
+        self.jump = np.maximum(
+            calibration.compute_counts(self.config.noisy), LEAST_JUMP
+        )
+        self.adjacency = Adjacency.build(skin)
         self.lister = FaultLister(skin)
         patch_index = np.asarray(skin.patch_index)
         self.members = [

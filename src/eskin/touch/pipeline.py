@@ -16,17 +16,17 @@ from eskin.touch.calibration import (
     Calibrator,
     check_count,
 )
-from eskin.touch.calibrator import Crosstalk
+from eskin.touch.calibrator import CrosstalkCompensator
 from eskin.touch.contact_kernels import find_candidates
-from eskin.touch.faults import Fault, FaultConfig, FaultFinder
+from eskin.touch.faults import Fault, FaultConfig, FaultDetector
 from eskin.touch.reading import Reading, Scan, check_order
 from eskin.touch.records import (
     HELD,
-    NOTHING,
-    Followed,
+    NO_TOUCHES,
     Instant,
     Rules,
-    TouchBrief,
+    TouchStatus,
+    TrackingResult,
     fresh_memory,
     sites_of,
 )
@@ -42,7 +42,7 @@ from eskin.units import NS_PER_S
 
 
 @final
-class LivePoses:
+class LinkPoseCache:
     """Poses of the links at the latest q asked for; an arm at rest costs nothing."""
 
     def __init__(self, mounted: MountedSkin, posed: bool = True) -> None:
@@ -58,7 +58,7 @@ class LivePoses:
         self.q: bytes | None = None
         self.T_world_link = np.empty((0, 4, 4))
 
-    def at(self, q: Float[np.ndarray, "joint"]) -> Float[np.ndarray, "link 4 4"]:
+    def get(self, q: Float[np.ndarray, "joint"]) -> Float[np.ndarray, "link 4 4"]:
         """T_world_link of all links in the robot's order."""
         asked = q.tobytes()
         if asked != self.q:
@@ -79,7 +79,7 @@ class LivePoses:
 
 
 @final
-class TouchFollower:
+class TouchTracker:
     """Follows contacts, tracks and touches from reading to reading; stateful.
 
     Taxels connect by distance in space: on one link that never changes, between links
@@ -95,13 +95,13 @@ class TouchFollower:
         contacts: ContactConfig,
         tracks: TrackConfig,
         touches: TouchConfig,
-        poses: LivePoses,
+        poses: LinkPoseCache,
     ) -> None:
         """Start untouched."""
         skin = mounted.skin
         self.skin = skin
         self.poses = poses
-        adjacency = Adjacency.of(
+        adjacency = Adjacency.build(
             skin, contacts.reach, contacts.least_reach if skin.calibrated else 0.0
         )
         # Below every pressure that the kernel may let pass, whatever their precision.
@@ -116,12 +116,12 @@ class TouchFollower:
             memory=self.memory,
         )
         self.parts = pack(parts)
-        self.nothing = Followed(pack(NOTHING), (), ())
+        self.nothing = TrackingResult(pack(NO_TOUCHES), (), ())
         self.followed = self.nothing
         self.first: int | None = None
         self.last: int | None = None
 
-    def push(self, reading: Reading) -> Followed:
+    def push(self, reading: Reading) -> TrackingResult:
         """Follow into the next reading.
 
         Raises:
@@ -148,7 +148,7 @@ class TouchFollower:
         self.poses.check(reading.q)
         check_order(self.last, reading.stamp)
 
-    def follow(self, reading: Reading, candidates: np.ndarray) -> Followed:
+    def follow(self, reading: Reading, candidates: np.ndarray) -> TrackingResult:
         """The touches of the next reading, whose active taxels are among some."""
         stamp = reading.stamp
         first = stamp if self.first is None else self.first
@@ -160,17 +160,17 @@ class TouchFollower:
             (last - first) / NS_PER_S,
             reading.pressure,
             reading.valid,
-            self.poses.at(reading.q),
+            self.poses.get(reading.q),
         )
         packed, rows, going, tracks = follow(
             candidates, instant, self.parts, self.followed.packed
         )
         if not len(rows) and not tracks:
             return self.nothing
-        briefs = tuple(map(TouchBrief._make, rows.tolist()))
-        return Followed(packed, briefs[:going], briefs[going:])
+        briefs = tuple(map(TouchStatus._make, rows.tolist()))
+        return TrackingResult(packed, briefs[:going], briefs[going:])
 
-    def finish(self) -> Followed:
+    def finish(self) -> TrackingResult:
         """Let go of every track and touch, as at the end of a recording.
 
         Returns:
@@ -231,7 +231,7 @@ class TouchPipeline:
         mounted: MountedSkin,
         calibration: Calibration,
         config: PipelineConfig | None = None,
-        poses: LivePoses | None = None,
+        poses: LinkPoseCache | None = None,
     ) -> None:
         """Start with every stage fresh.
 
@@ -244,14 +244,14 @@ class TouchPipeline:
         self.config = config or PipelineConfig()
         self.mounted = mounted
         self.calibrator = Calibrator(mounted.skin, calibration, self.config.calibration)
-        self.faults = FaultFinder(mounted.skin, calibration, self.config.faults)
-        self.crosstalk = Crosstalk(mounted.skin, calibration)
-        self.follower = TouchFollower(
+        self.faults = FaultDetector(mounted.skin, calibration, self.config.faults)
+        self.crosstalk = CrosstalkCompensator(mounted.skin, calibration)
+        self.follower = TouchTracker(
             mounted,
-            self.config.contacts.raised_to(calibration.floor),
+            self.config.contacts.with_floor(calibration.floor),
             self.config.tracks,
             self.config.touches,
-            poses or LivePoses(mounted),
+            poses or LinkPoseCache(mounted),
         )
         self.reading: Reading | None = None
 
@@ -277,7 +277,7 @@ class TouchPipeline:
         mask, faults = self.faults.push(scan, reading.pressure)
         if mask.any():
             reading = replace(reading, valid=reading.valid & ~mask)
-        return self.crosstalk.taken_off(reading), faults
+        return self.crosstalk.compensate(reading), faults
 
     def push_reading(
         self, reading: Reading, faults: tuple[Fault, ...] = ()
@@ -302,7 +302,7 @@ class TouchPipeline:
         return tuple(replace(touch, closed=True) for touch in state.touches)
 
     def state_of(
-        self, reading: Reading, faults: tuple[Fault, ...], followed: Followed
+        self, reading: Reading, faults: tuple[Fault, ...], followed: TrackingResult
     ) -> TouchState:
         """All that is known at a reading."""
         posed = self.follower.poses.posed

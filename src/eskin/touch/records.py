@@ -80,7 +80,7 @@ taken over since; `tracks` is the span of the ids of its tracks, ascending.
 """
 
 
-class TouchRow(NamedTuple):
+class TouchRecord(NamedTuple):
     """The values of one TOUCH, in the order of its fields."""
 
     id: int
@@ -118,7 +118,7 @@ class TouchRecords(NamedTuple):
     """(track) ids of tracks: the spans of touches."""
 
 
-class TouchBrief(NamedTuple):
+class TouchStatus(NamedTuple):
     """What is looked at of every touch at every reading."""
 
     id: int
@@ -128,18 +128,18 @@ class TouchBrief(NamedTuple):
     closed: int
 
 
-class Followed(NamedTuple):
+class TrackingResult(NamedTuple):
     """The touches of one reading: what everybody asks for, and a handle on the rest."""
 
     packed: Packed
     """`TouchRecords`."""
-    going: tuple[TouchBrief, ...]
+    open: tuple[TouchStatus, ...]
     """Touches that are open, by id."""
-    over: tuple[TouchBrief, ...]
+    closed: tuple[TouchStatus, ...]
     """Those that closed with this reading."""
 
 
-NOTHING = TouchRecords(
+NO_TOUCHES = TouchRecords(
     np.empty(0, CONTACT),
     np.empty(0, TRACK),
     np.empty(0, TOUCH),

@@ -22,8 +22,8 @@ from eskin.touch.records import (
     Instant,
     Memory,
     Rules,
-    TouchBrief,
     TouchRecords,
+    TouchStatus,
 )
 from eskin.touch.track_kernels import (
     CONTACTS,
@@ -488,7 +488,7 @@ def add_member(
         touch = groups.heirs[touch]
 
 
-BRIEF = len(TouchBrief._fields)
+BRIEF = len(TouchStatus._fields)
 
 
 class FollowParts(NamedTuple):
@@ -521,7 +521,7 @@ def follow(
         packed_before: `TouchRecords` of the reading before.
 
     Returns:
-        `TouchRecords` of this reading; a `TouchBrief` of each touch; how many of them
+        `TouchRecords` of this reading; a `TouchStatus` of each touch; how many of them
         are open; and how many tracks there are.
     """
     parts, before = packed_parts.parts, packed_before.parts
@@ -550,7 +550,7 @@ def follow(
 @compiled
 @no_type_check
 def briefs_of(touches: np.ndarray) -> Int[np.ndarray, "touch column"]:
-    """The fields of a `TouchBrief` of each touch."""
+    """The fields of a `TouchStatus` of each touch."""
     briefs = np.empty((len(touches), BRIEF), np.int64)
     for n in range(len(touches)):
         touch, brief = touches[n], briefs[n]

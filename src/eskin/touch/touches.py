@@ -14,10 +14,10 @@ from eskin.touch.reading import Reading
 from eskin.touch.records import (
     ENDED,
     PAST,
-    Followed,
-    TouchBrief,
+    TouchRecord,
     TouchRecords,
-    TouchRow,
+    TouchStatus,
+    TrackingResult,
 )
 from eskin.units import NS_PER_S
 
@@ -82,7 +82,7 @@ class ContactConfig:
     least_reach: float = 0.018
     """How far they connect anyway [m]: over the seams between patches."""
 
-    def raised_to(self, floor: float) -> "ContactConfig":
+    def with_floor(self, floor: float) -> "ContactConfig":
         """The same, its thresholds in proportion, `on` at least `floor` [kPa]."""
         factor = max(1.0, floor / self.on)
         return replace(self, on=self.on * factor, off=self.off * factor)
@@ -204,7 +204,7 @@ class TouchState:
     faults: tuple[Fault, ...]
     """Faults known now."""
 
-    followed: Followed
+    tracking: TrackingResult
     """All that follows, as it was found."""
 
     mounted: MountedSkin
@@ -215,24 +215,24 @@ class TouchState:
     joint at 0, and only what is made of them here is put where it is in this pose."""
 
     @property
-    def going(self) -> tuple[TouchBrief, ...]:
+    def open(self) -> tuple[TouchStatus, ...]:
         """The touches that are open, in brief."""
-        return self.followed.going
+        return self.tracking.open
 
     @property
-    def over(self) -> tuple[TouchBrief, ...]:
+    def closed(self) -> tuple[TouchStatus, ...]:
         """The touches that closed with this reading, in brief."""
-        return self.followed.over
+        return self.tracking.closed
 
     @cached_property
     def records(self) -> TouchRecords:
         """All that follows, as arrays."""
-        return unpack(self.followed.packed)
+        return unpack(self.tracking.packed)
 
     @cached_property
-    def rows(self) -> tuple[TouchRow, ...]:
+    def rows(self) -> tuple[TouchRecord, ...]:
         """Open touches, then closed ones, as they are recorded."""
-        return tuple(map(TouchRow._make, self.records.touches.tolist()))
+        return tuple(map(TouchRecord._make, self.records.touches.tolist()))
 
     @cached_property
     def contacts(self) -> tuple[Contact, ...]:
@@ -263,7 +263,7 @@ class TouchState:
         return tuple(self.touch(row) for row in self.rows if not row.closed)
 
     @cached_property
-    def closed(self) -> tuple[Touch, ...]:
+    def closed_touches(self) -> tuple[Touch, ...]:
         """Touches that closed with this reading."""
         return tuple(self.touch(row) for row in self.rows if row.closed)
 
@@ -300,7 +300,7 @@ class TouchState:
             n_world=now[:3, :3] @ rest[:3, :3].T @ contact.n_world,
         )
 
-    def touch(self, row: TouchRow) -> Touch:
+    def touch(self, row: TouchRecord) -> Touch:
         """The touch that a row of this state records."""
         return Touch(
             id=row.id,
@@ -327,7 +327,7 @@ LEAST_SECONDS = 0.15
 
 
 @final
-class PressFinder:
+class PressDetector:
     """Finds presses in what is felt, one after the other; stateful."""
 
     def __init__(self) -> None:

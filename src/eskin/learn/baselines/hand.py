@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from eskin.graph import GraphBatch, GraphBuilder, GraphConfig, join
-from eskin.graph.summary import centres, principal_extents, total, velocity
+from eskin.graph.features import centres, principal_extents, total, velocity
 from eskin.learn.baselines.estimators import Estimator
 from eskin.learn.baselines.interface import (
     READINGS,

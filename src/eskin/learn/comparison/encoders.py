@@ -12,7 +12,7 @@ from torch.nn.functional import silu
 from eskin.graph import NODE_SCALARS
 from eskin.model import LENGTH_CM, NetworkConfig
 from eskin.nn import Encoder, GraphTensors
-from eskin.nn.egcl import Edges, edges_of, gathered
+from eskin.nn.encoder import Edges, edges_of, gathered
 
 EncoderKind = Literal["equivariant", "plain", "max", "mean"]
 

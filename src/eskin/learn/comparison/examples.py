@@ -189,6 +189,6 @@ def readings_of(
     mounted = MountedSkin(recording.skin, recorded_robot(recording.robot_name))
     pipeline = TouchPipeline(mounted, recording.calibration)
     for scan in harm.scans(recording) if harm else recording.scans():
-        reading, _ = pipeline.calibrated(scan)
+        reading, _ = pipeline.calibrate(scan)
         felt = np.where(reading.valid, reading.pressure, 0.0)
         yield reading.stamp, felt, reading.q

@@ -108,8 +108,8 @@ def trace_of(recording: Recording, model: Model) -> Trace:
     for scan in recording.scans():
         recognizer.push(scan)
         state = recognizer.state
-        if state is not None and (state.touches or state.closed):
-            moments.append(moment_of(recognizer, state.touches, state.closed))
+        if state is not None and (state.touches or state.closed_touches):
+            moments.append(moment_of(recognizer, state.touches, state.closed_touches))
     left = recognizer.touches.finish()
     if left:
         moments.append(moment_of(recognizer, (), left))

@@ -11,7 +11,7 @@ from eskin.sim.clip.outcome import Clip, TrueSeries
 from eskin.sim.clip.plan import ClipPlan
 from eskin.sim.files.peak_kernels import largest_pressure
 from eskin.touch import Calibration
-from eskin.touch.calibration import bend_of
+from eskin.touch.calibration import build_pressure_curve
 from eskin.units import NS_PER_S
 
 
@@ -81,7 +81,7 @@ def peaks_of(
     calibration: Calibration,
 ) -> Float[np.ndarray, "reading"]:
     """Largest pressure of each reading [kPa]."""
-    bend = bend_of(calibration)
+    bend = build_pressure_curve(calibration)
     peaks = np.zeros(len(counts))
     for gain in np.unique(calibration.gain):
         alike = calibration.gain == gain

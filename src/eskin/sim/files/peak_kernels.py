@@ -5,13 +5,13 @@ from typing import no_type_check
 import numpy as np
 
 from eskin.compiled import compiled
-from eskin.touch.calibration_kernels import Bend, undo
+from eskin.touch.calibration_kernels import PressureCurve, linearise_counts
 
 
 @compiled
 @no_type_check
 def largest_pressure(
-    counts: np.ndarray, received: np.ndarray, rest: np.ndarray, bend: Bend
+    counts: np.ndarray, received: np.ndarray, rest: np.ndarray, bend: PressureCurve
 ) -> np.ndarray:
     """Largest pressure of each reading for a gain of one, of taxels of one gain.
 
@@ -29,5 +29,5 @@ def largest_pressure(
         for taxel in range(len(rest)):
             above = np.int32(counts[reading, taxel] - rest[taxel])
             most = max(most, np.int32(above * received[reading, taxel]))
-        peaks[reading] = undo(float(most), bend)
+        peaks[reading] = linearise_counts(float(most), bend)
     return peaks

@@ -1,16 +1,38 @@
-"""What a touch is as a whole at one reading: force, size, shape, speed.
-
-Every feature is invariant to motions and mirror images of the whole robot, speaks of
-forces and areas rather than of taxels, so that density does not matter, and is
-logarithmic where people differ by factors.
-"""
+"""This module computes the features of contact graphs that the network takes."""
 
 import numpy as np
 from jaxtyping import Float
 
-from eskin.graph.batch import GraphBatch
-from eskin.graph.history import HISTORY
-from eskin.graph.segments import segment_max, segment_sum
+from eskin.graph.batch import HISTORY, GraphBatch, segment_max, segment_sum
+
+NODE_SCALARS = ("active", "pressure", "rate", "age", "shear")
+"""Columns of `node_scalars`, each of order one."""
+
+LONGEST_AGE = 2.0  # [s]
+
+
+def node_scalars(batch: GraphBatch) -> Float[np.ndarray, "node scalar"]:
+    """The columns of `NODE_SCALARS`, zero on inactive nodes but for rate.
+
+    Force is left out on purpose: it would tell the size of a taxel, which pooling and
+    aggregation take into account, so that skins of any density read alike.
+    """
+    rate = (batch.pressure - batch.before) / batch.seconds[batch.graph_index]
+    columns = [
+        batch.pressure > 0,
+        np.arcsinh(batch.pressure / 2.0) / 3.0,
+        np.arcsinh(rate / 50.0) / 2.0,
+        np.minimum(batch.age, LONGEST_AGE) / LONGEST_AGE,
+        np.linalg.norm(compressed(batch.shear), axis=1),
+    ]
+    return np.stack(columns, axis=1).astype(batch.pressure.dtype)
+
+
+def compressed(shear: Float[np.ndarray, "node 3"]) -> Float[np.ndarray, "node 3"]:
+    """The same directions, with a length that grows like its logarithm."""
+    size = np.linalg.norm(shear, axis=1, keepdims=True)
+    return shear * (np.arcsinh(size) / (3.0 * np.maximum(size, 1e-9)))
+
 
 LEVELS = (20.0, 50.0, 90.0)
 """Pressures above which the area is measured [kPa]."""
@@ -134,3 +156,70 @@ def velocity(batch: GraphBatch) -> Float[np.ndarray, "graph 3"]:
     both = (total(now, batch) > 0) & (total(before, batch) > 0)
     moved = centres(now, batch) - centres(before, batch)
     return np.where(both[:, None], moved / batch.seconds[:, None], 0.0)
+
+
+SHEAR_SUMMARY = (
+    "shear force",
+    "peak shear",
+    "net shear",
+    "agreement of shear",
+    "shear to normal force",
+    "shear rate",
+    "net shear rate",
+    "shear rate to shear",
+    "divergence",
+    "curl",
+    "shear along the motion",
+    "turning of net shear",
+)
+"""Columns of `shear_summary`."""
+
+NEAR = 0.3  # [cm] from the centre, where outward is no clear direction
+
+
+def shear_summary(batch: GraphBatch) -> Float[np.ndarray, "graph feature"]:
+    """The columns of `SHEAR_SUMMARY`: invariants as in `pressure_summary`."""
+    weights = batch.areas.astype(np.float64)[:, None] * N_PER_KPA_CM2
+    s, earlier = batch.shear * weights, batch.shear_before * weights
+    change = (s - earlier) / batch.seconds[batch.graph_index][:, None]
+    size = total(length(s), batch)
+    rate = total(length(change), batch)
+    net, net_before = vector_sum(s, batch), vector_sum(earlier, batch)
+    normal_force = total(batch.pressure * batch.areas, batch) * N_PER_KPA_CM2
+    outward = outward_directions(batch)
+    v = velocity(batch)
+    scale = size + FORCE
+    columns = [
+        log(size, FORCE),
+        log(segment_max(length(batch.shear), batch.offsets), PRESSURE),
+        log(length(net), FORCE),
+        length(net) / scale,
+        log(size, FORCE) - log(normal_force, FORCE),
+        log(rate, RATE),
+        log(length(vector_sum(change, batch)), RATE),
+        log(rate, RATE) - log(size, FORCE),
+        total((s * outward).sum(axis=1), batch) / scale,
+        length(vector_sum(np.cross(outward, s), batch)) / scale,
+        (net * v).sum(axis=1) / (scale * (length(v) + SPEED)),
+        (net * net_before).sum(axis=1) / (length(net) * length(net_before) + FORCE**2),
+    ]
+    return np.stack(columns, axis=1).astype(batch.pressure.dtype)
+
+
+def length(vectors: Float[np.ndarray, "row 3"]) -> Float[np.ndarray, "row"]:
+    """Euclidean length of each row."""
+    return np.linalg.norm(vectors, axis=1)
+
+
+def vector_sum(
+    vectors: Float[np.ndarray, "node 3"], batch: GraphBatch
+) -> Float[np.ndarray, "graph 3"]:
+    """Sum of vectors over each graph."""
+    return segment_sum(vectors, batch.offsets)
+
+
+def outward_directions(batch: GraphBatch) -> Float[np.ndarray, "node 3"]:
+    """Unit vectors away from the centre of the load, shrunk to zero close to it."""
+    centre = centres(batch.pressure * batch.areas, batch)[batch.graph_index]
+    offset = batch.positions - centre
+    return offset / (length(offset)[:, None] + NEAR)
