@@ -7,7 +7,7 @@ from typing import Literal, final, get_args
 
 import numpy as np
 
-from eskin.learn.recording_transforms import Version, at_rest, recounted
+from eskin.learn.recording_transforms import RecordingTransform, estimate_rest_counts, replace_counts
 from eskin.model import check_limits
 from eskin.recording import Recording
 from eskin.skin import Skin
@@ -23,10 +23,10 @@ HOLE = 1.5
 """Scans farther apart than so many periods are no neighbours."""
 
 
-def at_rate(recording: Recording, rate: float) -> Iterator[Scan]:
+def resample_scans(recording: Recording, rate: float) -> Iterator[Scan]:
     """The scans at another rate, which is a multiple of theirs, or a whole part of it.
 
-    Fewer are every so many-th of those that came. More are interpolated linearly, in
+    Fewer are every so many-th of those that came. More are interpolate_scans linearly, in
     counts that are rounded to whole ones and in joint positions: nothing is known that
     was not known before. After the last scan before a hole its counts are held.
 
@@ -48,10 +48,10 @@ def at_rate(recording: Recording, rate: float) -> Iterator[Scan]:
         )
     if ratio < 1:
         return islice(recording.scans(), None, None, round(times))
-    return interpolated(recording.scans(), round(times), round(period))
+    return interpolate_scans(recording.scans(), round(times), round(period))
 
 
-def interpolated(scans: Iterator[Scan], times: int, period: int) -> Iterator[Scan]:
+def interpolate_scans(scans: Iterator[Scan], times: int, period: int) -> Iterator[Scan]:
     """So many times as many scans.
 
     Args:
@@ -105,7 +105,7 @@ MOST: Mapping[Kind, float] = {
 }
 """Largest amounts, where there are any."""
 
-UNHARMED = 1.5
+DRIFT_START = 1.5
 """Time for which drift waits, so that taxels are tared before it begins [s]."""
 TURN = 2.0
 """Time after which drift goes back, and forth again [s]."""
@@ -116,7 +116,7 @@ MILLIMETRE = 1e-3
 
 @final
 @dataclass(frozen=True)
-class Harm(Version):
+class Corruption(RecordingTransform):
     """One kind of harm; the same numbers harm a recording the same way for everyone.
 
     More of a kind is more of the same: who is dead at 5 % is dead at 10 %. Shear stays
@@ -132,7 +132,7 @@ class Harm(Version):
     `drift`: speed at which the rest of every taxel moves, up or down [kPa/s]; it goes
     back after `TURN`, and never jumps.
     `lost`: share of the scans, each drawn for itself, that do not come.
-    `rate`: of the scans [Hz], left out or interpolated.
+    `rate`: of the scans [Hz], left out or interpolate_scans.
     `pose-mm`: how far the taxels of each link are believed to be from where they are
     [mm], each link in a direction of its own.
     `pose-deg`: how far those of each link are believed to be turned about their middle
@@ -168,7 +168,7 @@ class Harm(Version):
         """The scans that would have come."""
         if self.moves:
             return recording.scans()
-        return HARMED[self.kind](recording, self.amount, self.rng(recording.start))
+        return CORRUPTIONS[self.kind](recording, self.amount, self.rng(recording.start))
 
     def skin(self, skin: Skin, start: int) -> Skin:
         """Where the taxels are believed to be.
@@ -207,12 +207,12 @@ def with_dead(
     recording: Recording, share: float, rng: np.random.Generator
 ) -> Iterator[Scan]:
     """Some taxels show their rest."""
-    rest, taxels = np.rint(at_rest(recording)), recording.skin.count
+    rest, taxels = np.rint(estimate_rest_counts(recording)), recording.skin.count
     dead = np.zeros(taxels, dtype=bool)
     dead[rng.permutation(taxels)[: round(share * taxels)]] = True
     for scan in recording.scans():
         counts = np.where(dead, rest, scan.counts)
-        yield recounted(scan, counts, recording.calibration.full_scale)
+        yield replace_counts(scan, counts, recording.calibration.full_scale)
 
 
 def without_patches(
@@ -237,7 +237,7 @@ def with_noise(
     full_scale = recording.calibration.full_scale
     for scan in recording.scans():
         noise = share * full_scale * rng.standard_normal(len(scan.counts))
-        yield recounted(scan, scan.counts + noise, full_scale)
+        yield replace_counts(scan, scan.counts + noise, full_scale)
 
 
 def with_drift(
@@ -246,13 +246,13 @@ def with_drift(
     """The rest of every taxel goes up and down, or down and up."""
     calibration = recording.calibration
     way = rng.choice([-1.0, 1.0], recording.skin.count)
-    heard, last = -UNHARMED, recording.start
+    heard, last = -DRIFT_START, recording.start
     for scan in recording.scans():
         gap = (scan.stamp - last) / NS_PER_S
         heard, last = heard + (gap if gap < PAUSE else 0.0), scan.stamp
         seconds = TURN - abs(max(heard, 0.0) % (2 * TURN) - TURN)
         moved = way * calibration.compute_counts(speed * seconds)
-        yield recounted(scan, scan.counts + moved, calibration.full_scale)
+        yield replace_counts(scan, scan.counts + moved, calibration.full_scale)
 
 
 def with_losses(
@@ -268,10 +268,10 @@ def with_rate(
     recording: Recording, rate: float, rng: np.random.Generator
 ) -> Iterator[Scan]:
     """Scans at another rate; nothing is drawn."""
-    return at_rate(recording, rate) if rate else recording.scans()
+    return resample_scans(recording, rate) if rate else recording.scans()
 
 
-HARMED: Mapping[
+CORRUPTIONS: Mapping[
     Kind, Callable[[Recording, float, np.random.Generator], Iterator[Scan]]
 ] = {
     "dead": with_dead,

@@ -11,10 +11,10 @@ from joblib import Parallel, delayed
 
 from eskin.errors import RecordingError
 from eskin.learn.baselines.estimators import ON_FEATURES
-from eskin.learn.baselines.hand import segment_features, stretch_features
+from eskin.learn.baselines.hand import compute_segment_features, compute_features
 from eskin.learn.dataset import Dataset
 from eskin.learn.ground_truth import Segment
-from eskin.learn.scoring import instant_scores, segment_scores
+from eskin.learn.scoring import score_instants, score_segments
 from eskin.learn.training import TrainConfig, Trainer
 from eskin.model import Model
 from eskin.nn import RecogniserNetwork
@@ -119,12 +119,12 @@ def segment_answers(
     columns = [dataset.vocabulary.index(name) for name in vocabulary]
     truth = np.array([vocabulary.index(s.gesture) for s in segments])
     group = np.array([groups[s.recording] for s in segments])
-    features = np.array([segment_features(dataset, s, shear) for s in segments])
+    features = np.array([compute_segment_features(dataset, s, shear) for s in segments])
     predicted = {name: np.zeros_like(truth) for name in ("eskin", *ON_FEATURES)}
     for held, network in networks.items():
         out = group == held
         chosen: list[Segment] = [s for s, o in zip(segments, out, strict=True) if o]
-        scores = segment_scores(network, dataset, chosen)
+        scores = score_segments(network, dataset, chosen)
         predicted["eskin"][out] = scores[:, columns].argmax(axis=1)
         for name, make in ON_FEATURES.items():
             model = make(seed).fit(features[~out], truth[~out])
@@ -149,7 +149,7 @@ def instant_answers(
     for held, network in networks.items():
         rows = np.flatnonzero(group == held)
         train = np.flatnonzero(group != held)[::EVERY]
-        scores = instant_scores(network, dataset, rows)
+        scores = score_instants(network, dataset, rows)
         predicted["eskin"][rows] = scores.argmax(axis=1)
         model = ON_FEATURES[forest](seed).fit(features[train], truth[train])
         predicted[forest][rows] = model.predict(features[rows])
@@ -162,4 +162,4 @@ def window_features(dataset: Dataset, row: int) -> np.ndarray:
     start = dataset.starts[row]
     since = dataset.stamps[row] - WINDOW_NS
     low = start + np.searchsorted(dataset.stamps[start : row + 1], since, side="right")
-    return stretch_features(dataset, np.arange(low, row + 1), dataset.has_shear)
+    return compute_features(dataset, np.arange(low, row + 1), dataset.has_shear)

@@ -24,7 +24,7 @@ from scipy.stats import binomtest, t
 from eskin.learn.baselines import Clips, make_baseline
 from eskin.learn.comparison import Examples, find_examples
 from eskin.learn.comparison.methods import FOR_SMALL_SETS
-from eskin.learn.scoring import answer_clips
+from eskin.learn.scoring import predict_clips
 from eskin.learn.training import Trainer
 from eskin.recording import NONE, read_recording
 
@@ -125,9 +125,9 @@ def ours_shuffled(
     vocabulary = (NONE, *(name for name in train.gestures if name != NONE))
     wrong = replace(dataset, segments=tuple(segments))
     network = Trainer(wrong, vocabulary, FOR_SMALL_SETS, seed=seed).run(quiet=True)
-    answers = answer_clips(network, test.dataset(FOR_SMALL_SETS.graph), vocabulary)
+    answers = predict_clips(network, test.dataset(FOR_SMALL_SETS.graph), vocabulary)
     columns = [vocabulary.index(name) for name in train.gestures]
-    return answers.log_chances[:, columns].argmax(axis=1)
+    return answers.log_probabilities[:, columns].argmax(axis=1)
 
 
 def windows_before_contact(

@@ -19,7 +19,7 @@ from jaxtyping import Float
 
 from eskin.learn.events.event_scoring import EventScore, score_events
 from eskin.learn.events.matching import Take
-from eskin.learn.events.true_events import events_of_truths
+from eskin.learn.events.read_true_events import build_events
 from eskin.live import Detection, Recognizer
 from eskin.model import Model, load_model
 from eskin.recording import NONE, TruthRecord
@@ -107,7 +107,7 @@ class Run:
     def take(self) -> Take:
         """To be scored."""
         self.heard.detections += self.recognizer.finish()
-        events = sorted(events_of_truths(self.heard.truths), key=lambda e: e.onset)
+        events = sorted(build_events(self.heard.truths), key=lambda e: e.onset)
         person = self.live.hand.person.name
         return Take(tuple(events), self.heard.detections, self.time, person)
 

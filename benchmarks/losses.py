@@ -21,8 +21,8 @@ from sklearn.ensemble import HistGradientBoostingClassifier
 
 from eskin.graph import GraphConfig, pressure_summary
 from eskin.learn.dataset import Dataset, prepare
-from eskin.learn.ground_truth import runs_of
-from eskin.learn.scoring import last_rows
+from eskin.learn.ground_truth import find_runs
+from eskin.learn.scoring import find_last_rows
 from eskin.recording import NONE, find_recordings
 from eskin.sim.constants import load_constants
 from eskin.sim.files.generate import generate
@@ -131,9 +131,9 @@ def accuracy(train: Dataset, val: Dataset, seed: int) -> float:
     )
     trees.fit(statistics(train), [segment.gesture for segment in train.segments])
     said = trees.predict(statistics(val))
-    ends = [end - 1 for _, end in runs_of(val.sequence[:, None])]
+    ends = [end - 1 for _, end in find_runs(val.sequence[:, None])]
     every = [(n, clip) for n, clips in enumerate(val.clips) for clip in clips]
-    rows = list(last_rows(val, every))
+    rows = list(find_last_rows(val, every))
     answers = [NONE if row < 0 else said[np.searchsorted(ends, row)] for row in rows]
     truths = [clip.gesture for _, clip in every]
     return float(np.mean([a == t for a, t in zip(answers, truths, strict=True)]))
@@ -142,7 +142,7 @@ def accuracy(train: Dataset, val: Dataset, seed: int) -> float:
 def statistics(dataset: Dataset) -> Float[np.ndarray, "touch statistic"]:
     """What the features of each touch were like while there was contact."""
     rows = pressure_summary(dataset.graphs)
-    runs = runs_of(dataset.sequence[:, None])
+    runs = find_runs(dataset.sequence[:, None])
     return np.array([statistics_of(rows[a:b]) for a, b in runs])
 
 

@@ -28,7 +28,7 @@ from benchmarks.crossvalidation import (
     train_folds,
 )
 from eskin.learn.dataset import Dataset, prepare
-from eskin.learn.metrics import by_group, paired_interval, score
+from eskin.learn.metrics import compute_group_accuracies, bootstrap_difference, score
 from eskin.learn.plots import draw_confusion
 from eskin.learn.training import TrainConfig
 from eskin.model import load_model
@@ -171,7 +171,7 @@ def table(title: str, answers: Answers, whole: bool = False) -> str:
     for name, predicted in answers.predicted.items():
         result = score(answers.truth, predicted, answers.vocabulary)
         right = predicted == answers.truth
-        groups = by_group(right, answers.groups)
+        groups = compute_group_accuracies(right, answers.groups)
         ahead = "" if name == OURS else difference(ours, right, cluster)
         cells = [
             name,
@@ -188,7 +188,7 @@ def difference(
     ours: np.ndarray, theirs: np.ndarray, cluster: tuple[int, ...] | None = None
 ) -> str:
     """Difference in accuracy with its paired bootstrap interval, in points."""
-    low, high = paired_interval(ours, theirs, cluster=cluster)
+    low, high = bootstrap_difference(ours, theirs, cluster=cluster)
     mean = ours.mean() - theirs.mean()
     return f"{100 * mean:+.1f} [{100 * low:+.1f}, {100 * high:+.1f}]"
 

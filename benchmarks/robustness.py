@@ -18,7 +18,7 @@ import tyro
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from benchmarks.corruption import KINDS, Harm, Kind
+from benchmarks.corruption import KINDS, Corruption, Kind
 from eskin.learn.comparison import (
     METHODS,
     Place,
@@ -141,7 +141,7 @@ def tasks_of(command: Command, name: str) -> list[Task]:
         # Sets begin at the same stamp, so only the seed has others harmed in each.
         seed = command.seed + n
         train, test = (find_examples([place], command.pack) for place in places)
-        harms = [Harm(kind, a, seed) for kind in command.kinds for a in AMOUNTS[kind]]
+        harms = [Corruption(kind, a, seed) for kind in command.kinds for a in AMOUNTS[kind]]
         tests = {UNHARMED: test, **{h.name: replace(test, harm=h) for h in harms}}
         tasks.append(Task(name, METHODS[name], train, tests, seed))
     return tasks
@@ -216,7 +216,7 @@ def draw_kind(
     """Accuracy of each method against the amount of one kind."""
     unharmed = RECORDED_HZ if kind == "rate" else 0.0
     points = {unharmed: UNHARMED}
-    points |= {amount: Harm(kind, amount).name for amount in AMOUNTS[kind]}
+    points |= {amount: Corruption(kind, amount).name for amount in AMOUNTS[kind]}
     amounts = sorted(points)
     for n, (name, results) in enumerate(found.items()):
         axes.plot(

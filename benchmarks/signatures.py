@@ -19,7 +19,7 @@ import tyro
 
 from eskin.learn.checkpoint import to_network
 from eskin.learn.dataset import prepare
-from eskin.learn.scoring import answer_clips
+from eskin.learn.scoring import predict_clips
 from eskin.model import Model, load_model
 from eskin.recording import find_recordings
 from eskin.sim.constants import load_constants
@@ -110,7 +110,7 @@ def recalls(
         pack=folder / "pack",
         workers=command.workers,
     )
-    found = answer_clips(to_network(model), dataset, card.vocabulary, card.temperature)
+    found = predict_clips(to_network(model), dataset, card.vocabulary, card.temperature)
     shutil.rmtree(folder)
     right = found.answer == found.truth
     return tuple(

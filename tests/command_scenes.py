@@ -137,7 +137,7 @@ class Scene:
         self.clock = ManualClock()
         self.arm = ToldArm(self.clock)
         self.said = []
-        config = PolicyConfig(tick=None, **config)
+        config = PolicyConfig(check_period=None, **config)
         self.policy = Policy(self.arm, commands, VOCABULARY, config)
         self.policy.start(Context(INFO, self.clock, self.said.append))
         self.touches = {}

@@ -7,7 +7,7 @@ import numpy as np
 
 from eskin.graph import no_graphs
 from eskin.graph.batch import HISTORY
-from eskin.learn.augment import UNCHANGED
+from eskin.learn.augment import NO_AUGMENTATION
 from eskin.learn.dataset import Dataset
 from eskin.learn.training import TrainConfig
 from eskin.model import NetworkConfig
@@ -21,7 +21,7 @@ RATE = 20
 FIRST, LASTS, EVERY = 2.4, 1.2, 2.0  # [s] onset of the first, length, onset to onset
 
 NETWORK = NetworkConfig(width=4, layers=1, channels=8, dropout=0.0)
-AS_RECORDED = replace(UNCHANGED, crop=1.0)
+AS_RECORDED = replace(NO_AUGMENTATION, crop=1.0)
 TINY = TrainConfig(epochs=1, steps=2, batch=8, encoded=8, readings=4, network=NETWORK)
 FLAGS = tuple(
     "--train.epochs 1 --train.steps 2 --train.batch 8 --train.encoded 8 "

@@ -43,7 +43,7 @@ def test_the_map_that_comes_with_eskin_is_the_design_s():
         "grab": "toggle_gripper",
         "stroke": "toggle_speed",
     }
-    assert load_commands(None, ("none", "poke", "hug"), SKIN).commands[0].what
+    assert load_commands(None, ("none", "poke", "hug"), SKIN).commands[0].action_or_function
 
 
 def test_the_maps_among_the_examples_can_be_used():

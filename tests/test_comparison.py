@@ -23,9 +23,9 @@ from eskin.learn.comparison import (
     find_examples,
 )
 from eskin.learn.comparison.encoders import ENCODERS
-from eskin.learn.comparison.examples import cut_windows
+from eskin.learn.comparison.examples import cut_clip_windows
 from eskin.learn.comparison.study import Variant, draw_line, study_rows
-from eskin.learn.ground_truth import clips_of
+from eskin.learn.ground_truth import read_clips
 from eskin.model import LENGTH_CM, NetworkConfig
 from eskin.nn import graph_tensors
 from eskin.recording import read_recording
@@ -70,7 +70,7 @@ class Guess(Method):
 
 def test_a_window_shows_what_the_pipeline_says_in_the_two_seconds_of_its_clip(examples):
     path = examples.paths[0]
-    recording, clips = read_recording(path), clips_of(path)
+    recording, clips = read_recording(path), read_clips(path)
     pipeline = TouchPipeline(examples.mounted, recording.calibration)
     windows = examples.windows
     assert windows.pressure.shape[:2] == (len(examples.every), READINGS)
@@ -89,7 +89,7 @@ def test_a_window_shows_what_the_pipeline_says_in_the_two_seconds_of_its_clip(ex
 
 def test_where_no_reading_came_a_window_shows_the_one_before(examples, monkeypatch):
     path = examples.paths[0]
-    clip, taxels = clips_of(path)[0], examples.mounted.skin.count
+    clip, taxels = read_clips(path)[0], examples.mounted.skin.count
 
     def readings_of(recording, harm):
         for slot in (10, 60):
@@ -101,7 +101,7 @@ def test_where_no_reading_came_a_window_shows_the_one_before(examples, monkeypat
             )
 
     monkeypatch.setattr("eskin.learn.comparison.examples.readings_of", readings_of)
-    pressure, _ = cut_windows(path)
+    pressure, _ = cut_clip_windows(path)
     held = np.repeat([0, 10, 60], [10, 50, 40])
     np.testing.assert_array_equal(pressure[0, :, -1], held)
     assert not pressure[1:].any()
@@ -116,7 +116,7 @@ def test_what_is_not_valid_reads_zero_in_a_window(examples, monkeypatch):
         return replace(reading, valid=np.arange(len(reading.valid)) % 2 == 1), faults
 
     monkeypatch.setattr(TouchPipeline, "calibrated", calibrated)
-    pressure, _ = cut_windows(examples.paths[0])
+    pressure, _ = cut_clip_windows(examples.paths[0])
     assert felt[..., ::2].max() > 1
     np.testing.assert_array_equal(pressure[..., ::2], 0)
     assert pressure[..., 1::2].any()
@@ -144,7 +144,7 @@ def test_what_is_held_out_is_not_learned_from(folder, tmp_path):
 
     every = find_examples([folder], tmp_path)
     result = Task("spy", Spy(), every, {}, 0, share=0.5).run()
-    held = len(every.every) - sum(len(clips_of(path)) for path in learned)
+    held = len(every.every) - sum(len(read_clips(path)) for path in learned)
     assert held > 0 and len(result.answered["val"].truth) == held
     again = [Task("spy", Spy(), every, {}, seed, share=0.5).run() for seed in range(6)]
     assert {each.answered["val"] for each in again} == {result.answered["val"]}

@@ -34,7 +34,7 @@ from eskin.learn.comparison import (
 from eskin.learn.comparison.encoders import ENCODERS
 from eskin.learn.comparison.methods import touch_rows
 from eskin.learn.comparison.study import Variant
-from eskin.learn.scoring import ClipAnswers
+from eskin.learn.scoring import ClipPredictions
 from eskin.learn.training import Trainer
 from eskin.nn import graph_tensors
 from graph_scenes import random_graph
@@ -165,11 +165,11 @@ def test_where_nothing_is_felt_the_answer_is_none_or_what_was_learned_most(
     def nothing(network, dataset, vocabulary):
         certain = np.where(np.array(vocabulary) == "none", 0.0, -np.inf)
         unknown = np.zeros(2, dtype=np.int64)
-        return ClipAnswers((), unknown, unknown, np.tile(certain, (2, 1)))
+        return ClipPredictions((), unknown, unknown, np.tile(certain, (2, 1)))
 
     generated(tmp_path / "a", chosen="paper")
     touches = find_examples([tmp_path / "a"], tmp_path / "pack")
-    monkeypatch.setattr(methods, "answer_clips", nothing)
+    monkeypatch.setattr(methods, "predict_clips", nothing)
     for learned in (examples, touches):
         shares = np.array([name == "none" for name in learned.gestures], float)
         if learned is touches:
@@ -210,9 +210,9 @@ def test_trees_on_a_touch_see_its_features_and_nothing_where_nothing_is_felt(
     rows = touch_rows(examples)
     assert len(rows) == len(examples.every) and np.isfinite(rows).all()
     assert rows.any(axis=1).all() and len(np.unique(rows, axis=0)) == len(rows)
-    ends = list(touch_trees.last_rows(examples.dataset(GraphConfig()), examples.every))
+    ends = list(touch_trees.find_last_rows(examples.dataset(GraphConfig()), examples.every))
     ends[2] = -1
-    monkeypatch.setattr(touch_trees, "last_rows", lambda dataset, every: ends)
+    monkeypatch.setattr(touch_trees, "find_last_rows", lambda dataset, every: ends)
     other = touch_rows(examples)
     assert not other[2].any()
     np.testing.assert_array_equal(np.delete(other, 2, 0), np.delete(rows, 2, 0))

@@ -7,7 +7,7 @@ from benchmarks.leaks import check_chance, onsets, windows_before_contact
 
 from eskin.learn.baselines.interface import TOUCHED, Clips
 from eskin.learn.comparison import find_examples
-from eskin.learn.scoring import ClipAnswers
+from eskin.learn.scoring import ClipPredictions
 from eskin.recording import NONE
 from eskin.sim.files.generate import generate
 from eskin.sim.files.settings import Settings
@@ -96,10 +96,10 @@ def test_ours_learns_from_touches_whose_gestures_are_shuffled(examples, monkeypa
     def knowing(network, dataset, vocabulary):
         names = [vocabulary.index(examples.gestures[n]) for n in truth]
         unknown = np.zeros(len(truth), dtype=np.int64)
-        return ClipAnswers((), unknown, unknown, np.eye(len(vocabulary))[names])
+        return ClipPredictions((), unknown, unknown, np.eye(len(vocabulary))[names])
 
     monkeypatch.setattr(leaks, "Trainer", Untrained)
-    monkeypatch.setattr(leaks, "answer_clips", knowing)
+    monkeypatch.setattr(leaks, "predict_clips", knowing)
     said = leaks.ours_shuffled(examples, examples, 0)
     np.testing.assert_array_equal(said, truth)
     graph = leaks.FOR_SMALL_SETS.graph

@@ -7,7 +7,7 @@ import pytest
 
 from eskin.graph import join
 from eskin.graph.batch import HISTORY
-from eskin.learn.augment import UNCHANGED, AugmentConfig, augment
+from eskin.learn.augment import NO_AUGMENTATION, AugmentConfig, augment
 from eskin.learn.dataset import prepare
 from graph_scenes import random_graph
 from learn_scenes import AS_RECORDED, record
@@ -143,7 +143,7 @@ def varied(config, patch_index=None, seed=0):
 
 
 def test_forces_of_the_past_grow_with_the_person_and_nothing_else_of_it():
-    config = replace(UNCHANGED, gain=0.4)
+    config = replace(NO_AUGMENTATION, gain=0.4)
     graphs, window, changed = varied(config)
     node = graphs.pressure > 0
     person = np.zeros(window.max() + 1)
@@ -158,13 +158,13 @@ def test_forces_of_the_past_grow_with_the_person_and_nothing_else_of_it():
 
 
 def test_what_is_of_the_skin_and_not_of_the_person_leaves_the_past_as_it_is():
-    config = replace(UNCHANGED, taxel_gain=0.3, dead=0.3, offset=2.0, noise=0.2)
+    config = replace(NO_AUGMENTATION, taxel_gain=0.3, dead=0.3, offset=2.0, noise=0.2)
     graphs, _, changed = varied(config)
     np.testing.assert_array_equal(changed.history, graphs.history)
 
 
 def test_noise_is_drawn_anew_at_every_reading_about_the_pressure():
-    graphs, _, changed = varied(replace(UNCHANGED, noise=0.1))
+    graphs, _, changed = varied(replace(NO_AUGMENTATION, noise=0.1))
     node = graphs.pressure > 0
     ratio = changed.pressure[node] / graphs.pressure[node]
     assert ratio.mean() == pytest.approx(1.0, abs=0.02)
@@ -192,7 +192,7 @@ def silent_patches(graphs, window, changed):
 
 
 def test_of_several_touched_patches_one_may_be_silent():
-    config = replace(UNCHANGED, patch=1.0)
+    config = replace(NO_AUGMENTATION, patch=1.0)
     graphs, window, changed = varied(config, PATCHES)
     found = list(silent_patches(graphs, window, changed))
     assert all(len(silent) == (len(touched) > 1) for touched, silent in found)
@@ -203,15 +203,15 @@ def test_of_several_touched_patches_one_may_be_silent():
 
 
 def test_so_many_windows_have_a_silent_patch_as_asked_for():
-    graphs, window, changed = varied(replace(UNCHANGED, patch=0.4), PATCHES)
+    graphs, window, changed = varied(replace(NO_AUGMENTATION, patch=0.4), PATCHES)
     silent = [len(silent) for _, silent in silent_patches(graphs, window, changed)]
     assert np.mean(silent) == pytest.approx(0.4, abs=0.15)
-    graphs, window, changed = varied(replace(UNCHANGED, patch=1.0))
+    graphs, window, changed = varied(replace(NO_AUGMENTATION, patch=1.0))
     np.testing.assert_array_equal(changed.pressure, graphs.pressure)
 
 
 def test_the_only_patch_of_a_touch_is_never_silent():
-    config = replace(UNCHANGED, patch=1.0)
+    config = replace(NO_AUGMENTATION, patch=1.0)
     graphs, _, changed = varied(config, np.zeros(9, np.int64))
     np.testing.assert_array_equal(changed.pressure, graphs.pressure)
 

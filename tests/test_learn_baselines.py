@@ -16,7 +16,7 @@ from eskin.learn.baselines import (
     FitConfig,
     make_baseline,
 )
-from eskin.learn.baselines.interface import Rolling
+from eskin.learn.baselines.interface import RollingWindow
 from live_scenes import mounted
 
 NAMES = (*BASELINES, *NETWORKS)
@@ -120,7 +120,7 @@ def test_streams_answer_as_the_window_does(name):
 
 
 def test_a_window_that_rolls_holds_the_last_readings_oldest_first():
-    window = Rolling((2,))
+    window = RollingWindow((2,))
     for n in range(250):
         rows = window.push(np.array([n, -n]))
         want = np.maximum(np.arange(n - READINGS + 1, n + 1), 0)

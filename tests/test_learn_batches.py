@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 import torch
 
-from eskin.learn.augment import UNCHANGED, AugmentConfig
-from eskin.learn.batches import BatchMaker, make_sampler
+from eskin.learn.augment import NO_AUGMENTATION, AugmentConfig
+from eskin.learn.batches import BatchBuilder, build_sampler
 from eskin.learn.dataset import prepare
 from eskin.nn import summary
 from learn_scenes import record, record_people
@@ -21,17 +21,17 @@ def dataset(tmp_path_factory):
     return prepare(record_people(tmp_path_factory.mktemp("people"), ("ann", "bob")))
 
 
-def maker(dataset, config=UNCHANGED) -> BatchMaker:
+def maker(dataset, config=NO_AUGMENTATION) -> BatchBuilder:
     recordings = range(len(dataset.recordings))
-    sampler = make_sampler(dataset, ("none", "hold", "tap"), recordings, SLOTS, 0.7)
-    return BatchMaker(dataset, sampler, config, SLOTS, shear=False)
+    sampler = build_sampler(dataset, ("none", "hold", "tap"), recordings, SLOTS, 0.7)
+    return BatchBuilder(dataset, sampler, config, SLOTS, shear=False)
 
 
 def rng(seed=0):
     return np.random.default_rng(seed)
 
 
-@pytest.mark.parametrize("config", [UNCHANGED, VARIED])
+@pytest.mark.parametrize("config", [NO_AUGMENTATION, VARIED])
 def test_a_batch_has_all_summaries_and_few_graphs(dataset, config):
     batch = maker(dataset, config).make(8, 5, 4, rng())
     assert (batch.places.windows, batch.some.places.windows) == (8, 5)
@@ -51,7 +51,7 @@ def test_unchanged_a_batch_holds_the_recorded_readings(dataset):
         assert (np.abs(every - row).max(axis=1) < 1e-4).any()
 
 
-@pytest.mark.parametrize("config", [UNCHANGED, VARIED])
+@pytest.mark.parametrize("config", [NO_AUGMENTATION, VARIED])
 def test_the_graphs_are_of_the_readings_that_are_summed_up(dataset, config):
     """Both views of a window see the same person on the same skin."""
     batch = maker(dataset, config).make(6, 4, 9, rng())
@@ -76,7 +76,7 @@ def test_the_graphs_are_of_the_readings_that_are_summed_up(dataset, config):
     assert set(places) <= set(every)
 
 
-@pytest.mark.parametrize("config", [UNCHANGED, VARIED])
+@pytest.mark.parametrize("config", [NO_AUGMENTATION, VARIED])
 def test_every_window_ends_with_its_last_slot(dataset, config):
     batch = maker(dataset, config).make(16, 1, 1, rng())
     window, slot = batch.places.window.numpy(), batch.places.slot.numpy()
@@ -90,12 +90,12 @@ def test_lost_readings_are_not_in_the_batch(dataset):
     def count(config):
         return len(maker(dataset, config).make(32, 1, 1, rng()).summary)
 
-    whole = count(UNCHANGED)
-    assert count(replace(UNCHANGED, halved=1.0)) == pytest.approx(whole / 2, rel=0.1)
-    assert count(replace(UNCHANGED, lost=0.6)) == pytest.approx(0.7 * whole, rel=0.1)
+    whole = count(NO_AUGMENTATION)
+    assert count(replace(NO_AUGMENTATION, halved=1.0)) == pytest.approx(whole / 2, rel=0.1)
+    assert count(replace(NO_AUGMENTATION, lost=0.6)) == pytest.approx(0.7 * whole, rel=0.1)
 
 
-@pytest.mark.parametrize("config", [UNCHANGED, VARIED])
+@pytest.mark.parametrize("config", [NO_AUGMENTATION, VARIED])
 def test_the_generator_decides_everything(dataset, config):
     one, same, other = (
         maker(dataset, config).make(6, 4, 9, rng(seed)) for seed in (1, 1, 2)

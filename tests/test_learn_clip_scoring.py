@@ -5,7 +5,7 @@ import pytest
 
 from clip_scenes import clip_at, generated, loaded
 from eskin.learn.dataset import prepare
-from eskin.learn.scoring import answer_clips, last_rows, log_probabilities
+from eskin.learn.scoring import predict_clips, find_last_rows, compute_log_probabilities
 from live_scenes import network
 
 VOCABULARY = ("poke", "none", "stroke")
@@ -17,7 +17,7 @@ def net():
 
 def ends(dataset):
     every = [(n, clip) for n, clips in enumerate(dataset.clips) for clip in clips]
-    return list(last_rows(dataset, every))
+    return list(find_last_rows(dataset, every))
 
 
 def test_the_touch_of_largest_impulse_speaks_and_not_the_strongest():
@@ -59,35 +59,35 @@ def test_only_the_recordings_asked_for_are_answered():
     times, recording = [0.0, 0.1, 0.0, 0.1], [0, 0, 1, 1]
     clips = ((clip_at(0.0, "stroke"),), (clip_at(0.0), clip_at(2.0)))
     dataset = loaded(times, [0, 0, 1, 1], [9.0, 9.0, 1.0, 1.0], clips, recording)
-    every = answer_clips(net(), dataset, VOCABULARY)
-    some = answer_clips(net(), dataset, VOCABULARY, recordings={1})
+    every = predict_clips(net(), dataset, VOCABULARY)
+    some = predict_clips(net(), dataset, VOCABULARY, recordings={1})
     assert every.recording.tolist() == [0, 1, 1]
     assert some.recording.tolist() == [1, 1]
-    np.testing.assert_allclose(some.log_chances, every.log_chances[1:], atol=1e-6)
+    np.testing.assert_allclose(some.log_probabilities, every.log_probabilities[1:], atol=1e-6)
 
 
 def test_clips_of_gestures_that_the_model_does_not_know_are_passed_over():
     clips = ((clip_at(0.0, "wave"), clip_at(2.0), clip_at(4.0, "wave")),)
     dataset = loaded([0.1, 2.1, 2.2], [0, 1, 1], [1.0, 1.0, 1.0], clips)
-    found = answer_clips(net(), dataset, VOCABULARY)
+    found = predict_clips(net(), dataset, VOCABULARY)
     assert [clip.gesture for clip in found.clips] == ["poke"]
     assert found.recording.tolist() == [0] and found.truth.tolist() == [0]
-    assert len(found.log_chances) == 1
+    assert len(found.log_probabilities) == 1
 
 
 def test_a_clip_without_touch_is_certainly_none():
     clips = ((clip_at(0.0, "stroke"), clip_at(2.0)),)
     dataset = loaded([2.1, 2.15], [0, 0], [1.0, 2.0], clips)
-    found = answer_clips(net(), dataset, VOCABULARY)
+    found = predict_clips(net(), dataset, VOCABULARY)
     assert found.truth.tolist() == [2, 0]
     assert found.answer[0] == 1
-    np.testing.assert_array_equal(np.exp(found.log_chances[0]), [0, 1, 0])
-    assert 0 < np.exp(found.log_chances[1]).min() < 1
+    np.testing.assert_array_equal(np.exp(found.log_probabilities[0]), [0, 1, 0])
+    assert 0 < np.exp(found.log_probabilities[1]).min() < 1
 
 
 def test_a_set_without_any_touch_is_answered_none():
     dataset = loaded([], np.zeros(0, int), [], ((clip_at(0.0), clip_at(2.0)), ()))
-    found = answer_clips(net(), dataset, VOCABULARY)
+    found = predict_clips(net(), dataset, VOCABULARY)
     assert found.answer.tolist() == [1, 1]
     assert found.recording.tolist() == [0, 0]
 
@@ -97,7 +97,7 @@ def test_the_answer_is_what_is_said_at_the_last_reading_of_the_touch(tmp_path):
     made = [clip for clips in dataset.clips for clip in clips]
     known = ("none", *sorted({clip.gesture for clip in made} - {"none"}))
     model = network(vocabulary=known, width=4, layers=1, channels=8)
-    found = answer_clips(model, dataset, known, temperature=1.7)
+    found = predict_clips(model, dataset, known, temperature=1.7)
     assert found.clips == tuple(made)
     assert [known[n] for n in found.truth] == [clip.gesture for clip in made]
     rows = np.array(ends(dataset))
@@ -105,5 +105,5 @@ def test_the_answer_is_what_is_said_at_the_last_reading_of_the_touch(tmp_path):
     assert (np.diff(dataset.sequence[rows]) > 0).all()
     following = np.append(dataset.sequence, -1)[rows + 1]
     assert (following != dataset.sequence[rows]).all()
-    expected = log_probabilities(model, dataset, rows, dataset.starts[rows], 1.7)
-    np.testing.assert_allclose(found.log_chances, expected, atol=1e-6)
+    expected = compute_log_probabilities(model, dataset, rows, dataset.starts[rows], 1.7)
+    np.testing.assert_allclose(found.log_probabilities, expected, atol=1e-6)

@@ -6,7 +6,7 @@ import pytest
 
 from clip_scenes import START, generated
 from eskin.errors import RecordingError
-from eskin.learn.ground_truth import INDEX_NAME, Clip, clips_of
+from eskin.learn.ground_truth import INDEX_NAME, Clip, read_clips
 from eskin.recording import read_recording
 from eskin.sim.files.index import INDEX_NAME as WRITTEN_NAME
 from eskin.sim.files.index import read_index
@@ -26,7 +26,7 @@ def index(folder, *lines):
 
 def test_a_generated_recording_has_its_clips_in_order(tmp_path):
     paths = generated(tmp_path)
-    found = [clip for path in paths for clip in clips_of(path)]
+    found = [clip for path in paths for clip in read_clips(path)]
     rows = read_index(tmp_path)
     assert WRITTEN_NAME == INDEX_NAME
     assert [(c.start, c.gesture, c.kind) for c in found] == [
@@ -34,7 +34,7 @@ def test_a_generated_recording_has_its_clips_in_order(tmp_path):
     ]
     for path in paths:
         stamps = [scan.stamp for scan in read_recording(path).scans()]
-        for clip in clips_of(path):
+        for clip in read_clips(path):
             inside = [stamp for stamp in stamps if clip.start <= stamp < clip.end]
             assert (inside[0], len(inside)) == (clip.start, 100)
 
@@ -42,19 +42,19 @@ def test_a_generated_recording_has_its_clips_in_order(tmp_path):
 def test_each_file_of_a_set_has_its_own_clips(tmp_path):
     lines = [line(), line("b/c.mcap", START + 5), line(start=START + 9, kind="")]
     folder = index(tmp_path / "set", *lines)
-    assert clips_of(folder / "a.mcap") == (
+    assert read_clips(folder / "a.mcap") == (
         Clip(START, START + 2_000_000_000, "poke", "tip"),
         Clip(START + 9, START + 2_000_000_009, "poke", ""),
     )
-    assert [clip.start for clip in clips_of(folder / "b" / "c.mcap")] == [START + 5]
+    assert [clip.start for clip in read_clips(folder / "b" / "c.mcap")] == [START + 5]
 
 
 def test_what_is_of_no_set_of_clips_has_none(tmp_path):
-    assert clips_of(tmp_path / "a.mcap") == ()
+    assert read_clips(tmp_path / "a.mcap") == ()
     folder = index(tmp_path / "set", line())
-    assert clips_of(folder / "other.mcap") == ()
+    assert read_clips(folder / "other.mcap") == ()
     streams = index(tmp_path / "streams", line(gesture=""))
-    assert clips_of(streams / "a.mcap") == ()
+    assert read_clips(streams / "a.mcap") == ()
 
 
 @pytest.mark.parametrize(
@@ -65,6 +65,6 @@ def test_an_index_that_cannot_be_read_is_one_line_that_names_it(tmp_path, bad):
     with pytest.raises(
         RecordingError, match=r"clips.jsonl line 2 is no clip"
     ) as caught:
-        clips_of(folder / "a.mcap")
+        read_clips(folder / "a.mcap")
     assert "\n" not in str(caught.value)
     assert "run the same eskin generate again" in str(caught.value)

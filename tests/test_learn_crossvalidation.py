@@ -16,7 +16,7 @@ from benchmarks.crossvalidation import (
 
 from eskin.errors import RecordingError
 from eskin.learn.baselines.estimators import ON_FEATURES, RandomForest
-from eskin.learn.baselines.hand import stretch_features
+from eskin.learn.baselines.hand import compute_features
 from eskin.learn.dataset import prepare
 from eskin.learn.training import Trainer
 from learn_scenes import AS_RECORDED, TINY, record_people
@@ -138,8 +138,8 @@ def test_one_group_alone_cannot_be_left_out(dataset):
 
 def test_features_of_an_instant_are_of_its_last_two_seconds(dataset):
     row = 100
-    expected = stretch_features(dataset, np.arange(61, 101), False)
+    expected = compute_features(dataset, np.arange(61, 101), False)
     np.testing.assert_array_equal(window_features(dataset, row), expected)
     first = int(dataset.starts[-1])
-    expected = stretch_features(dataset, np.array([first]), False)
+    expected = compute_features(dataset, np.array([first]), False)
     np.testing.assert_array_equal(window_features(dataset, first), expected)

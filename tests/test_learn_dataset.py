@@ -9,7 +9,7 @@ from clip_scenes import Elsewhere, Placed, generated
 from eskin.errors import RecordingError
 from eskin.graph import GraphConfig
 from eskin.learn.dataset import digest, prepare
-from eskin.learn.ground_truth import gestures_at, labels_of, places_at, runs_of
+from eskin.learn.ground_truth import look_up_gestures, extend_labels, find_label_indices, find_runs
 from eskin.recording import read_recording
 from eskin.touch import ContactConfig, PipelineConfig
 from learn_scenes import (
@@ -168,14 +168,14 @@ def test_on_a_calibrated_skin_a_label_lingers_but_not_into_the_next(tmp_path):
     recording = replace(read_recording(path), labels=labels)
     times = [3.49, 3.55, 3.69, 3.71, 4.55, 4.65, 7.05, 7.15]
     stamps = np.array([START + round(t * SECOND) for t in times])
-    lasting = labels_of(recording)
-    gestures = gestures_at(lasting, places_at(lasting, stamps))
+    lasting = extend_labels(recording)
+    gestures = look_up_gestures(lasting, find_label_indices(lasting, stamps))
     expected = ["hold", "hold", "hold", "tap", "tap", "none", "tap", "none"]
     assert gestures == expected
-    ends = [(x.end - START) / SECOND for x in labels_of(recording)]
+    ends = [(x.end - START) / SECOND for x in extend_labels(recording)]
     assert ends == pytest.approx([3.7, 4.6, 7.1])
     nominal = replace(recording, skin=replace(recording.skin, calibrated=False))
-    assert labels_of(nominal) == list(labels)
+    assert extend_labels(nominal) == list(labels)
 
 
 def test_true_labels_go_before_automatic_ones_and_these_before_rough_ones(tmp_path):
@@ -189,7 +189,7 @@ def test_true_labels_go_before_automatic_ones_and_these_before_rough_ones(tmp_pa
         ((rough,), [rough]),
         ((), []),
     ):
-        assert labels_of(replace(recording, labels=labels)) == used
+        assert extend_labels(replace(recording, labels=labels)) == used
 
 
 def test_preparing_twice_gives_the_same(nominal):
@@ -259,12 +259,12 @@ def test_what_simulated_touches_are_is_known_without_labels(tmp_path):
     ],
 )
 def test_runs_are_rows_of_equal_values(values, runs):
-    assert runs_of(np.array(values, np.int64)[:, None]) == runs
+    assert find_runs(np.array(values, np.int64)[:, None]) == runs
 
 
 def test_runs_end_where_any_of_several_values_changes():
     values = np.array([[1, 1, 1, 2, 2], [0, 0, 5, 5, 0]]).T
-    assert runs_of(values) == [(0, 2), (2, 3), (3, 4), (4, 5)]
+    assert find_runs(values) == [(0, 2), (2, 3), (3, 4), (4, 5)]
 
 
 def test_shear_that_not_every_skin_has_adds_no_taxels(tmp_path):

@@ -12,16 +12,16 @@ from eskin.errors import RecordingError, SkinMismatchError
 from eskin.learn import scoring
 from eskin.learn.dataset import prepare
 from eskin.learn.evaluation import check_fits, confidence, evaluate
-from eskin.learn.ground_truth import Missed, Segment
+from eskin.learn.ground_truth import MissedGesture, Segment
 from eskin.learn.plots import draw_confusion
 from eskin.learn.scoring import (
-    answer_clips,
-    instant_scores,
-    log_probabilities,
-    segment_scores,
-    window_ends,
+    predict_clips,
+    score_instants,
+    compute_log_probabilities,
+    score_segments,
+    find_window_ends,
 )
-from eskin.learn.windows import cut, to_input
+from eskin.learn.windows import cut, build_network_input
 from eskin.model import ModelCard
 from learn_scenes import NETWORK, START, bare, record_people
 from live_scenes import network
@@ -52,17 +52,17 @@ def test_embedding_each_reading_once_gives_what_whole_windows_give(
     monkeypatch.setattr(scoring, "READINGS", 7)
     ends = np.array([3, 60, 61, 100, 140, 200, 260])
     firsts = dataset.starts[ends]
-    found = log_probabilities(net, dataset, ends, firsts, 1.7)
+    found = compute_log_probabilities(net, dataset, ends, firsts, 1.7)
     windows = cut(dataset, ends, firsts, 100)
     with torch.no_grad():
-        logits = net(to_input(dataset.graphs.select(windows.rows), windows, False))
+        logits = net(build_network_input(dataset.graphs.select(windows.rows), windows, False))
     expected = log_softmax(logits / 1.7, dim=1).numpy()
     np.testing.assert_allclose(found, expected, atol=1e-5)
 
 
 def test_an_instants_answer_does_not_depend_on_what_comes_after(net, dataset):
-    both = instant_scores(net, dataset, np.array([60, 130]))
-    alone = instant_scores(net, dataset, np.array([60]))
+    both = score_instants(net, dataset, np.array([60, 130]))
+    alone = score_instants(net, dataset, np.array([60]))
     np.testing.assert_allclose(both[:1], alone, atol=1e-5)
 
 
@@ -71,7 +71,7 @@ def test_windows_of_a_segment_end_every_half_second_and_with_its_end():
     dataset = bare(stamps, np.zeros(100, np.int64))
 
     def ends(first, end):
-        return window_ends(dataset, Segment("hold", 0, first, end, True)).tolist()
+        return find_window_ends(dataset, Segment("hold", 0, first, end, True)).tolist()
 
     assert ends(0, 100) == [40, 50, 60, 70, 80, 90, 99]
     assert ends(10, 61) == [50, 60]
@@ -81,9 +81,9 @@ def test_windows_of_a_segment_end_every_half_second_and_with_its_end():
 
 def test_a_segment_is_scored_by_itself(net, dataset):
     segments = dataset.labelled
-    together = segment_scores(net, dataset, segments)
+    together = score_segments(net, dataset, segments)
     for index, segment in enumerate(segments):
-        alone = segment_scores(net, dataset, [segment])
+        alone = score_segments(net, dataset, [segment])
         np.testing.assert_allclose(together[index], alone[0], atol=1e-5)
     last = segments[-1]
     rows = slice(last.first, last.end)
@@ -97,7 +97,7 @@ def test_a_segment_is_scored_by_itself(net, dataset):
     )
     moved = replace(last, first=0, end=last.end - last.first)
     np.testing.assert_allclose(
-        segment_scores(net, only, [moved])[0], together[-1], atol=1e-5
+        score_segments(net, only, [moved])[0], together[-1], atol=1e-5
     )
 
 
@@ -125,7 +125,7 @@ def test_none_is_answered_only_where_a_label_says_it(net, result, dataset):
 
 
 def test_a_gesture_that_was_missed_counts_as_none_for_its_person(net, result, dataset):
-    missed = (Missed("tap", 1), Missed("tap", 1))
+    missed = (MissedGesture("tap", 1), MissedGesture("tap", 1))
     found = evaluate(net, CARD, replace(dataset, missed=missed))
     change = found.segments.confusion - result.segments.confusion
     assert change.tolist() == [[0, 0, 0], [0, 0, 0], [2, 0, 0]]
@@ -136,7 +136,7 @@ def test_a_gesture_that_was_missed_counts_as_none_for_its_person(net, result, da
     silent = tuple(s for s in dataset.segments if not s.labelled)
     only = evaluate(net, CARD, replace(dataset, segments=silent, missed=missed))
     assert (only.segments.accuracy, only.ece) == (0.0, 1.0)
-    unknown = replace(dataset, missed=(Missed("soft", 0),))
+    unknown = replace(dataset, missed=(MissedGesture("soft", 0),))
     with pytest.raises(SkinMismatchError, match="hold soft, which the model does not"):
         check_fits(CARD, unknown)
 
@@ -148,7 +148,7 @@ def test_of_a_generated_set_whole_clips_are_scored(tmp_path):
     card = ModelCard(vocabulary, network=NETWORK, temperature=1.7)
     net = network(vocabulary=vocabulary, width=4, layers=1, channels=8)
     found = evaluate(net, card, dataset)
-    answers = answer_clips(net, dataset, vocabulary, 1.7)
+    answers = predict_clips(net, dataset, vocabulary, 1.7)
     right = answers.answer == answers.truth
     assert found.segments.confusion.sum() == len(clips)
     assert found.instants is None

@@ -12,8 +12,8 @@ from eskin.learn.events import (
     hear,
     is_stream,
     score_events,
-    trace_of,
-    true_events,
+    trace_recording,
+    read_true_events,
 )
 from eskin.live import Recognizer
 from eskin.model import DecisionConfig
@@ -71,7 +71,7 @@ def test_a_trace_says_what_the_recogniser_says_live(tmp_path, scene, calibrated)
     stream = scans(on, scene(on), 15, 5.2)
     recording = read_recording(record(tmp_path / "a.mcap", on, stream))
     model = model_of(network(seed=3))
-    trace = trace_of(recording, model)
+    trace = trace_recording(recording, model)
     assert 0 < len(trace.moments) < len(stream)
     said = set()
     for config, heat in zip(DECISIONS, (1.0, 4.0, 1.0, 2.0, 1.0, 0.5), strict=True):
@@ -92,8 +92,8 @@ def test_a_trace_decides_as_the_model_does_unless_told_otherwise(tmp_path):
     model = say_always("poke")
     late = DecisionConfig(threshold=2.0)
     shy = replace(model, card=replace(model.card, decision=late))
-    [early] = trace_of(read_recording(path), model).detections()
-    trace = trace_of(read_recording(path), shy)
+    [early] = trace_recording(read_recording(path), model).detections()
+    trace = trace_recording(read_recording(path), shy)
     [at_closing] = trace.detections()
     assert at_closing.stamp > early.stamp
     assert [d.stamp for d in trace.detections(DecisionConfig())] == [early.stamp]
@@ -102,7 +102,7 @@ def test_a_trace_decides_as_the_model_does_unless_told_otherwise(tmp_path):
 def test_a_skin_that_nothing_touches_has_nothing_to_decide(tmp_path):
     on = mounted()
     recording = read_recording(record(tmp_path / "a.mcap", on, scans(on, [], 25, 3)))
-    trace = trace_of(recording, say_always("poke"))
+    trace = trace_recording(recording, say_always("poke"))
     assert trace.moments == ()
     assert trace.detections() == []
 
@@ -141,7 +141,7 @@ def test_a_generated_stream_is_scored_from_end_to_end(sets):
     paths = sorted((sets / "streams").glob("*.mcap"))
     streams = list(hear(paths, model))
     result = score_events([stream.take() for stream in streams], VOCABULARY)
-    truths = [len(true_events(read_recording(path))) for path in paths]
+    truths = [len(read_true_events(read_recording(path))) for path in paths]
     rubs = result.unknown["rub"].count
     assert (truths, rubs) == ([2, 2], 2)
     assert result.total.missed == 0

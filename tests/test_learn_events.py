@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from eskin.learn.events import MatchConfig, Tally, match, score_events
 from eskin.learn.events.event_scoring import f1_interval
-from eskin.learn.events.true_events import event_of_label, events_of_truths
+from eskin.learn.events.read_true_events import build_label_event, build_events
 from eskin.recording import Label, TruthRecord
 from event_scenes import (
     SECOND,
@@ -305,7 +305,7 @@ def test_the_truth_has_an_event_a_touch_whatever_its_pauses_and_neighbours():
         truth(1.02, 1, "rub"),
         truth(1.4, 0, "tap_many", 0.02),
     ]
-    pats, rub = events_of_truths(records)
+    pats, rub = build_events(records)
     assert (pats.gesture, pats.kind, rub.gesture) == ("double_pat", "one_tip", "rub")
     assert (pats.onset, pats.end) == (stamp(1.0), stamp(1.4))
     assert (rub.onset, rub.end) == (stamp(1.02), stamp(1.02))
@@ -313,7 +313,7 @@ def test_the_truth_has_an_event_a_touch_whatever_its_pauses_and_neighbours():
 
 
 def test_a_label_is_an_event_without_a_place():
-    found = event_of_label(Label(START, START + SECOND, "tap_many"))
+    found = build_label_event(Label(START, START + SECOND, "tap_many"))
     assert (found.onset, found.end) == (START, START + SECOND)
     assert found.gesture == "double_pat"
     assert found.distance(np.ones(3), START, 0.5) == 0.0

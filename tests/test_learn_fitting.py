@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from eskin.learn.ground_truth import NEAR, Fit, TrueTouches, true_touches
+from eskin.learn.ground_truth import MAX_DISTANCE, TouchLabel, TrueTouches, read_true_touches
 from eskin.recording import (
     Metadata,
     RecordingWriter,
@@ -17,7 +17,7 @@ SECOND = 1_000_000_000
 START = 1_700_000_000 * SECOND
 STEP = SECOND // 50
 LEFT, RIGHT = np.array([-0.15, 0.0, 0.0]), np.array([0.15, 0.0, 0.0])
-NAMES = {7: Fit(7, "poke", "tip"), 3: Fit(3, "rub", "palm")}
+NAMES = {7: TouchLabel(7, "poke", "tip"), 3: TouchLabel(3, "rub", "palm")}
 
 
 def truth(touches=((7, LEFT), (3, RIGHT)), readings=5) -> TrueTouches:
@@ -62,7 +62,7 @@ def test_between_equals_it_is_the_touch_that_came_first():
 
 
 def test_a_contact_near_no_true_touch_is_a_ghost():
-    for reach, found in ((0.99 * NEAR, NAMES[7]), (1.01 * NEAR, None)):
+    for reach, found in ((0.99 * MAX_DISTANCE, NAMES[7]), (1.01 * MAX_DISTANCE, None)):
         assert fit(truth(), [LEFT + [0, 0, reach]] * 4) == found
 
 
@@ -103,7 +103,7 @@ def test_the_truth_of_a_recording_does_not_depend_on_its_order(tmp_path):
     # As written second by second: all of one touch, then all of the other.
     records = [record(n, 7, LEFT) for n in range(4)]
     records += [record(n, 3, RIGHT) for n in range(4)]
-    found = true_touches(recorded(tmp_path / "a.mcap", records))
+    found = read_true_touches(recorded(tmp_path / "a.mcap", records))
     assert found is not None
     assert found.names == NAMES
     assert (np.diff(found.stamps) >= 0).all()
@@ -112,10 +112,10 @@ def test_the_truth_of_a_recording_does_not_depend_on_its_order(tmp_path):
 
 
 def test_a_simulated_recording_without_touches_has_only_ghosts(tmp_path):
-    found = true_touches(recorded(tmp_path / "a.mcap", []))
+    found = read_true_touches(recorded(tmp_path / "a.mcap", []))
     assert found is not None
     assert fit(found, [LEFT] * 2) is None
 
 
 def test_of_a_real_recording_the_truth_is_not_known(tmp_path):
-    assert true_touches(recorded(tmp_path / "a.mcap", [], simulated=False)) is None
+    assert read_true_touches(recorded(tmp_path / "a.mcap", [], simulated=False)) is None

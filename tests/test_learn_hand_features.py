@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from eskin.learn.baselines.hand import BANDS, bands, segment_features, stretch_features
+from eskin.learn.baselines.hand import BANDS, bands, compute_segment_features, compute_features
 from eskin.learn.dataset import prepare
 from learn_scenes import record
 
@@ -19,7 +19,7 @@ def test_every_stretch_has_as_many_finite_features(dataset):
     for shear in (False, True):
         sizes = set()
         for stretch in (silent, silent[:1], silent[:3], touched, touched[:1], rows):
-            features = stretch_features(dataset, stretch, shear)
+            features = compute_features(dataset, stretch, shear)
             assert np.isfinite(features).all()
             sizes.add(features.shape)
         assert len(sizes) == 1
@@ -27,8 +27,8 @@ def test_every_stretch_has_as_many_finite_features(dataset):
 
 def test_shear_adds_features_and_leaves_the_whole_ones(dataset):
     segment = dataset.labelled[0]
-    without = segment_features(dataset, segment, False)
-    with_shear = segment_features(dataset, segment, True)
+    without = compute_segment_features(dataset, segment, False)
+    with_shear = compute_segment_features(dataset, segment, True)
     assert len(with_shear) > len(without)
     whole = 1 + 2 + 2 + len(BANDS) - 1
     np.testing.assert_array_equal(with_shear[:whole], without[:whole])
@@ -36,8 +36,8 @@ def test_shear_adds_features_and_leaves_the_whole_ones(dataset):
 
 def test_a_longer_broader_gesture_has_the_larger_first_features(dataset):
     hold, tap = dataset.labelled
-    a = segment_features(dataset, hold, False)
-    b = segment_features(dataset, tap, False)
+    a = compute_segment_features(dataset, hold, False)
+    b = compute_segment_features(dataset, tap, False)
     assert a[0] == pytest.approx(1.2, abs=0.06)
     assert a[1] > b[1] > 0
 

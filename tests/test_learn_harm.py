@@ -1,10 +1,10 @@
-"""Harm: what it does, how much of it, and what it leaves alone."""
+"""Corruption: what it does, how much of it, and what it leaves alone."""
 
 from dataclasses import fields, replace
 
 import numpy as np
 import pytest
-from benchmarks.corruption import KINDS, TURN, UNHARMED, Harm
+from benchmarks.corruption import KINDS, TURN, DRIFT_START, Corruption
 
 from baseline_scenes import UR5, toy
 from clip_scenes import generated
@@ -80,7 +80,7 @@ def same_graphs(one, other):
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_no_harm_changes_nothing(kind, recording, examples):
-    none = Harm(kind, 0.0)
+    none = Corruption(kind, 0.0)
     assert same(stacked(none.scans(recording)), stacked(recording.scans()))
     skin = none.skin(recording.skin, recording.start)
     for name in ("positions", "normals", "tangents"):
@@ -95,7 +95,7 @@ def test_no_harm_changes_nothing(kind, recording, examples):
 @pytest.mark.parametrize("kind", KINDS)
 def test_the_same_harm_is_the_same_and_another_seed_another(kind, recording):
     def shown(seed):
-        harm = Harm(kind, SOME[kind], seed)
+        harm = Corruption(kind, SOME[kind], seed)
         skin = harm.skin(recording.skin, recording.start)
         return (*stacked(harm.scans(recording)), skin.positions)
 
@@ -105,7 +105,7 @@ def test_the_same_harm_is_the_same_and_another_seed_another(kind, recording):
 
 @pytest.mark.parametrize("kind", SHOWN)
 def test_what_scans_show_says_nothing_of_places(kind, recording):
-    harm = Harm(kind, SOME[kind])
+    harm = Corruption(kind, SOME[kind])
     assert harm.skin(recording.skin, recording.start) is recording.skin
 
 
@@ -113,7 +113,7 @@ def test_what_scans_show_says_nothing_of_places(kind, recording):
 def test_harm_of_one_kind_leaves_the_rest_alone(kind, recording):
     was, now = (
         stacked(recording.scans()),
-        stacked(Harm(kind, SOME[kind]).scans(recording)),
+        stacked(Corruption(kind, SOME[kind]).scans(recording)),
     )
     kept = np.isin(was[0], now[0])
     assert kept.all() == (kind != "lost")
@@ -128,7 +128,7 @@ def test_harm_of_one_kind_leaves_the_rest_alone(kind, recording):
 @pytest.mark.parametrize("kind", ["dead", "lost", "patches"])
 def test_more_harm_is_more_of_the_same(kind, recording):
     def missing(amount):
-        stamps, counts, received, _ = stacked(Harm(kind, amount).scans(recording))
+        stamps, counts, received, _ = stacked(Corruption(kind, amount).scans(recording))
         all_stamps = stacked(recording.scans())[0]
         return {
             "dead": set(np.flatnonzero(np.ptp(counts, axis=0) == 0)),
@@ -142,7 +142,7 @@ def test_more_harm_is_more_of_the_same(kind, recording):
 
 def test_dead_taxels_are_so_many_and_never_touched(recording):
     was = stacked(recording.scans())
-    _, counts, received, _ = stacked(Harm("dead", 0.1).scans(recording))
+    _, counts, received, _ = stacked(Corruption("dead", 0.1).scans(recording))
     heard = np.where(received, counts, REST)
     dead = heard.max(axis=0) < REST + 10
     assert (was[1].max(axis=0) > REST + HIGH - 10).all()
@@ -153,7 +153,7 @@ def test_dead_taxels_are_so_many_and_never_touched(recording):
 def test_missing_patches_are_never_received_and_others_as_before(recording):
     was, now = (
         stacked(each)[2]
-        for each in (recording.scans(), Harm("patches", 2.0).scans(recording))
+        for each in (recording.scans(), Corruption("patches", 2.0).scans(recording))
     )
     patch = recording.skin.patch_index
     silent = {int(n) for n in np.unique(patch) if not now[:, patch == n].any()}
@@ -164,7 +164,7 @@ def test_missing_patches_are_never_received_and_others_as_before(recording):
 
 def test_noise_is_as_large_as_asked(recording):
     _, was, received, _ = stacked(recording.scans())
-    _, now, _, _ = stacked(Harm("noise", 0.01).scans(recording))
+    _, now, _, _ = stacked(Corruption("noise", 0.01).scans(recording))
     noise = (now - was)[received]
     assert noise.std() == pytest.approx(0.01 * FULL_SCALE, rel=0.01)
     assert abs(noise.mean()) < 0.5
@@ -173,11 +173,11 @@ def test_noise_is_as_large_as_asked(recording):
 
 def test_drift_begins_after_the_tare_and_goes_at_its_speed_there_and_back(recording):
     stamps, was, received, _ = stacked(recording.scans())
-    _, now, _, _ = stacked(Harm("drift", 2.0).scans(recording))
+    _, now, _, _ = stacked(Corruption("drift", 2.0).scans(recording))
     kpa = (now - was) * 100 / FULL_SCALE
     seconds = (stamps - stamps[0]) / SECOND
-    assert (np.abs(kpa)[seconds <= UNHARMED][received[seconds <= UNHARMED]] == 0).all()
-    heard = seconds - np.where(seconds > 4, 4.02, 0.0) - UNHARMED
+    assert (np.abs(kpa)[seconds <= DRIFT_START][received[seconds <= DRIFT_START]] == 0).all()
+    heard = seconds - np.where(seconds > 4, 4.02, 0.0) - DRIFT_START
     wanted = 2.0 * (TURN - np.abs(np.maximum(heard, 0) - TURN))
     apart = np.abs(np.abs(kpa) - wanted[:, None])
     assert apart[received].max() < 100 / FULL_SCALE
@@ -186,20 +186,20 @@ def test_drift_begins_after_the_tare_and_goes_at_its_speed_there_and_back(record
 
 
 def test_lost_scans_are_so_many_and_the_others_come(recording):
-    was, now = stacked(recording.scans()), stacked(Harm("lost", 0.2).scans(recording))
+    was, now = stacked(recording.scans()), stacked(Corruption("lost", 0.2).scans(recording))
     assert len(now[0]) == SCANS - round(0.2 * SCANS)
     assert set(now[0]) < set(was[0])
 
 
 def test_at_25_hz_every_other_scan_comes(recording):
-    was, now = stacked(recording.scans()), stacked(Harm("rate", 25.0).scans(recording))
+    was, now = stacked(recording.scans()), stacked(Corruption("rate", 25.0).scans(recording))
     assert same([each[::2] for each in was], now)
 
 
 @pytest.mark.parametrize("times", [2, 4])
 def test_at_more_hertz_there_are_more_scans_that_say_no_more(recording, times):
     was = stacked(recording.scans())
-    now = stacked(Harm("rate", 50.0 * times).scans(recording))
+    now = stacked(Corruption("rate", 50.0 * times).scans(recording))
     assert len(now[0]) == times * SCANS
     assert same([each[::times] for each in now], was)
     assert (np.diff(now[0]) > 0).all()
@@ -211,7 +211,7 @@ def test_at_more_hertz_there_are_more_scans_that_say_no_more(recording, times):
 
 
 def test_in_a_pause_nothing_is_made_up(recording):
-    stamps, counts, _, _ = stacked(Harm("rate", 100.0).scans(recording))
+    stamps, counts, _, _ = stacked(Corruption("rate", 100.0).scans(recording))
     assert stamps[259] - stamps[258] == PERIOD // 2
     assert np.array_equal(counts[259], counts[258])
     assert stamps[260] - stamps[259] > 4 * SECOND
@@ -219,7 +219,7 @@ def test_in_a_pause_nothing_is_made_up(recording):
 
 @pytest.mark.parametrize("kind", ["pose-mm", "pose-deg"])
 def test_links_move_rigidly_by_the_amount_and_no_scan_changes(kind, recording):
-    harm, skin = Harm(kind, SOME[kind]), recording.skin
+    harm, skin = Corruption(kind, SOME[kind]), recording.skin
     assert same(stacked(harm.scans(recording)), stacked(recording.scans()))
     moved = harm.skin(skin, recording.start)
     links, ways = np.array(skin.link_names)[skin.patch_index], []
@@ -253,7 +253,7 @@ def turn_between(one, other):
 
 
 def test_wrong_places_change_graphs_and_no_window(examples):
-    wrong = replace(examples, harm=Harm("pose-deg", 10.0))
+    wrong = replace(examples, harm=Corruption("pose-deg", 10.0))
     was, now = (each.dataset(GraphConfig()).graphs for each in (examples, wrong))
     assert np.array_equal(was.pressure, now.pressure)
     between = (was.normals * now.normals).sum(axis=1)
@@ -275,7 +275,7 @@ def test_a_baseline_is_asked_where_the_taxels_are_believed_to_be(examples, monke
         return baseline
 
     monkeypatch.setattr(FlatBaseline, "on", on)
-    wrong = replace(examples, harm=Harm("pose-mm", 20.0))
+    wrong = replace(examples, harm=Corruption("pose-mm", 20.0))
     METHODS["knn-max"].fit(examples, 0)(wrong)
     start = read_recording(examples.paths[0]).start
     skin = wrong.harm.skin(examples.mounted.skin, start)
@@ -299,7 +299,7 @@ def test_only_methods_that_look_at_places_see_them_change(name, looks):
 
 
 def test_a_harmed_test_is_another_test(examples):
-    harms = [None, Harm("dead", 0.1), Harm("dead", 0.2), Harm("dead", 0.1, 1)]
+    harms = [None, Corruption("dead", 0.1), Corruption("dead", 0.2), Corruption("dead", 0.1, 1)]
     tests = [replace(examples, harm=harm) for harm in harms]
     assert len({each.digest for each in tests}) == len(harms)
     keys = {
@@ -321,11 +321,11 @@ def test_a_harmed_test_is_another_test(examples):
 )
 def test_harm_that_means_nothing_is_refused(kind, amount, message):
     with pytest.raises(ValueError, match=message):
-        Harm(kind, amount)
+        Corruption(kind, amount)
 
 
 def test_what_a_recording_cannot_lack_or_give_is_refused(recording):
     with pytest.raises(ValueError, match="10 patches are to be missing of 9"):
-        next(Harm("patches", 10.0).scans(recording))
+        next(Corruption("patches", 10.0).scans(recording))
     with pytest.raises(ValueError, match=r"rate is 30 Hz of scans that came at 50\.0"):
-        next(iter(Harm("rate", 30.0).scans(recording)))
+        next(iter(Corruption("rate", 30.0).scans(recording)))

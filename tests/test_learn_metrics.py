@@ -11,8 +11,8 @@ from sklearn.metrics import (
 
 from eskin.learn.metrics import (
     accuracy_interval,
-    by_group,
-    paired_interval,
+    compute_group_accuracies,
+    bootstrap_difference,
     reliability,
     score,
     wilson_interval,
@@ -57,7 +57,7 @@ def test_scores_are_those_of_sklearn(seed):
 
 def test_each_group_has_its_own_accuracy():
     right = np.array([True, False, True, True])
-    assert by_group(right, ["b", "b", "a", "a"]) == {"a": 1.0, "b": 0.5}
+    assert compute_group_accuracies(right, ["b", "b", "a", "a"]) == {"a": 1.0, "b": 0.5}
 
 
 def test_confidence_that_is_kept_has_no_calibration_error():
@@ -81,28 +81,28 @@ def test_calibration_error_is_the_mean_gap_between_confidence_and_truth():
 def test_the_interval_holds_the_difference_and_turns_with_it():
     rng = np.random.default_rng(1)
     ours, theirs = rng.random(80) < 0.8, rng.random(80) < 0.5
-    low, high = paired_interval(ours, theirs)
+    low, high = bootstrap_difference(ours, theirs)
     difference = ours.mean() - theirs.mean()
     assert low < difference < high
     spread = np.std(ours.astype(float) - theirs) / np.sqrt(80)
     assert high - low == pytest.approx(2 * 1.96 * spread, rel=0.1)
-    back = paired_interval(theirs, ours)
+    back = bootstrap_difference(theirs, ours)
     assert back == pytest.approx((-high, -low), abs=0.02)
 
 
 def test_equal_answers_have_an_interval_of_no_width():
     right = np.array([True, False, True])
-    assert paired_interval(right, right) == (0.0, 0.0)
+    assert bootstrap_difference(right, right) == (0.0, 0.0)
 
 
 def test_examples_that_come_in_copies_tell_no_more_than_one_of_them():
     rng = np.random.default_rng(1)
     ours, theirs = rng.random(80) < 0.8, rng.random(80) < 0.5
-    once = paired_interval(ours, theirs)
+    once = bootstrap_difference(ours, theirs)
     copies = [np.repeat(right, 50) for right in (ours, theirs)]
     names = np.repeat(np.arange(80), 50).tolist()
-    assert paired_interval(*copies, cluster=names) == pytest.approx(once)
-    narrow = np.ptp(paired_interval(*copies))
+    assert bootstrap_difference(*copies, cluster=names) == pytest.approx(once)
+    narrow = np.ptp(bootstrap_difference(*copies))
     assert narrow < np.ptp(once) / 5
 
 
@@ -111,10 +111,10 @@ def test_whole_clusters_are_drawn_however_their_examples_are_ordered():
     ours, theirs = rng.random(90) < 0.7, rng.random(90) < 0.4
     cluster = rng.integers(12, size=90)
     order = rng.permutation(90)
-    one = paired_interval(ours, theirs, cluster=cluster.tolist())
-    other = paired_interval(ours[order], theirs[order], cluster=cluster[order].tolist())
+    one = bootstrap_difference(ours, theirs, cluster=cluster.tolist())
+    other = bootstrap_difference(ours[order], theirs[order], cluster=cluster[order].tolist())
     assert one == pytest.approx(other)
-    assert paired_interval(ours, theirs, cluster=[7] * 90) == pytest.approx(
+    assert bootstrap_difference(ours, theirs, cluster=[7] * 90) == pytest.approx(
         (ours.mean() - theirs.mean(),) * 2
     )
 

@@ -9,13 +9,13 @@ from clip_scenes import generated
 from eskin.graph import GraphBatch, GraphConfig
 from eskin.learn import prepared_recording
 from eskin.learn.dataset import Dataset, prepare
-from eskin.learn.ground_truth import Fit
+from eskin.learn.ground_truth import TouchLabel
 from eskin.learn.prepared_recording import (
-    key_of,
-    load_part,
-    packed_part,
-    part_of,
-    save_part,
+    compute_pack_key,
+    load_prepared,
+    pack_recording,
+    prepare_recording,
+    save_prepared,
 )
 from eskin.nn import summary
 from eskin.recording import read_recording
@@ -54,14 +54,14 @@ def paths(tmp_path_factory):
 
 @pytest.mark.parametrize("kind", ["pressure", "shear"])
 @pytest.mark.parametrize(
-    "fits", [None, (), (Fit(3, "poke", "tip"), None, Fit(4, "rub", ""))]
+    "fits", [None, (), (TouchLabel(3, "poke", "tip"), None, TouchLabel(4, "rub", ""))]
 )
 def test_a_part_is_read_as_it_was_written(tmp_path, kind, fits):
     recording = read_recording(record(tmp_path / "a.mcap", kind=kind))
-    part = replace(part_of(recording, PIPELINE, GRAPH), fits=fits)
+    part = replace(prepare_recording(recording, PIPELINE, GRAPH), fits=fits)
     assert part.graphs.shear.any() == (kind == "shear")
-    save_part(tmp_path / "a.npz", part)
-    read = load_part(tmp_path / "a.npz")
+    save_prepared(tmp_path / "a.npz", part)
+    read = load_prepared(tmp_path / "a.npz")
     assert_same_values(read.graphs, part.graphs)
     assert np.array_equal(read.stamps, part.stamps)
     assert np.array_equal(read.sequence, part.sequence)
@@ -70,9 +70,9 @@ def test_a_part_is_read_as_it_was_written(tmp_path, kind, fits):
 
 def test_a_part_without_rows_is_read_as_it_was_written(tmp_path):
     quiet = read_recording(record(tmp_path / "a.mcap", (), calibrated=True))
-    part = part_of(quiet, PIPELINE, GRAPH)
-    save_part(tmp_path / "a.npz", part)
-    assert_same_values(load_part(tmp_path / "a.npz").graphs, part.graphs)
+    part = prepare_recording(quiet, PIPELINE, GRAPH)
+    save_prepared(tmp_path / "a.npz", part)
+    assert_same_values(load_prepared(tmp_path / "a.npz").graphs, part.graphs)
 
 
 def test_packed_recordings_give_the_same_data_set_to_the_bit(paths, tmp_path):
@@ -87,30 +87,30 @@ def test_packed_recordings_give_the_same_data_set_to_the_bit(paths, tmp_path):
 
 def test_a_recording_is_prepared_once_whatever_its_name(paths, tmp_path, monkeypatch):
     pack = tmp_path / "pack"
-    first = packed_part(paths[0], pack, PIPELINE, GRAPH)
+    first = pack_recording(paths[0], pack, PIPELINE, GRAPH)
 
     def never(*args) -> None:
         raise AssertionError("prepared in vain")
 
-    monkeypatch.setattr(prepared_recording, "part_of", never)
+    monkeypatch.setattr(prepared_recording, "prepare_recording", never)
     copy = tmp_path / "copy.mcap"
     copy.write_bytes(paths[0].read_bytes())
-    assert packed_part(copy, pack, PIPELINE, GRAPH) == first
+    assert pack_recording(copy, pack, PIPELINE, GRAPH) == first
     assert list(pack.iterdir()) == [first]
 
 
 def test_other_bytes_or_settings_are_another_part(paths):
     contacts = PipelineConfig(contacts=ContactConfig(on=9.0, off=8.0))
     keys = [
-        key_of(paths[0], PIPELINE, GRAPH),
-        key_of(paths[1], PIPELINE, GRAPH),
-        key_of(paths[0], contacts, GRAPH),
-        key_of(paths[0], PIPELINE, GraphConfig(live=3)),
-        key_of(paths[0], PIPELINE, GRAPH.without_shear()),
-        key_of(paths[0], PIPELINE, GraphConfig(posed=False)),
+        compute_pack_key(paths[0], PIPELINE, GRAPH),
+        compute_pack_key(paths[1], PIPELINE, GRAPH),
+        compute_pack_key(paths[0], contacts, GRAPH),
+        compute_pack_key(paths[0], PIPELINE, GraphConfig(live=3)),
+        compute_pack_key(paths[0], PIPELINE, GRAPH.without_shear()),
+        compute_pack_key(paths[0], PIPELINE, GraphConfig(posed=False)),
     ]
     assert len(set(keys)) == len(keys)
-    assert keys[0] == key_of(paths[0], PipelineConfig(), GraphConfig())
+    assert keys[0] == compute_pack_key(paths[0], PipelineConfig(), GraphConfig())
 
 
 def test_a_part_that_cannot_be_written_leaves_nothing(paths, tmp_path, monkeypatch):
@@ -120,5 +120,5 @@ def test_a_part_that_cannot_be_written_leaves_nothing(paths, tmp_path, monkeypat
 
     monkeypatch.setattr(np, "savez", full)
     with pytest.raises(OSError, match="no space"):
-        packed_part(paths[0], tmp_path / "pack", PIPELINE, GRAPH)
+        pack_recording(paths[0], tmp_path / "pack", PIPELINE, GRAPH)
     assert not list((tmp_path / "pack").iterdir())

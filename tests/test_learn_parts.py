@@ -5,8 +5,8 @@ import pytest
 
 from clip_scenes import Elsewhere, generated
 from eskin.graph import GraphConfig, GraphStream, join
-from eskin.learn.ground_truth import clips_of, runs_of
-from eskin.learn.prepared_recording import Part, part_of
+from eskin.learn.ground_truth import read_clips, find_runs
+from eskin.learn.prepared_recording import PreparedRecording, prepare_recording
 from eskin.recording import read_recording
 from eskin.robot import load_robot
 from eskin.skin import MountedSkin
@@ -19,8 +19,8 @@ from live_scenes import record as record_scans
 GRAPH = GraphConfig(fixed=5, live=2)
 
 
-def part(path) -> Part:
-    return part_of(read_recording(path), PipelineConfig(), GRAPH)
+def part(path) -> PreparedRecording:
+    return prepare_recording(read_recording(path), PipelineConfig(), GRAPH)
 
 
 @pytest.fixture(scope="module")
@@ -54,17 +54,17 @@ def test_the_rows_are_the_graphs_of_the_stream_in_sequences(tmp_path, calibrated
     rows = [row for key in sorted(live) for row in live[key]]
     assert found.stamps.tolist() == [stamp for stamp, _ in rows]
     assert_same(found.graphs, join([graph for _, graph in rows]))
-    lengths = [last - first for first, last in runs_of(found.sequence[:, None])]
+    lengths = [last - first for first, last in find_runs(found.sequence[:, None])]
     assert lengths == [len(live[key]) for key in sorted(live)]
     assert len(live) == (3 if calibrated else 1)
 
 
 def test_every_touch_of_a_clip_is_the_one_that_was_made(simulated):
     path, found = simulated
-    clips = clips_of(path)
+    clips = read_clips(path)
     assert found.fits is not None
     assert len(found.fits) == len(clips) > 0
-    for number, (first, end) in enumerate(runs_of(found.sequence[:, None])):
+    for number, (first, end) in enumerate(find_runs(found.sequence[:, None])):
         [clip] = [c for c in clips if c.start <= found.stamps[first] < c.end]
         fit = found.fits[number]
         assert fit is not None

@@ -8,9 +8,9 @@ import torch
 
 from eskin.errors import ModelError
 from eskin.learn import checkpoint as module
-from eskin.learn.checkpoint import Stand, load_stand, save_stand
+from eskin.learn.checkpoint import Checkpoint, load_checkpoint, save_checkpoint
 
-STAND = Stand(
+STAND = Checkpoint(
     facts="data and settings",
     step=7,
     best={"patience": 2, "loss": 0.5, "weights": {"a": torch.arange(4.0)}},
@@ -21,8 +21,8 @@ STAND = Stand(
 def test_a_stand_is_read_as_it_was_written(tmp_path):
     path = tmp_path / "below" / "m.training"
     for step in (7, 8):
-        save_stand(path, replace(STAND, step=step))
-        found = load_stand(path, STAND.facts)
+        save_checkpoint(path, replace(STAND, step=step))
+        found = load_checkpoint(path, STAND.facts)
         assert found is not None
         assert (found.facts, found.step, found.state) == (
             STAND.facts,
@@ -34,7 +34,7 @@ def test_a_stand_is_read_as_it_was_written(tmp_path):
 
 
 def test_a_training_that_has_not_begun_stands_nowhere(tmp_path):
-    assert load_stand(tmp_path / "m.training", "any") is None
+    assert load_checkpoint(tmp_path / "m.training", "any") is None
 
 
 class Harm:
@@ -46,7 +46,7 @@ class Harm:
 
 def test_a_file_that_is_damaged_or_foreign_is_one_line(tmp_path, capsys):
     path = tmp_path / "m.training"
-    save_stand(path, STAND)
+    save_checkpoint(path, STAND)
     whole = path.read_bytes()
     foreign = tmp_path / "foreign"
     torch.save([1, 2], foreign)
@@ -56,28 +56,28 @@ def test_a_file_that_is_damaged_or_foreign_is_one_line(tmp_path, capsys):
     for data in (b"", b"text", whole[: len(whole) // 2], lists, less):
         path.write_bytes(data)
         with pytest.raises(ModelError, match="m.training cannot be read") as caught:
-            load_stand(path, STAND.facts)
+            load_checkpoint(path, STAND.facts)
         assert "remove it to start anew" in str(caught.value)
         assert "\n" not in str(caught.value)
         assert path.read_bytes() == data
     path.write_bytes(pickle.dumps(Harm()))
     with pytest.raises(ModelError, match="cannot be read"):
-        load_stand(path, STAND.facts)
+        load_checkpoint(path, STAND.facts)
     assert capsys.readouterr().out == ""
 
 
 def test_the_stand_of_another_training_is_refused(tmp_path):
     path = tmp_path / "m.training"
-    save_stand(path, STAND)
+    save_checkpoint(path, STAND)
     with pytest.raises(ModelError, match="is of a training with other data") as caught:
-        load_stand(path, STAND.facts + "!")
+        load_checkpoint(path, STAND.facts + "!")
     assert "remove it to start anew, or give another --out" in str(caught.value)
     assert "\n" not in str(caught.value)
 
 
 def test_what_cannot_be_written_leaves_what_was_there(tmp_path, monkeypatch):
     path = tmp_path / "m.training"
-    save_stand(path, STAND)
+    save_checkpoint(path, STAND)
 
     def full(stand, part) -> None:
         part.write_bytes(b"half")
@@ -85,7 +85,7 @@ def test_what_cannot_be_written_leaves_what_was_there(tmp_path, monkeypatch):
 
     monkeypatch.setattr(module.torch, "save", full)
     with pytest.raises(OSError, match="no space"):
-        save_stand(path, replace(STAND, step=9))
-    found = load_stand(path, STAND.facts)
+        save_checkpoint(path, replace(STAND, step=9))
+    found = load_checkpoint(path, STAND.facts)
     assert found is not None and found.step == 7
     assert list(tmp_path.iterdir()) == [path]

@@ -9,10 +9,10 @@ import torch
 from clip_scenes import generated
 from eskin.errors import ModelError, RecordingError
 from eskin.learn import training
-from eskin.learn.batches import Sampler, make_sampler
-from eskin.learn.checkpoint import Best
+from eskin.learn.batches import Sampler, build_sampler
+from eskin.learn.checkpoint import EarlyStopping
 from eskin.learn.dataset import prepare
-from eskin.learn.scoring import answer_clips, instant_scores, segment_scores
+from eskin.learn.scoring import predict_clips, score_instants, score_segments
 from eskin.learn.training import TEMPERATURES, TrainConfig, Trainer
 from eskin.model import SLOT_NS, Model, ModelCard
 from learn_scenes import AS_RECORDED, TINY, record, record_people
@@ -27,7 +27,7 @@ def dataset(tmp_path_factory):
 
 
 def sampler_of(dataset, recordings=(0, 1, 2, 3), crop=1.0) -> Sampler:
-    return make_sampler(dataset, VOCABULARY, set(recordings), 100, crop)
+    return build_sampler(dataset, VOCABULARY, set(recordings), 100, crop)
 
 
 class Cut(Exception):
@@ -130,20 +130,20 @@ def test_eight_segments_are_learned_to_the_last(dataset):
     assert not network.training
     segments = dataset.labelled
     assert len(segments) == 8
-    scores = segment_scores(network, dataset, segments)
+    scores = score_segments(network, dataset, segments)
     said = [VOCABULARY[i] for i in scores.argmax(axis=1)]
     assert said == [segment.gesture for segment in segments]
     # And instants: the middle of a gesture is it, the rest before all is none.
     middles = np.array([(s.first + s.end) // 2 for s in segments])
     rows = np.append(middles, 35)
-    at = instant_scores(network, dataset, rows).argmax(axis=1)
+    at = score_instants(network, dataset, rows).argmax(axis=1)
     truth = [dataset.gestures[row] for row in rows]
     assert [VOCABULARY[i] for i in at] == truth
     np.testing.assert_allclose(np.exp(at_sum(network, dataset, rows)), 1, rtol=1e-5)
 
 
 def at_sum(network, dataset, rows):
-    scores = instant_scores(network, dataset, rows, temperature=2.0)
+    scores = score_instants(network, dataset, rows, temperature=2.0)
     return np.logaddexp.reduce(scores, axis=1)
 
 
@@ -187,7 +187,7 @@ def test_training_cut_at_any_step_and_taken_up_gives_the_same_weights(
 ):
     """Also cut again and again, and with what is drawn by torch."""
     config = replace(LONGER, network=replace(LONGER.network, dropout=dropout))
-    monkeypatch.setattr(training, "KEEP_EVERY", -1.0)
+    monkeypatch.setattr(training, "SAVE_PERIOD", -1.0)
     whole = Trainer(dataset, VOCABULARY, config)
     wanted = weights(whole.run(quiet=True))
     for pieces in ((1, 1, 1, 1, 1), (0, 4)):
@@ -214,7 +214,7 @@ def test_a_training_that_is_over_is_not_taken_up_again(dataset, tmp_path, monkey
         for _ in range(2):
             trainer, left = Trainer(dataset, VOCABULARY, config), iter(losses)
             monkeypatch.setattr(trainer, "validation_loss", lambda x=left: next(x))
-            monkeypatch.setattr(training, "KEEP_EVERY", -1.0)
+            monkeypatch.setattr(training, "SAVE_PERIOD", -1.0)
             found.append(weights(trainer.run(quiet=True, kept=kept, facts="these")))
             assert trainer.epochs == epochs
         assert torch.equal(*found)
@@ -301,7 +301,7 @@ def test_clips_of_generated_sets_are_what_accuracy_and_temperature_are_of(
     trainer = Trainer(
         clips, vocabulary, replace(TINY, validation=0.0), validation=clips
     )
-    answers = answer_clips(trainer.network.eval(), clips, vocabulary)
+    answers = predict_clips(trainer.network.eval(), clips, vocabulary)
     right = (answers.answer == answers.truth).mean()
     assert trainer.validation_accuracy() == pytest.approx(right)
     wanted = trainer.temperature()
@@ -334,7 +334,7 @@ def test_only_clips_of_what_is_held_out_are_answered(tmp_path):
 
 def test_the_best_weights_are_restored():
     network = torch.nn.Linear(1, 1)
-    best = Best(patience=2)
+    best = EarlyStopping(patience=2)
     stops = []
     for epoch, loss in enumerate((3.0, 4.0, 1.0, 2.0, 1.5, 1.0, 0.1)):
         with torch.no_grad():
@@ -350,7 +350,7 @@ def test_the_best_weights_are_restored():
 def test_without_a_finite_loss_the_last_weights_stay():
     network = torch.nn.Linear(1, 1)
     kept = network.weight.clone()
-    best = Best(patience=9)
+    best = EarlyStopping(patience=9)
     assert not best.is_enough(network, float("nan"))
     best.restore(network)
     assert torch.equal(network.weight, kept)

@@ -8,14 +8,14 @@ import pytest
 from clip_scenes import generated
 from eskin.graph import GraphConfig
 from eskin.learn.dataset import prepare
-from eskin.learn.prepared_recording import key_of
-from eskin.learn.recording_transforms import Wear, WearConfig
+from eskin.learn.prepared_recording import compute_pack_key
+from eskin.learn.recording_transforms import Aging, AgingConfig
 from eskin.learn.training import Trainer
 from eskin.recording import read_recording
 from eskin.touch import PipelineConfig
 from learn_scenes import TINY, record, record_people
 
-AS_IT_WAS = WearConfig(
+AS_IT_WAS = AgingConfig(
     patch_gain=0.0, taxel_gain=0.0, exponent=0.0, unfelt=0.0, noise=0.0
 )
 
@@ -36,7 +36,7 @@ def test_a_skin_that_does_not_differ_counts_the_same(recording):
     rest = np.median(counts_of(list(recording.scans())[:50]), axis=0)
     was, now = (
         counts_of(scans)
-        for scans in (recording.scans(), Wear(AS_IT_WAS, 0).scans(recording))
+        for scans in (recording.scans(), Aging(AS_IT_WAS, 0).scans(recording))
     )
     touched = was > rest
     assert touched.any()
@@ -46,9 +46,9 @@ def test_a_skin_that_does_not_differ_counts_the_same(recording):
 
 
 def test_what_is_not_felt_is_taken_away(recording):
-    deaf = Wear(replace(AS_IT_WAS, unfelt=20.0), 0)
+    deaf = Aging(replace(AS_IT_WAS, unfelt=20.0), 0)
     was, now = (
-        counts_of(Wear(AS_IT_WAS, 0).scans(recording)),
+        counts_of(Aging(AS_IT_WAS, 0).scans(recording)),
         counts_of(deaf.scans(recording)),
     )
     assert (now <= was).all()
@@ -57,7 +57,7 @@ def test_what_is_not_felt_is_taken_away(recording):
 
 def test_the_same_number_is_the_same_skin(recording):
     one, again, other = (
-        counts_of(Wear(WearConfig(), number).scans(recording)) for number in (0, 0, 1)
+        counts_of(Aging(AgingConfig(), number).scans(recording)) for number in (0, 0, 1)
     )
     assert np.array_equal(one, again)
     assert (one != other).any()
@@ -65,7 +65,7 @@ def test_the_same_number_is_the_same_skin(recording):
 
 def test_only_counts_change(recording):
     for was, now in zip(
-        recording.scans(), Wear(WearConfig(), 0).scans(recording), strict=True
+        recording.scans(), Aging(AgingConfig(), 0).scans(recording), strict=True
     ):
         assert now.stamp == was.stamp
         assert np.array_equal(now.received, was.received)
@@ -75,15 +75,15 @@ def test_only_counts_change(recording):
 
 
 def test_counts_stay_within_the_converter(recording):
-    strong = WearConfig(patch_gain=5.0, noise=1.0)
-    now = counts_of(Wear(strong, 0).scans(recording))
+    strong = AgingConfig(patch_gain=5.0, noise=1.0)
+    now = counts_of(Aging(strong, 0).scans(recording))
     assert now.min() == 0
     assert now.max() == recording.calibration.full_scale
 
 
 def test_a_recording_is_learned_of_its_own_skin_and_of_others(tmp_path):
     paths = generated(tmp_path / "set")
-    versions = [None, Wear(WearConfig(), 0), Wear(WearConfig(), 1)]
+    versions = [None, Aging(AgingConfig(), 0), Aging(AgingConfig(), 1)]
     alone, plain = prepare(paths), prepare(paths, versions=versions)
     packed = prepare(paths, versions=versions, pack=tmp_path / "pack")
     assert len(plain.recordings) == len(plain.clips) == 3 * len(paths)
@@ -97,7 +97,7 @@ def test_a_recording_is_learned_of_its_own_skin_and_of_others(tmp_path):
 
 def test_what_is_held_out_is_learned_of_no_other_skin_either(tmp_path):
     paths = record_people(tmp_path, ("ann", "bob", "cleo", "dan"))
-    dataset = prepare(paths, versions=[None, Wear(WearConfig(), 0)])
+    dataset = prepare(paths, versions=[None, Aging(AgingConfig(), 0)])
     trainer = Trainer(dataset, dataset.vocabulary, replace(TINY, validation=0.5))
     learned = {s.recording for s in segments_of(trainer.maker)}
     held = {s.recording for s in segments_of(trainer.held)}
@@ -114,9 +114,9 @@ def test_another_skin_is_another_part(tmp_path):
     path = record(tmp_path / "a.mcap")
     skins = [
         None,
-        Wear(WearConfig(), 0),
-        Wear(WearConfig(), 1),
-        Wear(WearConfig(unfelt=1.0), 0),
+        Aging(AgingConfig(), 0),
+        Aging(AgingConfig(), 1),
+        Aging(AgingConfig(unfelt=1.0), 0),
     ]
-    keys = {key_of(path, PipelineConfig(), GraphConfig(), skin) for skin in skins}
+    keys = {compute_pack_key(path, PipelineConfig(), GraphConfig(), skin) for skin in skins}
     assert len(keys) == len(skins)

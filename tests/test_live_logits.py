@@ -9,7 +9,7 @@ from numba.core.runtime._nrt_python import memsys_disable_stats, memsys_enable_s
 from eskin.graph import GraphBuilder, Share, held_shares
 from eskin.graph.batch import NOTHING
 from eskin.learn.dataset import prepare
-from eskin.learn.windows import cut, to_input
+from eskin.learn.windows import cut, build_network_input
 from eskin.live import Network, Recognizer
 from eskin.live.graph import graph_of
 from eskin.live.logits import SEQUENCES, LogitStream, calibrated
@@ -72,7 +72,7 @@ def test_a_stream_gives_the_logits_of_the_offline_windows(scene, tmp_path):
     windows = cut(dataset, ends, dataset.starts[ends], net.config.slots)
     with torch.no_grad():
         graphs = dataset.graphs.select(windows.rows)
-        offline = net(to_input(graphs, windows, net.shear)).numpy()
+        offline = net(build_network_input(graphs, windows, net.shear)).numpy()
     assert offline.std(axis=0).max() > 0.1
     np.testing.assert_allclose(np.concatenate(live)[ends], offline, atol=1e-4)
 

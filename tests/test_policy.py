@@ -201,7 +201,7 @@ def test_what_has_commanded_is_not_waited_for_as_another_touch():
 def test_what_is_waited_for_is_refused_once_the_skin_cannot_be_relied_on():
     scene, number = to_resume(0.9)
     scene.clock.sleep(0.12)
-    scene.policy.look()
+    scene.policy.check_skin()
     assert [one.why for one in scene.said if not one.accepted] == [
         "stale skin: no reading for 120 ms"
     ]
@@ -322,10 +322,10 @@ def test_a_stale_skin_holds_the_arm_though_nothing_comes():
     scene = Scene()
     scene.moment()
     scene.clock.sleep(0.1)
-    scene.policy.look()
+    scene.policy.check_skin()
     assert scene.arm.hold_reason is None
     scene.clock.sleep(0.02)
-    scene.policy.look()
+    scene.policy.check_skin()
     assert scene.arm.hold_reason == "stale skin: no reading for 120 ms"
     assert accepted(scene.said) == ["hold"] and scene.policy.accepted == 0
 
@@ -576,7 +576,7 @@ def test_a_simulated_arm_obeys_and_stands_in_time():
         scene.rest(0.02)
     scene.rest(1.0)
     scene.clock.sleep(0.11)
-    scene.policy.look()
+    scene.policy.check_skin()
     began = scene.clock.now()
     while arm.state().moving:
         scene.clock.sleep(0.001)

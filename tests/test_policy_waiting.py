@@ -64,7 +64,7 @@ def test_a_pause_by_somebody_else_is_not_undone_by_a_touch_before_it():
 
 @pytest.mark.parametrize("oldest", [0.1, 0.4])
 def test_a_finger_whose_patch_falls_silent_has_not_been_lifted(oldest):
-    scene, number = asked_to_resume(watch=SkinMonitorConfig(oldest=oldest))
+    scene, number = asked_to_resume(monitor=SkinMonitorConfig(max_age=oldest))
     scene.lift(number)
     scene.silent = (PATCH.id,)
     scene.rest(0.5)

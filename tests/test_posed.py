@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from eskin.graph import GraphConfig
-from eskin.learn.prepared_recording import part_of
+from eskin.learn.prepared_recording import prepare_recording
 from eskin.live import Recognizer
 from eskin.model import load_model
 from eskin.model.file import read_card
@@ -83,7 +83,7 @@ def test_without_the_pose_the_same_counts_are_learned_alike(tmp_path):
     parts = []
     for name, counts in zip("abc", in_poses(stream), strict=True):
         path = record(tmp_path / f"{name}.mcap", on, counts)
-        parts.append(part_of(read_recording(path), PipelineConfig(), BLIND))
+        parts.append(prepare_recording(read_recording(path), PipelineConfig(), BLIND))
     for other in parts[1:]:
         assert_same(parts[0].graphs, other.graphs)
         assert np.array_equal(parts[0].sequence, other.sequence)

@@ -15,7 +15,12 @@ from mcap.records import Metadata as MetadataItem
 
 from eskin.errors import RecordingError
 from eskin.recording import read_recording
-from eskin.recording.mcap_file import MAGIC, MOST_CHUNK, RECORD, packed
+from eskin.recording.mcap_file import (
+    MAGIC,
+    MAX_CHUNK_BYTES,
+    RECORD_HEADER,
+    encode_records,
+)
 from eskin.touch import Calibration
 
 LABEL = b"poke\0\0\0\0\x05\0\0\0true"
@@ -35,7 +40,7 @@ def replaced(whole, kind, change, holding=b""):
             item = kind.read(ReadDataStream(io.BytesIO(body)))
             if holding in unpacked(item):
                 change(item)
-                records[place] = opcode, packed([item])[RECORD.size :]
+                records[place] = opcode, encode_records([item])[RECORD_HEADER.size :]
                 return records
     raise LookupError(holding)
 
@@ -130,11 +135,14 @@ def test_a_chunk_of_another_size_than_it_promises_is_damage(whole, size):
 
 def test_a_chunk_that_unpacks_to_too_much_is_refused_before_it_is(whole):
     def change(chunk):
-        chunk.data = zstandard.compress(bytes(MOST_CHUNK + 1))
-        chunk.uncompressed_size = MOST_CHUNK + 1
+        chunk.data = zstandard.compress(bytes(MAX_CHUNK_BYTES + 1))
+        chunk.uncompressed_size = MAX_CHUNK_BYTES + 1
 
     said = refusal(whole, replaced(whole, Chunk, change))
-    assert f"has a chunk of {MOST_CHUNK + 1} bytes; allowed are {MOST_CHUNK}" in said
+    assert (
+        f"has a chunk of {MAX_CHUNK_BYTES + 1} bytes; allowed are {MAX_CHUNK_BYTES}"
+        in said
+    )
 
 
 def test_a_length_beyond_all_bounds_is_damage(whole):

@@ -11,7 +11,7 @@ import torch
 from eskin.cli.main import run
 from eskin.learn import training
 from eskin.learn.dataset import digest
-from eskin.learn.recording_transforms import WearConfig
+from eskin.learn.recording_transforms import AgingConfig
 from eskin.learn.training import Trainer
 from eskin.model import load_model
 from learn_scenes import FLAGS, label, record, record_people
@@ -117,7 +117,7 @@ def test_a_training_that_was_cut_goes_on_with_the_same_command(
 
     train(capsys, *argv, "--out", tmp_path / "whole")
     with monkeypatch.context() as patch:
-        patch.setattr(training, "KEEP_EVERY", -1.0)
+        patch.setattr(training, "SAVE_PERIOD", -1.0)
         patch.setattr(Trainer, "step", once)
         with suppress(KeyboardInterrupt):
             train(capsys, *argv, "--out", tmp_path / "cut")
@@ -214,7 +214,7 @@ def test_other_skins_are_learned_of_too_and_told_in_the_card(data, tmp_path, cap
         weights.append(loaded.weights)
     assert [card["skins"] for card in cards] == ["0", "1"]
     assert "wear.unfelt" not in cards[0]
-    assert cards[1]["wear.unfelt"] == str(WearConfig().unfelt)
+    assert cards[1]["wear.unfelt"] == str(AgingConfig().unfelt)
     assert any((weights[0][name] != weights[1][name]).any() for name in weights[0])
 
 

@@ -179,12 +179,12 @@ def test_a_robot_that_does_not_follow_is_held():
 
 def test_a_stale_skin_holds_it_within_150_ms():
     arm, link = told_arm()
-    policy = Policy(arm, Scene().policy.commands, VOCABULARY, PolicyConfig(tick=None))
+    policy = Policy(arm, Scene().policy.commands, VOCABULARY, PolicyConfig(check_period=None))
     policy.start(Context(INFO, arm.clock, lambda item: None))
     began = arm.clock.now()
     while not arm.state().hold_reason:
         ticks(arm, PERIOD)
-        policy.look()
+        policy.check_skin()
     visible = arm.clock.now()
     assert visible - began <= 0.12 * SECOND
     ticks(arm, 0.144)

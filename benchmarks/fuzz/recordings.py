@@ -25,7 +25,7 @@ from eskin.recording import (
     TruthRecord,
     read_recording,
 )
-from eskin.recording.mcap_file import MAGIC, RECORD, packed
+from eskin.recording.mcap_file import MAGIC, RECORD_HEADER, encode_records
 from eskin.touch import Calibration, Scan
 
 START = 1_700_000_000_000_000_000
@@ -108,8 +108,8 @@ def split(data: bytes) -> list[Record]:
     """Records that lie one after the other."""
     records, offset = [], 0
     while offset < len(data):
-        opcode, length = RECORD.unpack_from(data, offset)
-        offset += RECORD.size
+        opcode, length = RECORD_HEADER.unpack_from(data, offset)
+        offset += RECORD_HEADER.size
         records.append((opcode, data[offset : offset + length]))
         offset += length
     return records
@@ -117,7 +117,7 @@ def split(data: bytes) -> list[Record]:
 
 def joined(record: Record) -> bytes:
     """A record as it stands in a file."""
-    return RECORD.pack(record[0], len(record[1])) + record[1]
+    return RECORD_HEADER.pack(record[0], len(record[1])) + record[1]
 
 
 def changed(record: Record, rng: random.Random) -> Record:
@@ -149,4 +149,4 @@ def changed_chunk(body: bytes, rng: random.Random) -> bytes:
     if rng.random() < 0.1:
         chunk.uncompressed_crc = 0
         chunk.data = mutate(chunk.data, rng)
-    return packed([chunk])[RECORD.size :]
+    return encode_records([chunk])[RECORD_HEADER.size :]

@@ -13,7 +13,7 @@ from jaxtyping import Float
 from threadpoolctl import threadpool_limits
 
 from eskin.bench.scene import Scene
-from eskin.learn.baselines import Stream, one_thread
+from eskin.learn.baselines import Stream, use_one_thread
 from eskin.live import Recognizer
 from eskin.model import load_model
 from eskin.skin import MountedSkin
@@ -159,7 +159,7 @@ def row_of(
 @contextmanager
 def pinned() -> Iterator[None]:
     """Everything within runs on one core, in one thread; one core of several we had."""
-    one_thread()
+    use_one_thread()
     with threadpool_limits(1):
         if not hasattr(os, "sched_setaffinity"):
             yield

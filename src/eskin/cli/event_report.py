@@ -6,7 +6,7 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from eskin.learn.events import EventScore, LeftAlone, Tally
+from eskin.learn.events import EventScore, NonGestureTally, Tally
 from eskin.learn.events.event_scoring import Delays
 
 
@@ -75,7 +75,7 @@ def delay_row(delays: Delays) -> dict[str, object]:
     }
 
 
-def left_rows(left: dict[str, LeftAlone]) -> dict[str, dict[str, int]]:
+def left_rows(left: dict[str, NonGestureTally]) -> dict[str, dict[str, int]]:
     """Events of which no gesture should be said, as plain values."""
     return {
         name: {"count": one.count, "mistaken": one.mistaken}

@@ -15,7 +15,7 @@ from eskin.learn.checkpoint import to_model
 from eskin.learn.dataset import Dataset, digest, prepare
 from eskin.learn.evaluation import check_fits, evaluate
 from eskin.learn.events import choose_decision, hear
-from eskin.learn.recording_transforms import Wear, WearConfig
+from eskin.learn.recording_transforms import Aging, AgingConfig
 from eskin.learn.training import TrainConfig, Trainer
 from eskin.model import Model, ModelCard, check_limits, load_model, save_model
 from eskin.recording import NONE, find_recordings
@@ -59,7 +59,7 @@ class Command:
     skins: int = 0
     """Other skins to learn each recording of, besides the one that recorded it."""
 
-    wear: WearConfig = field(default_factory=WearConfig)
+    wear: AgingConfig = field(default_factory=AgingConfig)
     """How far those may be from it."""
 
     train: TrainConfig = field(default_factory=TrainConfig)
@@ -81,7 +81,7 @@ def run(command: Command) -> dict[str, object]:
     paths = find_recordings(command.data)
     find_recordings(command.streams)  # Refused now rather than after the training.
     start = loaded_start(command)
-    skins = tuple(Wear(command.wear, number) for number in range(command.skins))
+    skins = tuple(Aging(command.wear, number) for number in range(command.skins))
     dataset = prepared(command, paths, command.train.graph_used, skins)
     vocabulary = chosen_classes(dataset, command.classes)
     validation, test = (
@@ -190,7 +190,7 @@ def prepared(
     command: Command,
     paths: tuple[Path, ...],
     graph: GraphConfig,
-    skins: tuple[Wear, ...] = (),
+    skins: tuple[Aging, ...] = (),
 ) -> Dataset:
     """Recordings made ready for learning."""
     workers = command.train.workers

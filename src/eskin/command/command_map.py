@@ -1,4 +1,4 @@
-"""Which touch commands what: `commands.yaml`, read safely and checked."""
+"""This module reads and checks command maps, which map touches to actions."""
 
 from importlib import resources
 from pathlib import Path
@@ -26,14 +26,14 @@ from eskin.skin.manifest import (
     shorten,
 )
 
-LARGEST = 1 << 18
-"""Characters that a command map may have."""
+MAX_BYTES = 1 << 18
+"""Largest size of a command map [bytes]."""
 NON_GESTURES = ("none", "unknown")
-"""What detections say of touches that command nothing."""
+"""Classes of detections that are no gestures and command nothing."""
 
 
 class Rule(BaseModel):
-    """One gesture, perhaps on one link or patch, and what it commands."""
+    """A rule maps a gesture, perhaps on one link or patch, to an action or function."""
 
     model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
 
@@ -47,18 +47,18 @@ class Rule(BaseModel):
     step: Annotated[float, Field(ge=0.005, le=0.1, allow_inf_nan=False)] | None = None
 
     @property
-    def what(self) -> str:
-        """The action, or that it is a function."""
+    def action_or_function(self) -> str:
+        """The action, or `function` where the rule names one."""
         return FUNCTION if self.action is None else self.action
 
     @property
-    def place(self) -> tuple[str, str | None, str | None]:
-        """What tells it from other rules."""
+    def key(self) -> tuple[str, str | None, str | None]:
+        """Gesture, link and patch, which identify the rule."""
         return self.gesture, self.link, self.patch
 
 
 class CommandMap(BaseModel):
-    """All rules; the most particular one that fits a touch counts."""
+    """A command map holds all rules; the most particular one that fits counts."""
 
     model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
 
@@ -66,7 +66,7 @@ class CommandMap(BaseModel):
     commands: Annotated[list[Rule], Field(min_length=1, max_length=1000)]
 
     def find_rule(self, gesture: str, link: str, patch: str) -> Rule | None:
-        """The rule for a touch: of its patch, else of its link, else of neither."""
+        """Return the rule for a touch: of its patch, else its link, else of neither."""
         fitting = [
             rule
             for rule in self.commands
@@ -77,8 +77,8 @@ class CommandMap(BaseModel):
         order = [(rule.patch is not None, rule.link is not None) for rule in fitting]
         return fitting[order.index(max(order))] if order else None
 
-    def problems(self, vocabulary: tuple[str, ...], skin: Skin) -> list[str]:
-        """What does not fit the model, the skin, or itself; each with its path."""
+    def find_problems(self, vocabulary: tuple[str, ...], skin: Skin) -> list[str]:
+        """Return what does not fit the model, skin or other rules, each with its path."""
         known = {
             "gesture": tuple(word for word in vocabulary if word not in NON_GESTURES),
             "link": tuple(sorted({patch.link for patch in skin.patches})),
@@ -101,9 +101,9 @@ class CommandMap(BaseModel):
                     f"{links[rule.patch or '']}, which its patch is on, or none"
                 )
             found += [f"{where}{problem}" for problem in find_rule_problems(rule)]
-        places = [rule.place for rule in self.commands]
-        for index, place in enumerate(places):
-            if (first := places.index(place)) < index:
+        keys = [rule.key for rule in self.commands]
+        for index, key in enumerate(keys):
+            if (first := keys.index(key)) < index:
                 found.append(
                     f"commands[{index}] is for the same touches as commands[{first}]; "
                     "allowed is one rule; take one out"
@@ -112,7 +112,7 @@ class CommandMap(BaseModel):
 
 
 def find_rule_problems(rule: Rule) -> list[str]:
-    """What is wrong with a rule by itself."""
+    """Return what is wrong with a rule by itself."""
     found = []
     if (rule.action is None) == (rule.function is None):
         found.append(": allowed is either action or function; give one of them")
@@ -137,13 +137,14 @@ def load_commands(
     """Read a command map.
 
     Args:
-        path: of the file; None takes the map that comes with eskin, without those of
-            its rules whose gesture the model does not know.
+        path: path of the file; None takes the map that comes with eskin, without those
+            of its rules whose gesture the model does not know.
         vocabulary: gestures that the model knows.
-        skin: whose links and patches may be named.
+        skin: the skin whose links and patches may be named.
 
     Raises:
-        CommandError: it cannot be read or used; every problem with its path, in a line.
+        CommandError: it cannot be read or used; names every problem with its path, in
+            one line.
     """
     if path is None:
         text = (resources.files("eskin.command") / "commands.yaml").read_text("utf-8")
@@ -151,36 +152,36 @@ def load_commands(
         fitting = [rule for rule in commands.commands if rule.gesture in vocabulary]
         commands = commands.model_copy(update={"commands": fitting})
     else:
-        commands = parse_commands(text_of(Path(path)), str(path))
-    problems = commands.problems(vocabulary, skin)
+        commands = parse_commands(read_map_text(Path(path)), str(path))
+    problems = commands.find_problems(vocabulary, skin)
     if problems:
-        raise CommandError(f"{shorten_path(path)}: {'; '.join(problems)}")
+        raise CommandError(f"{format_path(path)}: {'; '.join(problems)}")
     return commands
 
 
-def text_of(path: Path) -> str:
-    """What a file says."""
+def read_map_text(path: Path) -> str:
+    """Read the text of a file, within the size limit."""
     try:
-        data = path.read_bytes()[: LARGEST + 1]
-        if len(data) > LARGEST:
+        data = path.read_bytes()[: MAX_BYTES + 1]
+        if len(data) > MAX_BYTES:
             raise CommandError(
-                f"{shorten_path(path)}: more than {LARGEST} bytes; allowed are fewer; "
+                f"{format_path(path)}: more than {MAX_BYTES} bytes; allowed are fewer; "
                 "is it a command map?"
             )
         return data.decode("utf-8")
     except UnicodeDecodeError as error:
         raise CommandError(
-            f"{shorten_path(path)}: byte {error.start} is no UTF-8; save it as UTF-8"
+            f"{format_path(path)}: byte {error.start} is not UTF-8; save it as UTF-8"
         ) from None
     except OSError as error:
         raise CommandError(
-            f"{shorten_path(path)} cannot be read ({error.strerror}); allowed is a "
+            f"{format_path(path)} cannot be read ({error.strerror}); allowed is a "
             "YAML file; correct the path"
         ) from error
 
 
-def shorten_path(path: Path | str | None) -> str:
-    """A path on one line."""
+def format_path(path: Path | str | None) -> str:
+    """Return a path on one line."""
     return " ".join(str(path or "commands.yaml").split())
 
 
@@ -188,9 +189,10 @@ def parse_commands(text: str, file: str) -> CommandMap:
     """Read the text of a command map, without comparing it to model or skin.
 
     Raises:
-        CommandError: every entry that is wrong, in one line that begins with the file.
+        CommandError: names every entry that is wrong, in one line that begins with the
+            file.
     """
-    file = shorten_path(file)
+    file = format_path(file)
     try:
         refuse_what_explodes(text)
         data = yaml.load(text, PlainLoader)  # noqa: S506  It is a SafeLoader.
@@ -211,7 +213,7 @@ def parse_commands(text: str, file: str) -> CommandMap:
 
 
 def describe_entry_error(detail: ErrorDetails) -> str:
-    """Say which entry is wrong, what was got and what is allowed."""
+    """Describe which entry is wrong, what was got and what is allowed."""
     path = ""
     for step in detail["loc"]:
         plain = str(step) if str(step).isidentifier() else shorten(step)

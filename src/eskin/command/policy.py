@@ -1,4 +1,4 @@
-"""From what is felt to what the arm does: the rules in between."""
+"""This module decides which touches command the arm, and holds it on trouble."""
 
 import logging
 from collections.abc import Callable
@@ -27,49 +27,49 @@ from eskin.stream import CommandEvent, Context, Listener, Message, RecognitionSt
 from eskin.stream.listener import Drop
 from eskin.units import NS_PER_S
 
-COMMANDED = "its touch has commanded already"
+ALREADY_COMMANDED = "its touch has commanded already"
 logger = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
 class PolicyConfig:
-    """How careful commands are."""
+    """A policy configuration says how careful commands are."""
 
-    watch: SkinMonitorConfig = field(default_factory=SkinMonitorConfig)
-    """When the arm is held because of its skin."""
+    monitor: SkinMonitorConfig = field(default_factory=SkinMonitorConfig)
+    """Limits beyond which the arm is held because of its skin."""
 
-    pause_seconds: float = 1.0
-    """How long a pause lasts at least [s]."""
+    min_pause: float = 1.0
+    """Least duration of a pause [s]."""
 
-    lifted_seconds: float = 0.1
+    min_release: float = 0.1
     """How long nobody may have touched the skin before the arm is set in motion [s]."""
 
-    patience: float = 2.0
-    """How long after a detection it may still be obeyed: a touch that is to set the arm
-    in motion may go on so long, and one that is not sure enough become so [s]."""
+    max_delay: float = 2.0
+    """How long after a detection it may still be executed: a touch that is to set the
+    arm in motion may go on so long, and a doubtful one become confident so late [s]."""
 
-    slow: float = 0.3
-    """Share of full speed when slow."""
+    slow_speed: float = 0.3
+    """Share of full speed of the action `slow`."""
 
-    step: float = 0.05
-    """How far a jog goes, where its rule says nothing [m]."""
+    jog_step: float = 0.05
+    """Length of a jog whose rule gives none [m]."""
 
-    tick: float | None = 0.02
-    """How often it is looked whether the skin is stale, though nothing comes [s]; None
-    where `look` is called by others."""
+    check_period: float | None = 0.02
+    """How often a thread checks whether the skin is stale, though no reading comes [s];
+    None starts no thread, and `check_skin` is called by others."""
 
 
 @final
 class Policy(Listener):
-    """Hears detections and moments, commands an arm, and tells what it decided and why.
+    """A policy turns detections into commands of an arm, and publishes each decision.
 
     What can make the arm do less needs little; what can start it needs much. Whatever
-    goes wrong in here holds the arm. This is no certified safety function.
+    fails in here holds the arm. This is no certified safety function.
 
     Attributes:
-        arm: what is commanded.
-        accepted: how many commands of touches were obeyed.
-        held: how often the arm was held.
+        arm: the arm that is commanded.
+        accepted: number of commands of touches that were executed.
+        held: how often the policy held the arm.
     """
 
     name = "policy"
@@ -84,12 +84,12 @@ class Policy(Listener):
         vocabulary: tuple[str, ...],
         config: PolicyConfig | None = None,
     ) -> None:
-        """Nothing is commanded before the stream starts.
+        """Command nothing before the stream starts.
 
         Args:
-            arm: that is commanded; whoever opened it closes it.
-            commands: what touch commands what.
-            vocabulary: of the model, in the order of the probabilities.
+            arm: the arm that is commanded; its owner closes it.
+            commands: the rules from touches to actions.
+            vocabulary: gestures of the model, in the order of the probabilities.
             config: how careful it is.
         """
         self.arm = arm
@@ -98,81 +98,81 @@ class Policy(Listener):
         self.config = config or PolicyConfig()
         self.lock = RLock()
         self.accepted = self.held = 0
-        self.spent = CommandedTouches()
-        self.stops = StopTimes()
-        self.rested: dict[object, int] = {}
-        self.waiting: list[PendingCommand] = []
+        self.commanded = CommandedTouches()
+        self.stop_times = StopTimes()
+        self.last_used: dict[object, int] = {}
+        self.pending: list[PendingCommand] = []
         self.failure: BaseException | None = None
-        self.over = Flag()
+        self.closing = Flag()
         self.thread: Thread | None = None
 
     def start(self, context: Context) -> None:
-        """Begin to watch.
+        """Start to monitor the skin.
 
         Raises:
             ArmError: the skin gives too few readings to be relied on.
         """
-        oldest, rate = self.config.watch.oldest, context.info.rate
-        if rate * oldest < 2:
+        max_age, rate = self.config.monitor.max_age, context.info.rate
+        if rate * max_age < 2:
             raise ArmError(
-                f"the skin gives {rate:g} readings a second; allowed are {2 / oldest:g}"
-                " or more, so that what is old is noticed; run it without an arm"
+                f"the skin gives {rate:g} readings a second; allowed are "
+                f"{2 / max_age:g} or more, so that what is old is noticed; run it "
+                "without an arm"
             )
         self.context = context
-        self.watch = SkinMonitor(
-            context.info.skin, self.config.watch, context.clock.now()
-        )
-        if self.config.tick is not None:
-            self.thread = Thread(target=self.look_on, name="eskin watch", daemon=True)
+        now = context.clock.now()
+        self.monitor = SkinMonitor(context.info.skin, self.config.monitor, now)
+        if self.config.check_period is not None:
+            self.thread = Thread(target=self.run, name="eskin watch", daemon=True)
             self.thread.start()
 
     def on_message(self, item: Message) -> None:
-        """Take in a detection or a moment."""
+        """Handle a detection or a recognition state."""
         if self.failure is not None:
             raise self.failure
-        self.guarded(lambda: self.take(item))
+        self.hold_on_error(lambda: self.handle(item))
 
-    def take(self, item: Message) -> None:
-        """Do what a detection or a moment asks for."""
+    def handle(self, item: Message) -> None:
+        """Execute what a detection or a recognition state asks for."""
         if isinstance(item, Detection):
-            self.watch.recognise(item)
+            self.monitor.add_detection(item)
             if item.gesture not in NON_GESTURES:
                 self.decide(item)
             elif item.likeliest not in ("", *NON_GESTURES):
-                self.decide_doubtful(item)
+                self.decide_unknown(item)
         elif isinstance(item, RecognitionState):
-            self.watch.push(item)
-            self.look()
+            self.monitor.update(item)
+            self.check_skin()
             self.hold_if_unrecognised(item)
-            self.stop_if_touched()
-            for waiting in tuple(self.waiting):
-                self.wait_on(waiting, item)
-            self.spent.forget(item.state.closed)
+            self.pause_if_touched()
+            for pending in tuple(self.pending):
+                self.update_pending(pending, item)
+            self.commanded.forget(item.state.over)
 
-    def look(self) -> None:
+    def check_skin(self) -> None:
         """Hold the arm if its skin cannot be relied on."""
         with self.lock:
             now, state = self.context.clock.now(), self.arm.state()
-            self.stops.look(state, now)
-            trouble = self.watch.trouble(now)
-            if trouble is not None:
-                for waiting in tuple(self.waiting):
-                    self.end(waiting, trouble)
+            self.stop_times.update(state, now)
+            problem = self.monitor.find_problem(now)
+            if problem is not None:
+                for pending in tuple(self.pending):
+                    self.complete_pending(pending, problem)
                 if state.hold_reason is None:
-                    self.hold(trouble)
+                    self.hold(problem)
 
-    def look_on(self) -> None:
-        """Look again and again, though nothing may come."""
-        while not self.over.wait(self.config.tick):
+    def run(self) -> None:
+        """Check the skin again and again, though no reading may come."""
+        while not self.closing.wait(self.config.check_period):
             try:
-                self.guarded(self.look)
+                self.hold_on_error(self.check_skin)
             except BaseException as error:
                 logger.exception("the watch over the skin has failed")
                 self.failure = error
                 return
 
-    def guarded(self, action: Callable[[], None]) -> None:
-        """Do something; the arm is held where that fails."""
+    def hold_on_error(self, action: Callable[[], None]) -> None:
+        """Call a function; hold the arm where it fails."""
         try:
             with self.lock:
                 action()
@@ -180,101 +180,106 @@ class Policy(Listener):
             self.arm.hold(f"the policy failed: {type(error).__name__}")
             raise
 
-    def hold_if_unrecognised(self, moment: RecognitionState) -> None:
-        """Hold a moving arm that is touched in a way that nobody understands."""
-        why = self.watch.unrecognised(moment)
-        if why is not None:
+    def hold_if_unrecognised(self, recognition: RecognitionState) -> None:
+        """Hold a moving arm under a strong or long touch that was not recognised."""
+        reason = self.monitor.find_unrecognised(recognition)
+        if reason is not None:
             state = self.arm.state()
             if state.moving and not state.stopped:
-                self.hold(why)
+                self.hold(reason)
 
-    def stop_if_touched(self) -> None:
+    def pause_if_touched(self) -> None:
         """End a jog as soon as anybody touches the skin; the arm stays paused."""
-        watch = self.watch
-        if watch.touching == watch.heard and self.arm.state().jogging:
+        monitor = self.monitor
+        if monitor.last_contact == monitor.latest and self.arm.state().jogging:
             self.pause()
-            self.tell("pause", None, True, "touched while it jogs")
+            self.publish("pause", None, True, "touched while it jogs")
 
     def pause(self) -> None:
-        """Pause the arm, from now on."""
+        """Pause the arm from now on."""
         self.arm.pause()
-        self.stops.pause(self.arm.state(), self.context.clock.now())
+        self.stop_times.pause(self.arm.state(), self.context.clock.now())
 
-    def hold(self, why: str) -> None:
-        """Hold the arm and tell."""
-        self.arm.hold(why)
-        self.stops.hold(self.context.clock.now())
+    def hold(self, reason: str) -> None:
+        """Hold the arm and publish why."""
+        self.arm.hold(reason)
+        self.stop_times.hold(self.context.clock.now())
         self.held += 1
-        self.tell("hold", None, True, why)
+        self.publish("hold", None, True, reason)
 
     def decide(self, detection: Detection) -> None:
-        """Obey a detection, or tell why not."""
+        """Execute a detection's action now or later, or publish why not."""
         rule = self.commands.find_rule(
             detection.gesture, detection.link, detection.patch
         )
         if rule is None:
-            self.tell("none", detection, False, "the map has no rule for it")
+            self.publish("none", detection, False, "the map has no rule for it")
             return
         state = self.arm.state()
-        action = resolve_action(rule.what, state)
+        action = resolve_action(rule.action_or_function, state)
         if action == "none":
-            self.tell("none", detection, False, "the map says none")
+            self.publish("none", detection, False, "the map says none")
             return
-        why = self.objection(action, detection, rule, detection.stamp)
-        if why is None and self.spent.has(detection.touch, detection.onset):
-            why = COMMANDED
-        needed = required_confidence(action, rule.confidence)
-        if why is None and (
-            action not in HALTING_ACTIONS or detection.confidence < needed
+        refusal = self.find_refusal(action, detection, rule, detection.stamp)
+        if refusal is None and self.commanded.contains(
+            detection.touch, detection.onset
         ):
-            self.spent.add(detection.touch, detection.onset)
-            self.waiting.append(
-                PendingCommand(
-                    *(detection, rule, action, needed),
-                    *(detection.confidence, detection.touch),
-                )
+            refusal = ALREADY_COMMANDED
+        required = required_confidence(action, rule.confidence)
+        doubtful = detection.confidence < required
+        if refusal is None and (action not in HALTING_ACTIONS or doubtful):
+            self.commanded.add(detection.touch, detection.onset)
+            pending = PendingCommand(
+                detection=detection,
+                rule=rule,
+                action=action,
+                required=required,
+                confidence=detection.confidence,
+                touch=detection.touch,
             )
+            self.pending.append(pending)
             return
-        self.finish(action, detection, rule, why)
+        self.complete(action, detection, rule, refusal)
 
-    def decide_doubtful(self, detection: Detection) -> None:
+    def decide_unknown(self, detection: Detection) -> None:
         """Halt the arm where an unknown touch most likely asks for it, nothing else."""
         gesture = detection.likeliest
         rule = self.commands.find_rule(gesture, detection.link, detection.patch)
-        if (
-            rule is not None
-            and resolve_action(rule.what, self.arm.state()) in HALTING_ACTIONS
-        ):
+        if rule is None:
+            return
+        if resolve_action(rule.action_or_function, self.arm.state()) in HALTING_ACTIONS:
             self.decide(replace(detection, gesture=gesture))
 
-    def objection(
+    def find_refusal(
         self, action: str, detection: Detection, rule: Rule, stamp: int
     ) -> str | None:
-        """Why a touch must not command that, whatever its confidence; None: it may.
+        """Return why a touch must not command an action, or None where it may.
+
+        Its confidence is not considered.
 
         Args:
-            action: that it asks for.
-            detection: what was said of it.
-            rule: that it asks by.
-            stamp: of the latest that is known of it [ns since the epoch].
+            action: plain action that it asks for.
+            detection: detection of the touch.
+            rule: rule that maps the detection to the action.
+            stamp: time of the latest reading of the touch [ns since the epoch].
         """
         now, state = self.context.clock.now(), self.arm.state()
-        trouble = self.watch.trouble(now)
+        problem = self.monitor.find_problem(now)
         age = self.context.age(stamp)
-        rest = rule.cool_down if rule.cool_down is not None else COOL_DOWN
-        rested = (now - self.rested.get(rule.place, -NS_PER_S * 3600)) / NS_PER_S
+        cool_down = rule.cool_down if rule.cool_down is not None else COOL_DOWN
+        rested = (now - self.last_used.get(rule.key, -NS_PER_S * 3600)) / NS_PER_S
         if state.protective_stop:
             return "the arm is in protective stop"
         if not state.connected:
             return "the arm is not connected"
-        if trouble is not None:
-            return trouble
-        if age > self.config.watch.oldest:
+        if problem is not None:
+            return problem
+        if age > self.config.monitor.max_age:
             return f"it was felt {1e3 * age:.0f} ms ago"
-        if detection.patch in self.watch.out:
+        if detection.patch in self.monitor.failed_patches:
             return f"patch '{detection.patch}' is out"
-        if rested < rest and action not in HALTING_ACTIONS:
-            return f"the same was done {rested:.1f} s ago, it rests {rest:g} s"
+        if rested < cool_down and action not in HALTING_ACTIONS:
+            return f"the same was done {rested:.1f} s ago, it rests {cool_down:g} s"
         if state.hold_reason is not None and action not in (
             *REDUCING_ACTIONS,
             "resume",
@@ -285,63 +290,64 @@ class Policy(Listener):
         if action in STARTING_ACTIONS:
             if not state.paused:
                 return "nobody has paused it"
-            least = self.config.pause_seconds
-            return self.stops.objection(detection.onset, now, least)
+            min_pause = self.config.min_pause
+            return self.stop_times.find_refusal(detection.onset, now, min_pause)
         return None
 
-    def wait_on(self, waiting: PendingCommand, moment: RecognitionState) -> None:
-        """Obey a touch once it is sure, and over if it sets the arm in motion."""
-        before, detection = waiting.touch, waiting.detection
-        waiting.follow(moment, self.vocabulary)
-        stamp = moment.state.reading.stamp
-        why = self.objection(waiting.action, detection, waiting.rule, stamp)
-        if self.spent.joins(waiting.touch, before, moment.state.closed):
-            why = COMMANDED
-        meant = resolve_action(waiting.rule.what, self.arm.state())
-        if (
-            why is None
-            and waiting.action not in HALTING_ACTIONS
-            and meant != waiting.action
-        ):
-            why = f"the arm has changed: the same would {meant.replace('_', ' ')} now"
-        lifted = self.watch.heard - self.watch.touching
-        ended = lifted >= self.config.lifted_seconds * NS_PER_S
-        ended = ended and self.watch.hears(detection.patch)
-        late = self.context.age(detection.stamp) > self.config.patience
-        if why is None and waiting.action in STARTING_ACTIONS and not ended:
-            if late:
-                self.end(waiting, "touching went on")
-        elif why is not None or waiting.sure:
-            self.end(waiting, why)
-        elif late or waiting.closed:
-            self.end(waiting, waiting.doubt)
-
-    def end(self, waiting: PendingCommand, why: str | None) -> None:
-        """Wait for a touch no longer; obey it where nothing is against it."""
-        self.waiting.remove(waiting)
-        self.finish(waiting.action, waiting.detection, waiting.rule, why)
-
-    def finish(
-        self, action: str, detection: Detection, rule: Rule, why: str | None
+    def update_pending(
+        self, pending: PendingCommand, recognition: RecognitionState
     ) -> None:
-        """Do it where nothing is against it, and tell."""
-        if why is None:
-            try:
-                self.do(action, detection, rule)
-            except JogError as error:
-                why = str(error)
-            except ArmError as error:
-                why = str(error)
-                self.hold(why)
-        if why is None:
-            self.accepted += 1
-            self.spent.add(detection.touch, detection.onset)
-            self.rested[rule.place] = self.context.clock.now()
-        reason = f"{detection.gesture} on {detection.patch}" if why is None else why
-        self.tell(action, detection, why is None, reason)
+        """Execute a pending command once it may be, or drop it where it must not."""
+        before, detection = pending.touch, pending.detection
+        pending.update(recognition, self.vocabulary)
+        stamp = recognition.state.reading.stamp
+        action = pending.action
+        refusal = self.find_refusal(action, detection, pending.rule, stamp)
+        if self.commanded.merges(pending.touch, before, recognition.state.over):
+            refusal = ALREADY_COMMANDED
+        meant = resolve_action(pending.rule.action_or_function, self.arm.state())
+        if refusal is None and action not in HALTING_ACTIONS and meant != action:
+            meant = meant.replace("_", " ")
+            refusal = f"the arm has changed: the same would {meant} now"
+        untouched = self.monitor.latest - self.monitor.last_contact
+        ended = untouched >= self.config.min_release * NS_PER_S
+        ended = ended and self.monitor.has_data(detection.patch)
+        late = self.context.age(detection.stamp) > self.config.max_delay
+        if refusal is None and action in STARTING_ACTIONS and not ended:
+            if late:
+                self.complete_pending(pending, "touching went on")
+        elif refusal is not None or pending.confident:
+            self.complete_pending(pending, refusal)
+        elif late or pending.closed:
+            self.complete_pending(pending, pending.doubt)
 
-    def do(self, action: str, detection: Detection, rule: Rule) -> None:
-        """Make the arm do it."""
+    def complete_pending(self, pending: PendingCommand, refusal: str | None) -> None:
+        """Remove a pending command; execute it unless it is refused."""
+        self.pending.remove(pending)
+        self.complete(pending.action, pending.detection, pending.rule, refusal)
+
+    def complete(
+        self, action: str, detection: Detection, rule: Rule, refusal: str | None
+    ) -> None:
+        """Execute an action unless it is refused, and publish the decision."""
+        if refusal is None:
+            try:
+                self.execute(action, detection, rule)
+            except JogError as error:
+                refusal = str(error)
+            except ArmError as error:
+                refusal = str(error)
+                self.hold(refusal)
+        if refusal is None:
+            self.accepted += 1
+            self.commanded.add(detection.touch, detection.onset)
+            self.last_used[rule.key] = self.context.clock.now()
+        source = f"{detection.gesture} on {detection.patch}"
+        reason = source if refusal is None else refusal
+        self.publish(action, detection, refusal is None, reason)
+
+    def execute(self, action: str, detection: Detection, rule: Rule) -> None:
+        """Make the arm execute an action."""
         arm = self.arm
         match action:
             case "pause":
@@ -349,34 +355,35 @@ class Policy(Listener):
             case "resume":
                 arm.release()
                 arm.resume()
-                self.stops.resume()
+                self.stop_times.resume()
             case "jog":
-                step = self.config.step if rule.step is None else rule.step
+                step = self.config.jog_step if rule.step is None else rule.step
                 arm.jog(step * detection.direction_world)
             case "slow":
-                arm.set_speed(self.config.slow)
+                arm.set_speed(self.config.slow_speed)
             case "normal":
                 arm.set_speed(1.0)
             case "hold":
                 arm.hold(f"{detection.gesture} on {detection.patch}")
-                self.stops.hold(self.context.clock.now())
+                self.stop_times.hold(self.context.clock.now())
             case _ if action == FUNCTION:
                 COMMAND_FUNCTIONS[rule.function or ""](arm, detection)
             case _:
                 getattr(arm, action)()
 
-    def tell(
-        self, action: str, detection: Detection | None, accepted: bool, why: str
+    def publish(
+        self, action: str, detection: Detection | None, accepted: bool, reason: str
     ) -> None:
-        """Tell the other listeners what was decided."""
+        """Publish a decision to the other listeners."""
         touch = None if detection is None else detection.touch
         gesture = None if detection is None else detection.gesture
         now = self.context.clock.now()
-        self.context.publish(CommandEvent(now, action, touch, gesture, accepted, why))
+        event = CommandEvent(now, action, touch, gesture, accepted, reason)
+        self.context.publish(event)
 
     def close(self) -> None:
-        """Hold the arm: nobody listens to the skin any more."""
-        self.over.set()
+        """Hold the arm: nothing monitors the skin any more."""
+        self.closing.set()
         self.arm.hold("the stream has ended")
         if self.thread is not None:
             self.thread.join()

@@ -179,7 +179,7 @@ class PageCommandHandler:
 SKINS = ("ur5", "ur5-half", "ur5-double", "ur5-shapes", "ur5-missing")
 """That fit the arm which is shown."""
 
-PATIENT = SkinMonitorConfig(oldest=0.4)
+PATIENT = SkinMonitorConfig(max_age=0.4)
 """The same computer simulates the skin and draws the page: a simulated arm may wait
 longer for a reading than a real one."""
 
@@ -308,7 +308,7 @@ def running(
     commands = load_commands(config.commands, vocabulary, skin.mounted.skin)
     with arm_of(config, clock) as arm:
         recognition = Recognition(recognizer)
-        policy = Policy(arm, commands, vocabulary, PolicyConfig(watch=PATIENT))
+        policy = Policy(arm, commands, vocabulary, PolicyConfig(monitor=PATIENT))
         button = RecordButton(Path.cwd(), Metadata("demo", "mouse", "browser"))
         obedience = PageCommandHandler(
             skin, arm, lambda order: do(order, button, wanted)

@@ -178,7 +178,7 @@ def run_build(seconds: float, config: DemoConfig, seed: int) -> DemoResult:
         after=lambda: arm.push(skin.wrenches),
     )
     recognition = Recognition(Recognizer(model, skin.mounted, skin.calibration))
-    policy = Policy(arm, commands, vocabulary, PolicyConfig(tick=None))
+    policy = Policy(arm, commands, vocabulary, PolicyConfig(check_period=None))
     listeners = [ScoreListener(visitor.score), recognition, policy]
     straight = SynchronousStream(source, listeners)
     end = clock.now() + round(seconds * NS_PER_S)

@@ -275,7 +275,7 @@ class SimulatedUser:
     def wanted(self, gesture: str, state: ArmState) -> str:
         """The action that a gesture asks for; which place it is on does not matter."""
         rule = self.commands.find_rule(gesture, "", "")
-        return NONE if rule is None else resolve_action(rule.what, state)
+        return NONE if rule is None else resolve_action(rule.action_or_function, state)
 
     def go_on(self, stamp: int) -> None:
         """Follow the touch under way until it is over."""

@@ -69,7 +69,7 @@ class AugmentConfig:
         check_limits(self, LIMITS)
 
 
-UNCHANGED = AugmentConfig(
+NO_AUGMENTATION = AugmentConfig(
     gain=0.0, taxel_gain=0.0, dead=0.0, offset=0.0, shear_gain=0.0
 )
 """As recorded."""
@@ -95,7 +95,7 @@ def augment(
     node_window = window[graphs.graph_index]
     person = np.exp(config.gain * rng.standard_normal(windows))
     gain = person[node_window]
-    own = gains_of_taxels(graphs, node_window, windows, rng, config)
+    own = draw_taxel_gains(graphs, node_window, windows, rng, config)
     if patch_index is not None and config.patch > 0:
         silence(own, graphs, node_window, patch_index, rng.random(windows), config, rng)
     gain = (gain * own[node_window, graphs.taxels]).astype(np.float32)
@@ -118,7 +118,7 @@ def augment(
     )
 
 
-def gains_of_taxels(
+def draw_taxel_gains(
     graphs: GraphBatch,
     node_window: Int[np.ndarray, "node"],
     windows: int,

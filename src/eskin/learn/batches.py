@@ -10,10 +10,10 @@ from jaxtyping import Float, Int
 from torch import Tensor
 
 from eskin.errors import RecordingError
-from eskin.learn.augment import UNCHANGED, AugmentConfig, augment
+from eskin.learn.augment import NO_AUGMENTATION, AugmentConfig, augment
 from eskin.learn.dataset import Dataset
 from eskin.learn.ground_truth import Segment
-from eskin.learn.windows import cut, lose, stretch, thin, to_input, to_places
+from eskin.learn.windows import cut, lose, stretch, thin, build_network_input, build_places
 from eskin.model import SLOT_NS
 from eskin.nn import NetworkInput, Places, summary
 
@@ -63,7 +63,7 @@ class Sampler:
         return segment.first + int(rng.integers(min(low, len(stamps) - 1), len(stamps)))
 
 
-def make_sampler(
+def build_sampler(
     dataset: Dataset,
     vocabulary: tuple[str, ...],
     recordings: Collection[int],
@@ -116,7 +116,7 @@ class Batch:
 
 
 @dataclass(frozen=True, eq=False)
-class BatchMaker:
+class BatchBuilder:
     """Draws windows of a data set and makes each another person on another skin."""
 
     dataset: Dataset
@@ -155,13 +155,13 @@ class BatchMaker:
         graphs = self.dataset.graphs.select(windows.rows)
         if config.stretch > 0:
             windows, graphs = stretch(windows, graphs, config.stretch, self.slots, rng)
-        if config != UNCHANGED:
+        if config != NO_AUGMENTATION:
             graphs = augment(graphs, windows.window, rng, config, self.patch_index)
         places = replace(windows, rows=np.arange(len(windows.rows)))
         some = thin(places.first(encoded), readings, rng)
         return Batch(
             summary=torch.as_tensor(summary(graphs, self.shear)),
-            places=to_places(windows),
-            some=to_input(graphs.select(some.rows), some, self.shear),
+            places=build_places(windows),
+            some=build_network_input(graphs.select(some.rows), some, self.shear),
             labels=torch.tensor(labels),
         )

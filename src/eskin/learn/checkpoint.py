@@ -41,7 +41,7 @@ def to_network(model: Model) -> RecogniserNetwork:
 
 
 @dataclass(frozen=True)
-class Stand:
+class Checkpoint:
     """Where a training stands."""
 
     facts: str
@@ -54,13 +54,13 @@ class Stand:
     """Of the network, the optimiser, the cycle and the generators."""
 
 
-def save_stand(path: Path, stand: Stand) -> None:
+def save_checkpoint(path: Path, stand: Checkpoint) -> None:
     """Write where training stands; whole or not at all."""
     with atomic_path(path) as part:
         torch.save(vars(stand), part)
 
 
-def load_stand(path: Path, facts: str) -> Stand | None:
+def load_checkpoint(path: Path, facts: str) -> Checkpoint | None:
     """Where training stands; None where it has not begun.
 
     Args:
@@ -73,7 +73,7 @@ def load_stand(path: Path, facts: str) -> Stand | None:
     if not path.exists():
         return None
     try:
-        stand = Stand(**torch.load(path, weights_only=True))
+        stand = Checkpoint(**torch.load(path, weights_only=True))
     except Exception as error:
         raise ModelError(
             f"{path} cannot be read ({type(error).__name__}); allowed is what the same "
@@ -87,7 +87,7 @@ def load_stand(path: Path, facts: str) -> Stand | None:
     return stand
 
 
-class Best:
+class EarlyStopping:
     """Remembers the weights with the lowest validation loss."""
 
     def __init__(self, patience: int) -> None:
@@ -97,7 +97,7 @@ class Best:
         self.weights: dict[str, Tensor] | None = None
 
     @property
-    def has_waited(self) -> bool:
+    def should_stop(self) -> bool:
         """Whether it is time to stop."""
         return self.waited > self.patience
 
@@ -108,7 +108,7 @@ class Best:
             self.weights = {k: v.clone() for k, v in network.state_dict().items()}
         else:
             self.waited += 1
-        return self.has_waited
+        return self.should_stop
 
     def restore(self, network: nn.Module) -> None:
         """Put the best weights back, if any were kept."""
@@ -117,13 +117,13 @@ class Best:
 
 
 @dataclass(eq=False)
-class Course:
+class TrainingState:
     """All that changes while training goes on."""
 
     network: RecogniserNetwork
     optimiser: torch.optim.Optimizer
     cycle: torch.optim.lr_scheduler.OneCycleLR
-    best: Best
+    best: EarlyStopping
     rngs: list[np.random.Generator]
 
     def keep(self, path: Path, facts: str, step: int) -> None:
@@ -135,11 +135,11 @@ class Course:
             "rngs": [dict(rng.bit_generator.state) for rng in self.rngs],
             "torch": torch.get_rng_state(),
         }
-        save_stand(path, Stand(facts, step, vars(self.best), state))
+        save_checkpoint(path, Checkpoint(facts, step, vars(self.best), state))
 
     def go_on(self, path: Path, facts: str) -> int:
         """Take up where training was cut; return the steps that were done."""
-        found = load_stand(path, facts)
+        found = load_checkpoint(path, facts)
         if found is None:
             return 0
         self.network.load_state_dict(found.state["network"])

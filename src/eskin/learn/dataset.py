@@ -17,17 +17,17 @@ from eskin.errors import RecordingError
 from eskin.graph import GraphBatch, GraphConfig, join
 from eskin.learn.ground_truth import (
     Clip,
-    Missed,
+    MissedGesture,
     Segment,
-    clips_of,
-    fitted_segments,
-    labelled_segments,
-    labels_of,
-    missed_gestures,
-    places_at,
+    read_clips,
+    build_true_segments,
+    build_labelled_segments,
+    extend_labels,
+    find_missed_gestures,
+    find_label_indices,
 )
-from eskin.learn.prepared_recording import Part, load_part, packed_part, part_of
-from eskin.learn.recording_transforms import Version
+from eskin.learn.prepared_recording import PreparedRecording, load_prepared, pack_recording, prepare_recording
+from eskin.learn.recording_transforms import RecordingTransform
 from eskin.recording import NONE, Recording, read_recording
 from eskin.touch import PipelineConfig
 
@@ -74,7 +74,7 @@ class Dataset:
     segments: tuple[Segment, ...]
     """The labelled gestures, in the order of the rows."""
 
-    missed: tuple[Missed, ...] = ()
+    missed: tuple[MissedGesture, ...] = ()
     """The labelled gestures that nothing was detected of."""
 
     clips: tuple[tuple[Clip, ...], ...] = ()
@@ -88,7 +88,7 @@ class Dataset:
         """Number of recordings; the others are further versions of these."""
         return len(self.recordings) // self.versions
 
-    def of_all_versions(self, recordings: Collection[int]) -> frozenset[int]:
+    def with_copies(self, recordings: Collection[int]) -> frozenset[int]:
         """Some of the recordings in their first version, and in all others."""
         every = range(len(self.recordings))
         return frozenset(index for index in every if index % self.own in recordings)
@@ -120,7 +120,7 @@ def prepare(
     graph: GraphConfig | None = None,
     pack: Path | None = None,
     workers: int = 1,
-    versions: Sequence[Version | None] = (None,),
+    versions: Sequence[RecordingTransform | None] = (None,),
 ) -> Dataset:
     """Run recordings through the same calibration, contacts and graphs as live.
 
@@ -145,25 +145,25 @@ def prepare(
         graph = graph.without_shear()
     total = len(recordings) * len(versions)
     if pack is None:
-        made = (part_of(r, pipeline, graph, v) for v in versions for r in recordings)
+        made = (prepare_recording(r, pipeline, graph, v) for v in versions for r in recordings)
         parts = list(shown(made, "Reading", total))
     else:
-        make = delayed(packed_part)
+        make = delayed(pack_recording)
         jobs = (
             make(path, pack, pipeline, graph, v) for v in versions for path in paths
         )
         files: Any = Parallel(n_jobs=workers, return_as="generator")(jobs)
-        parts = [load_part(file) for file in shown(files, "Packing", total)]
+        parts = [load_prepared(file) for file in shown(files, "Packing", total)]
     if not any(len(part.stamps) for part in parts):
         raise RecordingError(
             f"no touch in {len(paths)} recordings; allowed are recordings of touches; "
             "check that they were converted, and the thresholds"
         )
-    return lay_end_to_end(recordings * len(versions), parts, len(versions))
+    return concatenate_recordings(recordings * len(versions), parts, len(versions))
 
 
-def lay_end_to_end(
-    recordings: tuple[Recording, ...], parts: Sequence[Part], versions: int = 1
+def concatenate_recordings(
+    recordings: tuple[Recording, ...], parts: Sequence[PreparedRecording], versions: int = 1
 ) -> Dataset:
     """Join prepared recordings into one data set.
 
@@ -174,21 +174,21 @@ def lay_end_to_end(
     """
     gestures: list[str] = []
     segments: list[Segment] = []
-    missed: list[Missed] = []
+    missed: list[MissedGesture] = []
     sequences: list[np.ndarray] = []
     begun = 0
     for index, (recording, part) in enumerate(zip(recordings, parts, strict=True)):
         offset = len(gestures)
         if part.fits is not None:
-            found = fitted_segments(part.sequence, part.fits, index, offset)
+            found = build_true_segments(part.sequence, part.fits, index, offset)
         else:
-            labels = labels_of(recording)
-            places = places_at(labels, part.stamps)
-            found = labelled_segments(labels, places, part.sequence, index, offset)
+            labels = extend_labels(recording)
+            places = find_label_indices(labels, part.stamps)
+            found = build_labelled_segments(labels, places, part.sequence, index, offset)
             felt = set(places.tolist())
             missed += [
-                Missed(gesture, index)
-                for gesture in missed_gestures(recording, labels, felt)
+                MissedGesture(gesture, index)
+                for gesture in find_missed_gestures(recording, labels, felt)
             ]
         segments += found
         gestures += [s.gesture for s in found for _ in range(s.first, s.end)]
@@ -203,7 +203,7 @@ def lay_end_to_end(
         gestures=tuple(gestures),
         segments=tuple(segments),
         missed=tuple(missed),
-        clips=tuple(clips_of(recording.path) for recording in recordings),
+        clips=tuple(read_clips(recording.path) for recording in recordings),
         versions=versions,
     )
 

@@ -12,11 +12,11 @@ from eskin.learn.metrics import (
     Reliability,
     Score,
     accuracy_interval,
-    by_group,
+    compute_group_accuracies,
     reliability,
     score,
 )
-from eskin.learn.scoring import answer_clips, instant_scores, segment_scores
+from eskin.learn.scoring import predict_clips, score_instants, score_segments
 from eskin.model import ModelCard
 from eskin.nn import RecogniserNetwork
 from eskin.recording import NONE
@@ -78,7 +78,7 @@ def evaluate(
         segments=score(found.truth, found.answer, vocabulary),
         interval=accuracy_interval(right, cluster=people),
         instants=None if any(dataset.clips) else at_instants(network, card, dataset),
-        per_subject=by_group(right, people),
+        per_subject=compute_group_accuracies(right, people),
         reliability=reliability(found.confidence, right),
     )
 
@@ -86,15 +86,15 @@ def evaluate(
 def at_instants(network: RecogniserNetwork, card: ModelCard, dataset: Dataset) -> Score:
     """Answers at every row."""
     rows = np.arange(len(dataset.stamps))
-    scores = instant_scores(network, dataset, rows, card.temperature)
+    scores = score_instants(network, dataset, rows, card.temperature)
     now = np.array([card.vocabulary.index(gesture) for gesture in dataset.gestures])
     return score(now, scores.argmax(axis=1), card.vocabulary)
 
 
 def of_clips(network: RecogniserNetwork, card: ModelCard, dataset: Dataset) -> Answered:
     """Answers to the clips of generated sets."""
-    answers = answer_clips(network, dataset, card.vocabulary, card.temperature)
-    confidence = np.exp(answers.log_chances.max(axis=1))
+    answers = predict_clips(network, dataset, card.vocabulary, card.temperature)
+    confidence = np.exp(answers.log_probabilities.max(axis=1))
     return Answered(answers.truth, answers.answer, confidence, answers.recording)
 
 
@@ -105,7 +105,7 @@ def of_labels(
     vocabulary = list(card.vocabulary)
     segments = dataset.labelled
     made = [*segments, *dataset.missed]
-    scores = segment_scores(network, dataset, segments, card.temperature)
+    scores = score_segments(network, dataset, segments, card.temperature)
     if not any(segment.gesture == NONE for segment in segments):
         scores[:, vocabulary.index(NONE)] = -np.inf
     nothing = np.full(len(dataset.missed), vocabulary.index(NONE))

@@ -31,7 +31,7 @@ class Clip:
     """Variant of the gesture."""
 
 
-def clips_of(path: Path) -> tuple[Clip, ...]:
+def read_clips(path: Path) -> tuple[Clip, ...]:
     """The clips of a recording, in order; none where it is no file of a set of clips.
 
     Raises:
@@ -41,12 +41,12 @@ def clips_of(path: Path) -> tuple[Clip, ...]:
         index = folder / INDEX_NAME
         if index.is_file():
             name = path.relative_to(folder).as_posix()
-            return read_clips(index).get(name, ())
+            return read_clip_index(index).get(name, ())
     return ()
 
 
 @lru_cache(maxsize=4)
-def read_clips(index: Path) -> dict[str, tuple[Clip, ...]]:
+def read_clip_index(index: Path) -> dict[str, tuple[Clip, ...]]:
     """The clips of each file of a set."""
     found: dict[str, list[Clip]] = {}
     for number, line in enumerate(index.read_text(encoding="utf-8").splitlines(), 1):
@@ -69,11 +69,11 @@ def read_clips(index: Path) -> dict[str, tuple[Clip, ...]]:
     return {name: tuple(clips) for name, clips in found.items()}
 
 
-NEAR = 0.1
+MAX_DISTANCE = 0.1
 """Farthest that a contact may be from the centre of the true touch it is of [m]."""
 
 
-class Fit(NamedTuple):
+class TouchLabel(NamedTuple):
     """What a sequence truly is."""
 
     touch: int
@@ -94,7 +94,7 @@ class TrueTouches:
     """Number of the touch in its file."""
     p_world: Float[np.ndarray, "truth 3"]
     """Centre of its force [m]."""
-    names: dict[int, Fit]
+    names: dict[int, TouchLabel]
     """What each touch is, by its number."""
 
     def fit(
@@ -102,7 +102,7 @@ class TrueTouches:
         stamps: Int[np.ndarray, "row"],
         centres: Float[np.ndarray, "row 3"],
         forces: Float[np.ndarray, "row"],
-    ) -> Fit | None:
+    ) -> TouchLabel | None:
         """The true touch that most of the force of a sequence lies near.
 
         Args:
@@ -118,13 +118,13 @@ class TrueTouches:
                 continue
             gaps = np.linalg.norm(self.p_world[low:high] - centres[row], axis=1)
             nearest = int(gaps.argmin())
-            if gaps[nearest] <= NEAR:
+            if gaps[nearest] <= MAX_DISTANCE:
                 number = int(self.touch[low + nearest])
                 votes[number] = votes.get(number, 0.0) + float(forces[row])
         return self.names[max(votes, key=lambda n: (votes[n], -n))] if votes else None
 
 
-def true_touches(recording: Recording) -> TrueTouches | None:
+def read_true_touches(recording: Recording) -> TrueTouches | None:
     """The truth of a recording; None where it is not known."""
     if not recording.metadata.simulated:
         return None
@@ -133,14 +133,14 @@ def true_touches(recording: Recording) -> TrueTouches | None:
         stamps=np.array([truth.stamp for truth in records], dtype=np.int64),
         touch=np.array([truth.touch for truth in records], dtype=np.int64),
         p_world=np.array([t.p_world for t in records], dtype=np.float64).reshape(-1, 3),
-        names={t.touch: Fit(t.touch, t.gesture, t.kind) for t in records},
+        names={t.touch: TouchLabel(t.touch, t.gesture, t.kind) for t in records},
     )
 
 
 LINGER_NS = 600_000_000
 """How long after its end a gesture on a calibrated skin is still asked for [ns]."""
 
-LATEST = 2**63 - 1
+LAST_STAMP = 2**63 - 1
 """Later than every stamp [ns]."""
 
 
@@ -165,7 +165,7 @@ class Segment:
 
 
 @dataclass(frozen=True)
-class Missed:
+class MissedGesture:
     """One labelled gesture that nothing was detected of."""
 
     gesture: str
@@ -175,7 +175,7 @@ class Missed:
     """Index into `Dataset.recordings`."""
 
 
-def labels_of(recording: Recording) -> list[Label]:
+def extend_labels(recording: Recording) -> list[Label]:
     """Its best labels, as long as its touches keep their gesture.
 
     On a calibrated skin a label lasts 0.6 s longer, or until the next one: a touch
@@ -184,14 +184,14 @@ def labels_of(recording: Recording) -> list[Label]:
     truth = select_labels(recording.labels)
     if not truth or not recording.skin.calibrated:
         return list(truth)
-    nexts = [label.start for label in truth[1:]] + [LATEST]
+    nexts = [label.start for label in truth[1:]] + [LAST_STAMP]
     return [
         replace(label, end=max(label.end, min(label.end + LINGER_NS, start)))
         for label, start in zip(truth, nexts, strict=True)
     ]
 
 
-def places_at(
+def find_label_indices(
     labels: list[Label], stamps: Int[np.ndarray, "row"]
 ) -> Int[np.ndarray, "row"]:
     """Index of the label at each stamp, the one that started last; -1 in silence."""
@@ -201,12 +201,12 @@ def places_at(
     return places
 
 
-def gestures_at(labels: list[Label], places: Int[np.ndarray, "row"]) -> list[str]:
+def look_up_gestures(labels: list[Label], places: Int[np.ndarray, "row"]) -> list[str]:
     """The gesture at each row, `none` in silence."""
     return [labels[place].gesture if place >= 0 else NONE for place in places]
 
 
-def labelled_segments(
+def build_labelled_segments(
     labels: list[Label],
     places: Int[np.ndarray, "row"],
     sequence: Int[np.ndarray, "row"],
@@ -222,7 +222,7 @@ def labelled_segments(
         recording: the recording of the rows.
         offset: the place of the first row in the data set.
     """
-    names = gestures_at(labels, places)
+    names = look_up_gestures(labels, places)
     return [
         Segment(
             names[first],
@@ -231,13 +231,13 @@ def labelled_segments(
             offset + end,
             bool(places[first] >= 0),
         )
-        for first, end in runs_of(np.stack([places, sequence], axis=1))
+        for first, end in find_runs(np.stack([places, sequence], axis=1))
     ]
 
 
-def fitted_segments(
+def build_true_segments(
     sequence: Int[np.ndarray, "row"],
-    fits: Sequence[Fit | None],
+    fits: Sequence[TouchLabel | None],
     recording: int,
     offset: int,
 ) -> list[Segment]:
@@ -250,14 +250,14 @@ def fitted_segments(
         offset: the place of the first row in the data set.
     """
     found = []
-    for first, end in runs_of(sequence[:, None]):
+    for first, end in find_runs(sequence[:, None]):
         fit = fits[sequence[first]]
         gesture = fit.gesture if fit else NONE
         found.append(Segment(gesture, recording, offset + first, offset + end, True))
     return found
 
 
-def runs_of(values: Int[np.ndarray, "row value"]) -> list[tuple[int, int]]:
+def find_runs(values: Int[np.ndarray, "row value"]) -> list[tuple[int, int]]:
     """First row of each run of equal values, and the row behind its last."""
     if not len(values):
         return []
@@ -266,7 +266,7 @@ def runs_of(values: Int[np.ndarray, "row value"]) -> list[tuple[int, int]]:
     return list(zip(bounds[:-1], bounds[1:], strict=True))
 
 
-def missed_gestures(
+def find_missed_gestures(
     recording: Recording, labels: list[Label], felt: set[int]
 ) -> list[str]:
     """The gestures of a calibrated skin's labels that no touch was detected in.

@@ -52,17 +52,17 @@ def hold_out(
     order = rng.permutation(sorted(sittings)).tolist()
     wanted = round(share * len(order))
     train, held = frozenset(order), frozenset[int]()
-    for group in groups_of(sittings, order):
+    for group in group_sessions(sittings, order):
         fits = len(held) + len(group) <= wanted
         if wanted and not held:
             fits = fits or 2 * len(group) <= len(order)
         rest = train - group
-        if fits and classes_in(rest, made) == classes_in(train, made):
+        if fits and find_classes(rest, made) == find_classes(train, made):
             train, held = rest, held | group
     return Holdout(train, held, wanted)
 
 
-def groups_of(
+def group_sessions(
     sittings: Mapping[int, tuple[str, str]], order: list[int]
 ) -> list[frozenset[int]]:
     """The recordings of each sitting; each alone where all are of one."""
@@ -74,18 +74,18 @@ def groups_of(
     return [frozenset(group) for group in groups.values()]
 
 
-def classes_in(recordings: frozenset[int], made: Mapping[int, set[str]]) -> set[str]:
+def find_classes(recordings: frozenset[int], made: Mapping[int, set[str]]) -> set[str]:
     """The classes that some recordings have examples of."""
     return {gesture for index in recordings for gesture in made.get(index, ())}
 
 
-def sittings_of(dataset: Dataset, recordings: list[int]) -> dict[int, tuple[str, str]]:
+def find_sessions(dataset: Dataset, recordings: list[int]) -> dict[int, tuple[str, str]]:
     """Person and session of some recordings."""
     metadata = {index: dataset.recordings[index].metadata for index in recordings}
     return {index: (facts.subject, facts.session) for index, facts in metadata.items()}
 
 
-def gestures_made(dataset: Dataset, vocabulary: tuple[str, ...]) -> dict[int, set[str]]:
+def find_gestures(dataset: Dataset, vocabulary: tuple[str, ...]) -> dict[int, set[str]]:
     """The classes that each recording has examples of."""
     made: dict[int, set[str]] = {}
     for segment in dataset.segments:

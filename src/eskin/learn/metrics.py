@@ -56,7 +56,7 @@ def score(
     )
 
 
-def by_group(
+def compute_group_accuracies(
     right: Bool[np.ndarray, "example"], groups: Sequence[str]
 ) -> dict[str, float]:
     """Accuracy of each group, such as each person."""
@@ -98,7 +98,7 @@ def reliability(
     )
 
 
-def paired_interval(
+def bootstrap_difference(
     ours: Bool[np.ndarray, "example"],
     theirs: Bool[np.ndarray, "example"],
     seed: int = 0,
@@ -115,7 +115,7 @@ def paired_interval(
     """
     difference = ours.astype(np.float64) - theirs
     members = np.arange(len(difference)) if cluster is None else np.asarray(cluster)
-    return mean_interval(difference, members, seed)
+    return bootstrap_mean(difference, members, seed)
 
 
 def accuracy_interval(
@@ -128,7 +128,7 @@ def accuracy_interval(
         cluster: what each example is of, such as a person; whole clusters are drawn.
         seed: decides the draws.
     """
-    return mean_interval(right.astype(np.float64), np.asarray(cluster), seed)
+    return bootstrap_mean(right.astype(np.float64), np.asarray(cluster), seed)
 
 
 def wilson_interval(right: int, count: int) -> tuple[float, float]:
@@ -145,7 +145,7 @@ def wilson_interval(right: int, count: int) -> tuple[float, float]:
     return max(float(low), 0.0), min(float(high), 1.0)
 
 
-def mean_interval(
+def bootstrap_mean(
     values: Float[np.ndarray, "example"],
     members: Shaped[np.ndarray, "example"],
     seed: int,
@@ -153,12 +153,12 @@ def mean_interval(
     """95 % bootstrap interval of a mean, whole clusters drawn anew."""
     _, index, counts = np.unique(members, return_inverse=True, return_counts=True)
     sums = np.stack([np.bincount(index, values), counts.astype(np.float64)], axis=1)
-    total, count = draw_clusters(sums, seed).T
+    total, count = resample_clusters(sums, seed).T
     low, high = np.percentile(total / count, [2.5, 97.5])
     return float(low), float(high)
 
 
-def draw_clusters(
+def resample_clusters(
     sums: Float[np.ndarray, "cluster column"], seed: int
 ) -> Float[np.ndarray, "draw column"]:
     """Sums over as many clusters as there are, drawn with replacement, many times."""

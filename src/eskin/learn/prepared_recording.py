@@ -10,19 +10,19 @@ from jaxtyping import Float, Int
 
 from eskin.files import atomic_path
 from eskin.graph import GraphBatch, GraphConfig, GraphStream, join, no_graphs
-from eskin.learn.ground_truth import Fit, true_touches
-from eskin.learn.recording_transforms import Version
+from eskin.learn.ground_truth import TouchLabel, read_true_touches
+from eskin.learn.recording_transforms import RecordingTransform
 from eskin.recording import Recording, read_recording
 from eskin.robot import recorded_robot
 from eskin.skin import MountedSkin
 from eskin.touch import PipelineConfig, TouchPipeline, TouchState
 from eskin.touch.pipeline import LinkPoseCache
 
-NOWHERE = np.full(3, np.nan)
+NAN_POSITION = np.full(3, np.nan)
 
 
 @dataclass(frozen=True, eq=False)
-class Part:
+class PreparedRecording:
     """The sequences of one recording laid end to end, one row a reading and touch."""
 
     graphs: GraphBatch
@@ -34,17 +34,17 @@ class Part:
     sequence: Int[np.ndarray, "row"]
     """The sequence of each row, counted from 0."""
 
-    fits: tuple[Fit | None, ...] | None
+    fits: tuple[TouchLabel | None, ...] | None
     """The true touch that each sequence is of, None where it is of none; None where the
     recording does not know the truth."""
 
 
-def part_of(
+def prepare_recording(
     recording: Recording,
     pipeline: PipelineConfig,
     graph: GraphConfig,
-    version: Version | None = None,
-) -> Part:
+    version: RecordingTransform | None = None,
+) -> PreparedRecording:
     """Run a recording through the same calibration, contacts and graphs as live.
 
     Args:
@@ -53,10 +53,10 @@ def part_of(
         graph: how touches become graphs.
         version: that is run, the recording as it is where None.
     """
-    sequences = sequences_of(recording, pipeline, graph, version)
-    touches = true_touches(recording) if recording.skin.calibrated else None
+    sequences = gather_sequences(recording, pipeline, graph, version)
+    touches = read_true_touches(recording) if recording.skin.calibrated else None
     lengths = [len(one.stamps) for one in sequences]
-    return Part(
+    return PreparedRecording(
         graphs=join(
             [
                 no_graphs(graph.fixed + graph.live),
@@ -75,7 +75,7 @@ def part_of(
 
 
 @dataclass
-class Sequence:
+class TouchSequence:
     """One sequence while it is being gathered."""
 
     graphs: list[GraphBatch] = field(default_factory=list)
@@ -84,12 +84,12 @@ class Sequence:
     forces: list[float] = field(default_factory=list)
 
 
-def sequences_of(
+def gather_sequences(
     recording: Recording,
     pipeline: PipelineConfig,
     graph: GraphConfig,
-    version: Version | None = None,
-) -> list[Sequence]:
+    version: RecordingTransform | None = None,
+) -> list[TouchSequence]:
     """All sequences of one recording, in the order in which they begin."""
     skin = recording.skin
     if version is not None:
@@ -98,18 +98,18 @@ def sequences_of(
     poses = LinkPoseCache(mounted, graph.posed)
     touches = TouchPipeline(mounted, recording.calibration, pipeline, poses)
     stream = GraphStream(mounted, graph, poses)
-    found: list[Sequence] = []
-    open_now: dict[int, Sequence] = {}
+    found: list[TouchSequence] = []
+    open_now: dict[int, TouchSequence] = {}
     for scan in version.scans(recording) if version else recording.scans():
         state = touches.push(scan)
         graphs = stream.push(state)
-        centres = centres_of(state)
+        centres = find_contact_centres(state)
         for key in sorted(graphs.keys() - open_now.keys()):
-            open_now[key] = Sequence()
+            open_now[key] = TouchSequence()
             found.append(open_now[key])
         open_now = {key: open_now[key] for key in graphs}
         for key, batch in graphs.items():
-            sequence, (centre, force) = open_now[key], centres.get(key, (NOWHERE, 0.0))
+            sequence, (centre, force) = open_now[key], centres.get(key, (NAN_POSITION, 0.0))
             sequence.graphs.append(batch)
             sequence.stamps.append(scan.stamp)
             sequence.centres.append(centre)
@@ -117,7 +117,7 @@ def sequences_of(
     return found
 
 
-def centres_of(state: TouchState) -> dict[int, tuple[Float[np.ndarray, "3"], float]]:
+def find_contact_centres(state: TouchState) -> dict[int, tuple[Float[np.ndarray, "3"], float]]:
     """Centre [m] and force [N] of the strongest contact of each touch felt now."""
     return {
         touch.id: (touch.contact.p_world, touch.contact.force)
@@ -132,30 +132,30 @@ SMALL = {"taxels": np.int32, "neighbours": np.int16}
 """Fields that need fewer bytes on disk and in memory than while they are computed."""
 
 
-def packed_part(
+def pack_recording(
     path: Path,
     folder: Path,
     pipeline: PipelineConfig,
     graph: GraphConfig,
-    version: Version | None = None,
+    version: RecordingTransform | None = None,
 ) -> Path:
     """The file of a prepared recording, made where it is not there yet.
 
     Its name is drawn from the recording's bytes and the settings, so that a file
     which is there is always the right one.
     """
-    target = folder / f"{key_of(path, pipeline, graph, version)}.npz"
+    target = folder / f"{compute_pack_key(path, pipeline, graph, version)}.npz"
     if not target.exists():
         folder.mkdir(parents=True, exist_ok=True)
-        save_part(target, part_of(read_recording(path), pipeline, graph, version))
+        save_prepared(target, prepare_recording(read_recording(path), pipeline, graph, version))
     return target
 
 
-def key_of(
+def compute_pack_key(
     path: Path,
     pipeline: PipelineConfig,
     graph: GraphConfig,
-    version: Version | None = None,
+    version: RecordingTransform | None = None,
 ) -> str:
     """Names a recording prepared with some settings."""
     with path.open("rb") as file:
@@ -166,7 +166,7 @@ def key_of(
     return hashlib.sha256(facts.encode()).hexdigest()[:32]
 
 
-def save_part(target: Path, part: Part) -> None:
+def save_prepared(target: Path, part: PreparedRecording) -> None:
     """Write a prepared recording; whole or not at all."""
     shear = part.graphs.shear.any() or part.graphs.shear_before.any()
     arrays = {
@@ -182,7 +182,7 @@ def save_part(target: Path, part: Part) -> None:
         )
 
 
-def load_part(path: Path) -> Part:
+def load_prepared(path: Path) -> PreparedRecording:
     """Read a prepared recording."""
     with np.load(path) as file:
         arrays = {name: file[name] for name in file.files}
@@ -190,11 +190,11 @@ def load_part(path: Path) -> Part:
     fits = json.loads(arrays.pop("fits").tobytes())
     nothing = np.broadcast_to(np.float32(0), arrays["positions"].shape)
     shear = {name: arrays.pop(name, nothing) for name in SHEAR}
-    return Part(
+    return PreparedRecording(
         graphs=GraphBatch(**arrays, **shear),
         stamps=stamps,
         sequence=sequence,
         fits=None
         if fits is None
-        else tuple(None if fit is None else Fit(*fit) for fit in fits),
+        else tuple(None if fit is None else TouchLabel(*fit) for fit in fits),
     )

@@ -14,11 +14,11 @@ from eskin.recording import Recording
 from eskin.skin import Skin
 from eskin.touch import Calibration, Scan
 
-AT_REST = 50
+REST_READINGS = 50
 """Readings whose median is taken for the rest of a taxel."""
 
 
-class Version(ABC):
+class RecordingTransform(ABC):
     """What differs from the recording; its `repr` names it, in files too."""
 
     @property
@@ -40,12 +40,12 @@ class Version(ABC):
         return skin
 
 
-def at_rest(recording: Recording) -> Float[np.ndarray, "taxel"]:
+def estimate_rest_counts(recording: Recording) -> Float[np.ndarray, "taxel"]:
     """Counts of each taxel while nothing touches it."""
-    return np.median([s.counts for s in islice(recording.scans(), AT_REST)], axis=0)
+    return np.median([s.counts for s in islice(recording.scans(), REST_READINGS)], axis=0)
 
 
-def recounted(scan: Scan, counts: Float[np.ndarray, "taxel"], full_scale: int) -> Scan:
+def replace_counts(scan: Scan, counts: Float[np.ndarray, "taxel"], full_scale: int) -> Scan:
     """The scan with other counts, as its converter gives them, where it received."""
     whole = np.clip(np.rint(counts), 0, full_scale)
     kept = np.where(scan.received, whole, scan.counts)
@@ -69,7 +69,7 @@ REFERENCE = 30.0
 
 
 @dataclass(frozen=True)
-class WearConfig:
+class AgingConfig:
     """How far another skin may be from the one that recorded."""
 
     patch_gain: float = 0.4
@@ -94,10 +94,10 @@ class WearConfig:
 
 @final
 @dataclass(frozen=True)
-class Wear(Version):
+class Aging(RecordingTransform):
     """One such skin: the same numbers give the same recording the same skin."""
 
-    config: WearConfig
+    config: AgingConfig
     """How far it may be."""
     number: int
     """Which of those drawn."""
@@ -106,17 +106,17 @@ class Wear(Version):
         """The recording's scans with the other skin's counts; shear stays as it is."""
         rng = np.random.default_rng([recording.start, self.number])
         calibration = recording.calibration
-        skin = other_skin(recording.skin, self.config, rng)
+        skin = draw_aged_skin(recording.skin, self.config, rng)
         noise = self.config.noise * calibration.full_scale * rng.random()
-        rest = at_rest(recording)
+        rest = estimate_rest_counts(recording)
         for scan in recording.scans():
             above = skin.felt(scan.counts - rest, calibration)
             noisy = rest + above + noise * rng.standard_normal(len(rest))
-            yield recounted(scan, noisy, calibration.full_scale)
+            yield replace_counts(scan, noisy, calibration.full_scale)
 
 
 @dataclass(frozen=True, eq=False)
-class OtherSkin:
+class AgedSkin:
     """What sets each taxel of a skin apart from that of the skin that recorded."""
 
     gain: Float[np.ndarray, "taxel"]
@@ -135,7 +135,7 @@ class OtherSkin:
         return calibration.compute_counts(bent)
 
 
-def other_skin(skin: Skin, config: WearConfig, rng: np.random.Generator) -> OtherSkin:
+def draw_aged_skin(skin: Skin, config: AgingConfig, rng: np.random.Generator) -> AgedSkin:
     """Draw another skin of the same layout."""
     patch, patches, drawn = skin.patch_index, len(skin.patches), rng.standard_normal
     gain = (config.patch_gain * drawn(patches))[patch]
@@ -143,4 +143,4 @@ def other_skin(skin: Skin, config: WearConfig, rng: np.random.Generator) -> Othe
     unfelt = (config.unfelt * rng.random(patches))[patch]
     unfelt *= np.exp(UNFELT_SCATTER * drawn(skin.count))
     exponent = np.exp(config.exponent * drawn(patches))[patch]
-    return OtherSkin(np.exp(gain), exponent, unfelt)
+    return AgedSkin(np.exp(gain), exponent, unfelt)

@@ -11,7 +11,7 @@ from torch.nn.functional import log_softmax
 
 from eskin.graph.features import N_PER_KPA_CM2, total
 from eskin.learn.dataset import Dataset
-from eskin.learn.ground_truth import Clip, Segment, runs_of
+from eskin.learn.ground_truth import Clip, Segment, find_runs
 from eskin.learn.windows import cut
 from eskin.nn import Places, RecogniserNetwork, graph_tensors
 from eskin.recording import NONE
@@ -26,7 +26,7 @@ HOP = 0.5  # [s] between the windows of a segment
 WINDOW = 2.0  # [s]
 
 
-def log_probabilities(
+def compute_log_probabilities(
     network: RecogniserNetwork,
     dataset: Dataset,
     ends: Int[np.ndarray, "window"],
@@ -41,7 +41,7 @@ def log_probabilities(
     rows, place = np.unique(windows.rows, return_inverse=True)
     parts = []
     with torch.no_grad():
-        e = embeddings(network, dataset, rows)
+        e = embed_rows(network, dataset, rows)
         for low in range(0, len(ends), BATCH):
             seen = (windows.window >= low) & (windows.window < low + BATCH)
             places = Places(
@@ -55,7 +55,7 @@ def log_probabilities(
     return np.concatenate(parts)
 
 
-def embeddings(
+def embed_rows(
     network: RecogniserNetwork, dataset: Dataset, rows: Int[np.ndarray, "row"]
 ) -> Float[Tensor, "row feature"]:
     """What the network makes of each row on its own."""
@@ -70,7 +70,7 @@ def embeddings(
     return torch.cat(parts)
 
 
-def segment_scores(
+def score_segments(
     network: RecogniserNetwork,
     dataset: Dataset,
     segments: Sequence[Segment],
@@ -83,17 +83,17 @@ def segment_scores(
     """
     if not segments:
         return np.zeros((0, network.graph_head.classify.out_features))
-    ends = [window_ends(dataset, segment) for segment in segments]
+    ends = [find_window_ends(dataset, segment) for segment in segments]
     counts = np.array([len(rows) for rows in ends])
     firsts = np.repeat([segment.first for segment in segments], counts)
-    scores = log_probabilities(
+    scores = compute_log_probabilities(
         network, dataset, np.concatenate(ends), firsts, temperature
     )
     starts = np.cumsum(counts) - counts
     return np.add.reduceat(scores, starts, axis=0) / counts[:, None]
 
 
-def window_ends(dataset: Dataset, segment: Segment) -> Int[np.ndarray, "window"]:
+def find_window_ends(dataset: Dataset, segment: Segment) -> Int[np.ndarray, "window"]:
     """Last rows of the windows of a segment."""
     stamps = dataset.stamps[segment.first : segment.end]
     seconds = (stamps - stamps[0]) * 1e-9
@@ -102,18 +102,18 @@ def window_ends(dataset: Dataset, segment: Segment) -> Int[np.ndarray, "window"]
     return segment.first + np.unique(np.append(rows, len(stamps) - 1))
 
 
-def instant_scores(
+def score_instants(
     network: RecogniserNetwork,
     dataset: Dataset,
     rows: Int[np.ndarray, "row"],
     temperature: float = 1.0,
 ) -> Float[np.ndarray, "row class"]:
     """Log-probabilities at every row, from the two seconds before it."""
-    return log_probabilities(network, dataset, rows, dataset.starts[rows], temperature)
+    return compute_log_probabilities(network, dataset, rows, dataset.starts[rows], temperature)
 
 
 @dataclass(frozen=True, eq=False)
-class ClipAnswers:
+class ClipPredictions:
     """What the recogniser says of every clip of a data set."""
 
     clips: tuple[Clip, ...]
@@ -122,22 +122,22 @@ class ClipAnswers:
     """The recording of each, as an index into those of the data set."""
     truth: Int[np.ndarray, "clip"]
     """What it was made for, as an index into the vocabulary."""
-    log_chances: Float[np.ndarray, "clip class"]
+    log_probabilities: Float[np.ndarray, "clip class"]
     """Log-probabilities; certainly `none` where nothing was detected."""
 
     @property
     def answer(self) -> Int[np.ndarray, "clip"]:
         """The likeliest class of each."""
-        return self.log_chances.argmax(axis=1)
+        return self.log_probabilities.argmax(axis=1)
 
 
-def answer_clips(
+def predict_clips(
     network: RecogniserNetwork,
     dataset: Dataset,
     vocabulary: tuple[str, ...],
     temperature: float = 1.0,
     recordings: Collection[int] | None = None,
-) -> ClipAnswers:
+) -> ClipPredictions:
     """Answer every clip; abstention is off.
 
     A touch keeps its last word: what is said of it at its last reading in the clip.
@@ -156,23 +156,23 @@ def answer_clips(
         for clip in dataset.clips[n]
         if clip.gesture in vocabulary
     ]
-    ends = np.array(list(last_rows(dataset, every)), dtype=np.int64)
+    ends = np.array(list(find_last_rows(dataset, every)), dtype=np.int64)
     felt = ends >= 0
     chances = np.where(np.array(vocabulary) == NONE, 0.0, -np.inf)
-    log_chances = np.tile(chances, (len(every), 1))
+    log_probabilities = np.tile(chances, (len(every), 1))
     if felt.any():
-        log_chances[felt] = log_probabilities(
+        log_probabilities[felt] = compute_log_probabilities(
             network, dataset, ends[felt], dataset.starts[ends[felt]], temperature
         )
-    return ClipAnswers(
+    return ClipPredictions(
         clips=tuple(clip for _, clip in every),
         recording=np.array([n for n, _ in every], dtype=np.int64),
         truth=np.array([vocabulary.index(c.gesture) for _, c in every], dtype=np.int64),
-        log_chances=log_chances,
+        log_probabilities=log_probabilities,
     )
 
 
-def last_rows(dataset: Dataset, every: Sequence[tuple[int, Clip]]) -> Iterator[int]:
+def find_last_rows(dataset: Dataset, every: Sequence[tuple[int, Clip]]) -> Iterator[int]:
     """The last row of the touch of largest impulse of each clip, -1 without a touch.
 
     Args:
@@ -181,7 +181,7 @@ def last_rows(dataset: Dataset, every: Sequence[tuple[int, Clip]]) -> Iterator[i
     """
     graphs = dataset.graphs
     force = total(graphs.pressure * graphs.areas, graphs) * N_PER_KPA_CM2
-    runs = np.array(runs_of(dataset.sequence[:, None]), dtype=np.int64).reshape(-1, 2)
+    runs = np.array(find_runs(dataset.sequence[:, None]), dtype=np.int64).reshape(-1, 2)
     firsts, ends = runs.T
     work = np.concatenate([[0.0], np.cumsum(force * graphs.seconds, dtype=np.float64)])
     impulse = work[ends] - work[firsts]

@@ -15,12 +15,12 @@ from torch import Tensor, nn
 from torch.nn.functional import cross_entropy
 
 from eskin.graph import GraphConfig
-from eskin.learn.augment import UNCHANGED, AugmentConfig
-from eskin.learn.batches import Batch, BatchMaker, check_classes, make_sampler
-from eskin.learn.checkpoint import Best, Course
+from eskin.learn.augment import NO_AUGMENTATION, AugmentConfig
+from eskin.learn.batches import Batch, BatchBuilder, check_classes, build_sampler
+from eskin.learn.checkpoint import EarlyStopping, TrainingState
 from eskin.learn.dataset import Dataset
-from eskin.learn.holdout import gestures_made, hold_out, sittings_of
-from eskin.learn.scoring import answer_clips
+from eskin.learn.holdout import find_gestures, hold_out, find_sessions
+from eskin.learn.scoring import predict_clips
 from eskin.model import Model, NetworkConfig, check_limits
 from eskin.nn import RecogniserNetwork
 
@@ -102,13 +102,13 @@ class TrainConfig:
         check_limits(self, LIMITS)
 
 
-KEEP_EVERY = 30.0
+SAVE_PERIOD = 30.0
 """Time between two writings of where training stands [s]."""
 
-VALIDATION = 256
+VALIDATION_WINDOWS = 256
 """Windows that validation looks at."""
 
-CERTAIN = -30.0
+MIN_LOG_PROBABILITY = -30.0
 """Stands for the log-probability of what cannot be."""
 
 TEMPERATURES = np.geomspace(0.3, 5.0, 57)
@@ -144,14 +144,14 @@ class Trainer:
         self.rngs = generators(seed, config.workers)
         chosen = list(range(dataset.own)) if recordings is None else recordings
         self.holdout = hold_out(
-            sittings_of(dataset, chosen),
-            gestures_made(dataset, vocabulary),
+            find_sessions(dataset, chosen),
+            find_gestures(dataset, vocabulary),
             0.0 if validation else config.validation,
             self.rngs[0],
         )
         self.shear = config.shear and dataset.has_shear
         self.graph = config.graph if self.shear else config.graph.without_shear()
-        learned = dataset.of_all_versions(self.holdout.train)
+        learned = dataset.with_copies(self.holdout.train)
         self.maker = self.maker_of(dataset, learned, config.augment)
         check_classes(self.maker.sampler, vocabulary)
         source, held = dataset, self.holdout.held
@@ -159,7 +159,7 @@ class Trainer:
             source = validation
             held = frozenset(range(len(validation.recordings)))
         self.held_recordings = held
-        held_maker = self.maker_of(source, held, UNCHANGED)
+        held_maker = self.maker_of(source, held, NO_AUGMENTATION)
         self.held = held_maker if held_maker.sampler.classes else None
         self.network = RecogniserNetwork(config.network, len(vocabulary), self.shear)
         if start is not None:
@@ -168,12 +168,12 @@ class Trainer:
 
     def maker_of(
         self, dataset: Dataset, recordings: frozenset[int], augment: AugmentConfig
-    ) -> BatchMaker:
+    ) -> BatchBuilder:
         """Draws windows of some recordings."""
         slots = self.config.network.slots
         crop = self.config.augment.crop
-        sampler = make_sampler(dataset, self.vocabulary, recordings, slots, crop)
-        return BatchMaker(dataset, sampler, augment, slots, self.shear)
+        sampler = build_sampler(dataset, self.vocabulary, recordings, slots, crop)
+        return BatchBuilder(dataset, sampler, augment, slots, self.shear)
 
     def run(
         self, quiet: bool = False, kept: Path | None = None, facts: str = ""
@@ -194,11 +194,11 @@ class Trainer:
         cycle = torch.optim.lr_scheduler.OneCycleLR(
             optimiser, config.rate, total_steps=total
         )
-        best = Best(config.patience)
-        course = Course(network, optimiser, cycle, best, self.rngs)
+        best = EarlyStopping(config.patience)
+        course = TrainingState(network, optimiser, cycle, best, self.rngs)
         done = course.go_on(kept, facts) if kept else 0
         self.epochs = done // config.steps
-        last = done if best.has_waited else total
+        last = done if best.should_stop else total
         saved = time.monotonic()
         with (
             Progress(disable=quiet, transient=True) as progress,
@@ -212,7 +212,7 @@ class Trainer:
                 progress.advance(task)
                 self.epochs, within = divmod(step + 1, config.steps)
                 over = within == 0 and self.is_over(best)
-                if kept and (over or time.monotonic() - saved > KEEP_EVERY):
+                if kept and (over or time.monotonic() - saved > SAVE_PERIOD):
                     course.keep(kept, facts, step + 1)
                     saved = time.monotonic()
                 if over:
@@ -220,7 +220,7 @@ class Trainer:
         best.restore(network)
         return network.eval()
 
-    def is_over(self, best: Best) -> bool:
+    def is_over(self, best: EarlyStopping) -> bool:
         """Whether validation at the end of an epoch says so."""
         return self.held is not None and best.is_enough(
             self.network, self.validation_loss()
@@ -281,7 +281,7 @@ class Trainer:
             return 1.0
         logits, labels = self.held_answers()
         # Where nothing was felt `none` is certain, whatever the network thinks.
-        felt = (logits > CERTAIN).sum(dim=1) > 1
+        felt = (logits > MIN_LOG_PROBABILITY).sum(dim=1) > 1
         if not felt.any():
             return 1.0
         logits, labels = logits[felt], labels[felt]
@@ -296,11 +296,11 @@ class Trainer:
         if not any(self.held.dataset.clips):
             return self.validation_logits()
         self.network.eval()
-        answers = answer_clips(
+        answers = predict_clips(
             *(self.network, self.held.dataset, self.vocabulary),
             recordings=self.held_recordings,
         )
-        certain = np.maximum(answers.log_chances, CERTAIN)
+        certain = np.maximum(answers.log_probabilities, MIN_LOG_PROBABILITY)
         return torch.as_tensor(certain), torch.as_tensor(answers.truth)
 
     def validation_logits(
@@ -310,7 +310,7 @@ class Trainer:
         assert self.held is not None
         self.network.eval()
         every = self.config.network.slots
-        batch = self.held.make(VALIDATION, VALIDATION, every, np.random.default_rng(0))
+        batch = self.held.make(VALIDATION_WINDOWS, VALIDATION_WINDOWS, every, np.random.default_rng(0))
         with torch.no_grad():
             return self.network(batch.some), batch.labels
 

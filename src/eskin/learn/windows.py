@@ -142,17 +142,17 @@ def thin(windows: Windows, most: int, rng: np.random.Generator) -> Windows:
     return windows.at(kept)
 
 
-def to_input(
+def build_network_input(
     graphs: GraphBatch,
     windows: Windows,
     shear: bool,
     dtype: torch.dtype = torch.float32,
 ) -> NetworkInput:
     """The network's input for windows whose rows' graphs are given in their order."""
-    return NetworkInput(graph_tensors(graphs, shear, dtype), to_places(windows))
+    return NetworkInput(graph_tensors(graphs, shear, dtype), build_places(windows))
 
 
-def to_places(windows: Windows) -> Places:
+def build_places(windows: Windows) -> Places:
     """Where the windows' readings stand, for the network."""
     return Places(
         torch.as_tensor(windows.window), torch.as_tensor(windows.slot), windows.count

@@ -37,22 +37,28 @@ from mcap.records import (
 from eskin.errors import RecordingError
 
 MAGIC = b"\x89MCAP0\r\n"
-RECORD = struct.Struct("<BQ")
-MESSAGE = struct.Struct("<HIQQ")
-MOST_CHUNK = 64 << 20
-"""Of one chunk, before compression [bytes]; ours have about one million."""
+RECORD_HEADER = struct.Struct("<BQ")
+MESSAGE_HEADER = struct.Struct("<HIQQ")
+MAX_CHUNK_BYTES = 64 << 20
+"""Largest chunk that is read, before compression [bytes]; ours have about 1e6."""
 
 
 class DamageError(Exception):
-    """A record whose bytes are not those that were written."""
+    """The error raised for a record whose bytes are not those that were written."""
 
 
 # A length beyond what an index can hold overflows in the mcap library.
-DAMAGES = (DamageError, McapError, OverflowError, UnicodeDecodeError, struct.error)
+DAMAGE_ERRORS = (
+    DamageError,
+    McapError,
+    OverflowError,
+    UnicodeDecodeError,
+    struct.error,
+)
 
 
 class TopicMessage(NamedTuple):
-    """One message as stored."""
+    """A message as stored, with its topic and log time [ns since the epoch]."""
 
     topic: str
     log_time: int
@@ -63,33 +69,33 @@ McapItem = Header | Metadata | Attachment | TopicMessage
 
 
 class McapReader:
-    """Iterates over what an MCAP file holds; `truncated` is known at its end.
+    """An iterable that reads an MCAP file; `truncated` is valid at its end.
 
     Every iteration reads the file again from its start.
     """
 
     def __init__(self, path: Path) -> None:
-        """Look at `path`; nothing is read before iterating."""
+        """Store the path; nothing is read before iterating."""
         self.path = path
         self.truncated = True
         self.topics: dict[int, str] = {}
 
     def __iter__(self) -> Iterator[McapItem]:
-        """Header, metadata, attachments and messages in the order of the file."""
+        """Yield header, metadata, attachments and messages in the file's order."""
         self.truncated = True
         self.topics = {}
         try:
             with self.path.open("rb") as file:
-                yield from self.items(file)
+                yield from self.read_items(file)
         except OSError as error:
             raise RecordingError(f"{self.path}: {error.strerror}") from error
 
-    def items(self, file: BinaryIO) -> Iterator[McapItem]:
-        """Items until the closing magic, a cut or a damaged record."""
+    def read_items(self, file: BinaryIO) -> Iterator[McapItem]:
+        """Yield items up to the closing magic, a cut or a damaged record."""
         size = self.path.stat().st_size
         self.check_magic(file.read(len(MAGIC)))
-        while len(head := file.read(RECORD.size)) == RECORD.size:
-            opcode, length = RECORD.unpack(head)
+        while len(head := file.read(RECORD_HEADER.size)) == RECORD_HEADER.size:
+            opcode, length = RECORD_HEADER.unpack(head)
             if file.tell() + length > size:
                 return
             if opcode == Opcode.FOOTER:
@@ -100,21 +106,21 @@ class McapReader:
             if opcode == Opcode.DATA_END or len(body) < length:
                 continue
             try:
-                items = list(self.parse(opcode, body))
-            except DAMAGES:
+                items = list(self.parse_record(opcode, body))
+            except DAMAGE_ERRORS:
                 return
             yield from items
 
     def check_magic(self, start: bytes) -> None:
-        """Raise when the file does not start as MCAP does."""
+        """Raise if the file does not start with the MCAP magic."""
         if start != MAGIC[: len(start)]:
             raise RecordingError(
                 f"{self.path} starts with {start!r}, not with the MCAP magic; "
                 "give a recording made by eskin"
             )
 
-    def parse(self, opcode: int, body: bytes) -> Iterator[McapItem]:
-        """Items of one record outside chunks."""
+    def parse_record(self, opcode: int, body: bytes) -> Iterator[McapItem]:
+        """Yield the items of one record outside chunks."""
         stream = ReadDataStream(BytesIO(body))
         if opcode == Opcode.HEADER:
             yield Header.read(stream)
@@ -124,78 +130,81 @@ class McapReader:
             check_attachment(body)
             yield Attachment.read(stream)
         elif opcode == Opcode.CHUNK:
-            yield from self.messages(self.decompress(Chunk.read(stream)))
+            yield from self.parse_messages(self.decompress(Chunk.read(stream)))
         elif opcode in (Opcode.CHANNEL, Opcode.MESSAGE):
-            yield from self.messages(RECORD.pack(opcode, len(body)) + body)
+            yield from self.parse_messages(RECORD_HEADER.pack(opcode, len(body)) + body)
 
     def decompress(self, chunk: Chunk) -> bytes:
-        """Records of a chunk, checked against its CRC."""
+        """Return the records of a chunk, checked against its CRC."""
         if chunk.compression not in ("", "zstd"):
             raise RecordingError(
                 f"{self.path} has chunks compressed with {chunk.compression!r:.40}; "
                 "allowed are zstd and none; compress it again: mcap compress"
             )
-        data = self.unpacked(chunk) if chunk.compression else chunk.data
+        data = self.decompress_zstd(chunk) if chunk.compression else chunk.data
         if chunk.uncompressed_crc not in (0, zlib.crc32(data)):
             raise DamageError
         return data
 
-    def unpacked(self, chunk: Chunk) -> bytes:
-        """What a compressed chunk holds; no more memory is taken than it promises."""
+    def decompress_zstd(self, chunk: Chunk) -> bytes:
+        """Decompress a chunk; allocate no more memory than the chunk announces."""
         try:
             size = zstandard.frame_content_size(chunk.data)
             if size not in (-1, chunk.uncompressed_size):
                 raise DamageError
-            if chunk.uncompressed_size > MOST_CHUNK:
+            if chunk.uncompressed_size > MAX_CHUNK_BYTES:
                 raise RecordingError(
                     f"{self.path} has a chunk of {chunk.uncompressed_size} bytes; "
-                    f"allowed are {MOST_CHUNK}; write it again in smaller chunks"
+                    f"allowed are {MAX_CHUNK_BYTES}; write it again in smaller chunks"
                 )
             return zstandard.decompress(chunk.data, chunk.uncompressed_size)
         except zstandard.ZstdError as error:
             raise DamageError from error
 
-    def messages(self, data: bytes) -> Iterator[TopicMessage]:
-        """Messages among records that lie one after the other; channels are noted."""
+    def parse_messages(self, data: bytes) -> Iterator[TopicMessage]:
+        """Yield the messages among consecutive records; remember their channels."""
         offset = 0
         while offset < len(data):
-            opcode, length = RECORD.unpack_from(data, offset)
-            offset += RECORD.size
+            opcode, length = RECORD_HEADER.unpack_from(data, offset)
+            offset += RECORD_HEADER.size
             body = data[offset : offset + length]
             offset += length
             if opcode == Opcode.MESSAGE:
-                channel, _, log_time, _ = MESSAGE.unpack_from(body)
+                channel, _, log_time, _ = MESSAGE_HEADER.unpack_from(body)
                 if channel in self.topics:
                     topic = self.topics[channel]
-                    yield TopicMessage(topic, log_time, body[MESSAGE.size :])
+                    yield TopicMessage(topic, log_time, body[MESSAGE_HEADER.size :])
             elif opcode == Opcode.CHANNEL:
-                self.note(Channel.read(ReadDataStream(BytesIO(body))))
+                self.add_channel(Channel.read(ReadDataStream(BytesIO(body))))
 
-    def note(self, channel: Channel) -> None:
-        """Remember the topic of a channel whose messages can be read."""
+    def add_channel(self, channel: Channel) -> None:
+        """Remember the topic of a channel if its messages can be read."""
         if channel.message_encoding == "cdr":
             self.topics[channel.id] = channel.topic
 
 
 def check_attachment(body: bytes) -> None:
-    """Raise when an attachment's bytes do not fit its CRC; zero means not given."""
+    """Raise if an attachment's bytes do not match its CRC; zero means not given."""
     (crc,) = struct.unpack("<I", body[-4:])
     if crc not in (0, zlib.crc32(body[:-4])):
         raise DamageError
 
 
 CHUNK_BYTES = 1 << 20
-LEVEL = 1
-"""Of zstd: counts are mostly noise, more effort takes twice the time for 4 %."""
+ZSTD_LEVEL = 1
+"""Compression level: counts are mostly noise, a higher one takes twice the time for
+4 %."""
 
 FOOTER = struct.Struct("<BQQQ")
 FOOTER_BYTES = 20
-RECORD_AND_MESSAGE = struct.Struct(RECORD.format + MESSAGE.format.lstrip("<"))
+RECORD_AND_MESSAGE = struct.Struct(
+    RECORD_HEADER.format + MESSAGE_HEADER.format.lstrip("<")
+)
 MESSAGE_INDEX = struct.Struct("<HI")
 
 
-def packed(records: Iterable[McapRecord]) -> bytes:
-    """Records as bytes."""
+def encode_records(records: Iterable[McapRecord]) -> bytes:
+    """Return records as bytes."""
     builder = RecordBuilder()
     for record in records:
         record.write(builder)
@@ -203,12 +212,12 @@ def packed(records: Iterable[McapRecord]) -> bytes:
 
 
 class McapWriter:
-    """Writes one file front to back."""
+    """A writer that fills one MCAP file front to back."""
 
     def __init__(self, file: BinaryIO, profile: str, library: str) -> None:
         """Write the header."""
         self.file = file
-        self.compressor = zstandard.ZstdCompressor(level=LEVEL)
+        self.compressor = zstandard.ZstdCompressor(level=ZSTD_LEVEL)
         self.schemas: list[Schema] = []
         self.channels: list[Channel] = []
         self.attachments: list[AttachmentIndex] = []
@@ -216,27 +225,30 @@ class McapWriter:
         self.chunks: list[ChunkIndex] = []
         self.counts: dict[int, int] = {}
         self.begin_chunk()
-        file.write(MAGIC + packed([Header(profile, library)]))
+        file.write(MAGIC + encode_records([Header(profile, library)]))
 
     def begin_chunk(self) -> None:
         """Start an empty chunk."""
         self.chunk: list[bytes] = []
         self.size = 0
-        self.places: dict[int, list[int]] = {}
+        self.message_index: dict[int, list[int]] = {}
         self.stamps: list[int] = []
 
     def add_metadata(self, name: str, facts: dict[str, str]) -> None:
-        """Write facts under a name."""
-        data, start = packed([Metadata(name=name, metadata=facts)]), self.file.tell()
+        """Write a map of strings under a name."""
+        data, start = (
+            encode_records([Metadata(name=name, metadata=facts)]),
+            self.file.tell(),
+        )
         self.file.write(data)
         self.metadata.append(MetadataIndex(offset=start, length=len(data), name=name))
 
     def add_attachment(self, name: str, media_type: str, content: bytes) -> None:
-        """Write an attachment without time."""
+        """Write an attachment without a time."""
         attachment = Attachment(
             create_time=0, log_time=0, name=name, media_type=media_type, data=content
         )
-        data, start = packed([attachment]), self.file.tell()
+        data, start = encode_records([attachment]), self.file.tell()
         self.file.write(data)
         index = AttachmentIndex(
             create_time=0,
@@ -250,7 +262,10 @@ class McapWriter:
         self.attachments.append(index)
 
     def add_channel(self, topic: str, type_name: str, definition: str) -> int:
-        """Declare a topic of CDR messages with its `ros2msg` definition."""
+        """Declare a topic of CDR messages and return its channel number.
+
+        The definition has the encoding `ros2msg`.
+        """
         number = len(self.channels) + 1
         schema = Schema(
             id=number, data=definition.encode(), encoding="ros2msg", name=type_name
@@ -264,7 +279,7 @@ class McapWriter:
         )
         self.schemas.append(schema)
         self.channels.append(channel)
-        self.append(packed([schema, channel]))
+        self.append(encode_records([schema, channel]))
         return number
 
     def append(self, data: bytes) -> None:
@@ -273,10 +288,10 @@ class McapWriter:
         self.size += len(data)
 
     def add_message(self, channel: int, stamp: int, data: bytes) -> None:
-        """Append a message; a chunk that is full is written."""
-        self.places.setdefault(channel, []).extend((stamp, self.size))
+        """Append a message; write the chunk when it is full."""
+        self.message_index.setdefault(channel, []).extend((stamp, self.size))
         self.stamps.append(stamp)
-        length = MESSAGE.size + len(data)
+        length = MESSAGE_HEADER.size + len(data)
         self.append(
             RECORD_AND_MESSAGE.pack(Opcode.MESSAGE, length, channel, 0, stamp, stamp)
         )
@@ -285,7 +300,7 @@ class McapWriter:
             self.end_chunk()
 
     def end_chunk(self) -> None:
-        """Write the chunk so far, if there is any message in it."""
+        """Write the chunk so far if it holds any message."""
         if not self.stamps:
             return
         raw = b"".join(self.chunk)
@@ -297,7 +312,7 @@ class McapWriter:
             uncompressed_crc=zlib.crc32(raw),
             uncompressed_size=len(raw),
         )
-        data, start = packed([chunk]), self.file.tell()
+        data, start = encode_records([chunk]), self.file.tell()
         self.file.write(data)
         self.chunks.append(
             ChunkIndex(
@@ -312,51 +327,53 @@ class McapWriter:
                 uncompressed_size=chunk.uncompressed_size,
             )
         )
-        self.write_places(self.chunks[-1])
+        self.write_message_index(self.chunks[-1])
         self.file.flush()
         self.begin_chunk()
 
-    def write_places(self, chunk: ChunkIndex) -> None:
-        """Write where in the chunk the messages of each channel are."""
+    def write_message_index(self, chunk: ChunkIndex) -> None:
+        """Write where the messages of each channel are in the chunk."""
         start = self.file.tell()
-        for channel, places in self.places.items():
+        for channel, entries in self.message_index.items():
             chunk.message_index_offsets[channel] = self.file.tell()
-            body = struct.pack(f"<{len(places)}Q", *places)
+            body = struct.pack(f"<{len(entries)}Q", *entries)
             head = MESSAGE_INDEX.pack(channel, len(body))
             size = len(head) + len(body)
-            self.file.write(RECORD.pack(Opcode.MESSAGE_INDEX, size) + head + body)
-            self.counts[channel] = self.counts.get(channel, 0) + len(places) // 2
+            self.file.write(
+                RECORD_HEADER.pack(Opcode.MESSAGE_INDEX, size) + head + body
+            )
+            self.counts[channel] = self.counts.get(channel, 0) + len(entries) // 2
         chunk.message_index_length = self.file.tell() - start
 
     def finish(self) -> None:
-        """Write the index; the file stays open."""
+        """Write the index at the end; the file stays open."""
         self.end_chunk()
-        self.file.write(packed([DataEnd(0)]))
+        self.file.write(encode_records([DataEnd(0)]))
         start = self.file.tell()
         groups: dict[Opcode, list] = {
             Opcode.SCHEMA: self.schemas,
             Opcode.CHANNEL: self.channels,
-            Opcode.STATISTICS: [self.statistics()],
+            Opcode.STATISTICS: [self.build_statistics()],
             Opcode.CHUNK_INDEX: self.chunks,
             Opcode.ATTACHMENT_INDEX: self.attachments,
             Opcode.METADATA_INDEX: self.metadata,
         }
         summary, offsets = b"", []
         for opcode, records in groups.items():
-            data = packed(records)
+            data = encode_records(records)
             offsets.append(SummaryOffset(opcode, start + len(summary), len(data)))
             summary += data
         offset_start = start + len(summary)
-        summary += packed(offsets)
+        summary += encode_records(offsets)
         head = FOOTER.pack(Opcode.FOOTER, FOOTER_BYTES, start, offset_start)
         crc = zlib.crc32(summary + head)
         footer = Footer(
             summary_start=start, summary_offset_start=offset_start, summary_crc=crc
         )
-        self.file.write(summary + packed([footer]) + MAGIC)
+        self.file.write(summary + encode_records([footer]) + MAGIC)
 
-    def statistics(self) -> Statistics:
-        """What the file holds, in numbers."""
+    def build_statistics(self) -> Statistics:
+        """Return the numbers of records in the file and its span of time."""
         return Statistics(
             attachment_count=len(self.attachments),
             channel_count=len(self.channels),

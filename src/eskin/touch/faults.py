@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from eskin.skin.skin import Skin
-from eskin.touch.adjacency import Adjacency, Lines
+from eskin.touch.adjacency import Adjacency, TaxelGroups
 from eskin.touch.calibration import Calibration
 from eskin.touch.fault_kernels import PAUSE, Watch, watch_counts, watch_neighbours
 from eskin.touch.reading import Scan, check_order
@@ -53,9 +53,9 @@ class FaultLister:
     def __init__(self, skin: Skin) -> None:
         """Group the taxels."""
         self.skin = skin
-        self.rows = Lines.of(skin, np.asarray(skin.rows))
-        self.columns = Lines.of(skin, np.asarray(skin.columns))
-        self.patches = Lines.of(skin, np.asarray(skin.patch_index))
+        self.rows = TaxelGroups.build(skin, np.asarray(skin.rows))
+        self.columns = TaxelGroups.build(skin, np.asarray(skin.columns))
+        self.patches = TaxelGroups.build(skin, np.asarray(skin.patch_index))
 
     def report(
         self,
@@ -72,24 +72,26 @@ class FaultLister:
         """
         left = code >= 0
         faults: list[Fault] = []
-        kinds: tuple[tuple[FaultKind, Lines, int], ...] = (
+        kinds: tuple[tuple[FaultKind, TaxelGroups, int], ...] = (
             ("patch", self.patches, 1),
             ("row", self.rows, LEAST_LINE),
             ("column", self.columns, LEAST_LINE),
         )
         for kind, lines, least in kinds:
             flags = left | silent if kind == "patch" else left
-            out = lines.all_of(flags) & (lines.sizes >= least)
+            out = lines.all_flagged(flags) & (lines.sizes >= least)
             for n in np.flatnonzero(out):
-                begun = int(since[lines.line_index == n].max())
+                begun = int(since[lines.group_index == n].max())
                 faults.append(self.line_fault(kind, lines, int(n), begun))
-            left = left & ~out[lines.line_index]
+            left = left & ~out[lines.group_index]
         return faults + [
             self.taxel_fault(int(i), int(code[i]), int(since[i]))
             for i in np.flatnonzero(left)
         ]
 
-    def line_fault(self, kind: FaultKind, lines: Lines, line: int, since: int) -> Fault:
+    def line_fault(
+        self, kind: FaultKind, lines: TaxelGroups, line: int, since: int
+    ) -> Fault:
         """The fault of a row, column or patch."""
         number = int(lines.numbers[line])
         return Fault(
@@ -315,8 +317,8 @@ class FaultDetector:
                 limit[members] = max(config.stuck_seconds, config.stuck_factor * usual)
         inside = (watch.level >= 0) & (watch.level < self.full_scale)
         patches = self.lister.patches
-        offset = patches.share_of(self.has_offset()) >= config.offset_share
-        possible = inside & ((watch.level > 0) | offset[patches.line_index])
+        offset = patches.flagged_share(self.has_offset()) >= config.offset_share
+        possible = inside & ((watch.level > 0) | offset[patches.group_index])
         found = (possible & (age > limit)) | (
             inside & (watch.ignored >= config.ignored_seconds)
         )
@@ -341,8 +343,8 @@ class FaultDetector:
         )
         result = np.zeros(self.skin.count, bool)
         for lines in (self.lister.rows, self.lister.columns):
-            out = lines.all_of(lost) & (lines.sizes >= LEAST_LINE)
-            result |= out[lines.line_index]
+            out = lines.all_flagged(lost) & (lines.sizes >= LEAST_LINE)
+            result |= out[lines.group_index]
         return result
 
     def saturated(self) -> Bool[np.ndarray, "taxel"]:

@@ -20,7 +20,7 @@ from eskin.learn.baselines.estimators import (
 from eskin.learn.baselines.flat import FlatBaseline
 from eskin.learn.baselines.hand import HandBaseline
 from eskin.learn.baselines.interface import READINGS, Baseline, Clips, Stream
-from eskin.learn.baselines.network import FitConfig, NetworkBaseline, one_thread
+from eskin.learn.baselines.network import FitConfig, NetworkBaseline, use_one_thread
 from eskin.learn.baselines.paper import PaperBaseline, Pooling
 from eskin.skin import MountedSkin
 
@@ -36,7 +36,7 @@ __all__ = [
     "Pooling",
     "Stream",
     "make_baseline",
-    "one_thread",
+    "use_one_thread",
 ]
 
 ON_MAXIMA: dict[str, Callable[[int], Estimator]] = {

@@ -31,22 +31,22 @@ BANDS = (0.3, 1.0, 2.0, 3.0, 5.0)  # [Hz]
 Series = Float[np.ndarray, "series reading"]
 
 
-def segment_features(
+def compute_segment_features(
     dataset: Dataset, segment: Segment, shear: bool
 ) -> Float[np.ndarray, "feature"]:
     """Features of one segment."""
     rows = np.arange(segment.first, segment.end)
-    return stretch_features(dataset, rows, shear)
+    return compute_features(dataset, rows, shear)
 
 
-def stretch_features(
+def compute_features(
     dataset: Dataset, rows: Int[np.ndarray, "reading"], shear: bool
 ) -> Float[np.ndarray, "feature"]:
     """Features of consecutive rows of one sequence."""
-    return graph_features(dataset.graphs.select(rows), dataset.stamps[rows], shear)
+    return compute_graph_features(dataset.graphs.select(rows), dataset.stamps[rows], shear)
 
 
-def graph_features(
+def compute_graph_features(
     graphs: GraphBatch, stamps: Int[np.ndarray, "reading"], shear: bool
 ) -> Float[np.ndarray, "feature"]:
     """Features of the graphs of consecutive readings.
@@ -57,7 +57,7 @@ def graph_features(
         shear: whether the shear is among the features.
     """
     seconds = (stamps - stamps[0]) * 1e-9
-    series = pressure_series(graphs)
+    series = compute_pressure_series(graphs)
     extent = np.ptp(centres(graphs.pressure * graphs.areas, graphs)[:, :2], axis=0)
     whole = [
         seconds[-1] + float(np.median(graphs.seconds)),
@@ -70,7 +70,7 @@ def graph_features(
     return np.concatenate([whole, statistics(series)])
 
 
-def pressure_series(graphs: GraphBatch) -> Series:
+def compute_pressure_series(graphs: GraphBatch) -> Series:
     """Force, peak, area, two extents, change and speed at each reading."""
     p, a = graphs.pressure, graphs.areas
     change = np.abs(p - graphs.before) * a / graphs.seconds[graphs.graph_index]
@@ -190,7 +190,7 @@ class HandBaseline(Baseline):
 
     def features(self, graphs: GraphBatch) -> Float[np.ndarray, "feature"]:
         """Features of one window's graphs."""
-        return graph_features(graphs, STAMPS, shear=False).astype(np.float32)
+        return compute_graph_features(graphs, STAMPS, shear=False).astype(np.float32)
 
 
 @final

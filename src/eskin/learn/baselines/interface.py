@@ -136,7 +136,7 @@ class Baseline(ABC):
 
 
 @final
-class Rolling:
+class RollingWindow:
     """The last rows of a series, oldest first, without moving any."""
 
     def __init__(self, shape: tuple[int, ...]) -> None:
@@ -159,8 +159,8 @@ class WindowStream(Stream):
         """Start with a window without touch."""
         self.baseline = baseline
         mounted = baseline.mounted
-        self.pressure = Rolling((mounted.skin.count,))
-        self.q = Rolling((len(mounted.robot.joint_names),))
+        self.pressure = RollingWindow((mounted.skin.count,))
+        self.q = RollingWindow((len(mounted.robot.joint_names),))
 
     def push(
         self, pressure: Float[np.ndarray, "taxel"], q: Float[np.ndarray, "joint"]

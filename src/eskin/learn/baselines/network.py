@@ -16,7 +16,7 @@ from eskin.learn.baselines.interface import (
     Clips,
     Labels,
     Probabilities,
-    Rolling,
+    RollingWindow,
     Stream,
     WindowStream,
 )
@@ -145,7 +145,7 @@ class CachedStream(Stream):
         nothing = np.zeros((1, mounted.skin.count), np.float32), np.zeros((1, joints))
         with torch.inference_mode():
             feature = network.encode(*tensors(*nothing)).numpy()[0]
-        self.window = Rolling(feature.shape)
+        self.window = RollingWindow(feature.shape)
         self.window.twice[:] = feature
 
     def push(
@@ -164,6 +164,6 @@ def tensors(pressure: np.ndarray, q: np.ndarray) -> tuple[Tensor, Tensor]:
     return torch.from_numpy(felt), torch.from_numpy(joints)
 
 
-def one_thread() -> None:
+def use_one_thread() -> None:
     """Have torch compute in one thread."""
     torch.set_num_threads(1)

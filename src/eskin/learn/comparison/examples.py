@@ -16,8 +16,8 @@ from eskin.files import atomic_path
 from eskin.graph import GraphConfig
 from eskin.learn.baselines import READINGS, Clips
 from eskin.learn.dataset import Dataset, prepare
-from eskin.learn.ground_truth import Clip, clips_of
-from eskin.learn.recording_transforms import Version, Wear, WearConfig
+from eskin.learn.ground_truth import Clip, read_clips
+from eskin.learn.recording_transforms import RecordingTransform, Aging, AgingConfig
 from eskin.recording import Recording, find_recordings, read_recording
 from eskin.robot import recorded_robot
 from eskin.skin import MountedSkin
@@ -40,14 +40,14 @@ class Examples:
     workers: int = 1
     """How many processes prepare."""
 
-    harm: Version | None = None
+    harm: RecordingTransform | None = None
     """What harms them; nothing where None."""
 
     @cached_property
     def every(self) -> tuple[tuple[int, Clip], ...]:
         """All clips, each with the index of its recording."""
         numbered = enumerate(self.paths)
-        return tuple((n, clip) for n, path in numbered for clip in clips_of(path))
+        return tuple((n, clip) for n, path in numbered for clip in read_clips(path))
 
     @cached_property
     def gestures(self) -> tuple[str, ...]:
@@ -85,7 +85,7 @@ class Examples:
 
     def dataset(self, graph: GraphConfig, skins: int = 0) -> Dataset:
         """The touches of the clips as graphs, felt by so many worn skins besides."""
-        others = (Wear(WearConfig(), number) for number in range(skins))
+        others = (Aging(AgingConfig(), number) for number in range(skins))
         versions, plain = (self.harm, *others), graph.without_shear()
         return prepare(self.paths, None, plain, self.pack, self.workers, versions)
 
@@ -127,7 +127,7 @@ def find_examples(places: Sequence[Path], pack: Path, workers: int = 1) -> Examp
         RecordingError: there is no recording, or one that is not of a set of clips.
     """
     paths = find_recordings(places)
-    bare = next((path for path in paths if not clips_of(path)), None)
+    bare = next((path for path in paths if not read_clips(path)), None)
     if bare is not None:
         raise RecordingError(
             f"{bare} is of no set of clips; allowed are sets of clips; make one with: "
@@ -137,7 +137,7 @@ def find_examples(places: Sequence[Path], pack: Path, workers: int = 1) -> Examp
 
 
 def windows_of(
-    path: Path, pack: Path, harm: Version | None = None
+    path: Path, pack: Path, harm: RecordingTransform | None = None
 ) -> tuple[np.ndarray, np.ndarray]:
     """The windows of the clips of a recording, made where they are not there yet."""
     with path.open("rb") as file:
@@ -145,15 +145,15 @@ def windows_of(
     facts = f"{FORMAT} {content} {PipelineConfig()}" + (f" {harm}" if harm else "")
     target = pack / f"{hashlib.sha256(facts.encode()).hexdigest()[:32]}.windows.npz"
     if not target.exists():
-        pressure, q = cut_windows(path, harm)
+        pressure, q = cut_clip_windows(path, harm)
         with atomic_path(target) as part:
             np.savez(part, pressure=pressure, q=q)
     with np.load(target) as arrays:
         return arrays["pressure"], arrays["q"]
 
 
-def cut_windows(
-    path: Path, harm: Version | None = None
+def cut_clip_windows(
+    path: Path, harm: RecordingTransform | None = None
 ) -> tuple[
     Float[np.ndarray, "clip 100 taxel"],
     Float[np.ndarray, "clip 100 joint"],
@@ -164,7 +164,7 @@ def cut_windows(
     valid reads zero; where no reading came, the window shows the one before.
     """
     recording = read_recording(path)
-    clips = clips_of(path)
+    clips = read_clips(path)
     taxels, joints = recording.skin.count, len(recording.joint_names)
     pressure = np.zeros((len(clips), READINGS, taxels), np.float16)
     q = np.zeros((len(clips), READINGS, joints), np.float32)
@@ -183,7 +183,7 @@ def cut_windows(
 
 
 def readings_of(
-    recording: Recording, harm: Version | None = None
+    recording: Recording, harm: RecordingTransform | None = None
 ) -> Iterator[tuple[int, Float[np.ndarray, "taxel"], Float[np.ndarray, "joint"]]]:
     """Stamp [ns], pressure [kPa] and joint positions [rad] of every reading."""
     mounted = MountedSkin(recording.skin, recorded_robot(recording.robot_name))

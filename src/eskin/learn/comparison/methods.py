@@ -19,11 +19,11 @@ from eskin.learn.baselines import (
     Pooling,
 )
 from eskin.learn.baselines.estimators import Estimator, GradientBoosting
-from eskin.learn.baselines.hand import statistics, stretch_features
+from eskin.learn.baselines.hand import statistics, compute_features
 from eskin.learn.comparison.encoders import ENCODERS, EncoderKind
 from eskin.learn.comparison.examples import Examples
 from eskin.learn.dataset import Dataset
-from eskin.learn.scoring import answer_clips, last_rows
+from eskin.learn.scoring import predict_clips, find_last_rows
 from eskin.learn.training import TrainConfig, Trainer
 from eskin.model import NetworkConfig
 from eskin.recording import NONE
@@ -75,7 +75,7 @@ class TouchTrees(Method):
 def touch_rows(examples: Examples) -> Float[np.ndarray, "clip feature"]:
     """Features of the touch of largest impulse of each clip, zeros without a touch."""
     dataset = examples.dataset(GraphConfig())
-    ends = list(last_rows(dataset, examples.every))
+    ends = list(find_last_rows(dataset, examples.every))
     found = {end: touch_features(dataset, end) for end in ends if end >= 0}
     width = max((len(row) for row in found.values()), default=0)
     nothing = np.zeros(width)
@@ -91,7 +91,7 @@ def touch_features(dataset: Dataset, end: int) -> Float[np.ndarray, "feature"]:
     """
     rows = np.arange(dataset.starts[end], end + 1)
     series = pressure_summary(dataset.graphs.select(rows)).T
-    hand = stretch_features(dataset, rows, shear=False)
+    hand = compute_features(dataset, rows, shear=False)
     return np.concatenate([hand, statistics(series), series[:, -1]])
 
 
@@ -147,8 +147,8 @@ class RecogniserMethod(Method):
         shares = shares_of(examples.truth(examples.gestures))
 
         def answers(other: Examples) -> Float[np.ndarray, "clip class"]:
-            found = answer_clips(network, other.dataset(graph), vocabulary)
-            chances = found.log_chances[:, columns]
+            found = predict_clips(network, other.dataset(graph), vocabulary)
+            chances = found.log_probabilities[:, columns]
             # Where `none` is no answer, nothing felt is the likeliest of the others.
             nothing = np.isneginf(chances).all(axis=1, keepdims=True)
             return np.where(nothing, np.log(shares), chances)

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from eskin.learn.comparison.results import Answered, Result
-from eskin.learn.metrics import by_group, paired_interval
+from eskin.learn.metrics import compute_group_accuracies, bootstrap_difference
 
 Place = tuple[int, int]
 """The draw of the data, and the seed."""
@@ -156,13 +156,13 @@ def ahead(
     mean = float(both[0].mean() - both[1].mean())
     if len(set(people)) == 1:
         return Ahead(mean, None, None)
-    return Ahead(mean, *paired_interval(*both, cluster=people))
+    return Ahead(mean, *bootstrap_difference(*both, cluster=people))
 
 
 def gestures_right(answered: Sequence[Answered]) -> dict[str, float]:
     """Share of right answers among all clips of each gesture."""
     right = np.concatenate([each.right for each in answered])
-    return by_group(right, [gesture for each in answered for gesture in each.truth])
+    return compute_group_accuracies(right, [gesture for each in answered for gesture in each.truth])
 
 
 def accuracies_of(results: Sequence[Result], asked: str) -> list[float]:

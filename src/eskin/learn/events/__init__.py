@@ -1,15 +1,15 @@
 """Continuous streams scored: true events, what was said of them, and what fits."""
 
-from eskin.learn.events.event_scoring import EventScore, LeftAlone, Tally, score_events
+from eskin.learn.events.event_scoring import EventScore, NonGestureTally, Tally, score_events
 from eskin.learn.events.matching import MatchConfig, Matching, Take, match
-from eskin.learn.events.traces import HeardStream, Trace, hear, is_stream, trace_of
-from eskin.learn.events.true_events import TrueEvent, true_events
+from eskin.learn.events.traces import TracedStream, Trace, hear, is_stream, trace_recording
+from eskin.learn.events.read_true_events import TrueEvent, read_true_events
 from eskin.learn.events.tuning import TuningConfig, choose_decision
 
 __all__ = [
     "EventScore",
-    "HeardStream",
-    "LeftAlone",
+    "TracedStream",
+    "NonGestureTally",
     "MatchConfig",
     "Matching",
     "Take",
@@ -22,6 +22,6 @@ __all__ = [
     "is_stream",
     "match",
     "score_events",
-    "trace_of",
-    "true_events",
+    "trace_recording",
+    "read_true_events",
 ]

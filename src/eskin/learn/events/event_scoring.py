@@ -6,9 +6,9 @@ from dataclasses import astuple, dataclass
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from eskin.learn.events.matching import NO_GESTURE, Marked, MatchConfig, Take, mark
-from eskin.learn.events.true_events import TrueEvent
-from eskin.learn.metrics import Reliability, draw_clusters, reliability
+from eskin.learn.events.matching import NO_GESTURE, MatchedStream, MatchConfig, Take, mark
+from eskin.learn.events.read_true_events import TrueEvent
+from eskin.learn.metrics import Reliability, resample_clusters, reliability
 from eskin.live import UNKNOWN
 from eskin.recording import NONE
 from eskin.units import NS_PER_S
@@ -52,7 +52,7 @@ class Tally:
 
 
 @dataclass(frozen=True)
-class LeftAlone:
+class NonGestureTally:
     """Events that are no gesture of the vocabulary, of which none should be said."""
 
     count: int = 0
@@ -66,9 +66,9 @@ class LeftAlone:
         """Share that was mistaken; NaN where there was none."""
         return share(self.mistaken, self.count)
 
-    def __add__(self, other: "LeftAlone") -> "LeftAlone":
+    def __add__(self, other: "NonGestureTally") -> "NonGestureTally":
         """Both together."""
-        return LeftAlone(self.count + other.count, self.mistaken + other.mistaken)
+        return NonGestureTally(self.count + other.count, self.mistaken + other.mistaken)
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,7 +112,7 @@ def f1_interval(parts: Sequence[Tally], seed: int = 0) -> tuple[float, float]:
     counts = np.array([astuple(part) for part in parts], dtype=np.float64)
     if len(parts) < 2 or not counts.sum():
         return float("nan"), float("nan")
-    matched, missed, false = draw_clusters(counts, seed).T
+    matched, missed, false = resample_clusters(counts, seed).T
     whole = 2 * matched + missed + false
     f1 = 2 * matched[whole > 0] / whole[whole > 0]
     low, high = np.percentile(f1, [2.5, 97.5])
@@ -154,10 +154,10 @@ class EventScore:
     delays: dict[str, Delays]
     """Of the matched detections of each gesture."""
 
-    unknown: dict[str, LeftAlone]
+    unknown: dict[str, NonGestureTally]
     """Gestures that are not in the vocabulary, by their name."""
 
-    none: dict[str, LeftAlone]
+    none: dict[str, NonGestureTally]
     """Touches that are no gesture, by their kind."""
 
     names: tuple[str, ...]
@@ -202,15 +202,15 @@ class EventScore:
         return reliability(self.confidence, self.right)
 
     @property
-    def unknown_total(self) -> LeftAlone:
+    def unknown_total(self) -> NonGestureTally:
         """Gestures that are not in the vocabulary, all together."""
-        return sum(self.unknown.values(), LeftAlone())
+        return sum(self.unknown.values(), NonGestureTally())
 
     @property
-    def accidents(self) -> LeftAlone:
+    def accidents(self) -> NonGestureTally:
         """Touches that nobody means, all together."""
         kinds = (left for kind, left in self.none.items() if kind in ACCIDENTS)
-        return sum(kinds, LeftAlone())
+        return sum(kinds, NonGestureTally())
 
 
 NOTHING = "nothing"
@@ -236,20 +236,20 @@ def score_events(
     people = sorted({take.subject for take in takes})
     confusion = np.zeros((len(names), len(names)), dtype=np.int64)
     for marked in every:
-        confusion += confusion_of(marked, names)
+        confusion += count_confusions(marked, names)
     return EventScore(
         hours=sum(take.seconds for take in takes) / HOUR,
-        per_gesture={name: tally_of(every, (name,)) for name in gestures},
+        per_gesture={name: tally_gestures(every, (name,)) for name in gestures},
         per_subject={
-            person: tally_of([m for m in every if m.take.subject == person], gestures)
+            person: tally_gestures([m for m in every if m.take.subject == person], gestures)
             for person in people
         },
-        simultaneous=sum((at_once(marked, gestures) for marked in every), Tally()),
-        delays={name: delays_of(every, name) for name in gestures},
-        unknown=left_alone_of(
+        simultaneous=sum((tally_overlapping(marked, gestures) for marked in every), Tally()),
+        delays={name: collect_delays(every, name) for name in gestures},
+        unknown=tally_non_gestures(
             every, lambda e: None if e.gesture in (*gestures, NONE) else e.gesture
         ),
-        none=left_alone_of(
+        none=tally_non_gestures(
             every, lambda e: e.kind or NONE if e.gesture == NONE else None
         ),
         names=names,
@@ -261,7 +261,7 @@ def score_events(
     )
 
 
-def tally_of(every: Sequence[Marked], gestures: Sequence[str]) -> Tally:
+def tally_gestures(every: Sequence[MatchedStream], gestures: Sequence[str]) -> Tally:
     """Events and detections of some gestures."""
     total = Tally()
     for marked in every:
@@ -273,16 +273,16 @@ def tally_of(every: Sequence[Marked], gestures: Sequence[str]) -> Tally:
     return total
 
 
-def at_once(marked: Marked, gestures: Sequence[str]) -> Tally:
+def tally_overlapping(marked: MatchedStream, gestures: Sequence[str]) -> Tally:
     """Events that overlap another one, and what was falsely said meanwhile."""
     made = np.array([e.gesture in gestures for e in marked.take.events], dtype=bool)
     wanted = made & marked.overlapping
     matched = int(wanted[list(marked.matching.matched)].sum())
-    false = int(marked.said_meanwhile[list(marked.false)].sum())
+    false = int(marked.is_during_overlap[list(marked.false)].sum())
     return Tally(matched, int(wanted.sum()) - matched, false)
 
 
-def delays_of(every: Sequence[Marked], gesture: str) -> Delays:
+def collect_delays(every: Sequence[MatchedStream], gesture: str) -> Delays:
     """When the matched detections of a gesture were said."""
     pairs = [
         (marked.take.events[event], marked.take.detections[found].stamp)
@@ -296,21 +296,21 @@ def delays_of(every: Sequence[Marked], gesture: str) -> Delays:
     )
 
 
-def left_alone_of(
-    every: Sequence[Marked], name_of: Callable[[TrueEvent], str | None]
-) -> dict[str, LeftAlone]:
+def tally_non_gestures(
+    every: Sequence[MatchedStream], name_of: Callable[[TrueEvent], str | None]
+) -> dict[str, NonGestureTally]:
     """Events of which no gesture should be said, by a name; None leaves one out."""
-    found: dict[str, LeftAlone] = {}
+    found: dict[str, NonGestureTally] = {}
     for marked in every:
         for index, event in enumerate(marked.take.events):
             name = name_of(event)
             if name is not None:
-                one = LeftAlone(1, int(marked.is_mistaken(index)))
-                found[name] = found.get(name, LeftAlone()) + one
+                one = NonGestureTally(1, int(marked.is_mistaken(index)))
+                found[name] = found.get(name, NonGestureTally()) + one
     return dict(sorted(found.items()))
 
 
-def confusion_of(marked: Marked, names: Sequence[str]) -> Int[np.ndarray, "true said"]:
+def count_confusions(marked: MatchedStream, names: Sequence[str]) -> Int[np.ndarray, "true said"]:
     """What was said of each event, and in the last row what else was said."""
     counts = np.zeros((len(names), len(names)), dtype=np.int64)
     place = {name: index for index, name in enumerate(names)}

@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 from scipy.optimize import linear_sum_assignment
 
-from eskin.learn.events.true_events import TrueEvent
+from eskin.learn.events.read_true_events import TrueEvent
 from eskin.live import UNKNOWN, Detection
 from eskin.recording import NONE
 from eskin.units import NS_PER_S
@@ -80,14 +80,14 @@ def match(
     named = np.array([event.gesture for event in events], dtype=np.str_)
     said = np.array([found.gesture for found in detections], dtype=np.str_)
     same = (named[:, None] == said) & ~np.isin(said, NO_GESTURE)
-    cost = np.where(fitting & same, onset_gaps(events, detections), FORBIDDEN)
+    cost = np.where(fitting & same, compute_onset_gaps(events, detections), FORBIDDEN)
     pairs = zip(*linear_sum_assignment(cost), strict=True)
     matched = {int(e): int(d) for e, d in pairs if cost[e, d] < FORBIDDEN}
     left = sorted(set(range(len(detections))) - set(matched.values()))
     about = {d: np.flatnonzero(fitting[:, d]) for d in left}
     blamed = {
         d: max(
-            which.tolist(), key=lambda event: closeness(events[event], detections[d])
+            which.tolist(), key=lambda event: compute_overlap(events[event], detections[d])
         )
         for d, which in about.items()
         if len(which)
@@ -99,7 +99,7 @@ def fits(
     events: Sequence[TrueEvent], detections: Sequence[Detection], config: MatchConfig
 ) -> Bool[np.ndarray, "event detection"]:
     """Which detections are of the time and place of which events."""
-    fitting = are_in_time(events, detections, config)
+    fitting = find_timely(events, detections, config)
     for event, found in np.argwhere(fitting).tolist():
         p_world, last = detections[found].p_world, detections[found].end
         distance = events[event].distance(p_world, last, config.around)
@@ -107,7 +107,7 @@ def fits(
     return fitting
 
 
-def are_in_time(
+def find_timely(
     events: Sequence[TrueEvent], detections: Sequence[Detection], config: MatchConfig
 ) -> Bool[np.ndarray, "event detection"]:
     """Which detections were said between onset and a while after the end."""
@@ -118,7 +118,7 @@ def are_in_time(
     return (stamps >= onsets[:, None]) & (stamps <= ends[:, None] + late)
 
 
-def onset_gaps(
+def compute_onset_gaps(
     events: Sequence[TrueEvent], detections: Sequence[Detection]
 ) -> Float[np.ndarray, "event detection"]:
     """How far apart the onsets of events and of detected touches are [s]."""
@@ -127,14 +127,14 @@ def onset_gaps(
     return np.abs(onsets[:, None] - starts) / NS_PER_S
 
 
-def closeness(event: TrueEvent, found: Detection) -> tuple[int, int]:
+def compute_overlap(event: TrueEvent, found: Detection) -> tuple[int, int]:
     """Time that an event and a detected touch share, negative if they are apart."""
     shared = min(event.end, found.end) - max(event.onset, found.onset)
     return shared, -abs(event.onset - found.onset)
 
 
 @dataclass(frozen=True, eq=False)
-class Marked:
+class MatchedStream:
     """A stream, and which of its detections are of which of its events."""
 
     take: Take
@@ -159,7 +159,7 @@ class Marked:
             about,
             key=lambda d: (
                 said[d].gesture not in NO_GESTURE,
-                closeness(truth, said[d]),
+                compute_overlap(truth, said[d]),
             ),
             default=None,
         )
@@ -190,13 +190,13 @@ class Marked:
         return together.sum(axis=1) > 1
 
     @property
-    def said_meanwhile(self) -> Bool[np.ndarray, "detection"]:
+    def is_during_overlap(self) -> Bool[np.ndarray, "detection"]:
         """Which detections were said when one of an overlapping event might be."""
         events, detections = self.take.events, self.take.detections
-        timely = are_in_time(events, detections, self.config)
+        timely = find_timely(events, detections, self.config)
         return np.any(timely[self.overlapping], axis=0, keepdims=True)[0]
 
 
-def mark(take: Take, config: MatchConfig) -> Marked:
+def mark(take: Take, config: MatchConfig) -> MatchedStream:
     """Compare what was done with what was said."""
-    return Marked(take, match(take.events, take.detections, config), config)
+    return MatchedStream(take, match(take.events, take.detections, config), config)

@@ -11,7 +11,7 @@ from joblib import Parallel, delayed, parallel_config
 
 from eskin.errors import RecordingError
 from eskin.learn.events.matching import Take
-from eskin.learn.events.true_events import TrueEvent, true_events
+from eskin.learn.events.read_true_events import TrueEvent, read_true_events
 from eskin.live import Decider, Detection, Recognizer
 from eskin.live.logits import calibrated
 from eskin.live.recognizer import detection_of
@@ -100,7 +100,7 @@ class Trace:
         return found
 
 
-def trace_of(recording: Recording, model: Model) -> Trace:
+def trace_recording(recording: Recording, model: Model) -> Trace:
     """Replay a recording through the recogniser, and keep what it decides upon."""
     mounted = MountedSkin(recording.skin, recorded_robot(recording.robot_name))
     recognizer = Recognizer(model, mounted, recording.calibration, ANY_TRAVEL)
@@ -109,10 +109,10 @@ def trace_of(recording: Recording, model: Model) -> Trace:
         recognizer.push(scan)
         state = recognizer.state
         if state is not None and (state.touches or state.closed_touches):
-            moments.append(moment_of(recognizer, state.touches, state.closed_touches))
+            moments.append(record_step(recognizer, state.touches, state.closed_touches))
     left = recognizer.touches.finish()
     if left:
-        moments.append(moment_of(recognizer, (), left))
+        moments.append(record_step(recognizer, (), left))
     return Trace(
         vocabulary=model.card.vocabulary,
         temperature=model.card.temperature,
@@ -122,7 +122,7 @@ def trace_of(recording: Recording, model: Model) -> Trace:
     )
 
 
-def moment_of(
+def record_step(
     recognizer: Recognizer, touches: tuple[Touch, ...], closed: tuple[Touch, ...]
 ) -> TraceStep:
     """What the recogniser knows at the reading that it has just taken."""
@@ -147,7 +147,7 @@ STREAM = 10.0
 
 
 @dataclass(frozen=True, eq=False)
-class HeardStream:
+class TracedStream:
     """A recording's trace, and what really happened in it."""
 
     path: Path
@@ -178,7 +178,7 @@ class HeardStream:
 
 def hear(
     paths: Sequence[Path], model: Model, workers: int = 1
-) -> Iterator[HeardStream]:
+) -> Iterator[TracedStream]:
     """Trace recordings in their order.
 
     Args:
@@ -190,13 +190,13 @@ def hear(
         RecordingError: it is not known what happened in one of them.
     """
     count = max(1, min(workers, len(paths)))
-    jobs = (delayed(hear_one)(path, model) for path in paths)
+    jobs = (delayed(trace_file)(path, model) for path in paths)
     with parallel_config("loky", inner_max_num_threads=1):
         found: Any = Parallel(count, return_as="generator")(jobs)
     yield from found
 
 
-def hear_one(path: Path, model: Model) -> HeardStream:
+def trace_file(path: Path, model: Model) -> TracedStream:
     """Trace one recording."""
     recording = read_recording(path)
     if not recording.labels and not recording.metadata.simulated:
@@ -204,13 +204,13 @@ def hear_one(path: Path, model: Model) -> HeardStream:
             f"{path} has no labels; scoring needs them; make some with: "
             f"eskin label {path}"
         )
-    return HeardStream(
+    return TracedStream(
         path=path,
         subject=recording.metadata.subject or recording.metadata.session,
         seconds=(recording.end - recording.start) / NS_PER_S,
         truncated=recording.truncated,
-        events=true_events(recording),
-        trace=trace_of(recording, model),
+        events=read_true_events(recording),
+        trace=trace_recording(recording, model),
     )
 
 

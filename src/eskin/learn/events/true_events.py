@@ -9,7 +9,7 @@ from jaxtyping import Float, Int
 from eskin.recording import Label, Recording, TruthRecord, select_labels
 from eskin.units import NS_PER_S
 
-SAME_AS = {"tap_many": "double_pat"}
+GESTURE_ALIASES = {"tap_many": "double_pat"}
 """Names of gestures that count as another one: three or more pats are a double pat."""
 
 
@@ -58,46 +58,46 @@ class TrueEvent:
         return float(np.linalg.norm(self.path[near] - p_world, axis=1).min())
 
 
-def true_events(recording: Recording) -> tuple[TrueEvent, ...]:
+def read_true_events(recording: Recording) -> tuple[TrueEvent, ...]:
     """Every touch of a recording, by its onset.
 
     They come from `/eskin/truth`, which also has those that overlap; where there is
     none, from the best labels.
     """
-    found = events_of_truths(recording.truths())
+    found = build_events(recording.truths())
     found = found or [
-        event_of_label(label) for label in select_labels(recording.labels)
+        build_label_event(label) for label in select_labels(recording.labels)
     ]
     return tuple(sorted(found, key=lambda event: (event.onset, event.end)))
 
 
-def events_of_truths(truths: Iterable[TruthRecord]) -> list[TrueEvent]:
+def build_events(truths: Iterable[TruthRecord]) -> list[TrueEvent]:
     """One event for every touch of the truth."""
     touches: dict[int, list[TruthRecord]] = {}
     for truth in truths:
         touches.setdefault(truth.touch, []).append(truth)
-    return [event_of_touch(records) for records in touches.values()]
+    return [build_touch_event(records) for records in touches.values()]
 
 
-def event_of_touch(records: Sequence[TruthRecord]) -> TrueEvent:
+def build_touch_event(records: Sequence[TruthRecord]) -> TrueEvent:
     """The event whose contact is in these records, in the order of time."""
     first, last = records[0], records[-1]
     return TrueEvent(
         onset=first.stamp,
         end=last.stamp,
-        gesture=SAME_AS.get(first.gesture, first.gesture),
+        gesture=GESTURE_ALIASES.get(first.gesture, first.gesture),
         kind=first.kind,
         stamps=np.array([record.stamp for record in records], dtype=np.int64),
         path=np.array([record.p_world for record in records]),
     )
 
 
-def event_of_label(label: Label) -> TrueEvent:
+def build_label_event(label: Label) -> TrueEvent:
     """The event that a label tells of."""
     return TrueEvent(
         onset=label.start,
         end=label.end,
-        gesture=SAME_AS.get(label.gesture, label.gesture),
+        gesture=GESTURE_ALIASES.get(label.gesture, label.gesture),
         kind="",
         stamps=np.empty(0, dtype=np.int64),
         path=np.empty((0, 3)),

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 from eskin.learn.events.event_scoring import EventScore, score_events
 from eskin.learn.events.matching import NO_GESTURE
-from eskin.learn.events.traces import HeardStream
+from eskin.learn.events.traces import TracedStream
 from eskin.model import DecisionConfig
 
 Choice = tuple[DecisionConfig, EventScore]
@@ -59,7 +59,7 @@ class Candidate:
 
 
 def choose_decision(
-    streams: Sequence[HeardStream],
+    streams: Sequence[TracedStream],
     config: TuningConfig | None = None,
     temperature: float | None = None,
 ) -> Choice:
