@@ -7,7 +7,11 @@ from typing import Literal, final, get_args
 
 import numpy as np
 
-from eskin.learn.recording_transforms import RecordingTransform, estimate_rest_counts, replace_counts
+from eskin.learn.recording_transforms import (
+    RecordingTransform,
+    estimate_rest_counts,
+    replace_counts,
+)
 from eskin.model import check_limits
 from eskin.recording import Recording
 from eskin.skin import Skin

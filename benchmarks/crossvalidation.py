@@ -11,7 +11,7 @@ from joblib import Parallel, delayed
 
 from eskin.errors import RecordingError
 from eskin.learn.baselines.estimators import ON_FEATURES
-from eskin.learn.baselines.hand import compute_segment_features, compute_features
+from eskin.learn.baselines.hand import compute_features, compute_segment_features
 from eskin.learn.dataset import Dataset
 from eskin.learn.ground_truth import Segment
 from eskin.learn.scoring import score_instants, score_segments

@@ -21,7 +21,7 @@ from eskin.cli.generate import Command as Generate
 from eskin.cli.generate import SkinName, run
 from eskin.learn.checkpoint import to_network
 from eskin.learn.dataset import prepare
-from eskin.learn.windows import cut, build_network_input
+from eskin.learn.windows import build_network_input, cut
 from eskin.live import Recognizer
 from eskin.model import Model, load_model
 from eskin.nn import RecogniserNetwork
@@ -164,7 +164,9 @@ def torch_logits(
     windows = cut(dataset, ends, dataset.starts[ends], network.config.slots)
     with torch.no_grad():
         graphs = dataset.graphs.select(windows.rows)
-        return network(build_network_input(graphs, windows, network.shear)).numpy(), ends
+        return network(
+            build_network_input(graphs, windows, network.shear)
+        ).numpy(), ends
 
 
 if __name__ == "__main__":

@@ -15,11 +15,11 @@ from typing import Literal
 
 import numpy as np
 import tyro
+from eskin.learn.events.read_true_events import build_events
 from jaxtyping import Float
 
 from eskin.learn.events.event_scoring import EventScore, score_events
 from eskin.learn.events.matching import Take
-from eskin.learn.events.read_true_events import build_events
 from eskin.live import Detection, Recognizer
 from eskin.model import Model, load_model
 from eskin.recording import NONE, TruthRecord

@@ -28,7 +28,7 @@ from benchmarks.crossvalidation import (
     train_folds,
 )
 from eskin.learn.dataset import Dataset, prepare
-from eskin.learn.metrics import compute_group_accuracies, bootstrap_difference, score
+from eskin.learn.metrics import bootstrap_difference, compute_group_accuracies, score
 from eskin.learn.plots import draw_confusion
 from eskin.learn.training import TrainConfig
 from eskin.model import load_model

@@ -30,12 +30,12 @@ from eskin.learn.comparison import (
     Place,
     Result,
     Task,
-    do_all,
     find_examples,
+    run_tasks,
 )
 from eskin.learn.comparison.results import read_result
 from eskin.learn.comparison.study import draw_clips_curve
-from eskin.learn.comparison.table import accuracies_of
+from eskin.learn.comparison.table import compute_accuracies
 
 Part = Literal["table", "large", "clips", "robustness", "study", "leaks", "all"]
 TESTS = ("test-s", "test-p", "test-x", "test-m")
@@ -234,7 +234,7 @@ def clips(command: Command, form: Form) -> None:
                 task = task_of(command, name, method, train, test, draw)
                 asked[name, size, (draw, draw)] = task
     tasks = list(asked.values())
-    done = do_all(tasks, command.results, command.workers, 60 * command.minutes)
+    done = run_tasks(tasks, command.results, command.workers, 60 * command.minutes)
     found: dict[int, dict[str, dict[Place, Result]]] = {}
     for (name, size, place), result in zip(asked, done, strict=True):
         if result is not None:
@@ -255,7 +255,7 @@ def clips(command: Command, form: Form) -> None:
         draw_clips_curve(
             {
                 name: {
-                    size: accuracies_of(list(by_name[name].values()), "test")
+                    size: compute_accuracies(list(by_name[name].values()), "test")
                     for size, by_name in whole.items()
                 }
                 for name in methods

@@ -24,8 +24,8 @@ from eskin.learn.comparison import (
     Place,
     Result,
     Task,
-    do_all,
     find_examples,
+    run_tasks,
 )
 from eskin.learn.comparison.study import COLOURS
 from eskin.learn.comparison.table import ahead, margin
@@ -117,7 +117,7 @@ def main(command: Command) -> None:
     """Train, answer, print and draw."""
     tasks = [task for name in command.methods for task in tasks_of(command, name)]
     seconds = 60 * command.minutes
-    done = do_all(tasks, command.results, command.workers, seconds)
+    done = run_tasks(tasks, command.results, command.workers, seconds)
     found: dict[str, dict[Place, Result]] = {}
     for result in done:
         if result is not None:
@@ -141,7 +141,9 @@ def tasks_of(command: Command, name: str) -> list[Task]:
         # Sets begin at the same stamp, so only the seed has others harmed in each.
         seed = command.seed + n
         train, test = (find_examples([place], command.pack) for place in places)
-        harms = [Corruption(kind, a, seed) for kind in command.kinds for a in AMOUNTS[kind]]
+        harms = [
+            Corruption(kind, a, seed) for kind in command.kinds for a in AMOUNTS[kind]
+        ]
         tests = {UNHARMED: test, **{h.name: replace(test, harm=h) for h in harms}}
         tasks.append(Task(name, METHODS[name], train, tests, seed))
     return tasks

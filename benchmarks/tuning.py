@@ -36,10 +36,14 @@ from eskin.learn.comparison import (
     Method,
     RecogniserMethod,
     Task,
-    do_all,
     find_examples,
+    run_tasks,
 )
-from eskin.learn.comparison.methods import FOR_SMALL_SETS, TouchTrees, network_method
+from eskin.learn.comparison.methods import (
+    FOR_SMALL_SETS,
+    TouchTrees,
+    build_network_method,
+)
 from eskin.model import NetworkConfig
 
 SEEDS = (100, 101)
@@ -147,7 +151,9 @@ def candidates() -> dict[str, dict[str, Method]]:
     }
     for name in NETWORKS:
         fits = PAPER if name == "paper" else CNNS
-        found[name] = {words: network_method(name, fit) for words, fit in fits.items()}
+        found[name] = {
+            words: build_network_method(name, fit) for words, fit in fits.items()
+        }
     return found
 
 
@@ -191,7 +197,7 @@ def table(
         for method in settings.values()
         for draw in draws
     ]
-    done = do_all(tasks, RESULTS, command.workers)
+    done = run_tasks(tasks, RESULTS, command.workers)
     shares = [r.answered["val"].right.mean() for r in done if r is not None]
     means = np.reshape(shares, (len(settings), len(draws))).mean(axis=1)
     rows = zip(settings, means.tolist(), strict=True)

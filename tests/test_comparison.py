@@ -19,12 +19,12 @@ from eskin.learn.comparison import (
     Method,
     Result,
     Task,
-    do_all,
     find_examples,
+    run_tasks,
 )
 from eskin.learn.comparison.encoders import ENCODERS
 from eskin.learn.comparison.examples import cut_clip_windows
-from eskin.learn.comparison.study import Variant, draw_line, study_rows
+from eskin.learn.comparison.study import Variant, build_study_rows, draw_line
 from eskin.learn.ground_truth import read_clips
 from eskin.model import LENGTH_CM, NetworkConfig
 from eskin.nn import graph_tensors
@@ -91,7 +91,7 @@ def test_where_no_reading_came_a_window_shows_the_one_before(examples, monkeypat
     path = examples.paths[0]
     clip, taxels = read_clips(path)[0], examples.mounted.skin.count
 
-    def readings_of(recording, harm):
+    def read_pressures(recording, harm):
         for slot in (10, 60):
             stamp = clip.start + slot * (clip.end - clip.start) // READINGS
             yield (
@@ -100,7 +100,9 @@ def test_where_no_reading_came_a_window_shows_the_one_before(examples, monkeypat
                 np.full(len(recording.joint_names), slot),
             )
 
-    monkeypatch.setattr("eskin.learn.comparison.examples.readings_of", readings_of)
+    monkeypatch.setattr(
+        "eskin.learn.comparison.examples.read_pressures", read_pressures
+    )
     pressure, _ = cut_clip_windows(path)
     held = np.repeat([0, 10, 60], [10, 50, 40])
     np.testing.assert_array_equal(pressure[0, :, -1], held)
@@ -172,7 +174,7 @@ def test_what_is_not_begun_in_time_is_left_and_what_is_done_is_not(folder, tmp_p
     a = find_examples([folder / "a"], tmp_path)
     tasks = [Task("guess", Guess(), a, {}, seed) for seed in range(2)]
     tasks[1].done(tmp_path / "r")
-    found = do_all(tasks, tmp_path / "r", seconds=-1.0)
+    found = run_tasks(tasks, tmp_path / "r", seconds=-1.0)
     assert found[0] is None and found[1] is not None
 
 
@@ -351,7 +353,7 @@ def test_a_variant_is_held_against_the_first_of_its_network_where_both_were_trai
         ours[2]: {(2, 0): result(True)},
         theirs: {(0, 0): result(False)},
     }
-    first, second, other = study_rows(found)
+    first, second, other = build_study_rows(found)
     assert (first.k, second.k, other.network) == (4, 8, "paper")
     assert (first.runs, second.runs, other.runs) == (2, 2, 1)
     assert (first.test_ahead, other.test_ahead, second.val_ahead) == (None, None, None)

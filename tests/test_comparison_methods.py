@@ -32,7 +32,7 @@ from eskin.learn.comparison import (
     touch_trees,
 )
 from eskin.learn.comparison.encoders import ENCODERS
-from eskin.learn.comparison.methods import touch_rows
+from eskin.learn.comparison.methods import build_touch_rows
 from eskin.learn.comparison.study import Variant
 from eskin.learn.scoring import ClipPredictions
 from eskin.learn.training import Trainer
@@ -207,12 +207,14 @@ def test_a_variant_of_the_papers_has_its_neighbours_and_pooling(examples, monkey
 def test_trees_on_a_touch_see_its_features_and_nothing_where_nothing_is_felt(
     examples, monkeypatch
 ):
-    rows = touch_rows(examples)
+    rows = build_touch_rows(examples)
     assert len(rows) == len(examples.every) and np.isfinite(rows).all()
     assert rows.any(axis=1).all() and len(np.unique(rows, axis=0)) == len(rows)
-    ends = list(touch_trees.find_last_rows(examples.dataset(GraphConfig()), examples.every))
+    ends = list(
+        touch_trees.find_last_rows(examples.dataset(GraphConfig()), examples.every)
+    )
     ends[2] = -1
     monkeypatch.setattr(touch_trees, "find_last_rows", lambda dataset, every: ends)
-    other = touch_rows(examples)
+    other = build_touch_rows(examples)
     assert not other[2].any()
     np.testing.assert_array_equal(np.delete(other, 2, 0), np.delete(rows, 2, 0))

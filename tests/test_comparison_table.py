@@ -7,11 +7,11 @@ from benchmarks import robustness
 from clip_scenes import generated
 from eskin.cli.compare import sorted_out
 from eskin.learn.comparison import (
-    Ahead,
     Answered,
+    Lead,
     Result,
-    gestures_markdown,
-    markdown,
+    format_gesture_tables,
+    format_tables,
     rows_of,
 )
 
@@ -36,7 +36,7 @@ def test_a_method_is_held_against_the_first_on_what_both_answered():
     assert ours.test_accuracy == pytest.approx(0.75) and ours.runs == 2
     assert ours.std == pytest.approx(np.std([1.0, 0.5], ddof=1))
     assert ours.val_std == 0.0
-    table = markdown([ours, other])
+    table = format_tables([ours, other])
     assert "| ours | 2 | 100.0% |  | 75.0% (35.4%) |  |" in table
     assert "| ours ahead | test (SD) | ours ahead |" in table
     assert ours.val_ahead is None and ours.test_ahead is None
@@ -53,7 +53,7 @@ def test_a_table_tells_of_how_many_people_it_is():
     assert (row.val_people, row.val_clips) == (2, 2)
     assert (row.test_people, row.test_clips) == (people, 80)
     said = f"80 clips of {people} people asked, 2 of 2 held out of the training"
-    assert f"\n\n{said} to validate on.\n\n" in markdown([row])
+    assert f"\n\n{said} to validate on.\n\n" in format_tables([row])
 
 
 def test_what_the_first_method_has_not_answered_is_not_compared():
@@ -83,7 +83,7 @@ def test_people_of_another_draw_are_others():
         name: {(0, 0): one(name, 0, "a"), (1, 1): one(name, 1, second)}
         for name, second in (("ours", "a"), ("other", "b"))
     }
-    assert rows_of(found)[1].test_ahead == Ahead(0.5, 0.0, 1.0)
+    assert rows_of(found)[1].test_ahead == Lead(0.5, 0.0, 1.0)
 
 
 def test_the_share_of_a_gesture_is_of_its_clips_in_all_draws():
@@ -107,7 +107,7 @@ def test_the_share_of_a_gesture_is_of_its_clips_in_all_draws():
         {"x": 1.0, "y": 0.0},
         {"x": pytest.approx(1 / 3), "y": 1.0},
     ]
-    table, _ = gestures_markdown(rows).split("\n\n")
+    table, _ = format_gesture_tables(rows).split("\n\n")
     assert table.splitlines() == [
         "| a, clips of | x | y |",
         "|---|---|---|",
@@ -123,8 +123,8 @@ def test_of_a_single_person_there_is_no_interval_and_a_tie_is_told():
         for name, right in (("ours", good), ("tie", good), ("other", bad))
     }
     rows = rows_of(found)
-    assert rows[2].val_ahead == Ahead(0.0, None, None)
-    lines = markdown(rows).splitlines()[2:5]
+    assert rows[2].val_ahead == Lead(0.0, None, None)
+    lines = format_tables(rows).splitlines()[2:5]
     assert [line.split(" | ")[3] for line in lines] == ["", "+0.0", "+0.0"]
     ends = [line.split(" | ")[5].strip(" |") for line in lines]
     assert ends[:2] == ["", "+0.0 [+0.0, +0.0]"] and ends[2].startswith("+50.0 [")

@@ -12,6 +12,7 @@ SOURCE = Path(__file__).parents[1] / "src" / "eskin"
 BELOW = {
     "errors": (),
     "transforms": (),
+    "code_digest": (),
     "compiled": (),
     "structref_kernels": ("compiled",),
     "closing": (),

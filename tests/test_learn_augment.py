@@ -23,20 +23,20 @@ def graphs(tmp_path_factory):
     return dataset.graphs.select(np.arange(50, len(dataset.stamps)))
 
 
-def windows_of(graphs, length=10):
+def load_windows(graphs, length=10):
     return np.arange(graphs.count) // length
 
 
 def ratios(graphs, changed):
     """New to old pressure where there was any, with window and taxel."""
     node = graphs.pressure > 0
-    window = windows_of(graphs)[graphs.graph_index]
+    window = load_windows(graphs)[graphs.graph_index]
     ratio = changed.pressure[node] / graphs.pressure[node]
     return window[node], graphs.taxels[node], ratio
 
 
 def vary(graphs, config, seed=0):
-    return augment(graphs, windows_of(graphs), np.random.default_rng(seed), config)
+    return augment(graphs, load_windows(graphs), np.random.default_rng(seed), config)
 
 
 def test_the_scene_has_pressure_and_shear(graphs):

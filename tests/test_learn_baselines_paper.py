@@ -6,7 +6,7 @@ import torch
 
 from baseline_scenes import UR5
 from eskin.graph import live_neighbours
-from eskin.learn.baselines.paper import LAYERS, Neighbourhood, PaperNetwork
+from eskin.learn.baselines.paper import LAYERS, NodeSelector, PaperNetwork
 from graph_scenes import FOLDED
 
 
@@ -66,7 +66,7 @@ def test_gradients_are_the_same_too():
 
 def test_live_edges_join_patches_only_where_they_come_near():
     pressure, q = readings()
-    live = Neighbourhood(UR5, 8).live_edges(pressure > 0, q)
+    live = NodeSelector(UR5, 8).live_edges(pressure > 0, q)
     patch = torch.from_numpy(UR5.skin.patch_index)
     reading, node, _ = (live >= 0).nonzero(as_tuple=True)
     assert set(reading.tolist()) == {0, 1}
@@ -91,7 +91,7 @@ def test_a_pose_in_which_links_come_near_is_seen():
 
 
 def test_a_touched_taxel_is_heard_as_many_hops_away_as_there_are_layers():
-    neighbourhood = Neighbourhood(UR5, 8)
+    neighbourhood = NodeSelector(UR5, 8)
     alone, q = (each[2:3] for each in readings())
     rows = neighbourhood.rows(alone > 0, q, LAYERS, whole=False)
     heard = {700}

@@ -11,9 +11,9 @@ from eskin.learn.baselines.convolution import (
     Cnn3d,
     CnnLstm,
     ImageCnn,
-    Pixels,
-    patch_image,
-    unrolled_image,
+    TaxelsToImage,
+    build_patch_image,
+    build_unrolled_image,
 )
 from eskin.learn.baselines.flat import BINS, KPA, bins
 from eskin.skin import Grid, Patch, Plane, Tube, join_patches, load_skin
@@ -35,7 +35,7 @@ def laid(rows, columns, surface):
 
 def pixels_of(skin):
     """Row and column in the unrolled image of each taxel."""
-    return np.divmod(unrolled_image(skin).place, ROUND)
+    return np.divmod(build_unrolled_image(skin).place, ROUND)
 
 
 def apart_round(one, other):
@@ -56,7 +56,7 @@ def side_by_side(skin):
 def test_a_taxel_of_a_patch_lies_at_its_row_its_column_and_its_patch():
     skin = UR5.skin
     pressure = torch.arange(1.0, skin.count + 1)
-    image = Pixels(patch_image(skin))(pressure)
+    image = TaxelsToImage(build_patch_image(skin))(pressure)
     for taxel in range(skin.count):
         at = skin.rows[taxel], skin.columns[taxel], skin.patch_index[taxel]
         assert image[at].item() == pytest.approx((taxel + 1) / KPA)
@@ -64,10 +64,10 @@ def test_a_taxel_of_a_patch_lies_at_its_row_its_column_and_its_patch():
 
 
 @every_skin
-@pytest.mark.parametrize("image_of", [patch_image, unrolled_image])
+@pytest.mark.parametrize("image_of", [build_patch_image, build_unrolled_image])
 def test_any_taxel_pressed_alone_is_seen_in_one_pixel(name, image_of):
     skin = load_skin(name)
-    pixels = Pixels(image_of(skin))
+    pixels = TaxelsToImage(image_of(skin))
     for some in torch.arange(skin.count).split(256):
         images = pixels(KPA * torch.eye(skin.count)[some]).flatten(1)
         assert torch.equal(images.sum(dim=1), torch.ones(len(some)))
@@ -75,12 +75,12 @@ def test_any_taxel_pressed_alone_is_seen_in_one_pixel(name, image_of):
 
 
 def test_where_taxels_meet_the_largest_pressure_is_seen():
-    image = unrolled_image(UR5.skin)
+    image = build_unrolled_image(UR5.skin)
     pressure = np.random.default_rng(0).uniform(1, 30, UR5.skin.count)
     want = np.zeros(image.shape).ravel()
     for place, felt in zip(image.place, pressure, strict=True):
         want[place] = max(want[place], felt / KPA)
-    got = Pixels(image)(torch.from_numpy(pressure))
+    got = TaxelsToImage(image)(torch.from_numpy(pressure))
     assert np.array_equal(got.numpy().ravel(), want)
     assert (want > 0).sum() < UR5.skin.count
 
@@ -97,7 +97,7 @@ def test_neighbours_on_the_arm_are_neighbours_in_the_unrolled_image():
 
 
 def test_most_taxels_have_a_pixel_of_their_own():
-    assert len(np.unique(unrolled_image(UR5.skin).place)) > 0.9 * UR5.skin.count
+    assert len(np.unique(build_unrolled_image(UR5.skin).place)) > 0.9 * UR5.skin.count
 
 
 @any_way

@@ -91,8 +91,12 @@ def test_lost_readings_are_not_in_the_batch(dataset):
         return len(maker(dataset, config).make(32, 1, 1, rng()).summary)
 
     whole = count(NO_AUGMENTATION)
-    assert count(replace(NO_AUGMENTATION, halved=1.0)) == pytest.approx(whole / 2, rel=0.1)
-    assert count(replace(NO_AUGMENTATION, lost=0.6)) == pytest.approx(0.7 * whole, rel=0.1)
+    assert count(replace(NO_AUGMENTATION, halved=1.0)) == pytest.approx(
+        whole / 2, rel=0.1
+    )
+    assert count(replace(NO_AUGMENTATION, lost=0.6)) == pytest.approx(
+        0.7 * whole, rel=0.1
+    )
 
 
 @pytest.mark.parametrize("config", [NO_AUGMENTATION, VARIED])

@@ -5,7 +5,7 @@ import pytest
 
 from clip_scenes import clip_at, generated, loaded
 from eskin.learn.dataset import prepare
-from eskin.learn.scoring import predict_clips, find_last_rows, compute_log_probabilities
+from eskin.learn.scoring import compute_log_probabilities, find_last_rows, predict_clips
 from live_scenes import network
 
 VOCABULARY = ("poke", "none", "stroke")
@@ -63,7 +63,9 @@ def test_only_the_recordings_asked_for_are_answered():
     some = predict_clips(net(), dataset, VOCABULARY, recordings={1})
     assert every.recording.tolist() == [0, 1, 1]
     assert some.recording.tolist() == [1, 1]
-    np.testing.assert_allclose(some.log_probabilities, every.log_probabilities[1:], atol=1e-6)
+    np.testing.assert_allclose(
+        some.log_probabilities, every.log_probabilities[1:], atol=1e-6
+    )
 
 
 def test_clips_of_gestures_that_the_model_does_not_know_are_passed_over():
@@ -105,5 +107,7 @@ def test_the_answer_is_what_is_said_at_the_last_reading_of_the_touch(tmp_path):
     assert (np.diff(dataset.sequence[rows]) > 0).all()
     following = np.append(dataset.sequence, -1)[rows + 1]
     assert (following != dataset.sequence[rows]).all()
-    expected = compute_log_probabilities(model, dataset, rows, dataset.starts[rows], 1.7)
+    expected = compute_log_probabilities(
+        model, dataset, rows, dataset.starts[rows], 1.7
+    )
     np.testing.assert_allclose(found.log_probabilities, expected, atol=1e-6)

@@ -9,7 +9,12 @@ from clip_scenes import Elsewhere, Placed, generated
 from eskin.errors import RecordingError
 from eskin.graph import GraphConfig
 from eskin.learn.dataset import digest, prepare
-from eskin.learn.ground_truth import look_up_gestures, extend_labels, find_label_indices, find_runs
+from eskin.learn.ground_truth import (
+    extend_labels,
+    find_label_indices,
+    find_runs,
+    look_up_gestures,
+)
 from eskin.recording import read_recording
 from eskin.touch import ContactConfig, PipelineConfig
 from learn_scenes import (

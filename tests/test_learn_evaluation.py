@@ -15,13 +15,13 @@ from eskin.learn.evaluation import check_fits, confidence, evaluate
 from eskin.learn.ground_truth import MissedGesture, Segment
 from eskin.learn.plots import draw_confusion
 from eskin.learn.scoring import (
+    compute_log_probabilities,
+    find_window_ends,
     predict_clips,
     score_instants,
-    compute_log_probabilities,
     score_segments,
-    find_window_ends,
 )
-from eskin.learn.windows import cut, build_network_input
+from eskin.learn.windows import build_network_input, cut
 from eskin.model import ModelCard
 from learn_scenes import NETWORK, START, bare, record_people
 from live_scenes import network
@@ -55,7 +55,9 @@ def test_embedding_each_reading_once_gives_what_whole_windows_give(
     found = compute_log_probabilities(net, dataset, ends, firsts, 1.7)
     windows = cut(dataset, ends, firsts, 100)
     with torch.no_grad():
-        logits = net(build_network_input(dataset.graphs.select(windows.rows), windows, False))
+        logits = net(
+            build_network_input(dataset.graphs.select(windows.rows), windows, False)
+        )
     expected = log_softmax(logits / 1.7, dim=1).numpy()
     np.testing.assert_allclose(found, expected, atol=1e-5)
 

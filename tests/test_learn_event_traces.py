@@ -11,9 +11,9 @@ from eskin.learn.events import (
     choose_decision,
     hear,
     is_stream,
+    read_true_events,
     score_events,
     trace_recording,
-    read_true_events,
 )
 from eskin.live import Recognizer
 from eskin.model import DecisionConfig

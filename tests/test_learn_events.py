@@ -4,12 +4,12 @@ import math
 
 import numpy as np
 import pytest
+from eskin.learn.events.read_true_events import build_events, build_label_event
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from eskin.learn.events import MatchConfig, Tally, match, score_events
 from eskin.learn.events.event_scoring import f1_interval
-from eskin.learn.events.read_true_events import build_label_event, build_events
 from eskin.recording import Label, TruthRecord
 from event_scenes import (
     SECOND,

@@ -3,7 +3,12 @@
 import numpy as np
 import pytest
 
-from eskin.learn.ground_truth import MAX_DISTANCE, TouchLabel, TrueTouches, read_true_touches
+from eskin.learn.ground_truth import (
+    MAX_DISTANCE,
+    TouchLabel,
+    TrueTouches,
+    read_true_touches,
+)
 from eskin.recording import (
     Metadata,
     RecordingWriter,

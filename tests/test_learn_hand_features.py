@@ -3,7 +3,12 @@
 import numpy as np
 import pytest
 
-from eskin.learn.baselines.hand import BANDS, bands, compute_segment_features, compute_features
+from eskin.learn.baselines.hand import (
+    BANDS,
+    bands,
+    compute_features,
+    compute_segment_features,
+)
 from eskin.learn.dataset import prepare
 from learn_scenes import record
 

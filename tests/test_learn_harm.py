@@ -4,7 +4,7 @@ from dataclasses import fields, replace
 
 import numpy as np
 import pytest
-from benchmarks.corruption import KINDS, TURN, DRIFT_START, Corruption
+from benchmarks.corruption import DRIFT_START, KINDS, TURN, Corruption
 
 from baseline_scenes import UR5, toy
 from clip_scenes import generated
@@ -176,7 +176,9 @@ def test_drift_begins_after_the_tare_and_goes_at_its_speed_there_and_back(record
     _, now, _, _ = stacked(Corruption("drift", 2.0).scans(recording))
     kpa = (now - was) * 100 / FULL_SCALE
     seconds = (stamps - stamps[0]) / SECOND
-    assert (np.abs(kpa)[seconds <= DRIFT_START][received[seconds <= DRIFT_START]] == 0).all()
+    assert (
+        np.abs(kpa)[seconds <= DRIFT_START][received[seconds <= DRIFT_START]] == 0
+    ).all()
     heard = seconds - np.where(seconds > 4, 4.02, 0.0) - DRIFT_START
     wanted = 2.0 * (TURN - np.abs(np.maximum(heard, 0) - TURN))
     apart = np.abs(np.abs(kpa) - wanted[:, None])
@@ -186,13 +188,19 @@ def test_drift_begins_after_the_tare_and_goes_at_its_speed_there_and_back(record
 
 
 def test_lost_scans_are_so_many_and_the_others_come(recording):
-    was, now = stacked(recording.scans()), stacked(Corruption("lost", 0.2).scans(recording))
+    was, now = (
+        stacked(recording.scans()),
+        stacked(Corruption("lost", 0.2).scans(recording)),
+    )
     assert len(now[0]) == SCANS - round(0.2 * SCANS)
     assert set(now[0]) < set(was[0])
 
 
 def test_at_25_hz_every_other_scan_comes(recording):
-    was, now = stacked(recording.scans()), stacked(Corruption("rate", 25.0).scans(recording))
+    was, now = (
+        stacked(recording.scans()),
+        stacked(Corruption("rate", 25.0).scans(recording)),
+    )
     assert same([each[::2] for each in was], now)
 
 
@@ -260,7 +268,7 @@ def test_wrong_places_change_graphs_and_no_window(examples):
     assert 0.98 < between.min() <= between.max() < 1.0
     assert np.array_equal(examples.windows.pressure, wrong.windows.pressure)
     mounted = examples.mounted
-    [(seen, windows)] = wrong.windows_on(mounted)
+    [(seen, windows)] = wrong.find_windows_on(mounted)
     assert windows.count == len(examples.every)
     skin = wrong.harm.skin(mounted.skin, read_recording(examples.paths[0]).start)
     assert np.array_equal(seen.skin.positions, skin.positions)
@@ -299,7 +307,12 @@ def test_only_methods_that_look_at_places_see_them_change(name, looks):
 
 
 def test_a_harmed_test_is_another_test(examples):
-    harms = [None, Corruption("dead", 0.1), Corruption("dead", 0.2), Corruption("dead", 0.1, 1)]
+    harms = [
+        None,
+        Corruption("dead", 0.1),
+        Corruption("dead", 0.2),
+        Corruption("dead", 0.1, 1),
+    ]
     tests = [replace(examples, harm=harm) for harm in harms]
     assert len({each.digest for each in tests}) == len(harms)
     keys = {

@@ -11,8 +11,8 @@ from sklearn.metrics import (
 
 from eskin.learn.metrics import (
     accuracy_interval,
-    compute_group_accuracies,
     bootstrap_difference,
+    compute_group_accuracies,
     reliability,
     score,
     wilson_interval,
@@ -112,7 +112,9 @@ def test_whole_clusters_are_drawn_however_their_examples_are_ordered():
     cluster = rng.integers(12, size=90)
     order = rng.permutation(90)
     one = bootstrap_difference(ours, theirs, cluster=cluster.tolist())
-    other = bootstrap_difference(ours[order], theirs[order], cluster=cluster[order].tolist())
+    other = bootstrap_difference(
+        ours[order], theirs[order], cluster=cluster[order].tolist()
+    )
     assert one == pytest.approx(other)
     assert bootstrap_difference(ours, theirs, cluster=[7] * 90) == pytest.approx(
         (ours.mean() - theirs.mean(),) * 2

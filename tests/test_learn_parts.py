@@ -5,7 +5,7 @@ import pytest
 
 from clip_scenes import Elsewhere, generated
 from eskin.graph import GraphConfig, GraphStream, join
-from eskin.learn.ground_truth import read_clips, find_runs
+from eskin.learn.ground_truth import find_runs, read_clips
 from eskin.learn.prepared_recording import PreparedRecording, prepare_recording
 from eskin.recording import read_recording
 from eskin.robot import load_robot

@@ -118,5 +118,7 @@ def test_another_skin_is_another_part(tmp_path):
         Aging(AgingConfig(), 1),
         Aging(AgingConfig(unfelt=1.0), 0),
     ]
-    keys = {compute_pack_key(path, PipelineConfig(), GraphConfig(), skin) for skin in skins}
+    keys = {
+        compute_pack_key(path, PipelineConfig(), GraphConfig(), skin) for skin in skins
+    }
     assert len(keys) == len(skins)

@@ -15,11 +15,11 @@ from eskin.learn.comparison import (
     Place,
     Result,
     Task,
-    do_all,
     find_examples,
-    gestures_markdown,
-    markdown,
+    format_gesture_tables,
+    format_tables,
     rows_of,
+    run_tasks,
 )
 from eskin.model import check_limits
 
@@ -91,14 +91,14 @@ def run(command: Command) -> dict[str, object]:
         for name, (draw, seed) in asked
     ]
     seconds = 60 * command.minutes
-    done = do_all(tasks, command.results, command.workers, seconds)
+    done = run_tasks(tasks, command.results, command.workers, seconds)
     left = sum(result is None for result in done)
     if left:
         print(f"{left} of {len(done)} trainings are left; the same command goes on")
     found = sorted_out(command.methods, asked, done)
     rows = rows_of(found) if found else []
     if rows:
-        print(f"{markdown(rows)}\n\n{gestures_markdown(rows)}")
+        print(f"{format_tables(rows)}\n\n{format_gesture_tables(rows)}")
     return {"rows": [asdict(row) for row in rows]}
 
 

@@ -10,13 +10,13 @@ import tyro
 
 from eskin.cli.checks import check_folder, check_picture
 from eskin.learn.baselines import Pooling
-from eskin.learn.comparison import Place, Result, Task, do_all, find_examples
+from eskin.learn.comparison import Place, Result, Task, find_examples, run_tasks
 from eskin.learn.comparison.study import (
     Network,
     Variant,
+    build_study_rows,
     draw_study,
-    study_rows,
-    study_table,
+    format_study,
 )
 from eskin.model import check_limits
 
@@ -94,7 +94,7 @@ def run(command: Command) -> dict[str, object]:
         for variant in variants
     ]
     tasks = [task_of(command, variant, *at) for variant, at in asked]
-    done = do_all(tasks, command.results, command.workers, 60 * command.minutes)
+    done = run_tasks(tasks, command.results, command.workers, 60 * command.minutes)
     found: dict[Variant, dict[Place, Result]] = {variant: {} for variant in variants}
     for (variant, at), result in zip(asked, done, strict=True):
         if result is not None:
@@ -102,9 +102,9 @@ def run(command: Command) -> dict[str, object]:
     left = done.count(None)
     if left:
         print(f"{left} of {len(done)} trainings are left; the same command goes on")
-    rows = study_rows(found)
+    rows = build_study_rows(found)
     if rows:
-        print(study_table(rows))
+        print(format_study(rows))
         if command.picture is not None:
             draw_study(rows, command.picture)
     return {"rows": [asdict(row) for row in rows]}

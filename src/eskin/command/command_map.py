@@ -171,7 +171,7 @@ def read_map_text(path: Path) -> str:
         return data.decode("utf-8")
     except UnicodeDecodeError as error:
         raise CommandError(
-            f"{format_path(path)}: byte {error.start} is not UTF-8; save it as UTF-8"
+            f"{format_path(path)}: byte {error.start} is no UTF-8; save it as UTF-8"
         ) from None
     except OSError as error:
         raise CommandError(

@@ -13,7 +13,14 @@ from eskin.errors import RecordingError
 from eskin.learn.augment import NO_AUGMENTATION, AugmentConfig, augment
 from eskin.learn.dataset import Dataset
 from eskin.learn.ground_truth import Segment
-from eskin.learn.windows import cut, lose, stretch, thin, build_network_input, build_places
+from eskin.learn.windows import (
+    build_network_input,
+    build_places,
+    cut,
+    lose,
+    stretch,
+    thin,
+)
 from eskin.model import SLOT_NS
 from eskin.nn import NetworkInput, Places, summary
 

@@ -19,14 +19,19 @@ from eskin.learn.ground_truth import (
     Clip,
     MissedGesture,
     Segment,
-    read_clips,
-    build_true_segments,
     build_labelled_segments,
+    build_true_segments,
     extend_labels,
-    find_missed_gestures,
     find_label_indices,
+    find_missed_gestures,
+    read_clips,
 )
-from eskin.learn.prepared_recording import PreparedRecording, load_prepared, pack_recording, prepare_recording
+from eskin.learn.prepared_recording import (
+    PreparedRecording,
+    load_prepared,
+    pack_recording,
+    prepare_recording,
+)
 from eskin.learn.recording_transforms import RecordingTransform
 from eskin.recording import NONE, Recording, read_recording
 from eskin.touch import PipelineConfig
@@ -145,7 +150,11 @@ def prepare(
         graph = graph.without_shear()
     total = len(recordings) * len(versions)
     if pack is None:
-        made = (prepare_recording(r, pipeline, graph, v) for v in versions for r in recordings)
+        made = (
+            prepare_recording(r, pipeline, graph, v)
+            for v in versions
+            for r in recordings
+        )
         parts = list(shown(made, "Reading", total))
     else:
         make = delayed(pack_recording)
@@ -163,7 +172,9 @@ def prepare(
 
 
 def concatenate_recordings(
-    recordings: tuple[Recording, ...], parts: Sequence[PreparedRecording], versions: int = 1
+    recordings: tuple[Recording, ...],
+    parts: Sequence[PreparedRecording],
+    versions: int = 1,
 ) -> Dataset:
     """Join prepared recordings into one data set.
 
@@ -184,7 +195,9 @@ def concatenate_recordings(
         else:
             labels = extend_labels(recording)
             places = find_label_indices(labels, part.stamps)
-            found = build_labelled_segments(labels, places, part.sequence, index, offset)
+            found = build_labelled_segments(
+                labels, places, part.sequence, index, offset
+            )
             felt = set(places.tolist())
             missed += [
                 MissedGesture(gesture, index)

@@ -79,7 +79,9 @@ def find_classes(recordings: frozenset[int], made: Mapping[int, set[str]]) -> se
     return {gesture for index in recordings for gesture in made.get(index, ())}
 
 
-def find_sessions(dataset: Dataset, recordings: list[int]) -> dict[int, tuple[str, str]]:
+def find_sessions(
+    dataset: Dataset, recordings: list[int]
+) -> dict[int, tuple[str, str]]:
     """Person and session of some recordings."""
     metadata = {index: dataset.recordings[index].metadata for index in recordings}
     return {index: (facts.subject, facts.session) for index, facts in metadata.items()}

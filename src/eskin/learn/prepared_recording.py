@@ -109,7 +109,10 @@ def gather_sequences(
             found.append(open_now[key])
         open_now = {key: open_now[key] for key in graphs}
         for key, batch in graphs.items():
-            sequence, (centre, force) = open_now[key], centres.get(key, (NAN_POSITION, 0.0))
+            sequence, (centre, force) = (
+                open_now[key],
+                centres.get(key, (NAN_POSITION, 0.0)),
+            )
             sequence.graphs.append(batch)
             sequence.stamps.append(scan.stamp)
             sequence.centres.append(centre)
@@ -117,7 +120,9 @@ def gather_sequences(
     return found
 
 
-def find_contact_centres(state: TouchState) -> dict[int, tuple[Float[np.ndarray, "3"], float]]:
+def find_contact_centres(
+    state: TouchState,
+) -> dict[int, tuple[Float[np.ndarray, "3"], float]]:
     """Centre [m] and force [N] of the strongest contact of each touch felt now."""
     return {
         touch.id: (touch.contact.p_world, touch.contact.force)
@@ -147,7 +152,9 @@ def pack_recording(
     target = folder / f"{compute_pack_key(path, pipeline, graph, version)}.npz"
     if not target.exists():
         folder.mkdir(parents=True, exist_ok=True)
-        save_prepared(target, prepare_recording(read_recording(path), pipeline, graph, version))
+        save_prepared(
+            target, prepare_recording(read_recording(path), pipeline, graph, version)
+        )
     return target
 
 

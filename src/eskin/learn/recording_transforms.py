@@ -42,10 +42,14 @@ class RecordingTransform(ABC):
 
 def estimate_rest_counts(recording: Recording) -> Float[np.ndarray, "taxel"]:
     """Counts of each taxel while nothing touches it."""
-    return np.median([s.counts for s in islice(recording.scans(), REST_READINGS)], axis=0)
+    return np.median(
+        [s.counts for s in islice(recording.scans(), REST_READINGS)], axis=0
+    )
 
 
-def replace_counts(scan: Scan, counts: Float[np.ndarray, "taxel"], full_scale: int) -> Scan:
+def replace_counts(
+    scan: Scan, counts: Float[np.ndarray, "taxel"], full_scale: int
+) -> Scan:
     """The scan with other counts, as its converter gives them, where it received."""
     whole = np.clip(np.rint(counts), 0, full_scale)
     kept = np.where(scan.received, whole, scan.counts)
@@ -135,7 +139,9 @@ class AgedSkin:
         return calibration.compute_counts(bent)
 
 
-def draw_aged_skin(skin: Skin, config: AgingConfig, rng: np.random.Generator) -> AgedSkin:
+def draw_aged_skin(
+    skin: Skin, config: AgingConfig, rng: np.random.Generator
+) -> AgedSkin:
     """Draw another skin of the same layout."""
     patch, patches, drawn = skin.patch_index, len(skin.patches), rng.standard_normal
     gain = (config.patch_gain * drawn(patches))[patch]

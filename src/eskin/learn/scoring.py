@@ -109,7 +109,9 @@ def score_instants(
     temperature: float = 1.0,
 ) -> Float[np.ndarray, "row class"]:
     """Log-probabilities at every row, from the two seconds before it."""
-    return compute_log_probabilities(network, dataset, rows, dataset.starts[rows], temperature)
+    return compute_log_probabilities(
+        network, dataset, rows, dataset.starts[rows], temperature
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -172,7 +174,9 @@ def predict_clips(
     )
 
 
-def find_last_rows(dataset: Dataset, every: Sequence[tuple[int, Clip]]) -> Iterator[int]:
+def find_last_rows(
+    dataset: Dataset, every: Sequence[tuple[int, Clip]]
+) -> Iterator[int]:
     """The last row of the touch of largest impulse of each clip, -1 without a touch.
 
     Args:

@@ -16,10 +16,10 @@ from torch.nn.functional import cross_entropy
 
 from eskin.graph import GraphConfig
 from eskin.learn.augment import NO_AUGMENTATION, AugmentConfig
-from eskin.learn.batches import Batch, BatchBuilder, check_classes, build_sampler
+from eskin.learn.batches import Batch, BatchBuilder, build_sampler, check_classes
 from eskin.learn.checkpoint import EarlyStopping, TrainingState
 from eskin.learn.dataset import Dataset
-from eskin.learn.holdout import find_gestures, hold_out, find_sessions
+from eskin.learn.holdout import find_gestures, find_sessions, hold_out
 from eskin.learn.scoring import predict_clips
 from eskin.model import Model, NetworkConfig, check_limits
 from eskin.nn import RecogniserNetwork
@@ -310,7 +310,9 @@ class Trainer:
         assert self.held is not None
         self.network.eval()
         every = self.config.network.slots
-        batch = self.held.make(VALIDATION_WINDOWS, VALIDATION_WINDOWS, every, np.random.default_rng(0))
+        batch = self.held.make(
+            VALIDATION_WINDOWS, VALIDATION_WINDOWS, every, np.random.default_rng(0)
+        )
         with torch.no_grad():
             return self.network(batch.some), batch.labels
 

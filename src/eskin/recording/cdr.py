@@ -1,7 +1,7 @@
-"""Common Data Representation, the byte layout of ROS 2 messages (OMG DDSI-RTPS 10).
+"""This module encodes CDR, the byte layout of ROS 2 messages (OMG DDSI-RTPS 10).
 
-Little-endian plain CDR: four bytes of encapsulation, then fields aligned to their own
-size counted from the end of the encapsulation. An empty sequence is its count alone.
+Little-endian plain CDR has four bytes of encapsulation, then fields aligned to their own
+size, counted from the end of the encapsulation. An empty sequence is its count alone.
 """
 
 import struct
@@ -17,14 +17,14 @@ LATEST_STAMP = 2**31 * NS_PER_S
 
 
 class CdrPacker:
-    """Appends fields to a message, in the order of its definition."""
+    """An encoder that appends fields to a message in the order of its definition."""
 
     def __init__(self) -> None:
         """Start an empty message."""
         self.buffer = bytearray(ENCAPSULATION)
 
     def bytes(self) -> bytes:
-        """The message so far."""
+        """Return the message so far."""
         return bytes(self.buffer)
 
     def align(self, size: int) -> None:
@@ -77,10 +77,10 @@ class CdrPacker:
 
 
 class CdrUnpacker:
-    """Takes fields from a message, in the order of its definition."""
+    """A decoder that takes fields from a message in the order of its definition."""
 
     def __init__(self, data: bytes) -> None:
-        """Start at the first field; only little-endian plain CDR is understood."""
+        """Start at the first field; raise unless it is little-endian plain CDR."""
         if data[:2] != ENCAPSULATION[:2]:
             raise RecordingError(
                 f"message has encapsulation {data[:2].hex()}; allowed is 0001, "

@@ -1,7 +1,7 @@
 """This module defines gesture labels, and the rough ranges that a person marks."""
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
 
@@ -17,19 +17,19 @@ NONE = "none"
 
 @dataclass(frozen=True, order=True)
 class Label:
-    """One gesture from `start` until just before `end`."""
+    """A label names the gesture made from `start` until just before `end`."""
 
     start: int
     """First instant [ns since the epoch]."""
     end: int
-    """First instant after it [ns since the epoch]."""
+    """First instant after the gesture [ns since the epoch]."""
     gesture: str
-    """Name of the gesture, lower case; `none` says that nobody touched."""
+    """Name of the gesture, lower case; `none` means that nothing touched the skin."""
     source: Literal["true", "range", "auto"] = "true"
     """`true`: known; `range`: roughly marked; `auto`: found by automatic labelling."""
 
     def __post_init__(self) -> None:
-        """Refuse a label that ends before it starts or names nothing."""
+        """Raise if the label ends before it starts or has no gesture."""
         if self.end <= self.start:
             raise RecordingError(
                 f"label '{self.gesture}' ends at {self.end} ns, not after its start "
@@ -42,19 +42,19 @@ class Label:
 def sort_labels(
     labels: Iterable[Label], source: str | None = None
 ) -> tuple[Label, ...]:
-    """Labels by start, of one source or of all."""
+    """Return the labels of one source, or of all, sorted by start."""
     return tuple(sorted(x for x in labels if source in (None, x.source)))
 
 
 def select_labels(labels: Iterable[Label]) -> tuple[Label, ...]:
-    """The true ones; where there are none the automatic ones, else the rough ones."""
-    known = tuple(labels)
-    each = (sort_labels(known, source) for source in ("true", "auto", "range"))
-    return next((found for found in each if found), ())
+    """Return the true labels; without any the automatic ones, else the rough ranges."""
+    labels = tuple(labels)
+    by_source = (sort_labels(labels, source) for source in ("true", "auto", "range"))
+    return next((found for found in by_source if found), ())
 
 
 def check_no_overlap(labels: Iterable[Label]) -> None:
-    """Raise when two labels of one source share an instant.
+    """Raise if two labels of one source overlap.
 
     Raises:
         RecordingError: naming the first two that do.
@@ -76,10 +76,10 @@ def label_instants(
     stamps: Int[np.ndarray, "reading"],
     gestures: Sequence[str],
 ) -> Int[np.ndarray, "reading"]:
-    """Index into `gestures` of the gesture made at each stamp.
+    """Return the index into `gestures` of the gesture made at each stamp.
 
-    Where there is no label, or one whose gesture is not in `gestures`, it is the index
-    of `none`, or -1 where that is not in `gestures`. Where labels overlap the one that
+    Without a label, or with a gesture that is not in `gestures`, it is the index of
+    `none`, or -1 if that is not in `gestures`. Where labels overlap, the one that
     started last wins.
     """
     known = {gesture: index for index, gesture in enumerate(gestures)}
@@ -97,13 +97,13 @@ def build_labels(
     period: int,
     source: Literal["true", "range", "auto"] = "true",
 ) -> tuple[Label, ...]:
-    """One label for each run of equal gestures other than `none`.
+    """Build one label for each run of equal gestures other than `none`.
 
     Args:
-        stamps: of the readings, increasing [ns since the epoch].
-        gestures: one name a reading.
-        period: time that the last reading stands for [ns].
-        source: who says so.
+        stamps: stamps of the readings, increasing [ns since the epoch].
+        gestures: name of the gesture at each reading.
+        period: duration of the last reading [ns].
+        source: source of the labels.
     """
     names = np.asarray(gestures)
     breaks = np.flatnonzero(names[1:] != names[:-1]) + 1
@@ -117,16 +117,16 @@ def build_labels(
 
 
 # The paper leaves two seconds between gestures: a range reaches half way.
-MARGIN = 1.0
-ENTRY = "{start_s: 1.5, end_s: 4.0, gesture: poke}"
+RANGE_MARGIN_S = 1.0
+EXAMPLE_RANGE = "{start_s: 1.5, end_s: 4.0, gesture: poke}"
 
 
 def load_ranges(path: Path | str, start: int) -> tuple[Label, ...]:
-    """Ranges from a YAML list of `{start_s, end_s, gesture}`.
+    """Load ranges from a YAML list of `{start_s, end_s, gesture}`.
 
     Args:
-        path: of the file.
-        start: stamp that the seconds count from, the recording's first [ns].
+        path: path of the file.
+        start: stamp from which the seconds count, the recording's first [ns].
 
     Raises:
         RecordingError: naming the entry that cannot be used.
@@ -139,24 +139,24 @@ def load_ranges(path: Path | str, start: int) -> tuple[Label, ...]:
         words = " ".join(str(error).split())
         raise RecordingError(f"{path} is not YAML: {words}") from error
     if not isinstance(entries, list) or not entries:
-        raise RecordingError(f"{path} holds no list; allowed are lines like - {ENTRY}")
+        raise RecordingError(f"{path} holds no list; allowed are lines like - {EXAMPLE_RANGE}")
     return sort_labels(
-        range_of(entry, f"{path}, range {number}", start)
+        parse_range(entry, f"{path}, range {number}", start)
         for number, entry in enumerate(entries, 1)
     )
 
 
-def range_of(entry: object, place: str, start: int) -> Label:
-    """One range from its entry."""
+def parse_range(entry: object, place: str, start: int) -> Label:
+    """Convert one entry of a list of ranges; `place` names it in errors."""
     if not isinstance(entry, dict) or set(entry) != {"start_s", "end_s", "gesture"}:
-        raise RecordingError(f"{place} is {entry}; allowed is such as {ENTRY}")
+        raise RecordingError(f"{place} is {entry}; allowed is such as {EXAMPLE_RANGE}")
     first, last, gesture = entry["start_s"], entry["end_s"], entry["gesture"]
     if not isinstance(gesture, str) or not all(
         isinstance(value, int | float) and 0 <= value < 1e9 for value in (first, last)
     ):
         raise RecordingError(
             f"{place} is {entry}; allowed are seconds since the first reading and a "
-            f"gesture's name, such as {ENTRY}"
+            f"gesture's name, such as {EXAMPLE_RANGE}"
         )
     if last <= first:
         raise RecordingError(f"{place} ends at {last} s, not after its start {first} s")
@@ -186,15 +186,10 @@ def build_rough_ranges(
         if before is None or wide.start >= before.end:
             ranges.append(wide)
         elif before.gesture == wide.gesture:
-            ranges[-1] = spanning(before, before.start, max(before.end, wide.end))
+            ranges[-1] = replace(before, end=max(before.end, wide.end))
         else:
             middle = (before.end - reach + label.start) // 2
             middle = min(max(middle, before.start + 1), wide.end - 1)
-            ranges[-1] = spanning(before, before.start, middle)
-            ranges.append(spanning(wide, middle, wide.end))
+            ranges[-1] = replace(before, end=middle)
+            ranges.append(replace(wide, start=middle))
     return tuple(ranges)
-
-
-def spanning(label: Label, start: int, end: int) -> Label:
-    """The same label over another time."""
-    return Label(start, end, label.gesture, label.source)

@@ -1,4 +1,4 @@
-"""This module defines the six messages of a recording and converts them to and from CDR."""
+"""This module converts the six messages of a recording to and from CDR."""
 
 from dataclasses import dataclass
 from functools import lru_cache
@@ -18,15 +18,18 @@ from eskin.units import NS_PER_S
 
 @dataclass(frozen=True)
 class Topic:
-    """A topic of a recording, the type of its messages and their definition."""
+    """A topic of a recording has a name, a type of message and its definition."""
 
     name: str
+    """Name of the topic."""
     type_name: str
+    """ROS 2 type of its messages."""
     definition: str
+    """Definition of that type, with those of all types that it refers to."""
 
 
-def definition(own: str, *others: tuple[str, str]) -> str:
-    """Join a definition and those it refers to, as rosbag2 stores them."""
+def join_definitions(own: str, *others: tuple[str, str]) -> str:
+    """Join a definition and those that it refers to, as rosbag2 stores them."""
     rule = "=" * 80
     parts = [own.strip()]
     parts += [f"{rule}\nMSG: {name}\n{text.strip()}" for name, text in others]
@@ -41,7 +44,7 @@ VECTOR = ("geometry_msgs/Vector3", "float64 x\nfloat64 y\nfloat64 z")
 READING = Topic(
     "/eskin/reading",
     "eskin_msgs/msg/Reading",
-    definition(
+    join_definitions(
         """
 # One instant of the whole skin, before calibration. frame_id is the skin's name.
 std_msgs/Header header
@@ -60,7 +63,7 @@ int16[] shear
 JOINT_STATES = Topic(
     "/joint_states",
     "sensor_msgs/msg/JointState",
-    definition(
+    join_definitions(
         """
 std_msgs/Header header
 string[] name
@@ -76,7 +79,7 @@ float64[] effort
 LABEL = Topic(
     "/eskin/label",
     "eskin_msgs/msg/Label",
-    definition(
+    join_definitions(
         """
 # One gesture from start until just before end. source: true, range or auto.
 builtin_interfaces/Time start
@@ -91,7 +94,7 @@ string source
 DETECTION = Topic(
     "/eskin/detection",
     "eskin_msgs/msg/Detection",
-    definition(
+    join_definitions(
         """
 # What was recognised of one touch, when it was said. frame_id is world.
 std_msgs/Header header
@@ -118,7 +121,7 @@ float32 peak_force
 TRUTH = Topic(
     "/eskin/truth",
     "eskin_msgs/msg/Truth",
-    definition(
+    join_definitions(
         """
 # What one touch really was at one reading, while in contact; known where the skin is
 # simulated. frame_id is world.
@@ -146,7 +149,7 @@ geometry_msgs/Point centroid
 EVENT = Topic(
     "/eskin/event",
     "eskin_msgs/msg/Event",
-    definition(
+    join_definitions(
         """
 # Something that happened to the skin. frame_id is the skin's name.
 std_msgs/Header header
@@ -166,33 +169,33 @@ int32 taxel
 )
 
 TOPICS = (READING, JOINT_STATES, LABEL, DETECTION)
-"""Those of every recording; `TRUTH` and `EVENT` are only in those that have some."""
+"""Topics of every recording; `TRUTH` and `EVENT` are declared with their first one."""
 
-WORLD = "world"
-NOWHERE = -1
-TRUTH_COUNT = 5
-TRUTH_NUMBERS = Struct(f"<{TRUTH_COUNT}d")
+WORLD_FRAME = "world"
+NOT_GIVEN = -1
+TRUTH_NUMBER_COUNT = 5
+TRUTH_NUMBERS = Struct(f"<{TRUTH_NUMBER_COUNT}d")
 
 
 @dataclass(frozen=True)
 class ReadingMessage:
-    """What `/eskin/reading` holds: a scan without the joints."""
+    """A message of `/eskin/reading` holds a scan without the joint positions."""
 
     stamp: int
-    """When it was taken [ns since the epoch]."""
+    """Time of the scan [ns since the epoch]."""
     counts: Int[np.ndarray, "taxel"]
-    """As the device gave them."""
+    """Raw counts of the device."""
     received: Bool[np.ndarray, "taxel"]
-    """False where no fresh data came."""
+    """False for taxels without fresh data."""
     shear: Int[np.ndarray, "taxel 2"] | None
-    """Counts along the taxel's tangents, where measured."""
+    """Counts along each taxel's two tangents, where measured."""
 
 
 def pack_reading(scan: Scan, frame_id: str) -> bytes:
-    """Message of `/eskin/reading`.
+    """Encode a message of `/eskin/reading`.
 
     Raises:
-        RecordingError: when a count does not fit its 16 bits.
+        RecordingError: when a count does not fit into 16 bits.
     """
     packer = CdrPacker()
     packer.stamp(scan.stamp)
@@ -207,7 +210,7 @@ def pack_reading(scan: Scan, frame_id: str) -> bytes:
 def to_16_bits(
     values: Int[np.ndarray, "item"], dtype: np.dtype, what: str
 ) -> Integer[np.ndarray, "item"]:
-    """The same integers in 16 bits, or an error that says which do not fit."""
+    """Convert integers to 16 bits; raise an error with their range if too wide."""
     limits = np.iinfo(dtype)
     if len(values) and (values.min() < limits.min or values.max() > limits.max):
         raise RecordingError(
@@ -218,7 +221,7 @@ def to_16_bits(
 
 
 def unpack_reading(data: bytes) -> ReadingMessage:
-    """Contents of a message of `/eskin/reading`."""
+    """Decode a message of `/eskin/reading`."""
     unpacker = CdrUnpacker(data)
     stamp = unpacker.stamp()
     unpacker.string()
@@ -237,7 +240,7 @@ def unpack_reading(data: bytes) -> ReadingMessage:
 def pack_joint_state(
     stamp: int, names: tuple[str, ...], q: Float[np.ndarray, "joint"]
 ) -> bytes:
-    """Message of `/joint_states` with positions [rad] and nothing else."""
+    """Encode a message of `/joint_states` with positions [rad] and nothing else."""
     packer = CdrPacker()
     packer.stamp(stamp)
     packer.string("")
@@ -251,7 +254,7 @@ def pack_joint_state(
 def unpack_joint_state(
     data: bytes,
 ) -> tuple[int, tuple[str, ...], Float[np.ndarray, "joint"]]:
-    """Stamp [ns], joint names and positions [rad] of a message of `/joint_states`."""
+    """Decode a message of `/joint_states`: stamp [ns], joint names, positions [rad]."""
     unpacker = CdrUnpacker(data)
     stamp = unpacker.stamp()
     unpacker.string()
@@ -260,7 +263,7 @@ def unpack_joint_state(
 
 
 def pack_label(label: Label) -> bytes:
-    """Message of `/eskin/label`."""
+    """Encode a message of `/eskin/label`."""
     packer = CdrPacker()
     packer.stamp(label.start)
     packer.stamp(label.end)
@@ -270,7 +273,7 @@ def pack_label(label: Label) -> bytes:
 
 
 def unpack_label(data: bytes) -> Label:
-    """Contents of a message of `/eskin/label`."""
+    """Decode a message of `/eskin/label`."""
     unpacker = CdrUnpacker(data)
     start, end = unpacker.stamp(), unpacker.stamp()
     gesture, source = unpacker.string(), unpacker.string()
@@ -282,10 +285,10 @@ def unpack_label(data: bytes) -> Label:
 
 
 def pack_detection(record: DetectionRecord) -> bytes:
-    """Message of `/eskin/detection`."""
+    """Encode a message of `/eskin/detection`."""
     packer = CdrPacker()
     packer.stamp(record.stamp)
-    packer.string(WORLD)
+    packer.string(WORLD_FRAME)
     packer.string(record.gesture)
     packer.number(record.confidence, "f")
     packer.stamp(record.onset)
@@ -300,7 +303,7 @@ def pack_detection(record: DetectionRecord) -> bytes:
 
 
 def unpack_detection(data: bytes) -> DetectionRecord:
-    """Contents of a message of `/eskin/detection`."""
+    """Decode a message of `/eskin/detection`."""
     unpacker = CdrUnpacker(data)
     stamp = unpacker.stamp()
     unpacker.string()
@@ -326,30 +329,30 @@ def unpack_detection(data: bytes) -> DetectionRecord:
 
 
 def pack_truth(record: TruthRecord) -> bytes:
-    """Message of `/eskin/truth`."""
+    """Encode a message of `/eskin/truth`."""
     packer = CdrPacker()
     packer.stamp(record.stamp)
-    words = truth_words(record.touch, record.gesture, record.kind, record.link)
+    text = pack_truth_text(record.touch, record.gesture, record.kind, record.link)
     numbers = TRUTH_NUMBERS.pack(record.force, record.area, *record.p_world)
-    return packer.bytes() + words + numbers
+    return packer.bytes() + text + numbers
 
 
 @lru_cache(maxsize=64)
-def truth_words(touch: int, gesture: str, kind: str, link: str) -> bytes:
-    """What all messages of one touch share: all between the stamp and the numbers."""
+def pack_truth_text(touch: int, gesture: str, kind: str, link: str) -> bytes:
+    """Encode what all messages of one touch share, between stamp and numbers."""
     packer = CdrPacker()
     packer.stamp(0)
     before = len(packer.buffer)
-    packer.string(WORLD)
+    packer.string(WORLD_FRAME)
     packer.unsigned(touch)
     for text in (gesture, kind, link):
         packer.string(text)
-    packer.align(TRUTH_NUMBERS.size // TRUTH_COUNT)
+    packer.align(TRUTH_NUMBERS.size // TRUTH_NUMBER_COUNT)
     return packer.bytes()[before:]
 
 
 def unpack_truth(data: bytes) -> TruthRecord:
-    """Contents of a message of `/eskin/truth`."""
+    """Decode a message of `/eskin/truth`."""
     unpacker = CdrUnpacker(data)
     stamp = unpacker.stamp()
     unpacker.string()
@@ -362,33 +365,37 @@ def unpack_truth(data: bytes) -> TruthRecord:
 
 
 def pack_event(record: EventRecord, frame_id: str) -> bytes:
-    """Message of `/eskin/event`."""
+    """Encode a message of `/eskin/event`."""
     packer = CdrPacker()
     packer.stamp(record.stamp)
     for text in (frame_id, record.kind, record.text, record.patch or ""):
         packer.string(text)
-    for place in (record.row, record.column, record.taxel):
-        packer.signed(NOWHERE if place is None else place)
+    for index in (record.row, record.column, record.taxel):
+        packer.signed(NOT_GIVEN if index is None else index)
     return packer.bytes()
 
 
 def unpack_event(data: bytes) -> EventRecord:
-    """Contents of a message of `/eskin/event`."""
+    """Decode a message of `/eskin/event`."""
     unpacker = CdrUnpacker(data)
     stamp = unpacker.stamp()
     unpacker.string()
     kind, text, patch = (unpacker.string() for _ in range(3))
-    places = (unpacker.signed() for _ in range(3))
-    row, column, taxel = (None if n == NOWHERE else n for n in places)
+    indices = (unpacker.signed() for _ in range(3))
+    row, column, taxel = (None if n == NOT_GIVEN else n for n in indices)
     return EventRecord(stamp, kind, text, patch or None, row, column, taxel)
 
 
 Field = tuple[str, str] | tuple[str, str, int]
-"""Name and type of a field, and how many of it follow each other."""
+"""Name, type and, for an array, length of a field."""
 
 
-def layout(*fields: Field) -> np.dtype:
-    """The message with these fields, each aligned to its own size unless empty."""
+def build_message_dtype(*fields: Field) -> np.dtype:
+    """Build the dtype of a message; fields align to their own size unless empty.
+
+    All messages of one skin have the same length, so that many of them are the rows of
+    one array, which is several times as fast as encoding them one by one.
+    """
     names, formats, offsets = ["encapsulation"], [np.dtype("S4")], [0]
     end = len(ENCAPSULATION)
     for name, code, *many in fields:
@@ -407,18 +414,18 @@ def layout(*fields: Field) -> np.dtype:
 STAMP: tuple[Field, ...] = (("seconds", "<i4"), ("nanoseconds", "<u4"))
 
 
-def text(name: str, content: str) -> tuple[Field, ...]:
-    """The fields of a string."""
+def string_fields(name: str, content: str) -> tuple[Field, ...]:
+    """Return the two fields of a string: its length and its bytes."""
     size = len(content.encode()) + 1
     return ((f"{name}_length", "<u4"), (name, f"S{size}"))
 
 
 @lru_cache(maxsize=8)
-def reading_template(frame_id: str, taxels: int) -> np.ndarray:
-    """One message of `/eskin/reading` without shear and values."""
-    message = layout(
+def build_reading_template(frame_id: str, taxels: int) -> np.ndarray:
+    """Build one message of `/eskin/reading` without shear and without values."""
+    message = build_message_dtype(
         *STAMP,
-        *text("frame", frame_id),
+        *string_fields("frame", frame_id),
         ("counts_length", "<u4"),
         ("counts", "<u2", taxels),
         ("received_length", "<u4"),
@@ -426,18 +433,18 @@ def reading_template(frame_id: str, taxels: int) -> np.ndarray:
         ("shear_length", "<u4"),
     )
     template = np.zeros(1, message)
-    put_text(template, "frame", frame_id)
+    set_string(template, "frame", frame_id)
     template["counts_length"] = template["received_length"] = taxels
     return template
 
 
 @lru_cache(maxsize=8)
-def state_template(names: tuple[str, ...]) -> np.ndarray:
-    """One message of `/joint_states` without values."""
-    each = [text(f"name{i}", name) for i, name in enumerate(names)]
-    message = layout(
+def build_joint_state_template(names: tuple[str, ...]) -> np.ndarray:
+    """Build one message of `/joint_states` without values."""
+    each = [string_fields(f"name{i}", name) for i, name in enumerate(names)]
+    message = build_message_dtype(
         *STAMP,
-        *text("frame", ""),
+        *string_fields("frame", ""),
         ("names_length", "<u4"),
         *(field for fields in each for field in fields),
         ("positions_length", "<u4"),
@@ -446,21 +453,23 @@ def state_template(names: tuple[str, ...]) -> np.ndarray:
         ("efforts_length", "<u4"),
     )
     template = np.zeros(1, message)
-    put_text(template, "frame", "")
+    set_string(template, "frame", "")
     template["names_length"] = template["positions_length"] = len(names)
     for i, name in enumerate(names):
-        put_text(template, f"name{i}", name)
+        set_string(template, f"name{i}", name)
     return template
 
 
-def put_text(template: np.ndarray, name: str, content: str) -> None:
-    """Fill in a string."""
+def set_string(template: np.ndarray, name: str, content: str) -> None:
+    """Fill in a string and its length."""
     template[name] = content.encode()
     template[f"{name}_length"] = len(content.encode()) + 1
 
 
-def stamped(template: np.ndarray, stamps: Int[np.ndarray, "reading"]) -> np.ndarray:
-    """The template once a stamp, with its encapsulation and stamp."""
+def stamp_messages(
+    template: np.ndarray, stamps: Int[np.ndarray, "reading"]
+) -> np.ndarray:
+    """Repeat a template for all stamps and fill in encapsulation and stamp."""
     messages = np.repeat(template, len(stamps))
     seconds, nanoseconds = np.divmod(stamps, NS_PER_S)
     messages["encapsulation"] = ENCAPSULATION
@@ -474,7 +483,7 @@ def pack_readings(
     received: Bool[np.ndarray, "reading taxel"],
     frame_id: str,
 ) -> list[bytes]:
-    """Messages of `/eskin/reading` without shear.
+    """Encode many messages of `/eskin/reading` without shear, in the order of stamps.
 
     Raises:
         RecordingError: when a stamp or a count cannot be written.
@@ -484,11 +493,11 @@ def pack_readings(
             f"stamps from {stamps.min()} to {stamps.max()} ns cannot be written; "
             "allowed are 0 to 2^31 s since the epoch; give nanoseconds of Unix time"
         )
-    messages = stamped(reading_template(frame_id, counts.shape[1]), stamps)
+    messages = stamp_messages(build_reading_template(frame_id, counts.shape[1]), stamps)
     narrow = to_16_bits(counts.reshape(-1), np.dtype("<u2"), "counts")
     messages["counts"] = narrow.reshape(counts.shape)
     messages["received"] = received
-    return rows(messages)
+    return split_messages(messages)
 
 
 def pack_joint_states(
@@ -496,13 +505,13 @@ def pack_joint_states(
     names: tuple[str, ...],
     q: Float[np.ndarray, "reading joint"],
 ) -> list[bytes]:
-    """Messages of `/joint_states` with positions [rad] and nothing else."""
-    messages = stamped(state_template(names), stamps)
+    """Encode many messages of `/joint_states` with positions [rad] and nothing else."""
+    messages = stamp_messages(build_joint_state_template(names), stamps)
     messages["positions"] = q
-    return rows(messages)
+    return split_messages(messages)
 
 
-def rows(messages: np.ndarray) -> list[bytes]:
-    """Each message as bytes."""
+def split_messages(messages: np.ndarray) -> list[bytes]:
+    """Return each message as bytes."""
     whole, size = messages.tobytes(), messages.itemsize
     return [whole[i : i + size] for i in range(0, len(whole), size)]

@@ -11,32 +11,32 @@ NOTE = "note."
 
 @dataclass(frozen=True)
 class Metadata:
-    """Where a recording comes from. Empty text means unknown."""
+    """Metadata tell where a recording comes from; empty text means unknown."""
 
     dataset: str = ""
-    """Name of the set that the recording belongs to."""
+    """Name of the dataset that the recording belongs to."""
     subject: str = ""
-    """Who touched."""
+    """Name of the person who touched the skin."""
     session: str = ""
-    """Name of the sitting; recordings of one session belong in one fold."""
+    """Name of the session; recordings of one session belong in one fold."""
     gesture_set: str = ""
-    """Name of the vocabulary that the labels are from."""
+    """Name of the vocabulary of the labels."""
     notes: dict[str, str] = field(default_factory=dict)
-    """Anything else worth keeping, by name."""
+    """Other facts by name."""
 
     @property
     def simulated(self) -> bool:
-        """Whether `eskin generate` made it, so that all that happens is known."""
+        """Tell whether `eskin generate` made the recording, so that truth is known."""
         return self.notes.get("simulated") == "true"
 
     def to_record(self) -> dict[str, str]:
-        """As the flat map of strings that an MCAP metadata record holds."""
+        """Return the flat map of strings that an MCAP metadata record holds."""
         facts = {key: value for key, value in asdict(self).items() if key != "notes"}
         return facts | {NOTE + key: self.notes[key] for key in sorted(self.notes)}
 
     @classmethod
     def from_record(cls, record: dict[str, str]) -> "Metadata":
-        """From such a map; keys that mean nothing here are left out."""
+        """Build metadata from such a map; ignore other keys."""
         notes = {
             key.removeprefix(NOTE): value
             for key, value in record.items()
@@ -56,66 +56,66 @@ Vector = tuple[float, float, float]
 
 @dataclass(frozen=True)
 class DetectionRecord:
-    """What was said of one touch, and when."""
+    """A detection as a recording stores it."""
 
     stamp: int
-    """When it was said [ns since the epoch]."""
+    """Time of the detection [ns since the epoch]."""
     gesture: str
     """Name of the gesture."""
     confidence: float
     """Calibrated probability."""
     onset: int
-    """First instant of the touch [ns since the epoch]."""
+    """First reading of the touch [ns since the epoch]."""
     end: int
-    """Last instant of the touch so far [ns since the epoch]."""
+    """Last reading of the touch so far [ns since the epoch]."""
     link: str
-    """Link touched most."""
+    """Link with the largest share of the touch."""
     patch: str
-    """Patch touched most."""
+    """Patch with the largest share of the touch."""
     p_world: Vector
     """Force-weighted centre [m]."""
     n_world: Vector
-    """Mean outward normal, unit."""
+    """Mean outward unit normal."""
     direction_world: Vector
-    """Direction of travel, unit; zero where the touch stood still."""
+    """Unit direction of travel; zero if the touch did not move."""
     peak_force: float
     """Largest force of the touch [N]."""
 
 
 @dataclass(frozen=True)
 class EventRecord:
-    """Something that happened to the skin or a part of it while it streamed."""
+    """An event of the skin or a part of it, such as a fault, as a recording stores it."""
 
     stamp: int
-    """When it was noticed [ns since the epoch]."""
+    """Time at which it was noticed [ns since the epoch]."""
     kind: str
-    """What happened, as in `eskin.drivers.Event`."""
+    """Kind of event, as in `eskin.drivers.Event`."""
     text: str
-    """The same as a sentence."""
+    """Description as a sentence."""
     patch: str | None = None
-    """Its patch, where it is of one."""
+    """Name of the patch, if it concerns one."""
     row: int | None = None
-    """Row in its patch, where it is of a row or taxel."""
+    """Row in the patch, if it concerns a row or a taxel."""
     column: int | None = None
-    """Column in its patch, where it is of a column or taxel."""
+    """Column in the patch, if it concerns a column or a taxel."""
     taxel: int | None = None
-    """Index in the skin, where it is of one taxel."""
+    """Index of the taxel in the skin, if it concerns one taxel."""
 
 
 @dataclass(frozen=True)
 class TruthRecord:
-    """One touch at one reading, known where the skin is simulated."""
+    """The ground truth of one touch at one reading, known for a simulated skin."""
 
     stamp: int
-    """Of the reading [ns since the epoch]."""
+    """Time of the reading [ns since the epoch]."""
     touch: int
     """Number of the touch in its file."""
     gesture: str
-    """Name of the gesture; `none` where it is none of the vocabulary."""
+    """Name of the gesture; `none` if it is not in the vocabulary."""
     kind: str
     """Variant of the gesture."""
     link: str
-    """Link that bears most of it."""
+    """Link that takes most of the force."""
     force: float
     """Total force on the skin [N]."""
     area: float

@@ -19,15 +19,15 @@ PITCH = 0.008
 """Height of a pixel of the unrolled arm [m]: about the distance of taxels."""
 
 ROUND = 48
-"""Pixels round a link; the first and the last are neighbours."""
+"""TaxelsToImage round a link; the first and the last are neighbours."""
 
-AS_GOOD = 0.01
+AXIS_TOLERANCE = 0.01
 """Directions are as good as an axis where their mean squared cosines with the normals
 differ by less."""
 
 
 @dataclass(frozen=True, eq=False)
-class Image:
+class TaxelImage:
     """A place in an image for each taxel."""
 
     shape: tuple[int, int, int]
@@ -37,16 +37,16 @@ class Image:
     """The pixel of each taxel, counted through the channels, columns and rows."""
 
 
-def patch_image(skin: Skin) -> Image:
+def build_patch_image(skin: Skin) -> TaxelImage:
     """Each patch in a channel of its own, by row and column, padded to the largest."""
     rows = max(patch.rows for patch in skin.patches)
     columns = max(patch.columns for patch in skin.patches)
     channels = len(skin.patches)
     place = (skin.rows * columns + skin.columns) * channels + skin.patch_index
-    return Image((rows, columns, channels), place.astype(np.int64))
+    return TaxelImage((rows, columns, channels), place.astype(np.int64))
 
 
-def unrolled_image(skin: Skin) -> Image:
+def build_unrolled_image(skin: Skin) -> TaxelImage:
     """The links one above the other, each unrolled about its axis.
 
     A column is an angle, a row a height. Several taxels may meet in a pixel.
@@ -56,15 +56,15 @@ def unrolled_image(skin: Skin) -> Image:
     links = np.array(skin.link_names)[skin.patch_index]
     for link in dict.fromkeys(skin.link_names):
         here = np.flatnonzero(links == link)
-        along, angle = round_axis(skin.positions[here], skin.normals[here])
+        along, angle = unroll_about_axis(skin.positions[here], skin.normals[here])
         columns[here] = (angle / (2 * np.pi) * ROUND).astype(np.int64) % ROUND
         level = ((along - along.min()) / PITCH).astype(np.int64)
         rows[here] = height + level
         height += int(level.max()) + 1
-    return Image((height, ROUND, 1), rows * ROUND + columns)
+    return TaxelImage((height, ROUND, 1), rows * ROUND + columns)
 
 
-def round_axis(
+def unroll_about_axis(
     positions: Float[np.ndarray, "part 3"], normals: Float[np.ndarray, "part 3"]
 ) -> tuple[Float[np.ndarray, "part"], Float[np.ndarray, "part"]]:
     """Height [m] along the axis of a link's skin, and angle round it from 0 to 2 pi.
@@ -74,14 +74,14 @@ def round_axis(
     that of a flat one would lie infinitely far away.
     """
     points = positions - positions.mean(axis=0)
-    along, *across = np.linalg.svd(axis_of(points, normals)[None])[2]
+    along, *across = np.linalg.svd(find_axis(points, normals)[None])[2]
     xy, n = points @ np.transpose(across), normals @ np.transpose(across)
     spread = max(n.var(axis=0).sum(), 0.25)
     x, y = (xy + n.mean(axis=0) * np.sqrt(xy.var(axis=0).sum() / spread)).T
     return points @ along, np.arctan2(y, x) % (2 * np.pi)
 
 
-def axis_of(
+def find_axis(
     points: Float[np.ndarray, "part 3"], normals: Float[np.ndarray, "part 3"]
 ) -> Float[np.ndarray, "3"]:
     """The direction to which the normals are most perpendicular.
@@ -90,7 +90,7 @@ def axis_of(
     mean is zero, lie farthest apart.
     """
     cosines, directions = np.linalg.eigh(normals.T @ normals / len(normals))
-    free = directions[:, cosines < cosines[0] + AS_GOOD]
+    free = directions[:, cosines < cosines[0] + AXIS_TOLERANCE]
     return free @ np.linalg.eigh(free.T @ points.T @ points @ free)[1][:, -1]
 
 
@@ -99,7 +99,7 @@ Joints = Float[Tensor, "clip 100 joint"]
 Logits = Float[Tensor, "clip class"]
 
 
-class Pixels(nn.Module):
+class TaxelsToImage(nn.Module):
     """Lays pressures into the rows, columns and channels of an image.
 
     Convolutions want the channels before rows and columns in shape, and compute 1.6
@@ -108,7 +108,7 @@ class Pixels(nn.Module):
 
     place: Tensor
 
-    def __init__(self, image: Image) -> None:
+    def __init__(self, image: TaxelImage) -> None:
         """Remember where each taxel goes."""
         super().__init__()
         self.shape = image.shape
@@ -138,10 +138,10 @@ class CnnLstm(ReadingNetwork):
     def __init__(self, skin: Skin, classes: int) -> None:
         """Make a network for a skin."""
         super().__init__()
-        image = patch_image(skin)
-        self.pixels = Pixels(image)
+        image = build_patch_image(skin)
+        self.pixels = TaxelsToImage(image)
         self.convolutions = nn.Sequential(
-            *strided(nn.Conv2d, image.shape[-1], 16, 32, 32), nn.Flatten()
+            *build_strided_layers(nn.Conv2d, image.shape[-1], 16, 32, 32), nn.Flatten()
         )
         with torch.no_grad():
             size = self.convolved(torch.zeros(1, skin.count)).shape[1]
@@ -175,10 +175,10 @@ class Cnn3d(WindowNetwork):
     def __init__(self, skin: Skin, classes: int) -> None:
         """Make a network for a skin."""
         super().__init__()
-        image = patch_image(skin)
-        self.pixels = Pixels(image)
+        image = build_patch_image(skin)
+        self.pixels = TaxelsToImage(image)
         self.convolutions = nn.Sequential(
-            *strided(nn.Conv3d, image.shape[-1], 16, 32, 64),
+            *build_strided_layers(nn.Conv3d, image.shape[-1], 16, 32, 64),
             nn.AdaptiveMaxPool3d(1),
             nn.Flatten(),
         )
@@ -200,9 +200,9 @@ class ImageCnn(WindowNetwork):
     def __init__(self, skin: Skin, classes: int) -> None:
         """Make a network for a skin."""
         super().__init__()
-        self.pixels = Pixels(unrolled_image(skin))
+        self.pixels = TaxelsToImage(build_unrolled_image(skin))
         self.convolutions = nn.Sequential(
-            *strided(round_convolution, BINS, 32, 64, 64),
+            *build_strided_layers(build_circular_convolution, BINS, 32, 64, 64),
             nn.AdaptiveMaxPool2d(1),
             nn.Flatten(),
         )
@@ -214,7 +214,7 @@ class ImageCnn(WindowNetwork):
         return self.out(self.convolutions(self.pixels(parts)[..., 0]))
 
 
-def round_convolution(
+def build_circular_convolution(
     inputs: int, outputs: int, taps: int, stride: int, padding: int
 ) -> nn.Sequential:
     """A convolution to which the first and the last column are neighbours."""
@@ -224,7 +224,7 @@ def round_convolution(
     )
 
 
-def strided(
+def build_strided_layers(
     convolution: Callable[[int, int, int, int, int], nn.Module], *channels: int
 ) -> list[nn.Module]:
     """Convolutions of three taps that halve every axis, each with a rectifier."""

@@ -43,7 +43,9 @@ def compute_features(
     dataset: Dataset, rows: Int[np.ndarray, "reading"], shear: bool
 ) -> Float[np.ndarray, "feature"]:
     """Features of consecutive rows of one sequence."""
-    return compute_graph_features(dataset.graphs.select(rows), dataset.stamps[rows], shear)
+    return compute_graph_features(
+        dataset.graphs.select(rows), dataset.stamps[rows], shear
+    )
 
 
 def compute_graph_features(
@@ -61,12 +63,12 @@ def compute_graph_features(
     extent = np.ptp(centres(graphs.pressure * graphs.areas, graphs)[:, :2], axis=0)
     whole = [
         seconds[-1] + float(np.median(graphs.seconds)),
-        *touched_area(graphs, series[2]),
+        *compute_touched_area(graphs, series[2]),
         *extent,
         *bands(series[0], seconds),
     ]
     if shear:
-        series = np.concatenate([series, shear_series(graphs)])
+        series = np.concatenate([series, compute_shear_series(graphs)])
     return np.concatenate([whole, statistics(series)])
 
 
@@ -88,7 +90,7 @@ def compute_pressure_series(graphs: GraphBatch) -> Series:
     )
 
 
-def shear_series(graphs: GraphBatch) -> Series:
+def compute_shear_series(graphs: GraphBatch) -> Series:
     """Total, peak, net and change of shear at each reading."""
     size = np.linalg.norm(graphs.shear, axis=1)
     change = np.linalg.norm(graphs.shear - graphs.shear_before, axis=1)
@@ -116,7 +118,7 @@ def statistics(series: Series) -> Float[np.ndarray, "feature"]:
     )
 
 
-def touched_area(
+def compute_touched_area(
     graphs: GraphBatch, area: Float[np.ndarray, "reading"]
 ) -> tuple[float, float]:
     """Area touched at any time [cm2], and how much that is of the largest at once."""

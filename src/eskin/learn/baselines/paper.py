@@ -46,7 +46,7 @@ class Rows:
 
 
 @final
-class Neighbourhood:
+class NodeSelector:
     """Finds the rows of a graph of all taxels.
 
     Attributes:
@@ -135,7 +135,7 @@ WIDTH, LAYERS, CHANNELS, TAPS = 32, 3, 64, 5
 UNIT = LENGTH_CM / 100.0
 """Lengths are in units of this [m]."""
 
-AT_ONCE = 4
+READINGS_AT_ONCE = 4
 """Readings encoded together: what one makes then stays in the cache."""
 
 
@@ -231,7 +231,7 @@ class PaperNetwork(ReadingNetwork):
         super().__init__()
         self.mounted, self.pooling, self.whole = mounted, pooling, False
         self.rest: Rest | None = None
-        self.neighbourhood = Neighbourhood(mounted, k)
+        self.neighbourhood = NodeSelector(mounted, k)
         self.links = torch.from_numpy(mounted.skin_link_index)
         positions = torch.from_numpy(mounted.skin.positions / UNIT)
         self.register_buffer("positions", positions.float())
@@ -262,7 +262,7 @@ class PaperNetwork(ReadingNetwork):
         if not self.whole:
             computed = computed[(felt > 0).any(dim=1)]
         features = self.pooled(rest.v[-1]).expand(len(felt), -1)
-        for some in computed.split(AT_ONCE):
+        for some in computed.split(READINGS_AT_ONCE):
             encoded = self.encode_some(felt[some], q[some], rest)
             features = features.index_copy(0, some, encoded)
         return features

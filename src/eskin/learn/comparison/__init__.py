@@ -8,20 +8,20 @@ from eskin.learn.comparison.methods import (
     Method,
     RecogniserMethod,
 )
-from eskin.learn.comparison.results import Answered, Result, Task, do_all
+from eskin.learn.comparison.results import Answered, Result, Task, run_tasks
 from eskin.learn.comparison.table import (
-    Ahead,
+    Lead,
     Place,
     Row,
-    gestures_markdown,
-    markdown,
+    format_gesture_tables,
+    format_tables,
     rows_of,
 )
 
 __all__ = [
     "ABLATIONS",
     "METHODS",
-    "Ahead",
+    "Lead",
     "Answered",
     "BaselineMethod",
     "Examples",
@@ -31,9 +31,9 @@ __all__ = [
     "Result",
     "Row",
     "Task",
-    "do_all",
+    "run_tasks",
     "find_examples",
-    "gestures_markdown",
-    "markdown",
+    "format_gesture_tables",
+    "format_tables",
     "rows_of",
 ]

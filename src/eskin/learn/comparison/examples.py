@@ -17,7 +17,7 @@ from eskin.graph import GraphConfig
 from eskin.learn.baselines import READINGS, Clips
 from eskin.learn.dataset import Dataset, prepare
 from eskin.learn.ground_truth import Clip, read_clips
-from eskin.learn.recording_transforms import RecordingTransform, Aging, AgingConfig
+from eskin.learn.recording_transforms import Aging, AgingConfig, RecordingTransform
 from eskin.recording import Recording, find_recordings, read_recording
 from eskin.robot import recorded_robot
 from eskin.skin import MountedSkin
@@ -93,11 +93,13 @@ class Examples:
     def windows(self) -> Clips:
         """All taxels in the two seconds of each clip, wherever they lie."""
         harm = None if self.harm is None or self.harm.moves else self.harm
-        jobs = (delayed(windows_of)(path, self.pack, harm) for path in self.paths)
+        jobs = (delayed(load_windows)(path, self.pack, harm) for path in self.paths)
         parts: Any = Parallel(n_jobs=self.workers)(jobs)
         return Clips(*(np.concatenate(rows) for rows in zip(*parts, strict=True)))
 
-    def windows_on(self, mounted: MountedSkin) -> Iterator[tuple[MountedSkin, Clips]]:
+    def find_windows_on(
+        self, mounted: MountedSkin
+    ) -> Iterator[tuple[MountedSkin, Clips]]:
         """The windows in order, each with where its skin is believed to lie.
 
         Args:
@@ -136,7 +138,7 @@ def find_examples(places: Sequence[Path], pack: Path, workers: int = 1) -> Examp
     return Examples(paths, pack, workers)
 
 
-def windows_of(
+def load_windows(
     path: Path, pack: Path, harm: RecordingTransform | None = None
 ) -> tuple[np.ndarray, np.ndarray]:
     """The windows of the clips of a recording, made where they are not there yet."""
@@ -170,7 +172,7 @@ def cut_clip_windows(
     q = np.zeros((len(clips), READINGS, joints), np.float32)
     starts = np.array([clip.start for clip in clips])
     begun = np.zeros(len(clips), dtype=bool)
-    for stamp, felt, positions in readings_of(recording, harm):
+    for stamp, felt, positions in read_pressures(recording, harm):
         n = int(np.searchsorted(starts, stamp, "right")) - 1
         if n < 0 or stamp >= clips[n].end:
             continue
@@ -182,7 +184,7 @@ def cut_clip_windows(
     return pressure, q
 
 
-def readings_of(
+def read_pressures(
     recording: Recording, harm: RecordingTransform | None = None
 ) -> Iterator[tuple[int, Float[np.ndarray, "taxel"], Float[np.ndarray, "joint"]]]:
     """Stamp [ns], pressure [kPa] and joint positions [rad] of every reading."""

@@ -19,11 +19,11 @@ from eskin.learn.baselines import (
     Pooling,
 )
 from eskin.learn.baselines.estimators import Estimator, GradientBoosting
-from eskin.learn.baselines.hand import statistics, compute_features
+from eskin.learn.baselines.hand import compute_features, statistics
 from eskin.learn.comparison.encoders import ENCODERS, EncoderKind
 from eskin.learn.comparison.examples import Examples
 from eskin.learn.dataset import Dataset
-from eskin.learn.scoring import predict_clips, find_last_rows
+from eskin.learn.scoring import find_last_rows, predict_clips
 from eskin.learn.training import TrainConfig, Trainer
 from eskin.model import NetworkConfig
 from eskin.recording import NONE
@@ -63,26 +63,26 @@ class TouchTrees(Method):
     def fit(self, examples: Examples, seed: int) -> Answers:
         """Learn from the touches of clips."""
         truth = examples.truth(examples.gestures)
-        model = self.estimator(seed).fit(touch_rows(examples), truth)
+        model = self.estimator(seed).fit(build_touch_rows(examples), truth)
 
         def answers(other: Examples) -> Float[np.ndarray, "clip class"]:
-            chances = model.predict_proba(touch_rows(other))
+            chances = model.predict_proba(build_touch_rows(other))
             return np.log(np.maximum(chances, 1e-12))
 
         return answers
 
 
-def touch_rows(examples: Examples) -> Float[np.ndarray, "clip feature"]:
+def build_touch_rows(examples: Examples) -> Float[np.ndarray, "clip feature"]:
     """Features of the touch of largest impulse of each clip, zeros without a touch."""
     dataset = examples.dataset(GraphConfig())
     ends = list(find_last_rows(dataset, examples.every))
-    found = {end: touch_features(dataset, end) for end in ends if end >= 0}
+    found = {end: compute_touch_features(dataset, end) for end in ends if end >= 0}
     width = max((len(row) for row in found.values()), default=0)
     nothing = np.zeros(width)
     return np.stack([found.get(end, nothing) for end in ends]).astype(np.float32)
 
 
-def touch_features(dataset: Dataset, end: int) -> Float[np.ndarray, "feature"]:
+def compute_touch_features(dataset: Dataset, end: int) -> Float[np.ndarray, "feature"]:
     """The hand-made features, and statistics and last row of our summary.
 
     Args:
@@ -109,7 +109,7 @@ FOR_SMALL_SETS = TrainConfig(
 """How the recogniser is trained on some 500 clips: to the end, no epoch is chosen."""
 SMALL = 500
 """Clips; on more of them it takes as many more steps."""
-FITS: dict[str, FitConfig] = {
+FIT_CONFIGS: dict[str, FitConfig] = {
     "cnn-lstm": FitConfig(epochs=80),
     "3d-cnn": FitConfig(rate=5e-3),
     "tactile-image": FitConfig(),
@@ -173,14 +173,14 @@ class BaselineMethod(Method):
         def answers(other: Examples) -> Float[np.ndarray, "clip class"]:
             chances = [
                 baseline.on(mounted).predict_probabilities(windows)
-                for mounted, windows in other.windows_on(baseline.mounted)
+                for mounted, windows in other.find_windows_on(baseline.mounted)
             ]
             return np.log(np.maximum(np.concatenate(chances), 1e-12))
 
         return answers
 
 
-def network_method(name: str, config: FitConfig) -> BaselineMethod:
+def build_network_method(name: str, config: FitConfig) -> BaselineMethod:
     """A baseline that is a network.
 
     Args:
@@ -188,11 +188,11 @@ def network_method(name: str, config: FitConfig) -> BaselineMethod:
         config: how it is trained.
     """
     if name == "paper":
-        return paper_method(config)
+        return build_paper_method(config)
     return BaselineMethod(partial(NETWORKS[name], config=config))
 
 
-def paper_method(
+def build_paper_method(
     config: FitConfig, k: int = 8, pooling: Pooling = "max"
 ) -> BaselineMethod:
     """The paper's network.
@@ -214,7 +214,7 @@ METHODS: dict[str, Method] = {
     "eskin": RecogniserMethod(),
     "boosting-on-touch": TouchTrees(),
     **{name: BaselineMethod(make) for name, make in BASELINES.items()},
-    **{name: network_method(name, FITS[name]) for name in NETWORKS},
+    **{name: build_network_method(name, FIT_CONFIGS[name]) for name in NETWORKS},
 }
 """By name; ours first."""
 

@@ -130,7 +130,7 @@ class Task:
         return Result(self.name, self.seed, seconds, answered)
 
 
-def do_all(
+def run_tasks(
     tasks: Sequence[Task], folder: Path, workers: int = 1, seconds: float = np.inf
 ) -> list[Result | None]:
     """The results of tasks, in their order; what has a file is not done again.
@@ -145,12 +145,12 @@ def do_all(
         None in place of what was not begun any more.
     """
     end = time.monotonic() + seconds
-    jobs = (delayed(done_before)(task, folder, end) for task in tasks)
+    jobs = (delayed(run_before)(task, folder, end) for task in tasks)
     found: Any = Parallel(n_jobs=workers, return_as="generator")(jobs)
     return list(shown(found, "Comparing", len(tasks)))
 
 
-def done_before(task: Task, folder: Path, end: float) -> Result | None:
+def run_before(task: Task, folder: Path, end: float) -> Result | None:
     """The result of a task, if it can be begun before a time on this machine."""
     torch.set_num_threads(1)
     if not task.is_done(folder) and time.monotonic() > end:

@@ -12,21 +12,21 @@ from matplotlib.figure import Figure
 from eskin.graph import GraphConfig
 from eskin.learn.baselines import Pooling
 from eskin.learn.comparison.methods import (
-    FITS,
+    FIT_CONFIGS,
     FOR_SMALL_SETS,
     Method,
     RecogniserMethod,
-    paper_method,
+    build_paper_method,
 )
 from eskin.learn.comparison.results import Result
 from eskin.learn.comparison.table import (
     LEGEND,
-    Ahead,
+    Lead,
     Place,
-    accuracies_of,
     ahead,
+    compute_accuracies,
+    compute_mean,
     margin,
-    mean_of,
     spread,
     spread_of,
 )
@@ -51,8 +51,8 @@ class Variant:
     def method(self, epochs: int) -> Method:
         """What learns."""
         if self.network == "paper":
-            fit = replace(FITS["paper"], epochs=epochs)
-            return paper_method(fit, self.k, self.pool)
+            fit = replace(FIT_CONFIGS["paper"], epochs=epochs)
+            return build_paper_method(fit, self.k, self.pool)
         config = replace(FOR_SMALL_SETS, graph=GraphConfig(fixed=self.k))
         return RecogniserMethod(config, self.pool)
 
@@ -70,7 +70,7 @@ class VariantRow(Variant):
     val_std: float
     """Standard deviation; 0 of a single run."""
 
-    val_ahead: Ahead | None
+    val_ahead: Lead | None
     """How far the first variant of this network is ahead; None of itself, and where
     nothing could be held out."""
 
@@ -80,11 +80,13 @@ class VariantRow(Variant):
     test_std: float
     """Standard deviation; 0 of a single run."""
 
-    test_ahead: Ahead | None
+    test_ahead: Lead | None
     """As on validation."""
 
 
-def study_rows(found: Mapping[Variant, Mapping[Place, Result]]) -> list[VariantRow]:
+def build_study_rows(
+    found: Mapping[Variant, Mapping[Place, Result]],
+) -> list[VariantRow]:
     """What variants came to, where the first one of their network was trained as well.
 
     Args:
@@ -97,32 +99,32 @@ def study_rows(found: Mapping[Variant, Mapping[Place, Result]]) -> list[VariantR
         shared = {place: r for place, r in results.items() if place in found[first]}
         if shared:
             held = None if variant == first else found[first]
-            rows.append(study_row(variant, shared, held))
+            rows.append(build_study_row(variant, shared, held))
     return rows
 
 
-def study_row(
+def build_study_row(
     variant: Variant,
     results: Mapping[Place, Result],
     first: Mapping[Place, Result] | None,
 ) -> VariantRow:
     """What a variant came to, held against the first one of its network if other."""
     val, test = (
-        accuracies_of(list(results.values()), each) for each in ("val", "test")
+        compute_accuracies(list(results.values()), each) for each in ("val", "test")
     )
     return VariantRow(
         **asdict(variant),
         runs=len(results),
-        val_accuracy=mean_of(val),
+        val_accuracy=compute_mean(val),
         val_std=spread_of(val),
         val_ahead=ahead(results, first, "val") if first and val else None,
-        test_accuracy=mean_of(test),
+        test_accuracy=compute_mean(test),
         test_std=spread_of(test),
         test_ahead=ahead(results, first, "test") if first and test else None,
     )
 
 
-def study_table(rows: Sequence[VariantRow]) -> str:
+def format_study(rows: Sequence[VariantRow]) -> str:
     """The rows as a table."""
     lead = f"K {rows[0].k}, {rows[0].pool} ahead"
     heads = (
@@ -207,7 +209,9 @@ def draw_clips_curve(
     figure = Figure(figsize=(5.2, 3.6), dpi=120, layout="constrained")
     axes = figure.subplots()
     for colour, (name, by_size) in zip(COLOURS, found.items(), strict=False):
-        points = [(mean_of(shares), spread_of(shares)) for shares in by_size.values()]
+        points = [
+            (compute_mean(shares), spread_of(shares)) for shares in by_size.values()
+        ]
         draw_line(axes, list(by_size), points, colour, name)
     sizes = sorted({size for by_size in found.values() for size in by_size})
     axes.set(xscale="log", xlabel="clips learned", ylabel="clips right [%]")

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from eskin.learn.comparison.results import Answered, Result
-from eskin.learn.metrics import compute_group_accuracies, bootstrap_difference
+from eskin.learn.metrics import bootstrap_difference, compute_group_accuracies
 
 Place = tuple[int, int]
 """The draw of the data, and the seed."""
@@ -18,7 +18,7 @@ LEGEND = (
 
 
 @dataclass(frozen=True)
-class Ahead:
+class Lead:
     """By how much the first method is ahead on the clips that both answered."""
 
     mean: float
@@ -69,11 +69,11 @@ class Row:
     val_std: float
     """That of the accuracy on validation; 0 of a single run, or of none."""
 
-    val_ahead: Ahead | None
+    val_ahead: Lead | None
     """The first method on validation; None where nothing could be held out, and of the
     first itself."""
 
-    test_ahead: Ahead | None
+    test_ahead: Lead | None
     """The first method on the test; None of the first itself."""
 
     seconds: float
@@ -107,16 +107,16 @@ def row_of(
 ) -> Row:
     """One method on one test."""
     places = sorted(results)
-    accuracies = accuracies_of([results[place] for place in places], test)
-    validated = accuracies_of(list(results.values()), "val")
+    accuracies = compute_accuracies([results[place] for place in places], test)
+    validated = compute_accuracies(list(results.values()), "val")
     other = results is not first
-    val_people, val_clips = asked_of(results, "val")
-    test_people, test_clips = asked_of(results, test)
+    val_people, val_clips = count_people_and_clips(results, "val")
+    test_people, test_clips = count_people_and_clips(results, test)
     return Row(
         name=name,
         test=test,
         runs=len(places),
-        val_accuracy=mean_of(validated),
+        val_accuracy=compute_mean(validated),
         val_people=val_people,
         val_clips=val_clips,
         test_people=test_people,
@@ -127,11 +127,15 @@ def row_of(
         val_ahead=ahead(results, first, "val") if other and validated else None,
         test_ahead=ahead(results, first, test) if other else None,
         seconds=float(np.mean([result.seconds for result in results.values()])),
-        by_gesture=gestures_right([results[place].answered[test] for place in places]),
+        by_gesture=compute_gesture_accuracies(
+            [results[place].answered[test] for place in places]
+        ),
     )
 
 
-def asked_of(results: Mapping[Place, Result], asked: str) -> tuple[int, int]:
+def count_people_and_clips(
+    results: Mapping[Place, Result], asked: str
+) -> tuple[int, int]:
     """How many people and clips answers are of, each draw counted once."""
     draws = {
         draw: r.answered[asked]
@@ -144,7 +148,7 @@ def asked_of(results: Mapping[Place, Result], asked: str) -> tuple[int, int]:
 
 def ahead(
     results: Mapping[Place, Result], first: Mapping[Place, Result], asked: str
-) -> Ahead:
+) -> Lead:
     """How far the first method is ahead of another on what both were asked."""
     theirs, ours, people = [], [], []
     for draw, seed in sorted(results):
@@ -155,23 +159,25 @@ def ahead(
     both = np.concatenate(ours), np.concatenate(theirs)
     mean = float(both[0].mean() - both[1].mean())
     if len(set(people)) == 1:
-        return Ahead(mean, None, None)
-    return Ahead(mean, *bootstrap_difference(*both, cluster=people))
+        return Lead(mean, None, None)
+    return Lead(mean, *bootstrap_difference(*both, cluster=people))
 
 
-def gestures_right(answered: Sequence[Answered]) -> dict[str, float]:
+def compute_gesture_accuracies(answered: Sequence[Answered]) -> dict[str, float]:
     """Share of right answers among all clips of each gesture."""
     right = np.concatenate([each.right for each in answered])
-    return compute_group_accuracies(right, [gesture for each in answered for gesture in each.truth])
+    return compute_group_accuracies(
+        right, [gesture for each in answered for gesture in each.truth]
+    )
 
 
-def accuracies_of(results: Sequence[Result], asked: str) -> list[float]:
+def compute_accuracies(results: Sequence[Result], asked: str) -> list[float]:
     """Share of right answers of each run."""
     answered = [r.answered[asked] for r in results if asked in r.answered]
     return [float(each.right.mean()) for each in answered]
 
 
-def mean_of(shares: Sequence[float]) -> float | None:
+def compute_mean(shares: Sequence[float]) -> float | None:
     """Their mean; None of none."""
     return float(np.mean(shares)) if shares else None
 
@@ -181,7 +187,7 @@ def spread_of(shares: Sequence[float]) -> float:
     return float(np.std(shares, ddof=1)) if len(shares) > 1 else 0.0
 
 
-def margin(ahead: Ahead | None) -> str:
+def margin(ahead: Lead | None) -> str:
     """How far ours is ahead, in points, for a table; empty for ours."""
     if ahead is None:
         return ""
@@ -191,7 +197,7 @@ def margin(ahead: Ahead | None) -> str:
     return f"{points} [{100 * ahead.low:+.1f}, {100 * ahead.high:+.1f}]"
 
 
-def markdown(rows: Sequence[Row]) -> str:
+def format_tables(rows: Sequence[Row]) -> str:
     """The rows as tables, one for each test, and what stands in them."""
     tables, lead = [], f"{rows[0].name} ahead"
     for test in dict.fromkeys(row.test for row in rows):
@@ -212,7 +218,7 @@ def caption(first: Row) -> str:
     return f"{asked}."
 
 
-def gestures_markdown(rows: Sequence[Row]) -> str:
+def format_gesture_tables(rows: Sequence[Row]) -> str:
     """Shares of right answers by gesture as tables, one for each test."""
     tables = []
     for test in dict.fromkeys(row.test for row in rows):

@@ -6,9 +6,15 @@ from dataclasses import astuple, dataclass
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from eskin.learn.events.matching import NO_GESTURE, MatchedStream, MatchConfig, Take, mark
+from eskin.learn.events.matching import (
+    NO_GESTURE,
+    MatchConfig,
+    MatchedStream,
+    Take,
+    mark,
+)
 from eskin.learn.events.read_true_events import TrueEvent
-from eskin.learn.metrics import Reliability, resample_clusters, reliability
+from eskin.learn.metrics import Reliability, reliability, resample_clusters
 from eskin.live import UNKNOWN
 from eskin.recording import NONE
 from eskin.units import NS_PER_S
@@ -241,10 +247,14 @@ def score_events(
         hours=sum(take.seconds for take in takes) / HOUR,
         per_gesture={name: tally_gestures(every, (name,)) for name in gestures},
         per_subject={
-            person: tally_gestures([m for m in every if m.take.subject == person], gestures)
+            person: tally_gestures(
+                [m for m in every if m.take.subject == person], gestures
+            )
             for person in people
         },
-        simultaneous=sum((tally_overlapping(marked, gestures) for marked in every), Tally()),
+        simultaneous=sum(
+            (tally_overlapping(marked, gestures) for marked in every), Tally()
+        ),
         delays={name: collect_delays(every, name) for name in gestures},
         unknown=tally_non_gestures(
             every, lambda e: None if e.gesture in (*gestures, NONE) else e.gesture
@@ -310,7 +320,9 @@ def tally_non_gestures(
     return dict(sorted(found.items()))
 
 
-def count_confusions(marked: MatchedStream, names: Sequence[str]) -> Int[np.ndarray, "true said"]:
+def count_confusions(
+    marked: MatchedStream, names: Sequence[str]
+) -> Int[np.ndarray, "true said"]:
     """What was said of each event, and in the last row what else was said."""
     counts = np.zeros((len(names), len(names)), dtype=np.int64)
     place = {name: index for index, name in enumerate(names)}

@@ -87,7 +87,8 @@ def match(
     about = {d: np.flatnonzero(fitting[:, d]) for d in left}
     blamed = {
         d: max(
-            which.tolist(), key=lambda event: compute_overlap(events[event], detections[d])
+            which.tolist(),
+            key=lambda event: compute_overlap(events[event], detections[d]),
         )
         for d, which in about.items()
         if len(which)
