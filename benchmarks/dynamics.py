@@ -12,7 +12,7 @@ import numpy as np
 from eskin.command import DynamicPlant, SimulatedArm
 from eskin.drivers import ManualClock
 from eskin.robot import Wrench
-from eskin.sim.live.live_skin import LiveSkin
+from eskin.sim.interactive.skin import LiveSkin
 
 STEP = 0.002
 STANDS = 0.01
@@ -32,7 +32,7 @@ def dynamic_arm() -> tuple[SimulatedArm, DynamicPlant, ManualClock]:
 
 def off(arm: SimulatedArm) -> float:
     """How far a joint is from its set-point, at most [rad]."""
-    return float(np.abs(arm.state().q - arm.routine.trajectory.q).max())
+    return float(np.abs(arm.state().q - arm.executor.trajectory.q).max())
 
 
 def show_task(seconds: float = 60.0) -> None:
@@ -58,7 +58,7 @@ def show_pauses(times: int = 200) -> None:
         arm, plant, clock = dynamic_arm()
         clock.sleep(1.0 + 0.02 * n)
         arm.pause()
-        clock.sleep(arm.routine.trajectory.config.brake_seconds)
+        clock.sleep(arm.executor.trajectory.config.brake_seconds)
         for step in range(200):
             clock.sleep(STEP)
             worst = max(worst, off(arm))
@@ -78,7 +78,9 @@ def show_pushes() -> None:
         clock.sleep(2.0)
         stood = arm.state().q
         force_link = np.array([force, 0.0, 0.0])
-        arm.push([Wrench("forearm_link", force_link, np.cross(OUT, force_link))])
+        arm.apply_wrenches(
+            [Wrench("forearm_link", force_link, np.cross(OUT, force_link))]
+        )
         clock.sleep(2.0)
         state = arm.state()
         moved = np.abs(state.q - stood).max()
@@ -91,7 +93,7 @@ def show_wrenches(seeds: tuple[int, ...] = (100, 101, 102, 103)) -> None:
     shares: dict[str, list[float]] = {gesture: [] for gesture in GESTURES}
     for seed in seeds:
         skin, stamps = LiveSkin("ur5", seed), iter(range(20, 10**6, 20))
-        q = SimulatedArm(clock=ManualClock()).routine.trajectory.q
+        q = SimulatedArm(clock=ManualClock()).executor.trajectory.q
         for gesture in GESTURES:
             skin.hand.perform(gesture)
             highest, net = 0.0, 0.0

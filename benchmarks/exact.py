@@ -161,7 +161,7 @@ def torch_logits(
             write_all(writer, stream(recording.scans()), ())
         dataset = prepare([path], model.card.pipeline, model.card.graph_used)
     ends = np.arange(0, len(dataset.stamps), every)
-    windows = cut(dataset, ends, dataset.starts[ends], network.config.slots)
+    windows = cut_windows(dataset, ends, dataset.starts[ends], network.config.slots)
     with torch.no_grad():
         graphs = dataset.graphs.select(windows.rows)
         return network(

@@ -21,7 +21,7 @@ import tyro
 from jaxtyping import Bool, Float, Int
 from scipy.stats import binomtest, t
 
-from eskin.learn.baselines import Clips, make_baseline
+from eskin.learn.baselines import SkinWindows, make_baseline
 from eskin.learn.comparison import Examples, find_examples
 from eskin.learn.comparison.methods import FOR_SMALL_SETS
 from eskin.learn.scoring import predict_clips
@@ -132,7 +132,7 @@ def ours_shuffled(
 
 def windows_before_contact(
     examples: Examples,
-) -> tuple[Clips, Int[np.ndarray, "window"]]:
+) -> tuple[SkinWindows, Int[np.ndarray, "window"]]:
     """Windows that stay as they were just before the first true contact.
 
     Returns:
@@ -146,7 +146,7 @@ def windows_before_contact(
         first = int(min(onset, pressure.shape[1]))
         pressure[n, first:] = pressure[n, first - 1]
         q[n, first:] = q[n, first - 1]
-    return Clips(pressure, q), chosen
+    return SkinWindows(pressure, q), chosen
 
 
 def onsets(examples: Examples) -> Float[np.ndarray, "clip"]:

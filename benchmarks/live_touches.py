@@ -15,19 +15,19 @@ from typing import Literal
 
 import numpy as np
 import tyro
-from eskin.learn.events.read_true_events import build_events
 from jaxtyping import Float
 
 from eskin.learn.events.event_scoring import EventScore, score_events
-from eskin.learn.events.matching import Take
+from eskin.learn.events.matching import ScoredStream
+from eskin.learn.events.true_events import build_events
 from eskin.live import Detection, Recognizer
 from eskin.model import Model, load_model
 from eskin.recording import NONE, TruthRecord
-from eskin.sim.live.live_skin import LiveSkin
-from eskin.sim.live.place import Place
-from eskin.sim.people.series import minimum_jerk
-from eskin.sim.robot.motion import fastest
-from eskin.sim.robot.pose import GROUPS, draw_pose
+from eskin.sim.interactive.hand import Place
+from eskin.sim.interactive.skin import LiveSkin
+from eskin.sim.people.gesture_sample import minimum_jerk
+from eskin.sim.scene.motion import fastest
+from eskin.sim.scene.poses import GROUPS, draw_pose
 from eskin.units import NS_PER_S
 
 GESTURES = ("poke", "double_pat", "grab", "stroke")
@@ -104,12 +104,12 @@ class Run:
         while self.live.hand.touching:
             self.scan()
 
-    def take(self) -> Take:
+    def take(self) -> ScoredStream:
         """To be scored."""
         self.heard.detections += self.recognizer.finish()
         events = sorted(build_events(self.heard.truths), key=lambda e: e.onset)
         person = self.live.hand.person.name
-        return Take(tuple(events), self.heard.detections, self.time, person)
+        return ScoredStream(tuple(events), self.heard.detections, self.time, person)
 
 
 def still(q: Float[np.ndarray, "joint"], live: LiveSkin) -> Path:

@@ -25,9 +25,9 @@ from eskin.learn.ground_truth import find_runs
 from eskin.learn.scoring import find_last_rows
 from eskin.recording import NONE, find_recordings
 from eskin.sim.constants import load_constants
-from eskin.sim.files.generate import generate
-from eskin.sim.files.settings import Settings
-from eskin.sim.files.simulator import Simulator
+from eskin.sim.dataset.clip_generator import Simulator
+from eskin.sim.dataset.generate import generate
+from eskin.sim.dataset.settings import Settings
 
 NEARLY_NOTHING = 1e-3
 """Factor on a constant that is to be as good as zero."""

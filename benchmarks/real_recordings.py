@@ -28,7 +28,11 @@ from benchmarks.crossvalidation import (
     train_folds,
 )
 from eskin.learn.dataset import Dataset, prepare
-from eskin.learn.metrics import bootstrap_difference, compute_group_accuracies, score
+from eskin.learn.metrics import (
+    bootstrap_difference,
+    compute_group_accuracies,
+    score_predictions,
+)
 from eskin.learn.plots import draw_confusion
 from eskin.learn.training import TrainConfig
 from eskin.model import load_model
@@ -73,7 +77,9 @@ def main() -> None:
         convert(command.data, Path(folder))
         answers = measure(find_recordings((Path(folder),)), command)
     if command.picture is not None:
-        result = score(answers.truth, answers.predicted[OURS], answers.vocabulary)
+        result = score_predictions(
+            answers.truth, answers.predicted[OURS], answers.vocabulary
+        )
         title = f"{command.kind}: {result.accuracy:.1%} right"
         draw_confusion(result.confusion, answers.vocabulary, command.picture, title)
     print(f"\n{time.monotonic() - started:.0f} s")
@@ -169,7 +175,7 @@ def table(title: str, answers: Answers, whole: bool = False) -> str:
     ]
     ours = answers.predicted[OURS] == answers.truth
     for name, predicted in answers.predicted.items():
-        result = score(answers.truth, predicted, answers.vocabulary)
+        result = score_predictions(answers.truth, predicted, answers.vocabulary)
         right = predicted == answers.truth
         groups = compute_group_accuracies(right, answers.groups)
         ahead = "" if name == OURS else difference(ours, right, cluster)

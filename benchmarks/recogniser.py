@@ -19,11 +19,11 @@ from benchmarks.simulated_sets import made_set
 from eskin.learn.checkpoint import to_network
 from eskin.learn.dataset import prepare
 from eskin.learn.evaluation import Evaluation, evaluate
-from eskin.learn.events import EventScore, hear, score_events
+from eskin.learn.events import EventScore, score_events, trace_recordings
 from eskin.learn.plots import draw_confusion, draw_reliability
 from eskin.model import Model, load_model
 from eskin.recording import find_recordings
-from eskin.sim.pairs.sides import KINDS
+from eskin.sim.dataset.plan import KINDS
 
 Part = Literal["clips", "streams", "skins", "pairs", "all"]
 
@@ -141,7 +141,7 @@ def stream_score(command: Command, folder: Path) -> EventScore:
     """What the model is worth on a set of streams."""
     model = load_model(command.model)
     paths = find_recordings([folder])[: command.first]
-    heard = hear(paths, model, command.workers)
+    heard = trace_recordings(paths, model, command.workers)
     return score_events([stream.take() for stream in heard], model.card.vocabulary)
 
 

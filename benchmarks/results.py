@@ -27,9 +27,9 @@ from eskin.learn.comparison import (
     ABLATIONS,
     METHODS,
     Method,
-    Place,
-    Result,
-    Task,
+    MethodResult,
+    RunKey,
+    TrainingTask,
     find_examples,
     run_tasks,
 )
@@ -226,7 +226,7 @@ def clips(command: Command, form: Form) -> None:
     names = ("eskin", "boosting-on-touch", "random-forest")
     methods = {**{name: METHODS[name] for name in names}, **ABLATIONS}
     tests = [draw / "test" for draw in paper_sets(command, form.curve_draws)]
-    asked: dict[tuple[str, int, Place], Task] = {}
+    asked: dict[tuple[str, int, RunKey], TrainingTask] = {}
     for size in form.sizes:
         for draw, test in enumerate(tests):
             train = paper_set(command, OF_581[size], draw) / "train"
@@ -235,7 +235,7 @@ def clips(command: Command, form: Form) -> None:
                 asked[name, size, (draw, draw)] = task
     tasks = list(asked.values())
     done = run_tasks(tasks, command.results, command.workers, 60 * command.minutes)
-    found: dict[int, dict[str, dict[Place, Result]]] = {}
+    found: dict[int, dict[str, dict[RunKey, MethodResult]]] = {}
     for (name, size, place), result in zip(asked, done, strict=True):
         if result is not None:
             by_name = found.setdefault(size, {})
@@ -266,11 +266,11 @@ def clips(command: Command, form: Form) -> None:
 
 def task_of(
     command: Command, name: str, method: Method, train: Path, test: Path, seed: int
-) -> Task:
+) -> TrainingTask:
     """One training of a method, with nothing held out."""
     pack = command.sets / "pack"
     learned, asked = (find_examples([place], pack) for place in (train, test))
-    return Task(
+    return TrainingTask(
         name.replace(" ", "-"), method, learned, {"test": asked}, seed, share=0.0
     )
 

@@ -21,15 +21,15 @@ from matplotlib.figure import Figure
 from benchmarks.corruption import KINDS, Corruption, Kind
 from eskin.learn.comparison import (
     METHODS,
-    Place,
-    Result,
-    Task,
+    MethodResult,
+    RunKey,
+    TrainingTask,
     find_examples,
     run_tasks,
 )
 from eskin.learn.comparison.study import COLOURS
-from eskin.learn.comparison.table import ahead, margin
-from eskin.learn.plots import write
+from eskin.learn.comparison.table import compute_lead, format_lead
+from eskin.learn.plots import save_figure
 
 AMOUNTS: Mapping[Kind, tuple[float, ...]] = {
     "dead": (0.05, 0.1, 0.2),
@@ -118,7 +118,7 @@ def main(command: Command) -> None:
     tasks = [task for name in command.methods for task in tasks_of(command, name)]
     seconds = 60 * command.minutes
     done = run_tasks(tasks, command.results, command.workers, seconds)
-    found: dict[str, dict[Place, Result]] = {}
+    found: dict[str, dict[RunKey, MethodResult]] = {}
     for result in done:
         if result is not None:
             place = result.seed - command.seed, result.seed
@@ -134,7 +134,7 @@ def main(command: Command) -> None:
             draw(whole, command.kinds, command.picture)
 
 
-def tasks_of(command: Command, name: str) -> list[Task]:
+def tasks_of(command: Command, name: str) -> list[TrainingTask]:
     """The trainings of a method, each of which is asked its test in every version."""
     tasks = []
     for n, places in enumerate(zip(command.train, command.test, strict=True)):
@@ -145,17 +145,17 @@ def tasks_of(command: Command, name: str) -> list[Task]:
             Corruption(kind, a, seed) for kind in command.kinds for a in AMOUNTS[kind]
         ]
         tests = {UNHARMED: test, **{h.name: replace(test, harm=h) for h in harms}}
-        tasks.append(Task(name, METHODS[name], train, tests, seed))
+        tasks.append(TrainingTask(name, METHODS[name], train, tests, seed))
     return tasks
 
 
-def accuracy(results: Mapping[Place, Result], asked: str) -> float:
+def accuracy(results: Mapping[RunKey, MethodResult], asked: str) -> float:
     """Right answers of all clips of a test [%]."""
     rights = [result.answered[asked].right for result in results.values()]
     return 100 * float(np.concatenate(rights).mean())
 
 
-def table(found: Mapping[str, Mapping[Place, Result]]) -> str:
+def table(found: Mapping[str, Mapping[RunKey, MethodResult]]) -> str:
     """One row a version of the test, one column a method."""
     answered = next(iter(next(iter(found.values())).values())).answered
     rows = [(asked, asked, found) for asked in answered if asked != "val"]
@@ -163,7 +163,8 @@ def table(found: Mapping[str, Mapping[Place, Result]]) -> str:
 
 
 def ahead_table(
-    head: str, rows: Sequence[tuple[str, str, Mapping[str, Mapping[Place, Result]]]]
+    head: str,
+    rows: Sequence[tuple[str, str, Mapping[str, Mapping[RunKey, MethodResult]]]],
 ) -> str:
     """Right answers by method, and how far the first is ahead.
 
@@ -181,17 +182,21 @@ def ahead_table(
 
 
 def cell(
-    results: Mapping[Place, Result], first: Mapping[Place, Result], asked: str
+    results: Mapping[RunKey, MethodResult],
+    first: Mapping[RunKey, MethodResult],
+    asked: str,
 ) -> str:
     """Right answers of a method [%], and how far the first is ahead in points."""
     share = f"{accuracy(results, asked):.1f}"
     if results is first:
         return share
-    return f"{share} ({margin(ahead(results, first, asked))})"
+    return f"{share} ({format_lead(compute_lead(results, first, asked))})"
 
 
 def draw(
-    found: Mapping[str, Mapping[Place, Result]], kinds: Sequence[Kind], path: Path
+    found: Mapping[str, Mapping[RunKey, MethodResult]],
+    kinds: Sequence[Kind],
+    path: Path,
 ) -> None:
     """One small picture a kind, one line a method."""
     columns = min(COLUMNS, len(kinds))
@@ -209,11 +214,11 @@ def draw(
     figure.legend(
         lines, names, loc="outside upper center", ncols=len(names), frameon=False
     )
-    write(figure, path)
+    save_figure(figure, path)
 
 
 def draw_kind(
-    axes: Axes, found: Mapping[str, Mapping[Place, Result]], kind: Kind
+    axes: Axes, found: Mapping[str, Mapping[RunKey, MethodResult]], kind: Kind
 ) -> None:
     """Accuracy of each method against the amount of one kind."""
     unharmed = RECORDED_HZ if kind == "rate" else 0.0

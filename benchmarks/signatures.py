@@ -23,9 +23,9 @@ from eskin.learn.scoring import predict_clips
 from eskin.model import Model, load_model
 from eskin.recording import find_recordings
 from eskin.sim.constants import load_constants
-from eskin.sim.files.generate import generate
-from eskin.sim.files.settings import Settings
-from eskin.sim.files.simulator import Simulator
+from eskin.sim.dataset.clip_generator import Simulator
+from eskin.sim.dataset.generate import generate
+from eskin.sim.dataset.settings import Settings
 
 NEARLY_NOTHING = 1e-3
 """Factor on a constant that is to be as good as zero."""

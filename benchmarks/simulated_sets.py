@@ -2,8 +2,8 @@
 
 from pathlib import Path
 
-from eskin.sim.files.generate import generate
-from eskin.sim.files.settings import Settings
+from eskin.sim.dataset.generate import generate
+from eskin.sim.dataset.settings import Settings
 
 
 def made_set(

@@ -35,7 +35,7 @@ from eskin.learn.comparison import (
     Examples,
     Method,
     RecogniserMethod,
-    Task,
+    TrainingTask,
     find_examples,
     run_tasks,
 )
@@ -193,7 +193,7 @@ def table(
 ) -> str:
     """A row a setting."""
     tasks = [
-        Task(name, method, draw, {}, 0)
+        TrainingTask(name, method, draw, {}, 0)
         for method in settings.values()
         for draw in draws
     ]

@@ -111,7 +111,7 @@ def watch(arm: UrArm, skin: Any) -> Policy:  # noqa: ANN401
     policy = Policy(arm, rules, ("none", "poke"), PolicyConfig(SkinMonitorConfig()))
     policy.start(Context(info, arm.clock, lambda item: None))
     # From here the newest reading is as old as it may be.
-    policy.watch.heard -= 100_000_000
+    policy.monitor.latest -= 100_000_000
     return policy
 
 

@@ -28,8 +28,8 @@ from benchmarks.browser import CHROMIUM, FLAGS
 from eskin.drivers import SourceInfo
 from eskin.drivers.played_source import PlayedSource
 from eskin.live import warm_up
-from eskin.sim.files.simulator import Simulator
-from eskin.sim.live.player import Player
+from eskin.sim.dataset.clip_generator import Simulator
+from eskin.sim.interactive.player import Player
 from eskin.stream import Recognition, Stream
 from eskin.touch import Scan
 from eskin.viewer import Viewer, ViewerConfig

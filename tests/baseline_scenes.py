@@ -4,7 +4,7 @@ from functools import cache
 
 import numpy as np
 
-from eskin.learn.baselines import READINGS, Clips
+from eskin.learn.baselines import READINGS, SkinWindows
 from eskin.skin import MountedSkin
 from live_scenes import mounted
 
@@ -29,4 +29,4 @@ def toy(count=10, seed=0):
         kpa = (40, 8, 25)[label] * rng.uniform(0.9, 1.1)
         pressure[clip, RESTS:end, taxels] = kpa
     q = rng.uniform(-1, 1, (3 * count, 1, 6)).repeat(READINGS, axis=1)
-    return Clips(pressure, q.astype(np.float32)), labels
+    return SkinWindows(pressure, q.astype(np.float32)), labels

@@ -9,8 +9,8 @@ from eskin.graph import GraphBatch
 from eskin.graph.batch import HISTORY
 from eskin.learn.dataset import Dataset
 from eskin.learn.ground_truth import Clip
-from eskin.sim.files.generate import generate
-from eskin.sim.files.settings import Settings
+from eskin.sim.dataset.generate import generate
+from eskin.sim.dataset.settings import Settings
 from eskin.skin import MountedSkin
 from sim_scenes import StandIn
 

@@ -5,8 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from eskin.sim import Chart, Flesh, Press, Stamps
-from eskin.skin.round import Dome, Tube
-from eskin.skin.surface import Plane
+from eskin.skin.surfaces import Dome, Plane, Tube
 
 FLESH = Flesh(b=190.0, m=2100.0, area_scale=1.0, area_exponent=0.42, conformity=0.75)
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from eskin.learn.events import Take, TrueEvent
+from eskin.learn.events import ScoredStream, TrueEvent
 from eskin.live import Detection
 
 SECOND = 1_000_000_000
@@ -47,8 +47,8 @@ def said(at, gesture="poke", x=0.0, onset=None, end=None, sure=0.9) -> Detection
     )
 
 
-def take(events, detections, seconds=3600.0, subject="ann") -> Take:
-    return Take(tuple(events), list(detections), seconds, subject)
+def take(events, detections, seconds=3600.0, subject="ann") -> ScoredStream:
+    return ScoredStream(tuple(events), list(detections), seconds, subject)
 
 
 def answers(events, gestures=None) -> list[Detection]:

@@ -6,8 +6,8 @@ import numpy as np
 
 from eskin.sim.constants import load_constants
 from eskin.sim.sensor.build import nominal_build
-from eskin.sim.sensor.sensor import Stages, sense
-from eskin.sim.sensor.session import Session
+from eskin.sim.sensor.model import Session, Stages
+from eskin.sim.sensor.sensor import sense
 from touch_scenes import grid_skin
 
 CONSTANTS = load_constants()

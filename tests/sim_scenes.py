@@ -6,8 +6,9 @@ import time
 import numpy as np
 
 from eskin.robot import load_robot
-from eskin.sim.clip.outcome import Clip, TrueSeries
-from eskin.sim.files.maker import Maker
+from eskin.sim.dataset.clip import Clip
+from eskin.sim.dataset.clip_generator import Maker
+from eskin.sim.scene.scene import TrueSeries
 from eskin.skin import MountedSkin, grid_skin
 from eskin.touch import Calibration
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from eskin.drivers import STEPPED, ManualClock, PlayedSource, SourceInfo
 from eskin.recording import Metadata
-from eskin.skin.grids import grid_skin
+from eskin.skin.layout import grid_skin
 from eskin.stream import Listener
 from eskin.touch import Calibration, Scan
 
@@ -45,8 +45,15 @@ def played(scans, pace=STEPPED, clock=None, anew=False):
 class Ear(Listener):
     """Keeps what it hears; what it does besides is given to it."""
 
-    def __init__(self, name="ear", size=1000, drop="never", message_types=(Scan,), do=None):
-        self.name, self.size, self.drop, self.message_types = name, size, drop, message_types
+    def __init__(
+        self, name="ear", size=1000, drop="never", message_types=(Scan,), do=None
+    ):
+        self.name, self.size, self.drop, self.message_types = (
+            name,
+            size,
+            drop,
+            message_types,
+        )
         self.do = do or (lambda item: None)
         self.heard = []
         self.log = None

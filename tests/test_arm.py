@@ -18,7 +18,7 @@ from eskin.drivers import ManualClock
 from eskin.errors import ArmError
 from eskin.robot import Kinematics, load_robot
 from eskin.sim.constants import load_constants
-from eskin.sim.robot.clearance import solids_of
+from eskin.sim.scene.collision import solids_of
 
 SECOND = 1_000_000_000
 NAMES = [waypoint.name for waypoint in FRAME_TASK.waypoints]
@@ -147,7 +147,7 @@ def test_a_pause_never_moves_the_goal(seconds, pause):
     assert (after.target, after.delivered) == (before.target, before.delivered)
     assert np.array_equal(after.q, before.q)
     goal = FRAME_TASK.waypoints[NAMES.index(after.target)].q
-    assert np.array_equal(arm.routine.trajectory.goal, goal)
+    assert np.array_equal(arm.executor.trajectory.goal, goal)
 
 
 def test_pause_and_hold_must_both_be_over():
@@ -249,9 +249,9 @@ def test_a_task_that_cannot_be_gone_through_is_refused():
 
 
 def test_a_robot_that_allows_no_speed_stops_the_clock():
-    routine = TaskExecutor(FRAME_TASK)
-    routine.advance(6.0)
-    routine.advance(CONFIG.brake_seconds, 0.0)
-    clock = routine.trajectory.time
-    routine.advance(5.0, 0.0)
-    assert routine.trajectory.time == clock and routine.trajectory.stands
+    executor = TaskExecutor(FRAME_TASK)
+    executor.advance(6.0)
+    executor.advance(CONFIG.brake_seconds, 0.0)
+    clock = executor.trajectory.time
+    executor.advance(5.0, 0.0)
+    assert executor.trajectory.time == clock and executor.trajectory.still

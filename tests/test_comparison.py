@@ -15,16 +15,16 @@ from eskin.errors import EskinError, RecordingError
 from eskin.learn.baselines import READINGS
 from eskin.learn.comparison import (
     METHODS,
-    Answered,
+    AnsweredClips,
     Method,
-    Result,
-    Task,
+    MethodResult,
+    TrainingTask,
     find_examples,
     run_tasks,
 )
 from eskin.learn.comparison.encoders import ENCODERS
 from eskin.learn.comparison.examples import cut_clip_windows
-from eskin.learn.comparison.study import Variant, build_study_rows, draw_line
+from eskin.learn.comparison.study import Variant, build_study_rows, plot_shares
 from eskin.learn.ground_truth import read_clips
 from eskin.model import LENGTH_CM, NetworkConfig
 from eskin.nn import graph_tensors
@@ -52,7 +52,7 @@ def examples(folder, tmp_path):
 
 @dataclass(frozen=True)
 class Guess(Method):
-    """Answers the same to everything, and counts how often it learned."""
+    """Predictor the same to everything, and counts how often it learned."""
 
     answer: int = 0
     log: str = ""
@@ -145,17 +145,20 @@ def test_what_is_held_out_is_not_learned_from(folder, tmp_path):
             return super().fit(examples, seed)
 
     every = find_examples([folder], tmp_path)
-    result = Task("spy", Spy(), every, {}, 0, share=0.5).run()
+    result = TrainingTask("spy", Spy(), every, {}, 0, share=0.5).run()
     held = len(every.every) - sum(len(read_clips(path)) for path in learned)
     assert held > 0 and len(result.answered["val"].truth) == held
-    again = [Task("spy", Spy(), every, {}, seed, share=0.5).run() for seed in range(6)]
+    again = [
+        TrainingTask("spy", Spy(), every, {}, seed, share=0.5).run()
+        for seed in range(6)
+    ]
     assert {each.answered["val"] for each in again} == {result.answered["val"]}
 
 
 def test_a_training_is_done_once_and_again_where_anything_differs(folder, tmp_path):
     log, kept = tmp_path / "log", tmp_path / "results"
     a, b = (find_examples([folder / name], tmp_path) for name in "ab")
-    task = Task("guess", Guess(0, str(log)), a, {"test": b}, 0)
+    task = TrainingTask("guess", Guess(0, str(log)), a, {"test": b}, 0)
     first, again = task.done(kept), task.done(kept)
     assert first == again and log.read_text() == "x"
     others = (
@@ -172,7 +175,7 @@ def test_a_training_is_done_once_and_again_where_anything_differs(folder, tmp_pa
 
 def test_what_is_not_begun_in_time_is_left_and_what_is_done_is_not(folder, tmp_path):
     a = find_examples([folder / "a"], tmp_path)
-    tasks = [Task("guess", Guess(), a, {}, seed) for seed in range(2)]
+    tasks = [TrainingTask("guess", Guess(), a, {}, seed) for seed in range(2)]
     tasks[1].done(tmp_path / "r")
     found = run_tasks(tasks, tmp_path / "r", seconds=-1.0)
     assert found[0] is None and found[1] is not None
@@ -206,7 +209,7 @@ def test_every_encoder_feels_coordinates_in_the_same_unit():
 
 def test_an_accuracy_of_nothing_is_drawn_and_none_is_not():
     axes = Figure().subplots()
-    draw_line(axes, [4, 8, 16], [(0.0, 0.0), (None, 0.0), (0.5, 0.1)], "k", "a")
+    plot_shares(axes, [4, 8, 16], [(0.0, 0.0), (None, 0.0), (0.5, 0.1)], "k", "a")
     np.testing.assert_array_equal(axes.lines[0].get_ydata(), [0.0, np.nan, 50.0])
 
 
@@ -330,7 +333,7 @@ def test_what_cannot_be_studied_is_refused(folder, capsys, words, message):
 @pytest.mark.parametrize("kept", ["", "{", "[]", '{"method": "x"}'])
 def test_a_damaged_result_is_named_and_left_alone(folder, tmp_path, kept):
     a, b = (find_examples([folder / name], tmp_path / "pack") for name in ("a", "b"))
-    task = Task("guess", Guess(0), a, {"test": b}, 0)
+    task = TrainingTask("guess", Guess(0), a, {"test": b}, 0)
     task.done(tmp_path)
     path = task.file(tmp_path)
     path.write_text(kept)
@@ -343,7 +346,7 @@ def test_a_variant_is_held_against_the_first_of_its_network_where_both_were_trai
     def result(right):
         truth, people = ("poke", "grab") * 2, ("p1", "p1", "p2", "p2")
         answer = truth if right else ("poke",) * 4
-        return Result("", 0, 1.0, {"test": Answered(truth, answer, people)})
+        return MethodResult("", 0, 1.0, {"test": AnsweredClips(truth, answer, people)})
 
     ours = [Variant("eskin", k, "max") for k in (4, 8, 16)]
     theirs = Variant("paper", 8, "max")

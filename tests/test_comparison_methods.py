@@ -26,7 +26,7 @@ from eskin.learn.comparison import (
     METHODS,
     BaselineMethod,
     RecogniserMethod,
-    Task,
+    TrainingTask,
     find_examples,
     methods,
     touch_trees,
@@ -73,7 +73,7 @@ def untrained(monkeypatch):
 
 
 def key(method, examples):
-    return Task("a", method, examples, {"test": examples}, 0).key
+    return TrainingTask("a", method, examples, {"test": examples}, 0).key
 
 
 def test_a_method_prints_as_all_its_settings_and_no_address():

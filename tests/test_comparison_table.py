@@ -7,23 +7,25 @@ from benchmarks import robustness
 from clip_scenes import generated
 from eskin.cli.compare import sorted_out
 from eskin.learn.comparison import (
-    Answered,
+    AnsweredClips,
     Lead,
-    Result,
+    MethodResult,
+    build_rows,
     format_gesture_tables,
     format_tables,
-    rows_of,
 )
 
 
 def answered(right):
     truth = tuple("poke" for _ in right)
     answer = tuple("poke" if each else "grab" for each in right)
-    return Answered(truth, answer, tuple(f"p{n % 5}" for n in range(len(right))))
+    return AnsweredClips(truth, answer, tuple(f"p{n % 5}" for n in range(len(right))))
 
 
 def result(name, seed, right):
-    return Result(name, seed, 1.0, {"val": answered([True]), "test": answered(right)})
+    return MethodResult(
+        name, seed, 1.0, {"val": answered([True]), "test": answered(right)}
+    )
 
 
 def test_a_method_is_held_against_the_first_on_what_both_answered():
@@ -32,7 +34,7 @@ def test_a_method_is_held_against_the_first_on_what_both_answered():
         "ours": {(0, 0): result("ours", 0, good), (1, 0): result("ours", 0, bad)},
         "other": {(1, 0): result("other", 0, [False] * 40)},
     }
-    ours, other = rows_of(found)
+    ours, other = build_rows(found)
     assert ours.test_accuracy == pytest.approx(0.75) and ours.runs == 2
     assert ours.std == pytest.approx(np.std([1.0, 0.5], ddof=1))
     assert ours.val_std == 0.0
@@ -48,7 +50,9 @@ def test_a_table_tells_of_how_many_people_it_is():
     """Whatever the seeds; of another draw it is others, whatever they are called."""
     asked = {"val": answered([True]), "test": answered([True] * 40)}
     places = ((0, 0), (0, 1), (1, 2))
-    (row,) = rows_of({"ours": {at: Result("ours", at[1], 1.0, asked) for at in places}})
+    (row,) = build_rows(
+        {"ours": {at: MethodResult("ours", at[1], 1.0, asked) for at in places}}
+    )
     people = 2 * len(set(asked["test"].people))
     assert (row.val_people, row.val_clips) == (2, 2)
     assert (row.test_people, row.test_clips) == (people, 80)
@@ -70,27 +74,29 @@ def test_the_interval_is_for_other_people_than_these():
         name: {(0, 0): result(name, 0, right)}
         for name, right in (("ours", ours), ("other", theirs))
     }
-    by_person = rows_of(found)[1].test_ahead
+    by_person = build_rows(found)[1].test_ahead
     assert by_person.mean == pytest.approx(0.4)
     assert by_person.low == 0.0 and by_person.high == pytest.approx(0.8)
 
 
 def test_people_of_another_draw_are_others():
     def one(name, draw, right):
-        return Result(name, draw, 1.0, {"test": Answered(("a",), (right,), ("p0",))})
+        return MethodResult(
+            name, draw, 1.0, {"test": AnsweredClips(("a",), (right,), ("p0",))}
+        )
 
     found = {
         name: {(0, 0): one(name, 0, "a"), (1, 1): one(name, 1, second)}
         for name, second in (("ours", "a"), ("other", "b"))
     }
-    assert rows_of(found)[1].test_ahead == Lead(0.5, 0.0, 1.0)
+    assert build_rows(found)[1].test_ahead == Lead(0.5, 0.0, 1.0)
 
 
 def test_the_share_of_a_gesture_is_of_its_clips_in_all_draws():
     def one(name, draw, truth, answer):
         people = ("p0",) * len(truth)
-        test = Answered(tuple(truth), tuple(answer), people)
-        return Result(name, draw, 1.0, {"a": test, "b": test})
+        test = AnsweredClips(tuple(truth), tuple(answer), people)
+        return MethodResult(name, draw, 1.0, {"a": test, "b": test})
 
     found = {
         "ours": {
@@ -102,7 +108,7 @@ def test_the_share_of_a_gesture_is_of_its_clips_in_all_draws():
             (1, 1): one("other", 1, "x", "y"),
         },
     }
-    rows = rows_of(found)
+    rows = build_rows(found)
     assert [row.by_gesture for row in rows[:2]] == [
         {"x": 1.0, "y": 0.0},
         {"x": pytest.approx(1 / 3), "y": 1.0},
@@ -122,7 +128,7 @@ def test_of_a_single_person_there_is_no_interval_and_a_tie_is_told():
         name: {(0, 0): result(name, 0, right)}
         for name, right in (("ours", good), ("tie", good), ("other", bad))
     }
-    rows = rows_of(found)
+    rows = build_rows(found)
     assert rows[2].val_ahead == Lead(0.0, None, None)
     lines = format_tables(rows).splitlines()[2:5]
     assert [line.split(" | ")[3] for line in lines] == ["", "+0.0", "+0.0"]
@@ -132,7 +138,7 @@ def test_of_a_single_person_there_is_no_interval_and_a_tie_is_told():
 
 def test_how_far_ours_is_ahead_stands_beside_every_harmed_share():
     def one(name, right):
-        return Result(name, 0, 1.0, {"as recorded": answered(right)})
+        return MethodResult(name, 0, 1.0, {"as recorded": answered(right)})
 
     good, bad = [True] * 40, [n % 5 < 3 for n in range(40)]
     found = {"ours": {(0, 0): one("ours", good)}, "other": {(0, 0): one("other", bad)}}

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from eskin.sim.sensor.crosstalk_kernels import read_array
+from eskin.sim.sensor.kernels import read_array
 from eskin.skin import grid_skin
 from eskin.touch import Calibration, Reading, TouchPipeline
 from eskin.touch.calibration_kernels import LEAK

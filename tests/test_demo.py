@@ -12,7 +12,7 @@ from eskin.demo.browser import PageCommandHandler
 from eskin.demo.simulated_user import SimulatedUser, SimulatedUserConfig
 from eskin.drivers import ManualClock
 from eskin.page import PageOrder, TouchOrder
-from eskin.sim.live.live_skin import LiveSkin
+from eskin.sim.interactive.skin import LiveSkin
 from eskin.stream import CommandEvent
 
 SECOND = 1_000_000_000

@@ -25,9 +25,8 @@ from eskin.page import PageOrder
 from eskin.robot import Kinematics, Wrench, load_robot
 from eskin.robot.dynamics import Dynamics, ServoConfig
 from eskin.robot.presets import preset_text
-from eskin.sim.live.live_skin import LiveSkin
-from eskin.sim.live.place import Place
-from eskin.sim.live.pushing import wrenches_of
+from eskin.sim.interactive.hand import Place
+from eskin.sim.interactive.skin import LiveSkin, wrenches_of
 from eskin.transforms import apply
 
 mujoco = pytest.importorskip("mujoco", reason="needs the extra sim")
@@ -52,7 +51,7 @@ def pushed(force, point=ELBOW_TO_WRIST, link="forearm_link"):
 
 def off(arm):
     """How far the joints are from their set-points [rad]."""
-    return np.abs(arm.state().q - arm.routine.trajectory.q).max()
+    return np.abs(arm.state().q - arm.executor.trajectory.q).max()
 
 
 def tensor_of(body):
@@ -123,11 +122,11 @@ def test_a_pause_stops_it_soon_and_the_set_points_wait(seconds):
     arm.pause()
     clock.sleep(CONFIG.brake_seconds)
     assert off(arm) < LIMITS.deviation
-    stood = arm.routine.trajectory.q
+    stood = arm.executor.trajectory.q
     clock.sleep(0.3)
     assert not arm.state().moving
     clock.sleep(5.0)
-    np.testing.assert_array_equal(arm.routine.trajectory.q, stood)
+    np.testing.assert_array_equal(arm.executor.trajectory.q, stood)
     np.testing.assert_allclose(arm.state().q, stood, atol=1e-6)
 
 
@@ -148,14 +147,14 @@ def test_a_push_turns_joints_by_lever_over_stiffness_and_is_forgotten(force):
     arm.pause()
     clock.sleep(1.0)
     stood = arm.state().q
-    arm.push(pushed(force))
+    arm.apply_wrenches(pushed(force))
     clock.sleep(2.0)
     yielded = arm.state().q - stood
     torque = lever_of(stood, "forearm_link", np.array(force), ELBOW_TO_WRIST)
     wanted = torque / arm.plant.dynamics.config.stiffness
     np.testing.assert_allclose(yielded, wanted, atol=0.05 * np.abs(wanted).max())
     assert np.abs(yielded).max() > 1e-3
-    arm.push([])
+    arm.apply_wrenches([])
     clock.sleep(2.0)
     np.testing.assert_allclose(arm.state().q, stood, atol=1e-6)
     assert not arm.state().protective_stop
@@ -163,20 +162,20 @@ def test_a_push_turns_joints_by_lever_over_stiffness_and_is_forgotten(force):
 
 def test_a_hard_push_stops_it_for_good_until_a_person_unlocks_it():
     arm, clock = arm_and_clock()
-    arm.push(pushed((600.0, 0.0, 0.0)))
+    arm.apply_wrenches(pushed((600.0, 0.0, 0.0)))
     shares = []
     for _ in range(100):
         clock.sleep(0.01)
         arm.state()
         shares.append(np.abs(arm.plant.dynamics.torque) / EFFORT)
     assert np.max(shares) == 1.0
-    arm.push([])
+    arm.apply_wrenches([])
     clock.sleep(0.5)
     state = arm.state()
-    arm.push(pushed((200.0, 0.0, 0.0)))
+    arm.apply_wrenches(pushed((200.0, 0.0, 0.0)))
     clock.sleep(2.0)
     np.testing.assert_allclose(arm.state().q, state.q, atol=1e-3)
-    arm.push([])
+    arm.apply_wrenches([])
     state = arm.state()
     assert state.protective_stop and state.hold_reason == "protective stop"
     for tell in (arm.resume, arm.next_waypoint, arm.open_gripper):
@@ -196,9 +195,9 @@ def test_a_hard_push_stops_it_for_good_until_a_person_unlocks_it():
 
 def test_a_knock_that_is_over_soon_stops_nothing():
     arm, clock = arm_and_clock()
-    arm.push(pushed((600.0, 0.0, 0.0)))
+    arm.apply_wrenches(pushed((600.0, 0.0, 0.0)))
     clock.sleep(0.04)
-    arm.push([])
+    arm.apply_wrenches([])
     clock.sleep(2.0)
     assert not arm.state().stopped and off(arm) < 0.01
 
@@ -213,7 +212,7 @@ def test_it_does_the_same_however_often_it_is_looked_at():
                 clock.sleep(min(look, (until - clock.now()) / 1e9))
                 arm.state()
             tell()
-            arm.push(pushed((30.0, 0.0, 5.0)))
+            arm.apply_wrenches(pushed((30.0, 0.0, 5.0)))
         clock.sleep(1.0)
         ends.append(arm.state().q)
     np.testing.assert_array_equal(ends[0], ends[1])
@@ -223,7 +222,7 @@ def test_it_does_the_same_however_often_it_is_looked_at():
 def test_nothing_moves_the_kinematic_arm():
     clock, others = ManualClock(), ManualClock()
     arm, other = SimulatedArm(clock=clock), SimulatedArm(clock=others)
-    arm.push(pushed((600.0, 0.0, 0.0)))
+    arm.apply_wrenches(pushed((600.0, 0.0, 0.0)))
     arm.unlock()
     clock.sleep(3.0)
     others.sleep(3.0)
@@ -246,7 +245,9 @@ def test_an_arm_that_stands_yields_to_a_poke_on_its_skin():
     arm, clock = arm_and_clock()
     skin = LiveSkin(loses=False)
     arm.pause()
-    source = LiveSource(skin, arm, clock, after=lambda: arm.push(skin.wrenches))
+    source = LiveSource(
+        skin, arm, clock, after=lambda: arm.apply_wrenches(skin.wrenches)
+    )
     for _ in range(10):
         stood = source.read().q
     taxel = skin.mounted.skin.taxels_of("forearm_front")[200]
@@ -281,9 +282,9 @@ def test_who_touches_the_arm_of_the_demonstration_pushes_it(capsys, monkeypatch)
 def test_resume_in_the_page_ends_a_protective_stop():
     arm, clock = arm_and_clock()
     obedience = PageCommandHandler(LiveSkin(), arm)
-    arm.push(pushed((600.0, 0.0, 0.0)))
+    arm.apply_wrenches(pushed((600.0, 0.0, 0.0)))
     clock.sleep(0.5)
-    arm.push([])
+    arm.apply_wrenches([])
     assert arm.state().protective_stop
     obedience.obey(PageOrder("resume_task"))
     assert not arm.state().stopped
@@ -294,9 +295,9 @@ def test_people_unlock_an_arm_in_protective_stop_before_they_touch_it():
     skin = LiveSkin()
     commands = load_commands(None, VOCABULARY, skin.mounted.skin)
     visitor = SimulatedUser(skin, arm, commands, 0, SimulatedUserConfig(first=0.1))
-    arm.push(pushed((600.0, 0.0, 0.0)))
+    arm.apply_wrenches(pushed((600.0, 0.0, 0.0)))
     clock.sleep(0.5)
-    arm.push([])
+    arm.apply_wrenches([])
     assert arm.state().protective_stop
     while not skin.hand.touching:
         clock.sleep(0.02)

@@ -13,7 +13,7 @@ from benchmarks.fuzz.target import Target
 
 from eskin.errors import SkinError
 from eskin.skin import load_skin, skin_from_bytes, skin_to_bytes
-from eskin.skin.grids import grid_skin
+from eskin.skin.layout import grid_skin
 
 
 @pytest.mark.parametrize(

@@ -16,7 +16,11 @@ from eskin.recording import (
     convert_socialtouch,
     read_recording,
 )
-from eskin.recording.shearsense import participant, shearsense_files, support
+from eskin.recording.shearsense import (
+    find_shearsense_files,
+    parse_participant,
+    parse_support,
+)
 from eskin.recording.socialtouch import GESTURES
 from eskin.skin import load_skin
 from socialtouch_scenes import HEADER, pressed, text_of, write_socialtouch
@@ -467,10 +471,10 @@ def test_the_real_shearsense_set_has_18_gestures_each_of_a_known_person(
 
 
 def test_every_name_in_the_real_shearsense_set_is_understood(shearsense_folder):
-    files = shearsense_files(shearsense_folder)
-    people = {participant(path, path.stem) for path in files}
+    files = find_shearsense_files(shearsense_folder)
+    people = {parse_participant(path, path.stem) for path in files}
     assert people >= {f"P{number}" for number in range(1, 9)}
-    assert {support(path.stem) for path in files} == {"FLAT", "PILLOW"}
+    assert {parse_support(path.stem) for path in files} == {"FLAT", "PILLOW"}
 
 
 def test_the_real_socialtouch_set_has_32_gestures_of_two_people(

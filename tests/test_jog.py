@@ -47,13 +47,13 @@ def paused(kind, seconds=4.0):
                 yield arm.state()
     else:
         arm = UrArm(ToldLink(), clock=clock, threaded=False)
-        arm.tick()
+        arm.update()
         arm.release()
 
         def go(seconds, step=0.008):
             for _ in range(round(seconds / step)):
                 clock.sleep(step)
-                arm.tick()
+                arm.update()
                 yield arm.state()
 
     list(go(seconds))

@@ -25,8 +25,8 @@ from eskin.recording import (
     sort_labels,
     write_all,
 )
-from eskin.recording.autolabel import best_threshold
-from eskin.skin.grids import grid_skin
+from eskin.recording.autolabel import compute_otsu_threshold
+from eskin.skin.layout import grid_skin
 from eskin.touch.calibration import Calibration
 from eskin.touch.reading import Scan
 
@@ -162,11 +162,13 @@ def test_noise_alone_is_not_parted_into_touches():
 
 @given(st.floats(2, 50), st.floats(0.05, 0.95), st.integers(0, 2**16))
 @settings(max_examples=40, deadline=None)
-def test_the_best_threshold_parts_two_groups_wherever_they_lie(ratio, share, seed):
+def test_the_compute_otsu_threshold_parts_two_groups_wherever_they_lie(
+    ratio, share, seed
+):
     rng = np.random.default_rng(seed)
     low = rng.uniform(1.0, 1.2, 400)
     high = rng.uniform(1.0, 1.2, max(2, int(400 * share))) * 3 * ratio
-    threshold = best_threshold(np.concatenate([low, high]))
+    threshold = compute_otsu_threshold(np.concatenate([low, high]))
     assert low.max() < threshold <= high.min()
 
 

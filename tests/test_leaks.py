@@ -5,12 +5,12 @@ import pytest
 from benchmarks import leaks
 from benchmarks.leaks import check_chance, onsets, windows_before_contact
 
-from eskin.learn.baselines.interface import TOUCHED, Clips
+from eskin.learn.baselines.interface import TOUCHED, SkinWindows
 from eskin.learn.comparison import find_examples
 from eskin.learn.scoring import ClipPredictions
 from eskin.recording import NONE
-from eskin.sim.files.generate import generate
-from eskin.sim.files.settings import Settings
+from eskin.sim.dataset.generate import generate
+from eskin.sim.dataset.settings import Settings
 
 
 @pytest.fixture(scope="module")
@@ -70,7 +70,7 @@ def test_one_who_knows_is_right_whatever_was_taught(examples, monkeypatch):
 
     def some(examples):
         chosen = np.array([6, 1, 4])
-        return Clips(windows.pressure[chosen], windows.q[chosen]), chosen
+        return SkinWindows(windows.pressure[chosen], windows.q[chosen]), chosen
 
     monkeypatch.setattr(leaks, "make_baseline", lambda name, mounted: Knowing())
     monkeypatch.setattr(leaks, "windows_before_contact", some)

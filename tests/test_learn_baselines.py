@@ -12,8 +12,8 @@ from eskin.learn.baselines import (
     BASELINES,
     NETWORKS,
     READINGS,
-    Clips,
     FitConfig,
+    SkinWindows,
     make_baseline,
 )
 from eskin.learn.baselines.interface import RollingWindow
@@ -79,7 +79,7 @@ def test_every_setting_of_training_decides_what_comes_of_it(change):
 
 @every_baseline
 def test_windows_of_another_skin_are_refused_with_one_line(name):
-    others = Clips(
+    others = SkinWindows(
         np.zeros((2, READINGS, 240), np.float32), np.zeros((2, READINGS, 6), np.float32)
     )
     for call in (

@@ -8,7 +8,7 @@ import pytest
 from clip_scenes import Elsewhere, Placed, generated
 from eskin.errors import RecordingError
 from eskin.graph import GraphConfig
-from eskin.learn.dataset import digest, prepare
+from eskin.learn.dataset import hash_recordings, prepare
 from eskin.learn.ground_truth import (
     extend_labels,
     find_label_indices,
@@ -294,5 +294,17 @@ def test_the_digest_tells_recordings_but_not_their_order(nominal, tmp_path):
     a, b = (recording.path for recording in nominal.recordings)
     copy = tmp_path / "copy.mcap"
     copy.write_bytes(a.read_bytes())
-    assert digest([a, b]) == digest([b, a]) == digest([b, copy])
-    assert len({digest([a, b]), digest([a]), digest([b]), digest([a, a])}) == 4
+    assert (
+        hash_recordings([a, b]) == hash_recordings([b, a]) == hash_recordings([b, copy])
+    )
+    assert (
+        len(
+            {
+                hash_recordings([a, b]),
+                hash_recordings([a]),
+                hash_recordings([b]),
+                hash_recordings([a, a]),
+            }
+        )
+        == 4
+    )

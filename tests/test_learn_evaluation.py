@@ -53,7 +53,7 @@ def test_embedding_each_reading_once_gives_what_whole_windows_give(
     ends = np.array([3, 60, 61, 100, 140, 200, 260])
     firsts = dataset.starts[ends]
     found = compute_log_probabilities(net, dataset, ends, firsts, 1.7)
-    windows = cut(dataset, ends, firsts, 100)
+    windows = cut_windows(dataset, ends, firsts, 100)
     with torch.no_grad():
         logits = net(
             build_network_input(dataset.graphs.select(windows.rows), windows, False)

@@ -9,17 +9,17 @@ from eskin.errors import RecordingError
 from eskin.learn.events import (
     TuningConfig,
     choose_decision,
-    hear,
     is_stream,
     read_true_events,
     score_events,
     trace_recording,
+    trace_recordings,
 )
 from eskin.live import Recognizer
 from eskin.model import DecisionConfig
 from eskin.recording import read_recording
-from eskin.sim.files.generate import generate
-from eskin.sim.files.settings import Settings
+from eskin.sim.dataset.generate import generate
+from eskin.sim.dataset.settings import Settings
 from live_scenes import (
     SECOND,
     START,
@@ -139,7 +139,7 @@ def sets(tmp_path_factory):
 def test_a_generated_stream_is_scored_from_end_to_end(sets):
     model = say_always("poke")
     paths = sorted((sets / "streams").glob("*.mcap"))
-    streams = list(hear(paths, model))
+    streams = list(trace_recordings(paths, model))
     result = score_events([stream.take() for stream in streams], VOCABULARY)
     truths = [len(read_true_events(read_recording(path))) for path in paths]
     rubs = result.unknown["rub"].count
@@ -157,7 +157,10 @@ def test_a_generated_stream_is_scored_from_end_to_end(sets):
 def test_recordings_heard_by_other_processes_are_heard_alike(sets):
     model = say_always("poke")
     paths = sorted((sets / "streams").glob("*.mcap"))
-    alone, together = list(hear(paths, model)), list(hear(paths, model, 2))
+    alone, together = (
+        list(trace_recordings(paths, model)),
+        list(trace_recordings(paths, model, 2)),
+    )
     for one, other in zip(alone, together, strict=True):
         assert one.path == other.path
         assert [d.record() for d in one.take().detections] == [
@@ -183,14 +186,14 @@ def test_what_happened_must_be_known(tmp_path):
     stream = scans(on, two_hands(on), 25, 5.5)
     silent = record(tmp_path / "silent.mcap", on, stream)
     with pytest.raises(RecordingError, match="silent.mcap has no labels; scoring"):
-        list(hear([silent], say_always("poke")))
+        list(trace_recordings([silent], say_always("poke")))
 
 
 def test_labels_tell_what_happened_where_no_truth_does(tmp_path):
     on = mounted()
     stream = scans(on, [Press(2.3, 2.9, 100, 100)], 25, 4.0)
     path = record(tmp_path / "a.mcap", on, stream, [label(2.3, 2.9, "poke")])
-    [heard] = hear([path], say_always("poke"))
+    [heard] = trace_recordings([path], say_always("poke"))
     [event] = heard.events
     assert (event.onset, event.end) == (
         START + round(2.3 * SECOND),
@@ -202,7 +205,9 @@ def test_labels_tell_what_happened_where_no_truth_does(tmp_path):
 
 def test_no_other_value_of_one_setting_is_better_than_the_decision_chosen(sets):
     model = model_of(network(seed=3))
-    streams = list(hear(sorted((sets / "streams").glob("*.mcap"))[:1], model))
+    streams = list(
+        trace_recordings(sorted((sets / "streams").glob("*.mcap"))[:1], model)
+    )
     config = TuningConfig(
         thresholds=(0.3, 0.9),
         lifteds=(0.4, 1.1),

@@ -4,12 +4,12 @@ import math
 
 import numpy as np
 import pytest
-from eskin.learn.events.read_true_events import build_events, build_label_event
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from eskin.learn.events import MatchConfig, Tally, match, score_events
-from eskin.learn.events.event_scoring import f1_interval
+from eskin.learn.events import MatchConfig, Tally, match_events, score_events
+from eskin.learn.events.event_scoring import bootstrap_f1
+from eskin.learn.events.true_events import build_events, build_label_event
 from eskin.recording import Label, TruthRecord
 from event_scenes import (
     SECOND,
@@ -118,16 +118,16 @@ def test_two_detections_of_one_event_are_one_match_and_one_false_one():
 def test_of_two_detections_the_one_that_began_with_the_event_is_its_own():
     events = [event(1.0, 1.6)]
     late, timely = said(1.3, onset=0.2), said(1.9, onset=1.02)
-    assert match(events, [late, timely]).matched == {0: 1}
+    assert match_events(events, [late, timely]).matched == {0: 1}
 
 
 def test_as_many_as_possible_are_matched():
     # The second detection fits both events, the first only the first one.
     events = [event(1.0, 1.6), event(2.0, 2.5)]
     detections = [said(1.5, onset=1.4), said(2.4, onset=1.0)]
-    assert match(events, detections).matched == {0: 0, 1: 1}
+    assert match_events(events, detections).matched == {0: 0, 1: 1}
     only = [said(2.4, onset=1.0), said(2.5, onset=1.1)]
-    assert sorted(match(events, only).matched) == [0, 1]
+    assert sorted(match_events(events, only).matched) == [0, 1]
 
 
 def test_what_is_said_of_no_event_is_false_and_counted_by_the_hour():
@@ -229,13 +229,13 @@ def test_people_have_tallies_of_their_own_and_an_interval_over_them():
     result = score_events(takes, VOCABULARY)
     assert result.hours == pytest.approx(2.0)
     assert result.per_subject == {"ann": Tally(2, 0, 0), "bob": Tally(1, 1, 1)}
-    assert result.f1_interval == pytest.approx((0.5, 1.0))
+    assert result.bootstrap_f1 == pytest.approx((0.5, 1.0))
 
 
 def test_one_person_tells_nothing_of_others():
-    assert all(map(math.isnan, f1_interval([Tally(5, 1, 1)])))
-    assert all(map(math.isnan, f1_interval([Tally(), Tally()])))
-    low, high = f1_interval([Tally(9, 1, 1)] * 5)
+    assert all(map(math.isnan, bootstrap_f1([Tally(5, 1, 1)])))
+    assert all(map(math.isnan, bootstrap_f1([Tally(), Tally()])))
+    low, high = bootstrap_f1([Tally(9, 1, 1)] * 5)
     assert low == high == pytest.approx(0.9)
 
 
@@ -288,8 +288,8 @@ def test_every_event_and_every_word_is_counted_once(story):
 def test_what_is_worth_more_time_or_room_matches_no_less(story):
     events, detections = story
     wide = MatchConfig(late=2.0, near=0.2)
-    narrow = len(match(events, detections).matched)
-    assert narrow <= len(match(events, detections, wide).matched)
+    narrow = len(match_events(events, detections).matched)
+    assert narrow <= len(match_events(events, detections, wide).matched)
 
 
 def truth(seconds, touch, gesture="poke", x=0.0):

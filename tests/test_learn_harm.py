@@ -11,7 +11,7 @@ from clip_scenes import generated
 from eskin.graph import GraphBatch, GraphConfig
 from eskin.learn.baselines import FitConfig, make_baseline
 from eskin.learn.baselines.flat import FlatBaseline
-from eskin.learn.comparison import METHODS, Task, find_examples
+from eskin.learn.comparison import METHODS, TrainingTask, find_examples
 from eskin.recording import Metadata, RecordingWriter, read_recording, write_all
 from eskin.skin import MountedSkin
 from eskin.touch import Calibration, Scan
@@ -316,7 +316,8 @@ def test_a_harmed_test_is_another_test(examples):
     tests = [replace(examples, harm=harm) for harm in harms]
     assert len({each.digest for each in tests}) == len(harms)
     keys = {
-        Task("a", METHODS["eskin"], examples, {"test": each}, 0).key for each in tests
+        TrainingTask("a", METHODS["eskin"], examples, {"test": each}, 0).key
+        for each in tests
     }
     assert len(keys) == len(harms)
     pressures = [each.windows.pressure.tobytes() for each in tests[:3]]

@@ -10,11 +10,11 @@ from sklearn.metrics import (
 )
 
 from eskin.learn.metrics import (
-    accuracy_interval,
+    bootstrap_accuracy,
     bootstrap_difference,
     compute_group_accuracies,
-    reliability,
-    score,
+    compute_reliability,
+    score_predictions,
     wilson_interval,
 )
 from eskin.learn.plots import draw_confusion, draw_reliability
@@ -25,7 +25,7 @@ NAMES = ("none", "hold", "tap")
 def test_a_score_counted_by_hand():
     truth = np.array([1, 1, 1, 2, 2])
     said = np.array([1, 1, 2, 2, 0])
-    result = score(truth, said, NAMES)
+    result = score_predictions(truth, said, NAMES)
     assert result.accuracy == pytest.approx(3 / 5)
     assert result.confusion.tolist() == [[0, 0, 0], [0, 2, 1], [1, 0, 1]]
     assert result.per_class["hold"] == {
@@ -43,7 +43,7 @@ def test_a_score_counted_by_hand():
 def test_scores_are_those_of_sklearn(seed):
     rng = np.random.default_rng(seed)
     truth, said = rng.integers(3, size=(2, 50))
-    result = score(truth, said, NAMES)
+    result = score_predictions(truth, said, NAMES)
     assert result.accuracy == pytest.approx(accuracy_score(truth, said))
     assert result.macro_f1 == pytest.approx(f1_score(truth, said, average="macro"))
     np.testing.assert_array_equal(result.confusion, confusion_matrix(truth, said))
@@ -63,19 +63,21 @@ def test_each_group_has_its_own_accuracy():
 def test_confidence_that_is_kept_has_no_calibration_error():
     confidence = np.repeat([0.5, 0.75, 1.0], 4)
     right = np.array([1, 1, 0, 0, 1, 1, 1, 0, 1, 1, 1, 1], bool)
-    assert reliability(confidence, right).error == pytest.approx(0)
+    assert compute_reliability(confidence, right).error == pytest.approx(0)
 
 
 def test_calibration_error_is_the_mean_gap_between_confidence_and_truth():
-    assert reliability(np.full(10, 0.9), np.zeros(10, bool)).error == pytest.approx(0.9)
+    assert compute_reliability(
+        np.full(10, 0.9), np.zeros(10, bool)
+    ).error == pytest.approx(0.9)
     # Gaps of 0.5 and 0.25 in two bins of four and two examples.
     confidence = np.array([1.0, 1.0, 1.0, 1.0, 0.25, 0.25])
     right = np.array([1, 1, 0, 0, 0, 0], bool)
     expected = (4 * 0.5 + 2 * 0.25) / 6
-    assert reliability(confidence, right).error == pytest.approx(expected)
+    assert compute_reliability(confidence, right).error == pytest.approx(expected)
     # Too much in one bin does not make up for too little in another.
     confidence, right = np.array([0.75, 0.25]), np.array([False, True])
-    assert reliability(confidence, right).error == pytest.approx(0.75)
+    assert compute_reliability(confidence, right).error == pytest.approx(0.75)
 
 
 def test_the_interval_holds_the_difference_and_turns_with_it():
@@ -123,7 +125,7 @@ def test_whole_clusters_are_drawn_however_their_examples_are_ordered():
 
 def test_reliability_has_every_answer_in_the_bin_of_its_confidence():
     confidence = np.array([0.0, 0.05, 0.3, 0.31, 1.0])
-    found = reliability(confidence, np.array([0, 0, 1, 0, 1], bool))
+    found = compute_reliability(confidence, np.array([0, 0, 1, 0, 1], bool))
     assert found.count.tolist() == [2, 0, 0, 0, 2, *[0] * 9, 1]
     assert found.confidence[[0, 1, 4, 14]] == pytest.approx([0.025, 0.0, 0.305, 1.0])
     assert found.accuracy[[0, 1, 4, 14]] == pytest.approx([0.0, 0.0, 0.5, 1.0])
@@ -131,7 +133,7 @@ def test_reliability_has_every_answer_in_the_bin_of_its_confidence():
 
 
 def test_nothing_answered_has_no_calibration_error():
-    assert reliability(np.empty(0), np.empty(0, bool)).error == 0.0
+    assert compute_reliability(np.empty(0), np.empty(0, bool)).error == 0.0
 
 
 @pytest.mark.parametrize(("right", "count"), [(0, 20), (7, 20), (20, 20), (950, 1000)])
@@ -149,7 +151,7 @@ def test_an_accuracy_is_as_uncertain_as_people_differ():
     alike = rng.random(300) < 0.7
     apart = np.array([name < "h" for name in people])
     assert alike.mean() == pytest.approx(apart.mean(), abs=0.05)
-    narrow, wide = (accuracy_interval(right, people) for right in (alike, apart))
+    narrow, wide = (bootstrap_accuracy(right, people) for right in (alike, apart))
     assert narrow[0] < alike.mean() < narrow[1]
     assert np.ptp(wide) > 3 * np.ptp(narrow)
     assert np.ptp(wide) == pytest.approx(2 * 1.96 * np.sqrt(0.21 / 10), rel=0.15)
@@ -157,7 +159,7 @@ def test_an_accuracy_is_as_uncertain_as_people_differ():
 
 def test_pictures_are_whole_files(tmp_path):
     draw_confusion(np.array([[3, 1], [0, 0]]), ("a", "b"), tmp_path / "c.png", "two")
-    found = reliability(np.array([0.2, 0.9]), np.array([False, True]))
+    found = compute_reliability(np.array([0.2, 0.9]), np.array([False, True]))
     draw_reliability(found, tmp_path / "new" / "r.png", "2 answers")
     for path in (tmp_path / "c.png", tmp_path / "new" / "r.png"):
         assert path.read_bytes().startswith(b"\x89PNG")

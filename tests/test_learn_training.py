@@ -108,7 +108,7 @@ def test_validation_may_hold_one_gesture_only(dataset):
     trainer = Trainer(only, VOCABULARY, replace(TINY, validation=0.25))
     trainer.run(quiet=True)
     assert 0 <= trainer.validation_accuracy() <= 1
-    assert trainer.temperature() > 0
+    assert trainer.fit_temperature() > 0
 
 
 def test_eight_segments_are_learned_to_the_last(dataset):
@@ -202,7 +202,7 @@ def test_training_cut_at_any_step_and_taken_up_gives_the_same_weights(
             weights(again.run(quiet=True, kept=kept, facts="these")), wanted
         )
         assert again.epochs == whole.epochs == 3
-        assert again.temperature() == whole.temperature()
+        assert again.fit_temperature() == whole.fit_temperature()
 
 
 def test_a_training_that_is_over_is_not_taken_up_again(dataset, tmp_path, monkeypatch):
@@ -304,7 +304,7 @@ def test_clips_of_generated_sets_are_what_accuracy_and_temperature_are_of(
     answers = predict_clips(trainer.network.eval(), clips, vocabulary)
     right = (answers.answer == answers.truth).mean()
     assert trainer.validation_accuracy() == pytest.approx(right)
-    wanted = trainer.temperature()
+    wanted = trainer.fit_temperature()
     # A clip that nothing was felt of tells nothing of how sure the network may be.
     [mine] = clips.clips
     late = tuple(replace(clip, start=clip.end, end=clip.end + 1) for clip in mine)
@@ -312,7 +312,7 @@ def test_clips_of_generated_sets_are_what_accuracy_and_temperature_are_of(
     trainer = Trainer(
         clips, vocabulary, replace(TINY, validation=0.0), validation=unfelt
     )
-    assert trainer.temperature() == wanted
+    assert trainer.fit_temperature() == wanted
     none = np.mean([clip.gesture == "none" for clip in mine])
     assert trainer.validation_accuracy() == pytest.approx((right + none) / 2)
 
@@ -376,13 +376,13 @@ def test_the_temperature_is_above_zero_and_no_worse_than_none(dataset):
     trainer = Trainer(dataset, VOCABULARY, config)
     trainer.run(quiet=True)
     logits, labels = trainer.validation_logits()
-    t = trainer.temperature()
+    t = trainer.fit_temperature()
     assert t > 0
     loss = torch.nn.functional.cross_entropy
     losses = [float(loss(logits / other, labels)) for other in TEMPERATURES]
     assert float(loss(logits / t, labels)) == min(losses)
     unvalidated = Trainer(dataset, VOCABULARY, replace(TINY, validation=0.0))
-    assert unvalidated.temperature() == 1.0
+    assert unvalidated.fit_temperature() == 1.0
     assert np.isnan(unvalidated.validation_accuracy())
 
 

@@ -7,7 +7,14 @@ import pytest
 
 from eskin.graph import join, node_scalars, pressure_summary
 from eskin.graph.batch import HISTORY
-from eskin.learn.windows import TIMES, Windows, cut, lose, stretch, thin
+from eskin.learn.windows import (
+    TIME_COLUMNS,
+    Windows,
+    cut_windows,
+    drop_readings,
+    stretch_time,
+    subsample_readings,
+)
 from eskin.model import SLOT_NS
 from graph_scenes import assert_same, random_graph
 from learn_scenes import START, bare
@@ -34,7 +41,7 @@ def random_windows(seed):
     ends = rng.integers(len(dataset.stamps), size=40)
     low = dataset.starts[ends]
     firsts = low + (rng.random(40) * (ends - low + 1)).astype(np.int64)
-    return dataset, ends, firsts, cut(dataset, ends, firsts, SLOTS)
+    return dataset, ends, firsts, cut_windows(dataset, ends, firsts, SLOTS)
 
 
 def each(windows):
@@ -74,7 +81,7 @@ def test_slots_are_in_range_and_the_last_reading_has_the_last_one(seed):
 def test_two_seconds_at_ten_hertz_are_twenty_readings():
     stamps = START + np.arange(50) * 100_000_000
     dataset = bare(stamps, np.zeros(50, np.int64))
-    windows = cut(dataset, np.array([49, 4]), np.array([0, 0]), SLOTS)
+    windows = cut_windows(dataset, np.array([49, 4]), np.array([0, 0]), SLOTS)
     assert [len(place) for place in each(windows)] == [20, 5]
     np.testing.assert_array_equal(windows.slot[:3], [4, 9, 14])
 
@@ -82,7 +89,7 @@ def test_two_seconds_at_ten_hertz_are_twenty_readings():
 @pytest.mark.parametrize("most", [1, 3, 1000])
 def test_thinning_keeps_at_most_so_many_readings_in_order(most):
     *_, windows = random_windows(0)
-    thinned = thin(windows, most, np.random.default_rng(0))
+    thinned = subsample_readings(windows, most, np.random.default_rng(0))
     assert thinned.count == windows.count
     for before, after in zip(each(windows), each(thinned), strict=True):
         assert len(after) == min(most, len(before))
@@ -97,7 +104,9 @@ def test_every_reading_of_a_window_is_as_likely_kept():
     rows = np.arange(12)
     windows = Windows(rows, np.repeat([0, 1], 6), rows % 6, 2)
     rng = np.random.default_rng(0)
-    kept = np.concatenate([thin(windows, 3, rng).rows for _ in range(600)])
+    kept = np.concatenate(
+        [subsample_readings(windows, 3, rng).rows for _ in range(600)]
+    )
     np.testing.assert_allclose(np.bincount(kept) / 600, 0.5, atol=0.08)
 
 
@@ -114,7 +123,7 @@ def laid(count=40, lengths=30, seed=0):
 def stretched(spread, seed=0):
     windows, graphs = laid(seed=seed)
     rng = np.random.default_rng(seed + 1)
-    return windows, graphs, *stretch(windows, graphs, spread, SLOTS, rng)
+    return windows, graphs, *stretch_time(windows, graphs, spread, SLOTS, rng)
 
 
 @pytest.mark.parametrize("seed", SEEDS)
@@ -150,7 +159,7 @@ def test_stretching_is_by_one_factor_a_window_in_all_that_is_time(seed):
     np.testing.assert_allclose(changed.age, was.age * node, rtol=1e-5)
     for column, name in enumerate(HISTORY):
         grows = factor if name in ("age", "pause", "impulse") else np.ones(len(factor))
-        assert (column in TIMES) == (name in ("age", "pause", "impulse"))
+        assert (column in TIME_COLUMNS) == (name in ("age", "pause", "impulse"))
         np.testing.assert_allclose(
             changed.history[:, column], was.history[:, column] * grows, rtol=1e-5
         )
@@ -184,7 +193,7 @@ def test_stretching_by_nothing_changes_nothing():
 
 def came(share, halved, seed=0):
     *_, windows = random_windows(seed)
-    places = lose(windows, share, halved, np.random.default_rng(seed))
+    places = drop_readings(windows, share, halved, np.random.default_rng(seed))
     return windows, places, windows.at(places)
 
 
@@ -216,7 +225,7 @@ def test_where_nothing_is_lost_all_come():
 def test_half_of_the_largest_share_is_lost_on_average():
     rows = np.arange(400 * 50)
     windows = Windows(rows, rows // 50, rows % 50, 400)
-    places = lose(windows, 0.6, 0.0, np.random.default_rng(0))
+    places = drop_readings(windows, 0.6, 0.0, np.random.default_rng(0))
     counts = np.bincount(windows.window[places]) / 50
     assert counts.mean() == pytest.approx(0.7, abs=0.02)
     assert counts.min() < 0.5 and counts.max() > 0.95

@@ -69,7 +69,7 @@ def test_a_stream_gives_the_logits_of_the_offline_windows(scene, tmp_path):
     assert [len(rows) for rows in live] == np.bincount(dataset.sequence).tolist()
     ends = np.arange(len(dataset.stamps))
     ends = np.unique(np.append(ends[:: max(1, rate // 10)], ends[-1]))
-    windows = cut(dataset, ends, dataset.starts[ends], net.config.slots)
+    windows = cut_windows(dataset, ends, dataset.starts[ends], net.config.slots)
     with torch.no_grad():
         graphs = dataset.graphs.select(windows.rows)
         offline = net(build_network_input(graphs, windows, net.shear)).numpy()

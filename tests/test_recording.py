@@ -32,7 +32,7 @@ from eskin.recording.messages import (
     unpack_label,
     unpack_reading,
 )
-from eskin.skin.grids import grid_skin
+from eskin.skin.layout import grid_skin
 from eskin.touch.calibration import Calibration
 from eskin.touch.reading import Scan
 
@@ -500,6 +500,8 @@ def test_joints_are_put_in_the_recordings_order_by_name(whole):
 
     recording = read_recording(whole[0])
     data = pack_joint_state(START, ("elbow", "gripper", "shoulder"), np.arange(3.0))
-    np.testing.assert_array_equal(recording.joint_positions(data), [2.0, 0.0])
+    np.testing.assert_array_equal(recording.parse_joint_positions(data), [2.0, 0.0])
     with pytest.raises(RecordingError, match="no position for joint 'shoulder'"):
-        recording.joint_positions(pack_joint_state(START, ("elbow",), np.zeros(1)))
+        recording.parse_joint_positions(
+            pack_joint_state(START, ("elbow",), np.zeros(1))
+        )

@@ -23,7 +23,7 @@ from eskin.recording.messages import (
     pack_truth,
     unpack_truth,
 )
-from eskin.skin.grids import grid_skin
+from eskin.skin.layout import grid_skin
 from eskin.touch.calibration import Calibration
 from eskin.touch.reading import Scan
 

@@ -4,9 +4,9 @@ import pytest
 from benchmarks.results import OF_581, Command, spent, task_of
 
 from clip_scenes import generated
-from eskin.learn.comparison import METHODS, Result
+from eskin.learn.comparison import METHODS, MethodResult
 from eskin.learn.comparison.results import write_result
-from eskin.sim.files.settings import Settings
+from eskin.sim.dataset.settings import Settings
 
 
 @pytest.mark.parametrize(("learned", "clips"), OF_581.items())
@@ -25,5 +25,5 @@ def test_in_the_curve_nothing_is_held_out(tmp_path):
 
 def test_what_trainings_took_is_added_up(tmp_path):
     for n, seconds in enumerate((1800.0, 5400.0)):
-        write_result(tmp_path / f"{n}.json", Result("a", n, seconds, {}))
+        write_result(tmp_path / f"{n}.json", MethodResult("a", n, seconds, {}))
     assert spent(tmp_path) == "2 trainings kept, of 2.0 hours on one core together"

@@ -18,7 +18,7 @@ from eskin.robot import (
     shape_mesh,
     surface_distance,
 )
-from eskin.robot.triangles import winding_number
+from eskin.robot.surface import winding_number
 from eskin.transforms import apply, make_transform, random_rotation, rotate
 
 SHAPES = [Cylinder(0.05, 0.25), Sphere(0.1), Box((0.1, 0.2, 0.3))]

@@ -13,8 +13,8 @@ from eskin.drivers import ManualClock
 from eskin.errors import ArmError, DeviceError, EskinError
 from eskin.live import Recognizer
 from eskin.recording import Metadata, RecordingWriter
-from eskin.sim.live.live_skin import LiveSkin
-from eskin.sim.live.place import Place
+from eskin.sim.interactive.hand import Place
+from eskin.sim.interactive.skin import LiveSkin
 from eskin.stream import Recognition
 from eskin.viewer import Viewer
 from live_scenes import write_all

@@ -18,7 +18,7 @@ from eskin.demo.same_touch import (
 from eskin.page import Board
 from eskin.page import RecognitionResult as Shown
 from eskin.page.board import board
-from eskin.sim.robot.free import is_free
+from eskin.sim.scene.validity import is_free
 from world_scenes import world
 
 

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from eskin.sim.constants import load_constants
-from eskin.sim.sensor.build import draw_build, nominal_build
-from eskin.sim.sensor.defects import taxels_of_line
+from eskin.sim.sensor.build import draw_build, nominal_build, taxels_of_line
 from eskin.sim.sensor.velostat import steps_from_edge
 from eskin.touch import Calibration
 from touch_scenes import grid_skin

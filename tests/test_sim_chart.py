@@ -5,9 +5,8 @@ from eskin.robot import load_robot
 from eskin.sim.contact.chart import charts_of
 from eskin.skin import MountedSkin, Patch
 from eskin.skin.layout import Grid, join_patches
-from eskin.skin.round import Dome, Tube
-from eskin.skin.surface import Plane, Surface, Wrapped
-from eskin.skin.ur5 import ur5_skin
+from eskin.skin.presets import ur5_skin
+from eskin.skin.surfaces import Dome, Plane, Surface, Tube, Wrapped
 from eskin.transforms import make_transform
 
 LINK = "forearm_link"

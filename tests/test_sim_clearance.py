@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from eskin.robot import Body, Box, Link, Robot, load_robot, surface_distance
-from eskin.sim.people.hand import MM
-from eskin.sim.robot.clearance import solids_of
-from eskin.sim.robot.free import acceptable, is_free, limits
+from eskin.sim.constants import MM
+from eskin.sim.scene.collision import solids_of
+from eskin.sim.scene.validity import acceptable, is_free, limits
 from eskin.transforms import apply, invert
 from world_scenes import poses, surface_points, world
 

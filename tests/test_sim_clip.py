@@ -6,15 +6,12 @@ from functools import lru_cache
 import numpy as np
 import pytest
 
-from eskin.sim.clip.clip import make_clip
-from eskin.sim.clip.plan import BuildOrigin, ClipPlan, Origin
-from eskin.sim.clip.play import build_of
-from eskin.sim.clip.stage import set_up
-from eskin.sim.clip.stream import draw_accident
-from eskin.sim.clip.timing import contact_steps, draw_start, moved
-from eskin.sim.clip.truth import TrueTouch
-from eskin.sim.contact.press import Flesh, Press, Stamps
-from eskin.sim.site.touching import self_contact_sites
+from eskin.sim.contact.press import Flesh, Press, Stamps, TrueTouch
+from eskin.sim.dataset.clip import build_of, make_clip
+from eskin.sim.dataset.plan import BuildOrigin, ClipPlan, Origin
+from eskin.sim.dataset.staging import draw_accident, draw_start, set_up
+from eskin.sim.scene.scene import contact_steps, moved
+from eskin.sim.scene.validity import self_contact_sites
 from world_scenes import world
 
 PLAN = ClipPlan(

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from eskin.recording import Label
-from eskin.sim.files.clip_labels import peaks_of, ranges_of, rest_of, true_labels
-from eskin.sim.files.settings import Settings
+from eskin.sim.dataset.session_file import peaks_of, ranges_of, rest_of, true_labels
+from eskin.sim.dataset.settings import Settings
 from eskin.touch import Calibration
 from sim_scenes import FULL_SCALE, StandIn
 

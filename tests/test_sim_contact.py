@@ -19,25 +19,22 @@ from contact_scenes import (
 )
 from eskin.robot import load_robot
 from eskin.sim import charts_of, load_constants
-from eskin.sim.contact.contact import (
+from eskin.sim.contact.pressure import (
+    dents_of,
     feel,
+    gaps,
     grid_neighbours,
     ground_of,
-    spread,
-    within_reach,
-)
-from eskin.sim.contact.dents import (
-    dents_of,
-    gaps,
+    leak_share,
     placed,
     relative_curvatures,
     share_load,
+    spread,
+    within_reach,
 )
-from eskin.sim.contact.film import leak_share
 from eskin.skin import MountedSkin
-from eskin.skin.round import Tube
-from eskin.skin.surface import Plane
-from eskin.skin.ur5 import ur5_skin
+from eskin.skin.presets import ur5_skin
+from eskin.skin.surfaces import Plane, Tube
 
 CONSTANTS = load_constants()
 CHARTS = {"flat": FLAT, "tube": TUBE, "wide tube": WIDE_TUBE, "dome": DOME}
@@ -277,7 +274,7 @@ def test_nothing_is_felt_where_no_part_reaches():
 
 def felt_without_culling(touch, chart, pairs):
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("eskin.sim.contact.contact.within_reach", lambda *_: pairs)
+        patch.setattr("eskin.sim.contact.pressure.within_reach", lambda *_: pairs)
         return felt_field(touch, chart)
 
 

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from eskin.sim.sensor.build import draw_build
-from eskin.sim.sensor.crosstalk_kernels import read_array
-from eskin.sim.sensor.sensor import Stages, sense
+from eskin.sim.sensor.kernels import read_array
+from eskin.sim.sensor.model import Stages
+from eskin.sim.sensor.sensor import sense
 from sensor_scenes import CONSTANTS, NONE, SKIN, same_session
 
 

@@ -10,7 +10,7 @@ from benchmarks.simulation.remains import EDGES, histogram_of
 from benchmarks.simulation.true_features import runs, true_features
 
 from eskin.learn.metrics import wilson_interval
-from eskin.sim.files.settings import Settings
+from eskin.sim.dataset.settings import Settings
 from eskin.touch import Calibration
 
 

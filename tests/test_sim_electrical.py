@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from eskin.sim.constants import load_constants
-from eskin.sim.sensor.build import draw_build
-from eskin.sim.sensor.defects import taxels_of_line
+from eskin.sim.sensor.build import draw_build, taxels_of_line
 from eskin.sim.sensor.electrical import ELECTRICAL, disturb
 from touch_scenes import grid_skin
 

@@ -5,14 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from eskin.sim.people.hand import MM
-from eskin.sim.people.programs.perform import perform
-from eskin.sim.robot.pool import pool_of
-from eskin.sim.robot.pose import draw_touching_pose
-from eskin.sim.robot.tangent import axes_at, direction_of
-from eskin.sim.site.fold import fold, fold_sites, gap_of, share_of
-from eskin.sim.site.folding import facing
-from eskin.sim.site.touching import self_contact_sites
+from eskin.sim.constants import MM
+from eskin.sim.people.perform import perform
+from eskin.sim.scene.environment import axes_at, direction_of
+from eskin.sim.scene.folds import facing, fold, fold_sites, gap_of, share_of
+from eskin.sim.scene.poses import draw_touching_pose, pool_of
+from eskin.sim.scene.validity import self_contact_sites
 from world_scenes import EVERY, people, poses, world
 
 

@@ -12,8 +12,8 @@ import pytest
 
 from eskin.errors import GenerationError
 from eskin.recording import find_recordings, read_recording
-from eskin.sim.files.generate import generate
-from eskin.sim.files.settings import Settings
+from eskin.sim.dataset.generate import generate
+from eskin.sim.dataset.settings import Settings
 from eskin.touch import Calibrator
 from sim_scenes import Dying, Failing, Slow, StandIn
 
@@ -160,8 +160,8 @@ def test_a_worker_that_dies_ends_it_in_one_line(tmp_path):
 SCRIPT = """
 from pathlib import Path
 from sim_scenes import Slow
-from eskin.sim.files.generate import generate
-from eskin.sim.files.settings import Settings
+from eskin.sim.dataset.generate import generate
+from eskin.sim.dataset.settings import Settings
 if __name__ == "__main__":
     settings = Settings("train", "square", seed=3, clips=23, subjects=4)
     generate(Path({folder!r}), settings, {workers}, Slow)

@@ -7,10 +7,10 @@ import pytest
 
 from eskin.errors import GenerationError
 from eskin.recording import read_recording
-from eskin.sim.files.generate import generate
-from eskin.sim.files.index import ClipRow, read_index, remake
-from eskin.sim.files.settings import Settings
-from eskin.sim.files.simulator import Simulator
+from eskin.sim.dataset.clip_generator import Simulator
+from eskin.sim.dataset.generate import generate
+from eskin.sim.dataset.index import ClipRow, read_index, remake
+from eskin.sim.dataset.settings import Settings
 from sim_scenes import StandIn
 
 SMALL = Settings("train", "square", seed=3, clips=23, subjects=4)

@@ -5,19 +5,18 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from eskin.sim.clip.plan import Origin
-from eskin.sim.clip.play import felt_in, play, session_of
-from eskin.sim.clip.scene import Scene
-from eskin.sim.live.live_skin import LiveSkin
-from eskin.sim.live.live_touch import ActedTouch
-from eskin.sim.live.place import Place
-from eskin.sim.people.programs.perform import perform
-from eskin.sim.robot.lag import drag, follow
+from eskin.sim.dataset.clip import play, session_of
+from eskin.sim.dataset.plan import Origin
+from eskin.sim.interactive.hand import Place
+from eskin.sim.interactive.skin import LiveSkin
+from eskin.sim.interactive.touches import ActedTouch
+from eskin.sim.people.perform import perform
+from eskin.sim.scene.motion import drag, follow
+from eskin.sim.scene.scene import Scene, felt_in
 from eskin.sim.sensor.build import draw_build
-from eskin.sim.sensor.losses import Losses
-from eskin.sim.sensor.noise import BLOCK, Noise
-from eskin.sim.sensor.running import Sensor
-from eskin.sim.sensor.sensor import Stages, sense
+from eskin.sim.sensor.model import Stages
+from eskin.sim.sensor.noise import BLOCK, Losses, Noise
+from eskin.sim.sensor.sensor import Sensor, sense
 from eskin.touch import Calibrator, ContactConfig
 from eskin.transforms import apply
 from sensor_scenes import CONSTANTS

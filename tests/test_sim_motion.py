@@ -6,12 +6,10 @@ import numpy as np
 import pytest
 
 from eskin.sim.contact.press import Flesh, Press, Stamps
-from eskin.sim.robot.free import is_free
-from eskin.sim.robot.groups import group_of
-from eskin.sim.robot.motion import drag, draw_motion, follow, still, way
-from eskin.sim.robot.pose import draw_touching_pose
-from eskin.sim.robot.profile import profile_of
-from eskin.sim.site.place import draw_site
+from eskin.sim.scene.motion import drag, draw_motion, follow, profile_of, still, way
+from eskin.sim.scene.placement import draw_site
+from eskin.sim.scene.poses import draw_touching_pose, group_of
+from eskin.sim.scene.validity import is_free
 from world_scenes import EVERY, people, poses, world
 
 STEP = 0.01

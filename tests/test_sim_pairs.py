@@ -13,15 +13,13 @@ from eskin.errors import GenerationError
 from eskin.recording import find_recordings, read_recording
 from eskin.robot import load_robot
 from eskin.sim.constants import load_constants
-from eskin.sim.files.generate import generate
-from eskin.sim.files.index import read_index, remake
-from eskin.sim.files.settings import Settings
-from eskin.sim.files.simulator import Simulator
-from eskin.sim.pairs.meeting import draw_meeting
-from eskin.sim.pairs.merging import pat_both
-from eskin.sim.pairs.pair import make_pair, world_of
-from eskin.sim.pairs.schedule import plan_alone
-from eskin.sim.pairs.sides import KINDS, SIDES
+from eskin.sim.dataset.clip_generator import Simulator
+from eskin.sim.dataset.generate import generate
+from eskin.sim.dataset.index import read_index, remake
+from eskin.sim.dataset.pairs import draw_meeting, make_pair, pat_both, world_of
+from eskin.sim.dataset.plan import KINDS, SIDES
+from eskin.sim.dataset.session_plan import plan_alone
+from eskin.sim.dataset.settings import Settings
 from eskin.sim.people.person import draw_person
 from eskin.skin import PRESETS, MountedSkin, load_skin
 from eskin.touch import TouchPipeline

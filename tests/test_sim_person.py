@@ -2,11 +2,11 @@ import numpy as np
 import pytest
 
 from eskin.sim.constants import load_constants
-from eskin.sim.contact.dents import placed
 from eskin.sim.contact.press import Press
+from eskin.sim.contact.pressure import placed
 from eskin.sim.people.hand import PARTS
 from eskin.sim.people.person import STYLES, draw_person
-from eskin.skin.round import Tube
+from eskin.skin.surfaces import Tube
 
 CONSTANTS = load_constants()
 

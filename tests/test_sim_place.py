@@ -6,12 +6,18 @@ from functools import lru_cache
 import numpy as np
 import pytest
 
-from eskin.sim.people.hand import MM
-from eskin.sim.robot.tangent import axes_at
-from eskin.sim.site.place import LAWS, draw_site, draw_spot, law_of, view_of
-from eskin.sim.site.room import has_room
-from eskin.sim.site.spots import EDGE, INNER, REGIONS, SEAM, edge_distance
-from eskin.skin.round import Tube
+from eskin.sim.constants import MM
+from eskin.sim.scene.environment import axes_at
+from eskin.sim.scene.placement import (
+    LAWS,
+    draw_site,
+    draw_spot,
+    has_room,
+    law_of,
+    view_of,
+)
+from eskin.sim.scene.targets import EDGE, INNER, REGIONS, SEAM, edge_distance
+from eskin.skin.surfaces import Tube
 from world_scenes import people, poses, world
 
 COUNT = 120

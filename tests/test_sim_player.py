@@ -5,8 +5,8 @@ import itertools
 import numpy as np
 import pytest
 
-from eskin.sim.files.simulator import Simulator
-from eskin.sim.live.player import LEAD, STRETCH, Player
+from eskin.sim.dataset.clip_generator import Simulator
+from eskin.sim.interactive.player import LEAD, STRETCH, Player
 from eskin.touch import Calibrator, ContactConfig
 from sim_scenes import StandIn
 

@@ -3,13 +3,16 @@
 import numpy as np
 import pytest
 
-from eskin.sim.robot.free import acceptable, limits
-from eskin.sim.robot.groups import group_of, groups_of
-from eskin.sim.robot.pool import pool_of
-from eskin.sim.robot.pose import draw_pose, draw_touching_pose
-from eskin.sim.robot.world import build_world
-from eskin.sim.site.fold import fold_sites
-from eskin.sim.site.touching import self_contact_sites
+from eskin.sim.scene.environment import build_world
+from eskin.sim.scene.folds import fold_sites
+from eskin.sim.scene.poses import (
+    draw_pose,
+    draw_touching_pose,
+    group_of,
+    groups_of,
+    pool_of,
+)
+from eskin.sim.scene.validity import acceptable, limits, self_contact_sites
 from world_scenes import EVERY, people, poses, world
 
 

@@ -2,9 +2,9 @@ import numpy as np
 import pytest
 
 from eskin.sim.constants import load_constants
+from eskin.sim.contact.press import Site
+from eskin.sim.people.perform import GESTURES, perform
 from eskin.sim.people.person import draw_person
-from eskin.sim.people.programs import GESTURES, perform
-from eskin.sim.site.site import Site
 
 CONSTANTS = load_constants()
 STEP = CONSTANTS.value("time.step")

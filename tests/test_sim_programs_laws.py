@@ -4,12 +4,10 @@ import numpy as np
 import pytest
 
 from eskin.sim.constants import load_constants
+from eskin.sim.contact.press import Site
+from eskin.sim.people.gesture_sample import Act, draw_duration, draw_force
+from eskin.sim.people.perform import kind_of, perform
 from eskin.sim.people.person import draw_person
-from eskin.sim.people.programs import perform
-from eskin.sim.people.programs.act import Act
-from eskin.sim.people.programs.amount import draw_duration, draw_force
-from eskin.sim.people.programs.perform import kind_of
-from eskin.sim.site.site import Site
 
 CONSTANTS = load_constants()
 STEP = CONSTANTS.value("time.step")

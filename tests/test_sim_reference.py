@@ -3,20 +3,21 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-
-from contact_scenes import DOME, FINGERS, FLAT, TIP, TUBE, WIDE_TUBE, field, press
-from eskin.errors import ExtraError
-from eskin.sim import load_constants
-from eskin.sim.contact.contact import feel
-from eskin.sim.contact.reference import (
+from benchmarks.simulation.mujoco_contact import (
+    Scene,
     agreement,
     feel_in_mujoco,
     instant,
     load,
+    poses,
     pressures,
     sheet_about,
 )
-from eskin.sim.contact.reference_scene import Scene, poses
+
+from contact_scenes import DOME, FINGERS, FLAT, TIP, TUBE, WIDE_TUBE, field, press
+from eskin.errors import ExtraError
+from eskin.sim import load_constants
+from eskin.sim.contact.pressure import feel
 
 pytest.importorskip("mujoco", reason="the reference needs MuJoCo, extra `sim`")
 

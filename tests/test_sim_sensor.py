@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from eskin.sim.sensor.build import draw_build
-from eskin.sim.sensor.sensor import BLOCK, Stages, sense
+from eskin.sim.sensor.model import Stages
+X
 from sensor_scenes import (
     CONSTANTS,
     ELEMENT,

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from eskin.sim.sensor.build import draw_build, nominal_build
-from eskin.sim.sensor.sensor import Stages, sense
-from eskin.sim.sensor.session import draw_session
+from eskin.sim.sensor.model import Stages, draw_session
+from eskin.sim.sensor.sensor import sense
 from eskin.touch import Calibrator
 from sensor_scenes import (
     CONSTANTS,

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from eskin.sim.people.series import (
+from eskin.sim.people.gesture_sample import (
     bell,
     minimum_jerk,
     peaked,

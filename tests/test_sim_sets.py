@@ -7,9 +7,8 @@ import numpy as np
 import pytest
 
 from eskin.sim.constants import load_constants
-from eskin.sim.files.schedule import plans_of
-from eskin.sim.files.sets import CLASSES, GESTURES, SETS, load_set, resized
-from eskin.sim.files.sitting import sittings_of
+from eskin.sim.dataset.session_plan import plans_of, sittings_of
+from eskin.sim.dataset.sets import CLASSES, GESTURES, SETS, load_set, resized
 
 CONSTANTS = load_constants()
 DIFFICULTY = 1.5

@@ -6,9 +6,9 @@ from sklearn.ensemble import RandomForestClassifier
 from sklearn.model_selection import cross_val_score
 
 from eskin.sim.constants import load_constants
+from eskin.sim.contact.press import Site
+from eskin.sim.people.perform import perform
 from eskin.sim.people.person import draw_person
-from eskin.sim.people.programs import perform
-from eskin.sim.site.site import Site
 
 CONSTANTS = load_constants()
 STEP = CONSTANTS.value("time.step")

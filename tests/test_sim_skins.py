@@ -8,14 +8,19 @@ import numpy as np
 import pytest
 
 from eskin.cli.generate import SkinName
-from eskin.sim.clip.stage import set_up
 from eskin.sim.constants import load_constants
-from eskin.sim.files.sets import CLASSES
-from eskin.sim.files.settings import Settings
-from eskin.sim.files.simulator import Simulator
-from eskin.sim.robot.groups import GROUPS, UNGROUPED
-from eskin.sim.robot.pool import pool_of
-from eskin.sim.robot.pose import can_fold, can_touch_itself, draw_pose
+from eskin.sim.dataset.clip_generator import Simulator
+from eskin.sim.dataset.sets import CLASSES
+from eskin.sim.dataset.settings import Settings
+from eskin.sim.dataset.staging import set_up
+from eskin.sim.scene.poses import (
+    GROUPS,
+    UNGROUPED,
+    can_fold,
+    can_touch_itself,
+    draw_pose,
+    pool_of,
+)
 
 SKINS = get_args(SkinName)
 DRUMS = ("base", "post")

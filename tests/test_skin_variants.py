@@ -8,8 +8,8 @@ from scipy.spatial import KDTree
 
 from eskin.robot import Kinematics, load_robot, surface_distance
 from eskin.skin import PRESETS, MountedSkin, load_skin
-from eskin.skin.outline import denser, fitted, lay_outlines
-from eskin.skin.ur5 import UR5_OUTLINES, UR5_PARTS
+from eskin.skin.layout import denser, fitted, lay_outlines
+from eskin.skin.presets import UR5_OUTLINES, UR5_PARTS
 from eskin.transforms import apply, invert
 
 ARMS = (

@@ -10,7 +10,7 @@ import torch
 
 from eskin.cli.main import run
 from eskin.learn import training
-from eskin.learn.dataset import digest
+from eskin.learn.dataset import hash_recordings
 from eskin.learn.recording_transforms import AgingConfig
 from eskin.learn.training import Trainer
 from eskin.model import load_model
@@ -85,7 +85,7 @@ def test_recordings_given_to_validate_on_leave_all_others_to_train_on(
     assert "held out" not in out
     assert 0 <= last_json(out)["val_accuracy"] <= 1
     card = load_model(tmp_path / "m").card
-    assert card.data_digest == digest(sorted((data / "train").iterdir()))
+    assert card.data_digest == hash_recordings(sorted((data / "train").iterdir()))
     all_of_them = ("--train.validation", "0")
     train(capsys, data / "train", "--out", tmp_path / "every", *all_of_them)
     one, other = (load_model(tmp_path / name).weights for name in ("m", "every"))
@@ -185,7 +185,7 @@ def test_the_card_tells_how_the_model_was_made(data, tmp_path, capsys):
     assert card.training["seed"] == "7"
     assert card.training["rate"] == "0.002"
     assert card.training["network.channels"] == "8"
-    assert card.data_digest == digest(sorted((data / "train").iterdir()))
+    assert card.data_digest == hash_recordings(sorted((data / "train").iterdir()))
     assert set(card.metrics) == {"val_accuracy"}
     assert card.temperature > 0
 

@@ -108,7 +108,7 @@ def test_a_new_goal_in_the_middle_is_gone_to_from_where_it_stopped():
     trajectory.go_to(np.array([0.0]))
     trajectory.advance(CONFIG.brake_seconds + 1e-6, 1.0)
     brake = CONFIG.speed * CONFIG.brake_seconds / 2
-    assert np.isclose(trajectory.line.start[0], turned[0] + brake, atol=2e-3)
+    assert np.isclose(trajectory.segment.start[0], turned[0] + brake, atol=2e-3)
     trajectory.advance(10.0, 1.0)
     assert trajectory.arrived and np.allclose(trajectory.q, 0.0)
 
@@ -124,7 +124,7 @@ def test_found_elsewhere_it_goes_to_the_same_goal_from_there():
     trajectory = Trajectory(np.zeros(1))
     trajectory.go_to(np.array([1.0]))
     trajectory.advance(0.5, 1.0)
-    trajectory.stand_at(np.array([-0.5]))
+    trajectory.restart_from(np.array([-0.5]))
     assert trajectory.q == -0.5 and not trajectory.velocity.any()
     trajectory.advance(10.0, 1.0)
     assert np.allclose(trajectory.q, 1.0)

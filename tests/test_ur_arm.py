@@ -25,7 +25,7 @@ WELL = UrStatus(
     protective_stop=False,
     emergency_stop=False,
     scaling=1.0,
-    closed=False,
+    gripper_closed=False,
 )
 LIMIT = MotionConfig().speed
 
@@ -33,7 +33,7 @@ LIMIT = MotionConfig().speed
 class ToldLink(ControllerLink):
     """A robot that is at once where it is told to be."""
 
-    why = ""
+    problem = ""
 
     def __init__(self):
         self.status, self.orders, self.closed = WELL, [], False
@@ -44,8 +44,8 @@ class ToldLink(ControllerLink):
             return None
         if order.q is not None and self.status.running:
             self.status = replace(self.status, q=order.q)
-        if order.closed is not None:
-            self.status = replace(self.status, closed=order.closed)
+        if order.gripper_closed is not None:
+            self.status = replace(self.status, gripper_closed=order.gripper_closed)
         return self.status
 
     def close(self):
@@ -67,7 +67,7 @@ def ticks(arm, seconds):
     positions = []
     for _ in range(round(seconds / PERIOD)):
         arm.clock.sleep(PERIOD)
-        arm.tick()
+        arm.update()
         positions.append(np.array(arm.status.q))
     return np.array(positions)
 
@@ -83,11 +83,11 @@ def test_it_begins_held_where_the_robot_stands():
 
 def test_a_robot_that_has_a_part_in_its_gripper_keeps_it():
     link = ToldLink()
-    link.status = replace(WELL, closed=True)
+    link.status = replace(WELL, gripper_closed=True)
     arm = UrArm(link, clock=ManualClock(), threaded=False)
     assert arm.state().gripper == "closed"
     ticks(arm, 0.5)
-    assert all(order.closed is None for order in link.orders)
+    assert all(order.gripper_closed is None for order in link.orders)
 
 
 FAULTS = {
@@ -159,9 +159,9 @@ def test_time_that_was_missed_is_never_made_up_for():
     arm, link = told_arm()
     before = np.array(link.orders[-1].q)
     arm.clock.sleep(5.0)
-    arm.tick()
+    arm.update()
     arm.clock.sleep(PERIOD)
-    arm.tick()
+    arm.update()
     assert np.abs(np.array(link.orders[-1].q) - before).max() <= LIMIT * 4 * PERIOD
 
 
@@ -179,7 +179,9 @@ def test_a_robot_that_does_not_follow_is_held():
 
 def test_a_stale_skin_holds_it_within_150_ms():
     arm, link = told_arm()
-    policy = Policy(arm, Scene().policy.commands, VOCABULARY, PolicyConfig(check_period=None))
+    policy = Policy(
+        arm, Scene().policy.commands, VOCABULARY, PolicyConfig(check_period=None)
+    )
     policy.start(Context(INFO, arm.clock, lambda item: None))
     began = arm.clock.now()
     while not arm.state().hold_reason:
@@ -193,7 +195,7 @@ def test_a_stale_skin_holds_it_within_150_ms():
 
 def test_a_robot_that_is_not_reached_is_refused_and_let_go():
     link = ToldLink()
-    link.status, link.why = None, "no answer"
+    link.status, link.problem = None, "no answer"
     with pytest.raises(ArmError, match="not reached .no answer.; allowed is a UR"):
         UrArm(link, clock=ManualClock())
     assert link.closed
@@ -222,7 +224,7 @@ def robot():
         pytest.skip("no ur_rtde; pip install 'eskin[ur]'")
     with StandIn(list(START)) as stand_in:
         # How fast a fault is seen is measured in benchmarks, on a quiet machine.
-        with UrArm(UrLink(stand_in.host, 0, patience=20.0)) as arm:
+        with UrArm(UrLink(stand_in.host, 0, time_factor=20.0)) as arm:
             yield stand_in, arm
 
 

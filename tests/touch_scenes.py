@@ -6,7 +6,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from eskin.robot.robot import Joint, Link, Robot
-from eskin.skin.mount import MountedSkin
+from eskin.skin.mounted_skin import MountedSkin
 from eskin.skin.skin import Patch, Skin
 from eskin.touch import (
     Calibration,

@@ -7,10 +7,10 @@ import numpy as np
 from eskin.robot import load_robot
 from eskin.sim.constants import load_constants
 from eskin.sim.people.person import draw_person
-from eskin.sim.robot.pose import GROUPS, draw_pose
-from eskin.sim.robot.world import build_world
+from eskin.sim.scene.environment import build_world
+from eskin.sim.scene.poses import GROUPS, draw_pose
 from eskin.skin import MountedSkin
-from eskin.skin.ur5 import ur5_skin
+from eskin.skin.presets import ur5_skin
 
 EVERY = GROUPS
 

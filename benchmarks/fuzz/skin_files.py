@@ -8,9 +8,9 @@ from benchmarks.fuzz.mutation import mutate
 from benchmarks.fuzz.target import Target, check_refusal
 from eskin.errors import SkinError
 from eskin.skin import Skin, load_skin, skin_from_bytes, skin_to_bytes
-from eskin.skin.grids import grid_skin
+from eskin.skin.layout import grid_skin
 from eskin.skin.manifest import format_manifest
-from eskin.skin.table import format_table
+from eskin.skin.taxel_table import format_table
 
 BETWEEN = b"\n...\n"
 """Between `skin.yaml` and `taxels.csv` in one input."""

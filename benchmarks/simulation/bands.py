@@ -8,21 +8,26 @@ from jaxtyping import Float
 
 from benchmarks.simulation.check import Check, at_least, within
 from benchmarks.simulation.physics import FOREARM
-from eskin.sim.clip.plan import BuildOrigin, Origin
-from eskin.sim.clip.play import build_of, neighbours_of, play, session_of
-from eskin.sim.clip.scene import Scene, add_up, parts_of
-from eskin.sim.clip.timing import contact_steps, moved
-from eskin.sim.clip.truth import TrueTouch
 from eskin.sim.constants import Constants
 from eskin.sim.contact.chart import Chart
-from eskin.sim.contact.film import leak_share, spread
-from eskin.sim.files.clip_labels import rest_of
-from eskin.sim.files.simulator import Simulator
+from eskin.sim.contact.press import Site, TrueTouch
+from eskin.sim.contact.pressure import leak_share, spread
+from eskin.sim.dataset.clip import build_of, play, session_of
+from eskin.sim.dataset.clip_generator import Simulator
+from eskin.sim.dataset.plan import BuildOrigin, Origin
+from eskin.sim.dataset.session_file import rest_of
+from eskin.sim.people.gesture_sample import Regime
+from eskin.sim.people.perform import perform
 from eskin.sim.people.person import Person, draw_person
-from eskin.sim.people.programs import perform
-from eskin.sim.people.programs.act import Regime
-from eskin.sim.robot.world import World
-from eskin.sim.site.site import Site
+from eskin.sim.scene.environment import World
+from eskin.sim.scene.scene import (
+    Scene,
+    add_up,
+    contact_steps,
+    moved,
+    neighbours_of,
+    parts_of,
+)
 from eskin.touch.calibration import build_pressure_curve
 from eskin.touch.calibration_kernels import linearise_counts
 

@@ -10,14 +10,13 @@ from joblib import Parallel, delayed, parallel_config
 
 from benchmarks.simulation.features import clip_features
 from benchmarks.simulation.remains import before_of, histogram_of, truth_of
-from eskin.sim.clip.outcome import Clip
-from eskin.sim.clip.plan import ClipPlan
 from eskin.sim.constants import load_constants
-from eskin.sim.files.clip_labels import rest_of
-from eskin.sim.files.schedule import plans_of
-from eskin.sim.files.sets import CLASSES, load_set, resized
-from eskin.sim.files.simulator import Simulator
-from eskin.sim.files.sitting import Sitting, sittings_of
+from eskin.sim.dataset.clip import Clip
+from eskin.sim.dataset.clip_generator import Simulator
+from eskin.sim.dataset.plan import ClipPlan
+from eskin.sim.dataset.session_file import rest_of
+from eskin.sim.dataset.session_plan import Sitting, plans_of, sittings_of
+from eskin.sim.dataset.sets import CLASSES, load_set, resized
 from eskin.touch import Calibration
 
 PROCESSES = 2
@@ -75,7 +74,7 @@ def simulate(
     """Make clips of a named set in two processes.
 
     Args:
-        set_name: one of `eskin.sim.files.sets.SETS` without streams.
+        set_name: one of `eskin.sim.dataset.sets.SETS` without streams.
         clips: how many.
         difficulty: lambda.
         seed: of the set.

@@ -21,7 +21,7 @@ from benchmarks.simulation.forest import (
     spread_of,
 )
 from eskin.sim.constants import load_constants
-from eskin.sim.files.sets import CLASSES
+from eskin.sim.dataset.sets import CLASSES
 
 SOURCE = "expected"
 COST = "Jung et al. 2017"

@@ -10,8 +10,8 @@ from benchmarks.simulation.check import Check, at_most, within
 from benchmarks.simulation.physics import ur5
 from eskin.sim.constants import Constants
 from eskin.sim.sensor.build import Build, draw_build, nominal_build
-from eskin.sim.sensor.sensor import Stages, sense
-from eskin.sim.sensor.session import Session, draw_session
+from eskin.sim.sensor.model import Session, Stages, draw_session
+from eskin.sim.sensor.sensor import sense
 from eskin.skin import Skin
 
 LOGS = "Lupasic, logs of velostat, c319860"

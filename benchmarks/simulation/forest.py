@@ -9,7 +9,7 @@ from sklearn.ensemble import RandomForestClassifier
 from sklearn.model_selection import GroupKFold
 
 from benchmarks.simulation.clips import PROCESSES, Made, simulate
-from eskin.sim.files.sets import GESTURES
+from eskin.sim.dataset.sets import GESTURES
 
 LEVELS = (0.0, 1.0, 1.5, 2.0)
 """Difficulties that are looked at."""

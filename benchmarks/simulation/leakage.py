@@ -18,7 +18,7 @@ from benchmarks.simulation.forest import (
     people_of,
 )
 from eskin.sim.constants import load_constants
-from eskin.sim.files.sets import CLASSES
+from eskin.sim.dataset.sets import CLASSES
 
 CHANCE = 1 / len(CLASSES)
 BELOW = 0.1

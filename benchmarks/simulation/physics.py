@@ -7,16 +7,15 @@ from jaxtyping import Float
 
 from benchmarks.simulation.check import Check, within
 from eskin.robot import load_robot
-from eskin.sim.constants import Constants
+from eskin.sim.constants import MM, Constants
 from eskin.sim.contact.chart import Chart, charts_of
-from eskin.sim.contact.contact import feel
-from eskin.sim.contact.press import Flesh, Press
-from eskin.sim.people.hand import MM, Stamps, hand_of, part_of
+from eskin.sim.contact.press import Flesh, Press, Site, Stamps
+from eskin.sim.contact.pressure import feel
+from eskin.sim.people.hand import hand_of, part_of
+from eskin.sim.people.perform import perform
 from eskin.sim.people.person import Person, draw_person
-from eskin.sim.people.programs import perform
-from eskin.sim.site.site import Site
 from eskin.skin import PRESETS, MountedSkin
-from eskin.skin.surface import Plane, Surface
+from eskin.skin.surfaces import Plane, Surface
 
 FINGERTIP = {0.5: 67.0, 1.0: 90.0, 2.0: 120.0, 5.0: 177.0}
 """Area [mm2] on a flat by force [N]."""

@@ -14,12 +14,10 @@ from matplotlib import pyplot
 from matplotlib.axes import Axes
 from matplotlib.collections import PolyCollection
 
-from eskin.sim.clip.clip import make_clip
-from eskin.sim.clip.outcome import Clip
-from eskin.sim.clip.plan import BuildOrigin, ClipPlan, Origin
-from eskin.sim.clip.play import build_of
 from eskin.sim.contact.chart import Chart
-from eskin.sim.files.simulator import Simulator
+from eskin.sim.dataset.clip import Clip, build_of, make_clip
+from eskin.sim.dataset.clip_generator import Simulator
+from eskin.sim.dataset.plan import BuildOrigin, ClipPlan, Origin
 from eskin.touch import Calibration
 
 GESTURES = ("poke", "double_pat", "grab", "stroke", "none")

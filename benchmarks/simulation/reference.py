@@ -11,14 +11,18 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from benchmarks.simulation.mujoco_contact import (
+    Agreement,
+    agreement,
+    feel_in_mujoco,
+    instant,
+)
 from eskin.sim import Chart, Constants, Press, load_constants
-from eskin.sim.contact.contact import feel
-from eskin.sim.contact.reference import Agreement, agreement, feel_in_mujoco, instant
+from eskin.sim.contact.press import Site
+from eskin.sim.contact.pressure import feel
+from eskin.sim.people.perform import perform
 from eskin.sim.people.person import draw_person
-from eskin.sim.people.programs import perform
-from eskin.sim.site.site import Site
-from eskin.skin.round import Dome, Tube
-from eskin.skin.surface import Plane, Surface
+from eskin.skin.surfaces import Dome, Plane, Surface, Tube
 
 PITCH = 0.0077  # [m], that of the forearm
 SURFACES: dict[str, Surface] = {

@@ -3,7 +3,8 @@
 import numpy as np
 from jaxtyping import Float
 
-from eskin.sim.clip.outcome import Clip, TrueSeries
+from eskin.sim.dataset.clip import Clip
+from eskin.sim.scene.scene import TrueSeries
 from eskin.skin import MountedSkin, Skin
 
 READINGS = 10

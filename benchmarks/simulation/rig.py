@@ -17,11 +17,11 @@ from scipy.ndimage import gaussian_filter
 from benchmarks.simulation.check import Check, ordered, within
 from eskin.sim.constants import Constants
 from eskin.sim.contact.chart import Chart
-from eskin.sim.contact.contact import feel
+from eskin.sim.contact.press import Site
+from eskin.sim.contact.pressure import feel
+from eskin.sim.people.perform import perform
 from eskin.sim.people.person import draw_person
-from eskin.sim.people.programs import perform
-from eskin.sim.site.site import Site
-from eskin.skin.round import Tube
+from eskin.skin.surfaces import Tube
 
 CELLS = 8
 PITCH = 0.02  # [m]

@@ -5,8 +5,8 @@ import tempfile
 from pathlib import Path
 
 from benchmarks.simulation.check import Check, at_least, at_most
-from eskin.sim.files.generate import generate
-from eskin.sim.files.settings import Settings
+from eskin.sim.dataset.generate import generate
+from eskin.sim.dataset.settings import Settings
 
 WANTED = 6000.0
 WORKERS = 2

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from benchmarks.textbook.draws import TOUCHES, truth_of
 from benchmarks.textbook.sweeps import FACTORS, SURFACE, WANTED, Factor, Point
-from eskin.learn.plots import write
+from eskin.learn.plots import save_figure
 
 LABELS = {
     "force": "force [N]",
@@ -171,7 +171,7 @@ def draw(points: Sequence[Point], title: str, path: Path) -> None:
         frameon=False,
     )
     figure.suptitle(title)
-    write(figure, path)
+    save_figure(figure, path)
 
 
 def draw_panel(

@@ -21,7 +21,7 @@ from eskin.skin import (
     join_patches,
     load_skin,
 )
-from eskin.skin.ur5 import UR5_PARTS
+from eskin.skin.presets import UR5_PARTS
 from eskin.touch import Calibration
 
 SurfaceName = Literal["flat", "round", "ur5"]

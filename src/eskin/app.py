@@ -246,8 +246,8 @@ def nominal_calibration(skin: Skin) -> Calibration:
 
 def simulated(skin: str, config: SourceConfig, clock: Clock) -> Source:
     """A person who was in no training set, touching a skin without end."""
-    from eskin.sim.files.simulator import Simulator
-    from eskin.sim.live.player import Player
+    from eskin.sim.dataset.clip_generator import Simulator
+    from eskin.sim.interactive.player import Player
 
     player = Player(Simulator(skin), config.seed)
     maker = player.maker

@@ -1,4 +1,10 @@
-"""ControllerLink to a UR controller."""
+"""This module connects to a UR controller, through `ur_rtde` in a process of its own.
+
+The client of `ur_rtde` holds the interpreter while it waits, tries to connect again
+when it likes, and ends its process where a connection breaks at the wrong moment. None
+of this may reach the process that monitors the skin. The module imports little, so that
+the client's process starts quickly.
+"""
 
 import os
 import signal
@@ -10,76 +16,20 @@ from multiprocessing.connection import Connection
 from time import monotonic
 from typing import final
 
-
-@dataclass(frozen=True)
-class UrCommand:
-    """What a controller is to do until it hears more."""
-
-    q: tuple[float, ...] | None
-    """Joint positions to be at [rad]; None moves nothing."""
-
-    closed: bool | None
-    """Whether the gripper is to be closed; None leaves it as it is."""
-
-
-@dataclass(frozen=True)
-class UrStatus:
-    """What a controller says."""
-
-    q: tuple[float, ...]
-    """Joint positions [rad]."""
-
-    running: bool
-    """Whether the program runs that obeys orders."""
-
-    protective_stop: bool
-    """Whether the robot's safety functions have stopped it."""
-
-    emergency_stop: bool
-    """Whether somebody has."""
-
-    scaling: float
-    """Share of speed that slider and controller allow, 0 to 1."""
-
-    closed: bool
-    """Whether the output of the gripper is on."""
-
-
-class ControllerLink(ABC):
-    """Reaches one controller; lost, it tries again by itself.
-
-    Attributes:
-        why: what was wrong when it was last lost; empty before.
-    """
-
-    why: str
-
-    @abstractmethod
-    def exchange(self, order: UrCommand) -> UrStatus | None:
-        """Give an order; what the robot says, or None where it is not heard.
-
-        Takes no more than a few hundredths of a second, whatever happens.
-        """
-
-    @abstractmethod
-    def close(self) -> None:
-        """Let the robot go; its program ends."""
-
-
 PERIOD = 0.008
-"""Of a controller of the first series [s]; later ones interpolate."""
+"""Period of a controller of the first series [s]; later ones interpolate."""
 LOOKAHEAD = 0.05
-"""Over which the controller smooths positions [s]."""
+"""Time over which the controller smooths positions [s]."""
 GAIN = 300.0
-"""With which it follows them; 100 to 2000."""
-WATCHDOG = 10.0
-"""Inputs a second below which the controller ends its program [1/s]."""
-ANSWER = 0.05
+"""Gain with which the controller follows positions; 100 to 2000."""
+WATCHDOG_RATE = 10.0
+"""Rate of inputs below which the controller ends its program [1/s]."""
+ANSWER_TIMEOUT = 0.05
 """How long the controller may take to answer [s]."""
-OPENING = 20.0
-"""How long it may take to connect [s]."""
-AGAIN = 1.0
-"""Until the next try [s]."""
+CONNECT_TIMEOUT = 20.0
+"""How long the controller may take to connect [s]."""
+RETRY_PERIOD = 1.0
+"""Time until the next try to connect [s]."""
 VARIABLES = [
     "timestamp",
     "actual_q",
@@ -94,41 +44,96 @@ VARIABLES = [
 ]
 
 
-def serve(host: str, output: int, patience: float, orders: Connection) -> None:
-    """Be the client of a controller: obey orders until they end or something breaks.
+@dataclass(frozen=True)
+class UrCommand:
+    """A command tells a controller what to do until the next one."""
+
+    q: tuple[float, ...] | None
+    """Joint set-points [rad]; None moves nothing."""
+
+    gripper_closed: bool | None
+    """Whether the gripper is to be closed; None leaves it as it is."""
+
+
+@dataclass(frozen=True)
+class UrStatus:
+    """A status reports what a controller measures and allows."""
+
+    q: tuple[float, ...]
+    """Measured joint positions [rad]."""
+
+    running: bool
+    """Whether the program that executes commands runs."""
+
+    protective_stop: bool
+    """Whether the robot's safety functions have stopped it."""
+
+    emergency_stop: bool
+    """Whether somebody has pressed the emergency stop."""
+
+    scaling: float
+    """Share of speed that slider and controller allow, 0 to 1."""
+
+    gripper_closed: bool
+    """Whether the output of the gripper is on."""
+
+
+class ControllerLink(ABC):
+    """A link reaches one controller; where it is lost, it connects again by itself.
+
+    Attributes:
+        problem: why the link was last lost; empty before.
+    """
+
+    problem: str
+
+    @abstractmethod
+    def exchange(self, command: UrCommand) -> UrStatus | None:
+        """Send a command; return the robot's status, or None without an answer.
+
+        Takes no more than a few hundredths of a second, whatever happens.
+        """
+
+    @abstractmethod
+    def close(self) -> None:
+        """Disconnect from the robot; its program ends."""
+
+
+def run_client(host: str, output: int, time_factor: float, pipe: Connection) -> None:
+    """Run the client of a controller until commands end or something breaks.
 
     Args:
-        host: of the controller.
+        host: address of the controller.
         output: standard digital output that closes the gripper.
-        patience: times as long as usual everything may take.
-        orders: gives `UrCommand`s and takes `UrStatus`es, or a text: what broke.
+        time_factor: factor on all timeouts.
+        pipe: receives `UrCommand`s; sends `UrStatus`es, or a text that says what broke.
     """
     # The client prints where it likes; the terminal belongs to others.
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     os.dup2(1, 2)
-    # Ctrl-C is for the other process, which lets the robot go in good order.
+    # Ctrl-C is for the other process, which stops the robot in good order.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     try:
-        controller = Controller(host, output, patience)
-        orders.send(controller.status())
-        while (order := orders.recv()) is not None:
-            controller.obey(order)
-            orders.send(controller.status())
+        controller = RtdeController(host, output, time_factor)
+        pipe.send(controller.status())
+        while (command := pipe.recv()) is not None:
+            controller.execute(command)
+            pipe.send(controller.status())
         controller.stop()
     except EOFError:
         pass
     except BaseException as error:
-        orders.send(" ".join(f"{error}".split()) or type(error).__name__)
+        pipe.send(" ".join(f"{error}".split()) or type(error).__name__)
     finally:
         # The client's own end may hang or abort.
         os._exit(0)
 
 
 @final
-class Controller:
-    """The three interfaces of `ur_rtde` as one."""
+class RtdeController:
+    """This class wraps the three interfaces of `ur_rtde`."""
 
-    def __init__(self, host: str, output: int, patience: float) -> None:
+    def __init__(self, host: str, output: int, time_factor: float) -> None:
         """Connect, start the program, and set the watchdog on the robot's side."""
         from rtde_control import RTDEControlInterface
         from rtde_io import RTDEIOInterface
@@ -137,35 +142,35 @@ class Controller:
         self.receive = RTDEReceiveInterface(host, -1.0, VARIABLES)
         self.control = RTDEControlInterface(host)
         self.io = RTDEIOInterface(host)
-        self.control.setWatchdog(WATCHDOG / patience)
+        self.control.setWatchdog(WATCHDOG_RATE / time_factor)
         self.output = output
-        self.silence = ANSWER * patience
-        self.time = self.receive.getTimestamp()
-        self.heard = monotonic()
+        self.timeout = ANSWER_TIMEOUT * time_factor
+        self.timestamp = self.receive.getTimestamp()
+        self.last_answer = monotonic()
 
-    def obey(self, order: UrCommand) -> None:
-        """Pass on an order; nothing is sent to a program that does not run."""
+    def execute(self, command: UrCommand) -> None:
+        """Send a command; nothing is sent to a program that does not run."""
         if not self.control.isProgramRunning():
             return
-        if order.closed is not None:
-            self.io.setStandardDigitalOut(self.output, order.closed)
-        if order.q is None:
+        if command.gripper_closed is not None:
+            self.io.setStandardDigitalOut(self.output, command.gripper_closed)
+        if command.q is None:
             self.control.kickWatchdog()
         else:
-            self.control.servoJ(list(order.q), 0, 0, PERIOD, LOOKAHEAD, GAIN)
+            self.control.servoJ(list(command.q), 0, 0, PERIOD, LOOKAHEAD, GAIN)
 
     def status(self) -> UrStatus:
-        """What the controller says.
+        """Return the controller's status.
 
         Raises:
-            ConnectionError: it says nothing more.
+            ConnectionError: the controller does not answer any more.
         """
         receive, now = self.receive, monotonic()
-        time = receive.getTimestamp()
-        if time != self.time:
-            self.time, self.heard = time, now
+        timestamp = receive.getTimestamp()
+        if timestamp != self.timestamp:
+            self.timestamp, self.last_answer = timestamp, now
         connected = receive.isConnected() and self.control.isConnected()
-        if not connected or now - self.heard > self.silence:
+        if not connected or now - self.last_answer > self.timeout:
             raise ConnectionError("the robot's controller is not heard any more")
         return UrStatus(
             q=tuple(receive.getActualQ()),
@@ -173,7 +178,7 @@ class Controller:
             protective_stop=receive.isProtectiveStopped(),
             emergency_stop=receive.isEmergencyStopped(),
             scaling=min(receive.getTargetSpeedFraction(), receive.getSpeedScaling()),
-            closed=receive.getDigitalOutState(self.output),
+            gripper_closed=receive.getDigitalOutState(self.output),
         )
 
     def stop(self) -> None:
@@ -184,71 +189,71 @@ class Controller:
 
 @final
 class UrLink(ControllerLink):
-    """Starts the client's process, and a new one whenever that is gone."""
+    """A UR link starts the client's process, and a new one whenever that has ended."""
 
-    def __init__(self, host: str, output: int, patience: float = 1.0) -> None:
-        """Nothing is started before the first `exchange`.
+    def __init__(self, host: str, output: int, time_factor: float = 1.0) -> None:
+        """Start nothing before the first `exchange`.
 
         Args:
-            host: of the controller.
+            host: address of the controller.
             output: standard digital output that closes the gripper.
-            patience: times as long as usual the controller may be silent, and the
+            time_factor: factor on how long the controller may be silent, and the
                 computer before the robot's watchdog stops it; above 1 where neither
                 keeps time, as in tests.
         """
         self.host = host
         self.output = output
-        self.patience = patience
-        self.why = ""
+        self.time_factor = time_factor
+        self.problem = ""
         self.context = get_context("spawn")
         self.process = None
         self.ready = False
-        self.since = -AGAIN
+        self.since = -RETRY_PERIOD
 
-    def exchange(self, order: UrCommand) -> UrStatus | None:
-        """Give an order; what the robot says, or None where it is not heard."""
+    def exchange(self, command: UrCommand) -> UrStatus | None:
+        """Send a command; return the robot's status, or None without an answer."""
         try:
             if self.process is None:
-                self.begin()
+                self.start_client()
                 return None
             if not self.ready:
-                return self.first()
-            self.pipe.send(order)
-            if not self.pipe.poll(ANSWER * self.patience):
-                return self.lose("the robot's controller does not answer")
-            return self.answer()
+                return self.await_client()
+            self.pipe.send(command)
+            if not self.pipe.poll(ANSWER_TIMEOUT * self.time_factor):
+                return self.disconnect("the robot's controller does not answer")
+            return self.receive()
         except (OSError, EOFError):
-            return self.lose("the client of the robot's controller has ended")
+            return self.disconnect("the client of the robot's controller has ended")
 
-    def begin(self) -> None:
+    def start_client(self) -> None:
         """Start a client, unless one was started just now."""
-        if monotonic() - self.since < AGAIN:
+        if monotonic() - self.since < RETRY_PERIOD:
             return
         self.since = monotonic()
         self.pipe, theirs = self.context.Pipe()
-        values = (self.host, self.output, self.patience, theirs)
-        self.process = self.context.Process(target=serve, args=values, daemon=True)
+        values = (self.host, self.output, self.time_factor, theirs)
+        self.process = self.context.Process(target=run_client, args=values, daemon=True)
         self.process.start()
         theirs.close()
 
-    def first(self) -> UrStatus | None:
-        """The first word of a client that is connecting."""
+    def await_client(self) -> UrStatus | None:
+        """Return the first status of a client, or None while it connects."""
         if self.pipe.poll():
-            status = self.answer()
+            status = self.receive()
             self.ready = status is not None
             return status
-        if monotonic() - self.since > OPENING:
-            return self.lose("the robot's controller cannot be reached")
+        if monotonic() - self.since > CONNECT_TIMEOUT:
+            return self.disconnect("the robot's controller cannot be reached")
         return None
 
-    def answer(self) -> UrStatus | None:
-        """What has come from the client."""
+    def receive(self) -> UrStatus | None:
+        """Receive a status from the client; disconnect where it reports a problem."""
         got = self.pipe.recv()
-        return got if isinstance(got, UrStatus) else self.lose(str(got))
+        return got if isinstance(got, UrStatus) else self.disconnect(str(got))
 
-    def lose(self, why: str) -> None:
+    def disconnect(self, problem: str) -> None:
         """End the client; the robot's own watchdog stops the robot."""
-        self.why, self.ready, self.since = why, False, monotonic()
+        self.problem, self.ready, self.since = problem, False, monotonic()
         if self.process is not None:
             self.pipe.close()
             self.process.kill()
@@ -257,11 +262,11 @@ class UrLink(ControllerLink):
             self.process = None
 
     def close(self) -> None:
-        """Let the robot go; its program ends."""
+        """Disconnect from the robot; its program ends."""
         if self.process is not None and self.ready:
             try:
                 self.pipe.send(None)
                 self.process.join(1.0)
             except OSError:
                 pass
-        self.lose("closed")
+        self.disconnect("closed")

@@ -3,7 +3,7 @@
 import numpy as np
 from jaxtyping import Int
 
-from eskin.learn.baselines import READINGS, Clips
+from eskin.learn.baselines import READINGS, SkinWindows
 from eskin.skin import MountedSkin
 
 CLASSES = 5
@@ -16,7 +16,7 @@ LENGTHS = (15, 60, 30, 80, 45)
 
 def random_clips(
     mounted: MountedSkin, count: int, seed: int = 0
-) -> tuple[Clips, Int[np.ndarray, "clip"]]:
+) -> tuple[SkinWindows, Int[np.ndarray, "clip"]]:
     """Round touches anywhere, their classes apart by size and length, and noise.
 
     Enough for timing, not for anything that accuracies are measured on.
@@ -40,4 +40,4 @@ def random_clips(
         load = rng.uniform(5.0, 30.0, (length, 1)) * rng.uniform(0.5, 1.5, len(near))
         pressure[clip, start : start + length, near] = load.T
     q = rng.uniform(-1.0, 1.0, (count, 1, joints)).repeat(READINGS, axis=1)
-    return Clips(pressure, q.astype(np.float32)), labels
+    return SkinWindows(pressure, q.astype(np.float32)), labels

@@ -21,7 +21,7 @@ from eskin.bench.timing import (
     row_of,
     time_together,
 )
-from eskin.learn.baselines import NETWORKS, Clips, FitConfig, make_baseline
+from eskin.learn.baselines import NETWORKS, FitConfig, SkinWindows, make_baseline
 from eskin.robot import load_robot
 from eskin.skin import MountedSkin
 
@@ -120,7 +120,7 @@ def baseline_subjects(
     if not names:
         return []
     clips, labels = random_clips(mounted, config.clips)
-    few = Clips(clips.pressure[:NETWORK_CLIPS], clips.q[:NETWORK_CLIPS])
+    few = SkinWindows(clips.pressure[:NETWORK_CLIPS], clips.q[:NETWORK_CLIPS])
     subjects: list[Subject] = []
     for name in names:
         baseline = make_baseline(name, mounted, FitConfig(epochs=1))

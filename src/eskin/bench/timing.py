@@ -13,7 +13,7 @@ from jaxtyping import Float
 from threadpoolctl import threadpool_limits
 
 from eskin.bench.scene import Scene
-from eskin.learn.baselines import Stream, use_one_thread
+from eskin.learn.baselines import BaselineStream, use_one_thread
 from eskin.live import Recognizer
 from eskin.model import load_model
 from eskin.skin import MountedSkin
@@ -105,7 +105,7 @@ class StreamSubject(Subject):
     """A baseline that answers at every reading."""
 
     def __init__(
-        self, name: str, mounted: MountedSkin, scene: Scene, stream: Stream
+        self, name: str, mounted: MountedSkin, scene: Scene, stream: BaselineStream
     ) -> None:
         """Take a baseline's stream."""
         super().__init__(name, mounted, scene)

@@ -12,13 +12,13 @@ from eskin.errors import EskinError
 from eskin.learn.comparison import (
     METHODS,
     Examples,
-    Place,
-    Result,
-    Task,
+    MethodResult,
+    RunKey,
+    TrainingTask,
+    build_rows,
     find_examples,
     format_gesture_tables,
     format_tables,
-    rows_of,
     run_tasks,
 )
 from eskin.model import check_limits
@@ -87,7 +87,7 @@ def run(command: Command) -> dict[str, object]:
     ]
     asked = [(name, place) for place in places for name in command.methods]
     tasks = [
-        Task(name, METHODS[name], *draws[draw], draw * command.seeds + seed)
+        TrainingTask(name, METHODS[name], *draws[draw], draw * command.seeds + seed)
         for name, (draw, seed) in asked
     ]
     seconds = 60 * command.minutes
@@ -96,7 +96,7 @@ def run(command: Command) -> dict[str, object]:
     if left:
         print(f"{left} of {len(done)} trainings are left; the same command goes on")
     found = sorted_out(command.methods, asked, done)
-    rows = rows_of(found) if found else []
+    rows = build_rows(found) if found else []
     if rows:
         print(f"{format_tables(rows)}\n\n{format_gesture_tables(rows)}")
     return {"rows": [asdict(row) for row in rows]}
@@ -135,11 +135,11 @@ def check_apart(train: Examples, tests: Mapping[str, Examples]) -> None:
 
 def sorted_out(
     methods: Sequence[str],
-    asked: Sequence[tuple[str, Place]],
-    done: Sequence[Result | None],
-) -> dict[str, dict[Place, Result]]:
+    asked: Sequence[tuple[str, RunKey]],
+    done: Sequence[MethodResult | None],
+) -> dict[str, dict[RunKey, MethodResult]]:
     """What is there of each method, where the first has answered as well."""
-    found: dict[str, dict[Place, Result]] = {name: {} for name in methods}
+    found: dict[str, dict[RunKey, MethodResult]] = {name: {} for name in methods}
     for (name, place), result in zip(asked, done, strict=True):
         if result is not None:
             found[name][place] = result

@@ -135,8 +135,8 @@ def played(
     from eskin.recording import read_recording
 
     if command.play == SIM:
-        from eskin.sim.files.simulator import Simulator
-        from eskin.sim.live.player import Player
+        from eskin.sim.dataset.clip_generator import Simulator
+        from eskin.sim.interactive.player import Player
 
         player = Player(Simulator(command.skin), command.seed)
         print("somebody to touch it is made", flush=True)

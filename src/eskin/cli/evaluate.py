@@ -14,9 +14,9 @@ from eskin.cli.checks import check_picture, tell_cut
 from eskin.cli.event_report import by_person, event_rows, show_events
 from eskin.errors import RecordingError
 from eskin.learn.checkpoint import to_network
-from eskin.learn.dataset import prepare, shown
+from eskin.learn.dataset import prepare, track_progress
 from eskin.learn.evaluation import Evaluation, evaluate
-from eskin.learn.events import EventScore, hear, is_stream, score_events
+from eskin.learn.events import EventScore, is_stream, score_events, trace_recordings
 from eskin.learn.plots import draw_confusion, draw_reliability
 from eskin.model import Model, load_model
 from eskin.recording import find_recordings, read_recording
@@ -171,7 +171,9 @@ def score_streams(
 ) -> dict[str, object]:
     """Score recordings by their events, with what the recogniser says live."""
     takes = []
-    for stream in shown(hear(paths, model, workers), "Replaying", len(paths)):
+    for stream in track_progress(
+        trace_recordings(paths, model, workers), "Replaying", len(paths)
+    ):
         if stream.truncated:
             print(f"{stream.path} is cut or damaged: used up to there")
         takes.append(stream.take())

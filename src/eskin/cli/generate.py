@@ -11,8 +11,8 @@ import tyro
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TimeRemainingColumn
 
-from eskin.sim.files.generate import generate
-from eskin.sim.files.settings import Settings
+from eskin.sim.dataset.generate import generate
+from eskin.sim.dataset.settings import Settings
 
 SetName = Literal[
     "train",

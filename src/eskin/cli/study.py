@@ -10,9 +10,15 @@ import tyro
 
 from eskin.cli.checks import check_folder, check_picture
 from eskin.learn.baselines import Pooling
-from eskin.learn.comparison import Place, Result, Task, find_examples, run_tasks
+from eskin.learn.comparison import (
+    MethodResult,
+    RunKey,
+    TrainingTask,
+    find_examples,
+    run_tasks,
+)
 from eskin.learn.comparison.study import (
-    Network,
+    StudyNetwork,
     Variant,
     build_study_rows,
     draw_study,
@@ -38,7 +44,7 @@ class Command:
     pool: tuple[Pooling, ...] = ("max", "mean")
     """How the nodes of a reading are pooled."""
 
-    networks: tuple[Network, ...] = ("eskin", "paper")
+    networks: tuple[StudyNetwork, ...] = ("eskin", "paper")
     """Whose networks."""
 
     seeds: int = 3
@@ -95,7 +101,9 @@ def run(command: Command) -> dict[str, object]:
     ]
     tasks = [task_of(command, variant, *at) for variant, at in asked]
     done = run_tasks(tasks, command.results, command.workers, 60 * command.minutes)
-    found: dict[Variant, dict[Place, Result]] = {variant: {} for variant in variants}
+    found: dict[Variant, dict[RunKey, MethodResult]] = {
+        variant: {} for variant in variants
+    }
     for (variant, at), result in zip(asked, done, strict=True):
         if result is not None:
             found[variant][at] = result
@@ -110,7 +118,7 @@ def run(command: Command) -> dict[str, object]:
     return {"rows": [asdict(row) for row in rows]}
 
 
-def task_of(command: Command, variant: Variant, number: int, seed: int) -> Task:
+def task_of(command: Command, variant: Variant, number: int, seed: int) -> TrainingTask:
     """One training of a variant on one of the sets of clips."""
     place = command.data[number]
     train, test = place / "train", place / "test"
@@ -118,4 +126,4 @@ def task_of(command: Command, variant: Variant, number: int, seed: int) -> Task:
     learned = find_examples([train if parts else place], command.pack)
     tests = {"test": find_examples([test], command.pack)} if parts else {}
     name = f"{variant.network}-k{variant.k}-{variant.pool}"
-    return Task(name, variant.method(command.epochs), learned, tests, seed)
+    return TrainingTask(name, variant.method(command.epochs), learned, tests, seed)

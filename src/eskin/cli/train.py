@@ -12,9 +12,9 @@ from eskin.cli.checks import check_writable, tell_cut
 from eskin.errors import ModelError, RecordingError
 from eskin.graph import GraphConfig
 from eskin.learn.checkpoint import to_model
-from eskin.learn.dataset import Dataset, digest, prepare
+from eskin.learn.dataset import Dataset, hash_recordings, prepare
 from eskin.learn.evaluation import check_fits, evaluate
-from eskin.learn.events import choose_decision, hear
+from eskin.learn.events import choose_decision, trace_recordings
 from eskin.learn.recording_transforms import Aging, AgingConfig
 from eskin.learn.training import TrainConfig, Trainer
 from eskin.model import Model, ModelCard, check_limits, load_model, save_model
@@ -99,19 +99,19 @@ def run(command: Command) -> dict[str, object]:
     tell_cut(dataset, validation, test)
     if validation is None:
         print(trainer.holdout)
-    content = digest(paths)
+    content = hash_recordings(paths)
     card = first_card(command, trainer, content)
     if test is not None:
         check_fits(card, test)
     kept = command.out.with_name(command.out.name + ".training")
     facts = f"{content} {vocabulary} {command.train} {command.seed} {skins}"
-    facts += f" {digest(find_recordings(command.val))}" if command.val else ""
+    facts += f" {hash_recordings(find_recordings(command.val))}" if command.val else ""
     facts += f" {start.digest}" if start else ""
     network = trainer.run(kept=kept, facts=facts)
     right = trainer.validation_accuracy()
     card = replace(
         card,
-        temperature=trainer.temperature(),
+        temperature=trainer.fit_temperature(),
         metrics={"val_accuracy": right} if trainer.held else {},
     )
     model = decided(to_model(network, card), command)
@@ -179,7 +179,7 @@ def decided(model: Model, command: Command) -> Model:
     if not command.streams:
         return model
     paths = find_recordings(command.streams)
-    heard = list(hear(paths, model, command.train.workers))
+    heard = list(trace_recordings(paths, model, command.train.workers))
     decision, score = choose_decision(heard)
     print(f"{decision}: F1 {score.total.f1:.3f} on {score.hours:.2f} h of streams")
     metrics = model.card.metrics | {"streams_f1": score.total.f1}

@@ -1,4 +1,4 @@
-"""From touches to motion: arms, what they do, and what may command them."""
+"""This package turns touches into commands of an arm that works on a task."""
 
 from eskin.command.actions import command_function
 from eskin.command.arm import Arm, ArmState

@@ -159,7 +159,7 @@ class JointHistory:
             self.positions.append(np.array(q, np.float64))
 
     def at(self, stamp: int) -> Float[np.ndarray, "joint"]:
-        """Return the positions at a time [rad]; outside of what is kept, the nearest."""
+        """Return the positions at a time [rad]; the nearest outside the history."""
         if stamp >= self.stamps[-1]:
             return self.positions[-1]
         index = bisect_right(self.stamps, stamp)

@@ -78,7 +78,7 @@ class CommandMap(BaseModel):
         return fitting[order.index(max(order))] if order else None
 
     def find_problems(self, vocabulary: tuple[str, ...], skin: Skin) -> list[str]:
-        """Return what does not fit the model, skin or other rules, each with its path."""
+        """Return what does not fit model, skin or other rules, each with its path."""
         known = {
             "gesture": tuple(word for word in vocabulary if word not in NON_GESTURES),
             "link": tuple(sorted({patch.link for patch in skin.patches})),

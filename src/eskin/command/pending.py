@@ -86,24 +86,24 @@ class CommandedTouches:
         """Return whether a touch has commanded or asked, or took over one that did."""
         return touch in self.blocked or (touch, onset) in self.asked
 
-    def merges(self, touch: int, before: int, over: Sequence[TouchStatus]) -> bool:
+    def merges(self, touch: int, before: int, closed: Sequence[TouchStatus]) -> bool:
         """Return whether another touch that has commanded or asked merges with this.
 
         Args:
             touch: present id of this touch.
             before: its id until now.
-            over: touches that have closed, in their order.
+            closed: touches that have closed, in their order.
         """
         joined = {touch}
-        for closed in reversed(over):
-            if closed.merged_into in joined:
-                joined.add(closed.id)
+        for ended in reversed(closed):
+            if ended.merged_into in joined:
+                joined.add(ended.id)
         known = self.blocked | {number for number, _ in self.asked}
         return bool((joined - {before}) & known)
 
-    def forget(self, over: Sequence[TouchStatus]) -> None:
+    def forget(self, closed: Sequence[TouchStatus]) -> None:
         """Remove touches that have closed."""
-        for touch in over:
+        for touch in closed:
             asked = {key for key in self.asked if key[0] == touch.id}
             if touch.merged_into and (asked or touch.id in self.blocked):
                 self.blocked.add(touch.merged_into)

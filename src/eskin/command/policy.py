@@ -147,7 +147,7 @@ class Policy(Listener):
             self.pause_if_touched()
             for pending in tuple(self.pending):
                 self.update_pending(pending, item)
-            self.commanded.forget(item.state.over)
+            self.commanded.forget(item.state.closed)
 
     def check_skin(self) -> None:
         """Hold the arm if its skin cannot be relied on."""
@@ -303,7 +303,7 @@ class Policy(Listener):
         stamp = recognition.state.reading.stamp
         action = pending.action
         refusal = self.find_refusal(action, detection, pending.rule, stamp)
-        if self.commanded.merges(pending.touch, before, recognition.state.over):
+        if self.commanded.merges(pending.touch, before, recognition.state.closed):
             refusal = ALREADY_COMMANDED
         meant = resolve_action(pending.rule.action_or_function, self.arm.state())
         if refusal is None and action not in HALTING_ACTIONS and meant != action:

@@ -1,4 +1,4 @@
-"""Simulated arms: kinematic or dynamic joints that run a task."""
+"""This module simulates an arm at its task, with kinematic or dynamic joints."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
@@ -9,8 +9,8 @@ from typing import final
 import numpy as np
 from jaxtyping import Float
 
-from eskin.command.arm import Arm, ArmState, JointHistory
-from eskin.command.task import FRAME_TASK, Task, TaskExecutor
+from eskin.command.arm import ArmState, JointHistory
+from eskin.command.task import FRAME_TASK, Task, TaskArm, TaskExecutor
 from eskin.command.trajectory import MotionConfig
 from eskin.drivers import Clock, HostClock
 from eskin.errors import ArmError
@@ -19,16 +19,19 @@ from eskin.robot.dynamics import Dynamics, ServoConfig
 from eskin.units import NS_PER_S
 
 PROTECTIVE_STOP = "protective stop"
+"""Reason of a hold by a protective stop."""
+HISTORY_SIZE = 2500
+"""Number of joint positions that are kept."""
 
 
 class Plant(ABC):
-    """The joints of a simulated arm.
+    """A plant moves the joints of a simulated arm along the executor's set-points.
 
     Attributes:
-        q: where they are [rad].
-        period: time always passes in steps of this length [ns]; in one where None.
+        q: present joint positions [rad].
+        period: step in which time advances [ns]; any step where None.
         stopped: whether it is in protective stop.
-        moving: whether a joint moves, whatever the routine says.
+        moving: whether a joint moves, whatever the executor says.
     """
 
     q: Float[np.ndarray, "joint"]
@@ -37,12 +40,12 @@ class Plant(ABC):
     moving: bool = False
 
     @abstractmethod
-    def advance(self, routine: TaskExecutor, seconds: float) -> None:
-        """Let time pass, for the routine and the joints."""
+    def advance(self, executor: TaskExecutor, seconds: float) -> None:
+        """Advance the executor and the joints by a time [s]."""
 
     @abstractmethod
-    def push(self, wrenches: Sequence[Wrench]) -> None:
-        """Be pushed so, and not otherwise, until told anew."""
+    def apply_wrenches(self, wrenches: Sequence[Wrench]) -> None:
+        """Apply these wrenches, and no others, until the next call."""
 
     @abstractmethod
     def unlock(self) -> None:
@@ -51,27 +54,27 @@ class Plant(ABC):
 
 @final
 class KinematicPlant(Plant):
-    """Joints that are where they are to be, whatever pushes."""
+    """A kinematic plant puts its joints exactly at the set-points, whatever pushes."""
 
     def __init__(self, q: Float[np.ndarray, "joint"]) -> None:
         """Stand at joint positions [rad]."""
         self.q = q
 
-    def advance(self, routine: TaskExecutor, seconds: float) -> None:
-        """Let time pass, for the routine and the joints."""
-        routine.advance(seconds)
-        self.q = routine.trajectory.q
+    def advance(self, executor: TaskExecutor, seconds: float) -> None:
+        """Advance the executor and the joints by a time [s]."""
+        executor.advance(seconds)
+        self.q = executor.trajectory.q
 
-    def push(self, wrenches: Sequence[Wrench]) -> None:
-        """Nothing moves them."""
+    def apply_wrenches(self, wrenches: Sequence[Wrench]) -> None:
+        """Ignore wrenches: nothing moves these joints."""
 
     def unlock(self) -> None:
-        """They are never in protective stop."""
+        """Do nothing: it is never in protective stop."""
 
 
 @dataclass(frozen=True)
 class ProtectiveStopConfig:
-    """When an arm goes into protective stop.
+    """A protective-stop configuration says when an arm goes into protective stop.
 
     A UR5 that is pushed with up to 100 N deviates from its way and stops above that
     (CoRo, ETS Montreal, 2014, on what its end does). With the stiffness of the servos,
@@ -87,18 +90,18 @@ class ProtectiveStopConfig:
     safety system takes to detect that a joint is out of its limits (5.1)."""
 
     moving: float = 0.02
-    """From which speed on a joint moves [rad/s]."""
+    """Speed above which a joint moves [rad/s]."""
 
 
 @final
 class DynamicPlant(Plant):
-    """Joints that follow set-points as their servos manage, and yield to a push.
+    """A dynamic plant has masses and servos; it follows set-points and yields.
 
-    Where one is held off for too long, all brakes fall in, the routine is held, and
-    nothing but `unlock` ends that.
+    Where a joint is overloaded for too long, all brakes engage, the executor is held,
+    and nothing but `unlock` ends that.
 
     Attributes:
-        dynamics: of the robot.
+        dynamics: dynamics of the robot.
     """
 
     def __init__(
@@ -113,62 +116,59 @@ class DynamicPlant(Plant):
             RobotError: the task's robot has no masses.
             ExtraError: MuJoCo is not installed.
         """
-        begin = np.array(task.waypoints[0].q, np.float64)
-        self.dynamics = Dynamics(task.robot_name, begin, servo)
+        start = np.array(task.waypoints[0].q, np.float64)
+        self.dynamics = Dynamics(task.robot_name, start, servo)
         self.protective = protective or ProtectiveStopConfig()
-        self.q = begin
+        self.q = start
         self.period = round(self.dynamics.config.step * NS_PER_S)
-        self.held_off = np.zeros(len(begin))
+        self.overload_seconds = np.zeros(len(start))
 
-    def advance(self, routine: TaskExecutor, seconds: float) -> None:
-        """Let one step pass, for the routine and the joints."""
-        routine.advance(seconds)
-        trajectory, dynamics = routine.trajectory, self.dynamics
+    def advance(self, executor: TaskExecutor, seconds: float) -> None:
+        """Advance the executor and the joints by one step [s]."""
+        executor.advance(seconds)
+        trajectory, dynamics = executor.trajectory, self.dynamics
         if self.stopped:
-            trajectory.stand_at(self.q)
+            trajectory.restart_from(self.q)
         dynamics.step(trajectory.q, trajectory.velocity)
         self.q, speed = dynamics.q, np.abs(dynamics.velocity).max()
         self.moving = bool(speed > self.protective.moving)
-        if not self.stopped and self.is_held_off(routine, seconds):
-            self.stop(routine)
+        if not self.stopped and self.is_overloaded(executor, seconds):
+            self.stop(executor)
 
-    def is_held_off(self, routine: TaskExecutor, seconds: float) -> bool:
-        """Whether a joint has been too far off, or at its limit, for too long."""
+    def is_overloaded(self, executor: TaskExecutor, seconds: float) -> bool:
+        """Return whether a joint is too far off, or at its limit, for too long."""
         dynamics, limits = self.dynamics, self.protective
-        far = np.abs(routine.trajectory.q - self.q) > limits.deviation
-        spent = np.abs(dynamics.torque) >= dynamics.effort
-        self.held_off = np.where(far | spent, self.held_off + seconds, 0.0)
-        return bool(self.held_off.max() > limits.seconds)
+        far = np.abs(executor.trajectory.q - self.q) > limits.deviation
+        at_limit = np.abs(dynamics.torque) >= dynamics.effort
+        longer = self.overload_seconds + seconds
+        self.overload_seconds = np.where(far | at_limit, longer, 0.0)
+        return bool(self.overload_seconds.max() > limits.seconds)
 
-    def stop(self, routine: TaskExecutor) -> None:
+    def stop(self, executor: TaskExecutor) -> None:
         """Go into protective stop."""
         self.stopped = True
         self.dynamics.brake()
-        routine.hold(PROTECTIVE_STOP)
+        executor.hold(PROTECTIVE_STOP)
 
-    def push(self, wrenches: Sequence[Wrench]) -> None:
-        """Be pushed so, and not otherwise, until told anew."""
+    def apply_wrenches(self, wrenches: Sequence[Wrench]) -> None:
+        """Apply these wrenches, and no others, until the next call."""
         self.dynamics.push(wrenches)
 
     def unlock(self) -> None:
-        """End a protective stop; the routine is still held."""
+        """End a protective stop; the executor is still held."""
         if self.stopped:
             self.stopped = False
-            self.held_off[:] = 0.0
+            self.overload_seconds[:] = 0.0
             self.dynamics.release()
 
 
-HISTORY_SIZE = 2500
-"""Joint positions that are kept."""
-
-
 @final
-class SimulatedArm(Arm):
-    """Goes where its task takes it, on any clock, within the limits of motion.
+class SimulatedArm(TaskArm):
+    """A simulated arm runs its task on any clock, within the limits of motion.
 
-    It goes there exactly, or as its plant does. It has no thread: whenever it is asked
-    or told something, the time since then passes first. What it does depends on what it
-    is told and when, never on who looks.
+    Its joints are exactly at the set-points, or where its plant moves them. It has no
+    thread: whenever it is asked or told something, the time since then passes first.
+    What it does depends on what it is told and when, never on who looks.
     """
 
     def __init__(
@@ -178,75 +178,54 @@ class SimulatedArm(Arm):
         motion: MotionConfig | None = None,
         plant: Plant | None = None,
     ) -> None:
-        """Begin with the task at once.
+        """Start with the task at once.
 
         Args:
-            task: what it does.
-            clock: it goes by; this computer's unless given.
-            motion: how fast it goes.
-            plant: its joints; they go exactly where they are to be unless given.
+            task: the task that it runs.
+            clock: the clock that it goes by; this computer's unless given.
+            motion: its limits of motion.
+            plant: its joints; kinematic ones unless given.
         """
         self.name = task.robot_name
         self.joint_names = task.joint_names
         self.clock = clock or HostClock()
-        self.routine = TaskExecutor(task, motion=motion)
-        self.plant = plant or KinematicPlant(self.routine.trajectory.q)
+        self.executor = TaskExecutor(task, motion=motion)
+        self.plant = plant or KinematicPlant(self.executor.trajectory.q)
         self.lock = RLock()
         self.time = self.clock.now()
-        self.past = JointHistory(self.time, self.plant.q, HISTORY_SIZE)
+        self.history = JointHistory(self.time, self.plant.q, HISTORY_SIZE)
 
     def catch_up(self, stamp: int | None = None) -> None:
-        """Let the time until a stamp pass, until now where None."""
+        """Advance to a stamp [ns since the epoch]; to the present where None."""
         stamp = self.clock.now() if stamp is None else stamp
         period = self.plant.period or max(stamp - self.time, 1)
         while self.time + period <= stamp:
-            self.plant.advance(self.routine, period / NS_PER_S)
+            self.plant.advance(self.executor, period / NS_PER_S)
             self.time += period
-            self.past.add(self.time, self.plant.q)
+            self.history.add(self.time, self.plant.q)
 
     def q_at(self, stamp: int) -> Float[np.ndarray, "joint"]:
-        """Joint positions at a time [rad]; between those it was asked for, a line."""
+        """Return the joint positions at a time [rad], interpolated between updates."""
         with self.lock:
             self.catch_up(stamp)
-            return self.past.at(stamp)
+            return self.history.at(stamp)
 
     def state(self) -> ArmState:
-        """What it does now."""
-        with self.lock:
-            self.catch_up()
-            state = self.routine.state(self.time, self.plant.stopped)
+        """Return the present state."""
+        with self.present_executor() as executor:
+            state = executor.state(self.time, self.plant.stopped)
             moving = state.moving or self.plant.moving
             return replace(state, q=self.plant.q, moving=moving)
 
-    def push(self, wrenches: Sequence[Wrench]) -> None:
-        """Be pushed so, and not otherwise, until told anew."""
-        with self.lock:
-            self.catch_up()
-            self.plant.push(wrenches)
+    def apply_wrenches(self, wrenches: Sequence[Wrench]) -> None:
+        """Apply these wrenches, and no others, until the next call."""
+        with self.present_executor():
+            self.plant.apply_wrenches(wrenches)
 
     def unlock(self) -> None:
         """End a protective stop, as a person does at the robot; it stays held."""
-        with self.lock:
-            self.catch_up()
+        with self.present_executor():
             self.plant.unlock()
-
-    def pause(self) -> None:
-        """Stop, because a person wants it."""
-        with self.lock:
-            self.catch_up()
-            self.routine.pause()
-
-    def resume(self) -> None:
-        """End a pause: speed up from where it stands."""
-        with self.lock:
-            self.catch_up()
-            self.routine.resume()
-
-    def hold(self, why: str) -> None:
-        """Stop, though nobody asked for it; the first reason is kept."""
-        with self.lock:
-            self.catch_up()
-            self.routine.hold(why)
 
     def release(self) -> None:
         """End a hold.
@@ -254,50 +233,13 @@ class SimulatedArm(Arm):
         Raises:
             ArmError: it is in protective stop.
         """
-        with self.lock:
-            self.catch_up()
+        with self.present_executor() as executor:
             if self.plant.stopped:
                 raise ArmError(
-                    f"the arm stays held: {PROTECTIVE_STOP}; allowed is to go on once that is "
-                    "over; unlock the arm, then release it again"
+                    f"the arm stays held: {PROTECTIVE_STOP}; allowed is to go on once "
+                    "that is over; unlock the arm, then release it again"
                 )
-            self.routine.release()
-
-    def next_waypoint(self) -> None:
-        """Go to the next waypoint from where it is."""
-        with self.lock:
-            self.catch_up()
-            self.routine.next_waypoint()
-
-    def previous_waypoint(self) -> None:
-        """Go back to the waypoint before, then on as the task says."""
-        with self.lock:
-            self.catch_up()
-            self.routine.previous_waypoint()
-
-    def jog(self, step_world: Float[np.ndarray, "3"]) -> None:
-        """Move the tool a step [m] while paused, turned as it is, and stay paused."""
-        with self.lock:
-            self.catch_up()
-            self.routine.jog(step_world)
-
-    def open_gripper(self) -> None:
-        """Open the gripper; the arm stands meanwhile."""
-        with self.lock:
-            self.catch_up()
-            self.routine.grip("open")
-
-    def close_gripper(self) -> None:
-        """Close the gripper; the arm stands meanwhile."""
-        with self.lock:
-            self.catch_up()
-            self.routine.grip("closed")
-
-    def set_speed(self, share: float) -> None:
-        """Go at a share of full speed from now on."""
-        with self.lock:
-            self.catch_up()
-            self.routine.set_speed(share)
+            executor.release()
 
     def close(self) -> None:
         """Stop for good."""

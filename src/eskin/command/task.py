@@ -1,25 +1,36 @@
-"""Tasks of waypoints, and the executor that runs one without clock or thread."""
+"""This module defines tasks of waypoints, and the arms that execute them."""
 
+from abc import abstractmethod
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
+from threading import RLock
 from typing import Literal, final
 
 import numpy as np
 from jaxtyping import Float
 
-from eskin.command.arm import ArmState, Grip
+from eskin.command.arm import Arm, ArmState, Grip
 from eskin.command.trajectory import MotionConfig, Trajectory
 from eskin.errors import JogError
 from eskin.robot import Reach, load_robot
 
 Purpose = Literal["take", "bring"]
 
+GRIP_SECONDS = 0.6
+"""Time in which a gripper opens or closes [s]."""
+MAX_STEP = 0.008
+"""Longest time by which a task advances at once [s]."""
+JOG_SPEED = 0.3
+"""Largest share of full speed of a jog."""
+
 
 @dataclass(frozen=True)
 class Waypoint:
-    """Where the arm stops on its way."""
+    """A waypoint is a place at which the arm stops on its way."""
 
     name: str
-    """Tells it from the others."""
+    """Name, unlike that of every other waypoint of the task."""
 
     q: tuple[float, ...]
     """Joint positions [rad]."""
@@ -30,23 +41,23 @@ class Waypoint:
 
 @dataclass(frozen=True)
 class Task:
-    """Waypoints that an arm goes through again and again.
+    """A task is a cycle of waypoints that an arm goes through again and again.
 
     Raises:
         ValueError: there is no waypoint, two have one name, or positions do not fit.
     """
 
     name: str
-    """What is done."""
+    """Name of the task."""
 
     robot_name: str
-    """Preset or URDF that it is for."""
+    """Preset or URDF of the robot that it is made for."""
 
     joint_names: tuple[str, ...]
-    """In the order of `Waypoint.q`."""
+    """Names of the joints, in the order of `Waypoint.q`."""
 
     waypoints: tuple[Waypoint, ...]
-    """In the order in which they are gone to; the arm begins at the first."""
+    """Waypoints in the order in which they are visited; the arm starts at the first."""
 
     part: str = "part"
     """What is carried."""
@@ -54,11 +65,11 @@ class Task:
     tool: str = "tool0"
     """Link that a jog moves."""
 
-    lowest: float = 0.1
+    min_height: float = 0.1
     """Least height of that link over the robot's base to which a jog goes [m]."""
 
     def __post_init__(self) -> None:
-        """Refuse what cannot be gone through."""
+        """Refuse waypoints that do not make a cycle of this robot."""
         names = [waypoint.name for waypoint in self.waypoints]
         if len(names) < 2 or len(set(names)) < len(names):
             raise ValueError(
@@ -71,10 +82,6 @@ class Task:
                     f"waypoint '{waypoint.name}' has {len(waypoint.q)} positions; "
                     f"allowed are {len(self.joint_names)}, one a joint; correct it"
                 )
-
-    def after(self, place: int, steps: int = 1) -> int:
-        """The place of the waypoint some steps on, in a circle."""
-        return (place + steps) % len(self.waypoints)
 
 
 UR5_JOINTS = (
@@ -101,32 +108,26 @@ FRAME_TASK = Task(
     ),
     part="frame part",
 )
-"""A rack to the right of the arm, a frame and its worker in front and to the left; the
-tool points down all the way [rad]."""
-
-GRIP_SECONDS = 0.6
-"""How long a gripper takes to open or close [s]."""
-MAX_STEP = 0.008
-"""Longest time let pass at once [s]."""
-JOG_SPEED = 0.3
-"""Largest share of full speed at which it jogs."""
+"""Task with a rack to the right of the arm, and a frame and its worker in front and to
+the left; the tool points down all the way [rad]."""
 
 
 @final
 class TaskExecutor:
-    """Runs a task on a trajectory; says where the arm is to be after any time.
+    """A task executor runs a task on a trajectory; it has neither clock nor thread.
 
     Attributes:
-        task: what is done.
-        trajectory: the motion.
-        place: of the waypoint that it goes to.
+        task: the task that it runs.
+        trajectory: the motion of the joints.
+        index: index of the waypoint that it goes to.
         paused: whether a person asked it to pause.
-        pause_count: how often one has.
+        pause_count: how often it was asked to pause.
         hold_reason: why it was stopped without being asked; None where it was not.
         speed: share of full speed.
-        gripper: what it is, or was before it began to move.
-        carrying: whether there is a part in it.
-        delivered: parts that were brought.
+        gripper: state of the gripper; while it moves, the state before.
+        gripping: state that the gripper moves to; None where it does not move.
+        carrying: whether a part is in the gripper.
+        delivered: number of delivered parts.
         jogging: whether it makes a step while it is paused.
     """
 
@@ -136,11 +137,11 @@ class TaskExecutor:
         q: Float[np.ndarray, "joint"] | None = None,
         motion: MotionConfig | None = None,
     ) -> None:
-        """Stand at `q` [rad], or where the task begins; go there first."""
-        begin = np.array(task.waypoints[0].q, np.float64)
+        """Stand at `q` [rad], or at the first waypoint; go to that waypoint first."""
+        start = np.array(task.waypoints[0].q, np.float64)
         self.task = task
-        self.trajectory = Trajectory(begin if q is None else q, motion)
-        self.place = 0
+        self.trajectory = Trajectory(start if q is None else q, motion)
+        self.index = 0
         self.paused, self.pause_count = False, 0
         self.hold_reason: str | None = None
         self.speed = 1.0
@@ -150,16 +151,21 @@ class TaskExecutor:
         self.carrying = False
         self.delivered = 0
         self.jogging = False
-        self.reach = Reach(load_robot(task.robot_name), task.tool)
-        self.trajectory.go_to(begin)
+        self.ik = Reach(load_robot(task.robot_name), task.tool)
+        self.trajectory.go_to(start)
 
     @property
     def waypoint(self) -> Waypoint:
-        """Where it goes."""
-        return self.task.waypoints[self.place]
+        """The waypoint that it goes to."""
+        return self.task.waypoints[self.index]
+
+    @property
+    def stopped(self) -> bool:
+        """Whether it is paused or held."""
+        return self.paused or self.hold_reason is not None
 
     def pause(self) -> None:
-        """Stop, because a person wants it."""
+        """Stop, because a person asked for it."""
         self.paused, self.pause_count = True, self.pause_count + 1
         self.end_jog()
 
@@ -168,69 +174,62 @@ class TaskExecutor:
         self.paused = False
         self.end_jog()
 
-    def hold(self, why: str) -> None:
+    def hold(self, reason: str) -> None:
         """Stop, though nobody asked for it; the first reason is kept."""
-        self.hold_reason = self.hold_reason or why
+        self.hold_reason = self.hold_reason or reason
         self.end_jog()
 
     def release(self) -> None:
         """End a hold."""
         self.hold_reason = None
 
-    def next_waypoint(self) -> None:
-        """Go to the next waypoint from where it is."""
-        self.go(1)
-
-    def previous_waypoint(self) -> None:
-        """Go back to the waypoint before."""
-        self.go(-1)
-
-    def go(self, steps: int) -> None:
-        """Go to the waypoint some steps on."""
-        self.place = self.task.after(self.place, steps)
+    def skip(self, count: int) -> None:
+        """Go to the waypoint that comes a number after this one, or before."""
+        self.index = (self.index + count) % len(self.task.waypoints)
         self.jogging = False
         self.trajectory.go_to(np.array(self.waypoint.q, np.float64))
 
     def jog(self, step_world: Float[np.ndarray, "3"]) -> None:
-        """Make a step with the tool while paused [m], and stay paused.
+        """Move the tool by a step [m] while paused, and stay paused.
 
         Raises:
             JogError: it is not paused, or held, or moves, or does not reach so far.
         """
-        why = self.find_jog_refusal()
-        if why is not None:
+        refusal = self.find_jog_refusal()
+        if refusal is not None:
             raise JogError(
-                f"no jog: {why}; allowed is one on an arm that is paused and stands; "
-                "pause it, or wait"
+                f"no jog: {refusal}; allowed is one on an arm that is paused and "
+                "stands; pause it, or wait"
             )
-        q = self.reach.stepped(self.trajectory.q, step_world)
-        if q is None or self.reach.poses(q[None])[0, 2, 3] < self.task.lowest:
+        q = self.ik.stepped(self.trajectory.q, step_world)
+        if q is None or self.ik.poses(q[None])[0, 2, 3] < self.task.min_height:
             raise JogError(
                 f"no jog: {np.round(step_world, 3).tolist()} m further is out of reach "
-                f"or below {self.task.lowest:g} m; allowed is where the arm gets to "
-                "without a large turn; jog another way"
+                f"or below {self.task.min_height:g} m; allowed is where the arm gets "
+                "to without a large turn; jog another way"
             )
         self.trajectory.go_to(q)
         self.jogging = True
 
     def find_jog_refusal(self) -> str | None:
-        """Why it must not jog now; None where it may."""
+        """Return why it must not jog now, or None where it may."""
         if self.hold_reason is not None:
             return f"the arm is held: {self.hold_reason}"
         if not self.paused:
             return "the arm is not paused"
-        if not self.trajectory.stands or self.jogging or self.gripping is not None:
+        still = self.trajectory.still and not self.jogging
+        if not still or self.gripping is not None:
             return "the arm or its gripper moves"
         return None
 
     def end_jog(self) -> None:
-        """Go on with the task from where it is, once it may."""
+        """End a jog, if there is one; the task goes on from where the arm is."""
         if self.jogging:
             self.jogging = False
             self.trajectory.go_to(np.array(self.waypoint.q, np.float64))
 
-    def grip(self, grip: Grip) -> None:
-        """Open or close the gripper."""
+    def move_gripper(self, grip: Grip) -> None:
+        """Start to open or close the gripper."""
         if self.gripping != grip and (self.gripping or self.gripper) != grip:
             self.gripping, self.grip_left = grip, GRIP_SECONDS
 
@@ -247,16 +246,11 @@ class TaskExecutor:
             )
         self.speed = float(share)
 
-    @property
-    def stopped(self) -> bool:
-        """Whether it is paused or held."""
-        return self.paused or self.hold_reason is not None
-
     def advance(self, seconds: float, scaling: float = 1.0) -> None:
-        """Let time pass.
+        """Advance by a time.
 
         Args:
-            seconds: how much.
+            seconds: the time that passes [s].
             scaling: share of its speed that the robot allows, 0 to 1: the clock of the
                 trajectory runs no faster.
         """
@@ -266,49 +260,49 @@ class TaskExecutor:
             self.step(passed, scaling)
 
     def step(self, seconds: float, scaling: float) -> None:
-        """Let a short time pass."""
+        """Advance by a short time [s]."""
         if self.gripping is not None and self.hold_reason is None:
             self.grip_left -= seconds
             if self.grip_left <= 0:
-                self.gripped(self.gripping)
-        still = self.gripping is not None or (self.stopped and not self.jogging)
+                self.finish_grip(self.gripping)
+        waiting = self.gripping is not None or (self.stopped and not self.jogging)
         speed = min(self.speed, JOG_SPEED) if self.jogging else self.speed
-        share = 0.0 if still else speed * scaling
+        share = 0.0 if waiting else speed * scaling
         self.trajectory.advance(seconds, share, urgent=scaling < 1)
         if self.trajectory.arrived and self.jogging:
             self.end_jog()
-        elif self.trajectory.arrived and not still:
-            self.arrive()
+        elif self.trajectory.arrived and not waiting:
+            self.handle_arrival()
 
-    def gripped(self, grip: Grip) -> None:
-        """The gripper has opened or closed."""
-        there = self.trajectory.arrived
+    def finish_grip(self, grip: Grip) -> None:
+        """Set the gripper to open or closed, and update the part in it."""
+        arrived = self.trajectory.arrived
         if grip == "open":
-            brought = there and self.waypoint.purpose == "bring"
-            self.delivered += self.carrying and brought
+            delivering = arrived and self.waypoint.purpose == "bring"
+            self.delivered += self.carrying and delivering
             self.carrying = False
         else:
-            self.carrying = there and self.waypoint.purpose == "take"
+            self.carrying = arrived and self.waypoint.purpose == "take"
         self.gripper, self.gripping = grip, None
 
-    def arrive(self) -> None:
+    def handle_arrival(self) -> None:
         """Do what is done at this waypoint, then go on."""
         purpose, closed = self.waypoint.purpose, self.gripper == "closed"
         if purpose == "take" and not self.carrying:
-            self.grip("open" if closed else "closed")
+            self.move_gripper("open" if closed else "closed")
         elif purpose == "bring" and closed:
-            self.grip("open")
+            self.move_gripper("open")
         else:
-            self.go(1)
+            self.skip(1)
 
     def state(
         self, stamp: int, protective_stop: bool = False, connected: bool = True
     ) -> ArmState:
-        """What it does now."""
+        """Return the state at a time [ns since the epoch]."""
         return ArmState(
             stamp=stamp,
             q=self.trajectory.q,
-            moving=not self.trajectory.stands,
+            moving=not self.trajectory.still,
             paused=self.paused,
             hold_reason=self.hold_reason,
             speed=self.speed,
@@ -321,3 +315,71 @@ class TaskExecutor:
             jogging=self.jogging,
             pause_count=self.pause_count,
         )
+
+
+class TaskArm(Arm):
+    """A task arm passes its commands on to a task executor, one at a time.
+
+    Attributes:
+        executor: runs the task.
+        lock: held whenever the executor is used.
+    """
+
+    executor: TaskExecutor
+    lock: RLock
+
+    @abstractmethod
+    def catch_up(self) -> None:
+        """Advance the task to the present, where nothing else does."""
+
+    @contextmanager
+    def present_executor(self) -> Iterator[TaskExecutor]:
+        """Lock the executor, advanced to the present."""
+        with self.lock:
+            self.catch_up()
+            yield self.executor
+
+    def pause(self) -> None:
+        """Stop, because a person asked for it."""
+        with self.present_executor() as executor:
+            executor.pause()
+
+    def resume(self) -> None:
+        """End a pause: speed up from the present position."""
+        with self.present_executor() as executor:
+            executor.resume()
+
+    def hold(self, reason: str) -> None:
+        """Stop, though nobody asked for it; the first reason is kept."""
+        with self.present_executor() as executor:
+            executor.hold(reason)
+
+    def next_waypoint(self) -> None:
+        """Go to the next waypoint from the present position."""
+        with self.present_executor() as executor:
+            executor.skip(1)
+
+    def previous_waypoint(self) -> None:
+        """Go back to the waypoint before, then on as the task says."""
+        with self.present_executor() as executor:
+            executor.skip(-1)
+
+    def jog(self, step_world: Float[np.ndarray, "3"]) -> None:
+        """Move the tool by a step [m] while paused, keep its rotation, stay paused."""
+        with self.present_executor() as executor:
+            executor.jog(step_world)
+
+    def open_gripper(self) -> None:
+        """Open the gripper; the arm stands meanwhile."""
+        with self.present_executor() as executor:
+            executor.move_gripper("open")
+
+    def close_gripper(self) -> None:
+        """Close the gripper; the arm stands meanwhile."""
+        with self.present_executor() as executor:
+            executor.move_gripper("closed")
+
+    def set_speed(self, share: float) -> None:
+        """Go at a share of full speed from now on."""
+        with self.present_executor() as executor:
+            executor.set_speed(share)

@@ -29,8 +29,8 @@ from eskin.model import load_model
 from eskin.page import Order, PageOrder, TouchOrder
 from eskin.page.port import free_port
 from eskin.recording import Metadata
-from eskin.sim.live.live_skin import LiveSkin
-from eskin.sim.live.place import Place
+from eskin.sim.interactive.hand import Place
+from eskin.sim.interactive.skin import LiveSkin
 from eskin.stream import (
     Context,
     Listener,
@@ -315,7 +315,9 @@ def running(
         )
         page = ViewerConfig(port, touchable=True, skins=skins)
         viewer = Viewer(recognition, page, guarded(obedience.obey), arm)
-        source = LiveSource(skin, arm, clock, after=lambda: arm.push(skin.wrenches))
+        source = LiveSource(
+            skin, arm, clock, after=lambda: arm.apply_wrenches(skin.wrenches)
+        )
         gc.unfreeze()
         gc.collect()
         gc.freeze()

@@ -18,7 +18,7 @@ from eskin.demo.simulated_user import CommandScore, SimulatedUser, SimulatedUser
 from eskin.drivers import Clock, ManualClock
 from eskin.live import Detection, Recognizer
 from eskin.model import load_model
-from eskin.sim.live.live_skin import LiveSkin
+from eskin.sim.interactive.skin import LiveSkin
 from eskin.stream import CommandEvent, Context, Listener, Message, Recognition
 from eskin.units import NS_PER_S
 
@@ -175,7 +175,7 @@ def run_build(seconds: float, config: DemoConfig, seed: int) -> DemoResult:
     source = LiveSource(
         *(skin, arm, clock),
         before=visitor.come,
-        after=lambda: arm.push(skin.wrenches),
+        after=lambda: arm.apply_wrenches(skin.wrenches),
     )
     recognition = Recognition(Recognizer(model, skin.mounted, skin.calibration))
     policy = Policy(arm, commands, vocabulary, PolicyConfig(check_period=None))

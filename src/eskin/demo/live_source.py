@@ -4,7 +4,7 @@ from collections.abc import Callable
 from typing import final
 
 from eskin.drivers import Clock, Event, Joints, Source, SourceInfo
-from eskin.sim.live.live_skin import LiveSkin
+from eskin.sim.interactive.skin import LiveSkin
 from eskin.touch import Scan
 from eskin.units import NS_PER_S
 

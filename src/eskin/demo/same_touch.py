@@ -13,13 +13,12 @@ from eskin.demo.headless import DemoConfig
 from eskin.live import Detection, Recognizer
 from eskin.model import Model, load_model
 from eskin.page.scene import CAMERA
-from eskin.sim.clip.plan import ClipPlan
-from eskin.sim.clip.play import build_of
-from eskin.sim.files.sitting import seed_of
-from eskin.sim.pairs.pair import pair_of, world_of
-from eskin.sim.pairs.schedule import plan_alone
-from eskin.sim.robot.free import is_free, limits
-from eskin.sim.robot.world import World
+from eskin.sim.dataset.clip import build_of
+from eskin.sim.dataset.pairs import pair_of, world_of
+from eskin.sim.dataset.plan import ClipPlan
+from eskin.sim.dataset.session_plan import plan_alone, seed_of
+from eskin.sim.scene.environment import World
+from eskin.sim.scene.validity import is_free, limits
 from eskin.skin import PRESETS, MountedSkin
 from eskin.touch import Calibration, Scan
 from eskin.units import NS_PER_S

@@ -12,7 +12,7 @@ from eskin.command import ArmState, CommandMap, SimulatedArm
 from eskin.command.actions import resolve_action
 from eskin.live import Detection
 from eskin.recording import NONE
-from eskin.sim.live.live_skin import LiveSkin, demo_person
+from eskin.sim.interactive.skin import LiveSkin, demo_person
 from eskin.stream import CommandEvent
 from eskin.units import NS_PER_S
 

@@ -24,7 +24,7 @@ LIMITS = {
 }
 """Smallest and largest values of the settings."""
 
-FORCES = [HISTORY.index(name) for name in ("impulse", "peak force")]
+FORCE_COLUMNS = [HISTORY.index(name) for name in ("impulse", "peak force")]
 
 
 @dataclass(frozen=True)
@@ -97,17 +97,21 @@ def augment(
     gain = person[node_window]
     own = draw_taxel_gains(graphs, node_window, windows, rng, config)
     if patch_index is not None and config.patch > 0:
-        silence(own, graphs, node_window, patch_index, rng.random(windows), config, rng)
+        silence_patches(
+            own, graphs, node_window, patch_index, rng.random(windows), config, rng
+        )
     gain = (gain * own[node_window, graphs.taxels]).astype(np.float32)
     offset = (config.offset * rng.random(windows))[node_window].astype(np.float32)
     shear_gain = np.exp(config.shear_gain * rng.standard_normal(windows))[node_window]
     turn = (gain * shear_gain)[:, None].astype(np.float32)
     now, before = (
-        gain if config.noise == 0 else gain * noise(len(gain), config.noise, rng)
+        gain
+        if config.noise == 0
+        else gain * draw_noise_factors(len(gain), config.noise, rng)
         for _ in range(2)
     )
     history = graphs.history.copy()
-    history[:, FORCES] *= person[window, None].astype(np.float32)
+    history[:, FORCE_COLUMNS] *= person[window, None].astype(np.float32)
     return replace(
         graphs,
         history=history,
@@ -132,7 +136,7 @@ def draw_taxel_gains(
     return own * (rng.random((windows, taxels)) >= share)
 
 
-def silence(
+def silence_patches(
     own: Float[np.ndarray, "window taxel"],
     graphs: GraphBatch,
     node_window: Int[np.ndarray, "node"],
@@ -150,7 +154,7 @@ def silence(
             own[window, patch_index[: own.shape[1]] == rng.choice(patches)] = 0.0
 
 
-def noise(
+def draw_noise_factors(
     count: int, spread: float, rng: np.random.Generator
 ) -> Float[np.ndarray, "node"]:
     """Factors about one."""

@@ -17,9 +17,9 @@ from eskin.learn.windows import (
     build_network_input,
     build_places,
     cut,
-    lose,
-    stretch,
-    thin,
+    drop_readings,
+    stretch_time,
+    subsample_readings,
 )
 from eskin.model import SLOT_NS
 from eskin.nn import NetworkInput, Places, summary
@@ -156,16 +156,20 @@ class BatchBuilder:
             rng: draws everything.
         """
         config, (ends, firsts, labels) = self.config, self.sampler.draw(count, rng)
-        windows = cut(self.dataset, ends, firsts, self.slots)
+        windows = cut_windows(self.dataset, ends, firsts, self.slots)
         if config.lost > 0 or config.halved > 0:
-            windows = windows.at(lose(windows, config.lost, config.halved, rng))
+            windows = windows.at(
+                drop_readings(windows, config.lost, config.halved, rng)
+            )
         graphs = self.dataset.graphs.select(windows.rows)
         if config.stretch > 0:
-            windows, graphs = stretch(windows, graphs, config.stretch, self.slots, rng)
+            windows, graphs = stretch_time(
+                windows, graphs, config.stretch, self.slots, rng
+            )
         if config != NO_AUGMENTATION:
             graphs = augment(graphs, windows.window, rng, config, self.patch_index)
         places = replace(windows, rows=np.arange(len(windows.rows)))
-        some = thin(places.first(encoded), readings, rng)
+        some = subsample_readings(places.first(encoded), readings, rng)
         return Batch(
             summary=torch.as_tensor(summary(graphs, self.shear)),
             places=build_places(windows),

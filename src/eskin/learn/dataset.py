@@ -39,7 +39,7 @@ from eskin.touch import PipelineConfig
 T = TypeVar("T")
 
 
-def shown(items: Iterable[T], what: str, total: int) -> Iterator[T]:
+def track_progress(items: Iterable[T], what: str, total: int) -> Iterator[T]:
     """The same items; until the last, a bar stands on the terminal if there is one.
 
     Args:
@@ -155,14 +155,16 @@ def prepare(
             for v in versions
             for r in recordings
         )
-        parts = list(shown(made, "Reading", total))
+        parts = list(track_progress(made, "Reading", total))
     else:
         make = delayed(pack_recording)
         jobs = (
             make(path, pack, pipeline, graph, v) for v in versions for path in paths
         )
         files: Any = Parallel(n_jobs=workers, return_as="generator")(jobs)
-        parts = [load_prepared(file) for file in shown(files, "Packing", total)]
+        parts = [
+            load_prepared(file) for file in track_progress(files, "Packing", total)
+        ]
     if not any(len(part.stamps) for part in parts):
         raise RecordingError(
             f"no touch in {len(paths)} recordings; allowed are recordings of touches; "
@@ -221,7 +223,7 @@ def concatenate_recordings(
     )
 
 
-def digest(paths: Sequence[Path]) -> str:
+def hash_recordings(paths: Sequence[Path]) -> str:
     """SHA-256 over the recordings' bytes, whatever their order."""
     parts = sorted(hashlib.sha256(path.read_bytes()).hexdigest() for path in paths)
     return hashlib.sha256("".join(parts).encode()).hexdigest()

@@ -9,12 +9,12 @@ from jaxtyping import Float, Int
 from eskin.errors import RecordingError, SkinMismatchError
 from eskin.learn.dataset import Dataset
 from eskin.learn.metrics import (
+    ClassificationScore,
     Reliability,
-    Score,
-    accuracy_interval,
+    bootstrap_accuracy,
     compute_group_accuracies,
-    reliability,
-    score,
+    compute_reliability,
+    score_predictions,
 )
 from eskin.learn.scoring import predict_clips, score_instants, score_segments
 from eskin.model import ModelCard
@@ -26,7 +26,7 @@ from eskin.recording import NONE
 class Evaluation:
     """What a recogniser is worth on some recordings."""
 
-    segments: Score
+    segments: ClassificationScore
     """On whole gestures: the clips of a generated set, else what labels speak of. Of
     what was not detected the answer is `none`; where no label says `none`, that is no
     answer."""
@@ -34,7 +34,7 @@ class Evaluation:
     interval: tuple[float, float]
     """95 % bootstrap interval of that accuracy; whole people are drawn."""
 
-    instants: Score | None
+    instants: ClassificationScore | None
     """At every instant, `none` among the classes; None for clips, which end too soon to
     tell (streams do)."""
 
@@ -50,7 +50,7 @@ class Evaluation:
         return self.reliability.error
 
 
-class Answered(NamedTuple):
+class Predictions(NamedTuple):
     """Answers to examples of a data set."""
 
     truth: Int[np.ndarray, "example"]
@@ -62,7 +62,7 @@ class Answered(NamedTuple):
 def evaluate(
     network: RecogniserNetwork, card: ModelCard, dataset: Dataset
 ) -> Evaluation:
-    """Score a network on prepared recordings.
+    """ClassificationScore a network on prepared recordings.
 
     Raises:
         RecordingError: if the recordings have no labels.
@@ -75,32 +75,36 @@ def evaluate(
     people = [person(dataset, recording) for recording in found.recording.tolist()]
     right = found.answer == found.truth
     return Evaluation(
-        segments=score(found.truth, found.answer, vocabulary),
-        interval=accuracy_interval(right, cluster=people),
+        segments=score_predictions(found.truth, found.answer, vocabulary),
+        interval=bootstrap_accuracy(right, cluster=people),
         instants=None if any(dataset.clips) else at_instants(network, card, dataset),
         per_subject=compute_group_accuracies(right, people),
-        reliability=reliability(found.confidence, right),
+        reliability=compute_reliability(found.confidence, right),
     )
 
 
-def at_instants(network: RecogniserNetwork, card: ModelCard, dataset: Dataset) -> Score:
+def at_instants(
+    network: RecogniserNetwork, card: ModelCard, dataset: Dataset
+) -> ClassificationScore:
     """Answers at every row."""
     rows = np.arange(len(dataset.stamps))
     scores = score_instants(network, dataset, rows, card.temperature)
     now = np.array([card.vocabulary.index(gesture) for gesture in dataset.gestures])
-    return score(now, scores.argmax(axis=1), card.vocabulary)
+    return score_predictions(now, scores.argmax(axis=1), card.vocabulary)
 
 
-def of_clips(network: RecogniserNetwork, card: ModelCard, dataset: Dataset) -> Answered:
+def of_clips(
+    network: RecogniserNetwork, card: ModelCard, dataset: Dataset
+) -> Predictions:
     """Answers to the clips of generated sets."""
     answers = predict_clips(network, dataset, card.vocabulary, card.temperature)
     confidence = np.exp(answers.log_probabilities.max(axis=1))
-    return Answered(answers.truth, answers.answer, confidence, answers.recording)
+    return Predictions(answers.truth, answers.answer, confidence, answers.recording)
 
 
 def of_labels(
     network: RecogniserNetwork, card: ModelCard, dataset: Dataset
-) -> Answered:
+) -> Predictions:
     """Answers to what labels speak of; sure of `none` where nothing was detected."""
     vocabulary = list(card.vocabulary)
     segments = dataset.labelled
@@ -109,7 +113,7 @@ def of_labels(
     if not any(segment.gesture == NONE for segment in segments):
         scores[:, vocabulary.index(NONE)] = -np.inf
     nothing = np.full(len(dataset.missed), vocabulary.index(NONE))
-    return Answered(
+    return Predictions(
         truth=np.array([vocabulary.index(example.gesture) for example in made]),
         answer=np.concatenate([scores.argmax(axis=1), nothing]),
         confidence=np.append(confidence(scores), np.ones(len(nothing))),

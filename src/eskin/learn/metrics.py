@@ -14,7 +14,7 @@ Z = 1.959964
 
 
 @dataclass(frozen=True)
-class Score:
+class ClassificationScore:
     """How well a list of predictions fits the truth."""
 
     accuracy: float
@@ -30,12 +30,12 @@ class Score:
     """Counts."""
 
 
-def score(
+def score_predictions(
     truth: Int[np.ndarray, "example"],
     predicted: Int[np.ndarray, "example"],
     vocabulary: Sequence[str],
-) -> Score:
-    """Score predictions against the truth."""
+) -> ClassificationScore:
+    """ClassificationScore predictions against the truth."""
     size = len(vocabulary)
     confusion = np.zeros((size, size), dtype=np.int64)
     np.add.at(confusion, (truth, predicted), 1)
@@ -48,7 +48,7 @@ def score(
         name: {key: round(float(v[i]), 4) for key, v in columns.items()}
         for i, name in enumerate(vocabulary)
     }
-    return Score(
+    return ClassificationScore(
         accuracy=float(hits.sum() / max(len(truth), 1)),
         macro_f1=float(f1[support > 0].mean()) if len(truth) else 0.0,
         per_class=per_class,
@@ -84,7 +84,7 @@ class Reliability:
         return float(gaps.sum() / max(self.count.sum(), 1))
 
 
-def reliability(
+def compute_reliability(
     confidence: Float[np.ndarray, "example"], right: Bool[np.ndarray, "example"]
 ) -> Reliability:
     """How often answers are right, by how sure they were."""
@@ -118,7 +118,7 @@ def bootstrap_difference(
     return bootstrap_mean(difference, members, seed)
 
 
-def accuracy_interval(
+def bootstrap_accuracy(
     right: Bool[np.ndarray, "example"], cluster: Sequence[str], seed: int = 0
 ) -> tuple[float, float]:
     """95 % bootstrap interval of an accuracy, for other people than these.

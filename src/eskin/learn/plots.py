@@ -31,7 +31,7 @@ def draw_confusion(
     axes.set_xticks(ticks, vocabulary, rotation=60, ha="right")
     axes.set_yticks(ticks, vocabulary)
     axes.set(xlabel="recognised", ylabel="made", title=title)
-    write(figure, path)
+    save_figure(figure, path)
 
 
 def draw_reliability(found: Reliability, path: Path, title: str) -> None:
@@ -67,10 +67,10 @@ def draw_reliability(found: Reliability, path: Path, title: str) -> None:
             lower.annotate(str(count), place, ha="center", va="bottom", fontsize=6)
     lower.set(xlabel="confidence", ylabel="answers")
     lower.margins(y=0.25)
-    write(figure, path)
+    save_figure(figure, path)
 
 
-def write(figure: Figure, path: Path) -> None:
+def save_figure(figure: Figure, path: Path) -> None:
     """Write a picture whole or not at all."""
     with atomic_path(path) as part:
         figure.savefig(part)

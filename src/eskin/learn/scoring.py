@@ -12,7 +12,7 @@ from torch.nn.functional import log_softmax
 from eskin.graph.features import N_PER_KPA_CM2, total
 from eskin.learn.dataset import Dataset
 from eskin.learn.ground_truth import Clip, Segment, find_runs
-from eskin.learn.windows import cut
+from eskin.learn.windows import cut_windows
 from eskin.nn import Places, RecogniserNetwork, graph_tensors
 from eskin.recording import NONE
 
@@ -37,7 +37,7 @@ def compute_log_probabilities(
 
     Each reading is embedded once, however many windows see it, as live.
     """
-    windows = cut(dataset, ends, firsts, network.config.slots)
+    windows = cut_windows(dataset, ends, firsts, network.config.slots)
     rows, place = np.unique(windows.rows, return_inverse=True)
     parts = []
     with torch.no_grad():

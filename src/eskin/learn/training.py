@@ -141,7 +141,7 @@ class Trainer:
         """
         self.config, self.vocabulary, self.seed = config, vocabulary, seed
         torch.manual_seed(seed)
-        self.rngs = generators(seed, config.workers)
+        self.rngs = build_generators(seed, config.workers)
         chosen = list(range(dataset.own)) if recordings is None else recordings
         self.holdout = hold_out(
             find_sessions(dataset, chosen),
@@ -152,21 +152,21 @@ class Trainer:
         self.shear = config.shear and dataset.has_shear
         self.graph = config.graph if self.shear else config.graph.without_shear()
         learned = dataset.with_copies(self.holdout.train)
-        self.maker = self.maker_of(dataset, learned, config.augment)
+        self.maker = self.build_batches(dataset, learned, config.augment)
         check_classes(self.maker.sampler, vocabulary)
         source, held = dataset, self.holdout.held
         if validation is not None:
             source = validation
             held = frozenset(range(len(validation.recordings)))
         self.held_recordings = held
-        held_maker = self.maker_of(source, held, NO_AUGMENTATION)
+        held_maker = self.build_batches(source, held, NO_AUGMENTATION)
         self.held = held_maker if held_maker.sampler.classes else None
         self.network = RecogniserNetwork(config.network, len(vocabulary), self.shear)
         if start is not None:
-            take_over(self.network, start)
+            copy_matching_weights(self.network, start)
         self.epochs = 0
 
-    def maker_of(
+    def build_batches(
         self, dataset: Dataset, recordings: frozenset[int], augment: AugmentConfig
     ) -> BatchBuilder:
         """Draws windows of some recordings."""
@@ -275,7 +275,7 @@ class Trainer:
         logits, labels = self.held_answers()
         return float((logits.argmax(dim=1) == labels).double().mean())
 
-    def temperature(self) -> float:
+    def fit_temperature(self) -> float:
         """What to divide logits by for honest probabilities (Guo et al. 2017)."""
         if self.held is None:
             return 1.0
@@ -317,7 +317,7 @@ class Trainer:
             return self.network(batch.some), batch.labels
 
 
-def take_over(network: RecogniserNetwork, model: Model) -> None:
+def copy_matching_weights(network: RecogniserNetwork, model: Model) -> None:
     """Take a model's weights wherever the network has one of that name and shape."""
     own = network.state_dict()
     fitting = {
@@ -328,7 +328,7 @@ def take_over(network: RecogniserNetwork, model: Model) -> None:
     network.load_state_dict(own | fitting)
 
 
-def generators(seed: int, workers: int) -> list[np.random.Generator]:
+def build_generators(seed: int, workers: int) -> list[np.random.Generator]:
     """One generator a worker; with one worker, that of the seed itself."""
     first = np.random.default_rng(seed)
     return [first, *(np.random.default_rng([seed, n]) for n in range(1, workers))]

@@ -12,7 +12,7 @@ from eskin.learn.dataset import Dataset
 from eskin.model import SLOT_NS
 from eskin.nn import NetworkInput, Places, graph_tensors
 
-TIMES = [HISTORY.index(name) for name in ("age", "pause", "impulse")]
+TIME_COLUMNS = [HISTORY.index(name) for name in ("age", "pause", "impulse")]
 """Columns of a history that grow with how long a person takes."""
 
 
@@ -49,7 +49,7 @@ class Windows:
         )
 
 
-def cut(
+def cut_windows(
     dataset: Dataset,
     ends: Int[np.ndarray, "window"],
     firsts: Int[np.ndarray, "window"],
@@ -80,7 +80,7 @@ def cut(
     return Windows(rows, window, slot, len(ends))
 
 
-def stretch(
+def stretch_time(
     windows: Windows,
     graphs: GraphBatch,
     spread: float,
@@ -101,7 +101,7 @@ def stretch(
     kept = np.flatnonzero(ago <= slots - 1)
     times = factor.astype(np.float32)
     history = graphs.history.copy()
-    history[:, TIMES] *= times[:, None]
+    history[:, TIME_COLUMNS] *= times[:, None]
     slower = replace(
         graphs,
         history=history,
@@ -113,7 +113,7 @@ def stretch(
     return changed, slower.select(kept)
 
 
-def lose(
+def drop_readings(
     windows: Windows, share: float, halved: float, rng: np.random.Generator
 ) -> Int[np.ndarray, "reading"]:
     """Places of the readings that came, among all; the latest of a window always did.
@@ -134,7 +134,9 @@ def lose(
     return np.flatnonzero(came | last)
 
 
-def thin(windows: Windows, most: int, rng: np.random.Generator) -> Windows:
+def subsample_readings(
+    windows: Windows, most: int, rng: np.random.Generator
+) -> Windows:
     """Windows of at most `most` readings, those left out drawn at random."""
     order = np.lexsort((rng.random(len(windows.rows)), windows.window))
     starts = np.searchsorted(windows.window, np.arange(windows.count))

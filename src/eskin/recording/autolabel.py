@@ -17,26 +17,26 @@ from eskin.recording.reader import Recording
 from eskin.touch.calibration import Calibrator
 from eskin.units import NS_PER_S
 
-BINS = 128
+HISTOGRAM_BINS = 128
 
 
 @dataclass(frozen=True)
 class AutoLabelConfig:
-    """What counts as a touch."""
+    """Parameters that decide which readings are touched."""
 
     threshold: float | None = None
-    """Largest pressure from which on the skin is touched [kPa]; None finds the value
-    that parts touched from untouched best in each recording (Otsu 1979)."""
+    """Peak pressure from which the skin counts as touched [kPa]; None finds the value
+    that separates touched from untouched best in each recording (Otsu 1979)."""
 
     min_threshold: float = 1.0
-    """No threshold found is below this [kPa]: it would part noise from noise."""
+    """Lower limit of a threshold that is found [kPa]; below it there is only noise."""
 
     min_window: float = 0.5
-    """Touches closer than this are one [s]. The default is the pause after which a
-    touch is over everywhere in eskin, so that both pats of a double-pat are one."""
+    """Longest gap inside a touch [s]. The default is the pause after which a touch is
+    over everywhere in eskin, so that both pats of a double-pat are one."""
 
     min_touch: float = 0.05
-    """Anything shorter is noise [s]. A finger needs about this long to tap."""
+    """Shortest touch [s]; anything shorter is noise, since a tap takes about as long."""
 
 
 def label_automatically(
@@ -45,13 +45,13 @@ def label_automatically(
     ranges: Iterable[Label],
     config: AutoLabelConfig | None = None,
 ) -> tuple[Label, ...]:
-    """Labels of source `auto`, each with the gesture of the range it lies in.
+    """Build labels of source `auto`, each with the gesture of the range it lies in.
 
     Args:
-        stamps: of the readings, increasing [ns since the epoch].
+        stamps: stamps of the readings, increasing [ns since the epoch].
         peaks: largest pressure of each reading [kPa].
-        ranges: where roughly something was done, and what.
-        config: what counts as a touch.
+        ranges: rough ranges of the gestures.
+        config: parameters that decide what is a touch.
     """
     config = config or AutoLabelConfig()
     ranges = sort_labels(ranges)
@@ -61,29 +61,29 @@ def label_automatically(
     threshold = config.threshold
     if threshold is None:
         among = peaks[np.any(insides, axis=0)]
-        threshold = max(config.min_threshold, best_threshold(among))
+        threshold = max(config.min_threshold, compute_otsu_threshold(among))
     found: list[Label] = []
     for marked, inside in zip(ranges, insides, strict=True):
-        spans = touched_spans(stamps, inside & (peaks >= threshold))
-        for start, end in windowed(spans, config):
+        spans = find_touched_spans(stamps, inside & (peaks >= threshold))
+        for start, end in merge_spans(spans, config):
             found.append(Label(start, end, marked.gesture, "auto"))
     return tuple(found)
 
 
-def touched_spans(
+def find_touched_spans(
     stamps: Int[np.ndarray, "reading"], touched: Bool[np.ndarray, "reading"]
 ) -> list[tuple[int, int]]:
-    """Start and end [ns] of every run of touched readings."""
+    """Return start and end [ns] of every run of touched readings."""
     ends = np.append(stamps[1:], stamps[-1] + np.median(np.diff(stamps)).astype(int))
     edges = np.diff(np.concatenate([[False], touched, [False]]).astype(np.int8))
     firsts, lasts = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1) - 1
     return [(int(stamps[i]), int(ends[j])) for i, j in zip(firsts, lasts, strict=True)]
 
 
-def windowed(
+def merge_spans(
     spans: Sequence[tuple[int, int]], config: AutoLabelConfig
 ) -> list[tuple[int, int]]:
-    """Spans with short gaps closed, then short spans dropped."""
+    """Close short gaps between spans, then drop short spans."""
     merged: list[tuple[int, int]] = []
     for start, end in spans:
         if merged and start - merged[-1][1] < config.min_window * NS_PER_S:
@@ -97,16 +97,16 @@ def windowed(
     ]
 
 
-def best_threshold(peaks: Float[np.ndarray, "instant"]) -> float:
-    """Pressure [kPa] that parts the peaks into two groups as unlike as can be.
+def compute_otsu_threshold(peaks: Float[np.ndarray, "instant"]) -> float:
+    """Return the pressure [kPa] that separates the peaks into two groups.
 
-    Otsu 1979: the variance between the groups is largest. Taken on the logarithm, since
-    touches differ by factors, not by amounts.
+    It maximises the variance between the groups (Otsu 1979). It is taken on the
+    logarithm, since touches differ by factors, not by amounts.
     """
     logs = np.log1p(np.maximum(peaks, 0.0))
     if not len(logs) or logs.max() == logs.min():
         return 0.0
-    counts, edges = np.histogram(logs, BINS)
+    counts, edges = np.histogram(logs, HISTOGRAM_BINS)
     centres = (edges[:-1] + edges[1:]) / 2
     below = np.cumsum(counts)[:-1].astype(np.float64)
     above = counts.sum() - below
@@ -118,22 +118,19 @@ def best_threshold(peaks: Float[np.ndarray, "instant"]) -> float:
     return float(np.expm1(edges[1 + best].mean()))
 
 
-SAME = 0.5
+MIN_IOU = 0.5
+"""Intersection over union from which a label found counts as the true one."""
 
 
 @dataclass
 class LabelAgreement:
-    """Adds up over recordings; `summary` gives the figures."""
+    """A score of found labels against true ones, summed over recordings."""
 
-    hits: int = 0
-    """Instants touched in both."""
-    misses: int = 0
-    """Instants touched in truth only."""
-    extras: int = 0
-    """Instants touched in what was found only."""
-    rests: int = 0
-    """Instants touched in neither."""
-    overlaps: list[float] = field(default_factory=list)
+    confusion: Int[np.ndarray, "2 2"] = field(
+        default_factory=lambda: np.zeros((2, 2), np.int64)
+    )
+    """Numbers of readings: row 1 is touched in truth, column 1 in the labels found."""
+    ious: list[float] = field(default_factory=list)
     """Intersection over union of every true event and the one matched to it."""
     onset_errors: list[float] = field(default_factory=list)
     """Onset found minus true onset of every matched event [s]."""
@@ -142,8 +139,8 @@ class LabelAgreement:
 
     @property
     def instants(self) -> int:
-        """Number of instants judged."""
-        return self.hits + self.misses + self.extras + self.rests
+        """Return the number of readings scored."""
+        return int(self.confusion.sum())
 
     def add(
         self,
@@ -152,47 +149,46 @@ class LabelAgreement:
         stamps: Int[np.ndarray, "reading"],
     ) -> None:
         """Add one recording."""
-        is_true, is_found = touched(truth, stamps), touched(found, stamps)
-        self.hits += int((is_true & is_found).sum())
-        self.misses += int((is_true & ~is_found).sum())
-        self.extras += int((~is_true & is_found).sum())
-        self.rests += int((~is_true & ~is_found).sum())
+        touched = find_touched(truth, stamps), find_touched(found, stamps)
+        np.add.at(self.confusion, tuple(side.astype(np.int64) for side in touched), 1)
         events = [label for label in truth if label.gesture != NONE]
-        matches = match(events, found)
+        matches = match_labels(events, found)
         for event, best in zip(events, matches, strict=True):
-            self.overlaps.append(0.0 if best is None else overlap(event, best))
+            self.ious.append(0.0 if best is None else compute_iou(event, best))
             if best is not None:
                 self.onset_errors.append((best.start - event.start) / NS_PER_S)
         self.found_events += len(found)
 
     def summary(self) -> dict[str, float | int | None]:
-        """Figures by name; None where there is nothing to judge.
+        """Return the scores by name; None where there is nothing to score.
 
-        Instants are judged as touched or not, since the gesture comes from the range.
+        Instants (readings) are scored as touched or not, since the gesture comes from
+        the range.
         """
-        recall = ratio(self.hits, self.hits + self.misses)
-        rest_recall = ratio(self.rests, self.rests + self.extras)
-        same = sum(value >= SAME for value in self.overlaps)
+        (rest, extra), (missed, hit) = self.confusion.tolist()
+        recall = divide_or_none(hit, hit + missed)
+        rest_recall = divide_or_none(rest, rest + extra)
+        same = sum(value >= MIN_IOU for value in self.ious)
         return {
             "instants": self.instants,
-            "accuracy": ratio(self.hits + self.rests, self.instants),
-            "balanced_accuracy": mean([recall, rest_recall]),
+            "accuracy": divide_or_none(hit + rest, self.instants),
+            "balanced_accuracy": mean_or_none([recall, rest_recall]),
             "touched_recall": recall,
             "untouched_recall": rest_recall,
-            "events": len(self.overlaps),
+            "events": len(self.ious),
             "events_found": self.found_events,
-            "event_iou": mean(self.overlaps),
-            "event_recall": ratio(same, len(self.overlaps)),
-            "event_precision": ratio(same, self.found_events),
-            "onset_error_s": median(np.abs(self.onset_errors).tolist()),
-            "onset_bias_s": median(self.onset_errors),
+            "event_iou": mean_or_none(self.ious),
+            "event_recall": divide_or_none(same, len(self.ious)),
+            "event_precision": divide_or_none(same, self.found_events),
+            "onset_error_s": median_or_none(np.abs(self.onset_errors).tolist()),
+            "onset_bias_s": median_or_none(self.onset_errors),
         }
 
 
-def touched(
+def find_touched(
     labels: Sequence[Label], stamps: Int[np.ndarray, "reading"]
 ) -> Bool[np.ndarray, "reading"]:
-    """Whether any gesture is made at each stamp."""
+    """Tell for each stamp whether any gesture is made."""
     inside = np.zeros(len(stamps), dtype=np.bool_)
     for label in labels:
         if label.gesture != NONE:
@@ -200,13 +196,13 @@ def touched(
     return inside
 
 
-def match(truth: Sequence[Label], found: Sequence[Label]) -> list[Label | None]:
-    """For each true label the one found that is its, one to one, best overlap first."""
+def match_labels(truth: Sequence[Label], found: Sequence[Label]) -> list[Label | None]:
+    """Match each true label to at most one label found, best overlap first."""
     pairs = [
-        (overlap(event, other), i, j)
+        (compute_iou(event, other), i, j)
         for i, event in enumerate(truth)
         for j, other in enumerate(found)
-        if event.gesture == other.gesture and overlap(event, other) > 0
+        if event.gesture == other.gesture and compute_iou(event, other) > 0
     ]
     matches: list[Label | None] = [None] * len(truth)
     taken: set[int] = set()
@@ -217,40 +213,38 @@ def match(truth: Sequence[Label], found: Sequence[Label]) -> list[Label | None]:
     return matches
 
 
-def overlap(one: Label, other: Label) -> float:
-    """Intersection over union in time."""
+def compute_iou(one: Label, other: Label) -> float:
+    """Return the intersection over union of two labels in time."""
     shared = min(one.end, other.end) - max(one.start, other.start)
     if shared <= 0:
         return 0.0
     return shared / (max(one.end, other.end) - min(one.start, other.start))
 
 
-def ratio(part: int, whole: int) -> float | None:
-    """A share, None of nothing."""
+def divide_or_none(part: int, whole: int) -> float | None:
+    """Return a share; None if the whole is 0."""
     return part / whole if whole else None
 
 
-def mean(values: Sequence[float | None]) -> float | None:
-    """The mean of those that are known."""
+def mean_or_none(values: Sequence[float | None]) -> float | None:
+    """Return the mean of the known values; None without any."""
     known = [value for value in values if value is not None]
     return float(np.mean(known)) if known else None
 
 
-def median(values: Sequence[float]) -> float | None:
-    """The median, None of nothing."""
+def median_or_none(values: Sequence[float]) -> float | None:
+    """Return the median; None without values."""
     return float(np.median(values)) if len(values) else None
 
 
 @dataclass(frozen=True)
 class AutoLabelResult:
-    """What automatic labelling says of one recording."""
+    """The labels found in one recording, with the readings and ranges they rest on."""
 
     stamps: Int[np.ndarray, "reading"]
-    """Of the readings [ns since the epoch]."""
-    peaks: Float[np.ndarray, "reading"]
-    """Largest pressure of each reading [kPa]."""
+    """Stamps of the readings [ns since the epoch]."""
     ranges: tuple[Label, ...]
-    """Where a gesture was roughly made."""
+    """Rough ranges of the gestures."""
     found: tuple[Label, ...]
     """Labels of source `auto`."""
 
@@ -263,13 +257,13 @@ def label_recording(
     """Label a recording automatically; nothing is written.
 
     Args:
-        recording: what to label.
-        ranges: where gestures were roughly made; None takes the recording's own labels
-            of source `range`, or else its true labels, widened and joined.
-        config: what counts as a touch.
+        recording: recording to label.
+        ranges: rough ranges of the gestures; None takes the recording's own labels of
+            source `range`, or else its true labels, widened and joined.
+        config: parameters that decide what is a touch.
 
     Raises:
-        RecordingError: when nothing says where and what.
+        RecordingError: when there are neither ranges nor true gestures.
     """
     if ranges is None:
         ranges = sort_labels(recording.labels, "range")
@@ -279,15 +273,15 @@ def label_recording(
             f"{recording.path} holds neither ranges nor true gestures; "
             "say where the gestures are with --ranges FILE"
         )
-    stamps, peaks = peak_pressures(recording)
+    stamps, peaks = compute_peak_pressures(recording)
     found = label_automatically(stamps, peaks, ranges, config)
-    return AutoLabelResult(stamps, peaks, tuple(ranges), found)
+    return AutoLabelResult(stamps, tuple(ranges), found)
 
 
-def peak_pressures(
+def compute_peak_pressures(
     recording: Recording,
 ) -> tuple[Int[np.ndarray, "reading"], Float[np.ndarray, "reading"]]:
-    """Stamps [ns] and largest valid pressure [kPa] of all readings, calibrated."""
+    """Return stamps [ns] and largest valid pressure [kPa] of all readings."""
     calibrator = Calibrator(recording.skin, recording.calibration)
     stamps: list[int] = []
     peaks: list[float] = []

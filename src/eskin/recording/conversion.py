@@ -1,7 +1,9 @@
-"""Converted recordings appear in their folder all at once, or not at all."""
+"""This module writes converted recordings into a folder, all at once or not at all."""
 
+import gzip
 import shutil
 import tempfile
+import zlib
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,37 +16,37 @@ from eskin.skin.skin import Skin
 from eskin.touch.calibration import Calibration
 from eskin.touch.reading import Scan
 
-# Nothing says what the sets' sensors were fixed to, or what pressure filled them.
+# The datasets do not say what their sensors were fixed to, or their full scale.
 ROBOT = "table"
 FULL_SCALE_KPA = 100.0
 
 
 @dataclass(frozen=True)
 class ImportedClip:
-    """One recording of a public set, read into memory."""
+    """A recording of a public dataset, read into memory."""
 
     name: str
     """Name of its file, without suffix."""
     metadata: Metadata
-    """Who and what was recorded."""
+    """Origin of the recording."""
     scans: tuple[Scan, ...]
-    """In order."""
+    """Scans in the order of time."""
     labels: tuple[Label, ...]
-    """In order."""
+    """Labels in the order of time."""
 
 
 @dataclass(frozen=True)
 class ConversionResult:
-    """What a conversion wrote."""
+    """Counts of what a conversion wrote."""
 
     recordings: int
     """Number of files."""
     taxels: int
-    """Taxels of the skin."""
+    """Number of taxels of the skin."""
     readings: int
-    """Scans in all files."""
+    """Number of scans in all files."""
     labels: int
-    """Labels in all files."""
+    """Number of labels in all files."""
 
 
 def write_clips(
@@ -53,7 +55,7 @@ def write_clips(
     skin: Skin,
     calibration: Calibration,
 ) -> ConversionResult:
-    """Write each clip to `<folder>/<name>.mcap`, after all of them could be read.
+    """Write each clip to `<folder>/<name>.mcap` once all of them could be read.
 
     Raises:
         ImportSourceError: when two clips have one name or the folder cannot be made.
@@ -85,7 +87,7 @@ def write_clips(
 
 
 def make_work_folder(folder: Path) -> Path:
-    """A new hidden folder inside `folder`, which is made if need be."""
+    """Make a new hidden folder inside `folder`, which is made if it is missing."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
         return Path(tempfile.mkdtemp(prefix=".convert-", dir=folder))
@@ -93,3 +95,32 @@ def make_work_folder(folder: Path) -> Path:
         raise ImportSourceError(
             f"cannot write into {folder}: {error.strerror}; give another folder"
         ) from error
+
+
+def find_files(source: Path, pattern: str, suffixes: tuple[str, ...]) -> list[Path]:
+    """Find the files below a folder that match a pattern and a suffix, sorted.
+
+    A single file is returned as it is.
+
+    Raises:
+        ImportSourceError: when there is no such folder.
+    """
+    if source.is_file():
+        return [source]
+    if not source.is_dir():
+        raise ImportSourceError(f"no folder {source}; give the folder of the files")
+    found = (p for p in source.rglob(pattern) if p.is_file())
+    return sorted(p for p in found if p.name.endswith(suffixes))
+
+
+def read_decompressed(path: Path) -> bytes:
+    """Read a file; decompress it if its name ends with .gz.
+
+    Raises:
+        ValueError: when it cannot be read or decompressed.
+    """
+    try:
+        data = path.read_bytes()
+        return gzip.decompress(data) if path.suffix == ".gz" else data
+    except (OSError, EOFError, zlib.error) as error:
+        raise ValueError(str(error)) from error

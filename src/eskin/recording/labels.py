@@ -139,7 +139,9 @@ def load_ranges(path: Path | str, start: int) -> tuple[Label, ...]:
         words = " ".join(str(error).split())
         raise RecordingError(f"{path} is not YAML: {words}") from error
     if not isinstance(entries, list) or not entries:
-        raise RecordingError(f"{path} holds no list; allowed are lines like - {EXAMPLE_RANGE}")
+        raise RecordingError(
+            f"{path} holds no list; allowed are lines like - {EXAMPLE_RANGE}"
+        )
     return sort_labels(
         parse_range(entry, f"{path}, range {number}", start)
         for number, entry in enumerate(entries, 1)
@@ -165,16 +167,16 @@ def parse_range(entry: object, place: str, start: int) -> Label:
 
 
 def build_rough_ranges(
-    truth: Iterable[Label], margin: float = MARGIN
+    truth: Iterable[Label], margin: float = RANGE_MARGIN_S
 ) -> tuple[Label, ...]:
-    """Ranges such as a person would mark: true labels widened and joined by gesture.
+    """Widen and join true labels into ranges such as a person would mark.
 
-    Neighbours of one gesture become one range where they meet; those of different
-    gestures share what lies between them half and half.
+    Neighbours of one gesture become one range where they meet; neighbours of different
+    gestures meet in the middle of the gap between them.
 
     Args:
-        truth: labels, of which those of source `true` count.
-        margin: how far a range reaches beyond its labels [s].
+        truth: labels, of which those of source `true` are used.
+        margin: how far a range extends beyond its labels [s].
     """
     reach = round(margin * NS_PER_S)
     ranges: list[Label] = []

@@ -46,7 +46,7 @@ from eskin.touch.reading import Scan
 
 
 def find_recordings(places: Iterable[Path | str]) -> tuple[Path, ...]:
-    """The files given, and all `.mcap` files below the folders given, sorted.
+    """Find the files given, and all `.mcap` files below the folders given, sorted.
 
     Raises:
         RecordingError: when a place does not exist or a folder holds no recording.
@@ -74,42 +74,42 @@ def find_recordings(places: Iterable[Path | str]) -> tuple[Path, ...]:
 
 @dataclass(frozen=True)
 class ScanArrays:
-    """All scans of a recording, one row a scan."""
+    """All scans of a recording as arrays; a row holds one scan."""
 
     stamps: Int[np.ndarray, "reading"]
-    """When each was taken [ns since the epoch]."""
+    """Times of the scans [ns since the epoch]."""
     counts: Int[np.ndarray, "reading taxel"]
-    """As the device gave them."""
+    """Raw counts of the device."""
     received: Bool[np.ndarray, "reading taxel"]
-    """False where no fresh data came."""
+    """False for taxels without fresh data."""
     q: Float[np.ndarray, "reading joint"]
     """Joint positions [rad]."""
     shear: Int[np.ndarray, "reading taxel 2"] | None
-    """Counts along the taxels' tangents, where every scan has them."""
+    """Counts along each taxel's two tangents; None unless every scan has them."""
 
 
 @dataclass(frozen=True)
 class Recording:
-    """A recording on disk: what never changes in it, its labels, and its scans."""
+    """A recording on disk, with everything but its scans in memory."""
 
     path: Path
-    """The file."""
+    """Path of the file."""
     robot_name: str
-    """Preset or URDF that the skin is on."""
+    """Preset or URDF that the skin is mounted on."""
     joint_names: tuple[str, ...]
-    """In the order of `Scan.q`."""
+    """Names of the joints in the order of `Scan.q`."""
     skin: Skin
-    """Whose taxels the scans count."""
+    """Skin that was recorded."""
     calibration: Calibration
-    """Of that skin."""
+    """Calibration of that skin."""
     metadata: Metadata
-    """Who and what was recorded."""
+    """Origin of the recording."""
     labels: tuple[Label, ...]
-    """Sorted by start."""
+    """Labels sorted by start."""
     detections: tuple[DetectionRecord, ...]
-    """In the order in which they were said."""
+    """Detections in the order in which they were made."""
     events: tuple[EventRecord, ...]
-    """In the order in which they were noticed."""
+    """Events in the order in which they were noticed."""
     count: int
     """Number of scans."""
     start: int
@@ -121,34 +121,34 @@ class Recording:
 
     @property
     def period(self) -> int:
-        """Mean time between scans [ns]; 0 with fewer than two."""
+        """Return the mean time between scans [ns]; 0 with fewer than two."""
         return (self.end - self.start) // (self.count - 1) if self.count > 1 else 0
 
     def scans(self) -> Iterator[Scan]:
-        """Every scan up to the last whole chunk, from disk."""
+        """Read all scans from disk, up to the last whole chunk."""
         q = np.empty(0)
         for message in McapReader(self.path):
             if not isinstance(message, TopicMessage):
                 continue
             try:
                 if message.topic == JOINT_STATES.name:
-                    q = self.joint_positions(message.data)
+                    q = self.parse_joint_positions(message.data)
                 elif message.topic == READING.name:
-                    yield self.scan(message.data, q)
+                    yield self.build_scan(message.data, q)
             except (StructError, ValueError) as error:
-                raise broken(self.path, message, error) from error
+                raise unusable_message(self.path, message, error) from error
 
     def truths(self) -> Iterator[TruthRecord]:
-        """Every touch as it really was, from disk; none where that is not known."""
+        """Read the ground truth of all touches from disk, where there is any."""
         for message in McapReader(self.path):
             if isinstance(message, TopicMessage) and message.topic == TRUTH.name:
                 try:
                     yield unpack_truth(message.data)
                 except (StructError, ValueError) as error:
-                    raise broken(self.path, message, error) from error
+                    raise unusable_message(self.path, message, error) from error
 
-    def joint_positions(self, data: bytes) -> Float[np.ndarray, "joint"]:
-        """Positions [rad] in the order of `joint_names`."""
+    def parse_joint_positions(self, data: bytes) -> Float[np.ndarray, "joint"]:
+        """Decode joint positions [rad] in the order of `joint_names`."""
         _, names, positions = unpack_joint_state(data)
         if names == self.joint_names and len(positions) == len(names):
             return positions
@@ -158,8 +158,8 @@ class Recording:
             raise RecordingError(f"no position for joint '{missing[0]}'")
         return np.array([known[name] for name in self.joint_names])
 
-    def scan(self, data: bytes, q: Float[np.ndarray, "joint"]) -> Scan:
-        """One scan from its message and the latest joint positions."""
+    def build_scan(self, data: bytes, q: Float[np.ndarray, "joint"]) -> Scan:
+        """Build a scan from its message and the latest joint positions [rad]."""
         reading = unpack_reading(data)
         if len(reading.counts) != self.skin.count:
             raise RecordingError(
@@ -170,27 +170,31 @@ class Recording:
         return Scan(reading.stamp, reading.counts, reading.received, q, reading.shear)
 
     def arrays(self) -> ScanArrays:
-        """All scans at once, in memory."""
+        """Read all scans into memory."""
         scans = list(self.scans())
         shears = [scan.shear for scan in scans if scan.shear is not None]
         taxels, joints = self.skin.count, len(self.joint_names)
         everywhere = bool(scans) and len(shears) == len(scans)
         return ScanArrays(
             np.array([scan.stamp for scan in scans], dtype=np.int64),
-            stack([scan.counts for scan in scans], (taxels,), np.int32),
-            stack([scan.received for scan in scans], (taxels,), np.bool_),
-            stack([scan.q for scan in scans], (joints,), np.float64),
-            stack(shears, (taxels, 2), np.int32) if everywhere else None,
+            stack_rows([scan.counts for scan in scans], (taxels,), np.int32),
+            stack_rows([scan.received for scan in scans], (taxels,), np.bool_),
+            stack_rows([scan.q for scan in scans], (joints,), np.float64),
+            stack_rows(shears, (taxels, 2), np.int32) if everywhere else None,
         )
 
 
-def stack(rows: list[np.ndarray], shape: tuple[int, ...], dtype: type) -> np.ndarray:
-    """Rows of one shape as one array, also where there are none."""
+def stack_rows(
+    rows: list[np.ndarray], shape: tuple[int, ...], dtype: type
+) -> np.ndarray:
+    """Stack rows of one shape into an array, even if there are none."""
     return np.array(rows, dtype=dtype).reshape(len(rows), *shape)
 
 
-def broken(path: Path, message: TopicMessage, error: Exception) -> RecordingError:
-    """The error that says which message could not be used."""
+def unusable_message(
+    path: Path, message: TopicMessage, error: Exception
+) -> RecordingError:
+    """Build the error for a message that cannot be used."""
     return RecordingError(
         f"{path}: message on {message.topic} at {message.log_time} ns cannot be used: "
         f"{' '.join(str(error).split())}; record or convert it again"
@@ -198,7 +202,7 @@ def broken(path: Path, message: TopicMessage, error: Exception) -> RecordingErro
 
 
 def read_recording(path: Path | str) -> Recording:
-    """Read all but the scans; these come from `Recording.scans`.
+    """Read everything but the scans, which `Recording.scans` reads.
 
     Raises:
         RecordingError: when there is no such file or nothing in it can be used.
@@ -207,23 +211,23 @@ def read_recording(path: Path | str) -> Recording:
     if not path.is_file():
         raise RecordingError(f"no recording at {path}; give an .mcap file")
     stream = McapReader(path)
-    found = Findings(path)
+    parser = RecordingParser(path)
     for item in stream:
-        found.take(item)
-    return found.recording(stream.truncated)
+        parser.add(item)
+    return parser.build_recording(stream.truncated)
 
 
 @lru_cache(maxsize=8)
-def shared_skin(data: bytes) -> Skin:
-    """The skin of an attachment; recordings with the same bytes share one object."""
+def parse_shared_skin(data: bytes) -> Skin:
+    """Parse the skin of an attachment; equal attachments share one object."""
     return skin_from_bytes(data)
 
 
-class Findings:
-    """What one pass over a file finds in it."""
+class RecordingParser:
+    """A parser that collects the items of one file and builds its recording."""
 
     def __init__(self, path: Path) -> None:
-        """Start with nothing."""
+        """Start without any item."""
         self.path = path
         self.facts: dict[str, str] = {}
         self.attachments: dict[str, bytes] = {}
@@ -233,20 +237,20 @@ class Findings:
         self.stamps: list[int] = []
         self.count = 0
 
-    def take(self, item: object) -> None:
-        """Note one item."""
+    def add(self, item: object) -> None:
+        """Add one item of the file."""
         if isinstance(item, MetadataItem) and item.name == RECORD_NAME:
             self.facts = item.metadata
         elif isinstance(item, Attachment):
             self.attachments[item.name] = item.data
         elif isinstance(item, TopicMessage):
             try:
-                self.take_message(item)
+                self.add_message(item)
             except (StructError, ValueError) as error:
-                raise broken(self.path, item, error) from error
+                raise unusable_message(self.path, item, error) from error
 
-    def take_message(self, message: TopicMessage) -> None:
-        """Note one message; scans are only counted."""
+    def add_message(self, message: TopicMessage) -> None:
+        """Add one message; scans are only counted."""
         if message.topic == READING.name:
             self.count += 1
             self.stamps = [*self.stamps[:1], message.log_time]
@@ -257,20 +261,20 @@ class Findings:
         elif message.topic == EVENT.name:
             self.events.append(unpack_event(message.data))
 
-    def recording(self, truncated: bool) -> Recording:
-        """The recording, when its beginning is there."""
+    def build_recording(self, truncated: bool) -> Recording:
+        """Build the recording; raise unless its header is complete."""
         if self.facts and self.facts.get("format") != FORMAT:
             raise RecordingError(
                 f"{self.path} has recording format {self.facts.get('format')!r:.40}; "
                 f"allowed is '{FORMAT}'; use the version of eskin that wrote it"
             )
-        skin = self.attachment(SKIN_NAME, truncated)
-        calibration = self.attachment(CALIBRATION_NAME, truncated)
+        skin = self.find_attachment(SKIN_NAME, truncated)
+        calibration = self.find_attachment(CALIBRATION_NAME, truncated)
         return Recording(
             path=self.path,
-            robot_name=self.robot_name(),
-            joint_names=self.joint_names(),
-            skin=self.skin(skin),
+            robot_name=self.parse_robot_name(),
+            joint_names=self.parse_joint_names(),
+            skin=self.parse_skin(skin),
             calibration=Calibration.from_bytes(calibration),
             metadata=Metadata.from_record(self.facts),
             labels=sort_labels(self.labels),
@@ -282,8 +286,8 @@ class Findings:
             truncated=truncated,
         )
 
-    def robot_name(self) -> str:
-        """What the metadata says the skin is on."""
+    def parse_robot_name(self) -> str:
+        """Return the robot's name from the metadata."""
         if "robot" not in self.facts:
             raise RecordingError(
                 f"{self.path} does not say its robot; allowed is metadata with 'robot'"
@@ -291,8 +295,8 @@ class Findings:
             )
         return self.facts["robot"]
 
-    def joint_names(self) -> tuple[str, ...]:
-        """What the metadata says of the joints; none where it says nothing."""
+    def parse_joint_names(self) -> tuple[str, ...]:
+        """Return the joints' names from the metadata; none if it has no entry."""
         text = self.facts.get("joints", "[]")
         try:
             names = json.loads(text)
@@ -305,17 +309,17 @@ class Findings:
             "copy it again from where it was recorded"
         )
 
-    def skin(self, data: bytes) -> Skin:
-        """The skin of the attachment with these bytes."""
+    def parse_skin(self, data: bytes) -> Skin:
+        """Parse the skin's attachment."""
         try:
-            return shared_skin(data)
+            return parse_shared_skin(data)
         except SkinError as error:
             raise RecordingError(
                 f"{self.path} has a skin that cannot be used: {error}"
             ) from error
 
-    def attachment(self, name: str, truncated: bool) -> bytes:
-        """An attachment, or an error that says why it is not there."""
+    def find_attachment(self, name: str, truncated: bool) -> bytes:
+        """Return an attachment, or raise an error that says why it is missing."""
         if self.facts and name in self.attachments:
             return self.attachments[name]
         missing = f"its {name}" if self.facts else "its eskin metadata"

@@ -1,13 +1,13 @@
-"""Recordings of the ShearSense set (github ubcspin/uuLab-sensor-TGL-model).
+"""This module converts the ShearSense dataset (github ubcspin/uuLab-sensor-TGL-model).
 
-Its files state neither units nor geometry, and values were scaled per participant.
-Taken here: a flat grid of 10 mm and 256 = 100 kPa for pressure and shear (nominal).
+Its files state neither units nor geometry, and values were scaled per participant. The
+conversion assumes a flat grid of 10 mm and 256 = 100 kPa for pressure and shear (both
+nominal).
 """
 
 import re
 import zipfile
 import zlib
-from collections.abc import Iterator
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -29,15 +29,15 @@ from eskin.touch.reading import Scan
 from eskin.units import NS_PER_S
 
 SIDE = 6
-RATE = 44.7
+RATE_HZ = 44.7
 FULL_SCALE = 256
 SHEAR_REST = 128
 YEAR = 2023
 UNKNOWN = "UNKNOWN"
 NO_TOUCH = "no"
 
-# What numpy raises for an archive that is cut, damaged or something else.
-BROKEN = (
+# Errors that numpy raises for an archive that is cut, damaged or something else.
+ARCHIVE_ERRORS = (
     OSError,
     EOFError,
     KeyError,
@@ -49,7 +49,7 @@ BROKEN = (
 
 
 def convert_shearsense(source: Path | str, folder: Path | str) -> ConversionResult:
-    """Convert every file of the ShearSense set in `source` to recordings in `folder`.
+    """Convert every file of the ShearSense dataset to recordings in `folder`.
 
     Raises:
         ImportSourceError: naming the file that cannot be converted.
@@ -61,12 +61,12 @@ def convert_shearsense(source: Path | str, folder: Path | str) -> ConversionResu
         shear_gain=FULL_SCALE_KPA / FULL_SCALE,
         shear_rest=SHEAR_REST,
     )
-    files = shearsense_files(Path(source))
-    return write_clips(shearsense_clips(files), folder, skin, calibration)
+    files = find_shearsense_files(Path(source))
+    return write_clips(map(read_shearsense_file, files), folder, skin, calibration)
 
 
-def shearsense_files(source: Path) -> list[Path]:
-    """Files of the set below a folder, sorted by gesture and name."""
+def find_shearsense_files(source: Path) -> list[Path]:
+    """Find the dataset's files below a folder, sorted by gesture and name."""
     if not source.is_dir():
         raise ImportSourceError(
             f"no folder {source}; give the folder that holds one folder a gesture"
@@ -80,21 +80,15 @@ def shearsense_files(source: Path) -> list[Path]:
     return files
 
 
-def shearsense_clips(files: list[Path]) -> Iterator[ImportedClip]:
-    """Read one file after the other."""
-    for path in files:
-        yield shearsense_clip(path)
-
-
-def shearsense_clip(path: Path) -> ImportedClip:
-    """One file as a clip with one label; its folder names the gesture."""
+def read_shearsense_file(path: Path) -> ImportedClip:
+    """Read one file as a clip with one label; its folder names the gesture."""
     gesture = re.sub(r"[\s-]+", "_", path.parent.name.strip().lower())
     rest = path.stem
     if rest.lower().startswith(path.parent.name.lower()):
         rest = rest[len(path.parent.name) :]
     pressure, shear_x, shear_y = load_counts(path)
-    start = int(start_time(rest).timestamp()) * NS_PER_S
-    stamps = [start + round(i * 1e9 / RATE) for i in range(len(pressure) + 1)]
+    start = int(parse_recording_time(rest).timestamp()) * NS_PER_S
+    stamps = [start + round(i * 1e9 / RATE_HZ) for i in range(len(pressure) + 1)]
     received = np.ones(SIDE * SIDE, dtype=np.bool_)
     shear = np.stack([shear_x, shear_y], axis=-1)
     scans = tuple(
@@ -102,23 +96,22 @@ def shearsense_clip(path: Path) -> ImportedClip:
         for i in range(len(pressure))
     )
     label = Label(stamps[0], stamps[-1], NONE if gesture == NO_TOUCH else gesture)
-    notes = {"source_file": f"{path.parent.name}/{path.name}", "rate": f"{RATE} Hz"}
-    metadata = Metadata(
-        "shearsense", participant(path, rest), support(rest), "shearsense", notes
-    )
+    notes = {"source_file": f"{path.parent.name}/{path.name}", "rate": f"{RATE_HZ} Hz"}
+    subject, session = parse_participant(path, rest), parse_support(rest)
+    metadata = Metadata("shearsense", subject, session, "shearsense", notes)
     name = re.sub(r"[^A-Za-z0-9]+", "_", f"{gesture}_{rest}").strip("_")
     return ImportedClip(name, metadata, scans, (label,))
 
 
 def load_counts(path: Path) -> list[Int[np.ndarray, "reading taxel"]]:
-    """Pressure, shear x and shear y of one file, as counts."""
+    """Load pressure, shear x and shear y of one file, as counts."""
     try:
         content = np.load(path, allow_pickle=False)
         if isinstance(content, np.ndarray):
             raise ValueError("it is one array alone")
         with content:
             arrays = [content[f"arr_{index}"] for index in range(3)]
-    except BROKEN as error:
+    except ARCHIVE_ERRORS as error:
         raise ImportSourceError(
             f"{path}: no whole archive with arr_0, arr_1 and arr_2 ({error}); "
             "copy it again from the set"
@@ -135,7 +128,7 @@ def load_counts(path: Path) -> list[Int[np.ndarray, "reading taxel"]]:
 
 
 def check_values(path: Path, index: int, array: np.ndarray) -> None:
-    """Raise when values are not numbers from 0 to full scale."""
+    """Raise if values are not numbers from 0 to full scale."""
     if array.dtype.kind not in "iuf":
         raise ImportSourceError(
             f"{path}: arr_{index} is of type {array.dtype}; allowed are numbers"
@@ -148,8 +141,8 @@ def check_values(path: Path, index: int, array: np.ndarray) -> None:
         )
 
 
-def participant(path: Path, rest: str) -> str:
-    """`P` and the participant's number, from a file name without its gesture."""
+def parse_participant(path: Path, rest: str) -> str:
+    """Return `P` and the participant's number from a file name without its gesture."""
     found = re.search(r"P(\d+)", rest) or re.search(
         r"(?<![a-z])p(?:articipant)?[\s_-]*(\d+)", rest, re.IGNORECASE
     )
@@ -160,16 +153,16 @@ def participant(path: Path, rest: str) -> str:
     return f"P{int(found[1])}"
 
 
-def support(rest: str) -> str:
-    """What the sensor lay on, FLAT or PILLOW, from a file name."""
+def parse_support(rest: str) -> str:
+    """Return what the sensor lay on, FLAT or PILLOW, from a file name."""
     found = re.search(r"flat|pillow", rest, re.IGNORECASE)
     return found[0].upper() if found else UNKNOWN
 
 
-def start_time(rest: str) -> datetime:
-    """When a recording started, from a file name; the year's start where unknown.
+def parse_recording_time(rest: str) -> datetime:
+    """Return when a recording started, from a file name; the year's start if unknown.
 
-    Time of day is taken as if it were UTC, and the year as 2023 where it is missing.
+    Time of day is taken as if it were UTC, and the year as 2023 if it is missing.
     """
     day = re.search(r"([A-Z][a-z]{2})(\d{1,2})(?:(?:st|nd|rd|th)(\d{4}))?", rest)
     clock = re.search(r"(?<!\d)(\d{2})_(\d{2})_(\d{2})(?!\d)", rest)

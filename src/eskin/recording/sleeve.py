@@ -1,15 +1,13 @@
-"""Recordings of the sleeve set (github mdethmers/Social-Touch-Research).
+"""This module converts the sleeve dataset (github mdethmers/Social-Touch-Research).
 
-Its files state neither rate, units, geometry nor people. Taken here: 10 Hz, a flat
-grid of 10 mm, 255 = 100 kPa (all nominal), stamps as if local time were UTC.
+Its files state neither rate, units, geometry nor people. The conversion assumes 10 Hz,
+a flat grid of 10 mm, 255 = 100 kPa (all nominal) and stamps as if local time were UTC.
 """
 
 import contextlib
-import gzip
 import json
 import re
-import zlib
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
@@ -21,6 +19,8 @@ from eskin.recording.conversion import (
     FULL_SCALE_KPA,
     ConversionResult,
     ImportedClip,
+    find_files,
+    read_decompressed,
     write_clips,
 )
 from eskin.recording.labels import NONE, build_labels
@@ -34,44 +34,35 @@ ROWS, COLUMNS = 19, 27
 STEP = 1.5
 FULL_SCALE = 170
 FLOOR_KPA = 10.0  # Worn tight, the sleeve rests at several nominal kPa.
-PERIOD = 100_000_000
+PERIOD_NS = 100_000_000
 SAME_SESSION = timedelta(minutes=10)
 SUFFIXES = (".json", ".json.gz")
 
-# The set's own spellings; its files named Unknown hold taps.
+# The dataset's own spellings; its files named Unknown hold taps.
 ALIASES = {"squeez": "squeeze", "unknown": "tap", "": NONE}
 
 
 def convert_sleeve(source: Path | str, folder: Path | str) -> ConversionResult:
-    """Convert every file of the sleeve set in `source` to recordings in `folder`.
+    """Convert every file of the sleeve dataset in `source` to recordings in `folder`.
 
     Raises:
         ImportSourceError: naming the file that cannot be converted.
     """
     skin = load_skin("sleeve")
     calibration = Calibration.uniform(skin.count, FULL_SCALE, FULL_SCALE_KPA, FLOOR_KPA)
-    times = sorted((start_time(path), path) for path in sleeve_files(Path(source)))
-    sessions = session_names([time for time, _ in times])
-    return write_clips(sleeve_clips(times, sessions), folder, skin, calibration)
-
-
-def sleeve_files(source: Path) -> list[Path]:
-    """Files of the set in a folder, or one file."""
-    if source.is_file():
-        return [source]
-    if not source.is_dir():
-        raise ImportSourceError(f"no folder {source}; give the folder of the files")
-    files = [p for p in source.rglob("*") if p.is_file() and p.name.endswith(SUFFIXES)]
+    files = find_files(Path(source), "*", SUFFIXES)
     if not files:
         raise ImportSourceError(
             f"no file in {source} ends with .json or .json.gz; give the sleeve set"
         )
-    return files
+    times, paths = zip(*sorted((find_start(path), path) for path in files), strict=True)
+    clips = map(read_sleeve_file, paths, times, name_sessions(times))
+    return write_clips(clips, folder, skin, calibration)
 
 
-def start_time(path: Path) -> datetime:
-    """When a recording started: 14 digits in its name, else in its content."""
-    for source in (lambda: path.name, lambda: timestamp(path)):
+def find_start(path: Path) -> datetime:
+    """Find when a recording started: 14 digits in its name, else in its content."""
+    for source in (lambda: path.name, lambda: read_timestamp(path)):
         for digits in re.findall(r"(?<!\d)\d{14}(?!\d)", source()):
             with contextlib.suppress(ValueError):
                 return datetime.strptime(digits, "%Y%m%d%H%M%S").replace(tzinfo=UTC)
@@ -81,17 +72,17 @@ def start_time(path: Path) -> datetime:
     )
 
 
-def timestamp(path: Path) -> str:
-    """What a file says of its own time."""
+def read_timestamp(path: Path) -> str:
+    """Read the timestamp in a file's content; empty without one."""
     content = load_json(path)
     return str(content.get("timestamp")) if isinstance(content, dict) else ""
 
 
-def session_names(times: Sequence[datetime]) -> list[str]:
-    """Name of the session of each of the sorted start times.
+def name_sessions(times: Sequence[datetime]) -> list[str]:
+    """Return the name of the session of each of the sorted start times.
 
-    A session starts with a new day or after more than ten minutes without a file and
-    is named by its first file's date and minute.
+    A session starts with a new day or after more than ten minutes without a file. Its
+    name is the date and minute of its first file.
     """
     names: list[str] = []
     for index, time in enumerate(times):
@@ -104,30 +95,22 @@ def session_names(times: Sequence[datetime]) -> list[str]:
     return names
 
 
-def sleeve_clips(
-    times: Sequence[tuple[datetime, Path]], sessions: Sequence[str]
-) -> Iterator[ImportedClip]:
-    """Read one file after the other."""
-    for (time, path), session in zip(times, sessions, strict=True):
-        yield sleeve_clip(path, time, session)
-
-
-def sleeve_clip(path: Path, time: datetime, session: str) -> ImportedClip:
-    """One file as a clip."""
+def read_sleeve_file(path: Path, time: datetime, session: str) -> ImportedClip:
+    """Read one file as a clip."""
     content = load_json(path)
     frames = content.get("frames") if isinstance(content, dict) else None
     if not isinstance(frames, list) or not frames:
         raise ImportSourceError(f"{path}: no frames; is it a file of the sleeve set?")
     start = int(time.timestamp()) * NS_PER_S
-    stamps = start + np.arange(len(frames), dtype=np.int64) * PERIOD
+    stamps = start + np.arange(len(frames), dtype=np.int64) * PERIOD_NS
     received = np.ones(ROWS * COLUMNS, dtype=np.bool_)
-    counts = [frame_counts(path, index, frame) for index, frame in enumerate(frames)]
-    gestures = [gesture_name(frame.get("label")) for frame in frames]
+    counts = [parse_frame(path, index, frame) for index, frame in enumerate(frames)]
+    gestures = [canonical_gesture(frame.get("label")) for frame in frames]
     scans = tuple(
         Scan(int(stamp), count, received, np.empty(0))
         for stamp, count in zip(stamps, counts, strict=True)
     )
-    labels = build_labels(stamps, gestures, PERIOD)
+    labels = build_labels(stamps, gestures, PERIOD_NS)
     name = path.name.removesuffix(".gz").removesuffix(".json")
     notes = {"source_file": path.name, "rate": "10 Hz, nominal"}
     metadata = Metadata("sleeve", "", session, "sleeve", notes)
@@ -135,18 +118,17 @@ def sleeve_clip(path: Path, time: datetime, session: str) -> ImportedClip:
 
 
 def load_json(path: Path) -> object:
-    """Content of a JSON file, gzipped or not."""
+    """Load a JSON file, gzipped or not."""
     try:
-        data = path.read_bytes()
-        return json.loads(gzip.decompress(data) if path.suffix == ".gz" else data)
-    except (OSError, EOFError, zlib.error, ValueError, RecursionError) as error:
+        return json.loads(read_decompressed(path))
+    except (ValueError, RecursionError) as error:
         raise ImportSourceError(
             f"{path}: not whole JSON ({error}); copy it again from the set"
         ) from error
 
 
-def frame_counts(path: Path, index: int, frame: object) -> Int[np.ndarray, "taxel"]:
-    """Counts of one frame; the set stores them in steps of 1.5."""
+def parse_frame(path: Path, index: int, frame: object) -> Int[np.ndarray, "taxel"]:
+    """Return the counts of one frame; the dataset stores them in steps of 1.5."""
     try:
         values = np.asarray(frame["data"], dtype=np.float64)  # type: ignore[index]
     except (KeyError, TypeError, ValueError) as error:
@@ -167,7 +149,7 @@ def frame_counts(path: Path, index: int, frame: object) -> Int[np.ndarray, "taxe
     return np.rint(values.reshape(-1) / STEP).astype(np.int32)
 
 
-def gesture_name(label: object) -> str:
-    """Canonical name of a label of the set."""
+def canonical_gesture(label: object) -> str:
+    """Return the canonical name of a label of the dataset."""
     name = "" if label is None else str(label).strip().lower()
     return ALIASES.get(name, name)

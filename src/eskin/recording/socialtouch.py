@@ -1,13 +1,11 @@
-"""Recordings of the SocialTouch set (github yliess86/SocialTouch).
+"""This module converts the SocialTouch dataset (github yliess86/SocialTouch).
 
-Its files state neither units nor geometry nor the year. Taken here: a flat grid of 10
-mm, 255 = 100 kPa (both nominal), stamps as if local time were UTC, and the year 2022,
-the first in which the set's own software could run.
+Its files state neither units nor geometry nor the year. The conversion assumes a flat
+grid of 10 mm, 255 = 100 kPa (both nominal), stamps as if local time were UTC, and the
+year 2022, the first in which the dataset's own software could run.
 """
 
-import gzip
 import re
-import zlib
 from collections.abc import Iterator
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -21,11 +19,13 @@ from eskin.recording.conversion import (
     FULL_SCALE_KPA,
     ConversionResult,
     ImportedClip,
+    find_files,
+    read_decompressed,
     write_clips,
 )
 from eskin.recording.labels import Label
 from eskin.recording.records import Metadata
-from eskin.skin.grids import grid_skin
+from eskin.skin.layout import grid_skin
 from eskin.touch.calibration import Calibration
 from eskin.touch.reading import Scan
 from eskin.units import NS_PER_S
@@ -34,13 +34,13 @@ ROWS, COLUMNS = 19, 24
 PITCH = 0.010  # [m]
 FULL_SCALE = 255
 YEAR = 2022
-PERIOD = 83_000_000
-GAP = 2_000_000_000
-"""From the last reading of one repetition to the first of the next [ns]: as long as
-the recogniser's window, so that none sees two."""
-TOUCHED = 26
+PERIOD_NS = 83_000_000
+GAP_NS = 2_000_000_000
+"""Time from the last reading of one repetition to the first of the next: as long as the
+recogniser's window, so that no window holds two repetitions."""
+TOUCHED_COUNTS = 26
 """Counts from which a reading is touched: a tenth of full scale, which three in four
-readings pass; taxels at rest show less."""
+readings exceed; taxels at rest show less."""
 SUFFIXES = (".csv", ".csv.gz")
 HEAD = ("participantID", "gesture", "repetition", "frameID", "time")
 WIDTH = len(HEAD) + ROWS * COLUMNS
@@ -80,22 +80,22 @@ GESTURES = (
     "caress_prolonged_twohands",
     "face_hug",
 )
-"""Names by the set's numbers, as `GesturesRated.csv` has them but for the spelling of
+"""Names by the dataset's numbers, as in `GesturesRated.csv` except for the spelling of
 caress."""
 
 
 @dataclass(frozen=True, eq=False)
 class Repetition:
-    """One recording of one gesture by one person."""
+    """A repetition is one recording of one gesture by one person."""
 
     person: int
-    """The participant's number."""
+    """Number of the participant."""
     gesture: str
-    """One of `GESTURES`."""
+    """Name of the gesture, one of `GESTURES`."""
     seconds: Float[np.ndarray, "reading"]
-    """Since its first reading [s]; about one reading every 83 ms."""
+    """Time since its first reading [s]; about one reading every 83 ms."""
     counts: Int[np.ndarray, "reading taxel"]
-    """From 0 to `FULL_SCALE`, row by row."""
+    """Counts from 0 to `FULL_SCALE`, row by row."""
 
 
 def convert_socialtouch(
@@ -104,11 +104,11 @@ def convert_socialtouch(
     pitch: float = PITCH,
     full_scale_kpa: float = FULL_SCALE_KPA,
 ) -> ConversionResult:
-    """Convert every file of the SocialTouch set in `source` to recordings in `folder`.
+    """Convert every file of the SocialTouch dataset to recordings.
 
     Args:
-        source: folder with the set's own files, or one of them.
-        folder: for the recordings, one a person and gesture.
+        source: folder with the dataset's own files, or one of them.
+        folder: folder for the recordings, one for each person and gesture.
         pitch: nominal distance of neighbouring taxels [m].
         full_scale_kpa: nominal pressure at full scale [kPa].
 
@@ -117,44 +117,28 @@ def convert_socialtouch(
     """
     skin = grid_skin(ROWS, COLUMNS, pitch, name="socialtouch")
     calibration = Calibration.uniform(skin.count, FULL_SCALE, full_scale_kpa)
-    files = socialtouch_files(Path(source))
-    return write_clips(socialtouch_clips(files), folder, skin, calibration)
-
-
-def socialtouch_files(source: Path) -> list[Path]:
-    """Files of touches in a folder, sorted by name, or one file."""
-    if source.is_file():
-        return [source]
-    if not source.is_dir():
-        raise ImportSourceError(f"no folder {source}; give the folder of the files")
-    files = sorted(p for p in source.rglob("touch_*") if p.name.endswith(SUFFIXES))
+    files = find_files(Path(source), "touch_*", SUFFIXES)
     if not files:
         raise ImportSourceError(
             f"no file in {source} is named touch_*.csv or touch_*.csv.gz; give the "
             "SocialTouch set"
         )
-    return files
+    return write_clips(map(read_socialtouch_file, files), folder, skin, calibration)
 
 
-def socialtouch_clips(files: list[Path]) -> Iterator[ImportedClip]:
-    """Read one file after the other."""
-    for path in files:
-        yield socialtouch_clip(path)
-
-
-def socialtouch_clip(path: Path) -> ImportedClip:
-    """One file as a clip: its repetitions in turn, each labelled while it is felt."""
-    start = start_time(path)
+def read_socialtouch_file(path: Path) -> ImportedClip:
+    """Read one file as a clip of all its repetitions, labelled where touched."""
+    start = parse_start(path)
     repetitions = list(read_repetitions(path))
     first = repetitions[0]
     scans: list[Scan] = []
     labels: list[Label] = []
     stamp = int(start.timestamp()) * NS_PER_S
     for repetition in repetitions:
-        found = scans_of(repetition, stamp)
-        scans += found
-        labels += labels_of(repetition, found)
-        stamp = found[-1].stamp + GAP
+        new = build_scans(repetition, stamp)
+        scans += new
+        labels += label_touched(repetition, new)
+        stamp = new[-1].stamp + GAP_NS
     subject = f"P{first.person}"
     session = f"{subject}-{start:%Y%m%d}"
     notes = {"source_file": path.name, "repetitions": str(len(repetitions))}
@@ -163,8 +147,8 @@ def socialtouch_clip(path: Path) -> ImportedClip:
     return ImportedClip(name, metadata, tuple(scans), tuple(labels))
 
 
-def start_time(path: Path) -> datetime:
-    """When a file was begun: day, month and time in its name."""
+def parse_start(path: Path) -> datetime:
+    """Return when a file was begun, from day, month and time in its name."""
     found = re.search(r"-(\d+)_(\d+)_(\d+)h_(\d+)m_(\d+)s\.csv", path.name)
     try:
         day, month, *clock = [int(n) for n in found.groups()] if found else []
@@ -176,8 +160,8 @@ def start_time(path: Path) -> datetime:
         ) from None
 
 
-def scans_of(repetition: Repetition, start: int) -> list[Scan]:
-    """The readings of a repetition, the first one at `start` [ns since the epoch]."""
+def build_scans(repetition: Repetition, start: int) -> list[Scan]:
+    """Build the scans of a repetition, the first at `start` [ns since the epoch]."""
     received = np.ones(ROWS * COLUMNS, dtype=np.bool_)
     stamps = start + np.rint(repetition.seconds * 1e9).astype(np.int64)
     return [
@@ -186,21 +170,21 @@ def scans_of(repetition: Repetition, start: int) -> list[Scan]:
     ]
 
 
-def labels_of(repetition: Repetition, scans: list[Scan]) -> list[Label]:
-    """From the first to the last touched reading; none where nothing is felt."""
-    touched = np.flatnonzero(repetition.counts.max(axis=1) >= TOUCHED)
+def label_touched(repetition: Repetition, scans: list[Scan]) -> list[Label]:
+    """Label a repetition from its first to its last touched reading, if any."""
+    touched = np.flatnonzero(repetition.counts.max(axis=1) >= TOUCHED_COUNTS)
     if not len(touched):
         return []
-    stamps = [scan.stamp for scan in scans] + [scans[-1].stamp + PERIOD]
+    stamps = [scan.stamp for scan in scans] + [scans[-1].stamp + PERIOD_NS]
     start, end = stamps[touched[0]], stamps[touched[-1] + 1]
     return [Label(start, end, repetition.gesture)]
 
 
 def read_repetitions(path: Path) -> Iterator[Repetition]:
-    """The repetitions of one file, in order.
+    """Read the repetitions of one file, in order.
 
     Raises:
-        ImportSourceError: the file is not as in the set.
+        ImportSourceError: when the file's format is not that of the dataset.
     """
     rows = load_rows(path)
     breaks = np.flatnonzero(np.diff(rows[:, 2])) + 1
@@ -211,7 +195,7 @@ def read_repetitions(path: Path) -> Iterator[Repetition]:
 
 
 def load_rows(path: Path) -> Int[np.ndarray, "reading column"]:
-    """All rows of a file, checked."""
+    """Load and check all rows of a file."""
     header, _, body = load_text(path).partition("\n")
     if header.strip() != HEADER:
         raise ImportSourceError(
@@ -233,18 +217,17 @@ def load_rows(path: Path) -> Int[np.ndarray, "reading column"]:
 
 
 def load_text(path: Path) -> str:
-    """Text of a file, gzipped or not."""
+    """Load the text of a file, gzipped or not."""
     try:
-        data = path.read_bytes()
-        return (gzip.decompress(data) if path.suffix == ".gz" else data).decode()
-    except (OSError, EOFError, zlib.error, UnicodeDecodeError) as error:
+        return read_decompressed(path).decode()
+    except ValueError as error:
         raise ImportSourceError(
             f"{path}: not whole text ({error}); copy it again from the set"
         ) from error
 
 
 def check_rows(path: Path, rows: Int[np.ndarray, "reading column"]) -> None:
-    """Raise when a file's rows are not those of one person and one gesture."""
+    """Raise if a file's rows are not those of one person and one gesture."""
     if rows.shape[1] != WIDTH:
         raise ImportSourceError(
             f"{path}: rows have {rows.shape[1]} columns; allowed are {WIDTH}; copy it "
@@ -263,13 +246,14 @@ def check_rows(path: Path, rows: Int[np.ndarray, "reading column"]) -> None:
 
 
 def check_range(
-    path: Path, name: str, values: Int[np.ndarray, "value"], most: int
+    path: Path, name: str, values: Int[np.ndarray, "value"], limit: int
 ) -> None:
-    """Raise when values are not from 0 to `most`."""
-    wrong = values[(values < 0) | (values > most)]
+    """Raise if values are not from 0 to `limit`."""
+    wrong = values[(values < 0) | (values > limit)]
     if len(wrong):
         raise ImportSourceError(
-            f"{path}: {name} is {wrong[0]}; allowed are 0 to {most}; leave the file out"
+            f"{path}: {name} is {wrong[0]}; allowed are 0 to {limit}; "
+            "leave the file out"
         )
 
 
@@ -278,7 +262,7 @@ def check_times(
     repetitions: Int[np.ndarray, "reading"],
     times: Int[np.ndarray, "reading"],
 ) -> None:
-    """Raise when time [ms] does not increase within a repetition."""
+    """Raise if time [ms] does not increase within a repetition."""
     late = np.flatnonzero((np.diff(repetitions) == 0) & (np.diff(times) <= 0))
     if len(late):
         before, after = times[late[0] : late[0] + 2]

@@ -1,14 +1,21 @@
 """Robots: their links, joints and shapes, and where every link is for a given `q`."""
 
-from eskin.robot.kinematics import Kinematics
-from eskin.robot.meshing import body_mesh, shape_mesh
+from eskin.robot.dynamics import Wrench
+from eskin.robot.kinematics import Kinematics, Reach
 from eskin.robot.presets import ROBOTS, load_robot, recorded_robot
-from eskin.robot.reach import Reach
 from eskin.robot.robot import Joint, Link, Mimic, Robot
-from eskin.robot.shapes import Body, Box, Cylinder, Shape, Sphere, TriangleMesh
+from eskin.robot.shapes import (
+    Body,
+    Box,
+    Cylinder,
+    Shape,
+    Sphere,
+    TriangleMesh,
+    body_mesh,
+    shape_mesh,
+)
 from eskin.robot.surface import surface_distance
 from eskin.robot.urdf import load_urdf
-from eskin.robot.wrench import Wrench
 
 __all__ = [
     "ROBOTS",

@@ -1,4 +1,4 @@
-"""A robot with masses and joint servos in MuJoCo (extra `sim`)."""
+"""This module simulates a robot with masses and joint servos in MuJoCo (extra `sim`)."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -10,9 +10,19 @@ from jaxtyping import Float
 from eskin.errors import RobotError
 from eskin.extras import find_mujoco
 from eskin.robot.presets import load_robot, preset_text
-from eskin.robot.wrench import Wrench
 
-__all__ = ["Dynamics", "ServoConfig"]
+
+@dataclass(frozen=True, eq=False)
+class Wrench:
+    """A force and a torque on a link, in its own frame."""
+
+    link: str
+    """Which one."""
+    force_link: Float[np.ndarray, "3"]
+    """[N]"""
+    torque_link: Float[np.ndarray, "3"]
+    """About the origin of the link [Nm]."""
+
 
 HARDEST = 0.9999
 """Of MuJoCo's constraints, by which brakes creep least (`solimp`)."""

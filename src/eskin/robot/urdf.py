@@ -1,24 +1,161 @@
-"""Reading robots from URDF files.
+"""This module reads robots from URDF files."""
 
-What a robot's shape and motion need is read: links with their collision bodies, joints
-with their limits and mimics. Everything else (visuals, inertials, transmissions,
-sensors, simulator tags) is passed over.
-"""
-
+import importlib
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Literal, cast
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
 
 import numpy as np
+from jaxtyping import Float
 
 from eskin.errors import RobotError
-from eskin.robot.elements import child, number, numbers, origin, text
-from eskin.robot.meshes import load_mesh
 from eskin.robot.robot import Joint, Link, Mimic, Robot
-from eskin.robot.shapes import Body, Box, Cylinder, Shape, Sphere
+from eskin.robot.shapes import Body, Box, Cylinder, Shape, Sphere, TriangleMesh
+from eskin.transforms import make_transform, rpy_to_matrix
 
-__all__ = ["load_urdf"]
+
+def child(element: Element, tag: str, place: str) -> Element:
+    """The first child with a tag.
+
+    Raises:
+        RobotError: There is none.
+    """
+    found = element.find(tag)
+    if found is None:
+        raise RobotError(f"{place} has no <{tag}>; add one")
+    return found
+
+
+def text(element: Element, attribute: str, place: str) -> str:
+    """An attribute that must be there.
+
+    Raises:
+        RobotError: It is missing or empty.
+    """
+    value = element.get(attribute, "").strip()
+    if not value:
+        raise RobotError(f"{place}: <{element.tag}> has no '{attribute}'; add it")
+    return value
+
+
+def numbers(
+    element: Element,
+    attribute: str,
+    place: str,
+    count: int,
+    default: Sequence[float] | None = None,
+) -> tuple[float, ...]:
+    """So many finite numbers from an attribute.
+
+    Raises:
+        RobotError: They are missing and have no default, or are not so many numbers.
+    """
+    if default is not None and element.get(attribute) is None:
+        return tuple(default)
+    given = text(element, attribute, place)
+    try:
+        values = tuple(float(word) for word in given.split())
+    except ValueError:
+        values = ()
+    if len(values) != count or not np.all(np.isfinite(values)):
+        raise RobotError(
+            f"{place}: <{element.tag}> {attribute} is '{given}'; "
+            f"wanted: {count} finite number{'s' if count > 1 else ''}"
+        )
+    return values
+
+
+def number(
+    element: Element,
+    attribute: str,
+    place: str,
+    default: float | None = None,
+    above: float = -np.inf,
+) -> float:
+    """One finite number from an attribute.
+
+    Raises:
+        RobotError: It is missing, no number, or not above what it must exceed.
+    """
+    default_values = None if default is None else (default,)
+    (value,) = numbers(element, attribute, place, 1, default_values)
+    if value <= above:
+        raise RobotError(
+            f"{place}: <{element.tag}> {attribute} is {value:g}; "
+            f"wanted: more than {above:g}"
+        )
+    return value
+
+
+def origin(element: Element, place: str) -> Float[np.ndarray, "4 4"]:
+    """The pose in an element's <origin>, or none at all [m].
+
+    Raises:
+        RobotError: Its xyz or rpy are not three numbers each.
+    """
+    found = element.find("origin")
+    if found is None:
+        return np.eye(4)
+    rpy = np.array(numbers(found, "rpy", place, 3, (0.0, 0.0, 0.0)))
+    xyz = np.array(numbers(found, "xyz", place, 3, (0.0, 0.0, 0.0)))
+    return make_transform(rpy_to_matrix(rpy), xyz)
+
+
+def load_mesh(
+    uri: str, folder: Path, scale: tuple[float, ...], place: str
+) -> TriangleMesh:
+    """Read a mesh file through trimesh, which the extra `models` brings.
+
+    Args:
+        uri: A path, `file://` or `package://` address, as in the URDF.
+        folder: The URDF's folder.
+        scale: Factors along x, y and z.
+        place: Where in the URDF the mesh is named, for messages.
+
+    Raises:
+        RobotError: trimesh is not installed, or the file is missing or no mesh.
+    """
+    path = resolve(uri, folder, place)
+    try:
+        trimesh = importlib.import_module("trimesh")
+    except ImportError:
+        raise RobotError(
+            f"{place} has mesh {uri}, which needs trimesh: "
+            "pip install 'eskin[models]', or load the URDF with meshes=False"
+        ) from None
+    try:
+        mesh = trimesh.load(path, force="mesh")
+        vertices = np.asarray(mesh.vertices, dtype=np.float64) * np.array(scale)
+        faces = np.asarray(mesh.faces, dtype=np.int64)
+    except Exception as error:  # trimesh's readers raise whatever their formats do.
+        reason = " ".join(str(error).split()) or type(error).__name__
+        raise RobotError(f"{place}: {path} is no mesh ({reason})") from None
+    if not len(faces):
+        raise RobotError(f"{place}: mesh {path} holds no triangles; give one that does")
+    # A mirroring scale turns triangles inside out.
+    return TriangleMesh(vertices, faces[:, ::-1] if np.prod(scale) < 0 else faces)
+
+
+def resolve(uri: str, folder: Path, place: str) -> Path:
+    """The file that an address in a URDF means."""
+    if uri.startswith("package://"):
+        relative = uri.removeprefix("package://")
+        # A package's folder may bear another name than the package: try without too.
+        inside = relative.partition("/")[2]
+        above = (folder, *folder.parents)
+        candidates = [base / path for path in (relative, inside) for base in above]
+    else:
+        candidates = [folder / uri.removeprefix("file://")]
+    found = next((path for path in candidates if path.is_file()), None)
+    if found is None:
+        raise RobotError(
+            f"{place}: mesh {uri} is not in {folder}"
+            f"{' or any folder above' if len(candidates) > 1 else ''}; put it there"
+        )
+    return found
+
 
 Kind = Literal["revolute", "continuous", "prismatic", "fixed"]
 KINDS = ("revolute", "continuous", "prismatic", "fixed")

@@ -1,9 +1,8 @@
 """A simulated world: people, hands, gestures, contact and sensor."""
 
-from eskin.sim.clip.truth import TrueTouch
 from eskin.sim.constants import Constants, load_constants
 from eskin.sim.contact.chart import Chart, charts_of
-from eskin.sim.contact.press import Flesh, Press, Stamps
+from eskin.sim.contact.press import Flesh, Press, Stamps, TrueTouch
 
 __all__ = [
     "Chart",

@@ -187,3 +187,7 @@ def load_constants() -> Constants:
     """The numbers as they are published with the package."""
     content = File.model_validate(yaml.safe_load(FILE.read_text()))
     return Constants(content.constants, content.sources, {})
+
+
+MM = 1e-3
+"""Metres in a millimetre."""

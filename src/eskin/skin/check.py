@@ -1,18 +1,119 @@
-"""Verifying a skin: everything that is wrong with it, patch by patch."""
+"""This module checks a skin."""
 
 from collections import Counter
 from dataclasses import dataclass
 
 import numpy as np
+from jaxtyping import Float, Int
 from scipy.spatial import KDTree
 
 from eskin.robot import Robot, surface_distance
-from eskin.skin.directions import direction_problems
-from eskin.skin.problem import Problem
 from eskin.skin.skin import Skin
-from eskin.skin.spacing import Spacing, measure_spacing
 
-__all__ = ["CheckConfig", "check_skin"]
+
+@dataclass(frozen=True)
+class Problem:
+    """One thing that is wrong with a skin, and where."""
+
+    text: str
+    """What is wrong, what was got and what is allowed."""
+
+    patch: str | None = None
+    """The patch it lies in, where one is known."""
+
+    taxel: int | None = None
+    """The taxel's id, where one is known."""
+
+    def __str__(self) -> str:
+        """One line that names the patch and taxel."""
+        where = []
+        if self.patch is not None:
+            where.append(f"patch '{' '.join(self.patch.split())}'")
+        if self.taxel is not None:
+            where.append(f"taxel {self.taxel}")
+        return f"{', '.join(where)}: {self.text}" if where else self.text
+
+
+@dataclass(frozen=True, eq=False)
+class Spacing:
+    """What the cells beside each taxel say about it."""
+
+    cell_areas: Float[np.ndarray, "taxel"]
+    """Distance to the next in the row times that in the column [m2]; else NaN."""
+
+    neighbour_normals: Float[np.ndarray, "taxel 3"]
+    """Sum of the normals of the cells beside it; zero where there are none."""
+
+
+def measure_spacing(skin: Skin) -> Spacing:
+    """Measure the room of every taxel."""
+    steps = np.full((2, skin.count), np.inf)
+    normals = np.zeros((skin.count, 3))
+    for row_step, column_step in ((0, 1), (0, -1), (1, 0), (-1, 0)):
+        beside = neighbour(skin, row_step, column_step)
+        known = np.flatnonzero(beside >= 0)
+        other = beside[known]
+        axis = abs(row_step)
+        gap = np.linalg.norm(skin.positions[known] - skin.positions[other], axis=1)
+        steps[axis, known] = np.minimum(steps[axis, known], gap)
+        normals[known] += skin.normals[other]
+    # Where only one direction is known, the cell is taken for a square.
+    first = np.where(np.isfinite(steps[0]), steps[0], steps[1])
+    second = np.where(np.isfinite(steps[1]), steps[1], steps[0])
+    areas = first * second
+    return Spacing(np.where(np.isfinite(areas) & (areas > 0), areas, np.nan), normals)
+
+
+def neighbour(skin: Skin, row_step: int, column_step: int) -> Int[np.ndarray, "taxel"]:
+    """The taxel that many rows and columns on in the same patch, or -1."""
+    if skin.count == 0:
+        return np.zeros(0, dtype=np.int64)
+    width = int(skin.columns.max()) + 3
+    height = int(skin.rows.max()) + 3
+
+    def keys(rows: np.ndarray, columns: np.ndarray) -> np.ndarray:
+        return (skin.patch_index * height + rows + 1) * width + columns + 1
+
+    own = keys(skin.rows, skin.columns)
+    order = np.argsort(own, kind="stable")
+    wanted = keys(skin.rows + row_step, skin.columns + column_step)
+    place = np.minimum(np.searchsorted(own[order], wanted), skin.count - 1)
+    found = order[place]
+    return np.where(own[found] == wanted, found, -1)
+
+
+DIRECTION_TOLERANCE = 1e-3
+
+
+@np.errstate(over="ignore", invalid="ignore")
+def direction_problems(skin: Skin) -> list[Problem]:
+    """Normals and tangents that are not unit vectors at right angles."""
+    lengths = np.linalg.norm(skin.normals, axis=1)
+    spans = np.linalg.norm(skin.tangents, axis=1)
+    leaning = np.abs(np.sum(skin.normals * skin.tangents, axis=1))
+    allowed = f"allowed 1 +- {DIRECTION_TOLERANCE:g}"
+    lean_allowed = f"allowed up to {DIRECTION_TOLERANCE:g}"
+    found: list[Problem] = []
+    for what, got, wrong, bounds in (
+        ("normal has length", lengths, off_one(lengths), allowed),
+        ("tangent has length", spans, off_one(spans), allowed),
+        (
+            "tangent is not at a right angle to the normal: their product is",
+            leaning,
+            ~(leaning <= DIRECTION_TOLERANCE) & ~off_one(lengths) & ~off_one(spans),
+            lean_allowed,
+        ),
+    ):
+        for taxel in np.flatnonzero(wrong):
+            patch = skin.patches[skin.patch_index[taxel]].id
+            text = f"{what} {got[taxel]:.6g}, {bounds}"
+            found.append(Problem(text, patch, int(taxel)))
+    return found
+
+
+def off_one(lengths: Float[np.ndarray, "taxel"]) -> np.ndarray:
+    """Where a length is not one; NaN is not one."""
+    return ~(np.abs(lengths - 1.0) <= DIRECTION_TOLERANCE)
 
 
 @dataclass(frozen=True)

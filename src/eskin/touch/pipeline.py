@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Float
 
 from eskin.errors import ReadingError
-from eskin.skin.mount import MountedSkin
+from eskin.skin.mounted_skin import MountedSkin
 from eskin.structref_kernels import pack
 from eskin.touch.adjacency import MICROMETRE, Adjacency
 from eskin.touch.calibration import (

@@ -5,7 +5,7 @@ from jaxtyping import Float
 
 from eskin.page import Setup, Solid
 from eskin.robot import Body, Cylinder, Robot, TriangleMesh, body_mesh, surface_distance
-from eskin.robot.meshing import lathe
+from eskin.robot.shapes import lathe
 from eskin.skin import MountedSkin
 from eskin.transforms import apply, invert
 

@@ -19,7 +19,12 @@ from eskin.learn.baselines.estimators import (
 )
 from eskin.learn.baselines.flat import FlatBaseline
 from eskin.learn.baselines.hand import HandBaseline
-from eskin.learn.baselines.interface import READINGS, Baseline, Clips, Stream
+from eskin.learn.baselines.interface import (
+    READINGS,
+    Baseline,
+    BaselineStream,
+    SkinWindows,
+)
 from eskin.learn.baselines.network import FitConfig, NetworkBaseline, use_one_thread
 from eskin.learn.baselines.paper import PaperBaseline, Pooling
 from eskin.skin import MountedSkin
@@ -29,12 +34,12 @@ __all__ = [
     "NETWORKS",
     "READINGS",
     "Baseline",
-    "Clips",
+    "SkinWindows",
     "FitConfig",
     "NetworkBaseline",
     "PaperBaseline",
     "Pooling",
-    "Stream",
+    "BaselineStream",
     "make_baseline",
     "use_one_thread",
 ]

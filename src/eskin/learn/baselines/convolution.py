@@ -95,7 +95,7 @@ def find_axis(
 
 
 Pressure = Float[Tensor, "clip 100 taxel"]
-Joints = Float[Tensor, "clip 100 joint"]
+JointPositions = Float[Tensor, "clip 100 joint"]
 Logits = Float[Tensor, "clip class"]
 
 
@@ -184,7 +184,7 @@ class Cnn3d(WindowNetwork):
         )
         self.out = nn.Linear(64, classes)
 
-    def forward(self, pressure: Pressure, q: Joints) -> Logits:
+    def forward(self, pressure: Pressure, q: JointPositions) -> Logits:
         """Logits of each window; the pose is not looked at."""
         return self.out(self.convolutions(self.pixels(pressure).movedim(-1, 1)))
 
@@ -208,7 +208,7 @@ class ImageCnn(WindowNetwork):
         )
         self.out = nn.Linear(64, classes)
 
-    def forward(self, pressure: Pressure, q: Joints) -> Logits:
+    def forward(self, pressure: Pressure, q: JointPositions) -> Logits:
         """Logits of each window; the pose is not looked at."""
         parts = pressure.unflatten(1, (BINS, READINGS // BINS)).mean(dim=2)
         return self.out(self.convolutions(self.pixels(parts)[..., 0]))

@@ -16,9 +16,9 @@ from eskin.learn.baselines.estimators import Estimator
 from eskin.learn.baselines.interface import (
     READINGS,
     Baseline,
-    Clips,
     Labels,
     Probabilities,
+    SkinWindows,
 )
 from eskin.skin import MountedSkin
 
@@ -28,8 +28,8 @@ KPA = 10.0
 BINS = 10
 COMPONENTS = 512
 
-Features = Literal["maxima", "bins"]
-Rows = Float[np.ndarray, "clip feature"]
+Features = Literal["compute_maxima", "bins"]
+FeatureRows = Float[np.ndarray, "clip feature"]
 
 
 @final
@@ -53,11 +53,11 @@ class FlatBaseline(Baseline):
         """
         super().__init__(mounted)
         self.make = estimator
-        self.rows = maxima if features == "maxima" else bins
+        self.rows = compute_maxima if features == "compute_maxima" else bins
         self.reduces = features == "bins"
         self.model: Estimator = None
 
-    def learn(self, clips: Clips, labels: Labels, seed: int) -> None:
+    def learn(self, clips: SkinWindows, labels: Labels, seed: int) -> None:
         """Learn from windows that have been checked."""
         rows = self.rows(clips.pressure)
         self.model = self.make(seed)
@@ -66,17 +66,17 @@ class FlatBaseline(Baseline):
             self.model = make_pipeline(parts, self.model)
         self.model.fit(rows, labels)
 
-    def answer(self, clips: Clips) -> Probabilities:
+    def answer(self, clips: SkinWindows) -> Probabilities:
         """Answer windows that have been checked."""
         return np.asarray(self.model.predict_proba(self.rows(clips.pressure)))
 
 
-def maxima(pressure: Float[np.ndarray, "clip 100 taxel"]) -> Rows:
+def compute_maxima(pressure: Float[np.ndarray, "clip 100 taxel"]) -> FeatureRows:
     """Each taxel's maximum over the window, in `KPA`."""
     return pressure.max(axis=1) / np.float32(KPA)
 
 
-def bins(pressure: Float[np.ndarray, "clip 100 taxel"]) -> Rows:
+def bins(pressure: Float[np.ndarray, "clip 100 taxel"]) -> FeatureRows:
     """Each taxel's mean in each of `BINS` parts of the window, in `KPA`."""
     clips, _, taxels = pressure.shape
     parts = pressure.reshape(clips, BINS, READINGS // BINS, taxels)

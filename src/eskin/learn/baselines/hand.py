@@ -16,10 +16,10 @@ from eskin.learn.baselines.interface import (
     STEP_NS,
     TOUCHED,
     Baseline,
-    Clips,
+    BaselineStream,
     Labels,
     Probabilities,
-    Stream,
+    SkinWindows,
 )
 from eskin.learn.dataset import Dataset
 from eskin.learn.ground_truth import Segment
@@ -28,7 +28,7 @@ from eskin.touch import Reading
 
 BANDS = (0.3, 1.0, 2.0, 3.0, 5.0)  # [Hz]
 
-Series = Float[np.ndarray, "series reading"]
+FeatureSeries = Float[np.ndarray, "series reading"]
 
 
 def compute_segment_features(
@@ -72,7 +72,7 @@ def compute_graph_features(
     return np.concatenate([whole, statistics(series)])
 
 
-def compute_pressure_series(graphs: GraphBatch) -> Series:
+def compute_pressure_series(graphs: GraphBatch) -> FeatureSeries:
     """Force, peak, area, two extents, change and speed at each reading."""
     p, a = graphs.pressure, graphs.areas
     change = np.abs(p - graphs.before) * a / graphs.seconds[graphs.graph_index]
@@ -90,7 +90,7 @@ def compute_pressure_series(graphs: GraphBatch) -> Series:
     )
 
 
-def compute_shear_series(graphs: GraphBatch) -> Series:
+def compute_shear_series(graphs: GraphBatch) -> FeatureSeries:
     """Total, peak, net and change of shear at each reading."""
     size = np.linalg.norm(graphs.shear, axis=1)
     change = np.linalg.norm(graphs.shear - graphs.shear_before, axis=1)
@@ -103,7 +103,7 @@ def compute_shear_series(graphs: GraphBatch) -> Series:
     )
 
 
-def statistics(series: Series) -> Float[np.ndarray, "feature"]:
+def statistics(series: FeatureSeries) -> Float[np.ndarray, "feature"]:
     """Mean, spread, maximum, minimum, median and mean step of each series."""
     steps = np.abs(np.diff(series, axis=1, prepend=series[:, :1]))
     return np.concatenate(
@@ -163,11 +163,11 @@ class HandBaseline(Baseline):
         self.make = estimator
         self.model: Estimator = None
 
-    def learn(self, clips: Clips, labels: Labels, seed: int) -> None:
+    def learn(self, clips: SkinWindows, labels: Labels, seed: int) -> None:
         """Learn from windows that have been checked."""
         self.model = self.make(seed).fit(self.rows(clips), labels)
 
-    def answer(self, clips: Clips) -> Probabilities:
+    def answer(self, clips: SkinWindows) -> Probabilities:
         """Answer windows that have been checked."""
         return np.asarray(self.model.predict_proba(self.rows(clips)))
 
@@ -177,11 +177,11 @@ class HandBaseline(Baseline):
         other.mounted = mounted
         return other
 
-    def streams(self) -> dict[str, Stream]:
+    def streams(self) -> dict[str, BaselineStream]:
         """One that makes each reading's graph once."""
         return {"": HandStream(self)}
 
-    def rows(self, clips: Clips) -> Float[np.ndarray, "clip feature"]:
+    def rows(self, clips: SkinWindows) -> Float[np.ndarray, "clip feature"]:
         """Features of each window."""
         return np.stack(
             [
@@ -229,7 +229,7 @@ class GraphWindow:
 
 
 @final
-class HandStream(Stream):
+class HandStream(BaselineStream):
     """Answers after each reading; only the newest graph is made."""
 
     def __init__(self, baseline: HandBaseline) -> None:

@@ -28,7 +28,7 @@ Labels = Int[np.ndarray, "clip"]
 
 
 @dataclass(frozen=True, eq=False)
-class Clips:
+class SkinWindows:
     """Windows of the whole skin, oldest reading first."""
 
     pressure: Float[np.ndarray, "clip 100 taxel"]
@@ -43,7 +43,7 @@ class Clips:
         return len(self.pressure)
 
 
-class Stream(ABC):
+class BaselineStream(ABC):
     """A fitted baseline that takes one reading at a time."""
 
     @abstractmethod
@@ -62,7 +62,7 @@ class Baseline(ABC):
         self.classes = 0
 
     @final
-    def fit(self, clips: Clips, labels: Labels, seed: int = 0) -> "Baseline":
+    def fit(self, clips: SkinWindows, labels: Labels, seed: int = 0) -> "Baseline":
         """Learn from labelled windows; the same seed gives the same result.
 
         Args:
@@ -87,7 +87,7 @@ class Baseline(ABC):
         return self
 
     @final
-    def predict_probabilities(self, clips: Clips) -> Probabilities:
+    def predict_probabilities(self, clips: SkinWindows) -> Probabilities:
         """Probabilities of the classes for each window.
 
         Raises:
@@ -106,7 +106,7 @@ class Baseline(ABC):
         """The same for a skin that lies elsewhere; itself if it looks at no places."""
         return self
 
-    def streams(self) -> dict[str, Stream]:
+    def streams(self) -> dict[str, BaselineStream]:
         """Ways to answer one reading after the other, by what sets them apart.
 
         All give what `predict_probabilities` gives, but for what a method knows of the
@@ -115,14 +115,14 @@ class Baseline(ABC):
         return {"": WindowStream(self)}
 
     @abstractmethod
-    def learn(self, clips: Clips, labels: Labels, seed: int) -> None:
+    def learn(self, clips: SkinWindows, labels: Labels, seed: int) -> None:
         """Learn from windows that have been checked."""
 
     @abstractmethod
-    def answer(self, clips: Clips) -> Probabilities:
+    def answer(self, clips: SkinWindows) -> Probabilities:
         """Answer windows that have been checked."""
 
-    def check(self, clips: Clips) -> None:
+    def check(self, clips: SkinWindows) -> None:
         """Refuse windows of another skin or robot."""
         skin, robot = self.mounted.skin, self.mounted.robot
         wanted = (READINGS, skin.count), (READINGS, len(robot.joint_names))
@@ -152,7 +152,7 @@ class RollingWindow:
 
 
 @final
-class WindowStream(Stream):
+class WindowStream(BaselineStream):
     """Answers the whole window anew at every reading."""
 
     def __init__(self, baseline: Baseline) -> None:
@@ -166,5 +166,5 @@ class WindowStream(Stream):
         self, pressure: Float[np.ndarray, "taxel"], q: Float[np.ndarray, "joint"]
     ) -> Float[np.ndarray, "class"]:
         """Probabilities of the window that ends with this reading."""
-        clip = Clips(self.pressure.push(pressure)[None], self.q.push(q)[None])
+        clip = SkinWindows(self.pressure.push(pressure)[None], self.q.push(q)[None])
         return self.baseline.predict_probabilities(clip)[0]

@@ -13,11 +13,11 @@ from torch.optim.lr_scheduler import ConstantLR, OneCycleLR
 
 from eskin.learn.baselines.interface import (
     Baseline,
-    Clips,
+    BaselineStream,
     Labels,
     Probabilities,
     RollingWindow,
-    Stream,
+    SkinWindows,
     WindowStream,
 )
 from eskin.skin import MountedSkin
@@ -93,7 +93,7 @@ class NetworkBaseline(Baseline):
     def build(self) -> WindowNetwork:
         """Make the network for `classes` classes with weights drawn from torch."""
 
-    def learn(self, clips: Clips, labels: Labels, seed: int) -> None:
+    def learn(self, clips: SkinWindows, labels: Labels, seed: int) -> None:
         """Learn from windows that have been checked."""
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(seed)
@@ -109,33 +109,33 @@ class NetworkBaseline(Baseline):
             for _ in range(config.epochs):
                 for chosen in torch.randperm(clips.count).split(config.batch):
                     rows = chosen.numpy()
-                    logits = network(*tensors(clips.pressure[rows], clips.q[rows]))
+                    logits = network(*to_tensors(clips.pressure[rows], clips.q[rows]))
                     adam.zero_grad()
                     cross_entropy(logits, truth[chosen]).backward()
                     adam.step()
                     schedule.step()
         self.network = network.eval()
 
-    def answer(self, clips: Clips) -> Probabilities:
+    def answer(self, clips: SkinWindows) -> Probabilities:
         """Answer windows that have been checked."""
         assert self.network is not None
         with torch.inference_mode():
             logits = [
-                self.network(*tensors(clips.pressure[n : n + 1], clips.q[n : n + 1]))
+                self.network(*to_tensors(clips.pressure[n : n + 1], clips.q[n : n + 1]))
                 for n in range(clips.count)
             ]
             return torch.cat(logits).softmax(dim=1).numpy()
 
-    def streams(self) -> dict[str, Stream]:
+    def streams(self) -> dict[str, BaselineStream]:
         """The whole window each time and, where possible, only the newest reading."""
-        found: dict[str, Stream] = {"": WindowStream(self)}
+        found: dict[str, BaselineStream] = {"": WindowStream(self)}
         if isinstance(self.network, ReadingNetwork):
             found["cached"] = CachedStream(self.mounted, self.network)
         return found
 
 
 @final
-class CachedStream(Stream):
+class CachedStream(BaselineStream):
     """Encodes the newest reading, and keeps the features of those before."""
 
     def __init__(self, mounted: MountedSkin, network: ReadingNetwork) -> None:
@@ -144,7 +144,7 @@ class CachedStream(Stream):
         joints = len(mounted.robot.joint_names)
         nothing = np.zeros((1, mounted.skin.count), np.float32), np.zeros((1, joints))
         with torch.inference_mode():
-            feature = network.encode(*tensors(*nothing)).numpy()[0]
+            feature = network.encode(*to_tensors(*nothing)).numpy()[0]
         self.window = RollingWindow(feature.shape)
         self.window.twice[:] = feature
 
@@ -153,12 +153,12 @@ class CachedStream(Stream):
     ) -> Float[np.ndarray, "class"]:
         """Probabilities of the window that ends with this reading."""
         with torch.inference_mode():
-            feature = self.network.encode(*tensors(pressure[None], q[None]))
+            feature = self.network.encode(*to_tensors(pressure[None], q[None]))
             window = torch.from_numpy(self.window.push(feature.numpy()[0]))
             return self.network.classify(window[None]).softmax(dim=1).numpy()[0]
 
 
-def tensors(pressure: np.ndarray, q: np.ndarray) -> tuple[Tensor, Tensor]:
+def to_tensors(pressure: np.ndarray, q: np.ndarray) -> tuple[Tensor, Tensor]:
     """Both as tensors of float32."""
     felt, joints = (np.ascontiguousarray(each, np.float32) for each in (pressure, q))
     return torch.from_numpy(felt), torch.from_numpy(joints)

@@ -12,7 +12,7 @@ from torch.nn.functional import silu
 
 from eskin.graph import FixedNeighbours, GraphConfig, live_neighbours
 from eskin.learn.baselines.flat import KPA
-from eskin.learn.baselines.interface import TOUCHED, Stream, WindowStream
+from eskin.learn.baselines.interface import TOUCHED, BaselineStream, WindowStream
 from eskin.learn.baselines.network import (
     CachedStream,
     FitConfig,
@@ -24,24 +24,24 @@ from eskin.skin import MountedSkin
 
 
 @dataclass(frozen=True, eq=False)
-class Step:
+class LayerStep:
     """What one layer computes; all other rows are as at rest after it."""
 
     targets: Int[Tensor, "target"]
-    """Rows that are computed."""
+    """ComputedNodes that are computed."""
     sources: Int[Tensor, "target k"]
-    """Rows that each of these hears, or -1."""
+    """ComputedNodes that each of these hears, or -1."""
 
 
 @dataclass(frozen=True, eq=False)
-class Rows:
+class ComputedNodes:
     """The nodes of some readings that are computed, and those that they hear."""
 
     reading: Int[Tensor, "row"]
     """Of each row."""
     node: Int[Tensor, "row"]
     """The taxel of each row."""
-    steps: list[Step]
+    steps: list[LayerStep]
     """One a layer: what differs from rest spreads by one hop with each."""
 
 
@@ -73,7 +73,7 @@ class NodeSelector:
         q: Float[Tensor, "reading joint"],
         layers: int,
         whole: bool,
-    ) -> Rows:
+    ) -> ComputedNodes:
         """Which nodes each layer computes, and which of them hear which.
 
         Args:
@@ -101,10 +101,10 @@ class NodeSelector:
         for reading, node, heard in computed:
             sources = place[reading[:, None], heard.clamp(min=0)]
             steps.append(
-                Step(place[reading, node], torch.where(heard >= 0, sources, -1))
+                LayerStep(place[reading, node], torch.where(heard >= 0, sources, -1))
             )
         reading, node = needed.nonzero(as_tuple=True)
-        return Rows(reading, node, steps)
+        return ComputedNodes(reading, node, steps)
 
     def live_edges(
         self, touched: Bool[Tensor, "reading taxel"], q: Float[Tensor, "reading joint"]
@@ -140,7 +140,7 @@ READINGS_AT_ONCE = 4
 
 
 @dataclass(frozen=True, eq=False)
-class Rest:
+class RestState:
     """What every layer gives for a skin that nobody touches."""
 
     v: list[Float[Tensor, "taxel width"]]
@@ -186,18 +186,18 @@ class PaperLayer(nn.Module):
         heard = (sources >= 0)[..., None]
         j = sources.clamp(min=0)
         x_i, v_i = x.index_select(0, targets), v.index_select(0, targets)
-        r = x_i[:, None] - gather(x, j)
+        r = x_i[:, None] - gather_rows(x, j)
         edge = torch.stack([(r * r).sum(dim=-1), lengths], dim=-1)
-        hidden = self.of_target(v_i)[:, None] + gather(self.of_source(v), j)
+        hidden = self.of_target(v_i)[:, None] + gather_rows(self.of_source(v), j)
         m = silu(self.message(silu(hidden + self.of_edge(edge)))) * heard
         step = self.C * (r * self.move(m) * heard).sum(dim=1)
         return self.update(torch.cat([v_i, m.sum(dim=1)], dim=1)), x_i + step
 
 
-def gather(
+def gather_rows(
     values: Float[Tensor, "row channel"], places: Int[Tensor, "target k"]
 ) -> Float[Tensor, "target k channel"]:
-    """Rows of some nodes; its gradient is a plain sum, unlike that of indexing."""
+    """ComputedNodes of some nodes; its gradient is a plain sum, unlike that of indexing."""
     return values.index_select(0, places.flatten()).view(*places.shape, values.shape[1])
 
 
@@ -230,7 +230,7 @@ class PaperNetwork(ReadingNetwork):
         """
         super().__init__()
         self.mounted, self.pooling, self.whole = mounted, pooling, False
-        self.rest: Rest | None = None
+        self.rest: RestState | None = None
         self.neighbourhood = NodeSelector(mounted, k)
         self.links = torch.from_numpy(mounted.skin_link_index)
         positions = torch.from_numpy(mounted.skin.positions / UNIT)
@@ -276,7 +276,7 @@ class PaperNetwork(ReadingNetwork):
         self,
         felt: Float[Tensor, "reading taxel"],
         q: Float[Tensor, "reading joint"],
-        rest: Rest,
+        rest: RestState,
     ) -> Float[Tensor, "reading width"]:
         """Features of readings computed together, their pressure in `KPA`."""
         T = self.mounted.kinematics.poses(q.double().numpy())
@@ -286,22 +286,24 @@ class PaperNetwork(ReadingNetwork):
         T_row = T_world_link[rows.reading, self.links[rows.node]]
         rotation, origin = T_row[:, :3, :3], T_row[:, :3, 3]
         v = self.embed(felt[rows.reading, rows.node, None])
-        x = turned(rotation, rest.x[0].index_select(0, rows.node)) + origin
+        x = rotate_rows(rotation, rest.x[0].index_select(0, rows.node)) + origin
         x_first, computed = x, v
         for n, (layer, step) in enumerate(zip(self.layers, rows.steps, strict=True), 1):
-            apart = x_first[step.targets, None] - gather(x_first, step.sources.clamp(0))
+            apart = x_first[step.targets, None] - gather_rows(
+                x_first, step.sources.clamp(0)
+            )
             lengths = apart.norm(dim=-1)
             computed, moved = layer(v, x, lengths, step.targets, step.sources)
             v = rest.v[n].index_select(0, rows.node)
             v = v.index_copy(0, step.targets, computed)
-            x = turned(rotation, rest.x[n].index_select(0, rows.node)) + origin
+            x = rotate_rows(rotation, rest.x[n].index_select(0, rows.node)) + origin
             x = x.index_copy(0, step.targets, moved)
         return self.pool_rows(computed, rows, rest.v[-1], len(felt))
 
     def pool_rows(
         self,
         computed: Float[Tensor, "target width"],
-        rows: Rows,
+        rows: ComputedNodes,
         rest: Float[Tensor, "taxel width"],
         readings: int,
     ) -> Float[Tensor, "reading width"]:
@@ -318,13 +320,13 @@ class PaperNetwork(ReadingNetwork):
         """Maximum or mean over nodes."""
         return nodes.amax(dim=-2) if self.pooling == "max" else nodes.mean(dim=-2)
 
-    def at_rest(self) -> Rest:
+    def at_rest(self) -> RestState:
         """What every layer gives for a skin that nobody touches."""
         x, table = self.positions, self.neighbourhood.table
         everyone = torch.arange(len(x))
         v = self.embed(torch.zeros_like(x[:, :1]))
-        rest = Rest([v], [x])
-        apart = x[:, None] - gather(x, table.clamp(min=0))
+        rest = RestState([v], [x])
+        apart = x[:, None] - gather_rows(x, table.clamp(min=0))
         for layer in self.layers:
             v, x = layer(v, x, apart.norm(dim=-1), everyone, table)
             rest.v.append(v)
@@ -338,7 +340,7 @@ class PaperNetwork(ReadingNetwork):
         return self.out(self.over_time(features.transpose(1, 2)))
 
 
-def turned(
+def rotate_rows(
     rotation: Float[Tensor, "row 3 3"], x: Float[Tensor, "row 3"]
 ) -> Float[Tensor, "row 3"]:
     """Each vector turned by its own rotation."""
@@ -383,7 +385,7 @@ class PaperBaseline(NetworkBaseline):
         other.network = network.eval()
         return other
 
-    def streams(self) -> dict[str, Stream]:
+    def streams(self) -> dict[str, BaselineStream]:
         """All nodes of 100 graphs, of the newest graph, and only what a touch changes.
 
         The first is what the paper describes.

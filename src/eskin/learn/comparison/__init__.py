@@ -8,32 +8,37 @@ from eskin.learn.comparison.methods import (
     Method,
     RecogniserMethod,
 )
-from eskin.learn.comparison.results import Answered, Result, Task, run_tasks
+from eskin.learn.comparison.results import (
+    AnsweredClips,
+    MethodResult,
+    TrainingTask,
+    run_tasks,
+)
 from eskin.learn.comparison.table import (
+    ComparisonRow,
     Lead,
-    Place,
-    Row,
+    RunKey,
+    build_rows,
     format_gesture_tables,
     format_tables,
-    rows_of,
 )
 
 __all__ = [
     "ABLATIONS",
     "METHODS",
     "Lead",
-    "Answered",
+    "AnsweredClips",
     "BaselineMethod",
     "Examples",
     "Method",
-    "Place",
+    "RunKey",
     "RecogniserMethod",
-    "Result",
-    "Row",
-    "Task",
+    "MethodResult",
+    "ComparisonRow",
+    "TrainingTask",
     "run_tasks",
     "find_examples",
     "format_gesture_tables",
     "format_tables",
-    "rows_of",
+    "build_rows",
 ]

@@ -14,7 +14,7 @@ from joblib import Parallel, delayed
 from eskin.errors import RecordingError
 from eskin.files import atomic_path
 from eskin.graph import GraphConfig
-from eskin.learn.baselines import READINGS, Clips
+from eskin.learn.baselines import READINGS, SkinWindows
 from eskin.learn.dataset import Dataset, prepare
 from eskin.learn.ground_truth import Clip, read_clips
 from eskin.learn.recording_transforms import Aging, AgingConfig, RecordingTransform
@@ -90,16 +90,16 @@ class Examples:
         return prepare(self.paths, None, plain, self.pack, self.workers, versions)
 
     @cached_property
-    def windows(self) -> Clips:
+    def windows(self) -> SkinWindows:
         """All taxels in the two seconds of each clip, wherever they lie."""
         harm = None if self.harm is None or self.harm.moves else self.harm
         jobs = (delayed(load_windows)(path, self.pack, harm) for path in self.paths)
         parts: Any = Parallel(n_jobs=self.workers)(jobs)
-        return Clips(*(np.concatenate(rows) for rows in zip(*parts, strict=True)))
+        return SkinWindows(*(np.concatenate(rows) for rows in zip(*parts, strict=True)))
 
     def find_windows_on(
         self, mounted: MountedSkin
-    ) -> Iterator[tuple[MountedSkin, Clips]]:
+    ) -> Iterator[tuple[MountedSkin, SkinWindows]]:
         """The windows in order, each with where its skin is believed to lie.
 
         Args:

@@ -29,7 +29,7 @@ from eskin.model import NetworkConfig
 from eskin.recording import NONE
 from eskin.skin import MountedSkin
 
-Answers = Callable[[Examples], Float[np.ndarray, "clip class"]]
+Predictor = Callable[[Examples], Float[np.ndarray, "clip class"]]
 """Log-probabilities of the classes for each clip, in the order of the gestures that
 were learned."""
 
@@ -38,7 +38,7 @@ class Method(ABC):
     """Learns from clips of a skin."""
 
     @abstractmethod
-    def fit(self, examples: Examples, seed: int) -> Answers:
+    def fit(self, examples: Examples, seed: int) -> Predictor:
         """Learn from clips; the same seed gives the same result.
 
         Args:
@@ -60,7 +60,7 @@ class TouchTrees(Method):
     estimator: Callable[[int], Estimator] = GradientBoosting(leaves=31)
     """Makes the trees from a seed."""
 
-    def fit(self, examples: Examples, seed: int) -> Answers:
+    def fit(self, examples: Examples, seed: int) -> Predictor:
         """Learn from the touches of clips."""
         truth = examples.truth(examples.gestures)
         model = self.estimator(seed).fit(build_touch_rows(examples), truth)
@@ -133,7 +133,7 @@ class RecogniserMethod(Method):
     skins: int = 0
     """Other, worn skins that it learns each clip of besides."""
 
-    def fit(self, examples: Examples, seed: int) -> Answers:
+    def fit(self, examples: Examples, seed: int) -> Predictor:
         """Learn from the touches of clips."""
         graph = self.config.graph_used
         dataset = examples.dataset(graph, self.skins)
@@ -165,7 +165,7 @@ class BaselineMethod(Method):
     """Makes it; prints as all of its settings, since results are kept by what a method
     prints as."""
 
-    def fit(self, examples: Examples, seed: int) -> Answers:
+    def fit(self, examples: Examples, seed: int) -> Predictor:
         """Learn from all taxels in clips."""
         baseline = self.make(examples.mounted)
         baseline.fit(examples.windows, examples.truth(examples.gestures), seed)

@@ -17,7 +17,7 @@ from eskin.errors import EskinError
 from eskin.files import atomic_path
 from eskin.learn.comparison.examples import Examples
 from eskin.learn.comparison.methods import Method
-from eskin.learn.dataset import shown
+from eskin.learn.dataset import track_progress
 from eskin.learn.holdout import hold_out
 from eskin.touch import PipelineConfig
 
@@ -26,7 +26,7 @@ FORMAT = 2
 
 
 @dataclass(frozen=True)
-class Answered:
+class AnsweredClips:
     """What a method answered to some clips."""
 
     truth: tuple[str, ...]
@@ -45,7 +45,7 @@ class Answered:
 
 
 @dataclass(frozen=True)
-class Result:
+class MethodResult:
     """What came of one method that learned once."""
 
     method: str
@@ -57,13 +57,13 @@ class Result:
     seconds: float
     """Time that it took to learn and to answer [s]."""
 
-    answered: Mapping[str, Answered]
+    answered: Mapping[str, AnsweredClips]
     """By the name of what was asked: `val`, and the tests."""
 
 
 @final
 @dataclass(frozen=True)
-class Task:
+class TrainingTask:
     """One method to be trained once, and what it is asked then."""
 
     name: str
@@ -101,7 +101,7 @@ class Task:
         """Where the result is kept."""
         return folder / f"{self.key}.json"
 
-    def done(self, folder: Path) -> Result:
+    def done(self, folder: Path) -> MethodResult:
         """The result from its file, which is made where it is not there yet."""
         path = self.file(folder)
         if path.exists():
@@ -111,28 +111,31 @@ class Task:
         write_result(path, result)
         return result
 
-    def run(self) -> Result:
+    def run(self) -> MethodResult:
         """Learn and answer."""
         started = time.monotonic()
-        learned, held = divided(self.train, self.share)
+        learned, held = split_examples(self.train, self.share)
         answers = self.method.fit(learned, self.seed)
         asked = {"val": held, **self.tests} if held.every else self.tests
         answered = {}
         for name, examples in asked.items():
             # Windows of many tests at once are more than memory holds.
             said = answers(replace(examples)).argmax(axis=1)
-            answered[name] = Answered(
+            answered[name] = AnsweredClips(
                 truth=tuple(clip.gesture for _, clip in examples.every),
                 answer=tuple(learned.gestures[n] for n in said.tolist()),
                 people=examples.people,
             )
         seconds = round(time.monotonic() - started, 1)
-        return Result(self.name, self.seed, seconds, answered)
+        return MethodResult(self.name, self.seed, seconds, answered)
 
 
 def run_tasks(
-    tasks: Sequence[Task], folder: Path, workers: int = 1, seconds: float = np.inf
-) -> list[Result | None]:
+    tasks: Sequence[TrainingTask],
+    folder: Path,
+    workers: int = 1,
+    seconds: float = np.inf,
+) -> list[MethodResult | None]:
     """The results of tasks, in their order; what has a file is not done again.
 
     Args:
@@ -147,10 +150,10 @@ def run_tasks(
     end = time.monotonic() + seconds
     jobs = (delayed(run_before)(task, folder, end) for task in tasks)
     found: Any = Parallel(n_jobs=workers, return_as="generator")(jobs)
-    return list(shown(found, "Comparing", len(tasks)))
+    return list(track_progress(found, "Comparing", len(tasks)))
 
 
-def run_before(task: Task, folder: Path, end: float) -> Result | None:
+def run_before(task: TrainingTask, folder: Path, end: float) -> MethodResult | None:
     """The result of a task, if it can be begun before a time on this machine."""
     torch.set_num_threads(1)
     if not task.is_done(folder) and time.monotonic() > end:
@@ -158,7 +161,7 @@ def run_before(task: Task, folder: Path, end: float) -> Result | None:
     return task.done(folder)
 
 
-def divided(examples: Examples, share: float) -> tuple[Examples, Examples]:
+def split_examples(examples: Examples, share: float) -> tuple[Examples, Examples]:
     """Whole sittings held out to validate on, the same ones for every method.
 
     Returns:
@@ -172,7 +175,7 @@ def divided(examples: Examples, share: float) -> tuple[Examples, Examples]:
     return examples.only(found.train), examples.only(found.held)
 
 
-def write_result(path: Path, result: Result) -> None:
+def write_result(path: Path, result: MethodResult) -> None:
     """Write a result as JSON, whole or not at all."""
     facts = asdict(result)
     facts["answered"] = {
@@ -183,7 +186,7 @@ def write_result(path: Path, result: Result) -> None:
         part.write_text(json.dumps(facts, indent=1) + "\n", encoding="utf-8")
 
 
-def read_result(path: Path) -> Result:
+def read_result(path: Path) -> MethodResult:
     """Read a result from its file.
 
     Raises:
@@ -198,11 +201,11 @@ def read_result(path: Path) -> Result:
         ) from None
 
 
-def parse_result(text: str) -> Result:
+def parse_result(text: str) -> MethodResult:
     """The result that a file holds."""
     facts = json.loads(text)
     answered = {
-        name: Answered(**{key: tuple(text.split()) for key, text in each.items()})
+        name: AnsweredClips(**{key: tuple(text.split()) for key, text in each.items()})
         for name, each in facts["answered"].items()
     }
-    return Result(facts["method"], facts["seed"], facts["seconds"], answered)
+    return MethodResult(facts["method"], facts["seed"], facts["seconds"], answered)

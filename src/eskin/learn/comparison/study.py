@@ -18,28 +18,28 @@ from eskin.learn.comparison.methods import (
     RecogniserMethod,
     build_paper_method,
 )
-from eskin.learn.comparison.results import Result
+from eskin.learn.comparison.results import MethodResult
 from eskin.learn.comparison.table import (
     LEGEND,
     Lead,
-    Place,
-    ahead,
+    RunKey,
     compute_accuracies,
+    compute_lead,
     compute_mean,
-    margin,
-    spread,
-    spread_of,
+    compute_std,
+    format_lead,
+    format_share,
 )
-from eskin.learn.plots import write
+from eskin.learn.plots import save_figure
 
-Network = Literal["eskin", "paper"]
+StudyNetwork = Literal["eskin", "paper"]
 
 
 @dataclass(frozen=True)
 class Variant:
     """A network with a number of neighbours and a way of pooling."""
 
-    network: Network
+    network: StudyNetwork
     """Whose."""
 
     k: int
@@ -85,14 +85,14 @@ class VariantRow(Variant):
 
 
 def build_study_rows(
-    found: Mapping[Variant, Mapping[Place, Result]],
+    found: Mapping[Variant, Mapping[RunKey, MethodResult]],
 ) -> list[VariantRow]:
     """What variants came to, where the first one of their network was trained as well.
 
     Args:
         found: results by what learned and by what from.
     """
-    firsts: dict[Network, Variant] = {}
+    firsts: dict[StudyNetwork, Variant] = {}
     rows = []
     for variant, results in found.items():
         first = firsts.setdefault(variant.network, variant)
@@ -105,8 +105,8 @@ def build_study_rows(
 
 def build_study_row(
     variant: Variant,
-    results: Mapping[Place, Result],
-    first: Mapping[Place, Result] | None,
+    results: Mapping[RunKey, MethodResult],
+    first: Mapping[RunKey, MethodResult] | None,
 ) -> VariantRow:
     """What a variant came to, held against the first one of its network if other."""
     val, test = (
@@ -116,11 +116,11 @@ def build_study_row(
         **asdict(variant),
         runs=len(results),
         val_accuracy=compute_mean(val),
-        val_std=spread_of(val),
-        val_ahead=ahead(results, first, "val") if first and val else None,
+        val_std=compute_std(val),
+        val_ahead=compute_lead(results, first, "val") if first and val else None,
         test_accuracy=compute_mean(test),
-        test_std=spread_of(test),
-        test_ahead=ahead(results, first, "test") if first and test else None,
+        test_std=compute_std(test),
+        test_ahead=compute_lead(results, first, "test") if first and test else None,
     )
 
 
@@ -144,10 +144,10 @@ def format_study(rows: Sequence[VariantRow]) -> str:
             str(row.k),
             row.pool,
             str(row.runs),
-            spread(row.val_accuracy, row.val_std),
-            margin(row.val_ahead),
-            spread(row.test_accuracy, row.test_std),
-            margin(row.test_ahead),
+            format_share(row.val_accuracy, row.val_std),
+            format_lead(row.val_ahead),
+            format_share(row.test_accuracy, row.test_std),
+            format_lead(row.test_ahead),
         )
         lines.append(f"| {' | '.join(cells)} |")
     return "\n".join([*lines, "", LEGEND])
@@ -169,9 +169,9 @@ def draw_study(rows: Sequence[VariantRow], path: Path) -> None:
         # Beside each other, so that the spreads can be told apart.
         k = [r.k * 1.05**n for r in chosen]
         points = ((r.val_accuracy, r.val_std) for r in chosen)
-        draw_line(left, k, points, colour, label)
+        plot_shares(left, k, points, colour, label)
         points = ((r.test_accuracy, r.test_std) for r in chosen)
-        draw_line(right, k, points, colour, label)
+        plot_shares(right, k, points, colour, label)
     for axes, title in ((left, "validation"), (right, "test")):
         axes.set(xscale="log", xlabel="neighbours K", title=title)
         ticks = sorted({r.k for r in rows})
@@ -181,10 +181,10 @@ def draw_study(rows: Sequence[VariantRow], path: Path) -> None:
     left.set_ylabel("clips right [%]")
     lines = right.get_legend_handles_labels()
     figure.legend(*lines, loc="outside upper center", ncols=4, frameon=False)
-    write(figure, path)
+    save_figure(figure, path)
 
 
-def draw_line(
+def plot_shares(
     axes: Axes,
     x: Sequence[int | float],
     points: Iterable[tuple[float | None, float]],
@@ -210,13 +210,13 @@ def draw_clips_curve(
     axes = figure.subplots()
     for colour, (name, by_size) in zip(COLOURS, found.items(), strict=False):
         points = [
-            (compute_mean(shares), spread_of(shares)) for shares in by_size.values()
+            (compute_mean(shares), compute_std(shares)) for shares in by_size.values()
         ]
-        draw_line(axes, list(by_size), points, colour, name)
+        plot_shares(axes, list(by_size), points, colour, name)
     sizes = sorted({size for by_size in found.values() for size in by_size})
     axes.set(xscale="log", xlabel="clips learned", ylabel="clips right [%]")
     axes.set_xticks(sizes, [str(size) for size in sizes])
     axes.minorticks_off()
     axes.grid(alpha=0.3)
     axes.legend(frameon=False, fontsize=8)
-    write(figure, path)
+    save_figure(figure, path)

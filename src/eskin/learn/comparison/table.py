@@ -5,10 +5,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from eskin.learn.comparison.results import Answered, Result
+from eskin.learn.comparison.results import AnsweredClips, MethodResult
 from eskin.learn.metrics import bootstrap_difference, compute_group_accuracies
 
-Place = tuple[int, int]
+RunKey = tuple[int, int]
 """The draw of the data, and the seed."""
 
 LEGEND = (
@@ -33,7 +33,7 @@ class Lead:
 
 
 @dataclass(frozen=True)
-class Row:
+class ComparisonRow:
     """One method on one test."""
 
     name: str
@@ -83,7 +83,9 @@ class Row:
     """Share of right answers on the test among all clips made for a gesture."""
 
 
-def rows_of(found: Mapping[str, Mapping[Place, Result]]) -> list[Row]:
+def build_rows(
+    found: Mapping[str, Mapping[RunKey, MethodResult]],
+) -> list[ComparisonRow]:
     """One row a method and test, the methods in the order given.
 
     Args:
@@ -93,18 +95,18 @@ def rows_of(found: Mapping[str, Mapping[Place, Result]]) -> list[Row]:
     first = next(iter(found.values()))
     tests = [n for n in next(iter(first.values())).answered if n != "val"]
     return [
-        row_of(name, test, results, first)
+        build_row(name, test, results, first)
         for test in tests
         for name, results in found.items()
     ]
 
 
-def row_of(
+def build_row(
     name: str,
     test: str,
-    results: Mapping[Place, Result],
-    first: Mapping[Place, Result],
-) -> Row:
+    results: Mapping[RunKey, MethodResult],
+    first: Mapping[RunKey, MethodResult],
+) -> ComparisonRow:
     """One method on one test."""
     places = sorted(results)
     accuracies = compute_accuracies([results[place] for place in places], test)
@@ -112,7 +114,7 @@ def row_of(
     other = results is not first
     val_people, val_clips = count_people_and_clips(results, "val")
     test_people, test_clips = count_people_and_clips(results, test)
-    return Row(
+    return ComparisonRow(
         name=name,
         test=test,
         runs=len(places),
@@ -122,10 +124,10 @@ def row_of(
         test_people=test_people,
         test_clips=test_clips,
         test_accuracy=float(np.mean(accuracies)),
-        std=spread_of(accuracies),
-        val_std=spread_of(validated),
-        val_ahead=ahead(results, first, "val") if other and validated else None,
-        test_ahead=ahead(results, first, test) if other else None,
+        std=compute_std(accuracies),
+        val_std=compute_std(validated),
+        val_ahead=compute_lead(results, first, "val") if other and validated else None,
+        test_ahead=compute_lead(results, first, test) if other else None,
         seconds=float(np.mean([result.seconds for result in results.values()])),
         by_gesture=compute_gesture_accuracies(
             [results[place].answered[test] for place in places]
@@ -134,7 +136,7 @@ def row_of(
 
 
 def count_people_and_clips(
-    results: Mapping[Place, Result], asked: str
+    results: Mapping[RunKey, MethodResult], asked: str
 ) -> tuple[int, int]:
     """How many people and clips answers are of, each draw counted once."""
     draws = {
@@ -146,8 +148,10 @@ def count_people_and_clips(
     return len(people), sum(len(each.people) for each in draws.values())
 
 
-def ahead(
-    results: Mapping[Place, Result], first: Mapping[Place, Result], asked: str
+def compute_lead(
+    results: Mapping[RunKey, MethodResult],
+    first: Mapping[RunKey, MethodResult],
+    asked: str,
 ) -> Lead:
     """How far the first method is ahead of another on what both were asked."""
     theirs, ours, people = [], [], []
@@ -163,7 +167,7 @@ def ahead(
     return Lead(mean, *bootstrap_difference(*both, cluster=people))
 
 
-def compute_gesture_accuracies(answered: Sequence[Answered]) -> dict[str, float]:
+def compute_gesture_accuracies(answered: Sequence[AnsweredClips]) -> dict[str, float]:
     """Share of right answers among all clips of each gesture."""
     right = np.concatenate([each.right for each in answered])
     return compute_group_accuracies(
@@ -171,7 +175,7 @@ def compute_gesture_accuracies(answered: Sequence[Answered]) -> dict[str, float]
     )
 
 
-def compute_accuracies(results: Sequence[Result], asked: str) -> list[float]:
+def compute_accuracies(results: Sequence[MethodResult], asked: str) -> list[float]:
     """Share of right answers of each run."""
     answered = [r.answered[asked] for r in results if asked in r.answered]
     return [float(each.right.mean()) for each in answered]
@@ -182,12 +186,12 @@ def compute_mean(shares: Sequence[float]) -> float | None:
     return float(np.mean(shares)) if shares else None
 
 
-def spread_of(shares: Sequence[float]) -> float:
+def compute_std(shares: Sequence[float]) -> float:
     """Their standard deviation; 0 of fewer than two."""
     return float(np.std(shares, ddof=1)) if len(shares) > 1 else 0.0
 
 
-def margin(ahead: Lead | None) -> str:
+def format_lead(ahead: Lead | None) -> str:
     """How far ours is ahead, in points, for a table; empty for ours."""
     if ahead is None:
         return ""
@@ -197,19 +201,19 @@ def margin(ahead: Lead | None) -> str:
     return f"{points} [{100 * ahead.low:+.1f}, {100 * ahead.high:+.1f}]"
 
 
-def format_tables(rows: Sequence[Row]) -> str:
+def format_tables(rows: Sequence[ComparisonRow]) -> str:
     """The rows as tables, one for each test, and what stands in them."""
     tables, lead = [], f"{rows[0].name} ahead"
     for test in dict.fromkeys(row.test for row in rows):
         heads = ("method", "runs", "validation (SD)", lead, f"{test} (SD)", lead)
         lines = [f"| {' | '.join(heads)} |", "|" + "---|" * len(heads)]
         of_test = [row for row in rows if row.test == test]
-        lines += [line_of(row) for row in of_test]
-        tables.append("\n".join([*lines, "", caption(of_test[0])]))
+        lines += [format_row(row) for row in of_test]
+        tables.append("\n".join([*lines, "", format_caption(of_test[0])]))
     return "\n\n".join([*tables, LEGEND])
 
 
-def caption(first: Row) -> str:
+def format_caption(first: ComparisonRow) -> str:
     """Of whom the table is that begins with this row."""
     asked = f"{first.test_clips} clips of {first.test_people} people asked"
     if first.val_clips:
@@ -218,7 +222,7 @@ def caption(first: Row) -> str:
     return f"{asked}."
 
 
-def format_gesture_tables(rows: Sequence[Row]) -> str:
+def format_gesture_tables(rows: Sequence[ComparisonRow]) -> str:
     """Shares of right answers by gesture as tables, one for each test."""
     tables = []
     for test in dict.fromkeys(row.test for row in rows):
@@ -227,26 +231,26 @@ def format_gesture_tables(rows: Sequence[Row]) -> str:
         lines = [f"| {test}, clips of | {' | '.join(gestures)} |"]
         lines.append("|" + "---|" * (1 + len(gestures)))
         for row in asked:
-            shares = (spread(row.by_gesture.get(name), 0.0) for name in gestures)
+            shares = (format_share(row.by_gesture.get(name), 0.0) for name in gestures)
             lines.append(f"| {row.name} | {' | '.join(shares)} |")
         tables.append("\n".join(lines))
     return "\n\n".join(tables)
 
 
-def line_of(row: Row) -> str:
+def format_row(row: ComparisonRow) -> str:
     """A row of a table."""
     cells = (
         row.name,
         str(row.runs),
-        spread(row.val_accuracy, row.val_std),
-        margin(row.val_ahead),
-        spread(row.test_accuracy, row.std),
-        margin(row.test_ahead),
+        format_share(row.val_accuracy, row.val_std),
+        format_lead(row.val_ahead),
+        format_share(row.test_accuracy, row.std),
+        format_lead(row.test_ahead),
     )
     return f"| {' | '.join(cells)} |"
 
 
-def spread(mean: float | None, std: float) -> str:
+def format_share(mean: float | None, std: float) -> str:
     """A mean with its standard deviation where there is one, for a table."""
     if mean is None:
         return ""

@@ -6,15 +6,20 @@ from eskin.learn.events.event_scoring import (
     Tally,
     score_events,
 )
-from eskin.learn.events.matching import MatchConfig, Matching, Take, match
-from eskin.learn.events.read_true_events import TrueEvent, read_true_events
+from eskin.learn.events.matching import (
+    MatchConfig,
+    Matching,
+    ScoredStream,
+    match_events,
+)
 from eskin.learn.events.traces import (
     Trace,
     TracedStream,
-    hear,
     is_stream,
     trace_recording,
+    trace_recordings,
 )
+from eskin.learn.events.true_events import TrueEvent, read_true_events
 from eskin.learn.events.tuning import TuningConfig, choose_decision
 
 __all__ = [
@@ -23,15 +28,15 @@ __all__ = [
     "NonGestureTally",
     "MatchConfig",
     "Matching",
-    "Take",
+    "ScoredStream",
     "Tally",
     "Trace",
     "TrueEvent",
     "TuningConfig",
     "choose_decision",
-    "hear",
+    "trace_recordings",
     "is_stream",
-    "match",
+    "match_events",
     "score_events",
     "trace_recording",
     "read_true_events",

@@ -10,11 +10,11 @@ from eskin.learn.events.matching import (
     NO_GESTURE,
     MatchConfig,
     MatchedStream,
-    Take,
-    mark,
+    ScoredStream,
+    match_stream,
 )
-from eskin.learn.events.read_true_events import TrueEvent
-from eskin.learn.metrics import Reliability, reliability, resample_clusters
+from eskin.learn.events.true_events import TrueEvent
+from eskin.learn.metrics import Reliability, compute_reliability, resample_clusters
 from eskin.live import UNKNOWN
 from eskin.recording import NONE
 from eskin.units import NS_PER_S
@@ -106,7 +106,7 @@ def percentile(values: Float[np.ndarray, "value"], percent: int) -> float:
     return float(np.percentile(values, percent)) if len(values) else float("nan")
 
 
-def f1_interval(parts: Sequence[Tally], seed: int = 0) -> tuple[float, float]:
+def bootstrap_f1(parts: Sequence[Tally], seed: int = 0) -> tuple[float, float]:
     """95 % bootstrap interval of F1, parts such as people drawn anew.
 
     NaN where there are no events, or only one part, which tells nothing of others.
@@ -186,7 +186,7 @@ class EventScore:
     @property
     def f1_interval(self) -> tuple[float, float]:
         """95 % interval of the F1 of all gestures, from drawing people anew."""
-        return f1_interval(list(self.per_subject.values()))
+        return bootstrap_f1(list(self.per_subject.values()))
 
     @property
     def false_per_hour(self) -> float:
@@ -203,9 +203,9 @@ class EventScore:
         )
 
     @property
-    def reliability(self) -> Reliability:
+    def compute_reliability(self) -> Reliability:
         """How sure detections of gestures were, and how often right."""
-        return reliability(self.confidence, self.right)
+        return compute_reliability(self.confidence, self.right)
 
     @property
     def unknown_total(self) -> NonGestureTally:
@@ -225,7 +225,7 @@ NOTHING = "nothing"
 
 
 def score_events(
-    takes: Sequence[Take],
+    takes: Sequence[ScoredStream],
     vocabulary: Sequence[str],
     config: MatchConfig | None = None,
 ) -> EventScore:
@@ -236,7 +236,7 @@ def score_events(
         vocabulary: of the recogniser; other gestures are unknown to it.
         config: when a detection is of an event.
     """
-    every = [mark(take, config or MatchConfig()) for take in takes]
+    every = [match_stream(take, config or MatchConfig()) for take in takes]
     gestures = tuple(name for name in vocabulary if name not in NO_GESTURE)
     names = (*gestures, NONE, UNKNOWN, NOTHING)
     people = sorted({take.subject for take in takes})

@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 from scipy.optimize import linear_sum_assignment
 
-from eskin.learn.events.read_true_events import TrueEvent
+from eskin.learn.events.true_events import TrueEvent
 from eskin.live import UNKNOWN, Detection
 from eskin.recording import NONE
 from eskin.units import NS_PER_S
@@ -17,7 +17,7 @@ NO_GESTURE = (NONE, UNKNOWN)
 
 
 @dataclass(frozen=True, eq=False)
-class Take:
+class ScoredStream:
     """What was done to a skin in one go, and what was said of it."""
 
     events: Sequence[TrueEvent]
@@ -64,7 +64,7 @@ class Matching:
     that were about nothing are in neither."""
 
 
-def match(
+def match_events(
     events: Sequence[TrueEvent],
     detections: Sequence[Detection],
     config: MatchConfig | None = None,
@@ -138,7 +138,7 @@ def compute_overlap(event: TrueEvent, found: Detection) -> tuple[int, int]:
 class MatchedStream:
     """A stream, and which of its detections are of which of its events."""
 
-    take: Take
+    take: ScoredStream
     """The stream."""
 
     matching: Matching
@@ -198,6 +198,8 @@ class MatchedStream:
         return np.any(timely[self.overlapping], axis=0, keepdims=True)[0]
 
 
-def mark(take: Take, config: MatchConfig) -> MatchedStream:
+def match_stream(take: ScoredStream, config: MatchConfig) -> MatchedStream:
     """Compare what was done with what was said."""
-    return MatchedStream(take, match(take.events, take.detections, config), config)
+    return MatchedStream(
+        take, match_events(take.events, take.detections, config), config
+    )

@@ -10,8 +10,8 @@ from jaxtyping import Float
 from joblib import Parallel, delayed, parallel_config
 
 from eskin.errors import RecordingError
-from eskin.learn.events.matching import Take
-from eskin.learn.events.read_true_events import TrueEvent, read_true_events
+from eskin.learn.events.matching import ScoredStream
+from eskin.learn.events.true_events import TrueEvent, read_true_events
 from eskin.live import Decider, Detection, Recognizer
 from eskin.live.logits import calibrated
 from eskin.live.recognizer import detection_of
@@ -170,13 +170,13 @@ class TracedStream:
 
     def take(
         self, config: DecisionConfig | None = None, temperature: float | None = None
-    ) -> Take:
+    ) -> ScoredStream:
         """What is said with a decision of one's choice, to be scored."""
         detections = self.trace.detections(config, temperature)
-        return Take(self.events, detections, self.seconds, self.subject)
+        return ScoredStream(self.events, detections, self.seconds, self.subject)
 
 
-def hear(
+def trace_recordings(
     paths: Sequence[Path], model: Model, workers: int = 1
 ) -> Iterator[TracedStream]:
     """Trace recordings in their order.

@@ -6,9 +6,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from eskin.skin import MountedSkin
-from eskin.skin.fit import fit_surface
-from eskin.skin.round import Tube
-from eskin.skin.surface import Surface
+from eskin.skin.surfaces import Surface, Tube, fit_surface
 
 TOLERANCE = 1e-4
 """Distance within which taxels belong to a surface [m]."""

@@ -1,4 +1,4 @@
-"""What a hand or another body does to a surface, before any taxel feels it."""
+"""Presses describe what bodies do to a surface, before any taxel is reached."""
 
 from dataclasses import dataclass
 
@@ -75,3 +75,46 @@ class Press:
     def steps(self) -> int:
         """Length of the series."""
         return len(self.force)
+
+
+@dataclass(frozen=True)
+class Site:
+    """A place on a chart and the room around it."""
+
+    chart: int
+    """Index into the skin's charts."""
+    centre: tuple[float, float]
+    """(s, t) on the unrolled chart [m]."""
+    radius: float
+    """Radius of curvature of the chart [m]; infinite on a plane."""
+    clear: tuple[float, float]
+    """Free run along t from the centre, (low, high) with low <= 0 <= high [m]."""
+    angle: float
+    """Angle from t to the hand's y axis that suits the person, counter-clockwise seen
+    from outside the skin [rad]."""
+
+    def __post_init__(self) -> None:
+        """Refuse a free run that the centre is not part of."""
+        low, high = self.clear
+        if not low <= 0 <= high:
+            raise ValueError(
+                f"the free run {self.clear} does not hold the centre; give it from the "
+                "centre, (low, high) with low <= 0 <= high"
+            )
+
+
+@dataclass(frozen=True, eq=False)
+class TrueTouch:
+    """One thing that somebody or something did to the skin."""
+
+    gesture: str
+    """Of the vocabulary: poke, double_pat, grab, stroke or none; an unknown gesture
+    such as rub has its own name."""
+    kind: str
+    """Variant, such as `two_tips` or `bump`."""
+    subject: str
+    """Who did it; empty where it was nobody."""
+    presses: tuple[Press, ...]
+    """What presses where; more than one body, or one on two charts."""
+    drawn: dict[str, float | str]
+    """Every parameter that was drawn for it, by name."""

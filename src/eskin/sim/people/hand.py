@@ -5,11 +5,8 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Float
 
-from eskin.sim.constants import Constants
+from eskin.sim.constants import MM, Constants
 from eskin.sim.contact.press import Stamps
-
-MM = 1e-3
-"""Metres in a millimetre."""
 
 FINGERS = ("index", "middle", "ring", "little")
 PARTS = (

@@ -4,9 +4,9 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
-from eskin.sim.constants import Constants
+from eskin.sim.constants import MM, Constants
 from eskin.sim.contact.press import Flesh, Stamps
-from eskin.sim.people.hand import GROUPS, MM, hand_of, mirrored, part_of, splayed
+from eskin.sim.people.hand import GROUPS, hand_of, mirrored, part_of, splayed
 
 STYLES = ("poke.kinds", "push.shape", "double_pat.kinds", "grab.kinds") + (
     "stroke.kinds",

@@ -1,20 +1,183 @@
-"""One robot as it was built: its laminate, its readout and what is broken."""
+"""A build is one sensor as it was made: its laminate, its readout and what is broken."""
 
 from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
+from jaxtyping import Bool, Float
 
 from eskin.sim.constants import Constants
-from eskin.sim.sensor.defects import Defects, draw_defects, no_defects
-from eskin.sim.sensor.electronics import (
-    Electronics,
-    draw_electronics,
-    nominal_electronics,
-)
 from eskin.sim.sensor.velostat import Velostat, draw_velostat, nominal_velostat
 from eskin.skin import Skin
 from eskin.touch import Calibration
+
+
+@dataclass(frozen=True, eq=False)
+class Defects:
+    """Faults that stay: in taxels, in lines, and on the way to the computer."""
+
+    dead: Bool[np.ndarray, "taxel"]
+    """Taxels, alone or in a dead row or column, that no longer feel anything."""
+    stuck: Float[np.ndarray, "taxel"]
+    """Reading by full scale of a taxel that is stuck, NaN of the others."""
+    lines: tuple[str, ...]
+    """Dead rows and columns, such as `patch:row:3`."""
+    dropped: float
+    """Share of a patch's readings that do not arrive."""
+    dropped_run: float
+    """Mean length of a run of them [readings]."""
+
+
+def no_defects(skin: Skin, constants: Constants) -> Defects:
+    """Nothing is broken."""
+    whole = np.zeros(skin.count, dtype=bool)
+    run = constants.value("sensor.dropped_run")
+    return Defects(whole, np.full(skin.count, np.nan), (), 0.0, run)
+
+
+def draw_defects(
+    kind: str, skin: Skin, constants: Constants, rng: np.random.Generator
+) -> Defects:
+    """Draw what is broken in a build of a kind."""
+    share = constants.draw(f"sensor.defective.{kind}", rng)
+    broken = rng.permutation(skin.count)[: round(share * skin.count)]
+    is_stuck = rng.random(len(broken)) < constants.value("sensor.stuck")
+    stuck = np.full(skin.count, np.nan)
+    stuck[broken[is_stuck]] = rng.random(int(is_stuck.sum()))
+    dead = np.zeros(skin.count, dtype=bool)
+    dead[broken[~is_stuck]] = True
+    lines = draw_lines(kind, skin, constants, rng)
+    for line in lines:
+        dead |= taxels_of_line(line, skin)
+    return Defects(
+        dead=dead,
+        stuck=stuck,
+        lines=lines,
+        dropped=constants.value(f"sensor.dropped.{kind}"),
+        dropped_run=constants.value("sensor.dropped_run"),
+    )
+
+
+def draw_lines(
+    kind: str, skin: Skin, constants: Constants, rng: np.random.Generator
+) -> tuple[str, ...]:
+    """Draw the dead rows and columns."""
+    chance = constants.value(f"sensor.dead_line.{kind}")
+    lines = [draw_line(index, skin, rng) for index in range(len(skin.patches))]
+    hit = rng.random(len(lines)) < chance
+    return tuple(line for line, is_hit in zip(lines, hit, strict=True) if is_hit)
+
+
+def draw_line(index: int, skin: Skin, rng: np.random.Generator) -> str:
+    """Draw a row or a column of a patch."""
+    taxel = int(rng.choice(np.flatnonzero(skin.patch_index == index)))
+    is_row = bool(rng.random() < 0.5)
+    number = (skin.rows if is_row else skin.columns)[taxel]
+    return f"{skin.patches[index].id}:{'row' if is_row else 'column'}:{number}"
+
+
+def taxels_of_line(line: str, skin: Skin) -> Bool[np.ndarray, "taxel"]:
+    """The taxels of a line that is named as in `Defects.lines`."""
+    patch, what, number = line.rsplit(":", 2)
+    inside = np.zeros(skin.count, dtype=bool)
+    inside[skin.taxels_of(patch)] = True
+    numbers = skin.rows if what == "row" else skin.columns
+    return inside & (numbers == int(number))
+
+
+@dataclass(frozen=True, eq=False)
+class Electronics:
+    """What is fixed of the readout."""
+
+    bits: int
+    """Resolution of the converter."""
+    ghost: float
+    """Part of each detour over three other taxels that a taxel reads."""
+    ghost_least: float
+    """Ghosts weaker than this are left out."""
+    leak: float
+    """Part of each other taxel of its row and column that a taxel reads."""
+    base: Float[np.ndarray, "taxel"]
+    """Reading of a free taxel by full scale."""
+    walk: float
+    """Step of the baseline's random walk [counts]."""
+    after: float
+    """Deviation of the baseline after a touch, by full scale."""
+    after_whole: float
+    """Signal by full scale from which a touch leaves the whole of that."""
+    after_time: Float[np.ndarray, "taxel"]
+    """Time in which that is forgotten [s]."""
+    noise: float
+    """Deviation of a reading [counts]."""
+    noise_relative: float
+    """Deviation by the reading itself; added as variances."""
+    phase: Float[np.ndarray, "patch"]
+    """Age of a patch's scan when a reading is put together [s]."""
+    scan: float
+    """Time to scan all rows of a patch [s]."""
+    jitter: float
+    """Deviation of a scan's time [s]."""
+    period: float
+    """Time between two readings [s]."""
+    step: float
+    """Time between two values of the pressures that come in [s]."""
+
+    @property
+    def full_scale(self) -> int:
+        """Largest count of the converter."""
+        return 2**self.bits - 1
+
+
+def nominal_electronics(skin: Skin, constants: Constants) -> Electronics:
+    """A readout without ghosts, drift and noise, all taxels at once."""
+    whole = constants.value("sensor.noise_bits")
+    return Electronics(
+        bits=round(whole),
+        ghost=0.0,
+        ghost_least=constants.value("sensor.ghost_least"),
+        leak=0.0,
+        base=np.zeros(skin.count),
+        walk=0.0,
+        after=0.0,
+        after_whole=constants.value("sensor.after_whole"),
+        after_time=np.ones(skin.count),
+        noise=0.0,
+        noise_relative=0.0,
+        phase=np.zeros(len(skin.patches)),
+        scan=0.0,
+        jitter=0.0,
+        period=constants.value("sensor.period"),
+        step=constants.value("time.step"),
+    )
+
+
+def draw_electronics(
+    kind: str, skin: Skin, constants: Constants, rng: np.random.Generator
+) -> Electronics:
+    """Draw the readout of a build of a kind."""
+    bits = int(constants.choose(f"sensor.bits.{kind}", rng))
+    coarser = 2.0 ** (bits - constants.value("sensor.noise_bits"))
+    draw = constants.draw
+    return Electronics(
+        bits=bits,
+        ghost=draw(f"sensor.ghost.{kind}", rng),
+        ghost_least=constants.value("sensor.ghost_least"),
+        leak=draw(f"sensor.leak.{kind}", rng),
+        base=np.array([draw("sensor.base", rng) for _ in range(skin.count)]),
+        walk=constants.value("sensor.walk") * coarser,
+        after=constants.value(f"sensor.after.{kind}"),
+        after_whole=constants.value("sensor.after_whole"),
+        after_time=np.array(
+            [draw("sensor.after_time", rng) for _ in range(skin.count)]
+        ),
+        noise=draw(f"sensor.noise.{kind}", rng) * coarser,
+        noise_relative=constants.value("sensor.noise_relative"),
+        phase=np.array([draw("sensor.phase", rng) for _ in skin.patches]),
+        scan=draw("sensor.scan", rng),
+        jitter=draw("sensor.jitter", rng),
+        period=constants.value("sensor.period"),
+        step=constants.value("time.step"),
+    )
 
 
 @dataclass(frozen=True, eq=False)

@@ -4,8 +4,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from eskin.sim.constants import Constants, load_constants
-from eskin.sim.sensor.build import Build
-from eskin.sim.sensor.defects import draw_line, taxels_of_line
+from eskin.sim.sensor.build import Build, draw_line, taxels_of_line
 from eskin.skin import Skin
 
 ELECTRICAL = ("line_step", "stuck_line", "dropout", "burst")

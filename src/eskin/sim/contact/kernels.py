@@ -1,0 +1,263 @@
+"""Compiled kernels that compute contact ellipses and the pressure on taxels."""
+
+from typing import NamedTuple, no_type_check
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from eskin.compiled import compiled
+
+
+class Ground(NamedTuple):
+    """The taxels that a press may reach."""
+
+    centres: np.ndarray
+    """Unrolled (taxel, 2) [m]."""
+    cells: np.ndarray
+    """Half vectors of the sensing part (taxel, 2, 2) [m]."""
+    whole: float
+    """Length after which s comes round again; infinite but on a tube [m]."""
+    dome: float
+    """Radius of the dome; infinite on what rolls flat [m]."""
+
+
+class Dents(NamedTuple):
+    """What the parts of a body do to a surface: ellipses under load (time, part)."""
+
+    centres: np.ndarray
+    """Unrolled (time, part, 2) [m]."""
+    long: np.ndarray
+    """Unit vector of the long axis, unrolled (time, part, 2)."""
+    axes: np.ndarray
+    """Semi-axes across and along (time, part, 2) [m]."""
+    peak: np.ndarray
+    """Pressure in the middle [kPa]."""
+
+
+@compiled
+@no_type_check
+def share(
+    force: Float[np.ndarray, "time"],
+    gaps: Float[np.ndarray, "time part"],
+    stiffness: Float[np.ndarray, "part"],
+    b: float,
+    m: float,
+    deepest: float,
+    halvings: int,
+) -> Float[np.ndarray, "time part"]:
+    """Load of each part [N]: all sink by one depth, less their gaps."""
+    steps, parts = gaps.shape
+    loads = np.zeros((steps, parts))
+    for t in range(steps):
+        if force[t] <= 0.0:
+            continue
+        low, high = gaps[t].min(), gaps[t].max() + deepest
+        for _ in range(halvings):
+            depth = 0.5 * (low + high)
+            total = 0.0
+            for k in range(parts):
+                x = m * min(max(depth - gaps[t, k], 0.0), deepest)
+                if x > 0.0:
+                    total += stiffness[k] * (np.expm1(x) - x)
+            if total * b / m < force[t]:
+                low = depth
+            else:
+                high = depth
+        total = 0.0
+        for k in range(parts):
+            x = m * min(max(high - gaps[t, k], 0.0), deepest)
+            loads[t, k] = stiffness[k] * (np.expm1(x) - x)
+            total += loads[t, k]
+        loads[t] *= force[t] / total
+    return loads
+
+
+@compiled
+@no_type_check
+def cover(
+    dents: Dents, least: float, spots: Float[np.ndarray, "spot 2"]
+) -> Float[np.ndarray, "time"]:
+    """Area that ellipses cover together [m2], where their pressure exceeds `least`.
+
+    A spot that lies in n ellipses counts for 1/n in each of them.
+    """
+    steps, parts = dents.peak.shape
+    areas = np.zeros(steps)
+    size = np.zeros((parts, 2))
+    near = np.empty(parts, dtype=np.int64)
+    for t in range(steps):
+        for k in range(parts):
+            peak = dents.peak[t, k]
+            shrunk = np.sqrt(1.0 - least / peak) if peak > least else 0.0
+            size[k] = shrunk * dents.axes[t, k]
+        for k in range(parts):
+            a, b = size[k]
+            if a == 0.0:
+                continue
+            count = neighbours_of(dents.centres[t], size, k, near)
+            ls, lt = dents.long[t, k]
+            mine = 0.0
+            for spot in range(len(spots)):
+                u, v = a * spots[spot, 0], b * spots[spot, 1]
+                s = dents.centres[t, k, 0] + u * lt + v * ls
+                r = dents.centres[t, k, 1] - u * ls + v * lt
+                mine += 1.0 / (1 + holders(dents, size, t, near[:count], s, r))
+            areas[t] += np.pi * a * b * mine / len(spots)
+    return areas
+
+
+@compiled
+@no_type_check
+def neighbours_of(
+    centres: Float[np.ndarray, "part 2"],
+    size: Float[np.ndarray, "part 2"],
+    k: int,
+    near: Int[np.ndarray, "part"],
+) -> int:
+    """Write which ellipses may overlap ellipse k into `near`, and count them."""
+    count = 0
+    for j in range(len(size)):
+        reach = max(size[k, 0], size[k, 1]) + max(size[j, 0], size[j, 1])
+        ds, dr = centres[j, 0] - centres[k, 0], centres[j, 1] - centres[k, 1]
+        if j != k and size[j, 0] > 0.0 and ds * ds + dr * dr < reach * reach:
+            near[count] = j
+            count += 1
+    return count
+
+
+@compiled
+@no_type_check
+def holders(
+    dents: Dents,
+    size: Float[np.ndarray, "part 2"],
+    t: int,
+    near: Int[np.ndarray, "near"],
+    s: float,
+    r: float,
+) -> int:
+    """How many of the ellipses `near` hold the point (s, r)."""
+    count = 0
+    for j in near:
+        ds, dr = s - dents.centres[t, j, 0], r - dents.centres[t, j, 1]
+        ls, lt = dents.long[t, j]
+        u, v = (ds * lt - dr * ls) / size[j, 0], (ds * ls + dr * lt) / size[j, 1]
+        if u * u + v * v < 1.0:
+            count += 1
+    return count
+
+
+@compiled
+@no_type_check
+def squeeze(
+    s: float, t: float, ds: float, dt: float, dome: float
+) -> tuple[float, float]:
+    """A step on a dome as lengths, taken at the point (s, t) of its polar chart.
+
+    Lengths toward the pole are true on the chart; those round it are too long.
+    """
+    away = np.hypot(s, t)
+    if away == 0.0:
+        return ds, dt
+    angle = away / dome
+    rs, rt = s / away, t / away
+    radial = ds * rs + dt * rt
+    round_it = (dt * rs - ds * rt) * np.sin(angle) / angle
+    return radial * rs - round_it * rt, radial * rt + round_it * rs
+
+
+@compiled
+@no_type_check
+def imprint(
+    dents: Dents,
+    ground: Ground,
+    part_of: Int[np.ndarray, "pair"],
+    taxel_of: Int[np.ndarray, "pair"],
+    column_of: Int[np.ndarray, "taxel"],
+    columns: int,
+    nodes: Float[np.ndarray, "size node"],
+    weights: Float[np.ndarray, "size node"],
+    fine_below: float,
+) -> Float[np.ndarray, "time column"]:
+    """Mean pressure over each taxel's sensing part [kPa], for pairs that may meet.
+
+    Args:
+        dents: ellipses under load.
+        ground: the taxels.
+        part_of: part of the body, of each pair.
+        taxel_of: taxel of each pair.
+        column_of: column of the result that a taxel goes to.
+        columns: number of columns.
+        nodes: places of quadrature in -1..1, a row of 2 and one of 3.
+        weights: their weights, summing to 1.
+        fine_below: the row of 3 is used for semi-axes below this share of a cell.
+    """
+    pressure = np.zeros((len(dents.peak), columns))
+    for pair in range(len(part_of)):
+        k, i = part_of[pair], taxel_of[pair]
+        column = column_of[i]
+        s, t = ground.centres[i]
+        cell = ground.cells[i]
+        reach = np.hypot(
+            abs(cell[0, 0]) + abs(cell[1, 0]), abs(cell[0, 1]) + abs(cell[1, 1])
+        )
+        side = 2.0 * np.sqrt(abs(cell[0, 0] * cell[1, 1] - cell[0, 1] * cell[1, 0]))
+        for step in range(len(dents.peak)):
+            peak = dents.peak[step, k]
+            if peak <= 0.0:
+                continue
+            a, b = dents.axes[step, k]
+            ds = s - dents.centres[step, k, 0]
+            dt = t - dents.centres[step, k, 1]
+            if ground.whole < np.inf:
+                ds -= ground.whole * np.round(ds / ground.whole)
+            if ds * ds + dt * dt > (max(a, b) + reach) ** 2:
+                continue
+            x0, y0, x1, y1 = cell[0, 0], cell[0, 1], cell[1, 0], cell[1, 1]
+            if ground.dome < np.inf:
+                mid_s, mid_t = s - 0.5 * ds, t - 0.5 * dt
+                ds, dt = squeeze(mid_s, mid_t, ds, dt, ground.dome)
+                x0, y0 = squeeze(s, t, x0, y0, ground.dome)
+                x1, y1 = squeeze(s, t, x1, y1, ground.dome)
+            ls, lt = dents.long[step, k]
+            u, v = (ds * lt - dt * ls) / a, (ds * ls + dt * lt) / b
+            u0, v0 = (x0 * lt - y0 * ls) / a, (x0 * ls + y0 * lt) / b
+            u1, v1 = (x1 * lt - y1 * ls) / a, (x1 * ls + y1 * lt) / b
+            fine = 1 if min(a, b) < fine_below * side else 0
+            count = 2 + fine
+            total = 0.0
+            for p in range(count):
+                for q in range(count):
+                    uu = u + nodes[fine, p] * u0 + nodes[fine, q] * u1
+                    vv = v + nodes[fine, p] * v0 + nodes[fine, q] * v1
+                    inside = 1.0 - uu * uu - vv * vv
+                    if inside > 0.0:
+                        total += weights[fine, p] * weights[fine, q] * inside
+            pressure[step, column] += peak * total
+    return pressure
+
+
+@compiled
+@no_type_check
+def leak(
+    pressure: Float[np.ndarray, "time active"],
+    column_of: Int[np.ndarray, "taxel"],
+    taxels: Int[np.ndarray, "active"],
+    neighbours: Int[np.ndarray, "taxel 4"],
+    beta: Float[np.ndarray, "active"],
+    columns: int,
+) -> Float[np.ndarray, "time column"]:
+    """Each taxel gives a share to each side; what leaves the patch is lost."""
+    spread = np.zeros((len(pressure), columns))
+    for active in range(len(taxels)):
+        taxel = taxels[active]
+        share_out = beta[active]
+        own = column_of[taxel]
+        for t in range(len(pressure)):
+            spread[t, own] += (1.0 - 4.0 * share_out) * pressure[t, active]
+        for side in range(4):
+            other = neighbours[taxel, side]
+            if other >= 0:
+                column = column_of[other]
+                for t in range(len(pressure)):
+                    spread[t, column] += share_out * pressure[t, active]
+    return spread

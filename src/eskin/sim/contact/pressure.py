@@ -1,0 +1,277 @@
+"""This module computes the pressure on taxels from a press."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from eskin.sim.constants import MM, Constants
+from eskin.sim.contact.chart import Chart
+from eskin.sim.contact.kernels import Dents, Ground, cover, imprint, leak, share
+from eskin.sim.contact.press import Flesh, Press, Stamps
+from eskin.skin import Skin
+from eskin.skin.surfaces import Dome, Tube
+
+KPA = 1e-3
+
+Lengths = Float[np.ndarray, "time part"]
+Points = Float[np.ndarray, "time part 2"]
+
+
+def dents_of(
+    press: Press, chart: Chart, constants: Constants
+) -> tuple[Dents, Float[np.ndarray, "time"], Float[np.ndarray, "time 2"]]:
+    """Ellipses under a press, its true area of contact [m2] and its centroid [m]."""
+    offsets = placed(press)
+    long = long_axes(press)
+    curvatures = relative_curvatures(press.stamps, chart, long)
+    centres = laid(press, chart, offsets)
+    off = gaps(press.flesh, chart, offsets)
+    off[chart.beyond(centres)] = constants.value("contact.off")
+    loads = share_load(press, off, constants)
+    areas = contact_areas(press, curvatures, loads, constants)
+    ratio = np.sqrt(curvatures[..., 0] / curvatures[..., 1])
+    across = np.sqrt(areas / np.pi / ratio)
+    axes = np.stack([across, across * ratio], axis=2)
+    safe = np.where(areas > 0.0, areas, 1.0)
+    peak = 2.0 * loads / safe * KPA
+    dents = Dents(centres, long, axes, peak)
+    area = cover(dents, constants.value("contact.touched"), SPOTS)
+    return dents, area, centroid_of(press, centres, loads)
+
+
+def placed(press: Press) -> Points:
+    """Where the parts lie about the press's centre, as arc lengths (s, t) [m]."""
+    from_middle = press.stamps.centres - press.stamps.centres.mean(axis=0)
+    cos, sin = np.cos(press.angle)[:, None], np.sin(press.angle)[:, None]
+    x, y = from_middle.T
+    return np.stack([x * cos - y * sin, x * sin + y * cos], axis=2)
+
+
+def long_axes(press: Press) -> Points:
+    """Unit vectors (s, t) of the parts' long axes."""
+    turned = press.angle[:, None] + press.stamps.turns
+    return np.stack([-np.sin(turned), np.cos(turned)], axis=2)
+
+
+def relative_curvatures(stamps: Stamps, chart: Chart, long: Points) -> Points:
+    """Curvature of each part against the surface, across and along it [1/m]."""
+    own = np.broadcast_to(1.0 / stamps.radii, long.shape)
+    if isinstance(chart.surface, Tube):
+        # The long axis leans on the tube's roundness by its share of s.
+        return own + long[..., ::-1] ** 2 / chart.radius
+    if isinstance(chart.surface, Dome):
+        return own + 1.0 / chart.radius
+    return own
+
+
+def gaps(flesh: Flesh, chart: Chart, offsets: Points) -> Lengths:
+    """How far the parts stay off a round surface that the body wraps poorly [m]."""
+    round_way = np.zeros(offsets.shape[:2])
+    if isinstance(chart.surface, Tube | Dome):
+        round_way = offsets[..., 0] ** 2
+    if isinstance(chart.surface, Dome):
+        round_way = round_way + offsets[..., 1] ** 2
+    return (1.0 - flesh.conformity) * round_way / (2.0 * chart.radius)
+
+
+def share_load(press: Press, gaps: Lengths, constants: Constants) -> Lengths:
+    """Load of each part [N]; they sum to the force exactly."""
+    return share(
+        *(press.force, gaps, press.stamps.stiffness, press.flesh.b, press.flesh.m),
+        constants.value("contact.deepest") * MM,
+        int(constants.value("contact.halvings")),
+    )
+
+
+def contact_areas(
+    press: Press, curvatures: Points, loads: Lengths, constants: Constants
+) -> Lengths:
+    """Area of each ellipse [m2]: a power of its load, smaller on a rounder surface."""
+    stamps, flesh = press.stamps, press.flesh
+    grown = flesh.area_scale * stamps.area * loads**flesh.area_exponent
+    flat = np.prod(1.0 / stamps.radii, axis=1)
+    rounder = np.sqrt(flat / np.prod(curvatures, axis=2))
+    exponent = constants.value("contact.curvature_exponent")
+    return np.minimum(stamps.most, grown) * rounder**exponent
+
+
+def laid(press: Press, chart: Chart, offsets: Points) -> Points:
+    """Centres of the parts, unrolled (s, t) [m]."""
+    start = press.centre[:, None]
+    if not isinstance(chart.surface, Dome):
+        return start + offsets
+    return start + stretched(start, offsets, chart.radius)
+
+
+TURNS = 4
+
+
+def stretched(start: np.ndarray, offsets: Points, radius: float) -> Points:
+    """Steps on a dome's polar chart that are offsets in its tangent planes [m].
+
+    The chart is taken at the middle of each step, which is found by repetition.
+    """
+    steps = offsets
+    for _ in range(TURNS):
+        middle = start + steps / 2
+        away = np.linalg.norm(middle, axis=2, keepdims=True)
+        outward = middle / np.where(away > 0.0, away, 1.0)
+        radial = np.sum(offsets * outward, axis=2, keepdims=True) * outward
+        steps = radial + (offsets - radial) / np.sinc(away / radius / np.pi)
+    return steps
+
+
+def spread_spots(count: int) -> Float[np.ndarray, "spot 2"]:
+    """Points that fill the unit disc evenly, in the order of a sunflower's seeds."""
+    index = np.arange(count)
+    turn = index * np.pi * (3.0 - np.sqrt(5.0))
+    away = np.sqrt((index + 0.5) / count)
+    return np.column_stack([away * np.cos(turn), away * np.sin(turn)])
+
+
+SPOTS = spread_spots(16)
+
+
+def centroid_of(
+    press: Press, centres: Points, loads: Lengths
+) -> Float[np.ndarray, "time 2"]:
+    """Where the force acts, unrolled (s, t) [m]; the press's centre without one."""
+    total = loads.sum(axis=1)
+    moment = np.einsum("tk,tkd->td", loads, centres)
+    mean = moment / np.where(total > 0.0, total, 1.0)[:, None]
+    return np.where(total[:, None] > 0.0, mean, press.centre)
+
+
+def leak_share(
+    sigma: float, areas: Float[np.ndarray, "taxel"]
+) -> Float[np.ndarray, "taxel"]:
+    """Share beta of its load that an evenly loaded taxel gives to each side.
+
+    Args:
+        sigma: deviation of the film's spread, a Gaussian [m].
+        areas: of the taxels; square ones [m2].
+    """
+    return sigma / np.sqrt(2 * np.pi * areas)
+
+
+def grid_neighbours(skin: Skin) -> Int[np.ndarray, "taxel 4"]:
+    """Taxels beside each one in its patch's grid, -1 where there is none.
+
+    In order: the column before, the column after, the row before, the row after.
+    """
+    rows, columns = skin.rows + 1, skin.columns + 1
+    shape = (len(skin.patches), rows.max(initial=0) + 2, columns.max(initial=0) + 2)
+    grid = np.full(shape, -1, dtype=np.int64)
+    grid[skin.patch_index, rows, columns] = np.arange(skin.count)
+    sides = ((0, -1), (0, 1), (-1, 0), (1, 0))
+    found = [grid[skin.patch_index, rows + r, columns + c] for r, c in sides]
+    return np.stack(found, axis=1)
+
+
+def spread(
+    pressure: Float[np.ndarray, "time active"],
+    taxels: Int[np.ndarray, "active"],
+    neighbours: Int[np.ndarray, "taxel 4"],
+    beta: float | Float[np.ndarray, "taxel"],
+) -> tuple[Float[np.ndarray, "time more"], Int[np.ndarray, "more"]]:
+    """Pressures after the film [kPa], and the taxels that they are of, ascending.
+
+    Args:
+        pressure: of the active taxels [kPa].
+        taxels: the active ones, as indices of the skin.
+        neighbours: as `grid_neighbours` gives them.
+        beta: share given to each side, one for all taxels of the skin or one each;
+            what goes beyond the edge of a patch is lost.
+    """
+    reached = np.unique(np.append(neighbours[taxels], taxels))
+    reached = reached[reached >= 0]
+    column_of = np.zeros(len(neighbours), dtype=np.int64)
+    column_of[reached] = np.arange(len(reached))
+    shares = np.broadcast_to(np.asarray(beta, dtype=float), len(neighbours))[taxels]
+    return leak(pressure, column_of, taxels, neighbours, shares, len(reached)), reached
+
+
+@dataclass(frozen=True, eq=False)
+class Felt:
+    """What one press does to the skin through time."""
+
+    taxels: Int[np.ndarray, "active"]
+    """Indices into the skin's taxels, ascending, of all that are ever pressed."""
+    pressure: Float[np.ndarray, "time active"]
+    """Mean pressure over the sensing part of each [kPa]."""
+    area: Float[np.ndarray, "time"]
+    """True area of contact, on taxels or beside them [m2]."""
+    force: Float[np.ndarray, "time"]
+    """True force on the surface, on taxels or beside them [N]."""
+    centroid: Float[np.ndarray, "time 2"]
+    """Where the force acts, unrolled (s, t); s goes on past a turn of a tube [m]."""
+
+
+def feel(press: Press, chart: Chart, constants: Constants) -> Felt:
+    """What the taxels of a chart feel of a press on it, and what it truly is."""
+    dents, area, centroid = dents_of(press, chart, constants)
+    ground = ground_of(chart, constants)
+    part_of, taxel_of = np.nonzero(within_reach(dents, ground))
+    reached = np.unique(taxel_of)
+    column_of = np.zeros(len(chart.taxels), dtype=np.int64)
+    column_of[reached] = np.arange(len(reached))
+    pressure = imprint(
+        *(dents, ground, part_of, taxel_of, column_of, len(reached)),
+        *(NODES, WEIGHTS, constants.value("contact.fine_below")),
+    )
+    pressed = pressure.max(axis=0, initial=0.0) > 0.0
+    return Felt(
+        taxels=chart.taxels[reached[pressed]],
+        pressure=pressure[:, pressed],
+        area=area,
+        force=np.maximum(press.force, 0.0),
+        centroid=centroid,
+    )
+
+
+def ground_of(chart: Chart, constants: Constants) -> Ground:
+    """The chart's taxels, of which only the middle part senses."""
+    cells = chart.cells * np.sqrt(constants.value("contact.fill"))
+    dome = chart.radius if isinstance(chart.surface, Dome) else np.inf
+    return Ground(chart.unrolled, cells, chart.circumference, dome)
+
+
+def within_reach(dents: Dents, ground: Ground) -> Bool[np.ndarray, "part taxel"]:
+    """Which parts may ever meet which taxels, by boxes about their ways."""
+    loaded = dents.peak > 0.0
+    used = np.any(loaded, axis=0)
+    low = np.where(loaded[..., None], dents.centres, np.inf).min(axis=0, initial=FAR)
+    high = np.where(loaded[..., None], dents.centres, -np.inf).max(axis=0, initial=-FAR)
+    size = np.where(loaded, dents.axes.max(axis=2), 0.0).max(axis=0, initial=0.0)
+    half = (high - low) / 2 + size[:, None]
+    half = half + np.abs(ground.cells).sum(axis=1).max(axis=0, initial=0.0)
+    if np.isfinite(ground.dome):
+        half = half * DOME_STRETCH
+    away = ground.centres - (low + high)[:, None] / 2
+    if np.isfinite(ground.whole):
+        away[..., 0] -= ground.whole * np.round(away[..., 0] / ground.whole)
+    return used[:, None] & np.all(np.abs(away) <= half[:, None], axis=2)
+
+
+FAR = 1e6
+"""Farther than anything of a robot [m]."""
+
+DOME_STRETCH = np.pi / 2
+"""Most that a dome's chart stretches lengths: at its rim, a quarter turn off."""
+
+
+def quadrature() -> tuple[Float[np.ndarray, "2 3"], Float[np.ndarray, "2 3"]]:
+    """Gauss nodes and weights, of two points in the first row, of three in the other.
+
+    The weights sum to 1.
+    """
+    nodes, weights = np.zeros((2, 3)), np.zeros((2, 3))
+    for row, count in enumerate((2, 3)):
+        nodes[row, :count], weights[row, :count] = np.polynomial.legendre.leggauss(
+            count
+        )
+    return nodes, weights / 2
+
+
+NODES, WEIGHTS = quadrature()

@@ -1,0 +1,196 @@
+"""This module makes one clip or stream from its plan."""
+
+from dataclasses import dataclass, replace
+from functools import lru_cache
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from eskin.sim.contact.press import TrueTouch
+from eskin.sim.dataset.plan import QUIET, BuildOrigin, ClipPlan, Origin
+from eskin.sim.dataset.staging import (
+    Stage,
+    act_out,
+    draw_start,
+    draw_stream,
+    person_of,
+    put,
+    second_touch,
+    set_up,
+)
+from eskin.sim.people.perform import kind_of
+from eskin.sim.scene.environment import World
+from eskin.sim.scene.poses import can_touch_itself, group_of
+from eskin.sim.scene.scene import (
+    Scene,
+    TrueSeries,
+    felt_in,
+    pressure_of,
+    readings_every,
+    truths_of,
+)
+from eskin.sim.sensor.build import Build, draw_build
+from eskin.sim.sensor.electrical import ELECTRICAL, disturb
+from eskin.sim.sensor.model import Session, Stages, draw_session
+from eskin.sim.sensor.sensor import sense
+
+
+@dataclass(frozen=True, eq=False)
+class Clip:
+    """A clip or stream that was made."""
+
+    counts: Int[np.ndarray, "reading taxel"]
+    """What the converter counted (int32), one row every reading of the sensor."""
+    received: Bool[np.ndarray, "reading taxel"]
+    """False where no fresh data came."""
+    q: Float[np.ndarray, "reading joint"]
+    """Joint positions [rad]."""
+    truths: tuple[TrueSeries, ...]
+    """What was really done, by number; empty where nothing touched."""
+    pose_group: int
+    """Group of the pose at its start."""
+    drawn: dict[str, float | str]
+    """Every parameter that was drawn for it, by name."""
+
+
+@lru_cache(maxsize=16)
+def build_of(origin: BuildOrigin, world: World) -> Build:
+    """The build of an origin; the same one every time."""
+    skin, constants = world.mounted.skin, world.constants
+    return draw_build(origin.name, origin.kind, skin, constants, origin.rng())
+
+
+@lru_cache(maxsize=16)
+def session_of(origin: Origin, build: Build) -> Session:
+    """The session of an origin; the same one every time."""
+    return draw_session(build, origin.rng())
+
+
+def play(
+    scene: Scene,
+    lead: int,
+    build: Build,
+    session: Session,
+    world: World,
+    rng: np.random.Generator,
+    stages: Stages | None = None,
+) -> Clip:
+    """What the sensor counts of a scene, and what truly happened in it.
+
+    Args:
+        scene: what happens, from `lead` steps before the clip on.
+        lead: steps before the clip, in which contacts and creep build up.
+        build: the skin as built.
+        session: what has drifted since calibration.
+        world: the robot in its skin.
+        rng: to draw noise from.
+        stages: which stages of the sensor work; all unless given.
+    """
+    skin = world.mounted.skin
+    felt = felt_in(scene, world)
+    pressure, taxels = pressure_of(felt, scene.steps, build.film_sigma, skin)
+    counts, received = sense(pressure, taxels, build, skin, rng, stages, session, lead)
+    every = readings_every(world)
+    truths = truths_of(scene, felt, world.charts, world.mounted, lead, world)
+    return Clip(
+        counts=counts,
+        received=received,
+        q=scene.q[lead::every][: len(counts)],
+        truths=truths,
+        pose_group=0,
+        drawn={},
+    )
+
+
+HOUR = 3600.0
+"""[s]"""
+
+
+def disturbed(clip: Clip, stage: Stage) -> Clip:
+    """The same clip with an electrical event in it."""
+    return with_event(clip, stage, "electrical", None)
+
+
+def disturbed_by_the_hour(clip: Clip, stage: Stage) -> Clip:
+    """The same stream with electrical events at any time, so many an hour."""
+    constants, rng = stage.world.constants, stage.rng
+    rate = constants.value("stream.electrical") / HOUR
+    for number in range(rng.poisson(rate * stage.plan.seconds)):
+        onset = int(rng.integers(len(clip.counts)))
+        clip = with_event(clip, stage, f"electrical{number}", onset)
+    return clip
+
+
+def with_event(clip: Clip, stage: Stage, name: str, onset: int | None) -> Clip:
+    """The same clip with one more event.
+
+    Args:
+        clip: what was counted.
+        stage: where.
+        name: under which it is written down.
+        onset: reading at which it begins; None draws it.
+    """
+    event = ELECTRICAL[stage.rng.integers(len(ELECTRICAL))]
+    build = build_of(stage.plan.build, stage.world)
+    counts, received, drawn = disturb(
+        *(event, clip.counts, clip.received, stage.world.mounted.skin, build),
+        *(stage.rng, stage.world.constants, onset),
+    )
+    more = {f"{name}.{key}": value for key, value in drawn.items()}
+    return replace(clip, counts=counts, received=received, drawn=clip.drawn | more)
+
+
+def make_clip(plan: ClipPlan, world: World) -> Clip:
+    """Make one clip or stream alone, the same one every time.
+
+    Raises:
+        ValueError: the plan asks for what the robot or the skin cannot do.
+    """
+    rng, constants = plan.rng(), world.constants
+    person, groups = person_of(plan.person, world), frozenset(plan.groups)
+    kind = plan.kind or ""
+    if plan.gesture is not None and not kind:
+        kind = kind_of(plan.gesture, None, person, constants, rng, plan.difficulty)
+        while kind == "self_contact" and not can_touch_itself(world, groups):
+            kind = kind_of(plan.gesture, None, person, constants, rng, plan.difficulty)
+    stage = set_up(plan, kind, world, rng)
+    if plan.gesture is None:
+        touches = draw_stream(stage)
+    else:
+        touches = draw_touches(stage, plan.gesture, kind)
+    build = build_of(plan.build, world)
+    session = session_of(plan.session, build)
+    clip = play(Scene(stage.q, touches), stage.lead, build, session, world, rng)
+    clip = replace(
+        clip,
+        pose_group=group_of(world, stage.q[stage.lead]),
+        drawn=drawn_of(stage, touches),
+    )
+    if kind == "electrical":
+        return disturbed(clip, stage)
+    return disturbed_by_the_hour(clip, stage) if kind == QUIET else clip
+
+
+def draw_touches(stage: Stage, gesture: str, kind: str) -> tuple[TrueTouch, ...]:
+    """The touch that a clip is made for, and perhaps a smaller one beside it."""
+    person = person_of(stage.plan.person, stage.world)
+    touch = act_out(stage, person, gesture, kind, stage.lead)
+    start = draw_start(touch, stage.steps, stage.world.constants, stage.rng)
+    touch = put(stage, touch, stage.lead + start)
+    if touch.presses and stage.rng.random() < stage.plan.concurrent:
+        return (touch, *second_touch(stage, touch))
+    return (touch,)
+
+
+def drawn_of(stage: Stage, touches: tuple[TrueTouch, ...]) -> dict[str, float | str]:
+    """Every parameter of the clip, by name."""
+    joints = stage.world.mounted.robot.joint_names
+    start = stage.q[stage.lead].tolist()
+    drawn: dict[str, float | str] = {
+        f"q.{joint}": value for joint, value in zip(joints, start, strict=True)
+    }
+    drawn["folded"] = float(stage.folded)
+    for number, touch in enumerate(touches):
+        drawn[f"touch{number}.kind"] = touch.kind
+        drawn |= {f"touch{number}.{name}": each for name, each in touch.drawn.items()}
+    return drawn

@@ -1,0 +1,72 @@
+"""Clip generators make clips from their plans."""
+
+from abc import ABC, abstractmethod
+from typing import final
+
+from eskin.errors import GenerationError
+from eskin.robot import load_robot
+from eskin.sim.constants import Constants, load_constants
+from eskin.sim.dataset.clip import Clip, build_of, make_clip
+from eskin.sim.dataset.pairs import clip_of
+from eskin.sim.dataset.plan import SOURCES, BuildOrigin, ClipPlan
+from eskin.sim.scene.environment import build_world
+from eskin.skin import PRESETS, MountedSkin
+from eskin.touch import Calibration
+
+
+class Maker(ABC):
+    """Makes clips of one skin; the same plan gives the same clip every time."""
+
+    mounted: MountedSkin
+    """The skin on its robot."""
+    robot_name: str
+    """What `load_robot` calls the robot."""
+
+    @abstractmethod
+    def make(self, plan: ClipPlan) -> Clip:
+        """The clip of a plan, or the stream where the plan names no gesture."""
+
+    @abstractmethod
+    def calibration(self, build: BuildOrigin) -> Calibration:
+        """What the user of a build knows of it."""
+
+
+def mount(skin: str) -> MountedSkin:
+    """A preset skin on its robot."""
+    preset = PRESETS[skin]
+    return MountedSkin(preset.build(), load_robot(preset.robot))
+
+
+@final
+class Simulator(Maker):
+    """Simulates people who touch a skin that comes with eskin."""
+
+    def __init__(self, skin: str = "ur5", constants: Constants | None = None) -> None:
+        """Prepare the skin.
+
+        Args:
+            skin: name of a preset.
+            constants: numbers of the world; those published unless given.
+
+        Raises:
+            GenerationError: there is no preset of that name.
+        """
+        if skin not in PRESETS:
+            raise GenerationError(
+                f"no skin '{skin}' to simulate; allowed are {', '.join(PRESETS)}"
+            )
+        self.robot_name = PRESETS[skin].robot
+        self.mounted = mounted = mount(skin)
+        if skin in SOURCES:
+            mounted = mount(SOURCES[skin])
+        self.world = build_world(mounted, constants or load_constants())
+
+    def make(self, plan: ClipPlan) -> Clip:
+        """The clip of a plan, or the stream where the plan names no gesture."""
+        if plan.pair is not None:
+            return clip_of(plan, self.world)
+        return make_clip(plan, self.world)
+
+    def calibration(self, build: BuildOrigin) -> Calibration:
+        """What the user of a build knows of it."""
+        return build_of(build, self.world).calibration(self.mounted.skin)

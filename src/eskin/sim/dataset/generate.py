@@ -1,0 +1,288 @@
+"""This module generates sets of clips: files and their index, by any number of processes."""
+
+import multiprocessing
+import os
+import signal
+import threading
+import time
+from collections import deque
+from collections.abc import Callable, Generator, Iterator, Sequence
+from concurrent.futures import Future, ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import closing, contextmanager
+from dataclasses import dataclass
+from fcntl import LOCK_EX, LOCK_NB, flock
+from functools import lru_cache
+from multiprocessing import parent_process
+from multiprocessing.connection import wait
+from multiprocessing.synchronize import Event
+from pathlib import Path
+
+from eskin.errors import GenerationError
+from eskin.files import atomic_path
+from eskin.sim.dataset.clip_generator import Maker, Simulator
+from eskin.sim.dataset.index import INDEX_NAME, ClipRow, to_text
+from eskin.sim.dataset.session_file import write_sitting
+from eskin.sim.dataset.session_plan import Sitting
+from eskin.sim.dataset.settings import SETTINGS_NAME, Settings, claim
+
+
+class Archive:
+    """Grows file by file in the order of the set; what is there is always whole."""
+
+    def __init__(self, folder: Path, sittings: Sequence[Sitting]) -> None:
+        """Look at what an earlier generation left, without changing it."""
+        self.folder = folder
+        self.sittings = tuple(sittings)
+        self.index = folder / INDEX_NAME
+
+    def resume(self) -> int:
+        """Remove what is not whole; return how many files are.
+
+        Files count as far as each is there and has a line of the index for every clip,
+        in the order in which they were made.
+        """
+        kept = done = 0
+        for sitting in self.sittings:
+            size = self.size_of(sitting, kept)
+            if size is None:
+                break
+            kept, done = kept + size, done + 1
+        if self.index.exists():
+            os.truncate(self.index, kept)
+        else:
+            with atomic_path(self.index, durable=True) as part:
+                part.touch()
+        for sitting in self.sittings[done:]:
+            path = self.folder / sitting.file
+            path.unlink(missing_ok=True)
+            path.with_name(path.name + ".part").unlink(missing_ok=True)
+        return done
+
+    def size_of(self, sitting: Sitting, start: int) -> int | None:
+        """Bytes of the lines of a file from `start` of the index on; None if cut."""
+        if not (self.index.exists() and (self.folder / sitting.file).exists()):
+            return None
+        begin = f'{{"file": "{sitting.file}", "number": '.encode()
+        size = 0
+        with self.index.open("rb") as file:
+            file.seek(start)
+            for number in range(sitting.clips):
+                line = file.readline()
+                if not (
+                    line.startswith(begin + b"%d," % number) and line[-1:] == b"\n"
+                ):
+                    return None
+                size += len(line)
+        return size
+
+    def add(self, rows: Sequence[ClipRow]) -> None:
+        """Append the clips of the next file, which is there already."""
+        with self.index.open("a", encoding="utf-8") as file:
+            file.write(to_text(rows))
+            file.flush()
+            os.fsync(file.fileno())
+
+
+stops: list[Event] = []
+"""The event at which this process ends its work."""
+
+
+def begin(stop: Event) -> None:
+    """Prepare this process: it ends with its parent, which alone hears Ctrl-C."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    stops[:] = [stop]
+    threading.Thread(target=end_with_parent, daemon=True).start()
+
+
+def end_with_parent() -> None:
+    """Wait for the parent to be gone, then leave at once."""
+    parent = parent_process()
+    if parent is not None:
+        wait([parent.sentinel])
+        os._exit(1)
+
+
+def go_on() -> None:
+    """Stop where the parent says so."""
+    if any(stop.is_set() for stop in stops):
+        raise GenerationError("generation was stopped")
+
+
+@lru_cache(maxsize=1)
+def maker_of(factory: Callable[[str], Maker], skin: str) -> Maker:
+    """The maker of a skin, prepared once a process."""
+    return factory(skin)
+
+
+def work(
+    folder: Path,
+    settings: Settings,
+    sitting: Sitting,
+    factory: Callable[[str], Maker],
+) -> tuple[ClipRow, ...]:
+    """Write one file."""
+    maker = maker_of(factory, settings.skin_of(sitting))
+    return write_sitting(folder, settings, sitting, maker, go_on)
+
+
+THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+AHEAD = 2
+"""Files in work or waiting for their turn in the index, for each process."""
+
+Rows = Generator[tuple[ClipRow, ...], None, None]
+
+
+@dataclass(frozen=True)
+class Generation:
+    """What came of generating."""
+
+    clips: int
+    """Clips in the folder."""
+    made: int
+    """Of these, clips that were not there before."""
+    files: int
+    """Recordings in the folder."""
+    seconds: float
+    """Time it took [s]."""
+
+    @property
+    def clips_per_minute(self) -> float:
+        """Clips made in a minute."""
+        return 60 * self.made / self.seconds if self.made else 0.0
+
+
+def generate(
+    folder: Path | str,
+    settings: Settings,
+    workers: int = 0,
+    factory: Callable[[str], Maker] = Simulator,
+    tell: Callable[[int], None] = lambda done: None,
+) -> Generation:
+    """Make a set, or what is missing of it.
+
+    Whole files stay whatever happens, and are not made again. Neither recordings nor
+    index depend on the number of workers.
+
+    Args:
+        folder: where to; made if it is missing.
+        settings: what to make.
+        workers: processes; 0 works in this one.
+        factory: gives the maker of a skin; must be found by name in other processes.
+        tell: called with the number of clips that are done.
+
+    Raises:
+        GenerationError: the folder holds something else, or a clip cannot be made.
+    """
+    if workers < 0:
+        raise ValueError(f"{workers} workers asked; allowed are 0 and above")
+    started, folder = time.monotonic(), Path(folder)
+    claim(folder, settings)
+    with alone_in(folder):
+        return fill(folder, settings, workers, factory, tell, started)
+
+
+def fill(
+    folder: Path,
+    settings: Settings,
+    workers: int,
+    factory: Callable[[str], Maker],
+    tell: Callable[[int], None],
+    started: float,
+) -> Generation:
+    """Make what is missing in a folder."""
+    archive = Archive(folder, settings.sittings)
+    done = archive.resume()
+    kept = sum(sitting.clips for sitting in settings.sittings[:done])
+    missing = settings.sittings[done:]
+    made = 0
+    tell(kept)
+    try:
+        with closing(run(folder, settings, missing, workers, factory)) as finished:
+            for rows in finished:
+                archive.add(rows)
+                made += len(rows)
+                tell(kept + made)
+    except BaseException:
+        archive.resume()
+        raise
+    files = len(settings.sittings)
+    return Generation(kept + made, made, files, time.monotonic() - started)
+
+
+@contextmanager
+def alone_in(folder: Path) -> Iterator[None]:
+    """Keep other generations out of a folder.
+
+    Raises:
+        GenerationError: another one is at work there.
+    """
+    with (folder / SETTINGS_NAME).open() as file:
+        try:
+            flock(file, LOCK_EX | LOCK_NB)
+        except BlockingIOError as error:
+            raise GenerationError(
+                f"another eskin generate is writing to {folder}; wait until it is "
+                "done, or give another folder"
+            ) from error
+        yield
+
+
+def run(
+    folder: Path,
+    settings: Settings,
+    sittings: Sequence[Sitting],
+    workers: int,
+    factory: Callable[[str], Maker],
+) -> Rows:
+    """Rows of files, in order, as they are made."""
+    workers = min(workers, len(sittings))
+    if not workers:
+        for sitting in sittings:
+            yield work(folder, settings, sitting, factory)
+        return
+    yield from run_apart(folder, settings, sittings, workers, factory)
+
+
+def run_apart(
+    folder: Path,
+    settings: Settings,
+    sittings: Sequence[Sitting],
+    workers: int,
+    factory: Callable[[str], Maker],
+) -> Rows:
+    """The same in other processes; a bounded number of files is in work at a time."""
+    context = multiprocessing.get_context("spawn")
+    stop = context.Event()
+    left, waiting = deque(sittings), deque[Future]()
+    with single_threads():
+        pool = ProcessPoolExecutor(workers, context, begin, (stop,))
+        try:
+            while left or waiting:
+                while left and len(waiting) < AHEAD * workers:
+                    task = (folder, settings, left.popleft(), factory)
+                    waiting.append(pool.submit(work, *task))
+                yield waiting.popleft().result()
+        except BrokenProcessPool as error:
+            raise GenerationError(
+                "a worker died, perhaps for want of memory; run the same command "
+                "again with fewer --workers to go on"
+            ) from error
+        finally:
+            stop.set()
+            pool.shutdown(wait=True, cancel_futures=True)
+
+
+@contextmanager
+def single_threads() -> Iterator[None]:
+    """Let new processes use one thread each: they are as many as the cores."""
+    before = {name: os.environ.get(name) for name in THREADS}
+    os.environ.update(dict.fromkeys(THREADS, "1"))
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            if value is None:
+                del os.environ[name]
+            else:
+                os.environ[name] = value

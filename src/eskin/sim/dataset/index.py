@@ -1,0 +1,240 @@
+"""The index beside recordings holds all that is known of every clip, one line each."""
+
+import json
+from collections.abc import Iterable
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import numpy as np
+
+from eskin.errors import GenerationError
+from eskin.sim.dataset.clip import Clip
+from eskin.sim.dataset.clip_generator import Maker
+from eskin.sim.dataset.plan import BuildOrigin, ClipPlan, Origin, PairPlace
+
+INDEX_NAME = "clips.jsonl"
+
+
+@dataclass(frozen=True)
+class TouchRow:
+    """One true touch of a clip."""
+
+    touch: int
+    """Its number in the file, as in `/eskin/truth`."""
+    gesture: str
+    """Of the vocabulary, `none`, or the name of an unknown gesture."""
+    kind: str
+    """Variant of the gesture."""
+    subject: str
+    """Who did it; empty where it was nobody."""
+    link: str
+    """Link that bears most of it."""
+    onset: float
+    """First contact since the start of the clip; negative where before [s]."""
+    end: float
+    """Last contact since the start of the clip; may be after its end [s]."""
+    impulse: float
+    """Force over the readings of the clip [N s]."""
+
+
+@dataclass(frozen=True)
+class ClipRow:
+    """One clip or stream of a set."""
+
+    file: str
+    """Path of its recording below the folder of the set."""
+    number: int
+    """Counts the clips of the file."""
+    start: int
+    """Stamp of its first reading [ns since the epoch]."""
+    skin: str
+    """Name of the skin."""
+    pose_group: int
+    """Group of the pose at its start."""
+    regime: str
+    """How long touches last, as drawn; empty where nothing touched."""
+    touches: tuple[TouchRow, ...]
+    """What was really done."""
+    drawn: dict[str, float | str]
+    """Every parameter that was drawn for it, by name."""
+    plan: ClipPlan
+    """What was decided before; the clip can be made again from it alone."""
+
+    @property
+    def gesture(self) -> str:
+        """What the clip shows; empty for a stream."""
+        return self.plan.gesture or ""
+
+    @property
+    def kind(self) -> str:
+        """Variant of its gesture as drawn; empty where that is not known."""
+        drawn = self.drawn.get("kind", self.drawn.get("touch0.kind", ""))
+        return self.plan.kind or str(drawn)
+
+    @property
+    def subject(self) -> str:
+        """Who touches."""
+        return self.plan.person.name
+
+    @property
+    def build(self) -> str:
+        """Name of the sensor build."""
+        return self.plan.build.name
+
+    def to_line(self) -> str:
+        """As one line of JSON; what is asked for most comes first and by itself."""
+        facts: dict[str, object] = {
+            "file": self.file,
+            "number": self.number,
+            "start": self.start,
+            "gesture": self.gesture,
+            "kind": self.kind,
+            "subject": self.subject,
+            "build": self.build,
+            "pose_group": self.pose_group,
+            "moving": self.plan.moving,
+            "difficulty": self.plan.difficulty,
+            "regime": self.regime,
+            "skin": self.skin,
+            "touches": [asdict(touch) for touch in self.touches],
+            "drawn": self.drawn,
+            "plan": asdict(self.plan),
+        }
+        return json.dumps(facts, ensure_ascii=False)
+
+    @classmethod
+    def from_line(cls, line: str) -> "ClipRow":
+        """From such a line."""
+        facts = json.loads(line)
+        return cls(
+            file=facts["file"],
+            number=facts["number"],
+            start=facts["start"],
+            skin=facts["skin"],
+            pose_group=facts["pose_group"],
+            regime=facts["regime"],
+            touches=tuple(TouchRow(**touch) for touch in facts["touches"]),
+            drawn=facts["drawn"],
+            plan=plan_from(facts["plan"]),
+        )
+
+
+def plan_from(facts: dict) -> ClipPlan:
+    """A plan as it stands in a line of the index."""
+    others = {"company": None, "pose": None, "groups": tuple(facts["groups"])}
+    if facts["company"] is not None:
+        others["company"] = origin_from(facts["company"])
+    if facts["pose"] is not None:
+        others["pose"] = tuple(facts["pose"])
+    if facts.get("pair") is not None:
+        others["pair"] = PairPlace(**facts["pair"])
+    build = facts["build"]
+    return ClipPlan(
+        **facts
+        | others
+        | {
+            "seed": tuple(facts["seed"]),
+            "person": origin_from(facts["person"]),
+            "session": origin_from(facts["session"]),
+            "build": BuildOrigin(build["name"], tuple(build["seed"]), build["kind"]),
+        }
+    )
+
+
+def origin_from(facts: dict) -> Origin:
+    """An origin as it stands in a line of the index."""
+    return Origin(facts["name"], tuple(facts["seed"]))
+
+
+def row_of(
+    file: str,
+    number: int,
+    start: int,
+    skin: str,
+    first: int,
+    period: float,
+    plan: ClipPlan,
+    clip: Clip,
+) -> ClipRow:
+    """The row of a clip that was made.
+
+    Args:
+        file: path of its recording below the folder of the set.
+        number: counts the clips of the file.
+        start: stamp of its first reading [ns since the epoch].
+        skin: name of the skin.
+        first: number of its first true touch in the file.
+        period: time between two readings [s].
+        plan: what it was made from.
+        clip: what came of it.
+    """
+    touches = tuple(
+        TouchRow(
+            touch=first + place,
+            gesture=truth.gesture,
+            kind=truth.kind,
+            subject=truth.subject,
+            link=truth.link,
+            onset=float(truth.onset),
+            end=float(truth.end),
+            impulse=float(truth.force.sum() * period),
+        )
+        for place, truth in enumerate(clip.truths)
+    )
+    drawn = {name: plain(value) for name, value in clip.drawn.items()}
+    regime = drawn.get("regime", drawn.get("touch0.regime", plan.regime or ""))
+    group, name = int(clip.pose_group), str(regime)
+    return ClipRow(file, number, start, skin, group, name, touches, drawn, plan)
+
+
+def plain(value: float | str) -> float | str:
+    """A value that any reader of JSON understands."""
+    if isinstance(value, str):
+        return value
+    return float(value) if np.isfinite(value) else str(value)
+
+
+def read_index(folder: Path | str) -> tuple[ClipRow, ...]:
+    """Every clip of the whole files of a set, in order.
+
+    Raises:
+        GenerationError: there is no index, or it cannot be read.
+    """
+    path = Path(folder) / INDEX_NAME
+    try:
+        lines = path.read_text(encoding="utf-8").splitlines()
+    except OSError as error:
+        raise GenerationError(
+            f"no index {path} ({error.strerror}); generate the set: eskin generate"
+        ) from error
+    return tuple(parsed(path, number, line) for number, line in enumerate(lines, 1))
+
+
+def parsed(path: Path, number: int, line: str) -> ClipRow:
+    """One line of an index."""
+    try:
+        return ClipRow.from_line(line)
+    except (ValueError, KeyError, TypeError) as error:
+        raise GenerationError(
+            f"{path} line {number} is no clip ({type(error).__name__}: {error}); "
+            "run the same eskin generate again to repair it"
+        ) from error
+
+
+def to_text(rows: Iterable[ClipRow]) -> str:
+    """Rows as lines."""
+    return "".join(row.to_line() + "\n" for row in rows)
+
+
+def remake(row: ClipRow, maker: Maker) -> Clip:
+    """Make one clip of a set again, alone: the same counts as in its recording.
+
+    Raises:
+        GenerationError: the maker is of another skin.
+    """
+    if maker.mounted.skin.name != row.skin:
+        raise GenerationError(
+            f"clip {row.number} of {row.file} is of skin '{row.skin}', the maker of "
+            f"'{maker.mounted.skin.name}'; give a maker of that skin"
+        )
+    return maker.make(row.plan)

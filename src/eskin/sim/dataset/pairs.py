@@ -1,0 +1,434 @@
+"""This module makes pairs of clips whose counts are equal while their labels differ."""
+
+from dataclasses import dataclass, replace
+from functools import lru_cache
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from eskin.robot import load_robot
+from eskin.sim.constants import MM, load_constants
+from eskin.sim.contact.chart import Chart, charts_of
+from eskin.sim.contact.press import Press, Site, TrueTouch
+from eskin.sim.contact.pressure import feel
+from eskin.sim.dataset.clip import Clip, build_of, play, session_of
+from eskin.sim.dataset.plan import INSTEAD, KINDS, SKINS, ClipPlan, PairKind, kind_named
+from eskin.sim.dataset.session_plan import plan_alone
+from eskin.sim.dataset.staging import draw_start, person_of
+from eskin.sim.people.hand import HEADS, HEEL, PARTS, mirrored, part_of
+from eskin.sim.people.perform import perform
+from eskin.sim.people.person import Person
+from eskin.sim.scene.environment import World, build_world
+from eskin.sim.scene.folds import (
+    faces_of,
+    facing,
+    fold,
+    fold_sites,
+    gap_of,
+    points_in_world,
+)
+from eskin.sim.scene.poses import draw_pose, group_of, pool_of
+from eskin.sim.scene.scene import Scene, contact_steps, felt_in, moved, truths_of
+from eskin.sim.scene.validity import acceptable, limits
+from eskin.skin import PRESETS, MountedSkin
+
+
+@dataclass(frozen=True, eq=False)
+class Twins:
+    """Two scenes that press the same taxels alike."""
+
+    first: Scene
+    """With the gesture."""
+    second: Scene
+    """With what is none."""
+    mounted: MountedSkin
+    """The skin of the second scene on its robot."""
+    charts: tuple[Chart, ...]
+    """Its surfaces, unrolled as those of the first scene are."""
+
+
+def steps_of(plan: ClipPlan, world: World) -> tuple[int, int]:
+    """Steps before the clip, and of all that is simulated."""
+    step = world.constants.value("time.step")
+    lead = round(world.constants.value("clip.before") / step)
+    return lead, lead + round(plan.seconds / step)
+
+
+def still(q: Float[np.ndarray, "joint"], steps: int) -> Float[np.ndarray, "time joint"]:
+    """A robot that stands in one pose."""
+    return np.tile(q, (steps, 1))
+
+
+def onset_of(
+    touch: TrueTouch, plan: ClipPlan, world: World, rng: np.random.Generator
+) -> int:
+    """Step of the scene at which a touch's clock starts, all of it in the clip.
+
+    A touch that is longer than the clip is cut as in other clips.
+    """
+    lead, steps = steps_of(plan, world)
+    first, end = contact_steps(touch)
+    free = steps - lead - (end - first)
+    if free <= 0:
+        return lead + draw_start(touch, steps - lead, world.constants, rng)
+    return lead - first + int(rng.integers(0, free + 1))
+
+
+ELBOW = "elbow_joint"
+
+Sites = tuple[Site, Site]
+Pose = Float[np.ndarray, "joint"]
+
+
+def draw_meeting(
+    world: World,
+    groups: frozenset[int],
+    person: Person,
+    rng: np.random.Generator,
+) -> tuple[Pose, Pose, Sites]:
+    """A pose in which two places meet, one in which they are far apart, and both.
+
+    Args:
+        world: the robot.
+        groups: of poses, to take the one from in which they are apart.
+        person: who touches.
+        rng: to draw from.
+
+    Raises:
+        ValueError: no such poses were found.
+    """
+    value = world.constants.value
+    near, far = value("pairs.near") * MM, value("pairs.far") * MM
+    poses = meeting_poses(world)
+    tries = int(value("pairs.tries")) if len(poses) else 0
+    for _ in range(tries):
+        folded = poses[rng.integers(len(poses))].copy()
+        folded[0] = rng.uniform(*(each[0] for each in limits(world)))
+        apart = draw_pose(world, groups, rng)
+        found = [
+            sites
+            for sites in fold_sites(world, folded, person)
+            if gap_of(world, folded, *sites) <= near
+            and gap_of(world, apart, *sites) >= far
+        ]
+        if found:
+            return folded, apart, found[rng.integers(len(found))]
+    raise ValueError(
+        f"no poses found that bring patches of robot '{world.mounted.robot.name}' "
+        f"within {near} m of each other and {far} m apart; take a skin on a longer arm"
+    )
+
+
+@lru_cache(maxsize=2)
+def meeting_poses(world: World) -> Float[np.ndarray, "pose joint"]:
+    """Poses with the elbow bent as far as it goes, in which such patches meet.
+
+    Always the same ones. Poses as others are drawn hardly ever bend it so far.
+    """
+    value, elbow = world.constants.value, world.joint(ELBOW)
+    rng = np.random.default_rng(int(value("robot.pool_seed")))
+    low, high = limits(world)
+    count = int(value("pairs.pool"))
+    q = rng.uniform(low, high, (count, len(low)))
+    bent = np.deg2rad(world.constants.array("pairs.elbow"))
+    q[:, elbow] = rng.uniform(bent[0], bent[1], count) * rng.choice([-1, 1], count)
+    q = q[acceptable(world, q)]
+    gaps, _ = facing(world, world.poses(q))
+    gaps = gaps[:, partable(world)]
+    return q[gaps.min(axis=1, initial=np.inf) <= value("pairs.near") * MM]
+
+
+def partable(world: World) -> Bool[np.ndarray, "pair"]:
+    """Which pairs of charts are far apart in some pose, middle from middle."""
+    faces = faces_of(world)
+    charts = np.arange(len(world.charts))
+    widest = np.zeros(len(faces.pairs))
+    for q in np.concatenate(list(pool_of(world).any.values())):
+        middles = points_in_world(world, charts, faces.balls[:, :3], world.poses(q))
+        one, other = middles[faces.pairs[:, 0]], middles[faces.pairs[:, 1]]
+        widest = np.maximum(widest, np.linalg.norm(one - other, axis=1))
+    return widest >= world.constants.value("pairs.far") * MM
+
+
+@lru_cache(maxsize=1)
+def flat_side() -> tuple[MountedSkin, tuple[Chart, ...]]:
+    """The patch laid flat, and its one chart."""
+    preset = PRESETS["flat"]
+    mounted = MountedSkin(preset.build(), load_robot(preset.robot))
+    return mounted, charts_of(mounted)
+
+
+def draw_bending(plan: ClipPlan, world: World, rng: np.random.Generator) -> Twins:
+    """A grab of the patch round the tube, and the same on it as it lies flat."""
+    _, steps = steps_of(plan, world)
+    q = np.zeros((steps, 0))
+    grabs = () if plan.kind == "idle" else (draw_grab(plan, world, rng),)
+    presses = tuple(
+        replace(touch, gesture="none", kind=INSTEAD["grab"]) for touch in grabs
+    )
+    return Twins(Scene(q, grabs), Scene(q, presses), *flat_side())
+
+
+def draw_grab(plan: ClipPlan, world: World, rng: np.random.Generator) -> TrueTouch:
+    """A grab somewhere on the patch, by the person's taste."""
+    touch = perform(
+        *("grab", None, person_of(plan.person, world), draw_site(world, rng)),
+        *(world.constants, rng, plan.difficulty, plan.regime),
+    )
+    return moved(touch, onset_of(touch, plan, world, rng))
+
+
+def draw_site(world: World, rng: np.random.Generator) -> Site:
+    """Near the middle of the patch, the hand round the tube either way."""
+    chart = world.charts[0]
+    off = world.constants.value("pairs.off") * MM
+    s, t = rng.uniform(-off, off, 2)
+    low, high = chart.unrolled[:, 1].min() - t, chart.unrolled[:, 1].max() - t
+    angle = rng.choice([-1.0, 1.0]) * np.pi / 2
+    return Site(0, (s, t), chart.radius, (float(low), float(high)), float(angle))
+
+
+def draw_merging(plan: ClipPlan, world: World, rng: np.random.Generator) -> Twins:
+    """One gesture on two patches that meet, and two touches of them far apart.
+
+    Raises:
+        ValueError: no poses or no touch were found.
+    """
+    person = person_of(plan.person, world)
+    _, steps = steps_of(plan, world)
+    folded, apart, touches = draw_touched(plan, world, person, rng)
+    return Twins(
+        Scene(still(folded, steps), touches),
+        Scene(still(apart, steps), tuple(split(touches))),
+        world.mounted,
+        world.charts,
+    )
+
+
+def draw_touched(
+    plan: ClipPlan, world: World, person: Person, rng: np.random.Generator
+) -> tuple[Pose, Pose, tuple[TrueTouch, ...]]:
+    """Both poses and the gesture, which is felt on either patch."""
+    for _ in range(int(world.constants.value("pairs.tries"))):
+        groups = frozenset(plan.groups)
+        folded, apart, sites = draw_meeting(world, groups, person, rng)
+        if plan.kind == "idle":
+            return folded, apart, ()
+        touch = draw_touch(plan, world, person, sites, rng)
+        if touch is not None:
+            touch = moved(touch, onset_of(touch, plan, world, rng))
+            return folded, apart, (touch,)
+    raise ValueError("no touch came out that is felt on two patches; lower pairs.felt")
+
+
+def split(touches: tuple[TrueTouch, ...]) -> list[TrueTouch]:
+    """Each press of a gesture as a touch of its own, which is none."""
+    return [
+        replace(touch, gesture="none", kind=INSTEAD[touch.gesture], presses=(press,))
+        for touch in touches
+        for press in touch.presses
+    ]
+
+
+def draw_touch(
+    plan: ClipPlan,
+    world: World,
+    person: Person,
+    sites: Sites,
+    rng: np.random.Generator,
+) -> TrueTouch | None:
+    """One gesture that is done on two patches, a part of it felt on each.
+
+    None where it hardly comes out so, as on a narrow patch or by a light hand.
+    """
+    assert plan.pair is not None
+    draw = pat_both if plan.pair.gesture == "double_pat" else hook
+    least = world.constants.value("pairs.felt")
+    for _ in range(int(world.constants.value("pairs.touches"))):
+        touch = draw(plan, world, person, sites, rng)
+        if touch is not None and min(peaks_of(touch, world)) >= least:
+            return touch
+    return None
+
+
+def peaks_of(touch: TrueTouch, world: World) -> list[float]:
+    """Largest pressure of each press of a touch [kPa]."""
+    return [
+        float(feel(p, world.charts[p.chart], world.constants).pressure.max(initial=0.0))
+        for p in touch.presses
+    ]
+
+
+def pat_both(
+    plan: ClipPlan,
+    world: World,
+    person: Person,
+    sites: Sites,
+    rng: np.random.Generator,
+) -> TrueTouch | None:
+    """A double pat whose second pat is on the other patch, by the palm again.
+
+    None where the pats as drawn are too soon or too late after each other for it.
+    """
+    low, high = world.constants.array("pairs.interval")
+    touch = perform(
+        *("double_pat", None, person, sites[0], world.constants, rng),
+        *(plan.difficulty, plan.regime),
+    )
+    if touch.drawn["stays"] or not low <= float(touch.drawn["interval"]) <= high:
+        return None
+    return replace(touch, presses=parted(touch.presses[0], *sites))
+
+
+def parted(press: Press, first: Site, second: Site) -> tuple[Press, Press]:
+    """The first pat where it was and the second at another site."""
+    pressed = np.flatnonzero(press.force > 0)
+    last = pressed[np.argmax(np.diff(pressed))]
+    cut = int(last) + 1
+    earlier, later = part(press, slice(0, cut)), part(press, slice(cut, None))
+    onward = replace(
+        later,
+        chart=second.chart,
+        first=press.first + cut,
+        centre=later.centre - np.array(first.centre) + np.array(second.centre),
+        angle=later.angle - first.angle + second.angle,
+    )
+    return earlier, onward
+
+
+def part(press: Press, steps: slice) -> Press:
+    """Some steps of a press."""
+    series = press.force[steps], press.centre[steps], press.angle[steps]
+    force, centre, angle = series
+    return replace(press, force=force, centre=centre, angle=angle)
+
+
+def hook(
+    plan: ClipPlan,
+    world: World,
+    person: Person,
+    sites: Sites,
+    rng: np.random.Generator,
+) -> TrueTouch:
+    """A hand hooked between two patches: fingers on one, its back on the other.
+
+    They press against each other, so either bears the same.
+    """
+    touch = perform(
+        *("grab", "full_hand", person, sites[0], world.constants, rng),
+        *(plan.difficulty, plan.regime),
+    )
+    (press,) = touch.presses
+    stiff = replace(touch, presses=(replace(press, flesh=person.flesh),))
+    fingers, back = fold(stiff, *sites, 1 / 2).presses
+    hand, behind = press.stamps, mirrored(press.stamps)
+    fingers = replace(fingers, stamps=part_of(hand, PARTS[:12]))
+    back = replace(back, stamps=part_of(behind, HEADS + HEEL))
+    return replace(touch, kind="hook", presses=(fingers, back))
+
+
+DRAWN = {"bending": draw_bending, "merging": draw_merging}
+
+
+@dataclass(frozen=True, eq=False)
+class Pair:
+    """Two clips with the same counts, of which only one shows a gesture."""
+
+    kind: PairKind
+    """What tells them apart: the shape of the skin, or the pose of the robot."""
+    first: Clip
+    """With the gesture."""
+    second: Clip
+    """With what is none."""
+    labels: tuple[str, str]
+    """What is done in either."""
+    mounted: tuple[MountedSkin, MountedSkin]
+    """The skin of either on its robot."""
+
+
+def make_pair(
+    kind: str,
+    seed: int,
+    difficulty: float | None = None,
+    world: World | None = None,
+) -> Pair:
+    """Make a pair alone, its person and sensor drawn from the same seed.
+
+    Args:
+        kind: `bending` or `merging`.
+        seed: decides all that is drawn.
+        difficulty: how much touches vary; the published one unless given.
+        world: of the first clip; the patch round a tube or the UR5 unless given.
+
+    Raises:
+        ValueError: there is no such kind, or patches of the world never meet.
+    """
+    chosen = kind_named(kind)
+    world = world or world_of(SKINS.get(KINDS[chosen][0], "ur5"))
+    published = world.constants.value("sets.difficulty")
+    level = published if difficulty is None else difficulty
+    return pair_of(plan_alone(chosen, seed, level, world.constants), world)
+
+
+@lru_cache(maxsize=2)
+def world_of(skin: str) -> World:
+    """A preset skin on its robot, prepared for touching."""
+    preset = PRESETS[skin]
+    mounted = MountedSkin(preset.build(), load_robot(preset.robot))
+    return build_world(mounted, load_constants())
+
+
+def pair_of(plan: ClipPlan, world: World) -> Pair:
+    """Both clips of the pair that a plan belongs to.
+
+    Args:
+        plan: of either clip.
+        world: of the first.
+    """
+    assert plan.pair is not None
+    rng, kind = plan.rng(), plan.pair.kind
+    twins = DRAWN[kind](plan, world, rng)
+    lead, _ = steps_of(plan, world)
+    build = build_of(plan.build, world)
+    session = session_of(plan.session, build)
+    played = play(twins.first, lead, build, session, world, rng)
+    first = described(played, twins.first, plan, world, lead)
+    second = described(
+        second_of(played, twins, world, lead), twins.second, plan, world, lead
+    )
+    mounted = world.mounted, twins.mounted
+    return Pair(kind, first, second, (plan.pair.gesture, "none"), mounted)
+
+
+def clip_of(plan: ClipPlan, world: World) -> Clip:
+    """The clip of a plan that is of a pair."""
+    pair = pair_of(plan, world)
+    assert plan.pair is not None
+    return pair.second if plan.pair.is_second else pair.first
+
+
+def second_of(first: Clip, twins: Twins, world: World, lead: int) -> Clip:
+    """The same counts with the truth of the second scene."""
+    scene = twins.second
+    felt = felt_in(scene, world)
+    truths = truths_of(scene, felt, twins.charts, twins.mounted, lead, world)
+    readings = len(first.counts)
+    every = (len(scene.q) - lead) // readings
+    return replace(first, q=scene.q[lead::every][:readings], truths=truths)
+
+
+def described(
+    clip: Clip, scene: Scene, plan: ClipPlan, world: World, lead: int
+) -> Clip:
+    """The same clip with its group of poses and all that was drawn for it."""
+    assert plan.pair is not None
+    start = scene.q[lead]
+    joints = world.mounted.robot.joint_names
+    names = [f"q.{joint}" for joint in joints]
+    drawn: dict[str, float | str] = {"pair": float(plan.pair.number)}
+    drawn |= dict(zip(names, start.tolist(), strict=True))
+    for number, touch in enumerate(scene.touches):
+        drawn[f"touch{number}.kind"] = touch.kind
+        drawn |= {f"touch{number}.{name}": each for name, each in touch.drawn.items()}
+    group = group_of(world, start) if joints else 0
+    return replace(clip, pose_group=group, drawn=drawn)

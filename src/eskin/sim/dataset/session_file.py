@@ -1,0 +1,272 @@
+"""This module writes the recording of one session: scans, labels and ground truth."""
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from eskin.errors import GenerationError
+from eskin.recording import (
+    Label,
+    Metadata,
+    RecordingWriter,
+    build_rough_ranges,
+    label_automatically,
+)
+from eskin.sim.dataset.clip import Clip
+from eskin.sim.dataset.clip_generator import Maker
+from eskin.sim.dataset.index import ClipRow, row_of
+from eskin.sim.dataset.kernels import largest_pressure
+from eskin.sim.dataset.plan import ClipPlan
+from eskin.sim.dataset.session_plan import Sitting
+from eskin.sim.dataset.settings import Settings
+from eskin.sim.scene.scene import TrueSeries
+from eskin.touch import Calibration
+from eskin.touch.calibration import build_pressure_curve
+from eskin.units import NS_PER_S
+
+
+def true_labels(plan: ClipPlan, clip: Clip, start: int) -> tuple[Label, ...]:
+    """From first to last contact: of the touch a clip is made for, or of a stream's.
+
+    Touches of a stream that overlap an earlier one have no label, since labels of one
+    source follow each other; all are in `/eskin/truth`.
+    """
+    stream = plan.gesture is None
+    if plan.pair is not None:
+        return pair_labels(plan, clip, start)
+    wanted = [truth for truth in clip.truths if stream or truth.number == 0]
+    found: list[Label] = []
+    for truth in sorted(wanted, key=lambda truth: (truth.onset, truth.number)):
+        label = label_of(truth, plan, start)
+        if label is not None and (not found or label.start >= found[-1].end):
+            found.append(label)
+    return tuple(found)
+
+
+def pair_labels(plan: ClipPlan, clip: Clip, start: int) -> tuple[Label, ...]:
+    """One label over all touches, so that either clip of a pair has it alike."""
+    if not clip.truths:
+        return ()
+    first = min(clip.truths, key=lambda truth: truth.onset)
+    whole = replace(first, end=max(truth.end for truth in clip.truths))
+    label = label_of(whole, plan, start)
+    return () if label is None else (label,)
+
+
+def label_of(truth: TrueSeries, plan: ClipPlan, start: int) -> Label | None:
+    """The label of a touch as far as its clip shows it; None where it does not."""
+    onset, end = np.clip([truth.onset, truth.end], 0.0, plan.seconds)
+    first, last = (start + round(float(t) * NS_PER_S) for t in (onset, end))
+    return Label(first, last, truth.gesture, "true") if last > first else None
+
+
+def ranges_of(plan: ClipPlan, truth: Iterable[Label], start: int) -> tuple[Label, ...]:
+    """Where a person would say that something was done: the clip, or parts of a stream.
+
+    Args:
+        plan: of the clip.
+        truth: its true labels.
+        start: stamp of its first reading [ns since the epoch].
+    """
+    if plan.gesture is None:
+        return build_rough_ranges(truth)
+    end = start + round(plan.seconds * NS_PER_S)
+    return (Label(start, end, plan.gesture, "range"),)
+
+
+def rest_of(lead: Clip) -> Int[np.ndarray, "taxel"]:
+    """Counts of each taxel at rest: the median of a clip without touch.
+
+    A taxel that was never heard rests above anything it could count.
+    """
+    heard = np.where(lead.received, lead.counts, np.nan)
+    heard[:, ~lead.received.any(axis=0)] = np.iinfo(np.int32).max
+    return np.rint(np.nanmedian(heard, axis=0)).astype(np.int32)
+
+
+def peaks_of(
+    counts: Int[np.ndarray, "reading taxel"],
+    received: Bool[np.ndarray, "reading taxel"],
+    rest: Int[np.ndarray, "taxel"],
+    calibration: Calibration,
+) -> Float[np.ndarray, "reading"]:
+    """Largest pressure of each reading [kPa]."""
+    bend = build_pressure_curve(calibration)
+    peaks = np.zeros(len(counts))
+    for gain in np.unique(calibration.gain):
+        alike = calibration.gain == gain
+        if alike.all():
+            largest = largest_pressure(counts, received, rest, bend)
+        else:
+            part = counts[:, alike], received[:, alike], rest[alike]
+            largest = largest_pressure(*part, bend)
+        peaks = np.maximum(peaks, largest * gain)
+    return peaks + np.minimum(peaks, calibration.unfelt)
+
+
+def auto_labels(
+    stamps: Sequence[Int[np.ndarray, "reading"]],
+    peaks: Sequence[Float[np.ndarray, "reading"]],
+    ranges: Iterable[Label],
+) -> tuple[Label, ...]:
+    """What the paper's labeller finds in a file, one threshold for all of it."""
+    return label_automatically(np.concatenate(stamps), np.concatenate(peaks), ranges)
+
+
+GESTURE_SET = "paper"
+
+
+def write_sitting(
+    folder: Path,
+    settings: Settings,
+    sitting: Sitting,
+    maker: Maker,
+    go_on: Callable[[], None] = lambda: None,
+) -> tuple[ClipRow, ...]:
+    """Make the clips of a sitting and write its file; return their rows.
+
+    Args:
+        folder: of the set.
+        settings: what the set is made with.
+        sitting: one of the set's.
+        maker: makes the clips.
+        go_on: called before every clip; raises to stop.
+
+    Raises:
+        GenerationError: a clip cannot be made; no file is left then.
+    """
+    path = folder / sitting.file
+    path.parent.mkdir(exist_ok=True)
+    calibration = maker.calibration(sitting.build)
+    writer = RecordingWriter(
+        path,
+        maker.robot_name,
+        maker.mounted.skin,
+        calibration,
+        metadata_of(settings, sitting),
+        maker.mounted.robot.joint_names,
+    )
+    try:
+        with writer:
+            sheet = Sheet(writer, calibration, sitting, settings)
+            for number, plan in enumerate(settings.plans(sitting), -1):
+                go_on()
+                sheet.add(number, plan, made(maker, plan, number, sitting))
+            sheet.finish()
+    except BaseException:
+        writer.part.unlink(missing_ok=True)
+        raise
+    return tuple(sheet.rows)
+
+
+def metadata_of(settings: Settings, sitting: Sitting) -> Metadata:
+    """Who and what was recorded."""
+    notes = {
+        "build": sitting.build.name,
+        "build_kind": sitting.build.kind,
+        "difficulty": f"{settings.level:g}",
+        "seed": str(settings.seed),
+        "simulated": "true",
+    }
+    return Metadata(
+        dataset=settings.set_name,
+        subject=sitting.person.name,
+        session=sitting.session.name,
+        gesture_set=GESTURE_SET,
+        notes=notes,
+    )
+
+
+def made(maker: Maker, plan: ClipPlan, number: int, sitting: Sitting) -> Clip:
+    """The clip of a plan, or an error that names it."""
+    where = "the lead-in" if number < 0 else f"clip {number}"
+    try:
+        clip = maker.make(plan)
+    except Exception as error:
+        raise GenerationError(
+            f"{where} of {sitting.file} ({plan.gesture}) cannot be made: "
+            f"{type(error).__name__}: {error}"
+        ) from error
+    rows = {len(clip.counts), len(clip.received), len(clip.q)}
+    rows |= {len(truth.force) for truth in clip.truths}
+    if len(rows) != 1:
+        raise GenerationError(
+            f"{where} of {sitting.file} ({plan.gesture}) has {sorted(rows)} readings; "
+            "allowed is one number"
+        )
+    return clip
+
+
+class Sheet:
+    """Writes clip after clip and keeps what is needed at the end of the file."""
+
+    def __init__(
+        self,
+        writer: RecordingWriter,
+        calibration: Calibration,
+        sitting: Sitting,
+        settings: Settings,
+    ) -> None:
+        """Start with nothing."""
+        self.writer = writer
+        self.calibration = calibration
+        self.sitting = sitting
+        self.period = settings.constants.value("sensor.period")
+        self.rows: list[ClipRow] = []
+        self.touches = 0
+        self.ranges: list[Label] = []
+        self.stamps: list[np.ndarray] = []
+        self.peaks: list[np.ndarray] = []
+        self.rest = np.empty(0, dtype=np.int32)
+
+    def add(self, number: int, plan: ClipPlan, clip: Clip) -> None:
+        """Write a clip; the first one, number -1, is the lead-in."""
+        start = self.sitting.start + round(plan.at * NS_PER_S)
+        step = round(self.period * NS_PER_S)
+        stamps = start + step * np.arange(len(clip.counts), dtype=np.int64)
+        self.write(stamps, clip)
+        if number < 0:
+            self.rest = rest_of(clip)
+            return
+        truth = true_labels(plan, clip, start)
+        for label in truth:
+            self.writer.write_label(label)
+        self.ranges += ranges_of(plan, truth, start)
+        self.stamps.append(stamps)
+        self.peaks.append(
+            peaks_of(clip.counts, clip.received, self.rest, self.calibration)
+        )
+        place = (self.sitting.file, number, start, self.writer.skin.name)
+        self.rows.append(row_of(*place, self.touches, self.period, plan, clip))
+        self.touches += len(clip.truths)
+
+    def write(self, stamps: Int[np.ndarray, "reading"], clip: Clip) -> None:
+        """Write the scans and the truth second by second, as chunks are."""
+        many = round(1 / self.period)
+        for first in range(0, len(stamps), many):
+            part = slice(first, first + many)
+            self.writer.write_block(
+                stamps[part], clip.counts[part], clip.received[part], clip.q[part]
+            )
+            for place, truth in enumerate(clip.truths):
+                self.write_truth(stamps, truth, self.touches + place, part)
+
+    def write_truth(
+        self,
+        stamps: Int[np.ndarray, "reading"],
+        truth: TrueSeries,
+        number: int,
+        part: slice,
+    ) -> None:
+        """Write a touch at the readings at which it is in contact."""
+        for reading in part.start + np.flatnonzero(truth.force[part] > 0):
+            stamp = int(stamps[reading])
+            self.writer.write_truth(truth.record(number, int(reading), stamp))
+
+    def finish(self) -> None:
+        """Write the automatic labels; their threshold needs the whole file."""
+        for label in auto_labels(self.stamps, self.peaks, self.ranges):
+            self.writer.write_label(label)

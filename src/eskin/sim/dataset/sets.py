@@ -1,0 +1,246 @@
+"""Clip sets define who touches, with which sensors, in which poses, and how often."""
+
+from dataclasses import dataclass, replace
+from typing import Literal
+
+from eskin.sim.constants import Constants
+from eskin.sim.dataset.plan import ACCIDENTS, INSTEAD, KINDS, QUIET, SIDES
+
+GESTURES = ("poke", "double_pat", "grab", "stroke")
+"""The four of the paper."""
+
+CLASSES = (*GESTURES, "none")
+"""With what is no gesture."""
+
+
+@dataclass(frozen=True)
+class Part:
+    """Clips of a set that lie in a folder of their own."""
+
+    folder: str
+    """Below that of the set; empty where the set has one part."""
+    clips: int
+    """How many."""
+
+
+@dataclass(frozen=True)
+class ClipSet:
+    """A set of clips, or of streams."""
+
+    name: str
+    """How it is called."""
+    people: str
+    """Role that its people are drawn for; sets of the same role share them."""
+    subjects: int
+    """How many people."""
+    builds: str
+    """Role that its sensor builds are drawn for."""
+    build_count: int
+    """How many builds."""
+    build_kind: Literal["fresh", "shifted"]
+    """Laws that the builds are drawn from."""
+    groups: tuple[int, ...]
+    """Pose groups."""
+    poses: int | None
+    """How many poses it has; None draws one for every clip."""
+    still: float
+    """Share of clips in which the robot stands still."""
+    classes: tuple[str, ...]
+    """What is done, equally often; empty in streams, which do one after the other."""
+    parts: tuple[Part, ...]
+    """Where its clips are."""
+    stream: str | None = None
+    """Kind of its streams; None where people do all that they do, and for clips."""
+
+    @property
+    def clips(self) -> int:
+        """Number of clips, or streams."""
+        return sum(part.clips for part in self.parts)
+
+
+SETS = (
+    "train",
+    "val",
+    "test-s",
+    "test-p",
+    "test-x",
+    "test-m",
+    "paper",
+    "paper-5",
+    "streams",
+    "streams-fresh",
+    ACCIDENTS,
+    QUIET,
+)
+"""Names of all sets that recognisers are trained and tested on."""
+
+PAIRS = "pairs"
+"""A set of clips of which two have the same counts but not the same label."""
+
+
+def load_set(name: str, constants: Constants) -> ClipSet:
+    """A set as it is published.
+
+    Raises:
+        ValueError: there is none of that name.
+    """
+    if name == PAIRS:
+        return pair_set(constants)
+    if name not in SETS:
+        allowed = ", ".join((*SETS, PAIRS))
+        raise ValueError(f"no set '{name}'; allowed are {allowed}")
+    if name.startswith("paper"):
+        return paper_set(name, constants)
+    if name.startswith("streams"):
+        return stream_set(name, constants)
+    if name in (ACCIDENTS, QUIET):
+        return gestureless_set(name, constants)
+    plain = {"train": "train", "val": "val"}.get(name, "test")
+    shifted = name in ("test-x", "test-m")
+    kind = "shifted" if shifted else "fresh"
+    known = name in ("train", "val", "test-s")
+    return ClipSet(
+        name=name,
+        people=name,
+        subjects=int(constants.value(f"sets.people.{plain}")),
+        builds=kind,
+        build_count=int(constants.value(f"sets.builds.{kind}")),
+        build_kind=kind,
+        groups=groups_of(constants, "known" if known else "new"),
+        poses=None,
+        still=0.0 if name == "test-m" else constants.value("sets.still"),
+        classes=CLASSES,
+        parts=(Part("", int(constants.value(f"sets.clips.{plain}"))),),
+    )
+
+
+def groups_of(constants: Constants, *which: str) -> tuple[int, ...]:
+    """Pose groups, known or new."""
+    lists = (constants.array(f"sets.groups.{name}") for name in which)
+    return tuple(int(group) for groups in lists for group in groups)
+
+
+def paper_set(name: str, constants: Constants) -> ClipSet:
+    """As small as the paper's; both variants have the same people, poses and build."""
+    train, test = constants.array("sets.clips.paper")
+    return ClipSet(
+        name=name,
+        people="paper",
+        subjects=int(constants.value("sets.people.paper")),
+        builds="paper",
+        build_count=1,
+        build_kind="fresh",
+        groups=groups_of(constants, "known", "new"),
+        poses=int(constants.value("sets.poses.paper")),
+        still=1.0,
+        classes=GESTURES if name == "paper" else CLASSES,
+        parts=(Part("train", int(train)), Part("test", int(test))),
+    )
+
+
+def stream_set(name: str, constants: Constants) -> ClipSet:
+    """Streams, on the builds of the tests or, `streams-fresh`, on those of training."""
+    kind = "fresh" if name == "streams-fresh" else "shifted"
+    return ClipSet(
+        name=name,
+        people="streams",
+        subjects=int(constants.value("sets.people.streams")),
+        builds=kind,
+        build_count=int(constants.value(f"sets.builds.{kind}")),
+        build_kind=kind,
+        groups=groups_of(constants, "known", "new"),
+        poses=None,
+        still=constants.value("sets.still"),
+        classes=(),
+        parts=(Part("", int(constants.value("sets.clips.streams"))),),
+    )
+
+
+def gestureless_set(name: str, constants: Constants) -> ClipSet:
+    """Streams without any gesture, people of their own, on the builds of the tests."""
+    return replace(
+        stream_set("streams", constants),
+        name=name,
+        people=name,
+        still=constants.value("sets.still_gestureless"),
+        parts=(Part("", int(constants.value(f"sets.clips.{name}"))),),
+        stream=name,
+    )
+
+
+def pair_set(constants: Constants) -> ClipSet:
+    """Pairs of each kind, as many on either side."""
+    pairs = int(constants.value("pairs.pairs"))
+    return ClipSet(
+        name=PAIRS,
+        people=PAIRS,
+        subjects=int(constants.value("sets.people.test")),
+        builds="fresh",
+        build_count=int(constants.value("sets.builds.fresh")),
+        build_kind="fresh",
+        groups=groups_of(constants, "known", "new"),
+        poses=None,
+        still=1.0,
+        classes=(*INSTEAD, "none"),
+        parts=tuple(Part(side, pairs) for side in SIDES),
+    )
+
+
+def resized(
+    chosen: ClipSet, clips: int | None, subjects: int | None, constants: Constants
+) -> ClipSet:
+    """The same set smaller or larger.
+
+    With few clips there are fewer people too, so that each still does everything.
+
+    Args:
+        chosen: the set as it is published.
+        clips: how many clips, or streams, over all parts; None keeps them.
+        subjects: how many people; None takes as many as suit the clips.
+        constants: say how many clips of a person are enough.
+
+    Raises:
+        ValueError: a number is not positive, or some people would have no clip.
+    """
+    total = chosen.clips if clips is None else clips
+    if chosen.name == PAIRS and clips is not None:
+        total = clips_of_pairs(clips)
+    if total < len(chosen.parts):
+        raise ValueError(
+            f"{total} clips asked of set '{chosen.name}'; allowed are at least "
+            f"{len(chosen.parts)}; ask for more with --clips"
+        )
+    least = int(constants.value("sets.least")) if chosen.classes else 1
+    people = min(chosen.subjects, max(1, total // least))
+    people = people if subjects is None else subjects
+    if not 1 <= people <= total:
+        raise ValueError(
+            f"{people} people asked of set '{chosen.name}' of {total} clips; allowed "
+            f"are 1 to {total}; change --subjects or --clips"
+        )
+    return replace(chosen, subjects=people, parts=parts_of(chosen, total))
+
+
+def clips_of_pairs(clips: int) -> int:
+    """Clips of all kinds of pairs together, from those of each.
+
+    Raises:
+        ValueError: they are no pairs.
+    """
+    if clips < 2 or clips % 2:
+        raise ValueError(
+            f"{clips} clips asked of each kind of pair; allowed are 2, 4 and so on; "
+            "change --clips"
+        )
+    return len(KINDS) * clips
+
+
+def parts_of(chosen: ClipSet, total: int) -> tuple[Part, ...]:
+    """The parts of a set of so many clips, in the same proportion."""
+    first, *rest = chosen.parts
+    shares = [max(1, total * part.clips // chosen.clips) for part in rest]
+    clips = [total - sum(shares), *shares]
+    return tuple(
+        Part(part.folder, count)
+        for part, count in zip((first, *rest), clips, strict=True)
+    )

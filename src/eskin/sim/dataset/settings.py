@@ -1,0 +1,166 @@
+"""Settings define what a folder of clips is generated with."""
+
+import json
+from dataclasses import asdict, dataclass, replace
+from functools import cached_property
+from hashlib import sha256
+from pathlib import Path
+
+from eskin.errors import GenerationError
+from eskin.files import atomic_path
+from eskin.sim.constants import FILE, Constants, load_constants
+from eskin.sim.dataset.index import INDEX_NAME
+from eskin.sim.dataset.plan import ClipPlan
+from eskin.sim.dataset.session_plan import (
+    Sitting,
+    pair_plans,
+    pair_sittings,
+    plans_of,
+    sittings_of,
+    skin_of,
+)
+from eskin.sim.dataset.sets import PAIRS, ClipSet, load_set, resized
+from eskin.skin import robot_for
+
+SETTINGS_NAME = "generation.json"
+VERSION = 1
+HARDEST = 10.0
+"""Difficulty beyond which no law makes sense."""
+
+
+@dataclass(frozen=True)
+class Settings:
+    """Which set is made, and all that decides what is in it."""
+
+    set_name: str = "train"
+    """One of `eskin.sim.dataset.sets.SETS`, or `PAIRS`."""
+    skin: str = "ur5"
+    """Name of a preset."""
+    seed: int = 0
+    """Decides everything that is drawn."""
+    clips: int | None = None
+    """How many clips, streams, or clips of each kind of pair; None takes those of the
+    set."""
+    subjects: int | None = None
+    """How many people; None takes as many as suit the clips."""
+    difficulty: float | None = None
+    """None takes the published one."""
+
+    def __post_init__(self) -> None:
+        """Refuse what no set can be made of."""
+        if self.seed < 0:
+            raise ValueError(f"seed is {self.seed}; allowed are 0 and above; change it")
+        if not 0 <= self.level <= HARDEST:
+            raise ValueError(
+                f"difficulty is {self.difficulty}; allowed are 0 (easiest) to "
+                f"{HARDEST:g}; change it"
+            )
+        if self.has_pairs and not folds(self.skin):
+            raise ValueError(
+                f"set '{PAIRS}' asked on skin '{self.skin}', whose robot has no joints "
+                "to fold; allowed are skins of arms; change --skin"
+            )
+        if not self.sittings:
+            raise ValueError(f"set '{self.set_name}' has no clips; ask for some")
+
+    @property
+    def constants(self) -> Constants:
+        """Numbers of the world."""
+        return load_constants()
+
+    @property
+    def level(self) -> float:
+        """The difficulty."""
+        published = self.constants.value("sets.difficulty")
+        return published if self.difficulty is None else self.difficulty
+
+    @cached_property
+    def clip_set(self) -> ClipSet:
+        """The set, as large as it was asked for.
+
+        Nobody grabs a robot without joints: it is wider than a hand closes round.
+        """
+        whole = load_set(self.set_name, self.constants)
+        if not folds(self.skin):
+            classes = tuple(name for name in whole.classes if name != "grab")
+            whole = replace(whole, classes=classes)
+        return resized(whole, self.clips, self.subjects, self.constants)
+
+    @cached_property
+    def sittings(self) -> tuple[Sitting, ...]:
+        """Its files."""
+        found = sittings_of(self.clip_set, self.seed, self.constants)
+        return pair_sittings(found, self.seed) if self.has_pairs else found
+
+    def plans(self, sitting: Sitting) -> tuple[ClipPlan, ...]:
+        """The lead-in of a file and its clips."""
+        decide = pair_plans if self.has_pairs else plans_of
+        return decide(sitting, self.clip_set, self.seed, self.level, self.constants)
+
+    @property
+    def has_pairs(self) -> bool:
+        """Whether its clips are pairs with the same counts."""
+        return self.set_name == PAIRS
+
+    def skin_of(self, sitting: Sitting) -> str:
+        """The preset that a file is made with; sides of pairs may have their own."""
+        return skin_of(sitting, self.skin) if self.has_pairs else self.skin
+
+    def record(self) -> dict[str, object]:
+        """As kept beside the recordings, with the numbers that they were made with."""
+        facts: dict[str, object] = {"version": VERSION, **asdict(self)}
+        facts["clips"] = self.clip_set.clips
+        facts["subjects"] = self.clip_set.subjects
+        facts["difficulty"] = self.level
+        facts["constants"] = sha256(FILE.read_bytes()).hexdigest()
+        return facts
+
+
+def folds(skin: str) -> bool:
+    """Whether a skin is on a robot with joints, as far as is known."""
+    robot = robot_for(skin)
+    return robot is None or len(robot.joint_names) > 0
+
+
+def claim(folder: Path, settings: Settings) -> None:
+    """Make a folder the place of a set, or make sure that it is.
+
+    Raises:
+        GenerationError: it holds another set or something else, or cannot be written.
+    """
+    path = folder / SETTINGS_NAME
+    wanted = settings.record()
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        if path.exists():
+            check_same(path, wanted)
+        elif (folder / INDEX_NAME).exists() or any(folder.rglob("*.mcap")):
+            raise GenerationError(
+                f"{folder} holds recordings but no {SETTINGS_NAME}, so they are not "
+                "from a generation; give a new folder"
+            )
+        else:
+            with atomic_path(path, durable=True) as part:
+                part.write_text(json.dumps(wanted, indent=1) + "\n", encoding="utf-8")
+    except OSError as error:
+        raise GenerationError(
+            f"cannot write to {folder}: {error.strerror}; give a folder that can be "
+            "written to"
+        ) from error
+
+
+def check_same(path: Path, wanted: dict[str, object]) -> None:
+    """Refuse a folder that was made with other settings."""
+    try:
+        found = json.loads(path.read_text())
+        differing = [name for name in wanted if found.get(name) != wanted[name]]
+    except (ValueError, AttributeError) as error:
+        raise GenerationError(
+            f"{path} cannot be read ({error}); give a new folder"
+        ) from error
+    if differing:
+        name = differing[0]
+        raise GenerationError(
+            f"{path.parent} was generated with {name} {found.get(name)}, not "
+            f"{wanted[name]}; give a new folder, or the same settings to go on"
+        )

@@ -1,0 +1,1 @@
+"""Interactive simulation plays touches without end, computed while they play."""

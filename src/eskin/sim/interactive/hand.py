@@ -1,0 +1,339 @@
+"""An interactive hand touches a simulated skin on request."""
+
+from dataclasses import dataclass
+from threading import RLock
+from typing import final
+
+import numpy as np
+from jaxtyping import Float
+
+from eskin.recording import NONE, TruthRecord
+from eskin.sim.contact.press import Site, TrueTouch
+from eskin.sim.interactive.touches import ActedTouch, DraggedTouch, LiveTouch, Span
+from eskin.sim.people.gesture_sample import Act
+from eskin.sim.people.perform import GESTURES, NOTHING, perform
+from eskin.sim.people.person import Person
+from eskin.sim.scene.environment import World
+from eskin.sim.scene.placement import draw_site, reached_at, view_of
+from eskin.sim.scene.scene import are_apart
+from eskin.sim.scene.validity import self_contact_sites
+
+
+@dataclass(frozen=True, eq=False)
+class Place:
+    """A point on the skin, or near it."""
+
+    link: str
+    """Link that the skin is on."""
+    p_link: Float[np.ndarray, "3"]
+    """Where, in that link's frame [m]."""
+
+
+def on_chart(place: Place, world: World) -> tuple[int, Float[np.ndarray, "2"]]:
+    """The chart of the nearest taxel of the place's link, and the place on it (s, t).
+
+    Raises:
+        ValueError: there is no skin on that link.
+    """
+    charts = [i for i, chart in enumerate(world.charts) if chart.link == place.link]
+    if not charts:
+        allowed = ", ".join(sorted({chart.link for chart in world.charts}))
+        raise ValueError(
+            f"no skin on link '{place.link}'; allowed are {allowed}; touch one of them"
+        )
+    positions = world.mounted.skin.positions
+    away = [
+        np.linalg.norm(positions[world.charts[i].taxels] - place.p_link, axis=1).min()
+        for i in charts
+    ]
+    chart = charts[int(np.argmin(away))]
+    return chart, world.charts[chart].surface.unroll(place.p_link[None])[0]
+
+
+def site_for(
+    place: Place, world: World, q: Float[np.ndarray, "joint"], person: Person
+) -> Site:
+    """The site at a place, with the hand as it comes from a person.
+
+    Raises:
+        ValueError: there is no skin on the place's link.
+    """
+    chart, centre = on_chart(place, world)
+    return reached_at(world, view_of(world, q, person), chart, centre)
+
+
+DRAGS = "fingers"
+"""Parts of the hand that are dragged: those that people stroke with most."""
+
+PATTED = 2 / 3
+"""Share of a double pat of given length after which the second pat begins."""
+
+TRIES = 20
+"""Places that are drawn to find one away from other touches."""
+
+UNFELT = ("idle", "electrical")
+"""Kinds of `none` that are no contact."""
+
+
+@final
+class LiveHand:
+    """Touches a skin as people do; from any thread.
+
+    A touch begins with the next scan, and goes on with the scans.
+
+    Attributes:
+        person: whose hand it is, where nobody else is named.
+    """
+
+    def __init__(self, world: World, person: Person, rng: np.random.Generator) -> None:
+        """Prepare a hand.
+
+        Args:
+            world: the robot in its skin.
+            person: whose hand.
+            rng: to draw from.
+        """
+        self.world, self.person, self.rng = world, person, rng
+        self.difficulty = world.constants.value("sets.difficulty")
+        self.q = np.zeros(len(world.mounted.robot.joint_names))
+        # Scans never wait for what is still being planned.
+        self.planning, self.lock = RLock(), RLock()
+        self.going: dict[int, LiveTouch] = {}
+        self.felt: tuple[TruthRecord, ...] = ()
+        self.count = 0
+
+    @property
+    def touching(self) -> tuple[int, ...]:
+        """Ids of the touches under way or about to begin."""
+        with self.lock:
+            return tuple(self.going)
+
+    def truths(self) -> tuple[TruthRecord, ...]:
+        """What truly pressed at the latest scan; a mean over its time."""
+        with self.lock:
+            return self.felt
+
+    def poke(
+        self, place: Place, force: float | None = None, seconds: float | None = None
+    ) -> int:
+        """Push with a finger.
+
+        Args:
+            place: where.
+            force: at most [N]; None as the person does.
+            seconds: from first to last contact [s]; None as the person does.
+
+        Returns:
+            Id of the touch.
+
+        Raises:
+            ValueError: there is no skin there, or force or time are not positive.
+        """
+        return self.act("poke", place, asked_for(force=force, duration=seconds))
+
+    def double_pat(
+        self, place: Place, force: float | None = None, seconds: float | None = None
+    ) -> int:
+        """Pat twice with the hand; arguments as of `poke`."""
+        asked = asked_for(force=force, duration=seconds) | {"more": 0.0}
+        if force is not None:
+            asked["force.1"] = force
+        if seconds is not None:
+            asked["interval"] = PATTED * seconds
+            asked["contact"] = seconds - PATTED * seconds
+        return self.act("double_pat", place, asked)
+
+    def grab(
+        self, place: Place, force: float | None = None, seconds: float | None = None
+    ) -> int:
+        """Close fingers and thumb round the link; arguments as of `poke`.
+
+        Nobody grips harder than the person can.
+        """
+        return self.act("grab", place, asked_for(force=force, duration=seconds))
+
+    def perform(
+        self, what: str, place: Place | None = None, person: Person | None = None
+    ) -> int:
+        """Do something as a person does it, with all that people vary by.
+
+        Args:
+            what: a gesture; a kind of contact that is none, such as `bump`; or `none`,
+                which draws one of those that happen by accident.
+            place: where; None draws one as in the training data, away from others.
+            person: who; None is this hand's own.
+
+        Returns:
+            Id of the touch.
+
+        Raises:
+            ValueError: there is nothing of that name, or no place for it.
+        """
+        with self.planning:
+            person = person or self.person
+            gesture, kind = self.meant(what)
+            touch = self.acted(gesture, kind, place, person)
+            for _ in range(TRIES):
+                if place is not None or self.is_free(touch):
+                    break
+                touch = self.acted(gesture, kind, None, person)
+            return self.add(self.live(touch))
+
+    def begin(self, place: Place, force: float, kind: str = DRAGS) -> int:
+        """Land with some fingers, to be moved from outside.
+
+        Args:
+            place: where.
+            force: to press with [N].
+            kind: which parts of the hand; of `eskin.sim.people.hand.GROUPS`.
+
+        Returns:
+            Id of the touch.
+
+        Raises:
+            ValueError: there is no skin there, or no such part.
+        """
+        asked_for(force=force)
+        with self.planning:
+            site = site_for(place, self.world, self.q, self.person)
+            constants = self.world.constants
+            act = Act(
+                kind, self.person, site, constants, self.rng, self.difficulty, "paper"
+            )
+            return self.add(DraggedTouch(act, force, self.world))
+
+    def move(self, touch: int, place: Place) -> None:
+        """Drag a finger toward a place; nothing happens once it has left.
+
+        Raises:
+            ValueError: there is no skin there, or the touch is none that is dragged.
+        """
+        site = site_for(place, self.world, self.q, self.person)
+        with self.lock:
+            dragged = self.dragged(touch)
+            if dragged is not None:
+                dragged.lead(site)
+
+    def end(self, touch: int) -> None:
+        """Lift a dragged finger; nothing happens once it has left.
+
+        Raises:
+            ValueError: the touch is none that is dragged.
+        """
+        with self.lock:
+            dragged = self.dragged(touch)
+            if dragged is not None:
+                dragged.leave()
+
+    def dragged(self, touch: int) -> DraggedTouch | None:
+        """A touch that is dragged; None once it is over."""
+        if not 0 <= touch < self.count:
+            raise ValueError(
+                f"touch {touch} has not begun; allowed are ids that `begin` gave"
+            )
+        found = self.going.get(touch)
+        if found is not None and not isinstance(found, DraggedTouch):
+            raise ValueError(
+                f"touch {touch} is not dragged; allowed are ids that `begin` gave"
+            )
+        return found
+
+    def act(self, gesture: str, place: Place, asked: dict[str, float]) -> int:
+        """Do a gesture, some of it as it is asked for."""
+        with self.planning:
+            site = site_for(place, self.world, self.q, self.person)
+            touch = perform(
+                *(gesture, None, self.person, site, self.world.constants, self.rng),
+                *(self.difficulty, "paper", asked),
+            )
+            return self.add(self.live(touch))
+
+    def acted(
+        self, gesture: str, kind: str | None, place: Place | None, person: Person
+    ) -> TrueTouch:
+        """What a person does, still on the touch's own clock."""
+        return perform(
+            *(gesture, kind, person, self.site(gesture, kind, place, person)),
+            *(self.world.constants, self.rng, self.difficulty, None),
+        )
+
+    def site(
+        self, gesture: str, kind: str | None, place: Place | None, person: Person
+    ) -> Site:
+        """Where it takes place."""
+        if kind == "self_contact":
+            found = self_contact_sites(self.world, self.q)
+            if not found:
+                raise ValueError(
+                    "no link all but touches another; self_contact is allowed only "
+                    "where one does; fold the arm first"
+                )
+            return found[self.rng.integers(len(found))]
+        if place is not None:
+            return site_for(place, self.world, self.q, person)
+        return draw_site(self.world, self.q, person, gesture, self.rng, kind)
+
+    def meant(self, what: str) -> tuple[str, str | None]:
+        """Gesture and kind of something that can be performed."""
+        if what == NONE:
+            kinds = dict(self.world.constants.weights("stream.accidents"))
+            if not self_contact_sites(self.world, self.q):
+                del kinds["self_contact"]
+            chances = np.array(list(kinds.values()))
+            return NONE, str(self.rng.choice(list(kinds), p=chances / chances.sum()))
+        if what in NOTHING and what not in UNFELT:
+            return NONE, what
+        if what not in GESTURES:
+            kinds = [kind for kind in NOTHING if kind not in UNFELT]
+            raise ValueError(
+                f"nobody performs '{what}'; allowed are {', '.join(GESTURES)}, "
+                f"{', '.join(kinds)}; take one of them"
+            )
+        return what, None
+
+    def is_free(self, touch: TrueTouch) -> bool:
+        """Whether a touch would be apart from all others."""
+        with self.lock:
+            others = [other.touch for other in self.going.values()]
+        return all(are_apart(self.world, self.q, touch, other) for other in others)
+
+    def live(self, touch: TrueTouch) -> ActedTouch:
+        """A touch by a hand that follows the robot as late as it happens."""
+        delay = self.world.constants.draw("motion.delay", self.rng)
+        return ActedTouch(touch, delay, self.world)
+
+    def add(self, touch: LiveTouch) -> int:
+        """Begin a touch."""
+        with self.lock:
+            number = self.count
+            self.count += 1
+            self.going[number] = touch
+            return number
+
+    def next(self, span: Span) -> dict[int, TrueTouch]:
+        """What all touches do in the steps of a reading, by their ids."""
+        with self.lock:
+            self.q = span.q[-1]
+            found = {number: touch.next(span) for number, touch in self.going.items()}
+            self.going = {n: touch for n, touch in self.going.items() if not touch.over}
+            return found
+
+    def witness(self, truths: tuple[TruthRecord, ...]) -> None:
+        """Take down what truly pressed at the latest scan."""
+        with self.lock:
+            self.felt = truths
+
+
+def asked_for(**wanted: float | None) -> dict[str, float]:
+    """What is asked for, by name.
+
+    Raises:
+        ValueError: it is not positive.
+    """
+    for name, value in wanted.items():
+        if value is not None and not (np.isfinite(value) and value > 0):
+            raise ValueError(
+                f"{name} is {value}; allowed are positive numbers; give one, or None "
+                "for what the person does"
+            )
+    return {name: value for name, value in wanted.items() if value is not None}

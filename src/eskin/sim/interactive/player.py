@@ -1,0 +1,140 @@
+"""A player simulates a person who touches a skin without end, as a device would measure it."""
+
+import itertools
+from collections import deque
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from typing import final
+
+from eskin.recording import TruthRecord
+from eskin.sim.constants import load_constants
+from eskin.sim.dataset.clip import Clip
+from eskin.sim.dataset.clip_generator import Maker
+from eskin.sim.dataset.plan import BuildOrigin, ClipPlan, Origin
+from eskin.sim.dataset.session_plan import seed_of
+from eskin.sim.dataset.sets import groups_of
+from eskin.touch import Scan
+from eskin.units import NS_PER_S
+
+ROLE = "device"
+"""Of its person, build and session; no set has one of that name."""
+STRETCH = 15.0
+"""Made at a time: long enough for the longest touch [s]."""
+LEAD = 2.0
+"""Without touch at first, so that a baseline can be found [s]."""
+
+
+@dataclass(frozen=True, eq=False)
+class SampledScan:
+    """One scan, and what was really done during it."""
+
+    scan: Scan
+    """What the sensor counts."""
+    truths: tuple[TruthRecord, ...]
+    """Every touch that presses."""
+
+
+@final
+class Player:
+    """Plays one person on one fresh build of a skin, on an arm that stands still.
+
+    Neither person nor build nor session is of any set that recognisers are trained or
+    tested on. Stretches are made in a thread, ahead of what is played. All
+    stretches share the pose and whatever is fixed of the sensor; its random walk, by
+    about one count, and what touches leave behind begin anew with each, and each begins
+    and ends without touch.
+
+    Attributes:
+        maker: simulates.
+        build: the sensor that is touched.
+        rate: scans a second [1/s].
+    """
+
+    def __init__(self, maker: Maker, seed: int = 0, start: int = 0) -> None:
+        """Prepare somebody.
+
+        Args:
+            maker: simulates a skin.
+            seed: decides everything that is drawn.
+            start: stamp of the first scan [ns since the epoch].
+
+        Raises:
+            ValueError: the seed is negative.
+        """
+        if seed < 0:
+            raise ValueError(f"seed is {seed}; allowed are 0 and above; change it")
+        constants = load_constants()
+        self.maker = maker
+        self.start = start
+        self.seed = seed
+        self.build = BuildOrigin(
+            f"{ROLE}-b{seed}", seed_of(f"build {ROLE}", 0, 0, seed), "fresh"
+        )
+        self.groups = groups_of(constants, "known", "new")
+        self.difficulty = constants.value("sets.difficulty")
+        self.period = round(constants.value("sensor.period") * NS_PER_S)
+        self.rate = NS_PER_S / self.period
+
+    def scans(self) -> Iterator[Scan]:
+        """Scans without end."""
+        return (moment.scan for moment in self.moments())
+
+    def moments(self) -> Iterator[SampledScan]:
+        """Scans without end, and what was really done; the same every time.
+
+        Touches are numbered through all stretches.
+        """
+        touches, stamp = 0, self.start
+        with ThreadPoolExecutor(1, "player") as ahead:
+            coming = deque(
+                ahead.submit(self.maker.make, self.plan(number)) for number in (0, 1)
+            )
+            # Nothing begins before all that the simulator compiles has been compiled.
+            coming[-1].result()
+            for number in itertools.count(2):
+                clip = coming.popleft().result()
+                coming.append(ahead.submit(self.maker.make, self.plan(number)))
+                yield from self.stretch(clip, stamp, touches)
+                stamp += self.period * len(clip.counts)
+                touches += len(clip.truths)
+
+    def plan(self, number: int) -> ClipPlan:
+        """What is done in a stretch: nothing in the first, then all that people do."""
+        person = Origin(
+            f"{ROLE}-p{self.seed}", seed_of(f"person {ROLE}", 0, 0, self.seed)
+        )
+        session = Origin(f"{ROLE}-0000", seed_of(f"session {ROLE}", 0, 0, self.seed))
+        return ClipPlan(
+            set_name=ROLE,
+            seed=seed_of(f"clip {ROLE}", number, 0, self.seed),
+            person=person,
+            company=None,
+            build=self.build,
+            session=session,
+            at=0.0,
+            seconds=STRETCH if number else LEAD,
+            gesture=None if number else "none",
+            kind=None if number else "idle",
+            groups=self.groups,
+            pose=seed_of(f"pose {ROLE}", 0, 0, self.seed),
+            moving=False,
+            fold_share=0.0,
+            concurrent=0.0,
+            difficulty=self.difficulty,
+            regime=None,
+        )
+
+    def stretch(self, clip: Clip, start: int, first: int) -> Iterator[SampledScan]:
+        """The scans of a clip, and its touches from a number on."""
+        for reading in range(len(clip.counts)):
+            stamp = start + reading * self.period
+            truths = tuple(
+                truth.record(first + place, reading, stamp)
+                for place, truth in enumerate(clip.truths)
+                if truth.force[reading] > 0
+            )
+            scan = Scan(
+                stamp, clip.counts[reading], clip.received[reading], clip.q[reading]
+            )
+            yield SampledScan(scan, truths)

@@ -1,0 +1,256 @@
+"""An interactive skin is simulated reading by reading on an arm that is moved from outside."""
+
+from functools import lru_cache
+from typing import Literal, final
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from eskin.recording import TruthRecord
+from eskin.robot import Wrench, load_robot
+from eskin.sim.constants import load_constants
+from eskin.sim.dataset.clip import build_of
+from eskin.sim.dataset.plan import BuildOrigin, Origin
+from eskin.sim.dataset.session_plan import seed_of
+from eskin.sim.interactive.hand import LiveHand
+from eskin.sim.interactive.touches import Track
+from eskin.sim.people.person import Person, draw_person
+from eskin.sim.scene.environment import World, build_world
+from eskin.sim.scene.scene import (
+    Scene,
+    TrueSeries,
+    felt_in,
+    pressure_of,
+    readings_every,
+    truths_of,
+)
+from eskin.sim.sensor.sensor import Sensor
+from eskin.skin import PRESETS, MountedSkin, Skin
+from eskin.touch import Scan
+
+KILO = 1000.0
+
+
+def wrenches_of(
+    pressure: Float[np.ndarray, "active"], taxels: Int[np.ndarray, "active"], skin: Skin
+) -> tuple[Wrench, ...]:
+    """What pressure on taxels does to the links beneath them.
+
+    It pushes along the inward normals alone: what drags along the skin, and what
+    presses beside all taxels, is not counted.
+
+    Args:
+        pressure: on each of these taxels [kPa].
+        taxels: that are pressed.
+        skin: that they are of.
+    """
+    forces = KILO * pressure * skin.areas[taxels]
+    forces_link = -forces[:, None] * skin.normals[taxels]
+    torques_link = np.cross(skin.positions[taxels], forces_link)
+    patches = skin.patch_index[taxels]
+    links = np.array(skin.link_names)[patches]
+    return tuple(
+        Wrench(
+            str(link),
+            forces_link[links == link].sum(axis=0),
+            torques_link[links == link].sum(axis=0),
+        )
+        for link in np.unique(links)
+    )
+
+
+ROLE = "demo"
+"""Of its person and build; no set has one of that name."""
+
+
+@final
+class LiveSkin:
+    """A skin that is scanned wherever the robot is, and touched on request.
+
+    Contact, film and sensor are those that clips are made by, one reading at a time,
+    each the sensor's period later than the last. Between two scans the robot moves
+    evenly. What is scanned of a patch later than at the scan itself, by jitter, is what
+    there is by then: nobody knows where the robot will go.
+
+    Attributes:
+        mounted: the skin on its robot.
+        robot_name: what `load_robot` calls the robot.
+        calibration: what the user of the build knows of it.
+        period: time between two scans [s].
+        hand: touches it.
+        wrenches: of touches on links at the latest scan; means over its time.
+    """
+
+    def __init__(
+        self,
+        name: str = "ur5",
+        seed: int = 0,
+        build_kind: Literal["fresh", "shifted"] = "fresh",
+        person: Person | None = None,
+        loses: bool = True,
+    ) -> None:
+        """Build a skin, of no set that recognisers are trained or tested on.
+
+        Args:
+            name: of a preset skin.
+            seed: decides everything that is drawn.
+            build_kind: which laws the sensor is drawn from.
+            person: who touches it; of no such set either unless given.
+            loses: whether patches fall silent at times, as those of a real skin do;
+                else only where they are unplugged.
+
+        Raises:
+            ValueError: there is no such skin, or the seed is negative.
+        """
+        if name not in PRESETS:
+            raise ValueError(
+                f"no skin '{name}'; allowed are {', '.join(PRESETS)}; take one of them"
+            )
+        if seed < 0:
+            raise ValueError(f"seed is {seed}; allowed are 0 and above; change it")
+        self.robot_name = PRESETS[name].robot
+        self.world = world_of(name)
+        self.mounted, constants = self.world.mounted, self.world.constants
+        origin = f"build {ROLE} {build_kind}"
+        self.build = build_of(
+            BuildOrigin(f"{ROLE}-b{seed}", seed_of(origin, 0, 0, seed), build_kind),
+            self.world,
+        )
+        skin = self.mounted.skin
+        self.calibration = self.build.calibration(skin)
+        self.period = constants.value("sensor.period")
+        self.sensor = Sensor(self.build, skin, rng_of("sensor", seed))
+        person = person or demo_person(self.world, seed)
+        self.hand = LiveHand(self.world, person, rng_of("hand", seed))
+        delay = constants.entry("motion.delay").spread
+        assert delay is not None
+        step = constants.value("time.step")
+        self.track = Track(readings_every(self.world), round(delay.high / step) + 1)
+        self.loses = loses
+        self.out = np.zeros(len(skin.patches), dtype=bool)
+        self.feels = self.sensor.readout.feels.copy()
+        self.rng = rng_of("kill", seed)
+        self.wrenches: tuple[Wrench, ...] = ()
+
+    def scan(self, stamp: int, q: Float[np.ndarray, "joint"]) -> Scan:
+        """The next scan.
+
+        Args:
+            stamp: of the scan [ns since the epoch].
+            q: where the robot is by then [rad].
+
+        Raises:
+            ValueError: these are not the robot's joints.
+        """
+        q = np.array(q, dtype=np.float64)
+        joints = len(self.mounted.robot.joint_names)
+        if q.shape != (joints,) or not np.isfinite(q).all():
+            raise ValueError(
+                f"q is {q}; allowed are {joints} finite numbers [rad]; give one for "
+                f"each moving joint of robot '{self.mounted.robot.name}'"
+            )
+        span = self.track.push(q)
+        touches = self.hand.next(span)
+        scene = Scene(span.q, tuple(touches.values()))
+        self.feel(scene, list(touches), stamp)
+        counts = self.sensor.read(np.array([self.sensor.steps - 1.0]))[0]
+        silent = self.sensor.losses.next()[0] & self.loses
+        received = ~(silent | self.out)
+        received = received[self.mounted.skin.patch_index]
+        counts[~received] = 0
+        return Scan(stamp, counts, received, q)
+
+    def feel(self, scene: Scene, numbers: list[int], stamp: int) -> None:
+        """Press on the sensor what takes place in a reading, and witness it."""
+        felt = felt_in(scene, self.world)
+        skin = self.mounted.skin
+        pressure, taxels = pressure_of(felt, scene.steps, self.build.film_sigma, skin)
+        self.wrenches = wrenches_of(pressure.mean(axis=0), taxels, skin)
+        self.sensor.push(pressure, taxels)
+        found: tuple[TrueSeries, ...] = ()
+        if numbers:
+            charts = self.world.charts
+            found = truths_of(scene, felt, charts, self.mounted, 0, self.world)
+        self.hand.witness(records_of(found, numbers, stamp))
+
+    def unplug(self, patch: str) -> None:
+        """Pull a patch's cable: nothing of it is received.
+
+        Raises:
+            ValueError: the skin has no such patch.
+        """
+        self.out[self.index_of(patch)] = True
+
+    def plug(self, patch: str) -> None:
+        """Put a patch's cable back.
+
+        Raises:
+            ValueError: the skin has no such patch.
+        """
+        self.out[self.index_of(patch)] = False
+
+    def kill(self, share: float) -> tuple[int, ...]:
+        """Let some of the taxels that still feel feel nothing from now on.
+
+        Args:
+            share: of all taxels; those that are dead already do not count.
+
+        Returns:
+            The taxels.
+
+        Raises:
+            ValueError: the share is not between 0 and 1.
+        """
+        if not 0.0 <= share <= 1.0:
+            raise ValueError(
+                f"share is {share}; allowed is 0 to 1; 0.1 kills a tenth of the taxels"
+            )
+        alive = np.flatnonzero(self.sensor.readout.feels > 0.0)
+        wanted = min(round(share * self.mounted.skin.count), len(alive))
+        chosen = np.sort(self.rng.choice(alive, wanted, replace=False))
+        self.sensor.readout.feels[chosen] = 0.0
+        return tuple(chosen.tolist())
+
+    def restore(self) -> None:
+        """Let all taxels feel again that were killed."""
+        self.sensor.readout.feels[:] = self.feels
+
+    def index_of(self, patch: str) -> int:
+        """Index of a patch of the skin."""
+        ids = [each.id for each in self.mounted.skin.patches]
+        if patch not in ids:
+            raise ValueError(
+                f"no patch '{patch}'; allowed are {', '.join(ids)}; name one of them"
+            )
+        return ids.index(patch)
+
+
+@lru_cache(maxsize=4)
+def world_of(name: str) -> World:
+    """A preset skin on its robot, kept."""
+    preset = PRESETS[name]
+    mounted = MountedSkin(preset.build(), load_robot(preset.robot))
+    return build_world(mounted, load_constants())
+
+
+def rng_of(what: str, seed: int) -> np.random.Generator:
+    """A generator of its own for each thing that is drawn."""
+    words = seed_of(f"{what} {ROLE}", 0, 0, seed)
+    return np.random.default_rng(np.random.SeedSequence(words))
+
+
+def demo_person(world: World, seed: int) -> Person:
+    """Somebody of no set: `demo-p0` and so on; the same one every time."""
+    origin = Origin(f"{ROLE}-p{seed}", seed_of(f"person {ROLE}", 0, 0, seed))
+    return draw_person(origin.name, world.constants, origin.rng())
+
+
+def records_of(
+    truths: tuple[TrueSeries, ...], numbers: list[int], stamp: int
+) -> tuple[TruthRecord, ...]:
+    """Of every touch that presses in a reading, what is kept of it."""
+    return tuple(
+        truth.record(numbers[truth.number], 0, stamp)
+        for truth in truths
+        if truth.force[0] > 0
+    )

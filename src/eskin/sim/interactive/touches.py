@@ -1,0 +1,262 @@
+"""Interactive touches press on the skin from reading to reading while the robot moves."""
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass, replace
+from typing import final
+
+import numpy as np
+from jaxtyping import Float
+
+from eskin.sim.contact.press import Press, Site, TrueTouch
+from eskin.sim.people.gesture_sample import Act
+from eskin.sim.scene.environment import World
+from eskin.sim.scene.motion import at_steps, left_behind
+from eskin.sim.scene.scene import cropped, moved
+
+Poses = Float[np.ndarray, "step joint"]
+
+
+@dataclass(frozen=True, eq=False)
+class Span:
+    """The steps of one reading."""
+
+    first: int
+    """First of them since the beginning."""
+    steps: int
+    """How many there are."""
+    past: Poses
+    """Joint positions at them, and before them as far as is kept [rad]."""
+
+    @property
+    def q(self) -> Poses:
+        """Joint positions at the steps [rad]."""
+        return self.past[-self.steps :]
+
+    @property
+    def is_still(self) -> bool:
+        """Whether the robot has stood still as far as is kept."""
+        return bool(np.all(self.past == self.past[-1]))
+
+    def at(self, steps: Float[np.ndarray, "step"]) -> Poses:
+        """Joint positions at and between steps since the beginning [rad]."""
+        oldest = self.first + self.steps - len(self.past)
+        return at_steps(self.past, np.maximum(steps - oldest, 0.0))
+
+
+@final
+class Track:
+    """The robot's way so far, as far as a hand that follows late needs it."""
+
+    def __init__(self, steps: int, kept: int) -> None:
+        """Begin before the first reading.
+
+        Args:
+            steps: of a reading.
+            kept: steps before a reading that are kept.
+        """
+        self.steps, self.kept = steps, kept
+        self.past: Poses | None = None
+        self.next = 0
+
+    def push(self, q: Float[np.ndarray, "joint"]) -> Span:
+        """Move evenly to joint positions at the end of the next reading [rad]."""
+        last = q if self.past is None else self.past[-1]
+        share = np.arange(1, self.steps + 1)[:, None] / self.steps
+        # At rest the very same numbers: nothing is computed anew then.
+        way = (
+            last + share * (q - last)
+            if np.any(q != last)
+            else np.tile(q, (len(share), 1))
+        )
+        before = way[:0] if self.past is None else self.past
+        self.past = np.concatenate([before, way])[-self.kept - self.steps :]
+        span = Span(self.next, self.steps, self.past)
+        self.next += self.steps
+        return span
+
+
+class LiveTouch(ABC):
+    """One touch that takes place while the robot moves as it will.
+
+    Attributes:
+        touch: what is known of it so far, on a clock of its own.
+        over: whether it is over.
+    """
+
+    touch: TrueTouch
+    over: bool
+
+    @abstractmethod
+    def next(self, span: Span) -> TrueTouch:
+        """What it does in the steps of a reading, whose first is 0."""
+
+
+@final
+class ActedTouch(LiveTouch):
+    """What a person has in mind from the start; it begins with the next reading.
+
+    As in clips, a hand follows the robot late, a cable hangs where it is, and a link
+    that touches another stays with it.
+    """
+
+    def __init__(self, touch: TrueTouch, delay: float, world: World) -> None:
+        """Prepare.
+
+        Args:
+            touch: on a clock of its own, from step 0.
+            delay: with which a hand follows [s].
+            world: the robot.
+        """
+        self.touch = touch
+        self.world = world
+        self.late = delay / world.constants.value("time.step")
+        self.over = not touch.presses
+        self.start: int | None = None
+        self.landed: dict[int, np.ndarray] = {}
+        self.end = max((p.first + p.steps for p in touch.presses), default=0)
+
+    def next(self, span: Span) -> TrueTouch:
+        """What it does in the steps of a reading, whose first is 0."""
+        if self.start is None:
+            self.start = span.first
+        since = span.first - self.start
+        here = moved(self.touch, -since)
+        self.over = since + span.steps >= self.end
+        parts = ((i, cropped(p, span.steps)) for i, p in enumerate(here.presses))
+        presses = tuple(self.carried(i, p, span) for i, p in parts if p is not None)
+        return replace(here, presses=presses)
+
+    def carried(self, index: int, press: Press, span: Span) -> Press:
+        """The part of a press in a reading, its hand where it is by then."""
+        now = press.first + np.arange(press.steps)
+        if index not in self.landed:
+            self.landed[index] = span.q[now[0]]
+        landed = self.landed[index]
+        if self.touch.kind == "self_contact":
+            return press
+        if span.is_still and np.array_equal(landed, span.q[-1]):
+            return press
+        if self.touch.kind == "cable":
+            return left_behind(
+                press, self.world, span.q[now], np.tile(landed, (len(now), 1))
+            )
+        assert self.start is not None
+        landing = self.start + self.touch.presses[index].first
+        then = np.maximum(span.first + now - self.late, landing)
+        return left_behind(press, self.world, span.q[now], span.at(then))
+
+
+NEAR = 0.01
+"""So far from where it is led, a finger is there [m]."""
+HELD = 20.0
+"""Time after which the noise of a force begins anew [s]."""
+
+
+@final
+class DraggedTouch(LiveTouch):
+    """Parts of a hand that slide after the places they are given.
+
+    They land softly, go no faster than people stroke, and ride on the link; whoever
+    leads them sees where the robot is, so they do not follow it late. They leave once
+    they have landed and are where they were led, however quickly that was asked for.
+    """
+
+    def __init__(self, act: Act, force: float, world: World) -> None:
+        """Land at the site of an act, with the next reading.
+
+        Args:
+            act: whose hand, where, and which of its parts, as `kind`.
+            force: to press with [N].
+            world: the robot.
+        """
+        value = world.constants.value
+        self.step = value("time.step")
+        self.rise = self.step / value("live.lands")
+        self.fall = self.step / value("live.leaves")
+        self.stiff = 1.0 / value("live.settles")
+        self.most = value("live.speed")
+        self.world, self.force = world, force
+        self.stamps, self.flesh = act.stamps(act.kind), act.flesh()
+        self.turn = act.draw("hand.turn")
+        self.chart, self.angle = act.site.chart, act.site.angle + self.turn
+        self.centre = np.array(act.site.centre)
+        self.target, self.speed = self.centre, np.zeros(2)
+        steps = act.steps(HELD)
+        self.noise, self.ripple = act.held(steps), act.rippled(steps)
+        self.given, self.level = 0, 0.0
+        self.told_to_leave = self.leaving = False
+        self.over = False
+        self.touch = TrueTouch(
+            "stroke", act.kind, act.person.name, (self.press(np.zeros(1)),), act.drawn
+        )
+
+    def lead(self, site: Site) -> None:
+        """Go on toward the place of a site; onto another chart at once."""
+        target = np.array(site.centre)
+        if site.chart != self.chart:
+            self.chart, self.angle = site.chart, site.angle + self.turn
+            self.centre, self.speed = target, np.zeros(2)
+        away = target - self.centre
+        away[:1] = self.world.charts[site.chart].wrapped(away[:1])
+        self.target = self.centre + away
+
+    def leave(self) -> None:
+        """Lift off, as soon as it is where it was led."""
+        self.told_to_leave = True
+
+    def next(self, span: Span) -> TrueTouch:
+        """What it does in the steps of a reading, whose first is 0."""
+        force = np.zeros(span.steps)
+        centre = np.zeros((span.steps, 2))
+        for step in range(span.steps):
+            moved = self.slide()
+            self.leaving |= self.told_to_leave and self.level == 1.0 and self.is_there
+            self.level += -self.fall if self.leaving else self.rise
+            self.level = float(np.clip(self.level, 0.0, 1.0))
+            at = self.given % len(self.noise)
+            uneven = self.noise[at] * (self.ripple[at] if moved else 1.0)
+            force[step] = self.force * smooth(self.level) * uneven
+            centre[step] = self.centre
+            self.given += 1
+        self.over = self.leaving and self.level == 0.0
+        press = self.press(force, centre)
+        self.touch = TrueTouch(
+            *(self.touch.gesture, self.touch.kind, self.touch.subject),
+            *((press,), self.touch.drawn),
+        )
+        return self.touch
+
+    @property
+    def is_there(self) -> bool:
+        """Whether it is about where it was led."""
+        return float(np.linalg.norm(self.target - self.centre)) < NEAR
+
+    def slide(self) -> bool:
+        """Go one step, as if on a damped spring to the target; whether it slides."""
+        away, k = self.target - self.centre, self.stiff
+        # Implicit in time, so that no step is too long for it.
+        speed = (self.speed + self.step * k**2 * away) / (1.0 + k * self.step) ** 2
+        fast = float(np.linalg.norm(speed))
+        self.speed = speed * min(1.0, self.most / max(fast, self.most))
+        self.centre = self.centre + self.step * self.speed
+        return fast > SLIDES * self.most
+
+    def press(
+        self,
+        force: Float[np.ndarray, "time"],
+        centre: Float[np.ndarray, "time 2"] | None = None,
+    ) -> Press:
+        """The press of some steps."""
+        if centre is None:
+            centre = np.tile(self.centre, (len(force), 1))
+        angle = np.full(len(force), self.angle)
+        return Press(self.chart, 0, self.stamps, self.flesh, force, centre, angle)
+
+
+SLIDES = 0.02
+"""Share of the greatest speed from which a hand slides."""
+
+
+def smooth(level: float) -> float:
+    """A level between 0 and 1, without corners at either end."""
+    return level**3 * (10 - 15 * level + 6 * level**2)

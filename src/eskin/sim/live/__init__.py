@@ -1,1 +1,0 @@
-"""Simulated touches without end, made while they are played."""

@@ -1,0 +1,328 @@
+"""A gesture sample draws everything that varies in one touch."""
+
+from dataclasses import dataclass, field, replace
+from typing import Literal
+
+import numpy as np
+from jaxtyping import Float
+
+from eskin.sim.constants import Constants, Spread
+from eskin.sim.contact.press import Flesh, Press, Site, Stamps
+from eskin.sim.people.person import Person
+
+Series = Float[np.ndarray, "time"]
+
+
+def steps_of(duration: float, step: float) -> int:
+    """Length of a series that lasts so long, both ends counted; at least three."""
+    return max(3, round(duration / step) + 1)
+
+
+def bell(steps: int, exponent: float) -> Series:
+    """Up and down, sin(pi x) to a power, largest value 1."""
+    shape = np.sin(np.linspace(0, np.pi, steps)) ** exponent
+    return pinned(shape / shape.max())
+
+
+def trapezoid(steps: int, rise: float, fall: float, smooth: int) -> Series:
+    """Up, hold, down, largest value 1.
+
+    Args:
+        steps: length.
+        rise: share of the length in which it rises.
+        fall: share in which it falls.
+        smooth: steps to either side over which corners are rounded.
+    """
+    x = np.linspace(0, 1, steps)
+    shape = np.interp(x, [0, rise, max(rise, 1 - fall), 1], [0.0, 1.0, 1.0, 0.0])
+    kernel = np.hanning(2 * smooth + 3)[1:-1]
+    if len(kernel) > steps:
+        return pinned(shape / shape.max())
+    shape = pinned(np.convolve(shape, kernel / kernel.sum(), mode="same"))
+    return shape / shape.max()
+
+
+def pinned(shape: Series) -> Series:
+    """The same with both ends exactly zero."""
+    shape = np.clip(shape, 0.0, None)
+    shape[[0, -1]] = 0.0
+    return shape
+
+
+def peaked(shape: Series, force: float) -> Series:
+    """The same shape with a largest value of `force`."""
+    return shape * (force / shape.max())
+
+
+def minimum_jerk(steps: int) -> Series:
+    """Smoothest way from 0 to 1 (Flash and Hogan 1985)."""
+    x = np.linspace(0, 1, steps)
+    return x**3 * (10 - 15 * x + 6 * x**2)
+
+
+def wander(
+    steps: int,
+    step: float,
+    band: tuple[float, float],
+    tones: int,
+    rng: np.random.Generator,
+) -> Series:
+    """Slow noise with mean square 1: equal power in each octave, as 1/f.
+
+    Args:
+        steps: length.
+        step: time between two values [s].
+        band: lowest and highest frequency [Hz].
+        tones: number of sines.
+        rng: to draw phases from.
+    """
+    rates = np.geomspace(*band, tones)
+    phases = rng.uniform(0, 2 * np.pi, tones)
+    times = np.arange(steps) * step
+    waves = np.sin(2 * np.pi * rates[:, None] * times + phases[:, None])
+    return waves.sum(axis=0) * np.sqrt(2 / tones)
+
+
+def tremor(steps: int, step: float, rate: float, rng: np.random.Generator) -> Series:
+    """A sine of amplitude 1, `rate` [Hz], whose phase is drawn."""
+    return np.sin(2 * np.pi * (rate * np.arange(steps) * step + rng.random()))
+
+
+Regime = Literal["paper", "cost"]
+
+
+@dataclass(frozen=True, eq=False)
+class Act:
+    """One touch while it is drawn up."""
+
+    kind: str
+    """Way of doing the gesture."""
+    person: Person
+    """Who touches."""
+    site: Site
+    """Where."""
+    constants: Constants
+    """Numbers of the world."""
+    rng: np.random.Generator
+    """To draw from."""
+    difficulty: float
+    """Lambda: how much touches vary and overlap."""
+    regime: Regime
+    """Whether touches last as in arXiv 2506.18256 or in Jung et al. 2017."""
+    drawn: dict[str, float | str] = field(default_factory=dict)
+    """What was drawn so far, by name."""
+    asked: dict[str, float] = field(default_factory=dict)
+    """What is as it was asked for, whatever is drawn, by name."""
+
+    @property
+    def step(self) -> float:
+        """Time between two values [s]."""
+        return self.constants.value("time.step")
+
+    def note(self, name: str, value: float) -> float:
+        """Write down what was drawn or asked for; a name taken gets a number."""
+        value = float(self.asked.get(name, value))
+        self.drawn[self.free(name)] = value
+        return value
+
+    def free(self, name: str) -> str:
+        """A name under which nothing is written down yet."""
+        taken = sum(key == name or key.startswith(f"{name}#") for key in self.drawn)
+        return f"{name}#{taken + 1}" if taken else name
+
+    def draw(self, name: str, widen: float = 1.0) -> float:
+        """Draw a constant and write it down."""
+        return self.note(name, self.constants.draw(name, self.rng, widen))
+
+    def choose(self, name: str) -> str:
+        """Draw one of a constant's names, by the person's taste if they have one."""
+        chosen = pick(name, self.person, self.constants, self.rng, self.difficulty)
+        self.drawn[self.free(name)] = chosen
+        return chosen
+
+    def happens(self, name: str, chance: float) -> bool:
+        """Draw whether something happens, and write it down."""
+        return bool(self.note(name, float(self.rng.random() < chance)))
+
+    def steps(self, duration: float) -> int:
+        """Length of the series of a touch."""
+        return steps_of(duration, self.step)
+
+    def stamps(self, group: str) -> Stamps:
+        """Parts of the person's hand, fingers as close as it happens."""
+        return self.person.part(group, self.draw("hand.splay"))
+
+    def flesh(self) -> Flesh:
+        """How the person's hand gives way this time."""
+        limits = self.constants.entry("person.conformity").spread
+        assert limits is not None
+        deviation = self.constants.value("person.conformity_repeat")
+        own = self.person.flesh.conformity
+        drawn = own + deviation * (1 + self.difficulty) * self.rng.normal()
+        conformity = float(np.clip(drawn, limits.low, limits.high))
+        return replace(
+            self.person.flesh, conformity=self.note("conformity", conformity)
+        )
+
+    def turn(self) -> float:
+        """Angle of the hand on the chart [rad]."""
+        return self.note("angle", self.site.angle + self.draw("hand.turn"))
+
+    def wander(self, steps: int) -> Float[np.ndarray, "time 2"]:
+        """Slow wandering of what a person holds in place, from (0, 0) [m].
+
+        One law for every contact, gestures and others alike: what a hand does must not
+        be told by how still it is.
+        """
+        size = self.draw("hand.wander")
+        band = self.band("hand.wander_band")
+        axes = [self.tones(band, steps) for _ in "st"]
+        path = size * np.column_stack(axes)
+        return path - path[0]
+
+    def push(self, steps: int) -> Series:
+        """Force of one push through time, largest value 1; one law for all pushes."""
+        if self.choose("push.shape") == "bell":
+            return bell(steps, self.constants.value("force.bell"))
+        smooth = round(self.constants.value("force.smooth") / self.step / 2)
+        return trapezoid(steps, self.draw("push.rise"), self.draw("push.fall"), smooth)
+
+    def rippled(self, steps: int) -> Series:
+        """How the force of what slides comes and goes, around 1."""
+        rate, depth = self.draw("slide.ripple_rate"), self.draw("slide.ripple")
+        return 1 + depth * tremor(steps, self.step, rate, self.rng)
+
+    def held(self, steps: int) -> Series:
+        """The noise of a force that a hand holds, around 1."""
+        fast = tremor(steps, self.step, self.draw("force.tremor_rate"), self.rng)
+        noise = self.slow("force.noise_band", steps)
+        return np.clip(1 + noise + self.draw("force.tremor") * fast, 0.0, None)
+
+    def leant(self, steps: int) -> Series:
+        """The noise of a force that a body leans with, around 1: no hand trembles."""
+        return np.clip(1 + self.slow("none.lean.sway_band", steps), 0.0, None)
+
+    def slow(self, name: str, steps: int) -> Series:
+        """The slow noise of a force, in a band of frequencies, around 0."""
+        return self.draw("force.noise") * self.tones(self.band(name), steps)
+
+    def band(self, name: str) -> tuple[float, float]:
+        """Lowest and highest frequency of a constant [Hz]."""
+        low, high = self.constants.array(name)
+        return low, high
+
+    def tones(self, band: tuple[float, float], steps: int) -> Series:
+        """Slow noise with mean square 1, equal power in each octave of a band."""
+        count = int(self.constants.value("force.noise_tones"))
+        return wander(steps, self.step, band, count, self.rng)
+
+    def press(
+        self,
+        stamps: Stamps,
+        flesh: Flesh,
+        force: Series,
+        path: Float[np.ndarray, "time 2"],
+        angle: float | Series,
+    ) -> Press:
+        """A press at the site, `path` away from its centre."""
+        turned = np.broadcast_to(np.asarray(angle, dtype=np.float64), force.shape)
+        centre = np.asarray(self.site.centre) + path
+        return Press(self.site.chart, 0, stamps, flesh, force, centre, turned.copy())
+
+
+def pick(
+    name: str,
+    person: Person,
+    constants: Constants,
+    rng: np.random.Generator,
+    difficulty: float,
+) -> str:
+    """Draw one of a constant's names; rarer ones the more difficult it is."""
+    usual = constants.weights(name)
+    weights = person.styles.get(name, usual)
+    rare = min(
+        constants.value("difficulty.rare") * difficulty,
+        constants.value("difficulty.most"),
+    )
+    common = max(usual, key=lambda key: usual[key])
+    if name not in person.styles or rng.random() >= rare:
+        return str(rng.choice(list(weights), p=list(weights.values())))
+    return str(rng.choice([key for key in usual if key != common]))
+
+
+TRIES = 30
+"""Draws before a number outside its limits is cut."""
+
+
+def draw_force(act: Act, name: str, gesture: str, most: float = np.inf) -> float:
+    """Largest force of a touch [N]; more spread the more difficult.
+
+    Args:
+        act: the touch.
+        name: constant with the law over the population.
+        gesture: whose habit it goes by; drawn anew for one that is no habit.
+        most: no more than this [N].
+    """
+    habit = act.person.firmness.get(gesture)
+    usual = act.constants.value("force.repeat")
+    repeat = np.log(usual + act.constants.value("force.repeat_growth") * act.difficulty)
+    scale = act.person.force_scale
+    rest = left_over(act.constants, name, "person.force_scale", np.log(usual))
+    return act.note("force", draw_amount(act, name, scale, rest, repeat, habit, most))
+
+
+def draw_duration(act: Act, gesture: str, habit: str | None = None) -> float:
+    """How long a touch lasts [s].
+
+    Difficulty moves spread from between people to within them and leaves the law over
+    the population as it is, for that is published.
+    """
+    name = f"duration.{act.regime}.{gesture}"
+    pace = act.person.pace.get(habit or gesture)
+    repeat = np.log(
+        act.constants.value("duration.repeat")
+        + act.constants.value("duration.repeat_growth") * act.difficulty
+    )
+    scale = act.person.tempo_scale
+    rest = left_over(act.constants, name, "person.tempo_scale", repeat)
+    return act.note(
+        "duration", draw_amount(act, name, scale, rest, repeat, pace, np.inf)
+    )
+
+
+def draw_amount(
+    act: Act,
+    name: str,
+    scale: float,
+    rest: float,
+    repeat: float,
+    habit: float | None,
+    most: float,
+) -> float:
+    """Median x person x the person's habit x this time, within the law's limits."""
+    law = lognormal(act.constants, name)
+    own = act.rng.normal() if habit is None else habit
+    middle = (law.median or 0.0) * scale * np.exp(rest * own)
+    middle *= act.constants.factors.get(name, 1.0)
+    high = min(law.high, most)
+    number = middle
+    for _ in range(TRIES):
+        number = float(middle * np.exp(repeat * act.rng.normal()))
+        if law.low <= number <= high:
+            return number
+    return float(np.clip(number, min(law.low, high), high))
+
+
+def left_over(constants: Constants, name: str, person: str, repeat: float) -> float:
+    """Deviation of the logarithm that person and repeats leave of a law's."""
+    total = np.log(lognormal(constants, name).gsd or 1.0)
+    own = np.log(lognormal(constants, person).gsd or 1.0)
+    return float(np.sqrt(max(total**2 - own**2 - repeat**2, 0.0)))
+
+
+def lognormal(constants: Constants, name: str) -> Spread:
+    """The law of a constant, which must be lognormal."""
+    spread = constants.entry(name).spread
+    if spread is None or spread.law != "lognormal":
+        raise ValueError(f"constant '{name}' must have a lognormal law")
+    return spread

@@ -1,0 +1,255 @@
+"""This module draws the presses of the gestures of the vocabulary."""
+
+from dataclasses import replace
+
+import numpy as np
+from jaxtyping import Float
+
+from eskin.sim.contact.press import Flesh, Press, Stamps
+from eskin.sim.people.gesture_sample import (
+    Act,
+    Series,
+    draw_duration,
+    draw_force,
+    minimum_jerk,
+    peaked,
+    trapezoid,
+)
+from eskin.sim.people.hand import body_of
+
+
+def poke(act: Act) -> tuple[Press, ...]:
+    """One push, sometimes pressed again before it leaves."""
+    force = draw_force(act, "poke.force", "poke")
+    duration = draw_duration(act, "poke")
+    steps = act.steps(duration)
+    shape = act.push(steps)
+    if act.happens("again", act.constants.value("poke.again") * act.difficulty):
+        shape = fitted(again(act, shape), steps)
+    series = peaked(shape * act.held(steps), force)
+    flesh = replace(act.person.flesh, conformity=act.draw("poke.conformity"))
+    path, angle = act.wander(steps), act.turn()
+    return (act.press(finger(act), flesh, series, path, angle),)
+
+
+def finger(act: Act) -> Stamps:
+    """What pokes."""
+    if act.kind == "knuckle":
+        return body_of("knuckle", act.constants)
+    return act.stamps(act.kind)
+
+
+def again(act: Act, shape: Series) -> Float[np.ndarray, "longer"]:
+    """The push, and another one that begins before it has left."""
+    share, dip = act.draw("poke.again_share"), act.draw("poke.again_dip")
+    later = int(np.flatnonzero(shape >= dip)[-1]) + 1
+    both = np.zeros(later + len(shape))
+    both[: len(shape)] = shape
+    start = int(np.flatnonzero(share * shape >= dip * share)[0])
+    tail = share * shape[start:]
+    both[later : later + len(tail)] = np.maximum(both[later : later + len(tail)], tail)
+    return both[: later + len(tail)]
+
+
+def fitted(shape: Float[np.ndarray, "longer"], steps: int) -> Series:
+    """The same shape in so many steps: the law of durations is that of whole pokes."""
+    places = np.linspace(0, len(shape) - 1, steps)
+    return peaked(np.interp(places, np.arange(len(shape)), shape), 1.0)
+
+
+def double_pat(act: Act) -> tuple[Press, ...]:
+    """Two pats; sometimes more, which mean the same."""
+    more = act.happens("more", act.constants.value("double_pat.more"))
+    return pats(act, several(act) if more else 2, act.kind)
+
+
+def tap_many(act: Act) -> tuple[Press, ...]:
+    """Three pats or more."""
+    return pats(act, several(act), act.choose("double_pat.kinds"))
+
+
+def several(act: Act) -> int:
+    """How many pats, three or more."""
+    return int(act.choose("unknown.taps"))
+
+
+def pats(act: Act, count: int, group: str) -> tuple[Press, ...]:
+    """Several pats by parts of a hand, each elsewhere and as firm as it happens."""
+    force = draw_force(act, "double_pat.force", "double_pat")
+    interval = draw_interval(act)
+    contact = draw_duration(act, "pat", "double_pat")
+    contact = act.note(
+        "contact", min(contact, act.constants.value("double_pat.filled") * interval)
+    )
+    firm = [force]
+    for number in range(1, count):
+        share = act.draw("double_pat.second")
+        firm.append(act.note(f"force.{number}", force * share))
+    length, apart = act.steps(contact), max(round(interval / act.step), 1)
+    apart = max(apart, length)
+    series = np.zeros((count - 1) * apart + length)
+    path, noise = act.wander(len(series)), act.held(len(series))
+    for number, each in enumerate(firm):
+        start = number * apart
+        pat = peaked(act.push(length) * noise[start : start + length], each)
+        series[start : start + length] = pat
+        if number:
+            move(act, path, start - apart + length, start)
+    stay(act, series, min(firm), length // 2, len(series) - length // 2)
+    flesh, angle = act.flesh(), act.turn()
+    return (act.press(act.stamps(group), flesh, series, path, angle),)
+
+
+def draw_interval(act: Act) -> float:
+    """Time between the onsets of two pats [s]."""
+    growth = act.constants.value("duration.repeat_growth") * act.difficulty
+    usual = act.person.pat_interval * act.draw("double_pat.interval", 1 + growth)
+    if act.regime == "cost":
+        usual *= act.constants.value("double_pat.slower")
+    low, high = act.constants.array("double_pat.interval_limits")
+    return act.note("interval", float(np.clip(usual, low, high)))
+
+
+def move(act: Act, path: np.ndarray, leave: int, land: int) -> None:
+    """Write the hand's way between two pats, and where it then stays."""
+    length, way = (
+        act.draw("double_pat.shift"),
+        act.note("shift", act.rng.uniform(0, 2 * np.pi)),
+    )
+    shift = length * np.array([np.cos(way), np.sin(way)])
+    path[leave:land] += shift * minimum_jerk(max(land - leave, 1))[:, None]
+    path[land:] += shift
+
+
+def stay(act: Act, series: np.ndarray, weakest: float, first: int, last: int) -> None:
+    """Let the hand not quite leave between the first and the last peak, sometimes."""
+    chance = act.constants.value("double_pat.stays") * act.difficulty
+    if act.happens("stays", chance):
+        residue = act.constants.value("double_pat.residue") * act.person.force_scale
+        residue = act.note("residue", min(residue, weakest / 2))
+        series[first:last] = np.maximum(series[first:last], residue)
+
+
+def grab(act: Act) -> tuple[Press, ...]:
+    """One grab."""
+    return (hold(act, draw_duration(act, "grab"), act.kind),)
+
+
+def hold(act: Act, duration: float, group: str, firmer: float = 1.0) -> Press:
+    """Parts of a hand round a tube for some time [s], `firmer` than in a grab."""
+    most = largest(act) / firmer
+    force = firmer * draw_force(act, "grab.force", "grab", most)
+    steps = act.steps(duration)
+    smooth = round(act.constants.value("force.smooth") / act.step / 2)
+    rise, fall = act.draw("grab.rise"), act.draw("grab.fall")
+    series = peaked(trapezoid(steps, rise, fall, smooth) * act.held(steps), force)
+    path = act.wander(steps)
+    twist = act.draw("grab.twist") * minimum_jerk(steps)
+    series = np.minimum(series, most * firmer)
+    stamps = act.person.part(group, act.draw("grab.splay"))
+    return act.press(stamps, closed(act), series, path, across(act) + twist)
+
+
+def closed(act: Act) -> Flesh:
+    """A hand that wraps round what it holds."""
+    return replace(act.person.flesh, conformity=act.draw("grab.conformity"))
+
+
+def across(act: Act) -> float:
+    """Angle of a hand across the tube, the way round that suits the person [rad]."""
+    side = 1.0 if np.sin(act.site.angle) >= 0 else -1.0
+    return act.note("angle", side * np.pi / 2 + act.draw("grab.slant"))
+
+
+def largest(act: Act) -> float:
+    """The person's largest grip on the site's tube [N]."""
+    value = act.constants.value
+    if np.isinf(act.site.radius):
+        share = value("grab.weakest")
+    else:
+        wider = 2 * act.site.radius - value("grab.reference")
+        share = 1 - value("grab.weaker") * wider
+        share = np.clip(share, value("grab.weakest"), value("grab.strongest"))
+    return act.note("largest", act.person.grip * share)
+
+
+WHOLE_HAND = ("flat_hand", "full_hand")
+"""Parts of a hand that stroke as firmly as a hand rests."""
+
+
+def stroke(act: Act) -> tuple[Press, ...]:
+    """One stroke, or there and back."""
+    law = "stroke.hand_force" if act.kind in WHOLE_HAND else "stroke.force"
+    force = draw_force(act, law, "stroke")
+    duration = draw_duration(act, "stroke")
+    steps = act.steps(duration)
+    way = draw_way(act)
+    back = act.happens("return", act.constants.value("stroke.return"))
+    legs = 2 if back else 1
+    speed = act.draw("stroke.speed")
+    start, length = fit(act, way, speed * duration / legs)
+    act.note("speed", legs * length / duration)
+    along = start + length * there(steps, back)
+    path = along[:, None] * way + act.wander(steps)
+    series = peaked(sliding(act, steps), force)
+    flesh, angle = act.flesh(), act.turn()
+    return (act.press(act.stamps(act.kind), flesh, series, path, angle),)
+
+
+def draw_way(act: Act) -> Float[np.ndarray, "2"]:
+    """Unit direction (s, t) of the stroke."""
+    path = act.choose("stroke.path")
+    if path == "along":
+        slant = 0.0
+    else:
+        slant = np.pi / 2 if path == "around" else act.draw("stroke.oblique")
+    signs = act.rng.choice([-1.0, 1.0], 2)
+    way = signs * np.array([np.sin(slant), np.cos(slant)])
+    act.note("direction", float(np.arctan2(-way[0], way[1])))
+    return way
+
+
+def fit(act: Act, way: Float[np.ndarray, "2"], wanted: float) -> tuple[float, float]:
+    """Where along its way a stroke begins, and its length, in the room there is [m].
+
+    It passes the site's centre.
+    """
+    low, high = room(act, way)
+    shortest = act.constants.value("stroke.shortest")
+    length = min(wanted, max(high - low, shortest))
+    first, last = max(low, -length), min(0.0, high - length)
+    if first > last:
+        first = last = (low + high - length) / 2
+    start = float(act.rng.uniform(first, last))
+    act.note("start", start)
+    return start, act.note("length", length)
+
+
+def room(act: Act, way: Float[np.ndarray, "2"]) -> tuple[float, float]:
+    """How far one may slide back and forth along a way [m]."""
+    low, high = act.site.clear
+    arc = act.constants.value("stroke.arc") * 2 * np.pi * act.site.radius / 2
+    limits = [(-np.inf, np.inf)]
+    if abs(way[0]) > 1e-9:
+        arc = min(arc, high - low) if np.isinf(arc) else arc
+        limits.append((-arc / abs(way[0]), arc / abs(way[0])))
+    if abs(way[1]) > 1e-9:
+        both = sorted((low / way[1], high / way[1]))
+        limits.append((both[0], both[1]))
+    return max(each[0] for each in limits), min(each[1] for each in limits)
+
+
+def there(steps: int, back: bool) -> Series:
+    """Share of the way through time."""
+    if not back:
+        return minimum_jerk(steps)
+    half = (steps + 1) // 2
+    out = minimum_jerk(half)
+    return np.concatenate([out, minimum_jerk(steps - half + 1)[::-1][1:]])
+
+
+def sliding(act: Act, steps: int) -> Series:
+    """Force of a sliding hand, around 1: it ripples, and lifts off slowly."""
+    smooth = round(act.constants.value("force.smooth") / act.step / 2)
+    shape = trapezoid(steps, act.draw("stroke.rise"), act.draw("stroke.fall"), smooth)
+    return shape * act.rippled(steps) * act.held(steps)

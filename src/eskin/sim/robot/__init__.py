@@ -1,1 +1,0 @@
-"""The robot: its poses, how it moves, and what keeps clear of what."""

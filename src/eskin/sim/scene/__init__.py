@@ -1,0 +1,1 @@
+"""The environment holds a robot in its skin: poses, motion, places and scenes."""

@@ -1,0 +1,101 @@
+"""The collision model measures the room between the links of a robot, and about them."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from eskin.robot import Cylinder, Robot
+from eskin.sim.scene.kernels import Rods, clearances, rooms
+
+
+@dataclass(frozen=True, eq=False)
+class Solids:
+    """The solid parts of a robot and which of them may meet."""
+
+    rods: Rods
+    """All cylinders."""
+    pairs: Int[np.ndarray, "pair 2"]
+    """Rods of links that share no joint."""
+    free: Int[np.ndarray, "free"]
+    """Rods that may hit the table."""
+    apart: tuple[Int[np.ndarray, "_"], ...]
+    """For each link, the rods of links that share no joint with it."""
+    others: tuple[Int[np.ndarray, "_"], ...]
+    """For each link, the rods of all other links."""
+
+    def clearance(
+        self, T_world_link: Float[np.ndarray, "pose link 4 4"], enough: float
+    ) -> Float[np.ndarray, "pose 2"]:
+        """Least distance between links, and least height above the table [m].
+
+        What is farther than `enough` [m] is only known to be so.
+        """
+        T = np.ascontiguousarray(T_world_link)
+        return clearances(self.rods, self.pairs, self.free, T, enough)
+
+    def room(
+        self,
+        T_world_link: Float[np.ndarray, "link 4 4"],
+        points: Float[np.ndarray, "point 3"],
+        link: int,
+    ) -> Float[np.ndarray, "point"]:
+        """Distance of points of the world from all links but one, and the table [m]."""
+        found, _ = rooms(self.rods, T_world_link, points, self.others[link])
+        return np.minimum(found, points[:, 2])
+
+
+def solids_of(robot: Robot) -> Solids:
+    """The cylinders of a robot.
+
+    Raises:
+        ValueError: a body is no cylinder.
+    """
+    rods = rods_of(robot)
+    joined = {frozenset((joint.parent, joint.child)) for joint in robot.joints}
+    names = robot.link_names
+    meets = np.array(
+        [[a != b and frozenset((a, b)) not in joined for b in names] for a in names]
+    )
+    links = rods.links
+    pairs = np.argwhere(np.triu(meets[links][:, links]))
+    return Solids(
+        rods=rods,
+        pairs=pairs.astype(np.int64).reshape(-1, 2),
+        free=np.flatnonzero(~np.isin(links, standing(robot))),
+        apart=tuple(np.flatnonzero(meets[link][links]) for link in range(len(names))),
+        others=tuple(np.flatnonzero(links != link) for link in range(len(names))),
+    )
+
+
+def standing(robot: Robot) -> list[int]:
+    """The root and what turns on it, which are on the table anyhow."""
+    children = {joint.child for joint in robot.joints}
+    (root,) = (name for name in robot.link_names if name not in children)
+    first = [joint.child for joint in robot.joints if joint.parent == root]
+    return [robot.link_index(name) for name in (root, *first)]
+
+
+def rods_of(robot: Robot) -> Rods:
+    """All bodies of a robot as cylinders in the frames of their links."""
+    links, centres, axes, radii, halves = [], [], [], [], []
+    for index, link in enumerate(robot.links):
+        for body in link.bodies:
+            if not isinstance(body.shape, Cylinder):
+                raise ValueError(
+                    f"link '{link.name}' of robot '{robot.name}' has a "
+                    f"{type(body.shape).__name__}; touches are simulated on robots of "
+                    "cylinders; describe its collision bodies as such"
+                )
+            links.append(index)
+            centres.append(body.T_link_shape[:3, 3])
+            axes.append(body.T_link_shape[:3, 2])
+            radii.append(body.shape.radius)
+            halves.append(body.shape.length / 2)
+    return Rods(
+        np.array(links, dtype=np.int64),
+        np.array(centres, dtype=np.float64).reshape(-1, 3),
+        np.array(axes, dtype=np.float64).reshape(-1, 3),
+        np.array(radii, dtype=np.float64),
+        np.array(halves, dtype=np.float64),
+    )

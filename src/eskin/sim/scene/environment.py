@@ -1,0 +1,173 @@
+"""The environment holds the robot in its skin, prepared for touching."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from eskin.sim.constants import MM, Constants
+from eskin.sim.contact.chart import Chart, charts_of
+from eskin.sim.contact.press import Site
+from eskin.sim.scene.collision import Solids, solids_of
+from eskin.sim.scene.targets import Spots, spots_of
+from eskin.skin import MountedSkin
+
+
+@dataclass(frozen=True, eq=False)
+class World:
+    """A robot in its skin, prepared for touching."""
+
+    mounted: MountedSkin
+    """The skin on its robot."""
+    charts: tuple[Chart, ...]
+    """The skin's surfaces, unrolled."""
+    links: tuple[int, ...]
+    """The link of each chart, as an index into the robot's links."""
+    solids: Solids
+    """What may collide."""
+    spots: Spots
+    """Places that can be touched."""
+    constants: Constants
+    """Numbers of the world."""
+
+    def poses(
+        self, q: Float[np.ndarray, "*batch joint"]
+    ) -> Float[np.ndarray, "*batch link 4 4"]:
+        """T_world_link of every link."""
+        return self.mounted.kinematics.poses(q)
+
+    @property
+    def can_move(self) -> bool:
+        """Whether the robot has joints."""
+        return len(self.mounted.robot.joint_names) > 0
+
+    def joint(self, name: str) -> int:
+        """Place of a joint in `q`.
+
+        Raises:
+            ValueError: the robot has no such joint.
+        """
+        names = self.mounted.robot.joint_names
+        if name not in names:
+            raise ValueError(
+                f"robot '{self.mounted.robot.name}' has no joint '{name}'; poses are "
+                f"drawn of arms like the UR5; its joints: {', '.join(names)}"
+            )
+        return names.index(name)
+
+
+def build_world(mounted: MountedSkin, constants: Constants) -> World:
+    """Prepare a robot in its skin for touching."""
+    charts = charts_of(mounted, constants.value("contact.rim"))
+    links = tuple(mounted.robot.link_index(chart.link) for chart in charts)
+    solids = solids_of(mounted.robot)
+    spots = spots_of(mounted.skin, charts, constants)
+    return World(mounted, charts, links, solids, spots, constants)
+
+
+def axes_at(
+    chart: Chart,
+    centre: Float[np.ndarray, "point 2"],
+    T_world_link: Float[np.ndarray, "*#batch 4 4"],
+) -> tuple[
+    Float[np.ndarray, "point 3"],
+    Float[np.ndarray, "point 3"],
+    Float[np.ndarray, "point 3"],
+    Float[np.ndarray, "point 3"],
+]:
+    """Position [m], directions of s and t, and outward normal in the world."""
+    wrapped = chart.surface.wrap(centre)
+    R, p = T_world_link[..., :3, :3], T_world_link[..., :3, 3]
+    turn = "...ij,...j->...i"
+    s_axis = np.einsum(turn, R, wrapped.tangents)
+    normal = np.einsum(turn, R, wrapped.normals)
+    position = np.einsum(turn, R, wrapped.positions) + p
+    return position, s_axis, np.cross(normal, s_axis), normal
+
+
+def angle_of(
+    direction: Float[np.ndarray, "*#batch 3"],
+    s_axis: Float[np.ndarray, "*#batch 3"],
+    t_axis: Float[np.ndarray, "*#batch 3"],
+) -> Float[np.ndarray, "*out"]:
+    """Angle from t to a direction laid flat, counter-clockwise from outside [rad]."""
+    along_s = np.sum(direction * s_axis, axis=-1)
+    along_t = np.sum(direction * t_axis, axis=-1)
+    return np.arctan2(-along_s, along_t)
+
+
+def direction_of(
+    angle: Float[np.ndarray, "*#batch"],
+    s_axis: Float[np.ndarray, "*#batch 3"],
+    t_axis: Float[np.ndarray, "*#batch 3"],
+) -> Float[np.ndarray, "*out 3"]:
+    """The direction at an angle from t, counter-clockwise seen from outside."""
+    turned = np.asarray(angle)[..., None]
+    return np.cos(turned) * t_axis - np.sin(turned) * s_axis
+
+
+def site_at(
+    world: World,
+    chart: int,
+    centre: Float[np.ndarray, "2"],
+    direction: Float[np.ndarray, "3"],
+    T_world_link: Float[np.ndarray, "link 4 4"],
+) -> Site:
+    """The site at a place of a chart, its angle that of a direction of the world."""
+    here = world.charts[chart]
+    T = T_world_link[world.links[chart]]
+    _, s_axis, t_axis, _ = axes_at(here, centre[None], T)
+    return Site(
+        chart=chart,
+        centre=(float(centre[0]), float(centre[1])),
+        radius=here.radius,
+        clear=free_run(world, chart, centre, T_world_link),
+        angle=float(angle_of(direction[None], s_axis, t_axis)[0]),
+    )
+
+
+STRIDE = 0.01
+"""Step along a free run [m]."""
+
+
+def free_run(
+    world: World,
+    chart: int,
+    centre: Float[np.ndarray, "2"],
+    T_world_link: Float[np.ndarray, "link 4 4"],
+) -> tuple[float, float]:
+    """How far a hand may slide along t from a place: skin below, nothing above [m]."""
+    low, high = covered(world, chart, centre)
+    here, link = world.charts[chart], world.links[chart]
+    before = -np.arange(STRIDE, -low, STRIDE)
+    after = np.arange(STRIDE, high, STRIDE)
+    steps = np.concatenate([before, after])
+    at = centre + np.column_stack([np.zeros_like(steps), steps])
+    T = T_world_link[link]
+    position, _, _, normal = axes_at(here, at, T)
+    room = world.constants.value("place.room") * MM
+    over = position + room / 2 * normal
+    blocked = world.solids.room(T_world_link, over, link) < room / 2
+    return (
+        low if not blocked[: len(before)].any() else reached(before, blocked),
+        high
+        if not blocked[len(before) :].any()
+        else reached(after, blocked[-len(after) :]),
+    )
+
+
+def reached(steps: Float[np.ndarray, "step"], blocked: np.ndarray) -> float:
+    """The last step before the first that is blocked [m]."""
+    first = int(np.argmax(blocked[: len(steps)]))
+    return float(steps[first - 1]) if first else 0.0
+
+
+def covered(
+    world: World, chart: int, centre: Float[np.ndarray, "2"]
+) -> tuple[float, float]:
+    """How far skin goes on along t from a place [m]."""
+    here = world.charts[chart]
+    lane = world.constants.value("place.column") * MM
+    aside = np.abs(here.wrapped(here.unrolled[:, 0] - centre[0]))
+    along = here.unrolled[aside <= lane, 1] - centre[1]
+    return float(along.min(initial=0.0)), float(along.max(initial=0.0))

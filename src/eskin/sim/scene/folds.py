@@ -1,0 +1,204 @@
+"""This module finds patches that face each other and touches between them."""
+
+from dataclasses import dataclass, replace
+from functools import lru_cache
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from eskin.sim.constants import MM
+from eskin.sim.contact.press import Press, Site, TrueTouch
+from eskin.sim.people.hand import mirrored
+from eskin.sim.people.person import Person
+from eskin.sim.scene.environment import World, axes_at, site_at
+from eskin.sim.scene.kernels import facing_gaps
+from eskin.sim.scene.placement import view_of
+
+
+@dataclass(frozen=True, eq=False)
+class Faces:
+    """Some taxels of each chart, evenly spread."""
+
+    points: Float[np.ndarray, "point 3"]
+    """In the frame of the chart's link [m]."""
+    normals: Float[np.ndarray, "point 3"]
+    """Outward, in that frame."""
+    areas: Float[np.ndarray, "point"]
+    """Skin that each stands for [m2]."""
+    starts: Int[np.ndarray, "chart_and_one"]
+    """First point of each chart."""
+    links: Int[np.ndarray, "chart"]
+    """Index of the link of each chart."""
+    balls: Float[np.ndarray, "chart 4"]
+    """Middle and radius of a ball about each chart [m]."""
+    pairs: Int[np.ndarray, "pair 2"]
+    """Charts of different links."""
+
+
+@lru_cache(maxsize=4)
+def faces_of(world: World) -> Faces:
+    """The taxels that folds are sought by."""
+    skin = world.mounted.skin
+    most = int(world.constants.value("fold.points"))
+    chosen = [chart.taxels[:: -(-len(chart.taxels) // most)] for chart in world.charts]
+    balls = []
+    for taxels in chosen:
+        at = skin.positions[taxels]
+        reach = np.linalg.norm(at - at.mean(axis=0), axis=1).max()
+        balls.append(np.append(at.mean(axis=0), reach))
+    links = np.array(world.links, dtype=np.int64)
+    taxels = np.concatenate(chosen)
+    shares = [skin.areas[chart.taxels].sum() for chart in world.charts]
+    counts = [len(each) for each in chosen]
+    return Faces(
+        points=skin.positions[taxels].astype(np.float64),
+        normals=skin.normals[taxels].astype(np.float64),
+        areas=np.repeat(np.array(shares) / counts, counts),
+        starts=np.cumsum([0, *counts]),
+        links=links,
+        balls=np.array(balls),
+        pairs=np.argwhere(np.triu(links[:, None] != links[None])).astype(np.int64),
+    )
+
+
+def facing(
+    world: World, T_world_link: Float[np.ndarray, "pose link 4 4"]
+) -> tuple[Float[np.ndarray, "pose pair"], Int[np.ndarray, "pose pair 2"]]:
+    """Least gap of each pair of charts [m], infinite if they do not face each other.
+
+    Gaps too thin for a hand do not count. The second array tells the two points of
+    `faces_of` that are nearest.
+    """
+    value = world.constants.value
+    least, within = value("fold.thinnest") * MM, value("fold.within") * MM
+    faces = faces_of(world)
+    return facing_gaps(
+        *(faces.points, faces.normals, faces.starts, faces.links),
+        *(faces.balls, faces.pairs, np.ascontiguousarray(T_world_link)),
+        *(least, within, value("fold.facing")),
+    )
+
+
+def folds_at(
+    world: World, q: Float[np.ndarray, "pose joint"]
+) -> Bool[np.ndarray, "pose"]:
+    """In which poses patches of different links face each other closely."""
+    gaps, _ = facing(world, world.poses(q))
+    return np.min(gaps, axis=1, initial=np.inf) < np.inf
+
+
+def fold_sites(
+    world: World, q: Float[np.ndarray, "joint"], person: Person
+) -> tuple[tuple[Site, Site], ...]:
+    """Pairs of places where a hand touches two patches at once, nearest first.
+
+    Each pair is of two charts on different links that face each other within
+    `fold.within`. The hand points the same way at both.
+    """
+    view = view_of(world, q, person)
+    gaps, which = facing(world, view.T_world_link[None])
+    faces = faces_of(world)
+    found = []
+    for pair in np.argsort(gaps[0], kind="stable"):
+        if np.isfinite(gaps[0, pair]):
+            points = faces.points[which[0, pair]]
+            charts = faces.pairs[pair]
+            middle = points_in_world(world, charts, points, view.T_world_link).mean(0)
+            ahead = middle - view.shoulder
+            first, second = (
+                site_at(
+                    world,
+                    int(chart),
+                    world.charts[chart].surface.unroll(point[None])[0],
+                    ahead,
+                    view.T_world_link,
+                )
+                for chart, point in zip(charts, points, strict=True)
+            )
+            found.append((first, second))
+    return tuple(found)
+
+
+def points_in_world(
+    world: World,
+    charts: Int[np.ndarray, "point"],
+    points: Float[np.ndarray, "point 3"],
+    T_world_link: Float[np.ndarray, "link 4 4"],
+) -> Float[np.ndarray, "point 3"]:
+    """Points of the links of charts in the world [m]."""
+    T = T_world_link[np.array(world.links)[charts]]
+    return np.einsum("pij,pj->pi", T[:, :3, :3], points) + T[:, :3, 3]
+
+
+def gap_of(
+    world: World, q: Float[np.ndarray, "joint"], first: Site, second: Site
+) -> float:
+    """Distance of two sites in space [m]."""
+    T = world.poses(q)
+    one, other = (
+        axes_at(
+            world.charts[site.chart],
+            np.array([site.centre]),
+            T[world.links[site.chart]],
+        )[0][0]
+        for site in (first, second)
+    )
+    return float(np.linalg.norm(one - other))
+
+
+def share_of(
+    world: World, q: Float[np.ndarray, "joint"], first: Site, second: Site
+) -> float:
+    """Share of a hand's force that the second site bears: less, the wider the gap."""
+    value = world.constants.value
+    gap = gap_of(world, q, first, second)
+    return value("fold.even") * max(0.0, 1 - gap / (value("fold.within") * MM))
+
+
+def fold(touch: TrueTouch, first: Site, second: Site, share: float) -> TrueTouch:
+    """The same touch with each press at the first site also at the second.
+
+    Args:
+        touch: what is done at the first site.
+        first: where.
+        second: the place that faces it.
+        share: of the force, that the second bears.
+
+    Raises:
+        ValueError: the share is no share.
+    """
+    if not 0 <= share <= 1:
+        raise ValueError(f"share is {share}; give 0 to 1")
+    presses: list[Press] = []
+    for press in touch.presses:
+        if press.chart == first.chart:
+            presses.append(replace(press, force=(1 - share) * press.force))
+            presses.append(opposite(press, first, second, share))
+        else:
+            presses.append(press)
+    return replace(
+        touch, presses=tuple(presses), drawn=touch.drawn | {"fold.share": share}
+    )
+
+
+def opposite(press: Press, first: Site, second: Site, share: float) -> Press:
+    """The press of the other side of the hand, seen from there as in a mirror."""
+    turn = second.angle + first.angle
+    path = press.centre - np.array(first.centre)
+    return replace(
+        press,
+        chart=second.chart,
+        stamps=mirrored(press.stamps),
+        force=share * press.force,
+        centre=np.array(second.centre) + reflected(path, turn),
+        angle=turn - press.angle,
+    )
+
+
+def reflected(
+    path: Float[np.ndarray, "time 2"], turn: float
+) -> Float[np.ndarray, "time 2"]:
+    """A path whose directions, at angles a from t, come to be at turn - a."""
+    cosine, sine = np.cos(turn), np.sin(turn)
+    s, t = path.T
+    return np.column_stack([-s * cosine - t * sine, t * cosine - s * sine])

@@ -1,0 +1,308 @@
+"""Compiled kernels that compute distances of cylinders and gaps between facing patches."""
+
+from typing import NamedTuple, no_type_check
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from eskin.compiled import compiled
+
+
+class Rods(NamedTuple):
+    """Cylinders in the frames of their links."""
+
+    links: np.ndarray
+    """Index of the link of each (rod)."""
+    centres: np.ndarray
+    """[m] (rod, 3)"""
+    axes: np.ndarray
+    """Unit directions (rod, 3)."""
+    radii: np.ndarray
+    """[m] (rod)"""
+    halves: np.ndarray
+    """Half lengths [m] (rod)."""
+
+
+ROUNDS = 100
+CLOSE = 2e-5
+"""Distances are found to this [m], from below."""
+
+
+@compiled
+@no_type_check
+def placed(
+    rods: Rods, T_world_link: Float[np.ndarray, "link 4 4"]
+) -> tuple[Float[np.ndarray, "rod 3"], Float[np.ndarray, "rod 3"]]:
+    """Centres and axes in the world."""
+    count = len(rods.links)
+    centres, axes = np.empty((count, 3)), np.empty((count, 3))
+    for rod in range(count):
+        T = T_world_link[rods.links[rod]]
+        for i in range(3):
+            centre, axis = T[i, 3], 0.0
+            for j in range(3):
+                centre += T[i, j] * rods.centres[rod, j]
+                axis += T[i, j] * rods.axes[rod, j]
+            centres[rod, i], axes[rod, i] = centre, axis
+    return centres, axes
+
+
+@compiled
+@no_type_check
+def dot(a: Float[np.ndarray, "3"], b: Float[np.ndarray, "3"]) -> float:
+    """Scalar product."""
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+@compiled
+@no_type_check
+def axis_points(
+    c: Float[np.ndarray, "3"],
+    a: Float[np.ndarray, "3"],
+    h: float,
+    e: Float[np.ndarray, "3"],
+    b: Float[np.ndarray, "3"],
+    k: float,
+) -> tuple[float, float]:
+    """Where two axes come nearest, from their middles (Ericson 2005, 5.1.9) [m]."""
+    x, y, z = c[0] - e[0], c[1] - e[1], c[2] - e[2]
+    ab = dot(a, b)
+    ar, br = x * a[0] + y * a[1] + z * a[2], x * b[0] + y * b[1] + z * b[2]
+    flat = 1.0 - ab * ab
+    u = 0.0
+    if flat > 1e-12:
+        u = min(max((ab * br - ar) / flat, -h), h)
+    v = min(max(ab * u + br, -k), k)
+    u = min(max(ab * v - ar, -h), h)
+    return u, v
+
+
+@compiled
+@no_type_check
+def nearest(
+    p: tuple[float, float, float],
+    c: Float[np.ndarray, "3"],
+    a: Float[np.ndarray, "3"],
+    radius: float,
+    half: float,
+) -> tuple[float, float, float]:
+    """The point of a solid cylinder that is nearest to p."""
+    x, y, z = p[0] - c[0], p[1] - c[1], p[2] - c[2]
+    along = x * a[0] + y * a[1] + z * a[2]
+    x, y, z = x - along * a[0], y - along * a[1], z - along * a[2]
+    out = np.sqrt(x * x + y * y + z * z)
+    share = radius / out if out > radius else 1.0
+    up = min(max(along, -half), half)
+    return (
+        c[0] + up * a[0] + share * x,
+        c[1] + up * a[1] + share * y,
+        c[2] + up * a[2] + share * z,
+    )
+
+
+@compiled
+@no_type_check
+def reach(
+    n: tuple[float, float, float],
+    a: Float[np.ndarray, "3"],
+    radius: float,
+    half: float,
+) -> float:
+    """How far a cylinder reaches from its centre in a direction [m]."""
+    along = n[0] * a[0] + n[1] * a[1] + n[2] * a[2]
+    return abs(along) * half + radius * np.sqrt(max(1.0 - along * along, 0.0))
+
+
+@compiled
+@no_type_check
+def apart(p: tuple[float, float, float], q: tuple[float, float, float]) -> float:
+    """Distance of two points [m]."""
+    x, y, z = q[0] - p[0], q[1] - p[1], q[2] - p[2]
+    return np.sqrt(x * x + y * y + z * z)
+
+
+@compiled
+@no_type_check
+def between(
+    c: Float[np.ndarray, "3"],
+    a: Float[np.ndarray, "3"],
+    r: float,
+    h: float,
+    e: Float[np.ndarray, "3"],
+    b: Float[np.ndarray, "3"],
+    s: float,
+    k: float,
+    enough: float,
+) -> float:
+    """Distance of two solid cylinders, never too large; 0 where they meet [m].
+
+    Capsules about them settle what is farther apart than `enough`. The rest is found by
+    projecting to and fro, with the plane between as a bound from below.
+    """
+    u, v = axis_points(c, a, h, e, b, k)
+    p = (c[0] + u * a[0], c[1] + u * a[1], c[2] + u * a[2])
+    q = (e[0] + v * b[0], e[1] + v * b[1], e[2] + v * b[2])
+    capsule = apart(p, q) - r - s
+    if capsule >= enough:
+        return capsule
+    best = max(capsule, 0.0)
+    for _ in range(ROUNDS):
+        q = nearest(p, e, b, s, k)
+        p = nearest(q, c, a, r, h)
+        length = apart(p, q)
+        if length < CLOSE:
+            return best
+        n = (
+            (q[0] - p[0]) / length,
+            (q[1] - p[1]) / length,
+            (q[2] - p[2]) / length,
+        )
+        middles = n[0] * (e[0] - c[0]) + n[1] * (e[1] - c[1]) + n[2] * (e[2] - c[2])
+        best = max(best, middles - reach(n, a, r, h) - reach(n, b, s, k))
+        if length - best < CLOSE:
+            break
+    return best
+
+
+@compiled
+@no_type_check
+def clearances(
+    rods: Rods,
+    pairs: Int[np.ndarray, "pair 2"],
+    free: Int[np.ndarray, "free"],
+    T_world_link: Float[np.ndarray, "pose link 4 4"],
+    enough: float,
+) -> Float[np.ndarray, "pose 2"]:
+    """Least distance of pairs of rods, and least height of the free ones [m].
+
+    What is farther than `enough` may be given as any distance beyond.
+    """
+    found = np.empty((len(T_world_link), 2))
+    for pose in range(len(T_world_link)):
+        centres, axes = placed(rods, T_world_link[pose])
+        low = np.inf
+        for rod in free:
+            up = abs(axes[rod, 2])
+            below = up * rods.halves[rod] + rods.radii[rod] * np.sqrt(
+                max(1.0 - up * up, 0.0)
+            )
+            low = min(low, centres[rod, 2] - below)
+        least = np.inf
+        for one, other in pairs:
+            gap = between(
+                centres[one],
+                axes[one],
+                rods.radii[one],
+                rods.halves[one],
+                centres[other],
+                axes[other],
+                rods.radii[other],
+                rods.halves[other],
+                min(enough, least),
+            )
+            least = min(least, gap)
+        found[pose, 0], found[pose, 1] = least, low
+    return found
+
+
+@compiled
+@no_type_check
+def rooms(
+    rods: Rods,
+    T_world_link: Float[np.ndarray, "link 4 4"],
+    points: Float[np.ndarray, "point 3"],
+    others: Int[np.ndarray, "other"],
+) -> tuple[Float[np.ndarray, "point"], Int[np.ndarray, "point"]]:
+    """Distance of points of the world from the nearest of some rods, and which [m]."""
+    centres, axes = placed(rods, T_world_link)
+    found = np.full(len(points), np.inf)
+    which = np.full(len(points), -1)
+    for i in range(len(points)):
+        p = (points[i, 0], points[i, 1], points[i, 2])
+        for rod in others:
+            at = nearest(p, centres[rod], axes[rod], rods.radii[rod], rods.halves[rod])
+            length = apart(p, at)
+            if length < found[i]:
+                found[i], which[i] = length, rod
+    return found, which
+
+
+@compiled
+@no_type_check
+def placed_points(
+    T: Float[np.ndarray, "4 4"], local: Float[np.ndarray, "3"], shifted: float
+) -> tuple[float, float, float]:
+    """A point (shifted 1) or a direction (shifted 0) of a link in the world."""
+    x = T[0, 0] * local[0] + T[0, 1] * local[1] + T[0, 2] * local[2]
+    y = T[1, 0] * local[0] + T[1, 1] * local[1] + T[1, 2] * local[2]
+    z = T[2, 0] * local[0] + T[2, 1] * local[1] + T[2, 2] * local[2]
+    return x + shifted * T[0, 3], y + shifted * T[1, 3], z + shifted * T[2, 3]
+
+
+@compiled
+@no_type_check
+def facing_gaps(
+    points: Float[np.ndarray, "point 3"],
+    normals: Float[np.ndarray, "point 3"],
+    starts: Int[np.ndarray, "chart_and_one"],
+    links: Int[np.ndarray, "chart"],
+    balls: Float[np.ndarray, "chart 4"],
+    pairs: Int[np.ndarray, "pair 2"],
+    T_world_link: Float[np.ndarray, "pose link 4 4"],
+    thinnest: float,
+    within: float,
+    cosine: float,
+) -> tuple[Float[np.ndarray, "pose pair"], Int[np.ndarray, "pose pair 2"]]:
+    """Least distance of points of two charts that face each other, and which two [m].
+
+    Infinite, and -1, where none do between `thinnest` and `within`.
+    """
+    poses = len(T_world_link)
+    gaps = np.full((poses, len(pairs)), np.inf)
+    which = np.full((poses, len(pairs), 2), -1)
+    world = np.empty((len(points), 6))
+    middles = np.empty((len(links), 3))
+    for pose in range(poses):
+        for chart in range(len(links)):
+            T = T_world_link[pose, links[chart]]
+            x, y, z = placed_points(T, balls[chart, :3], 1.0)
+            middles[chart, 0], middles[chart, 1], middles[chart, 2] = x, y, z
+            for i in range(starts[chart], starts[chart + 1]):
+                x, y, z = placed_points(T, points[i], 1.0)
+                world[i, 0], world[i, 1], world[i, 2] = x, y, z
+                x, y, z = placed_points(T, normals[i], 0.0)
+                world[i, 3], world[i, 4], world[i, 5] = x, y, z
+        for pair in range(len(pairs)):
+            one, other = pairs[pair]
+            apart = 0.0
+            for axis in range(3):
+                apart += (middles[one, axis] - middles[other, axis]) ** 2
+            if np.sqrt(apart) > within + balls[one, 3] + balls[other, 3]:
+                continue
+            best = within * within
+            beyond = (within + balls[other, 3]) ** 2
+            for i in range(starts[one], starts[one + 1]):
+                a = world[i]
+                apart = 0.0
+                for axis in range(3):
+                    apart += (a[axis] - middles[other, axis]) ** 2
+                if apart > beyond:
+                    continue
+                for j in range(starts[other], starts[other + 1]):
+                    b = world[j]
+                    x, y, z = b[0] - a[0], b[1] - a[1], b[2] - a[2]
+                    square = x * x + y * y + z * z
+                    if square >= best or square < thinnest * thinnest:
+                        continue
+                    least = cosine * np.sqrt(square)
+                    if x * a[3] + y * a[4] + z * a[5] < least:
+                        continue
+                    if x * b[3] + y * b[4] + z * b[5] > -least:
+                        continue
+                    if a[3] * b[3] + a[4] * b[4] + a[5] * b[5] > -cosine:
+                        continue
+                    best = square
+                    which[pose, pair, 0], which[pose, pair, 1] = i, j
+            if which[pose, pair, 0] >= 0:
+                gaps[pose, pair] = np.sqrt(best)
+    return gaps, which

@@ -1,0 +1,292 @@
+"""This module moves the robot, and the hands that follow it late."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Float
+
+from eskin.sim.contact.press import Press
+from eskin.sim.scene.environment import World, angle_of, axes_at, direction_of
+from eskin.sim.scene.folds import faces_of
+from eskin.sim.scene.poses import GROUPS, draw_pose
+from eskin.sim.scene.validity import is_free
+
+
+@dataclass(frozen=True)
+class Profile:
+    """How far a move has come through time."""
+
+    length: float
+    """Of the whole way [rad]."""
+    speed: float
+    """Where it is fastest [rad/s]."""
+    acceleration: float
+    """[rad/s2]"""
+
+    @property
+    def ramp(self) -> float:
+        """Time to reach full speed [s]."""
+        return self.speed / self.acceleration
+
+    @property
+    def duration(self) -> float:
+        """From rest to rest [s]."""
+        return self.length / self.speed + self.ramp
+
+    def at(self, time: Float[np.ndarray, "time"]) -> Float[np.ndarray, "time"]:
+        """Way travelled since the start; at rest before and after [rad]."""
+        t = np.clip(time, 0.0, self.duration)
+        left = self.duration - t
+        rising = self.acceleration * t**2 / 2
+        falling = self.length - self.acceleration * left**2 / 2
+        cruising = self.speed * (t - self.ramp / 2)
+        slow = np.where(t < self.duration / 2, rising, falling)
+        return np.where(np.minimum(t, left) < self.ramp, slow, cruising)
+
+
+def profile_of(length: float, speed: float, acceleration: float) -> Profile:
+    """The fastest move over a length [rad] within a speed and an acceleration."""
+    reached = min(speed, float(np.sqrt(length * acceleration)))
+    return Profile(length, reached, acceleration)
+
+
+def follow(
+    press: Press,
+    world: World,
+    q_series: Float[np.ndarray, "time joint"],
+    delay: float,
+) -> Press:
+    """A press by a hand that follows the moving robot with a delay.
+
+    At each instant the hand is where its target was a delay ago, but never earlier
+    than when it touched: it lands on the target, and slides until it has caught up.
+
+    Args:
+        press: what it would do to a robot at rest.
+        world: the robot.
+        q_series: poses at the steps of the scene's clock [rad].
+        delay: of the hand [s].
+    """
+    now = press.first + np.arange(press.steps, dtype=np.float64)
+    late = now - delay / world.constants.value("time.step")
+    return carried(press, world, q_series, now, np.maximum(late, now[0]))
+
+
+def drag(
+    press: Press, world: World, q_series: Float[np.ndarray, "time joint"]
+) -> Press:
+    """A press by what hangs still in the world, such as a cable, while a link moves.
+
+    Args:
+        press: what it would do to a robot at rest.
+        world: the robot.
+        q_series: poses at the steps of the scene's clock [rad].
+    """
+    now = press.first + np.arange(press.steps, dtype=np.float64)
+    return carried(press, world, q_series, now, np.full_like(now, now[0]))
+
+
+def carried(
+    press: Press,
+    world: World,
+    q_series: Float[np.ndarray, "time joint"],
+    now: Float[np.ndarray, "step"],
+    then: Float[np.ndarray, "step"],
+) -> Press:
+    """The press with its hand at some steps of a series where it was at others."""
+    if np.all(q_series == q_series[0]):
+        return press
+    return left_behind(press, world, at_steps(q_series, now), at_steps(q_series, then))
+
+
+def left_behind(
+    press: Press,
+    world: World,
+    q_now: Float[np.ndarray, "step joint"],
+    q_then: Float[np.ndarray, "step joint"],
+) -> Press:
+    """The press where T_link(now)^-1 T_link(then) takes its targets and its angle."""
+    link, chart = world.links[press.chart], world.charts[press.chart]
+    T_now, T_then = world.poses(q_now)[:, link], world.poses(q_then)[:, link]
+    was, s_then, t_then, _ = axes_at(chart, press.centre, T_then)
+    here, s_now, t_now, _ = axes_at(chart, press.centre, T_now)
+    # Laid flat where the target is: a hand leaves a tube rather than dives into it.
+    slid = [np.sum((was - here) * axis, axis=1) for axis in (s_now, t_now)]
+    turned = angle_of(direction_of(press.angle, s_then, t_then), s_now, t_now)
+    turn = (turned - press.angle + np.pi) % (2 * np.pi) - np.pi
+    return replace(
+        press,
+        centre=press.centre + np.column_stack(slid),
+        angle=press.angle + turn,
+    )
+
+
+def at_steps(
+    q_series: Float[np.ndarray, "time joint"], steps: Float[np.ndarray, "step"]
+) -> Float[np.ndarray, "step joint"]:
+    """Poses between and beyond steps: before the first, as fast as right after it."""
+    last = len(q_series) - 1
+    if last == 0:
+        return np.tile(q_series[0], (len(steps), 1))
+    low = np.clip(np.floor(steps).astype(np.int64), 0, last - 1)
+    share = np.minimum(steps, last) - low
+    return q_series[low] + share[:, None] * (q_series[low + 1] - q_series[low])
+
+
+Direction = Float[np.ndarray, "joint"]
+
+
+def still(
+    world: World, q: Float[np.ndarray, "joint"], seconds: float
+) -> Float[np.ndarray, "time joint"]:
+    """A robot that stays where it is [rad]."""
+    return np.tile(q, (steps_in(world, seconds), 1))
+
+
+def steps_in(world: World, seconds: float) -> int:
+    """Steps of the simulator's clock in a time [s]."""
+    return max(1, round(seconds / world.constants.value("time.step")))
+
+
+def draw_motion(
+    world: World,
+    q: Float[np.ndarray, "joint"],
+    seconds: float,
+    rng: np.random.Generator,
+) -> Float[np.ndarray, "time joint"]:
+    """A robot that moves through a pose, which it takes in the middle of the time.
+
+    Some joints start together, reach their speeds, and stop together; it may have
+    begun before and go on after. Where all that is tried would collide, the base turns
+    alone.
+
+    Args:
+        world: the robot.
+        q: the pose [rad].
+        seconds: how long.
+        rng: to draw from.
+    """
+    for _ in range(int(world.constants.value("motion.tries"))):
+        series = through(world, q, draw_direction(world, rng), seconds, rng)
+        if keeps_free(world, series):
+            return series
+    base = np.zeros(len(q))
+    base[0] = rng.choice([-1.0, 1.0])
+    return through(world, q, base, seconds, rng)
+
+
+def draw_direction(world: World, rng: np.random.Generator) -> Direction:
+    """Speeds of the joints by that of the fastest."""
+    count = int(world.constants.choose("motion.joints", rng))
+    joints = len(world.mounted.robot.joint_names)
+    moving = rng.choice(joints, size=min(count, joints), replace=False)
+    direction = np.zeros(joints)
+    direction[moving] = rng.uniform(-1.0, 1.0, len(moving))
+    return direction / np.abs(direction).max()
+
+
+def through(
+    world: World,
+    q: Float[np.ndarray, "joint"],
+    direction: Direction,
+    seconds: float,
+    rng: np.random.Generator,
+) -> Float[np.ndarray, "time joint"]:
+    """A move along a direction that takes a pose in the middle of the time."""
+    draw = world.constants.draw
+    speed = min(draw("motion.speed", rng), fastest(world, q[None], direction))
+    acceleration = draw("motion.acceleration", rng)
+    cruise = seconds * draw("motion.cruise", rng)
+    move = Profile(speed * (cruise + speed / acceleration), speed, acceleration)
+    middle = rng.uniform(0.0, move.duration)
+    step = world.constants.value("time.step")
+    time = step * np.arange(steps_in(world, seconds))
+    time = time - time[len(time) // 2] + middle
+    travelled = move.at(time) - move.at(np.array([middle]))
+    return q + travelled[:, None] * direction
+
+
+def fastest(
+    world: World, q: Float[np.ndarray, "pose joint"], direction: Direction
+) -> float:
+    """Greatest speed along a direction at which no skin is too fast [rad/s]."""
+    nudge = 1e-6
+    faces = faces_of(world)
+    links = np.repeat(faces.links, np.diff(faces.starts))
+
+    def places(at: Float[np.ndarray, "pose joint"]) -> np.ndarray:
+        T = world.poses(at)[:, links]
+        return np.einsum("ptij,tj->pti", T[..., :3, :3], faces.points) + T[..., :3, 3]
+
+    moved = places(q + nudge * direction) - places(q)
+    most = float(np.linalg.norm(moved, axis=-1).max()) / nudge
+    return world.constants.value("motion.fastest") / max(most, 1e-3)
+
+
+def keeps_free(world: World, series: Float[np.ndarray, "time joint"]) -> bool:
+    """Whether a series of poses stays within limits and clear of everything."""
+    robot = world.mounted.robot
+    if np.any(series < robot.lower) or np.any(series > robot.upper):
+        return False
+    every = steps_in(world, world.constants.value("motion.check"))
+    looked_at = np.concatenate([series[::every], series[-1:]])
+    return bool(is_free(world, world.poses(looked_at)).all())
+
+
+def way(
+    world: World,
+    seconds: float,
+    rng: np.random.Generator,
+    groups: frozenset[int] = GROUPS,
+) -> Float[np.ndarray, "time joint"]:
+    """A robot that goes from pose to pose, with pauses, for a stream [rad].
+
+    Args:
+        world: the robot.
+        seconds: how long.
+        rng: to draw from.
+        groups: of the poses that it pauses at.
+    """
+    at = draw_pose(world, groups, rng)
+    parts, length, wanted = [], 0, steps_in(world, seconds)
+    while length < wanted:
+        pause = still(world, at, world.constants.draw("motion.pause", rng))
+        leg = draw_leg(world, at, groups, rng)
+        parts += [pause, leg]
+        length += len(pause) + len(leg)
+        at = leg[-1]
+    return np.concatenate(parts)[:wanted]
+
+
+def draw_leg(
+    world: World,
+    start: Float[np.ndarray, "joint"],
+    groups: frozenset[int],
+    rng: np.random.Generator,
+) -> Float[np.ndarray, "time joint"]:
+    """A move to another pose; where none can be reached, a turn of the base alone."""
+    for _ in range(int(world.constants.value("motion.tries"))):
+        leg = straight(world, start, draw_pose(world, groups, rng), rng)
+        if keeps_free(world, leg):
+            return leg
+    end = start.copy()
+    end[0] = draw_pose(world, groups, rng)[0]
+    return straight(world, start, end, rng)
+
+
+def straight(
+    world: World,
+    start: Float[np.ndarray, "joint"],
+    end: Float[np.ndarray, "joint"],
+    rng: np.random.Generator,
+) -> Float[np.ndarray, "time joint"]:
+    """A move from one pose to another, all joints together."""
+    length = float(np.abs(end - start).max())
+    direction = (end - start) / length
+    between = start + np.linspace(0.0, 1.0, 9)[:, None] * (end - start)
+    draw = world.constants.draw
+    speed = min(draw("motion.speed", rng), fastest(world, between, direction))
+    move = profile_of(length, speed, draw("motion.acceleration", rng))
+    step = world.constants.value("time.step")
+    time = step * np.arange(1, int(np.ceil(move.duration / step)) + 1)
+    return start + move.at(time)[:, None] * direction

@@ -1,0 +1,298 @@
+"""A scene holds a motion of the robot and touches; this module computes pressure and ground truth of it."""
+
+from dataclasses import dataclass, replace
+from functools import lru_cache
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from eskin.recording import TruthRecord
+from eskin.sim.constants import Constants
+from eskin.sim.contact.chart import Chart
+from eskin.sim.contact.press import Press, TrueTouch
+from eskin.sim.contact.pressure import Felt, feel, grid_neighbours, leak_share, spread
+from eskin.sim.scene.environment import World
+from eskin.skin import MountedSkin, Skin
+from eskin.transforms import apply
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """All that happens between two instants, on the simulator's clock."""
+
+    q: Float[np.ndarray, "time joint"]
+    """Joint positions [rad]."""
+    touches: tuple[TrueTouch, ...]
+    """Their presses start at steps of this scene."""
+
+    @property
+    def steps(self) -> int:
+        """Length."""
+        return len(self.q)
+
+
+@dataclass(frozen=True, eq=False)
+class Part:
+    """What one press does within a scene."""
+
+    press: Press
+    """The part of the press that lies in the scene."""
+    felt: Felt
+    """What the skin feels of it."""
+
+    @property
+    def span(self) -> slice:
+        """Steps of the scene."""
+        return slice(self.press.first, self.press.first + self.press.steps)
+
+
+def parts_of(
+    touch: TrueTouch, steps: int, charts: tuple[Chart, ...], constants: Constants
+) -> list[Part]:
+    """What each press of a touch does within a scene of so many steps."""
+    presses = (cropped(press, steps) for press in touch.presses)
+    return [
+        Part(press, feel(press, charts[press.chart], constants))
+        for press in presses
+        if press is not None
+    ]
+
+
+def cropped(press: Press, steps: int) -> Press | None:
+    """The part of a press that lies in a scene of so many steps, if any."""
+    low, high = max(0, -press.first), min(press.steps, steps - press.first)
+    if high <= low:
+        return None
+    return replace(
+        press,
+        first=press.first + low,
+        force=press.force[low:high],
+        centre=press.centre[low:high],
+        angle=press.angle[low:high],
+    )
+
+
+def add_up(
+    parts: list[Part], steps: int, count: int
+) -> tuple[Float[np.ndarray, "time active"], Int[np.ndarray, "active"]]:
+    """Pressure of all presses together [kPa], and the taxels it is on, ascending.
+
+    Args:
+        parts: the presses.
+        steps: length of the scene.
+        count: taxels of the skin.
+    """
+    touched = [part.felt.taxels for part in parts]
+    taxels = np.unique(np.concatenate([np.empty(0, dtype=np.int64), *touched]))
+    column_of = np.zeros(count, dtype=np.int64)
+    column_of[taxels] = np.arange(len(taxels))
+    pressure = np.zeros((steps, len(taxels)))
+    for part in parts:
+        pressure[part.span, column_of[part.felt.taxels]] += part.felt.pressure
+    return pressure, taxels
+
+
+def contact_steps(touch: TrueTouch) -> tuple[int, int]:
+    """First step with force and the step behind the last, on the touch's own clock."""
+    firsts, ends = [], []
+    for press in touch.presses:
+        pressed = np.flatnonzero(press.force > 0)
+        if len(pressed):
+            firsts.append(press.first + int(pressed[0]))
+            ends.append(press.first + int(pressed[-1]) + 1)
+    return (min(firsts), max(ends)) if firsts else (0, 0)
+
+
+def moved(touch: TrueTouch, start: int) -> TrueTouch:
+    """The same touch with its clock started at a step of the clip."""
+    presses = tuple(replace(p, first=p.first + start) for p in touch.presses)
+    return replace(touch, presses=presses)
+
+
+def are_apart(
+    world: World, q: Float[np.ndarray, "joint"], one: TrueTouch, other: TrueTouch
+) -> bool:
+    """Whether two touches are far enough apart in space to be two."""
+    a, b = (centres_of(world, q, touch) for touch in (one, other))
+    gaps = np.linalg.norm(a[:, None] - b[None], axis=2)
+    return bool(gaps.min(initial=np.inf) >= world.constants.value("clip.apart"))
+
+
+def centres_of(
+    world: World, q: Float[np.ndarray, "joint"], touch: TrueTouch
+) -> Float[np.ndarray, "press 3"]:
+    """Where each press of a touch is half-way through it, in the world [m]."""
+    T_world_link = world.poses(q)
+    points = []
+    for press in touch.presses:
+        middle = press.centre[press.steps // 2][None]
+        p_link = world.charts[press.chart].surface.wrap(middle).positions[0]
+        T = T_world_link[world.links[press.chart]]
+        points.append(T[:3, :3] @ p_link + T[:3, 3])
+    return np.array(points).reshape(-1, 3)
+
+
+@dataclass(frozen=True, eq=False)
+class TrueSeries:
+    """One touch as it really was, at every reading of its clip.
+
+    Values are zero, and the centroid without meaning, while there is no contact.
+    """
+
+    number: int
+    """Which touch of the clip; 0 is the one that the clip is made for."""
+    gesture: str
+    """Of the vocabulary, `none`, or the name of an unknown gesture."""
+    kind: str
+    """Variant, such as `two_tips` or `bump`."""
+    subject: str
+    """Who did it; empty where it was nobody."""
+    link: str
+    """Link that bears most of it."""
+    force: Float[np.ndarray, "reading"]
+    """Total force on the skin [N]."""
+    area: Float[np.ndarray, "reading"]
+    """Contact area [m2]."""
+    centroid: Float[np.ndarray, "reading 3"]
+    """Centre of the force in the world [m]."""
+    onset: float
+    """First contact since the start of the clip; negative where it was before [s]."""
+    end: float
+    """Last contact since the start of the clip; may be after its end [s]."""
+
+    def record(self, number: int, reading: int, stamp: int) -> TruthRecord:
+        """What is recorded of it at one reading.
+
+        Args:
+            number: which touch of the recording or stream it is.
+            reading: of the clip.
+            stamp: of that reading [ns since the epoch].
+        """
+        x, y, z = self.centroid[reading].tolist()
+        return TruthRecord(
+            stamp,
+            number,
+            self.gesture,
+            self.kind,
+            self.link,
+            float(self.force[reading]),
+            float(self.area[reading]),
+            (x, y, z),
+        )
+
+
+def series_of(
+    number: int,
+    touch: TrueTouch,
+    parts: list[Part],
+    charts: tuple[Chart, ...],
+    mounted: MountedSkin,
+    q: Float[np.ndarray, "time joint"],
+    lead: int,
+    every: int,
+    step: float,
+) -> TrueSeries:
+    """Force, area and centre of a touch at every reading.
+
+    Args:
+        number: of the touch in its clip.
+        touch: what was done.
+        parts: what its presses do in the scene.
+        charts: of the skin.
+        mounted: the skin on its robot.
+        q: joint positions of the scene [rad].
+        lead: steps of the scene before the clip.
+        every: steps between two readings.
+        step: length of a step [s].
+    """
+    steps = len(q)
+    force, area = np.zeros(steps), np.zeros(steps)
+    moment = np.zeros((steps, 3))
+    loads: dict[str, float] = {}
+    T_world_link = mounted.kinematics.poses(q)
+    for part in parts:
+        chart, felt = charts[part.press.chart], part.felt
+        force[part.span] += felt.force
+        area[part.span] += felt.area
+        p_link = chart.surface.wrap(felt.centroid).positions
+        poses = T_world_link[part.span, mounted.robot.link_index(chart.link)]
+        p_world = apply(poses, p_link)
+        moment[part.span] += felt.force[:, None] * p_world
+        loads[chart.link] = loads.get(chart.link, 0.0) + float(felt.force.sum())
+    first, end = contact_steps(touch)
+    # Means over the steps of a reading: a bump may last one step alone.
+    force, area, moment = (
+        series[lead : lead + (steps - lead) // every * every]
+        .reshape(-1, every, *series.shape[1:])
+        .mean(axis=1)
+        for series in (force, area, moment)
+    )
+    with np.errstate(invalid="ignore", divide="ignore"):
+        centroid = np.nan_to_num(moment / force[:, None])
+    return TrueSeries(
+        number=number,
+        gesture=touch.gesture,
+        kind=touch.kind,
+        subject=touch.subject,
+        link=max(loads, key=lambda link: loads[link], default=""),
+        force=force,
+        area=area,
+        centroid=centroid,
+        onset=(first - lead) * step,
+        end=(end - lead) * step,
+    )
+
+
+@lru_cache(maxsize=4)
+def neighbours_of(skin: Skin) -> Int[np.ndarray, "taxel 4"]:
+    """Taxels beside each one in its patch's grid, kept."""
+    return grid_neighbours(skin)
+
+
+def pressure_of(
+    felt: list[list[Part]], steps: int, film_sigma: float, skin: Skin
+) -> tuple[Float[np.ndarray, "time active"], Int[np.ndarray, "active"]]:
+    """Pressure of all touches after the film [kPa], and the taxels it is on."""
+    pressure, taxels = add_up([p for ps in felt for p in ps], steps, skin.count)
+    beta = leak_share(film_sigma, skin.areas)
+    return spread(pressure, taxels, neighbours_of(skin), beta)
+
+
+def readings_every(world: World) -> int:
+    """Steps between two readings of the sensor."""
+    value = world.constants.value
+    return round(value("sensor.period") / value("time.step"))
+
+
+def truths_of(
+    scene: Scene,
+    felt: list[list[Part]],
+    charts: tuple[Chart, ...],
+    mounted: MountedSkin,
+    lead: int,
+    world: World,
+) -> tuple[TrueSeries, ...]:
+    """What truly happened, of every touch that presses.
+
+    Args:
+        scene: what happens.
+        felt: what each of its touches does to the skin.
+        charts: that the touches are on.
+        mounted: the skin of these charts on its robot.
+        lead: steps before the clip.
+        world: says how time is cut.
+    """
+    every, step = readings_every(world), world.constants.value("time.step")
+    return tuple(
+        series_of(number, touch, parts, charts, mounted, scene.q, lead, every, step)
+        for number, (touch, parts) in enumerate(zip(scene.touches, felt, strict=True))
+        if touch.presses
+    )
+
+
+def felt_in(scene: Scene, world: World) -> list[list[Part]]:
+    """What each touch of a scene does to the skin."""
+    return [
+        parts_of(touch, scene.steps, world.charts, world.constants)
+        for touch in scene.touches
+    ]

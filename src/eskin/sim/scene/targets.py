@@ -1,0 +1,192 @@
+"""Touch targets are the places on a skin that a touch may aim at."""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from eskin.sim.constants import MM, Constants
+from eskin.sim.contact.chart import Chart
+from eskin.skin import Skin
+from eskin.skin.surfaces import Tube
+
+REGIONS = ("forearm", "upper_arm", "wrists")
+INNER, EDGE, SEAM = 0, 1, 2
+BLOCK = 1024
+"""Places whose distances are held in memory at a time."""
+QUARTERS = np.array([[-0.5, -0.5], [-0.5, 0.5], [0.5, -0.5], [0.5, 0.5]])
+"""Middles of the quarters of a cell, in halves of it along columns and rows."""
+
+
+@dataclass(frozen=True, eq=False)
+class Rim:
+    """Where the patches of a chart end."""
+
+    points: Float[np.ndarray, "point 2"]
+    """Points along the edges (s, t) [m]."""
+    outward: Float[np.ndarray, "point 2"]
+    """Unit directions (s, t) off the patch."""
+
+
+@dataclass(frozen=True, eq=False)
+class Spots:
+    """All places, quarter cells of taxels and points of seams."""
+
+    chart: Int[np.ndarray, "spot"]
+    """Index into the charts."""
+    region: Int[np.ndarray, "spot"]
+    """Index into `REGIONS`."""
+    kind: Int[np.ndarray, "spot"]
+    """Amid a patch, near its edge, or on a seam: `INNER`, `EDGE`, `SEAM`."""
+    unrolled: Float[np.ndarray, "spot 2"]
+    """(s, t) on the chart [m]."""
+    half: Float[np.ndarray, "spot 2 2"]
+    """Half the quarter cell as two vectors (s, t), within which a target lies [m]."""
+    positions: Float[np.ndarray, "spot 3"]
+    """In the frame of the chart's link [m]."""
+    normals: Float[np.ndarray, "spot 3"]
+    """Outward unit normals in that frame."""
+    areas: Float[np.ndarray, "spot"]
+    """[m2]"""
+    rims: tuple[Rim, ...]
+    """Where the patches of each chart end."""
+    tubes: tuple[bool, ...]
+    """Which charts a hand can be closed round, or slide along."""
+
+    @cached_property
+    def lists(self) -> dict[tuple[int, int, bool], Int[np.ndarray, "_"]]:
+        """Spots by region, kind, and whether only tubes will do."""
+        tube = np.array(self.tubes, dtype=bool)[self.chart]
+        return {
+            (region, kind, only): np.flatnonzero(
+                (self.region == region) & (self.kind == kind) & (tube | (not only))
+            )
+            for region in range(len(REGIONS))
+            for kind in (INNER, EDGE, SEAM)
+            for only in (False, True)
+        }
+
+
+def spots_of(skin: Skin, charts: tuple[Chart, ...], constants: Constants) -> Spots:
+    """All places on a skin."""
+    rims = tuple(rim_of(skin, chart) for chart in charts)
+    tubes = tuple(is_tube(chart, constants) for chart in charts)
+    parts = [
+        on_chart(chart, rim, constants) for chart, rim in zip(charts, rims, strict=True)
+    ]
+    counts = [len(part[0]) for part in parts]
+    regions = [region_of(c, tube) for c, tube in zip(charts, tubes, strict=True)]
+    unrolled, half, kind = (
+        np.concatenate([part[i] for part in parts]) for i in range(3)
+    )
+    wraps = [
+        chart.surface.wrap(part[0]) for chart, part in zip(charts, parts, strict=True)
+    ]
+    # A seam is chosen for itself, so any area will do that is even along it.
+    areas = 4 * np.abs(np.linalg.det(half))
+    return Spots(
+        chart=np.repeat(np.arange(len(charts)), counts),
+        region=np.repeat(np.array(regions, dtype=np.int64), counts),
+        kind=kind,
+        unrolled=unrolled,
+        half=half,
+        positions=np.concatenate([wrap.positions for wrap in wraps]),
+        normals=np.concatenate([wrap.normals for wrap in wraps]),
+        areas=np.where(kind == SEAM, np.mean(areas[kind != SEAM]), areas),
+        rims=rims,
+        tubes=tubes,
+    )
+
+
+def region_of(chart: Chart, tube: bool) -> int:
+    """The region of a chart; all but the two long tubes counts with the wrists."""
+    long = {"forearm_link": "forearm", "upper_arm_link": "upper_arm"}
+    return REGIONS.index(long.get(chart.link, "wrists") if tube else "wrists")
+
+
+def is_tube(chart: Chart, constants: Constants) -> bool:
+    """Whether a hand can be closed round it and slide along it."""
+    length = np.ptp(chart.unrolled[:, 1])
+    long = length >= constants.value("place.tube") * MM
+    return bool(long) and isinstance(chart.surface, Tube)
+
+
+def rim_of(skin: Skin, chart: Chart) -> Rim:
+    """Edges of the cells that no cell of the same patch lies beyond."""
+    patch, rows = skin.patch_index[chart.taxels], skin.rows[chart.taxels]
+    columns = skin.columns[chart.taxels]
+    taken = set(zip(patch.tolist(), rows.tolist(), columns.tolist(), strict=True))
+    points, outward = [], []
+    for axis, (row_step, column_step) in enumerate(((0, 1), (1, 0))):
+        along, across = chart.cells[:, axis], chart.cells[:, 1 - axis]
+        for sign in (-1, 1):
+            beside = zip(
+                patch.tolist(),
+                (rows + sign * row_step).tolist(),
+                (columns + sign * column_step).tolist(),
+                strict=True,
+            )
+            free = np.array([cell not in taken for cell in beside], dtype=bool)
+            for share in (-2 / 3, 0.0, 2 / 3):
+                offset = sign * along[free] + share * across[free]
+                points.append(chart.unrolled[free] + offset)
+                outward.append(sign * along[free])
+    directions = np.concatenate(outward)
+    lengths = np.linalg.norm(directions, axis=1, keepdims=True)
+    return Rim(np.concatenate(points), directions / lengths)
+
+
+def offsets(
+    chart: Chart, places: Float[np.ndarray, "place 2"], to: Float[np.ndarray, "point 2"]
+) -> Float[np.ndarray, "place point 2"]:
+    """From each place to each point, the shorter way round [m]."""
+    away = to[None] - places[:, None]
+    away[..., 0] = chart.wrapped(away[..., 0])
+    return away
+
+
+def edge_distance(
+    chart: Chart, rim: Rim, places: Float[np.ndarray, "place 2"]
+) -> Float[np.ndarray, "place"]:
+    """How far each place is from the nearest edge of a patch [m]."""
+    nearest = np.empty(len(places))
+    for first in range(0, len(places), BLOCK):
+        part = slice(first, first + BLOCK)
+        away = offsets(chart, places[part], rim.points)
+        nearest[part] = np.sqrt(np.min(np.sum(away**2, axis=2), axis=1))
+    return nearest
+
+
+def on_chart(
+    chart: Chart, rim: Rim, constants: Constants
+) -> tuple[
+    Float[np.ndarray, "spot 2"], Float[np.ndarray, "spot 2 2"], Int[np.ndarray, "spot"]
+]:
+    """Places on one chart: where, half their cells, and of what kind."""
+    at = chart.unrolled[:, None] + np.einsum("qa,tad->tqd", QUARTERS, chart.cells)
+    unrolled = at.reshape(-1, 2)
+    half = np.repeat(chart.cells / 2, len(QUARTERS), axis=0)
+    near = edge_distance(chart, rim, unrolled) <= (
+        constants.value("place.edge_within") * MM
+    )
+    seam, strip = seams(chart, rim, constants.value("place.seam_gap") * MM)
+    kind = np.concatenate([np.where(near, EDGE, INNER), np.full(len(seam), SEAM)])
+    return np.concatenate([unrolled, seam]), np.concatenate([half, strip]), kind
+
+
+def seams(
+    chart: Chart, rim: Rim, widest: float
+) -> tuple[Float[np.ndarray, "spot 2"], Float[np.ndarray, "spot 2 2"]]:
+    """Middles between edges that face each other, and the strips they stand for."""
+    away = offsets(chart, rim.points, rim.points)
+    length = np.linalg.norm(away, axis=2)
+    ahead = np.einsum("ijd,id->ij", away, rim.outward)
+    facing = rim.outward @ rim.outward.T < -0.5
+    across = facing & (ahead > 0) & (length <= widest)
+    gap = np.where(across, length, np.inf)
+    ends = np.isfinite(gap.min(axis=1))
+    first = np.flatnonzero(ends)
+    other = np.argmin(gap[first], axis=1)
+    middles = rim.points[first] + away[first, other] / 2
+    return middles, np.zeros((len(first), 2, 2))

@@ -1,0 +1,191 @@
+"""This module prepares a build for the kernels: which stages work, what drifted, where taxels are read."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from eskin.sim.sensor.build import Build
+from eskin.sim.sensor.kernels import Arrays, Film, Memory, Readout
+from eskin.skin import Skin
+
+
+@dataclass(frozen=True)
+class Stages:
+    """Which stages of the sensor work; one that does not passes on what it gets."""
+
+    bending: bool = True
+    """Bent laminate presses on itself."""
+    threshold: bool = True
+    """Small pressures do not close the gap."""
+    hysteresis: bool = True
+    """Load lags behind pressure."""
+    power: bool = True
+    """Conductance is a power of load."""
+    creep: bool = True
+    """Conductance grows under lasting load and is slow to forget it."""
+    gain: bool = True
+    """Taxels, patches and sessions differ."""
+    ghosting: bool = True
+    """A taxel reads others of its patch."""
+    divider: bool = True
+    """A divider stands before the converter."""
+    drift: bool = True
+    """Temperature, wandering baselines, and shifts of them after a touch."""
+    noise: bool = True
+    """Readings are noisy."""
+    faults: bool = True
+    """Taxels and lines are broken, readings do not arrive."""
+    skew: bool = True
+    """Patches and rows are scanned one after the other."""
+
+
+@dataclass(frozen=True, eq=False)
+class Session:
+    """One sitting: what has drifted since the build was calibrated."""
+
+    gain: Float[np.ndarray, "taxel"]
+    """Factor on the conductance of each taxel."""
+    warmer: float
+    """Temperature above that of calibration [K]."""
+
+
+def draw_session(build: Build, rng: np.random.Generator) -> Session:
+    """Draw a session of a build."""
+    velostat = build.velostat
+    mean, deviation = velostat.session_gain
+    drift = mean + deviation * rng.standard_normal(len(velostat.gain))
+    return Session(np.exp(drift), velostat.temperature * float(rng.standard_normal()))
+
+
+def arrays_of(
+    live: Int[np.ndarray, "live"], ages: Float[np.ndarray, "taxel"], skin: Skin
+) -> Arrays:
+    """Lay live taxels out in the arrays of their patches.
+
+    Args:
+        live: taxels of the skin that conduct at any time, sorted by patch.
+        ages: when each taxel is scanned before its reading is put together [s].
+        skin: all taxels.
+    """
+    patches, starts = np.unique(skin.patch_index[live], return_index=True)
+    rows = max(patch.rows for patch in skin.patches)
+    columns = max(patch.columns for patch in skin.patches)
+    taxel = np.full((len(patches), rows, columns), -1, dtype=np.int64)
+    for index, patch in enumerate(patches):
+        inside = np.flatnonzero(skin.patch_index == patch)
+        taxel[index, skin.rows[inside], skin.columns[inside]] = inside
+    return Arrays(
+        starts=np.append(starts, len(live)),
+        patch=patches,
+        row=skin.rows[live],
+        column=skin.columns[live],
+        age=ages[live],
+        taxel=taxel,
+        rows=np.array([skin.patches[patch].rows for patch in patches], dtype=np.int64),
+        columns=np.array(
+            [skin.patches[patch].columns for patch in patches], dtype=np.int64
+        ),
+    )
+
+
+def scan_ages(
+    phase: Float[np.ndarray, "patch"], scan: float, skin: Skin
+) -> Float[np.ndarray, "taxel"]:
+    """When each taxel is scanned before a reading is put together [s]."""
+    rows = np.array([patch.rows for patch in skin.patches])[skin.patch_index]
+    return phase[skin.patch_index] + scan * (1.0 - skin.rows / rows)
+
+
+def load_of(build: Build, stages: Stages) -> Float[np.ndarray, "taxel"]:
+    """Load of free taxels less what closes the gap, by the half-scale pressure."""
+    velostat = build.velostat
+    bend = velostat.bend * stages.bending
+    return (bend - velostat.activation * stages.threshold) / velostat.half_pressure
+
+
+def film_of(
+    live: Int[np.ndarray, "live"],
+    build: Build,
+    session: Session,
+    stages: Stages,
+    after: Float[np.ndarray, "touch taxel"],
+) -> Film:
+    """The laminate under the live taxels, with the stages that work."""
+    velostat, electronics = build.velostat, build.electronics
+    gain = np.ones(len(live))
+    if stages.gain:
+        gain = (velostat.gain * session.gain)[live]
+    if stages.drift:
+        gain = gain * (1.0 + velostat.temperature_gain * session.warmer)
+    plain = np.array([0.0]), np.array([1.0])
+    play = (velostat.play, velostat.play_weights) if stages.hysteresis else plain
+    step = electronics.step
+    return Film(
+        load=load_of(build, stages)[live],
+        half_pressure=velostat.half_pressure,
+        exponent=velostat.exponent[live] if stages.power else np.ones(len(live)),
+        gain=gain,
+        play=play[0],
+        play_weights=play[1],
+        play_least=velostat.play_least,
+        creep=velostat.creep[live] * stages.creep,
+        creep_part=1.0 - np.exp(-step / velostat.creep_times),
+        recovery_keep=np.exp(-step / velostat.recovery_times),
+        recovery_share=velostat.recovery_share,
+        after=after[:, live] * stages.drift,
+        after_whole=electronics.after_whole,
+        after_keep=np.exp(-step / electronics.after_time[live]),
+    )
+
+
+def readout_of(build: Build, stages: Stages) -> Readout:
+    """The converter, with the stages that work."""
+    electronics, defects = build.electronics, build.defects
+    full = electronics.full_scale
+    stuck = np.where(np.isnan(defects.stuck), -1.0, np.round(full * defects.stuck))
+    feels = np.where(defects.dead & stages.faults, 0.0, 1.0)
+    return Readout(
+        full=float(full),
+        base=(electronics.base * full).astype(np.float32),
+        walk=electronics.walk * stages.drift,
+        noise=electronics.noise * stages.noise,
+        noise_relative=electronics.noise_relative * stages.noise,
+        feels=feels.astype(np.float32),
+        stuck=(stuck if stages.faults else np.full(len(stuck), -1.0)).astype(np.int32),
+    )
+
+
+def crosstalk_of(build: Build, stages: Stages) -> tuple[float, float]:
+    """Ghosts and leak that are worth computing."""
+    electronics = build.electronics
+    parts = (electronics.ghost, electronics.leak)
+    ghost, leak = (part * (part >= electronics.ghost_least) for part in parts)
+    return ghost * stages.ghosting, leak * stages.ghosting
+
+
+def ages_of(build: Build, skin: Skin, stages: Stages) -> Float[np.ndarray, "taxel"]:
+    """When taxels are scanned before their reading is put together [s]."""
+    if not stages.skew:
+        return np.zeros(skin.count)
+    return scan_ages(build.electronics.phase, build.electronics.scan, skin)
+
+
+def memory_of(film: Film) -> Memory:
+    """A laminate that nobody has touched yet; what bends presses has crept already."""
+    rest = np.maximum(film.load, 0.0)
+    live, operators, processes = len(rest), len(film.play), len(film.creep_part)
+    crept = np.repeat((rest > 0.0).astype(np.float64)[:, None], processes, axis=1)
+    return Memory(
+        still=np.zeros((live, operators)),
+        crept=crept,
+        slow=np.zeros((live, processes)),
+        largest=np.maximum(rest, film.play_least),
+        held=np.full(live, -1.0),
+        power=np.zeros(live),
+        peak=np.zeros(live),
+        shifted=np.zeros(live),
+        touches=np.zeros(live, dtype=np.int64),
+        loaded=rest > 0.0,
+        touched=np.zeros(live, dtype=bool),
+    )

@@ -1,1 +1,0 @@
-"""Where on the robot touches take place."""

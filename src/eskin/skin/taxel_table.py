@@ -1,0 +1,223 @@
+"""This module reads and writes `taxels.csv`."""
+
+import csv
+import io
+from collections.abc import Iterator
+from dataclasses import dataclass
+from decimal import Decimal
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from eskin.errors import SkinError
+from eskin.skin.check import Problem
+from eskin.skin.manifest import shorten
+from eskin.skin.skin import Patch, Skin
+
+VECTORS = ("x", "y", "z", "nx", "ny", "nz")
+COLUMNS = ("id", "patch", "row", "column", *VECTORS, "area_mm2")
+TANGENT = ("tx", "ty", "tz")
+SQUARE_MM_EXPONENT = 6
+
+
+@dataclass(frozen=True)
+class Table:
+    """The readable rows of a `taxels.csv`, in the order of the file."""
+
+    ids: Int[np.ndarray, "taxel"]
+    patch_index: Int[np.ndarray, "taxel"]
+    rows: Int[np.ndarray, "taxel"]
+    columns: Int[np.ndarray, "taxel"]
+    positions: Float[np.ndarray, "taxel 3"]
+    normals: Float[np.ndarray, "taxel 3"]
+    areas: Float[np.ndarray, "taxel"]
+    tangents: Float[np.ndarray, "taxel 3"] | None
+
+
+class BadCellError(ValueError):
+    """A cell that does not hold what its column promises."""
+
+
+def parse_table(
+    text: str, patches: tuple[Patch, ...], file: str
+) -> tuple[Table, list[Problem]]:
+    """Read the rows that can be read and list what is wrong with the others.
+
+    Raises:
+        SkinError: if the header is not one of a `taxels.csv`, or the text is no CSV.
+    """
+    lines = numbered_rows(text, file)
+    header = [name.strip() for name in next(lines, (1, []))[1]]
+    check_header(header, file)
+    index = {patch.id: i for i, patch in enumerate(patches)}
+    kept: list[tuple] = []
+    problems: list[Problem] = []
+    lines_of: dict[int, int] = {}
+    for line, cells in lines:
+        if not cells:
+            continue
+        where = f"{file} line {line}"
+        row = dict(zip(header, cells, strict=False))
+        try:
+            if len(cells) != len(header):
+                raise BadCellError(
+                    f"{where}: got {len(cells)} cells, allowed {len(header)}"
+                )
+            taxel = read_row(row, header, patches, index, where)
+            if taxel[0] in lines_of:
+                raise BadCellError(
+                    f"{where}, column id: got {taxel[0]}, which line "
+                    f"{lines_of[taxel[0]]} has too; allowed every id once"
+                )
+        except BadCellError as error:
+            problems.append(problem_of(error, row))
+            continue
+        lines_of[taxel[0]] = line
+        kept.append(taxel)
+    return table_of(kept), problems
+
+
+def numbered_rows(text: str, file: str) -> Iterator[tuple[int, list[str]]]:
+    """The cells of every row, with the number of the line that it ends on."""
+    rows = csv.reader(io.StringIO(text, newline=None))
+    try:
+        for cells in rows:
+            yield rows.line_num, cells
+    except csv.Error as error:
+        raise SkinError(
+            f"{file} line {rows.line_num}: {error}; allowed are cells with commas "
+            "between them"
+        ) from None
+
+
+def format_table(skin: Skin) -> str:
+    """Write a skin's `taxels.csv`; reading it gives the same bits."""
+    out = io.StringIO()
+    write = csv.writer(out, lineterminator="\n").writerow
+    write((*COLUMNS, *TANGENT))
+    ids = [patch.id for patch in skin.patches]
+    for i in range(skin.count):
+        numbers = (*skin.positions[i], *skin.normals[i])
+        area = Decimal(repr(float(skin.areas[i]))).scaleb(SQUARE_MM_EXPONENT)
+        write(
+            (i, ids[skin.patch_index[i]], int(skin.rows[i]), int(skin.columns[i]))
+            + tuple(repr(float(number)) for number in numbers)
+            + (f"{area:f}",)
+            + tuple(repr(float(number)) for number in skin.tangents[i])
+        )
+    return out.getvalue()
+
+
+def check_header(header: list[str], file: str) -> None:
+    """Refuse a header that lacks a column, repeats one or has an unknown one."""
+    has_tangent = any(name in header for name in TANGENT)
+    wanted = COLUMNS + (TANGENT if has_tangent else ())
+    missing = [name for name in wanted if name not in header]
+    strange = [name for name in header if name not in COLUMNS + TANGENT]
+    twice = sorted({name for name in header if header.count(name) > 1})
+    for what, names in (
+        ("is missing", missing),
+        ("is not known", strange),
+        ("stands twice", twice),
+    ):
+        if names:
+            raise SkinError(
+                f"{file} line 1: column {', '.join(map(shorten, names))} {what}; got "
+                f"{shorten(','.join(header))}, allowed {','.join(COLUMNS)} and "
+                f"optionally {','.join(TANGENT)}"
+            )
+
+
+def read_row(
+    row: dict[str, str],
+    header: list[str],
+    patches: tuple[Patch, ...],
+    index: dict[str, int],
+    where: str,
+) -> tuple:
+    """Read one taxel: id, patch, row, column, vectors, area [m2], tangent or ()."""
+    number = whole(row, "id", where, None)
+    name = row["patch"].strip()
+    if name not in index:
+        raise BadCellError(
+            f"{where}, column patch: got {shorten(name)}, allowed the patches of "
+            f"skin.yaml: {', '.join(index)}"
+        )
+    patch = patches[index[name]]
+    return (
+        number,
+        index[name],
+        whole(row, "row", where, patch.rows),
+        whole(row, "column", where, patch.columns),
+        tuple(real(row, column, where) for column in VECTORS),
+        positive_area(row, where),
+        tuple(real(row, column, where) for column in TANGENT if column in header),
+    )
+
+
+def whole(row: dict[str, str], column: str, where: str, end: int | None) -> int:
+    """Read an integer from 0 up to, without, the end."""
+    allowed = "an integer from 0" + ("" if end is None else f" to {end - 1}")
+    text = row[column].strip()
+    value = int(text) if text.isascii() and text.isdigit() and len(text) < 19 else -1
+    if value < 0 or (end is not None and value >= end):
+        raise BadCellError(
+            f"{where}, column {column}: got {shorten(row[column])}, allowed {allowed}"
+        )
+    return value
+
+
+def real(row: dict[str, str], column: str, where: str) -> float:
+    """Read a finite number."""
+    try:
+        value = float(row[column])
+    except ValueError:
+        value = np.nan
+    if not np.isfinite(value):
+        raise BadCellError(
+            f"{where}, column {column}: got {shorten(row[column])}, "
+            "allowed a finite number"
+        )
+    return value
+
+
+def positive_area(row: dict[str, str], where: str) -> float:
+    """Read an area in mm2 as m2; the shift of the decimal point is exact."""
+    try:
+        value = float(Decimal(row["area_mm2"].strip()).scaleb(-SQUARE_MM_EXPONENT))
+    except ArithmeticError:
+        value = np.nan
+    if not (np.isfinite(value) and value > 0):
+        raise BadCellError(
+            f"{where}, column area_mm2: got {shorten(row['area_mm2'])}, "
+            "allowed a finite number above 0"
+        )
+    return value
+
+
+def problem_of(error: BadCellError, row: dict[str, str]) -> Problem:
+    """Tie a bad cell to its patch and taxel, as far as these can be read."""
+    taxel = row.get("id", "").strip()
+    known = taxel.isascii() and taxel.isdigit() and len(taxel) < 19
+    patch = row.get("patch", "").strip()
+    return Problem(str(error), patch or None, int(taxel) if known else None)
+
+
+def table_of(kept: list[tuple]) -> Table:
+    """Collect rows into arrays."""
+
+    def integers(field: int) -> Int[np.ndarray, "taxel"]:
+        return np.array([taxel[field] for taxel in kept], dtype=np.int64)
+
+    vectors = np.array([taxel[4] for taxel in kept], dtype=float).reshape(-1, 6)
+    has_tangent = bool(kept) and len(kept[0][6]) == 3
+    return Table(
+        ids=integers(0),
+        patch_index=integers(1),
+        rows=integers(2),
+        columns=integers(3),
+        positions=vectors[:, :3].copy(),
+        normals=vectors[:, 3:].copy(),
+        areas=np.array([taxel[5] for taxel in kept], dtype=float),
+        tangents=np.array([taxel[6] for taxel in kept]) if has_tangent else None,
+    )
