@@ -22,7 +22,7 @@ from safetensors.numpy import load_file
 
 from eskin import MountedSkin, Recognizer, load_robot, read_recording
 from eskin.demo.headless import DemoConfig, run_headless
-from eskin.drivers import Data, FixedJoints, Hello, decode, encode
+from eskin.drivers import Data, FixedJoints, Hello, decode_packet, encode_packet
 from eskin.drivers.assembler import Assembler
 from eskin.drivers.events import EventLog
 from eskin.model import load_model, save_model
@@ -229,17 +229,17 @@ def assembled(place: Path, model: Path) -> Answers:
                     1 + index,
                     "golden",
                 )
-                arrivals.append((arrived, encode(hello)))
+                arrivals.append((arrived, encode_packet(hello)))
             if rng.random() < 0.02:
                 continue
             counts = rng.integers(0, 1023, taxels).astype(np.uint16)
             data = Data(patch.address, number, device, 0, counts)
-            arrivals.append((arrived, encode(data)))
+            arrivals.append((arrived, encode_packet(data)))
     scans = []
     for arrived, packet in sorted(arrivals):
-        while (due := assembler.due()) is not None and due <= arrived:
+        while (due := assembler.next_deadline()) is not None and due <= arrived:
             scans += assembler.poll(due)
-        assembler.push(decode(packet), arrived, "a")
+        assembler.push(decode_packet(packet), arrived, "a")
         scans += assembler.poll(arrived)
     return {
         "stamps": np.array([scan.stamp for scan in scans]),

@@ -11,7 +11,7 @@ from scipy.spatial.distance import cdist
 
 from eskin.skin.mounted_skin import MountedSkin
 from eskin.skin.skin import Skin
-from eskin.skin.surfaces import TOLERANCE, Surface, fit_surface
+from eskin.skin.surfaces import TOLERANCE, Dome, Surface, Tube, fit_surface
 
 NEIGHBOURS = 8
 SEAM = 0.03
@@ -56,8 +56,8 @@ class GeometricDistance:
         positions = self.skin.positions
         for number, surface in enumerate(self.surfaces):
             row, column = of_sources == number, of_targets == number
-            distances[np.ix_(row, column)] = surface.distances(
-                positions[sources[row]], positions[targets[column]]
+            distances[np.ix_(row, column)] = surface_distances(
+                surface, positions[sources[row]], positions[targets[column]]
             )
         return distances
 
@@ -137,3 +137,27 @@ def kinematic_distance(
 ) -> Float[np.ndarray, "source target"]:
     """Straight-line distance from each source to each target taxel at this q [m]."""
     return cdist(mounted.poses(q, sources)[0], mounted.poses(q, targets)[0])
+
+
+def surface_distances(
+    surface: Surface,
+    sources: Float[np.ndarray, "source 3"],
+    targets: Float[np.ndarray, "target 3"],
+) -> Float[np.ndarray, "source target"]:
+    """Return the lengths of the shortest paths on a surface between its points [m].
+
+    They are straight lines on a plane, the shorter helix on a tube, and great circles
+    on a dome.
+    """
+    if isinstance(surface, Dome):
+        a, b = (
+            local / np.linalg.norm(local, axis=1, keepdims=True)
+            for local in (surface.local(sources), surface.local(targets))
+        )
+        chord = np.linalg.norm(a[:, None] - b[None], axis=-1)
+        return 2 * surface.radius * np.arcsin(np.minimum(chord / 2, 1.0))
+    steps = np.abs(surface.unroll(sources)[:, None] - surface.unroll(targets)[None])
+    if isinstance(surface, Tube):
+        around = 2 * np.pi * surface.radius
+        steps[..., 0] = np.minimum(steps[..., 0], around - steps[..., 0])
+    return np.linalg.norm(steps, axis=-1)

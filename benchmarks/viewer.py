@@ -116,7 +116,7 @@ def measure(
     recognition = Recognition(recognizer)
     viewer = Viewer(recognition, ViewerConfig(0))
     listeners = [recognition] if browsers is None else [recognition, viewer]
-    with Stream(PlayedSource(info, scans, anew=True), listeners) as stream:
+    with Stream(PlayedSource(info, scans, restamp=True), listeners) as stream:
         page = viewer.page
         port = page.wait_ready(60.0) if page else 0
         with opened(port, browsers or 0, stalled):

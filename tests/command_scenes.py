@@ -11,8 +11,16 @@ from eskin.robot import load_robot
 from eskin.skin import MountedSkin, load_skin
 from eskin.stream import Context, RecognitionState
 from eskin.structref_kernels import pack
-from eskin.touch import Calibration, Fault, Reading, TouchState
-from eskin.touch.records import NO_TOUCHES, TOUCH, TouchStatus, TrackingResult
+from eskin.touch import (
+    NO_TOUCHES,
+    TOUCH,
+    Calibration,
+    Fault,
+    Reading,
+    TouchState,
+    TouchStatus,
+    TrackingResult,
+)
 
 SECOND = 1_000_000_000
 PERIOD = SECOND // 50

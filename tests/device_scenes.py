@@ -7,7 +7,7 @@ from contextlib import contextmanager
 import numpy as np
 import serial
 
-from eskin.drivers import ManualClock, decode
+from eskin.drivers import ManualClock, decode_packet
 from eskin.drivers.framing import Deframer
 from eskin.drivers.virtual import Port, PtyPort, UdpPort, VirtualSkin, parse_fault
 from eskin.skin import Grid, Patch, Plane, join_patches
@@ -138,4 +138,4 @@ def read_packets(line, count):
     deframer, found = Deframer(), []
     while len(found) < count:
         found += deframer.push(line.read(max(1, line.in_waiting)))
-    return [decode(packet) for packet in found[:count]]
+    return [decode_packet(packet) for packet in found[:count]]

@@ -6,7 +6,7 @@ from eskin.drivers import Data, Hello, ManualClock
 from eskin.drivers.assembler import Assembler
 from eskin.drivers.events import EventLog
 from eskin.drivers.source import FixedJoints
-from eskin.drivers.transport import Delivery, Transport
+from eskin.drivers.transport import ReceivedPacket, Transport
 from touch_scenes import SECOND, START, grid_skin
 
 MS = SECOND // 1000
@@ -109,8 +109,8 @@ class World:
         return self
 
     def wait(self, time):
-        while self.assembler.due() <= time:
-            self.poll(self.assembler.due())
+        while self.assembler.next_deadline() <= time:
+            self.poll(self.assembler.next_deadline())
         self.poll(time)
 
     def poll(self, now):
@@ -121,7 +121,7 @@ class World:
 
     @property
     def counts(self):
-        return self.assembler.fates.counts
+        return self.assembler.outcomes.counts
 
     def kinds(self, *unwanted):
         return [event.kind for event in self.events if event.kind not in unwanted]
@@ -173,7 +173,7 @@ class Script(Transport):
         self.coming = sorted(arrivals, key=lambda item: item[0])
         self.closed = 0
 
-    def read(self, timeout: float) -> list[Delivery]:
+    def read(self, timeout: float) -> list[ReceivedPacket]:
         end = self.clock.now() + round(timeout * SECOND)
         if self.coming and self.coming[0][0] <= end:
             end = max(self.coming[0][0], self.clock.now())
@@ -181,12 +181,12 @@ class Script(Transport):
         now = self.clock.now()
         there = [item for item in self.coming if item[0] <= now]
         self.coming = self.coming[len(there) :]
-        return [Delivery(port, now, data) for _, port, data in there]
+        return [ReceivedPacket(port, now, data) for _, port, data in there]
 
     def take_events(self, now: int) -> list:
         return []
 
-    def counted(self) -> dict[str, int]:
+    def counters(self) -> dict[str, int]:
         return {}
 
     def close(self) -> None:

@@ -38,8 +38,8 @@ def make_scans(count, rate=50, start=START):
     ]
 
 
-def played(scans, pace=STEPPED, clock=None, anew=False):
-    return PlayedSource(INFO, scans, pace, clock or ManualClock(), anew)
+def played(scans, pace=STEPPED, clock=None, restamp=False):
+    return PlayedSource(INFO, scans, pace, clock or ManualClock(), restamp)
 
 
 class Ear(Listener):

@@ -66,7 +66,7 @@ def test_counters_stay_when_a_serial_source_is_closed():
         with open_source(line.uri, config=config()) as source:
             line.send([b"abc\0"])
             source.read(0.2)
-        counted = source.counted()
+        counted = source.counters()
     assert (counted["bytes"], counted["broken"] + counted["frames"]) == (4, 1)
     assert source.read(0.0) is None
 

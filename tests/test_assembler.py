@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 
 from eskin.drivers import Data, Status
-from eskin.drivers.module_registry import HOLD
-from eskin.drivers.timeline import Grid
+from eskin.drivers.module_registry import HOLD_TIME
+from eskin.drivers.timeline import PeriodGrid
 from module_scenes import MS, PATCHES, SKIN, TAXELS, Module, World, check, tagged
 from touch_scenes import SECOND, START, grid_skin
 
@@ -94,9 +94,9 @@ def test_a_period_is_given_out_as_soon_as_every_patch_has_delivered():
 
 
 def test_a_period_does_not_wait_for_a_patch_longer_than_its_deadline():
-    assert Grid(START, 50.0).deadline(0) == START + 40 * MS
-    assert Grid(START, 1000.0).deadline(0) == START + 21 * MS
-    assert Grid(START, 50.0, grace=0.001).deadline(0) == START + 21 * MS
+    assert PeriodGrid(START, 50.0).deadline(0) == START + 40 * MS
+    assert PeriodGrid(START, 1000.0).deadline(0) == START + 21 * MS
+    assert PeriodGrid(START, 50.0, grace=0.001).deadline(0) == START + 21 * MS
 
 
 def test_without_any_patch_readings_come_at_the_rate_with_nothing_received():
@@ -161,7 +161,7 @@ def test_lost_scans_are_counted_by_their_numbers():
     lost = [item for item in arrivals if begin < item[0] < end and rng.random() < 0.1]
     lost = [item for item in lost if isinstance(item[2], Data)]
     world = World().play([item for item in arrivals if item not in lost], 10.2)
-    assert world.assembler.counted()["lost"] == len(lost)
+    assert world.assembler.counters()["lost"] == len(lost)
     assert len(world.said("lost")) in (1, 2)
 
 
@@ -285,7 +285,7 @@ def test_a_replaced_module_is_not_received_until_the_calibrator_tares_anew():
     check(world)
     stamps = [s.stamp for s in world.scans if s.received[0]]
     gap = np.diff(stamps).max() / SECOND
-    assert 10.0 < gap < HOLD / SECOND + 0.1
+    assert 10.0 < gap < HOLD_TIME / SECOND + 0.1
     assert world.kinds().count("replaced") == 1
     assert all(world.received(0, 14, 19.9))
 
@@ -349,7 +349,7 @@ def test_when_the_whole_process_slept_it_goes_on_with_the_present():
     given = len(world.scans)
     world.poll(START + 63 * SECOND)
     assert len(world.scans) - given <= 26
-    assert world.assembler.counted()["skipped"] > 2900
+    assert world.assembler.counters()["skipped"] > 2900
     assert world.scans[-1].stamp > START + 62 * SECOND
     check(world)
 
@@ -365,7 +365,7 @@ def test_a_short_sleep_of_the_process_loses_nothing_that_the_system_kept():
     world.play([a for a in arrivals if a[0] >= asleep[1]], 6.2)
     check(world)
     assert all(all(world.received(n, SETTLED, 5.9)) for n in range(PATCHES))
-    assert world.assembler.counted()["skipped"] == 0
+    assert world.assembler.counters()["skipped"] == 0
 
 
 def test_the_skew_between_patches_is_known():

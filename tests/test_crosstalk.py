@@ -10,9 +10,8 @@ from hypothesis.extra.numpy import arrays
 
 from eskin.sim.sensor.kernels import read_array
 from eskin.skin import grid_skin
-from eskin.touch import Calibration, Reading, TouchPipeline
+from eskin.touch import Calibration, CrosstalkCompensator, Reading, TouchPipeline
 from eskin.touch.calibration_kernels import LEAK
-from eskin.touch.calibrator import CrosstalkCompensator
 from touch_scenes import REST, calibration_of, mounted_grid, pressed, scan_at
 
 ROWS, COLUMNS = 12, 14
@@ -127,7 +126,7 @@ def test_patches_do_not_leak_into_each_other():
     left_half = (SKIN.columns < COLUMNS // 2).astype(np.int32)
     both = replace(SKIN, patch_index=left_half, patches=SKIN.patches * 2)
     crosstalk = CrosstalkCompensator(both, MATRIX)
-    crosstalk.learned.value[LEAK] = 0.01
+    crosstalk.estimate.value[LEAK] = 0.01
     pressure = np.zeros(SKIN.count)
     pressure[[0, COLUMNS - 1]] = 100.0, 5.0
     assert both.rows[0] == both.rows[COLUMNS - 1]

@@ -18,7 +18,7 @@ from device_scenes import (
 )
 from eskin.cli import device as command
 from eskin.cli.main import run
-from eskin.drivers import Data, decode
+from eskin.drivers import Data, decode_packet
 from eskin.recording import Metadata, RecordingWriter
 from eskin.robot import load_robot
 from eskin.sim.dataset.clip import Clip
@@ -60,7 +60,7 @@ def test_a_recording_is_sent_as_datagrams_and_counted(recorded, capsys):
     assert result["bytes"] == sum(len(packet) for packet in packets)
     assert result["unheard"] == 0
     assert result["faults"][0]["fault"] == "lose=0.2"
-    sent = {tuple(p.counts) for p in map(decode, packets) if isinstance(p, Data)}
+    sent = {tuple(p.counts) for p in map(decode_packet, packets) if isinstance(p, Data)}
     true = {tuple(s.counts[:12]) for s in scans_of(small_skin(), SCANS)}
     assert len(sent & true) > SCANS * 0.7
 

@@ -10,9 +10,9 @@ from contextlib import ExitStack
 import numpy as np
 import pytest
 
-from eskin.drivers import HostClock, ManualClock, encode
+from eskin.drivers import HostClock, ManualClock, encode_packet
 from eskin.drivers.device_source import DeviceSource
-from eskin.drivers.framing import Deframer, frame
+from eskin.drivers.framing import Deframer, encode_frame
 from eskin.drivers.serial_transport import SerialTransport
 from eskin.drivers.source import FixedJoints
 from eskin.drivers.udp_transport import UdpTransport
@@ -51,7 +51,7 @@ def scripted(arrivals, **more):
 def streams(begin, end, **more):
     """Bytes of all patches, as they arrive."""
     return [
-        (arrived, port, encode(packet))
+        (arrived, port, encode_packet(packet))
         for n in range(PATCHES)
         for arrived, port, packet in Module(
             n, serial=n, boot=START - 7 * SECOND * n, **more
@@ -68,7 +68,7 @@ def play(source, until):
 
 
 def came(source):
-    counted = source.counted()
+    counted = source.counters()
     return sum(counted[fate] for fate in FATES)
 
 
@@ -79,7 +79,7 @@ def test_a_skin_is_read_at_the_rate_that_its_patches_promise():
         scans = play(source, 2.9)
         true_times(scans, PERIOD / 2)
         assert sum(scan.received.all() for scan in scans) > 260
-        assert source.counted()["readings"] == len(scans)
+        assert source.counters()["readings"] == len(scans)
         assert not source.ended
     source.close()
     assert source.ended and transport.closed == 1
@@ -88,7 +88,9 @@ def test_a_skin_is_read_at_the_rate_that_its_patches_promise():
 
 def test_a_promised_rate_that_no_skin_has_is_not_believed():
     wild, usual = Module(0, rate=65_535), Module(1, rate=100)
-    hellos = [(START, "a", encode(module.hello(START))) for module in (wild, usual)]
+    hellos = [
+        (START, "a", encode_packet(module.hello(START))) for module in (wild, usual)
+    ]
     source, _ = scripted(hellos)
     with source:
         assert source.info.rate == 100.0
@@ -109,7 +111,7 @@ def test_readings_that_nobody_took_are_not_counted_as_given():
     source.clock.sleep(0.3)
     given += source.read(0.1) is not None
     for _ in range(2):
-        counted = source.counted()
+        counted = source.counters()
         assert counted["readings"] == given and counted["unread"] > 5
         source.close()
 
@@ -167,21 +169,21 @@ def test_no_corrupt_packet_is_used_and_counters_add_up_to_what_was_sent(seed):
         times = true_times(scans, PERIOD, slack=0.05)
         assert min(len(known) for known in times.values()) > 250
         assert not transport.coming and came(source) == len(arrivals)
-        assert source.counted()["damaged"] > 60
+        assert source.counters()["damaged"] > 60
         events = source.take_events()
     assert sum(event.kind == "damaged" for event in events) <= 6
-    assert source.counted()["lost"] > 0
+    assert source.counters()["lost"] > 0
 
 
 def test_packets_of_another_version_are_counted_and_said():
-    hello = bytearray(encode(Module(0).hello(START)))
+    hello = bytearray(encode_packet(Module(0).hello(START)))
     hello[0] = 2
     body = bytes(hello[:-4])
     data = body + zlib.crc32(body).to_bytes(4, "little")
     source, _ = scripted([(START + n * MS, "a", data) for n in range(50)])
     with source:
         play(source, 2.0)
-        assert source.counted()["unknown"] == 50
+        assert source.counters()["unknown"] == 50
         assert "update eskin" in source.take_events()[0].text
 
 
@@ -221,7 +223,7 @@ def live(clock, send, seconds):
                 if n % 50 == 0:
                     packets.insert(0, module.hello(clock.now()))
                 for packet in packets:
-                    sent.append(encode(packet))
+                    sent.append(encode_packet(packet))
                     send(module.address, sent[-1])
 
     thread = threading.Thread(target=run)
@@ -253,7 +255,7 @@ def test_a_skin_is_read_over_udp():
         source = stack.enter_context(source_of(transport, clock, rate=50.0))
         thread, sent = live(clock, lambda n, data: outs[n].sendto(data, there), 2.0)
         scans = drain(source, thread)
-        assert came(source) == source.counted()["datagrams"] == len(sent)
+        assert came(source) == source.counters()["datagrams"] == len(sent)
         true_times(scans, PERIOD, slack=1.0)
         assert sum(scan.received.any() for scan in scans) > 50
 
@@ -270,7 +272,7 @@ def test_a_skin_is_read_over_serial_ports_with_several_patches_a_port():
     oracle = [Deframer(), Deframer()]
 
     def send(n, data):
-        line = frame(damaged(data, rng) or b"x")
+        line = encode_frame(damaged(data, rng) or b"x")
         os.write(lines[n], line)
         oracle[n % 2].push(line)
 
@@ -278,7 +280,7 @@ def test_a_skin_is_read_over_serial_ports_with_several_patches_a_port():
         thread, _ = live(clock, send, 2.0)
         scans = drain(source, thread)
         frames = sum(deframer.frames for deframer in oracle)
-        assert came(source) == source.counted()["frames"] == frames
+        assert came(source) == source.counters()["frames"] == frames
         true_times(scans, PERIOD, slack=1.0)
         assert sum(scan.received.any() for scan in scans) > 30
     for pair in pairs:

@@ -1,14 +1,14 @@
 import numpy as np
 import pytest
 
-from eskin.drivers.clock_sync import DeviceTime, LeastDelay, ScanNumbers
+from eskin.drivers.clock_sync import ClockOffsetEstimator, DeviceClock, ScanNumberWindow
 from module_scenes import MS
 from touch_scenes import SECOND, START
 
 
 def heard(true, delays=0.001, start=0, drift=0.0, clock=None, first=0):
     """Moments of scans truly taken at some times [s], heard after delays [s]."""
-    clock = clock or DeviceTime()
+    clock = clock or DeviceClock()
     true = np.asarray(true)
     arrived = START + np.rint((true + delays) * SECOND).astype(np.int64)
     moments = [
@@ -74,7 +74,7 @@ def test_stamps_are_never_later_than_arrivals():
     rng = np.random.default_rng(1)
     true = np.arange(0, 100, 0.01)
     delays = rng.exponential(0.02, len(true))
-    line = LeastDelay(0, START)
+    line = ClockOffsetEstimator(0, START)
     for t, delay in zip(true, delays, strict=True):
         arrived = START + round((t + delay) * SECOND)
         assert line.push(round(t * 1e6), arrived) <= arrived
@@ -129,7 +129,7 @@ def test_a_packet_that_was_delayed_for_long_is_no_reboot_and_never_new():
 def test_reordered_packets_keep_their_own_times():
     true = np.arange(0, 5, 0.01)
     order = np.arange(len(true)).reshape(-1, 2)[:, ::-1].ravel()
-    clock = DeviceTime()
+    clock = DeviceClock()
     for place, n in enumerate(order):
         arrived = START + round(true[place] * SECOND) + 30 * MS
         moment = clock.push(round(true[n] * 1e6), int(n), arrived)
@@ -162,22 +162,22 @@ def test_scan_numbers_are_new_once_and_lost_when_never_heard():
     kept = sent[rng.random(5000) > 0.1]
     kept[0], kept[-1] = 0, 4999
     heard_order = kept[np.argsort(kept + rng.uniform(0, 8, len(kept)))]
-    numbers = ScanNumbers()
-    first = numbers.take(int(heard_order[0]))
-    novelties = [first] + [numbers.take(int(n)) for n in heard_order[1:]]
+    numbers = ScanNumberWindow()
+    first = numbers.add(int(heard_order[0]))
+    novelties = [first] + [numbers.add(int(n)) for n in heard_order[1:]]
     early = int(sum(heard_order < heard_order[0]))
     assert novelties.count("new") == len(kept) - early
     lowest, highest = int(heard_order[0]), int(kept.max())
     distinct = len([n for n in kept if n >= lowest])
     assert numbers.lost == highest - lowest + 1 - distinct
-    assert numbers.take(int(kept.max())) == "again"
-    assert numbers.take(3) == "old"
+    assert numbers.add(int(kept.max())) == "again"
+    assert numbers.add(3) == "old"
 
 
 @pytest.mark.parametrize("gap", [1, 2, 63, 64, 65, 1000])
 def test_a_gap_of_any_length_is_lost_exactly(gap):
-    numbers = ScanNumbers()
+    numbers = ScanNumberWindow()
     for n in range(100):
-        numbers.take(n)
-    numbers.take(99 + gap)
+        numbers.add(n)
+    numbers.add(99 + gap)
     assert numbers.lost == gap - 1

@@ -84,7 +84,8 @@ def fields(path):
             continue
         for before, after in zip(body, body[1:], strict=False):
             text = getattr(getattr(after, "value", None), "value", None)
-            if isinstance(before, ast.AnnAssign | ast.Assign) and isinstance(text, str):
+            is_field = isinstance(before, ast.AnnAssign | ast.Assign)
+            if is_field and isinstance(after, ast.Expr) and isinstance(text, str):
                 yield ast.unparse(before).split(":")[0].split(" =")[0], text
 
 

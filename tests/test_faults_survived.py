@@ -104,7 +104,7 @@ class Message:
                     stream.wait(0.01)
             assert cable.over.is_set()
         self.start, self.end = cable.start, cable.start + self.device.elapsed
-        self.counted = source.counted()
+        self.counted = source.counters()
         self.detections = recognition.detections
         self.queues = stream.queue_counts()
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from eskin.drivers.framing import Deframer
-from eskin.drivers.packet import Data, Hello, Status, decode
+from eskin.drivers.packet import Data, Hello, Status, decode_packet
 
 ROOT = Path(__file__).parents[1]
 FIRMWARE = ROOT / "firmware"
@@ -95,7 +95,9 @@ def test_any_packet_is_framed_as_the_decoder_undoes_it(build):
     deframer = Deframer()
     for line in said(program, given="".join(lines).encode()).decode().splitlines():
         (packet,) = deframer.push(bytes.fromhex(line.split()[1]))
-        assert decode(packet).counts.tolist() == wanted[decode(packet).scan]
+        assert (
+            decode_packet(packet).counts.tolist() == wanted[decode_packet(packet).scan]
+        )
     assert (deframer.frames, deframer.broken) == (400, 0)
 
 
@@ -103,7 +105,7 @@ def test_a_firmware_that_is_too_long_is_cut_before_a_character(build):
     program = build(ROOT / "tests/data/vectors_main.c")
     for text, kept in (("ü" * 128, 127), ("a" * 300, 255), ("a" * 255, 255)):
         line = f"h 1 2 3 4 5 6 7 8 [{text}]\n"
-        packet = decode(
+        packet = decode_packet(
             bytes.fromhex(said(program, given=line.encode()).split()[0].decode())
         )
         assert packet.firmware == text[:kept]
@@ -113,7 +115,7 @@ def test_a_firmware_that_is_too_long_is_cut_before_a_character(build):
 def test_the_example_scans_its_matrix_in_whole_scans(build, most):
     program = build(FIRMWARE / "example_main.c", f"-DESKIN_PACKET_BYTES={most}")
     deframer = Deframer()
-    packets = [decode(data) for data in deframer.push(said(program, "120"))]
+    packets = [decode_packet(data) for data in deframer.push(said(program, "120"))]
     assert deframer.broken == 0 and not deframer.open
     hello = packets[0]
     assert isinstance(hello, Hello)

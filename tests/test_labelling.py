@@ -27,8 +27,7 @@ from eskin.recording import (
 )
 from eskin.recording.autolabel import compute_otsu_threshold
 from eskin.skin.layout import grid_skin
-from eskin.touch.calibration import Calibration
-from eskin.touch.reading import Scan
+from eskin.touch import Calibration, Scan
 
 SECOND = 1_000_000_000
 PERIOD = SECOND // 50

@@ -76,7 +76,7 @@ def test_a_touch_does_not_end_taring():
     scans = list(presses(skin, lambda taxel: taxel))[FIRST - 60 :]
     source = PlayedSource(info, scans, STEPPED, ManualClock())
     tare(source, TouchPipeline(MountedSkin(skin, load_robot("table")), calibration))
-    assert source.counted()["readings"] == TARE * 50 + 1
+    assert source.counters()["readings"] == TARE * 50 + 1
 
 
 def test_exchanged_plugs_are_named(check_live, capsys):

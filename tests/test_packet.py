@@ -13,17 +13,17 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from eskin.drivers.framing import Deframer, frame
+from eskin.drivers.framing import Deframer, encode_frame
 from eskin.drivers.packet import (
-    MOST_BYTES,
-    MOST_COUNTS,
+    MAX_COUNTS,
+    MAX_PACKET_BYTES,
     Data,
     Hello,
     Packet,
     Status,
     count_bytes,
-    decode,
-    encode,
+    decode_packet,
+    encode_packet,
 )
 from eskin.errors import PacketError
 
@@ -33,7 +33,7 @@ KINDS = {"hello": Hello, "data": Data, "status": Status}
 
 U16, U32 = st.integers(0, 2**16 - 1), st.integers(0, 2**32 - 1)
 TEXT = st.text(max_size=255).filter(lambda text: len(text.encode()) < 256)
-COUNTS = hnp.arrays(np.uint16, st.integers(0, MOST_COUNTS))
+COUNTS = hnp.arrays(np.uint16, st.integers(0, MAX_COUNTS))
 PACKETS = st.one_of(
     st.builds(
         Hello, U16, U16, U32, U16, U16, U16, U16, st.integers(0, 2**64 - 1), TEXT
@@ -61,23 +61,23 @@ def sealed(head):
 
 def reason(data):
     with pytest.raises(PacketError) as caught:
-        decode(data)
+        decode_packet(data)
     assert "\n" not in str(caught.value)
     return caught.value.reason
 
 
 def refusal(packet):
     with pytest.raises(PacketError) as caught:
-        encode(packet)
+        encode_packet(packet)
     assert "\n" not in str(caught.value)
     return caught.value.reason
 
 
 @given(PACKETS)
 def test_what_is_encoded_is_decoded(packet):
-    data = encode(packet)
-    assert len(data) <= MOST_BYTES
-    assert same(decode(data), packet)
+    data = encode_packet(packet)
+    assert len(data) <= MAX_PACKET_BYTES
+    assert same(decode_packet(data), packet)
 
 
 @settings(max_examples=300)
@@ -85,16 +85,16 @@ def test_what_is_encoded_is_decoded(packet):
 def test_what_can_be_decoded_is_encoded_to_the_same_bytes(kind, rest):
     data = sealed(bytes([1, kind]) + rest)
     try:
-        packet = decode(data)
+        packet = decode_packet(data)
     except PacketError as error:
         assert error.reason in ("length", "kind", "content")
     else:
-        assert encode(packet) == data
+        assert encode_packet(packet) == data
 
 
 @pytest.mark.parametrize("packet", THREE)
 def test_every_single_flipped_bit_is_refused(packet):
-    data = encode(packet)
+    data = encode_packet(packet)
     for place in range(8 * len(data)):
         flipped = bytearray(data)
         flipped[place // 8] ^= 1 << place % 8
@@ -103,7 +103,7 @@ def test_every_single_flipped_bit_is_refused(packet):
 
 @pytest.mark.parametrize("packet", THREE)
 def test_every_truncation_is_refused_and_so_is_a_byte_more(packet):
-    data = encode(packet)
+    data = encode_packet(packet)
     for size in range(len(data)):
         assert reason(data[:size]) in ("length", "crc")
     assert reason(data + b"\0") == "crc"
@@ -111,32 +111,32 @@ def test_every_truncation_is_refused_and_so_is_a_byte_more(packet):
 
 @pytest.mark.parametrize("packet", THREE)
 def test_every_truncation_with_a_right_crc_is_refused(packet):
-    data = encode(packet)
+    data = encode_packet(packet)
     for size in range(len(data) - 4):
         assert reason(sealed(data[:size])) in ("length", "content")
     assert reason(sealed(data[:-4] + b"\0")) == "content"
 
 
 def test_the_first_check_that_fails_is_the_reason():
-    head = encode(STATUS)[:-4]
+    head = encode_packet(STATUS)[:-4]
     assert reason(b"") == "length"
     assert reason(bytes(13)) == "length"
-    assert reason(bytes(MOST_BYTES + 1)) == "length"
+    assert reason(bytes(MAX_PACKET_BYTES + 1)) == "length"
     assert reason(bytes(14)) == "crc"
     assert reason(sealed(b"\x02" + head[1:])) == "version"
     assert reason(sealed(b"\x02\x09" + head[2:])) == "version"
     assert reason(sealed(b"\x01\x00" + head[2:])) == "kind"
     assert reason(sealed(b"\x01\x04" + head[2:])) == "kind"
     assert reason(sealed(b"\x01\x02" + head[2:])) == "content"
-    hello = encode(HELLO)
+    hello = encode_packet(HELLO)
     assert reason(sealed(hello[:-5] + b"\xff")) == "content"
 
 
 def test_a_packet_holds_691_counts_and_no_more():
-    assert MOST_COUNTS == 691
+    assert MAX_COUNTS == 691
     full = dataclasses.replace(DATA, counts=np.full(691, 65535, np.uint16))
-    assert len(encode(full)) == MOST_BYTES
-    assert same(decode(encode(full)), full)
+    assert len(encode_packet(full)) == MAX_PACKET_BYTES
+    assert same(decode_packet(encode_packet(full)), full)
     for more in (692, 70_000):
         over = dataclasses.replace(DATA, counts=np.zeros(more, np.uint16))
         assert refusal(over) == "length"
@@ -165,7 +165,7 @@ def test_what_does_not_fit_its_field_is_refused(packet):
 )
 def test_a_firmware_that_is_too_long_or_no_text_is_refused(firmware, said):
     with pytest.raises(PacketError, match=said) as caught:
-        encode(dataclasses.replace(HELLO, firmware=firmware))
+        encode_packet(dataclasses.replace(HELLO, firmware=firmware))
     assert caught.value.reason == "content"
 
 
@@ -193,12 +193,12 @@ def test_counts_of_either_byte_order_travel_alike():
 @pytest.mark.parametrize("kind", [bytes, bytearray, memoryview])
 @pytest.mark.parametrize("packet", THREE)
 def test_any_kind_of_bytes_is_decoded(packet, kind):
-    assert same(decode(kind(encode(packet))), packet)
+    assert same(decode_packet(kind(encode_packet(packet))), packet)
 
 
 def test_a_decoded_packet_keeps_its_counts_when_the_buffer_is_used_again():
-    buffer = bytearray(encode(DATA))
-    packet = decode(memoryview(buffer))
+    buffer = bytearray(encode_packet(DATA))
+    packet = decode_packet(memoryview(buffer))
     buffer[:] = bytes(len(buffer))
     assert same(packet, DATA)
     assert not packet.counts.flags.writeable
@@ -217,9 +217,9 @@ def packet_of(vector) -> Packet:
 def test_the_codec_agrees_with_the_vectors_both_ways(vector):
     packet, data = packet_of(vector), bytes.fromhex(vector["packet"])
     framed = bytes.fromhex(vector["framed"])
-    assert encode(packet) == data
-    assert same(decode(data), packet)
-    assert frame(data) == framed
+    assert encode_packet(packet) == data
+    assert same(decode_packet(data), packet)
+    assert encode_frame(data) == framed
     assert Deframer().push(framed) == [data]
 
 
@@ -242,5 +242,5 @@ def test_the_bytes_are_those_that_were_agreed():
         "01 02  04 00  08 00  60 90 0f 00  00 00  05 00"
         "  00 00  01 00  00 01  ff 0f  01 02"
     )
-    assert encode(DATA) == sealed(bytes.fromhex(by_hand))
+    assert encode_packet(DATA) == sealed(bytes.fromhex(by_hand))
     assert zlib.crc32(b"123456789") == 0xCBF43926

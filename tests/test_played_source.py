@@ -36,7 +36,7 @@ def test_every_scan_comes_once_and_in_order_at_any_pace(pace):
         assert same_scans(list(source), SCANS)
         assert source.ended
         assert source.read() is None
-        assert source.counted() == {"readings": 20}
+        assert source.counters() == {"readings": 20}
 
 
 @pytest.mark.parametrize("pace", [0.5, 1.0, 8.0])
@@ -77,26 +77,26 @@ def test_scans_that_are_late_come_at_once_and_none_is_left_out():
 
 def test_anew_means_from_now_on():
     clock = ManualClock(7 * SECOND)
-    with played(SCANS, 1.0, clock, anew=True) as source:
+    with played(SCANS, 1.0, clock, restamp=True) as source:
         clock.sleep(3.0)
         stamps = [scan.stamp for scan in source]
     assert stamps == [10 * SECOND + scan.stamp - START for scan in SCANS]
 
 
-@pytest.mark.parametrize("anew", [False, True])
+@pytest.mark.parametrize("restamp", [False, True])
 @pytest.mark.parametrize("pace", [0.5, 1.0, 8.0, STEPPED])
-def test_by_the_sources_clock_a_scan_just_given_is_fresh(pace, anew):
-    with played(SCANS, pace, anew=anew) as source:
+def test_by_the_sources_clock_a_scan_just_given_is_fresh(pace, restamp):
+    with played(SCANS, pace, restamp=restamp) as source:
         for scan in source:
             age = source.clock.now() - scan.stamp
             assert abs(age) <= (0 if math.isinf(pace) else pace + 1)
 
 
-@pytest.mark.parametrize("anew", [False, True])
+@pytest.mark.parametrize("restamp", [False, True])
 @pytest.mark.parametrize("pace", [2.0, STEPPED])
-def test_the_sources_clock_never_goes_back(pace, anew):
-    clock = ManualClock(START + SECOND if anew else SECOND)
-    with played(SCANS, pace, clock, anew) as source:
+def test_the_sources_clock_never_goes_back(pace, restamp):
+    clock = ManualClock(START + SECOND if restamp else SECOND)
+    with played(SCANS, pace, clock, restamp) as source:
         times = [source.clock.now()]
         while not source.ended:
             source.read(0.007)
@@ -169,7 +169,7 @@ def test_a_recording_is_played_with_its_own_skin_and_joints(recording):
 
 def test_a_recording_in_real_time_takes_its_time(recording):
     clock = HostClock()
-    with replay_source(recording, 1.0, clock, anew=True) as source:
+    with replay_source(recording, 1.0, clock, restamp=True) as source:
         began = clock.now()
         scans = list(source)
         assert clock.now() - began >= SCANS[-1].stamp - START

@@ -4,7 +4,7 @@ import pytest
 
 from command_scenes import PATCH, SKIN, Scene
 from eskin.command import CommandMap, Rule, SkinMonitorConfig
-from eskin.touch.records import TouchStatus
+from eskin.touch import TouchStatus
 
 ELSEWHERE = SKIN.patches[1]
 

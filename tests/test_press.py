@@ -2,8 +2,7 @@
 
 import numpy as np
 
-from eskin.touch import TouchPipeline
-from eskin.touch.touches import PressDetector
+from eskin.touch import PressDetector, TouchPipeline
 from touch_scenes import calibration_of, mounted_grid, pressed, reading_at
 
 MOUNTED = mounted_grid(rows=8, columns=8)

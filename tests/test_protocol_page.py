@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from eskin.drivers.framing import MOST_FRAME
-from eskin.drivers.packet import LEAST_BYTES, MOST_BYTES, MOST_COUNTS
+from eskin.drivers.framing import MAX_FRAME_BYTES
+from eskin.drivers.packet import MAX_COUNTS, MAX_PACKET_BYTES, MIN_PACKET_BYTES
 
 ROOT = Path(__file__).parents[1]
 PAGE = (ROOT / "docs/protocol.md").read_text("utf-8")
@@ -36,6 +36,6 @@ def test_an_example_is_the_vector_of_its_name(name, framed, block):
 
 
 def test_the_page_states_the_limits_of_the_codec():
-    assert f"{LEAST_BYTES} to {MOST_BYTES:,} bytes" in PAGE
-    assert f"{MOST_FRAME:,} bytes and the zero" in PAGE
-    assert f"0 to {MOST_COUNTS}" in PAGE
+    assert f"{MIN_PACKET_BYTES} to {MAX_PACKET_BYTES:,} bytes" in PAGE
+    assert f"{MAX_FRAME_BYTES:,} bytes and the zero" in PAGE
+    assert f"0 to {MAX_COUNTS}" in PAGE

@@ -33,8 +33,7 @@ from eskin.recording.messages import (
     unpack_reading,
 )
 from eskin.skin.layout import grid_skin
-from eskin.touch.calibration import Calibration
-from eskin.touch.reading import Scan
+from eskin.touch import Calibration, Scan
 
 SECOND = 1_000_000_000
 START = 1_700_000_000 * SECOND + 123_456_789

@@ -3,7 +3,7 @@ from dataclasses import replace
 import pytest
 
 from eskin.drivers.events import EventLog
-from eskin.drivers.module_registry import HOLD, Roster
+from eskin.drivers.module_registry import HOLD_TIME, ModuleRegistry
 from eskin.errors import SkinError
 from module_scenes import SKIN, TAXELS, Module
 from touch_scenes import SECOND, START
@@ -16,23 +16,23 @@ class Desk:
 
     def __init__(self):
         self.log = EventLog()
-        self.roster = Roster(SKIN, self.log)
-        self.seat = self.roster.seats[0]
+        self.registry = ModuleRegistry(SKIN, self.log)
+        self.slot = self.registry.slots[0]
 
     def greet(self, module, seconds, port="a"):
         now = START + round(seconds * SECOND)
-        return self.roster.greet(module.hello(now), now, port)
+        return self.registry.handle_hello(module.hello(now), now, port)
 
     def poll(self, seconds):
-        return self.roster.poll(START + round(seconds * SECOND))
+        return self.registry.poll(START + round(seconds * SECOND))
 
     def use(self, begin, end, step=0.02):
         """Data of the holder is heard and used."""
         while begin < end:
             now = START + round(begin * SECOND)
-            self.seat.hear(now)
-            self.seat.believe(now)
-            self.roster.poll(now)
+            self.slot.note_data(now)
+            self.slot.note_used(now)
+            self.registry.poll(now)
             begin += step
 
     def kinds(self):
@@ -41,8 +41,8 @@ class Desk:
 
 def test_a_module_that_fits_is_believed_at_its_port():
     desk = Desk()
-    assert desk.greet(FIRST, 0.0) is desk.seat
-    assert desk.seat.port == "a" and desk.kinds() == ["appeared"]
+    assert desk.greet(FIRST, 0.0) is desk.slot
+    assert desk.slot.port == "a" and desk.kinds() == ["appeared"]
 
 
 @pytest.mark.parametrize("wrong", [{"shape": (3, 2)}, {"taxels": TAXELS - 1}])
@@ -50,17 +50,17 @@ def test_a_misfit_is_said_and_never_believed(wrong):
     desk = Desk()
     for second in range(5):
         desk.greet(Module(**wrong), second)
-    assert desk.seat.port is None and desk.kinds() == ["misfit"]
+    assert desk.slot.port is None and desk.kinds() == ["misfit"]
 
 
 def test_a_module_whose_next_hello_does_not_fit_counts_no_more_until_one_does():
     desk = Desk()
     desk.greet(FIRST, 0.0)
     desk.greet(Module(shape=(9, 9)), 1.0)
-    assert desk.seat.port is None
+    assert desk.slot.port is None
     desk.greet(Module(shape=(9, 9)), 2.0)
     desk.greet(FIRST, 3.0)
-    assert desk.seat.port == "a"
+    assert desk.slot.port == "a"
     assert desk.kinds() == ["appeared", "misfit", "returned"]
 
 
@@ -93,8 +93,8 @@ def test_a_replaced_module_is_held_back_until_it_is_tared_anew():
     desk = Desk()
     desk.greet(FIRST, 0.0)
     desk.use(0.0, 2.0)
-    assert desk.greet(OTHER, 4.0) is desk.seat
-    assert desk.seat.held_until == desk.seat.believed_at + HOLD
+    assert desk.greet(OTHER, 4.0) is desk.slot
+    assert desk.slot.hold_until == desk.slot.used_at + HOLD_TIME
     assert desk.kinds() == ["appeared", "replaced"]
 
 
@@ -104,14 +104,14 @@ def test_the_module_that_was_there_before_goes_on_at_once_when_it_is_put_back():
     desk.use(0.0, 2.0)
     desk.greet(OTHER, 4.0)
     desk.greet(FIRST, 6.0)
-    assert desk.seat.held_until == 0
+    assert desk.slot.hold_until == 0
 
 
 def test_a_module_that_was_never_used_leaves_nothing_to_tare():
     desk = Desk()
     desk.greet(FIRST, 0.0)
     desk.greet(OTHER, 2.0)
-    assert desk.seat.held_until == 0
+    assert desk.slot.hold_until == 0
 
 
 def test_a_module_plugged_in_elsewhere_is_believed_there():
@@ -119,7 +119,7 @@ def test_a_module_plugged_in_elsewhere_is_believed_there():
     desk.greet(FIRST, 0.0)
     desk.use(0.0, 2.0)
     assert desk.greet(FIRST, 4.0, port="b") is None
-    assert desk.seat.port == "b" and desk.seat.held_until == 0
+    assert desk.slot.port == "b" and desk.slot.hold_until == 0
     assert desk.kinds() == ["appeared", "moved"]
 
 
@@ -131,7 +131,7 @@ def test_of_two_modules_with_one_address_neither_is_believed():
             desk.use(second, second + 1)
         else:
             desk.greet(OTHER, second + 0.3)
-            assert desk.seat.port is None
+            assert desk.slot.port is None
     assert desk.kinds() == ["appeared", "conflict"]
 
 
@@ -145,10 +145,10 @@ def test_after_a_conflict_the_one_that_is_left_is_believed_when_it_was_long_alon
     for second in (5, 6, 7):
         desk.greet(OTHER, second)
         desk.poll(second + 0.1)
-    assert desk.seat.port is None
-    assert desk.poll(7.6) == [desk.seat]
-    assert desk.seat.port == "a" and desk.seat.holder.serial_number == 2
-    assert desk.seat.held_until == desk.seat.believed_at + HOLD
+    assert desk.slot.port is None
+    assert desk.poll(7.6) == [desk.slot]
+    assert desk.slot.port == "a" and desk.slot.module.serial_number == 2
+    assert desk.slot.hold_until == desk.slot.used_at + HOLD_TIME
     assert desk.kinds() == ["appeared", "conflict", "replaced"]
 
 
@@ -160,7 +160,7 @@ def test_the_first_goes_on_without_a_tare_when_the_second_is_unplugged():
     for second in (3, 4, 5):
         desk.greet(FIRST, second)
     assert desk.poll(5.1) == []
-    assert desk.seat.port == "a" and desk.seat.held_until == 0
+    assert desk.slot.port == "a" and desk.slot.hold_until == 0
     assert desk.kinds() == ["appeared", "conflict", "returned"]
 
 
@@ -170,8 +170,8 @@ def test_a_hello_that_ends_a_conflict_tells_that_another_module_is_there():
     desk.use(0.0, 1.0)
     for second in (1, 2, 3):
         desk.greet(OTHER, second)
-    assert desk.greet(OTHER, 4.3) is desk.seat
-    assert desk.seat.port == "a" and desk.seat.holder.serial_number == 2
+    assert desk.greet(OTHER, 4.3) is desk.slot
+    assert desk.slot.port == "a" and desk.slot.module.serial_number == 2
 
 
 def test_one_module_heard_at_two_ports_at_once_is_a_conflict():
@@ -181,10 +181,10 @@ def test_one_module_heard_at_two_ports_at_once_is_a_conflict():
     desk.greet(FIRST, 2.0, port="b")
     for tenth in range(20, 60):
         now = START + tenth * SECOND // 10
-        desk.seat.overhear(now, "a")
-        desk.seat.overhear(now, "b")
+        desk.slot.note_rejected_data(now, "a")
+        desk.slot.note_rejected_data(now, "b")
         desk.poll(tenth / 10)
-        assert desk.seat.port is None
+        assert desk.slot.port is None
     assert desk.kinds() == ["appeared", "conflict"]
 
 
@@ -192,13 +192,13 @@ def test_hellos_of_ever_new_modules_cost_bounded_memory():
     desk = Desk()
     for serial in range(1000):
         desk.greet(Module(serial=serial), serial / 1000)
-    assert len(desk.seat.claims) <= 8 and desk.seat.port is None
+    assert len(desk.slot.claims) <= 8 and desk.slot.port is None
 
 
 def test_two_patches_at_one_address_are_no_skin():
     patches = (SKIN.patches[0], replace(SKIN.patches[1], address=0), SKIN.patches[2])
     with pytest.raises(SkinError, match="one address a patch"):
-        Roster(replace(SKIN, patches=patches), EventLog())
+        ModuleRegistry(replace(SKIN, patches=patches), EventLog())
 
 
 def test_trouble_that_goes_on_is_said_every_ten_seconds_with_its_count():

@@ -4,12 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from benchmarks.skin_distance import GeometricDistance, kinematic_distance
 
 from eskin.errors import SkinMismatchError
 from eskin.robot import Kinematics, Robot, load_robot
 from eskin.skin import (
     Dome,
-    GeometricDistance,
     Grid,
     MountedSkin,
     Patch,
@@ -17,7 +17,6 @@ from eskin.skin import (
     Tube,
     grid_skin,
     join_patches,
-    kinematic_distance,
     load_skin,
 )
 from eskin.transforms import apply, make_transform, random_rotation

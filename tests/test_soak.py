@@ -9,10 +9,10 @@ from benchmarks.soak.stream import stream_simulated
 
 from device_scenes import RATE, Listener, scans_of, small_skin
 from eskin.drivers import (
-    Delivery,
     DeviceSource,
     FixedJoints,
     ManualClock,
+    ReceivedPacket,
     Transport,
 )
 from eskin.drivers.packet import CRC
@@ -57,12 +57,12 @@ class Mutating(Transport):
             packet = body + CRC.pack(zlib.crc32(body))
         self.brought += 1
         port = self.rng.choice(("a", "a", "a", "b"))
-        return Delivery(port, self.clock.now(), packet)
+        return ReceivedPacket(port, self.clock.now(), packet)
 
     def take_events(self, now):
         return []
 
-    def counted(self):
+    def counters(self):
         return {}
 
     def close(self):
@@ -83,7 +83,7 @@ def test_fifty_thousand_mutated_packets_each_have_one_fate_and_break_nothing():
         stamps += [] if scan is None else [scan.stamp]
         source.take_events()
     assert (np.diff(stamps) > 0).all() and len(stamps) > 100
-    counted = source.counted()
+    counted = source.counters()
     assert sum(counted[fate] for fate in FATES) == transport.brought
     assert counted["damaged"] > 10_000 < counted["foreign"] + counted["held"]
-    assert all(len(feed.parts) <= 5 for feed in source.assembler.feeds.values())
+    assert all(len(feed.parts) <= 5 for feed in source.assembler.streams.values())

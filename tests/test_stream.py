@@ -62,8 +62,8 @@ class Watched(Source):
         events, self.events = self.events, []
         return events
 
-    def counted(self):
-        return self.inner.counted()
+    def counters(self):
+        return self.inner.counters()
 
     def close(self):
         self.closed += 1

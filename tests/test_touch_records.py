@@ -6,9 +6,8 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial.distance import cdist
 
 from eskin.errors import ReadingError
-from eskin.touch.adjacency import Adjacency
+from eskin.touch import TOUCH, Adjacency, TouchRecord
 from eskin.touch.contact_kernels import find_candidates
-from eskin.touch.records import TOUCH, TouchRecord
 from touch_scenes import (
     START,
     hinged_skin,

@@ -11,17 +11,19 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from eskin.drivers import HostClock, encode
-from eskin.drivers.framing import frame
+from eskin.drivers import HostClock, encode_packet
+from eskin.drivers.framing import encode_frame
 from eskin.drivers.serial_transport import SerialPort, SerialTransport
-from eskin.drivers.udp_transport import RELEASE, Pins, UdpTransport
+from eskin.drivers.udp_transport import PEER_TIMEOUT, PeerAddressFilter, UdpTransport
 from eskin.errors import DeviceError
 from module_scenes import MS, START, Module
 from touch_scenes import SECOND
 
 PATIENCE = 20.0
-HELLO = encode(Module(0).hello(START))
-DATA = [encode(packet) for n in range(50) for packet in Module(0).data(START + n)]
+HELLO = encode_packet(Module(0).hello(START))
+DATA = [
+    encode_packet(packet) for n in range(50) for packet in Module(0).data(START + n)
+]
 
 
 def read_until(transport, enough):
@@ -68,14 +70,14 @@ def test_packets_come_over_several_serial_ports_as_they_were_sent(tmp_path):
         transport = SerialTransport(HostClock(), [str(path) for path in paths])
         before = transport.clock.now()
         for packet in DATA[:20]:
-            os.write(first, frame(packet))
-            os.write(second, frame(packet))
+            os.write(first, encode_frame(packet))
+            os.write(second, encode_frame(packet))
         deliveries = read_until(transport, lambda got: len(got) >= 40)
         for path in paths:
             got = [item for item in deliveries if item.port == str(path)]
             assert [item.packet for item in got] == DATA[:20]
         assert all(item.arrived > before for item in deliveries)
-        assert transport.counted()["frames"] == 40
+        assert transport.counters()["frames"] == 40
         transport.close()
         transport.close()
 
@@ -84,7 +86,7 @@ def test_a_port_that_is_unplugged_is_opened_when_it_is_back(tmp_path):
     path = tmp_path / "a"
     with plugged(path) as line:
         transport = SerialTransport(HostClock(), [str(path)])
-        os.write(line, frame(DATA[0]) + b"half a frame")
+        os.write(line, encode_frame(DATA[0]) + b"half a frame")
         assert len(read_until(transport, bool)) == 1
     kinds = []
     for _ in range(3):
@@ -94,7 +96,7 @@ def test_a_port_that_is_unplugged_is_opened_when_it_is_back(tmp_path):
         while "returned" not in kinds and time.monotonic() < end:
             transport.read(0.05)
             kinds += [event.kind for event in transport.take_events(0)]
-        os.write(line, frame(DATA[1]))
+        os.write(line, encode_frame(DATA[1]))
         assert [item.packet for item in read_until(transport, bool)] == [DATA[1]]
         transport.close()
     assert kinds == ["silent", "returned"]
@@ -102,9 +104,9 @@ def test_a_port_that_is_unplugged_is_opened_when_it_is_back(tmp_path):
 
 def test_what_lay_in_a_port_before_it_was_opened_is_not_read(tmp_path):
     with plugged(tmp_path / "a") as line:
-        os.write(line, frame(DATA[0]))
+        os.write(line, encode_frame(DATA[0]))
         transport = SerialTransport(HostClock(), [str(tmp_path / "a")])
-        os.write(line, frame(DATA[1]))
+        os.write(line, encode_frame(DATA[1]))
         assert [item.packet for item in read_until(transport, bool)] == [DATA[1]]
         transport.close()
 
@@ -116,12 +118,12 @@ def test_garbage_on_a_port_costs_at_most_the_frames_that_it_touches(tmp_path):
         for _ in range(100):
             os.write(line, rng.bytes(2000))
             transport.read(0.05)
-        os.write(line, b"\0" + frame(DATA[0]))
+        os.write(line, b"\0" + encode_frame(DATA[0]))
         deliveries = read_until(
             transport, lambda got: got and got[-1].packet == DATA[0]
         )
         assert deliveries[-1].packet == DATA[0]
-        assert transport.counted()["broken"] > 0
+        assert transport.counters()["broken"] > 0
         transport.close()
 
 
@@ -198,25 +200,25 @@ def test_packets_of_a_patch_from_elsewhere_than_its_first_hello_are_refused():
         own.send(DATA[10])
         deliveries = read_until(transport, bool)
         assert [item.packet for item in deliveries] == [DATA[10]]
-        assert transport.counted()["refused"] == 10
-        assert transport.counted()["datagrams"] == 12
+        assert transport.counters()["refused"] == 10
+        assert transport.counters()["datagrams"] == 12
         (event,) = transport.take_events(transport.clock.now())
         assert event.kind == "conflict" and event.text.startswith("10 packets")
 
 
 def test_a_pin_holds_while_its_patch_is_heard_and_then_goes_to_the_next_hello():
-    pins, now = Pins(), START
+    pins, now = PeerAddressFilter(), START
     assert pins.admit(HELLO, "a", now)
     for _ in range(100):
         now += 50 * MS
         assert pins.admit(DATA[0], "a", now) and not pins.admit(HELLO, "b", now)
-    now += RELEASE
+    now += PEER_TIMEOUT
     assert pins.admit(DATA[0], "b", now) and pins.admit(HELLO, "b", now)
     assert not pins.admit(HELLO, "a", now)
 
 
 def test_a_damaged_hello_pins_nobody():
-    pins = Pins()
+    pins = PeerAddressFilter()
     assert pins.admit(HELLO[:-1] + b"x", "b", START)
     assert pins.admit(HELLO, "a", START) and not pins.admit(HELLO, "b", START)
 

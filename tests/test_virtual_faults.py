@@ -17,52 +17,52 @@ from device_scenes import (
     scans_of,
     small_skin,
 )
-from eskin.drivers import Data, Hello, HostClock, ManualClock, decode
+from eskin.drivers import Data, Hello, HostClock, ManualClock, decode_packet
 from eskin.drivers.framing import Deframer
-from eskin.drivers.virtual import KINDS, PtyPort, VirtualSkin, parse_fault
+from eskin.drivers.virtual import FAULT_KINDS, PtyPort, VirtualSkin, parse_fault
 from eskin.errors import PacketError
 
 
 def counts_of(packets, address):
     """Rows of counts that one patch sent."""
-    data = (decode(packet) for packet in packets)
+    data = (decode_packet(packet) for packet in packets)
     own = [p.counts for p in data if isinstance(p, Data) and p.address == address]
     return np.array(own, dtype=np.int64)
 
 
 def times_of(packets, address=1):
     """Device times of data packets of one patch [us]."""
-    data = (decode(packet) for packet in packets)
+    data = (decode_packet(packet) for packet in packets)
     own = [p for p in data if isinstance(p, Data) and p.address == address]
     return np.array([packet.device_time for packet in own])
 
 
 def numbers_of(packets, address=1):
     """Scan numbers of data packets of one patch."""
-    data = (decode(packet) for packet in packets)
+    data = (decode_packet(packet) for packet in packets)
     own = [p for p in data if isinstance(p, Data) and p.address == address]
     return np.array([packet.scan for packet in own])
 
 
 def struck(device):
     """How often the only fault has struck, and how many data packets."""
-    [found] = device.counted()["faults"]
+    [found] = device.counters()["faults"]
     return found["count"], found.get("data")
 
 
-@pytest.mark.parametrize("kind", sorted(KINDS))
+@pytest.mark.parametrize("kind", sorted(FAULT_KINDS))
 def test_a_fault_is_the_same_every_time_and_another_for_another_seed(kind):
-    where = ":left,right" if KINDS[kind].pair else ""
+    where = ":left,right" if FAULT_KINDS[kind].pair else ""
     once, first = heard_with(kind + where, framed=True)
     again, second = heard_with(kind + where, framed=True)
     assert once == again
-    assert first.counted() == second.counted()
+    assert first.counters() == second.counters()
     assert struck(first)[0] > 0
 
 
-@pytest.mark.parametrize("kind", sorted(KINDS))
+@pytest.mark.parametrize("kind", sorted(FAULT_KINDS))
 def test_a_fault_that_is_yet_to_come_changes_nothing(kind):
-    where = ":left,right" if KINDS[kind].pair else ""
+    where = ":left,right" if FAULT_KINDS[kind].pair else ""
     without, _ = heard_with(framed=True)
     heard, device = heard_with(f"{kind}{where}@1000", framed=True)
     assert heard == without
@@ -75,7 +75,7 @@ def test_lost_packets_are_missing_and_the_others_are_whole():
     count, data = struck(device)
     assert len(heard) == len(whole) - count
     assert set(heard) <= set(whole)
-    kinds = Counter(type(decode(packet)) for packet in heard)
+    kinds = Counter(type(decode_packet(packet)) for packet in heard)
     assert kinds[Data] == 300 - data
 
 
@@ -88,7 +88,7 @@ def test_corrupt_packets_fail_their_crc_and_no_others():
         if packet != true:
             wrong += 1
             with pytest.raises(PacketError):
-                decode(packet)
+                decode_packet(packet)
     assert wrong == struck(device)[0] > 50
 
 
@@ -100,7 +100,7 @@ def test_truncated_packets_are_beginnings_that_are_refused():
     for packet, true in cut:
         assert true.startswith(packet)
         with pytest.raises(PacketError):
-            decode(packet)
+            decode_packet(packet)
 
 
 def test_doubled_packets_come_twice():
@@ -116,8 +116,8 @@ def test_packets_out_of_order_are_all_there_and_late_by_one_of_their_patch():
     assert sorted(heard) == sorted(whole)
     late = 0
     for address in (1, 2, 3):
-        order = [p for p in heard if decode(p).address == address]
-        wanted = [p for p in whole if decode(p).address == address]
+        order = [p for p in heard if decode_packet(p).address == address]
+        wanted = [p for p in whole if decode_packet(p).address == address]
         places = [wanted.index(packet) for packet in order]
         late += sum(a > b for a, b in zip(places, places[1:], strict=False))
         assert max(abs(a - b) for a, b in enumerate(places)) == 1
@@ -136,11 +136,11 @@ def test_delayed_packets_keep_their_order_and_none_is_kept_at_the_end():
     heard, device = heard_with("delay:left=0.1")
     assert sorted(heard) == sorted(whole)
     assert struck(device) == (104, 100)
-    first = next(i for i, p in enumerate(heard) if decode(p).address == 1)
+    first = next(i for i, p in enumerate(heard) if decode_packet(p).address == 1)
     # Five scans of the two others, with hello and status in the first.
     assert first == 2 * (2 + 5)
-    left = [p for p in heard if decode(p).address == 1]
-    assert left == [p for p in whole if decode(p).address == 1]
+    left = [p for p in heard if decode_packet(p).address == 1]
+    assert left == [p for p in whole if decode_packet(p).address == 1]
 
 
 def test_a_stall_loses_all_while_clocks_and_numbers_go_on():
@@ -159,7 +159,7 @@ def test_an_unplugged_patch_is_silent_and_then_begins_anew():
     assert times[25] == 0
     assert numbers_of(heard, 2)[25] == 0
     assert len(times_of(heard, 1)) == 100
-    packets = [p for p in map(decode, heard) if p.address == 2]
+    packets = [p for p in map(decode_packet, heard) if p.address == 2]
     hellos = [p for p in packets if isinstance(p, Hello)]
     assert [hello.device_time for hello in hellos][1] == 0
     assert len({hello.serial_number for hello in hellos}) == 1
@@ -168,7 +168,7 @@ def test_an_unplugged_patch_is_silent_and_then_begins_anew():
 def test_a_replaced_patch_has_another_serial_number_and_the_rest_does_not():
     heard, device = heard_with("replace:middle@0.5=0.3", count=120)
     assert struck(device)[0] == 1
-    hellos = [p for p in map(decode, heard) if isinstance(p, Hello)]
+    hellos = [p for p in map(decode_packet, heard) if isinstance(p, Hello)]
     serials = {a: {h.serial_number for h in hellos if h.address == a} for a in (1, 2)}
     assert len(serials[1]) == 1
     assert len(serials[2]) == 2
@@ -190,7 +190,7 @@ def test_a_reboot_begins_clock_and_numbers_anew_in_the_same_module():
     times, numbers = times_of(heard), numbers_of(heard)
     assert len(times) == 100 - 10
     assert (times[50], numbers[50]) == (0, 0)
-    hellos = [p for p in map(decode, heard) if isinstance(p, Hello)]
+    hellos = [p for p in map(decode_packet, heard) if isinstance(p, Hello)]
     assert len({hello.serial_number for hello in hellos}) == 3
 
 
@@ -217,14 +217,14 @@ def test_clocks_and_numbers_wrap_when_asked():
 def test_strange_packets_are_whole_and_of_no_patch():
     whole, _ = heard_with()
     heard, device = heard_with("wrong_patch=0.3")
-    strange = [p for p in map(decode, heard) if p.address not in (1, 2, 3)]
+    strange = [p for p in map(decode_packet, heard) if p.address not in (1, 2, 3)]
     assert len(strange) == struck(device)[0] == len(heard) - len(whole) > 50
 
 
 def test_two_modules_at_one_address_both_speak_under_it():
     heard, device = heard_with("same_address:left,right")
     assert struck(device)[0] == 2
-    packets = list(map(decode, heard))
+    packets = list(map(decode_packet, heard))
     assert {packet.address for packet in packets} == {1, 2}
     hellos = [p for p in packets if isinstance(p, Hello) and p.address == 1]
     assert len({hello.serial_number for hello in hellos}) == 2
@@ -314,7 +314,7 @@ def test_a_port_vanishes_with_its_last_patch_and_comes_back_under_its_name(tmp_p
                     found = deframer.push(line.read(2000))
             except serial.SerialException:
                 continue
-    assert {decode(packet).address for packet in found} == {1, 2, 3}
+    assert {decode_packet(packet).address for packet in found} == {1, 2, 3}
 
 
 def test_unplugging_fifty_times_brings_fifty_beginnings():

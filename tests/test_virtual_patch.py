@@ -22,10 +22,16 @@ from device_scenes import (
     small_skin,
     udp_skin,
 )
-from eskin.drivers import Data, Hello, HostClock, ManualClock, Status, decode
+from eskin.drivers import Data, Hello, HostClock, ManualClock, Status, decode_packet
 from eskin.drivers.framing import Deframer
-from eskin.drivers.packet import MOST_BYTES
-from eskin.drivers.virtual import PtyPort, UdpPort, VirtualPatch, VirtualSkin, at_rate
+from eskin.drivers.packet import MAX_PACKET_BYTES
+from eskin.drivers.virtual import (
+    PtyPort,
+    UdpPort,
+    VirtualPatch,
+    VirtualSkin,
+    resample_scans,
+)
 from eskin.errors import DeviceError
 from eskin.skin import grid_skin, load_skin
 from eskin.touch import Scan
@@ -51,12 +57,12 @@ def rebuilt(skin, packets):
 @pytest.mark.parametrize("skin", [small_skin(), grid_skin(40, 50), load_skin("ur5")])
 def test_packets_decode_to_exactly_the_counts_of_the_scan(skin):
     packets, device = heard_with(skin=skin, count=7)
-    assert max(len(packet) for packet in packets) <= MOST_BYTES
-    found = rebuilt(skin, [decode(packet) for packet in packets])
+    assert max(len(packet) for packet in packets) <= MAX_PACKET_BYTES
+    found = rebuilt(skin, [decode_packet(packet) for packet in packets])
     wanted = [scan.counts for scan in scans_of(skin, 7)]
     np.testing.assert_array_equal(found, wanted)
-    assert device.counted()["packets"] == len(packets)
-    assert device.counted()["bytes"] == sum(len(packet) for packet in packets)
+    assert device.counters()["packets"] == len(packets)
+    assert device.counters()["bytes"] == sum(len(packet) for packet in packets)
 
 
 def test_taxels_that_lie_apart_are_sent_all_the_same():
@@ -70,7 +76,7 @@ def test_taxels_that_lie_apart_are_sent_all_the_same():
         skin.tangents[order],
     )
     packets, _ = heard_with(skin=mixed, count=3)
-    found = rebuilt(mixed, [decode(packet) for packet in packets])
+    found = rebuilt(mixed, [decode_packet(packet) for packet in packets])
     np.testing.assert_array_equal(found, [s.counts for s in scans_of(mixed, 3)])
 
 
@@ -80,7 +86,7 @@ def test_what_was_not_received_is_not_sent():
     received[[2, 3, 7]] = False
     received[skin.taxels_of("right")] = False
     scans = scans_of(skin, 4, received=received)
-    packets = [decode(packet) for packet in heard_with(scans=scans)[0]]
+    packets = [decode_packet(packet) for packet in heard_with(scans=scans)[0]]
     data = [packet for packet in packets if isinstance(packet, Data)]
     assert {packet.address for packet in data} == {1, 2}
     sent = np.zeros(skin.count, dtype=bool)
@@ -92,7 +98,7 @@ def test_what_was_not_received_is_not_sent():
 
 def test_every_patch_introduces_itself_first_and_once_a_second():
     skin = small_skin()
-    packets = [decode(packet) for packet in heard_with(count=101)[0]]
+    packets = [decode_packet(packet) for packet in heard_with(count=101)[0]]
     for patch in skin.patches:
         own = [packet for packet in packets if packet.address == patch.address]
         assert isinstance(own[0], Hello)
@@ -121,7 +127,9 @@ def test_clock_and_scan_number_wrap_and_nothing_else_happens():
     counts = np.arange(skin.count, dtype=np.int32)
     received = np.ones(skin.count, dtype=bool)
     heard = [
-        decode(patch.measure(counts, received, 3 * SECOND + scan * SECOND // 50)[0])
+        decode_packet(
+            patch.measure(counts, received, 3 * SECOND + scan * SECOND // 50)[0]
+        )
         for scan in range(100)
     ]
     times = np.array([packet.device_time for packet in heard])
@@ -150,12 +158,12 @@ def test_a_scan_that_does_not_fit_is_refused():
 def test_scans_are_held_at_a_higher_rate_and_left_out_at_a_lower():
     scans = list(scans_of(small_skin(), 50))
     stamps = [scan.stamp for scan in scans]
-    faster = [scan.stamp for scan in at_rate(scans, 4 * RATE)]
+    faster = [scan.stamp for scan in resample_scans(scans, 4 * RATE)]
     assert faster == [stamp for stamp in stamps[:-1] for _ in range(4)] + stamps[-1:]
-    slower = [scan.stamp for scan in at_rate(scans, RATE / 5)]
+    slower = [scan.stamp for scan in resample_scans(scans, RATE / 5)]
     assert slower == [*stamps[::5], stamps[-1]]
-    assert [scan.stamp for scan in at_rate(scans, RATE)] == stamps
-    assert list(at_rate([], RATE)) == []
+    assert [scan.stamp for scan in resample_scans(scans, RATE)] == stamps
+    assert list(resample_scans([], RATE)) == []
 
 
 def test_a_pseudo_terminal_carries_every_packet():
@@ -166,7 +174,7 @@ def test_a_pseudo_terminal_carries_every_packet():
             packets = read_packets(line, 3 * (500 + 2 * 10))
     found = rebuilt(skin, packets)
     np.testing.assert_array_equal(found, [s.counts for s in scans_of(skin, 500)])
-    assert device.counted()["unheard"] == 0
+    assert device.counters()["unheard"] == 0
 
 
 def test_a_udp_socket_carries_every_packet():
@@ -174,7 +182,7 @@ def test_a_udp_socket_carries_every_packet():
     with listening() as (heard, port):
         device = udp_skin(skin, port)
         with playing(device, scans_of(skin, 10), ManualClock()):
-            packets = [decode(heard.recv(2048)) for _ in range(3 * (10 + 2))]
+            packets = [decode_packet(heard.recv(2048)) for _ in range(3 * (10 + 2))]
     found = rebuilt(skin, packets)
     np.testing.assert_array_equal(found, [s.counts for s in scans_of(skin, 10)])
 
@@ -183,7 +191,7 @@ def test_patches_are_spread_over_ports():
     skin = small_skin()
     ports = [Listener(), Listener()]
     VirtualSkin(skin, ports).play(scans_of(skin, 2), ManualClock())
-    addresses = [{decode(data).address for data in port.heard} for port in ports]
+    addresses = [{decode_packet(data).address for data in port.heard} for port in ports]
     assert addresses == [{1, 2}, {3}]
 
 
@@ -202,8 +210,8 @@ def test_without_a_listener_nothing_waits_and_the_loss_is_counted():
     device = pty_skin(skin)
     with device:
         device.play(scans_of(skin, 50), ManualClock())
-    assert device.counted()["unheard"] == device.counted()["packets"]
-    assert device.counted()["bytes"] == 0
+    assert device.counters()["unheard"] == device.counters()["packets"]
+    assert device.counters()["bytes"] == 0
 
 
 def test_a_listener_that_does_not_read_costs_whole_packets_only():
@@ -212,7 +220,7 @@ def test_a_listener_that_does_not_read_costs_whole_packets_only():
     device = VirtualSkin(skin, [port], RATE)
     with device, opened(port) as line:
         device.play(scans_of(skin, 1500), ManualClock())
-        lost = device.counted()["unheard"]
+        lost = device.counters()["unheard"]
         assert lost > 0
         line.timeout = 0.2
         heard = b"".join(iter(lambda: line.read(65536), b""))
@@ -220,11 +228,11 @@ def test_a_listener_that_does_not_read_costs_whole_packets_only():
         device.send(next(iter(scans_of(skin, 1))))
         heard += b"".join(iter(lambda: line.read(65536), b""))
     deframer = Deframer()
-    packets = [decode(packet) for packet in deframer.push(heard)]
+    packets = [decode_packet(packet) for packet in deframer.push(heard)]
     assert deframer.broken == 0
     assert len(packets) == device.packets - lost
-    assert device.counted()["unheard"] == lost
-    assert device.counted()["bytes"] == len(heard)
+    assert device.counters()["unheard"] == lost
+    assert device.counters()["bytes"] == len(heard)
     assert [packet.address for packet in packets[-3:]] == [3, 3, 3]
 
 

@@ -9,8 +9,8 @@ from typing import final
 
 from benchmarks.fuzz.mutation import mutate
 from benchmarks.fuzz.target import Target, check_refusal
-from eskin.drivers.framing import MOST_FRAME, Deframer, frame
-from eskin.drivers.packet import decode, encode
+from eskin.drivers.framing import MAX_FRAME_BYTES, Deframer, encode_frame
+from eskin.drivers.packet import decode_packet, encode_packet
 from eskin.errors import PacketError
 
 VECTORS = Path(__file__).parents[2] / "tests/data/protocol_v1.json"
@@ -55,13 +55,13 @@ class DecoderTarget(Target):
 def accepts(data: bytes) -> bool:
     """Whether these bytes are a packet, and then the only bytes of that packet."""
     try:
-        packet = decode(data)
+        packet = decode_packet(data)
     except PacketError as error:
         check_refusal(error)
         if error.reason not in REASONS:
             raise AssertionError(f"reason {error.reason!r}") from error
         return False
-    if encode(packet) != data:
+    if encode_packet(packet) != data:
         raise AssertionError(f"{packet} has other bytes than it was decoded from")
     return True
 
@@ -73,7 +73,7 @@ def found(stream: bytes) -> list[bytes]:
     pieces = []
     for start in range(0, len(stream), size):
         pieces += parts.push(stream[start : start + size])
-        if len(parts.open) > MOST_FRAME:
+        if len(parts.open) > MAX_FRAME_BYTES:
             raise AssertionError(f"{len(parts.open)} bytes are held")
     counters = [(x.bytes, x.frames, x.broken) for x in (whole, parts)]
     if pieces != packets or counters[0] != counters[1]:

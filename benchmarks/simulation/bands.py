@@ -28,7 +28,6 @@ from eskin.sim.scene.scene import (
     neighbours_of,
     parts_of,
 )
-from eskin.touch.calibration import build_pressure_curve
 from eskin.touch.calibration_kernels import linearise_counts
 
 BANDS = {
@@ -249,7 +248,7 @@ def readings(
     session = session_of(Origin("bands", (seed, 64)), build)
     calibration = build.calibration(world.mounted.skin)
     bend, lead = (
-        build_pressure_curve(calibration),
+        calibration.pressure_curve,
         round(1.0 / constants.value("time.step")),
     )
     steps = lead + round(SECONDS / constants.value("time.step"))

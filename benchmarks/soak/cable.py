@@ -5,7 +5,7 @@ import time
 from collections.abc import Iterator
 from typing import final
 
-from eskin.drivers import Delivery, Event, ManualClock, Transport
+from eskin.drivers import Event, ManualClock, ReceivedPacket, Transport
 from eskin.drivers.virtual import VirtualSkin
 from eskin.touch import Scan
 
@@ -51,7 +51,7 @@ class Cable(Transport):
         self.sent = 0
         self.gone = 0
 
-    def read(self, timeout: float) -> list[Delivery]:
+    def read(self, timeout: float) -> list[ReceivedPacket]:
         """What arrives until so much time has passed; no longer than to a next scan."""
         now = self.clock.now()
         wait = max(0.0, (self.start + self.device.elapsed - now) / 1e9)
@@ -67,7 +67,7 @@ class Cable(Transport):
             time.sleep(PAUSE)
         return self.take()
 
-    def take(self) -> list[Delivery]:
+    def take(self) -> list[ReceivedPacket]:
         """All that was sent, as far as it arrives."""
         deliveries = self.inner.read(0.0)
         while (left := self.on_the_way()) > 0:
@@ -80,15 +80,15 @@ class Cable(Transport):
     def on_the_way(self) -> int:
         """Bytes that were sent and neither read nor given up."""
         sent = sum(port.bytes for port in self.device.ports)
-        return sent - self.inner.counted()["bytes"] - self.gone
+        return sent - self.inner.counters()["bytes"] - self.gone
 
     def take_events(self, now: int) -> list[Event]:
         """Of the real transport."""
         return self.inner.take_events(now)
 
-    def counted(self) -> dict[str, int]:
+    def counters(self) -> dict[str, int]:
         """Of the real transport."""
-        return self.inner.counted()
+        return self.inner.counters()
 
     def close(self) -> None:
         """Close both ends."""

@@ -23,7 +23,7 @@ def idle_source(rate: float, scans: int | None = None) -> PlayedSource:
     names = tuple(robot.joint_names)
     info = SourceInfo("sim:ur5", "ur5", names, skin, calibration, rate)
     played = idle_scans(skin.count, len(names), rate, scans)
-    return PlayedSource(info, played, anew=True)
+    return PlayedSource(info, played, restamp=True)
 
 
 def idle_scans(

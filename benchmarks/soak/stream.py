@@ -119,7 +119,7 @@ def streamed(
             stream.wait(LOOK)
         lost = {key: n - before[key] for key, n in counted(source, stream).items()}
         return Soaked(
-            readings=source.counted()["readings"],
+            readings=source.counters()["readings"],
             detections=recognition.detections,
             lost={key: n for key, n in lost.items() if n and key != "used"},
             memory=(memory, resident()),

@@ -15,7 +15,7 @@ from eskin.drivers import Clock, HostClock, Source, SourceInfo
 from eskin.drivers.device_source import DeviceSource
 from eskin.drivers.played_source import PlayedSource, replay_source
 from eskin.drivers.serial_transport import SerialTransport
-from eskin.drivers.source import FixedJoints, Joints
+from eskin.drivers.source import FixedJoints, JointSource
 from eskin.drivers.transport import Transport
 from eskin.drivers.udp_transport import UdpTransport
 from eskin.errors import ArmError, DeviceError, RecordingError
@@ -47,7 +47,7 @@ class SourceConfig:
     q: tuple[float, ...] | None = None
     """Where the joints of a robot that does not move are [rad]; all zero where None."""
 
-    joints: Joints | None = None
+    joints: JointSource | None = None
     """Who tells where the joints are, in place of `q`."""
 
     rate: float | None = None
@@ -100,7 +100,7 @@ def open_source(
         return device(uris, config, clock)
     rest = uris[0].partition(":")[2]
     if kinds == {"replay"}:
-        return replay_source(rest, config.pace, clock, anew=True)
+        return replay_source(rest, config.pace, clock, restamp=True)
     return simulated(rest, config, clock)
 
 
@@ -259,4 +259,4 @@ def simulated(skin: str, config: SourceConfig, clock: Clock) -> Source:
         calibration=maker.calibration(player.build),
         rate=player.rate,
     )
-    return PlayedSource(info, player.scans(), config.pace, clock, anew=True)
+    return PlayedSource(info, player.scans(), config.pace, clock, restamp=True)

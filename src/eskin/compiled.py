@@ -9,13 +9,15 @@ import hashlib
 import re
 from functools import cache, partial
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from numba import njit
 
 PACKAGE = Path(__file__).parent
 KERNELS = re.compile(r"^from eskin\.([\w.]*kernels) import", re.MULTILINE)
 """How a module imports compiled functions."""
+
+Parameters = TypeVar("Parameters", bound=tuple)
 
 
 def compiled(function: Any = None, /, **options: Any) -> Any:  # noqa: ANN401
@@ -43,3 +45,24 @@ def digest_sources(path: Path) -> str:
         imported = PACKAGE.joinpath(*name.split(".")).with_suffix(".py")
         digest.update(digest_sources(imported).encode())
     return digest.hexdigest()
+
+
+def build_parameters(
+    kind: type[Parameters],
+    *configs: Any,  # noqa: ANN401
+    **values: Any,  # noqa: ANN401
+) -> Parameters:
+    """Build a named tuple that compiled code takes, field by field by its name.
+
+    Args:
+        kind: the class of the tuple.
+        configs: objects that have the fields as attributes; the first one counts.
+        values: fields that none of them has.
+    """
+    for name in kind.__annotations__:
+        if name not in values:
+            sources = (
+                getattr(config, name) for config in configs if hasattr(config, name)
+            )
+            values[name] = next(sources)
+    return kind(**values)

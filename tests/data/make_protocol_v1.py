@@ -12,8 +12,8 @@ from pathlib import Path
 
 import numpy as np
 
-from eskin.drivers.framing import frame
-from eskin.drivers.packet import MOST_COUNTS, Data, Hello, Packet, Status, encode
+from eskin.drivers.framing import encode_frame
+from eskin.drivers.packet import MAX_COUNTS, Data, Hello, Packet, Status, encode_packet
 
 FILE = Path(__file__).with_name("protocol_v1.json")
 ABOUT = (
@@ -35,9 +35,9 @@ def packets() -> dict[str, Packet]:
         ),
         "data, no counts": Data(9, 1, 2, 3, counts()),
         "data, all zero": Data(0, 0, 0, 0, counts(*[0] * 20)),
-        "data, most counts, all zero": Data(1, 2, 3, 4, counts(*[0] * MOST_COUNTS)),
+        "data, most counts, all zero": Data(1, 2, 3, 4, counts(*[0] * MAX_COUNTS)),
         "data, most counts, no zero": Data(
-            0x0101, 0x0202, 0x01020304, 0x0303, counts(*[0xFFFF] * MOST_COUNTS)
+            0x0101, 0x0202, 0x01020304, 0x0303, counts(*[0xFFFF] * MAX_COUNTS)
         ),
         "data, run of 253": one_run(253),
         "data, run of 254": one_run(254),
@@ -73,13 +73,13 @@ def vector(name: str, packet: Packet) -> dict[str, object]:
         fields["counts"] = packet.counts.tolist()
     if isinstance(packet, Hello):
         fields["serial_number"] = f"{packet.serial_number:016x}"
-    data = encode(packet)
+    data = encode_packet(packet)
     return {
         "name": name,
         "kind": type(packet).__name__.lower(),
         "fields": fields,
         "packet": data.hex(),
-        "framed": frame(data).hex(),
+        "framed": encode_frame(data).hex(),
     }
 
 

@@ -13,7 +13,13 @@ import numpy as np
 from jaxtyping import Float
 
 from eskin.bench.sender import calibration_of
-from eskin.drivers import DeviceSource, HostClock, Joints, SerialTransport, UdpTransport
+from eskin.drivers import (
+    DeviceSource,
+    HostClock,
+    JointSource,
+    SerialTransport,
+    UdpTransport,
+)
 from eskin.live import Recognizer, warm_up
 from eskin.model import load_model
 from eskin.robot import load_robot
@@ -98,7 +104,7 @@ class Throughput:
 
 
 @final
-class SwingingJoints(Joints):
+class SwingingJoints(JointSource):
     """An arm whose joints swing, each at its own rate."""
 
     def __init__(self, count: int) -> None:
@@ -157,7 +163,7 @@ def throughput(over: Over, rate: float, seconds: float) -> Throughput:
 
 def counted(source: DeviceSource, stream: Stream) -> dict[str, int]:
     """Packets used, and everything by which readings get lost."""
-    counts = source.counted()
+    counts = source.counters()
     queues = sum(queue.dropped for queue in stream.queue_counts().values())
     lost = {key: counts[key] for key in ("used", "lost", "skipped", *PACKETS)}
     return {**lost, "queue": queues}

@@ -67,7 +67,7 @@ class Command:
 def run(command: Command) -> dict[str, object]:
     """Send until it is over or stopped, and return what was sent."""
     from eskin.drivers.clock import HostClock
-    from eskin.drivers.virtual import VirtualSkin, at_rate, parse_fault
+    from eskin.drivers.virtual import VirtualSkin, parse_fault, resample_scans
     from eskin.skin import load_skin
     from eskin.stream import stop_on_signals
 
@@ -91,13 +91,13 @@ def run(command: Command) -> dict[str, object]:
         ):
             print("what it feels leaves this computer, in the clear", flush=True)
         with stop_on_signals(device.stop):
-            device.play(at_rate(scans, rate), HostClock(), command.seconds)
-    result = device.counted()
+            device.play(resample_scans(scans, rate), HostClock(), command.seconds)
+    result = device.counters()
     print(
         f"{result['scans']} scans, {result['packets']} packets, {result['bytes']} bytes"
     )
     for fault in faults:
-        print(f"  {fault.order.text}: {fault.count} {fault.unit}")
+        print(f"  {fault.spec.text}: {fault.count} {fault.unit}")
     return result
 
 

@@ -12,8 +12,8 @@ from numba.core import event
 
 from eskin.app import SourceConfig, open_source
 from eskin.drivers import DeviceSource
-from eskin.drivers.patch_stream import Pace
-from eskin.drivers.serial_transport import SerialPortInfo, serial_ports
+from eskin.drivers.patch_stream import ScanRateMeter
+from eskin.drivers.serial_transport import SerialPortInfo, list_serial_ports
 from eskin.errors import DeviceError, EskinError
 from eskin.live import Recognizer, warm_up
 from eskin.model import MODELS
@@ -80,7 +80,7 @@ def every_check() -> Iterator[Check]:
     yield Check("packages", True, ", ".join(versions(USED)))
     missing = "not installed; only training needs it: pip install 'eskin[train]'"
     yield Check("for training", True, ", ".join(versions(FOR_TRAINING)) or missing)
-    yield from port_checks(serial_ports())
+    yield from port_checks(list_serial_ports())
     for model in MODELS:
         yield attempt(f"weights {model}", lambda model=model: recognises(model))
 
@@ -111,12 +111,12 @@ def patch_checks(command: Command) -> Iterator[Check]:
             source.read(0.1)
         ages = source.assembler.ages(source.clock.now())
         paces = {
-            feed.seat.patch.id: feed.pace for feed in source.assembler.feeds.values()
+            feed.slot.patch.id: feed.pace for feed in source.assembler.streams.values()
         }
         yield from (check_of(patch, paces[patch], age) for patch, age in ages.items())
 
 
-def check_of(patch: str, pace: Pace, age: float) -> Check:
+def check_of(patch: str, pace: ScanRateMeter, age: float) -> Check:
     """How one patch fares."""
     name = f"patch {patch}"
     if age > OLDEST:

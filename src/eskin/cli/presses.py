@@ -4,8 +4,7 @@ from eskin.drivers import Source
 from eskin.robot import Robot
 from eskin.skin import MountedSkin, Skin
 from eskin.skin.wiring import Answer, Spot, spots_of
-from eskin.touch import TouchPipeline
-from eskin.touch.touches import PressDetector
+from eskin.touch import PressDetector, TouchPipeline
 from eskin.units import NS_PER_S
 
 TARE = 3.0

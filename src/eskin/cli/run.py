@@ -195,11 +195,11 @@ def check_senders(command: Command) -> None:
         DeviceError: a source can be heard from other computers.
     """
     from eskin.app import parse_udp_address
-    from eskin.drivers.udp_transport import check_host
+    from eskin.drivers.udp_transport import check_udp_host
 
     for uri in command.source:
         if uri.startswith("udp:"):
-            check_host(parse_udp_address(uri)[0], command.allow_remote)
+            check_udp_host(parse_udp_address(uri)[0], command.allow_remote)
 
 
 def arm_of(command: Command, clock: "Clock") -> "Arm | None":
@@ -262,7 +262,7 @@ def summary(
     source: "Source", stream: "Stream", recognition: "Recognition", commands: int
 ) -> dict[str, object]:
     """Print and return what came and what was made of it."""
-    counted, queues = source.counted(), stream.queue_counts()
+    counted, queues = source.counters(), stream.queue_counts()
     skipped = counted.get("skipped", 0)
     dropped = skipped + sum(queue.dropped for queue in queues.values())
     step = recognition.step

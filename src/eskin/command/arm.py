@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Float
 
 from eskin.closing import Closing
-from eskin.drivers.source import Joints
+from eskin.drivers.source import JointSource
 
 Grip = Literal["open", "closed"]
 
@@ -67,7 +67,7 @@ class ArmState:
         return self.paused or self.hold_reason is not None or self.protective_stop
 
 
-class Arm(Joints, Closing):
+class Arm(JointSource, Closing):
     """An arm goes from waypoint to waypoint of its task until it is told otherwise.
 
     All methods may be called from any thread. A pause and a hold stop the arm alike;

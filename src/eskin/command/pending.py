@@ -8,7 +8,7 @@ from eskin.command.arm import ArmState
 from eskin.command.command_map import Rule
 from eskin.live import Detection
 from eskin.stream import RecognitionState
-from eskin.touch.records import TouchStatus
+from eskin.touch import TouchStatus
 from eskin.units import NS_PER_S
 
 

@@ -18,8 +18,8 @@ from eskin.drivers import SourceInfo
 from eskin.drivers.played_source import PlayedSource
 from eskin.live import Recognizer, warm_up
 from eskin.model import Model
-from eskin.page import Board
 from eskin.page import Answer as Shown
+from eskin.page import Board
 from eskin.page.port import free_port
 from eskin.stream import (
     Context,
@@ -176,7 +176,7 @@ def serve_same_touch(
         calibration=calibration,
         rate=NS_PER_S / touches[0].period,
     )
-    source = PlayedSource(info, played(touches), anew=True)
+    source = PlayedSource(info, played(touches), restamp=True)
     stream = Stream(source, [recognition, comparison, viewer])
     with stop_on_signals(stream.stop), short_switch_interval(), stream:
         tell(f"see http://127.0.0.1:{port}; Ctrl-C ends it")

@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from typing import final
 
-from eskin.drivers import Clock, Event, Joints, Source, SourceInfo
+from eskin.drivers import Clock, Event, JointSource, Source, SourceInfo
 from eskin.sim.interactive.skin import LiveSkin
 from eskin.touch import Scan
 from eskin.units import NS_PER_S
@@ -24,7 +24,7 @@ class LiveSource(Source):
     def __init__(
         self,
         skin: LiveSkin,
-        joints: Joints,
+        joints: JointSource,
         clock: Clock,
         before: Callable[[int], None] = lambda stamp: None,
         after: Callable[[], None] = lambda: None,
@@ -87,7 +87,7 @@ class LiveSource(Source):
         """Nothing happens to a simulated skin that is not asked for."""
         return []
 
-    def counted(self) -> dict[str, int]:
+    def counters(self) -> dict[str, int]:
         """The `readings` given and those `skipped`."""
         return {"readings": self.given, "skipped": self.skipped}
 

@@ -8,11 +8,16 @@ from jaxtyping import Integer
 
 from eskin.drivers.clock_sync import ScanTime
 from eskin.drivers.events import EventLog
-from eskin.drivers.module_registry import Fate, Fates, Roster, Seat
+from eskin.drivers.module_registry import (
+    AddressSlot,
+    ModuleRegistry,
+    PacketCounts,
+    PacketOutcome,
+)
 from eskin.drivers.packet import Data, Hello, Packet, Status
-from eskin.drivers.patch_stream import Change, Feed
-from eskin.drivers.source import Joints
-from eskin.drivers.timeline import Grid, PeriodScans, Timeline
+from eskin.drivers.patch_stream import PatchStream, RateChange
+from eskin.drivers.source import JointSource
+from eskin.drivers.timeline import PeriodGrid, PeriodScans, ScanTimeline
 from eskin.skin import Skin
 from eskin.touch import Scan
 from eskin.units import NS_PER_S
@@ -36,18 +41,18 @@ class Assembler:
         given: scans that were given out.
     """
 
-    def __init__(self, skin: Skin, joints: Joints, log: EventLog) -> None:
+    def __init__(self, skin: Skin, joints: JointSource, log: EventLog) -> None:
         """Start with no patch heard; `start` begins to give out scans."""
         self.skin = skin
         self.joints = joints
         self.log = log
-        self.roster = Roster(skin, log)
-        self.feeds = {
-            address: Feed(seat, skin.taxels_of(seat.patch.id))
-            for address, seat in self.roster.seats.items()
+        self.registry = ModuleRegistry(skin, log)
+        self.streams = {
+            address: PatchStream(seat, skin.taxels_of(seat.patch.id))
+            for address, seat in self.registry.slots.items()
         }
-        self.fates = Fates()
-        self.timeline: Timeline | None = None
+        self.outcomes = PacketCounts()
+        self.timeline: ScanTimeline | None = None
         self.given = 0
         self.looked = 0
 
@@ -60,8 +65,8 @@ class Assembler:
             grace: how long after its end a period waits for what is under way [s];
                 half a period but at least 20 ms where None.
         """
-        grid = Grid(now, rate, grace)
-        self.timeline = Timeline(grid, self.skin.count, self.feeds, self.fates)
+        grid = PeriodGrid(now, rate, grace)
+        self.timeline = ScanTimeline(grid, self.skin.count, self.streams, self.outcomes)
 
     def push(self, packet: Packet, arrived: int, port: str) -> None:
         """Take a packet in.
@@ -74,31 +79,31 @@ class Assembler:
         if isinstance(packet, Data):
             fate = self.take(packet, arrived, port)
         elif isinstance(packet, Hello):
-            fate = self.greet(packet, arrived, port)
+            fate = self.handle_hello(packet, arrived, port)
         else:
             fate = self.note(packet, port)
-        self.fates.add(fate)
+        self.outcomes.add(fate)
 
-    def greet(self, hello: Hello, arrived: int, port: str) -> Fate:
+    def greet(self, hello: Hello, arrived: int, port: str) -> PacketOutcome:
         """Hear a hello; its fate."""
-        changed = self.roster.greet(hello, arrived, port)
+        changed = self.registry.handle_hello(hello, arrived, port)
         if changed is not None:
             self.change(changed)
-        feed = self.feeds.get(hello.address)
-        if feed is None or not feed.seat.fits(hello):
+        feed = self.streams.get(hello.address)
+        if feed is None or not feed.slot.fits(hello):
             return "foreign"
-        if feed.seat.holder is not None and feed.seat.port == port:
-            feed.pace.promised = feed.seat.holder.rate
+        if feed.slot.module is not None and feed.slot.port == port:
+            feed.pace.promised = feed.slot.module.rate
         return "hello"
 
-    def note(self, status: Status, port: str) -> Fate:
+    def note(self, status: Status, port: str) -> PacketOutcome:
         """Hear how a patch fares; its fate."""
-        feed = self.feeds.get(status.address)
-        if feed is None or feed.seat.port != port:
+        feed = self.streams.get(status.address)
+        if feed is None or feed.slot.port != port:
             return "foreign"
         skipped = feed.skip(status.skipped)
         if skipped:
-            patch = feed.seat.patch.id
+            patch = feed.slot.patch.id
             self.log.count(
                 "lost",
                 f"scans of patch '{patch}' were left out by the patch itself, which "
@@ -108,20 +113,20 @@ class Assembler:
             )
         return "status"
 
-    def change(self, seat: Seat) -> None:
+    def change(self, seat: AddressSlot) -> None:
         """Begin anew with another module at an address."""
-        given_up = self.feeds[seat.patch.address].restart()
-        self.fates.move("incomplete", given_up)
+        given_up = self.streams[seat.patch.address].restart()
+        self.outcomes.move("incomplete", given_up)
 
-    def take(self, data: Data, arrived: int, port: str) -> Fate:
+    def take(self, data: Data, arrived: int, port: str) -> PacketOutcome:
         """Take data in; its fate so far."""
-        feed = self.feeds.get(data.address)
+        feed = self.streams.get(data.address)
         if feed is None:
-            self.roster.meet_stranger(data.address, arrived, port)
+            self.registry.report_unknown_address(data.address, arrived, port)
             return "foreign"
-        seat = feed.seat
+        seat = feed.slot
         if port != seat.port:
-            seat.overhear(arrived, port)
+            seat.note_rejected_data(arrived, port)
             return "foreign"
         size = len(data.counts)
         if size == 0 or data.first + size > seat.taxels:
@@ -142,18 +147,20 @@ class Assembler:
             seat.say(arrived, "rebooted", "its clock began anew")
         if not feed.vouched or clock.reboots != feed.reboots:
             feed.vouch()
-        if not feed.vouched or arrived < seat.held_until or self.timeline is None:
+        if not feed.vouched or arrived < seat.hold_until or self.timeline is None:
             return "held"
         seat.believe(arrived)
         return self.sort(feed, data, moment, arrived)
 
-    def sort(self, feed: Feed, data: Data, moment: ScanTime, arrived: int) -> Fate:
+    def sort(
+        self, feed: PatchStream, data: Data, moment: ScanTime, arrived: int
+    ) -> PacketOutcome:
         """Put believed data to its scan; its fate so far."""
         number = moment.number
         novelty = feed.numbers.take(number)
         if novelty == "old":
             return "late"
-        if len(data.counts) == feed.seat.taxels:
+        if len(data.counts) == feed.slot.taxels:
             if novelty == "again":
                 return "duplicate"
             return self.place(feed, moment, data.counts, 1, arrived)
@@ -163,22 +170,22 @@ class Assembler:
         if part is None:
             return "duplicate"
         if not part.have.all():
-            self.fates.move("incomplete", feed.give_up(0))
+            self.outcomes.move("incomplete", feed.give_up(0))
             return "waiting"
         del feed.parts[number]
         feed.complete.take(number)
         fate = self.place(feed, moment, part.counts, part.packets, arrived)
-        self.fates.move(fate, part.packets - 1)
+        self.outcomes.move(fate, part.packets - 1)
         return fate
 
     def place(
         self,
-        feed: Feed,
+        feed: PatchStream,
         moment: ScanTime,
         counts: Integer[np.ndarray, "part"],
         packets: int,
         arrived: int,
-    ) -> Fate:
+    ) -> PacketOutcome:
         """Put a complete scan to its period; the fate of its packets so far."""
         if self.timeline is None:
             return "held"
@@ -189,13 +196,13 @@ class Assembler:
             feed, moment.number, moment.stamp, counts, packets, arrived
         )
 
-    def say_pace(self, feed: Feed, change: Change, arrived: int) -> None:
+    def say_pace(self, feed: PatchStream, change: RateChange, arrived: int) -> None:
         """Tell that a patch has become slow, or is no longer."""
         measured, promised = feed.pace.measured, feed.pace.promised
         text = f"{measured:.1f} of {promised} scans a second come"
         if change == "slow":
             text += "; check its power and how much its line can carry"
-        feed.seat.say(arrived, change, text)
+        feed.slot.say(arrived, change, text)
 
     def poll(self, now: int) -> list[Scan]:
         """Scans that are complete or due; all that arrived before `now` was pushed.
@@ -205,7 +212,7 @@ class Assembler:
         """
         if now - self.looked >= LOOK:
             self.looked = now
-            for seat in self.roster.poll(now):
+            for seat in self.registry.poll(now):
                 self.change(seat)
             self.tell_lost(now)
         scans = [] if self.timeline is None else self.timeline.poll(now)
@@ -214,17 +221,17 @@ class Assembler:
     def finish(self, stamp: int, period: PeriodScans) -> Scan:
         """The scan of a period that is over."""
         self.given += 1
-        for feed in self.feeds.values():
+        for feed in self.streams.values():
             if feed.parts:
                 self.drop_parts(feed, stamp)
         return Scan(stamp, period.counts, period.received, self.joints.q_at(stamp))
 
-    def drop_parts(self, feed: Feed, before: int) -> None:
+    def drop_parts(self, feed: PatchStream, before: int) -> None:
         """Give up scans of which parts are missing, and tell."""
         packets = feed.give_up(before)
-        self.fates.move("incomplete", packets)
+        self.outcomes.move("incomplete", packets)
         if packets:
-            patch = feed.seat.patch.id
+            patch = feed.slot.patch.id
             self.log.count(
                 "lost",
                 f"packets of patch '{patch}' are of scans that came only in part and "
@@ -235,11 +242,11 @@ class Assembler:
 
     def tell_lost(self, now: int) -> None:
         """Count what is lost for good, and let the log say what is due."""
-        for feed in self.feeds.values():
+        for feed in self.streams.values():
             lost = feed.numbers.gone - feed.lost_said
             if lost:
                 feed.lost_said += lost
-                patch = feed.seat.patch.id
+                patch = feed.slot.patch.id
                 self.log.count(
                     "lost",
                     f"scans of patch '{patch}' did not arrive; check its line",
@@ -256,8 +263,8 @@ class Assembler:
     def ages(self, now: int) -> dict[str, float]:
         """How old each patch's newest data is [s]; infinite where there is none."""
         return {
-            feed.seat.patch.id: inf if fresh is None else (now - fresh) / NS_PER_S
-            for feed in self.feeds.values()
+            feed.slot.patch.id: inf if fresh is None else (now - fresh) / NS_PER_S
+            for feed in self.streams.values()
             for fresh in (feed.fresh,)
         }
 
@@ -265,14 +272,14 @@ class Assembler:
         """How long after its reading's stamp each patch began its newest scan [s]."""
         grid = None if self.timeline is None else self.timeline.grid
         return {
-            feed.seat.patch.id: (feed.newest - grid.start(feed.period)) / NS_PER_S
-            for feed in self.feeds.values()
+            feed.slot.patch.id: (feed.newest - grid.start(feed.period)) / NS_PER_S
+            for feed in self.streams.values()
             if grid and feed.newest is not None and feed.period is not None
         }
 
-    def counted(self) -> dict[str, int]:
+    def counters(self) -> dict[str, int]:
         """Readings given, packets by their fate, lost scans, skipped periods."""
-        lost = sum(feed.numbers.lost for feed in self.feeds.values())
+        lost = sum(feed.numbers.lost for feed in self.streams.values())
         skipped = 0 if self.timeline is None else self.timeline.skipped
         counts = {"readings": self.given, "lost": lost, "skipped": skipped}
-        return {**counts, **self.fates.counts}
+        return {**counts, **self.outcomes.counts}

@@ -13,7 +13,7 @@ BUCKETS = 10
 ENOUGH = 5
 """From how many of them drift is told."""
 LEARN = 0.3
-"""Part of a newly found drift that is believed."""
+"""PartialScan of a newly found drift that is believed."""
 MOST_DRIFT = 0.01
 """The worst clock of a microcontroller, one without a crystal."""
 JUMP = 50_000_000
@@ -22,7 +22,7 @@ buffer, or that the device's clock was set [ns]."""
 
 
 @final
-class LeastDelay:
+class ClockOffsetEstimator:
     """Maps device time to host time; offset and drift follow the least delayed.
 
     Delays only ever make packets late, so the smallest arrival minus device time of a
@@ -99,7 +99,7 @@ Novelty = Literal["new", "again", "old"]
 
 
 @final
-class ScanNumbers:
+class ScanNumberWindow:
     """Scan numbers as they are heard, in whatever order; a few are remembered.
 
     Attributes:
@@ -190,7 +190,7 @@ class ScanTime(NamedTuple):
 
 
 @final
-class Epoch:
+class ClockEpoch:
     """A device's clock from one power-up to the next."""
 
     def __init__(self, device_time: int, scan: int, arrived: int) -> None:
@@ -199,7 +199,7 @@ class Epoch:
         self.number = scan
         self.since = self.arrived = arrived
         self.scans = 1
-        self.delay = LeastDelay(device_time, arrived)
+        self.delay = ClockOffsetEstimator(device_time, arrived)
 
     def step(self, device_time: int, scan: int, arrived: int) -> tuple[int, int] | None:
         """How much later than the latest packet this one is: time [us] and scans.
@@ -237,7 +237,7 @@ class Epoch:
 
 
 @final
-class DeviceTime:
+class DeviceClock:
     """The clock of one patch, through wraps, drift, delays and reboots.
 
     A packet that does not fit the clock is not believed, and begins another only when
@@ -251,8 +251,8 @@ class DeviceTime:
 
     def __init__(self) -> None:
         """Start without having heard the patch."""
-        self.epoch: Epoch | None = None
-        self.candidate: Epoch | None = None
+        self.epoch: ClockEpoch | None = None
+        self.candidate: ClockEpoch | None = None
         self.shift = 0
         self.reboots = 0
 
@@ -279,7 +279,7 @@ class DeviceTime:
         other = self.candidate
         step = None if other is None else other.step(device_time, scan, arrived)
         if other is None or step is None:
-            self.candidate = Epoch(device_time, scan, arrived)
+            self.candidate = ClockEpoch(device_time, scan, arrived)
             return
         other.take(step, arrived)
         if other.settled:

@@ -6,10 +6,10 @@ from typing import final
 from eskin.drivers.assembler import Assembler
 from eskin.drivers.clock import Clock
 from eskin.drivers.events import Event, EventLog
-from eskin.drivers.module_registry import MOST_RATE, Fate
-from eskin.drivers.packet import decode
-from eskin.drivers.source import Joints, Source, SourceInfo
-from eskin.drivers.transport import Delivery, Transport
+from eskin.drivers.module_registry import MOST_RATE, PacketOutcome
+from eskin.drivers.packet import decode_packet
+from eskin.drivers.source import JointSource, Source, SourceInfo
+from eskin.drivers.transport import ReceivedPacket, Transport
 from eskin.errors import DeviceError, PacketError, SkinMismatchError
 from eskin.skin import MountedSkin
 from eskin.touch import Calibration, Scan
@@ -38,7 +38,7 @@ class DeviceSource(Source):
         transport: Transport,
         mounted: MountedSkin,
         calibration: Calibration,
-        joints: Joints,
+        joints: JointSource,
         clock: Clock,
         uri: str,
         rate: float | None = None,
@@ -93,11 +93,11 @@ class DeviceSource(Source):
 
     def listen(self) -> float:
         """The rate that patches promise, as soon as all of them were heard [1/s]."""
-        roster = self.assembler.roster
+        roster = self.assembler.registry
         end = self.clock.now() + round(LISTEN * NS_PER_S)
         while (now := self.clock.now()) < end:
             self.take(self.transport.read(min(LONGEST_WAIT, (end - now) / NS_PER_S)))
-            if all(seat.holder for seat in roster.seats.values()):
+            if all(seat.module for seat in roster.slots.values()):
                 break
         return float(roster.promised or USUAL_RATE)
 
@@ -117,18 +117,22 @@ class DeviceSource(Source):
         What the system holds was all read before a period is given up: the time that is
         asked for is that of the first packet of a read, or of the end of a wait.
         """
-        times = [now + round(LONGEST_WAIT * NS_PER_S), self.assembler.due(), end]
+        times = [
+            now + round(LONGEST_WAIT * NS_PER_S),
+            self.assembler.next_deadline(),
+            end,
+        ]
         until = max(now, min(time for time in times if time is not None))
         deliveries = self.transport.read((until - now) / NS_PER_S)
         self.take(deliveries)
         heard = deliveries[0].arrived if deliveries else until
         self.ready += self.assembler.poll(min(heard, self.clock.now()))
 
-    def take(self, deliveries: list[Delivery]) -> None:
+    def take(self, deliveries: list[ReceivedPacket]) -> None:
         """Decode packets and hand them over; what is none is only counted."""
         for port, arrived, data in deliveries:
             try:
-                packet = decode(data)
+                packet = decode_packet(data)
             except PacketError as error:
                 self.refuse(error, port)
             else:
@@ -136,8 +140,10 @@ class DeviceSource(Source):
 
     def refuse(self, error: PacketError, port: str) -> None:
         """Count bytes that are no packet of this version."""
-        fate: Fate = "unknown" if error.reason in ("version", "kind") else "damaged"
-        self.assembler.fates.add(fate)
+        fate: PacketOutcome = (
+            "unknown" if error.reason in ("version", "kind") else "damaged"
+        )
+        self.assembler.outcomes.add(fate)
         text = f"packets at {port} have a wrong {error.reason}; check cable and baud"
         if fate == "unknown":
             text = f"packets at {port} are of another {error.reason}; update eskin"
@@ -154,14 +160,14 @@ class DeviceSource(Source):
         events = self.log.take() + self.transport.take_events(self.clock.now())
         return sorted(events, key=lambda event: event.stamp)
 
-    def counted(self) -> dict[str, int]:
+    def counters(self) -> dict[str, int]:
         """Readings, packets by their fate, lost scans, skipped periods, transport.
 
         `unread`: readings that were ready but were not read, or not yet.
         """
-        counts = {**self.assembler.counted(), "unread": self.unread}
+        counts = {**self.assembler.counters(), "unread": self.unread}
         counts["readings"] -= self.unread
-        return {**counts, **self.transport.counted()}
+        return {**counts, **self.transport.counters()}
 
     @property
     def unread(self) -> int:

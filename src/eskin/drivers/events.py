@@ -70,7 +70,7 @@ MOST_TROUBLES = 256
 
 
 @final
-class Trouble:
+class RepeatedEvent:
     """Something that happens again and again at one place."""
 
     def __init__(self) -> None:
@@ -86,7 +86,7 @@ class EventLog:
     def __init__(self) -> None:
         """Start empty."""
         self.events: deque[Event] = deque(maxlen=MOST)
-        self.troubles: dict[tuple[EventKind, str, str | None], Trouble] = {}
+        self.troubles: dict[tuple[EventKind, str, str | None], RepeatedEvent] = {}
 
     def say(
         self, stamp: int, kind: EventKind, text: str, patch: str | None = None
@@ -110,7 +110,7 @@ class EventLog:
         if trouble is None:
             if len(self.troubles) >= MOST_TROUBLES:
                 del self.troubles[next(iter(self.troubles))]
-            trouble = self.troubles[key] = Trouble()
+            trouble = self.troubles[key] = RepeatedEvent()
         trouble.count += count
 
     def poll(self, now: int) -> None:

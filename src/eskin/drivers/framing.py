@@ -8,16 +8,16 @@ from typing import final
 
 from cobs import cobs
 
-from eskin.drivers.packet import MOST_BYTES
+from eskin.drivers.packet import MAX_PACKET_BYTES
 
 END = b"\0"
 RUN = 254
 """Bytes that COBS adds one byte for, where none of them is zero."""
-MOST_FRAME = MOST_BYTES + -(-MOST_BYTES // RUN)
+MAX_FRAME_BYTES = MAX_PACKET_BYTES + -(-MAX_PACKET_BYTES // RUN)
 """Bytes of the longest frame, without its zero."""
 
 
-def frame(packet: bytes) -> bytes:
+def encode_frame(packet: bytes) -> bytes:
     """The packet as it goes on the line, with the zero that ends it."""
     return cobs.encode(packet) + END
 
@@ -60,7 +60,7 @@ class Deframer:
         """Add bytes to the open frame, or throw it away where it gets too long."""
         if self.skipping or not part:
             return
-        if len(self.open) + len(part) > MOST_FRAME:
+        if len(self.open) + len(part) > MAX_FRAME_BYTES:
             self.broken += 1
             self.skipping = True
             self.open.clear()

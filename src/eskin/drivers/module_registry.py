@@ -13,7 +13,7 @@ from eskin.skin import Patch, Skin
 from eskin.touch import CalibrationConfig
 from eskin.units import NS_PER_S
 
-Fate = Literal[
+PacketOutcome = Literal[
     "used",
     "duplicate",
     "late",
@@ -30,7 +30,7 @@ Fate = Literal[
 
 
 @final
-class Fates:
+class PacketCounts:
     """How many packets had which fate; the sum is how many came.
 
     Attributes:
@@ -46,13 +46,15 @@ class Fates:
 
     def __init__(self) -> None:
         """Start without packets."""
-        self.counts: dict[Fate, int] = dict.fromkeys(get_args(Fate), 0)
+        self.counts: dict[PacketOutcome, int] = dict.fromkeys(
+            get_args(PacketOutcome), 0
+        )
 
-    def add(self, fate: Fate, packets: int = 1) -> None:
+    def add(self, fate: PacketOutcome, packets: int = 1) -> None:
         """Packets came that have a fate."""
         self.counts[fate] += packets
 
-    def move(self, fate: Fate, packets: int) -> None:
+    def move(self, fate: PacketOutcome, packets: int) -> None:
         """Packets that waited have their fate now."""
         self.counts["waiting"] -= packets
         self.counts[fate] += packets
@@ -66,7 +68,7 @@ ALONE = 3 * NS_PER_S
 """How long only one module must be heard until it is believed again [ns]."""
 REORDERED = NS_PER_S // 20
 """How long after another module began the first must be heard to be alive [ns]."""
-HOLD = round((CalibrationConfig().silence_seconds + 0.5) * NS_PER_S)
+HOLD_TIME = round((CalibrationConfig().silence_seconds + 0.5) * NS_PER_S)
 """How long a module is held back that takes the place of another [ns]: then the
 calibrator, which has not heard its taxels for so long, tares them anew."""
 MOST_CLAIMS = 8
@@ -75,7 +77,7 @@ Say = Callable[[int, EventKind, str, str | None], None]
 
 
 @dataclass
-class Claim:
+class ModuleClaim:
     """A module that says that it is at an address."""
 
     serial_number: int
@@ -102,13 +104,13 @@ class Claim:
 
 
 @final
-class Seat:
+class AddressSlot:
     """Believes one module at an address, or none where it cannot tell two apart.
 
     Attributes:
         port: where data is believed from; None while none is.
         holder: the module that has the address.
-        held_until: before this time its data is not used [ns].
+        hold_until: before this time its data is not used [ns].
         disputed: whether more than one module claims the address.
         silent: whether no scans of the holder come.
     """
@@ -118,16 +120,16 @@ class Seat:
         self.patch = patch
         self.taxels = taxels
         self.tell = say
-        self.claims: dict[tuple[int, str], Claim] = {}
-        self.holder: Claim | None = None
+        self.claims: dict[tuple[int, str], ModuleClaim] = {}
+        self.module: ModuleClaim | None = None
         self.port: str | None = None
-        self.held_until = 0
+        self.hold_until = 0
         self.disputed = False
         self.announced = False
         self.silent = False
         self.data_at = 0
         self.known_serial: int | None = None
-        self.believed_at = 0
+        self.used_at = 0
 
     def say(self, stamp: int, kind: EventKind, text: str) -> None:
         """Something happened to this patch."""
@@ -146,7 +148,7 @@ class Seat:
         if claim is not None:
             self.greet_again(claim, hello, arrived)
             return changed
-        claim = Claim(
+        claim = ModuleClaim(
             hello.serial_number,
             port,
             self.fits(hello),
@@ -158,16 +160,16 @@ class Seat:
         )
         if not claim.fits:
             self.say(arrived, "misfit", self.misfit_text(claim, hello))
-        holder = self.holder
+        holder = self.module
         if holder is None or (not self.disputed and self.gone(arrived)):
             self.claims = {key: claim}
-            return self.seat(claim, arrived) or changed
+            return self.slot(claim, arrived) or changed
         if len(self.claims) < MOST_CLAIMS:
             self.claims[key] = claim
             self.disputed, self.port = True, None
         return changed
 
-    def greet_again(self, claim: Claim, hello: Hello, arrived: int) -> None:
+    def greet_again(self, claim: ModuleClaim, hello: Hello, arrived: int) -> None:
         """Hear one more hello of a module; its program may be another by now."""
         fits = self.fits(hello)
         other, claim.fits = fits != claim.fits, fits
@@ -178,12 +180,12 @@ class Seat:
             return
         if not fits:
             self.say(arrived, "misfit", self.misfit_text(claim, hello))
-        if claim is self.holder and not self.disputed:
-            self.seat(claim, arrived)
+        if claim is self.module and not self.disputed:
+            self.slot(claim, arrived)
             if fits:
                 self.say(arrived, "returned", f"{claim.name} is of this skin now")
 
-    def misfit_text(self, claim: Claim, hello: Hello) -> str:
+    def misfit_text(self, claim: ModuleClaim, hello: Hello) -> str:
         """What is wrong with a module of another shape."""
         return (
             f"{claim.name} has {hello.rows} rows, {hello.columns} columns and "
@@ -192,21 +194,21 @@ class Seat:
             "plug in the right module or correct the skin file"
         )
 
-    def seat(self, claim: Claim, arrived: int) -> bool:
+    def seat(self, claim: ModuleClaim, arrived: int) -> bool:
         """Give the address to a module; whether it is another than before."""
-        old, self.holder = self.holder, claim
+        old, self.module = self.module, claim
         again = self.announced and old is claim
         self.disputed = self.announced = self.silent = False
         self.data_at = arrived
         self.port = claim.port if claim.fits else None
         other = self.known_serial not in (None, claim.serial_number)
-        self.held_until = self.believed_at + HOLD if other else 0
+        self.hold_until = self.used_at + HOLD_TIME if other else 0
         if not claim.fits:
             return old is None or old.serial_number != claim.serial_number
         if old is None:
             self.say(arrived, "appeared", f"{claim.name} is heard")
         elif old.serial_number != claim.serial_number:
-            wait = max(0, self.held_until - arrived) / NS_PER_S
+            wait = max(0, self.hold_until - arrived) / NS_PER_S
             text = f"{claim.name} has taken the place of {old.name}"
             self.say(arrived, "replaced", f"{text}; it is used in {wait:.1f} s")
         elif old.port != claim.port:
@@ -217,28 +219,28 @@ class Seat:
 
     def gone(self, now: int) -> bool:
         """Whether nothing has been heard of the holder for too long."""
-        return self.holder is None or now - self.holder.heard >= self.patience
+        return self.module is None or now - self.module.heard >= self.patience
 
     @property
     def patience(self) -> int:
         """How long the holder may be unheard [ns]."""
-        rate = (self.holder and self.holder.rate) or NS_PER_S
+        rate = (self.module and self.module.rate) or NS_PER_S
         return max(SILENT, SILENT_SCANS * NS_PER_S // rate)
 
     def hear(self, arrived: int) -> None:
         """Data of the holder came, by its port and its clock."""
         self.data_at = arrived
-        if self.holder is not None:
-            self.holder.heard = arrived
+        if self.module is not None:
+            self.module.heard = arrived
         if self.silent:
             self.silent = False
             self.say(arrived, "returned", "its scans come again")
 
     def believe(self, arrived: int) -> None:
         """Data of the holder is used."""
-        self.believed_at = arrived
-        if self.holder is not None:
-            self.known_serial = self.holder.serial_number
+        self.used_at = arrived
+        if self.module is not None:
+            self.known_serial = self.module.serial_number
 
     def overhear(self, arrived: int, port: str) -> None:
         """Data came that is not believed: whoever alone claims that port is alive."""
@@ -279,7 +281,7 @@ class Seat:
             latest = max(self.claims, key=lambda key: self.claims[key].heard)
             alive = {latest: self.claims[latest]}
         self.claims = alive
-        return self.seat(next(iter(alive.values())), now)
+        return self.slot(next(iter(alive.values())), now)
 
     def poll(self, now: int) -> bool:
         """Notice who is gone; whether the address has another module from now on."""
@@ -298,7 +300,7 @@ MOST_STRANGERS = 64
 
 
 @final
-class Roster:
+class ModuleRegistry:
     """The addresses of a skin, and the modules that claim them.
 
     Attributes:
@@ -314,32 +316,32 @@ class Roster:
         """
         self.log = log
         counts = np.bincount(skin.patch_index, minlength=len(skin.patches))
-        self.seats = {
-            patch.address: Seat(patch, int(count), log.say)
+        self.slots = {
+            patch.address: AddressSlot(patch, int(count), log.say)
             for patch, count in zip(skin.patches, counts, strict=True)
         }
         self.strangers: set[int] = set()
-        if len(self.seats) != len(skin.patches):
+        if len(self.slots) != len(skin.patches):
             raise SkinError(
                 f"skin '{skin.name}' has {len(skin.patches)} patches at "
-                f"{len(self.seats)} addresses; allowed is one address a patch; "
+                f"{len(self.slots)} addresses; allowed is one address a patch; "
                 "correct the skin file"
             )
 
-    def greet(self, hello: Hello, arrived: int, port: str) -> Seat | None:
+    def greet(self, hello: Hello, arrived: int, port: str) -> AddressSlot | None:
         """Hear a hello; the seat if it has another module from now on."""
-        seat = self.seats.get(hello.address)
+        seat = self.slots.get(hello.address)
         if seat is None:
-            self.meet_stranger(hello.address, arrived, port)
+            self.report_unknown_address(hello.address, arrived, port)
             return None
-        return seat if seat.greet(hello, arrived, port) else None
+        return seat if seat.handle_hello(hello, arrived, port) else None
 
-    def meet_stranger(self, address: int, arrived: int, port: str) -> None:
+    def report_unknown_address(self, address: int, arrived: int, port: str) -> None:
         """Say once that an address is not of this skin."""
         if address in self.strangers or len(self.strangers) >= MOST_STRANGERS:
             return
         self.strangers.add(address)
-        known = ", ".join(str(known) for known in sorted(self.seats))
+        known = ", ".join(str(known) for known in sorted(self.slots))
         self.log.say(
             arrived,
             "misfit",
@@ -347,9 +349,9 @@ class Roster:
             "set the module's address or use its skin file",
         )
 
-    def poll(self, now: int) -> list[Seat]:
+    def poll(self, now: int) -> list[AddressSlot]:
         """Notice who is gone; the seats that have another module from now on."""
-        return [seat for seat in self.seats.values() if seat.poll(now)]
+        return [seat for seat in self.slots.values() if seat.poll(now)]
 
     @property
     def promised(self) -> int:
@@ -357,6 +359,6 @@ class Roster:
 
         A rate that no skin has is not believed.
         """
-        holders = (seat.holder for seat in self.seats.values() if seat.port)
+        holders = (seat.module for seat in self.slots.values() if seat.port)
         rates = (holder.rate for holder in holders if holder)
         return max((rate for rate in rates if rate <= MOST_RATE), default=0)

@@ -6,21 +6,21 @@ from typing import Literal, final
 import numpy as np
 from jaxtyping import Bool, Int
 
-from eskin.drivers.clock_sync import DeviceTime, ScanNumbers
-from eskin.drivers.module_registry import Seat
+from eskin.drivers.clock_sync import DeviceClock, ScanNumberWindow
+from eskin.drivers.module_registry import AddressSlot
 from eskin.drivers.packet import Data
 from eskin.units import NS_PER_S
 
 LEAST_SCANS = 10
 """Fewer tell no rate."""
 ENOUGH = 0.8
-"""Part of the promised rate below which a patch is slow."""
+"""PartialScan of the promised rate below which a patch is slow."""
 
-Change = Literal["slow", "on_rate"]
+RateChange = Literal["slow", "on_rate"]
 
 
 @final
-class Pace:
+class ScanRateMeter:
     """Counts scans by their own stamps, so that delays do not matter.
 
     Attributes:
@@ -48,7 +48,7 @@ class Pace:
         promised = self.promised or NS_PER_S
         return max(NS_PER_S, LEAST_SCANS * NS_PER_S // promised)
 
-    def push(self, stamp: int) -> Change | None:
+    def push(self, stamp: int) -> RateChange | None:
         """Count a scan that began at a time [ns]; what has changed, if anything."""
         start = self.start
         if start is None or not 0 <= stamp - start < 2 * self.window:
@@ -67,12 +67,12 @@ class Pace:
         return "slow" if slow else "on_rate"
 
 
-MOST_PARTS = 4
+MAX_PARTIAL_SCANS = 4
 """Scans of which only parts have come; more are given up."""
 
 
 @dataclass(eq=False)
-class Part:
+class PartialScan:
     """A scan of which some packets have come."""
 
     stamp: int
@@ -86,7 +86,7 @@ class Part:
 
 
 @final
-class Feed:
+class PatchStream:
     """State of one patch's data; `Assembler` decides what is done with it.
 
     Attributes:
@@ -97,20 +97,20 @@ class Feed:
         used_period: the latest period of which a scan was given out.
     """
 
-    def __init__(self, seat: Seat, taxels: Int[np.ndarray, "part"]) -> None:
+    def __init__(self, seat: AddressSlot, taxels: Int[np.ndarray, "part"]) -> None:
         """Start without data."""
-        self.seat = seat
+        self.slot = seat
         whole = np.arange(taxels[0], taxels[0] + len(taxels)) if len(taxels) else taxels
         self.taxels = (
             slice(int(taxels[0]), int(taxels[-1]) + 1)
             if len(taxels) and np.array_equal(whole, taxels)
             else taxels
         )
-        self.clock = DeviceTime()
-        self.pace = Pace()
-        self.numbers = ScanNumbers()
-        self.complete = ScanNumbers()
-        self.parts: dict[int, Part] = {}
+        self.clock = DeviceClock()
+        self.pace = ScanRateMeter()
+        self.numbers = ScanNumberWindow()
+        self.complete = ScanNumberWindow()
+        self.parts: dict[int, PartialScan] = {}
         self.reboots = 0
         self.lost_said = 0
         self.skipped: int | None = None
@@ -124,8 +124,8 @@ class Feed:
         """Begin anew with another module; packets of scans that are given up."""
         packets = sum(part.packets for part in self.parts.values())
         self.parts.clear()
-        self.clock = DeviceTime()
-        self.pace = Pace()
+        self.clock = DeviceClock()
+        self.pace = ScanRateMeter()
         self.numbers.forget()
         self.complete.forget()
         self.reboots, self.vouched = 0, False
@@ -149,17 +149,17 @@ class Feed:
         """
         if self.reboots != self.clock.reboots:
             self.reboots, self.vouched = self.clock.reboots, False
-        holder = self.seat.holder
+        holder = self.slot.module
         if not self.vouched and holder is not None:
             self.vouched = self.clock.agrees(holder.device_time, holder.greeted)
         return self.vouched
 
-    def add_part(self, number: int, stamp: int, data: Data) -> Part | None:
+    def add_part(self, number: int, stamp: int, data: Data) -> PartialScan | None:
         """Put a packet to its scan; None where it was there already."""
         part = self.parts.get(number)
         if part is None:
-            size = self.seat.taxels
-            part = Part(stamp, np.zeros(size, np.int32), np.zeros(size, bool), 0)
+            size = self.slot.taxels
+            part = PartialScan(stamp, np.zeros(size, np.int32), np.zeros(size, bool), 0)
             self.parts[number] = part
         place = slice(data.first, data.first + len(data.counts))
         if part.have[place].all():
@@ -175,7 +175,7 @@ class Feed:
         while self.parts:
             number = min(self.parts)
             part = self.parts[number]
-            if part.stamp >= before and len(self.parts) <= MOST_PARTS:
+            if part.stamp >= before and len(self.parts) <= MAX_PARTIAL_SCANS:
                 break
             packets += part.packets
             del self.parts[number]

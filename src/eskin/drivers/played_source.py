@@ -81,7 +81,7 @@ class PlayedSource(Source):
         scans: Iterable[Scan],
         pace: float = 1.0,
         clock: Clock | None = None,
-        anew: bool = False,
+        restamp: bool = False,
     ) -> None:
         """Make ready; playing begins at the first `read`.
 
@@ -91,7 +91,7 @@ class PlayedSource(Source):
             pace: seconds played in a second: 1 is real time, `STEPPED` (infinite) gives
                 each scan as soon as it is asked for.
             clock: that playing is timed by; None takes this computer's.
-            anew: whether stamps are shifted so that the first is the clock's now; else
+            restamp: whether stamps are shifted so that the first is the clock's now; else
                 the scans keep their own. `Source.clock` tells the same time as the
                 stamps either way.
 
@@ -108,7 +108,7 @@ class PlayedSource(Source):
         self.scans = iter(scans)
         self.next = next(self.scans, None)
         self.first = self.next.stamp if self.next is not None else 0
-        self.played = PlayedClock(self.host, pace, None if anew else self.first)
+        self.played = PlayedClock(self.host, pace, None if restamp else self.first)
         self.clock = self.played
         self.given = 0
 
@@ -138,7 +138,7 @@ class PlayedSource(Source):
         """Nothing happens to what is played."""
         return []
 
-    def counted(self) -> dict[str, int]:
+    def counters(self) -> dict[str, int]:
         """The `readings` given."""
         return {"readings": self.given}
 
@@ -153,7 +153,7 @@ def replay_source(
     path: Path | str,
     pace: float = 1.0,
     clock: Clock | None = None,
-    anew: bool = False,
+    restamp: bool = False,
 ) -> PlayedSource:
     """A recording as a source; robot, skin and calibration are those in the file.
 
@@ -161,7 +161,7 @@ def replay_source(
         path: of the recording; one that is cut is played up to its last whole chunk.
         pace: as of `PlayedSource`.
         clock: as of `PlayedSource`.
-        anew: as of `PlayedSource`.
+        restamp: as of `PlayedSource`.
 
     Raises:
         RecordingError: there is no such file, or nothing in it can be used.
@@ -175,4 +175,4 @@ def replay_source(
         calibration=recording.calibration,
         rate=NS_PER_S / recording.period if recording.period else 0.0,
     )
-    return PlayedSource(info, recording.scans(), pace, clock, anew)
+    return PlayedSource(info, recording.scans(), pace, clock, restamp)

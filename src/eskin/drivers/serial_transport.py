@@ -14,7 +14,7 @@ from serial.tools import list_ports
 from eskin.drivers.clock import Clock
 from eskin.drivers.events import Event, EventLog
 from eskin.drivers.framing import Deframer
-from eskin.drivers.transport import Delivery, Transport
+from eskin.drivers.transport import ReceivedPacket, Transport
 from eskin.errors import DeviceError
 from eskin.units import NS_PER_S
 
@@ -150,7 +150,7 @@ class SerialPortInfo:
     """Whether this user may read and write it."""
 
 
-def serial_ports() -> list[SerialPortInfo]:
+def list_serial_ports() -> list[SerialPortInfo]:
     """Ports with hardware behind them, by path; built-in ones without are left out."""
     return [
         SerialPortInfo(
@@ -200,7 +200,7 @@ class SerialTransport(Transport):
             self.close()
             raise
 
-    def read(self, timeout: float) -> list[Delivery]:
+    def read(self, timeout: float) -> list[ReceivedPacket]:
         """What has come at all ports, at most 64 kB of each."""
         if self.closed:
             return []
@@ -219,7 +219,9 @@ class SerialTransport(Transport):
                 text = f"port {port.path} is gone; plug it in again"
                 self.log.say(arrived, "silent", text)
                 continue
-            deliveries += [Delivery(port.path, arrived, packet) for packet in packets]
+            deliveries += [
+                ReceivedPacket(port.path, arrived, packet) for packet in packets
+            ]
         return deliveries
 
     def ready(self, ports: list[SerialPort], timeout: float) -> list[SerialPort]:
@@ -234,7 +236,7 @@ class SerialTransport(Transport):
         """Ports that went and came."""
         return self.log.take()
 
-    def counted(self) -> dict[str, int]:
+    def counters(self) -> dict[str, int]:
         """Bytes, frames, and those broken, of all ports."""
         ports = self.ports.values()
         return {

@@ -15,7 +15,7 @@ from eskin.skin import Skin
 from eskin.touch import Calibration, Scan
 
 
-class Joints(ABC):
+class JointSource(ABC):
     """Tells the joint positions of a robot at a time."""
 
     @abstractmethod
@@ -24,7 +24,7 @@ class Joints(ABC):
 
 
 @final
-class FixedJoints(Joints):
+class FixedJoints(JointSource):
     """A robot that does not move."""
 
     def __init__(self, q: Float[np.ndarray, "joint"]) -> None:
@@ -88,7 +88,7 @@ class Source(Closing):
         """What has happened since it was last asked."""
 
     @abstractmethod
-    def counted(self) -> dict[str, int]:
+    def counters(self) -> dict[str, int]:
         """What it has counted so far: `readings` given, and more by its kind."""
 
     def __iter__(self) -> Iterator[Scan]:

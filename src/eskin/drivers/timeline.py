@@ -5,8 +5,8 @@ from typing import final
 import numpy as np
 from jaxtyping import Integer
 
-from eskin.drivers.module_registry import Fate, Fates
-from eskin.drivers.patch_stream import Feed
+from eskin.drivers.module_registry import PacketCounts, PacketOutcome
+from eskin.drivers.patch_stream import PatchStream
 from eskin.units import NS_PER_S
 
 LEAST_GRACE = 20_000_000
@@ -17,7 +17,7 @@ SAME_PACE = 0.2
 
 
 @final
-class Grid:
+class PeriodGrid:
     """Periods of equal length, counted from a start.
 
     Attributes:
@@ -77,7 +77,7 @@ BEHIND = NS_PER_S // 2
 
 
 @final
-class Timeline:
+class ScanTimeline:
     """Waits for each period's scans, and gives it out once.
 
     Attributes:
@@ -88,26 +88,30 @@ class Timeline:
     """
 
     def __init__(
-        self, grid: Grid, taxels: int, feeds: dict[int, Feed], fates: Fates
+        self,
+        grid: PeriodGrid,
+        taxels: int,
+        feeds: dict[int, PatchStream],
+        fates: PacketCounts,
     ) -> None:
         """Start at the grid's first period, for patches by their addresses."""
         self.grid = grid
         self.taxels = taxels
-        self.feeds = feeds
-        self.fates = fates
+        self.streams = feeds
+        self.outcomes = fates
         self.pending: dict[int, PeriodScans] = {}
         self.next = 0
         self.skipped = 0
 
     def place(
         self,
-        feed: Feed,
+        feed: PatchStream,
         number: int,
         stamp: int,
         counts: Integer[np.ndarray, "part"],
         packets: int,
         arrived: int,
-    ) -> Fate:
+    ) -> PacketOutcome:
         """Put a complete scan to its period; the fate of its packets so far.
 
         Args:
@@ -126,18 +130,18 @@ class Timeline:
         period = self.pending.get(k)
         if period is None:
             period = self.pending[k] = PeriodScans(self.taxels)
-        address = feed.seat.patch.address
+        address = feed.slot.patch.address
         before, others = period.scans.get(address, (number, 0))
         if before > number:
             return "superseded"
-        self.fates.move("superseded", others)
+        self.outcomes.move("superseded", others)
         period.scans[address] = (number, packets)
         period.counts[feed.taxels] = counts
         period.received[feed.taxels] = True
         feed.fresh = max(stamp, feed.fresh or 0)
         return "waiting"
 
-    def period_of(self, feed: Feed, stamp: int) -> int:
+    def period_of(self, feed: PatchStream, stamp: int) -> int:
         """The period that a scan of a patch belongs to.
 
         A patch of about the skin's rate keeps its phase until it is 0.75 periods off,
@@ -172,12 +176,12 @@ class Timeline:
             return False
         return all(
             address in period.scans or not self.is_awaited(feed, k)
-            for address, feed in self.feeds.items()
+            for address, feed in self.streams.items()
         )
 
-    def is_awaited(self, feed: Feed, k: int) -> bool:
+    def is_awaited(self, feed: PatchStream, k: int) -> bool:
         """Whether a patch is there and its next scan is likely to fall in a period."""
-        seat = feed.seat
+        seat = feed.slot
         if seat.port is None or seat.silent or feed.newest is None:
             return False
         interval = NS_PER_S / feed.pace.rate if feed.pace.rate else self.grid.period
@@ -189,14 +193,14 @@ class Timeline:
         self.next += 1
         period = self.pending.pop(k, None) or PeriodScans(self.taxels)
         for address, (_, packets) in period.scans.items():
-            self.fates.move("used", packets)
-            self.feeds[address].used_period = k
+            self.outcomes.move("used", packets)
+            self.streams[address].used_period = k
         return period
 
     def skip_to(self, k: int) -> None:
         """Go on with a later period; nobody was there to take those before."""
         for old in [old for old in self.pending if old < k]:
             for _, packets in self.pending.pop(old).scans.values():
-                self.fates.move("late", packets)
+                self.outcomes.move("late", packets)
         self.skipped += k - self.next
         self.next = k

@@ -7,7 +7,7 @@ from eskin.closing import Closing
 from eskin.drivers.events import Event
 
 
-class Delivery(NamedTuple):
+class ReceivedPacket(NamedTuple):
     """The bytes of one packet, as they came."""
 
     port: str
@@ -22,7 +22,7 @@ class Transport(Closing):
     """Hears patches over some kind of line; one thread reads it."""
 
     @abstractmethod
-    def read(self, timeout: float) -> list[Delivery]:
+    def read(self, timeout: float) -> list[ReceivedPacket]:
         """What has come; costs bounded time and memory, however much comes.
 
         Args:
@@ -37,5 +37,5 @@ class Transport(Closing):
         """What has happened to ports since it was last asked, up to a time [ns]."""
 
     @abstractmethod
-    def counted(self) -> dict[str, int]:
+    def counters(self) -> dict[str, int]:
         """What it has counted so far, by its kind."""

@@ -7,17 +7,17 @@ from typing import final
 
 from eskin.drivers.clock import Clock
 from eskin.drivers.events import Event, EventLog
-from eskin.drivers.packet import HEADER, HELLO, MOST_BYTES, decode
-from eskin.drivers.transport import Delivery, Transport
+from eskin.drivers.packet import HEADER, HELLO, MAX_PACKET_BYTES, decode_packet
+from eskin.drivers.transport import ReceivedPacket, Transport
 from eskin.errors import DeviceError, PacketError
 
-RELEASE = 2_000_000_000
+PEER_TIMEOUT = 2_000_000_000
 """After how long unheard a patch may be at another network address [ns]."""
 
 
 @final
-class Pins:
-    """Pins each patch address to the network address of its first valid hello.
+class PeerAddressFilter:
+    """PeerAddressFilter each patch address to the network address of its first valid hello.
 
     UDP says nothing about who sends; so nobody else is heard for a patch while the
     first goes on.
@@ -42,7 +42,7 @@ class Pins:
         if pinned == peer:
             self.peers[address] = (peer, now)
             return True
-        if pinned and now - heard < RELEASE:
+        if pinned and now - heard < PEER_TIMEOUT:
             return False
         if kind == HELLO and is_packet(packet):
             self.peers[address] = (peer, now)
@@ -52,7 +52,7 @@ class Pins:
 def is_packet(data: bytes) -> bool:
     """Whether bytes are a packet of a known version."""
     try:
-        decode(data)
+        decode_packet(data)
     except PacketError:
         return False
     return True
@@ -93,7 +93,7 @@ class UdpTransport(Transport):
             DeviceError: the address is not loopback, is none of this computer, or the
                 port is taken.
         """
-        check_host(host, allow_remote)
+        check_udp_host(host, allow_remote)
         family = socket.AF_INET6 if ":" in host else socket.AF_INET
         self.socket = socket.socket(family, socket.SOCK_DGRAM)
         try:
@@ -109,12 +109,12 @@ class UdpTransport(Transport):
         self.port: int = self.socket.getsockname()[1]
         self.clock = clock
         self.log = EventLog()
-        self.pins = Pins()
+        self.pins = PeerAddressFilter()
         self.names: dict[tuple[str, int], str] = {}
         self.datagrams = self.bytes = self.refused = 0
         self.closed = False
 
-    def read(self, timeout: float) -> list[Delivery]:
+    def read(self, timeout: float) -> list[ReceivedPacket]:
         """All datagrams that have come, up to 2,048."""
         deliveries = []
         if self.closed:
@@ -122,7 +122,7 @@ class UdpTransport(Transport):
         select.select([self.socket], [], [], max(0.0, timeout))
         for _ in range(MOST_DATAGRAMS):
             try:
-                packet, address = self.socket.recvfrom(MOST_BYTES + 1)
+                packet, address = self.socket.recvfrom(MAX_PACKET_BYTES + 1)
             except BlockingIOError:
                 break
             arrived = self.clock.now()
@@ -130,7 +130,7 @@ class UdpTransport(Transport):
             self.bytes += len(packet)
             peer = self.name(address)
             if self.pins.admit(packet, peer, arrived):
-                deliveries.append(Delivery(peer, arrived, packet))
+                deliveries.append(ReceivedPacket(peer, arrived, packet))
             else:
                 self.refused += 1
                 self.log.count(
@@ -156,7 +156,7 @@ class UdpTransport(Transport):
         self.log.poll(now)
         return self.log.take()
 
-    def counted(self) -> dict[str, int]:
+    def counters(self) -> dict[str, int]:
         """Datagrams, their bytes, and those refused for where they came from."""
         return {
             "datagrams": self.datagrams,
@@ -170,7 +170,7 @@ class UdpTransport(Transport):
         self.socket.close()
 
 
-def check_host(host: str, allow_remote: bool) -> None:
+def check_udp_host(host: str, allow_remote: bool) -> None:
     """Refuse what is no IP address, or not loopback unless allowed."""
     try:
         loopback = ipaddress.ip_address(host).is_loopback

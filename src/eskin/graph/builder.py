@@ -17,8 +17,7 @@ from eskin.graph.batch import NOTHING, GraphBatch
 from eskin.graph.builder_kernels import build_graph, take_in
 from eskin.graph.config import GraphConfig
 from eskin.skin import MountedSkin
-from eskin.touch import Reading
-from eskin.touch.pipeline import LinkPoseCache
+from eskin.touch import LinkPoseCache, Reading
 
 LONGEST_STEP = 0.5  # [s] between readings that a rate is taken over
 SHORTEST_STEP = 1e-4  # [s]

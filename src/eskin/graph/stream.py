@@ -12,8 +12,7 @@ from eskin.graph.share_kernels import shares_of
 from eskin.graph.shares import HeldShares, Share, Shares, held_shares
 from eskin.skin import MountedSkin
 from eskin.structref_kernels import unpack
-from eskin.touch import Reading, TouchState
-from eskin.touch.pipeline import LinkPoseCache
+from eskin.touch import LinkPoseCache, Reading, TouchState
 
 WHOLE_SKIN = 0
 """The one sequence of a skin whose distances mean nothing; touches count from 1."""

@@ -15,8 +15,7 @@ from eskin.learn.recording_transforms import RecordingTransform
 from eskin.recording import Recording, read_recording
 from eskin.robot import recorded_robot
 from eskin.skin import MountedSkin
-from eskin.touch import PipelineConfig, TouchPipeline, TouchState
-from eskin.touch.pipeline import LinkPoseCache
+from eskin.touch import LinkPoseCache, PipelineConfig, TouchPipeline, TouchState
 
 NAN_POSITION = np.full(3, np.nan)
 

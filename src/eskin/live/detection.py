@@ -8,9 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from eskin.recording import DetectionRecord
-from eskin.touch import Touch, TouchState
-from eskin.touch.pipeline import LinkPoseCache
-from eskin.touch.records import TouchStatus
+from eskin.touch import LinkPoseCache, Touch, TouchState, TouchStatus
 
 
 @dataclass(frozen=True, eq=False)

@@ -15,8 +15,15 @@ from eskin.live.logits import LogitStream
 from eskin.model import MODELS, DecisionConfig, Model, ModelCard, load_model
 from eskin.robot import Robot, load_robot
 from eskin.skin import MountedSkin, Skin, load_skin, robot_for
-from eskin.touch import Calibration, Reading, Scan, Touch, TouchPipeline, TouchState
-from eskin.touch.pipeline import LinkPoseCache
+from eskin.touch import (
+    Calibration,
+    LinkPoseCache,
+    Reading,
+    Scan,
+    Touch,
+    TouchPipeline,
+    TouchState,
+)
 
 
 def mount(skin: str | Path | Skin, robot: str | Path | Robot | None) -> MountedSkin:

@@ -1,4 +1,4 @@
-"""Recordings: MCAP files of scans and labels, and where they come from."""
+"""This package reads, writes, labels and imports recordings, which are MCAP files."""
 
 from eskin.recording.autolabel import (
     AutoLabelConfig,
@@ -33,32 +33,32 @@ from eskin.recording.writer import RecordingWriter, rewrite_recording, write_all
 
 __all__ = [
     "NONE",
-    "LabelAgreement",
     "AutoLabelConfig",
     "AutoLabelResult",
-    "label_recording",
-    "label_automatically",
-    "load_ranges",
-    "build_rough_ranges",
-    "rewrite_recording",
     "ConversionResult",
     "DetectionRecord",
     "EventRecord",
     "Label",
+    "LabelAgreement",
     "Metadata",
     "Recording",
     "RecordingWriter",
     "ScanArrays",
     "TruthRecord",
-    "select_labels",
+    "build_labels",
+    "build_rough_ranges",
     "check_no_overlap",
     "convert_shearsense",
     "convert_sleeve",
     "convert_socialtouch",
     "find_recordings",
+    "label_automatically",
     "label_instants",
-    "build_labels",
+    "label_recording",
+    "load_ranges",
     "read_recording",
+    "rewrite_recording",
+    "select_labels",
     "sort_labels",
     "write_all",
 ]

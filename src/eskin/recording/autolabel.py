@@ -1,8 +1,8 @@
 """This module labels recordings automatically and scores the labels that it finds.
 
 The method is that of the paper: "Within these ranges, we applied a threshold-based
-automatic data labeling method, incorporating a minimum window size to mitigate noise and
-prevent issues such as the separation of double-tap gestures" (Data Collection).
+automatic data labeling method, incorporating a minimum window size to mitigate noise
+and prevent issues such as the separation of double-tap gestures" (Data Collection).
 """
 
 from collections.abc import Iterable, Sequence
@@ -14,7 +14,7 @@ from jaxtyping import Bool, Float, Int
 from eskin.errors import RecordingError
 from eskin.recording.labels import NONE, Label, build_rough_ranges, sort_labels
 from eskin.recording.reader import Recording
-from eskin.touch.calibration import Calibrator
+from eskin.touch import Calibrator
 from eskin.units import NS_PER_S
 
 HISTOGRAM_BINS = 128
@@ -36,7 +36,7 @@ class AutoLabelConfig:
     over everywhere in eskin, so that both pats of a double-pat are one."""
 
     min_touch: float = 0.05
-    """Shortest touch [s]; anything shorter is noise, since a tap takes about as long."""
+    """Shortest touch [s]; anything shorter is noise. A tap takes about as long."""
 
 
 def label_automatically(

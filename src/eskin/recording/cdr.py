@@ -1,7 +1,8 @@
 """This module encodes CDR, the byte layout of ROS 2 messages (OMG DDSI-RTPS 10).
 
-Little-endian plain CDR has four bytes of encapsulation, then fields aligned to their own
-size, counted from the end of the encapsulation. An empty sequence is its count alone.
+Little-endian plain CDR has four bytes of encapsulation, then fields aligned to their
+own size, counted from the end of the encapsulation. An empty sequence is its count
+alone.
 """
 
 import struct

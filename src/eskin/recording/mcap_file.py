@@ -1,9 +1,9 @@
 """This module reads and writes MCAP files, whatever they hold.
 
-Reading goes front to back and needs no index, so a file that is cut anywhere still gives
-all its whole records. Writing uses zstd chunks and puts an index at the end. The records
-are those of the `mcap` package; messages and chunks, nearly all of a file, are put
-together here, several times as fast as that package's own writer does it.
+Reading goes front to back and needs no index, so a file that is cut anywhere still
+gives all its whole records. Writing uses zstd chunks and puts an index at the end. The
+records are those of the `mcap` package; messages and chunks, nearly all of a file, are
+encoded here, several times as fast as by that package's own writer.
 """
 
 import struct

@@ -12,7 +12,7 @@ from eskin.errors import RecordingError
 from eskin.recording.cdr import ENCAPSULATION, LATEST_STAMP, CdrPacker, CdrUnpacker
 from eskin.recording.labels import Label
 from eskin.recording.records import DetectionRecord, EventRecord, TruthRecord, Vector
-from eskin.touch.reading import Scan
+from eskin.touch import Scan
 from eskin.units import NS_PER_S
 
 

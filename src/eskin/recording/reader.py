@@ -41,8 +41,7 @@ from eskin.recording.records import (
 )
 from eskin.skin.files import skin_from_bytes
 from eskin.skin.skin import Skin
-from eskin.touch.calibration import Calibration
-from eskin.touch.reading import Scan
+from eskin.touch import Calibration, Scan
 
 
 def find_recordings(places: Iterable[Path | str]) -> tuple[Path, ...]:
@@ -74,7 +73,7 @@ def find_recordings(places: Iterable[Path | str]) -> tuple[Path, ...]:
 
 @dataclass(frozen=True)
 class ScanArrays:
-    """All scans of a recording as arrays; a row holds one scan."""
+    """All scans of a recording as arrays, of which each row holds one scan."""
 
     stamps: Int[np.ndarray, "reading"]
     """Times of the scans [ns since the epoch]."""
@@ -90,7 +89,7 @@ class ScanArrays:
 
 @dataclass(frozen=True)
 class Recording:
-    """A recording on disk, with everything but its scans in memory."""
+    """A recording on disk, of which everything but the scans is held in memory."""
 
     path: Path
     """Path of the file."""

@@ -84,7 +84,7 @@ class DetectionRecord:
 
 @dataclass(frozen=True)
 class EventRecord:
-    """An event of the skin or a part of it, such as a fault, as a recording stores it."""
+    """An event of the skin or a part of it as a recording stores it."""
 
     stamp: int
     """Time at which it was noticed [ns since the epoch]."""

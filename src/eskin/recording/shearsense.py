@@ -24,8 +24,7 @@ from eskin.recording.conversion import (
 from eskin.recording.labels import NONE, Label
 from eskin.recording.records import Metadata
 from eskin.skin.files import load_skin
-from eskin.touch.calibration import Calibration
-from eskin.touch.reading import Scan
+from eskin.touch import Calibration, Scan
 from eskin.units import NS_PER_S
 
 SIDE = 6

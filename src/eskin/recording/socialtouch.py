@@ -26,8 +26,7 @@ from eskin.recording.conversion import (
 from eskin.recording.labels import Label
 from eskin.recording.records import Metadata
 from eskin.skin.layout import grid_skin
-from eskin.touch.calibration import Calibration
-from eskin.touch.reading import Scan
+from eskin.touch import Calibration, Scan
 from eskin.units import NS_PER_S
 
 ROWS, COLUMNS = 19, 24

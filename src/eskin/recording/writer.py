@@ -49,8 +49,7 @@ from eskin.recording.records import (
 from eskin.robot.presets import load_robot
 from eskin.skin.files import skin_to_bytes
 from eskin.skin.skin import Skin
-from eskin.touch.calibration import Calibration
-from eskin.touch.reading import Scan
+from eskin.touch import Calibration, Scan
 from eskin.units import NS_PER_S
 
 Annotation = Label | DetectionRecord | EventRecord

@@ -7,7 +7,6 @@ from eskin.errors import RobotError
 from eskin.robot.robot import Robot
 from eskin.robot.urdf import load_urdf
 
-
 ROBOTS = ("ur5", "ur10", "base", "post", "table", "tube")
 """Names that `load_robot` knows."""
 

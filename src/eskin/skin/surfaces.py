@@ -43,14 +43,6 @@ class Surface(ABC):
         """Unrolled coordinates (s, t) [m] of points of the surface [m]."""
 
     @abstractmethod
-    def distances(
-        self,
-        sources: Float[np.ndarray, "source 3"],
-        targets: Float[np.ndarray, "target 3"],
-    ) -> Float[np.ndarray, "source target"]:
-        """Lengths of the shortest ways along the surface [m] between its points."""
-
-    @abstractmethod
     def gaps(
         self,
         positions: Float[np.ndarray, "point 3"],
@@ -89,16 +81,6 @@ class Plane(Surface):
     ) -> Float[np.ndarray, "point 2"]:
         """Coordinates x and y in the plane [m]."""
         return self.local(positions)[:, :2]
-
-    def distances(
-        self,
-        sources: Float[np.ndarray, "source 3"],
-        targets: Float[np.ndarray, "target 3"],
-    ) -> Float[np.ndarray, "source target"]:
-        """Straight lines [m]."""
-        return np.linalg.norm(
-            self.unroll(sources)[:, None] - self.unroll(targets)[None], axis=-1
-        )
 
     def gaps(
         self,
@@ -144,19 +126,6 @@ class Tube(Surface):
         """Arc from the x axis and height [m]."""
         x, y, z = self.local(positions).T
         return np.column_stack([self.radius * np.arctan2(y, x), z])
-
-    def distances(
-        self,
-        sources: Float[np.ndarray, "source 3"],
-        targets: Float[np.ndarray, "target 3"],
-    ) -> Float[np.ndarray, "source target"]:
-        """Helices, the shorter way round [m]."""
-        arc, rise = np.moveaxis(
-            self.unroll(sources)[:, None] - self.unroll(targets)[None], -1, 0
-        )
-        whole = 2 * np.pi * self.radius
-        arc = np.abs(arc)
-        return np.hypot(np.minimum(arc, whole - arc), rise)
 
     def gaps(
         self,
@@ -207,19 +176,6 @@ class Dome(Surface):
         across = np.linalg.norm(local[:, :2], axis=1)
         arc = self.radius * np.arctan2(across, local[:, 2])
         return local[:, :2] * (arc / np.where(across > 0, across, 1.0))[:, None]
-
-    def distances(
-        self,
-        sources: Float[np.ndarray, "source 3"],
-        targets: Float[np.ndarray, "target 3"],
-    ) -> Float[np.ndarray, "source target"]:
-        """Great circles [m]."""
-        a, b = (
-            local / np.linalg.norm(local, axis=1, keepdims=True)
-            for local in (self.local(sources), self.local(targets))
-        )
-        chord = np.linalg.norm(a[:, None] - b[None], axis=-1)
-        return 2 * self.radius * np.arcsin(np.minimum(chord / 2, 1.0))
 
     def gaps(
         self,

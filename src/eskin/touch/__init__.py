@@ -1,13 +1,23 @@
-"""From counts to touches: calibration, faults, contacts, tracks, touches."""
+"""This package turns counts into touches: calibration, faults, contacts, tracks."""
 
-from eskin.touch.calibration import Calibration, CalibrationConfig, Calibrator
+from eskin.touch.adjacency import Adjacency
+from eskin.touch.calibration import Calibration
+from eskin.touch.calibrator import CalibrationConfig, Calibrator, CrosstalkCompensator
 from eskin.touch.faults import Fault, FaultConfig, FaultDetector
-from eskin.touch.pipeline import PipelineConfig, TouchPipeline
+from eskin.touch.pipeline import LinkPoseCache, PipelineConfig, TouchPipeline
 from eskin.touch.reading import Reading, Scan
-from eskin.touch.records import TouchRecords
+from eskin.touch.records import (
+    NO_TOUCHES,
+    TOUCH,
+    TouchRecord,
+    TouchRecords,
+    TouchStatus,
+    TrackingResult,
+)
 from eskin.touch.touches import (
     Contact,
     ContactConfig,
+    PressDetector,
     Touch,
     TouchConfig,
     TouchState,
@@ -16,22 +26,31 @@ from eskin.touch.touches import (
 )
 
 __all__ = [
+    "NO_TOUCHES",
+    "TOUCH",
+    "Adjacency",
     "Calibration",
     "CalibrationConfig",
     "Calibrator",
     "Contact",
     "ContactConfig",
+    "CrosstalkCompensator",
     "Fault",
     "FaultConfig",
     "FaultDetector",
+    "LinkPoseCache",
     "PipelineConfig",
+    "PressDetector",
     "Reading",
     "Scan",
     "Touch",
     "TouchConfig",
     "TouchPipeline",
+    "TouchRecord",
     "TouchRecords",
     "TouchState",
+    "TouchStatus",
     "Track",
     "TrackConfig",
+    "TrackingResult",
 ]

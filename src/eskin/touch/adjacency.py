@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.spatial import KDTree
 
-from eskin.skin.skin import Skin
+from eskin.skin import Skin
 
 MICROMETRE = 1e-6
 SPACING_RANK = 3

@@ -1,4 +1,7 @@
-"""Compiled kernels that turn counts into pressure and compensate crosstalk."""
+"""Compiled kernels that turn counts into pressure and subtract crosstalk.
+
+`no_type_check` keeps the type checks of the tests off compiled functions.
+"""
 
 from typing import NamedTuple, no_type_check
 
@@ -8,81 +11,86 @@ from jaxtyping import Bool, Float, Int
 from eskin.compiled import compiled
 
 
-class Rates(NamedTuple):
-    """Time constants [s] and fractions of `calibrate`; see `CalibrationConfig`."""
+class PressureCurve(NamedTuple):
+    """A curve tells how pressure grows with counts; see `Calibration`."""
 
-    tare_step: float
+    full_scale: float
+    """Counts at which a divider saturates; infinite where there is none."""
+    exponent: float
+    """Exponent of conductance over pressure; 1 for a linear device."""
+    unfelt: float
+    """Pressure that it takes to close the sensor [kPa]."""
+
+
+class BaselineParameters(NamedTuple):
+    """Parameters of `calibrate` have the names and values of `CalibrationConfig`."""
+
+    tare_seconds: float
+    tare_samples: int
     tare_rank: float
-    drift: float
-    low: float
-    freeze: float
-    longest: float
-    stale: float
-    fade: float
-    after: float
-    relearn: float
-    silence: float
-    steady: float
+    drift_seconds: float
+    low_seconds: float
+    freeze_seconds: float
+    longest_seconds: float
+    stale_seconds: float
+    after_fraction: float
+    fade_seconds: float
+    steady_seconds: float
     still: float
     kept: float
-    settle: float
+    settle_seconds: float
+    relearn_seconds: float
+    silence_seconds: float
 
 
-class PressureCurve(NamedTuple):
-    """How pressure grows with counts."""
+class BaselineState(NamedTuple):
+    """Arrays that hold what `calibrate` remembers of each taxel, in counts and seconds.
 
-    full: float
-    """Counts at which a divider saturates, infinite where there is none."""
-    power: float
-    """Power of conductance that pressure is."""
-    unfelt: float
-    """Pressure that closes the sensor [kPa]."""
-
-
-class Memory(NamedTuple):
-    """What `calibrate` remembers of each taxel; counts and seconds."""
+    All have the shape (taxel) but `samples`.
+    """
 
     baseline: np.ndarray
     """Counts at rest."""
     peak: np.ndarray
-    """Fading largest counts above the baseline."""
+    """Greatest recent counts above the baseline, which fade."""
     low: np.ndarray
     """Counts of the last scan if they were too low, else infinite."""
-    heard: np.ndarray
-    """When the taxel was last received."""
-    since: np.ndarray
-    """When it began to be touched, infinite while it is not."""
-    held: np.ndarray
-    """When it or a neighbour was last touched."""
-    steady: np.ndarray
-    """Counts about which it has been steady."""
-    steady_at: np.ndarray
-    """Since when."""
-    due: np.ndarray
-    """When the next sample of the tare is taken."""
-    filled: np.ndarray
-    """How many samples the tare has."""
+    last_received: np.ndarray
+    """Time at which the taxel was last received."""
+    touched_since: np.ndarray
+    """Time at which it began to be touched, infinite while it is not."""
+    last_touched: np.ndarray
+    """Time at which it or a neighbour was last touched."""
+    steady_level: np.ndarray
+    """Counts near which it has stayed."""
+    steady_since: np.ndarray
+    """Time since which it has stayed near `steady_level`."""
+    next_sample: np.ndarray
+    """Time at which the next sample of the tare is taken."""
+    sample_count: np.ndarray
+    """Number of samples that the tare has."""
     samples: np.ndarray
-    """The samples of the tare, ascending (taxel, sample)."""
+    """(taxel, sample) samples of the tare, ascending."""
 
 
-SURE = 4
+SURE_SAMPLES = 4
+"""Number of samples from which one above the margin does not raise the tare."""
 
-MOST = 0.999
-"""Part of a divider's full scale above which pressure is not told apart."""
+MAX_SCALE_SHARE = 0.999
+"""Part of a divider's full scale above which pressures are indistinguishable."""
 
 
 @compiled
 @no_type_check
-def linearise_counts(above: float, bend: PressureCurve) -> float:
-    """Counts above rest as a linear device with the same gain would give them."""
-    if above <= 0.0 or bend.full == np.inf:
+def linearise_counts(above: float, curve: PressureCurve) -> float:
+    """Return the counts above rest that a linear device of the same gain would give."""
+    if above <= 0.0 or curve.full_scale == np.inf:
         return max(above, 0.0)
-    share = min(above / bend.full, MOST)
+    share = min(above / curve.full_scale, MAX_SCALE_SHARE)
     conductance = share / (1.0 - share)
-    if bend.power != 1.0:
-        conductance **= bend.power
-    return bend.full * conductance
+    if curve.exponent != 1.0:
+        conductance **= 1.0 / curve.exponent
+    return curve.full_scale * conductance
 
 
 @compiled
@@ -92,140 +100,142 @@ def calibrate(
     use: Bool[np.ndarray, "taxel"],
     now: float,
     gain: Float[np.ndarray, "taxel"],
-    bend: PressureCurve,
+    curve: PressureCurve,
     margin: Float[np.ndarray, "taxel"],
     starts: Int[np.ndarray, "taxel_and_one"],
     neighbours: Int[np.ndarray, "pair"],
-    memory: Memory,
-    rates: Rates,
+    state: BaselineState,
+    parameters: BaselineParameters,
     out: Float[np.ndarray, "taxel"],
 ) -> None:
-    """Advance the baselines by one scan and write the pressures [kPa] to `out`."""
+    """Update the baselines with one scan and write the pressures [kPa] to `out`."""
     # Arrays are taken out of the tuples first: the compiled loops are faster so.
-    baseline, peak, heard, filled = (
-        memory.baseline,
-        memory.peak,
-        memory.heard,
-        memory.filled,
-    )
-    since, held = memory.since, memory.held
-    after, silence, size = rates.after, rates.silence, memory.samples.shape[1]
+    baseline, peak = state.baseline, state.peak
+    last_received, sample_count = state.last_received, state.sample_count
+    touched_since, last_touched = state.touched_since, state.last_touched
+    after, silence = parameters.after_fraction, parameters.silence_seconds
+    size = state.samples.shape[1]
     for i in range(len(counts)):
         if not use[i]:
             out[i] = 0.0
             continue
-        if filled[i] < size or now - heard[i] > silence:
-            hear(i, counts[i], now, margin[i], memory, rates)
+        if sample_count[i] < size or now - last_received[i] > silence:
+            update_tare(i, counts[i], now, margin[i], state, parameters)
         above = counts[i] - baseline[i]
-        felt = linearise_counts(above, bend) * gain[i]
-        out[i] = felt + min(felt, bend.unfelt)
+        felt = linearise_counts(above, curve) * gain[i]
+        out[i] = felt + min(felt, curve.unfelt)
         if above > margin[i] and above > after * peak[i]:
-            if since[i] == np.inf:
-                since[i] = now
-            if not is_kept(i, above, now, margin, memory, rates):
-                held[i] = now
+            if touched_since[i] == np.inf:
+                touched_since[i] = now
+            if not is_residual(i, above, now, margin, state, parameters):
+                last_touched[i] = now
                 for k in range(starts[i], starts[i + 1]):
-                    held[neighbours[k]] = now
+                    last_touched[neighbours[k]] = now
         else:
-            since[i] = np.inf
-    follow(counts, use, now, margin, memory, rates)
+            touched_since[i] = np.inf
+    update_baselines(counts, use, now, margin, state, parameters)
 
 
 @compiled
 @no_type_check
-def hear(
-    i: int, count: int, now: float, margin: float, memory: Memory, rates: Rates
+def update_tare(
+    i: int,
+    count: int,
+    now: float,
+    margin: float,
+    state: BaselineState,
+    parameters: BaselineParameters,
 ) -> None:
     """Take a sample for the tare if one is due; start anew after long silence."""
-    if now - memory.heard[i] > rates.silence:
-        memory.filled[i] = 0
-        memory.due[i] = now
-        memory.peak[i] = 0.0
-        memory.since[i] = np.inf
-        memory.low[i] = np.inf
-    filled = memory.filled[i]
-    if now < memory.due[i]:
+    if now - state.last_received[i] > parameters.silence_seconds:
+        state.sample_count[i] = 0
+        state.next_sample[i] = now
+        state.peak[i] = 0.0
+        state.touched_since[i] = np.inf
+        state.low[i] = np.inf
+    size = state.sample_count[i]
+    if now < state.next_sample[i]:
         return
     sample = float(count)
-    if filled >= SURE and sample > memory.baseline[i] + margin:
-        sample = memory.baseline[i]
-    k = filled
-    while k > 0 and memory.samples[i, k - 1] > sample:
-        memory.samples[i, k] = memory.samples[i, k - 1]
+    if size >= SURE_SAMPLES and sample > state.baseline[i] + margin:
+        sample = state.baseline[i]
+    k = size
+    while k > 0 and state.samples[i, k - 1] > sample:
+        state.samples[i, k] = state.samples[i, k - 1]
         k -= 1
-    memory.samples[i, k] = sample
-    memory.filled[i] = filled + 1
-    memory.baseline[i] = memory.samples[i, int(rates.tare_rank * (filled + 1))]
-    memory.due[i] = now + rates.tare_step
+    state.samples[i, k] = sample
+    state.sample_count[i] = size + 1
+    state.baseline[i] = state.samples[i, int(parameters.tare_rank * (size + 1))]
+    step = parameters.tare_seconds / parameters.tare_samples
+    state.next_sample[i] = now + step
 
 
 @compiled
 @no_type_check
-def is_kept(
+def is_residual(
     i: int,
     above: float,
     now: float,
     margin: Float[np.ndarray, "taxel"],
-    memory: Memory,
-    rates: Rates,
+    state: BaselineState,
+    parameters: BaselineParameters,
 ) -> bool:
-    """Whether a taxel shows no touch, but what it has kept of one."""
-    if now - memory.steady_at[i] <= rates.steady:
+    """Return whether counts show the residual of an earlier touch, and none now."""
+    if now - state.steady_since[i] <= parameters.steady_seconds:
         return False
-    return rates.still * margin[i] < above < rates.kept * margin[i]
+    return parameters.still * margin[i] < above < parameters.kept * margin[i]
 
 
 @compiled
 @no_type_check
-def follow(
+def update_baselines(
     counts: Int[np.ndarray, "taxel"],
     use: Bool[np.ndarray, "taxel"],
     now: float,
     margin: Float[np.ndarray, "taxel"],
-    memory: Memory,
-    rates: Rates,
+    state: BaselineState,
+    parameters: BaselineParameters,
 ) -> None:
-    """Let each baseline follow the counts as far as nobody touches the taxel."""
-    baseline, peak, heard, filled = (
-        memory.baseline,
-        memory.peak,
-        memory.heard,
-        memory.filled,
-    )
-    since, held, low = memory.since, memory.held, memory.low
-    steady, steady_at = memory.steady, memory.steady_at
-    drift, relearn, freeze, fade = rates.drift, rates.relearn, rates.freeze, rates.fade
-    size = memory.samples.shape[1]
-    dt, drifting, fading = 0.0, 0.0, 1.0
+    """Let each baseline follow the counts as far as the taxel is untouched."""
+    baseline, peak, low = state.baseline, state.peak, state.low
+    last_received, sample_count = state.last_received, state.sample_count
+    touched_since, last_touched = state.touched_since, state.last_touched
+    steady_level, steady_since = state.steady_level, state.steady_since
+    drift, relearn = parameters.drift_seconds, parameters.relearn_seconds
+    freeze, fade = parameters.freeze_seconds, parameters.fade_seconds
+    size = state.samples.shape[1]
+    dt, drift_step, fading = 0.0, 0.0, 1.0
     for i in range(len(counts)):
         if not use[i]:
             continue
-        if now - heard[i] != dt:
+        if now - last_received[i] != dt:
             # Taxels of one patch have the same dt, and dividing is what costs.
-            dt = now - heard[i]
-            drifting, fading = dt / (drift + dt), fade / (fade + dt)
-        heard[i] = now
-        if filled[i] < size:
+            dt = now - last_received[i]
+            drift_step, fading = dt / (drift + dt), fade / (fade + dt)
+        last_received[i] = now
+        if sample_count[i] < size:
             continue
         above = counts[i] - baseline[i]
-        if abs(counts[i] - steady[i]) > rates.still * margin[i]:
-            steady[i], steady_at[i] = counts[i], now
+        if abs(counts[i] - steady_level[i]) > parameters.still * margin[i]:
+            steady_level[i], steady_since[i] = counts[i], now
         was_low = low[i]
         low[i] = np.inf
-        part = 0.0
+        step = 0.0
         if above < -margin[i] or (was_low < np.inf and above < 0.0):
             low[i] = counts[i]
             if was_low < np.inf:
                 above = max(above, was_low - baseline[i])
-                part = dt / (rates.low + dt)
-        elif held[i] < now and is_kept(i, above, now, margin, memory, rates):
-            part = dt / (rates.settle + dt)
-        elif since[i] < np.inf:
-            if now - since[i] > rates.longest:
-                part = dt / (rates.stale + dt)
-        elif now - held[i] > freeze:
-            part = drifting if above <= margin[i] else dt / (relearn + dt)
-        baseline[i] += part * above
+                step = dt / (parameters.low_seconds + dt)
+        elif last_touched[i] < now and is_residual(
+            i, above, now, margin, state, parameters
+        ):
+            step = dt / (parameters.settle_seconds + dt)
+        elif touched_since[i] < np.inf:
+            if now - touched_since[i] > parameters.longest_seconds:
+                step = dt / (parameters.stale_seconds + dt)
+        elif now - last_touched[i] > freeze:
+            step = drift_step if above <= margin[i] else dt / (relearn + dt)
+        baseline[i] += step * above
         peak[i] *= fading
         if above > margin[i]:
             peak[i] = max(peak[i], above)
@@ -233,205 +243,212 @@ def follow(
             peak[i] = 0.0
 
 
-VISIBLE = 0.3
-"""Conductance of others, by that at half scale, of which a part stands out of noise."""
+MIN_OTHERS = 0.3
+"""Conductance of others, relative to half scale, whose share stands out of noise."""
 
-DIRECT = 0.02
-"""A taxel whose detours conduct less than this by its lines tells of leak alone."""
+MAX_DETOUR_SHARE = 0.02
+"""Ratio of detours to lines below which a taxel shows leakage alone."""
 
-SATURATED = 6.0
-"""Conductance by that at half scale that a converter does not tell well."""
+MAX_CONDUCTANCE = 6.0
+"""Conductance, relative to half scale, that a converter cannot resolve."""
 
-FEWEST = 8
-"""Taxels of a patch that it takes to tell."""
+MIN_SHARES = 8
+"""Number of taxels of a patch that one observation needs."""
 
-WIDEST = 0.25
-"""Share of a patch that may be touched while it is learned from."""
+MAX_TOUCHED_SHARE = 0.25
+"""Share of a patch that may be touched while crosstalk is estimated from it."""
 
-FAINT = 0.1
-"""Conductance by the largest of the patch that is not called touched there."""
+MIN_TOUCHED = 0.1
+"""Conductance from which a taxel counts as touched, relative to the patch's largest."""
 
-CAUTION = 2.5
-"""How many times what was learned is taken off. Taxels that the bend of the skin
-presses at rest lend themselves to detours, too, and rest does not show; from what is
-truly touched this takes little."""
+SUBTRACTED = 2.5
+"""How many times the estimate is subtracted. Taxels that the bend of the skin presses
+at rest conduct detours, too, and rest does not show; from what is truly touched this
+takes little."""
 
-TINY = 1e-9
-"""Conductance that is none."""
+EPSILON = 1e-9
+"""Conductance that is as good as none."""
 
 LEAK, GHOST = 0, 1
-"""The two parts that are learned: what leaks along lines, what comes by detours."""
+"""The two parts that are estimated: leakage along lines, and ghosts by detours."""
 
-LARGEST = (0.03, 0.15)
-"""Of either, above which a taxel is touched itself, and nothing is learned."""
+MAX_ESTIMATE = (0.03, 0.15)
+"""Greatest share that is believed of either part; above it a taxel is touched itself,
+and nothing is learned."""
 
 RANK = (0.4, 0.25)
-"""Which of the sorted shares that taxels show at one instant is believed."""
+"""Quantile of the shares that taxels show at one instant that is believed."""
 
 
-class Law(NamedTuple):
-    """How conductance grows with pressure; see `Calibration`."""
-
-    power: float
-    """Its exponent; 1 for a linear device."""
-    unfelt: float
-    """Pressure that closes the sensor [kPa]."""
-
-
-class Cells(NamedTuple):
-    """One patch as its rows and columns, and room to work in."""
+class MatrixPatch(NamedTuple):
+    """A patch has rows and columns that are read out together; with working buffers."""
 
     taxels: np.ndarray
-    """(taxel) its taxels in the skin."""
+    """(taxel) indices of its taxels in the skin."""
     rows: np.ndarray
     """(taxel) row of each, from 0."""
     columns: np.ndarray
     """(taxel) column of each, from 0."""
-    half: np.ndarray
+    half_scale: np.ndarray
     """(taxel) pressure at half scale, of a linear device at full scale [kPa]."""
     shown: np.ndarray
-    """(row, column) conductance by that at half scale; zero without a taxel."""
+    """(row, column) measured conductance, relative to half scale; zero without a
+    taxel."""
     own: np.ndarray
-    """(row, column) the same without what leaked."""
-    along: np.ndarray
-    """(row) sums."""
-    across: np.ndarray
-    """(column) sums."""
+    """(row, column) the same without leakage."""
+    row_sums: np.ndarray
+    """(row) sums of `own`."""
+    column_sums: np.ndarray
+    """(column) sums of `own`."""
     lines: np.ndarray
-    """(taxel) what the others of its lines let through."""
+    """(taxel) conductance of the others of its row and column."""
     detours: np.ndarray
-    """(taxel) what the ways over three others let through."""
+    """(taxel) conductance of the paths over three others."""
     shares: np.ndarray
-    """(taxel) what it shows by what it may be a part of."""
+    """(taxel) ratio of its conductance to that of the others."""
 
 
-class Learned(NamedTuple):
-    """What a device shows of others, and what it was learned from."""
+class CrosstalkEstimate(NamedTuple):
+    """An estimate holds the crosstalk of a device, and the observations behind it."""
 
     value: np.ndarray
-    """(part) the shares."""
+    """(part) estimated shares."""
     seen: np.ndarray
-    """(part) how many observations there were."""
+    """(part) number of observations so far."""
     observed: np.ndarray
-    """(part, observation) the latest of them, in turn."""
+    """(part, observation) ring buffer of the latest of them."""
 
 
 @compiled
 @no_type_check
-def take_off(
+def compensate_patch(
     pressure: Float[np.ndarray, "skin"],
     valid: Bool[np.ndarray, "skin"],
-    law: Law,
-    cells: Cells,
-    learned: Learned,
+    curve: PressureCurve,
+    patch: MatrixPatch,
+    estimate: CrosstalkEstimate,
 ) -> None:
-    """Learn from one patch, and take off its pressures what is not their own.
+    """Update the estimate from one patch, and subtract crosstalk from its pressures.
 
     Args:
-        pressure: of the skin, zero where it does not count [kPa].
-        valid: which of it counts.
-        law: of the device.
-        cells: of the patch.
-        learned: of the device.
+        pressure: of the skin, zero where not valid [kPa]; written to.
+        valid: which of it is valid.
+        curve: of the device.
+        patch: the patch.
+        estimate: of the device; updated.
     """
-    largest = read(pressure, law, cells)
-    cells.own[:] = cells.shown
-    look_around(cells)
-    # What others show has leaked into them, too; the second look is without that.
-    leak = learned.value[LEAK]
-    for k in range(len(cells.taxels)):
-        i, j = cells.rows[k], cells.columns[k]
-        cells.own[i, j] = max(cells.shown[i, j] - leak * cells.lines[k], 0.0)
-    look_around(cells)
-    if largest < SATURATED and touched(cells, largest) <= WIDEST:
-        learn(valid, cells, learned)
-    leak, ghost = learned.value[LEAK], learned.value[GHOST]
-    for k in range(len(cells.taxels)):
-        foreign = leak * cells.lines[k] + ghost * cells.detours[k]
-        shown = cells.shown[cells.rows[k], cells.columns[k]]
-        felt = max(shown - CAUTION * foreign, 0.0) ** (1.0 / law.power) * cells.half[k]
-        pressure[cells.taxels[k]] = felt + min(felt, law.unfelt)
+    largest = write_conductance(pressure, curve, patch)
+    patch.own[:] = patch.shown
+    sum_others(patch)
+    # The conductance of others contains leakage, too; the second pass is without it.
+    leak = estimate.value[LEAK]
+    for k in range(len(patch.taxels)):
+        i, j = patch.rows[k], patch.columns[k]
+        patch.own[i, j] = max(patch.shown[i, j] - leak * patch.lines[k], 0.0)
+    sum_others(patch)
+    few = compute_touched_share(patch, largest) <= MAX_TOUCHED_SHARE
+    if largest < MAX_CONDUCTANCE and few:
+        update_estimate(valid, patch, estimate)
+    leak, ghost = estimate.value[LEAK], estimate.value[GHOST]
+    for k in range(len(patch.taxels)):
+        foreign = leak * patch.lines[k] + ghost * patch.detours[k]
+        own = max(
+            patch.shown[patch.rows[k], patch.columns[k]] - SUBTRACTED * foreign, 0.0
+        )
+        felt = own ** (1.0 / curve.exponent) * patch.half_scale[k]
+        pressure[patch.taxels[k]] = felt + min(felt, curve.unfelt)
 
 
 @compiled
 @no_type_check
-def read(pressure: Float[np.ndarray, "skin"], law: Law, cells: Cells) -> float:
-    """Write what each cell lets through, and return the largest."""
+def write_conductance(
+    pressure: Float[np.ndarray, "skin"], curve: PressureCurve, patch: MatrixPatch
+) -> float:
+    """Write the conductance that each taxel shows, and return the largest."""
     largest = 0.0
-    for k in range(len(cells.taxels)):
-        taxel = cells.taxels[k]
-        p = np.float64(pressure[taxel])
-        felt = max(p - law.unfelt, 0.5 * p)
-        conductance = (felt / cells.half[k]) ** law.power if felt > 0.0 else 0.0
-        cells.shown[cells.rows[k], cells.columns[k]] = conductance
+    for k in range(len(patch.taxels)):
+        p = np.float64(pressure[patch.taxels[k]])
+        felt = max(p - curve.unfelt, 0.5 * p)
+        conductance = 0.0
+        if felt > 0.0:
+            conductance = (felt / patch.half_scale[k]) ** curve.exponent
+        patch.shown[patch.rows[k], patch.columns[k]] = conductance
         largest = max(largest, conductance)
     return largest
 
 
 @compiled
 @no_type_check
-def look_around(cells: Cells) -> None:
-    """Write what the others of each taxel's lines let through, and detours past it."""
-    own, along, across = cells.own, cells.along, cells.across
-    along[:] = 0.0
-    across[:] = 0.0
+def sum_others(patch: MatrixPatch) -> None:
+    """Write the conductance of the others of each taxel's lines, and of detours."""
+    own, row_sums, column_sums = patch.own, patch.row_sums, patch.column_sums
+    row_sums[:] = 0.0
+    column_sums[:] = 0.0
     total = 0.0
-    for k in range(len(cells.taxels)):
-        i, j = cells.rows[k], cells.columns[k]
-        along[i] += own[i, j]
-        across[j] += own[i, j]
+    for k in range(len(patch.taxels)):
+        i, j = patch.rows[k], patch.columns[k]
+        row_sums[i] += own[i, j]
+        column_sums[j] += own[i, j]
         total += own[i, j]
-    for k in range(len(cells.taxels)):
-        i, j = cells.rows[k], cells.columns[k]
-        row, column = along[i] - own[i, j], across[j] - own[i, j]
-        beyond = max(total - row - column - own[i, j], 0.0)
-        series = 1.0 / (row + TINY) + 1.0 / (beyond + TINY) + 1.0 / (column + TINY)
-        cells.lines[k] = row + column
-        cells.detours[k] = 1.0 / series
+    for k in range(len(patch.taxels)):
+        i, j = patch.rows[k], patch.columns[k]
+        row, column = row_sums[i] - own[i, j], column_sums[j] - own[i, j]
+        rest = max(total - row - column - own[i, j], 0.0)
+        series = (
+            1.0 / (row + EPSILON) + 1.0 / (rest + EPSILON) + 1.0 / (column + EPSILON)
+        )
+        patch.lines[k] = row + column
+        patch.detours[k] = 1.0 / series
 
 
 @compiled
 @no_type_check
-def touched(cells: Cells, largest: float) -> float:
-    """Share of the patch that lets through more than a little."""
+def compute_touched_share(patch: MatrixPatch, largest: float) -> float:
+    """Return the share of the patch's taxels that count as touched."""
     count = 0
-    for k in range(len(cells.taxels)):
-        count += cells.shown[cells.rows[k], cells.columns[k]] > FAINT * largest
-    return count / len(cells.taxels)
+    for k in range(len(patch.taxels)):
+        shown = patch.shown[patch.rows[k], patch.columns[k]]
+        count += shown > MIN_TOUCHED * largest
+    return count / len(patch.taxels)
 
 
 @compiled
 @no_type_check
-def learn(valid: Bool[np.ndarray, "skin"], cells: Cells, learned: Learned) -> None:
-    """Observe the leak where there are no detours, then ghosts where there are."""
-    lines, detours, count = cells.lines, cells.detours, 0
-    for k in range(len(cells.taxels)):
-        direct = lines[k] > VISIBLE and detours[k] < DIRECT * lines[k]
-        if direct and valid[cells.taxels[k]]:
-            shown = cells.shown[cells.rows[k], cells.columns[k]]
-            cells.shares[count] = shown / lines[k]
+def update_estimate(
+    valid: Bool[np.ndarray, "skin"], patch: MatrixPatch, estimate: CrosstalkEstimate
+) -> None:
+    """Observe leakage where there are no detours, then ghosts where there are."""
+    lines, detours, count = patch.lines, patch.detours, 0
+    for k in range(len(patch.taxels)):
+        direct = lines[k] > MIN_OTHERS and detours[k] < MAX_DETOUR_SHARE * lines[k]
+        if direct and valid[patch.taxels[k]]:
+            shown = patch.shown[patch.rows[k], patch.columns[k]]
+            patch.shares[count] = shown / lines[k]
             count += 1
-    observe(LEAK, cells.shares[:count], learned)
-    leak, count = learned.value[LEAK], 0
-    for k in range(len(cells.taxels)):
-        if detours[k] > 0.5 * VISIBLE and valid[cells.taxels[k]]:
-            shown = cells.shown[cells.rows[k], cells.columns[k]]
-            cells.shares[count] = (shown - leak * lines[k]) / detours[k]
+    add_observation(LEAK, patch.shares[:count], estimate)
+    leak, count = estimate.value[LEAK], 0
+    for k in range(len(patch.taxels)):
+        if detours[k] > 0.5 * MIN_OTHERS and valid[patch.taxels[k]]:
+            shown = patch.shown[patch.rows[k], patch.columns[k]]
+            patch.shares[count] = (shown - leak * lines[k]) / detours[k]
             count += 1
-    observe(GHOST, cells.shares[:count], learned)
+    add_observation(GHOST, patch.shares[:count], estimate)
 
 
 @compiled
 @no_type_check
-def observe(part: int, shares: Float[np.ndarray, "some"], learned: Learned) -> None:
-    """Believe a low one of the shares that taxels show, if it is no touch."""
-    if len(shares) < FEWEST:
+def add_observation(
+    part: int, shares: Float[np.ndarray, "some"], estimate: CrosstalkEstimate
+) -> None:
+    """Take a low quantile of the shares as an observation, if it is no touch."""
+    if len(shares) < MIN_SHARES:
         return
     place = int(RANK[part] * (len(shares) - 1))
     observed = np.partition(shares, place)[place]
-    if observed > LARGEST[part]:
+    if observed > MAX_ESTIMATE[part]:
         return
-    ring = learned.observed[part]
-    ring[learned.seen[part] % len(ring)] = max(observed, 0.0)
-    learned.seen[part] += 1
-    learned.value[part] = np.median(ring[: min(learned.seen[part], len(ring))])
+    ring = estimate.observed[part]
+    ring[estimate.seen[part] % len(ring)] = max(observed, 0.0)
+    estimate.seen[part] += 1
+    used = min(estimate.seen[part], len(ring))
+    estimate.value[part] = np.median(ring[:used])

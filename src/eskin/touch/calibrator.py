@@ -1,85 +1,262 @@
-"""This module turns the counts of a skin into pressure, scan by scan."""
+"""This module turns scans into readings: baselines, pressure, crosstalk."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import final
 
 import numpy as np
+from jaxtyping import Bool, Float, Int
 
-from eskin.skin.skin import Skin
+from eskin.compiled import build_parameters
+from eskin.errors import SkinMismatchError
+from eskin.skin import Skin
+from eskin.touch.adjacency import Adjacency
 from eskin.touch.calibration import Calibration
-from eskin.touch.calibration_kernels import GHOST, LEAK, Cells, Law, Learned, take_off
-from eskin.touch.reading import Reading
+from eskin.touch.calibration_kernels import (
+    GHOST,
+    LEAK,
+    BaselineParameters,
+    BaselineState,
+    CrosstalkEstimate,
+    MatrixPatch,
+    calibrate,
+    compensate_patch,
+)
+from eskin.touch.reading import Reading, Scan, check_count, check_order
+from eskin.units import NS_PER_S
 
-TOUCHED = 1.5
-"""Pressure without which nothing of a patch is looked at [kPa]."""
+MIN_CROSSTALK_PRESSURE = 1.5
+"""Greatest pressure up to which a patch is left as it is [kPa]."""
 
-MEMORY = 200
-"""Observations of which the median is taken."""
+MAX_OBSERVATIONS = 200
+"""Number of the latest observations of which the median is taken."""
+
+
+@dataclass(frozen=True)
+class CalibrationConfig:
+    """Settings describe how baselines are found and followed. All times are in [s]."""
+
+    tare_seconds: float = 2.0
+    """How long a taxel is tared after it is first received."""
+
+    tare_samples: int = 16
+    """How many samples the tare takes in that time."""
+
+    tare_rank: float = 0.25
+    """Which of the sorted samples is the baseline: low, so that a touch is not it."""
+
+    margin: float = 1.5
+    """Pressure above the baseline from which a taxel may be touched [kPa]; as far below
+    the baseline, the baseline is too high."""
+
+    drift_seconds: float = 10.0
+    """Time constant of following the drift of an untouched taxel."""
+
+    low_seconds: float = 0.3
+    """Time constant of recovering from a baseline that is too high."""
+
+    freeze_seconds: float = 3.0
+    """How long after a touch the baselines of a taxel and its neighbours stay fixed."""
+
+    longest_seconds: float = 120.0
+    """Duration from which an unbroken touch is taken for a change of the rest level."""
+
+    stale_seconds: float = 5.0
+    """Time constant of learning such a change."""
+
+    after_fraction: float = 0.1
+    """Part of its recent peak that a released taxel may keep without being touched;
+    relative to counts, as a residual is a shift of the baseline."""
+
+    fade_seconds: float = 20.0
+    """Time constant in which the recent peak is forgotten."""
+
+    steady_seconds: float = 1.0
+    """Time without change above the baseline from which a taxel is taken to be at rest:
+    nobody holds a finger so still, but the residual of a sensor after a touch, or its
+    response to a bent skin, stays."""
+
+    still: float = 0.25
+    """Greatest difference that counts as no change, in units of `margin`."""
+
+    kept: float = 5.0
+    """Greatest residual that a sensor is expected to have, in units of `margin`."""
+
+    settle_seconds: float = 0.3
+    """Time constant of learning what does not change."""
+
+    relearn_seconds: float = 2.0
+    """Time constant of learning the residual of a released taxel."""
+
+    silence_seconds: float = 10.0
+    """Time without data after which a taxel is tared anew: its patch may be another."""
+
+
+@final
+class Calibrator:
+    """A calibrator turns the counts of one skin into kPa, scan by scan; stateful.
+
+    The result depends only on stamps and past scans, so a replayed recording gives the
+    same readings as the live device at any rate.
+    """
+
+    def __init__(
+        self,
+        skin: Skin,
+        calibration: Calibration,
+        config: CalibrationConfig | None = None,
+    ) -> None:
+        """Start without a baseline."""
+        if len(calibration.gain) != skin.count:
+            raise SkinMismatchError(
+                f"calibration has {len(calibration.gain)} taxels, skin '{skin.name}' "
+                f"has {skin.count}; allowed is one gain a taxel; use the skin's own"
+            )
+        self.skin = skin
+        self.calibration = calibration
+        self.config = config or CalibrationConfig()
+        self.adjacency = Adjacency.build(skin)
+        self.gain = np.asarray(calibration.gain, np.float64)
+        self.curve = calibration.pressure_curve
+        self.margin = calibration.compute_counts(self.config.margin)
+        self.parameters = build_parameters(BaselineParameters, self.config)
+        self.state = build_baseline_state(skin.count, self.config.tare_samples)
+        self.shear_rest = np.full((skin.count, 2), float(calibration.shear_rest))
+        self.first: int | None = None
+        self.last: int | None = None
+
+    def push(
+        self, scan: Scan, faulty: Bool[np.ndarray, "taxel"] | None = None
+    ) -> Reading:
+        """Calibrate the next scan; faulty taxels are not valid and not learned from."""
+        check_count(scan, self.skin)
+        check_order(self.last, scan.stamp)
+        if self.first is None:
+            self.first = scan.stamp
+        seconds = (scan.stamp - self.first) / NS_PER_S
+        elapsed = 0.0 if self.last is None else (scan.stamp - self.last) / NS_PER_S
+        self.last = scan.stamp
+        use = scan.received if faulty is None else scan.received & ~faulty
+        pressure = np.empty(self.skin.count, np.float32)
+        calibrate(
+            scan.counts,
+            use,
+            seconds,
+            self.gain,
+            self.curve,
+            self.margin,
+            self.adjacency.starts,
+            self.adjacency.neighbours,
+            self.state,
+            self.parameters,
+            pressure,
+        )
+        shear = None
+        if scan.shear is not None:
+            shear = self.calibrate_shear(scan.shear, use, seconds, elapsed)
+        return Reading(scan.stamp, pressure, use.copy(), scan.q, shear)
+
+    def calibrate_shear(
+        self,
+        counts: Int[np.ndarray, "taxel 2"],
+        use: Bool[np.ndarray, "taxel"],
+        seconds: float,
+        elapsed: float,
+    ) -> Float[np.ndarray, "taxel 2"]:
+        """Calibrate shear; its rest level is followed while the taxel is untouched."""
+        above = counts - self.shear_rest
+        idle = use & (seconds - self.state.last_touched > self.config.freeze_seconds)
+        step = elapsed / (self.config.drift_seconds + elapsed)
+        self.shear_rest[idle] += step * above[idle]
+        shear = (above * self.calibration.shear_gain).astype(np.float32)
+        shear[~use] = 0.0
+        return shear
+
+
+def build_baseline_state(count: int, samples: int) -> BaselineState:
+    """Build the state of a skin of which nothing was received yet."""
+    never = np.full(count, -np.inf)
+    return BaselineState(
+        baseline=np.zeros(count),
+        peak=np.zeros(count),
+        low=np.full(count, np.inf),
+        last_received=never.copy(),
+        touched_since=np.full(count, np.inf),
+        last_touched=never.copy(),
+        steady_level=np.full(count, np.inf),
+        steady_since=never.copy(),
+        next_sample=never.copy(),
+        sample_count=np.zeros(count, np.int64),
+        samples=np.zeros((count, samples)),
+    )
 
 
 @final
 class CrosstalkCompensator:
-    """Learns and undoes the crosstalk of taxels read out by rows and columns; stateful.
+    """A compensator estimates and subtracts the crosstalk of a row-column array.
 
     Current through a pressed taxel also flows elsewhere: it leaks into the others of
     its row and column, and where touched rows and columns cross, it takes detours over
     three taxels, so that a fourth seems touched (a ghost). Both are fixed parts of
-    what the others let through, the same all over one device, and stand in plain sight
-    whenever it is touched: most taxels where they show are not touched themselves.
+    the conductance of the others, the same all over one device, and show whenever it is
+    touched: most taxels where they show are not touched themselves.
     """
 
     def __init__(self, skin: Skin, calibration: Calibration) -> None:
-        """Start without having seen any."""
-        self.cells: list[Cells] = []
+        """Start without an estimate; without effect where the device is no matrix."""
+        self.patches: list[MatrixPatch] = []
         if calibration.matrix:
             patches = range(len(skin.patches))
-            self.cells = [cells_of(skin, patch, calibration) for patch in patches]
-        power = 1.0 if calibration.curve == "linear" else calibration.exponent
-        self.law = Law(power, calibration.unfelt)
+            self.patches = [build_matrix_patch(skin, p, calibration) for p in patches]
+        self.curve = calibration.pressure_curve
         parts = 2
-        self.learned = Learned(
-            np.zeros(parts), np.zeros(parts, np.int64), np.zeros((parts, MEMORY))
+        self.estimate = CrosstalkEstimate(
+            np.zeros(parts),
+            np.zeros(parts, np.int64),
+            np.zeros((parts, MAX_OBSERVATIONS)),
         )
 
     @property
     def leak(self) -> float:
-        """Share of what each other taxel of its lines lets through that one shows."""
-        return float(self.learned.value[LEAK])
+        """Share of the conductance of each other taxel of its lines that one shows."""
+        return float(self.estimate.value[LEAK])
 
     @property
     def ghost(self) -> float:
-        """Share of what detours over three others let through that a taxel shows."""
-        return float(self.learned.value[GHOST])
+        """Share of the conductance of detours over three others that a taxel shows."""
+        return float(self.estimate.value[GHOST])
 
     def compensate(self, reading: Reading) -> Reading:
-        """Learn from the reading, and give it without what is not its taxels' own.
+        """Update the estimate, and return the reading without crosstalk.
 
-        What is not valid counts for nothing.
+        Taxels that are not valid are ignored.
         """
-        if not self.cells or reading.pressure.max() <= TOUCHED:
+        if not self.patches or reading.pressure.max() <= MIN_CROSSTALK_PRESSURE:
             return reading
         pressure = np.where(reading.valid, reading.pressure, np.float32(0.0))
-        for cells in self.cells:
-            if pressure[cells.taxels].max() > TOUCHED:
-                take_off(pressure, reading.valid, self.law, cells, self.learned)
+        for patch in self.patches:
+            if pressure[patch.taxels].max() > MIN_CROSSTALK_PRESSURE:
+                compensate_patch(
+                    pressure, reading.valid, self.curve, patch, self.estimate
+                )
         return replace(reading, pressure=pressure)
 
 
-def cells_of(skin: Skin, patch: int, calibration: Calibration) -> Cells:
-    """A patch of a skin."""
+def build_matrix_patch(skin: Skin, patch: int, calibration: Calibration) -> MatrixPatch:
+    """Build the rows and columns of one patch, and buffers for its conductances."""
     taxels = np.flatnonzero(skin.patch_index == patch)
     _, rows = np.unique(skin.rows[taxels], return_inverse=True)
     _, columns = np.unique(skin.columns[taxels], return_inverse=True)
     shape, count = (rows.max() + 1, columns.max() + 1), len(taxels)
-    return Cells(
+    return MatrixPatch(
         taxels,
         rows,
         columns,
-        half=np.asarray(calibration.gain, np.float64)[taxels] * calibration.full_scale,
+        half_scale=np.asarray(calibration.gain, np.float64)[taxels]
+        * calibration.full_scale,
         shown=np.zeros(shape),
         own=np.zeros(shape),
-        along=np.zeros(shape[0]),
-        across=np.zeros(shape[1]),
+        row_sums=np.zeros(shape[0]),
+        column_sums=np.zeros(shape[1]),
         lines=np.zeros(count),
         detours=np.zeros(count),
         shares=np.zeros(count),

@@ -6,7 +6,7 @@ from typing import Literal, final
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from eskin.skin.skin import Skin
+from eskin.skin import Skin
 from eskin.touch.adjacency import Adjacency, TaxelGroups
 from eskin.touch.calibration import Calibration
 from eskin.touch.fault_kernels import PAUSE, Watch, watch_counts, watch_neighbours

@@ -7,19 +7,14 @@ import numpy as np
 from jaxtyping import Float
 
 from eskin.errors import ReadingError
-from eskin.skin.mounted_skin import MountedSkin
+from eskin.skin import MountedSkin
 from eskin.structref_kernels import pack
 from eskin.touch.adjacency import MICROMETRE, Adjacency
-from eskin.touch.calibration import (
-    Calibration,
-    CalibrationConfig,
-    Calibrator,
-    check_count,
-)
-from eskin.touch.calibrator import CrosstalkCompensator
+from eskin.touch.calibration import Calibration
+from eskin.touch.calibrator import CalibrationConfig, Calibrator, CrosstalkCompensator
 from eskin.touch.contact_kernels import find_candidates
 from eskin.touch.faults import Fault, FaultConfig, FaultDetector
-from eskin.touch.reading import Reading, Scan, check_order
+from eskin.touch.reading import Reading, Scan, check_count, check_order
 from eskin.touch.records import (
     HELD,
     NO_TOUCHES,

@@ -1,4 +1,4 @@
-"""One instant of the whole skin, before and after calibration."""
+"""This module defines a skin's data at one instant, before and after calibration."""
 
 from dataclasses import dataclass
 from typing import no_type_check
@@ -7,22 +7,23 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from eskin.errors import ReadingError
+from eskin.skin import Skin
 
 
 # Scan and Reading check their own types, always: no_type_check spares the tests' hook.
 @no_type_check
 @dataclass(frozen=True, eq=False)
 class Scan:
-    """One instant of the whole skin as the device gave it, before calibration."""
+    """A scan holds the counts of the whole skin at one instant, before calibration."""
 
     stamp: int
-    """When it was taken [ns since the epoch]."""
+    """Time at which it was taken [ns since the epoch]."""
 
     counts: Int[np.ndarray, "taxel"]
-    """What the converter counted (int32); meaningless where nothing was received."""
+    """Counts of the converter (int32); meaningless where nothing was received."""
 
     received: Bool[np.ndarray, "taxel"]
-    """False where no fresh data came."""
+    """False where no new data was received."""
 
     q: Float[np.ndarray, "joint"]
     """Joint positions at that time [rad] (float64)."""
@@ -43,16 +44,19 @@ class Scan:
 @no_type_check
 @dataclass(frozen=True, eq=False)
 class Reading:
-    """One instant of the whole skin, calibrated."""
+    """A reading holds the pressure on the whole skin at one instant.
+
+    It is a calibrated `Scan`.
+    """
 
     stamp: int
-    """When it was taken [ns since the epoch]."""
+    """Time at which it was taken [ns since the epoch]."""
 
     pressure: Float[np.ndarray, "taxel"]
     """Pressure on each taxel [kPa] (float32); meaningless where not valid."""
 
     valid: Bool[np.ndarray, "taxel"]
-    """False where nothing fresh came, or what came is not to be believed."""
+    """False where no new data was received, or the data cannot be trusted."""
 
     q: Float[np.ndarray, "joint"]
     """Joint positions at that time [rad] (float64)."""
@@ -87,7 +91,7 @@ def check_stamp(stamp: object) -> None:
 def check_array(
     name: str, array: object, kind: str, shape: tuple[int | None, ...]
 ) -> int:
-    """Refuse an array of another type or shape; return its length."""
+    """Return the length of an array; refuse another type or shape."""
     if not isinstance(array, np.ndarray) or array.dtype.kind != kind:
         got = getattr(array, "dtype", type(array).__name__)
         raise ReadingError(
@@ -135,4 +139,13 @@ def check_order(last: int | None, stamp: int) -> None:
         raise ReadingError(
             f"stamp {stamp} ns comes after {last} ns; allowed is only later; "
             "drop late and repeated readings, or start anew for another recording"
+        )
+
+
+def check_count(scan: Scan, skin: Skin) -> None:
+    """Refuse a scan of another skin."""
+    if len(scan.counts) != skin.count:
+        raise ReadingError(
+            f"scan has {len(scan.counts)} taxels, skin '{skin.name}' has {skin.count}; "
+            "allowed is one count a taxel; load the skin that the data came from"
         )

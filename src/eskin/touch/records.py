@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from eskin.skin.mounted_skin import MountedSkin
+from eskin.skin import MountedSkin
 from eskin.structref_kernels import Packed
 from eskin.touch.adjacency import Adjacency
 

@@ -7,7 +7,7 @@ from typing import final
 import numpy as np
 from jaxtyping import Float, Int
 
-from eskin.skin.mounted_skin import MountedSkin
+from eskin.skin import MountedSkin
 from eskin.structref_kernels import unpack
 from eskin.touch.faults import Fault
 from eskin.touch.reading import Reading

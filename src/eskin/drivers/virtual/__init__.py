@@ -1,19 +1,19 @@
 """Patches that are not there: the device protocol on real transports."""
 
-from eskin.drivers.virtual.fault import Fault
-from eskin.drivers.virtual.fault_parser import KINDS, parse_fault
+from eskin.drivers.virtual.fault import DeviceFault
+from eskin.drivers.virtual.fault_parser import FAULT_KINDS, parse_fault
 from eskin.drivers.virtual.patch import VirtualPatch
 from eskin.drivers.virtual.ports import Port, PtyPort, UdpPort
-from eskin.drivers.virtual.skin import VirtualSkin, at_rate
+from eskin.drivers.virtual.skin import VirtualSkin, resample_scans
 
 __all__ = [
-    "KINDS",
-    "Fault",
+    "FAULT_KINDS",
+    "DeviceFault",
     "Port",
     "PtyPort",
     "UdpPort",
     "VirtualPatch",
     "VirtualSkin",
-    "at_rate",
+    "resample_scans",
     "parse_fault",
 ]

@@ -15,7 +15,7 @@ FOREVER = 2**63 - 1
 
 
 @dataclass(frozen=True, eq=False)
-class Order:
+class FaultSpec:
     """What was asked for: where, when and how much."""
 
     text: str
@@ -34,7 +34,7 @@ class Order:
     """An address that no patch of the skin has."""
 
 
-class Outgoing(NamedTuple):
+class OutgoingBytes(NamedTuple):
     """Bytes on their way."""
 
     patch: int
@@ -43,7 +43,7 @@ class Outgoing(NamedTuple):
     """One packet, or some of the line where it is framed."""
 
 
-class Fault(ABC):
+class DeviceFault(ABC):
     """Something wrong with a skin; the same every time for one seed.
 
     Attributes:
@@ -62,14 +62,14 @@ class Fault(ABC):
     pair: ClassVar[bool] = False
     """Whether it is of two patches."""
 
-    def __init__(self, order: Order, rng: np.random.Generator) -> None:
+    def __init__(self, order: FaultSpec, rng: np.random.Generator) -> None:
         """Prepare it.
 
         Args:
             order: what was asked for.
             rng: to draw from.
         """
-        self.order = order
+        self.spec = order
         self.rng = rng
         self.count = 0
 
@@ -80,14 +80,14 @@ class Fault(ABC):
 
     def holds(self, at: int) -> bool:
         """Whether it is there at a time since the skin was started [ns]."""
-        return self.order.start <= at < self.order.end
+        return self.spec.start <= at < self.spec.end
 
-    def counted(self) -> dict[str, object]:
+    def counters(self) -> dict[str, object]:
         """What was asked for, and how often it has struck."""
-        return {"fault": self.order.text, "count": self.count, "of": self.unit}
+        return {"fault": self.spec.text, "count": self.count, "of": self.unit}
 
 
-class ModuleFault(Fault):
+class ModuleFault(DeviceFault):
     """Something wrong with modules as a whole."""
 
     @abstractmethod
@@ -100,7 +100,7 @@ class ModuleFault(Fault):
         """
 
 
-class TaxelFault(Fault):
+class TaxelFault(DeviceFault):
     """Something wrong with what taxels measure."""
 
     @property
@@ -113,14 +113,14 @@ class TaxelFault(Fault):
         """What its taxels count in place of what they should."""
 
 
-class PacketFault(Fault):
+class PacketFault(DeviceFault):
     """Something wrong with packets on their way.
 
     Attributes:
         data: how many of those that it struck were data packets.
     """
 
-    def __init__(self, order: Order, rng: np.random.Generator) -> None:
+    def __init__(self, order: FaultSpec, rng: np.random.Generator) -> None:
         """Prepare it."""
         super().__init__(order, rng)
         self.data = 0
@@ -130,22 +130,22 @@ class PacketFault(Fault):
         """What it counts."""
         return "packets"
 
-    def is_struck(self, packet: Outgoing, at: int) -> bool:
+    def is_struck(self, packet: OutgoingBytes, at: int) -> bool:
         """Whether it strikes a packet, if chance wills; then it is counted."""
-        if not self.holds(at) or packet.patch not in self.order.patches:
+        if not self.holds(at) or packet.patch not in self.spec.patches:
             return False
-        if self.order.amount < 1.0 and self.rng.random() >= self.order.amount:
+        if self.spec.amount < 1.0 and self.rng.random() >= self.spec.amount:
             return False
         self.note(packet)
         return True
 
-    def note(self, packet: Outgoing) -> None:
+    def note(self, packet: OutgoingBytes) -> None:
         """Count a packet."""
         self.count += 1
         self.data += packet.data[1] == DATA
 
     @abstractmethod
-    def pass_on(self, packets: list[Outgoing], at: int) -> list[Outgoing]:
+    def pass_on(self, packets: list[OutgoingBytes], at: int) -> list[OutgoingBytes]:
         """What becomes of packets.
 
         Args:
@@ -154,16 +154,16 @@ class PacketFault(Fault):
                 nothing may be held back any more.
         """
 
-    def counted(self) -> dict[str, object]:
+    def counters(self) -> dict[str, object]:
         """Also how many were data packets."""
-        return {**super().counted(), "data": self.data}
+        return {**super().counters(), "data": self.data}
 
 
-class LineFault(Fault):
+class LineFault(DeviceFault):
     """Something wrong with the line itself, framing included."""
 
     @abstractmethod
-    def pass_on(self, chunks: list[Outgoing], at: int) -> list[Outgoing]:
+    def pass_on(self, chunks: list[OutgoingBytes], at: int) -> list[OutgoingBytes]:
         """What becomes of what is on the line.
 
         Args:

@@ -8,20 +8,20 @@ from typing import final
 import numpy as np
 from jaxtyping import Int
 
-from eskin.drivers.packet import CRC, DATA, MOST_BYTES
+from eskin.drivers.packet import CRC, DATA, MAX_PACKET_BYTES
 from eskin.drivers.virtual.fault import (
     FOREVER,
+    FaultSpec,
     LineFault,
     ModuleFault,
-    Order,
-    Outgoing,
+    OutgoingBytes,
     PacketFault,
     TaxelFault,
 )
 from eskin.drivers.virtual.patch import VirtualPatch
 from eskin.units import NS_PER_S
 
-MOST_BITS = 3
+MAX_FLIPPED_BITS = 3
 """Flipped in a packet; a CRC-32 always notices so few."""
 ADDRESS = slice(2, 4)
 """Where the address stands in a packet."""
@@ -35,7 +35,7 @@ class Lose(PacketFault):
 
     default = 0.1
 
-    def pass_on(self, packets: list[Outgoing], at: int) -> list[Outgoing]:
+    def pass_on(self, packets: list[OutgoingBytes], at: int) -> list[OutgoingBytes]:
         """Those that are not lost."""
         return [packet for packet in packets if not self.is_struck(packet, at)]
 
@@ -44,7 +44,7 @@ class Lose(PacketFault):
 class Stall(PacketFault):
     """Modules go on but nothing of them arrives."""
 
-    def pass_on(self, packets: list[Outgoing], at: int) -> list[Outgoing]:
+    def pass_on(self, packets: list[OutgoingBytes], at: int) -> list[OutgoingBytes]:
         """Nothing while it lasts."""
         return [packet for packet in packets if not self.is_struck(packet, at)]
 
@@ -55,10 +55,10 @@ class Corrupt(PacketFault):
 
     default = 0.01
 
-    def pass_on(self, packets: list[Outgoing], at: int) -> list[Outgoing]:
+    def pass_on(self, packets: list[OutgoingBytes], at: int) -> list[OutgoingBytes]:
         """All of them, some broken."""
         return [
-            Outgoing(packet.patch, self.broken(packet.data))
+            OutgoingBytes(packet.patch, self.broken(packet.data))
             if self.is_struck(packet, at)
             else packet
             for packet in packets
@@ -66,7 +66,7 @@ class Corrupt(PacketFault):
 
     def broken(self, data: bytes) -> bytes:
         """The same with some bits flipped."""
-        flips = int(self.rng.integers(1, MOST_BITS + 1))
+        flips = int(self.rng.integers(1, MAX_FLIPPED_BITS + 1))
         places = self.rng.choice(8 * len(data), flips, replace=False)
         return flipped(data, places)
 
@@ -77,10 +77,10 @@ class Truncate(PacketFault):
 
     default = 0.1
 
-    def pass_on(self, packets: list[Outgoing], at: int) -> list[Outgoing]:
+    def pass_on(self, packets: list[OutgoingBytes], at: int) -> list[OutgoingBytes]:
         """All of them, some cut."""
         return [
-            Outgoing(
+            OutgoingBytes(
                 packet.patch,
                 packet.data[: int(self.rng.integers(1, len(packet.data)))],
             )
@@ -96,9 +96,9 @@ class Duplicate(PacketFault):
 
     default = 0.1
 
-    def pass_on(self, packets: list[Outgoing], at: int) -> list[Outgoing]:
+    def pass_on(self, packets: list[OutgoingBytes], at: int) -> list[OutgoingBytes]:
         """All of them, some twice."""
-        out: list[Outgoing] = []
+        out: list[OutgoingBytes] = []
         for packet in packets:
             out += [packet] * (2 if self.is_struck(packet, at) else 1)
         return out
@@ -110,14 +110,14 @@ class Reorder(PacketFault):
 
     default = 0.1
 
-    def __init__(self, order: Order, rng: np.random.Generator) -> None:
+    def __init__(self, order: FaultSpec, rng: np.random.Generator) -> None:
         """Prepare it."""
         super().__init__(order, rng)
-        self.held: dict[int, Outgoing] = {}
+        self.held: dict[int, OutgoingBytes] = {}
 
-    def pass_on(self, packets: list[Outgoing], at: int) -> list[Outgoing]:
+    def pass_on(self, packets: list[OutgoingBytes], at: int) -> list[OutgoingBytes]:
         """All but those held back, and those held back before."""
-        out: list[Outgoing] = []
+        out: list[OutgoingBytes] = []
         for packet in packets:
             if packet.patch in self.held:
                 out += [packet, self.held.pop(packet.patch)]
@@ -137,19 +137,19 @@ class Delay(PacketFault):
 
     default, most = 0.1, HOUR
 
-    def __init__(self, order: Order, rng: np.random.Generator) -> None:
+    def __init__(self, order: FaultSpec, rng: np.random.Generator) -> None:
         """Prepare it."""
         super().__init__(order, rng)
         self.late = round(order.amount * NS_PER_S)
-        self.held: deque[tuple[int, Outgoing]] = deque()
+        self.held: deque[tuple[int, OutgoingBytes]] = deque()
 
-    def pass_on(self, packets: list[Outgoing], at: int) -> list[Outgoing]:
+    def pass_on(self, packets: list[OutgoingBytes], at: int) -> list[OutgoingBytes]:
         """Those that are due, then those that are not delayed."""
-        out: list[Outgoing] = []
+        out: list[OutgoingBytes] = []
         while self.held and self.held[0][0] <= at:
             out.append(self.held.popleft()[1])
         for packet in packets:
-            if self.holds(at) and packet.patch in self.order.patches:
+            if self.holds(at) and packet.patch in self.spec.patches:
                 self.note(packet)
                 self.held.append((at + self.late, packet))
             else:
@@ -163,14 +163,14 @@ class WrongPatch(PacketFault):
 
     default = 0.1
 
-    def pass_on(self, packets: list[Outgoing], at: int) -> list[Outgoing]:
+    def pass_on(self, packets: list[OutgoingBytes], at: int) -> list[OutgoingBytes]:
         """All of them, and more."""
-        out: list[Outgoing] = []
+        out: list[OutgoingBytes] = []
         for packet in packets:
             out.append(packet)
             if packet.data[1] == DATA and self.is_struck(packet, at):
-                strange = readdressed(packet.data, self.order.unused)
-                out.append(Outgoing(packet.patch, strange))
+                strange = readdressed(packet.data, self.spec.unused)
+                out.append(OutgoingBytes(packet.patch, strange))
         return out
 
 
@@ -193,10 +193,10 @@ MONTH = 2.6e6
 """[s]"""
 
 
-class Absence(ModuleFault):
+class ModuleAbsence(ModuleFault):
     """Modules that are away for a time, then power up."""
 
-    def __init__(self, order: Order, rng: np.random.Generator) -> None:
+    def __init__(self, order: FaultSpec, rng: np.random.Generator) -> None:
         """Prepare it."""
         super().__init__(order, rng)
         self.end = order.end
@@ -209,11 +209,11 @@ class Absence(ModuleFault):
 
     def change(self, patches: tuple[VirtualPatch, ...], at: int) -> None:
         """Take modules away, or bring them back."""
-        away = self.order.start <= at < self.end
+        away = self.spec.start <= at < self.end
         if away == self.is_away:
             return
         self.is_away = away
-        for index in self.order.patches:
+        for index in self.spec.patches:
             patches[index].away += 1 if away else -1
             self.count += away
             if not away:
@@ -225,7 +225,7 @@ class Absence(ModuleFault):
 
 
 @final
-class Unplug(Absence):
+class Unplug(ModuleAbsence):
     """Modules are unplugged, and plugged in again where that ends."""
 
     def bring_back(self, patch: VirtualPatch, at: int) -> None:
@@ -234,12 +234,12 @@ class Unplug(Absence):
 
 
 @final
-class Reboot(Absence):
+class Reboot(ModuleAbsence):
     """Modules start anew, and are away for the amount [s]."""
 
     default, most, lasts = 0.2, MONTH, False
 
-    def __init__(self, order: Order, rng: np.random.Generator) -> None:
+    def __init__(self, order: FaultSpec, rng: np.random.Generator) -> None:
         """Prepare it."""
         super().__init__(order, rng)
         self.end = order.start + round(order.amount * NS_PER_S)
@@ -250,12 +250,12 @@ class Reboot(Absence):
 
 
 @final
-class Replace(Absence):
+class Replace(ModuleAbsence):
     """Other modules, with other serial numbers, after the amount [s]."""
 
     default, most, lasts = 0.2, MONTH, False
 
-    def __init__(self, order: Order, rng: np.random.Generator) -> None:
+    def __init__(self, order: FaultSpec, rng: np.random.Generator) -> None:
         """Prepare it."""
         super().__init__(order, rng)
         self.end = order.start + round(order.amount * NS_PER_S)
@@ -267,7 +267,7 @@ class Replace(Absence):
         patch.power_up(at)
 
 
-class Turn(ModuleFault):
+class InstantModuleFault(ModuleFault):
     """Something that happens to modules at one instant."""
 
     lasts = False
@@ -279,9 +279,9 @@ class Turn(ModuleFault):
 
     def change(self, patches: tuple[VirtualPatch, ...], at: int) -> None:
         """Let it happen, once."""
-        if self.count == 0 and at >= self.order.start:
-            self.count = len(self.order.patches)
-            self.turn([patches[index] for index in self.order.patches], at)
+        if self.count == 0 and at >= self.spec.start:
+            self.count = len(self.spec.patches)
+            self.turn([patches[index] for index in self.spec.patches], at)
 
     @abstractmethod
     def turn(self, patches: list[VirtualPatch], at: int) -> None:
@@ -289,7 +289,7 @@ class Turn(ModuleFault):
 
 
 @final
-class ClockJump(Turn):
+class ClockJump(InstantModuleFault):
     """Clocks of modules jump by the amount [s]."""
 
     default, least, most = 10.0, -MONTH, MONTH
@@ -297,11 +297,11 @@ class ClockJump(Turn):
     def turn(self, patches: list[VirtualPatch], at: int) -> None:
         """Let clocks jump."""
         for patch in patches:
-            patch.jump(self.order.amount)
+            patch.jump(self.spec.amount)
 
 
 @final
-class Wrap(Turn):
+class Wrap(InstantModuleFault):
     """Clocks and scan numbers of modules wrap after the amount [s]."""
 
     default, most = 1.0, 2**32 / 1e6
@@ -309,11 +309,11 @@ class Wrap(Turn):
     def turn(self, patches: list[VirtualPatch], at: int) -> None:
         """Set clocks and scan numbers."""
         for patch in patches:
-            patch.wrap_in(self.order.amount, at)
+            patch.wrap_in(self.spec.amount, at)
 
 
 @final
-class Swap(Turn):
+class Swap(InstantModuleFault):
     """Two modules have each other's address, as when cables are changed."""
 
     pair = True
@@ -325,7 +325,7 @@ class Swap(Turn):
 
 
 @final
-class SameAddress(Turn):
+class SameAddress(InstantModuleFault):
     """The second module has the first one's address as well as the first."""
 
     pair = True
@@ -347,7 +347,7 @@ class Noisy(TaxelFault):
 
     def disturb(self, counts: Int[np.ndarray, "part"]) -> Int[np.ndarray, "part"]:
         """Counts with noise."""
-        noise = np.rint(self.rng.normal(0.0, self.order.amount, len(counts)))
+        noise = np.rint(self.rng.normal(0.0, self.spec.amount, len(counts)))
         return np.clip(counts + noise.astype(counts.dtype), 0, LARGEST)
 
 
@@ -359,7 +359,7 @@ class Stuck(TaxelFault):
 
     def disturb(self, counts: Int[np.ndarray, "part"]) -> Int[np.ndarray, "part"]:
         """The same for all."""
-        return np.full_like(counts, round(self.order.amount))
+        return np.full_like(counts, round(self.spec.amount))
 
 
 @final
@@ -382,11 +382,11 @@ class Flip(LineFault):
         """What it counts."""
         return "bits"
 
-    def pass_on(self, chunks: list[Outgoing], at: int) -> list[Outgoing]:
+    def pass_on(self, chunks: list[OutgoingBytes], at: int) -> list[OutgoingBytes]:
         """All of them, with some bits flipped."""
         return [
-            Outgoing(chunk.patch, self.noisy(chunk.data))
-            if self.holds(at) and chunk.patch in self.order.patches
+            OutgoingBytes(chunk.patch, self.noisy(chunk.data))
+            if self.holds(at) and chunk.patch in self.spec.patches
             else chunk
             for chunk in chunks
         ]
@@ -394,7 +394,7 @@ class Flip(LineFault):
     def noisy(self, data: bytes) -> bytes:
         """The same with some bits flipped."""
         bits = 8 * len(data)
-        flips = int(self.rng.binomial(bits, self.order.amount))
+        flips = int(self.rng.binomial(bits, self.spec.amount))
         self.count += flips
         return flipped(data, self.rng.choice(bits, flips, replace=False))
 
@@ -410,21 +410,21 @@ class Garbage(LineFault):
         """What it counts."""
         return "bytes"
 
-    def __init__(self, order: Order, rng: np.random.Generator) -> None:
+    def __init__(self, order: FaultSpec, rng: np.random.Generator) -> None:
         """Prepare it."""
         super().__init__(order, rng)
         self.last = 0
 
-    def pass_on(self, chunks: list[Outgoing], at: int) -> list[Outgoing]:
+    def pass_on(self, chunks: list[OutgoingBytes], at: int) -> list[OutgoingBytes]:
         """All of them, and random bytes."""
         since, self.last = at - self.last, at
         if not self.holds(at):
             return chunks
-        size = int(self.rng.poisson(self.order.amount * since / NS_PER_S))
+        size = int(self.rng.poisson(self.spec.amount * since / NS_PER_S))
         self.count += size
         flood = self.rng.bytes(size)
-        source = int(self.rng.choice(self.order.patches))
+        source = int(self.rng.choice(self.spec.patches))
         return chunks + [
-            Outgoing(source, flood[first : first + MOST_BYTES])
-            for first in range(0, size, MOST_BYTES)
+            OutgoingBytes(source, flood[first : first + MAX_PACKET_BYTES])
+            for first in range(0, size, MAX_PACKET_BYTES)
         ]

@@ -5,7 +5,7 @@ import re
 import numpy as np
 from jaxtyping import Int
 
-from eskin.drivers.virtual.fault import FOREVER, Fault, Order
+from eskin.drivers.virtual.fault import FOREVER, DeviceFault, FaultSpec
 from eskin.drivers.virtual.fault_kinds import (
     ClockJump,
     Corrupt,
@@ -31,7 +31,7 @@ from eskin.drivers.virtual.fault_kinds import (
 from eskin.skin import Skin
 from eskin.units import NS_PER_S
 
-KINDS: dict[str, type[Fault]] = {
+FAULT_KINDS: dict[str, type[DeviceFault]] = {
     "unplug": Unplug,
     "replace": Replace,
     "reboot": Reboot,
@@ -68,7 +68,7 @@ PLACE = re.compile(
 MOST_ADDRESS = 2**16 - 1
 
 
-def parse_fault(text: str, skin: Skin, seed: int = 0) -> Fault:
+def parse_fault(text: str, skin: Skin, seed: int = 0) -> DeviceFault:
     """The fault that a text asks for.
 
     Args:
@@ -85,14 +85,14 @@ def parse_fault(text: str, skin: Skin, seed: int = 0) -> Fault:
             f"fault '{text}' cannot be read; allowed is KIND[:WHERE][@FROM[-TO]]"
             "[=AMOUNT], such as lose=0.1 or unplug:forearm@5-8; times are in seconds"
         )
-    kind = KINDS.get(found["kind"])
+    kind = FAULT_KINDS.get(found["kind"])
     if kind is None:
         raise ValueError(
-            f"fault '{text}' is of no known kind; allowed are {', '.join(KINDS)}"
+            f"fault '{text}' is of no known kind; allowed are {', '.join(FAULT_KINDS)}"
         )
     patches, taxels = place_of(text, found["where"], kind, skin)
     start, end = span_of(text, found["start"], found["end"], kind)
-    order = Order(
+    order = FaultSpec(
         text=text,
         patches=patches,
         taxels=taxels,
@@ -105,7 +105,7 @@ def parse_fault(text: str, skin: Skin, seed: int = 0) -> Fault:
 
 
 def place_of(
-    text: str, where: str | None, kind: type[Fault], skin: Skin
+    text: str, where: str | None, kind: type[DeviceFault], skin: Skin
 ) -> tuple[tuple[int, ...], Int[np.ndarray, "part"]]:
     """Patches and taxels that are meant: all unless some are named."""
     if where is None and not kind.pair:
@@ -148,7 +148,7 @@ def one_place(text: str, name: str, skin: Skin) -> tuple[int, Int[np.ndarray, "p
 
 
 def span_of(
-    text: str, start: str | None, end: str | None, kind: type[Fault]
+    text: str, start: str | None, end: str | None, kind: type[DeviceFault]
 ) -> tuple[int, int]:
     """From when until when [ns]."""
     first = round(float(start or 0.0) * NS_PER_S)
@@ -166,7 +166,7 @@ def span_of(
     return first, last
 
 
-def amount_of(text: str, amount: str | None, kind: type[Fault]) -> float:
+def amount_of(text: str, amount: str | None, kind: type[DeviceFault]) -> float:
     """How much: what was asked for, or what is usual; 1 where it takes none."""
     if amount is None:
         return 1.0 if kind.default is None else kind.default

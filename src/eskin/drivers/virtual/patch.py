@@ -11,11 +11,11 @@ from eskin.drivers.packet import (
     COUNT,
     CRC,
     DATA,
-    MOST_COUNTS,
+    MAX_COUNTS,
     VERSION,
     Hello,
     Status,
-    encode,
+    encode_packet,
 )
 from eskin.skin import Patch
 
@@ -108,8 +108,8 @@ class VirtualPatch:
         patch, rate = self.patch, min(round(self.rate), SCAN_WRAP - 1)
         size = (patch.rows, patch.columns, len(self.taxels), rate)
         return [
-            encode(Hello(*common, *size, self.serial_number, FIRMWARE)),
-            encode(Status(*common, 0, 0, TEMPERATURE)),
+            encode_packet(Hello(*common, *size, self.serial_number, FIRMWARE)),
+            encode_packet(Status(*common, 0, 0, TEMPERATURE)),
         ]
 
     def measure(
@@ -146,7 +146,7 @@ def runs(received: Bool[np.ndarray, "part"]) -> list[tuple[int, int]]:
         edges = np.flatnonzero(np.diff(received, prepend=False, append=False))
         pieces = list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))
     return [
-        (first, min(first + MOST_COUNTS, end))
+        (first, min(first + MAX_COUNTS, end))
         for begin, end in pieces
-        for first in range(begin, end, MOST_COUNTS)
+        for first in range(begin, end, MAX_COUNTS)
     ]

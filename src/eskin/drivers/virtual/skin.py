@@ -7,13 +7,13 @@ import numpy as np
 
 from eskin.closing import Closing
 from eskin.drivers.clock import Clock
-from eskin.drivers.framing import frame
+from eskin.drivers.framing import encode_frame
 from eskin.drivers.virtual.fault import (
     FOREVER,
-    Fault,
+    DeviceFault,
     LineFault,
     ModuleFault,
-    Outgoing,
+    OutgoingBytes,
     PacketFault,
     TaxelFault,
 )
@@ -25,7 +25,7 @@ from eskin.touch import Scan
 from eskin.units import NS_PER_S
 
 
-def at_rate(scans: Iterable[Scan], rate: float) -> Iterator[Scan]:
+def resample_scans(scans: Iterable[Scan], rate: float) -> Iterator[Scan]:
     """The latest scan at every tick of another rate, so that all lasts as long.
 
     A scan comes several times where the rate is higher, and may be left out where it is
@@ -74,7 +74,7 @@ class VirtualSkin(Closing):
         skin: Skin,
         ports: Sequence[Port],
         rate: float = 50.0,
-        faults: Sequence[Fault] = (),
+        faults: Sequence[DeviceFault] = (),
         seed: int = 0,
     ) -> None:
         """Power up all patches.
@@ -155,15 +155,15 @@ class VirtualSkin(Closing):
                 fault.change(self.patches, at)
             elif isinstance(fault, TaxelFault) and fault.holds(at):
                 counts = counts.copy()
-                part = fault.order.taxels
+                part = fault.spec.taxels
                 counts[part] = fault.disturb(counts[part])
                 fault.count += len(part)
-        packets: list[Outgoing] = []
+        packets: list[OutgoingBytes] = []
         for index, patch in enumerate(self.patches):
             if patch.away == 0:
                 made = patch.introduce(at) if second or patch.is_new else []
                 made += patch.measure(counts, scan.received, at)
-                packets += [Outgoing(index, data) for data in made]
+                packets += [OutgoingBytes(index, data) for data in made]
         self.packets += len(packets)
         self.scans += 1
         self.elapsed = round(self.scans * NS_PER_S / self.rate)
@@ -196,13 +196,13 @@ class VirtualSkin(Closing):
             else:
                 port.unplug()
 
-    def pass_on(self, packets: list[Outgoing], at: int) -> None:
+    def pass_on(self, packets: list[OutgoingBytes], at: int) -> None:
         """Send packets through all faults that lie on their way."""
         for fault in self.faults:
             if isinstance(fault, PacketFault):
                 packets = fault.pass_on(packets, at)
         chunks = [
-            Outgoing(packet.patch, frame(packet.data))
+            OutgoingBytes(packet.patch, encode_frame(packet.data))
             if self.ports[self.port_of[packet.patch]].framed
             else packet
             for packet in packets
@@ -215,14 +215,14 @@ class VirtualSkin(Closing):
             if own:
                 port.send(own)
 
-    def counted(self) -> dict[str, object]:
+    def counters(self) -> dict[str, object]:
         """Scans and packets made, bytes sent, packets unheard, and each fault's."""
         return {
             "scans": self.scans,
             "packets": self.packets,
             "bytes": sum(port.bytes for port in self.ports),
             "unheard": sum(port.unheard for port in self.ports),
-            "faults": [fault.counted() for fault in self.faults],
+            "faults": [fault.counters() for fault in self.faults],
         }
 
     def close(self) -> None:

@@ -24,7 +24,6 @@ from eskin.sim.dataset.session_plan import Sitting
 from eskin.sim.dataset.settings import Settings
 from eskin.sim.scene.scene import TrueSeries
 from eskin.touch import Calibration
-from eskin.touch.calibration import build_pressure_curve
 from eskin.units import NS_PER_S
 
 
@@ -94,7 +93,7 @@ def peaks_of(
     calibration: Calibration,
 ) -> Float[np.ndarray, "reading"]:
     """Largest pressure of each reading [kPa]."""
-    bend = build_pressure_curve(calibration)
+    bend = calibration.pressure_curve
     peaks = np.zeros(len(counts))
     for gain in np.unique(calibration.gain):
         alike = calibration.gain == gain
