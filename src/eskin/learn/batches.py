@@ -16,7 +16,7 @@ from eskin.learn.ground_truth import Segment
 from eskin.learn.windows import (
     build_network_input,
     build_places,
-    cut,
+    cut_windows,
     drop_readings,
     stretch_time,
     subsample_readings,

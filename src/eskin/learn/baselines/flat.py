@@ -28,7 +28,7 @@ KPA = 10.0
 BINS = 10
 COMPONENTS = 512
 
-Features = Literal["compute_maxima", "bins"]
+Features = Literal["maxima", "bins"]
 FeatureRows = Float[np.ndarray, "clip feature"]
 
 
@@ -53,7 +53,7 @@ class FlatBaseline(Baseline):
         """
         super().__init__(mounted)
         self.make = estimator
-        self.rows = compute_maxima if features == "compute_maxima" else bins
+        self.rows = compute_maxima if features == "maxima" else bins
         self.reduces = features == "bins"
         self.model: Estimator = None
 

@@ -203,7 +203,7 @@ class EventScore:
         )
 
     @property
-    def compute_reliability(self) -> Reliability:
+    def reliability(self) -> Reliability:
         """How sure detections of gestures were, and how often right."""
         return compute_reliability(self.confidence, self.right)
 
