@@ -7,7 +7,8 @@ import pytest
 
 from eskin.sim.sensor.build import draw_build
 from eskin.sim.sensor.model import Stages
-X
+from eskin.sim.sensor.noise import BLOCK
+from eskin.sim.sensor.sensor import sense
 from sensor_scenes import (
     CONSTANTS,
     ELEMENT,

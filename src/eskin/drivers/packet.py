@@ -1,7 +1,7 @@
-"""Device protocol, version 1: what a patch says, as bytes.
+"""This module encodes and decodes the packets of device protocol version 1.
 
-Little-endian. Every packet is a header, what its kind holds, and a CRC-32 of all bytes
-before it; `docs/protocol.md` has the tables.
+All numbers are little-endian. Every packet is a header, the body of its kind, and a
+CRC-32 of all bytes before it; `docs/protocol.md` has the tables.
 """
 
 import struct
@@ -15,86 +15,93 @@ from eskin.errors import PacketError
 
 VERSION = 1
 HELLO, DATA, STATUS = 1, 2, 3
-MOST_BYTES = 1400
-"""Of one packet: with UDP and IP before it, it still fits every Ethernet frame."""
+MAX_PACKET_BYTES = 1400
+"""Largest packet: with UDP and IP headers it still fits every Ethernet frame."""
 
 HEADER = struct.Struct("<BBHHI")
 HELLO_BODY = struct.Struct("<HHHHQB")
 DATA_BODY = struct.Struct("<HH")
 STATUS_BODY = struct.Struct("<IIh")
 CRC = struct.Struct("<I")
-RESIDUE = 0x2144DF1C
-"""CRC-32 of any bytes with their own CRC-32 behind them."""
-LEAST_BYTES = HEADER.size + CRC.size
-MOST_TEXT = 255
-MOST_COUNTS = (MOST_BYTES - HEADER.size - DATA_BODY.size - CRC.size) // 2
-COUNT = np.dtype("<u2")
+CRC_RESIDUE = 0x2144DF1C
+"""CRC-32 of any bytes that are followed by their own CRC-32."""
+MIN_PACKET_BYTES = HEADER.size + CRC.size
+MAX_FIRMWARE_BYTES = 255
+MAX_COUNTS = (MAX_PACKET_BYTES - HEADER.size - DATA_BODY.size - CRC.size) // 2
+COUNT_TYPE = np.dtype("<u2")
+MAX_COUNT = 2**16 - 1
+"""Largest count that a packet can hold."""
+MAX_ADDRESS = 2**16 - 1
+SCAN_NUMBER_SPAN = 1 << 16
+"""How many scan numbers there are before they wrap."""
+DEVICE_TIME_SPAN = 1 << 32
+"""After how long device time wraps [us]."""
 
 
 @dataclass(frozen=True)
 class Hello:
-    """A patch introduces itself: at power-up and once a second."""
+    """A packet in which a patch describes itself, sent at power-up and once a second."""
 
     address: int
-    """Of the patch on its bus, 0 to 65535."""
+    """Address of the patch on its bus, 0 to 65535."""
     scan: int
-    """Number of its latest scan, modulo 65536."""
+    """Number of the latest scan, modulo 65536."""
     device_time: int
-    """Its own clock [us], modulo 2**32."""
+    """Time of the patch's own clock [us], modulo 2**32."""
     rows: int
-    """Rows of its electrode grid."""
+    """Rows of the electrode grid."""
     columns: int
-    """Columns of its electrode grid."""
+    """Columns of the electrode grid."""
     taxels: int
-    """How many cells of the grid hold a taxel."""
+    """Number of grid cells that hold a taxel."""
     rate: int
-    """Scans a second that it means to make; 0 where it does not say."""
+    """Nominal scan rate [1/s]; 0 where it is not specified."""
     serial_number: int
-    """Tells this module from every other, 64 bits."""
+    """Unique number of the module, 64 bits."""
     firmware: str
-    """Name and version of its program, at most 255 bytes of UTF-8."""
+    """Name and version of the firmware, at most 255 bytes of UTF-8."""
 
 
 @dataclass(frozen=True, eq=False)
 class Data:
-    """Counts of some taxels of one scan."""
+    """A packet that holds counts of some taxels of one scan."""
 
     address: int
-    """Of the patch on its bus, 0 to 65535."""
+    """Address of the patch on its bus, 0 to 65535."""
     scan: int
-    """Number of the scan, modulo 65536; its packets share it."""
+    """Number of the scan, modulo 65536; all packets of a scan share it."""
     device_time: int
-    """When the scan began by the patch's own clock [us], modulo 2**32."""
+    """Start of the scan by the patch's own clock [us], modulo 2**32."""
     first: int
-    """Place of the first count among the taxels of the patch."""
+    """Index of the first count among the taxels of the patch."""
     counts: UInt16[np.ndarray, "count"]
-    """What the converter counted, in the order of the patch's taxels; read-only where
-    the packet was decoded."""
+    """Counts of the converter in the order of the patch's taxels; read-only where the
+    packet was decoded."""
 
 
 @dataclass(frozen=True)
 class Status:
-    """How a patch fares: once a second, or when something is wrong."""
+    """A packet that reports the health of a patch, once a second or on an error."""
 
     address: int
-    """Of the patch on its bus, 0 to 65535."""
+    """Address of the patch on its bus, 0 to 65535."""
     scan: int
-    """Number of its latest scan, modulo 65536."""
+    """Number of the latest scan, modulo 65536."""
     device_time: int
-    """Its own clock [us], modulo 2**32."""
+    """Time of the patch's own clock [us], modulo 2**32."""
     skipped: int
-    """Scans that it had no time to make or send since power-up."""
+    """Scans that the patch had no time to make or send since power-up."""
     errors: int
-    """What went wrong in its electronics since power-up."""
+    """Errors of the electronics since power-up."""
     temperature: int
-    """Of the module [0.01 degrees Celsius]; -32768 where it is not measured."""
+    """Temperature of the module [0.01 degrees Celsius]; -32768 if not measured."""
 
 
 Packet = Hello | Data | Status
 
 
-def encode(packet: Packet) -> bytes:
-    """A packet as bytes.
+def encode_packet(packet: Packet) -> bytes:
+    """Return a packet as bytes.
 
     Raises:
         PacketError: a number does not fit its field (`content`), or there are too many
@@ -117,9 +124,9 @@ def encode(packet: Packet) -> bytes:
 
 
 def encode_body(packet: Packet) -> bytes:
-    """What stands between header and CRC."""
+    """Return the bytes between header and CRC."""
     if isinstance(packet, Hello):
-        text = firmware_bytes(packet.firmware)
+        text = encode_firmware(packet.firmware)
         fixed = HELLO_BODY.pack(
             packet.rows,
             packet.columns,
@@ -130,13 +137,13 @@ def encode_body(packet: Packet) -> bytes:
         )
         return fixed + text
     if isinstance(packet, Data):
-        counts = count_bytes(packet.counts)
+        counts = encode_counts(packet.counts)
         return DATA_BODY.pack(packet.first, len(packet.counts)) + counts
     return STATUS_BODY.pack(packet.skipped, packet.errors, packet.temperature)
 
 
-def firmware_bytes(firmware: str) -> bytes:
-    """Name and version of a program as at most 255 bytes."""
+def encode_firmware(firmware: str) -> bytes:
+    """Return name and version of the firmware as at most 255 bytes."""
     try:
         text = firmware.encode()
     except UnicodeEncodeError as error:
@@ -145,46 +152,46 @@ def firmware_bytes(firmware: str) -> bytes:
             "UTF-8 can write; leave out surrogates",
             "content",
         ) from error
-    if len(text) > MOST_TEXT:
+    if len(text) > MAX_FIRMWARE_BYTES:
         raise PacketError(
             f"firmware {firmware!r:.60} has {len(text)} bytes of UTF-8; allowed are "
-            f"{MOST_TEXT}; shorten it",
+            f"{MAX_FIRMWARE_BYTES}; shorten it",
             "content",
         )
     return text
 
 
-def count_bytes(counts: UInt16[np.ndarray, "count"]) -> bytes:
-    """Counts as they travel; those of another type are refused, never wrapped."""
+def encode_counts(counts: UInt16[np.ndarray, "count"]) -> bytes:
+    """Return counts as bytes; refuse counts of another type, which would wrap."""
     if counts.dtype.type is not np.uint16 or counts.ndim != 1:
         raise PacketError(
             f"counts are {counts.dtype} of shape {counts.shape}; allowed are uint16 "
             "of one dimension; clip them to 0 to 65535 and convert them",
             "content",
         )
-    if len(counts) > MOST_COUNTS:
+    if len(counts) > MAX_COUNTS:
         raise PacketError(
-            f"packet has {len(counts)} counts; allowed are {MOST_COUNTS}; send the "
+            f"packet has {len(counts)} counts; allowed are {MAX_COUNTS}; send the "
             "scan in several packets",
             "length",
         )
-    return counts.astype(COUNT).tobytes()
+    return counts.astype(COUNT_TYPE).tobytes()
 
 
-def decode(data: bytes | bytearray | memoryview) -> Packet:
-    """The packet that is exactly these bytes; it keeps none of the caller's memory.
+def decode_packet(data: bytes | bytearray | memoryview) -> Packet:
+    """Return the packet that consists of exactly these bytes, copied.
 
     Raises:
-        PacketError: they are none; its `reason` is the first check that failed.
+        PacketError: they are no packet; `reason` is the first check that failed.
     """
     data = bytes(data)
-    if not LEAST_BYTES <= len(data) <= MOST_BYTES:
+    if not MIN_PACKET_BYTES <= len(data) <= MAX_PACKET_BYTES:
         raise PacketError(
-            f"packet has {len(data)} bytes; allowed are {LEAST_BYTES} to {MOST_BYTES}; "
+            f"packet has {len(data)} bytes; allowed are {MIN_PACKET_BYTES} to {MAX_PACKET_BYTES}; "
             "check the framing",
             "length",
         )
-    if zlib.crc32(data) != RESIDUE:
+    if zlib.crc32(data) != CRC_RESIDUE:
         raise PacketError(
             "CRC-32 of a packet is wrong; allowed is that of its bytes; check cable "
             "and baud rate",
@@ -213,17 +220,17 @@ def decode(data: bytes | bytearray | memoryview) -> Packet:
 
 
 def decode_data(common: tuple[int, int, int], data: bytes) -> Data:
-    """The data packet with that header; its counts cannot be written to."""
-    check_least("data", data, DATA_BODY.size)
+    """Return the data packet with that header; its counts are read-only."""
+    check_min_size("data", data, DATA_BODY.size)
     first, count = DATA_BODY.unpack_from(data, HEADER.size)
-    check_size("data", data, DATA_BODY.size + count * COUNT.itemsize)
+    check_size("data", data, DATA_BODY.size + count * COUNT_TYPE.itemsize)
     start = HEADER.size + DATA_BODY.size
-    return Data(*common, first, np.frombuffer(data, COUNT, count, start))
+    return Data(*common, first, np.frombuffer(data, COUNT_TYPE, count, start))
 
 
 def decode_hello(common: tuple[int, int, int], data: bytes) -> Hello:
-    """The hello packet with that header."""
-    check_least("hello", data, HELLO_BODY.size)
+    """Return the hello packet with that header."""
+    check_min_size("hello", data, HELLO_BODY.size)
     *numbers, length = HELLO_BODY.unpack_from(data, HEADER.size)
     check_size("hello", data, HELLO_BODY.size + length)
     try:
@@ -238,22 +245,22 @@ def decode_hello(common: tuple[int, int, int], data: bytes) -> Hello:
     return Hello(*common, rows, columns, taxels, rate, serial_number, firmware)
 
 
-def check_least(kind: str, data: bytes, size: int) -> None:
+def check_min_size(kind: str, data: bytes, size: int) -> None:
     """Refuse a packet whose body is shorter than the fixed part of its kind."""
-    if len(data) - LEAST_BYTES < size:
-        raise wrong_size(kind, data, f"at least {size}")
+    if len(data) - MIN_PACKET_BYTES < size:
+        raise build_size_error(kind, data, f"at least {size}")
 
 
 def check_size(kind: str, data: bytes, size: int) -> None:
     """Refuse a packet whose body is not as long as it says."""
-    if len(data) - LEAST_BYTES != size:
-        raise wrong_size(kind, data, str(size))
+    if len(data) - MIN_PACKET_BYTES != size:
+        raise build_size_error(kind, data, str(size))
 
 
-def wrong_size(kind: str, data: bytes, allowed: str) -> PacketError:
-    """The error of a packet whose body has another length than it should."""
+def build_size_error(kind: str, data: bytes, allowed: str) -> PacketError:
+    """Build the error of a packet whose body has the wrong length."""
     return PacketError(
-        f"body of a {kind} packet has {len(data) - LEAST_BYTES} bytes; allowed are "
+        f"body of a {kind} packet has {len(data) - MIN_PACKET_BYTES} bytes; allowed are "
         f"{allowed}; mend the device's program",
         "content",
     )
