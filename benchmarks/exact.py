@@ -21,7 +21,7 @@ from eskin.cli.generate import Command as Generate
 from eskin.cli.generate import SkinName, run
 from eskin.learn.checkpoint import to_network
 from eskin.learn.dataset import prepare
-from eskin.learn.windows import build_network_input, cut
+from eskin.learn.windows import build_network_input, cut_windows
 from eskin.live import Recognizer
 from eskin.model import Model, load_model
 from eskin.nn import RecogniserNetwork

@@ -253,14 +253,16 @@ def commanded(place: Path, model: Path) -> Answers:
     """Every decision about a simulated arm in four minutes of scripted touches."""
     score = run_headless(240, DemoConfig(model=str(model))).score
     lines = []
-    for one in score.tries:
-        lines.append(f"{one.gesture} {one.wanted} {one.begin} {one.end} {one.verdict}")
-        given = [*one.refusals, *([one.given] if one.given else [])]
+    for one in score.attempts:
+        lines.append(
+            f"{one.gesture} {one.expected} {one.begin} {one.end} {one.outcome}"
+        )
+        given = [*one.refusals, *([one.command] if one.command else [])]
         lines += [f"{c.stamp} {c.action} {c.touch} {c.accepted}" for c in given]
     lines += [f"{c.stamp} {c.action} {c.touch}" for c in score.false_alarms]
     return {
         "decisions": digest("\n".join(lines).encode()),
-        "counts": np.array([score.commands, score.holds, len(score.tries)]),
+        "counts": np.array([score.commands, score.holds, len(score.attempts)]),
     }
 
 

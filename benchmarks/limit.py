@@ -104,7 +104,7 @@ def graph_size(mounted: MountedSkin, active: int) -> tuple[int, int]:
     fixed, taxels = FixedNeighbours(skin, config.fixed), on_forearm(skin, active)
     heard = fixed.table[taxels]
     nodes = np.union1d(taxels, heard[heard >= 0])
-    p_world, _ = mounted.poses(np.zeros(len(mounted.robot.joint_names)), nodes)
+    p_world, _ = mounted.place_taxels(np.zeros(len(mounted.robot.joint_names)), nodes)
     patches, rank = skin.patch_index[nodes], fixed.rank[nodes]
     live = live_neighbours(p_world, patches, rank, config.live, config.live_reach)
     hears = np.isin(nodes, taxels)

@@ -156,7 +156,7 @@ def pointed_at(run: Run, rng: np.random.Generator) -> Place:
     """A place amid one of the long patches."""
     skin = run.live.mounted.skin
     patch = str(rng.choice(["forearm_front", "forearm_back", "upper_arm_back"]))
-    taxels = skin.taxels_of(patch)
+    taxels = skin.find_taxels(patch)
     inner = taxels[(skin.columns[taxels] > 3) & (skin.columns[taxels] < 12)]
     taxel = rng.choice(inner[len(inner) // 4 : -len(inner) // 4])
     link = skin.patches[skin.patch_index[taxel]].link

@@ -96,7 +96,7 @@ def pressed(active: int) -> tuple[GraphBuilder, Share, eskin.Reading]:
     """
     skin = eskin.load_skin("ur5")
     mounted = eskin.MountedSkin(skin, eskin.load_robot("ur5"))
-    patch = skin.taxels_of("forearm_front")
+    patch = skin.find_taxels("forearm_front")
     centre = skin.positions[patch].mean(axis=0)
     distance = np.linalg.norm(skin.positions[patch] - centre, axis=1)
     taxels = np.sort(patch[np.argsort(distance)[:active]])

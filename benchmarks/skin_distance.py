@@ -136,7 +136,7 @@ def kinematic_distance(
     targets: Int[np.ndarray, "target"],
 ) -> Float[np.ndarray, "source target"]:
     """Straight-line distance from each source to each target taxel at this q [m]."""
-    return cdist(mounted.poses(q, sources)[0], mounted.poses(q, targets)[0])
+    return cdist(mounted.place_taxels(q, sources)[0], mounted.place_taxels(q, targets)[0])
 
 
 def surface_distances(

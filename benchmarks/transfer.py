@@ -33,7 +33,7 @@ from eskin import Detection, Model, Recognizer, load_model
 from eskin.recording import NONE
 from eskin.recording import socialtouch as social
 from eskin.robot import load_robot
-from eskin.skin import MountedSkin, grid_skin
+from eskin.skin import MountedSkin, build_grid_skin
 from eskin.touch import Calibration, Scan, TouchState
 from eskin.units import NS_PER_S
 
@@ -262,7 +262,7 @@ def answer_trials(
 ) -> list[Answer]:
     """Play every trial to a fresh recogniser."""
     pitch = setting.pitch_mm / 1000
-    skin = grid_skin(public.rows, public.columns, pitch, calibrated=True)
+    skin = build_grid_skin(public.rows, public.columns, pitch, calibrated=True)
     mounted = MountedSkin(skin, load_robot("table"))
     scale = setting.full_scale_kpa
     calibration = Calibration.uniform(

@@ -116,8 +116,8 @@ class Visit:
 
         Best is one in the middle that faces the eye; one that is hidden is not seen.
         """
-        everywhere, normals = mounted().poses(self.demo.q_shown, SOME)
-        own = mounted().skin_link_index[SOME] == mounted().robot.link_index(LINK)
+        everywhere, normals = mounted().place_taxels(self.demo.q_shown, SOME)
+        own = mounted().taxel_link_index[SOME] == mounted().robot.link_index(LINK)
         p_world, n_world = everywhere[own], normals[own]
         rays = p_world - EYE
         depth = np.linalg.norm(rays, axis=1)

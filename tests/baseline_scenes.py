@@ -17,7 +17,7 @@ def toy(count=10, seed=0):
     """Clips of a short touch, a long light one and a wide one on the forearm."""
     rng = np.random.default_rng(seed)
     skin = UR5.skin
-    patch = skin.taxels_of("forearm_front")
+    patch = skin.find_taxels("forearm_front")
     middle = skin.positions[patch].mean(axis=0)
     labels = np.arange(3 * count) % 3
     pressure = np.zeros((3 * count, READINGS, skin.count), np.float32)

@@ -78,5 +78,5 @@ def field(felt, chart):
 def force_on(felt, chart):
     """Force on the taxels at every step [N]."""
     areas = 4 * np.abs(np.linalg.det(chart.cells))
-    areas = areas * chart.surface.wrap(chart.unrolled).stretch
+    areas = areas * chart.surface.wrap(chart.unrolled).area_scale
     return 1e3 * felt.pressure @ areas[np.searchsorted(chart.taxels, felt.taxels)]

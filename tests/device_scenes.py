@@ -10,7 +10,7 @@ import serial
 from eskin.drivers import ManualClock, decode_packet
 from eskin.drivers.framing import Deframer
 from eskin.drivers.virtual import Port, PtyPort, UdpPort, VirtualSkin, parse_fault
-from eskin.skin import Grid, Patch, Plane, join_patches
+from eskin.skin import Patch, Plane, TaxelGrid, build_skin
 from eskin.touch import Scan
 
 PERIOD = 20_000_000
@@ -27,8 +27,8 @@ def small_skin():
         place = np.eye(4)
         place[0, 3] = 0.1 * number
         patch = Patch(name, "table", number + 1, rows, columns)
-        laid.append((patch, Grid(rows, columns, 0.01, 0.01), Plane(place)))
-    return join_patches("small", laid)
+        laid.append((patch, TaxelGrid(rows, columns, 0.01, 0.01), Plane(place)))
+    return build_skin("small", laid)
 
 
 def scans_of(skin, count, seed=0, received=None):

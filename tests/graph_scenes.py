@@ -12,13 +12,13 @@ from eskin.nn import network_input
 from eskin.nn.batch import summary
 from eskin.robot import Joint, Link, Robot, load_robot
 from eskin.skin import (
-    Grid,
     MountedSkin,
     Patch,
     Plane,
     Skin,
+    TaxelGrid,
     Tube,
-    join_patches,
+    build_skin,
     load_skin,
 )
 from eskin.touch import Reading
@@ -89,15 +89,15 @@ def flat(rows=9, columns=9, pitch=0.01, patches=1, calibrated=True) -> MountedSk
         place = np.eye(4)
         place[0, 3] = (n - (patches - 1) / 2) * columns * pitch
         patch = Patch(f"p{n}", "table", n, rows, columns, "shear")
-        laid.append((patch, Grid(rows, columns, pitch, pitch), Plane(place)))
-    return table(join_patches("flat", laid, calibrated))
+        laid.append((patch, TaxelGrid(rows, columns, pitch, pitch), Plane(place)))
+    return table(build_skin("flat", laid, calibrated))
 
 
 def rolled(radius=0.03, rows=9, columns=15, pitch=0.01) -> MountedSkin:
     """The grid that `flat` lays out, round a tube."""
     patch = Patch("p0", "table", 0, rows, columns, "shear")
-    grid = Grid(rows, columns, pitch, pitch)
-    return table(join_patches("rolled", [(patch, grid, Tube(radius, np.eye(4)))]))
+    grid = TaxelGrid(rows, columns, pitch, pitch)
+    return table(build_skin("rolled", [(patch, grid, Tube(radius, np.eye(4)))]))
 
 
 def book() -> MountedSkin:
@@ -107,12 +107,16 @@ def book() -> MountedSkin:
         place = np.eye(4)
         place[[0, 2], 3] = x, z
         laid.append(
-            (Patch(link, link, n, 7, 7, "shear"), Grid(7, 7, 0.01, 0.01), Plane(place))
+            (
+                Patch(link, link, n, 7, 7, "shear"),
+                TaxelGrid(7, 7, 0.01, 0.01),
+                Plane(place),
+            )
         )
     y = np.array([0.0, 1.0, 0.0])
     hinge = Joint("hinge", "revolute", "cover", "page", np.eye(4), y)
     robot = Robot("book", (Link("cover"), Link("page")), (hinge,))
-    return MountedSkin(join_patches("book", laid), robot)
+    return MountedSkin(build_skin("book", laid), robot)
 
 
 @cache
@@ -162,7 +166,7 @@ def touch_on_arm(shear=False) -> Scene:
     """A hand holding wrist 3 against the upper arm of a moving ur5."""
     mounted = ur5()
     skin = mounted.skin
-    p_world, _ = mounted.poses(FOLDED)
+    p_world, _ = mounted.place_taxels(FOLDED)
     links = np.array(skin.link_names)[skin.patch_index]
     wrist, arm = (
         np.flatnonzero(links == n) for n in ("wrist_3_link", "upper_arm_link")

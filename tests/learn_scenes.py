@@ -12,7 +12,7 @@ from eskin.learn.dataset import Dataset
 from eskin.learn.training import TrainConfig
 from eskin.model import NetworkConfig
 from eskin.recording import Label, Metadata, RecordingWriter, write_all
-from eskin.skin import grid_skin
+from eskin.skin import build_grid_skin
 from eskin.touch import Calibration, Scan
 
 SECOND = 1_000_000_000
@@ -69,7 +69,7 @@ def record(
     size=(5, 6),
 ) -> Path:
     """Write a recording of gestures one after the other."""
-    skin = grid_skin(*size, calibrated=calibrated, kind=kind)
+    skin = build_grid_skin(*size, calibrated=calibrated, kind=kind)
     rng = np.random.default_rng(0)
     scans = []
     for index in range(round((onset(len(gestures)) + 0.4) * RATE)):

@@ -9,7 +9,7 @@ from eskin.model import Model, ModelCard, NetworkConfig
 from eskin.nn import RecogniserNetwork
 from eskin.recording import Label, Metadata, RecordingWriter, write_all
 from eskin.robot import load_robot
-from eskin.skin import MountedSkin, Skin, grid_skin, load_skin
+from eskin.skin import MountedSkin, Skin, build_grid_skin, load_skin
 from eskin.touch import Calibration, Scan
 
 SECOND = 1_000_000_000
@@ -21,7 +21,7 @@ VOCABULARY = ("none", "poke", "stroke", "grab")
 def mounted(name="grid", calibrated=True, kind="pressure") -> MountedSkin:
     if name == "ur5":
         return MountedSkin(load_skin("ur5"), load_robot("ur5"))
-    skin = grid_skin(8, 30, kind=kind, calibrated=calibrated)
+    skin = build_grid_skin(8, 30, kind=kind, calibrated=calibrated)
     return MountedSkin(skin, load_robot("table"))
 
 
@@ -79,8 +79,8 @@ def two_hands(mounted):
     count = mounted.skin.count
     if mounted.robot.name == "ur5":
         patches = [patch.id for patch in mounted.skin.patches]
-        arm = mounted.skin.taxels_of(patches[0])
-        hand = mounted.skin.taxels_of(patches[-1])
+        arm = mounted.skin.find_taxels(patches[0])
+        hand = mounted.skin.find_taxels(patches[-1])
         places = arm[10], arm[len(arm) // 2], hand[3], hand[8]
     else:
         places = 65, 72, count - 3, count - 4

@@ -7,13 +7,13 @@ from eskin.drivers.assembler import Assembler
 from eskin.drivers.events import EventLog
 from eskin.drivers.source import FixedJoints
 from eskin.drivers.transport import ReceivedPacket, Transport
-from touch_scenes import SECOND, START, grid_skin
+from touch_scenes import SECOND, START, build_grid_skin
 
 MS = SECOND // 1000
 ROWS, COLUMNS = 2, 3
 TAXELS = ROWS * COLUMNS
 PATCHES = 3
-SKIN = grid_skin(ROWS, COLUMNS, PATCHES)
+SKIN = build_grid_skin(ROWS, COLUMNS, PATCHES)
 Q = np.zeros(0)
 
 

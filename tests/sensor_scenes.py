@@ -8,10 +8,10 @@ from eskin.sim.constants import load_constants
 from eskin.sim.sensor.build import nominal_build
 from eskin.sim.sensor.model import Session, Stages
 from eskin.sim.sensor.sensor import sense
-from touch_scenes import grid_skin
+from touch_scenes import build_grid_skin
 
 CONSTANTS = load_constants()
-SKIN = grid_skin(6, 6, patches=2)
+SKIN = build_grid_skin(6, 6, patches=2)
 STEP = 0.01
 NONE = Stages(**{field.name: False for field in fields(Stages)})
 ELEMENT = replace(NONE, power=True, creep=True, hysteresis=True, divider=True)

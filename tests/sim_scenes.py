@@ -9,7 +9,7 @@ from eskin.robot import load_robot
 from eskin.sim.dataset.clip import Clip
 from eskin.sim.dataset.clip_generator import Maker
 from eskin.sim.scene.scene import TrueSeries
-from eskin.skin import MountedSkin, grid_skin
+from eskin.skin import MountedSkin, build_grid_skin
 from eskin.touch import Calibration
 
 RATE = 50
@@ -22,7 +22,9 @@ class StandIn(Maker):
 
     def __init__(self, skin):
         self.robot_name = "table"
-        self.mounted = MountedSkin(grid_skin(3, 4, name=skin), load_robot("table"))
+        self.mounted = MountedSkin(
+            build_grid_skin(3, 4, name=skin), load_robot("table")
+        )
 
     def calibration(self, build):
         rng = build.rng()

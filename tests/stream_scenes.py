@@ -6,13 +6,13 @@ import numpy as np
 
 from eskin.drivers import STEPPED, ManualClock, PlayedSource, SourceInfo
 from eskin.recording import Metadata
-from eskin.skin.layout import grid_skin
+from eskin.skin.layout import build_grid_skin
 from eskin.stream import Listener
 from eskin.touch import Calibration, Scan
 
 SECOND = 1_000_000_000
 START = 1_700_000_000 * SECOND
-SKIN = grid_skin(3, 4, name="square")
+SKIN = build_grid_skin(3, 4, name="square")
 JOINTS = ("shoulder", "elbow")
 METADATA = Metadata("set", "P1", "morning")
 INFO = SourceInfo(

@@ -8,7 +8,7 @@ from eskin.drivers import Data, Status
 from eskin.drivers.module_registry import HOLD_TIME
 from eskin.drivers.timeline import PeriodGrid
 from module_scenes import MS, PATCHES, SKIN, TAXELS, Module, World, check, tagged
-from touch_scenes import SECOND, START, grid_skin
+from touch_scenes import SECOND, START, build_grid_skin
 
 SETTLED = 0.2
 
@@ -398,7 +398,7 @@ def test_scans_that_a_patch_says_it_skipped_are_told_as_lost():
 
 
 def test_taxels_of_patches_that_lie_mixed_in_the_skin_go_where_they_belong():
-    skin = grid_skin(2, 3, PATCHES)
+    skin = build_grid_skin(2, 3, PATCHES)
     mixed = replace(skin, patch_index=np.tile(np.arange(PATCHES), TAXELS))
     world = World(skin=mixed).play(streams(0, 2), 2.0)
     scan = next(scan for scan in reversed(world.scans) if scan.received.all())

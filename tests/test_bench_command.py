@@ -100,7 +100,7 @@ def test_a_larger_skin_is_the_arm_as_it_is_with_panels_out_of_its_way():
         assert np.array_equal(getattr(large, name)[:2112], getattr(small, name))
     problems = check_skin(large, UR5.robot)
     assert all("off the surface of link 'base_link'" in p.text for p in problems)
-    p_world, _ = MountedSkin(large, UR5.robot).poses(np.zeros(6))
+    p_world, _ = MountedSkin(large, UR5.robot).place_taxels(np.zeros(6))
     assert p_world[2112:, 0].max() < p_world[:2112, 0].min() - 1
 
 

@@ -16,14 +16,14 @@ from touch_scenes import (
     REST,
     SECOND,
     START,
+    build_grid_skin,
     calibration_of,
-    grid_skin,
     pressed,
     reading_at,
     scan_at,
 )
 
-SKIN = grid_skin()
+SKIN = build_grid_skin()
 TOUCHED = pressed(SKIN, (0.02, 0.02), kpa=1.0) > 0
 
 
@@ -127,7 +127,7 @@ def test_a_patch_silent_for_long_is_tared_anew():
 
 def test_readings_do_not_depend_on_the_order_of_the_taxels():
     order = np.random.default_rng(1).permutation(SKIN.count)
-    shuffled = grid_skin()
+    shuffled = build_grid_skin()
     for name in ("rows", "columns", "positions", "normals", "areas", "tangents"):
         object.__setattr__(shuffled, name, getattr(SKIN, name)[order])
     rng = np.random.default_rng(2)

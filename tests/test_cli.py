@@ -11,7 +11,7 @@ import pytest
 
 from eskin.cli.main import COMMANDS, main, one_line, overview, run
 from eskin.errors import ReadingError
-from eskin.skin import grid_skin, save_skin
+from eskin.skin import build_grid_skin, save_skin
 from eskin.touch import Reading, Scan
 
 # Of each command: arguments that are right but for what a test spoils.
@@ -189,7 +189,7 @@ def test_json_is_one_object_on_the_last_line_and_only_where_asked(capsys):
 
 @pytest.mark.parametrize("command", ["show", "check"])
 def test_a_skin_table_without_a_column_is_one_line(command, tmp_path, capsys):
-    save_skin(grid_skin(2, 3), tmp_path / "skin")
+    save_skin(build_grid_skin(2, 3), tmp_path / "skin")
     table = tmp_path / "skin" / "taxels.csv"
     rows = [line.split(",") for line in table.read_text().splitlines()]
     column = rows[0].index("nz")

@@ -5,7 +5,7 @@ from eskin.errors import ReadingError
 from eskin.skin.mounted_skin import MountedSkin
 from eskin.touch import ContactConfig
 from touch_scenes import (
-    grid_skin,
+    build_grid_skin,
     hinged_skin,
     mounted_grid,
     moved,
@@ -145,7 +145,7 @@ def random_presses(skin):
 
 
 def test_contacts_do_not_depend_on_the_order_of_the_taxels():
-    skin = grid_skin(rows=9, columns=9, patches=2)
+    skin = build_grid_skin(rows=9, columns=9, patches=2)
     order = np.random.default_rng(4).permutation(skin.count)
     robot = mounted_grid().robot
     pressure = random_presses(skin)
@@ -174,7 +174,7 @@ def test_contacts_move_with_a_rigid_motion_of_the_robot():
 
 
 def test_forces_of_all_contacts_add_up_to_that_of_the_active_taxels():
-    skin = grid_skin(rows=9, columns=9)
+    skin = build_grid_skin(rows=9, columns=9)
     pressure = random_presses(skin).astype(np.float32)
     contacts = contacts_of(mounted_grid(rows=9, columns=9), reading_at(0.0, pressure))
     whole = 1e3 * (pressure * skin.areas)[pressure >= ContactConfig().on].sum()

@@ -9,13 +9,13 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from eskin.sim.sensor.kernels import read_array
-from eskin.skin import grid_skin
+from eskin.skin import build_grid_skin
 from eskin.touch import Calibration, CrosstalkCompensator, Reading, TouchPipeline
 from eskin.touch.calibration_kernels import LEAK
 from touch_scenes import REST, calibration_of, mounted_grid, pressed, scan_at
 
 ROWS, COLUMNS = 12, 14
-SKIN = grid_skin(ROWS, COLUMNS)
+SKIN = build_grid_skin(ROWS, COLUMNS)
 PLAIN = Calibration(
     np.full(SKIN.count, 50.0 / 4095), 4095, curve="divider", exponent=0.85, unfelt=2.0
 )

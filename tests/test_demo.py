@@ -28,9 +28,9 @@ def tried(begin, end, wanted="pause"):
 
 
 def scored(tries, commands):
-    score = CommandScore(tries=list(tries))
+    score = CommandScore(attempts=list(tries))
     for command in commands:
-        score.on_message(command)
+        score.add_command(command)
     return score
 
 
@@ -56,7 +56,7 @@ def test_what_was_refused_is_no_command_and_a_hold_is_not_one_either():
     commands = [told(1.5, accepted=False), told(1.6, "hold", touch=None)]
     score = scored([tried(1.0, 1.4)], commands)
     assert (score.commands, score.holds, score.count("missed")) == (0, 1, 1)
-    assert len(score.tries[0].refusals) == 1
+    assert len(score.attempts[0].refusals) == 1
 
 
 def refused(why):
@@ -77,30 +77,34 @@ def refused(why):
 )
 def test_a_touch_that_is_lost_has_a_reason(said, commands, why):
     score = scored([tried(1.0, 1.4)], commands)
-    score.tries[0].said += said
-    assert score.tries[0].lost == why
-    assert score.lost() == ({why: 1} if why else {})
+    score.attempts[0].recognised += said
+    assert score.attempts[0].failure == why
+    assert score.count_failures() == ({why: 1} if why else {})
 
 
 def test_nobody_touches_an_arm_that_has_just_been_paused():
     clock = ManualClock(SECOND)
     arm, skin = SimulatedArm(clock=clock), LiveSkin()
     config = SimulatedUserConfig(first=0.1)
-    visitor = SimulatedUser(
+    user = SimulatedUser(
         skin, arm, load_commands(None, VOCABULARY, skin.mounted.skin), 0, config
     )
     arm.pause()
     stamps = SECOND + np.arange(0, 2 * SECOND, SECOND // 50)
-    begun = [visitor.come(int(s)) or bool(skin.hand.touching) for s in stamps]
+    begun = [user.update(int(s)) or bool(skin.hand.touching) for s in stamps]
     assert stamps[begun.index(True)] == 2 * SECOND
 
 
 def test_a_touch_under_way_at_the_end_is_waited_for():
-    whole = run_headless(10.0, DemoConfig(seed=3)).score.tries[0]
+    whole = run_headless(10.0, DemoConfig(seed=3)).score.attempts[0]
     seconds = whole.begin / SECOND - 1.0 + 0.04
-    (cut,) = run_headless(seconds, DemoConfig(seed=3)).score.tries
-    assert (cut.begin, cut.end, cut.said) == (whole.begin, whole.end, whole.said)
-    assert cut.verdict == whole.verdict
+    (cut,) = run_headless(seconds, DemoConfig(seed=3)).score.attempts
+    assert (cut.begin, cut.end, cut.recognised) == (
+        whole.begin,
+        whole.end,
+        whole.recognised,
+    )
+    assert cut.outcome == whole.outcome
 
 
 @pytest.mark.parametrize("pause", [("2", "1"), ("-1", "1"), ("1", "inf")])
@@ -114,11 +118,11 @@ def test_touches_and_commands_add_up_and_are_the_same_every_time():
     first, second = (run_headless(25.0, DemoConfig(seed=3)) for _ in range(2))
     score = first.score
     verdicts = [score.count(verdict) for verdict in ("correct", "wrong", "missed")]
-    assert sum(verdicts) == len(score.tries) > 2
+    assert sum(verdicts) == len(score.attempts) > 2
     assert score.commands == verdicts[0] + verdicts[1] + len(score.false_alarms)
-    key = [(t.gesture, t.wanted, t.begin, t.end, t.verdict) for t in score.tries]
-    again = second.score.tries
-    assert key == [(t.gesture, t.wanted, t.begin, t.end, t.verdict) for t in again]
+    key = [(t.gesture, t.expected, t.begin, t.end, t.outcome) for t in score.attempts]
+    again = second.score.attempts
+    assert key == [(t.gesture, t.expected, t.begin, t.end, t.outcome) for t in again]
 
 
 def test_the_command_prints_what_the_contract_says(capsys):
@@ -149,20 +153,20 @@ def test_scans_come_period_by_period_where_the_arm_is():
 def test_orders_of_the_page_touch_the_skin_and_pause_the_arm():
     clock = ManualClock()
     arm, skin, others = SimulatedArm(clock=clock), LiveSkin(), []
-    obedience = PageCommandHandler(skin, arm, others.append)
-    taxel = int(skin.mounted.skin.taxels_of("forearm_front")[200])
+    handler = PageCommandHandler(skin, arm, others.append)
+    taxel = int(skin.mounted.skin.find_taxels("forearm_front")[200])
     place = tuple(skin.mounted.skin.positions[taxel].tolist())
-    obedience.obey(TouchOrder("poke", "forearm_link", place, 5.0, 0.3, 1))
+    handler.handle(TouchOrder("poke", "forearm_link", place, 5.0, 0.3, 1))
     assert len(skin.hand.touching) == 1
-    obedience.obey(TouchOrder("begin", "forearm_link", place, 3.0, 0.0, 2))
-    obedience.obey(TouchOrder("move", "forearm_link", place, 3.0, 0.0, 2))
+    handler.handle(TouchOrder("begin", "forearm_link", place, 3.0, 0.0, 2))
+    handler.handle(TouchOrder("move", "forearm_link", place, 3.0, 0.0, 2))
     assert len(skin.hand.touching) == 2
-    obedience.obey(PageOrder("pause_task"))
+    handler.handle(PageOrder("pause_task"))
     assert arm.state().paused
-    obedience.obey(PageOrder("resume_task"))
+    handler.handle(PageOrder("resume_task"))
     assert not arm.state().paused
-    obedience.obey(PageOrder("unplug", "wrist_1"))
+    handler.handle(PageOrder("unplug", "wrist_1"))
     scan = skin.scan(SECOND, arm.q_at(SECOND))
-    assert not scan.received[skin.mounted.skin.taxels_of("wrist_1")].any()
-    obedience.obey(PageOrder("skin", "ur5-half"))
+    assert not scan.received[skin.mounted.skin.find_taxels("wrist_1")].any()
+    handler.handle(PageOrder("skin", "ur5-half"))
     assert [order.kind for order in others] == ["skin"]

@@ -23,7 +23,7 @@ from eskin.recording import Metadata, RecordingWriter
 from eskin.robot import load_robot
 from eskin.sim.dataset.clip import Clip
 from eskin.sim.dataset.clip_generator import Maker
-from eskin.skin import MountedSkin, grid_skin, save_skin
+from eskin.skin import MountedSkin, build_grid_skin, save_skin
 from eskin.touch import Calibration
 
 SCANS = 30
@@ -203,7 +203,9 @@ def test_bad_ports_are_one_line_and_exit_code_2(recorded, words, complaint, caps
 
 def test_a_recording_of_another_skin_is_refused(recorded, capsys, tmp_path):
     _, path = recorded
-    save_skin(grid_skin(2, small_skin().count // 2, name="long"), tmp_path / "long")
+    save_skin(
+        build_grid_skin(2, small_skin().count // 2, name="long"), tmp_path / "long"
+    )
     assert run(["device", str(tmp_path / "long"), "--play", str(path)]) == 2
     assert "is of skin 'small', not of 'long'" in capsys.readouterr().err
     assert run(["device", "ur5", "--play", str(path)]) == 2

@@ -19,7 +19,7 @@ from eskin.drivers.udp_transport import UdpTransport
 from eskin.errors import DeviceError, SkinMismatchError
 from eskin.skin import MountedSkin
 from module_scenes import MS, PATCHES, SKIN, Module, Script, true_times
-from touch_scenes import SECOND, START, calibration_of, grid_skin, one_link_robot
+from touch_scenes import SECOND, START, build_grid_skin, calibration_of, one_link_robot
 
 MOUNTED = MountedSkin(SKIN, one_link_robot())
 PERIOD = 20 * MS
@@ -189,7 +189,7 @@ def test_packets_of_another_version_are_counted_and_said():
 
 def test_a_calibration_of_another_skin_is_refused():
     clock = ManualClock()
-    wrong = calibration_of(grid_skin(2, 2))
+    wrong = calibration_of(build_grid_skin(2, 2))
     joints = FixedJoints(np.zeros(0))
     with pytest.raises(SkinMismatchError, match="one gain a taxel"):
         DeviceSource(Script(clock, []), MOUNTED, wrong, joints, clock, "test:")

@@ -24,7 +24,7 @@ from eskin.errors import ArmError, ExtraError, RobotError
 from eskin.page import PageOrder
 from eskin.robot import Kinematics, Wrench, load_robot
 from eskin.robot.dynamics import Dynamics, ServoConfig
-from eskin.robot.presets import preset_text
+from eskin.robot.presets import read_preset_urdf
 from eskin.sim.interactive.hand import Place
 from eskin.sim.interactive.skin import LiveSkin, wrenches_of
 from eskin.transforms import apply
@@ -63,7 +63,9 @@ def tensor_of(body):
 
 
 def test_inertias_of_the_ur5_are_those_of_uniform_cylinders():
-    uniform, given = (mujoco.MjSpec.from_string(preset_text("ur5")) for _ in range(2))
+    uniform, given = (
+        mujoco.MjSpec.from_string(read_preset_urdf("ur5")) for _ in range(2)
+    )
     given.compiler.fusestatic = uniform.compiler.fusestatic = False
     uniform.compiler.inertiafromgeom = mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_TRUE
     uniform, given = uniform.compile(), given.compile()
@@ -231,7 +233,7 @@ def test_nothing_moves_the_kinematic_arm():
 
 def test_pressure_pushes_inward_with_its_force_where_it_is():
     skin = LiveSkin().mounted.skin
-    taxels = skin.taxels_of("forearm_front")[:1]
+    taxels = skin.find_taxels("forearm_front")[:1]
     (wrench,) = wrenches_of(np.array([50.0]), taxels, skin)
     force = -50e3 * skin.areas[taxels[0]] * skin.normals[taxels[0]]
     np.testing.assert_allclose(wrench.force_link, force)
@@ -246,11 +248,11 @@ def test_an_arm_that_stands_yields_to_a_poke_on_its_skin():
     skin = LiveSkin(loses=False)
     arm.pause()
     source = LiveSource(
-        skin, arm, clock, after=lambda: arm.apply_wrenches(skin.wrenches)
+        skin, arm, clock, after_scan=lambda: arm.apply_wrenches(skin.wrenches)
     )
     for _ in range(10):
         stood = source.read().q
-    taxel = skin.mounted.skin.taxels_of("forearm_front")[200]
+    taxel = skin.mounted.skin.find_taxels("forearm_front")[200]
     place = Place("forearm_link", skin.mounted.skin.positions[taxel])
     touch = skin.hand.poke(place, 30.0, 0.5)
     yielded = felt = 0.0
@@ -281,12 +283,12 @@ def test_who_touches_the_arm_of_the_demonstration_pushes_it(capsys, monkeypatch)
 
 def test_resume_in_the_page_ends_a_protective_stop():
     arm, clock = arm_and_clock()
-    obedience = PageCommandHandler(LiveSkin(), arm)
+    handler = PageCommandHandler(LiveSkin(), arm)
     arm.apply_wrenches(pushed((600.0, 0.0, 0.0)))
     clock.sleep(0.5)
     arm.apply_wrenches([])
     assert arm.state().protective_stop
-    obedience.obey(PageOrder("resume_task"))
+    handler.handle(PageOrder("resume_task"))
     assert not arm.state().stopped
 
 
@@ -294,15 +296,15 @@ def test_people_unlock_an_arm_in_protective_stop_before_they_touch_it():
     arm, clock = arm_and_clock()
     skin = LiveSkin()
     commands = load_commands(None, VOCABULARY, skin.mounted.skin)
-    visitor = SimulatedUser(skin, arm, commands, 0, SimulatedUserConfig(first=0.1))
+    user = SimulatedUser(skin, arm, commands, 0, SimulatedUserConfig(first=0.1))
     arm.apply_wrenches(pushed((600.0, 0.0, 0.0)))
     clock.sleep(0.5)
     arm.apply_wrenches([])
     assert arm.state().protective_stop
     while not skin.hand.touching:
         clock.sleep(0.02)
-        visitor.come(clock.now())
-    assert visitor.unlocked == 1 and not arm.state().protective_stop
+        user.update(clock.now())
+    assert user.unlocked == 1 and not arm.state().protective_stop
     assert arm.state().hold_reason == "protective stop"
 
 

@@ -2,9 +2,9 @@ import numpy as np
 import pytest
 
 from eskin.touch import Calibrator, FaultDetector
-from touch_scenes import SECOND, START, calibration_of, grid_skin, scan_at
+from touch_scenes import SECOND, START, build_grid_skin, calibration_of, scan_at
 
-SKIN = grid_skin(rows=6, columns=6, patches=2)
+SKIN = build_grid_skin(rows=6, columns=6, patches=2)
 COUNT = SKIN.count
 SICK = 7 + 36
 PLACE = ("p1", 1, 1, SICK)

@@ -34,7 +34,7 @@ from stream_scenes import Ear
 SKIN = small_skin()
 MOUNTED = MountedSkin(SKIN, load_robot("table"))
 CALIBRATION = Calibration.uniform(SKIN.count, 4095, 100.0)
-PARTS = {patch.id: SKIN.taxels_of(patch.id) for patch in SKIN.patches}
+PARTS = {patch.id: SKIN.find_taxels(patch.id) for patch in SKIN.patches}
 REST = 200
 DIGITS = 4 ** np.arange(6)
 MIXED = 1637

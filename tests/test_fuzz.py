@@ -13,7 +13,7 @@ from benchmarks.fuzz.target import Target
 
 from eskin.errors import SkinError
 from eskin.skin import load_skin, skin_from_bytes, skin_to_bytes
-from eskin.skin.layout import grid_skin
+from eskin.skin.layout import build_grid_skin
 
 
 @pytest.mark.parametrize(
@@ -112,7 +112,7 @@ def test_a_table_that_is_wild_is_refused_in_one_line(tmp_path, old, new, said):
 
 
 def test_a_table_reads_alike_whatever_ends_its_lines():
-    skin = grid_skin(2, 3, name="small")
+    skin = build_grid_skin(2, 3, name="small")
     head, mark, table = skin_to_bytes(skin).partition(b"...\n")
     for end in (b"\r\n", b"\r"):
         read = skin_from_bytes(head + mark + table.replace(b"\n", end))

@@ -153,7 +153,7 @@ def test_shear_follows_the_taxels_axes_into_the_world():
     for index, reading in enumerate(touch.readings):
         graph = graphs.select(np.array([index]))
         taxels = graph.taxels
-        R = mounted.frames(reading.q, taxels)
+        R = mounted.compute_frames(reading.q, taxels)
         x, y = reading.shear[taxels].T
         want = x[:, None] * R[:, :, 0] + y[:, None] * R[:, :, 1]
         np.testing.assert_allclose(graph.shear, want, atol=1e-4)

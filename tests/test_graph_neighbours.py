@@ -107,7 +107,7 @@ def test_live_neighbours_are_the_nearest_of_other_patches_within_reach(k, reach)
         scene = cloud(seed)
         want = brute_force(*scene, k, reach)
         assert np.array_equal(live_neighbours(*scene, k, reach), want)
-    grid = ur5().poses(FOLDED)[0][::9], ur5().skin.patch_index[::9]
+    grid = ur5().place_taxels(FOLDED)[0][::9], ur5().skin.patch_index[::9]
     rank = np.arange(len(grid[0]))[::-1].copy()
     want = brute_force(*grid, rank, k, reach)
     assert np.array_equal(live_neighbours(*grid, rank, k, reach), want)
@@ -124,7 +124,7 @@ def test_equally_far_neighbours_and_those_just_in_reach_stay_when_all_moves():
     """Two grids at one pitch, where the reach is a whole number of pitches."""
     mounted = flat(rows=6, columns=6, patches=2)
     patch, rank = mounted.skin.patch_index, np.arange(mounted.skin.count)
-    p_world, _ = mounted.poses(np.zeros(0))
+    p_world, _ = mounted.place_taxels(np.zeros(0))
     want = live_neighbours(p_world, patch, rank, 4, 0.03)
     gap = np.linalg.norm(p_world[want] - p_world[:, None], axis=2)
     assert np.isclose(gap[want >= 0].max(), 0.03)
@@ -153,10 +153,10 @@ def test_live_neighbours_follow_the_pose():
     mounted = ur5()
     skin, rank = mounted.skin, np.arange(mounted.skin.count)
     edges = [
-        live_neighbours(mounted.poses(q)[0], skin.patch_index, rank, 4, 0.03)
+        live_neighbours(mounted.place_taxels(q)[0], skin.patch_index, rank, 4, 0.03)
         for q in (np.zeros(6), FOLDED)
     ]
-    links = mounted.skin_link_index
+    links = mounted.taxel_link_index
     across = [(links[e] != links[:, None]) & (e >= 0) for e in edges]
     assert across[0].sum() == 0
     assert across[1].sum() > 50

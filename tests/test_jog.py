@@ -11,7 +11,7 @@ from eskin.command.task import JOG_SPEED
 from eskin.command.ur_arm import UrArm
 from eskin.drivers import ManualClock
 from eskin.errors import ArmError, JogError
-from eskin.robot import Kinematics, Reach, load_robot
+from eskin.robot import DampedLeastSquaresIK, Kinematics, load_robot
 from test_ur_arm import ToldLink
 
 CONFIG = MotionConfig()
@@ -185,7 +185,7 @@ def test_where_the_arm_does_not_reach_it_stands_as_it_did():
 def test_whatever_is_found_is_a_step_away_and_within_the_joints(seed):
     rng = np.random.default_rng(seed)
     q, step = rng.uniform(-3, 3, 6), 0.05 * unit(rng)
-    found = Reach(UR5, "tool0").stepped(q, step)
+    found = DampedLeastSquaresIK(UR5, "tool0").solve_step(q, step)
     if found is None:
         return
     np.testing.assert_allclose(

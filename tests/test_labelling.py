@@ -26,7 +26,7 @@ from eskin.recording import (
     write_all,
 )
 from eskin.recording.autolabel import compute_otsu_threshold
-from eskin.skin.layout import grid_skin
+from eskin.skin.layout import build_grid_skin
 from eskin.touch import Calibration, Scan
 
 SECOND = 1_000_000_000
@@ -219,7 +219,7 @@ def test_one_label_found_is_never_counted_for_two_events():
     assert (figures["event_recall"], figures["onset_bias_s"]) == (0, 0)
 
 
-SKIN = grid_skin(2, 2, name="square")
+SKIN = build_grid_skin(2, 2, name="square")
 
 
 def record(path, *times, labels=(), duration=12.0, height=200):

@@ -20,8 +20,8 @@ def network(pooling="max", k=8):
 
 def between_links():
     """Where two links of the folded arm are nearest to each other [m]."""
-    p_world, _ = UR5.poses(FOLDED)
-    links = UR5.skin_link_index
+    p_world, _ = UR5.place_taxels(FOLDED)
+    links = UR5.taxel_link_index
     near = live_neighbours(p_world, UR5.skin.patch_index, np.arange(2112), 4, 0.03)
     across = (near >= 0) & (links[near] != links[:, None])
     return p_world[np.flatnonzero(across.any(axis=1))[0]]
@@ -31,8 +31,8 @@ def readings(moving=True):
     """A touch over a seam, one on two links of the folded arm, one alone, and none."""
     skin, rng = UR5.skin, np.random.default_rng(0)
     pressure = np.zeros((4, skin.count), np.float32)
-    p_world, _ = UR5.poses(FOLDED)
-    seam = p_world[skin.taxels_of("forearm_front")[15]]
+    p_world, _ = UR5.place_taxels(FOLDED)
+    seam = p_world[skin.find_taxels("forearm_front")[15]]
     for reading, place in enumerate((seam, between_links())):
         near = np.argsort(np.linalg.norm(p_world - place, axis=1))[:60]
         pressure[reading, near] = rng.uniform(1, 30, 60)

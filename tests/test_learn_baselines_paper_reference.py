@@ -35,7 +35,7 @@ def readings():
     """A touch on one patch, on both open and closed, nearly closed, and no touch."""
     skin, rng = uneven_book().skin, np.random.default_rng(0)
     pressure = np.zeros((5, skin.count), np.float32)
-    cover, page = skin.taxels_of("cover"), skin.taxels_of("page")
+    cover, page = skin.find_taxels("cover"), skin.find_taxels("page")
     pressure[0, cover[:9]] = rng.uniform(1, 30, 9)
     for reading in (1, 2, 3):
         for patch in (cover, page):
@@ -94,7 +94,7 @@ def reference(net, pressure, q, k):
     mounted = net.mounted
     patch = mounted.skin.patch_index
     felt = np.where(pressure >= LEAST, pressure.astype(float) / KPA, 0.0)
-    p, _ = mounted.poses(q)
+    p, _ = mounted.place_taxels(q)
     inside, across = neighbours(p, patch, felt, k)
     first = x = p / LENGTH
     v = [linear(net.embed, np.array([each])) for each in felt]

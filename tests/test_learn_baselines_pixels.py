@@ -16,7 +16,7 @@ from eskin.learn.baselines.convolution import (
     build_unrolled_image,
 )
 from eskin.learn.baselines.flat import BINS, KPA, bins
-from eskin.skin import Grid, Patch, Plane, Tube, join_patches, load_skin
+from eskin.skin import Patch, Plane, TaxelGrid, Tube, build_skin, load_skin
 from graph_scenes import motion
 
 GAP = 0.0103  # between taxels of a patch that is laid here [m]
@@ -29,8 +29,8 @@ every_skin = pytest.mark.parametrize("name", ["ur5", "ur5-shapes", "bent", "slee
 def laid(rows, columns, surface):
     """One patch on a surface."""
     patch = Patch("patch", "table", 0, rows, columns)
-    grid = Grid(rows, columns, GAP, GAP)
-    return join_patches("laid", [(patch, grid, surface)])
+    grid = TaxelGrid(rows, columns, GAP, GAP)
+    return build_skin("laid", [(patch, grid, surface)])
 
 
 def pixels_of(skin):

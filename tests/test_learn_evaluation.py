@@ -21,7 +21,7 @@ from eskin.learn.scoring import (
     score_instants,
     score_segments,
 )
-from eskin.learn.windows import build_network_input, cut
+from eskin.learn.windows import build_network_input, cut_windows
 from eskin.model import ModelCard
 from learn_scenes import NETWORK, START, bare, record_people
 from live_scenes import network

@@ -15,7 +15,7 @@ from eskin.recording import (
     TruthRecord,
     read_recording,
 )
-from eskin.skin import grid_skin
+from eskin.skin import build_grid_skin
 from eskin.touch import Calibration, Scan
 
 SECOND = 1_000_000_000
@@ -85,7 +85,7 @@ def test_readings_without_contact_say_nothing():
 
 def recorded(path, records, simulated=True):
     """A recording of one scan and what was truly done."""
-    skin = grid_skin(2, 2)
+    skin = build_grid_skin(2, 2)
     notes = {"simulated": "true"} if simulated else {}
     calibration = Calibration.uniform(skin.count, 4095, 100.0)
     metadata = Metadata("scene", notes=notes)

@@ -12,7 +12,7 @@ from eskin.cli.presses import TARE, tare
 from eskin.drivers import STEPPED, ManualClock, PlayedSource, SourceInfo
 from eskin.robot import load_robot
 from eskin.skin import MountedSkin, save_skin
-from eskin.skin.wiring import spots_of
+from eskin.skin.wiring import choose_press_targets
 from eskin.touch import Calibration, Scan, TouchPipeline
 
 REST, PRESSED = 200, 1200
@@ -23,7 +23,7 @@ FIRST = 170
 
 def presses(skin, answering):
     """Every spot pressed in the order in which it is asked for."""
-    spots = [answering(spot.taxel) for spot in spots_of(skin)]
+    spots = [answering(spot.taxel) for spot in choose_press_targets(skin)]
     everywhere = np.ones(skin.count, bool)
     for number in range(FIRST + BETWEEN * (len(spots) + 3)):
         counts = np.full(skin.count, REST, np.int32)
@@ -81,7 +81,7 @@ def test_a_touch_does_not_end_taring():
 
 def test_exchanged_plugs_are_named(check_live, capsys):
     skin = small_skin()
-    left, right = skin.taxels_of("left").tolist(), skin.taxels_of("right").tolist()
+    left, right = skin.find_taxels("left").tolist(), skin.find_taxels("right").tolist()
     exchanged = dict(zip(left + right, right + left, strict=True))
     assert check_live(lambda taxel: exchanged.get(taxel, taxel)) == 2
     out, err = capsys.readouterr()
@@ -91,8 +91,8 @@ def test_exchanged_plugs_are_named(check_live, capsys):
 
 
 def test_a_patch_that_answers_for_another_is_named(check_live, capsys):
-    middle = small_skin().taxels_of("middle").tolist()
-    nobody = small_skin().taxels_of("right")[-1]
+    middle = small_skin().find_taxels("middle").tolist()
+    nobody = small_skin().find_taxels("right")[-1]
     assert check_live(lambda taxel: nobody if taxel in middle else taxel) == 2
     assert "where patch 'middle' was pressed, 'right' answered" in (
         capsys.readouterr().out

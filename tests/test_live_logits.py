@@ -9,7 +9,7 @@ from numba.core.runtime._nrt_python import memsys_disable_stats, memsys_enable_s
 from eskin.graph import GraphBuilder, Share, held_shares
 from eskin.graph.batch import NOTHING
 from eskin.learn.dataset import prepare
-from eskin.learn.windows import build_network_input, cut
+from eskin.learn.windows import build_network_input, cut_windows
 from eskin.live import Network, Recognizer
 from eskin.live.graph import graph_of
 from eskin.live.logits import SEQUENCES, LogitStream, calibrated

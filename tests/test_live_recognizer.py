@@ -112,11 +112,11 @@ def test_a_touch_that_stays_has_no_direction():
 
 def test_the_motion_of_the_arm_is_no_travel():
     on = mounted("ur5")
-    taxels = on.skin.taxels_of(on.skin.patches[-1].id)
+    taxels = on.skin.find_taxels(on.skin.patches[-1].id)
     here = taxels[len(taxels) // 2]
     stream = scans(on, [Press(2.4, 3.4, here, here, 40.0)], 25, 4.5)
     q = np.array([scan.q for scan in stream if scan.stamp >= START + 2 * SECOND])
-    tip, _ = on.poses(q, np.array([here]))
+    tip, _ = on.place_taxels(q, np.array([here]))
     assert np.linalg.norm(np.ptp(tip[:, 0], axis=0)) > 0.1
     [found] = run(recognizer_of(on, say_always("none")), stream)
     assert not found.direction_world.any()
@@ -125,7 +125,7 @@ def test_the_motion_of_the_arm_is_no_travel():
 
 def test_the_direction_of_travel_is_where_the_arm_is_at_the_last_contact():
     on = mounted("ur5")
-    taxels = on.skin.taxels_of(on.skin.patches[0].id)
+    taxels = on.skin.find_taxels(on.skin.patches[0].id)
     a, b = taxels[0], taxels[len(taxels) // 2]
     stream = scans(on, [Press(2.4, 3.2, a, b, 40.0)], 25, 4.5)
     [found] = run(recognizer_of(on, say_always("none")), stream)
@@ -133,7 +133,7 @@ def test_the_direction_of_travel_is_where_the_arm_is_at_the_last_contact():
     still = [replace(scan, q=q) for scan in stream]
     [there] = run(recognizer_of(on, say_always("none")), still)
     np.testing.assert_allclose(found.direction_world, there.direction_world, atol=1e-6)
-    points, _ = on.poses(q, np.array([a, b]))
+    points, _ = on.place_taxels(q, np.array([a, b]))
     way = (points[1] - points[0]) / np.linalg.norm(points[1] - points[0])
     assert found.direction_world @ way > 0.9
     assert np.linalg.norm(found.direction_world) == pytest.approx(1.0)

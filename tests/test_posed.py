@@ -26,7 +26,7 @@ def hand():
     links = np.array(skin.link_names)[skin.patch_index]
     wrist = np.flatnonzero(links == "wrist_3_link")
     arm = np.flatnonzero(links == "upper_arm_link")
-    p_world, _ = on.poses(FOLDED)
+    p_world, _ = on.place_taxels(FOLDED)
     gap = np.linalg.norm(p_world[wrist][:, None] - p_world[arm][None], axis=2)
     i, j = np.unravel_index(gap.argmin(), gap.shape)
     presses = [
@@ -91,7 +91,7 @@ def test_without_the_pose_the_same_counts_are_learned_alike(tmp_path):
 
 def test_a_touch_found_without_the_pose_is_told_where_it_is_in_the_pose(blind):
     on = mounted("ur5")
-    taxels = on.skin.taxels_of(on.skin.patches[0].id)
+    taxels = on.skin.find_taxels(on.skin.patches[0].id)
     press = Press(2.4, 3.2, taxels[0], taxels[len(taxels) // 2], 40.0)
     stream = [replace(scan, q=OPEN) for scan in scans(on, [press], 25, 4.5)]
     [one] = answers(load_model("ur5"), on, stream)[1]

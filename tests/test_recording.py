@@ -32,13 +32,13 @@ from eskin.recording.messages import (
     unpack_label,
     unpack_reading,
 )
-from eskin.skin.layout import grid_skin
+from eskin.skin.layout import build_grid_skin
 from eskin.touch import Calibration, Scan
 
 SECOND = 1_000_000_000
 START = 1_700_000_000 * SECOND + 123_456_789
 JOINTS = ("shoulder", "elbow")
-SKIN = grid_skin(3, 4, kind="shear", name="square")
+SKIN = build_grid_skin(3, 4, kind="shear", name="square")
 CALIBRATION = Calibration(np.linspace(0.1, 0.2, SKIN.count), 4095, 0.5, 128)
 METADATA = Metadata("set", "P1", "morning", "paper", {"rate": "50 Hz", "b": "ü"})
 DETECTION = DetectionRecord(

@@ -23,13 +23,13 @@ from eskin.recording.messages import (
     pack_truth,
     unpack_truth,
 )
-from eskin.skin.layout import grid_skin
+from eskin.skin.layout import build_grid_skin
 from eskin.touch import Calibration, Scan
 
 SECOND = 1_000_000_000
 START = 1_700_000_000 * SECOND + 5
 JOINTS = ("shoulder", "elbow")
-SKIN = grid_skin(3, 4, name="square")
+SKIN = build_grid_skin(3, 4, name="square")
 TRUTHS = tuple(
     TruthRecord(START + i * SECOND // 50, i // 9, "poke", "tip", "arm", 4.0 + i, *rest)
     for i, rest in enumerate([(1e-4, (0.1, -0.2, float(i))) for i in range(12)])

@@ -5,7 +5,7 @@ import pytest
 
 from eskin.errors import RobotError
 from eskin.robot import (
-    ROBOTS,
+    ROBOT_PRESETS,
     Box,
     Cylinder,
     Joint,
@@ -28,7 +28,7 @@ def robot_of(links, *joints):
     return Robot("toy", tuple(Link(name) for name in links), joints)
 
 
-@pytest.mark.parametrize("name", ROBOTS)
+@pytest.mark.parametrize("name", ROBOT_PRESETS)
 def test_every_preset_loads_by_its_name(name):
     assert load_robot(name).name == name
 
@@ -102,7 +102,7 @@ def test_the_ur5_has_tubes_of_the_measured_size_along_z(link, radius, low, high)
     ur5 = load_robot("ur5")
     tubes = [
         (body.T_link_shape[2, 3], body.shape)
-        for body in ur5.links[ur5.link_index(link)].bodies
+        for body in ur5.links[ur5.link_index(link)].geoms
         if isinstance(body.shape, Cylinder) and body.shape.radius == radius
     ]
     ((centre, tube),) = tubes
@@ -112,7 +112,7 @@ def test_the_ur5_has_tubes_of_the_measured_size_along_z(link, radius, low, high)
 
 
 def test_the_table_is_a_box_with_its_top_at_zero():
-    ((body,),) = (link.bodies for link in load_robot("table").links)
+    ((body,),) = (link.geoms for link in load_robot("table").links)
     assert isinstance(body.shape, Box)
     assert body.shape.size == (1.0, 1.0, 0.05)
     assert body.T_link_shape[2, 3] + 0.05 / 2 == 0

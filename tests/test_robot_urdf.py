@@ -10,9 +10,9 @@ from eskin.robot import (
     Kinematics,
     Sphere,
     TriangleMesh,
+    build_shape_mesh,
     load_robot,
     load_urdf,
-    shape_mesh,
 )
 
 GOOD = """<?xml version="1.0"?>
@@ -87,14 +87,14 @@ def test_links_joints_and_limits_are_read_and_all_else_passed_over(write):
 
 def test_bodies_keep_their_shape_and_place(write):
     base, arm, *rest = load_urdf(write(GOOD)).links
-    box, sphere = base.bodies
+    box, sphere = base.geoms
     assert box.shape == Box((1.0, 2.0, 3.0))
     expected = [[0, -1, 0, 1], [1, 0, 0, 2], [0, 0, 1, 3], [0, 0, 0, 1]]
     np.testing.assert_allclose(box.T_link_shape, expected, atol=1e-15)
     assert sphere.shape == Sphere(0.5)
     np.testing.assert_array_equal(sphere.T_link_shape, np.eye(4))
-    assert arm.bodies[0].shape == Cylinder(0.1, 2.0)
-    assert all(link.bodies == () for link in rest)
+    assert arm.geoms[0].shape == Cylinder(0.1, 2.0)
+    assert all(link.geoms == () for link in rest)
 
 
 def test_a_robot_is_loaded_by_path_as_text_or_path(write):
@@ -304,11 +304,11 @@ def volume(mesh):
 )
 def test_meshes_are_found_from_the_urdfs_folder_and_those_above(tmp_path, uri, stored):
     pytest.importorskip("trimesh")
-    write_stl(tmp_path / stored, shape_mesh(Box((1.0, 2.0, 3.0))))
+    write_stl(tmp_path / stored, build_shape_mesh(Box((1.0, 2.0, 3.0))))
     path = tmp_path / "robots" / "toy" / "urdf" / "toy.urdf"
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text(MESH.format(uri, "0.5 1 1"))
-    shape = load_urdf(path).links[0].bodies[0].shape
+    shape = load_urdf(path).links[0].geoms[0].shape
     assert isinstance(shape, TriangleMesh)
     assert shape.vertices.shape == (8, 3)
     np.testing.assert_allclose(volume(shape), 3)
@@ -316,9 +316,9 @@ def test_meshes_are_found_from_the_urdfs_folder_and_those_above(tmp_path, uri, s
 
 def test_a_mirrored_mesh_still_faces_outward(tmp_path):
     pytest.importorskip("trimesh")
-    write_stl(tmp_path / "box.stl", shape_mesh(Box((1.0, 2.0, 3.0))))
+    write_stl(tmp_path / "box.stl", build_shape_mesh(Box((1.0, 2.0, 3.0))))
     (tmp_path / "toy.urdf").write_text(MESH.format("box.stl", "1 -1 1"))
-    shape = load_urdf(tmp_path / "toy.urdf").links[0].bodies[0].shape
+    shape = load_urdf(tmp_path / "toy.urdf").links[0].geoms[0].shape
     assert isinstance(shape, TriangleMesh)
     np.testing.assert_allclose(volume(shape), 6)
 
@@ -350,7 +350,7 @@ def test_a_mesh_without_trimesh_says_what_to_install(write, tmp_path, monkeypatc
     import sys
 
     monkeypatch.setitem(sys.modules, "trimesh", None)
-    write_stl(tmp_path / "box.stl", shape_mesh(Box((1.0, 1.0, 1.0))))
+    write_stl(tmp_path / "box.stl", build_shape_mesh(Box((1.0, 1.0, 1.0))))
     path = write(MESH.format("box.stl", "1 1 1"))
     assert refusal(path) == (
         f"{path}: link 'base' has mesh box.stl, which needs trimesh: "
@@ -360,5 +360,5 @@ def test_a_mesh_without_trimesh_says_what_to_install(write, tmp_path, monkeypatc
 
 def test_a_urdf_moves_without_its_meshes(write):
     robot = load_urdf(write(MESH.format("gone.stl", "1 1 1")), meshes=False)
-    assert robot.links[0].bodies == ()
+    assert robot.links[0].geoms == ()
     assert Kinematics(robot).poses(np.zeros(0)).shape == (1, 4, 4)

@@ -54,7 +54,7 @@ def poked(tmp_path):
     """A recording of a hand that pokes the forearm three times."""
     live = LiveSkin(seed=4)
     skin = live.mounted.skin
-    place = skin.positions[skin.taxels_of("forearm_back")[100]].astype(float)
+    place = skin.positions[skin.find_taxels("forearm_back")[100]].astype(float)
     scans = []
     for number in range(300):
         if number in (120, 180, 240):

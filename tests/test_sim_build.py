@@ -7,10 +7,10 @@ from eskin.sim.constants import load_constants
 from eskin.sim.sensor.build import draw_build, nominal_build, taxels_of_line
 from eskin.sim.sensor.velostat import steps_from_edge
 from eskin.touch import Calibration
-from touch_scenes import grid_skin
+from touch_scenes import build_grid_skin
 
 CONSTANTS = load_constants()
-SKIN = grid_skin(12, 12, patches=6)
+SKIN = build_grid_skin(12, 12, patches=6)
 
 
 def drawn(kind="fresh", seed=1, constants=CONSTANTS, name="b"):

@@ -4,9 +4,9 @@ import pytest
 from eskin.robot import load_robot
 from eskin.sim.contact.chart import charts_of
 from eskin.skin import MountedSkin, Patch
-from eskin.skin.layout import Grid, join_patches
-from eskin.skin.presets import ur5_skin
-from eskin.skin.surfaces import Dome, Plane, Surface, Tube, Wrapped
+from eskin.skin.layout import TaxelGrid, build_skin
+from eskin.skin.presets import build_ur5_skin
+from eskin.skin.surfaces import Dome, Plane, Surface, SurfacePoints, Tube
 from eskin.transforms import make_transform
 
 LINK = "forearm_link"
@@ -23,7 +23,9 @@ class Turned(Surface):
         at = unrolled[:, ::-1] * [-1.0, 1.0] + self.shift
         wrapped = self.surface.wrap(at)
         t_axis = np.cross(wrapped.normals, wrapped.tangents)
-        return Wrapped(wrapped.positions, wrapped.normals, t_axis, wrapped.stretch)
+        return SurfacePoints(
+            wrapped.positions, wrapped.normals, t_axis, wrapped.area_scale
+        )
 
     def unroll(self, positions):
         raise NotImplementedError
@@ -40,12 +42,12 @@ def mounted(*laid):
         (Patch(f"p{i}", LINK, i + 1, grid.rows, grid.columns), grid, surface)
         for i, (grid, surface) in enumerate(laid)
     ]
-    return MountedSkin(join_patches("made", pieces), load_robot("ur5"))
+    return MountedSkin(build_skin("made", pieces), load_robot("ur5"))
 
 
 @pytest.fixture(scope="module")
 def ur5():
-    return MountedSkin(ur5_skin(), load_robot("ur5"))
+    return MountedSkin(build_ur5_skin(), load_robot("ur5"))
 
 
 def test_every_taxel_lies_on_one_chart(ur5):
@@ -94,7 +96,7 @@ def test_cells_of_a_grid_meet_without_gap(ur5):
 
 
 def test_cells_lie_right_where_rows_run_across_the_seam_of_a_tube():
-    grid = Grid(2, 6, row_pitch=0.007, column_pitch=0.008)
+    grid = TaxelGrid(2, 6, row_pitch=0.007, column_pitch=0.008)
     seam = np.array([np.pi * 0.04, 0.0])
     tube = Tube(0.04, np.eye(4))
     world = mounted((grid, tube), (grid, Turned(tube, seam)))
@@ -105,7 +107,7 @@ def test_cells_lie_right_where_rows_run_across_the_seam_of_a_tube():
 
 
 def test_a_dome_draws_its_cells_flat():
-    world = mounted((Grid(7, 7, 0.008, 0.008), Dome(0.06, np.eye(4))))
+    world = mounted((TaxelGrid(7, 7, 0.008, 0.008), Dome(0.06, np.eye(4))))
     (chart,) = charts_of(world)
     assert np.allclose(np.abs(np.linalg.det(chart.cells)), 0.004**2, rtol=1e-6)
 
@@ -114,7 +116,7 @@ def test_only_a_tube_comes_round():
     def lift(z):
         return make_transform(np.eye(3), np.array([0.0, 0.0, z]))
 
-    grid = Grid(3, 3, 0.008, 0.008)
+    grid = TaxelGrid(3, 3, 0.008, 0.008)
     laid = [(grid, Plane(lift(1.0))), (grid, Tube(0.05, lift(0.0)))]
     plane, tube = charts_of(mounted(*laid))
     whole = 2 * np.pi * 0.05
@@ -126,7 +128,7 @@ def test_only_a_tube_comes_round():
 
 
 def test_a_patch_on_no_known_surface_is_refused():
-    world = mounted((Grid(4, 4, 0.008, 0.008), Plane(np.eye(4))))
+    world = mounted((TaxelGrid(4, 4, 0.008, 0.008), Plane(np.eye(4))))
     skin = world.skin
     skin.positions[:, 2] = 0.01 * np.sin(500 * skin.positions[:, 0])
     with pytest.raises(ValueError, match="'p0' lies on no plane, tube or dome"):

@@ -5,7 +5,7 @@ from functools import lru_cache
 import numpy as np
 import pytest
 
-from eskin.robot import Body, Box, Link, Robot, load_robot, surface_distance
+from eskin.robot import Box, Geom, Link, Robot, compute_surface_distance, load_robot
 from eskin.sim.constants import MM
 from eskin.sim.scene.collision import solids_of
 from eskin.sim.scene.validity import acceptable, is_free, limits
@@ -18,7 +18,7 @@ ROBOT = load_robot("ur5")
 @lru_cache(maxsize=1)
 def sampled():
     """Points on the surface of each link."""
-    return {link.name: surface_points(link) for link in ROBOT.links if link.bodies}
+    return {link.name: surface_points(link) for link in ROBOT.links if link.geoms}
 
 
 def joined():
@@ -34,7 +34,7 @@ def sampled_gap(T_world_link):
                 T_a, T_b = (T_world_link[ROBOT.link_index(name)] for name in (a, b))
                 there = apply(invert(T_b) @ T_a, points)
                 link = ROBOT.links[ROBOT.link_index(b)]
-                least = min(least, surface_distance(link, there)[0].min())
+                least = min(least, compute_surface_distance(link, there)[0].min())
     return least
 
 
@@ -112,11 +112,13 @@ def test_room_is_the_distance_to_all_other_links_and_the_table():
         if name != "forearm_link":
             index = ROBOT.link_index(name)
             there = apply(invert(T[index]), points)
-            found = np.minimum(found, surface_distance(ROBOT.links[index], there)[0])
+            found = np.minimum(
+                found, compute_surface_distance(ROBOT.links[index], there)[0]
+            )
     np.testing.assert_allclose(told, np.maximum(found, 0.0), atol=1e-9)
 
 
 def test_a_robot_of_boxes_is_refused_with_the_remedy():
-    box = Body(Box((0.1, 0.1, 0.1)), np.eye(4))
-    with pytest.raises(ValueError, match="describe its collision bodies as such"):
+    box = Geom(Box((0.1, 0.1, 0.1)), np.eye(4))
+    with pytest.raises(ValueError, match="describe its collision geoms as such"):
         solids_of(Robot("crate", (Link("crate", (box,)),), ()))

@@ -74,7 +74,7 @@ def test_what_is_felt_is_felt_where_and_when_it_truly_is(gesture):
             continue
         around = truth.force[max(0, reading - 2) : reading + 3]
         assert around.max() > 0
-        p_world, _ = world().mounted.poses(clip.q[reading])
+        p_world, _ = world().mounted.place_taxels(clip.q[reading])
         at = truth.centroid[max(0, reading - 2) : reading + 3][around > 0]
         near.append(np.linalg.norm(at - p_world[taxel], axis=1).min())
     assert len(near) >= 3

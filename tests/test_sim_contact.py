@@ -34,7 +34,7 @@ from eskin.sim.contact.pressure import (
     within_reach,
 )
 from eskin.skin import MountedSkin
-from eskin.skin.presets import ur5_skin
+from eskin.skin.presets import build_ur5_skin
 from eskin.skin.surfaces import Plane, Tube
 
 CONSTANTS = load_constants()
@@ -44,7 +44,7 @@ each_chart = pytest.mark.parametrize("name", CHARTS)
 
 @pytest.fixture(scope="module")
 def ur5():
-    return MountedSkin(ur5_skin(), load_robot("ur5"))
+    return MountedSkin(build_ur5_skin(), load_robot("ur5"))
 
 
 def felt_field(touch, chart):

@@ -6,10 +6,10 @@ import pytest
 from eskin.sim.constants import load_constants
 from eskin.sim.sensor.build import draw_build, taxels_of_line
 from eskin.sim.sensor.electrical import ELECTRICAL, disturb
-from touch_scenes import grid_skin
+from touch_scenes import build_grid_skin
 
 CONSTANTS = load_constants()
-SKIN = grid_skin(6, 6, patches=2)
+SKIN = build_grid_skin(6, 6, patches=2)
 BUILD = draw_build("b", "fresh", SKIN, CONSTANTS, np.random.default_rng(1))
 REST = np.full((100, SKIN.count), 200, np.int32)
 ALL = np.ones(REST.shape, bool)

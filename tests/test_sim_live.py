@@ -20,7 +20,7 @@ from eskin.sim.sensor.sensor import Sensor, sense
 from eskin.touch import Calibrator, ContactConfig
 from eskin.transforms import apply
 from sensor_scenes import CONSTANTS
-from touch_scenes import grid_skin
+from touch_scenes import build_grid_skin
 
 Q = np.array([0.3, -1.2, 1.0, -1.0, -1.5, 0.2])
 SWAY = np.array([0.1, 0.05, -0.1, 0.2, 0.0, 0.1])
@@ -38,7 +38,7 @@ def swaying(reading):
 
 def place_of(live, patch, number=40):
     skin = live.mounted.skin
-    taxel = skin.taxels_of(patch)[number]
+    taxel = skin.find_taxels(patch)[number]
     link = skin.patches[skin.patch_index[taxel]].link
     return Place(link, skin.positions[taxel].astype(float))
 
@@ -66,7 +66,7 @@ def forces(found):
 @pytest.mark.parametrize("shape", [(6, 6, 2), (5, 5, 1)])
 @pytest.mark.parametrize("kind", ["fresh", "shifted"])
 def test_pressures_pushed_bit_by_bit_count_the_same_as_at_once(shape, kind):
-    skin = grid_skin(*shape[:2], patches=shape[2])
+    skin = build_grid_skin(*shape[:2], patches=shape[2])
     build = draw_build("b", kind, skin, CONSTANTS, np.random.default_rng(5))
     taxels, steps = np.array([7, 8, 13]), 2 * BLOCK + 60
     push = np.clip(np.sin(np.linspace(-1, 40, steps)), 0, 1)[:, None]
@@ -88,7 +88,7 @@ def test_pressures_pushed_bit_by_bit_count_the_same_as_at_once(shape, kind):
 
 
 def test_readings_get_lost_by_the_same_draws_but_for_the_first_state():
-    skin = grid_skin(6, 6, patches=2)
+    skin = build_grid_skin(6, 6, patches=2)
     build = draw_build("b", "shifted", skin, CONSTANTS, np.random.default_rng(5))
     often = replace(build.defects, dropped=0.2)
     one, two = (
@@ -218,7 +218,7 @@ def test_a_poke_is_felt_where_it_is(patch, way):
         calibrator.push(scan)
     place = place_of(live, patch, 30)
     live.hand.poke(place, 8.0, 0.4)
-    links, skin = live.mounted.skin_link_index, live.mounted.skin
+    links, skin = live.mounted.taxel_link_index, live.mounted.skin
     here = links == live.mounted.robot.link_index(place.link)
     most, where = 0.0, None
     for reading in range(40):
@@ -255,7 +255,7 @@ def test_what_is_left_of_a_touch_fades():
 def ends_of(live):
     """Two places of the forearm, far apart along it [m]."""
     skin = live.mounted.skin
-    row = skin.taxels_of("forearm_back")
+    row = skin.find_taxels("forearm_back")
     low, high = row[skin.columns[row] == 8][[3, -4]]
     return skin.positions[[low, high]].astype(float)
 

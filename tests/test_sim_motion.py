@@ -36,7 +36,7 @@ def press_at(chart, steps, first=0, centre=(0.0, 0.0), angle=0.2):
 
 
 def skin_speeds(series):
-    positions, _ = world().mounted.poses(series)
+    positions, _ = world().mounted.place_taxels(series)
     return np.linalg.norm(np.diff(positions, axis=0), axis=2) / STEP
 
 

@@ -21,7 +21,7 @@ from eskin.sim.dataset.plan import KINDS, SIDES
 from eskin.sim.dataset.session_plan import plan_alone
 from eskin.sim.dataset.settings import Settings
 from eskin.sim.people.person import draw_person
-from eskin.skin import PRESETS, MountedSkin, load_skin
+from eskin.skin import SKIN_PRESETS, MountedSkin, load_skin
 from eskin.touch import TouchPipeline
 from world_scenes import world
 
@@ -35,7 +35,7 @@ CONSTANTS = load_constants()
 def small(skin):
     """The simulator with the small pool of poses of the tests."""
     simulator = Simulator.__new__(Simulator)
-    simulator.robot_name = PRESETS[skin].robot
+    simulator.robot_name = SKIN_PRESETS[skin].robot
     simulator.mounted = MountedSkin(load_skin(skin), load_robot(simulator.robot_name))
     simulator.world = world() if skin == "ur5" else world_of("bent")
     return simulator

@@ -20,7 +20,7 @@ from sensor_scenes import (
     same_session,
     step_load,
 )
-from touch_scenes import grid_skin, scan_at
+from touch_scenes import build_grid_skin, scan_at
 
 ONSET = 5
 PERIOD = 0.02
@@ -97,7 +97,7 @@ def test_the_second_of_two_equal_pats_reads_more():
 
 def test_presses_of_two_sessions_repeat_as_the_logged_ones():
     rng = np.random.default_rng(2)
-    skin = grid_skin(20, 20)
+    skin = build_grid_skin(20, 20)
     build = draw_build("b", "fresh", skin, CONSTANTS, rng)
     one, two = (np.log(draw_session(build, rng).gain) for _ in range(2))
     assert 0.03 < (one - two).std() < 0.08

@@ -12,7 +12,7 @@ from eskin.skin import check_skin, load_skin, save_skin
 
 SKIN = load_skin("ur5")
 ROBOT = load_robot("ur5")
-VICTIM = int(SKIN.taxels_of("wrist_1")[17])
+VICTIM = int(SKIN.find_taxels("wrist_1")[17])
 
 
 def with_value(name, value, taxel=VICTIM):
@@ -75,9 +75,9 @@ def test_a_normal_turned_inward_is_found_with_and_without_a_robot():
 
 def test_a_whole_patch_turned_inside_out_is_found_on_the_robot():
     normals = SKIN.normals.copy()
-    normals[SKIN.taxels_of("wrist_2")] *= -1
+    normals[SKIN.find_taxels("wrist_2")] *= -1
     problems = check_skin(replace(SKIN, normals=normals), ROBOT)
-    assert [p.taxel for p in problems] == SKIN.taxels_of("wrist_2").tolist()
+    assert [p.taxel for p in problems] == SKIN.find_taxels("wrist_2").tolist()
 
 
 @pytest.mark.parametrize(("offset", "side"), [(0.008, "off"), (-0.008, "below")])
@@ -93,10 +93,10 @@ def test_a_taxel_off_its_links_surface_is_found(offset, side):
 
 def test_a_patch_in_millimetres_is_found():
     positions = SKIN.positions.copy()
-    positions[SKIN.taxels_of("wrist_2")] *= 1000
+    positions[SKIN.find_taxels("wrist_2")] *= 1000
     problems = check_skin(replace(SKIN, positions=positions), ROBOT)
     off = {p.taxel for p in problems if "off the surface" in p.text}
-    assert off == set(SKIN.taxels_of("wrist_2").tolist())
+    assert off == set(SKIN.find_taxels("wrist_2").tolist())
 
 
 def test_taxels_on_one_another_are_found():

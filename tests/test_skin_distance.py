@@ -10,13 +10,13 @@ from eskin.errors import SkinMismatchError
 from eskin.robot import Kinematics, Robot, load_robot
 from eskin.skin import (
     Dome,
-    Grid,
     MountedSkin,
     Patch,
     Plane,
+    TaxelGrid,
     Tube,
-    grid_skin,
-    join_patches,
+    build_grid_skin,
+    build_skin,
     load_skin,
 )
 from eskin.transforms import apply, make_transform, random_rotation
@@ -44,36 +44,36 @@ def moved_base(robot, T_world_base):
 
 def test_taxels_move_with_their_links():
     q = poses(1)[0]
-    p_world, n_world = MOUNTED.poses(q)
+    p_world, n_world = MOUNTED.place_taxels(q)
     T_world_link = Kinematics(ROBOT).poses(q)
     for taxel in some(20):
-        T = T_world_link[MOUNTED.skin_link_index[taxel]]
+        T = T_world_link[MOUNTED.taxel_link_index[taxel]]
         assert np.allclose(p_world[taxel], apply(T, SKIN.positions[taxel]))
         assert np.allclose(n_world[taxel], T[:3, :3] @ SKIN.normals[taxel])
 
 
 def test_asked_taxels_and_batches_agree_with_the_whole():
     q, asked = poses(3), some(10)
-    p_world, n_world = MOUNTED.poses(q, asked)
+    p_world, n_world = MOUNTED.place_taxels(q, asked)
     assert p_world.shape == n_world.shape == (3, 10, 3)
     for i in range(3):
-        p_all, n_all = MOUNTED.poses(q[i])
+        p_all, n_all = MOUNTED.place_taxels(q[i])
         assert np.allclose(p_world[i], p_all[asked])
         assert np.allclose(n_world[i], n_all[asked])
-    assert MOUNTED.poses(q[0], asked[:0])[0].shape == (0, 3)
+    assert MOUNTED.place_taxels(q[0], asked[:0])[0].shape == (0, 3)
 
 
 def test_taxel_frames_are_rotations_whose_z_is_the_normal():
     q, asked = poses(1)[0], some(30)
-    frames = MOUNTED.frames(q, asked)
+    frames = MOUNTED.compute_frames(q, asked)
     assert np.allclose(frames @ np.swapaxes(frames, -1, -2), np.eye(3))
     assert np.allclose(np.linalg.det(frames), 1)
-    assert np.allclose(frames[..., 2], MOUNTED.poses(q, asked)[1])
+    assert np.allclose(frames[..., 2], MOUNTED.place_taxels(q, asked)[1])
 
 
 def test_a_skin_on_a_table_needs_no_joints():
-    skin = grid_skin(3, 4)
-    p_world, n_world = MountedSkin(skin, load_robot("table")).poses(np.zeros(0))
+    skin = build_grid_skin(3, 4)
+    p_world, n_world = MountedSkin(skin, load_robot("table")).place_taxels(np.zeros(0))
     assert np.allclose(p_world, skin.positions) and np.allclose(n_world, [0, 0, 1])
 
 
@@ -95,7 +95,10 @@ def test_over_the_surface_is_never_shorter_than_straight_whatever_the_pose():
 
 
 def test_over_the_surface_does_not_know_the_pose_and_straight_does():
-    upper, wrist = SKIN.taxels_of("upper_arm_back")[:5], SKIN.taxels_of("wrist_3")[:5]
+    upper, wrist = (
+        SKIN.find_taxels("upper_arm_back")[:5],
+        SKIN.find_taxels("wrist_3")[:5],
+    )
     straight = [kinematic_distance(MOUNTED, q, upper, wrist) for q in poses(2)]
     assert np.max(np.abs(straight[0] - straight[1])) > 0.01
     beside = [kinematic_distance(MOUNTED, q, upper, upper) for q in poses(2)]
@@ -108,7 +111,9 @@ def test_straight_distances_do_not_change_when_the_whole_robot_is_moved():
     T_world_base = make_transform(random_rotation(rng), rng.standard_normal(3))
     moved = MountedSkin(SKIN, moved_base(ROBOT, T_world_base))
     q, asked = poses(1)[0], some(50)
-    assert not np.allclose(moved.poses(q, asked)[0], MOUNTED.poses(q, asked)[0])
+    assert not np.allclose(
+        moved.place_taxels(q, asked)[0], MOUNTED.place_taxels(q, asked)[0]
+    )
     assert np.allclose(
         kinematic_distance(moved, q, asked, asked),
         kinematic_distance(MOUNTED, q, asked, asked),
@@ -117,7 +122,7 @@ def test_straight_distances_do_not_change_when_the_whole_robot_is_moved():
 
 def test_on_a_tube_it_is_the_closed_form_across_both_half_shells():
     radius = 0.0375
-    front, back = SKIN.taxels_of("forearm_front"), SKIN.taxels_of("forearm_back")
+    front, back = SKIN.find_taxels("forearm_front"), SKIN.find_taxels("forearm_back")
     pair = np.concatenate([front[::37], back[::41]])
     x, y, z = SKIN.positions[pair].T
     angle = np.arctan2(y, x)
@@ -127,14 +132,14 @@ def test_on_a_tube_it_is_the_closed_form_across_both_half_shells():
 
 
 def test_the_ends_of_a_ring_are_neighbours():
-    ring = SKIN.taxels_of("wrist_3")
+    ring = SKIN.find_taxels("wrist_3")
     middle = ring[SKIN.rows[ring] == 2]
     ends = GEOMETRIC.between(middle[:1], middle[-1:])[0, 0]
     assert ends == pytest.approx(2 * np.pi * 0.0375 - 39 * 0.0057)
 
 
 def test_on_a_plane_it_is_the_straight_line():
-    skin = grid_skin(4, 5)
+    skin = build_grid_skin(4, 5)
     every = np.arange(skin.count)
     straight = np.linalg.norm(skin.positions[:, None] - skin.positions[None], axis=-1)
     assert np.allclose(GeometricDistance(skin).between(every, every), straight)
@@ -142,14 +147,14 @@ def test_on_a_plane_it_is_the_straight_line():
 
 def bent(fold):
     """Two flat patches of one link that meet at an edge, folded by an angle."""
-    grid = Grid(6, 6, 0.005, 0.005)
+    grid = TaxelGrid(6, 6, 0.005, 0.005)
     c, s = np.cos(fold), np.sin(fold)
     rotation = np.array([[c, 0, s], [0, 1, 0], [-s, 0, c]])
     hinge = np.array([0.015, 0.0, 0.0])
     T = make_transform(rotation, hinge + rotation @ hinge)
     patches = [Patch(name, "arm", i, 6, 6) for i, name in enumerate("ab")]
     laid = [(patches[0], grid, Plane(np.eye(4))), (patches[1], grid, Plane(T))]
-    return join_patches("bent", laid)
+    return build_skin("bent", laid)
 
 
 def test_a_seam_between_patches_of_one_link_is_crossed():
@@ -174,7 +179,7 @@ def test_patches_beyond_a_seams_width_or_on_other_links_are_infinitely_far():
 
 def test_on_a_free_form_the_way_goes_from_neighbour_to_neighbour():
     patch = Patch("cap", "arm", 1, 9, 9)
-    round_skin = join_patches("cap", [(patch, Grid(9, 9, 0.01, 0.01), dome())])
+    round_skin = build_skin("cap", [(patch, TaxelGrid(9, 9, 0.01, 0.01), dome())])
     squeezed = replace(round_skin, positions=round_skin.positions * [1.0, 1.0, 0.6])
     exact, steps = GeometricDistance(round_skin), GeometricDistance(squeezed)
     assert len(exact.surfaces) == 1 and len(steps.surfaces) == 0
@@ -196,6 +201,6 @@ def dome():
 def test_a_lone_taxel_has_a_distance_of_zero_to_itself():
     patch = Patch("dot", "arm", 1, 1, 1)
     tube = Tube(0.05, np.eye(4))
-    skin = join_patches("dot", [(patch, Grid(1, 1, 0.01, 0.01), tube)])
+    skin = build_skin("dot", [(patch, TaxelGrid(1, 1, 0.01, 0.01), tube)])
     only = np.array([0])
     assert GeometricDistance(skin).between(only, only) == 0

@@ -7,11 +7,11 @@ import pytest
 
 from eskin.errors import SkinError
 from eskin.skin import (
-    PRESETS,
+    SKIN_PRESETS,
     Patch,
     Skin,
     load_skin,
-    read_draft,
+    parse_skin_folder,
     save_skin,
     skin_from_bytes,
     skin_to_bytes,
@@ -219,11 +219,11 @@ def test_the_first_problem_is_told_with_the_number_of_the_others(tmp_path):
     said = message(write(tmp_path, table=TABLE.replace("0.0", "?")))
     assert "column x: got '?1'" in said
     assert "(and 3 more; `eskin skin check" in said
-    assert len(read_draft(tmp_path).problems) == 4
+    assert len(parse_skin_folder(tmp_path).problems) == 4
 
 
 def test_what_is_no_skin_is_refused_in_one_line(tmp_path):
-    allowed = f"allowed a preset ({', '.join(PRESETS)})"
+    allowed = f"allowed a preset ({', '.join(SKIN_PRESETS)})"
     assert allowed in message(tmp_path / "none")
     assert "skin.yaml does not exist" in message(tmp_path)
     write(tmp_path)

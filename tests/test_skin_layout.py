@@ -6,13 +6,13 @@ from benchmarks.skin_distance import surface_distances
 
 from eskin.skin import (
     Dome,
-    Grid,
     Patch,
     Plane,
+    TaxelGrid,
     Tube,
+    build_skin,
+    cut_corners,
     fit_surface,
-    join_patches,
-    without_corners,
 )
 from eskin.transforms import apply, make_transform, random_rotation, rotate
 
@@ -61,7 +61,7 @@ def test_normal_and_stretch_are_those_of_finite_differences(surface):
     )
     wrapped = surface.wrap(unrolled)
     area = np.cross(by_s, by_t)
-    assert np.allclose(area, wrapped.stretch[:, None] * wrapped.normals, atol=1e-7)
+    assert np.allclose(area, wrapped.area_scale[:, None] * wrapped.normals, atol=1e-7)
 
 
 @pytest.mark.parametrize("surface", surfaces()[:2], ids=["Plane", "Tube"])
@@ -135,7 +135,7 @@ def test_the_found_surface_moves_with_the_link():
 
 
 def test_a_grid_of_a_tube_covers_the_area_that_it_unrolls_to():
-    grid = Grid(6, 10, 0.004, 0.005)
+    grid = TaxelGrid(6, 10, 0.004, 0.005)
     assert grid.areas().sum() == pytest.approx(60 * 0.004 * 0.005)
     assert np.allclose(grid.unrolled().mean(axis=0), 0)
 
@@ -144,8 +144,8 @@ def test_taxels_on_a_dome_cover_the_area_of_the_dome_below_them():
     # A square drawn flat, its side 2a, as a fine sum over the sphere (r sin u = rho).
     radius, pitch, count = 0.06, 0.005, 12
     patch = Patch("cap", "arm", 1, count, count)
-    grid = Grid(count, count, pitch, pitch)
-    skin = join_patches("cap", [(patch, grid, Dome(radius, np.eye(4)))])
+    grid = TaxelGrid(count, count, pitch, pitch)
+    skin = build_skin("cap", [(patch, grid, Dome(radius, np.eye(4)))])
     angle = (np.arange(20000) + 0.5) * np.pi / 2 / 20000
     edge = pitch * count / 2 / np.maximum(np.cos(angle), np.sin(angle))
     exact = 4 * radius**2 * np.mean(1 - np.cos(edge / radius)) * np.pi / 2
@@ -153,7 +153,7 @@ def test_taxels_on_a_dome_cover_the_area_of_the_dome_below_them():
 
 
 def test_a_taper_draws_the_last_row_together():
-    grid = Grid(3, 5, 0.01, 0.01, taper=0.5)
+    grid = TaxelGrid(3, 5, 0.01, 0.01, taper=0.5)
     s, t = grid.unrolled().T
     assert [np.ptp(s[t == level]) for level in np.unique(t)] == pytest.approx(
         [0.04, 0.03, 0.02]
@@ -162,7 +162,7 @@ def test_a_taper_draws_the_last_row_together():
 
 
 def test_cut_corners_are_staircases():
-    present = without_corners(5, 6, (1, 2, 3, 0))
+    present = cut_corners(5, 6, (1, 2, 3, 0))
     assert (~present).sum() == 1 + 3 + 6
     assert not present[0, 0] and not present[0, 4] and not present[1, 5]
     assert not present[2, 0] and not present[4, 2] and present[4, 5]

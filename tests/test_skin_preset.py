@@ -5,12 +5,12 @@ import pytest
 
 from eskin.robot import load_robot
 from eskin.skin import (
-    PRESETS,
+    SKIN_PRESETS,
+    build_grid_skin,
     check_skin,
     fit_surface,
-    grid_skin,
+    load_robot_for_skin,
     load_skin,
-    robot_for,
 )
 
 SKIN = load_skin("ur5")
@@ -18,7 +18,7 @@ ROBOT = load_robot("ur5")
 
 
 def density(patch_id):
-    taxels = SKIN.taxels_of(patch_id)
+    taxels = SKIN.find_taxels(patch_id)
     return len(taxels) / (1e4 * SKIN.areas[taxels].sum())
 
 
@@ -38,11 +38,11 @@ def test_every_patch_toward_the_tool_is_at_least_as_dense():
 
 def test_patches_are_irregular():
     full = [
-        len(SKIN.taxels_of(patch.id)) == patch.rows * patch.columns
+        len(SKIN.find_taxels(patch.id)) == patch.rows * patch.columns
         for patch in SKIN.patches
     ]
     assert not any(full), "every patch lacks corners"
-    taxels = SKIN.taxels_of("forearm_front")
+    taxels = SKIN.find_taxels("forearm_front")
     surface = fit_surface(SKIN.positions[taxels], SKIN.normals[taxels])
     s, _ = surface.unroll(SKIN.positions[taxels]).T
     row = SKIN.rows[taxels]
@@ -61,7 +61,7 @@ def test_strips_of_3_to_8_mm_stay_free_between_the_edges_of_shells(one, other, r
     for row in (5, 15) if one != other else (2,):
         widths = []
         for patch_id in {one, other}:
-            taxels = SKIN.taxels_of(patch_id)
+            taxels = SKIN.find_taxels(patch_id)
             surface = fit_surface(SKIN.positions[taxels], SKIN.normals[taxels])
             s, t = surface.unroll(SKIN.positions[taxels]).T
             here = np.sort(s[SKIN.rows[taxels] == row])
@@ -70,9 +70,9 @@ def test_strips_of_3_to_8_mm_stay_free_between_the_edges_of_shells(one, other, r
         assert 0.003 <= gap <= 0.008
 
 
-@pytest.mark.parametrize("name", PRESETS)
+@pytest.mark.parametrize("name", SKIN_PRESETS)
 def test_the_check_finds_nothing_wrong_with_a_preset(name):
-    assert check_skin(load_skin(name), robot_for(name)) == []
+    assert check_skin(load_skin(name), load_robot_for_skin(name)) == []
 
 
 def test_the_public_sets_skins_are_flat_grids_of_nominal_pitch():
@@ -83,14 +83,17 @@ def test_the_public_sets_skins_are_flat_grids_of_nominal_pitch():
     assert np.allclose(steps, [0.01, 0, 0])
     assert np.allclose(sleeve.positions.mean(axis=0), 0)
     assert np.allclose(sleeve.areas, 1e-4)
-    assert robot_for("sleeve").name == "table" and robot_for("other") is None
+    assert (
+        load_robot_for_skin("sleeve").name == "table"
+        and load_robot_for_skin("other") is None
+    )
 
 
 def test_a_grid_of_no_taxels_is_refused():
     with pytest.raises(ValueError, match="a grid of 0 x 4 taxels"):
-        grid_skin(0, 4)
+        build_grid_skin(0, 4)
 
 
 def test_a_patch_that_is_not_there_is_named_with_those_that_are():
     with pytest.raises(ValueError, match="no patch 'knee'; its patches: upper_arm_fr"):
-        SKIN.taxels_of("knee")
+        SKIN.find_taxels("knee")

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from scipy.spatial import KDTree
 
-from eskin.robot import Kinematics, load_robot, surface_distance
-from eskin.skin import PRESETS, MountedSkin, load_skin
-from eskin.skin.layout import denser, fitted, lay_outlines
+from eskin.robot import Kinematics, compute_surface_distance, load_robot
+from eskin.skin import SKIN_PRESETS, MountedSkin, load_skin
+from eskin.skin.layout import build_outline_skin, fit_to_part, scale_density
 from eskin.skin.presets import UR5_OUTLINES, UR5_PARTS
 from eskin.transforms import apply, invert
 
@@ -60,10 +60,14 @@ def test_a_denser_skin_covers_the_same_surface(name):
 
 def test_the_usual_density_and_size_are_the_ur5_skin_to_the_bit():
     outlines = [
-        fitted(denser(outline, 1.0), UR5_PARTS[outline.part], UR5_PARTS[outline.part])
+        fit_to_part(
+            scale_density(outline, 1.0),
+            UR5_PARTS[outline.part],
+            UR5_PARTS[outline.part],
+        )
         for outline in UR5_OUTLINES
     ]
-    skin = lay_outlines("ur5", outlines, UR5_PARTS)
+    skin = build_outline_skin("ur5", outlines, UR5_PARTS)
     for name in ("positions", "normals", "tangents", "areas", "rows", "columns"):
         assert getattr(skin, name).tobytes() == getattr(USUAL, name).tobytes()
 
@@ -72,22 +76,22 @@ def test_a_missing_patch_leaves_the_others_where_they_are():
     skin = load_skin("ur5-missing")
     assert skin.patches == tuple(p for p in USUAL.patches if p.id != "forearm_back")
     for patch in skin.patches:
-        here, there = skin.taxels_of(patch.id), USUAL.taxels_of(patch.id)
+        here, there = skin.find_taxels(patch.id), USUAL.find_taxels(patch.id)
         assert (skin.positions[here] == USUAL.positions[there]).all()
 
 
 def test_a_patch_that_is_not_there_cannot_be_missing():
     with pytest.raises(ValueError, match=r"no patch \['knee'\] to leave out"):
-        lay_outlines("ur5", UR5_OUTLINES, UR5_PARTS, ("knee",))
+        build_outline_skin("ur5", UR5_OUTLINES, UR5_PARTS, ("knee",))
 
 
 @pytest.mark.parametrize("name", SKINS)
 def test_every_taxel_lies_on_its_link_and_points_out_of_it(name):
-    skin, robot = load_skin(name), load_robot(PRESETS[name].robot)
+    skin, robot = load_skin(name), load_robot(SKIN_PRESETS[name].robot)
     for number, patch in enumerate(skin.patches):
         taxels = skin.patch_index == number
         link = robot.links[robot.link_index(patch.link)]
-        distance, outward = surface_distance(link, skin.positions[taxels])
+        distance, outward = compute_surface_distance(link, skin.positions[taxels])
         assert np.max(np.abs(distance)) < 1e-12
         assert np.min(np.sum(outward * skin.normals[taxels], axis=1)) > 1 - 1e-12
 
@@ -110,13 +114,13 @@ def test_patches_of_a_link_do_not_overlap(name):
 def test_every_patch_is_irregular_but_rings(name):
     skin = load_skin(name)
     for patch in skin.patches:
-        whole = len(skin.taxels_of(patch.id)) == patch.rows * patch.columns
+        whole = len(skin.find_taxels(patch.id)) == patch.rows * patch.columns
         assert not whole or "ring" in patch.id
 
 
 @pytest.mark.parametrize("name", ARMS)
 def test_no_taxel_is_buried_in_a_link_next_to_its_own(name):
-    skin, robot = load_skin(name), load_robot(PRESETS[name].robot)
+    skin, robot = load_skin(name), load_robot(SKIN_PRESETS[name].robot)
     rng = np.random.default_rng(0)
     mounted, kinematics = MountedSkin(skin, robot), Kinematics(robot)
     low, high = np.maximum(robot.lower, -np.pi), np.minimum(robot.upper, np.pi)
@@ -126,16 +130,16 @@ def test_no_taxel_is_buried_in_a_link_next_to_its_own(name):
     low[elbow], high[elbow] = -2.4, 2.4
     for _ in range(10):
         q = rng.uniform(low, high)
-        p_world, _ = mounted.poses(q)
+        p_world, _ = mounted.place_taxels(q)
         T_world_link = kinematics.poses(q)
         for joint in robot.joints:
             pair = robot.link_index(joint.parent), robot.link_index(joint.child)
             for own, beside in (pair, pair[::-1]):
-                taxels = mounted.skin_link_index == own
-                if not taxels.any() or not robot.links[beside].bodies:
+                taxels = mounted.taxel_link_index == own
+                if not taxels.any() or not robot.links[beside].geoms:
                     continue
                 local = apply(invert(T_world_link[beside]), p_world[taxels])
-                distance, _ = surface_distance(robot.links[beside], local)
+                distance, _ = compute_surface_distance(robot.links[beside], local)
                 assert np.min(distance) > 0.001, (robot.links[own].name, q)
 
 

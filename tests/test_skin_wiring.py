@@ -4,19 +4,21 @@ import numpy as np
 import pytest
 
 from eskin.skin import load_skin
-from eskin.skin.wiring import Answer, judge_wiring, spots_of
+from eskin.skin.wiring import PressResponse, check_wiring, choose_press_targets
 
 SKIN = load_skin("ur5")
 
 
 def answered(wire):
     """Every spot pressed; `wire` gives who answers for a taxel."""
-    return [Answer(spot, wire(spot.taxel)) for spot in spots_of(SKIN)]
+    return [
+        PressResponse(spot, wire(spot.taxel)) for spot in choose_press_targets(SKIN)
+    ]
 
 
 def cell(patch, row, column):
     """The taxel of a patch nearest to a row and column."""
-    taxels = SKIN.taxels_of(patch)
+    taxels = SKIN.find_taxels(patch)
     away = np.hypot(SKIN.rows[taxels] - row, SKIN.columns[taxels] - column)
     return int(taxels[np.argmin(away)])
 
@@ -39,13 +41,13 @@ def mirrored(taxel, rows=False, columns=False, turned=False):
 
 
 def test_every_patch_has_three_spots_of_its_own():
-    spots = spots_of(SKIN)
+    spots = choose_press_targets(SKIN)
     assert len({spot.taxel for spot in spots}) == 3 * len(SKIN.patches)
     assert all(patch_of(spot.taxel).id == spot.patch for spot in spots)
 
 
 def test_a_skin_that_is_as_its_file_says_has_nothing_wrong():
-    assert judge_wiring(SKIN, answered(lambda taxel: taxel)) == []
+    assert check_wiring(SKIN, answered(lambda taxel: taxel)) == []
 
 
 def test_a_finger_beside_the_spot_is_right():
@@ -53,7 +55,7 @@ def test_a_finger_beside_the_spot_is_right():
         patch = patch_of(taxel).id
         return cell(patch, SKIN.rows[taxel] + 1, SKIN.columns[taxel] - 1)
 
-    assert judge_wiring(SKIN, answered(beside)) == []
+    assert check_wiring(SKIN, answered(beside)) == []
 
 
 @pytest.mark.parametrize(
@@ -66,17 +68,17 @@ def test_a_finger_beside_the_spot_is_right():
     ],
 )
 def test_a_patch_wired_the_other_way_round_says_which(turn, text):
-    found = judge_wiring(SKIN, answered(lambda taxel: mirrored(taxel, **turn)))
+    found = check_wiring(SKIN, answered(lambda taxel: mirrored(taxel, **turn)))
     assert len(found) == len(SKIN.patches)
     for patch, line in zip(SKIN.patches, found, strict=True):
         assert f"'{patch.id}' {text}" in line
 
 
 def test_patches_whose_plugs_were_exchanged_name_each_other():
-    one, other = SKIN.taxels_of("upper_arm_front"), SKIN.taxels_of("upper_arm_back")
+    one, other = SKIN.find_taxels("upper_arm_front"), SKIN.find_taxels("upper_arm_back")
     exchange = dict(zip(one.tolist(), other.tolist(), strict=True))
     exchange |= {b: a for a, b in exchange.items()}
-    found = judge_wiring(SKIN, answered(lambda taxel: exchange.get(taxel, taxel)))
+    found = check_wiring(SKIN, answered(lambda taxel: exchange.get(taxel, taxel)))
     assert len(found) == 2
     assert "'upper_arm_front' was pressed, 'upper_arm_back' answered" in found[0]
     assert "'upper_arm_back' was pressed, 'upper_arm_front' answered" in found[1]
@@ -86,5 +88,5 @@ def test_a_patch_that_feels_nothing_is_named():
     def deaf(taxel):
         return None if patch_of(taxel).id == "wrist_3" else taxel
 
-    [found] = judge_wiring(SKIN, answered(deaf))
+    [found] = check_wiring(SKIN, answered(deaf))
     assert "'wrist_3' felt nothing at 3 of 3 spots" in found

@@ -154,7 +154,7 @@ def test_contacts_are_all_that_is_within_reach_in_the_pose(q):
         reading_at(0.0, pressure, q=np.array([q]))
     )
     active = np.flatnonzero(pressure)
-    points, _ = mounted.poses(np.array([q]), active)
+    points, _ = mounted.place_taxels(np.array([q]), active)
     reach = Adjacency.build(mounted.skin, 1.6, 0.018).reach[active]
     near = cdist(points, points) <= np.maximum(reach[:, None], reach)
     count, label = connected_components(near)

@@ -57,7 +57,7 @@ def test_the_largest_touch_is_answered_after_its_last_contact():
     trial = trial_of(counts)
     model = load_model("ur5")
     pitch = SETTING.pitch_mm / 1000
-    skin = transfer.grid_skin(19, 24, pitch, calibrated=True)
+    skin = transfer.build_grid_skin(19, 24, pitch, calibrated=True)
     mounted = transfer.MountedSkin(skin, transfer.load_robot("table"))
     calibration = transfer.Calibration.uniform(skin.count, transfer.FINEST, 40.0)
     touches = transfer.TouchTraces(transfer.Recognizer(model, mounted, calibration))

@@ -94,7 +94,7 @@ def test_lids_close_what_is_bare_and_leave_room_for_taxels():
             lids[solid.link] = lids.get(solid.link, 0) + 1
     names = {robot.link_names[link] for link in lids}
     assert {"shoulder_link", "upper_arm_link", "forearm_link"} <= names
-    cap = mounted().skin.positions[mounted().skin.taxels_of("wrist_1_cap")]
+    cap = mounted().skin.positions[mounted().skin.find_taxels("wrist_1_cap")]
     low = min(cap[:, 2]) - 0.003
     wrist = robot.link_index("wrist_1_link")
     for solid in solids_of(mounted()):
@@ -103,7 +103,7 @@ def test_lids_close_what_is_bare_and_leave_room_for_taxels():
 
 
 def spot_of(taxel):
-    link = int(mounted().skin_link_index[taxel])
+    link = int(mounted().taxel_link_index[taxel])
     return Spot(taxel, link, mounted().skin.positions[taxel])
 
 
@@ -151,7 +151,7 @@ def test_an_order_carries_the_place_of_its_taxel(taxel):
 def test_clicks_far_from_each_other_are_two_pokes_however_fast():
     sent = []
     hand = Hand(setup(), sent.append)
-    away = int(np.flatnonzero(mounted().skin_link_index != spot_of(FOREARM).link)[0])
+    away = int(np.flatnonzero(mounted().taxel_link_index != spot_of(FOREARM).link)[0])
     hand.click(spot_of(FOREARM), 1.0)
     hand.click(spot_of(away), 1.1)
     hand.tick(9.0)

@@ -111,13 +111,13 @@ def retried(action, condition, times=6, wait=5.0):
 
 def at(tab, taxel):
     """Where a taxel is drawn in the page [px]."""
-    return Canvas.of(tab).drawn_at(mounted().poses(Q, np.array([taxel]))[0][0])
+    return Canvas.of(tab).drawn_at(mounted().place_taxels(Q, np.array([taxel]))[0][0])
 
 
 def facing(patch):
     """The taxel of a patch that looks most at the camera."""
-    taxels = mounted().skin.taxels_of(patch)
-    p_world, n_world = mounted().poses(Q, taxels)
+    taxels = mounted().skin.find_taxels(patch)
+    p_world, n_world = mounted().place_taxels(Q, taxels)
     away = EYE - p_world
     return int(taxels[np.argmax(np.einsum("ti,ti->t", n_world, away))])
 

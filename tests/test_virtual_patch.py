@@ -33,7 +33,7 @@ from eskin.drivers.virtual import (
     resample_scans,
 )
 from eskin.errors import DeviceError
-from eskin.skin import grid_skin, load_skin
+from eskin.skin import build_grid_skin, load_skin
 from eskin.touch import Scan
 
 SECOND = 1_000_000_000
@@ -41,7 +41,7 @@ SECOND = 1_000_000_000
 
 def rebuilt(skin, packets):
     """Counts of each scan, put together from data packets by address."""
-    taxels = {patch.address: skin.taxels_of(patch.id) for patch in skin.patches}
+    taxels = {patch.address: skin.find_taxels(patch.id) for patch in skin.patches}
     numbers = {address: [] for address in taxels}
     rows = {address: [] for address in taxels}
     for packet in packets:
@@ -54,7 +54,9 @@ def rebuilt(skin, packets):
     return [np.max(each, axis=0) for each in zip(*rows.values(), strict=True)]
 
 
-@pytest.mark.parametrize("skin", [small_skin(), grid_skin(40, 50), load_skin("ur5")])
+@pytest.mark.parametrize(
+    "skin", [small_skin(), build_grid_skin(40, 50), load_skin("ur5")]
+)
 def test_packets_decode_to_exactly_the_counts_of_the_scan(skin):
     packets, device = heard_with(skin=skin, count=7)
     assert max(len(packet) for packet in packets) <= MAX_PACKET_BYTES
@@ -84,14 +86,14 @@ def test_what_was_not_received_is_not_sent():
     skin = small_skin()
     received = np.ones(skin.count, dtype=bool)
     received[[2, 3, 7]] = False
-    received[skin.taxels_of("right")] = False
+    received[skin.find_taxels("right")] = False
     scans = scans_of(skin, 4, received=received)
     packets = [decode_packet(packet) for packet in heard_with(scans=scans)[0]]
     data = [packet for packet in packets if isinstance(packet, Data)]
     assert {packet.address for packet in data} == {1, 2}
     sent = np.zeros(skin.count, dtype=bool)
     for packet in data:
-        first = int(skin.taxels_of(skin.patches[packet.address - 1].id)[0])
+        first = int(skin.find_taxels(skin.patches[packet.address - 1].id)[0])
         sent[first + packet.first :][: len(packet.counts)] = True
     np.testing.assert_array_equal(sent, received)
 
@@ -107,7 +109,7 @@ def test_every_patch_introduces_itself_first_and_once_a_second():
         assert len(hellos) == 3
         assert len({hello.serial_number for hello in hellos}) == 1
         size = (hellos[0].rows, hellos[0].columns, hellos[0].taxels, hellos[0].rate)
-        taxels = len(skin.taxels_of(patch.id))
+        taxels = len(skin.find_taxels(patch.id))
         assert size == (patch.rows, patch.columns, taxels, RATE)
 
 

@@ -9,7 +9,7 @@ from eskin.recording import (
     RecordingWriter,
     write_all,
 )
-from eskin.skin import grid_skin
+from eskin.skin import build_grid_skin
 from eskin.touch import Calibration, Scan
 
 SECOND = 1_000_000_000
@@ -41,7 +41,7 @@ def said(gesture, onset, at):
 
 def write_recording(path, presses, detections=(), labels=None, seconds=6.0):
     """Presses are (gesture, start, end) [s]; each loads ten taxels by 20 kPa."""
-    skin = grid_skin(6, 8)
+    skin = build_grid_skin(6, 8)
     calibration = Calibration(np.full(skin.count, 0.1), 4000)
     scans = []
     for index in range(round(seconds * RATE)):

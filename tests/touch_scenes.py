@@ -26,7 +26,7 @@ def one_link_robot() -> Robot:
     return Robot("bench", (Link("table", ()),), ())
 
 
-def grid_skin(
+def build_grid_skin(
     rows=6, columns=6, patches=1, pitch=0.01, gap=0.015, calibrated=True
 ) -> Skin:
     """Flat patches side by side along x on the link `table`."""
@@ -53,7 +53,7 @@ def grid_skin(
 
 
 def mounted_grid(**arguments) -> MountedSkin:
-    return MountedSkin(grid_skin(**arguments), one_link_robot())
+    return MountedSkin(build_grid_skin(**arguments), one_link_robot())
 
 
 def calibration_of(skin: Skin) -> Calibration:
@@ -109,7 +109,7 @@ def hinged_skin(T_world_base: np.ndarray | None = None) -> MountedSkin:
     Columns 5 lie side by side, 1 cm apart, 3 cm over the hinge, which turns about y:
     turning by q opens a gap between them.
     """
-    base = grid_skin(patches=2)
+    base = build_grid_skin(patches=2)
     flap = base.patch_index == 1
     positions = base.positions.copy()
     positions[:, 0] = np.where(flap, 1, -1) * (0.06 - 0.01 * base.columns) - (

@@ -30,9 +30,9 @@ def picture(seconds=0.0, taxel=None, q=Q, sayings=(), arm=None):
     pressure = np.zeros(skin.count, np.float16)
     contacts = touches = ()
     if taxel is not None:
-        link = int(mounted().skin_link_index[taxel])
+        link = int(mounted().taxel_link_index[taxel])
         away = np.linalg.norm(skin.positions - skin.positions[taxel], axis=1)
-        near = (away < 0.02) & (mounted().skin_link_index == link)
+        near = (away < 0.02) & (mounted().taxel_link_index == link)
         pressure[near] = 40 * np.exp(-((away[near] / 0.012) ** 2))
         mark = ContactMark(link, skin.positions[taxel], skin.normals[taxel], 0.015)
         chances = np.array([0.01, 0.9, 0.05, 0.01, 0.03], np.float32)

@@ -10,7 +10,7 @@ from eskin.sim.people.person import draw_person
 from eskin.sim.scene.environment import build_world
 from eskin.sim.scene.poses import GROUPS, draw_pose
 from eskin.skin import MountedSkin
-from eskin.skin.presets import ur5_skin
+from eskin.skin.presets import build_ur5_skin
 
 EVERY = GROUPS
 
@@ -19,7 +19,7 @@ EVERY = GROUPS
 def world():
     small = {"robot.pool_tries": 1 / 8, "robot.pool_bent": 1 / 8}
     constants = load_constants().scaled(small)
-    return build_world(MountedSkin(ur5_skin(), load_robot("ur5")), constants)
+    return build_world(MountedSkin(build_ur5_skin(), load_robot("ur5")), constants)
 
 
 def people(count, seed=0):
@@ -35,7 +35,7 @@ def poses(count, seed=0, **options):
 def surface_points(link, spacing=0.012):
     """Points on all cylinders of a link, in its frame."""
     found = []
-    for body in link.bodies:
+    for body in link.geoms:
         radius, half = body.shape.radius, body.shape.length / 2
         around = np.arange(0, 2 * np.pi, spacing / radius)
         heights = np.linspace(-half, half, int(2 * half / spacing) + 2)

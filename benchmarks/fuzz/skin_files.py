@@ -8,9 +8,9 @@ from benchmarks.fuzz.mutation import mutate
 from benchmarks.fuzz.target import Target, check_refusal
 from eskin.errors import SkinError
 from eskin.skin import Skin, load_skin, skin_from_bytes, skin_to_bytes
-from eskin.skin.layout import grid_skin
+from eskin.skin.layout import build_grid_skin
 from eskin.skin.manifest import format_manifest
-from eskin.skin.taxel_table import format_table
+from eskin.skin.taxel_table import format_taxels
 
 BETWEEN = b"\n...\n"
 """Between `skin.yaml` and `taxels.csv` in one input."""
@@ -53,7 +53,7 @@ TABLE_WORDS = (
 
 def small_skin() -> Skin:
     """A skin of 30 taxels."""
-    return grid_skin(5, 6, name="small")
+    return build_grid_skin(5, 6, name="small")
 
 
 @final
@@ -65,7 +65,7 @@ class SkinTarget(Target):
         self.folder = folder
         skin = small_skin()
         self.manifest = format_manifest(skin).encode()
-        self.table = format_table(skin).encode()
+        self.table = format_taxels(skin).encode()
 
     def make(self, rng: random.Random) -> bytes:
         """Both files, one of them mutated, or both."""

@@ -65,7 +65,7 @@ class Scene:
         self.mujoco = find_mujoco("the reference of contact")
         surface = at_origin(chart.surface)
         wrapped = surface.wrap(sheet.unrolled)
-        self.areas = wrapped.stretch * sheet.spacing.prod()
+        self.areas = wrapped.area_scale * sheet.spacing.prod()
         text = write_scene(
             write_mesh(wrapped.positions, len(sheet.s), len(sheet.t)),
             write_solid(surface),

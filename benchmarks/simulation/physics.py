@@ -14,7 +14,7 @@ from eskin.sim.contact.pressure import feel
 from eskin.sim.people.hand import hand_of, part_of
 from eskin.sim.people.perform import perform
 from eskin.sim.people.person import Person, draw_person
-from eskin.skin import PRESETS, MountedSkin
+from eskin.skin import SKIN_PRESETS, MountedSkin
 from eskin.skin.surfaces import Plane, Surface
 
 FINGERTIP = {0.5: 67.0, 1.0: 90.0, 2.0: 120.0, 5.0: 177.0}
@@ -132,7 +132,7 @@ def fine_chart(surface: Surface, pitch: float = 0.0005, half: float = 0.015) -> 
 
 def ur5() -> tuple[MountedSkin, Chart]:
     """The skin on the UR5, and the tube of its forearm."""
-    preset = PRESETS["ur5"]
+    preset = SKIN_PRESETS["ur5"]
     mounted = MountedSkin(preset.build(), load_robot(preset.robot))
     charts = [chart for chart in charts_of(mounted) if chart.link == FOREARM]
     return mounted, max(charts, key=lambda chart: len(chart.taxels))

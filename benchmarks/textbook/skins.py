@@ -11,14 +11,14 @@ from jaxtyping import Float, Int
 from benchmarks.textbook.touches import Spot, Touch, path_ends
 from eskin.robot import load_robot
 from eskin.skin import (
-    Grid,
     MountedSkin,
     Patch,
     Plane,
     Skin,
     Surface,
+    TaxelGrid,
     Tube,
-    join_patches,
+    build_skin,
     load_skin,
 )
 from eskin.skin.presets import UR5_PARTS
@@ -135,7 +135,7 @@ def flat_site(pitch: float) -> Site:
     rows, columns = round(LENGTH / pitch), round(WIDTH / pitch)
     plane = Plane(np.eye(4))
     patch = Patch("flat", "table", 1, rows, columns)
-    skin = join_patches("flat", [(patch, Grid(rows, columns, pitch, pitch), plane)])
+    skin = build_skin("flat", [(patch, TaxelGrid(rows, columns, pitch, pitch), plane)])
     every = np.arange(skin.count)
     half = columns * pitch / 2 - EDGE, rows * pitch / 2 - EDGE
     mounted = MountedSkin(skin, load_robot("table"))
@@ -147,9 +147,9 @@ def round_site(pitch: float) -> Site:
     columns = max(1, floor(pi * RADIUS / pitch + 0.5))
     pitch = pi * RADIUS / columns
     rows = round(LENGTH / pitch)
-    grid = Grid(rows, columns, pitch, pitch)
+    grid = TaxelGrid(rows, columns, pitch, pitch)
     tubes = [Tube(RADIUS, np.diag([x, x, 1.0, 1.0])) for x in (1.0, -1.0)]
-    skin = join_patches(
+    skin = build_skin(
         "round",
         [
             (Patch(name, "tube", number, rows, columns), grid, tube)
@@ -166,7 +166,7 @@ def round_site(pitch: float) -> Site:
 def ur5_site() -> Site:
     """The forearm of the ur5 skin, its two patches and the bare strips between."""
     skin, part = load_skin("ur5"), UR5_PARTS["forearm"]
-    shells = [skin.taxels_of(f"forearm_{side}") for side in ("front", "back")]
+    shells = [skin.find_taxels(f"forearm_{side}") for side in ("front", "back")]
     rows = max(p.rows for p in skin.patches if p.id == "forearm_front")
     taxels = np.concatenate(shells)
     tube = part.surface((1.0, 0.0, 0.0), 0.0)

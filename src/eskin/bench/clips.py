@@ -28,7 +28,7 @@ def random_clips(
     """
     rng = np.random.default_rng(seed)
     skin, joints = mounted.skin, len(mounted.robot.joint_names)
-    links = mounted.skin_link_index
+    links = mounted.taxel_link_index
     labels = np.arange(count) % CLASSES
     pressure = rng.random((count, READINGS, skin.count), np.float32) * np.float32(0.3)
     for clip, label in enumerate(labels):

@@ -6,7 +6,15 @@ from typing import final
 import numpy as np
 from jaxtyping import Float, Int
 
-from eskin.skin import Grid, MountedSkin, Patch, Plane, Skin, join_patches, load_skin
+from eskin.skin import (
+    MountedSkin,
+    Patch,
+    Plane,
+    Skin,
+    TaxelGrid,
+    build_skin,
+    load_skin,
+)
 from eskin.touch import Reading
 from eskin.units import NS_PER_S
 
@@ -46,13 +54,13 @@ def large_skin(taxels: int) -> Skin:
     laid = []
     for number, start in enumerate(range(0, more, rows * columns)):
         present = np.arange(rows * columns) < more - start
-        grid = Grid(rows, columns, PITCH, PITCH, present=present.reshape(PANEL))
+        grid = TaxelGrid(rows, columns, PITCH, PITCH, present=present.reshape(PANEL))
         T = np.eye(4)
         T[:3, 3] = -2.0, 0.6 * (number % 16), 0.3 * (number // 16)
         address = len(arm.patches) + number + 1
         patch = Patch(f"panel_{number + 1}", "base_link", address, rows, columns)
         laid.append((patch, grid, Plane(T)))
-    return side_by_side(arm, join_patches("panels", laid))
+    return side_by_side(arm, build_skin("panels", laid))
 
 
 def side_by_side(one: Skin, other: Skin) -> Skin:
@@ -88,7 +96,7 @@ def on_upper_arm(skin: Skin, active: int) -> Int[np.ndarray, "active"]:
 
 def nearest_to_middle(skin: Skin, patch: str, active: int) -> Int[np.ndarray, "active"]:
     """The taxels of a patch that are nearest to its middle."""
-    taxels = skin.taxels_of(patch)
+    taxels = skin.find_taxels(patch)
     if not 1 <= active <= len(taxels):
         raise ValueError(
             f"--active is {active}; allowed are 1 to {len(taxels)}, the taxels of "
@@ -100,7 +108,9 @@ def nearest_to_middle(skin: Skin, patch: str, active: int) -> Int[np.ndarray, "a
 
 def round_forearm(skin: Skin, active: int) -> Int[np.ndarray, "active"]:
     """A band round the ur5's forearm, over both of its patches: a hand that grabs."""
-    taxels = np.concatenate([skin.taxels_of(f"forearm_{s}") for s in ("front", "back")])
+    taxels = np.concatenate(
+        [skin.find_taxels(f"forearm_{s}") for s in ("front", "back")]
+    )
     height = skin.positions[taxels, 2]
     return taxels[np.argsort(np.abs(height - height.mean()), kind="stable")[:active]]
 

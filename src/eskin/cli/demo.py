@@ -91,7 +91,7 @@ def run(command: Command) -> dict[str, object]:
         *(command.skin, command.model, command.commands, command.build),
         seed=command.seed,
         dynamics=command.dynamics,
-        visitor=SimulatedUserConfig(pause=command.pause),
+        user=SimulatedUserConfig(pause=command.pause),
     )
     if command.same_touch:
         return same_touch(command, config)
@@ -121,11 +121,11 @@ def headless(seconds: float, config: "DemoConfig") -> dict[str, object]:
         print(
             f"from the end of a touch to its command: p50 {p50:.2f} s, p95 {p95:.2f} s"
         )
-    for why, count in outcome.score.lost().items():
+    for why, count in outcome.score.count_failures().items():
         print(f"{count:5} lost: {why}")
     return {
         **counts,
-        "lost": outcome.score.lost(),
+        "lost": outcome.score.count_failures(),
         "step_ms_p50": outcome.step[0],
         "step_ms_p99": outcome.step[1],
         "delay_s_p50": p50,

@@ -3,7 +3,7 @@
 from eskin.drivers import Source
 from eskin.robot import Robot
 from eskin.skin import MountedSkin, Skin
-from eskin.skin.wiring import Answer, Spot, spots_of
+from eskin.skin.wiring import PressResponse, PressTarget, choose_press_targets
 from eskin.touch import PressDetector, TouchPipeline
 from eskin.units import NS_PER_S
 
@@ -11,7 +11,7 @@ TARE = 3.0
 """Without touch at first [s]."""
 
 
-def answers_of(source: Source, robot: Robot, wait: float) -> list[Answer]:
+def answers_of(source: Source, robot: Robot, wait: float) -> list[PressResponse]:
     """Ask for a press on every spot of the skin, and note who answers.
 
     Args:
@@ -24,10 +24,10 @@ def answers_of(source: Source, robot: Robot, wait: float) -> list[Answer]:
     print(f"hands off for {TARE:g} s", flush=True)
     tare(source, pipeline)
     answers = []
-    for spot in spots_of(info.skin):
+    for spot in choose_press_targets(info.skin):
         print(f"press {words_of(info.skin, spot.taxel)} ...", end=" ", flush=True)
         taxel = next_press(source, pipeline, wait)
-        answers.append(Answer(spot, taxel))
+        answers.append(PressResponse(spot, taxel))
         print(verdict(info.skin, spot, taxel), flush=True)
     return answers
 
@@ -62,7 +62,7 @@ def words_of(skin: Skin, taxel: int) -> str:
     )
 
 
-def verdict(skin: Skin, spot: Spot, taxel: int | None) -> str:
+def verdict(skin: Skin, spot: PressTarget, taxel: int | None) -> str:
     """What a press told."""
     if taxel is None:
         return "nothing felt"

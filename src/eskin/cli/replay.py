@@ -40,14 +40,14 @@ def run(command: Command) -> dict[str, object]:
     from eskin.live import Recognizer
     from eskin.model import load_model
     from eskin.recording import read_recording, rewrite_recording, select_labels
-    from eskin.robot import recorded_robot
+    from eskin.robot import load_recorded_robot
     from eskin.skin import MountedSkin
 
     check(command)
     recording = read_recording(command.recording)
     model = load_model(command.model)
     mounted = MountedSkin(
-        recording.skin, recorded_robot(recording.robot_name, command.robot_urdf)
+        recording.skin, load_recorded_robot(recording.robot_name, command.robot_urdf)
     )
     decision = model.card.decision
     if command.threshold is not None:

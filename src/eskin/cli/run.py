@@ -97,7 +97,7 @@ def run(command: Command) -> dict[str, object]:
     from eskin.live import Recognizer, warm_up
     from eskin.live.recognizer import mount
     from eskin.model import load_model
-    from eskin.robot import recorded_robot
+    from eskin.robot import load_recorded_robot
     from eskin.skin import MountedSkin
     from eskin.stream import (
         Recognition,
@@ -129,7 +129,7 @@ def run(command: Command) -> dict[str, object]:
         source = open_source(*command.source, config=config, clock=clock)
         stack.enter_context(source)
         info = source.info
-        robot = recorded_robot(info.robot_name, command.robot_urdf)
+        robot = load_recorded_robot(info.robot_name, command.robot_urdf)
         mounted = MountedSkin(info.skin, robot)
         recognizer = Recognizer(model, mounted, info.calibration)
         if command.skin is None:

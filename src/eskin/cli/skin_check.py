@@ -8,13 +8,13 @@ import tyro
 from eskin.errors import DeviceError, SkinError
 from eskin.robot import Robot
 from eskin.skin import (
-    PRESETS,
+    SKIN_PRESETS,
     CheckConfig,
-    Problem,
+    SkinProblem,
     check_skin,
+    load_robot_for_skin,
     load_skin,
-    read_draft,
-    robot_for,
+    parse_skin_folder,
 )
 
 
@@ -31,7 +31,7 @@ class Command:
     robot: str | None = None
     """The robot it is for: ur5, table, tube or a .urdf file; a preset knows its own."""
 
-    tolerance: float = 1e3 * CheckConfig.off_surface
+    tolerance: float = 1e3 * CheckConfig.max_surface_distance
     """Farthest that a taxel may lie from its link's surface [mm]."""
 
     live: bool = False
@@ -49,8 +49,8 @@ class Command:
 
 def run(command: Command) -> dict[str, object]:
     """Check one skin; problems are printed one a line, then raised as one."""
-    robot = robot_for(command.skin, command.robot)
-    config = CheckConfig(off_surface=1e-3 * command.tolerance)
+    robot = load_robot_for_skin(command.skin, command.robot)
+    config = CheckConfig(max_surface_distance=1e-3 * command.tolerance)
     problems = find_problems(command.skin, robot, config)
     for problem in problems:
         print(problem)
@@ -72,7 +72,7 @@ def ask_for_presses(command: Command, robot: Robot | None) -> list[str]:
     """Ask for presses and judge the answers; raise where a patch is wired wrongly."""
     from eskin.app import SourceConfig, open_source
     from eskin.cli.presses import answers_of
-    from eskin.skin.wiring import judge_wiring
+    from eskin.skin.wiring import check_wiring
 
     if not command.source:
         raise DeviceError(
@@ -87,7 +87,7 @@ def ask_for_presses(command: Command, robot: Robot | None) -> list[str]:
     config = SourceConfig(command.skin, robot, command.calibration)
     with open_source(*command.source, config=config) as source:
         answers = answers_of(source, robot, command.wait)
-    found = judge_wiring(source.info.skin, answers)
+    found = check_wiring(source.info.skin, answers)
     for line in found:
         print(line)
     if found:
@@ -99,11 +99,13 @@ def ask_for_presses(command: Command, robot: Robot | None) -> list[str]:
     return []
 
 
-def find_problems(skin: str, robot: Robot | None, config: CheckConfig) -> list[Problem]:
+def find_problems(
+    skin: str, robot: Robot | None, config: CheckConfig
+) -> list[SkinProblem]:
     """What is wrong in the files, and with the taxels that can be read from them."""
-    if skin in PRESETS:
+    if skin in SKIN_PRESETS:
         return check_skin(load_skin(skin), robot, config)
-    draft = read_draft(Path(skin))
+    draft = parse_skin_folder(Path(skin))
     found = check_skin(draft.skin, robot, config)
     # The check counts the taxels that were read; the file calls them by their ids.
     named = [

@@ -10,7 +10,7 @@ from rich.console import Console
 from rich.table import Table
 
 from eskin.robot import Robot
-from eskin.skin import Skin, load_skin, robot_for
+from eskin.skin import Skin, load_robot_for_skin, load_skin
 
 # Poses in which the arm shows its skin well [rad].
 POSES = {"ur5": (0.4, -1.3, 1.5, -1.2, -1.3, 0.0)}
@@ -33,7 +33,7 @@ class Command:
 def run(command: Command) -> dict[str, object]:
     """Show one skin."""
     skin = load_skin(command.skin)
-    robot = robot_for(command.skin, command.robot)
+    robot = load_robot_for_skin(command.skin, command.robot)
     if command.out is not None:
         draw(skin, command.out, robot)
     patches = patch_rows(skin)

@@ -39,7 +39,7 @@ def run(command: Command) -> dict[str, object]:
     from eskin.page.port import free_port
     from eskin.page.server import open_server
     from eskin.recording import read_recording
-    from eskin.robot import recorded_robot
+    from eskin.robot import load_recorded_robot
     from eskin.skin import MountedSkin
     from eskin.viewer.timeline import Editing, read_take
     from eskin.viewer.timeline.timeline import Timeline
@@ -47,7 +47,7 @@ def run(command: Command) -> dict[str, object]:
     port = free_port(command.port)
     recording = read_recording(command.recording)
     mounted = MountedSkin(
-        recording.skin, recorded_robot(recording.robot_name, command.robot_urdf)
+        recording.skin, load_recorded_robot(recording.robot_name, command.robot_urdf)
     )
     take, editing = read_take(recording), Editing(recording)
     server = open_server(port)

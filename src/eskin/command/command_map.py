@@ -21,8 +21,8 @@ from eskin.skin import Skin
 from eskin.skin.manifest import (
     Name,
     PlainLoader,
-    describe,
-    refuse_what_explodes,
+    check_yaml_size,
+    describe_yaml_error,
     shorten,
 )
 
@@ -194,10 +194,10 @@ def parse_commands(text: str, file: str) -> CommandMap:
     """
     file = format_path(file)
     try:
-        refuse_what_explodes(text)
+        check_yaml_size(text)
         data = yaml.load(text, PlainLoader)  # noqa: S506  It is a SafeLoader.
     except yaml.YAMLError as error:
-        raise CommandError(f"{file}{describe(error)}") from None
+        raise CommandError(f"{file}{describe_yaml_error(error)}") from None
     except (OverflowError, ValueError) as error:
         raise CommandError(f"{file}: not plain YAML: {shorten(str(error))}") from None
     if not isinstance(data, dict):

@@ -13,7 +13,7 @@ from jaxtyping import Float
 from eskin.command.arm import Arm, ArmState, Grip
 from eskin.command.trajectory import MotionConfig, Trajectory
 from eskin.errors import JogError
-from eskin.robot import Reach, load_robot
+from eskin.robot import DampedLeastSquaresIK, load_robot
 
 Purpose = Literal["take", "bring"]
 
@@ -151,7 +151,7 @@ class TaskExecutor:
         self.carrying = False
         self.delivered = 0
         self.jogging = False
-        self.ik = Reach(load_robot(task.robot_name), task.tool)
+        self.ik = DampedLeastSquaresIK(load_robot(task.robot_name), task.tool)
         self.trajectory.go_to(start)
 
     @property
@@ -201,7 +201,7 @@ class TaskExecutor:
                 f"no jog: {refusal}; allowed is one on an arm that is paused and "
                 "stands; pause it, or wait"
             )
-        q = self.ik.stepped(self.trajectory.q, step_world)
+        q = self.ik.solve_step(self.trajectory.q, step_world)
         if q is None or self.ik.poses(q[None])[0, 2, 3] < self.task.min_height:
             raise JogError(
                 f"no jog: {np.round(step_world, 3).tolist()} m further is out of reach "

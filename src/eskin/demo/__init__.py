@@ -1,4 +1,4 @@
-"""A simulated arm at work in its skin, touched by people or by the mouse."""
+"""This package demonstrates a simulated arm in its skin, touched by people or mouse."""
 
 from eskin.demo.headless import DemoConfig, DemoResult, run_headless
 from eskin.demo.live_source import LiveSource

@@ -20,7 +20,7 @@ from eskin.command import (
     SkinMonitorConfig,
     load_commands,
 )
-from eskin.demo.headless import DemoConfig, arm_of
+from eskin.demo.headless import DemoConfig, build_arm
 from eskin.demo.live_source import LiveSource
 from eskin.drivers import Clock, Event, HostClock
 from eskin.errors import EskinError
@@ -306,7 +306,7 @@ def running(
     skins = (config.skin, *(name for name in SKINS if name != config.skin))
     vocabulary, clock = model.card.vocabulary, clock or HostClock()
     commands = load_commands(config.commands, vocabulary, skin.mounted.skin)
-    with arm_of(config, clock) as arm:
+    with build_arm(config, clock) as arm:
         recognition = Recognition(recognizer)
         policy = Policy(arm, commands, vocabulary, PolicyConfig(monitor=PATIENT))
         button = RecordButton(Path.cwd(), Metadata("demo", "mouse", "browser"))
@@ -316,7 +316,7 @@ def running(
         page = ViewerConfig(port, touchable=True, skins=skins)
         viewer = Viewer(recognition, page, guarded(obedience.obey), arm)
         source = LiveSource(
-            skin, arm, clock, after=lambda: arm.apply_wrenches(skin.wrenches)
+            skin, arm, clock, after_scan=lambda: arm.apply_wrenches(skin.wrenches)
         )
         gc.unfreeze()
         gc.collect()

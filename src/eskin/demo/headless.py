@@ -1,4 +1,4 @@
-"""The demonstration without a browser: scripted touches, on a clock of its own."""
+"""This module runs the demonstration without a browser, faster than real time."""
 
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -25,102 +25,102 @@ from eskin.units import NS_PER_S
 
 @dataclass(frozen=True)
 class DemoConfig:
-    """What is demonstrated."""
+    """A demo configuration says which skin, model and arm are demonstrated."""
 
     skin: str = "ur5"
-    """A preset skin."""
+    """Name of a preset skin."""
 
     model: str = "ur5"
-    """Weights that come with eskin, or a model file."""
+    """Name of weights that come with eskin, or a model file."""
 
     commands: Path | None = None
-    """Which touch commands what; the map that comes with eskin unless given."""
+    """Path of a command map; the map that comes with eskin unless given."""
 
     build_kind: Literal["fresh", "shifted"] = "fresh"
     """Sensors as in training, or aged ones of wider laws."""
 
     build_seconds: float = 120.0
-    """After how long another build of the skin is put on [s]."""
+    """Time after which another build of the skin is put on [s]."""
 
     seed: int = 0
-    """Decides builds, people and what they do."""
+    """Seed of builds, people and what they do."""
 
     dynamics: bool = False
-    """Whether the arm has masses and servos, and yields to who touches it; else it is
-    exactly where it is to be."""
+    """Whether the arm has masses and servos, and yields to touches; else its joints are
+    exactly at the set-points."""
 
-    visitor: SimulatedUserConfig = field(default_factory=SimulatedUserConfig)
+    user: SimulatedUserConfig = field(default_factory=SimulatedUserConfig)
     """How often people touch."""
 
 
 @dataclass(frozen=True)
 class DemoResult:
-    """What came of it."""
+    """A demo result holds the score of a demonstration and what the arm did."""
 
     score: CommandScore
-    """Touches, and what was obeyed."""
+    """Touches, and the commands that were executed."""
 
     seconds: float
-    """How long it lasted in simulated time [s]."""
+    """Duration in simulated time [s]."""
 
     accidents: int
-    """Touches that asked for nothing."""
+    """Number of touches that asked for nothing."""
 
     unlocked: int
-    """How often a push had put the arm into protective stop."""
+    """How often a push put the arm into protective stop."""
 
     delivered: int
-    """Parts that the arm has brought."""
+    """Number of parts that the arm has delivered."""
 
     step: tuple[float, float]
-    """Time of a step, p50 and p99 [ms]."""
+    """Time of a recognition step, p50 and p99 [ms]."""
 
     @property
     def delay(self) -> tuple[float, float] | None:
-        """From the end of a touch to its command, p50 and p95 [s]; None of none."""
+        """Time from the end of a touch to its command, p50 and p95 [s]; None without."""
         delays = self.score.delays()
         if not delays:
             return None
         return float(np.median(delays)), float(np.percentile(delays, 95))
 
 
-def arm_of(config: DemoConfig, clock: Clock) -> SimulatedArm:
-    """The arm that is touched.
+def build_arm(config: DemoConfig, clock: Clock) -> SimulatedArm:
+    """Build the arm that is touched.
 
     Raises:
-        ExtraError: it has dynamics, and MuJoCo is not installed.
+        ExtraError: the arm has dynamics, and MuJoCo is not installed.
     """
     return SimulatedArm(clock=clock, plant=DynamicPlant() if config.dynamics else None)
 
 
 class SynchronousStream:
-    """Tells listeners one after the other in the caller's own thread; final.
+    """A synchronous stream calls its listeners in the caller's own thread; final.
 
-    What one of them tells, the others hear at once, so that nothing depends on how fast
-    the computer is.
+    What one of them publishes, the others receive at once, so that nothing depends on
+    how fast the computer is.
     """
 
     def __init__(self, source: LiveSource, listeners: list[Listener]) -> None:
-        """Start all of them."""
+        """Start all listeners."""
         self.source = source
         self.listeners = listeners
         for listener in listeners:
-            listener.start(Context(source.info, source.clock, self.tell))
+            listener.start(Context(source.info, source.clock, self.publish))
 
-    def tell(self, item: Message) -> None:
-        """Give something to all who hear its kind."""
+    def publish(self, item: Message) -> None:
+        """Pass a message to all listeners of its type."""
         for listener in self.listeners:
             if isinstance(item, listener.message_types):
                 listener.on_message(item)
 
     def close(self) -> None:
-        """Close all of them."""
+        """Close all listeners."""
         for listener in self.listeners:
             listener.close()
 
 
 class ScoreListener(Listener):
-    """Hears what is recognised and decided for a score; final."""
+    """A score listener adds detections and command events to a score; final."""
 
     name = "judge"
     message_types = (Detection, CommandEvent)
@@ -128,29 +128,29 @@ class ScoreListener(Listener):
     drop = "never"
 
     def __init__(self, score: CommandScore) -> None:
-        """ScoreListener into a score."""
+        """Add to a score."""
         self.score = score
 
     def start(self, context: Context) -> None:
-        """Nothing needs to be made ready."""
+        """Do nothing: nothing needs to be ready."""
 
     def on_message(self, item: Message) -> None:
-        """Take in what is recognised or decided."""
+        """Add a detection or a command event."""
         if isinstance(item, Detection):
-            self.score.note(item)
+            self.score.add_detection(item)
         elif isinstance(item, CommandEvent):
-            self.score.on_message(item)
+            self.score.add_command(item)
 
     def close(self) -> None:
-        """Nothing is held."""
+        """Do nothing: no resources are held."""
 
 
 def run_headless(seconds: float, config: DemoConfig | None = None) -> DemoResult:
     """Let people touch an arm at work, on one build of its skin after the other.
 
     Args:
-        seconds: how long, in simulated time [s].
-        config: what is demonstrated.
+        seconds: duration in simulated time [s].
+        config: skin, model and arm.
     """
     config = config or DemoConfig()
     parts = []
@@ -160,62 +160,64 @@ def run_headless(seconds: float, config: DemoConfig | None = None) -> DemoResult
         parts.append(run_build(part, config, config.seed + number))
         left -= part
         number += 1
-    return joined(parts)
+    return merge_results(parts)
 
 
 def run_build(seconds: float, config: DemoConfig, seed: int) -> DemoResult:
-    """The same on one build."""
+    """Let people touch an arm at work, on one build of its skin."""
     clock = ManualClock(NS_PER_S)
-    arm = arm_of(config, clock)
+    arm = build_arm(config, clock)
     skin = LiveSkin(config.skin, seed, config.build_kind)
     model = load_model(config.model)
     vocabulary = model.card.vocabulary
     commands = load_commands(config.commands, vocabulary, skin.mounted.skin)
-    visitor = SimulatedUser(skin, arm, commands, seed, config.visitor)
+    user = SimulatedUser(skin, arm, commands, seed, config.user)
     source = LiveSource(
-        *(skin, arm, clock),
-        before=visitor.come,
-        after=lambda: arm.apply_wrenches(skin.wrenches),
+        skin,
+        arm,
+        clock,
+        before_scan=user.update,
+        after_scan=lambda: arm.apply_wrenches(skin.wrenches),
     )
     recognition = Recognition(Recognizer(model, skin.mounted, skin.calibration))
     policy = Policy(arm, commands, vocabulary, PolicyConfig(check_period=None))
-    listeners = [ScoreListener(visitor.score), recognition, policy]
-    straight = SynchronousStream(source, listeners)
+    listeners = [ScoreListener(user.score), recognition, policy]
+    stream = SynchronousStream(source, listeners)
     end = clock.now() + round(seconds * NS_PER_S)
-    while source.due <= end or visitor.is_touching(source.due):
-        visitor.stays = source.due <= end
+    while source.due <= end or user.is_touching(source.due):
+        user.active = source.due <= end
         scan = source.read()
         assert scan is not None
-        straight.tell(scan)
+        stream.publish(scan)
     state = arm.state()
-    straight.close()
+    stream.close()
     step = recognition.step
     return DemoResult(
-        visitor.score,
-        seconds,
-        visitor.accidents,
-        visitor.unlocked,
-        state.delivered,
-        (1e3 * step.quantile(0.5), 1e3 * step.quantile(0.99)),
+        score=user.score,
+        seconds=seconds,
+        accidents=user.accidents,
+        unlocked=user.unlocked,
+        delivered=state.delivered,
+        step=(1e3 * step.quantile(0.5), 1e3 * step.quantile(0.99)),
     )
 
 
-def joined(parts: list[DemoResult]) -> DemoResult:
-    """Several outcomes as one."""
+def merge_results(parts: list[DemoResult]) -> DemoResult:
+    """Merge several results into one."""
     scores = [part.score for part in parts]
     score = CommandScore(
-        [attempt for each in scores for attempt in each.tries],
-        [command for each in scores for command in each.false_alarms],
-        sum(each.commands for each in scores),
-        sum(each.holds for each in scores),
+        attempts=[attempt for each in scores for attempt in each.attempts],
+        false_alarms=[command for each in scores for command in each.false_alarms],
+        commands=sum(each.commands for each in scores),
+        holds=sum(each.holds for each in scores),
     )
     return DemoResult(
-        score,
-        sum(part.seconds for part in parts),
-        sum(part.accidents for part in parts),
-        sum(part.unlocked for part in parts),
-        sum(part.delivered for part in parts),
-        (
+        score=score,
+        seconds=sum(part.seconds for part in parts),
+        accidents=sum(part.accidents for part in parts),
+        unlocked=sum(part.unlocked for part in parts),
+        delivered=sum(part.delivered for part in parts),
+        step=(
             float(np.median([part.step[0] for part in parts])),
             max(part.step[1] for part in parts),
         ),

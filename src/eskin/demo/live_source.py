@@ -1,4 +1,4 @@
-"""A simulated skin on an arm that moves, as a source of scans."""
+"""This module reads a simulated skin on a moving arm as a source of scans."""
 
 from collections.abc import Callable
 from typing import final
@@ -9,16 +9,16 @@ from eskin.touch import Scan
 from eskin.units import NS_PER_S
 
 MAX_LATE = 0.5
-"""Later than this, scans are left out and it goes on with the present [s]."""
+"""Delay from which scans are skipped, up to the present [s]."""
 
 
 @final
 class LiveSource(Source):
-    """Scans a live skin where its arm is, period by period; never ends by itself.
+    """A live source scans a live skin on its arm, period by period, without end.
 
     Attributes:
-        skin: that is scanned.
-        skipped: scans left out because the computer was too slow.
+        skin: the skin that is scanned.
+        skipped: number of scans skipped because the computer was too slow.
     """
 
     def __init__(
@@ -26,23 +26,23 @@ class LiveSource(Source):
         skin: LiveSkin,
         joints: JointSource,
         clock: Clock,
-        before: Callable[[int], None] = lambda stamp: None,
-        after: Callable[[], None] = lambda: None,
+        before_scan: Callable[[int], None] = lambda stamp: None,
+        after_scan: Callable[[], None] = lambda: None,
     ) -> None:
-        """Begin now.
+        """Start now.
 
         Args:
-            skin: to scan.
-            joints: where the arm is.
-            clock: that scans are timed by.
-            before: called ahead of each scan with its stamp.
-            after: called after each scan.
+            skin: the skin to scan.
+            joints: joint positions of the arm.
+            clock: the clock that times the scans.
+            before_scan: called before each scan with its stamp.
+            after_scan: called after each scan.
         """
         self.skin = skin
         self.joints = joints
         self.clock = clock
-        self.before = before
-        self.after = after
+        self.before_scan = before_scan
+        self.after_scan = after_scan
         self.period = round(skin.period * NS_PER_S)
         self.due = clock.now() + self.period
         self.given = self.skipped = 0
@@ -58,7 +58,7 @@ class LiveSource(Source):
         )
 
     def read(self, timeout: float | None = None) -> Scan | None:
-        """The next scan when it is due; None where it is not in time."""
+        """Return the next scan when it is due; None where that takes too long."""
         if self.closed:
             return None
         wait = (self.due - self.clock.now()) / NS_PER_S
@@ -72,10 +72,10 @@ class LiveSource(Source):
             self.skipped += missed
             self.due += missed * self.period
         stamp, self.due = self.due, self.due + self.period
-        self.before(stamp)
+        self.before_scan(stamp)
         self.given += 1
         scan = self.skin.scan(stamp, self.joints.q_at(stamp))
-        self.after()
+        self.after_scan()
         return scan
 
     @property
@@ -84,13 +84,13 @@ class LiveSource(Source):
         return self.closed
 
     def take_events(self) -> list[Event]:
-        """Nothing happens to a simulated skin that is not asked for."""
+        """Return no events: nothing unexpected happens to a simulated skin."""
         return []
 
     def counters(self) -> dict[str, int]:
-        """The `readings` given and those `skipped`."""
+        """Return the number of `readings` given and of those `skipped`."""
         return {"readings": self.given, "skipped": self.skipped}
 
     def close(self) -> None:
-        """Give no more."""
+        """End the source."""
         self.closed = True

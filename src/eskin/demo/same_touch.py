@@ -19,7 +19,7 @@ from eskin.sim.dataset.plan import ClipPlan
 from eskin.sim.dataset.session_plan import plan_alone, seed_of
 from eskin.sim.scene.environment import World
 from eskin.sim.scene.validity import is_free, limits
-from eskin.skin import PRESETS, MountedSkin
+from eskin.skin import SKIN_PRESETS, MountedSkin
 from eskin.touch import Calibration, Scan
 from eskin.units import NS_PER_S
 
@@ -109,9 +109,9 @@ def draw_touches(
         ValueError: there is no such skin, its patches never meet, the seed is
             negative, or too few ways are free.
     """
-    if skin not in PRESETS or seed < 0:
+    if skin not in SKIN_PRESETS or seed < 0:
         raise ValueError(
-            f"skin '{skin}' with seed {seed}; allowed are {', '.join(PRESETS)} and "
+            f"skin '{skin}' with seed {seed}; allowed are {', '.join(SKIN_PRESETS)} and "
             "seeds of 0 and above; change it"
         )
     world = world_of(skin)
@@ -174,7 +174,7 @@ def heaviest(
 ) -> list[Int[np.ndarray, "few"]]:
     """The most loaded taxels of each link that is touched."""
     rise = counts.max(axis=0) - np.median(counts, axis=0)
-    links = np.asarray(mounted.skin_link_index)
+    links = np.asarray(mounted.taxel_link_index)
     every = [np.flatnonzero(links == link) for link in np.unique(links)]
     return [
         taxels[np.argsort(rise[taxels])[-FEW:]]
@@ -192,7 +192,7 @@ def turned(pose: Pose, pressed: list[Int[np.ndarray, "few"]], world: World) -> P
     poses = np.tile(pose, (TURNS, 1))
     poses[:, 0] = np.linspace(low, high, TURNS)
     seen = [
-        [float((world.mounted.poses(q, taxels)[1] @ CAMERA).mean()) for q in poses]
+        [float((world.mounted.place_taxels(q, taxels)[1] @ CAMERA).mean()) for q in poses]
         for taxels in pressed
     ]
     return poses[int(np.min(seen, axis=0).argmax())]

@@ -1,4 +1,4 @@
-"""Simulated users."""
+"""This module simulates users who touch an arm, and scores what the arm does."""
 
 import re
 from collections import Counter
@@ -17,58 +17,59 @@ from eskin.stream import CommandEvent
 from eskin.units import NS_PER_S
 
 GRACE = 1.0
-"""A command counts for a touch until so long after the touch's end [s]."""
+"""How long after the end of a touch a command still counts for it [s]."""
 
-Verdict = Literal["correct", "wrong", "missed"]
+Outcome = Literal["correct", "wrong", "missed"]
 
 
 @dataclass
 class Attempt:
-    """A touch that asks for something."""
+    """An attempt is a touch that asks for a command, with what came of it."""
 
     gesture: str
-    """What was done."""
-    wanted: str
-    """The action that it asks for."""
+    """Gesture that was made."""
+    expected: str
+    """Action that it asks for."""
     begin: int
     """Stamp of its first contact [ns since the epoch]."""
     end: int | None = None
     """Stamp of its last contact; None while it goes on."""
-    given: CommandEvent | None = None
-    """The first command that was obeyed because of it."""
+    command: CommandEvent | None = None
+    """First command that was executed because of it."""
     refusals: list[CommandEvent] = field(default_factory=list)
-    """What was understood but not obeyed, and why."""
-    said: list[str] = field(default_factory=list)
-    """What it was recognised as."""
+    """Commands that were recognised but refused, and why."""
+    recognised: list[str] = field(default_factory=list)
+    """Gestures that it was recognised as."""
 
     @property
-    def verdict(self) -> Verdict:
-        """What came of it."""
-        if self.given is None:
+    def outcome(self) -> Outcome:
+        """Whether the expected command, another or none was executed."""
+        if self.command is None:
             return "missed"
-        return "correct" if self.given.action == self.wanted else "wrong"
+        return "correct" if self.command.action == self.expected else "wrong"
 
     @property
-    def lost(self) -> str:
-        """Why it was not rightly obeyed, without the figures; empty where it was."""
-        if self.verdict == "correct":
+    def failure(self) -> str:
+        """Why the outcome is not correct, without the figures; empty where it is."""
+        if self.outcome == "correct":
             return ""
-        if self.refusals and self.given is None:
+        if self.refusals and self.command is None:
             return re.split(r"[:\d]", self.refusals[-1].why)[0].strip()
-        others = [word for word in self.said if word != self.gesture]
+        others = [word for word in self.recognised if word != self.gesture]
         if others:
             return f"said to be {others[-1]}"
-        return "the arm had changed meanwhile" if self.said else "nothing was said"
+        changed = bool(self.recognised)
+        return "the arm had changed meanwhile" if changed else "nothing was said"
 
     @property
     def delay(self) -> float | None:
-        """From its last contact to the command; negative if earlier [s]."""
-        if self.given is None or self.end is None:
+        """Time from its last contact to the command; negative if earlier [s]."""
+        if self.command is None or self.end is None:
             return None
-        return (self.given.stamp - self.end) / NS_PER_S
+        return (self.command.stamp - self.end) / NS_PER_S
 
-    def takes(self, stamp: int) -> bool:
-        """Whether a command at that time counts for it."""
+    def covers(self, stamp: int) -> bool:
+        """Return whether a command at a time counts for it."""
         over = self.end is not None and stamp > self.end + GRACE * NS_PER_S
         return self.begin <= stamp and not over
 
@@ -76,30 +77,30 @@ class Attempt:
 @final
 @dataclass
 class CommandScore:
-    """Touches that ask for something beside the commands that were obeyed.
+    """A command score matches the commands that were executed to attempts.
 
-    A command counts for the touch that it comes during, or within 1 s of whose end; the
-    first of them is what the touch did. One more, or one without a touch, is a false
-    alarm. That the arm is held, for whatever reason, is no command.
+    A command counts for the touch during which it comes, or within 1 s of its end; the
+    first one is what the touch did. One more, or one without a touch, is a false alarm.
+    A hold of the arm, for whatever reason, is no command.
     """
 
-    tries: list[Attempt] = field(default_factory=list)
-    """All touches that ask for something, oldest first."""
+    attempts: list[Attempt] = field(default_factory=list)
+    """All attempts, oldest first."""
     false_alarms: list[CommandEvent] = field(default_factory=list)
     """Commands that nobody gave."""
     commands: int = 0
-    """All commands that were obeyed."""
+    """Number of commands that were executed."""
     holds: int = 0
     """How often the arm was held without being asked."""
 
     def add(self, attempt: Attempt) -> None:
-        """Begin a touch."""
-        self.tries.append(attempt)
+        """Add an attempt that begins."""
+        self.attempts.append(attempt)
 
-    def on_message(self, command: CommandEvent) -> None:
-        """Take in what was decided."""
+    def add_command(self, command: CommandEvent) -> None:
+        """Add a decision about a command."""
         if not command.accepted:
-            latest = self.latest(command.stamp)
+            latest = self.find_attempt(command.stamp)
             if latest is not None:
                 latest.refusals.append(command)
             return
@@ -107,60 +108,60 @@ class CommandScore:
             self.holds += 1
             return
         self.commands += 1
-        latest = self.latest(command.stamp)
-        if latest is None or latest.given is not None:
+        latest = self.find_attempt(command.stamp)
+        if latest is None or latest.command is not None:
             self.false_alarms.append(command)
         else:
-            latest.given = command
+            latest.command = command
 
-    def note(self, detection: Detection) -> None:
-        """Take in what was recognised."""
-        latest = self.latest(detection.stamp)
+    def add_detection(self, detection: Detection) -> None:
+        """Add a detection."""
+        latest = self.find_attempt(detection.stamp)
         if latest is not None:
-            latest.said.append(detection.gesture)
+            latest.recognised.append(detection.gesture)
 
-    def latest(self, stamp: int) -> Attempt | None:
-        """The latest touch that a decision at that time counts for."""
-        return next((t for t in reversed(self.tries) if t.takes(stamp)), None)
+    def find_attempt(self, stamp: int) -> Attempt | None:
+        """Return the latest attempt that a decision at a time counts for."""
+        return next((t for t in reversed(self.attempts) if t.covers(stamp)), None)
 
-    def count(self, verdict: Verdict) -> int:
-        """How many touches came to that."""
-        return sum(attempt.verdict == verdict for attempt in self.tries)
+    def count(self, outcome: Outcome) -> int:
+        """Return the number of attempts with an outcome."""
+        return sum(attempt.outcome == outcome for attempt in self.attempts)
 
-    def lost(self) -> dict[str, int]:
-        """Why touches were not rightly obeyed, and how many; most frequent first."""
-        reasons = Counter(attempt.lost for attempt in self.tries)
+    def count_failures(self) -> dict[str, int]:
+        """Return the number of attempts that failed for each reason, largest first."""
+        reasons = Counter(attempt.failure for attempt in self.attempts)
         return {why: count for why, count in reasons.most_common() if why}
 
     def delays(self) -> list[float]:
-        """From the end of each touch rightly obeyed to its command [s]."""
+        """Return the times from the end of correct attempts to their commands [s]."""
         return [
             attempt.delay
-            for attempt in self.tries
-            if attempt.verdict == "correct" and attempt.delay is not None
+            for attempt in self.attempts
+            if attempt.outcome == "correct" and attempt.delay is not None
         ]
 
 
 GESTURES = ("poke", "double_pat", "grab", "stroke")
-TO_WAKE = 0.7
-"""Share of touches on a paused arm which ask it to go on; one that is held obeys
-nothing else, as everybody knows who works with it."""
+RESUME_SHARE = 0.7
+"""Share of touches on a paused arm that ask it to go on; a held arm executes nothing
+else, as everybody knows who works with it."""
 
-ALONE = 1.0
+STOP_SECONDS = 1.0
 """How long people leave an arm alone that has just been paused, or has gone into
 protective stop [s]."""
 
 
 @dataclass(frozen=True)
 class SimulatedUserConfig:
-    """How often an arm is touched.
+    """A simulated-user configuration says how often an arm is touched.
 
     Nobody touches an arm within a second of its being paused: it could not go on yet,
-    as everybody knows who works with it. One in protective stop is unlocked first.
+    as everybody knows who works with it. An arm in protective stop is unlocked first.
     """
 
     first: float = 4.0
-    """When the first touch comes, after the skin is tared [s]."""
+    """Time of the first touch, after the skin is tared [s]."""
 
     pause: tuple[float, float] = (0.6, 0.8)
     """Least and longest time from one touch to the next [s]."""
@@ -168,23 +169,23 @@ class SimulatedUserConfig:
     accidents: float = 0.35
     """Share of touches that happen by accident."""
 
-    patience: float = 45.0
-    """How long one person stays [s]."""
+    person_seconds: float = 45.0
+    """Time after which another person comes [s]."""
 
 
 @final
 class SimulatedUser:
-    """Touches a live skin one touch at a time, in turn with other people.
+    """A simulated user touches a live skin, one touch at a time, as several people.
 
-    None of them is of a set that recognisers are trained or tested on. What a touch
-    asks for is what the command map says of its gesture in the state that the arm is
-    in when it begins. Who finds the arm standing mostly asks it to go on.
+    None of these people is in a set that recognisers are trained or tested on. What a
+    touch asks for is what the command map says of its gesture in the state that the arm
+    is in when it begins. A standing arm is mostly asked to go on.
 
     Attributes:
-        score: of the touches that ask for something.
-        accidents: how many did not.
+        score: score of the touches that ask for a command.
+        accidents: number of touches that ask for none.
         unlocked: how often the arm was in protective stop, and had to be unlocked.
-        stays: whether more touches are to come.
+        active: whether more touches are to come.
     """
 
     def __init__(
@@ -195,13 +196,13 @@ class SimulatedUser:
         seed: int = 0,
         config: SimulatedUserConfig | None = None,
     ) -> None:
-        """Come, and wait.
+        """Wait for the first touch.
 
         Args:
-            skin: to touch.
-            arm: that wears it.
+            skin: the skin that is touched.
+            arm: the arm that wears it.
             commands: what touches ask for.
-            seed: decides who comes and what they do.
+            seed: decides the people and what they do.
             config: how often they touch.
         """
         self.skin = skin
@@ -214,95 +215,96 @@ class SimulatedUser:
         self.accidents = 0
         self.unlocked = 0
         self.people = 0
-        self.next: int | None = None
-        self.leaves = 0
+        self.next_touch: int | None = None
+        self.person_until = 0
         self.touch: int | None = None
         self.attempt: Attempt | None = None
-        self.stays = True
-        self.alone_since: int | None = None
-        self.quiet = 0
+        self.active = True
+        self.stopped_since: int | None = None
+        self.grace_until = 0
 
-    def come(self, stamp: int) -> None:
-        """What happens before the scan at a time.
+    def update(self, stamp: int) -> None:
+        """Begin, continue or end a touch before the scan at a time.
 
         Args:
-            stamp: of that scan [ns since the epoch].
+            stamp: time of that scan [ns since the epoch].
         """
         state = self.arm.state()
-        if self.next is None:
-            self.next = stamp + round(self.config.first * NS_PER_S)
+        if self.next_touch is None:
+            self.next_touch = stamp + round(self.config.first * NS_PER_S)
         stands = state.paused or state.protective_stop
-        since = self.alone_since if self.alone_since is not None else stamp
-        self.alone_since = since if stands else None
-        waits = stands and stamp - since < ALONE * NS_PER_S
+        since = self.stopped_since if self.stopped_since is not None else stamp
+        self.stopped_since = since if stands else None
+        waits = stands and stamp - since < STOP_SECONDS * NS_PER_S
         if self.touch is not None:
-            self.go_on(stamp)
+            self.continue_touch(stamp)
         elif state.protective_stop:
             if not waits:
                 self.arm.unlock()
                 self.unlocked += 1
-        elif self.stays and stamp >= self.next and not waits:
-            self.begin(stamp, state)
+        elif self.active and stamp >= self.next_touch and not waits:
+            self.begin_touch(stamp, state)
 
     def is_touching(self, stamp: int) -> bool:
-        """Whether a touch goes on, or its command may still come."""
-        return self.touch is not None or stamp <= self.quiet
+        """Return whether a touch goes on, or its command may still come."""
+        return self.touch is not None or stamp <= self.grace_until
 
-    def begin(self, stamp: int, state: ArmState) -> None:
-        """Touch, on purpose or by accident."""
-        if stamp >= self.leaves:
+    def begin_touch(self, stamp: int, state: ArmState) -> None:
+        """Begin a touch, on purpose or by accident."""
+        if stamp >= self.person_until:
             person = demo_person(self.skin.world, 1000 * self.seed + self.people)
             self.skin.hand.person = person
             self.people += 1
-            self.leaves = stamp + round(self.config.patience * NS_PER_S)
-        what = self.choose(state)
-        self.touch = self.skin.hand.perform(what)
-        self.begun = False
-        if what == NONE:
+            self.person_until = stamp + round(self.config.person_seconds * NS_PER_S)
+        gesture = self.choose_gesture(state)
+        self.touch = self.skin.hand.perform(gesture)
+        self.in_contact = False
+        if gesture == NONE:
             self.accidents += 1
             self.attempt = None
             return
-        self.attempt = Attempt(what, self.wanted(what, state), stamp)
+        expected = self.find_expected(gesture, state)
+        self.attempt = Attempt(gesture, expected, stamp)
 
-    def choose(self, state: ArmState) -> str:
-        """What to do next."""
+    def choose_gesture(self, state: ArmState) -> str:
+        """Draw the next gesture, or none for an accident."""
         if self.rng.random() < self.config.accidents:
             return NONE
-        if state.hold_reason or (state.paused and self.rng.random() < TO_WAKE):
+        if state.hold_reason or (state.paused and self.rng.random() < RESUME_SHARE):
             return "poke"
         return str(self.rng.choice(GESTURES))
 
-    def wanted(self, gesture: str, state: ArmState) -> str:
-        """The action that a gesture asks for; which place it is on does not matter."""
+    def find_expected(self, gesture: str, state: ArmState) -> str:
+        """Return the action that a gesture asks for, wherever it is on the skin."""
         rule = self.commands.find_rule(gesture, "", "")
         return NONE if rule is None else resolve_action(rule.action_or_function, state)
 
-    def go_on(self, stamp: int) -> None:
-        """Follow the touch under way until it is over."""
+    def continue_touch(self, stamp: int) -> None:
+        """Follow the present touch until it is over."""
         hand = self.skin.hand
         pressing = any(record.touch == self.touch for record in hand.truths())
-        if pressing and not self.begun and self.attempt is not None:
+        if pressing and not self.in_contact and self.attempt is not None:
             self.attempt.begin = stamp
             self.score.add(self.attempt)
-        self.begun = self.begun or pressing
+        self.in_contact = self.in_contact or pressing
         if pressing and self.attempt is not None:
             self.last = stamp
         if self.touch not in hand.touching:
-            self.finish(stamp)
+            self.end_touch(stamp)
 
-    def finish(self, stamp: int) -> None:
-        """End a touch; another comes after a while."""
-        if self.attempt is not None and self.begun:
+    def end_touch(self, stamp: int) -> None:
+        """End the present touch; another comes after a while."""
+        if self.attempt is not None and self.in_contact:
             self.attempt.end = self.last
         self.touch = self.attempt = None
-        self.quiet = stamp + round(GRACE * NS_PER_S)
-        self.next = stamp + round(NS_PER_S * self.rng.uniform(*self.config.pause))
+        self.grace_until = stamp + round(GRACE * NS_PER_S)
+        self.next_touch = stamp + round(NS_PER_S * self.rng.uniform(*self.config.pause))
 
 
 def summarise_score(score: CommandScore) -> Mapping[str, int]:
-    """The counts that a demonstration reports."""
+    """Return the counts that a demonstration reports."""
     return {
-        "touches": len(score.tries),
+        "touches": len(score.attempts),
         "correct": score.count("correct"),
         "wrong": score.count("wrong"),
         "missed": score.count("missed"),

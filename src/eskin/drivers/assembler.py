@@ -1,4 +1,4 @@
-"""Packets of single patches to scans of the whole skin."""
+"""This module assembles packets of single patches into scans of the whole skin."""
 
 from math import inf
 from typing import final
@@ -22,88 +22,91 @@ from eskin.skin import Skin
 from eskin.touch import Scan
 from eskin.units import NS_PER_S
 
-LOOK = NS_PER_S // 50
-"""How often it is noticed who is gone [ns]."""
+CHECK_INTERVAL = NS_PER_S // 50
+"""How often silence and losses are checked [ns]."""
 
 
 @final
 class Assembler:
-    """Puts every patch's scans on the skin's grid of periods and gives those out.
+    """Puts the scans of all patches on the skin's grid of periods and gives them out.
 
-    No input, no output, no thread: packets and times come in, scans go out. What has
-    not come by a period's deadline is not received; no data is given out twice.
+    It has no input, no output and no thread: packets and times come in, scans go out.
+    What has not arrived by a period's deadline is marked as not received; no data is
+    given out twice.
 
     Attributes:
-        roster: which module is at which address.
-        feeds: what comes of each patch, by its address.
-        fates: of all packets.
-        timeline: the scans that are not yet given out; None before `start`.
-        given: scans that were given out.
+        registry: which module is at which address.
+        streams: state of each patch's data, by its address.
+        outcomes: how many packets had which outcome.
+        timeline: scans that are not yet given out; None before `start`.
+        given: number of scans that were given out.
     """
 
     def __init__(self, skin: Skin, joints: JointSource, log: EventLog) -> None:
-        """Start with no patch heard; `start` begins to give out scans."""
+        """Start without data; `start` begins to give out scans."""
         self.skin = skin
         self.joints = joints
         self.log = log
         self.registry = ModuleRegistry(skin, log)
         self.streams = {
-            address: PatchStream(seat, skin.taxels_of(seat.patch.id))
-            for address, seat in self.registry.slots.items()
+            address: PatchStream(slot, skin.taxels_of(slot.patch.id))
+            for address, slot in self.registry.slots.items()
         }
         self.outcomes = PacketCounts()
         self.timeline: ScanTimeline | None = None
         self.given = 0
-        self.looked = 0
+        self.checked_at = 0
 
     def start(self, now: int, rate: float, grace: float | None = None) -> None:
         """Give out scans from now on.
 
         Args:
-            now: when the first period begins [ns].
-            rate: of the skin's scans [1/s].
-            grace: how long after its end a period waits for what is under way [s];
-                half a period but at least 20 ms where None.
+            now: start of the first period [ns].
+            rate: rate of the skin's scans [1/s].
+            grace: how long after its end a period waits for late packets [s]; half a
+                period but at least 20 ms where None.
         """
         grid = PeriodGrid(now, rate, grace)
-        self.timeline = ScanTimeline(grid, self.skin.count, self.streams, self.outcomes)
+        self.timeline = ScanTimeline(
+            grid, self.skin.count, self.streams, self.outcomes
+        )
 
     def push(self, packet: Packet, arrived: int, port: str) -> None:
-        """Take a packet in.
+        """Process a packet.
 
         Args:
-            packet: it.
-            arrived: when, by the host's clock [ns].
-            port: or network address that it came from.
+            packet: decoded packet.
+            arrived: when it arrived, by the host's clock [ns].
+            port: port or network address that it came from.
         """
         if isinstance(packet, Data):
-            fate = self.take(packet, arrived, port)
+            outcome = self.handle_data(packet, arrived, port)
         elif isinstance(packet, Hello):
-            fate = self.handle_hello(packet, arrived, port)
+            outcome = self.handle_hello(packet, arrived, port)
         else:
-            fate = self.note(packet, port)
-        self.outcomes.add(fate)
+            outcome = self.handle_status(packet, port)
+        self.outcomes.add(outcome)
 
-    def greet(self, hello: Hello, arrived: int, port: str) -> PacketOutcome:
-        """Hear a hello; its fate."""
+    def handle_hello(self, hello: Hello, arrived: int, port: str) -> PacketOutcome:
+        """Process a hello; return its outcome."""
         changed = self.registry.handle_hello(hello, arrived, port)
         if changed is not None:
-            self.change(changed)
-        feed = self.streams.get(hello.address)
-        if feed is None or not feed.slot.fits(hello):
+            self.restart_stream(changed)
+        stream = self.streams.get(hello.address)
+        if stream is None or not stream.slot.fits(hello):
             return "foreign"
-        if feed.slot.module is not None and feed.slot.port == port:
-            feed.pace.promised = feed.slot.module.rate
+        if stream.slot.module is not None and stream.slot.port == port:
+            stream.rate_meter.nominal = stream.slot.module.rate
         return "hello"
 
-    def note(self, status: Status, port: str) -> PacketOutcome:
-        """Hear how a patch fares; its fate."""
-        feed = self.streams.get(status.address)
-        if feed is None or feed.slot.port != port:
+    def handle_status(self, status: Status, port: str) -> PacketOutcome:
+        """Process a status; return its outcome."""
+        stream = self.streams.get(status.address)
+        if stream is None or stream.slot.port != port:
             return "foreign"
-        skipped = feed.skip(status.skipped)
+        skipped = stream.update_skipped(status.skipped)
         if skipped:
-            patch = feed.slot.patch.id
+            patch = stream.slot.patch.id
             self.log.count(
                 "lost",
                 f"scans of patch '{patch}' were left out by the patch itself, which "
@@ -113,125 +116,127 @@ class Assembler:
             )
         return "status"
 
-    def change(self, seat: AddressSlot) -> None:
-        """Begin anew with another module at an address."""
-        given_up = self.streams[seat.patch.address].restart()
-        self.outcomes.move("incomplete", given_up)
+    def restart_stream(self, slot: AddressSlot) -> None:
+        """Restart the stream of an address that has another module."""
+        given_up = self.streams[slot.patch.address].restart()
+        self.outcomes.settle("incomplete", given_up)
 
-    def take(self, data: Data, arrived: int, port: str) -> PacketOutcome:
-        """Take data in; its fate so far."""
-        feed = self.streams.get(data.address)
-        if feed is None:
+    def handle_data(self, data: Data, arrived: int, port: str) -> PacketOutcome:
+        """Process a data packet; return its outcome so far."""
+        stream = self.streams.get(data.address)
+        if stream is None:
             self.registry.report_unknown_address(data.address, arrived, port)
             return "foreign"
-        seat = feed.slot
-        if port != seat.port:
-            seat.note_rejected_data(arrived, port)
+        slot = stream.slot
+        if port != slot.port:
+            slot.note_rejected_data(arrived, port)
             return "foreign"
         size = len(data.counts)
-        if size == 0 or data.first + size > seat.taxels:
+        if size == 0 or data.first + size > slot.taxels:
             self.log.count(
                 "damaged",
-                f"packets hold taxels that patch '{seat.patch.id}' has not; check "
+                f"packets hold taxels that patch '{slot.patch.id}' has not; check "
                 "its address and firmware",
-                patch=seat.patch.id,
+                patch=slot.patch.id,
             )
             return "damaged"
-        clock = feed.clock
+        clock = stream.clock
         known = clock.epoch is not None
-        moment = clock.push(data.device_time, data.scan, arrived)
-        if moment is None:
+        scan_time = clock.push(data.device_time, data.scan, arrived)
+        if scan_time is None:
             return "late" if known else "held"
-        seat.hear(arrived)
-        if clock.reboots != feed.reboots:
-            seat.say(arrived, "rebooted", "its clock began anew")
-        if not feed.vouched or clock.reboots != feed.reboots:
-            feed.vouch()
-        if not feed.vouched or arrived < seat.hold_until or self.timeline is None:
+        slot.note_data(arrived)
+        if clock.reboots != stream.reboots:
+            slot.report(arrived, "rebooted", "its clock began anew")
+        if not stream.clock_matches():
             return "held"
-        seat.believe(arrived)
-        return self.sort(feed, data, moment, arrived)
+        if arrived < slot.hold_until or self.timeline is None:
+            return "held"
+        slot.note_used(arrived)
+        return self.add_data(stream, data, scan_time, arrived)
 
-    def sort(
-        self, feed: PatchStream, data: Data, moment: ScanTime, arrived: int
+    def add_data(
+        self, stream: PatchStream, data: Data, scan_time: ScanTime, arrived: int
     ) -> PacketOutcome:
-        """Put believed data to its scan; its fate so far."""
-        number = moment.number
-        novelty = feed.numbers.take(number)
+        """Add accepted data to its scan; return its outcome so far."""
+        number = scan_time.number
+        novelty = stream.numbers.add(number)
         if novelty == "old":
             return "late"
-        if len(data.counts) == feed.slot.taxels:
+        if len(data.counts) == stream.slot.taxels:
             if novelty == "again":
                 return "duplicate"
-            return self.place(feed, moment, data.counts, 1, arrived)
-        if novelty == "again" and number not in feed.parts:
-            return "duplicate" if feed.complete.has(number) else "incomplete"
-        part = feed.add_part(number, moment.stamp, data)
-        if part is None:
+            return self.place_scan(stream, scan_time, data.counts, 1, arrived)
+        if novelty == "again" and number not in stream.partial:
+            return "duplicate" if number in stream.complete else "incomplete"
+        scan = stream.add_part(number, scan_time.stamp, data)
+        if scan is None:
             return "duplicate"
-        if not part.have.all():
-            self.outcomes.move("incomplete", feed.give_up(0))
+        if not scan.received.all():
+            self.outcomes.settle("incomplete", stream.drop_partial(0))
             return "waiting"
-        del feed.parts[number]
-        feed.complete.take(number)
-        fate = self.place(feed, moment, part.counts, part.packets, arrived)
-        self.outcomes.move(fate, part.packets - 1)
-        return fate
+        del stream.partial[number]
+        stream.complete.add(number)
+        outcome = self.place_scan(
+            stream, scan_time, scan.counts, scan.packets, arrived
+        )
+        self.outcomes.settle(outcome, scan.packets - 1)
+        return outcome
 
-    def place(
+    def place_scan(
         self,
-        feed: PatchStream,
-        moment: ScanTime,
+        stream: PatchStream,
+        scan_time: ScanTime,
         counts: Integer[np.ndarray, "part"],
         packets: int,
         arrived: int,
     ) -> PacketOutcome:
-        """Put a complete scan to its period; the fate of its packets so far."""
+        """Place a complete scan in its period; return its packets' outcome so far."""
         if self.timeline is None:
             return "held"
-        change = feed.pace.push(moment.stamp)
+        change = stream.rate_meter.push(scan_time.stamp)
         if change is not None:
-            self.say_pace(feed, change, arrived)
-        return self.timeline.place(
-            feed, moment.number, moment.stamp, counts, packets, arrived
-        )
+            self.report_rate(stream, change, arrived)
+        return self.timeline.place(stream, scan_time, counts, packets, arrived)
 
-    def say_pace(self, feed: PatchStream, change: RateChange, arrived: int) -> None:
-        """Tell that a patch has become slow, or is no longer."""
-        measured, promised = feed.pace.measured, feed.pace.promised
-        text = f"{measured:.1f} of {promised} scans a second come"
+    def report_rate(
+        self, stream: PatchStream, change: RateChange, arrived: int
+    ) -> None:
+        """Report that a patch has become slow, or is no longer slow."""
+        meter = stream.rate_meter
+        text = f"{meter.measured:.1f} of {meter.nominal} scans a second come"
         if change == "slow":
             text += "; check its power and how much its line can carry"
-        feed.slot.say(arrived, change, text)
+        stream.slot.report(arrived, change, text)
 
     def poll(self, now: int) -> list[Scan]:
-        """Scans that are complete or due; all that arrived before `now` was pushed.
+        """Return scans that are complete or due.
 
         Args:
-            now: the time [ns].
+            now: the time [ns]; all that arrived before it must have been pushed.
         """
-        if now - self.looked >= LOOK:
-            self.looked = now
-            for seat in self.registry.poll(now):
-                self.change(seat)
-            self.tell_lost(now)
-        scans = [] if self.timeline is None else self.timeline.poll(now)
-        return [self.finish(stamp, scan) for stamp, scan in scans]
+        if now - self.checked_at >= CHECK_INTERVAL:
+            self.checked_at = now
+            for slot in self.registry.poll(now):
+                self.restart_stream(slot)
+            self.report_lost(now)
+        periods = [] if self.timeline is None else self.timeline.poll(now)
+        return [self.build_scan(stamp, period) for stamp, period in periods]
 
-    def finish(self, stamp: int, period: PeriodScans) -> Scan:
-        """The scan of a period that is over."""
+    def build_scan(self, stamp: int, period: PeriodScans) -> Scan:
+        """Build the scan of a period that is over."""
         self.given += 1
-        for feed in self.streams.values():
-            if feed.parts:
-                self.drop_parts(feed, stamp)
+        for stream in self.streams.values():
+            if stream.partial:
+                self.drop_partial(stream, stamp)
         return Scan(stamp, period.counts, period.received, self.joints.q_at(stamp))
 
-    def drop_parts(self, feed: PatchStream, before: int) -> None:
-        """Give up scans of which parts are missing, and tell."""
-        packets = feed.give_up(before)
-        self.outcomes.move("incomplete", packets)
+    def drop_partial(self, stream: PatchStream, before: int) -> None:
+        """Drop scans that are still incomplete, and report them."""
+        packets = stream.drop_partial(before)
+        self.outcomes.settle("incomplete", packets)
         if packets:
-            patch = feed.slot.patch.id
+            patch = stream.slot.patch.id
             self.log.count(
                 "lost",
                 f"packets of patch '{patch}' are of scans that came only in part and "
@@ -240,46 +245,46 @@ class Assembler:
                 patch,
             )
 
-    def tell_lost(self, now: int) -> None:
-        """Count what is lost for good, and let the log say what is due."""
-        for feed in self.streams.values():
-            lost = feed.numbers.gone - feed.lost_said
+    def report_lost(self, now: int) -> None:
+        """Report scans that are lost for good, and flush the log's counts."""
+        for stream in self.streams.values():
+            lost = stream.numbers.gone - stream.lost_reported
             if lost:
-                feed.lost_said += lost
-                patch = feed.slot.patch.id
+                stream.lost_reported += lost
+                patch = stream.slot.patch.id
                 self.log.count(
                     "lost",
                     f"scans of patch '{patch}' did not arrive; check its line",
                     lost,
                     patch,
                 )
-        self.log.poll(now)
+        self.log.flush_counts(now)
 
-    def due(self) -> int | None:
-        """When the next scan is given out at the latest [ns]."""
+    def next_deadline(self) -> int | None:
+        """Return when the next scan is given out at the latest [ns]."""
         line = self.timeline
         return None if line is None else line.grid.deadline(line.next)
 
     def ages(self, now: int) -> dict[str, float]:
-        """How old each patch's newest data is [s]; infinite where there is none."""
+        """Return the age of each patch's newest data [s]; infinite without data."""
         return {
-            feed.slot.patch.id: inf if fresh is None else (now - fresh) / NS_PER_S
-            for feed in self.streams.values()
-            for fresh in (feed.fresh,)
+            stream.slot.patch.id: inf if newest is None else (now - newest) / NS_PER_S
+            for stream in self.streams.values()
+            for newest in (stream.newest_in_time,)
         }
 
     def skews(self) -> dict[str, float]:
-        """How long after its reading's stamp each patch began its newest scan [s]."""
+        """Return how long after its reading's stamp each newest scan began [s]."""
         grid = None if self.timeline is None else self.timeline.grid
         return {
-            feed.slot.patch.id: (feed.newest - grid.start(feed.period)) / NS_PER_S
-            for feed in self.streams.values()
-            if grid and feed.newest is not None and feed.period is not None
+            stream.slot.patch.id: (stream.newest - grid.start(stream.period)) / NS_PER_S
+            for stream in self.streams.values()
+            if grid and stream.newest is not None and stream.period is not None
         }
 
     def counters(self) -> dict[str, int]:
-        """Readings given, packets by their fate, lost scans, skipped periods."""
-        lost = sum(feed.numbers.lost for feed in self.streams.values())
+        """Return readings, packets by outcome, lost scans and skipped periods."""
+        lost = sum(stream.numbers.lost for stream in self.streams.values())
         skipped = 0 if self.timeline is None else self.timeline.skipped
         counts = {"readings": self.given, "lost": lost, "skipped": skipped}
         return {**counts, **self.outcomes.counts}

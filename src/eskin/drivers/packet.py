@@ -187,8 +187,8 @@ def decode_packet(data: bytes | bytearray | memoryview) -> Packet:
     data = bytes(data)
     if not MIN_PACKET_BYTES <= len(data) <= MAX_PACKET_BYTES:
         raise PacketError(
-            f"packet has {len(data)} bytes; allowed are {MIN_PACKET_BYTES} to {MAX_PACKET_BYTES}; "
-            "check the framing",
+            f"packet has {len(data)} bytes; allowed are {MIN_PACKET_BYTES} to "
+            f"{MAX_PACKET_BYTES}; check the framing",
             "length",
         )
     if zlib.crc32(data) != CRC_RESIDUE:

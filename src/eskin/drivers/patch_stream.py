@@ -1,4 +1,4 @@
-"""This module holds the state of one patch's data: clock, scan numbers, parts and rate."""
+"""This module holds the state of one patch's data: clock, scan numbers and rate."""
 
 from dataclasses import dataclass
 from typing import Literal, final
@@ -11,27 +11,29 @@ from eskin.drivers.module_registry import AddressSlot
 from eskin.drivers.packet import Data
 from eskin.units import NS_PER_S
 
-LEAST_SCANS = 10
-"""Fewer tell no rate."""
-ENOUGH = 0.8
-"""PartialScan of the promised rate below which a patch is slow."""
+MIN_RATE_SCANS = 10
+"""Fewest scans from which a rate is measured."""
+SLOW_RATE = 0.8
+"""Part of the nominal rate below which a patch is slow."""
+MAX_PARTIAL_SCANS = 4
+"""Largest number of incomplete scans; more are dropped."""
 
 RateChange = Literal["slow", "on_rate"]
 
 
 @final
 class ScanRateMeter:
-    """Counts scans by their own stamps, so that delays do not matter.
+    """Measures the scan rate of a patch by the scans' own stamps, free of delays.
 
     Attributes:
-        promised: scans a second that the patch means to make; 0 where it does not say.
-        measured: scans a second that came lately; 0 while that is not known.
-        slow: whether too few came.
+        nominal: nominal scan rate [1/s]; 0 where it is not known.
+        measured: measured scan rate [1/s]; 0 while it is not known.
+        slow: whether the measured rate is too low.
     """
 
     def __init__(self) -> None:
-        """Start without having heard any."""
-        self.promised = 0
+        """Start without scans."""
+        self.nominal = 0
         self.measured = 0.0
         self.slow = False
         self.start: int | None = None
@@ -39,17 +41,17 @@ class ScanRateMeter:
 
     @property
     def rate(self) -> float:
-        """What to expect [1/s]: as promised, else as measured."""
-        return float(self.promised or self.measured)
+        """The rate to expect [1/s]: the nominal one, else the measured one."""
+        return float(self.nominal or self.measured)
 
     @property
     def window(self) -> int:
         """How long scans are counted for [ns]."""
-        promised = self.promised or NS_PER_S
-        return max(NS_PER_S, LEAST_SCANS * NS_PER_S // promised)
+        nominal = self.nominal or NS_PER_S
+        return max(NS_PER_S, MIN_RATE_SCANS * NS_PER_S // nominal)
 
     def push(self, stamp: int) -> RateChange | None:
-        """Count a scan that began at a time [ns]; what has changed, if anything."""
+        """Count a scan that began at a time [ns]; return what has changed, if any."""
         start = self.start
         if start is None or not 0 <= stamp - start < 2 * self.window:
             self.start, self.scans = stamp, 0
@@ -60,46 +62,42 @@ class ScanRateMeter:
             return None
         self.measured = self.scans * NS_PER_S / elapsed
         self.start, self.scans = stamp, 0
-        slow = self.measured < ENOUGH * self.promised
+        slow = self.measured < SLOW_RATE * self.nominal
         if slow == self.slow:
             return None
         self.slow = slow
         return "slow" if slow else "on_rate"
 
 
-MAX_PARTIAL_SCANS = 4
-"""Scans of which only parts have come; more are given up."""
-
-
 @dataclass(eq=False)
 class PartialScan:
-    """A scan of which some packets have come."""
+    """A scan of which some packets have arrived."""
 
     stamp: int
-    """When it began [ns]."""
+    """Start of the scan [ns]."""
     counts: Int[np.ndarray, "part"]
-    """Of the patch's taxels."""
-    have: Bool[np.ndarray, "part"]
-    """Which of them have come."""
+    """Counts of the patch's taxels."""
+    received: Bool[np.ndarray, "part"]
+    """Which of them have arrived."""
     packets: int
-    """How many."""
+    """Number of packets that have arrived."""
 
 
 @final
 class PatchStream:
-    """State of one patch's data; `Assembler` decides what is done with it.
+    """Holds the state of one patch's data; `Assembler` decides what is done with it.
 
     Attributes:
-        vouched: whether a hello of the believed module agrees with the clock.
-        newest: when the newest complete scan began [ns].
-        period: that this scan belongs to.
-        fresh: when the newest scan began that came in time [ns].
-        used_period: the latest period of which a scan was given out.
+        clock_matched: whether a hello of the module agrees with the clock.
+        newest: start of the newest complete scan [ns].
+        period: period that this scan belongs to.
+        newest_in_time: start of the newest scan that came in time [ns].
+        used_period: latest period of which a scan was given out.
     """
 
-    def __init__(self, seat: AddressSlot, taxels: Int[np.ndarray, "part"]) -> None:
+    def __init__(self, slot: AddressSlot, taxels: Int[np.ndarray, "part"]) -> None:
         """Start without data."""
-        self.slot = seat
+        self.slot = slot
         whole = np.arange(taxels[0], taxels[0] + len(taxels)) if len(taxels) else taxels
         self.taxels = (
             slice(int(taxels[0]), int(taxels[-1]) + 1)
@@ -107,76 +105,76 @@ class PatchStream:
             else taxels
         )
         self.clock = DeviceClock()
-        self.pace = ScanRateMeter()
+        self.rate_meter = ScanRateMeter()
         self.numbers = ScanNumberWindow()
         self.complete = ScanNumberWindow()
-        self.parts: dict[int, PartialScan] = {}
+        self.partial: dict[int, PartialScan] = {}
         self.reboots = 0
-        self.lost_said = 0
+        self.lost_reported = 0
         self.skipped: int | None = None
-        self.vouched = False
+        self.clock_matched = False
         self.newest: int | None = None
         self.period: int | None = None
-        self.fresh: int | None = None
+        self.newest_in_time: int | None = None
         self.used_period = -1
 
     def restart(self) -> int:
-        """Begin anew with another module; packets of scans that are given up."""
-        packets = sum(part.packets for part in self.parts.values())
-        self.parts.clear()
+        """Start over with another module; return how many packets are dropped."""
+        packets = sum(scan.packets for scan in self.partial.values())
+        self.partial.clear()
         self.clock = DeviceClock()
-        self.pace = ScanRateMeter()
-        self.numbers.forget()
-        self.complete.forget()
-        self.reboots, self.vouched = 0, False
-        self.newest = self.period = self.fresh = self.skipped = None
+        self.rate_meter = ScanRateMeter()
+        self.numbers.restart()
+        self.complete.restart()
+        self.reboots, self.clock_matched = 0, False
+        self.newest = self.period = self.newest_in_time = self.skipped = None
         return packets
 
-    def skip(self, skipped: int) -> int:
-        """How many scans the patch has left out since it was last asked.
+    def update_skipped(self, skipped: int) -> int:
+        """Return how many scans the patch has skipped since the last status.
 
         Args:
-            skipped: by its status, since power-up; it begins anew with the patch.
+            skipped: skipped scans since power-up; starts over with the patch.
         """
         before, self.skipped = self.skipped, skipped
         return 0 if before is None else max(0, skipped - before)
 
-    def vouch(self) -> bool:
-        """Whether the believed module's hello is of the clock that its data has.
+    def clock_matches(self) -> bool:
+        """Return whether the module's hello agrees with the clock of its data.
 
-        Data says by its address alone who sent it; its clock says whether that is still
-        the module whose hello was heard.
+        Data names its sender by the address alone; the clock tells whether that is
+        still the module that sent the hello.
         """
         if self.reboots != self.clock.reboots:
-            self.reboots, self.vouched = self.clock.reboots, False
-        holder = self.slot.module
-        if not self.vouched and holder is not None:
-            self.vouched = self.clock.agrees(holder.device_time, holder.greeted)
-        return self.vouched
+            self.reboots, self.clock_matched = self.clock.reboots, False
+        module = self.slot.module
+        if not self.clock_matched and module is not None:
+            self.clock_matched = self.clock.matches(module.device_time, module.hello_at)
+        return self.clock_matched
 
     def add_part(self, number: int, stamp: int, data: Data) -> PartialScan | None:
-        """Put a packet to its scan; None where it was there already."""
-        part = self.parts.get(number)
-        if part is None:
+        """Add a packet to its scan; return None where it was there already."""
+        scan = self.partial.get(number)
+        if scan is None:
             size = self.slot.taxels
-            part = PartialScan(stamp, np.zeros(size, np.int32), np.zeros(size, bool), 0)
-            self.parts[number] = part
+            scan = PartialScan(stamp, np.zeros(size, np.int32), np.zeros(size, bool), 0)
+            self.partial[number] = scan
         place = slice(data.first, data.first + len(data.counts))
-        if part.have[place].all():
+        if scan.received[place].all():
             return None
-        part.counts[place] = data.counts
-        part.have[place] = True
-        part.packets += 1
-        return part
+        scan.counts[place] = data.counts
+        scan.received[place] = True
+        scan.packets += 1
+        return scan
 
-    def give_up(self, before: int) -> int:
-        """Packets of scans that began before a time [ns], or are too many."""
+    def drop_partial(self, before: int) -> int:
+        """Drop partial scans older than a time [ns], or too many; count packets."""
         packets = 0
-        while self.parts:
-            number = min(self.parts)
-            part = self.parts[number]
-            if part.stamp >= before and len(self.parts) <= MAX_PARTIAL_SCANS:
+        while self.partial:
+            number = min(self.partial)
+            scan = self.partial[number]
+            if scan.stamp >= before and len(self.partial) <= MAX_PARTIAL_SCANS:
                 break
-            packets += part.packets
-            del self.parts[number]
+            packets += scan.packets
+            del self.partial[number]
         return packets

@@ -5,20 +5,23 @@ from typing import final
 import numpy as np
 from jaxtyping import Integer
 
+from eskin.drivers.clock_sync import ScanTime
 from eskin.drivers.module_registry import PacketCounts, PacketOutcome
 from eskin.drivers.patch_stream import PatchStream
 from eskin.units import NS_PER_S
 
-LEAST_GRACE = 20_000_000
-"""How long after its end a period waits at least for what is under way [ns]: USB serial
+MIN_GRACE = 20_000_000
+"""Shortest time that a period waits after its end for late packets [ns]: USB serial
 chips hold bytes back for up to 16 ms, and a busy computer as long."""
-SAME_PACE = 0.2
-"""By what part a patch's rate may differ from the skin's to keep its phase."""
+RATE_TOLERANCE = 0.2
+"""Part by which a patch's rate may differ from the skin's to keep its phase."""
+MAX_DELAY = NS_PER_S // 2
+"""How late readings may be given out after a stall [ns]; older periods are skipped."""
 
 
 @final
 class PeriodGrid:
-    """Periods of equal length, counted from a start.
+    """Divides time into periods of equal length from a start.
 
     Attributes:
         period: length [ns].
@@ -26,64 +29,60 @@ class PeriodGrid:
     """
 
     def __init__(self, start: int, rate: float, grace: float | None = None) -> None:
-        """Start at a time [ns], with a rate [1/s] and a grace [s]; half a period."""
+        """Start at a time [ns] with a rate [1/s] and a grace [s], or half a period."""
         self.origin = start
         self.rate = rate
         self.period = round(NS_PER_S / rate)
-        half = max(self.period // 2, LEAST_GRACE)
+        half = max(self.period // 2, MIN_GRACE)
         self.grace = half if grace is None else round(grace * NS_PER_S)
 
     def start(self, k: int) -> int:
-        """When a period begins [ns]."""
+        """Return when a period begins [ns]."""
         return self.origin + k * self.period
 
     def deadline(self, k: int) -> int:
-        """When it is given out at the latest [ns]."""
+        """Return when a period is given out at the latest [ns]."""
         return self.start(k + 1) + self.grace
 
-    def at(self, stamp: int) -> int:
-        """The period that a time [ns] lies in."""
+    def find(self, stamp: int) -> int:
+        """Return the period that contains a time [ns]."""
         return (stamp - self.origin) // self.period
 
-    def beside(self, k: int, stamp: int) -> bool:
-        """Whether a time is within 0.75 periods of the middle of a period."""
+    def is_near(self, k: int, stamp: int) -> bool:
+        """Return whether a time is within 0.75 periods of a period's middle."""
         slack = self.period // 4
         return -slack <= stamp - self.start(k) <= self.period + slack
 
-    def keeps_pace(self, rate: float) -> bool:
-        """Whether a patch of that rate gives about one scan a period."""
-        return abs(rate - self.rate) <= SAME_PACE * self.rate
+    def matches_rate(self, rate: float) -> bool:
+        """Return whether a patch of that rate gives about one scan a period."""
+        return abs(rate - self.rate) <= RATE_TOLERANCE * self.rate
 
 
 @final
 class PeriodScans:
-    """The scans of all patches that belong to one period, while it is waited for.
+    """Collects the scans of all patches that belong to one period.
 
     Attributes:
-        counts: of the whole skin.
-        received: which of them are there.
-        scans: number of the scan and of its packets, by the patch's address.
+        counts: counts of the whole skin.
+        received: which of them have arrived.
+        scans: scan number and number of packets, by the patch's address.
     """
 
     def __init__(self, taxels: int) -> None:
-        """Start without any."""
+        """Start without scans."""
         self.counts = np.zeros(taxels, np.int32)
         self.received = np.zeros(taxels, bool)
         self.scans: dict[int, tuple[int, int]] = {}
 
 
-BEHIND = NS_PER_S // 2
-"""How far readings may be given out late after a stall; older periods are skipped."""
-
-
 @final
 class ScanTimeline:
-    """Waits for each period's scans, and gives it out once.
+    """Waits for the scans of each period and gives each period out once.
 
     Attributes:
         grid: the periods.
-        fates: of the packets.
-        skipped: periods that were never given out, since nobody asked in time.
+        outcomes: counts of packets by outcome.
+        skipped: periods that were never given out, since nobody polled in time.
         next: the period that is given out next.
     """
 
@@ -91,116 +90,116 @@ class ScanTimeline:
         self,
         grid: PeriodGrid,
         taxels: int,
-        feeds: dict[int, PatchStream],
-        fates: PacketCounts,
+        streams: dict[int, PatchStream],
+        outcomes: PacketCounts,
     ) -> None:
         """Start at the grid's first period, for patches by their addresses."""
         self.grid = grid
         self.taxels = taxels
-        self.streams = feeds
-        self.outcomes = fates
+        self.streams = streams
+        self.outcomes = outcomes
         self.pending: dict[int, PeriodScans] = {}
         self.next = 0
         self.skipped = 0
 
     def place(
         self,
-        feed: PatchStream,
-        number: int,
-        stamp: int,
+        stream: PatchStream,
+        scan_time: ScanTime,
         counts: Integer[np.ndarray, "part"],
         packets: int,
         arrived: int,
     ) -> PacketOutcome:
-        """Put a complete scan to its period; the fate of its packets so far.
+        """Place a complete scan in its period; return its packets' outcome so far.
 
         Args:
-            feed: of its patch.
-            number: of the scan.
-            stamp: when it began [ns].
-            counts: of the patch's taxels.
-            packets: that it came in.
-            arrived: when the last of them came [ns].
+            stream: stream of its patch.
+            scan_time: number and start of the scan.
+            counts: counts of the patch's taxels.
+            packets: number of packets that it came in.
+            arrived: when the last of them arrived [ns].
         """
-        k = self.period_of(feed, stamp)
+        number, stamp = scan_time
+        k = self.find_period(stream, stamp)
         if k < self.next:
-            return "superseded" if k == feed.used_period else "late"
-        if arrived - self.grid.deadline(k) > BEHIND:
+            return "superseded" if k == stream.used_period else "late"
+        if arrived - self.grid.deadline(k) > MAX_DELAY:
             return "late"
         period = self.pending.get(k)
         if period is None:
             period = self.pending[k] = PeriodScans(self.taxels)
-        address = feed.slot.patch.address
+        address = stream.slot.patch.address
         before, others = period.scans.get(address, (number, 0))
         if before > number:
             return "superseded"
-        self.outcomes.move("superseded", others)
+        self.outcomes.settle("superseded", others)
         period.scans[address] = (number, packets)
-        period.counts[feed.taxels] = counts
-        period.received[feed.taxels] = True
-        feed.fresh = max(stamp, feed.fresh or 0)
+        period.counts[stream.taxels] = counts
+        period.received[stream.taxels] = True
+        stream.newest_in_time = max(stamp, stream.newest_in_time or 0)
         return "waiting"
 
-    def period_of(self, feed: PatchStream, stamp: int) -> int:
-        """The period that a scan of a patch belongs to.
+    def find_period(self, stream: PatchStream, stamp: int) -> int:
+        """Return the period that a scan of a patch belongs to.
 
         A patch of about the skin's rate keeps its phase until it is 0.75 periods off,
         so that jitter does not put two scans in one period and none in the next.
         """
         grid = self.grid
-        k = grid.at(stamp)
-        if feed.newest is not None and feed.period is not None:
-            passed = (stamp - feed.newest + grid.period // 2) // grid.period
-            same = feed.period + passed
-            if grid.beside(same, stamp) and grid.keeps_pace(feed.pace.rate):
+        k = grid.find(stamp)
+        if stream.newest is not None and stream.period is not None:
+            passed = (stamp - stream.newest + grid.period // 2) // grid.period
+            same = stream.period + passed
+            if grid.is_near(same, stamp) and grid.matches_rate(stream.rate_meter.rate):
                 k = same
-        if feed.newest is None or stamp > feed.newest:
-            feed.newest, feed.period = stamp, k
+        if stream.newest is None or stamp > stream.newest:
+            stream.newest, stream.period = stamp, k
         return k
 
     def poll(self, now: int) -> list[tuple[int, PeriodScans]]:
-        """Stamps and scans of the periods that are complete or due."""
-        grid, given = self.grid, []
-        if now - grid.deadline(self.next) > BEHIND:
-            self.skip_to(grid.at(now - BEHIND - grid.grace))
+        """Return stamps and scans of the periods that are complete or due."""
+        grid, ready = self.grid, []
+        if now - grid.deadline(self.next) > MAX_DELAY:
+            self.skip_to(grid.find(now - MAX_DELAY - grid.grace))
         while now >= grid.start(self.next) and (
             now >= grid.deadline(self.next) or self.is_complete(self.next)
         ):
-            given.append((grid.start(self.next), self.give()))
-        return given
+            ready.append((grid.start(self.next), self.pop_next()))
+        return ready
 
     def is_complete(self, k: int) -> bool:
-        """Whether every patch that is there has delivered its scan of a period."""
+        """Return whether every connected patch has delivered its scan of a period."""
         period = self.pending.get(k)
         if period is None:
             return False
         return all(
-            address in period.scans or not self.is_awaited(feed, k)
-            for address, feed in self.streams.items()
+            address in period.scans or not self.is_awaited(stream, k)
+            for address, stream in self.streams.items()
         )
 
-    def is_awaited(self, feed: PatchStream, k: int) -> bool:
-        """Whether a patch is there and its next scan is likely to fall in a period."""
-        seat = feed.slot
-        if seat.port is None or seat.silent or feed.newest is None:
+    def is_awaited(self, stream: PatchStream, k: int) -> bool:
+        """Return whether a patch is likely to deliver another scan in a period."""
+        slot = stream.slot
+        if slot.port is None or slot.silent or stream.newest is None:
             return False
-        interval = NS_PER_S / feed.pace.rate if feed.pace.rate else self.grid.period
-        return feed.newest + 0.75 * interval < self.grid.start(k + 1)
+        rate = stream.rate_meter.rate
+        interval = NS_PER_S / rate if rate else self.grid.period
+        return stream.newest + 0.75 * interval < self.grid.start(k + 1)
 
-    def give(self) -> PeriodScans:
-        """The scans of the next period."""
+    def pop_next(self) -> PeriodScans:
+        """Return the scans of the next period and move on."""
         k = self.next
         self.next += 1
         period = self.pending.pop(k, None) or PeriodScans(self.taxels)
         for address, (_, packets) in period.scans.items():
-            self.outcomes.move("used", packets)
+            self.outcomes.settle("used", packets)
             self.streams[address].used_period = k
         return period
 
     def skip_to(self, k: int) -> None:
-        """Go on with a later period; nobody was there to take those before."""
+        """Skip to a later period, since nobody polled those before in time."""
         for old in [old for old in self.pending if old < k]:
             for _, packets in self.pending.pop(old).scans.values():
-                self.outcomes.move("late", packets)
+                self.outcomes.settle("late", packets)
         self.skipped += k - self.next
         self.next = k

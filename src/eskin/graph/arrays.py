@@ -127,7 +127,7 @@ def ground_of(mounted: MountedSkin, config: GraphConfig) -> Ground:
         normals=real(skin.normals),
         tangents=real(np.stack([x, np.cross(z, x)])),
         areas=(skin.areas * CM2_PER_M2).astype(np.float32),
-        links=whole(mounted.skin_link_index),
+        links=whole(mounted.taxel_link_index),
         patch=whole(skin.patch_index),
         rank=whole(fixed.rank),
         table=fixed.table,

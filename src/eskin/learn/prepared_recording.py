@@ -13,7 +13,7 @@ from eskin.graph import GraphBatch, GraphConfig, GraphStream, join, no_graphs
 from eskin.learn.ground_truth import TouchLabel, read_true_touches
 from eskin.learn.recording_transforms import RecordingTransform
 from eskin.recording import Recording, read_recording
-from eskin.robot import recorded_robot
+from eskin.robot import load_recorded_robot
 from eskin.skin import MountedSkin
 from eskin.touch import LinkPoseCache, PipelineConfig, TouchPipeline, TouchState
 
@@ -93,7 +93,7 @@ def gather_sequences(
     skin = recording.skin
     if version is not None:
         skin = version.skin(skin, recording.start)
-    mounted = MountedSkin(skin, recorded_robot(recording.robot_name))
+    mounted = MountedSkin(skin, load_recorded_robot(recording.robot_name))
     poses = LinkPoseCache(mounted, graph.posed)
     touches = TouchPipeline(mounted, recording.calibration, pipeline, poses)
     stream = GraphStream(mounted, graph, poses)

@@ -14,7 +14,7 @@ from eskin.live.detection import Detection, Travel
 from eskin.live.logits import LogitStream
 from eskin.model import MODELS, DecisionConfig, Model, ModelCard, load_model
 from eskin.robot import Robot, load_robot
-from eskin.skin import MountedSkin, Skin, load_skin, robot_for
+from eskin.skin import MountedSkin, Skin, load_robot_for_skin, load_skin
 from eskin.touch import (
     Calibration,
     LinkPoseCache,
@@ -36,7 +36,11 @@ def mount(skin: str | Path | Skin, robot: str | Path | Robot | None) -> MountedS
     Raises:
         SkinMismatchError: if nothing tells what robot the skin is on.
     """
-    known = robot_for(str(skin)) if isinstance(skin, str) and robot is None else None
+    known = (
+        load_robot_for_skin(str(skin))
+        if isinstance(skin, str) and robot is None
+        else None
+    )
     found = skin if isinstance(skin, Skin) else load_skin(skin)
     if isinstance(robot, str | Path):
         robot = load_robot(robot)

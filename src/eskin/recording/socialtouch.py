@@ -25,7 +25,7 @@ from eskin.recording.conversion import (
 )
 from eskin.recording.labels import Label
 from eskin.recording.records import Metadata
-from eskin.skin.layout import grid_skin
+from eskin.skin.layout import build_grid_skin
 from eskin.touch import Calibration, Scan
 from eskin.units import NS_PER_S
 
@@ -114,7 +114,7 @@ def convert_socialtouch(
     Raises:
         ImportSourceError: naming the file that cannot be converted.
     """
-    skin = grid_skin(ROWS, COLUMNS, pitch, name="socialtouch")
+    skin = build_grid_skin(ROWS, COLUMNS, pitch, name="socialtouch")
     calibration = Calibration.uniform(skin.count, FULL_SCALE, full_scale_kpa)
     files = find_files(Path(source), "touch_*", SUFFIXES)
     if not files:

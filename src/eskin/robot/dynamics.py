@@ -9,7 +9,7 @@ from jaxtyping import Float
 
 from eskin.errors import RobotError
 from eskin.extras import find_mujoco
-from eskin.robot.presets import load_robot, preset_text
+from eskin.robot.presets import load_robot, read_preset_urdf
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,7 +101,7 @@ class Dynamics:
     def build(self, robot_name: str) -> Any:  # noqa: ANN401 (a type of MuJoCo)
         """The robot's model, with servos in the order of `q`."""
         mujoco, config = self.mujoco, self.config
-        spec = mujoco.MjSpec.from_string(preset_text(robot_name))
+        spec = mujoco.MjSpec.from_string(read_preset_urdf(robot_name))
         spec.compiler.fusestatic = False
         spec.option.timestep = config.step
         spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST

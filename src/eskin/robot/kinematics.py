@@ -104,7 +104,7 @@ FARTHEST = 0.5
 
 
 @final
-class Reach:
+class DampedLeastSquaresIK:
     """Finds joint positions that put one link a step on, turned as it was.
 
     Damped least squares (Wampler 1986), beginning where the arm is.
@@ -121,7 +121,7 @@ class Reach:
         """T_world_link of the link."""
         return self.kinematics.poses(q)[:, self.link]
 
-    def stepped(
+    def solve_step(
         self, q: Float[np.ndarray, "joint"], step_world: Float[np.ndarray, "3"]
     ) -> Float[np.ndarray, "joint"] | None:
         """Joint positions a step away; None where the arm does not reach so far.

@@ -7,7 +7,7 @@ from eskin.errors import RobotError
 from eskin.robot.robot import Robot
 from eskin.robot.urdf import load_urdf
 
-ROBOTS = ("ur5", "ur10", "base", "post", "table", "tube")
+ROBOT_PRESETS = ("ur5", "ur10", "base", "post", "table", "tube")
 """Names that `load_robot` knows."""
 
 
@@ -15,50 +15,50 @@ def load_robot(name_or_path: str | Path) -> Robot:
     """Read a robot that comes with eskin, or a URDF file.
 
     Args:
-        name_or_path: One of `ROBOTS`, or the path of a `.urdf` file.
+        name_or_path: One of `ROBOT_PRESETS`, or the path of a `.urdf` file.
 
     Raises:
         RobotError: There is no such robot or file, or the file cannot be used.
     """
-    if str(name_or_path) in ROBOTS:
+    if str(name_or_path) in ROBOT_PRESETS:
         package = resources.files("eskin.robot") / "presets" / f"{name_or_path}.urdf"
         with resources.as_file(package) as path:
             return load_urdf(path)
     path = Path(name_or_path)
     if path.suffix != ".urdf" and not path.is_file():
         raise RobotError(
-            f"no robot '{name_or_path}'; allowed: {', '.join(ROBOTS)}, "
+            f"no robot '{name_or_path}'; allowed: {', '.join(ROBOT_PRESETS)}, "
             "or the path of a .urdf file"
         )
     return load_urdf(path)
 
 
-def preset_text(name: str) -> str:
+def read_preset_urdf(name: str) -> str:
     """The URDF of a robot that comes with eskin.
 
     Raises:
         RobotError: There is no such robot.
     """
-    if name not in ROBOTS:
+    if name not in ROBOT_PRESETS:
         raise RobotError(
-            f"no robot '{name}' comes with eskin; allowed: {', '.join(ROBOTS)}"
+            f"no robot '{name}' comes with eskin; allowed: {', '.join(ROBOT_PRESETS)}"
         )
     return (resources.files("eskin.robot") / "presets" / f"{name}.urdf").read_text()
 
 
-def recorded_robot(name: str, urdf: str | Path | None = None) -> Robot:
+def load_recorded_robot(name: str, urdf: str | Path | None = None) -> Robot:
     """The robot that a recording names, which is never taken for the path of a file.
 
     Args:
         name: what the recording calls it.
-        urdf: what its owner gives in place of that: one of `ROBOTS` or a URDF file.
+        urdf: what its owner gives in place of that: one of `ROBOT_PRESETS` or a URDF file.
 
     Raises:
         RobotError: no robot of that name comes with eskin, or the file cannot be used.
     """
-    if urdf is None and name not in ROBOTS:
+    if urdf is None and name not in ROBOT_PRESETS:
         raise RobotError(
             f"the recording is of robot {name!r}; allowed without its URDF are "
-            f"{', '.join(ROBOTS)}; give its URDF"
+            f"{', '.join(ROBOT_PRESETS)}; give its URDF"
         )
     return load_robot(name if urdf is None else urdf)

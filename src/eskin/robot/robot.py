@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Float
 
 from eskin.errors import RobotError
-from eskin.robot.shapes import Body
+from eskin.robot.shapes import Geom
 
 Edge = tuple[str, str, str]
 
@@ -78,7 +78,7 @@ class Link:
     """A rigid part of a robot; its frame is that of the joint it hangs from."""
 
     name: str
-    bodies: tuple[Body, ...] = ()
+    geoms: tuple[Geom, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -149,29 +149,35 @@ class Robot:
         return tuple(link.name for link in self.links)
 
     @cached_property
-    def actuated(self) -> tuple[Joint, ...]:
+    def actuated_joints(self) -> tuple[Joint, ...]:
         """Joints with a value in `q`, in the order of `q`."""
         return tuple(j for j in self.joints if j.kind != "fixed" and not j.mimic)
 
     @cached_property
     def joint_names(self) -> tuple[str, ...]:
         """Names of the joints with a value in `q`, in the order of `q`."""
-        return tuple(joint.name for joint in self.actuated)
+        return tuple(joint.name for joint in self.actuated_joints)
 
     @property
     def lower(self) -> Float[np.ndarray, "joint"]:
         """Least joint values [rad] or [m]."""
-        return np.array([joint.lower for joint in self.actuated], dtype=np.float64)
+        return np.array(
+            [joint.lower for joint in self.actuated_joints], dtype=np.float64
+        )
 
     @property
     def upper(self) -> Float[np.ndarray, "joint"]:
         """Greatest joint values [rad] or [m]."""
-        return np.array([joint.upper for joint in self.actuated], dtype=np.float64)
+        return np.array(
+            [joint.upper for joint in self.actuated_joints], dtype=np.float64
+        )
 
     @property
     def velocity(self) -> Float[np.ndarray, "joint"]:
         """Greatest joint speeds [rad/s] or [m/s]."""
-        return np.array([joint.velocity for joint in self.actuated], dtype=np.float64)
+        return np.array(
+            [joint.velocity for joint in self.actuated_joints], dtype=np.float64
+        )
 
     def link_index(self, name: str) -> int:
         """Place of a link in `links`.

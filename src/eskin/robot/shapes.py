@@ -48,7 +48,7 @@ Shape = Cylinder | Sphere | Box | TriangleMesh
 
 
 @dataclass(frozen=True, eq=False)
-class Body:
+class Geom:
     """One shape placed on a link."""
 
     shape: Shape
@@ -56,13 +56,13 @@ class Body:
     """Pose of the shape's own frame in the link's frame [m]."""
 
 
-def body_mesh(body: Body, segments: int = 48) -> TriangleMesh:
+def build_geom_mesh(body: Geom, segments: int = 48) -> TriangleMesh:
     """A closed mesh of a body, in its link's frame."""
-    mesh = shape_mesh(body.shape, segments)
+    mesh = build_shape_mesh(body.shape, segments)
     return TriangleMesh(apply(body.T_link_shape, mesh.vertices), mesh.faces)
 
 
-def shape_mesh(shape: Shape, segments: int = 48) -> TriangleMesh:
+def build_shape_mesh(shape: Shape, segments: int = 48) -> TriangleMesh:
     """A closed mesh of a shape, in its own frame, its vertices on the surface.
 
     Args:
@@ -79,13 +79,13 @@ def shape_mesh(shape: Shape, segments: int = 48) -> TriangleMesh:
             return box_mesh(shape)
         case Cylinder():
             radius, height = shape.radius, shape.length / 2
-            return lathe(
+            return revolve_profile(
                 np.array([[radius, -height], [radius, height]]), height, segments
             )
         case Sphere():
             angle = np.linspace(-np.pi / 2, np.pi / 2, max(segments // 2, 2) + 1)[1:-1]
             profile = shape.radius * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
-            return lathe(profile, shape.radius, segments)
+            return revolve_profile(profile, shape.radius, segments)
         case mesh:
             return mesh
 
@@ -107,7 +107,7 @@ def box_mesh(box: Box) -> TriangleMesh:
     return TriangleMesh(signs * np.array(box.size) / 2, faces)
 
 
-def lathe(
+def revolve_profile(
     profile: Float[np.ndarray, "ring 2"], height: float, segments: int
 ) -> TriangleMesh:
     """Turn a profile of (radius, z) about z and close it with a point at either end.

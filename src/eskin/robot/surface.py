@@ -5,7 +5,7 @@ from jaxtyping import Bool, Float, Int
 
 from eskin.errors import RobotError
 from eskin.robot.robot import Link
-from eskin.robot.shapes import Body, Box, Cylinder, Sphere, TriangleMesh
+from eskin.robot.shapes import Box, Cylinder, Geom, Sphere, TriangleMesh
 from eskin.transforms import apply, invert, rotate
 
 Points = Float[np.ndarray, "point 3"]
@@ -79,7 +79,7 @@ def mesh_distance(
     for start in range(0, len(points), step):
         part = slice(start, start + step)
         face[part], nearest[part] = nearest_triangle(corners, points[part])
-        inside[part] = np.abs(winding_number(corners, points[part])) > 0.5
+        inside[part] = np.abs(compute_winding_number(corners, points[part])) > 0.5
     offset = points - nearest
     distance = np.linalg.norm(offset, axis=-1) * np.where(inside, -1.0, 1.0)
     on_surface = np.abs(distance) < ON_SURFACE
@@ -88,7 +88,7 @@ def mesh_distance(
     return distance, np.where(on_surface[:, None], flat, offset / safe)
 
 
-def winding_number(
+def compute_winding_number(
     corners: Float[np.ndarray, "face 3 3"], points: Float[np.ndarray, "point 3"]
 ) -> Float[np.ndarray, "point"]:
     """How often triangles wind around points: 1 inside a closed mesh, 0 outside.
@@ -166,14 +166,16 @@ def dot(
     return np.einsum("...i,...i->...", a, b)
 
 
-def surface_distance(link: Link, p_link: Float[np.ndarray, "point 3"]) -> Distances:
-    """Signed distance and outward normal from points to the union of a link's bodies.
+def compute_surface_distance(
+    link: Link, p_link: Float[np.ndarray, "point 3"]
+) -> Distances:
+    """Signed distance and outward normal from points to the union of a link's geoms.
 
-    The distance is exact outside and on the surface. Inside, where bodies overlap, it
+    The distance is exact outside and on the surface. Inside, where geoms overlap, it
     is that of the body the point is deepest in: no deeper than the union.
 
     Args:
-        link: The link, which must have bodies.
+        link: The link, which must have geoms.
         p_link: Points in the link's frame [m].
 
     Returns:
@@ -181,22 +183,22 @@ def surface_distance(link: Link, p_link: Float[np.ndarray, "point 3"]) -> Distan
         the nearest point of the surface.
 
     Raises:
-        RobotError: The link has no bodies.
+        RobotError: The link has no geoms.
     """
-    if not link.bodies:
+    if not link.geoms:
         raise RobotError(
             f"link '{link.name}' has no surface: its URDF gives it no <collision>; "
             "add one, or choose another link"
         )
     distances, normals = zip(
-        *(body_distance(body, p_link) for body in link.bodies), strict=True
+        *(body_distance(body, p_link) for body in link.geoms), strict=True
     )
     nearest = np.argmin(distances, axis=0)
     points = np.arange(len(p_link))
     return np.array(distances)[nearest, points], np.array(normals)[nearest, points]
 
 
-def body_distance(body: Body, p_link: Float[np.ndarray, "point 3"]) -> Distances:
+def body_distance(body: Geom, p_link: Float[np.ndarray, "point 3"]) -> Distances:
     """Signed distance [m] and outward normal from points to one body."""
     points = apply(invert(body.T_link_shape), p_link)
     match body.shape:

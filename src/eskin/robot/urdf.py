@@ -12,7 +12,7 @@ from jaxtyping import Float
 
 from eskin.errors import RobotError
 from eskin.robot.robot import Joint, Link, Mimic, Robot
-from eskin.robot.shapes import Body, Box, Cylinder, Shape, Sphere, TriangleMesh
+from eskin.robot.shapes import Box, Cylinder, Geom, Shape, Sphere, TriangleMesh
 from eskin.transforms import make_transform, rpy_to_matrix
 
 
@@ -157,7 +157,7 @@ def resolve(uri: str, folder: Path, place: str) -> Path:
     return found
 
 
-Kind = Literal["revolute", "continuous", "prismatic", "fixed"]
+JointKind = Literal["revolute", "continuous", "prismatic", "fixed"]
 KINDS = ("revolute", "continuous", "prismatic", "fixed")
 
 
@@ -167,7 +167,7 @@ def load_urdf(path: str | Path, *, meshes: bool = True) -> Robot:
     Args:
         path: The file. Meshes given as `package://` are sought in its folder and in
             every folder above.
-        meshes: Read `<mesh>` bodies, which needs the extra `models`; otherwise they
+        meshes: Read `<mesh>` geoms, which needs the extra `models`; otherwise they
             are passed over, which is enough for kinematics.
 
     Raises:
@@ -201,17 +201,17 @@ def parse(path: Path) -> Element:
 
 
 def read_link(element: Element, folder: Path | None) -> Link:
-    """A link with its collision bodies."""
+    """A link with its collision geoms."""
     name = text(element, "name", "robot")
     place = f"link '{name}'"
-    bodies = []
+    geoms = []
     for collision in element.findall("collision"):
         geometry = child(collision, "geometry", place)
         if folder is None and geometry.find("mesh") is not None:
             continue
         shape = read_shape(geometry, folder, place)
-        bodies.append(Body(shape, origin(collision, place)))
-    return Link(name, tuple(bodies))
+        geoms.append(Geom(shape, origin(collision, place)))
+    return Link(name, tuple(geoms))
 
 
 def read_shape(geometry: Element, folder: Path | None, place: str) -> Shape:
@@ -247,7 +247,7 @@ def read_joint(element: Element) -> Joint:
     kind = text(element, "type", place)
     if kind not in KINDS:
         raise RobotError(f"{place} is of type '{kind}'; allowed: {', '.join(KINDS)}")
-    kind = cast(Kind, kind)
+    kind = cast(JointKind, kind)
     lower, upper, velocity = read_limits(element, kind, place)
     return Joint(
         name=name,
@@ -275,7 +275,9 @@ def read_axis(element: Element, place: str) -> np.ndarray:
     return axis / length
 
 
-def read_limits(element: Element, kind: Kind, place: str) -> tuple[float, float, float]:
+def read_limits(
+    element: Element, kind: JointKind, place: str
+) -> tuple[float, float, float]:
     """Least and greatest value, and greatest speed."""
     limit = element.find("limit")
     if kind == "fixed" or (kind == "continuous" and limit is None):
@@ -302,7 +304,7 @@ def read_limits(element: Element, kind: Kind, place: str) -> tuple[float, float,
     return lower, upper, velocity
 
 
-def read_mimic(element: Element, kind: Kind, place: str) -> Mimic | None:
+def read_mimic(element: Element, kind: JointKind, place: str) -> Mimic | None:
     """Which joint this one follows, if any."""
     found = element.find("mimic")
     if found is None or kind == "fixed":

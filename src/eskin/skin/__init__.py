@@ -1,44 +1,44 @@
 """Skins: patches, taxels, their files, their place on a robot and their distances."""
 
-from eskin.skin.check import CheckConfig, Problem, check_skin
+from eskin.skin.check import CheckConfig, SkinProblem, check_skin
 from eskin.skin.files import (
-    Draft,
+    ParsedSkin,
     load_skin,
-    read_draft,
+    parse_skin_folder,
     save_skin,
     skin_from_bytes,
     skin_to_bytes,
 )
-from eskin.skin.layout import Grid, grid_skin, join_patches, without_corners
+from eskin.skin.layout import TaxelGrid, build_grid_skin, build_skin, cut_corners
 from eskin.skin.mounted_skin import MountedSkin
-from eskin.skin.presets import PRESETS, Preset, robot_for
+from eskin.skin.presets import SKIN_PRESETS, SkinPreset, load_robot_for_skin
 from eskin.skin.skin import Patch, Skin
-from eskin.skin.surfaces import Dome, Plane, Surface, Tube, Wrapped, fit_surface
+from eskin.skin.surfaces import Dome, Plane, Surface, SurfacePoints, Tube, fit_surface
 
 __all__ = [
-    "PRESETS",
+    "SKIN_PRESETS",
     "CheckConfig",
     "Dome",
-    "Draft",
-    "Grid",
+    "ParsedSkin",
+    "TaxelGrid",
     "MountedSkin",
     "Patch",
     "Plane",
-    "Preset",
-    "Problem",
+    "SkinPreset",
+    "SkinProblem",
     "Skin",
     "Surface",
     "Tube",
-    "Wrapped",
+    "SurfacePoints",
     "check_skin",
     "fit_surface",
-    "grid_skin",
-    "join_patches",
+    "build_grid_skin",
+    "build_skin",
     "load_skin",
-    "read_draft",
-    "robot_for",
+    "parse_skin_folder",
+    "load_robot_for_skin",
     "save_skin",
     "skin_from_bytes",
     "skin_to_bytes",
-    "without_corners",
+    "cut_corners",
 ]

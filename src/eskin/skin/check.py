@@ -7,12 +7,12 @@ import numpy as np
 from jaxtyping import Float, Int
 from scipy.spatial import KDTree
 
-from eskin.robot import Robot, surface_distance
+from eskin.robot import Robot, compute_surface_distance
 from eskin.skin.skin import Skin
 
 
 @dataclass(frozen=True)
-class Problem:
+class SkinProblem:
     """One thing that is wrong with a skin, and where."""
 
     text: str
@@ -86,14 +86,14 @@ DIRECTION_TOLERANCE = 1e-3
 
 
 @np.errstate(over="ignore", invalid="ignore")
-def direction_problems(skin: Skin) -> list[Problem]:
+def direction_problems(skin: Skin) -> list[SkinProblem]:
     """Normals and tangents that are not unit vectors at right angles."""
     lengths = np.linalg.norm(skin.normals, axis=1)
     spans = np.linalg.norm(skin.tangents, axis=1)
     leaning = np.abs(np.sum(skin.normals * skin.tangents, axis=1))
     allowed = f"allowed 1 +- {DIRECTION_TOLERANCE:g}"
     lean_allowed = f"allowed up to {DIRECTION_TOLERANCE:g}"
-    found: list[Problem] = []
+    found: list[SkinProblem] = []
     for what, got, wrong, bounds in (
         ("normal has length", lengths, off_one(lengths), allowed),
         ("tangent has length", spans, off_one(spans), allowed),
@@ -107,7 +107,7 @@ def direction_problems(skin: Skin) -> list[Problem]:
         for taxel in np.flatnonzero(wrong):
             patch = skin.patches[skin.patch_index[taxel]].id
             text = f"{what} {got[taxel]:.6g}, {bounds}"
-            found.append(Problem(text, patch, int(taxel)))
+            found.append(SkinProblem(text, patch, int(taxel)))
     return found
 
 
@@ -120,16 +120,16 @@ def off_one(lengths: Float[np.ndarray, "taxel"]) -> np.ndarray:
 class CheckConfig:
     """What is taken for wrong in a skin."""
 
-    off_surface: float = 0.005
+    max_surface_distance: float = 0.005
     """Farthest that a taxel may lie from its link's surface [m]."""
 
-    coincident: float = 0.0002
+    min_taxel_distance: float = 0.0002
     """Two taxels of a link that are nearer than this lie on one another [m]."""
 
-    least_fill: float = 0.2
+    min_fill: float = 0.2
     """Least area of a taxel, as a share of the cell its neighbours leave it."""
 
-    most_fill: float = 1.5
+    max_fill: float = 1.5
     """Greatest area of a taxel, as a share of that cell."""
 
     outward: float = 0.5
@@ -138,7 +138,7 @@ class CheckConfig:
 
 def check_skin(
     skin: Skin, robot: Robot | None = None, config: CheckConfig | None = None
-) -> list[Problem]:
+) -> list[SkinProblem]:
     """Everything that is wrong with a skin.
 
     Args:
@@ -156,7 +156,7 @@ def check_skin(
     return problems
 
 
-def patch_problems(skin: Skin) -> list[Problem]:
+def patch_problems(skin: Skin) -> list[SkinProblem]:
     """Patch ids and addresses that come twice, and patches without taxels."""
     found = []
     ids = Counter(patch.id for patch in skin.patches)
@@ -165,20 +165,20 @@ def patch_problems(skin: Skin) -> list[Problem]:
     for number, patch in enumerate(skin.patches):
         if ids[patch.id] > 1:
             text = f"{ids[patch.id]} patches have this id, allowed one"
-            found.append(Problem(text, patch.id))
+            found.append(SkinProblem(text, patch.id))
         if patch.address in addresses:
             text = (
                 f"address {patch.address} is that of patch "
                 f"'{addresses[patch.address]}' too, allowed once in a skin"
             )
-            found.append(Problem(text, patch.id))
+            found.append(SkinProblem(text, patch.id))
         addresses.setdefault(patch.address, patch.id)
         if number not in filled:
-            found.append(Problem("has no taxels, allowed one or more", patch.id))
+            found.append(SkinProblem("has no taxels, allowed one or more", patch.id))
     return found
 
 
-def cell_problems(skin: Skin) -> list[Problem]:
+def cell_problems(skin: Skin) -> list[SkinProblem]:
     """Cells outside the patch, and cells that hold two taxels."""
     found = []
     seen: dict[tuple[int, int, int], int] = {}
@@ -191,22 +191,22 @@ def cell_problems(skin: Skin) -> list[Problem]:
                 f"lies in row {row}, column {column}; allowed rows 0 to "
                 f"{patch.rows - 1}, columns 0 to {patch.columns - 1}"
             )
-            found.append(Problem(text, patch.id, taxel))
+            found.append(SkinProblem(text, patch.id, taxel))
         elif cell in seen:
             text = (
                 f"lies in row {row}, column {column}, where taxel {seen[cell]} is; "
                 "allowed one taxel a cell"
             )
-            found.append(Problem(text, patch.id, taxel))
+            found.append(SkinProblem(text, patch.id, taxel))
         seen.setdefault(cell, taxel)
     return found
 
 
-def position_problems(skin: Skin) -> list[Problem]:
+def position_problems(skin: Skin) -> list[SkinProblem]:
     """Positions that are no numbers."""
     bad = ~np.isfinite(skin.positions).all(axis=1)
     return [
-        Problem(
+        SkinProblem(
             f"its position is {skin.positions[taxel].tolist()}, allowed finite numbers",
             patch_of(skin, taxel),
             taxel,
@@ -215,47 +215,49 @@ def position_problems(skin: Skin) -> list[Problem]:
     ]
 
 
-def coincident_problems(skin: Skin, config: CheckConfig) -> list[Problem]:
+def coincident_problems(skin: Skin, config: CheckConfig) -> list[SkinProblem]:
     """Taxels of one link that lie on one another."""
     found = []
     links = np.array(skin.link_names)[skin.patch_index]
     finite = np.flatnonzero(np.isfinite(skin.positions).all(axis=1))
     near = KDTree(skin.positions[finite]).query_pairs(
-        config.coincident, output_type="ndarray"
+        config.min_taxel_distance, output_type="ndarray"
     )
     for first, second in sorted(finite[near].tolist()):
         if links[first] == links[second]:
             gap = np.linalg.norm(skin.positions[first] - skin.positions[second])
             text = (
                 f"lies {1e3 * gap:.3g} mm from taxel {first} of patch "
-                f"'{patch_of(skin, first)}', allowed {1e3 * config.coincident:g} mm "
+                f"'{patch_of(skin, first)}', allowed {1e3 * config.min_taxel_distance:g} mm "
                 "or more"
             )
-            found.append(Problem(text, patch_of(skin, second), second))
+            found.append(SkinProblem(text, patch_of(skin, second), second))
     return found
 
 
-def area_problems(skin: Skin, spacing: Spacing, config: CheckConfig) -> list[Problem]:
+def area_problems(
+    skin: Skin, spacing: Spacing, config: CheckConfig
+) -> list[SkinProblem]:
     """Areas that are no areas, or do not fit between the neighbours."""
     fill = skin.areas / spacing.cell_areas
-    within = (fill >= config.least_fill) & (fill <= config.most_fill)
+    within = (fill >= config.min_fill) & (fill <= config.max_fill)
     bad = ~(np.isfinite(skin.areas) & (skin.areas > 0))
     found = []
     for taxel in np.flatnonzero(bad | (np.isfinite(fill) & ~within)).tolist():
         cell = 1e6 * spacing.cell_areas[taxel]
-        allowed = f"{config.least_fill * cell:.4g} to {config.most_fill * cell:.4g} mm2"
+        allowed = f"{config.min_fill * cell:.4g} to {config.max_fill * cell:.4g} mm2"
         text = f"has an area of {1e6 * skin.areas[taxel]:.4g} mm2, allowed " + (
             f"{allowed} at this spacing" if np.isfinite(cell) else "more than 0"
         )
-        found.append(Problem(text, patch_of(skin, taxel), taxel))
+        found.append(SkinProblem(text, patch_of(skin, taxel), taxel))
     return found
 
 
-def flipped_problems(skin: Skin, spacing: Spacing) -> list[Problem]:
+def flipped_problems(skin: Skin, spacing: Spacing) -> list[SkinProblem]:
     """Normals that point against those of the neighbours."""
     along = np.sum(skin.normals * spacing.neighbour_normals, axis=1)
     return [
-        Problem(
+        SkinProblem(
             "its normal points against its neighbours' normals, allowed outward",
             patch_of(skin, taxel),
             taxel,
@@ -264,10 +266,10 @@ def flipped_problems(skin: Skin, spacing: Spacing) -> list[Problem]:
     ]
 
 
-def link_problems(skin: Skin, robot: Robot) -> list[Problem]:
+def link_problems(skin: Skin, robot: Robot) -> list[SkinProblem]:
     """Patches on links that the robot does not have."""
     return [
-        Problem(
+        SkinProblem(
             f"lies on link '{patch.link}', which robot '{robot.name}' does not have; "
             f"allowed {', '.join(robot.link_names)}",
             patch.id,
@@ -277,7 +279,9 @@ def link_problems(skin: Skin, robot: Robot) -> list[Problem]:
     ]
 
 
-def surface_problems(skin: Skin, robot: Robot, config: CheckConfig) -> list[Problem]:
+def surface_problems(
+    skin: Skin, robot: Robot, config: CheckConfig
+) -> list[SkinProblem]:
     """Taxels off their link's surface, and normals that do not point out of it."""
     found = []
     for number, patch in enumerate(skin.patches):
@@ -286,21 +290,21 @@ def surface_problems(skin: Skin, robot: Robot, config: CheckConfig) -> list[Prob
         if patch.link not in robot.link_names or len(taxels) == 0:
             continue
         link = robot.links[robot.link_index(patch.link)]
-        if not link.bodies:
+        if not link.geoms:
             continue
-        distances, outward = surface_distance(link, skin.positions[taxels])
+        distances, outward = compute_surface_distance(link, skin.positions[taxels])
         cosines = np.sum(outward * skin.normals[taxels], axis=1)
-        off = ~(np.abs(distances) <= config.off_surface)
+        off = ~(np.abs(distances) <= config.max_surface_distance)
         for taxel, distance in zip(taxels[off], distances[off], strict=True):
             text = (
                 f"lies {1e3 * abs(distance):.3g} mm "
                 f"{'off' if distance > 0 else 'below'} the surface of "
-                f"link '{patch.link}', allowed up to {1e3 * config.off_surface:g} mm"
+                f"link '{patch.link}', allowed up to {1e3 * config.max_surface_distance:g} mm"
             )
-            found.append(Problem(text, patch.id, int(taxel)))
+            found.append(SkinProblem(text, patch.id, int(taxel)))
         for taxel in taxels[~off & ~(cosines >= config.outward)]:
             text = f"its normal does not point out of link '{patch.link}'"
-            found.append(Problem(text, patch.id, int(taxel)))
+            found.append(SkinProblem(text, patch.id, int(taxel)))
     return found
 
 

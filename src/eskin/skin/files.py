@@ -9,17 +9,17 @@ from jaxtyping import Float, Int
 
 from eskin.errors import SkinError
 from eskin.files import atomic_path
-from eskin.skin.check import Problem, direction_problems
-from eskin.skin.manifest import Manifest, format_manifest, parse_manifest
-from eskin.skin.presets import PRESETS
+from eskin.skin.check import SkinProblem, direction_problems
+from eskin.skin.manifest import SkinManifest, format_manifest, parse_manifest
+from eskin.skin.presets import SKIN_PRESETS
 from eskin.skin.skin import Skin
-from eskin.skin.taxel_table import Table, format_table, parse_table
+from eskin.skin.taxel_table import TaxelTable, format_taxels, parse_taxels
 
 MANIFEST = "skin.yaml"
 
 
 @dataclass(frozen=True, eq=False)
-class Draft:
+class ParsedSkin:
     """The readable taxels of a skin's files, sorted by id, and every problem."""
 
     skin: Skin
@@ -28,11 +28,11 @@ class Draft:
     ids: Int[np.ndarray, "taxel"]
     """The id that each of them has in the file."""
 
-    problems: tuple[Problem, ...]
+    problems: tuple[SkinProblem, ...]
     """What is wrong with the rows that could not be read, and with the ids."""
 
 
-def read_draft(path: Path) -> Draft:
+def parse_skin_folder(path: Path) -> ParsedSkin:
     """Read a folder with `skin.yaml` and its taxels, as far as it can be read.
 
     Raises:
@@ -41,13 +41,13 @@ def read_draft(path: Path) -> Draft:
     file = path if path.name == MANIFEST else path / MANIFEST
     manifest = parse_manifest(read_text(file), str(file))
     taxels = inside(file.parent, manifest.taxels, str(file))
-    return make_draft(manifest, read_text(taxels), str(taxels))
+    return parse_skin(manifest, read_text(taxels), str(taxels))
 
 
-def make_draft(manifest: Manifest, table_text: str, file: str) -> Draft:
+def parse_skin(manifest: SkinManifest, table_text: str, file: str) -> ParsedSkin:
     """Put a manifest and the text of its taxels together."""
     patches = manifest.patch_list()
-    table, problems = parse_table(table_text, patches, file)
+    table, problems = parse_taxels(table_text, patches, file)
     problems = [*repeated_patches(manifest), *problems, *gaps(table, problems, file)]
     order = np.argsort(table.ids, kind="stable")
     normals = table.normals[order]
@@ -67,29 +67,31 @@ def make_draft(manifest: Manifest, table_text: str, file: str) -> Draft:
         tangents=tangents,
         calibrated=manifest.calibrated,
     )
-    return Draft(skin, table.ids[order], tuple(problems))
+    return ParsedSkin(skin, table.ids[order], tuple(problems))
 
 
-def repeated_patches(manifest: Manifest) -> list[Problem]:
+def repeated_patches(manifest: SkinManifest) -> list[SkinProblem]:
     """Patch ids that stand more than once."""
     ids = [entry.id for entry in manifest.patches]
     return [
-        Problem(f"stands {ids.count(name)} times in skin.yaml, allowed once", name)
+        SkinProblem(f"stands {ids.count(name)} times in skin.yaml, allowed once", name)
         for name in dict.fromkeys(ids)
         if ids.count(name) > 1
     ]
 
 
-def gaps(table: Table, problems: list[Problem], file: str) -> list[Problem]:
+def gaps(
+    table: TaxelTable, problems: list[SkinProblem], file: str
+) -> list[SkinProblem]:
     """Ids that are not 0 to n-1; only worth saying where all rows could be read."""
     expected = np.arange(len(table.ids))
     if len(expected) == 0 and not problems:
-        return [Problem(f"{file}: got no taxels, allowed one or more")]
+        return [SkinProblem(f"{file}: got no taxels, allowed one or more")]
     missing = np.setdiff1d(expected, table.ids)
     if problems or len(missing) == 0:
         return []
     return [
-        Problem(
+        SkinProblem(
             f"{file}: id {missing[0]} is missing; allowed the ids 0 to "
             f"{len(expected) - 1}, each once, which fix the order of the taxels"
         )
@@ -143,27 +145,27 @@ def load_skin(name_or_path: str | Path) -> Skin:
     """Load a preset by its name, or a skin from a folder.
 
     Args:
-        name_or_path: a name in `PRESETS`, a folder with `skin.yaml`, or that file.
+        name_or_path: a name in `SKIN_PRESETS`, a folder with `skin.yaml`, or that file.
 
     Raises:
         SkinError: the first thing that is wrong, and how many more there are.
     """
     name = str(name_or_path)
-    if name in PRESETS:
-        return PRESETS[name].build()
+    if name in SKIN_PRESETS:
+        return SKIN_PRESETS[name].build()
     path = Path(name_or_path)
     if not path.exists():
         raise SkinError(
-            f"no skin '{name}'; allowed a preset ({', '.join(PRESETS)}) or a folder "
+            f"no skin '{name}'; allowed a preset ({', '.join(SKIN_PRESETS)}) or a folder "
             f"with {MANIFEST}"
         )
-    return finish(read_draft(path), f"`eskin skin check {name}` lists them")
+    return finish(parse_skin_folder(path), f"`eskin skin check {name}` lists them")
 
 
 def save_skin(skin: Skin, folder: str | Path) -> None:
     """Write a skin into a folder, which is made where it does not exist."""
     folder = Path(folder)
-    texts = {"taxels.csv": format_table(skin), MANIFEST: format_manifest(skin)}
+    texts = {"taxels.csv": format_taxels(skin), MANIFEST: format_manifest(skin)}
     with ExitStack() as stack:
         parts = {
             name: stack.enter_context(atomic_path(folder / name)) for name in texts
@@ -174,7 +176,7 @@ def save_skin(skin: Skin, folder: str | Path) -> None:
 
 def skin_to_bytes(skin: Skin) -> bytes:
     """The whole skin as one text that stands alone; reading it gives the same bits."""
-    return (format_manifest(skin) + END + format_table(skin)).encode()
+    return (format_manifest(skin) + END + format_taxels(skin)).encode()
 
 
 def skin_from_bytes(data: bytes, source: str = "skin") -> Skin:
@@ -195,10 +197,10 @@ def skin_from_bytes(data: bytes, source: str = "skin") -> Skin:
     if not mark:
         raise SkinError(f"{source}: got no line '...' between patches and taxels")
     manifest = parse_manifest(head, source)
-    return finish(make_draft(manifest, table, f"{source}, taxels"), "mend its source")
+    return finish(parse_skin(manifest, table, f"{source}, taxels"), "mend its source")
 
 
-def finish(draft: Draft, remedy: str) -> Skin:
+def finish(draft: ParsedSkin, remedy: str) -> Skin:
     """The skin of a draft that has no problems."""
     problems = list(draft.problems) or direction_problems(draft.skin)
     if problems:

@@ -7,13 +7,13 @@ from math import floor, inf, isinf, pi, sqrt
 import numpy as np
 from jaxtyping import Bool, Float
 
-from eskin.skin.skin import Kind, Patch, Skin
-from eskin.skin.surfaces import Plane, Surface, Tube, Wrapped
+from eskin.skin.skin import Patch, Skin, TaxelKind
+from eskin.skin.surfaces import Plane, Surface, SurfacePoints, Tube
 from eskin.transforms import make_transform
 
 
 @dataclass(frozen=True, eq=False)
-class Grid:
+class TaxelGrid:
     """Cells of a patch drawn flat, about (s, t) = (0, 0).
 
     Columns run along s and rows along t. A taper makes a trapezoid: every row keeps
@@ -56,7 +56,7 @@ class Grid:
         return self.pitches()[self.cells()[0]] * self.row_pitch
 
 
-def without_corners(
+def cut_corners(
     rows: int, columns: int, cuts: tuple[int, int, int, int]
 ) -> Bool[np.ndarray, "row column"]:
     """A full grid but for a staircase triangle at each corner.
@@ -78,14 +78,16 @@ def without_corners(
     )
 
 
-def join_patches(
-    name: str, laid: list[tuple[Patch, Grid, Surface]], calibrated: bool = True
+def build_skin(
+    name: str, laid: list[tuple[Patch, TaxelGrid, Surface]], calibrated: bool = True
 ) -> Skin:
     """Lay each grid on its surface and count the taxels patch by patch, row by row."""
     cells = [grid.cells() for _, grid, _ in laid]
-    wraps: list[Wrapped] = [surface.wrap(grid.unrolled()) for _, grid, surface in laid]
+    wraps: list[SurfacePoints] = [
+        surface.wrap(grid.unrolled()) for _, grid, surface in laid
+    ]
     areas = [
-        grid.areas() * wrapped.stretch
+        grid.areas() * wrapped.area_scale
         for (_, grid, _), wrapped in zip(laid, wraps, strict=True)
     ]
     return Skin(
@@ -142,7 +144,7 @@ class LinkPart:
 
 
 @dataclass(frozen=True)
-class Outline:
+class PatchOutline:
     """A patch before it has a place: a grid with corners cut off."""
 
     name: str
@@ -164,7 +166,7 @@ class Outline:
     """In the first row [m]."""
 
     cuts: tuple[int, int, int, int] = (0, 0, 0, 0)
-    """Cells missing at the corners, as in `without_corners`."""
+    """Cells missing at the corners, as in `cut_corners`."""
 
     taper: float = 1.0
     """Column pitch of the last row over that of the first."""
@@ -172,14 +174,14 @@ class Outline:
     along: float = 0.0
     """Its middle from that of the part, along t [m]."""
 
-    def grid(self) -> Grid:
+    def grid(self) -> TaxelGrid:
         """Its cells."""
-        present = without_corners(self.rows, self.columns, self.cuts)
+        present = cut_corners(self.rows, self.columns, self.cuts)
         pitches = self.row_pitch, self.column_pitch
-        return Grid(self.rows, self.columns, *pitches, self.taper, present)
+        return TaxelGrid(self.rows, self.columns, *pitches, self.taper, present)
 
 
-def denser(outline: Outline, factor: float) -> Outline:
+def scale_density(outline: PatchOutline, factor: float) -> PatchOutline:
     """The same outline with so many times the taxels, as far as whole rows allow."""
     rows = round(outline.rows * sqrt(factor))
     columns = round(outline.rows * outline.columns * factor / rows)
@@ -196,7 +198,9 @@ def denser(outline: Outline, factor: float) -> Outline:
     )
 
 
-def fitted(outline: Outline, drawn_for: LinkPart, part: LinkPart) -> Outline:
+def fit_to_part(
+    outline: PatchOutline, drawn_for: LinkPart, part: LinkPart
+) -> PatchOutline:
     """The outline for a part of another size: as dense, with more rows and columns."""
     longer, wider = part.length / drawn_for.length, part.girth / drawn_for.girth
     return replace(
@@ -212,9 +216,9 @@ def whole(number: float) -> int:
     return floor(number + 1e-9)
 
 
-def lay_outlines(
+def build_outline_skin(
     name: str,
-    outlines: Sequence[Outline],
+    outlines: Sequence[PatchOutline],
     parts: Mapping[str, LinkPart],
     missing: Collection[str] = (),
 ) -> Skin:
@@ -236,14 +240,14 @@ def lay_outlines(
         if outline.name not in missing:
             surface = part.surface(outline.front, outline.along)
             laid.append((patch, grid, surface))
-    return join_patches(name, laid)
+    return build_skin(name, laid)
 
 
-def grid_skin(
+def build_grid_skin(
     rows: int,
     columns: int,
     pitch: float = 0.010,
-    kind: Kind = "pressure",
+    kind: TaxelKind = "pressure",
     *,
     name: str = "grid",
     calibrated: bool = False,
@@ -266,5 +270,5 @@ def grid_skin(
             "least 1 x 1 and a pitch above 0"
         )
     patch = Patch("grid", "table", 1, rows, columns, kind)
-    grid = Grid(rows, columns, pitch, pitch)
-    return join_patches(name, [(patch, grid, Plane(np.eye(4)))], calibrated)
+    grid = TaxelGrid(rows, columns, pitch, pitch)
+    return build_skin(name, [(patch, grid, Plane(np.eye(4)))], calibrated)

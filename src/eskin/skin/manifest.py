@@ -32,7 +32,7 @@ class PatchEntry(BaseModel):
     units: Name = "kPa"
 
 
-class Manifest(BaseModel):
+class SkinManifest(BaseModel):
     """The whole of `skin.yaml`."""
 
     model_config = ConfigDict(extra="forbid", strict=True)
@@ -80,26 +80,26 @@ class PlainLoader(yaml.SafeLoader):
         return super().construct_mapping(node, deep)
 
 
-def parse_manifest(text: str, file: str) -> Manifest:
+def parse_manifest(text: str, file: str) -> SkinManifest:
     """Read `skin.yaml`.
 
     Raises:
         SkinError: every entry that is wrong, in one line that begins with the file.
     """
     try:
-        refuse_what_explodes(text)
+        check_yaml_size(text)
         data = yaml.load(text, PlainLoader)  # noqa: S506  It is a SafeLoader.
     except yaml.YAMLError as error:
-        raise SkinError(f"{file}{describe(error)}") from None
+        raise SkinError(f"{file}{describe_yaml_error(error)}") from None
     except (OverflowError, ValueError) as error:  # A character that there is not.
         raise SkinError(f"{file}: not plain YAML: {error}") from None
     if not isinstance(data, dict):
         raise SkinError(
             f"{file}: got {shorten(data)}, allowed a mapping with the keys "
-            f"{', '.join(Manifest.model_fields)}"
+            f"{', '.join(SkinManifest.model_fields)}"
         )
     try:
-        return Manifest.model_validate(data)
+        return SkinManifest.model_validate(data)
     except ValidationError as error:
         lines = "; ".join(describe_entry(detail) for detail in error.errors())
         raise SkinError(f"{file}: {lines}") from None
@@ -107,7 +107,7 @@ def parse_manifest(text: str, file: str) -> Manifest:
 
 def format_manifest(skin: Skin) -> str:
     """Write a skin's `skin.yaml`."""
-    manifest = Manifest(
+    manifest = SkinManifest(
         name=skin.name,
         calibrated=bool(skin.calibrated),
         patches=[PatchEntry(**vars(patch)) for patch in skin.patches],
@@ -115,7 +115,7 @@ def format_manifest(skin: Skin) -> str:
     return yaml.safe_dump(manifest.model_dump(), sort_keys=False, allow_unicode=True)
 
 
-def refuse_what_explodes(text: str) -> None:
+def check_yaml_size(text: str) -> None:
     """Refuse what a skin has no use for, and a short text can fill hours with.
 
     A few aliases stand for billions; reading takes the square of the depth.
@@ -135,7 +135,7 @@ def refuse_what_explodes(text: str) -> None:
             )
 
 
-def describe(error: yaml.YAMLError) -> str:
+def describe_yaml_error(error: yaml.YAMLError) -> str:
     """Say where the YAML breaks and why, in one line."""
     mark = getattr(error, "problem_mark", None)
     where = f" line {mark.line + 1}, column {mark.column + 1}" if mark else ""
@@ -153,7 +153,7 @@ def describe_entry(detail: ErrorDetails) -> str:
     if detail["type"] == "missing":
         return f"{path} is missing; add it"
     if detail["type"] == "extra_forbidden":
-        allowed = PatchEntry if "[" in path else Manifest
+        allowed = PatchEntry if "[" in path else SkinManifest
         return f"{path} is not known, allowed {', '.join(allowed.model_fields)}"
     if detail["type"] == "string_pattern_mismatch":
         return (

@@ -18,7 +18,7 @@ class MountedSkin:
         skin: the skin.
         robot: the robot.
         kinematics: the robot's forward kinematics.
-        skin_link_index: the link of each taxel, as an index into `robot.links`.
+        taxel_link_index: the link of each taxel, as an index into `robot.links`.
     """
 
     def __init__(self, skin: Skin, robot: Robot) -> None:
@@ -38,9 +38,9 @@ class MountedSkin:
         self.robot = robot
         self.kinematics = Kinematics(robot)
         links = np.array([robot.link_index(n) for n in skin.link_names], dtype=np.int64)
-        self.skin_link_index = links[skin.patch_index]
+        self.taxel_link_index = links[skin.patch_index]
 
-    def poses(
+    def place_taxels(
         self,
         q: Float[np.ndarray, "*batch joint"],
         taxels: Int[np.ndarray, "asked"] | None = None,
@@ -54,12 +54,12 @@ class MountedSkin:
             taxels: indices of the taxels wanted; all of them where None.
         """
         asked = np.arange(self.skin.count) if taxels is None else taxels
-        rotations, origins = self.motions(q, asked)
+        rotations, origins = self.get_link_poses(q, asked)
         turn = "...tij,tj->...ti"
         p_world = np.einsum(turn, rotations, self.skin.positions[asked]) + origins
         return p_world, np.einsum(turn, rotations, self.skin.normals[asked])
 
-    def frames(
+    def compute_frames(
         self,
         q: Float[np.ndarray, "*batch joint"],
         taxels: Int[np.ndarray, "asked"] | None = None,
@@ -71,15 +71,17 @@ class MountedSkin:
             taxels: indices of the taxels wanted; all of them where None.
         """
         asked = np.arange(self.skin.count) if taxels is None else taxels
-        rotations, _ = self.motions(q, asked)
+        rotations, _ = self.get_link_poses(q, asked)
         x, z = self.skin.tangents[asked], self.skin.normals[asked]
         return rotations @ np.stack([x, np.cross(z, x), z], axis=-1)
 
-    def motions(
+    def get_link_poses(
         self, q: Float[np.ndarray, "*batch joint"], taxels: Int[np.ndarray, "asked"]
     ) -> tuple[
         Float[np.ndarray, "*batch asked 3 3"], Float[np.ndarray, "*batch asked 3"]
     ]:
         """Rotation and origin [m] in the world of the link of each taxel asked."""
-        T_world_link = self.kinematics.poses(q)[..., self.skin_link_index[taxels], :, :]
+        T_world_link = self.kinematics.poses(q)[
+            ..., self.taxel_link_index[taxels], :, :
+        ]
         return T_world_link[..., :3, :3], T_world_link[..., :3, 3]

@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Float
 
 from eskin.files import atomic_path
-from eskin.robot import Kinematics, Robot, body_mesh
+from eskin.robot import Kinematics, Robot, build_geom_mesh
 from eskin.skin.mounted_skin import MountedSkin
 from eskin.skin.skin import Skin
 from eskin.skin.surfaces import fit_surface
@@ -44,11 +44,11 @@ def draw_robot(
     from matplotlib.colors import to_rgb
 
     eye = eye_frame(*view)
-    bodies = robot_triangles(mounted.robot, q)
+    geoms = robot_triangles(mounted.robot, q)
     quads = taxel_quads(mounted, q)
     patch_colours = np.array([to_rgb(colour) for colour in colours])
     drawn = [
-        *shaded(bodies, np.tile(to_rgb(BODY), (len(bodies), 1)), eye, 0.0),
+        *shaded(geoms, np.tile(to_rgb(BODY), (len(geoms), 1)), eye, 0.0),
         *shaded(quads, patch_colours[mounted.skin.patch_index], eye, LIFT),
     ]
     drawn.sort(key=lambda item: item[0])
@@ -83,8 +83,8 @@ def robot_triangles(
     """Every body's surface in the world, in small triangles."""
     parts = [np.zeros((0, 3, 3))]
     for T_world_link, link in zip(Kinematics(robot).poses(q), robot.links, strict=True):
-        for body in link.bodies:
-            mesh = body_mesh(body)
+        for body in link.geoms:
+            mesh = build_geom_mesh(body)
             corners = split(mesh.vertices[mesh.faces])
             parts.append(apply(T_world_link, corners.reshape(-1, 3)).reshape(-1, 3, 3))
     return np.concatenate(parts)
@@ -115,8 +115,8 @@ def taxel_quads(
     mounted: MountedSkin, q: Float[np.ndarray, "joint"]
 ) -> Float[np.ndarray, "taxel 4 3"]:
     """A square of each taxel's area, where it is in the world."""
-    p_world, _ = mounted.poses(q)
-    x_axis, y_axis, _ = np.moveaxis(mounted.frames(q), -1, 0)
+    p_world, _ = mounted.place_taxels(q)
+    x_axis, y_axis, _ = np.moveaxis(mounted.compute_frames(q), -1, 0)
     side = np.sqrt(mounted.skin.areas)[:, None, None]
     spread = (
         CORNERS[:, 0, None] * x_axis[:, None] + CORNERS[:, 1, None] * y_axis[:, None]

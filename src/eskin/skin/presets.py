@@ -11,18 +11,18 @@ from eskin.robot import Robot, load_robot
 from eskin.skin.layout import (
     BACK,
     DOWN,
-    Grid,
     LinkPart,
-    Outline,
+    PatchOutline,
+    TaxelGrid,
     X,
     Y,
     Z,
-    denser,
-    fitted,
-    grid_skin,
-    join_patches,
-    lay_outlines,
-    without_corners,
+    build_grid_skin,
+    build_outline_skin,
+    build_skin,
+    cut_corners,
+    fit_to_part,
+    scale_density,
 )
 from eskin.skin.skin import Patch, Skin
 from eskin.skin.surfaces import Plane, Surface, Tube
@@ -42,29 +42,29 @@ HALF_SHELL = (22, 16, 0.0098, 0.0096, (4, 4, 2, 2))
 WIDE, NARROW = 0.0076, 0.0066
 
 UR5_OUTLINES = (
-    Outline("upper_arm_front", "upper_arm", X, *HALF_SHELL),
-    Outline("upper_arm_back", "upper_arm", BACK, *HALF_SHELL),
-    Outline("elbow_cap", "elbow", DOWN, 10, 10, 0.0081, 0.0081, (3, 3, 3, 3)),
+    PatchOutline("upper_arm_front", "upper_arm", X, *HALF_SHELL),
+    PatchOutline("upper_arm_back", "upper_arm", BACK, *HALF_SHELL),
+    PatchOutline("elbow_cap", "elbow", DOWN, 10, 10, 0.0081, 0.0081, (3, 3, 3, 3)),
     # One draws together toward the wrist as the other spreads.
-    Outline(
+    PatchOutline(
         *("forearm_front", "forearm", X, 30, 16, 0.0077, WIDE),
         cuts=(0, 0, 3, 3),
         taper=NARROW / WIDE,
     ),
-    Outline(
+    PatchOutline(
         *("forearm_back", "forearm", BACK, 30, 16, 0.0077, NARROW),
         cuts=(3, 3, 0, 0),
         taper=WIDE / NARROW,
     ),
-    Outline("wrist_1", "wrist_1", Y, 9, 12, 0.0067, 0.0067, (1, 1, 2, 2)),
-    Outline("wrist_1_cap", "wrist_1_end", X, 8, 8, 0.0066, 0.0066, (2, 2, 2, 2)),
-    Outline("wrist_2", "wrist_2", Z, 9, 12, 0.0063, 0.0066, (2, 2, 1, 1), 0.9),
-    Outline("wrist_3", "wrist_3", X, 5, 40, 0.0058, 0.0057, (1, 1, 1, 1)),
+    PatchOutline("wrist_1", "wrist_1", Y, 9, 12, 0.0067, 0.0067, (1, 1, 2, 2)),
+    PatchOutline("wrist_1_cap", "wrist_1_end", X, 8, 8, 0.0066, 0.0066, (2, 2, 2, 2)),
+    PatchOutline("wrist_2", "wrist_2", Z, 9, 12, 0.0063, 0.0066, (2, 2, 1, 1), 0.9),
+    PatchOutline("wrist_3", "wrist_3", X, 5, 40, 0.0058, 0.0057, (1, 1, 1, 1)),
 )
 """The nine patches."""
 
 
-def ur5_skin(
+def build_ur5_skin(
     name: str = "ur5", density: float = 1.0, missing: Collection[str] = ()
 ) -> Skin:
     """Lay the nine patches on the links of `load_robot("ur5")`.
@@ -74,8 +74,8 @@ def ur5_skin(
         density: how many times as dense as the usual one.
         missing: patches that are left out.
     """
-    outlines = [denser(outline, density) for outline in UR5_OUTLINES]
-    return lay_outlines(name, outlines, UR5_PARTS, missing)
+    outlines = [scale_density(outline, density) for outline in UR5_OUTLINES]
+    return build_outline_skin(name, outlines, UR5_PARTS, missing)
 
 
 DRUM_PITCH = 0.008
@@ -85,7 +85,9 @@ SLANTED, BLUNT = (6, 2, 2, 6), (3, 5, 5, 3)
 """Corners cut off neighbours on the side, in turn."""
 
 
-def drum_skin(name: str, link: str, radius: float, height: float, ring: int) -> Skin:
+def build_drum_skin(
+    name: str, link: str, radius: float, height: float, ring: int
+) -> Skin:
     """Lay the patches on an upright drum that stands on its link's origin.
 
     Args:
@@ -100,7 +102,7 @@ def drum_skin(name: str, link: str, radius: float, height: float, ring: int) -> 
         "lid": LinkPart(link, (0.0, 0.0, height), Z, 2 * radius),
     }
     outlines = [
-        Outline(
+        PatchOutline(
             *(
                 f"side_{number + 1}",
                 "side",
@@ -116,7 +118,7 @@ def drum_skin(name: str, link: str, radius: float, height: float, ring: int) -> 
     ]
     if radius >= LIDDED:
         outlines += [
-            Outline(
+            PatchOutline(
                 half,
                 "lid",
                 front,
@@ -129,7 +131,7 @@ def drum_skin(name: str, link: str, radius: float, height: float, ring: int) -> 
             )
             for half, front in (("lid_front", X), ("lid_back", BACK))
         ]
-    return lay_outlines(name, outlines, parts)
+    return build_outline_skin(name, outlines, parts)
 
 
 def facing(number: int, ring: int) -> tuple[float, float, float]:
@@ -142,23 +144,25 @@ SHEET_ROWS, SHEET_COLUMNS, SHEET_PITCH, SHEET_CUT = 16, 24, 0.008, 3
 BENT_RADIUS = 0.0375
 
 
-def flat_skin() -> Skin:
+def build_flat_skin() -> Skin:
     """The patch in the plane z = 0 of link `table`, columns along x."""
     return sheet_skin("flat", "table", Plane(np.eye(4)))
 
 
-def bent_skin() -> Skin:
+def build_bent_skin() -> Skin:
     """The same patch round link `tube`, its columns round the axis z."""
     return sheet_skin("bent", "tube", Tube(BENT_RADIUS, np.eye(4)))
 
 
 def sheet_skin(name: str, link: str, surface: Surface) -> Skin:
     """The patch on a surface; 43 mm of the tube stay bare between its ends."""
-    present = without_corners(
+    present = cut_corners(
         SHEET_ROWS, SHEET_COLUMNS, (SHEET_CUT, SHEET_CUT, SHEET_CUT, SHEET_CUT)
     )
-    grid = Grid(SHEET_ROWS, SHEET_COLUMNS, SHEET_PITCH, SHEET_PITCH, present=present)
-    return join_patches(
+    grid = TaxelGrid(
+        SHEET_ROWS, SHEET_COLUMNS, SHEET_PITCH, SHEET_PITCH, present=present
+    )
+    return build_skin(
         name, [(Patch("sheet", link, 1, SHEET_ROWS, SHEET_COLUMNS), grid, surface)]
     )
 
@@ -175,13 +179,13 @@ UR10_PARTS = {
 """Tubes and flat ends of `load_robot("ur10")`."""
 
 
-def ur10_skin() -> Skin:
+def build_ur10_skin() -> Skin:
     """Lay nine patches on the links of `load_robot("ur10")`."""
     outlines = [
-        fitted(outline, UR5_PARTS[outline.part], UR10_PARTS[outline.part])
+        fit_to_part(outline, UR5_PARTS[outline.part], UR10_PARTS[outline.part])
         for outline in UR5_OUTLINES
     ]
-    return lay_outlines("ur10", outlines, UR10_PARTS)
+    return build_outline_skin("ur10", outlines, UR10_PARTS)
 
 
 RING = (10, 32, 0.0097, 0.0097, (1, 1, 1, 1), 1.0)
@@ -189,35 +193,37 @@ HEXAGON = (16, 15, 0.0073, 0.0072, (5, 5, 5, 5), 1.0)
 TRIANGLE = (8, 16, 0.0073, 0.0071)
 
 SHAPES_OUTLINES = (
-    Outline("upper_arm_ring_1", "upper_arm", X, *RING, -0.056),
-    Outline("upper_arm_ring_2", "upper_arm", Y, *RING, 0.053),
-    Outline("elbow_hexagon", "elbow", DOWN, 9, 13, 0.0081, 0.0081, (4, 4, 4, 4)),
-    Outline(
+    PatchOutline("upper_arm_ring_1", "upper_arm", X, *RING, -0.056),
+    PatchOutline("upper_arm_ring_2", "upper_arm", Y, *RING, 0.053),
+    PatchOutline("elbow_hexagon", "elbow", DOWN, 9, 13, 0.0081, 0.0081, (4, 4, 4, 4)),
+    PatchOutline(
         *("forearm_ring", "forearm", Y, 8, 32, 0.0074, 0.0072),
         along=-0.095,
     ),
-    Outline("forearm_hexagon_front", "forearm", X, *HEXAGON, 0.0),
-    Outline("forearm_hexagon_back", "forearm", BACK, *HEXAGON, 0.0),
-    Outline("forearm_triangle_1", "forearm", Y, *TRIANGLE, (0, 0, 7, 7), 1.0, 0.096),
-    Outline(
+    PatchOutline("forearm_hexagon_front", "forearm", X, *HEXAGON, 0.0),
+    PatchOutline("forearm_hexagon_back", "forearm", BACK, *HEXAGON, 0.0),
+    PatchOutline(
+        "forearm_triangle_1", "forearm", Y, *TRIANGLE, (0, 0, 7, 7), 1.0, 0.096
+    ),
+    PatchOutline(
         *("forearm_triangle_2", "forearm", (0.0, -1.0, 0.0), *TRIANGLE),
         *((7, 7, 0, 0), 1.0, 0.096),
     ),
-    Outline("wrist_1_hexagon", "wrist_1", Y, 9, 12, 0.0067, 0.0067, (4, 4, 4, 4)),
-    Outline("wrist_1_cap", "wrist_1_end", X, 9, 7, 0.0066, 0.0066, (2, 2, 2, 2)),
-    Outline("wrist_2_triangle", "wrist_2", Z, 9, 12, 0.0063, 0.0064, (0, 0, 5, 5)),
-    Outline("wrist_3_front", "wrist_3", X, 5, 19, 0.0058, 0.0057, (3, 0, 0, 3)),
-    Outline("wrist_3_back", "wrist_3", BACK, 5, 19, 0.0058, 0.0057, (3, 0, 0, 3)),
+    PatchOutline("wrist_1_hexagon", "wrist_1", Y, 9, 12, 0.0067, 0.0067, (4, 4, 4, 4)),
+    PatchOutline("wrist_1_cap", "wrist_1_end", X, 9, 7, 0.0066, 0.0066, (2, 2, 2, 2)),
+    PatchOutline("wrist_2_triangle", "wrist_2", Z, 9, 12, 0.0063, 0.0064, (0, 0, 5, 5)),
+    PatchOutline("wrist_3_front", "wrist_3", X, 5, 19, 0.0058, 0.0057, (3, 0, 0, 3)),
+    PatchOutline("wrist_3_back", "wrist_3", BACK, 5, 19, 0.0058, 0.0057, (3, 0, 0, 3)),
 )
 
 
-def shapes_skin() -> Skin:
+def build_ur5_shapes_skin() -> Skin:
     """Lay the patches on the links of `load_robot("ur5")`."""
-    return lay_outlines("ur5-shapes", SHAPES_OUTLINES, UR5_PARTS)
+    return build_outline_skin("ur5-shapes", SHAPES_OUTLINES, UR5_PARTS)
 
 
 @dataclass(frozen=True)
-class Preset:
+class SkinPreset:
     """A skin that comes with eskin, and the robot it is made for."""
 
     build: Callable[[], Skin]
@@ -227,32 +233,40 @@ class Preset:
     """What `load_robot` calls the robot."""
 
 
-PRESETS = {
-    "ur5": Preset(ur5_skin, "ur5"),
-    "ur5-half": Preset(partial(ur5_skin, "ur5-half", density=0.5), "ur5"),
-    "ur5-double": Preset(partial(ur5_skin, "ur5-double", density=2.0), "ur5"),
-    "ur5-sparse": Preset(partial(ur5_skin, "ur5-sparse", density=0.7), "ur5"),
-    "ur5-dense": Preset(partial(ur5_skin, "ur5-dense", density=1.4), "ur5"),
-    "ur5-shapes": Preset(shapes_skin, "ur5"),
-    "ur5-missing": Preset(
-        partial(ur5_skin, "ur5-missing", missing=("forearm_back",)), "ur5"
+SKIN_PRESETS = {
+    "ur5": SkinPreset(build_ur5_skin, "ur5"),
+    "ur5-half": SkinPreset(partial(build_ur5_skin, "ur5-half", density=0.5), "ur5"),
+    "ur5-double": SkinPreset(partial(build_ur5_skin, "ur5-double", density=2.0), "ur5"),
+    "ur5-sparse": SkinPreset(partial(build_ur5_skin, "ur5-sparse", density=0.7), "ur5"),
+    "ur5-dense": SkinPreset(partial(build_ur5_skin, "ur5-dense", density=1.4), "ur5"),
+    "ur5-shapes": SkinPreset(build_ur5_shapes_skin, "ur5"),
+    "ur5-missing": SkinPreset(
+        partial(build_ur5_skin, "ur5-missing", missing=("forearm_back",)), "ur5"
     ),
-    "ur10": Preset(ur10_skin, "ur10"),
-    "base": Preset(partial(drum_skin, "base", "base_link", 0.25, 0.5, ring=6), "base"),
-    "post": Preset(partial(drum_skin, "post", "post_link", 0.17, 0.6, ring=4), "post"),
-    "sleeve": Preset(partial(grid_skin, 19, 27, name="sleeve"), "table"),
-    "shearsense": Preset(
-        partial(grid_skin, 6, 6, kind="shear", name="shearsense"), "table"
+    "ur10": SkinPreset(build_ur10_skin, "ur10"),
+    "base": SkinPreset(
+        partial(build_drum_skin, "base", "base_link", 0.25, 0.5, ring=6), "base"
     ),
-    "socialtouch": Preset(partial(grid_skin, 19, 24, name="socialtouch"), "table"),
-    "bent": Preset(bent_skin, "tube"),
-    "flat": Preset(flat_skin, "table"),
+    "post": SkinPreset(
+        partial(build_drum_skin, "post", "post_link", 0.17, 0.6, ring=4), "post"
+    ),
+    "sleeve": SkinPreset(partial(build_grid_skin, 19, 27, name="sleeve"), "table"),
+    "shearsense": SkinPreset(
+        partial(build_grid_skin, 6, 6, kind="shear", name="shearsense"), "table"
+    ),
+    "socialtouch": SkinPreset(
+        partial(build_grid_skin, 19, 24, name="socialtouch"), "table"
+    ),
+    "bent": SkinPreset(build_bent_skin, "tube"),
+    "flat": SkinPreset(build_flat_skin, "table"),
 }
 """The skins that `load_skin` knows by name; public sets' have a nominal pitch."""
 
 
-def robot_for(skin_name: str, robot_name: str | None = None) -> Robot | None:
+def load_robot_for_skin(skin_name: str, robot_name: str | None = None) -> Robot | None:
     """The robot of that name, else the one a preset skin is made for, else None."""
     if robot_name is not None:
         return load_robot(robot_name)
-    return load_robot(PRESETS[skin_name].robot) if skin_name in PRESETS else None
+    return (
+        load_robot(SKIN_PRESETS[skin_name].robot) if skin_name in SKIN_PRESETS else None
+    )

@@ -6,7 +6,7 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Float, Int
 
-Kind = Literal["pressure", "shear"]
+TaxelKind = Literal["pressure", "shear"]
 
 
 @dataclass(frozen=True)
@@ -28,7 +28,7 @@ class Patch:
     columns: int
     """Columns of its electrode grid."""
 
-    kind: Kind = "pressure"
+    kind: TaxelKind = "pressure"
     """What a taxel measures: pressure, or pressure and shear."""
 
     units: str = "kPa"
@@ -107,7 +107,7 @@ class Skin:
         """Whether any patch measures shear."""
         return any(patch.kind == "shear" for patch in self.patches)
 
-    def taxels_of(self, patch_id: str) -> Int[np.ndarray, "part"]:
+    def find_taxels(self, patch_id: str) -> Int[np.ndarray, "part"]:
         """Indices of the taxels of one patch, in order."""
         ids = [patch.id for patch in self.patches]
         if patch_id not in ids:

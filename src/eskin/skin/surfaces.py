@@ -11,7 +11,7 @@ from eskin.transforms import apply, invert, make_transform, rotate
 
 
 @dataclass(frozen=True, eq=False)
-class Wrapped:
+class SurfacePoints:
     """Points of an unrolled drawing, laid on a surface; in the link's frame."""
 
     positions: Float[np.ndarray, "point 3"]
@@ -23,7 +23,7 @@ class Wrapped:
     tangents: Float[np.ndarray, "point 3"]
     """Unit directions in which s grows."""
 
-    stretch: Float[np.ndarray, "point"]
+    area_scale: Float[np.ndarray, "point"]
     """Area on the surface for each unit of unrolled area."""
 
 
@@ -33,7 +33,7 @@ class Surface(ABC):
     T_link_surface: Float[np.ndarray, "4 4"]
 
     @abstractmethod
-    def wrap(self, unrolled: Float[np.ndarray, "point 2"]) -> Wrapped:
+    def wrap(self, unrolled: Float[np.ndarray, "point 2"]) -> SurfacePoints:
         """Lay unrolled points (s, t) [m] on the surface."""
 
     @abstractmethod
@@ -64,16 +64,16 @@ class Plane(Surface):
 
     T_link_surface: Float[np.ndarray, "4 4"]
 
-    def wrap(self, unrolled: Float[np.ndarray, "point 2"]) -> Wrapped:
+    def wrap(self, unrolled: Float[np.ndarray, "point 2"]) -> SurfacePoints:
         """Lay unrolled points (s, t) [m] on the plane."""
         count = len(unrolled)
         points = np.column_stack([unrolled, np.zeros(count)])
         x_axis, _, z_axis = self.T_link_surface[:3, :3].T
-        return Wrapped(
+        return SurfacePoints(
             positions=apply(self.T_link_surface, points),
             normals=np.tile(z_axis, (count, 1)),
             tangents=np.tile(x_axis, (count, 1)),
-            stretch=np.ones(count),
+            area_scale=np.ones(count),
         )
 
     def unroll(
@@ -106,18 +106,18 @@ class Tube(Surface):
 
     T_link_surface: Float[np.ndarray, "4 4"]
 
-    def wrap(self, unrolled: Float[np.ndarray, "point 2"]) -> Wrapped:
+    def wrap(self, unrolled: Float[np.ndarray, "point 2"]) -> SurfacePoints:
         """Lay unrolled points (s, t) [m] round the tube."""
         angle = unrolled[:, 0] / self.radius
         zeros = np.zeros_like(angle)
         outward = np.column_stack([np.cos(angle), np.sin(angle), zeros])
         around = np.column_stack([-np.sin(angle), np.cos(angle), zeros])
         along = np.column_stack([zeros, zeros, unrolled[:, 1]])
-        return Wrapped(
+        return SurfacePoints(
             positions=apply(self.T_link_surface, self.radius * outward + along),
             normals=rotate(self.T_link_surface, outward),
             tangents=rotate(self.T_link_surface, around),
-            stretch=np.ones_like(angle),
+            area_scale=np.ones_like(angle),
         )
 
     def unroll(
@@ -151,7 +151,7 @@ class Dome(Surface):
 
     T_link_surface: Float[np.ndarray, "4 4"]
 
-    def wrap(self, unrolled: Float[np.ndarray, "point 2"]) -> Wrapped:
+    def wrap(self, unrolled: Float[np.ndarray, "point 2"]) -> SurfacePoints:
         """Lay unrolled points (s, t) [m] over the dome."""
         angle = np.linalg.norm(unrolled, axis=1) / self.radius
         spread = np.sinc(angle / np.pi)
@@ -161,11 +161,11 @@ class Dome(Surface):
         pole = np.array([0.0, 0.0, 1.0])
         half = outward + pole
         carried = np.eye(3)[0] - (outward[:, 0] / half[:, 2])[:, None] * half
-        return Wrapped(
+        return SurfacePoints(
             positions=apply(self.T_link_surface, self.radius * outward),
             normals=rotate(self.T_link_surface, outward),
             tangents=rotate(self.T_link_surface, carried),
-            stretch=spread,
+            area_scale=spread,
         )
 
     def unroll(
@@ -188,7 +188,7 @@ class Dome(Surface):
 
 
 def miss(
-    wrapped: Wrapped,
+    wrapped: SurfacePoints,
     positions: Float[np.ndarray, "point 3"],
     normals: Float[np.ndarray, "point 3"],
 ) -> Float[np.ndarray, "point"]:

@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from eskin.errors import SkinError
-from eskin.skin.check import Problem
+from eskin.skin.check import SkinProblem
 from eskin.skin.manifest import shorten
 from eskin.skin.skin import Patch, Skin
 
@@ -21,7 +21,7 @@ SQUARE_MM_EXPONENT = 6
 
 
 @dataclass(frozen=True)
-class Table:
+class TaxelTable:
     """The readable rows of a `taxels.csv`, in the order of the file."""
 
     ids: Int[np.ndarray, "taxel"]
@@ -38,9 +38,9 @@ class BadCellError(ValueError):
     """A cell that does not hold what its column promises."""
 
 
-def parse_table(
+def parse_taxels(
     text: str, patches: tuple[Patch, ...], file: str
-) -> tuple[Table, list[Problem]]:
+) -> tuple[TaxelTable, list[SkinProblem]]:
     """Read the rows that can be read and list what is wrong with the others.
 
     Raises:
@@ -51,7 +51,7 @@ def parse_table(
     check_header(header, file)
     index = {patch.id: i for i, patch in enumerate(patches)}
     kept: list[tuple] = []
-    problems: list[Problem] = []
+    problems: list[SkinProblem] = []
     lines_of: dict[int, int] = {}
     for line, cells in lines:
         if not cells:
@@ -90,7 +90,7 @@ def numbered_rows(text: str, file: str) -> Iterator[tuple[int, list[str]]]:
         ) from None
 
 
-def format_table(skin: Skin) -> str:
+def format_taxels(skin: Skin) -> str:
     """Write a skin's `taxels.csv`; reading it gives the same bits."""
     out = io.StringIO()
     write = csv.writer(out, lineterminator="\n").writerow
@@ -195,15 +195,15 @@ def positive_area(row: dict[str, str], where: str) -> float:
     return value
 
 
-def problem_of(error: BadCellError, row: dict[str, str]) -> Problem:
+def problem_of(error: BadCellError, row: dict[str, str]) -> SkinProblem:
     """Tie a bad cell to its patch and taxel, as far as these can be read."""
     taxel = row.get("id", "").strip()
     known = taxel.isascii() and taxel.isdigit() and len(taxel) < 19
     patch = row.get("patch", "").strip()
-    return Problem(str(error), patch or None, int(taxel) if known else None)
+    return SkinProblem(str(error), patch or None, int(taxel) if known else None)
 
 
-def table_of(kept: list[tuple]) -> Table:
+def table_of(kept: list[tuple]) -> TaxelTable:
     """Collect rows into arrays."""
 
     def integers(field: int) -> Int[np.ndarray, "taxel"]:
@@ -211,7 +211,7 @@ def table_of(kept: list[tuple]) -> Table:
 
     vectors = np.array([taxel[4] for taxel in kept], dtype=float).reshape(-1, 6)
     has_tangent = bool(kept) and len(kept[0][6]) == 3
-    return Table(
+    return TaxelTable(
         ids=integers(0),
         patch_index=integers(1),
         rows=integers(2),

@@ -19,7 +19,7 @@ within that part of a small grid."""
 
 
 @dataclass(frozen=True)
-class Spot:
+class PressTarget:
     """A place to press."""
 
     patch: str
@@ -33,20 +33,20 @@ class Spot:
 
 
 @dataclass(frozen=True)
-class Answer:
+class PressResponse:
     """What was felt when a spot was pressed."""
 
-    spot: Spot
+    spot: PressTarget
     """Where it was to be pressed."""
 
     taxel: int | None
     """Taxel that felt most; None where nothing was felt."""
 
 
-def spots_of(skin: Skin) -> tuple[Spot, ...]:
+def choose_press_targets(skin: Skin) -> tuple[PressTarget, ...]:
     """Three spots on each patch, near three corners of its grid."""
     return tuple(
-        Spot(patch.id, patch.link, nearest_cell(skin, patch.id, corner))
+        PressTarget(patch.id, patch.link, nearest_cell(skin, patch.id, corner))
         for patch in skin.patches
         for corner in CORNERS
     )
@@ -54,7 +54,7 @@ def spots_of(skin: Skin) -> tuple[Spot, ...]:
 
 def nearest_cell(skin: Skin, patch: str, corner: tuple[float, float]) -> int:
     """The taxel nearest to a place in a patch's grid, given as parts of it."""
-    taxels = skin.taxels_of(patch)
+    taxels = skin.find_taxels(patch)
     cells = cells_of(skin, taxels)
     place = cells.min(axis=0) + np.array(corner) * np.ptp(cells, axis=0)
     return int(taxels[np.argmin(np.linalg.norm(cells - place, axis=1))])
@@ -67,7 +67,7 @@ def cells_of(
     return np.column_stack([skin.rows[taxels], skin.columns[taxels]]).astype(float)
 
 
-def judge_wiring(skin: Skin, answers: Sequence[Answer]) -> list[str]:
+def check_wiring(skin: Skin, answers: Sequence[PressResponse]) -> list[str]:
     """What the answers say of each patch that is not as its file says.
 
     Args:
@@ -82,7 +82,7 @@ def judge_wiring(skin: Skin, answers: Sequence[Answer]) -> list[str]:
     return found
 
 
-def judge_patch(skin: Skin, patch: str, answers: Sequence[Answer]) -> str | None:
+def judge_patch(skin: Skin, patch: str, answers: Sequence[PressResponse]) -> str | None:
     """What is wrong with a patch, with a remedy; None where nothing is."""
     felt = [answer.taxel for answer in answers if answer.taxel is not None]
     if len(felt) < len(answers):
@@ -109,14 +109,14 @@ def judge_patch(skin: Skin, patch: str, answers: Sequence[Answer]) -> str | None
     return f"patch '{patch}' has {turned}; mend its file, or its plugs"
 
 
-def turn_of(skin: Skin, patch: str, answers: Sequence[Answer]) -> str | None:
+def turn_of(skin: Skin, patch: str, answers: Sequence[PressResponse]) -> str | None:
     """How its rows and columns lie to what the file says.
 
     Returns:
         Nothing where they are right, else what is exchanged or reversed; None where
         that does not explain it.
     """
-    cells = cells_of(skin, skin.taxels_of(patch))
+    cells = cells_of(skin, skin.find_taxels(patch))
     low, high = cells.min(axis=0), cells.max(axis=0)
     asked = cells_of(skin, np.array([answer.spot.taxel for answer in answers]))
     felt = cells_of(skin, np.array([answer.taxel for answer in answers]))

@@ -1,4 +1,4 @@
-"""Compiled loops of the fault finder. `no_type_check` keeps the tests' hooks off."""
+"""Compiled kernels that keep the history of counts from which faults are detected."""
 
 from typing import NamedTuple, no_type_check
 
@@ -7,153 +7,154 @@ from jaxtyping import Bool, Float, Int
 
 from eskin.compiled import compiled
 
-PAUSE, PAUSE_SCANS = 0.15, 5
-"""Without a turn a taxel comes to rest: in seconds, and in scans at slow rates."""
+MAX_REVERSAL_GAP, MAX_REVERSAL_SCANS = 0.15, 5
+"""Time between two reversals from which a taxel counts as at rest: in seconds, and in
+scans where the rate is slow."""
 
 
-class Watch(NamedTuple):
-    """What the fault finder remembers of each taxel; times in seconds."""
+class CountHistory(NamedTuple):
+    """Arrays (taxel) that hold the fault detector's history of counts; times in [s]."""
 
-    level: np.ndarray
+    counts: np.ndarray
     """Counts last received."""
-    first: np.ndarray
-    """When it was first received, or received again after long silence."""
-    heard: np.ndarray
-    """When it was last received."""
-    changed: np.ndarray
-    """When its counts last changed."""
-    negative: np.ndarray
-    """When its counts were last negative."""
-    below: np.ndarray
-    """When its counts were last below full scale."""
-    nonzero: np.ndarray
-    """When its counts were last above zero."""
-    zero: np.ndarray
-    """When they were last at zero."""
+    first_received: np.ndarray
+    """Time of the first data, or of the first after long silence."""
+    last_received: np.ndarray
+    """Time of the last data."""
+    last_changed: np.ndarray
+    """Time of the last change of the counts."""
+    last_negative: np.ndarray
+    """Time at which the counts were last negative."""
+    last_below_full: np.ndarray
+    """Time at which the counts were last below full scale."""
+    last_nonzero: np.ndarray
+    """Time at which the counts were last above zero."""
+    last_zero: np.ndarray
+    """Time at which the counts were last zero."""
     least: np.ndarray
-    """Its least counts above zero; zero for a while after it came back from zero."""
-    quiet: np.ndarray
-    """When none of its neighbours was last pressed."""
-    ignored: np.ndarray
-    """How long it has not answered while its neighbours were pressed."""
+    """Least counts above zero; zero for a while after they came back from zero."""
+    last_unpressed: np.ndarray
+    """Time at which none of the neighbours was pressed last."""
+    unanswered: np.ndarray
+    """Time for which it has not responded while its neighbours were pressed."""
     jump: np.ndarray
-    """The latest change of its counts that was a jump."""
-    turned: np.ndarray
-    """When a jump last undid the one before."""
-    restless: np.ndarray
-    """Since when it has jumped to and fro without a pause."""
+    """Latest change of the counts that was a jump."""
+    last_reversal: np.ndarray
+    """Time at which a jump last undid the one before."""
+    reversing_since: np.ndarray
+    """Time since which it has jumped to and fro without a pause."""
 
 
 @compiled
 @no_type_check
-def watch_counts(
+def update_history(
     counts: Int[np.ndarray, "taxel"],
     received: Bool[np.ndarray, "taxel"],
     now: float,
     full_scale: int,
     silence: float,
     longest: float,
-    jump: Float[np.ndarray, "taxel"],
-    watch: Watch,
+    min_jump: Float[np.ndarray, "taxel"],
+    history: CountHistory,
     mask: Bool[np.ndarray, "taxel"],
 ) -> None:
-    """Note what each count did, and mask negative ones at once.
+    """Update the history with a scan, and mask negative counts at once.
 
     Args:
         counts: of the scan.
-        received: where they mean anything.
+        received: which counts are new.
         now: time of the scan [s].
         full_scale: counts at which the converter saturates.
-        silence: after how long unheard a taxel is judged anew [s].
+        silence: time without data after which a taxel is checked anew [s].
         longest: how long counts must have left zero for rest not to be zero [s].
-        jump: change from one scan to the next that is a jump [counts].
-        watch: what is remembered.
+        min_jump: change from one scan to the next that is a jump [counts].
+        history: updated.
         mask: which taxels are faulty; added to.
     """
-    level, heard, changed, below = (
-        watch.level,
-        watch.heard,
-        watch.changed,
-        watch.below,
-    )
-    nonzero, zero, least = watch.nonzero, watch.zero, watch.least
+    last_received = history.last_received
+    last_nonzero, last_zero = history.last_nonzero, history.last_zero
+    least = history.least
     for i in range(len(counts)):
         if not received[i]:
             continue
         count = counts[i]
-        if now - heard[i] > silence:
-            start_anew(i, count, now, watch)
-        elapsed = now - heard[i]
-        heard[i] = now
-        if count != level[i]:
-            if abs(count - level[i]) >= jump[i]:
-                note_jump(i, count - level[i], now, elapsed, watch)
-            level[i] = count
-            changed[i] = now
-            watch.ignored[i] = 0.0
+        if now - last_received[i] > silence:
+            reset_taxel(i, count, now, history)
+        elapsed = now - last_received[i]
+        last_received[i] = now
+        change = count - history.counts[i]
+        if change != 0:
+            if abs(change) >= min_jump[i]:
+                record_jump(i, change, now, elapsed, history)
+            history.counts[i] = count
+            history.last_changed[i] = now
+            history.unanswered[i] = 0.0
         if count < full_scale:
-            below[i] = now
+            history.last_below_full[i] = now
         if count > 0:
-            if nonzero[i] < zero[i]:
+            if last_nonzero[i] < last_zero[i]:
                 least[i] = 0.0
-            elif least[i] == 0.0 and now - zero[i] > longest:
+            elif least[i] == 0.0 and now - last_zero[i] > longest:
                 least[i] = count
             elif count < least[i]:
                 least[i] = count
-            nonzero[i] = now
+            last_nonzero[i] = now
         elif count == 0:
-            zero[i] = now
+            last_zero[i] = now
         else:
-            watch.negative[i] = now
+            history.last_negative[i] = now
             mask[i] = True
 
 
 @compiled
 @no_type_check
-def note_jump(i: int, jump: int, now: float, elapsed: float, watch: Watch) -> None:
-    """Note a jump; one that undoes the last is a turn, and turns follow each other."""
-    if watch.jump[i] * jump < 0:
-        if now - watch.turned[i] > max(PAUSE, PAUSE_SCANS * elapsed):
-            watch.restless[i] = now
-        watch.turned[i] = now
-    watch.jump[i] = jump
+def record_jump(
+    i: int, jump: int, now: float, elapsed: float, history: CountHistory
+) -> None:
+    """Record a jump; one that undoes the last is a reversal, and may be one of many."""
+    if history.jump[i] * jump < 0:
+        gap = max(MAX_REVERSAL_GAP, MAX_REVERSAL_SCANS * elapsed)
+        if now - history.last_reversal[i] > gap:
+            history.reversing_since[i] = now
+        history.last_reversal[i] = now
+    history.jump[i] = jump
 
 
 @compiled
 @no_type_check
-def start_anew(i: int, count: int, now: float, watch: Watch) -> None:
-    """Forget a taxel: it is heard for the first time, or after long silence."""
-    watch.first[i] = now
-    watch.changed[i] = now
-    watch.level[i] = count
-    watch.below[i] = -np.inf
-    watch.nonzero[i] = -np.inf
-    watch.zero[i] = -np.inf
-    watch.least[i] = np.inf
-    watch.quiet[i] = -np.inf
-    watch.ignored[i] = 0.0
-    watch.jump[i] = 0.0
-    watch.turned[i] = -np.inf
-    watch.restless[i] = now
+def reset_taxel(i: int, count: int, now: float, history: CountHistory) -> None:
+    """Reset the history of a taxel received for the first time or after silence."""
+    history.first_received[i] = now
+    history.last_changed[i] = now
+    history.counts[i] = count
+    history.last_below_full[i] = -np.inf
+    history.last_nonzero[i] = -np.inf
+    history.last_zero[i] = -np.inf
+    history.least[i] = np.inf
+    history.last_unpressed[i] = -np.inf
+    history.unanswered[i] = 0.0
+    history.jump[i] = 0.0
+    history.last_reversal[i] = -np.inf
+    history.reversing_since[i] = now
 
 
 @compiled
 @no_type_check
-def watch_neighbours(
+def update_unanswered(
     pressure: Float[np.ndarray, "taxel"],
     valid: Bool[np.ndarray, "taxel"],
     now: float,
     elapsed: float,
     pressed: float,
-    share: float,
+    pressed_share: float,
     starts: Int[np.ndarray, "taxel_and_one"],
     neighbours: Int[np.ndarray, "pair"],
-    watch: Watch,
+    history: CountHistory,
 ) -> None:
     """Add up how long each taxel has stood still among pressed neighbours.
 
     Only a taxel whose counts have not changed since all neighbours were at rest counts
-    as not answering: one that is held down steadily changed when it was pressed.
+    as not responding: one that is held down steadily changed when it was pressed.
     """
     for i in range(len(starts) - 1):
         known, down = 0, 0
@@ -162,7 +163,7 @@ def watch_neighbours(
                 known += 1
                 down += pressure[neighbours[k]] >= pressed
         if down == 0:
-            watch.quiet[i] = now
-        elif known >= 3 and down >= share * known:
-            if watch.changed[i] <= watch.quiet[i]:
-                watch.ignored[i] += elapsed
+            history.last_unpressed[i] = now
+        elif known >= 3 and down >= pressed_share * known:
+            if history.last_changed[i] <= history.last_unpressed[i]:
+                history.unanswered[i] += elapsed

@@ -9,7 +9,12 @@ from jaxtyping import Bool, Float, Int
 from eskin.skin import Skin
 from eskin.touch.adjacency import Adjacency, TaxelGroups
 from eskin.touch.calibration import Calibration
-from eskin.touch.fault_kernels import PAUSE, Watch, watch_counts, watch_neighbours
+from eskin.touch.fault_kernels import (
+    MAX_REVERSAL_GAP,
+    CountHistory,
+    update_history,
+    update_unanswered,
+)
 from eskin.touch.reading import Scan, check_order
 from eskin.units import NS_PER_S
 
@@ -17,94 +22,111 @@ FaultKind = Literal[
     "stuck", "dead", "negative", "saturated", "noisy", "row", "column", "patch"
 ]
 TAXEL_KINDS: tuple[FaultKind, ...] = ("stuck", "dead", "negative", "saturated", "noisy")
-LEAST_LINE = 3
+STUCK, DEAD, NEGATIVE, SATURATED, NOISY = range(len(TAXEL_KINDS))
+"""Codes of the faults of a taxel: indices of `TAXEL_KINDS`."""
+
+MIN_LINE = 3
+"""Number of taxels from which a row or column can be faulty as a whole."""
+
+MAX_ELAPSED = 0.2
+"""Longest time between two checks that counts as evidence [s]."""
+
+MAX_NOISY_SHARE = 0.3
+"""Share of neighbours that jump too where a hand does it: three of eight at the corner
+of a palm."""
+
+MIN_JUMP = 4
+"""Smallest jump in counts: converters flicker by one or two."""
+
+NEVER = -1e9
+"""Time before all others [s]."""
 
 
 @dataclass(frozen=True)
 class Fault:
-    """Something of the skin that is out of order."""
+    """A fault names a taxel, row, column or patch whose data cannot be trusted."""
 
     kind: FaultKind
-    """What is wrong. `stuck`: frozen at a count; `dead`: frozen at zero; `negative`:
-    counts below zero, which is how a converter says NaN; `saturated`: at full scale for
-    longer than anybody touches; `noisy`: jumps to and fro on its own; `row`, `column`,
-    `patch`: out as a whole, or silent."""
+    """Kind of the fault. `stuck`: frozen at a count; `dead`: frozen at zero;
+    `negative`: counts below zero, which is how a converter says NaN; `saturated`: at
+    full scale for longer than anybody touches; `noisy`: jumps to and fro on its own;
+    `row`, `column`, `patch`: faulty as a whole, or silent."""
 
     patch: str
-    """Its patch."""
+    """Id of its patch."""
 
     row: int | None
-    """Its row, unless the fault is of a column or patch."""
+    """Row, unless the fault is of a column or patch."""
 
     column: int | None
-    """Its column, unless the fault is of a row or patch."""
+    """Column, unless the fault is of a row or patch."""
 
     taxel: int | None
-    """Its index in the skin, where the fault is of one taxel."""
+    """Index in the skin, where the fault is of one taxel."""
 
     since: int
-    """When it began, as far as can be told [ns since the epoch]."""
+    """Time at which it began, as far as can be told [ns since the epoch]."""
 
 
 @final
-class FaultLister:
-    """Lists faults, a whole row, column or patch as one."""
+class FaultGrouper:
+    """A grouper lists faulty taxels, a whole row, column or patch as one fault."""
 
     def __init__(self, skin: Skin) -> None:
-        """Group the taxels."""
+        """Group the taxels by row, column and patch."""
         self.skin = skin
         self.rows = TaxelGroups.build(skin, np.asarray(skin.rows))
         self.columns = TaxelGroups.build(skin, np.asarray(skin.columns))
         self.patches = TaxelGroups.build(skin, np.asarray(skin.patch_index))
 
-    def report(
+    def list_faults(
         self,
         code: Int[np.ndarray, "taxel"],
         silent: Bool[np.ndarray, "taxel"],
         since: Int[np.ndarray, "taxel"],
     ) -> list[Fault]:
-        """List the faults: patches first, then rows, columns and what else is left.
+        """List the faults: patches first, then rows, columns and the remaining taxels.
 
         Args:
-            code: the place in `TAXEL_KINDS` of each taxel's fault, or -1.
-            silent: taxels unheard; they make no fault unless their whole patch is.
+            code: index in `TAXEL_KINDS` of each taxel's fault, or -1.
+            silent: taxels not received; no fault unless their whole patch is silent.
             since: stamp from which each taxel is faulty or silent [ns].
         """
         left = code >= 0
         faults: list[Fault] = []
         kinds: tuple[tuple[FaultKind, TaxelGroups, int], ...] = (
             ("patch", self.patches, 1),
-            ("row", self.rows, LEAST_LINE),
-            ("column", self.columns, LEAST_LINE),
+            ("row", self.rows, MIN_LINE),
+            ("column", self.columns, MIN_LINE),
         )
-        for kind, lines, least in kinds:
+        for kind, groups, min_size in kinds:
             flags = left | silent if kind == "patch" else left
-            out = lines.all_flagged(flags) & (lines.sizes >= least)
+            out = groups.all_flagged(flags) & (groups.sizes >= min_size)
             for n in np.flatnonzero(out):
-                begun = int(since[lines.group_index == n].max())
-                faults.append(self.line_fault(kind, lines, int(n), begun))
-            left = left & ~out[lines.group_index]
+                begun = int(since[groups.group_index == n].max())
+                faults.append(self.build_group_fault(kind, groups, int(n), begun))
+            left = left & ~out[groups.group_index]
         return faults + [
-            self.taxel_fault(int(i), int(code[i]), int(since[i]))
+            self.build_taxel_fault(int(i), int(code[i]), int(since[i]))
             for i in np.flatnonzero(left)
         ]
 
-    def line_fault(
-        self, kind: FaultKind, lines: TaxelGroups, line: int, since: int
+    def build_group_fault(
+        self, kind: FaultKind, groups: TaxelGroups, group: int, since: int
     ) -> Fault:
-        """The fault of a row, column or patch."""
-        number = int(lines.numbers[line])
+        """Build the fault of a row, column or patch."""
+        number = int(groups.numbers[group])
         return Fault(
             kind=kind,
-            patch=self.skin.patches[int(lines.patches[line])].id,
+            patch=self.skin.patches[int(groups.patches[group])].id,
             row=number if kind == "row" else None,
             column=number if kind == "column" else None,
             taxel=None,
             since=since,
         )
 
-    def taxel_fault(self, taxel: int, code: int, since: int) -> Fault:
-        """The fault of one taxel."""
+    def build_taxel_fault(self, taxel: int, code: int, since: int) -> Fault:
+        """Build the fault of one taxel."""
         return Fault(
             kind=TAXEL_KINDS[code],
             patch=self.skin.patches[int(self.skin.patch_index[taxel])].id,
@@ -115,22 +137,12 @@ class FaultLister:
         )
 
 
-STUCK, DEAD, NEGATIVE, SATURATED, NOISY = range(5)
-MOST_ELAPSED = 0.2
-COMPANY = 0.3
-"""Share of neighbours that jump too where a hand does it: three of eight at the corner
-of a palm."""
-LEAST_JUMP = 4
-"""Of counts: converters flicker by one or two."""
-NEVER = -1e9
-
-
 @dataclass(frozen=True)
 class FaultConfig:
-    """How much evidence a fault needs. All times in [s]."""
+    """Thresholds define how much evidence a fault needs. All times are in [s]."""
 
     check_seconds: float = 0.1
-    """How often the evidence is weighed; negative counts are masked at once."""
+    """Time between two checks of the evidence; negative counts are masked at once."""
 
     stuck_seconds: float = 5.0
     """Least time that counts stand still while others of the patch show noise."""
@@ -147,13 +159,13 @@ class FaultConfig:
     a fault."""
 
     pressed: float = 10.0
-    """Pressure that neighbours must feel to expect an answer from a taxel [kPa]."""
+    """Pressure on neighbours at which a taxel is expected to respond [kPa]."""
 
     pressed_share: float = 0.9
-    """Share of neighbours that must feel it."""
+    """Share of neighbours that must be under that pressure."""
 
     ignored_seconds: float = 1.0
-    """How long a taxel must not answer them."""
+    """Time for which a taxel does not respond to them."""
 
     saturated_start_seconds: float = 5.0
     """How long full scale since the start is taken for a touch."""
@@ -162,24 +174,24 @@ class FaultConfig:
     """How long full scale is taken for a touch later on."""
 
     noisy: float = 2.0
-    """Change from one scan to the next that nobody's hand makes and undoes [kPa]."""
+    """Change from one scan to the next that no hand makes and undoes [kPa]."""
 
     noisy_seconds: float = 3.0
-    """How long a taxel must jump so, to and fro, while its neighbours do not."""
+    """Time for which a taxel jumps so, to and fro, while its neighbours do not."""
 
     line_seconds: float = 0.5
-    """How long a row, column or patch may be at zero that never was, or unheard."""
+    """How long a row, column or patch may be at zero that never was, or silent."""
 
     silence_seconds: float = 10.0
-    """After how long unheard a taxel may be another one, and is judged anew."""
+    """Time without data after which a taxel may be another one, and is checked anew."""
 
     recover_seconds: float = 1.0
-    """How long a fault must be gone until it is believed."""
+    """How long a fault must be gone until the taxel is trusted again."""
 
 
 @final
 class FaultDetector:
-    """Finds faults from what the counts do over time; stateful.
+    """A detector finds faults from what the counts do over time; stateful.
 
     A fault needs evidence: a quiet sensor whose quantised counts do not change, and one
     at zero where zero is rest, are sound until others show that they should have moved.
@@ -188,36 +200,34 @@ class FaultDetector:
     def __init__(
         self, skin: Skin, calibration: Calibration, config: FaultConfig | None = None
     ) -> None:
-        """Start with every taxel sound."""
+        """Start without faults."""
         self.skin = skin
         self.config = config or FaultConfig()
         self.full_scale = calibration.full_scale
-        self.jump = np.maximum(
-            calibration.compute_counts(self.config.noisy), LEAST_JUMP
-        )
+        self.jump = np.maximum(calibration.compute_counts(self.config.noisy), MIN_JUMP)
         self.adjacency = Adjacency.build(skin)
-        self.lister = FaultLister(skin)
+        self.grouper = FaultGrouper(skin)
         patch_index = np.asarray(skin.patch_index)
         self.members = [
             np.flatnonzero(patch_index == n) for n in range(len(skin.patches))
         ]
-        self.watch = fresh_watch(skin.count)
+        self.history = build_count_history(skin.count)
         self.code = np.full(skin.count, -1)
         self.since = np.zeros(skin.count)
-        self.seen = np.full(skin.count, NEVER)
+        self.last_found = np.full(skin.count, NEVER)
         self.mask = np.zeros(skin.count, bool)
         self.faults: tuple[Fault, ...] = ()
         self.first: int | None = None
         self.last: int | None = None
-        self.checked = NEVER
+        self.last_check = NEVER
 
     def push(
         self, scan: Scan, pressure: Float[np.ndarray, "taxel"]
     ) -> tuple[Bool[np.ndarray, "taxel"], tuple[Fault, ...]]:
-        """Look at the next scan and its calibrated pressure [kPa].
+        """Check the next scan and its calibrated pressure [kPa].
 
         Returns:
-            Which taxels are faulty, and the faults; a row's is listed once.
+            Which taxels are faulty, and the faults; that of a row is listed once.
         """
         check_order(self.last, scan.stamp)
         if self.first is None:
@@ -225,7 +235,7 @@ class FaultDetector:
         self.last = scan.stamp
         now = (scan.stamp - self.first) / NS_PER_S
         self.mask = self.mask.copy()
-        watch_counts(
+        update_history(
             scan.counts,
             scan.received,
             now,
@@ -233,20 +243,20 @@ class FaultDetector:
             self.config.silence_seconds,
             self.config.saturated_seconds,
             self.jump,
-            self.watch,
+            self.history,
             self.mask,
         )
-        if now - self.checked >= self.config.check_seconds - 1e-6:
+        if now - self.last_check >= self.config.check_seconds - 1e-6:
             self.check(scan, pressure, now)
         return self.mask, self.faults
 
     def check(
         self, scan: Scan, pressure: Float[np.ndarray, "taxel"], now: float
     ) -> None:
-        """Weigh the evidence."""
+        """Check the evidence, and update the mask and the faults."""
         config, adjacency = self.config, self.adjacency
-        elapsed = min(now - self.checked, MOST_ELAPSED)
-        watch_neighbours(
+        elapsed = min(now - self.last_check, MAX_ELAPSED)
+        update_unanswered(
             pressure,
             scan.received & ~self.mask,
             now,
@@ -255,136 +265,134 @@ class FaultDetector:
             config.pressed_share,
             adjacency.starts,
             adjacency.neighbours,
-            self.watch,
+            self.history,
         )
-        self.update(now)
-        self.checked = now
+        self.update_codes(now)
+        self.last_check = now
         self.mask = self.code >= 0
-        heard = np.maximum(self.watch.heard, 0.0)
-        begun = np.where(self.mask, self.since, heard) * NS_PER_S
+        received = np.maximum(self.history.last_received, 0.0)
+        begun = np.where(self.mask, self.since, received) * NS_PER_S
         self.faults = tuple(
-            self.lister.report(
+            self.grouper.list_faults(
                 self.code,
-                now - heard >= config.line_seconds,
+                now - received >= config.line_seconds,
                 np.round(begun).astype(np.int64) + (self.first or 0),
             )
         )
 
-    def update(self, now: float) -> None:
-        """Give each taxel the code of its fault, or -1."""
-        watch = self.watch
-        zero = watch.level == 0
-        still, gone = self.standing_still(), self.lines_at_zero()
-        evidence = np.stack(
-            [
-                still & ~zero,
-                (still & zero) | gone,
-                watch.negative > self.checked,
-                self.saturated(),
-                self.noisy(),
-            ]
-        )
-        begun = np.stack(
-            [
-                watch.changed,
-                watch.changed,
-                watch.negative,
-                watch.below,
-                watch.restless,
-            ]
-        )
-        for code in range(len(evidence)):
-            found = evidence[code] & (watch.heard > NEVER)
+    def update_codes(self, now: float) -> None:
+        """Update the code of each taxel's fault, -1 for none."""
+        history = self.history
+        zero = history.counts == 0
+        still, lost = self.find_still(), self.find_lost_lines()
+        evidence = {
+            STUCK: (still & ~zero, history.last_changed),
+            DEAD: ((still & zero) | lost, history.last_changed),
+            NEGATIVE: (history.last_negative > self.last_check, history.last_negative),
+            SATURATED: (self.find_saturated(), history.last_below_full),
+            NOISY: (self.find_noisy(), history.reversing_since),
+        }
+        for code, (flags, begun) in evidence.items():
+            found = flags & (history.last_received > NEVER)
             new = found & (self.code != code)
-            self.since[new] = np.maximum(begun[code], watch.first)[new]
+            self.since[new] = np.maximum(begun, history.first_received)[new]
             self.code[found] = code
-            self.seen[found] = now
-        self.code[now - self.seen > self.config.recover_seconds] = -1
+            self.last_found[found] = now
+        self.code[now - self.last_found > self.config.recover_seconds] = -1
 
-    def standing_still(self) -> Bool[np.ndarray, "taxel"]:
-        """Taxels whose counts do not change though others say that they should."""
-        watch, config = self.watch, self.config
-        age = watch.heard - watch.changed
+    def find_still(self) -> Bool[np.ndarray, "taxel"]:
+        """Find taxels whose counts stand still though others show that they should not.
+
+        Those at zero are among them.
+        """
+        history, config = self.history, self.config
+        counts = history.counts
+        age = history.last_received - history.last_changed
         limit = np.full(self.skin.count, np.inf)
         for members in self.members:
             moving = members[
-                (watch.level > 0)[members] & (watch.heard > NEVER)[members]
+                (counts > 0)[members] & (history.last_received > NEVER)[members]
             ]
             if len(moving):
                 ages = age[moving]
                 middle = 3 * len(ages) // 4
                 usual = np.partition(ages, middle)[middle]
                 limit[members] = max(config.stuck_seconds, config.stuck_factor * usual)
-        inside = (watch.level >= 0) & (watch.level < self.full_scale)
-        patches = self.lister.patches
+        inside = (counts >= 0) & (counts < self.full_scale)
+        patches = self.grouper.patches
         offset = patches.flagged_share(self.has_offset()) >= config.offset_share
-        possible = inside & ((watch.level > 0) | offset[patches.group_index])
+        possible = inside & ((counts > 0) | offset[patches.group_index])
         found = (possible & (age > limit)) | (
-            inside & (watch.ignored >= config.ignored_seconds)
+            inside & (history.unanswered >= config.ignored_seconds)
         )
         was = (self.code == STUCK) | (self.code == DEAD)
         return found | (was & inside & (age > config.recover_seconds / 2))
 
     def has_offset(self) -> Bool[np.ndarray, "taxel"]:
-        """Taxels whose counts have been well above zero for long enough to know."""
-        least = self.watch.least
-        known = self.watch.nonzero - self.watch.first >= self.config.recover_seconds
+        """Return which taxels have had counts well above zero for long enough."""
+        history, least = self.history, self.history.least
+        seconds = history.last_nonzero - history.first_received
         return (
-            known & (least >= self.config.offset * self.full_scale) & np.isfinite(least)
+            (seconds >= self.config.recover_seconds)
+            & (least >= self.config.offset * self.full_scale)
+            & np.isfinite(least)
         )
 
-    def lines_at_zero(self) -> Bool[np.ndarray, "taxel"]:
-        """Taxels of rows and columns all at zero, though none of them ever was."""
-        watch = self.watch
+    def find_lost_lines(self) -> Bool[np.ndarray, "taxel"]:
+        """Find taxels of rows and columns all at zero that were never at zero."""
+        history = self.history
+        seconds = history.last_received - history.last_nonzero
         lost = (
-            (watch.level == 0)
-            & (watch.heard - watch.nonzero >= self.config.line_seconds)
+            (history.counts == 0)
+            & (seconds >= self.config.line_seconds)
             & self.has_offset()
         )
         result = np.zeros(self.skin.count, bool)
-        for lines in (self.lister.rows, self.lister.columns):
-            out = lines.all_flagged(lost) & (lines.sizes >= LEAST_LINE)
-            result |= out[lines.group_index]
+        for groups in (self.grouper.rows, self.grouper.columns):
+            out = groups.all_flagged(lost) & (groups.sizes >= MIN_LINE)
+            result |= out[groups.group_index]
         return result
 
-    def saturated(self) -> Bool[np.ndarray, "taxel"]:
-        """Taxels at full scale for longer than anybody touches them."""
-        watch, config = self.watch, self.config
-        full = watch.level >= self.full_scale
-        from_start = watch.below < watch.first
-        length = watch.heard - np.where(from_start, watch.first, watch.below)
+    def find_saturated(self) -> Bool[np.ndarray, "taxel"]:
+        """Find taxels at full scale for longer than anybody touches them."""
+        history, config = self.history, self.config
+        full = history.counts >= self.full_scale
+        from_start = history.last_below_full < history.first_received
+        begun = np.where(from_start, history.first_received, history.last_below_full)
         limit = np.where(
             from_start, config.saturated_start_seconds, config.saturated_seconds
         )
-        return full & ((length >= limit) | (self.code == SATURATED))
+        long = history.last_received - begun >= limit
+        return full & (long | (self.code == SATURATED))
 
-    def noisy(self) -> Bool[np.ndarray, "taxel"]:
-        """Taxels that jump to and fro while their neighbours do not."""
-        watch, config, adjacency = self.watch, self.config, self.adjacency
-        restless = watch.heard - watch.turned <= PAUSE
-        starts = adjacency.starts
-        around = np.concatenate([[0], np.cumsum(restless[adjacency.neighbours])])
+    def find_noisy(self) -> Bool[np.ndarray, "taxel"]:
+        """Find taxels that jump to and fro while their neighbours do not."""
+        history, starts = self.history, self.adjacency.starts
+        reversing = history.last_received - history.last_reversal <= MAX_REVERSAL_GAP
+        around = np.cumsum(reversing[self.adjacency.neighbours])
+        around = np.concatenate([[0], around])
         share = np.diff(around[starts]) / np.maximum(np.diff(starts), 1)
-        long = watch.turned - watch.restless >= config.noisy_seconds
-        return restless & long & ((share < COMPANY) | (self.code == NOISY))
+        seconds = history.last_reversal - history.reversing_since
+        alone = (share < MAX_NOISY_SHARE) | (self.code == NOISY)
+        return reversing & (seconds >= self.config.noisy_seconds) & alone
 
 
-def fresh_watch(count: int) -> Watch:
-    """The memory of a skin never heard."""
+def build_count_history(count: int) -> CountHistory:
+    """Build the history of a skin of which nothing was received yet."""
     never = np.full(count, NEVER)
-    return Watch(
-        level=np.zeros(count, np.int64),
-        first=np.full(count, np.inf),
-        heard=never.copy(),
-        changed=never.copy(),
-        negative=never.copy(),
-        below=never.copy(),
-        nonzero=never.copy(),
-        zero=never.copy(),
+    return CountHistory(
+        counts=np.zeros(count, np.int64),
+        first_received=np.full(count, np.inf),
+        last_received=never.copy(),
+        last_changed=never.copy(),
+        last_negative=never.copy(),
+        last_below_full=never.copy(),
+        last_nonzero=never.copy(),
+        last_zero=never.copy(),
         least=np.full(count, np.inf),
-        quiet=never.copy(),
-        ignored=np.zeros(count),
+        last_unpressed=never.copy(),
+        unanswered=np.zeros(count),
         jump=np.zeros(count),
-        turned=never.copy(),
-        restless=never.copy(),
+        last_reversal=never.copy(),
+        reversing_since=never.copy(),
     )

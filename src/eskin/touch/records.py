@@ -198,7 +198,7 @@ def sites_of(mounted: MountedSkin, adjacency: Adjacency) -> np.ndarray:
     sites = np.empty(skin.count, SITE)
     sites["position"], sites["normal"] = skin.positions, skin.normals
     sites["area"], sites["reach"] = skin.areas, adjacency.reach
-    sites["link"], sites["patch"] = mounted.skin_link_index, skin.patch_index
+    sites["link"], sites["patch"] = mounted.taxel_link_index, skin.patch_index
     order = np.lexsort((skin.columns, skin.rows, skin.patch_index))
     sites["rank"][order] = np.arange(skin.count)
     sites["neighbours"][:, 0] = adjacency.starts[:-1]

@@ -4,8 +4,15 @@ import numpy as np
 from jaxtyping import Float
 
 from eskin.page import Setup, Solid
-from eskin.robot import Body, Cylinder, Robot, TriangleMesh, body_mesh, surface_distance
-from eskin.robot.shapes import lathe
+from eskin.robot import (
+    Cylinder,
+    Geom,
+    Robot,
+    TriangleMesh,
+    build_geom_mesh,
+    compute_surface_distance,
+)
+from eskin.robot.shapes import revolve_profile
 from eskin.skin import MountedSkin
 from eskin.transforms import apply, invert
 
@@ -36,7 +43,7 @@ def setup_of(
         title=f"{mounted.robot.name} in skin '{skin.name}', {skin.count} taxels",
         links=mounted.robot.link_names,
         solids=solids_of(mounted),
-        taxel_link=mounted.skin_link_index,
+        taxel_link=mounted.taxel_link_index,
         positions=skin.positions,
         normals=skin.normals,
         areas=skin.areas,
@@ -60,11 +67,11 @@ def solids_of(mounted: MountedSkin) -> tuple[Solid, ...]:
     T_world_link = mounted.kinematics.poses(np.zeros(len(robot.joint_names)))
     solids = []
     for index, link in enumerate(robot.links):
-        for body in link.bodies:
+        for body in link.geoms:
             mesh = rounded(body) if isinstance(body.shape, Cylinder) else None
             along = abs(body.T_link_shape[2, 2]) > 0.9 and is_slender(body)
             colour = TUBE if along else BODY
-            mesh = mesh or body_mesh(body)
+            mesh = mesh or build_geom_mesh(body)
             solids.append(Solid(index, mesh.vertices, mesh.faces, colour))
             for end in bare_ends(mounted, T_world_link, index, body):
                 mesh = lid(body, end)
@@ -72,13 +79,13 @@ def solids_of(mounted: MountedSkin) -> tuple[Solid, ...]:
     return tuple(solids)
 
 
-def is_slender(body: Body) -> bool:
+def is_slender(body: Geom) -> bool:
     """Whether a body is a tube rather than the housing of a joint."""
     shape = body.shape
     return isinstance(shape, Cylinder) and shape.length > 3.5 * shape.radius
 
 
-def rounded(body: Body) -> TriangleMesh:
+def rounded(body: Geom) -> TriangleMesh:
     """A cylinder with rounded edges, in its link's frame."""
     shape = body.shape
     assert isinstance(shape, Cylinder)
@@ -92,10 +99,10 @@ def rounded(body: Body) -> TriangleMesh:
     rim = np.array([[radius - edge - 0.001, height]])
     upper = np.concatenate([arc, rim])
     profile = np.concatenate([upper[::-1] * (1, -1), upper])
-    return placed(lathe(profile, height, SEGMENTS), body.T_link_shape)
+    return placed(revolve_profile(profile, height, SEGMENTS), body.T_link_shape)
 
 
-def lid(body: Body, end: int) -> TriangleMesh:
+def lid(body: Geom, end: int) -> TriangleMesh:
     """A low dome on an end of a cylinder, in the frame of its link.
 
     Args:
@@ -111,7 +118,7 @@ def lid(body: Body, end: int) -> TriangleMesh:
     )
     inside = np.array([[radius, -LID]])
     profile = np.concatenate([inside, dome, [[radius / 2, LID]]])
-    mesh = lathe(profile, LID, SEGMENTS)
+    mesh = revolve_profile(profile, LID, SEGMENTS)
     T_shape_end = np.diag([1.0, end, end, 1.0])
     T_shape_end[2, 3] = end * shape.length / 2
     return placed(mesh, body.T_link_shape @ T_shape_end)
@@ -126,7 +133,7 @@ def bare_ends(
     mounted: MountedSkin,
     T_world_link: Float[np.ndarray, "link 4 4"],
     link: int,
-    body: Body,
+    body: Geom,
 ) -> list[int]:
     """Ends of a cylinder, 1 or -1, that nothing closes and no taxel lies on."""
     if not isinstance(body.shape, Cylinder):
@@ -150,16 +157,16 @@ def is_covered(
 ) -> bool:
     """Whether a point lies in some part of the robot."""
     return any(
-        surface_distance(link, apply(invert(T), p_world)[None])[0][0] < 0
+        compute_surface_distance(link, apply(invert(T), p_world)[None])[0][0] < 0
         for link, T in zip(robot.links, T_world_link, strict=True)
-        if link.bodies
+        if link.geoms
     )
 
 
-def has_taxels(mounted: MountedSkin, link: int, body: Body, height: float) -> bool:
+def has_taxels(mounted: MountedSkin, link: int, body: Geom, height: float) -> bool:
     """Whether taxels lie on the flat end at a height of a cylinder [m]."""
     assert isinstance(body.shape, Cylinder)
-    on_link = mounted.skin.positions[mounted.skin_link_index == link]
+    on_link = mounted.skin.positions[mounted.taxel_link_index == link]
     local = apply(invert(body.T_link_shape), on_link)
     aside = np.linalg.norm(local[:, :2], axis=-1)
     on_end = (abs(local[:, 2] - height) < BEYOND) & (aside < 0.9 * body.shape.radius)

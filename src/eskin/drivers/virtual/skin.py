@@ -238,7 +238,7 @@ def powered_up(
     return tuple(
         VirtualPatch(
             patch,
-            skin.taxels_of(patch.id),
+            skin.find_taxels(patch.id),
             rate,
             serial_number=int(rng.integers(2**63)),
             crystal=float(rng.uniform(-CRYSTAL, CRYSTAL)),

@@ -117,7 +117,9 @@ class NodeSelector:
             nodes = np.union1d(np.flatnonzero(flags), near[near >= 0])
             patches = patch_index[nodes]
             if len(np.unique(patches)) > 1:
-                p_world, _ = self.mounted.poses(q[reading].double().numpy(), nodes)
+                p_world, _ = self.mounted.place_taxels(
+                    q[reading].double().numpy(), nodes
+                )
                 found = live_neighbours(
                     p_world,
                     patches,
@@ -232,7 +234,7 @@ class PaperNetwork(ReadingNetwork):
         self.mounted, self.pooling, self.whole = mounted, pooling, False
         self.rest: RestState | None = None
         self.neighbourhood = NodeSelector(mounted, k)
-        self.links = torch.from_numpy(mounted.skin_link_index)
+        self.links = torch.from_numpy(mounted.taxel_link_index)
         positions = torch.from_numpy(mounted.skin.positions / UNIT)
         self.register_buffer("positions", positions.float())
         self.embed = nn.Linear(1, WIDTH)

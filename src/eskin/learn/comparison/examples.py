@@ -19,7 +19,7 @@ from eskin.learn.dataset import Dataset, prepare
 from eskin.learn.ground_truth import Clip, read_clips
 from eskin.learn.recording_transforms import Aging, AgingConfig, RecordingTransform
 from eskin.recording import Recording, find_recordings, read_recording
-from eskin.robot import recorded_robot
+from eskin.robot import load_recorded_robot
 from eskin.skin import MountedSkin
 from eskin.touch import PipelineConfig, TouchPipeline
 
@@ -69,7 +69,7 @@ class Examples:
     def mounted(self) -> MountedSkin:
         """The skin of the clips on its robot."""
         first = read_recording(self.paths[0])
-        return MountedSkin(first.skin, recorded_robot(first.robot_name))
+        return MountedSkin(first.skin, load_recorded_robot(first.robot_name))
 
     @cached_property
     def digest(self) -> str:
@@ -188,7 +188,7 @@ def read_pressures(
     recording: Recording, harm: RecordingTransform | None = None
 ) -> Iterator[tuple[int, Float[np.ndarray, "taxel"], Float[np.ndarray, "joint"]]]:
     """Stamp [ns], pressure [kPa] and joint positions [rad] of every reading."""
-    mounted = MountedSkin(recording.skin, recorded_robot(recording.robot_name))
+    mounted = MountedSkin(recording.skin, load_recorded_robot(recording.robot_name))
     pipeline = TouchPipeline(mounted, recording.calibration)
     for scan in harm.scans(recording) if harm else recording.scans():
         reading, _ = pipeline.calibrate(scan)

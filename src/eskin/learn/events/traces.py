@@ -17,7 +17,7 @@ from eskin.live.logits import calibrated
 from eskin.live.recognizer import detection_of
 from eskin.model import DecisionConfig, Model
 from eskin.recording import Recording, read_recording
-from eskin.robot import recorded_robot
+from eskin.robot import load_recorded_robot
 from eskin.skin import MountedSkin
 from eskin.touch import Touch
 from eskin.units import NS_PER_S
@@ -102,7 +102,7 @@ class Trace:
 
 def trace_recording(recording: Recording, model: Model) -> Trace:
     """Replay a recording through the recogniser, and keep what it decides upon."""
-    mounted = MountedSkin(recording.skin, recorded_robot(recording.robot_name))
+    mounted = MountedSkin(recording.skin, load_recorded_robot(recording.robot_name))
     recognizer = Recognizer(model, mounted, recording.calibration, ANY_TRAVEL)
     moments: list[TraceStep] = []
     for scan in recording.scans():

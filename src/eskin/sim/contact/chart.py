@@ -105,7 +105,7 @@ def lay_out(
     skin = mounted.skin
     unrolled = surface.unroll(skin.positions[taxels])
     columns = column_directions(surface, skin.tangents[taxels], unrolled)
-    flat_areas = skin.areas[taxels] / surface.wrap(unrolled).stretch
+    flat_areas = skin.areas[taxels] / surface.wrap(unrolled).area_scale
     cells = np.empty((len(taxels), 2, 2))
     for index in np.unique(skin.patch_index[taxels]):
         part = skin.patch_index[taxels] == index

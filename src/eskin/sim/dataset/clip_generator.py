@@ -10,7 +10,7 @@ from eskin.sim.dataset.clip import Clip, build_of, make_clip
 from eskin.sim.dataset.pairs import clip_of
 from eskin.sim.dataset.plan import SOURCES, BuildOrigin, ClipPlan
 from eskin.sim.scene.environment import build_world
-from eskin.skin import PRESETS, MountedSkin
+from eskin.skin import SKIN_PRESETS, MountedSkin
 from eskin.touch import Calibration
 
 
@@ -33,7 +33,7 @@ class Maker(ABC):
 
 def mount(skin: str) -> MountedSkin:
     """A preset skin on its robot."""
-    preset = PRESETS[skin]
+    preset = SKIN_PRESETS[skin]
     return MountedSkin(preset.build(), load_robot(preset.robot))
 
 
@@ -51,11 +51,11 @@ class Simulator(Maker):
         Raises:
             GenerationError: there is no preset of that name.
         """
-        if skin not in PRESETS:
+        if skin not in SKIN_PRESETS:
             raise GenerationError(
-                f"no skin '{skin}' to simulate; allowed are {', '.join(PRESETS)}"
+                f"no skin '{skin}' to simulate; allowed are {', '.join(SKIN_PRESETS)}"
             )
-        self.robot_name = PRESETS[skin].robot
+        self.robot_name = SKIN_PRESETS[skin].robot
         self.mounted = mounted = mount(skin)
         if skin in SOURCES:
             mounted = mount(SOURCES[skin])

@@ -30,7 +30,7 @@ from eskin.sim.scene.folds import (
 from eskin.sim.scene.poses import draw_pose, group_of, pool_of
 from eskin.sim.scene.scene import Scene, contact_steps, felt_in, moved, truths_of
 from eskin.sim.scene.validity import acceptable, limits
-from eskin.skin import PRESETS, MountedSkin
+from eskin.skin import SKIN_PRESETS, MountedSkin
 
 
 @dataclass(frozen=True, eq=False)
@@ -153,7 +153,7 @@ def partable(world: World) -> Bool[np.ndarray, "pair"]:
 @lru_cache(maxsize=1)
 def flat_side() -> tuple[MountedSkin, tuple[Chart, ...]]:
     """The patch laid flat, and its one chart."""
-    preset = PRESETS["flat"]
+    preset = SKIN_PRESETS["flat"]
     mounted = MountedSkin(preset.build(), load_robot(preset.robot))
     return mounted, charts_of(mounted)
 
@@ -373,7 +373,7 @@ def make_pair(
 @lru_cache(maxsize=2)
 def world_of(skin: str) -> World:
     """A preset skin on its robot, prepared for touching."""
-    preset = PRESETS[skin]
+    preset = SKIN_PRESETS[skin]
     mounted = MountedSkin(preset.build(), load_robot(preset.robot))
     return build_world(mounted, load_constants())
 

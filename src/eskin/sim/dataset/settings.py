@@ -20,7 +20,7 @@ from eskin.sim.dataset.session_plan import (
     skin_of,
 )
 from eskin.sim.dataset.sets import PAIRS, ClipSet, load_set, resized
-from eskin.skin import robot_for
+from eskin.skin import load_robot_for_skin
 
 SETTINGS_NAME = "generation.json"
 VERSION = 1
@@ -118,7 +118,7 @@ class Settings:
 
 def folds(skin: str) -> bool:
     """Whether a skin is on a robot with joints, as far as is known."""
-    robot = robot_for(skin)
+    robot = load_robot_for_skin(skin)
     return robot is None or len(robot.joint_names) > 0
 
 

@@ -25,7 +25,7 @@ from eskin.sim.scene.scene import (
     truths_of,
 )
 from eskin.sim.sensor.sensor import Sensor
-from eskin.skin import PRESETS, MountedSkin, Skin
+from eskin.skin import SKIN_PRESETS, MountedSkin, Skin
 from eskin.touch import Scan
 
 KILO = 1000.0
@@ -102,13 +102,13 @@ class LiveSkin:
         Raises:
             ValueError: there is no such skin, or the seed is negative.
         """
-        if name not in PRESETS:
+        if name not in SKIN_PRESETS:
             raise ValueError(
-                f"no skin '{name}'; allowed are {', '.join(PRESETS)}; take one of them"
+                f"no skin '{name}'; allowed are {', '.join(SKIN_PRESETS)}; take one of them"
             )
         if seed < 0:
             raise ValueError(f"seed is {seed}; allowed are 0 and above; change it")
-        self.robot_name = PRESETS[name].robot
+        self.robot_name = SKIN_PRESETS[name].robot
         self.world = world_of(name)
         self.mounted, constants = self.world.mounted, self.world.constants
         origin = f"build {ROLE} {build_kind}"
@@ -228,7 +228,7 @@ class LiveSkin:
 @lru_cache(maxsize=4)
 def world_of(name: str) -> World:
     """A preset skin on its robot, kept."""
-    preset = PRESETS[name]
+    preset = SKIN_PRESETS[name]
     mounted = MountedSkin(preset.build(), load_robot(preset.robot))
     return build_world(mounted, load_constants())
 

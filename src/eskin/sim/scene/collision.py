@@ -77,15 +77,15 @@ def standing(robot: Robot) -> list[int]:
 
 
 def rods_of(robot: Robot) -> Rods:
-    """All bodies of a robot as cylinders in the frames of their links."""
+    """All geoms of a robot as cylinders in the frames of their links."""
     links, centres, axes, radii, halves = [], [], [], [], []
     for index, link in enumerate(robot.links):
-        for body in link.bodies:
+        for body in link.geoms:
             if not isinstance(body.shape, Cylinder):
                 raise ValueError(
                     f"link '{link.name}' of robot '{robot.name}' has a "
                     f"{type(body.shape).__name__}; touches are simulated on robots of "
-                    "cylinders; describe its collision bodies as such"
+                    "cylinders; describe its collision geoms as such"
                 )
             links.append(index)
             centres.append(body.T_link_shape[:3, 3])

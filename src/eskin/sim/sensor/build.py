@@ -80,7 +80,7 @@ def taxels_of_line(line: str, skin: Skin) -> Bool[np.ndarray, "taxel"]:
     """The taxels of a line that is named as in `Defects.lines`."""
     patch, what, number = line.rsplit(":", 2)
     inside = np.zeros(skin.count, dtype=bool)
-    inside[skin.taxels_of(patch)] = True
+    inside[skin.find_taxels(patch)] = True
     numbers = skin.rows if what == "row" else skin.columns
     return inside & (numbers == int(number))
 
