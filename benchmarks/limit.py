@@ -14,8 +14,8 @@ from dataclasses import dataclass
 import numpy as np
 import tyro
 
+from eskin.bench.latency import EngineSubject, pinned
 from eskin.bench.scene import Scene, large_skin, on_forearm
-from eskin.bench.timing import EngineSubject, pinned
 from eskin.graph import NODE_SCALARS, FixedNeighbours, GraphConfig, live_neighbours
 from eskin.model import Model, load_model
 from eskin.robot import load_robot

@@ -15,8 +15,7 @@ import tyro
 from matplotlib.axes import Axes
 from matplotlib.ticker import FormatStrFormatter, LogLocator
 
-from eskin.bench.latency import scaled
-from eskin.bench.timing import Row, pinned
+from eskin.bench.latency import Row, pinned, scaled
 
 UR5 = 2112
 SKINS = (UR5, 8192, 32768, 131072)

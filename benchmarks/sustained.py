@@ -19,8 +19,8 @@ import tyro
 from numba.core import event
 
 import eskin
+from eskin.bench.latency import pinned
 from eskin.bench.scene import Scene, on_forearm
-from eskin.bench.timing import pinned
 
 WARM_UP = 2000
 

@@ -9,10 +9,15 @@ import pytest
 
 from baseline_scenes import UR5
 from eskin.bench import Scene, large_skin
-from eskin.bench.clips import random_clips
-from eskin.bench.latency import scaled
+from eskin.bench.latency import (
+    Row,
+    Subject,
+    pinned,
+    random_clips,
+    scaled,
+    time_together,
+)
 from eskin.bench.scene import on_forearm, round_forearm
-from eskin.bench.timing import Row, Subject, pinned, time_together
 from eskin.cli.main import run
 from eskin.live import Recognizer
 from eskin.model import load_model

@@ -7,8 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from eskin.cli.evaluate import CLIP_KEYS
-from eskin.cli.event_report import by_person
+from eskin.cli.evaluate import CLIP_KEYS, by_person
 from eskin.cli.main import run
 from eskin.model import save_model
 from eskin.recording import RecordingWriter, read_recording, write_all

@@ -8,7 +8,7 @@ import pytest
 import eskin.app
 from device_scenes import PERIOD, small_skin
 from eskin.cli.main import run
-from eskin.cli.presses import TARE, tare
+from eskin.cli.skin_check import TARE, tare
 from eskin.drivers import STEPPED, ManualClock, PlayedSource, SourceInfo
 from eskin.robot import load_robot
 from eskin.skin import MountedSkin, save_skin

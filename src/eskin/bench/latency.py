@@ -1,29 +1,225 @@
-"""What one step of the engine costs, and one of every baseline, in one run."""
+"""This module times one step of the engine and of every baseline, in turn.
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+Taking turns makes a noisy machine equally noisy for all of them.
+"""
+
+import os
+import time
+from abc import ABC, abstractmethod
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass
+from typing import final
 
 import numpy as np
+from jaxtyping import Float, Int
+from threadpoolctl import threadpool_limits
 
-from eskin.bench.clips import random_clips
-from eskin.bench.scene import (
-    Scene,
-    large_skin,
-    on_forearm,
-    on_upper_arm,
-    round_forearm,
+from eskin.bench.scene import Scene, large_skin, on_forearm, on_upper_arm, round_forearm
+from eskin.learn.baselines import (
+    NETWORKS,
+    READINGS,
+    BaselineStream,
+    FitConfig,
+    SkinWindows,
+    make_baseline,
+    use_one_thread,
 )
-from eskin.bench.timing import (
-    EngineSubject,
-    Row,
-    StreamSubject,
-    Subject,
-    row_of,
-    time_together,
-)
-from eskin.learn.baselines import NETWORKS, FitConfig, SkinWindows, make_baseline
+from eskin.live import Recognizer
+from eskin.model import load_model
 from eskin.robot import load_robot
 from eskin.skin import MountedSkin
+
+CLASSES = 5
+RADII = (0.010, 0.015, 0.020, 0.030, 0.040)
+"""Of the touches of each class [m]."""
+
+LENGTHS = (15, 60, 30, 80, 45)
+"""Readings that the touches of each class last."""
+
+
+def random_clips(
+    mounted: MountedSkin, count: int, seed: int = 0
+) -> tuple[SkinWindows, Int[np.ndarray, "clip"]]:
+    """Round touches anywhere, their classes apart by size and length, and noise.
+
+    Enough for timing, not for anything that accuracies are measured on.
+
+    Args:
+        mounted: the skin on its robot.
+        count: how many clips.
+        seed: decides everything that is drawn.
+    """
+    rng = np.random.default_rng(seed)
+    skin, joints = mounted.skin, len(mounted.robot.joint_names)
+    links = mounted.taxel_link_index
+    labels = np.arange(count) % CLASSES
+    pressure = rng.random((count, READINGS, skin.count), np.float32) * np.float32(0.3)
+    for clip, label in enumerate(labels):
+        centre = rng.integers(skin.count)
+        distance = np.linalg.norm(skin.positions - skin.positions[centre], axis=1)
+        near = np.flatnonzero((distance < RADII[label]) & (links == links[centre]))
+        length = min(round(LENGTHS[label] * rng.uniform(0.7, 1.3)), READINGS)
+        start = int(rng.integers(READINGS - length + 1))
+        load = rng.uniform(5.0, 30.0, (length, 1)) * rng.uniform(0.5, 1.5, len(near))
+        pressure[clip, start : start + length, near] = load.T
+    q = rng.uniform(-1.0, 1.0, (count, 1, joints)).repeat(READINGS, axis=1)
+    return SkinWindows(pressure, q.astype(np.float32)), labels
+
+
+ROUNDS = 10
+WARM_UP = 210
+"""Steps of the engine that are not counted: its window of 2 s is full then."""
+
+PATIENCE = 5.0
+"""A baseline is timed no more steps than about so long takes [s]."""
+
+
+@dataclass(frozen=True)
+class Row:
+    """What one step of one method takes."""
+
+    name: str
+    """`eskin` is the engine."""
+    p50_ms: float
+    p99_ms: float
+    max_ms: float
+    taxels: int
+    active: int
+    steps: int
+    """How many were timed."""
+    ratio: float
+    """Median over the engine's at as many active taxels as were asked for."""
+
+    def as_dict(self) -> dict[str, object]:
+        """As JSON has it."""
+        rounded: dict[str, object] = {
+            "p50_ms": round(self.p50_ms, 4),
+            "p99_ms": round(self.p99_ms, 4),
+            "max_ms": round(self.max_ms, 4),
+            "ratio": round(self.ratio, 3),
+        }
+        return {**asdict(self), **rounded}
+
+
+class Subject(ABC):
+    """Something that takes a step at each reading."""
+
+    def __init__(self, name: str, mounted: MountedSkin, scene: Scene) -> None:
+        """Name what is timed on a scene."""
+        self.name = name
+        self.taxels = mounted.skin.count
+        self.active = len(scene.active)
+        self.scene = scene
+
+    @abstractmethod
+    def run(self, count: int) -> list[float]:
+        """Seconds that each of the next steps took, all of them with contact."""
+
+    @abstractmethod
+    def steps(self, wanted: int) -> int:
+        """Warm up, and say how many steps are to be timed."""
+
+
+@final
+class EngineSubject(Subject):
+    """`Recognizer.push` with the weights that come with eskin."""
+
+    def __init__(self, name: str, mounted: MountedSkin, scene: Scene) -> None:
+        """Start a recogniser."""
+        super().__init__(name, mounted, scene)
+        self.recognizer = Recognizer(load_model("ur5"), mounted, None)
+
+    def run(self, count: int) -> list[float]:
+        """Seconds that each step took, untouched ones only where none is touched."""
+        found: list[float] = []
+        push, clock = self.recognizer.push, time.perf_counter
+        while len(found) < count:
+            for instant in self.scene.instants(min(count - len(found), 100)):
+                start = clock()
+                push(instant.reading)
+                seconds = clock() - start
+                if instant.touched or not self.active:
+                    found.append(seconds)
+        return found
+
+    def steps(self, wanted: int) -> int:
+        """Warm up, and say how many steps are to be timed."""
+        self.run(WARM_UP)
+        return wanted
+
+
+@final
+class StreamSubject(Subject):
+    """A baseline that answers at every reading."""
+
+    def __init__(
+        self, name: str, mounted: MountedSkin, scene: Scene, stream: BaselineStream
+    ) -> None:
+        """Take a baseline's stream."""
+        super().__init__(name, mounted, scene)
+        self.stream = stream
+
+    def run(self, count: int) -> list[float]:
+        """Seconds that each step took."""
+        found = []
+        while len(found) < count:
+            instant = self.scene.instant()
+            if instant.touched:
+                start = time.perf_counter()
+                self.stream.push(instant.reading.pressure, instant.reading.q)
+                found.append(time.perf_counter() - start)
+        return found
+
+    def steps(self, wanted: int) -> int:
+        """Warm up, and say how many steps are to be timed."""
+        seconds = float(np.median(self.run(3)))
+        return min(wanted, max(ROUNDS, round(PATIENCE / seconds)))
+
+
+def time_together(subjects: Sequence[Subject], steps: int) -> list[np.ndarray]:
+    """Milliseconds of each step of each subject, taken in turn in several rounds."""
+    wanted = [subject.steps(steps) for subject in subjects]
+    found: list[list[float]] = [[] for _ in subjects]
+    for part in range(ROUNDS):
+        for subject, count, times in zip(subjects, wanted, found, strict=True):
+            share = count * (part + 1) // ROUNDS - count * part // ROUNDS
+            times += subject.run(share)
+    return [1e3 * np.array(times) for times in found]
+
+
+def row_of(
+    subject: Subject, milliseconds: Float[np.ndarray, "step"], unit: float
+) -> Row:
+    """A row of the table; `unit` is the median that the ratio is to [ms]."""
+    middle, high = np.percentile(milliseconds, (50, 99))
+    return Row(
+        subject.name,
+        float(middle),
+        float(high),
+        float(milliseconds.max()),
+        subject.taxels,
+        subject.active,
+        len(milliseconds),
+        float(middle) / unit,
+    )
+
+
+@contextmanager
+def pinned() -> Iterator[None]:
+    """Everything within runs on one core, in one thread; one core of several we had."""
+    use_one_thread()
+    with threadpool_limits(1):
+        if not hasattr(os, "sched_setaffinity"):
+            yield
+            return
+        before = os.sched_getaffinity(0)
+        os.sched_setaffinity(0, {max(before)})
+        try:
+            yield
+        finally:
+            os.sched_setaffinity(0, before)
+
 
 FEW, GRAB = 20, 83
 """Active taxels of a light touch and of a full grab."""

@@ -8,8 +8,7 @@ import tyro
 from rich.console import Console
 from rich.table import Table
 
-from eskin.bench.latency import LatencyConfig, latency
-from eskin.bench.timing import Row, pinned
+from eskin.bench.latency import LatencyConfig, Row, latency, pinned
 from eskin.learn.baselines import BASELINES, NETWORKS
 
 OWN = 2112
