@@ -164,24 +164,24 @@ class Corruption(RecordingTransform):
         return f"{self.kind} {self.amount:g}"
 
     @property
-    def moves(self) -> bool:
+    def moves_taxels(self) -> bool:
         """Whether it is the places of taxels that are wrong, and no scan."""
         return self.kind in ("pose-mm", "pose-deg")
 
-    def scans(self, recording: Recording) -> Iterator[Scan]:
+    def transform_scans(self, recording: Recording) -> Iterator[Scan]:
         """The scans that would have come."""
-        if self.moves:
+        if self.moves_taxels:
             return recording.scans()
         return CORRUPTIONS[self.kind](recording, self.amount, self.rng(recording.start))
 
-    def skin(self, skin: Skin, start: int) -> Skin:
+    def transform_skin(self, skin: Skin, start: int) -> Skin:
         """Where the taxels are believed to be.
 
         Args:
             skin: where they are.
             start: stamp of the recording's first scan [ns since the epoch].
         """
-        if not self.moves:
+        if not self.moves_taxels:
             return skin
         rng = self.rng(start)
         links = np.array(skin.link_names)[skin.patch_index]

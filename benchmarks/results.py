@@ -21,7 +21,7 @@ import tyro
 from benchmarks import leaks, robustness
 from benchmarks.corruption import KINDS, Kind
 from benchmarks.simulated_sets import made_set
-from eskin.cli import compare, study
+from eskin.cli import compare
 from eskin.learn.baselines import NETWORKS
 from eskin.learn.comparison import (
     ABLATIONS,
@@ -204,8 +204,8 @@ def show_compared(
 ) -> None:
     """Compare methods on some draws."""
     trains, tests = parts_of(draws)
-    compare.run(
-        compare.Command(trains, tests, methods=methods, **command.common)  # type: ignore
+    compare.run_compare(
+        compare.CompareCommand(trains, tests, methods=methods, **command.common)  # type: ignore
     )
 
 
@@ -216,8 +216,8 @@ def large(command: Command, form: Form) -> None:
     tests = tuple(
         made_set(sets, name, clips=form.test, workers=workers) for name in TESTS
     )
-    compare.run(
-        compare.Command((train,), tests, methods=form.large, **command.common)  # type: ignore
+    compare.run_compare(
+        compare.CompareCommand((train,), tests, methods=form.large, **command.common)  # type: ignore
     )
 
 
@@ -292,10 +292,12 @@ def show_study(command: Command, form: Form) -> None:
     for name, (draws, words) in form.studies.items():
         data = [str(place) for place in paper_sets(command, draws)]
         picture = str(command.pictures / f"{name}.png")
-        chosen = tyro.cli(study.Command, args=[*data, *words, "--picture", picture])
+        chosen = tyro.cli(
+            compare.StudyCommand, args=[*data, *words, "--picture", picture]
+        )
         changed = {**vars(chosen), **command.common}
         print(f"On {draws} of the sets:\n")
-        study.run(study.Command(**changed))
+        compare.run_study(compare.StudyCommand(**changed))
         print()
 
 

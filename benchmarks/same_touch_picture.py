@@ -24,9 +24,9 @@ from eskin.demo.same_touch import SameTouch, draw_touches, load_both_models
 from eskin.live import Recognizer
 from eskin.page import Picture, Setup
 from eskin.stream import RecognitionState
-from eskin.viewer.look import setup_of
-from eskin.viewer.packer import Packer
+from eskin.viewer.appearance import setup_of
 from eskin.viewer.process import PageProcess
+from eskin.viewer.viewer import Packer
 
 SETTLE = 20.0
 """Until everything is drawn, by software [s]."""
@@ -90,7 +90,7 @@ def pictures_of(touch: SameTouch, model: str) -> tuple[Setup, list[Picture]]:
         begin += touch.period * len(touch.counts)
         highest.append(most(shown))
     comparison.close()
-    board = comparison.board_now()
+    board = comparison.build_board()
     return setup, [
         replace(picture, board=replace(board, playing=side))
         for side, picture in enumerate(highest)

@@ -17,7 +17,7 @@ import tyro
 from jaxtyping import Float
 
 from eskin.demo import DemoConfig
-from eskin.demo.browser import SkinChoice, running
+from eskin.demo.browser import SkinChoice, run_demo
 from eskin.drivers import Clock, HostClock
 
 TICK = 0.05
@@ -61,7 +61,7 @@ def main() -> None:
     """Serve, and print the arm's state again and again."""
     command = tyro.cli(Command)
     config, clock = DemoConfig(seed=command.seed), SlowClock(command.pace)
-    with running(config, 0, SkinChoice(), clock) as demo:
+    with run_demo(config, 0, SkinChoice(), clock) as demo:
         print(demo.port, flush=True)
         while not demo.stream.wait(TICK):
             state = asdict(demo.arm.state())

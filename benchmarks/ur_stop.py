@@ -25,9 +25,9 @@ from eskin.command import (
     Rule,
     SkinMonitorConfig,
     Task,
+    UrArm,
     Waypoint,
 )
-from eskin.command.ur_arm import UrArm
 from eskin.drivers import SourceInfo
 from eskin.errors import ArmError
 from eskin.skin import load_skin

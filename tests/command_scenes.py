@@ -2,8 +2,7 @@
 
 import numpy as np
 
-from eskin.command import Arm, ArmState, Policy, PolicyConfig
-from eskin.command.command_map import CommandMap, Rule
+from eskin.command import Arm, ArmState, CommandMap, Policy, PolicyConfig, Rule
 from eskin.drivers import ManualClock, SourceInfo
 from eskin.errors import ArmError
 from eskin.live import Detection

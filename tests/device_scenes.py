@@ -9,7 +9,13 @@ import serial
 
 from eskin.drivers import ManualClock, decode_packet
 from eskin.drivers.framing import Deframer
-from eskin.drivers.virtual import Port, PtyPort, UdpPort, VirtualSkin, parse_fault
+from eskin.drivers.virtual import (
+    PtyPort,
+    UdpPort,
+    VirtualPort,
+    VirtualSkin,
+    parse_fault,
+)
 from eskin.skin import Patch, Plane, TaxelGrid, build_skin
 from eskin.touch import Scan
 
@@ -41,7 +47,7 @@ def scans_of(skin, count, seed=0, received=None):
         yield Scan(PERIOD * (number + 1), counts, received, np.zeros(0))
 
 
-class Listener(Port):
+class Listener(VirtualPort):
     """A port that keeps what is sent, in memory."""
 
     framed = False

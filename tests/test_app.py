@@ -1,6 +1,8 @@
 """A source by its URI: each kind, what it needs, and what is refused."""
 
 import socket
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -10,7 +12,10 @@ from eskin.app import CALIBRATION, SourceConfig, nominal_calibration, open_sourc
 from eskin.drivers import DeviceSource, PlayedSource, SerialTransport, UdpTransport
 from eskin.drivers.virtual import PtyPort
 from eskin.errors import DeviceError, EskinError, RecordingError
-from eskin.skin import save_skin
+from eskin.sim.constants import load_constants
+from eskin.sim.sensor.build import nominal_build
+from eskin.skin import load_skin, save_skin
+from eskin.skin.presets import SKIN_PRESETS
 from eskin.touch import Calibration
 from live_scenes import mounted, record, scans
 from test_device_command import StillSimulator
@@ -95,6 +100,40 @@ def test_a_calibration_is_given_or_lies_beside_the_skin_or_is_nominal(tmp_path):
     (tmp_path / "given.json").write_bytes(given.to_bytes())
     assert found(calibration=tmp_path / "given.json").full_scale == 2000
     assert found(calibration=given) is given
+
+
+@pytest.mark.parametrize("name", SKIN_PRESETS)
+def test_the_nominal_calibration_is_that_of_the_simulator(name):
+    skin = load_skin(name)
+    simulated = nominal_build(skin, load_constants()).calibration(skin)
+    assert nominal_calibration(skin).to_bytes() == simulated.to_bytes()
+
+
+WITHOUT_SIMULATOR = """
+import sys
+
+class Refusal:
+    def find_spec(name, path, target=None):
+        if name.split(".")[:2] == ["eskin", "sim"]:
+            raise ImportError(f"{name} is imported")
+
+sys.meta_path.insert(0, Refusal)
+from eskin.cli.main import run
+sys.exit(run(sys.argv[1:]))
+"""
+
+
+@pytest.mark.parametrize("kind", ["serial", "udp"])
+def test_a_device_without_a_calibration_needs_no_simulator(kind):
+    with PtyPort() as line:
+        words = ["run", "--source", line.uri if kind == "serial" else UDP]
+        words += ["--skin", "ur5", "--rate", "50", "--seconds", "0.1", "--json"]
+        done = subprocess.run(
+            [sys.executable, "-c", WITHOUT_SIMULATOR, *words],
+            capture_output=True,
+            text=True,
+        )
+    assert (done.returncode, done.stderr) == (0, "")
 
 
 def test_joints_stand_where_they_are_said_to_be():

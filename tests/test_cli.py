@@ -1,6 +1,5 @@
 """What every command has in common: help, one JSON line, one line of complaint."""
 
-import importlib
 import json
 import math
 import sys
@@ -9,7 +8,14 @@ from dataclasses import fields
 import numpy as np
 import pytest
 
-from eskin.cli.main import COMMANDS, main, one_line, overview, run
+from eskin.cli.main import (
+    COMMANDS,
+    format_one_line,
+    format_overview,
+    load_command,
+    main,
+    run,
+)
 from eskin.errors import ReadingError
 from eskin.skin import build_grid_skin, save_skin
 from eskin.touch import Reading, Scan
@@ -65,21 +71,21 @@ def assert_refused(result, message, folder):
 def test_eskin_alone_lists_its_commands(argv, capsys):
     code, out, err = call(capsys, *argv)
     assert (code, err) == (0, "")
-    assert out.strip() == overview().strip()
+    assert out.strip() == format_overview().strip()
     for name in COMMANDS:
         assert f"eskin {name}\n" in out
 
 
 @pytest.mark.parametrize("name", COMMANDS)
 def test_help_names_every_option_and_says_what_it_is_for(name, capsys):
-    module = importlib.import_module(f"eskin.cli.{COMMANDS[name]}")
+    _, command_type = load_command(name)
     with pytest.raises(SystemExit) as stop:
         run([*name.split(), "--help"])
     assert stop.value.code == 0
     words = " ".join(capsys.readouterr().out.replace("│", " ").split())
-    assert module.Command.__doc__.splitlines()[0] in words
+    assert command_type.__doc__.splitlines()[0] in words
     assert "--json" in words
-    for field in fields(module.Command):
+    for field in fields(command_type):
         if "Positional" not in str(field.type) and field.name not in NESTED:
             assert "--" + field.name.replace("_", "-") in words
 
@@ -128,35 +134,35 @@ def test_a_wrong_word_is_one_line_that_names_it(argv, message, empty, capsys):
 
 
 def test_a_complaint_of_many_lines_becomes_one(monkeypatch, capsys):
-    from eskin.cli import skin_check
+    from eskin.cli import skin
 
-    def fail(command) -> None:
+    def fail(command: skin.CheckCommand) -> None:
         raise ValueError("first\n  second")
 
-    monkeypatch.setattr(skin_check, "run", fail)
+    monkeypatch.setattr(skin, "run_check", fail)
     code, _, err = call(capsys, "skin", "check", "sleeve")
     assert (code, err) == (2, "error: first second\n")
 
 
 def test_a_library_that_is_missing_is_named_with_what_installs_it(monkeypatch, capsys):
-    from eskin.cli import skin_check
+    from eskin.cli import skin
 
-    def fail(command) -> None:
+    def fail(command: skin.CheckCommand) -> None:
         raise ModuleNotFoundError("No module named 'torch'", name="torch")
 
-    monkeypatch.setattr(skin_check, "run", fail)
+    monkeypatch.setattr(skin, "run_check", fail)
     code, _, err = call(capsys, "skin", "check", "sleeve")
     message = "error: torch is missing; install it: pip install 'eskin[train]'\n"
     assert (code, err) == (2, message)
 
 
 def test_a_bug_is_not_taken_for_bad_input(monkeypatch):
-    from eskin.cli import skin_check
+    from eskin.cli import skin
 
-    def fail(command) -> None:
+    def fail(command: skin.CheckCommand) -> None:
         raise ZeroDivisionError
 
-    monkeypatch.setattr(skin_check, "run", fail)
+    monkeypatch.setattr(skin, "run_check", fail)
     with pytest.raises(ZeroDivisionError):
         run(["skin", "check", "sleeve"])
 
@@ -294,10 +300,10 @@ def test_an_instant_that_cannot_be_says_what_is_wrong_and_what_to_do(make, messa
     ],
 )
 def test_the_box_around_a_complaint_leaves_no_trace(boxed):
-    assert one_line(boxed, "train") == "eskin train: two words full help"
+    assert format_one_line(boxed, "train") == "eskin train: two words full help"
 
 
 def test_numbers_in_a_complaint_stay_and_positions_go():
     text = "for argument '0.dataset': 0.5, 10.x and a.0.b are not 1.json"
     expected = "for argument 'dataset': 0.5, 10.x and a.0.b are not json"
-    assert one_line(text, "convert") == f"eskin convert: {expected}"
+    assert format_one_line(text, "convert") == f"eskin convert: {expected}"

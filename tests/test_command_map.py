@@ -5,14 +5,13 @@ from pathlib import Path
 import pytest
 
 from command_scenes import PATCH, SKIN, VOCABULARY, Scene
-from eskin.command import load_commands
+from eskin.command import load_commands, parse_commands
 from eskin.command.actions import (
     ACTIONS,
     MIN_CONFIDENCE,
     required_confidence,
     resolve_action,
 )
-from eskin.command.command_map import parse_commands
 from eskin.errors import CommandError
 
 HEAD = "commands:\n"
@@ -43,7 +42,11 @@ def test_the_map_that_comes_with_eskin_is_the_design_s():
         "grab": "toggle_gripper",
         "stroke": "toggle_speed",
     }
-    assert load_commands(None, ("none", "poke", "hug"), SKIN).commands[0].action_or_function
+    assert (
+        load_commands(None, ("none", "poke", "hug"), SKIN)
+        .commands[0]
+        .action_or_function
+    )
 
 
 def test_the_maps_among_the_examples_can_be_used():

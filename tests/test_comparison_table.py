@@ -5,7 +5,7 @@ import pytest
 from benchmarks import robustness
 
 from clip_scenes import generated
-from eskin.cli.compare import sorted_out
+from eskin.cli.compare import group_results
 from eskin.learn.comparison import (
     AnsweredClips,
     Lead,
@@ -63,7 +63,7 @@ def test_a_table_tells_of_how_many_people_it_is():
 def test_what_the_first_method_has_not_answered_is_not_compared():
     asked = [(name, (n, n)) for n in (0, 1) for name in ("ours", "other")]
     first, second, left = (result(name, 0, [True]) for name in ("ours", "other", "-"))
-    found = sorted_out(("ours", "other"), asked, [first, second, None, left])
+    found = group_results(("ours", "other"), asked, [first, second, None, left])
     assert found == {"ours": {(0, 0): first}, "other": {(0, 0): second}}
 
 

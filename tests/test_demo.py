@@ -7,9 +7,16 @@ import pytest
 
 from eskin.cli.main import run
 from eskin.command import SimulatedArm, load_commands
-from eskin.demo import Attempt, CommandScore, DemoConfig, LiveSource, run_headless
+from eskin.demo import (
+    Attempt,
+    CommandScore,
+    DemoConfig,
+    LiveSource,
+    SimulatedUser,
+    SimulatedUserConfig,
+    run_headless,
+)
 from eskin.demo.browser import PageCommandHandler
-from eskin.demo.simulated_user import SimulatedUser, SimulatedUserConfig
 from eskin.drivers import ManualClock
 from eskin.page import PageOrder, TouchOrder
 from eskin.sim.interactive.skin import LiveSkin

@@ -12,13 +12,12 @@ from eskin.command import (
     FRAME_TASK,
     DynamicPlant,
     MotionConfig,
+    ProtectiveStopConfig,
     SimulatedArm,
     load_commands,
 )
-from eskin.command.simulated_arm import ProtectiveStopConfig
-from eskin.demo import LiveSource
+from eskin.demo import LiveSource, SimulatedUser, SimulatedUserConfig
 from eskin.demo.browser import PageCommandHandler
-from eskin.demo.simulated_user import SimulatedUser, SimulatedUserConfig
 from eskin.drivers import ManualClock
 from eskin.errors import ArmError, ExtraError, RobotError
 from eskin.page import PageOrder

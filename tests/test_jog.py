@@ -6,9 +6,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from command_scenes import WAY, Scene
-from eskin.command import CommandMap, MotionConfig, Rule, SimulatedArm
+from eskin.command import CommandMap, MotionConfig, Rule, SimulatedArm, UrArm
 from eskin.command.task import JOG_SPEED
-from eskin.command.ur_arm import UrArm
 from eskin.drivers import ManualClock
 from eskin.errors import ArmError, JogError
 from eskin.robot import DampedLeastSquaresIK, Kinematics, load_robot

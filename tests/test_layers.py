@@ -38,6 +38,26 @@ BELOW = {
     "demo": ("command", "viewer", "sim"),
     "bench": ("learn", "stream"),
 }
+# What the subpackages of each package may import of it; "" is its modules at the root.
+INSIDE = {
+    "drivers": {"": (), "virtual": ("",)},
+    "learn": {
+        "": (),
+        "baselines": ("",),
+        "events": ("",),
+        "comparison": ("baselines", "events"),
+    },
+    "sim": {
+        "": (),
+        "contact": ("",),
+        "people": ("contact",),
+        "scene": ("people",),
+        "sensor": ("",),
+        "dataset": ("scene", "sensor"),
+        "interactive": ("dataset",),
+    },
+    "viewer": {"": (), "timeline": ("",)},
+}
 TOP = {"cli", "app", "__init__"}
 HEAVY = {"torch", "sklearn", "matplotlib"}
 CORE = set(BELOW) - {"nn", "learn", "bench"}
@@ -67,9 +87,28 @@ def eskin_packages(path):
     return {p[1] for p in parts if p[0] == "eskin" and len(p) > 1}
 
 
+def reachable(order, name):
+    """Everything below a name in an order, however far."""
+    below = set(order[name])
+    return below.union(*(reachable(order, other) for other in below))
+
+
 def allowed(package):
-    below = set(BELOW[package])
-    return below.union(*(allowed(other) for other in below)) | {"errors"}
+    return reachable(BELOW, package) | {"errors"}
+
+
+def subpackage_of(package, parts):
+    """The subpackage that the parts of a dotted name lie in; "" at the root."""
+    is_folder = parts and (SOURCE / package / parts[0]).is_dir()
+    return parts[0] if is_folder else ""
+
+
+def subpackage_imports(package, path):
+    """Subpackages that a module imports, and `__init__` for the package itself."""
+    for name in imports_of(path):
+        _, *parts = name.split(".")
+        if name.startswith("eskin.") and parts[0] == package:
+            yield subpackage_of(package, parts[1:]) if parts[1:] else "__init__"
 
 
 def test_every_package_has_its_place_in_the_order():
@@ -82,6 +121,29 @@ def test_a_package_imports_only_what_lies_below_it(package):
         if package_of(path) == package:
             wrong = eskin_packages(path) - allowed(package) - {package}
             assert not wrong, f"{path.relative_to(SOURCE)} imports {sorted(wrong)}"
+
+
+@pytest.mark.parametrize("package", sorted(INSIDE))
+def test_a_subpackage_imports_only_what_lies_below_it(package):
+    order = INSIDE[package]
+    wrong = []
+    for path in sorted((SOURCE / package).rglob("*.py")):
+        parts = path.relative_to(SOURCE / package).parts
+        if parts == ("__init__.py",):
+            continue
+        own = subpackage_of(package, parts)
+        assert own in order, f"{package}/{own} has no place in the order"
+        found = set(subpackage_imports(package, path))
+        beyond = found - reachable(order, own) - {own}
+        wrong += [
+            f"{path.relative_to(SOURCE)} imports {b or 'the root'}" for b in beyond
+        ]
+    assert not wrong, wrong
+
+
+def test_every_package_with_subpackages_states_their_order():
+    nested = SOURCE.glob("*/*/**/*.py")
+    assert {path.relative_to(SOURCE).parts[0] for path in nested} == set(INSIDE)
 
 
 def test_modules_form_no_import_cycle():

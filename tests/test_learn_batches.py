@@ -33,19 +33,19 @@ def rng(seed=0):
 
 @pytest.mark.parametrize("config", [NO_AUGMENTATION, VARIED])
 def test_a_batch_has_all_summaries_and_few_graphs(dataset, config):
-    batch = maker(dataset, config).make(8, 5, 4, rng())
-    assert (batch.places.windows, batch.some.places.windows) == (8, 5)
+    batch = maker(dataset, config).build(8, 5, 4, rng())
+    assert (batch.places.windows, batch.encoded.places.windows) == (8, 5)
     assert len(batch.labels) == 8
     assert len(batch.summary) == len(batch.places.window)
     counts = torch.bincount(batch.places.window, minlength=8)
-    encoded = torch.bincount(batch.some.places.window, minlength=8)
+    encoded = torch.bincount(batch.encoded.places.window, minlength=8)
     assert (counts > 0).all()
     assert torch.equal(encoded[:5], counts[:5].clamp(max=4))
     assert not encoded[5:].any()
 
 
 def test_unchanged_a_batch_holds_the_recorded_readings(dataset):
-    batch = maker(dataset).make(8, 8, 1000, rng())
+    batch = maker(dataset).build(8, 8, 1000, rng())
     every = summary(dataset.graphs, False)
     for row in batch.summary.numpy():
         assert (np.abs(every - row).max(axis=1) < 1e-4).any()
@@ -54,8 +54,8 @@ def test_unchanged_a_batch_holds_the_recorded_readings(dataset):
 @pytest.mark.parametrize("config", [NO_AUGMENTATION, VARIED])
 def test_the_graphs_are_of_the_readings_that_are_summed_up(dataset, config):
     """Both views of a window see the same person on the same skin."""
-    batch = maker(dataset, config).make(6, 4, 9, rng())
-    some = batch.some
+    batch = maker(dataset, config).build(6, 4, 9, rng())
+    some = batch.encoded
     every = {
         (window, slot): row
         for window, slot, row in zip(
@@ -78,7 +78,7 @@ def test_the_graphs_are_of_the_readings_that_are_summed_up(dataset, config):
 
 @pytest.mark.parametrize("config", [NO_AUGMENTATION, VARIED])
 def test_every_window_ends_with_its_last_slot(dataset, config):
-    batch = maker(dataset, config).make(16, 1, 1, rng())
+    batch = maker(dataset, config).build(16, 1, 1, rng())
     window, slot = batch.places.window.numpy(), batch.places.slot.numpy()
     for number in range(16):
         mine = slot[window == number]
@@ -88,7 +88,7 @@ def test_every_window_ends_with_its_last_slot(dataset, config):
 
 def test_lost_readings_are_not_in_the_batch(dataset):
     def count(config):
-        return len(maker(dataset, config).make(32, 1, 1, rng()).summary)
+        return len(maker(dataset, config).build(32, 1, 1, rng()).summary)
 
     whole = count(NO_AUGMENTATION)
     assert count(replace(NO_AUGMENTATION, halved=1.0)) == pytest.approx(
@@ -102,12 +102,12 @@ def test_lost_readings_are_not_in_the_batch(dataset):
 @pytest.mark.parametrize("config", [NO_AUGMENTATION, VARIED])
 def test_the_generator_decides_everything(dataset, config):
     one, same, other = (
-        maker(dataset, config).make(6, 4, 9, rng(seed)) for seed in (1, 1, 2)
+        maker(dataset, config).build(6, 4, 9, rng(seed)) for seed in (1, 1, 2)
     )
     assert torch.equal(one.summary, same.summary)
     assert torch.equal(one.labels, same.labels)
-    for field in fields(one.some.graphs):
-        a, b = (getattr(batch.some.graphs, field.name) for batch in (one, same))
+    for field in fields(one.encoded.graphs):
+        a, b = (getattr(batch.encoded.graphs, field.name) for batch in (one, same))
         assert torch.equal(a, b), field.name
     assert one.summary.shape != other.summary.shape or not torch.equal(
         one.summary, other.summary

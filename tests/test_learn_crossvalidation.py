@@ -67,7 +67,7 @@ def test_a_network_has_never_seen_the_recordings_of_its_group(dataset, monkeypat
             super().__init__(*args, **options)
             self.drawn = set()
             trainers.append(self)
-            draw = self.maker.sampler.draw
+            draw = self.batches.sampler.draw
 
             def watched(count, rng):
                 ends, firsts, labels = draw(count, rng)
@@ -75,7 +75,7 @@ def test_a_network_has_never_seen_the_recordings_of_its_group(dataset, monkeypat
                 self.drawn |= set(dataset.recording[np.concatenate(rows)].tolist())
                 return ends, firsts, labels
 
-            object.__setattr__(self.maker.sampler, "draw", watched)
+            object.__setattr__(self.batches.sampler, "draw", watched)
 
     monkeypatch.setattr(crossvalidation, "Trainer", Spy)
     networks = train_folds(dataset, ["a", "b", "a"], TINY)

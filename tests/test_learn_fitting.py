@@ -41,7 +41,7 @@ def fit(known, centres, forces=None, first=0):
     centres = np.array(centres)
     stamps = START + STEP * (first + np.arange(len(centres)))
     forces = np.ones(len(centres)) if forces is None else np.array(forces, float)
-    return known.fit(stamps, centres, forces)
+    return known.identify(stamps, centres, forces)
 
 
 @pytest.mark.parametrize(("place", "number"), [(LEFT, 7), (RIGHT, 3)])
@@ -110,7 +110,7 @@ def test_the_truth_of_a_recording_does_not_depend_on_its_order(tmp_path):
     records += [record(n, 3, RIGHT) for n in range(4)]
     found = read_true_touches(recorded(tmp_path / "a.mcap", records))
     assert found is not None
-    assert found.names == NAMES
+    assert found.labels == NAMES
     assert (np.diff(found.stamps) >= 0).all()
     for place, number in ((LEFT, 7), (RIGHT, 3)):
         assert fit(found, [place] * 4) == NAMES[number]

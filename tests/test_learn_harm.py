@@ -81,8 +81,8 @@ def same_graphs(one, other):
 @pytest.mark.parametrize("kind", KINDS)
 def test_no_harm_changes_nothing(kind, recording, examples):
     none = Corruption(kind, 0.0)
-    assert same(stacked(none.scans(recording)), stacked(recording.scans()))
-    skin = none.skin(recording.skin, recording.start)
+    assert same(stacked(none.transform_scans(recording)), stacked(recording.scans()))
+    skin = none.transform_skin(recording.skin, recording.start)
     for name in ("positions", "normals", "tangents"):
         assert np.array_equal(getattr(skin, name), getattr(recording.skin, name))
     unharmed, harmed = examples, replace(examples, harm=none)
@@ -96,8 +96,8 @@ def test_no_harm_changes_nothing(kind, recording, examples):
 def test_the_same_harm_is_the_same_and_another_seed_another(kind, recording):
     def shown(seed):
         harm = Corruption(kind, SOME[kind], seed)
-        skin = harm.skin(recording.skin, recording.start)
-        return (*stacked(harm.scans(recording)), skin.positions)
+        skin = harm.transform_skin(recording.skin, recording.start)
+        return (*stacked(harm.transform_scans(recording)), skin.positions)
 
     assert same(shown(0), shown(0))
     assert same(shown(0), shown(1)) == (kind == "rate")
@@ -106,14 +106,14 @@ def test_the_same_harm_is_the_same_and_another_seed_another(kind, recording):
 @pytest.mark.parametrize("kind", SHOWN)
 def test_what_scans_show_says_nothing_of_places(kind, recording):
     harm = Corruption(kind, SOME[kind])
-    assert harm.skin(recording.skin, recording.start) is recording.skin
+    assert harm.transform_skin(recording.skin, recording.start) is recording.skin
 
 
 @pytest.mark.parametrize("kind", ["dead", "patches", "noise", "drift", "lost"])
 def test_harm_of_one_kind_leaves_the_rest_alone(kind, recording):
     was, now = (
         stacked(recording.scans()),
-        stacked(Corruption(kind, SOME[kind]).scans(recording)),
+        stacked(Corruption(kind, SOME[kind]).transform_scans(recording)),
     )
     kept = np.isin(was[0], now[0])
     assert kept.all() == (kind != "lost")
@@ -128,7 +128,9 @@ def test_harm_of_one_kind_leaves_the_rest_alone(kind, recording):
 @pytest.mark.parametrize("kind", ["dead", "lost", "patches"])
 def test_more_harm_is_more_of_the_same(kind, recording):
     def missing(amount):
-        stamps, counts, received, _ = stacked(Corruption(kind, amount).scans(recording))
+        stamps, counts, received, _ = stacked(
+            Corruption(kind, amount).transform_scans(recording)
+        )
         all_stamps = stacked(recording.scans())[0]
         return {
             "dead": set(np.flatnonzero(np.ptp(counts, axis=0) == 0)),
@@ -142,7 +144,7 @@ def test_more_harm_is_more_of_the_same(kind, recording):
 
 def test_dead_taxels_are_so_many_and_never_touched(recording):
     was = stacked(recording.scans())
-    _, counts, received, _ = stacked(Corruption("dead", 0.1).scans(recording))
+    _, counts, received, _ = stacked(Corruption("dead", 0.1).transform_scans(recording))
     heard = np.where(received, counts, REST)
     dead = heard.max(axis=0) < REST + 10
     assert (was[1].max(axis=0) > REST + HIGH - 10).all()
@@ -153,7 +155,10 @@ def test_dead_taxels_are_so_many_and_never_touched(recording):
 def test_missing_patches_are_never_received_and_others_as_before(recording):
     was, now = (
         stacked(each)[2]
-        for each in (recording.scans(), Corruption("patches", 2.0).scans(recording))
+        for each in (
+            recording.scans(),
+            Corruption("patches", 2.0).transform_scans(recording),
+        )
     )
     patch = recording.skin.patch_index
     silent = {int(n) for n in np.unique(patch) if not now[:, patch == n].any()}
@@ -164,7 +169,7 @@ def test_missing_patches_are_never_received_and_others_as_before(recording):
 
 def test_noise_is_as_large_as_asked(recording):
     _, was, received, _ = stacked(recording.scans())
-    _, now, _, _ = stacked(Corruption("noise", 0.01).scans(recording))
+    _, now, _, _ = stacked(Corruption("noise", 0.01).transform_scans(recording))
     noise = (now - was)[received]
     assert noise.std() == pytest.approx(0.01 * FULL_SCALE, rel=0.01)
     assert abs(noise.mean()) < 0.5
@@ -173,7 +178,7 @@ def test_noise_is_as_large_as_asked(recording):
 
 def test_drift_begins_after_the_tare_and_goes_at_its_speed_there_and_back(recording):
     stamps, was, received, _ = stacked(recording.scans())
-    _, now, _, _ = stacked(Corruption("drift", 2.0).scans(recording))
+    _, now, _, _ = stacked(Corruption("drift", 2.0).transform_scans(recording))
     kpa = (now - was) * 100 / FULL_SCALE
     seconds = (stamps - stamps[0]) / SECOND
     assert (
@@ -190,7 +195,7 @@ def test_drift_begins_after_the_tare_and_goes_at_its_speed_there_and_back(record
 def test_lost_scans_are_so_many_and_the_others_come(recording):
     was, now = (
         stacked(recording.scans()),
-        stacked(Corruption("lost", 0.2).scans(recording)),
+        stacked(Corruption("lost", 0.2).transform_scans(recording)),
     )
     assert len(now[0]) == SCANS - round(0.2 * SCANS)
     assert set(now[0]) < set(was[0])
@@ -199,7 +204,7 @@ def test_lost_scans_are_so_many_and_the_others_come(recording):
 def test_at_25_hz_every_other_scan_comes(recording):
     was, now = (
         stacked(recording.scans()),
-        stacked(Corruption("rate", 25.0).scans(recording)),
+        stacked(Corruption("rate", 25.0).transform_scans(recording)),
     )
     assert same([each[::2] for each in was], now)
 
@@ -207,7 +212,7 @@ def test_at_25_hz_every_other_scan_comes(recording):
 @pytest.mark.parametrize("times", [2, 4])
 def test_at_more_hertz_there_are_more_scans_that_say_no_more(recording, times):
     was = stacked(recording.scans())
-    now = stacked(Corruption("rate", 50.0 * times).scans(recording))
+    now = stacked(Corruption("rate", 50.0 * times).transform_scans(recording))
     assert len(now[0]) == times * SCANS
     assert same([each[::times] for each in now], was)
     assert (np.diff(now[0]) > 0).all()
@@ -219,7 +224,7 @@ def test_at_more_hertz_there_are_more_scans_that_say_no_more(recording, times):
 
 
 def test_in_a_pause_nothing_is_made_up(recording):
-    stamps, counts, _, _ = stacked(Corruption("rate", 100.0).scans(recording))
+    stamps, counts, _, _ = stacked(Corruption("rate", 100.0).transform_scans(recording))
     assert stamps[259] - stamps[258] == PERIOD // 2
     assert np.array_equal(counts[259], counts[258])
     assert stamps[260] - stamps[259] > 4 * SECOND
@@ -228,8 +233,8 @@ def test_in_a_pause_nothing_is_made_up(recording):
 @pytest.mark.parametrize("kind", ["pose-mm", "pose-deg"])
 def test_links_move_rigidly_by_the_amount_and_no_scan_changes(kind, recording):
     harm, skin = Corruption(kind, SOME[kind]), recording.skin
-    assert same(stacked(harm.scans(recording)), stacked(recording.scans()))
-    moved = harm.skin(skin, recording.start)
+    assert same(stacked(harm.transform_scans(recording)), stacked(recording.scans()))
+    moved = harm.transform_skin(skin, recording.start)
     links, ways = np.array(skin.link_names)[skin.patch_index], []
     for link in set(skin.link_names):
         on = links == link
@@ -270,7 +275,9 @@ def test_wrong_places_change_graphs_and_no_window(examples):
     mounted = examples.mounted
     [(seen, windows)] = wrong.find_windows_on(mounted)
     assert windows.count == len(examples.every)
-    skin = wrong.harm.skin(mounted.skin, read_recording(examples.paths[0]).start)
+    skin = wrong.harm.transform_skin(
+        mounted.skin, read_recording(examples.paths[0]).start
+    )
     assert np.array_equal(seen.skin.positions, skin.positions)
     assert not np.allclose(skin.positions, mounted.skin.positions, atol=1e-4)
 
@@ -286,7 +293,7 @@ def test_a_baseline_is_asked_where_the_taxels_are_believed_to_be(examples, monke
     wrong = replace(examples, harm=Corruption("pose-mm", 20.0))
     METHODS["knn-max"].fit(examples, 0)(wrong)
     start = read_recording(examples.paths[0]).start
-    skin = wrong.harm.skin(examples.mounted.skin, start)
+    skin = wrong.harm.transform_skin(examples.mounted.skin, start)
     np.testing.assert_array_equal(seen, [skin.positions])
 
 
@@ -340,6 +347,6 @@ def test_harm_that_means_nothing_is_refused(kind, amount, message):
 
 def test_what_a_recording_cannot_lack_or_give_is_refused(recording):
     with pytest.raises(ValueError, match="10 patches are to be missing of 9"):
-        next(Corruption("patches", 10.0).scans(recording))
+        next(Corruption("patches", 10.0).transform_scans(recording))
     with pytest.raises(ValueError, match=r"rate is 30 Hz of scans that came at 50\.0"):
-        next(iter(Corruption("rate", 30.0).scans(recording)))
+        next(iter(Corruption("rate", 30.0).transform_scans(recording)))

@@ -58,14 +58,14 @@ def paths(tmp_path_factory):
 )
 def test_a_part_is_read_as_it_was_written(tmp_path, kind, fits):
     recording = read_recording(record(tmp_path / "a.mcap", kind=kind))
-    part = replace(prepare_recording(recording, PIPELINE, GRAPH), fits=fits)
+    part = replace(prepare_recording(recording, PIPELINE, GRAPH), touches=fits)
     assert part.graphs.shear.any() == (kind == "shear")
     save_prepared(tmp_path / "a.npz", part)
     read = load_prepared(tmp_path / "a.npz")
     assert_same_values(read.graphs, part.graphs)
     assert np.array_equal(read.stamps, part.stamps)
     assert np.array_equal(read.sequence, part.sequence)
-    assert read.fits == fits
+    assert read.touches == fits
 
 
 def test_a_part_without_rows_is_read_as_it_was_written(tmp_path):

@@ -62,26 +62,26 @@ def test_the_rows_are_the_graphs_of_the_stream_in_sequences(tmp_path, calibrated
 def test_every_touch_of_a_clip_is_the_one_that_was_made(simulated):
     path, found = simulated
     clips = read_clips(path)
-    assert found.fits is not None
-    assert len(found.fits) == len(clips) > 0
+    assert found.touches is not None
+    assert len(found.touches) == len(clips) > 0
     for number, (first, end) in enumerate(find_runs(found.sequence[:, None])):
         [clip] = [c for c in clips if c.start <= found.stamps[first] < c.end]
-        fit = found.fits[number]
+        fit = found.touches[number]
         assert fit is not None
         assert (fit.gesture, fit.kind) == (clip.gesture, "tip")
         assert (np.diff(found.stamps[first:end]) > 0).all()
-    assert len({fit.touch for fit in found.fits if fit}) == len(clips)
+    assert len({fit.touch for fit in found.touches if fit}) == len(clips)
 
 
 def test_what_no_touch_truly_made_is_fitted_to_none(tmp_path):
     [path] = generated(tmp_path / "set", Elsewhere)
     found = part(path)
     assert len(found.stamps) > 0
-    assert found.fits == (None,) * (found.sequence.max() + 1)
+    assert found.touches == (None,) * (found.sequence.max() + 1)
 
 
 def test_a_recording_that_does_not_know_the_truth_has_no_fits(tmp_path):
-    assert part(record(tmp_path / "a.mcap", calibrated=True)).fits is None
+    assert part(record(tmp_path / "a.mcap", calibrated=True)).touches is None
 
 
 def test_a_recording_without_touch_is_a_part_without_rows(tmp_path):

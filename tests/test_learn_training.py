@@ -86,8 +86,8 @@ def test_a_trainer_sees_no_recording_but_its_own(dataset):
         parts = sampler.classes.values()
         return {segment.recording for part in parts for segment in part}
 
-    assert trainer.held is not None
-    train, held = seen(trainer.maker.sampler), seen(trainer.held.sampler)
+    assert trainer.held_out is not None
+    train, held = seen(trainer.batches.sampler), seen(trainer.held_out.sampler)
     assert train | held == {0, 1, 3}
     assert not train & held
 
@@ -196,10 +196,10 @@ def test_training_cut_at_any_step_and_taken_up_gives_the_same_weights(
             cut = Trainer(dataset, VOCABULARY, config)
             cut_after(cut, steps, monkeypatch)
             with pytest.raises(Cut):
-                cut.run(quiet=True, kept=kept, facts="these")
+                cut.run(quiet=True, checkpoint=kept, facts="these")
         again = Trainer(dataset, VOCABULARY, config)
         assert torch.equal(
-            weights(again.run(quiet=True, kept=kept, facts="these")), wanted
+            weights(again.run(quiet=True, checkpoint=kept, facts="these")), wanted
         )
         assert again.epochs == whole.epochs == 3
         assert again.fit_temperature() == whole.fit_temperature()
@@ -215,7 +215,9 @@ def test_a_training_that_is_over_is_not_taken_up_again(dataset, tmp_path, monkey
             trainer, left = Trainer(dataset, VOCABULARY, config), iter(losses)
             monkeypatch.setattr(trainer, "validation_loss", lambda x=left: next(x))
             monkeypatch.setattr(training, "SAVE_PERIOD", -1.0)
-            found.append(weights(trainer.run(quiet=True, kept=kept, facts="these")))
+            found.append(
+                weights(trainer.run(quiet=True, checkpoint=kept, facts="these"))
+            )
             assert trainer.epochs == epochs
         assert torch.equal(*found)
         kept.unlink()
@@ -223,11 +225,13 @@ def test_a_training_that_is_over_is_not_taken_up_again(dataset, tmp_path, monkey
 
 def test_a_training_is_kept_as_it_goes_and_not_without_a_file(dataset, tmp_path):
     kept = tmp_path / "m.training"
-    Trainer(dataset, VOCABULARY, TINY).run(quiet=True, kept=kept, facts="these")
+    Trainer(dataset, VOCABULARY, TINY).run(quiet=True, checkpoint=kept, facts="these")
     assert not kept.exists()  # It was over before the first half minute.
     with pytest.raises(ModelError, match="cannot be read"):
         kept.write_bytes(b"nothing")
-        Trainer(dataset, VOCABULARY, TINY).run(quiet=True, kept=kept, facts="these")
+        Trainer(dataset, VOCABULARY, TINY).run(
+            quiet=True, checkpoint=kept, facts="these"
+        )
 
 
 def test_two_workers_without_dropout_give_the_same_weights_twice(dataset):
@@ -243,13 +247,13 @@ def test_two_workers_without_dropout_give_the_same_weights_twice(dataset):
 def test_workers_share_a_batch_of_the_same_size(dataset, monkeypatch):
     config = replace(TINY, batch=9, encoded=5, workers=3)
     trainer, made = Trainer(dataset, VOCABULARY, config), []
-    make = trainer.maker.make
+    make = trainer.batches.build
 
     def noted(count, encoded, readings, rng):
         made.append((count, encoded, readings))
         return make(count, encoded, readings, rng)
 
-    object.__setattr__(trainer.maker, "make", noted)
+    object.__setattr__(trainer.batches, "build", noted)
     trainer.run(quiet=True)
     # The first batch is what the summary is standardised by.
     assert made[1:] == [(3, 2, TINY.readings)] * 3 * TINY.steps
@@ -259,9 +263,9 @@ def test_data_to_validate_on_leaves_all_others_to_train_on(dataset, tmp_path):
     other = prepare(record_people(tmp_path, ("eve", "fay")))
     config = replace(TINY, validation=0.5)
     trainer = Trainer(dataset, VOCABULARY, config, validation=other)
-    assert trainer.held is not None
-    assert trainer.held.dataset is other
-    assert trainer.maker.dataset is dataset
+    assert trainer.held_out is not None
+    assert trainer.held_out.dataset is other
+    assert trainer.batches.dataset is dataset
     assert trainer.holdout.train == {0, 1, 2, 3}
     one = Trainer(dataset, VOCABULARY, config, validation=other).validation_loss()
     assert one == trainer.validation_loss()
@@ -328,7 +332,7 @@ def test_only_clips_of_what_is_held_out_are_answered(tmp_path):
     config = replace(TINY, validation=0.5)
     trainer = Trainer(clips, clips.vocabulary, config)
     [held] = trainer.held_recordings
-    logits, labels = trainer.held_answers()
+    logits, labels = trainer.predict_held_out()
     assert len(logits) == len(labels) == len(clips.clips[held]) > 0
 
 
@@ -339,7 +343,7 @@ def test_the_best_weights_are_restored():
     for epoch, loss in enumerate((3.0, 4.0, 1.0, 2.0, 1.5, 1.0, 0.1)):
         with torch.no_grad():
             network.weight.fill_(epoch)
-        stops.append(best.is_enough(network, loss))
+        stops.append(best.update(network, loss))
         if stops[-1]:
             break
     assert stops == [False] * 5 + [True]
@@ -351,7 +355,7 @@ def test_without_a_finite_loss_the_last_weights_stay():
     network = torch.nn.Linear(1, 1)
     kept = network.weight.clone()
     best = EarlyStopping(patience=9)
-    assert not best.is_enough(network, float("nan"))
+    assert not best.update(network, float("nan"))
     best.restore(network)
     assert torch.equal(network.weight, kept)
 
@@ -375,7 +379,7 @@ def test_the_temperature_is_above_zero_and_no_worse_than_none(dataset):
     config = replace(TINY, validation=0.5)
     trainer = Trainer(dataset, VOCABULARY, config)
     trainer.run(quiet=True)
-    logits, labels = trainer.validation_logits()
+    logits, labels = trainer.predict_validation_windows()
     t = trainer.fit_temperature()
     assert t > 0
     loss = torch.nn.functional.cross_entropy

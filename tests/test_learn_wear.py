@@ -36,7 +36,7 @@ def test_a_skin_that_does_not_differ_counts_the_same(recording):
     rest = np.median(counts_of(list(recording.scans())[:50]), axis=0)
     was, now = (
         counts_of(scans)
-        for scans in (recording.scans(), Aging(AS_IT_WAS, 0).scans(recording))
+        for scans in (recording.scans(), Aging(AS_IT_WAS, 0).transform_scans(recording))
     )
     touched = was > rest
     assert touched.any()
@@ -48,8 +48,8 @@ def test_a_skin_that_does_not_differ_counts_the_same(recording):
 def test_what_is_not_felt_is_taken_away(recording):
     deaf = Aging(replace(AS_IT_WAS, unfelt=20.0), 0)
     was, now = (
-        counts_of(Aging(AS_IT_WAS, 0).scans(recording)),
-        counts_of(deaf.scans(recording)),
+        counts_of(Aging(AS_IT_WAS, 0).transform_scans(recording)),
+        counts_of(deaf.transform_scans(recording)),
     )
     assert (now <= was).all()
     assert (now < was).any()
@@ -57,7 +57,8 @@ def test_what_is_not_felt_is_taken_away(recording):
 
 def test_the_same_number_is_the_same_skin(recording):
     one, again, other = (
-        counts_of(Aging(AgingConfig(), number).scans(recording)) for number in (0, 0, 1)
+        counts_of(Aging(AgingConfig(), number).transform_scans(recording))
+        for number in (0, 0, 1)
     )
     assert np.array_equal(one, again)
     assert (one != other).any()
@@ -65,7 +66,9 @@ def test_the_same_number_is_the_same_skin(recording):
 
 def test_only_counts_change(recording):
     for was, now in zip(
-        recording.scans(), Aging(AgingConfig(), 0).scans(recording), strict=True
+        recording.scans(),
+        Aging(AgingConfig(), 0).transform_scans(recording),
+        strict=True,
     ):
         assert now.stamp == was.stamp
         assert np.array_equal(now.received, was.received)
@@ -76,7 +79,7 @@ def test_only_counts_change(recording):
 
 def test_counts_stay_within_the_converter(recording):
     strong = AgingConfig(patch_gain=5.0, noise=1.0)
-    now = counts_of(Aging(strong, 0).scans(recording))
+    now = counts_of(Aging(strong, 0).transform_scans(recording))
     assert now.min() == 0
     assert now.max() == recording.calibration.full_scale
 
@@ -84,8 +87,8 @@ def test_counts_stay_within_the_converter(recording):
 def test_a_recording_is_learned_of_its_own_skin_and_of_others(tmp_path):
     paths = generated(tmp_path / "set")
     versions = [None, Aging(AgingConfig(), 0), Aging(AgingConfig(), 1)]
-    alone, plain = prepare(paths), prepare(paths, versions=versions)
-    packed = prepare(paths, versions=versions, pack=tmp_path / "pack")
+    alone, plain = prepare(paths), prepare(paths, transforms=versions)
+    packed = prepare(paths, transforms=versions, pack=tmp_path / "pack")
     assert len(plain.recordings) == len(plain.clips) == 3 * len(paths)
     own = plain.recording < len(paths)
     assert np.array_equal(plain.stamps[own], alone.stamps)
@@ -97,10 +100,10 @@ def test_a_recording_is_learned_of_its_own_skin_and_of_others(tmp_path):
 
 def test_what_is_held_out_is_learned_of_no_other_skin_either(tmp_path):
     paths = record_people(tmp_path, ("ann", "bob", "cleo", "dan"))
-    dataset = prepare(paths, versions=[None, Aging(AgingConfig(), 0)])
+    dataset = prepare(paths, transforms=[None, Aging(AgingConfig(), 0)])
     trainer = Trainer(dataset, dataset.vocabulary, replace(TINY, validation=0.5))
-    learned = {s.recording for s in segments_of(trainer.maker)}
-    held = {s.recording for s in segments_of(trainer.held)}
+    learned = {s.recording for s in segments_of(trainer.batches)}
+    held = {s.recording for s in segments_of(trainer.held_out)}
     assert len(learned) == 2 * len(trainer.holdout.train) == 4
     assert held == trainer.holdout.held and max(held) < len(paths)
     assert not {index % len(paths) for index in learned} & held

@@ -194,7 +194,7 @@ def test_stretching_by_nothing_changes_nothing():
 def came(share, halved, seed=0):
     *_, windows = random_windows(seed)
     places = drop_readings(windows, share, halved, np.random.default_rng(seed))
-    return windows, places, windows.at(places)
+    return windows, places, windows.select(places)
 
 
 @pytest.mark.parametrize("seed", SEEDS)
@@ -234,7 +234,7 @@ def test_half_of_the_largest_share_is_lost_on_average():
 def test_some_of_the_readings_keep_their_places():
     *_, windows = random_windows(1)
     places = np.arange(1, len(windows.rows), 3)
-    some = windows.at(places)
+    some = windows.select(places)
     for name in ("rows", "window", "slot"):
         assert getattr(some, name).tolist() == getattr(windows, name)[places].tolist()
     assert some.count == windows.count

@@ -8,7 +8,7 @@ import pytest
 import eskin.app
 from device_scenes import PERIOD, small_skin
 from eskin.cli.main import run
-from eskin.cli.skin_check import TARE, tare
+from eskin.cli.skin import TARE_S, tare
 from eskin.drivers import STEPPED, ManualClock, PlayedSource, SourceInfo
 from eskin.robot import load_robot
 from eskin.skin import MountedSkin, save_skin
@@ -76,7 +76,7 @@ def test_a_touch_does_not_end_taring():
     scans = list(presses(skin, lambda taxel: taxel))[FIRST - 60 :]
     source = PlayedSource(info, scans, STEPPED, ManualClock())
     tare(source, TouchPipeline(MountedSkin(skin, load_robot("table")), calibration))
-    assert source.counters()["readings"] == TARE * 50 + 1
+    assert source.counters()["readings"] == TARE_S * 50 + 1
 
 
 def test_exchanged_plugs_are_named(check_live, capsys):

@@ -266,7 +266,7 @@ def test_the_live_path_needs_no_torch():
     import sys
 
     code = (
-        "import sys, eskin, eskin.live, eskin.cli.replay; eskin.Recognizer;"
+        "import sys, eskin, eskin.live, eskin.cli.recordings; eskin.Recognizer;"
         "assert not {'torch', 'sklearn', 'eskin.nn', 'eskin.learn'} & set(sys.modules)"
     )
     subprocess.run([sys.executable, "-c", code], check=True)

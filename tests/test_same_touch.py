@@ -8,15 +8,15 @@ import pytest
 
 from eskin.cli.main import run
 from eskin.demo import same_touch
-from eskin.demo.comparison import ComparisonListener, played
+from eskin.demo.comparison import ComparisonListener, play_touches
 from eskin.demo.same_touch import (
     RecognitionResult,
     draw_touches,
     load_both_models,
     recognise_touch,
 )
+from eskin.page import Answer as Shown
 from eskin.page import Board
-from eskin.page import RecognitionResult as Shown
 from eskin.page.board import board
 from eskin.sim.scene.validity import is_free
 from world_scenes import world
@@ -55,11 +55,11 @@ def test_both_playings_have_the_same_counts_and_not_the_same_pose(touches):
 
 def test_who_sees_no_pose_says_the_same_twice_and_who_does_another_thing(answers):
     posed, blind = answers
-    assert blind[0].said == blind[1].said and blind[0].said
+    assert blind[0].detected == blind[1].detected and blind[0].detected
     assert np.array_equal(blind[0].probabilities, blind[1].probabilities)
-    assert len(posed[0].said) == 1 and len(posed[1].said) == 2
+    assert len(posed[0].detected) == 1 and len(posed[1].detected) == 2
     for answer in (*posed, *blind):
-        assert max(answer.probabilities) in [sure for _, sure in answer.said]
+        assert max(answer.probabilities) in [sure for _, sure in answer.detected]
 
 
 def test_touches_are_the_same_every_time_and_others_with_another_seed(touches):
@@ -70,7 +70,7 @@ def test_touches_are_the_same_every_time_and_others_with_another_seed(touches):
 
 def test_the_arm_goes_from_pose_to_pose_without_a_jump_or_a_collision(touches):
     period, length = touches[0].period, len(touches[0].counts)
-    scans = list(islice(played(touches), 5 * length))
+    scans = list(islice(play_touches(touches), 5 * length))
     assert set(np.diff([scan.stamp for scan in scans])) == {period}
     q = np.array([scan.q for scan in scans])
     assert np.abs(np.diff(q, axis=0)).max() < 0.15
@@ -83,18 +83,18 @@ def test_the_arm_goes_from_pose_to_pose_without_a_jump_or_a_collision(touches):
 def test_the_page_is_told_what_is_said_without_it(touches, answers):
     heard, touch = ComparisonListener(touches, load_both_models("ur5")), touches[0]
     length = len(touch.counts)
-    for scan in islice(played(touches), 2 * length - 1):
+    for scan in islice(play_touches(touches), 2 * length - 1):
         heard.on_message(scan)
     told = heard.board
     assert told is not None and told.done == touch.labels and told.playing == 1
     for (_, row), known in zip(told.rows, answers, strict=True):
         for shown, answer, label in zip(row, known, touch.labels, strict=True):
-            assert shown.said == answer.words
-            assert shown.right == answer.is_right(label)
+            assert shown.said == answer.texts
+            assert shown.right == answer.is_correct(label)
             np.testing.assert_allclose(
                 shown.probabilities, answer.probabilities, rtol=1e-6
             )
-    for scan in islice(played(touches), 2 * length, 2 * length + 1):
+    for scan in islice(play_touches(touches), 2 * length, 2 * length + 1):
         heard.on_message(scan)
     told = heard.board
     assert told is not None and told.playing == 0 and told.title.endswith("touch 2")
@@ -105,9 +105,9 @@ def test_an_answer_is_right_that_says_what_is_done_once_and_nothing_else():
     nothing = np.zeros(3)
 
     def right(label, *said):
-        return RecognitionResult(tuple((each, 0.9) for each in said), nothing).is_right(
-            label
-        )
+        return RecognitionResult(
+            tuple((each, 0.9) for each in said), nothing
+        ).is_correct(label)
 
     assert right("grab", "grab") and right("grab", "none", "grab")
     assert right("none", "none", "unknown") and right("none")

@@ -86,4 +86,4 @@ def test_fifty_thousand_mutated_packets_each_have_one_fate_and_break_nothing():
     counted = source.counters()
     assert sum(counted[fate] for fate in FATES) == transport.brought
     assert counted["damaged"] > 10_000 < counted["foreign"] + counted["held"]
-    assert all(len(feed.parts) <= 5 for feed in source.assembler.streams.values())
+    assert all(len(stream.partial) <= 5 for stream in source.assembler.streams.values())

@@ -10,8 +10,7 @@ from benchmarks.ur_stand_in import StandIn
 
 from command_scenes import INFO, VOCABULARY, Scene
 from eskin.app import open_arm
-from eskin.command import FRAME_TASK, MotionConfig, Policy, PolicyConfig
-from eskin.command.ur_arm import UrArm
+from eskin.command import FRAME_TASK, MotionConfig, Policy, PolicyConfig, UrArm
 from eskin.drivers import ManualClock
 from eskin.errors import ArmError
 from eskin.stream import Context

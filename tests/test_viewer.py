@@ -11,12 +11,11 @@ from tests.viewer_scenes import mounted, picture, setup
 from eskin.errors import DeviceError
 from eskin.page import ColourScale, PageOrder, TouchOrder
 from eskin.page.colours import UNHEARD
-from eskin.page.hand import LEAST, TWICE, Hand
-from eskin.page.pointing import Spot
+from eskin.page.hand import LEAST, TWICE, Hand, Spot
 from eskin.page.port import free_port
-from eskin.viewer.look import solids_of
-from eskin.viewer.packer import arm_line
+from eskin.viewer.appearance import solids_of
 from eskin.viewer.process import MOST_ORDERS, ON_THE_WAY, PageProcess
+from eskin.viewer.viewer import arm_line
 
 FOREARM = 1200
 

@@ -14,8 +14,8 @@ from eskin.page.server import is_local
 from eskin.stream import CommandEvent, Recognition, Stream
 from eskin.transforms import apply
 from eskin.viewer import Viewer, ViewerConfig
-from eskin.viewer.packer import MOST_SAID, Packer
 from eskin.viewer.process import PageProcess
+from eskin.viewer.viewer import MOST_SAID, Packer
 
 
 def detection(p_world):

@@ -52,7 +52,7 @@ def struck(device):
 
 @pytest.mark.parametrize("kind", sorted(FAULT_KINDS))
 def test_a_fault_is_the_same_every_time_and_another_for_another_seed(kind):
-    where = ":left,right" if FAULT_KINDS[kind].pair else ""
+    where = ":left,right" if FAULT_KINDS[kind].needs_pair else ""
     once, first = heard_with(kind + where, framed=True)
     again, second = heard_with(kind + where, framed=True)
     assert once == again
@@ -62,7 +62,7 @@ def test_a_fault_is_the_same_every_time_and_another_for_another_seed(kind):
 
 @pytest.mark.parametrize("kind", sorted(FAULT_KINDS))
 def test_a_fault_that_is_yet_to_come_changes_nothing(kind):
-    where = ":left,right" if FAULT_KINDS[kind].pair else ""
+    where = ":left,right" if FAULT_KINDS[kind].needs_pair else ""
     without, _ = heard_with(framed=True)
     heard, device = heard_with(f"{kind}{where}@1000", framed=True)
     assert heard == without

@@ -218,7 +218,7 @@ def test_without_a_listener_nothing_waits_and_the_loss_is_counted():
 
 def test_a_listener_that_does_not_read_costs_whole_packets_only():
     skin = small_skin()
-    port = PtyPort(patience=0.0)
+    port = PtyPort(timeout=0.0)
     device = VirtualSkin(skin, [port], RATE)
     with device, opened(port) as line:
         device.play(scans_of(skin, 1500), ManualClock())

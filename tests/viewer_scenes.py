@@ -7,8 +7,8 @@ import numpy as np
 from eskin.page import ContactMark, Picture, TouchNow
 from eskin.robot import load_robot
 from eskin.skin import MountedSkin, load_skin
-from eskin.viewer.look import setup_of
-from eskin.viewer.packer import packed_poses
+from eskin.viewer.appearance import setup_of
+from eskin.viewer.viewer import packed_poses
 
 Q = np.array([0.4, -1.1, 1.4, -0.6, 0.9, 0.0])
 GESTURES = ("none", "poke", "double_pat", "grab", "stroke")

@@ -9,8 +9,7 @@ import yaml
 from benchmarks.fuzz.mutation import mutate
 from benchmarks.fuzz.skin_files import YAML_WORDS
 from benchmarks.fuzz.target import Target, check_refusal
-from eskin.command import load_commands
-from eskin.command.command_map import parse_commands
+from eskin.command import load_commands, parse_commands
 from eskin.errors import CommandError
 from eskin.skin import load_skin
 

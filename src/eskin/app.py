@@ -1,8 +1,9 @@
-"""Wiring: sources and arms by their URIs, with all that they need."""
+"""This module opens sources and arms by their URIs, with all that they need."""
 
 from collections.abc import Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
+from importlib import resources
 from importlib.util import find_spec
 from pathlib import Path
 from urllib.parse import urlsplit
@@ -10,7 +11,7 @@ from urllib.parse import urlsplit
 import numpy as np
 from jaxtyping import Float
 
-from eskin.command import FRAME_TASK, Arm, MotionConfig, SimulatedArm, Task
+from eskin.command import FRAME_TASK, Arm, MotionConfig, SimulatedArm, Task, UrArm
 from eskin.drivers import Clock, HostClock, Source, SourceInfo
 from eskin.drivers.device_source import DeviceSource
 from eskin.drivers.played_source import PlayedSource, replay_source
@@ -23,47 +24,52 @@ from eskin.live.recognizer import mount
 from eskin.robot import Robot
 from eskin.skin import MountedSkin, Skin
 from eskin.touch import Calibration
+from eskin.ur import UrLink
 
 CALIBRATION = "calibration.json"
-"""Beside the `skin.yaml` of a skin: what its electronics are."""
+"""Name of the calibration file beside the `skin.yaml` of a skin."""
 
-ALLOWED = "serial:PATH, udp://HOST:PORT, replay:FILE or sim:SKIN"
+NOMINAL_CALIBRATION = "nominal_calibration.json"
+"""Name of the calibration file of the preset skins, with the gain of every taxel."""
+
+ALLOWED_URIS = "serial:PATH, udp://HOST:PORT, replay:FILE or sim:SKIN"
 
 
 @dataclass(frozen=True)
 class SourceConfig:
-    """How a source is opened; each kind takes of it what it needs."""
+    """A source configuration says how a source is opened; each kind uses a part."""
 
     skin: str | Path | Skin | None = None
-    """The skin that devices are patches of: a preset's name, a folder, or a skin."""
+    """Skin that devices are patches of: a preset's name, a folder, or a skin."""
 
     robot: str | Path | Robot | None = None
-    """The robot that it is on: a preset's name or a URDF; a preset skin has its own."""
+    """Robot that wears the skin: a preset's name or a URDF; preset skins have one."""
 
     calibration: Path | Calibration | None = None
-    """Of its electronics; else `calibration.json` in the skin's folder, else that of
-    the nominal laminate of the simulator."""
+    """Calibration of its electronics; else `calibration.json` in the skin's folder,
+    else the nominal calibration of the preset skins."""
 
     q: tuple[float, ...] | None = None
-    """Where the joints of a robot that does not move are [rad]; all zero where None."""
+    """Joint positions of a robot that does not move [rad]; all zero where None."""
 
     joints: JointSource | None = None
-    """Who tells where the joints are, in place of `q`."""
+    """Source of joint positions, in place of `q`."""
 
     rate: float | None = None
-    """Scans a second of a device [1/s]; what its patches promise where None."""
+    """Scan rate of a device [1/s]; the rate that its patches announce where None."""
 
     pace: float = 1.0
     """Seconds of a recording or simulation played in a second; inf for all at once."""
 
     seed: int = 0
-    """Of the simulated person."""
+    """Seed of the simulated person."""
 
     baud: int = 1_000_000
-    """Of serial ports; without meaning where the port is USB alone."""
+    """Baud rate of serial ports; without meaning where the port is USB alone."""
 
     allow_remote: bool = False
-    """Whether UDP may be heard from other computers: it does not tell who sends."""
+    """Whether UDP packets from other computers are accepted: they do not tell their
+    sender."""
 
 
 def open_source(
@@ -77,9 +83,9 @@ def open_source(
     Args:
         uris: `serial:PATH` (several for several ports), `udp://HOST:PORT`,
             `replay:FILE` or `sim:SKIN`.
-        skin: that devices are patches of, in place of that of `config`.
-        config: how it is opened.
-        clock: that scans are stamped by; this computer's unless given.
+        skin: skin that devices are patches of, in place of that of `config`.
+        config: how the source is opened.
+        clock: clock that stamps scans; this computer's unless given.
 
     Raises:
         DeviceError: there is no such source, or it cannot be opened.
@@ -90,18 +96,18 @@ def open_source(
     clock = clock or HostClock()
     kinds = {uri.partition(":")[0] for uri in uris}
     if kinds == {"serial"}:
-        return device(uris, config, clock)
+        return open_device(uris, config, clock)
     if len(uris) != 1 or not kinds <= {"udp", "replay", "sim"}:
         raise DeviceError(
-            f"source is '{' '.join(uris)}'; allowed is one of {ALLOWED}, or several "
-            "serial ports; correct it"
+            f"source is '{' '.join(uris)}'; allowed is one of {ALLOWED_URIS}, or "
+            "several serial ports; correct it"
         )
     if kinds == {"udp"}:
-        return device(uris, config, clock)
+        return open_device(uris, config, clock)
     rest = uris[0].partition(":")[2]
     if kinds == {"replay"}:
         return replay_source(rest, config.pace, clock, restamp=True)
-    return simulated(rest, config, clock)
+    return open_simulation(rest, config, clock)
 
 
 def open_arm(
@@ -111,15 +117,15 @@ def open_arm(
     motion: MotionConfig | None = None,
     gripper_output: int = 0,
 ) -> Arm:
-    """Open an arm that goes about a task.
+    """Open an arm that runs a task.
 
     A simulated one begins at once; a real one is held until it is released.
 
     Args:
         uri: `sim:ur5` or `ur://HOST`.
-        task: what it does.
-        clock: it goes by; this computer's unless given.
-        motion: how fast it goes.
+        task: the task that it runs.
+        clock: the clock that it goes by; this computer's unless given.
+        motion: its limits of motion.
         gripper_output: standard digital output of a UR that closes the gripper.
 
     Raises:
@@ -139,14 +145,11 @@ def open_arm(
             f"robot is '{uri}', but ur_rtde is missing; allowed is with it installed; "
             "pip install 'eskin[ur]'"
         )
-    from eskin.command.ur_arm import UrArm
-    from eskin.ur import UrLink
-
     return UrArm(UrLink(host, gripper_output), task, clock, motion)
 
 
-def device(uris: Sequence[str], config: SourceConfig, clock: Clock) -> Source:
-    """Patches on a cable."""
+def open_device(uris: Sequence[str], config: SourceConfig, clock: Clock) -> Source:
+    """Open patches on a cable or a network."""
     if config.skin is None:
         raise DeviceError(
             f"source {uris[0]} is given without a skin; allowed is a preset's name or "
@@ -168,7 +171,7 @@ def device(uris: Sequence[str], config: SourceConfig, clock: Clock) -> Source:
 def open_transport(
     uris: Sequence[str], config: SourceConfig, clock: Clock
 ) -> Transport:
-    """Serial ports, or a UDP socket."""
+    """Open serial ports, or a UDP socket."""
     if uris[0].startswith("serial:"):
         paths = [uri.removeprefix("serial:") for uri in uris]
         return SerialTransport(clock, paths, config.baud)
@@ -177,10 +180,10 @@ def open_transport(
 
 
 def parse_udp_address(uri: str) -> tuple[str, int]:
-    """Host and port of `udp://HOST:PORT`.
+    """Return host and port of `udp://HOST:PORT`.
 
     Raises:
-        DeviceError: it is none.
+        DeviceError: the address has another form.
     """
     try:
         parts = urlsplit(uri)
@@ -198,7 +201,7 @@ def parse_udp_address(uri: str) -> tuple[str, int]:
 def fixed_positions(
     config: SourceConfig, mounted: MountedSkin
 ) -> Float[np.ndarray, "joint"]:
-    """Joint positions of a robot that does not move [rad]."""
+    """Return the joint positions of a robot that does not move [rad]."""
     count = len(mounted.robot.joint_names)
     q = np.zeros(count) if config.q is None else np.array(config.q, np.float64)
     if len(q) != count or not np.isfinite(q).all():
@@ -210,11 +213,11 @@ def fixed_positions(
 
 
 def load_calibration(config: SourceConfig, skin: Skin) -> Calibration:
-    """The calibration that was given, or lies beside the skin, or is nominal.
+    """Load the calibration that was given, or lies beside the skin, or is nominal.
 
     Raises:
         RecordingError: the file is no calibration.
-        DeviceError: it cannot be read.
+        DeviceError: the file cannot be read.
     """
     if isinstance(config.calibration, Calibration):
         return config.calibration
@@ -237,15 +240,14 @@ def load_calibration(config: SourceConfig, skin: Skin) -> Calibration:
 
 
 def nominal_calibration(skin: Skin) -> Calibration:
-    """Of the laminate and electronics that the simulator takes for usual."""
-    from eskin.sim.constants import load_constants
-    from eskin.sim.sensor.build import nominal_build
+    """Load the nominal calibration of the preset skins, for the taxels of a skin."""
+    data = (resources.files("eskin.skin") / NOMINAL_CALIBRATION).read_bytes()
+    calibration = Calibration.from_bytes(data)
+    return replace(calibration, gain=np.full(skin.count, calibration.gain[0]))
 
-    return nominal_build(skin, load_constants()).calibration(skin)
 
-
-def simulated(skin: str, config: SourceConfig, clock: Clock) -> Source:
-    """A person who was in no training set, touching a skin without end."""
+def open_simulation(skin: str, config: SourceConfig, clock: Clock) -> Source:
+    """Open a simulation of a person in no training set, who touches without end."""
     from eskin.sim.dataset.clip_generator import Simulator
     from eskin.sim.interactive.player import Player
 

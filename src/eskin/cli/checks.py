@@ -59,6 +59,8 @@ def check_picture(target: Path) -> None:
 def tell_cut(*datasets: "Dataset | None") -> None:
     """Name the recordings whose end is missing."""
     for dataset in datasets:
-        for recording in dataset.recordings[: dataset.own] if dataset else ():
+        for recording in (
+            dataset.recordings[: dataset.original_count] if dataset else ()
+        ):
             if recording.truncated:
                 print(f"{recording.path} is cut or damaged: used up to there")

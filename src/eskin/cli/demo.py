@@ -65,8 +65,7 @@ class Command:
 
 def run(command: Command) -> dict[str, object]:
     """Demonstrate, and return what came of it."""
-    from eskin.demo import DemoConfig
-    from eskin.demo.simulated_user import SimulatedUserConfig
+    from eskin.demo import DemoConfig, SimulatedUserConfig
 
     if command.seconds is not None and not 0 < command.seconds < float("inf"):
         raise DeviceError(
@@ -102,8 +101,7 @@ def run(command: Command) -> dict[str, object]:
 
 def headless(seconds: float, config: "DemoConfig") -> dict[str, object]:
     """Scripted touches."""
-    from eskin.demo import run_headless
-    from eskin.demo.simulated_user import summarise_score
+    from eskin.demo import run_headless, summarise_score
 
     outcome = run_headless(seconds, config)
     counts = dict(summarise_score(outcome.score))
@@ -141,23 +139,23 @@ def headless(seconds: float, config: "DemoConfig") -> dict[str, object]:
 def same_touch(command: Command, config: "DemoConfig") -> dict[str, object]:
     """The same counts in two poses, to two recognisers."""
     from eskin.demo.comparison import serve_same_touch
-    from eskin.demo.same_touch import compare
+    from eskin.demo.same_touch import compare_models
 
     if not command.headless:
         return dict(
             serve_same_touch(config, command.pairs, command.port, command.seconds, tell)
         )
-    found = compare(command.pairs, config)
+    found = compare_models(command.pairs, config)
     for number, each in enumerate(found):
         print(f"touch {number + 1}: {each.labels[0]}, then {each.labels[1]}")
         for who, (one, other) in (("with", each.posed), ("without", each.blind)):
-            said = "; then ".join(", ".join(answer.words) for answer in (one, other))
+            said = "; then ".join(", ".join(answer.texts) for answer in (one, other))
             print(f"  {who} the pose: {said}")
     counts = {
         "playings": 2 * len(found),
-        "posed_right": sum(each.right(each.posed) for each in found),
-        "blind_right": sum(each.right(each.blind) for each in found),
-        "blind_same": sum(each.is_blind for each in found),
+        "posed_right": sum(each.count_correct(each.posed) for each in found),
+        "blind_right": sum(each.count_correct(each.blind) for each in found),
+        "blind_same": sum(each.blind_is_equal for each in found),
     }
     print(
         f"with the pose {counts['posed_right']} of {counts['playings']} are right, "
@@ -167,8 +165,8 @@ def same_touch(command: Command, config: "DemoConfig") -> dict[str, object]:
     rows = [
         {
             "labels": each.labels,
-            "posed": [answer.said for answer in each.posed],
-            "blind": [answer.said for answer in each.blind],
+            "posed": [answer.detected for answer in each.posed],
+            "blind": [answer.detected for answer in each.blind],
         }
         for each in found
     ]

@@ -111,7 +111,8 @@ def patch_checks(command: Command) -> Iterator[Check]:
             source.read(0.1)
         ages = source.assembler.ages(source.clock.now())
         paces = {
-            feed.slot.patch.id: feed.pace for feed in source.assembler.streams.values()
+            stream.slot.patch.id: stream.rate_meter
+            for stream in source.assembler.streams.values()
         }
         yield from (check_of(patch, paces[patch], age) for patch, age in ages.items())
 
@@ -124,8 +125,8 @@ def check_of(patch: str, pace: ScanRateMeter, age: float) -> Check:
         return Check(name, False, f"{heard}; check cable, address and power")
     measured = pace.measured or 0.0
     found = f"{measured:.1f} scans a second, {1e3 * age:.0f} ms old"
-    slow = measured < SLOW * pace.promised
-    remedy = f"; it promises {pace.promised}: check its line and power"
+    slow = measured < SLOW * pace.nominal
+    remedy = f"; it promises {pace.nominal}: check its line and power"
     return Check(name, not slow, found + remedy * slow)
 
 

@@ -1,43 +1,46 @@
-"""The `eskin` command: finds the module of the command called and runs it.
+"""The `eskin` command imports the module of the command called and runs it.
 
-Contract of every command: `--json` makes the last line of stdout one JSON object; bad
-input gives one line on stderr and exit code 2, a stream that had to stop one line and
-exit code 1; nothing is left half-written.
+Every command keeps this contract: `--json` makes the last line of stdout one JSON
+object; bad input gives one line on stderr and exit code 2, a stream that had to stop
+one line and exit code 1; nothing is left half-written.
 """
 
 import contextlib
 import importlib
+import inspect
 import io
 import json
 import re
 import sys
+from collections.abc import Callable
 from dataclasses import dataclass
-from types import ModuleType
-from typing import Annotated
+from typing import Annotated, Any
 
 import tyro
 
 from eskin.errors import EskinError, StreamError
 
 COMMANDS = {
-    "convert": "convert",
-    "label": "label",
-    "train": "train",
-    "evaluate": "evaluate",
-    "compare": "compare",
-    "study": "study",
-    "run": "run",
-    "replay": "replay",
-    "view": "view",
-    "generate": "generate",
-    "demo": "demo",
-    "device": "device",
-    "skin show": "skin_show",
-    "skin check": "skin_check",
-    "bench latency": "bench_latency",
-    "bench throughput": "bench_throughput",
-    "doctor": "doctor",
+    "convert": "recordings:run_convert",
+    "label": "recordings:run_label",
+    "train": "train:run",
+    "evaluate": "evaluate:run",
+    "compare": "compare:run_compare",
+    "study": "compare:run_study",
+    "run": "run:run",
+    "replay": "recordings:run_replay",
+    "view": "recordings:run_view",
+    "generate": "generate:run",
+    "demo": "demo:run",
+    "device": "device:run",
+    "skin show": "skin:run_show",
+    "skin check": "skin:run_check",
+    "bench latency": "bench_latency:run",
+    "bench throughput": "bench_throughput:run",
+    "doctor": "doctor:run",
 }
+"""Module and function of each command; the function takes the command's dataclass."""
+
 FAILED = 1
 BAD_INPUT = 2
 STOPPED = 130
@@ -45,7 +48,7 @@ STOPPED = 130
 
 @dataclass(frozen=True)
 class Output:
-    """How the result is printed."""
+    """Options that set how the result is printed."""
 
     json: bool = False
     """Print the result as one JSON object on the last line of stdout."""
@@ -59,28 +62,35 @@ def main() -> None:
 def run(argv: list[str]) -> int:
     """Run one command line and return its exit code."""
     if not argv or argv[0] in ("-h", "--help"):
-        print(overview())
+        print(format_overview())
         return 0
     try:
         name, rest = split_command(argv)
-        module = importlib.import_module(f"eskin.cli.{COMMANDS[name]}")
-        command, output = parse(module, name, rest)
-        result = module.run(command)
+        function, command_type = load_command(name)
+        command, output = parse(command_type, name, rest)
+        result = function(command)
     except ModuleNotFoundError as error:
-        return complain(
+        return print_error(
             f"{error.name} is missing; install it: pip install 'eskin[train]'"
         )
     except StreamError as error:
-        complain(str(error))
+        print_error(str(error))
         return FAILED
     except (EskinError, ValueError, OSError) as error:
-        return complain(str(error))
+        return print_error(str(error))
     except KeyboardInterrupt:
-        complain("stopped")
+        print_error("stopped")
         return STOPPED
     if output.json:
         print(json.dumps(result))
     return 0
+
+
+def load_command(name: str) -> tuple[Callable[[Any], dict[str, object]], type]:
+    """Import a command's module; return its function and the dataclass it takes."""
+    module, function_name = COMMANDS[name].split(":")
+    function = getattr(importlib.import_module(f"eskin.cli.{module}"), function_name)
+    return function, inspect.signature(function).parameters["command"].annotation
 
 
 def split_command(argv: list[str]) -> tuple[str, list[str]]:
@@ -94,31 +104,31 @@ def split_command(argv: list[str]) -> tuple[str, list[str]]:
     raise ValueError(f"no command '{argv[0]}'; commands: {known}; see eskin --help")
 
 
-def parse(module: ModuleType, name: str, argv: list[str]) -> tuple[object, Output]:
-    """Parse the arguments of one command; tyro's own complaint becomes one line."""
+def parse(command_type: type, name: str, argv: list[str]) -> tuple[object, Output]:
+    """Parse the arguments of one command; reduce tyro's error to one line."""
     both = tuple[
-        Annotated[module.Command, tyro.conf.arg(name="")],
+        Annotated[command_type, tyro.conf.arg(name="")],
         Annotated[Output, tyro.conf.arg(name="")],
     ]
-    complaint = io.StringIO()
+    tyro_error = io.StringIO()
     try:
-        with contextlib.redirect_stderr(complaint):
+        with contextlib.redirect_stderr(tyro_error):
             return tyro.cli(
                 both,
                 prog=f"eskin {name}",
-                description=module.Command.__doc__,
+                description=command_type.__doc__,
                 args=argv,
                 config=(tyro.conf.FlagCreatePairsOff,),
             )
     except SystemExit as stop:
         if stop.code == 0:
             raise
-        raise ValueError(one_line(complaint.getvalue(), name)) from None
+        raise ValueError(format_one_line(tyro_error.getvalue(), name)) from None
 
 
-def one_line(complaint: str, name: str) -> str:
-    """Reduce a complaint to its words, leaving out the box drawn around them."""
-    words = complaint.translate({ord(c): " " for c in "╭╮╰╯│─├┤"}).split()
+def format_one_line(message: str, name: str) -> str:
+    """Reduce an error of tyro to its words, without the box drawn around them."""
+    words = message.translate({ord(c): " " for c in "╭╮╰╯│─├┤"}).split()
     text = " ".join(word for word in words if not re.fullmatch("[-+|]{3,}", word))
     # tyro calls the command and its output `0` and `1`.
     text = re.sub(r"(?<![\w.])[01]\.(?=[a-z])", "", text)
@@ -127,14 +137,14 @@ def one_line(complaint: str, name: str) -> str:
     return f"eskin {name}: {text}"
 
 
-def complain(message: str) -> int:
+def print_error(message: str) -> int:
     """Print one line on stderr and return the exit code of bad input."""
     print("error: " + " ".join(message.split()), file=sys.stderr)
     return BAD_INPUT
 
 
-def overview() -> str:
-    """List the commands, one a line, with the first line of their help."""
+def format_overview() -> str:
+    """List the commands, one on each line."""
     rows = ["eskin: touch gestures from a robot's electronic skin", ""]
     rows += [f"  eskin {name}" for name in COMMANDS]
     return "\n".join([*rows, "", "eskin COMMAND --help explains one."])

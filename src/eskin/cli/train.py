@@ -107,19 +107,19 @@ def run(command: Command) -> dict[str, object]:
     facts = f"{content} {vocabulary} {command.train} {command.seed} {skins}"
     facts += f" {hash_recordings(find_recordings(command.val))}" if command.val else ""
     facts += f" {start.digest}" if start else ""
-    network = trainer.run(kept=kept, facts=facts)
+    network = trainer.run(checkpoint=kept, facts=facts)
     right = trainer.validation_accuracy()
     card = replace(
         card,
         temperature=trainer.fit_temperature(),
-        metrics={"val_accuracy": right} if trainer.held else {},
+        metrics={"val_accuracy": right} if trainer.held_out else {},
     )
     model = decided(to_model(network, card), command)
     scored = evaluate(network, card, test).segments.accuracy if test else None
     save_model(command.out, model)
     kept.unlink(missing_ok=True)
     result = {
-        "val_accuracy": round(right, 4) if trainer.held else None,
+        "val_accuracy": round(right, 4) if trainer.held_out else None,
         "test_accuracy": None if scored is None else round(scored, 4),
         "epochs": trainer.epochs,
         "seconds": round(time.monotonic() - started, 1),
@@ -194,9 +194,9 @@ def prepared(
 ) -> Dataset:
     """Recordings made ready for learning."""
     workers = command.train.workers
-    versions = (None, *skins)
+    transforms = (None, *skins)
     return prepare(
-        paths, graph=graph, pack=command.pack, workers=workers, versions=versions
+        paths, graph=graph, pack=command.pack, workers=workers, transforms=transforms
     )
 
 

@@ -1,16 +1,28 @@
 """This package turns touches into commands of an arm that works on a task."""
 
-from eskin.command.actions import command_function
+from eskin.command.actions import command_function, resolve_action
 from eskin.command.arm import Arm, ArmState
-from eskin.command.command_map import CommandMap, Rule, load_commands
+from eskin.command.command_map import (
+    NON_GESTURES,
+    CommandMap,
+    Rule,
+    load_commands,
+    parse_commands,
+)
 from eskin.command.policy import Policy, PolicyConfig
-from eskin.command.simulated_arm import DynamicPlant, SimulatedArm
+from eskin.command.simulated_arm import (
+    DynamicPlant,
+    ProtectiveStopConfig,
+    SimulatedArm,
+)
 from eskin.command.skin_monitor import SkinMonitorConfig
 from eskin.command.task import FRAME_TASK, Task, TaskExecutor, Waypoint
 from eskin.command.trajectory import MotionConfig, Trajectory
+from eskin.command.ur_arm import UrArm
 
 __all__ = [
     "FRAME_TASK",
+    "NON_GESTURES",
     "Arm",
     "ArmState",
     "CommandMap",
@@ -18,13 +30,17 @@ __all__ = [
     "MotionConfig",
     "Policy",
     "PolicyConfig",
-    "TaskExecutor",
+    "ProtectiveStopConfig",
     "Rule",
     "SimulatedArm",
-    "Task",
-    "Trajectory",
     "SkinMonitorConfig",
+    "Task",
+    "TaskExecutor",
+    "Trajectory",
+    "UrArm",
     "Waypoint",
     "command_function",
     "load_commands",
+    "parse_commands",
+    "resolve_action",
 ]

@@ -147,19 +147,19 @@ class DynamicPlant(Plant):
     def stop(self, executor: TaskExecutor) -> None:
         """Go into protective stop."""
         self.stopped = True
-        self.dynamics.brake()
+        self.dynamics.engage_brakes()
         executor.hold(PROTECTIVE_STOP)
 
     def apply_wrenches(self, wrenches: Sequence[Wrench]) -> None:
         """Apply these wrenches, and no others, until the next call."""
-        self.dynamics.push(wrenches)
+        self.dynamics.apply_wrenches(wrenches)
 
     def unlock(self) -> None:
         """End a protective stop; the executor is still held."""
         if self.stopped:
             self.stopped = False
             self.overload_seconds[:] = 0.0
-            self.dynamics.release()
+            self.dynamics.release_brakes()
 
 
 @final

@@ -1,15 +1,23 @@
-"""This package demonstrates a simulated arm in its skin, touched by people or mouse."""
+"""This package shows a simulated arm in its skin, touched by people or the mouse."""
 
 from eskin.demo.headless import DemoConfig, DemoResult, run_headless
 from eskin.demo.live_source import LiveSource
-from eskin.demo.simulated_user import Attempt, CommandScore, SimulatedUser
+from eskin.demo.simulated_user import (
+    Attempt,
+    CommandScore,
+    SimulatedUser,
+    SimulatedUserConfig,
+    summarise_score,
+)
 
 __all__ = [
-    "DemoConfig",
-    "LiveSource",
-    "DemoResult",
-    "CommandScore",
     "Attempt",
+    "CommandScore",
+    "DemoConfig",
+    "DemoResult",
+    "LiveSource",
     "SimulatedUser",
+    "SimulatedUserConfig",
     "run_headless",
+    "summarise_score",
 ]

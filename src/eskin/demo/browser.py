@@ -1,4 +1,4 @@
-"""The demonstration in the browser."""
+"""This module serves the demonstration in the browser, where the mouse is the hand."""
 
 import gc
 import logging
@@ -48,7 +48,7 @@ from eskin.viewer import Viewer, ViewerConfig
 
 @final
 class RecordButton(Listener):
-    """Records from `press` to `lift`, each time into another file."""
+    """A record button records from `press` to `release`, each time into a new file."""
 
     name = "record button"
     message_types = (Scan, Detection, Event)
@@ -59,8 +59,8 @@ class RecordButton(Listener):
         """Record nothing yet.
 
         Args:
-            folder: that recordings go to.
-            metadata: of all of them.
+            folder: folder of the recordings.
+            metadata: metadata of all recordings.
         """
         self.folder = folder
         self.metadata = metadata
@@ -68,14 +68,14 @@ class RecordButton(Listener):
         self.lock = Lock()
 
     def start(self, context: Context) -> None:
-        """Remember the stream."""
+        """Keep the context for recordings."""
         self.context = context
 
     def press(self) -> None:
-        """Begin a recording; one that goes on goes on.
+        """Start a recording, unless one goes on.
 
         Raises:
-            RecordingError: it cannot be written.
+            RecordingError: the file cannot be written.
         """
         with self.lock:
             if self.recorder is None:
@@ -84,7 +84,7 @@ class RecordButton(Listener):
                 recorder.start(self.context)
                 self.recorder = recorder
 
-    def lift(self) -> None:
+    def release(self) -> None:
         """Finish the recording, if there is one."""
         with self.lock:
             recorder, self.recorder = self.recorder, None
@@ -92,22 +92,22 @@ class RecordButton(Listener):
                 recorder.close()
 
     def on_message(self, item: Message) -> None:
-        """Write it while recording."""
+        """Record a message while recording."""
         with self.lock:
             if self.recorder is not None:
                 self.recorder.on_message(item)
 
     def close(self) -> None:
         """Finish the recording, if there is one."""
-        self.lift()
+        self.release()
 
 
 @final
 class PageCommandHandler:
-    """Turns the orders of a page into touches of simulated fingers, and the rest.
+    """A page command handler applies commands of a page to the simulated skin and arm.
 
     A touch goes through the same hand, contact and sensor as the training data: the
-    recogniser hears nothing of what it was meant to be.
+    recogniser is not told what it was meant to be.
     """
 
     def __init__(
@@ -116,27 +116,27 @@ class PageCommandHandler:
         arm: SimulatedArm,
         other: Callable[[PageOrder], None] = lambda order: None,
     ) -> None:
-        """Obey from now on.
+        """Handle commands from now on.
 
         Args:
-            skin: that is touched.
-            arm: that is paused, and unlocked as at the robot.
-            other: obeys what is neither touch nor fault nor pause.
+            skin: the skin that is touched.
+            arm: the arm that is paused, and unlocked as at the robot.
+            other: handles what is neither touch nor fault nor pause.
         """
         self.skin = skin
         self.arm = arm
         self.other = other
         self.dragged: dict[int, int] = {}
 
-    def obey(self, order: Order) -> None:
-        """Do what is asked for."""
+    def handle(self, order: Order) -> None:
+        """Apply a command."""
         if isinstance(order, TouchOrder):
-            self.touch(order)
+            self.handle_touch(order)
         else:
-            self.do(order)
+            self.handle_other(order)
 
-    def touch(self, order: TouchOrder) -> None:
-        """Touch the skin."""
+    def handle_touch(self, order: TouchOrder) -> None:
+        """Touch the skin, or move or end a touch."""
         hand = self.skin.hand
         place = Place(order.link, np.array(order.p_link, np.float64))
         match order.kind:
@@ -155,8 +155,8 @@ class PageCommandHandler:
                 if order.key in self.dragged:
                     hand.end(self.dragged.pop(order.key))
 
-    def do(self, order: PageOrder) -> None:
-        """Do something else."""
+    def handle_other(self, order: PageOrder) -> None:
+        """Apply a command that is no touch."""
         match order.kind:
             case "unplug":
                 self.skin.unplug(str(order.value))
@@ -177,30 +177,30 @@ class PageCommandHandler:
 
 
 SKINS = ("ur5", "ur5-half", "ur5-double", "ur5-shapes", "ur5-missing")
-"""That fit the arm which is shown."""
+"""Preset skins that fit the arm."""
 
-PATIENT = SkinMonitorConfig(max_age=0.4)
-"""The same computer simulates the skin and draws the page: a simulated arm may wait
-longer for a reading than a real one."""
+MONITOR = SkinMonitorConfig(max_age=0.4)
+"""Limits of the skin monitor: the same computer simulates the skin and draws the page,
+so a simulated arm may wait longer for a reading than a real one."""
 
-READY = 60.0
-"""How long a page may take to be served [s]."""
+READY_TIMEOUT = 60.0
+"""How long the page may take to be served [s]."""
 
 logger = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
 class PageResult:
-    """What came of a page that was served."""
+    """A page result counts what happened while a page was served."""
 
     readings: int
-    """Scans that were recognised."""
+    """Number of scans that were read."""
     detections: int
-    """What was said of touches."""
+    """Number of detections."""
     commands: int
-    """Commands that were obeyed."""
+    """Number of commands that were executed."""
     step: tuple[float, float]
-    """Time of a step, p50 and p99 [ms]."""
+    """Time of a recognition step, p50 and p99 [ms]."""
 
 
 def serve(
@@ -209,55 +209,55 @@ def serve(
     seconds: float | None = None,
     tell: Callable[[str], None] = lambda line: None,
 ) -> PageResult:
-    """Serve the page until it is over, or a signal comes.
+    """Serve the page until time is up or a signal comes.
 
     Args:
-        config: what is demonstrated first; the skin can be changed in the page.
-        port: of the page on this computer; 0 for any free one.
-        seconds: when to stop; never where None.
-        tell: is told what there is to tell the person at the terminal.
+        config: skin, model and arm; the skin can be changed in the page.
+        port: port of the page on this computer; 0 for any free one.
+        seconds: how long to serve [s]; without end where None.
+        tell: prints a line for the person at the terminal.
 
     Raises:
-        DeviceError: the port cannot be had.
+        DeviceError: the port is not available.
         StreamError: something failed while it ran.
     """
     port = free_port(port)
     while True:
-        wanted = SkinChoice()
-        served = serve_skin(config, port, seconds, tell, wanted)
-        if wanted.skin is None:
-            return served
-        config = replace(config, skin=wanted.skin)
+        choice = SkinChoice()
+        result = serve_skin(config, port, seconds, tell, choice)
+        if choice.skin is None:
+            return result
+        config = replace(config, skin=choice.skin)
 
 
 @dataclass(frozen=True, eq=False)
 class RunningDemo:
-    """A page that is served, and what is behind it."""
+    """A running demo bundles a page that is served with the parts behind it."""
 
     port: int
-    """Of the page."""
+    """Port of the page."""
     arm: SimulatedArm
-    """At its task."""
+    """Arm at its task."""
     source: LiveSource
-    """The skin on the arm."""
+    """Source that scans the skin on the arm."""
     recognition: Recognition
-    """Of its touches."""
+    """Listener that recognises touches."""
     policy: Policy
-    """By which they command the arm."""
+    """Listener that commands the arm."""
     stream: Stream
-    """From the one to the other."""
+    """Stream from the source to the listeners."""
 
 
 class SkinChoice:
-    """A skin that was chosen in the page, which the stream is begun anew for; final."""
+    """A skin choice keeps a skin chosen in the page and stops the stream; final."""
 
     def __init__(self) -> None:
-        """None is chosen."""
+        """Start without a choice."""
         self.skin: str | None = None
         self.stop: Callable[[], None] = Flag().set
 
     def choose(self, skin: str) -> None:
-        """Stop the stream for another skin."""
+        """Choose another skin, and stop the stream for it."""
         self.skin = skin
         self.stop()
 
@@ -267,35 +267,35 @@ def serve_skin(
     port: int,
     seconds: float | None,
     tell: Callable[[str], None],
-    wanted: SkinChoice,
+    choice: SkinChoice,
 ) -> PageResult:
     """Serve the page with one skin."""
-    with running(config, port, wanted) as demo:
+    with run_demo(config, port, choice) as demo:
         tell(f"see http://127.0.0.1:{demo.port}; Ctrl-C ends it")
         demo.stream.wait(seconds)
     step = demo.recognition.step
     return PageResult(
-        demo.source.given,
-        demo.recognition.detections,
-        demo.policy.accepted,
-        (1e3 * step.quantile(0.5), 1e3 * step.quantile(0.99)),
+        readings=demo.source.given,
+        detections=demo.recognition.detections,
+        commands=demo.policy.accepted,
+        step=(1e3 * step.quantile(0.5), 1e3 * step.quantile(0.99)),
     )
 
 
 @contextmanager
-def running(
-    config: DemoConfig, port: int, wanted: SkinChoice, clock: Clock | None = None
+def run_demo(
+    config: DemoConfig, port: int, choice: SkinChoice, clock: Clock | None = None
 ) -> Iterator[RunningDemo]:
-    """Have one skin on its arm served; signals stop its stream.
+    """Serve one skin on its arm while the context lasts; signals stop the stream.
 
     Args:
-        config: what is demonstrated.
-        port: of the page on this computer; 0 for any free one.
-        wanted: is told of another skin that is chosen in the page.
-        clock: that arm and skin go by; this computer's unless given.
+        config: skin, model and arm.
+        port: port of the page on this computer; 0 for any free one.
+        choice: receives another skin that is chosen in the page.
+        clock: clock of arm and skin; this computer's unless given.
 
     Raises:
-        DeviceError: the port cannot be had.
+        DeviceError: the port is not available.
         StreamError: something failed while it ran.
     """
     model = load_model(config.model)
@@ -308,13 +308,13 @@ def running(
     commands = load_commands(config.commands, vocabulary, skin.mounted.skin)
     with build_arm(config, clock) as arm:
         recognition = Recognition(recognizer)
-        policy = Policy(arm, commands, vocabulary, PolicyConfig(monitor=PATIENT))
+        policy = Policy(arm, commands, vocabulary, PolicyConfig(monitor=MONITOR))
         button = RecordButton(Path.cwd(), Metadata("demo", "mouse", "browser"))
-        obedience = PageCommandHandler(
-            skin, arm, lambda order: do(order, button, wanted)
+        handler = PageCommandHandler(
+            skin, arm, lambda order: handle_page_order(order, button, choice)
         )
         page = ViewerConfig(port, touchable=True, skins=skins)
-        viewer = Viewer(recognition, page, guarded(obedience.obey), arm)
+        viewer = Viewer(recognition, page, log_errors(handler.handle), arm)
         source = LiveSource(
             skin, arm, clock, after_scan=lambda: arm.apply_wrenches(skin.wrenches)
         )
@@ -322,10 +322,17 @@ def running(
         gc.collect()
         gc.freeze()
         stream = Stream(source, [recognition, policy, viewer, button])
-        wanted.stop = stream.stop
+        choice.stop = stream.stop
         with stop_on_signals(stream.stop), short_switch_interval(), stream:
-            port = viewer.wait_ready(READY)
-            yield RunningDemo(port, arm, source, recognition, policy, stream)
+            port = viewer.wait_ready(READY_TIMEOUT)
+            yield RunningDemo(
+                port=port,
+                arm=arm,
+                source=source,
+                recognition=recognition,
+                policy=policy,
+                stream=stream,
+            )
 
 
 def warm_up_hand(config: DemoConfig) -> None:
@@ -338,24 +345,26 @@ def warm_up_hand(config: DemoConfig) -> None:
         skin.scan(number + 1, q)
 
 
-def do(order: PageOrder, button: RecordButton, wanted: SkinChoice) -> None:
-    """Record, or put on another skin."""
+def handle_page_order(
+    order: PageOrder, button: RecordButton, choice: SkinChoice
+) -> None:
+    """Start or stop a recording, or choose another skin."""
     match order.kind:
         case "record":
             button.press()
         case "stop_recording":
-            button.lift()
+            button.release()
         case "skin":
-            wanted.choose(str(order.value))
+            choice.choose(str(order.value))
 
 
-def guarded(obey: Callable[[Order], None]) -> Callable[[Order], None]:
-    """The same, where what cannot be done is only said."""
+def log_errors(handle: Callable[[Order], None]) -> Callable[[Order], None]:
+    """Wrap a handler so that it only logs commands that cannot be applied."""
 
-    def obey_or_say(order: Order) -> None:
+    def handle_or_log(order: Order) -> None:
         try:
-            obey(order)
+            handle(order)
         except (EskinError, ValueError) as error:
             logger.warning("%s", error)
 
-    return obey_or_say
+    return handle_or_log

@@ -1,4 +1,4 @@
-"""The same touch in two poses in the browser, and what two recognisers say of it."""
+"""This module serves a page that compares two recognisers on the same touch."""
 
 from collections.abc import Callable, Iterator, Sequence
 from itertools import cycle
@@ -35,16 +35,16 @@ from eskin.touch import Scan
 from eskin.units import NS_PER_S
 from eskin.viewer import Viewer, ViewerConfig
 
-POSES = ("patches folded together", "the same patches apart")
-WHO = ("sees the pose", "never sees the pose")
+POSE_TITLES = ("patches folded together", "the same patches apart")
+MODEL_TITLES = ("sees the pose", "never sees the pose")
 
 
 @final
 class ComparisonListener(Listener):
-    """Hears each playing with recognisers that have heard nothing before.
+    """A comparison listener feeds each playback to fresh recognisers of both models.
 
     Attributes:
-        board: what they say; None before the first playing.
+        board: their results for the page; None before the first playback.
     """
 
     name = "comparison"
@@ -55,79 +55,79 @@ class ComparisonListener(Listener):
     def __init__(
         self, touches: Sequence[SameTouch], models: tuple[Model, Model]
     ) -> None:
-        """Compare two models on what is played."""
+        """Compare two models on the touches that are played."""
         self.touches = touches
         self.models = models
         self.length = touches[0].period * len(touches[0].counts)
         self.begin: int | None = None
-        self.playing = -1
-        self.opinions: list[tuple[RecognitionRun, ...]] = []
+        self.playback = -1
+        self.runs: list[tuple[RecognitionRun, ...]] = []
         self.board: Board | None = None
 
     def start(self, context: Context) -> None:
-        """Nothing needs to be made ready."""
+        """Do nothing: nothing needs to be ready."""
 
     def on_message(self, item: Message) -> None:
-        """Let both hear a scan."""
+        """Feed a scan to both recognisers."""
         if not isinstance(item, Scan):
             return
         self.begin = item.stamp if self.begin is None else self.begin
-        playing = (item.stamp - self.begin) // self.length
-        if playing != self.playing:
-            self.turn_to(playing)
-        for opinion in self.opinions[-1]:
-            opinion.on_message(item)
-        self.board = self.board_now()
+        playback = (item.stamp - self.begin) // self.length
+        if playback != self.playback:
+            self.start_playback(playback)
+        for run in self.runs[-1]:
+            run.push(item)
+        self.board = self.build_board()
 
-    def turn_to(self, playing: int) -> None:
-        """Begin to hear the next playing, with nothing said of it yet."""
+    def start_playback(self, playback: int) -> None:
+        """Start the next playback with fresh recognisers."""
         self.finish()
-        self.playing = playing
-        if playing % 2 == 0:
-            self.opinions = []
+        self.playback = playback
+        if playback % 2 == 0:
+            self.runs = []
         touch = self.touch
-        self.opinions.append(
-            tuple(RecognitionRun(model, touch) for model in self.models)
-        )
+        self.runs.append(tuple(RecognitionRun(model, touch) for model in self.models))
 
     @property
     def touch(self) -> SameTouch:
-        """What is played now."""
-        return self.touches[self.playing // 2 % len(self.touches)]
+        """The touch that is played now."""
+        return self.touches[self.playback // 2 % len(self.touches)]
 
     def finish(self) -> None:
-        """End the playing under way."""
-        for opinion in self.opinions[-1] if self.opinions else ():
-            opinion.finish()
+        """End the present playback."""
+        for run in self.runs[-1] if self.runs else ():
+            run.finish()
 
-    def board_now(self) -> Board:
-        """What was said in either pose so far."""
+    def build_board(self) -> Board:
+        """Build the board of the results in both poses so far."""
         labels, classes = self.touch.labels, len(self.models[0].card.vocabulary)
-        answers = [[opinion.answer for opinion in side] for side in self.opinions]
-        answers += [[None, None]] * (2 - len(answers))
+        results = [[run.result for run in side] for side in self.runs]
+        results += [[None, None]] * (2 - len(results))
         rows = tuple(
-            (who, tuple(map(shown, said, labels, (classes, classes))))
-            for who, said in zip(WHO, zip(*answers, strict=True), strict=True)
+            (title, tuple(map(format_result, both, labels, (classes, classes))))
+            for title, both in zip(
+                MODEL_TITLES, zip(*results, strict=True), strict=True
+            )
         )
-        number = self.playing // 2 % len(self.touches) + 1
+        number = self.playback // 2 % len(self.touches) + 1
         title = f"The same counts twice: touch {number}"
-        return Board(title, POSES, labels, len(self.opinions) - 1, rows)
+        return Board(title, POSE_TITLES, labels, len(self.runs) - 1, rows)
 
     def close(self) -> None:
-        """End the last playing."""
+        """End the last playback."""
         self.finish()
 
 
-def shown(answer: RecognitionResult | None, label: str, classes: int) -> Shown:
-    """An answer as the page shows it; None is one that is still to come."""
-    if answer is None:
+def format_result(result: RecognitionResult | None, label: str, classes: int) -> Shown:
+    """Format a result for the page; None is one that is still to come."""
+    if result is None:
         return Shown((), None, np.zeros(classes, np.float32))
-    right = answer.is_right(label) if answer.said else None
-    return Shown(answer.words, right, answer.probabilities.astype(np.float32))
+    correct = result.is_correct(label) if result.detected else None
+    return Shown(result.texts, correct, result.probabilities.astype(np.float32))
 
 
-def played(touches: Sequence[SameTouch]) -> Iterator[Scan]:
-    """One touch after the other in both of its poses, without end."""
+def play_touches(touches: Sequence[SameTouch]) -> Iterator[Scan]:
+    """Yield the scans of one touch after the other in both poses, without end."""
     begin, come_from = touches[0].period, touches[-1].poses[1]
     for touch in cycle(touches):
         for side in (0, 1):
@@ -143,20 +143,20 @@ def serve_same_touch(
     seconds: float | None,
     tell: Callable[[str], None],
 ) -> dict[str, int]:
-    """Serve the page until it is over, or a signal comes.
+    """Serve the page until time is up or a signal comes.
 
     Args:
-        config: what is demonstrated.
-        number: of touches that are played in turn.
-        port: of the page on this computer; 0 for any free one.
-        seconds: when to stop; never where None.
-        tell: is told what there is to tell the person at the terminal.
+        config: skin, model and build.
+        number: number of touches that are played in turn.
+        port: port of the page on this computer; 0 for any free one.
+        seconds: how long to serve [s]; without end where None.
+        tell: prints a line for the person at the terminal.
 
     Returns:
-        How many readings were given.
+        The number of readings given.
 
     Raises:
-        DeviceError: the port cannot be had.
+        DeviceError: the port is not available.
         StreamError: something failed while it ran.
     """
     port = free_port(port)
@@ -176,7 +176,7 @@ def serve_same_touch(
         calibration=calibration,
         rate=NS_PER_S / touches[0].period,
     )
-    source = PlayedSource(info, played(touches), restamp=True)
+    source = PlayedSource(info, play_touches(touches), restamp=True)
     stream = Stream(source, [recognition, comparison, viewer])
     with stop_on_signals(stream.stop), short_switch_interval(), stream:
         tell(f"see http://127.0.0.1:{port}; Ctrl-C ends it")

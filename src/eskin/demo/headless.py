@@ -77,7 +77,7 @@ class DemoResult:
 
     @property
     def delay(self) -> tuple[float, float] | None:
-        """Time from the end of a touch to its command, p50 and p95 [s]; None without."""
+        """Time from the end of a touch to its command, p50 and p95 [s], or None."""
         delays = self.score.delays()
         if not delays:
             return None

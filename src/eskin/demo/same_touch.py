@@ -1,4 +1,7 @@
-"""The same counts in two poses."""
+"""This module plays the same counts in two poses, and compares two recognisers on them.
+
+The counts are a gesture in one pose of the arm, and none in the other.
+"""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -8,7 +11,7 @@ from typing import Literal, final
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from eskin.command.command_map import NON_GESTURES
+from eskin.command import NON_GESTURES
 from eskin.demo.headless import DemoConfig
 from eskin.live import Detection, Recognizer
 from eskin.model import Model, load_model
@@ -23,68 +26,68 @@ from eskin.skin import SKIN_PRESETS, MountedSkin
 from eskin.touch import Calibration, Scan
 from eskin.units import NS_PER_S
 
-REST, AFTER = 4.0, 4.0
-"""Without touch before and after the counts that are compared [s]."""
-GOING = 3.0
-"""Of the rest, what the arm takes to come to its pose [s]."""
-LINE = 60
-"""Poses on a way that are looked at."""
-TRIES = 400
-"""Pairs drawn at most for one to which there is a free way."""
-FEW = 5
-"""Most loaded taxels of a link that are looked at."""
-TURNS = 73
-"""Turns of the base that are tried."""
-SEEDS = 1_000_000
-"""Of pairs, from one seed to the next."""
+REST_BEFORE, REST_AFTER = 4.0, 4.0
+"""Time without touch before and after the counts that are compared [s]."""
+MOVE_SECONDS = 3.0
+"""Time at the start of the rest in which the arm moves to its pose [s]."""
+PATH_SAMPLES = 60
+"""Number of poses on a path that are checked."""
+MAX_DRAWS = 400
+"""Largest number of pairs drawn for one with a free path."""
+TOP_TAXELS = 5
+"""Number of the most loaded taxels of a link that are kept in view."""
+BASE_ANGLES = 73
+"""Number of base angles that are tried."""
+SEED_STRIDE = 1_000_000
+"""Offset between the seeds of pairs of successive `seed`s."""
 
 Pose = Float[np.ndarray, "joint"]
 
 
 @dataclass(frozen=True, eq=False)
 class SameTouch:
-    """What is played twice, and the poses that it is played in."""
+    """A same touch holds counts that are played twice, and the two poses for them."""
 
     counts: Int[np.ndarray, "reading taxel"]
-    """What the converter counted."""
+    """Counts of the converter."""
 
     received: Bool[np.ndarray, "reading taxel"]
-    """False where no fresh data came."""
+    """Whether fresh data came."""
 
     poses: tuple[Pose, Pose]
-    """Of the gesture, and of what is none [rad]."""
+    """Joint positions of the gesture, and of no gesture [rad]."""
 
     labels: tuple[str, str]
-    """What is truly done in either."""
+    """True label in each pose."""
 
     mounted: MountedSkin
     """The skin on its robot."""
 
     calibration: Calibration
-    """Of the build that was touched."""
+    """Calibration of the build that was touched."""
 
     period: int
-    """Between two readings [ns]."""
+    """Time between two readings [ns]."""
 
     @property
     def seconds(self) -> float:
-        """Of one playing [s]."""
+        """Duration of one playback [s]."""
         return len(self.counts) * self.period / NS_PER_S
 
     def scans(self, side: int, begin: int, come_from: Pose | None) -> Iterator[Scan]:
-        """One playing.
+        """Yield the scans of one playback.
 
         Args:
-            side: of the pose, 0 or 1.
+            side: index of the pose, 0 or 1.
             begin: stamp of its first scan [ns since the epoch].
-            come_from: where the arm is before [rad]; None where it is there already.
+            come_from: joint positions before [rad]; None where the arm is there.
         """
         pose = self.poses[side]
         start = pose if come_from is None else come_from
         for index, (counts, received) in enumerate(
             zip(self.counts, self.received, strict=True)
         ):
-            way = min(index * self.period / (GOING * NS_PER_S), 1.0)
+            way = min(index * self.period / (MOVE_SECONDS * NS_PER_S), 1.0)
             q = pose + (start - pose) * (1 + np.cos(np.pi * way)) / 2
             yield Scan(begin + index * self.period, counts, received, q)
 
@@ -95,72 +98,72 @@ def draw_touches(
     build_kind: Literal["fresh", "shifted"] = "fresh",
     seed: int = 0,
 ) -> tuple[SameTouch, ...]:
-    """Touches of several people on one build of the sensor; no set has any of them.
+    """Draw touches of several people, in no set, on one build of the sensor.
 
     The arm can go straight from each pose to the next, and from the last to the first.
 
     Args:
-        number: how many.
-        skin: a preset.
-        build_kind: which laws the sensor is drawn from.
-        seed: decides all that is drawn.
+        number: number of touches.
+        skin: name of a preset skin.
+        build_kind: distributions that the sensor is drawn from.
+        seed: seed of all that is drawn.
 
     Raises:
         ValueError: there is no such skin, its patches never meet, the seed is
-            negative, or too few ways are free.
+            negative, or too few paths are free.
     """
     if skin not in SKIN_PRESETS or seed < 0:
         raise ValueError(
-            f"skin '{skin}' with seed {seed}; allowed are {', '.join(SKIN_PRESETS)} and "
-            "seeds of 0 and above; change it"
+            f"skin '{skin}' with seed {seed}; allowed are {', '.join(SKIN_PRESETS)} "
+            "and seeds of 0 and above; change it"
         )
     world = world_of(skin)
-    level, own = world.constants.value("sets.difficulty"), seed * SEEDS
+    level, own = world.constants.value("sets.difficulty"), seed * SEED_STRIDE
     first = plan_alone("merging", own, level, world.constants)
     build = replace(first.build, kind=build_kind)
     found: list[SameTouch] = []
     for trial in count():
-        if trial == TRIES * number:
+        if trial == MAX_DRAWS * number:
             raise ValueError(
                 f"{len(found)} pairs of poses with free ways between them were found; "
                 f"wanted are {number}; ask for fewer, or give another --seed"
             )
         plan = plan_alone("merging", own + trial, level, world.constants)
         plan = replace(plan, build=build, session=first.session)
-        touch = touch_of(plan, world)
+        touch = build_touch(plan, world)
         before = [found[-1].poses[1]] if found else []
         last = [found[0].poses[0]] if found and len(found) == number - 1 else []
-        if is_way_free([*before, *touch.poses, *last], world):
+        if is_path_free([*before, *touch.poses, *last], world):
             found.append(touch)
         if len(found) == number:
             return tuple(found)
     raise AssertionError
 
 
-def touch_of(plan: ClipPlan, world: World) -> SameTouch:
-    """The counts of a plan of the first side of a pair, with rest around them."""
+def build_touch(plan: ClipPlan, world: World) -> SameTouch:
+    """Build the counts of the first side of a planned pair, with rest around them."""
     assert plan.pair is not None
     idle = replace(
         plan,
         seed=seed_of("same touch rest", 0, 0, plan.seed[-1]),
         kind="idle",
         gesture="none",
-        seconds=REST + AFTER,
+        seconds=REST_BEFORE + REST_AFTER,
         pair=replace(plan.pair, number=-1, gesture="none"),
     )
     pair, rest = pair_of(plan, world), pair_of(idle, world).first
     period = round(world.constants.value("sensor.period") * NS_PER_S)
-    cut = round(REST * NS_PER_S / period)
+    cut = round(REST_BEFORE * NS_PER_S / period)
     touched = pair.first
-    pressed = heaviest(touched.counts, world.mounted)
+    pressed = find_most_loaded(touched.counts, world.mounted)
     return SameTouch(
         counts=np.concatenate([rest.counts[:cut], touched.counts, rest.counts[cut:]]),
         received=np.concatenate(
             [rest.received[:cut], touched.received, rest.received[cut:]]
         ),
         poses=(
-            turned(touched.q[0], pressed, world),
-            turned(pair.second.q[0], pressed, world),
+            turn_to_camera(touched.q[0], pressed, world),
+            turn_to_camera(pair.second.q[0], pressed, world),
         ),
         labels=pair.labels,
         mounted=world.mounted,
@@ -169,154 +172,166 @@ def touch_of(plan: ClipPlan, world: World) -> SameTouch:
     )
 
 
-def heaviest(
+def find_most_loaded(
     counts: Int[np.ndarray, "reading taxel"], mounted: MountedSkin
 ) -> list[Int[np.ndarray, "few"]]:
-    """The most loaded taxels of each link that is touched."""
+    """Return the most loaded taxels of each link that is touched."""
     rise = counts.max(axis=0) - np.median(counts, axis=0)
     links = np.asarray(mounted.taxel_link_index)
     every = [np.flatnonzero(links == link) for link in np.unique(links)]
     return [
-        taxels[np.argsort(rise[taxels])[-FEW:]]
+        taxels[np.argsort(rise[taxels])[-TOP_TAXELS:]]
         for taxels in every
         if rise[taxels].max() > rise.max() / 3
     ]
 
 
-def turned(pose: Pose, pressed: list[Int[np.ndarray, "few"]], world: World) -> Pose:
-    """A pose with the base turned so that the page shows all that is pressed.
+def turn_to_camera(
+    pose: Pose, pressed: list[Int[np.ndarray, "few"]], world: World
+) -> Pose:
+    """Turn the base of a pose so that the page shows all that is pressed.
 
-    That turns the arm as a whole, and changes nothing on it.
+    The arm turns as a whole, so nothing on it changes.
     """
     low, high = (float(each[0]) for each in limits(world))
-    poses = np.tile(pose, (TURNS, 1))
-    poses[:, 0] = np.linspace(low, high, TURNS)
+    poses = np.tile(pose, (BASE_ANGLES, 1))
+    poses[:, 0] = np.linspace(low, high, BASE_ANGLES)
     seen = [
-        [float((world.mounted.place_taxels(q, taxels)[1] @ CAMERA).mean()) for q in poses]
+        [
+            float((world.mounted.place_taxels(q, taxels)[1] @ CAMERA).mean())
+            for q in poses
+        ]
         for taxels in pressed
     ]
     return poses[int(np.min(seen, axis=0).argmax())]
 
 
-def is_way_free(poses: list[Pose], world: World) -> bool:
-    """Whether the arm meets neither itself nor the table from each pose to the next."""
-    lines = [np.linspace(a, b, LINE) for a, b in zip(poses, poses[1:], strict=False)]
+def is_path_free(poses: list[Pose], world: World) -> bool:
+    """Return whether the arm meets neither itself nor the table between the poses."""
+    lines = [
+        np.linspace(a, b, PATH_SAMPLES) for a, b in zip(poses, poses[1:], strict=False)
+    ]
     return bool(is_free(world, world.poses(np.concatenate(lines))).all())
 
 
-BLIND = "ur5-blind"
+BLIND_MODEL = "ur5-blind"
+"""Weights that were trained without the pose."""
 
 
 @dataclass(frozen=True, eq=False)
 class RecognitionResult:
-    """What is said of one playing."""
+    """A recognition result holds what was recognised in one playback."""
 
-    said: tuple[tuple[str, float], ...]
-    """Gesture and confidence of each touch, in the order in which they were said."""
+    detected: tuple[tuple[str, float], ...]
+    """Gesture and confidence of each detection, in their order."""
 
     probabilities: Float[np.ndarray, "class"]
-    """Of the strongest touch, as it was spoken of: at once, or after it closed by what
-    its latest contact told; zeros before there is one."""
+    """Probabilities of the strongest touch at its detection: at once, or after it
+    closed, by its latest contact; zeros before there is a touch."""
 
     @property
-    def words(self) -> tuple[str, ...]:
-        """What is said, in words."""
+    def texts(self) -> tuple[str, ...]:
+        """The detections as texts for people."""
         return tuple(
-            f"{gesture.replace('_', ' ')} {sure:.0%}" for gesture, sure in self.said
+            f"{gesture.replace('_', ' ')} {confidence:.0%}"
+            for gesture, confidence in self.detected
         )
 
     @property
     def gestures(self) -> list[str]:
-        """What was recognised, less what is no gesture."""
-        return [gesture for gesture, _ in self.said if gesture not in NON_GESTURES]
+        """The recognised gestures, without classes that are none."""
+        return [gesture for gesture, _ in self.detected if gesture not in NON_GESTURES]
 
-    def is_right(self, label: str) -> bool:
-        """Whether it says what is truly done, once, and nothing else."""
+    def is_correct(self, label: str) -> bool:
+        """Return whether the true label was recognised, once, and nothing else."""
         return self.gestures == ([] if label in NON_GESTURES else [label])
 
 
 @final
 class RecognitionRun:
-    """A recogniser that has heard nothing before, listening to one playing."""
+    """A recognition run feeds one playback to a fresh recogniser."""
 
     def __init__(self, model: Model, touch: SameTouch) -> None:
-        """Listen with a model."""
+        """Start with a model."""
         self.recognizer = Recognizer(model, touch.mounted, touch.calibration)
         self.classes = len(model.card.vocabulary)
-        self.chances: dict[int, np.ndarray] = {}
-        self.spoken: set[int] = set()
+        self.probabilities: dict[int, np.ndarray] = {}
+        self.detected: set[int] = set()
         self.detections: list[Detection] = []
 
-    def on_message(self, scan: Scan) -> None:
-        """Take in the next scan."""
-        said = self.recognizer.push(scan)
-        self.detections += said
+    def push(self, scan: Scan) -> None:
+        """Process the next scan."""
+        detections = self.recognizer.push(scan)
+        self.detections += detections
         state = self.recognizer.state
         assert state is not None
-        heard = {touch.id for touch in state.open}
-        heard |= {detection.touch for detection in said}
-        self.chances |= {
-            touch: chances
-            for touch, chances in self.recognizer.probabilities.items()
-            if touch in heard - self.spoken
+        detected = {detection.touch for detection in detections}
+        current = {touch.id for touch in state.open} | detected
+        self.probabilities |= {
+            touch: probabilities
+            for touch, probabilities in self.recognizer.probabilities.items()
+            if touch in current - self.detected
         }
-        self.spoken |= {detection.touch for detection in said}
+        self.detected |= detected
 
     def finish(self) -> None:
-        """Take in the end."""
+        """Process the end of the playback."""
         self.detections += self.recognizer.finish()
 
     @property
-    def answer(self) -> RecognitionResult:
-        """What it says so far."""
-        touch = max(self.chances, default=None)
+    def result(self) -> RecognitionResult:
+        """The result so far."""
+        touch = max(self.probabilities, default=None)
         if self.detections:
             touch = max(self.detections, key=lambda each: each.peak_force).touch
-        chances = np.zeros(self.classes) if touch is None else self.chances[touch]
-        said = tuple((each.gesture, each.confidence) for each in self.detections)
-        return RecognitionResult(said, chances)
+        nothing = np.zeros(self.classes)
+        probabilities = nothing if touch is None else self.probabilities[touch]
+        detected = tuple((each.gesture, each.confidence) for each in self.detections)
+        return RecognitionResult(detected, probabilities)
 
 
 def recognise_touch(touch: SameTouch, side: int, model: Model) -> RecognitionResult:
-    """What is said of the playing in one of its poses."""
-    opinion = RecognitionRun(model, touch)
+    """Recognise the playback of a touch in one of its poses."""
+    run = RecognitionRun(model, touch)
     for scan in touch.scans(side, touch.period, None):
-        opinion.on_message(scan)
-    opinion.finish()
-    return opinion.answer
+        run.push(scan)
+    run.finish()
+    return run.result
 
 
 @dataclass(frozen=True, eq=False)
 class PoseComparison:
-    """What two recognisers say of one touch in both of its poses."""
+    """A pose comparison holds the results of two models in both poses of a touch."""
 
     labels: tuple[str, str]
-    """What is truly done in either."""
+    """True label in each pose."""
 
     posed: tuple[RecognitionResult, RecognitionResult]
-    """Of the one that sees the pose."""
+    """Results of the recogniser that sees the pose."""
 
     blind: tuple[RecognitionResult, RecognitionResult]
-    """Of the one that does not."""
+    """Results of the recogniser that does not see the pose."""
 
-    def right(self, answers: tuple[RecognitionResult, RecognitionResult]) -> int:
-        """In how many of the poses that is what is truly done."""
-        return sum(map(RecognitionResult.is_right, answers, self.labels))
+    def count_correct(
+        self, results: tuple[RecognitionResult, RecognitionResult]
+    ) -> int:
+        """Return the number of poses in which the results are correct."""
+        return sum(map(RecognitionResult.is_correct, results, self.labels))
 
     @property
-    def is_blind(self) -> bool:
-        """Whether the one that sees no pose says the same twice, to the last digit."""
+    def blind_is_equal(self) -> bool:
+        """Whether both results without the pose are the same, to the last digit."""
         one, other = self.blind
-        alike = np.array_equal(one.probabilities, other.probabilities)
-        return one.said == other.said and alike
+        equal = np.array_equal(one.probabilities, other.probabilities)
+        return one.detected == other.detected and equal
 
 
-def compare(number: int, config: DemoConfig) -> list[PoseComparison]:
-    """What both say of some touches, as fast as the computer can.
+def compare_models(number: int, config: DemoConfig) -> list[PoseComparison]:
+    """Compare both models on some touches, as fast as the computer can.
 
     Args:
-        number: of touches.
-        config: what is demonstrated.
+        number: number of touches.
+        config: skin, model and build.
     """
     models = load_both_models(config.model)
     touches = draw_touches(number, config.skin, config.build_kind, config.seed)
@@ -331,5 +346,5 @@ def compare(number: int, config: DemoConfig) -> list[PoseComparison]:
 
 
 def load_both_models(name: str) -> tuple[Model, Model]:
-    """A model, and one that was trained without ever seeing the pose."""
-    return load_model(name), load_model(BLIND)
+    """Load a model, and one that was trained without ever seeing the pose."""
+    return load_model(name), load_model(BLIND_MODEL)

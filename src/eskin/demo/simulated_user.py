@@ -8,8 +8,7 @@ from typing import Literal, final
 
 import numpy as np
 
-from eskin.command import ArmState, CommandMap, SimulatedArm
-from eskin.command.actions import resolve_action
+from eskin.command import ArmState, CommandMap, SimulatedArm, resolve_action
 from eskin.live import Detection
 from eskin.recording import NONE
 from eskin.sim.interactive.skin import LiveSkin, demo_person

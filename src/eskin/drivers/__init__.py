@@ -1,4 +1,4 @@
-"""Skins on a cable: the device protocol, and where scans come from."""
+"""This package implements the device protocol and the sources of scans."""
 
 from eskin.drivers.clock import Clock, HostClock, ManualClock
 from eskin.drivers.device_source import DeviceSource
@@ -27,7 +27,7 @@ __all__ = [
     "FixedJoints",
     "Hello",
     "HostClock",
-    "Joints",
+    "JointSource",
     "ManualClock",
     "Packet",
     "PlayedSource",
@@ -37,7 +37,7 @@ __all__ = [
     "Status",
     "Transport",
     "UdpTransport",
-    "decode",
-    "encode",
+    "decode_packet",
+    "encode_packet",
     "replay_source",
 ]

@@ -49,7 +49,7 @@ class Assembler:
         self.log = log
         self.registry = ModuleRegistry(skin, log)
         self.streams = {
-            address: PatchStream(slot, skin.taxels_of(slot.patch.id))
+            address: PatchStream(slot, skin.find_taxels(slot.patch.id))
             for address, slot in self.registry.slots.items()
         }
         self.outcomes = PacketCounts()
@@ -67,9 +67,7 @@ class Assembler:
                 period but at least 20 ms where None.
         """
         grid = PeriodGrid(now, rate, grace)
-        self.timeline = ScanTimeline(
-            grid, self.skin.count, self.streams, self.outcomes
-        )
+        self.timeline = ScanTimeline(grid, self.skin.count, self.streams, self.outcomes)
 
     def push(self, packet: Packet, arrived: int, port: str) -> None:
         """Process a packet.
@@ -177,9 +175,7 @@ class Assembler:
             return "waiting"
         del stream.partial[number]
         stream.complete.add(number)
-        outcome = self.place_scan(
-            stream, scan_time, scan.counts, scan.packets, arrived
-        )
+        outcome = self.place_scan(stream, scan_time, scan.counts, scan.packets, arrived)
         self.outcomes.settle(outcome, scan.packets - 1)
         return outcome
 

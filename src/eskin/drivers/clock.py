@@ -1,4 +1,4 @@
-"""The one clock that everything on this computer is timed by."""
+"""This module provides the one clock that everything on this computer is timed by."""
 
 import time
 from abc import ABC, abstractmethod
@@ -8,22 +8,22 @@ from eskin.units import NS_PER_S
 
 
 class Clock(ABC):
-    """Tells the time, and never goes back."""
+    """Tells the time and never goes back."""
 
     @abstractmethod
     def now(self) -> int:
-        """The time [ns since the epoch]."""
+        """Return the time [ns since the epoch]."""
 
     @abstractmethod
     def sleep(self, seconds: float) -> None:
-        """Let some time pass [s]; none where it is not positive."""
+        """Wait [s]; return at once where the time is not positive."""
 
 
 @final
 class HostClock(Clock):
-    """This computer's: the date read once, then the monotonic clock.
+    """Reads the date once and then follows the monotonic clock of this computer.
 
-    Nobody who sets the date moves it.
+    Setting the date does not move it.
     """
 
     def __init__(self) -> None:
@@ -31,27 +31,27 @@ class HostClock(Clock):
         self.offset = time.time_ns() - time.monotonic_ns()
 
     def now(self) -> int:
-        """The time [ns since the epoch]."""
+        """Return the time [ns since the epoch]."""
         return self.offset + time.monotonic_ns()
 
     def sleep(self, seconds: float) -> None:
-        """Let some time pass [s]."""
+        """Wait [s]."""
         if seconds > 0:
             time.sleep(seconds)
 
 
 @final
 class ManualClock(Clock):
-    """One that only goes on when it is told to: for tests, and faster than life."""
+    """Advances only when told to: for tests, and for running faster than real time."""
 
     def __init__(self, start: int = NS_PER_S) -> None:
         """Start at a time [ns since the epoch]."""
         self.time = start
 
     def now(self) -> int:
-        """The time [ns since the epoch]."""
+        """Return the time [ns since the epoch]."""
         return self.time
 
     def sleep(self, seconds: float) -> None:
-        """Go on by some time [s], at once."""
+        """Advance by some time [s], at once."""
         self.time += max(0, round(seconds * NS_PER_S))

@@ -4,31 +4,54 @@ from itertools import combinations
 from statistics import median
 from typing import Literal, NamedTuple, final
 
+from eskin.drivers.packet import DEVICE_TIME_SPAN, SCAN_NUMBER_SPAN
 from eskin.units import NS_PER_S
 
 BUCKET = NS_PER_S
-"""How long arrivals compete for the least delay [ns]."""
+"""Length of the intervals of which the fastest packet is kept [ns]."""
 BUCKETS = 10
-"""How many such times are remembered."""
-ENOUGH = 5
-"""From how many of them drift is told."""
-LEARN = 0.3
-"""PartialScan of a newly found drift that is believed."""
-MOST_DRIFT = 0.01
-"""The worst clock of a microcontroller, one without a crystal."""
+"""Number of intervals that are kept."""
+MIN_DRIFT_BUCKETS = 5
+"""Fewest intervals from which drift is estimated."""
+DRIFT_GAIN = 0.3
+"""Weight of a new drift estimate."""
+MAX_DRIFT = 0.01
+"""Drift of the worst microcontroller clock, one without a crystal."""
 JUMP = 50_000_000
-"""A packet that is faster than any before by so much means that all before lay in some
+"""How much faster than any before a packet must be to prove that all before lay in some
 buffer, or that the device's clock was set [ns]."""
+
+SCAN_WINDOW = 64
+"""Number of scans that are tracked one by one."""
+ALL_SEEN = (1 << SCAN_WINDOW) - 1
+
+NS_PER_US = 1000
+US_PER_S = 1_000_000
+MAX_REORDERING = US_PER_S // 2
+"""How much longer than a later packet one may be on its way [us]."""
+UNAMBIGUOUS = 5 * US_PER_S
+"""Time over which scan numbers are unambiguous at any rate up to 6 kHz [us]; also how
+much further than the host's a device's clock may seem to have gone, after a delay."""
+MAX_SILENCE = 600 * NS_PER_S
+"""Silence after which a clock starts over: half a wrap is not yet over [ns]."""
+MAX_EARLY = NS_PER_S // 20
+"""How much before its sending a packet of the same clock may seem to arrive [ns]."""
+MAX_LATE = NS_PER_S
+"""How late a packet of the same clock may seem to arrive [ns]."""
+SETTLE_TIME = NS_PER_S // 10
+"""How long a new clock is observed before it is accepted [ns]."""
+SETTLE_SCANS = 3
+
+Novelty = Literal["new", "again", "old"]
 
 
 @final
 class ClockOffsetEstimator:
-    """Maps device time to host time; offset and drift follow the least delayed.
+    """Maps device time to host time; offset and drift follow the least delayed packets.
 
-    Delays only ever make packets late, so the smallest arrival minus device time of a
-    while is nearest to the truth. Only times in which the device was heard are
-    remembered: after a pause of any length, packets that lay in a buffer keep their
-    true spacing.
+    Delays only ever make packets late, so the smallest arrival minus device time of an
+    interval is nearest to the truth. Only intervals in which the device sent are kept:
+    after a pause of any length, packets that lay in a buffer keep their true spacing.
 
     Attributes:
         drift: what the device's clock loses against the host's, as a part of time.
@@ -39,82 +62,76 @@ class ClockOffsetEstimator:
         self.device = device
         self.arrived = arrived
         self.drift = 0.0
-        self.least = 0.0
+        self.min_residual = 0.0
         self.restart(0, 0, arrived)
 
     def restart(self, elapsed: int, extra: int, arrived: int) -> None:
         """Forget all but one packet."""
         self.past: list[tuple[int, int]] = []
         self.best = (elapsed, extra)
-        self.best_rest = extra - self.drift * elapsed
+        self.best_residual = extra - self.drift * elapsed
         self.bucket_end = arrived + BUCKET
 
     def push(self, device: int, arrived: int) -> int:
-        """Host time of a device time [ns]; never later than the arrival.
+        """Return the host time of a packet [ns], which is never after its arrival.
 
         Args:
             device: unwrapped device time [us].
-            arrived: when it was heard [ns].
+            arrived: arrival by the host's clock [ns].
         """
-        elapsed = (device - self.device) * 1000
+        elapsed = (device - self.device) * NS_PER_US
         extra = arrived - self.arrived - elapsed
-        rest = extra - self.drift * elapsed
-        if rest < self.least:
-            if rest < self.least - JUMP:
+        residual = extra - self.drift * elapsed
+        if residual < self.min_residual:
+            if residual < self.min_residual - JUMP:
                 self.restart(elapsed, extra, arrived)
-            self.least = rest
+            self.min_residual = residual
         if arrived >= self.bucket_end:
             self.close_bucket(elapsed, extra, arrived)
-        elif rest < self.best_rest:
-            self.best, self.best_rest = (elapsed, extra), rest
-        return min(self.stamp(device), arrived)
+        elif residual < self.best_residual:
+            self.best, self.best_residual = (elapsed, extra), residual
+        return min(self.to_host(device), arrived)
 
-    def stamp(self, device: int) -> int:
-        """Host time of a device time [ns], by what was heard so far."""
-        elapsed = (device - self.device) * 1000
-        return self.arrived + elapsed + int((self.least + self.drift * elapsed) // 1)
+    def to_host(self, device: int) -> int:
+        """Return the host time of a device time [ns] by the current estimate."""
+        elapsed = (device - self.device) * NS_PER_US
+        delay = self.min_residual + self.drift * elapsed
+        return self.arrived + elapsed + int(delay // 1)
 
     def close_bucket(self, elapsed: int, extra: int, arrived: int) -> None:
-        """Remember the fastest packet of a while, follow the drift, begin another."""
+        """Keep the fastest packet of an interval, update the drift, start another."""
         self.past = [*self.past, self.best][-BUCKETS:]
-        if len(self.past) >= ENOUGH:
+        if len(self.past) >= MIN_DRIFT_BUCKETS:
             slopes = [
                 (y1 - y0) / (x1 - x0)
                 for (x0, y0), (x1, y1) in combinations(self.past, 2)
                 if x1 != x0
             ]
-            found = min(max(median(slopes or [0.0]), -MOST_DRIFT), MOST_DRIFT)
-            self.drift += LEARN * (found - self.drift)
+            found = min(max(median(slopes or [0.0]), -MAX_DRIFT), MAX_DRIFT)
+            self.drift += DRIFT_GAIN * (found - self.drift)
         self.best = (elapsed, extra)
-        self.best_rest = extra - self.drift * elapsed
-        self.least = min(y - self.drift * x for x, y in [*self.past, self.best])
+        self.best_residual = extra - self.drift * elapsed
+        self.min_residual = min(y - self.drift * x for x, y in [*self.past, self.best])
         self.bucket_end = arrived + BUCKET
-
-
-WINDOW = 64
-"""Scans that are remembered one by one."""
-ALL = (1 << WINDOW) - 1
-
-Novelty = Literal["new", "again", "old"]
 
 
 @final
 class ScanNumberWindow:
-    """Scan numbers as they are heard, in whatever order; a few are remembered.
+    """Tracks which of the latest scan numbers have arrived, in whatever order.
 
     Attributes:
-        gone: numbers that were passed over and will not count any more if they come.
+        gone: numbers that were passed over and no longer count if they arrive.
     """
 
     def __init__(self) -> None:
-        """Start without having heard any."""
+        """Start without numbers."""
         self.first = 0
         self.highest: int | None = None
-        self.heard = ALL
+        self.seen = ALL_SEEN
         self.gone = 0
 
-    def take(self, number: int) -> Novelty:
-        """Whether an unwrapped number is new, heard before, or too old to say."""
+    def add(self, number: int) -> Novelty:
+        """Add an unwrapped number; return whether it is new, seen before or too old."""
         if self.highest is None:
             self.first = self.highest = number
             return "new"
@@ -123,191 +140,175 @@ class ScanNumberWindow:
             self.advance(ahead)
             self.highest = number
             return "new"
-        if -ahead >= WINDOW or number < self.first:
+        if -ahead >= SCAN_WINDOW or number < self.first:
             return "old"
         bit = 1 << -ahead
-        if self.heard & bit:
+        if self.seen & bit:
             return "again"
-        self.heard |= bit
+        self.seen |= bit
         return "new"
 
     def advance(self, ahead: int) -> None:
-        """Move the window on; what leaves it unheard is gone."""
+        """Move the window; unseen numbers that leave it are gone."""
         if ahead == 1:
-            self.gone += not self.heard >> (WINDOW - 1)
-            self.heard = (self.heard << 1 | 1) & ALL
+            self.gone += not self.seen >> (SCAN_WINDOW - 1)
+            self.seen = (self.seen << 1 | 1) & ALL_SEEN
             return
-        leaving = self.heard >> max(WINDOW - ahead, 0)
+        leaving = self.seen >> max(SCAN_WINDOW - ahead, 0)
         self.gone += ahead - leaving.bit_count()
-        self.heard = (self.heard << min(ahead, WINDOW) | 1) & ALL
+        self.seen = (self.seen << min(ahead, SCAN_WINDOW) | 1) & ALL_SEEN
 
-    def has(self, number: int) -> bool:
-        """Whether a number was heard, as far as is remembered."""
+    def __contains__(self, number: int) -> bool:
+        """Return whether a number in the window has arrived."""
         if self.highest is None or number > self.highest:
             return False
         back = self.highest - number
-        return back < WINDOW and bool(self.heard >> back & 1)
+        return back < SCAN_WINDOW and bool(self.seen >> back & 1)
 
     @property
     def lost(self) -> int:
-        """Numbers between the first and the highest that were not heard."""
-        return self.gone + WINDOW - self.heard.bit_count()
+        """How many numbers between the first and the highest have not arrived."""
+        return self.gone + SCAN_WINDOW - self.seen.bit_count()
 
-    def forget(self) -> None:
-        """Begin anew at the next number; what was lost stays counted."""
+    def restart(self) -> None:
+        """Start over at the next number; what was lost stays counted."""
         self.gone = self.lost
-        self.highest, self.heard = None, ALL
-
-
-US = 1000
-"""One microsecond [ns]."""
-SECOND_US = 1_000_000
-TIME_SPAN = 1 << 32
-SCAN_SPAN = 1 << 16
-REORDERED = SECOND_US // 2
-"""How much longer than a later packet one may be on its way [us]."""
-SURE = 5 * SECOND_US
-"""Over how long scan numbers are told apart at any rate up to 6 kHz [us]; also how much
-further than the host's a device's clock may seem to have gone, after a delay."""
-LONGEST = 600 * SECOND_US * US
-"""After such a silence a clock begins anew: half a wrap is not yet over [ns]."""
-EARLY = SECOND_US * US // 20
-"""By how much a packet may seem to arrive before it was sent [ns]."""
-DELAYED = SECOND_US * US
-"""By how much a packet may be late that tells whose clock it is [ns]."""
-SETTLE = SECOND_US * US // 10
-"""How long a new clock is heard before it is believed [ns]."""
-SETTLE_SCANS = 3
+        self.highest, self.seen = None, ALL_SEEN
 
 
 class ScanTime(NamedTuple):
-    """Which scan, and when it began."""
+    """A scan time says which scan it is and when that began."""
 
     number: int
-    """Of the scan, unwrapped; goes on through reboots."""
+    """Unwrapped number of the scan; goes on through reboots."""
     stamp: int
-    """When it began by the host's clock [ns]."""
+    """Start of the scan by the host's clock [ns]."""
 
 
 @final
 class ClockEpoch:
-    """A device's clock from one power-up to the next."""
+    """Follows a device's clock from one power-up to the next."""
 
     def __init__(self, device_time: int, scan: int, arrived: int) -> None:
-        """Begin with a packet."""
+        """Start with a packet."""
         self.device = device_time
         self.number = scan
         self.since = self.arrived = arrived
         self.scans = 1
-        self.delay = ClockOffsetEstimator(device_time, arrived)
+        self.offset = ClockOffsetEstimator(device_time, arrived)
 
-    def step(self, device_time: int, scan: int, arrived: int) -> tuple[int, int] | None:
-        """How much later than the latest packet this one is: time [us] and scans.
+    def compute_step(
+        self, device_time: int, scan: int, arrived: int
+    ) -> tuple[int, int] | None:
+        """Return how much later than the latest packet one is: time [us] and scans.
 
         None where it cannot be of this clock: time and scan number do not go the same
         way, it is further behind than reordering explains, or ahead of its time.
         """
         silence = arrived - self.arrived
-        time = wrapped(device_time - self.device, TIME_SPAN)
-        scans = wrapped(scan - self.number, SCAN_SPAN)
-        if silence > LONGEST or time > silence // US + SURE:
+        time = wrap_difference(device_time - self.device, DEVICE_TIME_SPAN)
+        scans = wrap_difference(scan - self.number, SCAN_NUMBER_SPAN)
+        if silence > MAX_SILENCE or time > silence // NS_PER_US + UNAMBIGUOUS:
             return None
-        if time > SURE:
-            return time, scans if scans > 0 else scans + SCAN_SPAN
+        if time > UNAMBIGUOUS:
+            return time, scans if scans > 0 else scans + SCAN_NUMBER_SPAN
         if scans > 0:
             return (time, scans) if time >= 0 else None
         if scans == 0:
             return (0, 0) if time == 0 else None
-        behind = silence // US - time
-        return (time, scans) if time < 0 and behind <= REORDERED else None
+        behind = silence // NS_PER_US - time
+        return (time, scans) if time < 0 and behind <= MAX_REORDERING else None
 
-    def take(self, step: tuple[int, int], arrived: int) -> ScanTime:
-        """Which scan a packet of this clock is of, and when that began."""
+    def update(self, step: tuple[int, int], arrived: int) -> ScanTime:
+        """Update the clock by a packet of it; return the packet's scan time."""
         time, scans = step
         device, number = self.device + time, self.number + scans
         if scans > 0:
             self.device, self.number, self.arrived = device, number, arrived
             self.scans += 1
-        return ScanTime(number, self.delay.push(device, arrived))
+        return ScanTime(number, self.offset.push(device, arrived))
 
     @property
-    def settled(self) -> bool:
-        """Whether it was heard for long enough to be believed."""
-        return self.scans >= SETTLE_SCANS and self.arrived - self.since >= SETTLE
+    def is_settled(self) -> bool:
+        """Whether the clock was observed for long enough to be accepted."""
+        return self.scans >= SETTLE_SCANS and self.arrived - self.since >= SETTLE_TIME
 
 
 @final
 class DeviceClock:
-    """The clock of one patch, through wraps, drift, delays and reboots.
+    """Follows the clock of one patch through wraps, drift, delays and reboots.
 
-    A packet that does not fit the clock is not believed, and begins another only when
+    A packet that does not fit the clock is rejected, and starts another clock only when
     those that follow fit it and none fits the old one: so neither a packet that was
-    lost for long nor another module is taken for a reboot.
+    delayed for long nor another module is taken for a reboot.
 
     Attributes:
-        epoch: the clock that is believed.
-        reboots: how often it began anew.
+        epoch: the clock that is accepted.
+        reboots: how often it started over.
     """
 
     def __init__(self) -> None:
-        """Start without having heard the patch."""
+        """Start without a clock."""
         self.epoch: ClockEpoch | None = None
         self.candidate: ClockEpoch | None = None
         self.shift = 0
         self.reboots = 0
 
     def push(self, device_time: int, scan: int, arrived: int) -> ScanTime | None:
-        """Which scan a packet is of, and when it began; None while that is not known.
+        """Return number and start of a packet's scan; None while they are not known.
 
         Args:
-            device_time: as the packet says [us], modulo 2**32.
-            scan: number as the packet says, modulo 2**16.
-            arrived: when it was heard by the host's clock [ns].
+            device_time: device time in the packet [us], modulo 2**32.
+            scan: scan number in the packet, modulo 2**16.
+            arrived: arrival by the host's clock [ns].
         """
         epoch = self.epoch
         if epoch is not None:
-            step = epoch.step(device_time, scan, arrived)
+            step = epoch.compute_step(device_time, scan, arrived)
             if step is not None:
                 self.candidate = None
-                number, stamp = epoch.take(step, arrived)
+                number, stamp = epoch.update(step, arrived)
                 return ScanTime(number + self.shift, stamp)
-        self.try_candidate(device_time, scan, arrived)
+        self.update_candidate(device_time, scan, arrived)
         return None
 
-    def try_candidate(self, device_time: int, scan: int, arrived: int) -> None:
-        """Let a packet that does not fit begin, or go on with, another clock."""
+    def update_candidate(self, device_time: int, scan: int, arrived: int) -> None:
+        """Let a packet that does not fit the clock start or continue another one."""
         other = self.candidate
-        step = None if other is None else other.step(device_time, scan, arrived)
+        step = None
+        if other is not None:
+            step = other.compute_step(device_time, scan, arrived)
         if other is None or step is None:
             self.candidate = ClockEpoch(device_time, scan, arrived)
             return
-        other.take(step, arrived)
-        if other.settled:
+        other.update(step, arrived)
+        if other.is_settled:
             if self.epoch is not None:
                 self.shift += self.epoch.number - other.number
                 self.reboots += 1
             self.epoch, self.candidate = other, None
 
-    def agrees(self, device_time: int, arrived: int) -> bool:
-        """Whether a packet that arrived at some time is of the believed clock.
+    def matches(self, device_time: int, arrived: int) -> bool:
+        """Return whether a packet that arrived at some time is of the accepted clock.
 
         Args:
-            device_time: as the packet says [us], modulo 2**32.
-            arrived: when it was heard by the host's clock [ns].
+            device_time: device time in the packet [us], modulo 2**32.
+            arrived: arrival by the host's clock [ns].
         """
         epoch = self.epoch
         if epoch is None:
             return False
-        device = epoch.device + wrapped(device_time - epoch.device, TIME_SPAN)
-        return -EARLY <= arrived - epoch.delay.stamp(device) <= DELAYED
+        time = wrap_difference(device_time - epoch.device, DEVICE_TIME_SPAN)
+        stamp = epoch.offset.to_host(epoch.device + time)
+        return -MAX_EARLY <= arrived - stamp <= MAX_LATE
 
     @property
     def drift(self) -> float:
         """What the patch's clock loses against the host's, as a part of time."""
-        return 0.0 if self.epoch is None else self.epoch.delay.drift
+        return 0.0 if self.epoch is None else self.epoch.offset.drift
 
 
-def wrapped(difference: int, span: int) -> int:
-    """The difference of two counters that wrap, between minus and plus half a wrap."""
+def wrap_difference(difference: int, span: int) -> int:
+    """Wrap the difference of two counters to plus or minus half their span."""
     half = span >> 1
     return ((difference + half) & (span - 1)) - half

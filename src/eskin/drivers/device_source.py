@@ -1,4 +1,4 @@
-"""A skin on a cable as a source of scans."""
+"""This module reads a skin on a cable as a source of scans."""
 
 from collections import deque
 from typing import final
@@ -6,7 +6,7 @@ from typing import final
 from eskin.drivers.assembler import Assembler
 from eskin.drivers.clock import Clock
 from eskin.drivers.events import Event, EventLog
-from eskin.drivers.module_registry import MOST_RATE, PacketOutcome
+from eskin.drivers.module_registry import MAX_SCAN_RATE
 from eskin.drivers.packet import decode_packet
 from eskin.drivers.source import JointSource, Source, SourceInfo
 from eskin.drivers.transport import ReceivedPacket, Transport
@@ -15,22 +15,22 @@ from eskin.skin import MountedSkin
 from eskin.touch import Calibration, Scan
 from eskin.units import NS_PER_S
 
-USUAL_RATE = 50.0
-"""Of a skin whose patches do not say theirs [1/s]."""
-LISTEN = 1.2
+DEFAULT_RATE = 50.0
+"""Scan rate of a skin whose patches do not specify theirs [1/s]."""
+HELLO_TIMEOUT = 1.2
 """How long hellos are awaited, which come once a second [s]."""
-LONGEST_WAIT = 0.1
-"""Between two looks at who is gone [s]."""
+MAX_WAIT = 0.1
+"""Longest time between two checks for silent patches [s]."""
 
 
 @final
 class DeviceSource(Source):
-    """Hears the patches of a skin over a transport, and never ends by itself.
+    """Receives the patches of a skin over a transport and never ends by itself.
 
     Attributes:
         info: what is known before the first scan.
-        clock: that its scans are stamped by.
-        assembler: ages, skews and the state of every patch.
+        clock: clock that stamps the scans.
+        assembler: state of every patch, with ages and skews.
     """
 
     def __init__(
@@ -47,16 +47,16 @@ class DeviceSource(Source):
         """Listen to a transport, which is closed with the source.
 
         Args:
-            transport: that the patches are heard over; stamps by the same clock.
+            transport: transport of the patches; stamps by the same clock.
             mounted: the skin on its robot.
-            calibration: of the skin's electronics.
-            joints: where the robot's joints are.
-            clock: of everything.
-            uri: how it was asked for.
-            rate: of scans [1/s]; where None, hellos are awaited for 1.2 s and the
-                highest promised rate is taken, 50 without.
-            grace: how long a period waits after its end for what is under way [s]; half
-                a period but at least 20 ms where None.
+            calibration: calibration of the skin's electronics.
+            joints: source of the robot's joint positions.
+            clock: clock that stamps everything.
+            uri: URI that the source was opened with.
+            rate: scan rate [1/s]; where None, hellos are awaited for 1.2 s and the
+                highest nominal rate is taken, 50 without any.
+            grace: how long after its end a period waits for late packets [s]; half a
+                period but at least 20 ms where None.
 
         Raises:
             SkinError: two patches have the same address.
@@ -69,18 +69,18 @@ class DeviceSource(Source):
                 f"calibration has {len(calibration.gain)} taxels, skin '{skin.name}' "
                 f"has {skin.count}; allowed is one gain a taxel; use the skin's own"
             )
-        if rate is not None and not 0.1 <= rate <= MOST_RATE:
+        if rate is not None and not 0.1 <= rate <= MAX_SCAN_RATE:
             raise DeviceError(
-                f"rate is {rate}; allowed is 0.1 to {MOST_RATE} scans a second; "
-                "correct it, or leave it out to take what the patches promise"
+                f"rate is {rate}; allowed is 0.1 to {MAX_SCAN_RATE} scans a second; "
+                "correct it, or leave it out to take the nominal rate of the patches"
             )
         self.clock = clock
         self.transport = transport
         self.log = EventLog()
         self.assembler = Assembler(skin, joints, self.log)
         self.ready: deque[Scan] = deque()
-        self.closed, self.left = False, 0
-        rate = self.listen() if rate is None else rate
+        self.closed, self.left_unread = False, 0
+        rate = self.receive_hellos() if rate is None else rate
         self.assembler.start(clock.now(), rate, grace)
         self.info = SourceInfo(
             uri=uri,
@@ -91,61 +91,59 @@ class DeviceSource(Source):
             rate=rate,
         )
 
-    def listen(self) -> float:
-        """The rate that patches promise, as soon as all of them were heard [1/s]."""
-        roster = self.assembler.registry
-        end = self.clock.now() + round(LISTEN * NS_PER_S)
+    def receive_hellos(self) -> float:
+        """Wait for the hellos of all patches; return their nominal rate [1/s]."""
+        registry = self.assembler.registry
+        end = self.clock.now() + round(HELLO_TIMEOUT * NS_PER_S)
         while (now := self.clock.now()) < end:
-            self.take(self.transport.read(min(LONGEST_WAIT, (end - now) / NS_PER_S)))
-            if all(seat.module for seat in roster.slots.values()):
+            self.decode(self.transport.read(min(MAX_WAIT, (end - now) / NS_PER_S)))
+            if all(slot.module for slot in registry.slots.values()):
                 break
-        return float(roster.promised or USUAL_RATE)
+        return float(registry.highest_rate or DEFAULT_RATE)
 
     def read(self, timeout: float | None = None) -> Scan | None:
-        """The next scan of the whole skin; None where none was due in time."""
+        """Return the next scan of the whole skin; None where none was due in time."""
         end = None if timeout is None else self.clock.now() + round(timeout * NS_PER_S)
         while not self.ready and not self.closed:
             before = self.clock.now()
-            self.hear(before, end)
+            self.receive(before, end)
             if end is not None and before >= end:
                 break
         return self.ready.popleft() if self.ready else None
 
-    def hear(self, now: int, end: int | None) -> None:
-        """Read the transport until a scan is due at the latest, and take what comes.
+    def receive(self, now: int, end: int | None) -> None:
+        """Read the transport until a scan is due at the latest, and assemble scans.
 
-        What the system holds was all read before a period is given up: the time that is
-        asked for is that of the first packet of a read, or of the end of a wait.
+        All that the system buffers is read before a period is given up: the assembler
+        is polled at the time of the first packet of a read, or of the end of a wait.
         """
         times = [
-            now + round(LONGEST_WAIT * NS_PER_S),
+            now + round(MAX_WAIT * NS_PER_S),
             self.assembler.next_deadline(),
             end,
         ]
         until = max(now, min(time for time in times if time is not None))
-        deliveries = self.transport.read((until - now) / NS_PER_S)
-        self.take(deliveries)
-        heard = deliveries[0].arrived if deliveries else until
-        self.ready += self.assembler.poll(min(heard, self.clock.now()))
+        packets = self.transport.read((until - now) / NS_PER_S)
+        self.decode(packets)
+        arrived = packets[0].arrived if packets else until
+        self.ready += self.assembler.poll(min(arrived, self.clock.now()))
 
-    def take(self, deliveries: list[ReceivedPacket]) -> None:
-        """Decode packets and hand them over; what is none is only counted."""
-        for port, arrived, data in deliveries:
+    def decode(self, packets: list[ReceivedPacket]) -> None:
+        """Decode packets and push them; invalid ones are only counted."""
+        for port, arrived, data in packets:
             try:
                 packet = decode_packet(data)
             except PacketError as error:
-                self.refuse(error, port)
+                self.count_invalid(error, port)
             else:
                 self.assembler.push(packet, arrived, port)
 
-    def refuse(self, error: PacketError, port: str) -> None:
-        """Count bytes that are no packet of this version."""
-        fate: PacketOutcome = (
-            "unknown" if error.reason in ("version", "kind") else "damaged"
-        )
-        self.assembler.outcomes.add(fate)
+    def count_invalid(self, error: PacketError, port: str) -> None:
+        """Count bytes that are not a packet of this version."""
+        unknown = error.reason in ("version", "kind")
+        self.assembler.outcomes.add("unknown" if unknown else "damaged")
         text = f"packets at {port} have a wrong {error.reason}; check cable and baud"
-        if fate == "unknown":
+        if unknown:
             text = f"packets at {port} are of another {error.reason}; update eskin"
         self.log.count("damaged", text)
 
@@ -155,13 +153,13 @@ class DeviceSource(Source):
         return self.closed and not self.ready
 
     def take_events(self) -> list[Event]:
-        """What has happened since it was last asked."""
-        self.log.poll(self.clock.now())
+        """Return the events since the last call."""
+        self.log.flush_counts(self.clock.now())
         events = self.log.take() + self.transport.take_events(self.clock.now())
         return sorted(events, key=lambda event: event.stamp)
 
     def counters(self) -> dict[str, int]:
-        """Readings, packets by their fate, lost scans, skipped periods, transport.
+        """Return readings, packets by outcome, lost scans, skipped periods, transport.
 
         `unread`: readings that were ready but were not read, or not yet.
         """
@@ -171,13 +169,13 @@ class DeviceSource(Source):
 
     @property
     def unread(self) -> int:
-        """Scans that are ready, or were when it was closed."""
-        return self.left or len(self.ready)
+        """How many scans are ready, or were when the source was closed."""
+        return self.left_unread or len(self.ready)
 
     def close(self) -> None:
         """Close the transport; may be called twice."""
         if not self.closed:
             self.closed = True
-            self.left = len(self.ready)
+            self.left_unread = len(self.ready)
             self.ready.clear()
             self.transport.close()

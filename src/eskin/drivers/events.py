@@ -1,10 +1,16 @@
-"""This module describes what happens to a skin while it streams, and collects it."""
+"""This module describes events of a streaming skin and collects them in a log."""
 
 from collections import deque
 from dataclasses import asdict, dataclass
 from typing import Literal, final
 
 from eskin.recording import EventRecord
+
+REPORT_INTERVAL = 10_000_000_000
+"""Shortest time between two events about the same repeated problem [ns]."""
+MAX_EVENTS = 1000
+"""Largest number of events that are kept until they are taken."""
+MAX_REPEATED = 256
 
 EventKind = Literal[
     "appeared",
@@ -27,56 +33,49 @@ EventKind = Literal[
 
 @dataclass(frozen=True)
 class Event:
-    """Something about the skin or a part of it that people should know."""
+    """An event tells people what happened to the skin or a part of it."""
 
     stamp: int
     """When it was noticed [ns since the epoch]."""
 
     kind: EventKind
-    """What happened. `appeared`: a patch is heard for the first time; `silent`: no
-    longer; `returned`: again; `replaced`: another module is at its address; `moved`: it
-    is heard at another port or network address; `rebooted`: its clock began anew;
-    `misfit`: it is not of this skin; `conflict`: two modules share an address; `slow`:
-    fewer scans come than it promises; `on_rate`: as many again; `damaged`: packets
-    arrive broken; `lost`: scans do not arrive; `fault`: something of the skin is out of
-    order; `mended`: no longer; `unrecorded`: recording has stopped, the rest goes
-    on."""
+    """What happened. `appeared`: a patch sends for the first time; `silent`: it no
+    longer sends; `returned`: it sends again; `replaced`: another module is at its
+    address; `moved`: it sends from another port or network address; `rebooted`: its
+    clock began anew; `misfit`: it is not of this skin; `conflict`: two modules share an
+    address; `slow`: fewer scans come than its nominal rate; `on_rate`: as many again;
+    `damaged`: packets arrive broken; `lost`: scans do not arrive; `fault`: something of
+    the skin is out of order; `mended`: no longer; `unrecorded`: recording has stopped,
+    the rest goes on."""
 
     text: str
-    """The same as a sentence, with what to do where there is something."""
+    """The same as a sentence, with the remedy where there is one."""
 
     patch: str | None = None
-    """Its patch, where it is of one."""
+    """Name of the patch, where the event concerns one."""
 
     row: int | None = None
-    """Row in its patch, where it is of a row or taxel."""
+    """Row in the patch, where the event concerns a row or taxel."""
 
     column: int | None = None
-    """Column in its patch, where it is of a column or taxel."""
+    """Column in the patch, where the event concerns a column or taxel."""
 
     taxel: int | None = None
-    """Index in the skin, where it is of one taxel."""
+    """Index in the skin, where the event concerns one taxel."""
 
     def record(self) -> EventRecord:
-        """As a recording keeps it."""
+        """Return the event in the form that recordings store."""
         return EventRecord(**asdict(self))
-
-
-PAUSE = 10_000_000_000
-"""Between two events about the same trouble that goes on [ns]."""
-MOST = 1000
-"""Events that are kept for whoever asks."""
-MOST_TROUBLES = 256
 
 
 @final
 class RepeatedEvent:
-    """Something that happens again and again at one place."""
+    """Counts an event that happens again and again at one place."""
 
     def __init__(self) -> None:
-        """Start without having happened."""
+        """Start at zero."""
         self.count = 0
-        self.told: int | None = None
+        self.reported: int | None = None
 
 
 @final
@@ -85,44 +84,44 @@ class EventLog:
 
     def __init__(self) -> None:
         """Start empty."""
-        self.events: deque[Event] = deque(maxlen=MOST)
-        self.troubles: dict[tuple[EventKind, str, str | None], RepeatedEvent] = {}
+        self.events: deque[Event] = deque(maxlen=MAX_EVENTS)
+        self.repeated: dict[tuple[EventKind, str, str | None], RepeatedEvent] = {}
 
-    def say(
+    def add(
         self, stamp: int, kind: EventKind, text: str, patch: str | None = None
     ) -> None:
-        """Something happened."""
+        """Add an event."""
         self.events.append(Event(stamp, kind, text, patch))
 
     def count(
         self, kind: EventKind, text: str, count: int = 1, patch: str | None = None
     ) -> None:
-        """Something happened that may happen often; said at most every 10 s.
+        """Count an event that may happen often; it is reported at most every 10 s.
 
         Args:
-            kind: of the event.
-            text: what happened, to stand behind the number of times.
-            count: how often.
-            patch: where, if at one.
+            kind: kind of the event.
+            text: what happened, to follow the number of times.
+            count: how often it happened.
+            patch: name of the patch, if it concerns one.
         """
         key = (kind, text, patch)
-        trouble = self.troubles.get(key)
-        if trouble is None:
-            if len(self.troubles) >= MOST_TROUBLES:
-                del self.troubles[next(iter(self.troubles))]
-            trouble = self.troubles[key] = RepeatedEvent()
-        trouble.count += count
+        event = self.repeated.get(key)
+        if event is None:
+            if len(self.repeated) >= MAX_REPEATED:
+                del self.repeated[next(iter(self.repeated))]
+            event = self.repeated[key] = RepeatedEvent()
+        event.count += count
 
-    def poll(self, now: int) -> None:
-        """Say what has been counted and is due."""
-        for (kind, text, patch), trouble in self.troubles.items():
-            due = trouble.told is None or now - trouble.told >= PAUSE
-            if trouble.count and due:
-                self.say(now, kind, f"{trouble.count} {text}", patch)
-                trouble.count, trouble.told = 0, now
+    def flush_counts(self, now: int) -> None:
+        """Add events for what has been counted and is due."""
+        for (kind, text, patch), event in self.repeated.items():
+            due = event.reported is None or now - event.reported >= REPORT_INTERVAL
+            if event.count and due:
+                self.add(now, kind, f"{event.count} {text}", patch)
+                event.count, event.reported = 0, now
 
     def take(self) -> list[Event]:
-        """What has happened since it was last asked."""
+        """Return the events since the last call and forget them."""
         events = list(self.events)
         self.events.clear()
         return events

@@ -1,7 +1,8 @@
-"""Packets on a serial line: COBS (Cheshire and Baker 1999), then one zero byte.
+"""This module frames packets on a serial line.
 
-A zero stands nowhere but between frames, so a receiver that starts anywhere, or hears
-garbage, is in step again at the next zero.
+A frame is COBS (Cheshire and Baker 1999), then one zero byte. A zero stands nowhere but
+between frames, so a receiver that starts anywhere, or receives garbage, is in step
+again at the next zero.
 """
 
 from typing import final
@@ -11,28 +12,28 @@ from cobs import cobs
 from eskin.drivers.packet import MAX_PACKET_BYTES
 
 END = b"\0"
-RUN = 254
-"""Bytes that COBS adds one byte for, where none of them is zero."""
-MAX_FRAME_BYTES = MAX_PACKET_BYTES + -(-MAX_PACKET_BYTES // RUN)
-"""Bytes of the longest frame, without its zero."""
+COBS_BLOCK = 254
+"""Number of nonzero bytes that COBS adds one byte for."""
+MAX_FRAME_BYTES = MAX_PACKET_BYTES + -(-MAX_PACKET_BYTES // COBS_BLOCK)
+"""Size of the longest frame, without its zero."""
 
 
 def encode_frame(packet: bytes) -> bytes:
-    """The packet as it goes on the line, with the zero that ends it."""
+    """Return a packet as a frame, with the zero that ends it."""
     return cobs.encode(packet) + END
 
 
 @final
 class Deframer:
-    """Finds the packets in what a line gives, however it is cut into chunks.
+    """Finds the packets in the bytes of a line, however they are cut into chunks.
 
-    Garbage costs at most the frame that it touches. No more is held than one frame.
+    Garbage costs at most the frame that it touches. No more than one frame is kept.
 
     Attributes:
-        bytes: pushed so far.
-        frames: whole ones found so far.
-        broken: frames that were not COBS, or too long. Nothing between two zeros is no
-            frame.
+        bytes: number of bytes pushed so far.
+        frames: number of valid frames so far.
+        broken: number of frames that were not COBS, or too long; empty frames do not
+            count.
     """
 
     def __init__(self) -> None:
@@ -44,20 +45,20 @@ class Deframer:
         self.skipping = False
 
     def push(self, chunk: bytes) -> list[bytes]:
-        """Packets that end in this chunk; their CRC is not yet checked."""
+        """Return the packets that end in this chunk; their CRC is not yet checked."""
         self.bytes += len(chunk)
         *ends, start = chunk.split(END)
         packets = []
         for part in ends:
-            self.hold(part)
+            self.append(part)
             if self.open:
-                packets += self.packet()
+                packets += self.close_frame()
             self.skipping = False
-        self.hold(start)
+        self.append(start)
         return packets
 
-    def hold(self, part: bytes) -> None:
-        """Add bytes to the open frame, or throw it away where it gets too long."""
+    def append(self, part: bytes) -> None:
+        """Append bytes to the open frame, or discard it where it gets too long."""
         if self.skipping or not part:
             return
         if len(self.open) + len(part) > MAX_FRAME_BYTES:
@@ -67,8 +68,8 @@ class Deframer:
         else:
             self.open += part
 
-    def packet(self) -> list[bytes]:
-        """The packet of the open frame, which is closed; none where it is broken."""
+    def close_frame(self) -> list[bytes]:
+        """Close the open frame; return its packet, or nothing where it is broken."""
         try:
             packet = cobs.decode(self.open)
         except cobs.DecodeError:

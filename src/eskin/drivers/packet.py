@@ -40,7 +40,7 @@ DEVICE_TIME_SPAN = 1 << 32
 
 @dataclass(frozen=True)
 class Hello:
-    """A packet in which a patch describes itself, sent at power-up and once a second."""
+    """A packet that describes a patch, sent at power-up and once a second."""
 
     address: int
     """Address of the patch on its bus, 0 to 65535."""
@@ -260,7 +260,7 @@ def check_size(kind: str, data: bytes, size: int) -> None:
 def build_size_error(kind: str, data: bytes, allowed: str) -> PacketError:
     """Build the error of a packet whose body has the wrong length."""
     return PacketError(
-        f"body of a {kind} packet has {len(data) - MIN_PACKET_BYTES} bytes; allowed are "
-        f"{allowed}; mend the device's program",
+        f"body of a {kind} packet has {len(data) - MIN_PACKET_BYTES} bytes; allowed "
+        f"are {allowed}; mend the device's program",
         "content",
     )

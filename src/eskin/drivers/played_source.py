@@ -18,17 +18,17 @@ from eskin.units import NS_PER_S
 class PlayedClock(Clock):
     """Tells the time in a recording that is played, at any pace.
 
-    It stands at the first stamp until playing begins. A scan's age by it is the same
-    as if the scan were taken now.
+    It stays at the first stamp until playing begins. By this clock a scan is as old as
+    if it were measured now.
     """
 
     def __init__(self, host: Clock, pace: float, start: int | None) -> None:
         """Wait for the first scan.
 
         Args:
-            host: the clock that playing is timed by.
-            pace: seconds played in a second; infinite goes from stamp to stamp.
-            start: time at which playing begins [ns since the epoch]; None: the host's.
+            host: clock that times the playback.
+            pace: seconds played per second; infinite steps from stamp to stamp.
+            start: start time of playing [ns since the epoch]; the host's where None.
         """
         self.host = host
         self.pace = pace
@@ -37,19 +37,19 @@ class PlayedClock(Clock):
         self.reached = 0
 
     def begin(self) -> int:
-        """Go from now on, unless it goes already; returns the time it began at."""
+        """Start the clock unless it runs already; return the time it started at."""
         if self.start is None:
             self.start = self.host.now()
         if self.began is None:
             self.reached, self.began = self.start, self.host.now()
         return self.start
 
-    def reach(self, stamp: int) -> None:
-        """Note the latest stamp given [ns since the epoch]."""
+    def set_reached(self, stamp: int) -> None:
+        """Set the latest stamp given [ns since the epoch]."""
         self.reached = stamp
 
     def now(self) -> int:
-        """The time in what is played [ns since the epoch]."""
+        """Return the time in the recording [ns since the epoch]."""
         if self.start is None:
             return self.host.now()
         if self.began is None:
@@ -58,22 +58,22 @@ class PlayedClock(Clock):
             return self.reached
         return self.start + round((self.host.now() - self.began) * self.pace)
 
-    def until(self, stamp: int) -> float:
-        """How long until that stamp is due, by the host's clock [s]."""
+    def time_until(self, stamp: int) -> float:
+        """Return how long until a stamp is due, by the host's clock [s]."""
         return (stamp - self.now()) / NS_PER_S / self.pace
 
     def sleep(self, seconds: float) -> None:
-        """Let some time of what is played pass [s]."""
+        """Wait until some time of the recording has passed [s]."""
         self.host.sleep(seconds / self.pace)
 
 
 STEPPED = math.inf
-"""The pace at which each scan is given as soon as it is asked for."""
+"""Pace at which each scan is given as soon as it is read."""
 
 
 @final
 class PlayedSource(Source):
-    """Gives scans of a recording or a simulation at a pace; ends after the last."""
+    """Gives scans of a recording or a simulation at a pace and ends after the last."""
 
     def __init__(
         self,
@@ -83,17 +83,17 @@ class PlayedSource(Source):
         clock: Clock | None = None,
         restamp: bool = False,
     ) -> None:
-        """Make ready; playing begins at the first `read`.
+        """Prepare playing, which begins at the first `read`.
 
         Args:
-            info: of the scans.
-            scans: in the order of their stamps; the first is fetched at once.
-            pace: seconds played in a second: 1 is real time, `STEPPED` (infinite) gives
-                each scan as soon as it is asked for.
-            clock: that playing is timed by; None takes this computer's.
-            restamp: whether stamps are shifted so that the first is the clock's now; else
-                the scans keep their own. `Source.clock` tells the same time as the
-                stamps either way.
+            info: source info of the scans.
+            scans: scans in the order of their stamps; the first is fetched at once.
+            pace: seconds played per second: 1 is real time, `STEPPED` (infinite) gives
+                each scan as soon as it is read.
+            clock: clock that times the playback; None takes this computer's.
+            restamp: whether stamps are shifted so that the first is the clock's now;
+                else the scans keep their own. `Source.clock` tells the same time as
+                the stamps either way.
 
         Raises:
             ValueError: the pace is not positive.
@@ -113,18 +113,18 @@ class PlayedSource(Source):
         self.given = 0
 
     def read(self, timeout: float | None = None) -> Scan | None:
-        """The next scan when it is due; None where it is not in time, or at the end."""
+        """Return the next scan when it is due; None if not in time, or at the end."""
         if self.next is None:
             return None
         shift = self.played.begin() - self.first
         stamp = self.next.stamp + shift
-        wait = self.played.until(stamp)
+        wait = self.played.time_until(stamp)
         if timeout is not None and wait > timeout:
             self.host.sleep(timeout)
             return None
         self.host.sleep(wait)
         scan = replace(self.next, stamp=stamp) if shift else self.next
-        self.played.reach(stamp)
+        self.played.set_reached(stamp)
         self.given += 1
         self.next = next(self.scans, None)
         return scan
@@ -135,15 +135,15 @@ class PlayedSource(Source):
         return self.next is None
 
     def take_events(self) -> list[Event]:
-        """Nothing happens to what is played."""
+        """Return no events."""
         return []
 
     def counters(self) -> dict[str, int]:
-        """The `readings` given."""
+        """Return the number of `readings` given."""
         return {"readings": self.given}
 
     def close(self) -> None:
-        """Give no more, and close the recording."""
+        """Give no more scans and close the recording."""
         self.next = None
         if isinstance(self.scans, Generator):
             self.scans.close()
@@ -155,13 +155,13 @@ def replay_source(
     clock: Clock | None = None,
     restamp: bool = False,
 ) -> PlayedSource:
-    """A recording as a source; robot, skin and calibration are those in the file.
+    """Open a recording as a source; robot, skin and calibration are from the file.
 
     Args:
-        path: of the recording; one that is cut is played up to its last whole chunk.
-        pace: as of `PlayedSource`.
-        clock: as of `PlayedSource`.
-        restamp: as of `PlayedSource`.
+        path: path of the recording; a truncated one is played to its last whole chunk.
+        pace: seconds played per second, see `PlayedSource`.
+        clock: clock that times the playback, see `PlayedSource`.
+        restamp: whether stamps are shifted to now, see `PlayedSource`.
 
     Raises:
         RecordingError: there is no such file, or nothing in it can be used.

@@ -18,30 +18,31 @@ from eskin.drivers.transport import ReceivedPacket, Transport
 from eskin.errors import DeviceError
 from eskin.units import NS_PER_S
 
-MOST_BYTES = 1 << 16
-"""Of one read of one port."""
-FULL = 4095
-"""What Linux gives of a serial line at once when there is more [bytes]."""
-RETRY = 250_000_000
-"""Between two attempts to open a port that is gone [ns]."""
+MAX_READ_BYTES = 1 << 16
+"""Largest read of one port."""
+FULL_CHUNK = 4095
+"""What Linux returns of a serial line at once when there is more [bytes]."""
+RETRY_INTERVAL = 250_000_000
+"""Time between two attempts to open a port that is gone [ns]."""
 
 
 @final
 class SerialPort:
-    """Reads one port without waiting, and opens it again when it comes back.
+    """Reads one serial port without waiting, and reopens it when it comes back.
 
     Attributes:
-        path: of its device file.
-        deframer: finds packets in its bytes; begins anew with every opening.
-        bytes: read so far.
-        broken: frames so far that were none.
+        path: path of its device file.
+        deframer: finds packets in its bytes; replaced at every opening.
+        bytes: number of bytes read so far.
+        frames: number of valid frames so far.
+        broken: number of broken frames so far.
     """
 
     def __init__(self, path: str, baud: int) -> None:
         """Open the port.
 
         Raises:
-            DeviceError: it is not there, is used by others, or must not be read.
+            DeviceError: it does not exist, is used by others, or must not be read.
         """
         self.path = path
         self.baud = baud
@@ -52,20 +53,20 @@ class SerialPort:
         try:
             self.open()
         except OSError as error:
-            raise refusal(path, error) from error
+            raise build_open_error(path, error) from error
 
     def open(self) -> None:
-        """Open the device file; pyserial throws away what lies in its buffer."""
+        """Open the device file; pyserial discards what is in its buffer."""
         try:
             self.line = serial.Serial(self.path, self.baud, timeout=0, exclusive=True)
         except (termios.error, ValueError) as error:
-            # pyserial: unplugged while it was opened, or a speed that it cannot have.
+            # pyserial: unplugged while it was opened, or an unsupported baud rate.
             raise OSError(str(error)) from error
         self.deframer = Deframer()
 
     def retry(self, now: int) -> bool:
-        """Open it if it is gone, not too often; whether it has come back."""
-        if self.line is not None or now - self.tried < RETRY:
+        """Reopen the port if it is gone, not too often; return whether it is back."""
+        if self.line is not None or now - self.tried < RETRY_INTERVAL:
             return False
         self.tried = now
         try:
@@ -76,11 +77,11 @@ class SerialPort:
         return True
 
     def read(self) -> list[bytes] | None:
-        """Packets that have come; None where the port is gone."""
+        """Return the packets that have arrived; None where the port is gone."""
         if self.line is None:
             return []
         try:
-            chunk = read_all(self.line.fileno())
+            chunk = read_available(self.line.fileno())
         except OSError:
             self.close()
             return None
@@ -92,37 +93,37 @@ class SerialPort:
         return packets
 
     def close(self) -> None:
-        """Let the device file go."""
+        """Close the device file."""
         line, self.line = self.line, None
         if line is not None:
             line.close()
 
 
-def read_all(file: int) -> bytes:
-    """All that there is to read without waiting, up to 64 kB.
+def read_available(file: int) -> bytes:
+    """Return all that can be read without waiting, up to 64 kB.
 
-    pyserial takes five calls of the system for what is one.
+    pyserial makes five system calls for what is one.
 
     Raises:
         OSError: the device is gone.
     """
     chunks, size = [], 0
-    while size < MOST_BYTES:
+    while size < MAX_READ_BYTES:
         try:
-            chunk = os.read(file, MOST_BYTES - size)
+            chunk = os.read(file, MAX_READ_BYTES - size)
         except BlockingIOError:
             break
         if not chunk and not chunks:
             raise OSError(errno.EIO, os.strerror(errno.EIO))
         chunks.append(chunk)
         size += len(chunk)
-        if len(chunk) < FULL:
+        if len(chunk) < FULL_CHUNK:
             break
     return b"".join(chunks)
 
 
-def refusal(path: str, error: OSError) -> DeviceError:
-    """Why a port cannot be opened, and what to do."""
+def build_open_error(path: str, error: OSError) -> DeviceError:
+    """Build the error of a port that cannot be opened, with the remedy."""
     code = getattr(error, "errno", None)
     if code == errno.EACCES:
         remedy = "join its group: sudo usermod -aG dialout $USER, then log in again"
@@ -138,20 +139,20 @@ def refusal(path: str, error: OSError) -> DeviceError:
 
 @dataclass(frozen=True)
 class SerialPortInfo:
-    """A serial port that could carry patches."""
+    """A serial port info describes a serial port of this computer."""
 
     path: str
-    """Of its device file."""
+    """Path of the device file."""
 
     description: str
-    """What the device says of itself."""
+    """Description that the device gives of itself."""
 
     usable: bool
     """Whether this user may read and write it."""
 
 
 def list_serial_ports() -> list[SerialPortInfo]:
-    """Ports with hardware behind them, by path; built-in ones without are left out."""
+    """List the ports with hardware behind them, sorted by path."""
     return [
         SerialPortInfo(
             port.device,
@@ -165,10 +166,10 @@ def list_serial_ports() -> list[SerialPortInfo]:
 
 @final
 class SerialTransport(Transport):
-    """Reads serial ports in one thread; one that vanishes is opened when it is back.
+    """Reads serial ports in one thread; one that vanishes is reopened when it is back.
 
     Attributes:
-        ports: by their paths.
+        ports: serial ports by their paths.
     """
 
     def __init__(
@@ -177,12 +178,12 @@ class SerialTransport(Transport):
         """Open ports.
 
         Args:
-            clock: that stamps arrivals.
-            paths: of their device files.
-            baud: bits a second; without meaning where the port is USB alone.
+            clock: clock that stamps arrivals.
+            paths: paths of their device files.
+            baud: baud rate [bit/s]; has no effect on a pure USB port.
 
         Raises:
-            DeviceError: one of them cannot be opened, or is there twice.
+            DeviceError: one of them cannot be opened, or is given twice.
         """
         if not paths or len(set(paths)) != len(paths):
             raise DeviceError(
@@ -201,31 +202,33 @@ class SerialTransport(Transport):
             raise
 
     def read(self, timeout: float) -> list[ReceivedPacket]:
-        """What has come at all ports, at most 64 kB of each."""
+        """Return what has arrived at all ports, at most 64 kB of each."""
         if self.closed:
             return []
         now = self.clock.now()
         for path, port in self.ports.items():
             if port.retry(now):
-                self.log.say(now, "returned", f"port {path} is back")
+                self.log.add(now, "returned", f"port {path} is back")
         open_ports = [port for port in self.ports.values() if port.line is not None]
         if len(open_ports) < len(self.ports):
-            timeout = min(timeout, RETRY / NS_PER_S)
-        deliveries = []
-        for port in self.ready(open_ports, max(0.0, timeout)):
-            packets = port.read()
+            timeout = min(timeout, RETRY_INTERVAL / NS_PER_S)
+        packets = []
+        for port in self.wait_readable(open_ports, max(0.0, timeout)):
+            found = port.read()
             arrived = self.clock.now()
-            if packets is None:
+            if found is None:
                 text = f"port {port.path} is gone; plug it in again"
-                self.log.say(arrived, "silent", text)
+                self.log.add(arrived, "silent", text)
                 continue
-            deliveries += [
+            packets += [
                 ReceivedPacket(port.path, arrived, packet) for packet in packets
             ]
-        return deliveries
+        return packets
 
-    def ready(self, ports: list[SerialPort], timeout: float) -> list[SerialPort]:
-        """Ports with something to read."""
+    def select_readable(
+        self, ports: list[SerialPort], timeout: float
+    ) -> list[SerialPort]:
+        """Wait for ports that can be read and return them."""
         if not ports:
             self.clock.sleep(timeout)
             return []
@@ -233,11 +236,11 @@ class SerialTransport(Transport):
         return [files[file] for file in select.select(list(files), [], [], timeout)[0]]
 
     def take_events(self, now: int) -> list[Event]:
-        """Ports that went and came."""
+        """Return events of ports that vanished and came back."""
         return self.log.take()
 
     def counters(self) -> dict[str, int]:
-        """Bytes, frames, and those broken, of all ports."""
+        """Return bytes, valid frames and broken frames of all ports."""
         ports = self.ports.values()
         return {
             "bytes": sum(port.bytes for port in ports),
@@ -246,7 +249,7 @@ class SerialTransport(Transport):
         }
 
     def close(self) -> None:
-        """Let all ports go, for good."""
+        """Close all ports for good."""
         self.closed = True
         for port in self.ports.values():
             port.close()

@@ -1,4 +1,4 @@
-"""This module defines the abstract source of scans and of joint positions."""
+"""This module defines the abstract sources of scans and of joint positions."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
@@ -16,42 +16,42 @@ from eskin.touch import Calibration, Scan
 
 
 class JointSource(ABC):
-    """Tells the joint positions of a robot at a time."""
+    """Provides the joint positions of a robot at a time."""
 
     @abstractmethod
     def q_at(self, stamp: int) -> Float[np.ndarray, "joint"]:
-        """Joint positions [rad] at a time [ns since the epoch]; the last known."""
+        """Return the last joint positions [rad] before a time [ns since the epoch]."""
 
 
 @final
 class FixedJoints(JointSource):
-    """A robot that does not move."""
+    """Provides the joint positions of a robot that does not move."""
 
     def __init__(self, q: Float[np.ndarray, "joint"]) -> None:
-        """Stay at `q` [rad]."""
+        """Keep the joint positions `q` [rad]."""
         self.q = np.array(q, np.float64)
 
     def q_at(self, stamp: int) -> Float[np.ndarray, "joint"]:
-        """The same at all times."""
+        """Return the same joint positions at all times."""
         return self.q
 
 
 @dataclass(frozen=True)
 class SourceInfo:
-    """What is known of a source before its first scan."""
+    """A source info holds what is known of a source before its first scan."""
 
     uri: str
-    """How it was opened."""
+    """URI that the source was opened with."""
     robot_name: str
-    """Preset or URDF that the skin is on."""
+    """Preset or URDF of the robot that carries the skin."""
     joint_names: tuple[str, ...]
-    """In the order of `Scan.q`."""
+    """Joint names in the order of `Scan.q`."""
     skin: Skin
-    """Whose taxels the scans count."""
+    """Skin whose taxels are scanned."""
     calibration: Calibration
-    """Of that skin."""
+    """Calibration of that skin."""
     rate: float
-    """Scans a second that it means to give [1/s]."""
+    """Nominal scan rate [1/s]."""
 
 
 class Source(Closing):
@@ -61,7 +61,7 @@ class Source(Closing):
 
     Attributes:
         info: what is known before the first scan.
-        clock: that its scans are stamped by.
+        clock: clock that stamps the scans.
     """
 
     info: SourceInfo
@@ -69,7 +69,7 @@ class Source(Closing):
 
     @abstractmethod
     def read(self, timeout: float | None = None) -> Scan | None:
-        """The next scan; None where none came in time, or there are no more.
+        """Return the next scan; None where none came in time or the source has ended.
 
         Args:
             timeout: how long to wait [s]; None waits until there is one or the end.
@@ -85,14 +85,14 @@ class Source(Closing):
 
     @abstractmethod
     def take_events(self) -> list[Event]:
-        """What has happened since it was last asked."""
+        """Return the events since the last call."""
 
     @abstractmethod
     def counters(self) -> dict[str, int]:
-        """What it has counted so far: `readings` given, and more by its kind."""
+        """Return counters: `readings` given, and more by the kind of source."""
 
     def __iter__(self) -> Iterator[Scan]:
-        """Scans until there are no more."""
+        """Iterate over scans until there are no more."""
         while not self.ended:
             scan = self.read()
             if scan is not None:

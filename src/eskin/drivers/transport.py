@@ -1,4 +1,4 @@
-"""What carries packets to this computer: the abstract transport."""
+"""This module defines the abstract transport, which brings packets to the host."""
 
 from abc import abstractmethod
 from typing import NamedTuple
@@ -8,34 +8,34 @@ from eskin.drivers.events import Event
 
 
 class ReceivedPacket(NamedTuple):
-    """The bytes of one packet, as they came."""
+    """A received packet holds bytes that are not yet decoded."""
 
     port: str
-    """Port or network address that they came from."""
+    """Port or network address that the bytes came from."""
     arrived: int
     """When they were read [ns since the epoch]."""
     packet: bytes
-    """Header to CRC, which nobody has checked yet."""
+    """Header to CRC, not yet checked."""
 
 
 class Transport(Closing):
-    """Hears patches over some kind of line; one thread reads it."""
+    """Receives packets of patches over some kind of line; one thread reads it."""
 
     @abstractmethod
     def read(self, timeout: float) -> list[ReceivedPacket]:
-        """What has come; costs bounded time and memory, however much comes.
+        """Return what has arrived, in bounded time and memory.
 
         Args:
-            timeout: how long to wait for the first of it [s].
+            timeout: how long to wait for the first packet [s].
 
         Raises:
-            DeviceError: it is lost and will not come back.
+            DeviceError: the transport is lost and will not come back.
         """
 
     @abstractmethod
     def take_events(self, now: int) -> list[Event]:
-        """What has happened to ports since it was last asked, up to a time [ns]."""
+        """Return the events of ports since the last call, up to a time [ns]."""
 
     @abstractmethod
     def counters(self) -> dict[str, int]:
-        """What it has counted so far, by its kind."""
+        """Return the counters of this kind of transport."""

@@ -12,45 +12,45 @@ from eskin.drivers.transport import ReceivedPacket, Transport
 from eskin.errors import DeviceError, PacketError
 
 PEER_TIMEOUT = 2_000_000_000
-"""After how long unheard a patch may be at another network address [ns]."""
+"""Silence after which a patch may move to another network address [ns]."""
 
 
 @final
 class PeerAddressFilter:
-    """PeerAddressFilter each patch address to the network address of its first valid hello.
+    """Binds each patch address to the network address of its first valid hello.
 
-    UDP says nothing about who sends; so nobody else is heard for a patch while the
-    first goes on.
+    UDP does not authenticate senders; so no other sender is accepted for a patch while
+    the first one goes on.
     """
 
     def __init__(self) -> None:
-        """Start without any."""
+        """Start without addresses."""
         self.peers: dict[int, tuple[str, int]] = {}
 
     def admit(self, packet: bytes, peer: str, now: int) -> bool:
-        """Whether a datagram comes from where its patch is, or may be that.
+        """Return whether a datagram may come from its patch, by its network address.
 
         Args:
-            packet: its bytes.
+            packet: bytes of the datagram.
             peer: network address that it came from.
             now: the time [ns].
         """
         if len(packet) < HEADER.size:
             return True
         _, kind, address, _, _ = HEADER.unpack_from(packet)
-        pinned, heard = self.peers.get(address, ("", 0))
-        if pinned == peer:
+        bound, last_seen = self.peers.get(address, ("", 0))
+        if bound == peer:
             self.peers[address] = (peer, now)
             return True
-        if pinned and now - heard < PEER_TIMEOUT:
+        if bound and now - last_seen < PEER_TIMEOUT:
             return False
-        if kind == HELLO and is_packet(packet):
+        if kind == HELLO and is_valid_packet(packet):
             self.peers[address] = (peer, now)
         return True
 
 
-def is_packet(data: bytes) -> bool:
-    """Whether bytes are a packet of a known version."""
+def is_valid_packet(data: bytes) -> bool:
+    """Return whether bytes are a packet of a known version."""
     try:
         decode_packet(data)
     except PacketError:
@@ -58,20 +58,20 @@ def is_packet(data: bytes) -> bool:
     return True
 
 
-BUFFER = 8 << 20
-"""What the system is asked to keep while nobody reads [bytes]; it may give less."""
-MOST_DATAGRAMS = 2048
-"""Of one read."""
-MOST_PEERS = 4096
-"""Names of network addresses that are kept ready."""
+RECEIVE_BUFFER = 8 << 20
+"""Size of the receive buffer that the system is asked for; it may give less [bytes]."""
+MAX_DATAGRAMS = 2048
+"""Largest number of datagrams of one read."""
+MAX_PEERS = 4096
+"""Largest number of cached names of network addresses."""
 
 
 @final
 class UdpTransport(Transport):
-    """Hears patches on one UDP port, of this computer only unless told otherwise.
+    """Receives packets on one UDP port, from this computer only unless told otherwise.
 
     Attributes:
-        port: that it is bound to.
+        port: number of the port that it is bound to.
     """
 
     def __init__(
@@ -84,20 +84,20 @@ class UdpTransport(Transport):
         """Bind a port.
 
         Args:
-            clock: that stamps arrivals.
+            clock: clock that stamps arrivals.
             host: IP address of this computer to listen on.
-            port: number; any free one where 0.
-            allow_remote: whether others than this computer may be heard.
+            port: port number; any free one where 0.
+            allow_remote: whether packets of other computers are accepted.
 
         Raises:
-            DeviceError: the address is not loopback, is none of this computer, or the
+            DeviceError: the address is not loopback, is not of this computer, or the
                 port is taken.
         """
         check_udp_host(host, allow_remote)
         family = socket.AF_INET6 if ":" in host else socket.AF_INET
         self.socket = socket.socket(family, socket.SOCK_DGRAM)
         try:
-            self.socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, BUFFER)
+            self.socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, RECEIVE_BUFFER)
             self.socket.bind((host, port))
         except (OSError, OverflowError) as error:
             self.socket.close()
@@ -109,18 +109,18 @@ class UdpTransport(Transport):
         self.port: int = self.socket.getsockname()[1]
         self.clock = clock
         self.log = EventLog()
-        self.pins = PeerAddressFilter()
+        self.peer_filter = PeerAddressFilter()
         self.names: dict[tuple[str, int], str] = {}
         self.datagrams = self.bytes = self.refused = 0
         self.closed = False
 
     def read(self, timeout: float) -> list[ReceivedPacket]:
-        """All datagrams that have come, up to 2,048."""
-        deliveries = []
+        """Return all datagrams that have arrived, up to 2,048."""
+        packets = []
         if self.closed:
-            return deliveries
+            return packets
         select.select([self.socket], [], [], max(0.0, timeout))
-        for _ in range(MOST_DATAGRAMS):
+        for _ in range(MAX_DATAGRAMS):
             try:
                 packet, address = self.socket.recvfrom(MAX_PACKET_BYTES + 1)
             except BlockingIOError:
@@ -128,9 +128,9 @@ class UdpTransport(Transport):
             arrived = self.clock.now()
             self.datagrams += 1
             self.bytes += len(packet)
-            peer = self.name(address)
-            if self.pins.admit(packet, peer, arrived):
-                deliveries.append(ReceivedPacket(peer, arrived, packet))
+            peer = self.peer_name(address)
+            if self.peer_filter.admit(packet, peer, arrived):
+                packets.append(ReceivedPacket(peer, arrived, packet))
             else:
                 self.refused += 1
                 self.log.count(
@@ -139,25 +139,25 @@ class UdpTransport(Transport):
                     "their patch's first hello; stop that sender, or wait until the "
                     "first is silent",
                 )
-        return deliveries
+        return packets
 
-    def name(self, address: tuple[str, int]) -> str:
-        """A network address as people read it."""
+    def peer_name(self, address: tuple[str, int]) -> str:
+        """Return a network address as messages name it."""
         key = address[:2]
         name = self.names.get(key)
         if name is None:
-            if len(self.names) >= MOST_PEERS:
+            if len(self.names) >= MAX_PEERS:
                 self.names.clear()
             name = self.names[key] = f"udp://{key[0]}:{key[1]}"
         return name
 
     def take_events(self, now: int) -> list[Event]:
-        """That others were refused."""
-        self.log.poll(now)
+        """Return events of refused packets."""
+        self.log.flush_counts(now)
         return self.log.take()
 
     def counters(self) -> dict[str, int]:
-        """Datagrams, their bytes, and those refused for where they came from."""
+        """Return datagrams, their bytes, and datagrams refused for their sender."""
         return {
             "datagrams": self.datagrams,
             "bytes": self.bytes,
@@ -165,13 +165,13 @@ class UdpTransport(Transport):
         }
 
     def close(self) -> None:
-        """Free the port."""
+        """Close the socket."""
         self.closed = True
         self.socket.close()
 
 
 def check_udp_host(host: str, allow_remote: bool) -> None:
-    """Refuse what is no IP address, or not loopback unless allowed."""
+    """Refuse a host that is no IP address, or not loopback unless allowed."""
     try:
         loopback = ipaddress.ip_address(host).is_loopback
     except ValueError as error:

@@ -24,47 +24,49 @@ from eskin.learn.windows import (
 from eskin.model import SLOT_NS
 from eskin.nn import NetworkInput, Places, summary
 
-WHOLE = 0.5
-"""Share of windows that see all of their gesture, or as much as fits."""
+WHOLE_SHARE = 0.5
+"""Share of windows that hold all of their gesture, or as much as fits."""
 
 EARLIEST_NS = 100_000_000
-"""Time after the onset from which a gesture is asked for [ns]."""
+"""Time after the onset from which a window may end [ns]."""
 
 
 @dataclass(frozen=True)
 class Sampler:
-    """Draws windows so that every gesture, then every segment, counts the same.
+    """A sampler draws windows so that gestures, then segments, are equally frequent.
 
-    Half of the windows see as much of their gesture as a window can hold, the others
-    end anywhere from 0.1 s after its onset, as they do live.
+    Half of the windows hold as much of their gesture as fits; the others end anywhere
+    from 0.1 s after its onset, as they do live.
     """
 
     dataset: Dataset
     classes: dict[int, list[Segment]]
-    """The segments of each class."""
+    """Segments of each class."""
     slots: int
     crop: float
 
     def draw(
         self, count: int, rng: np.random.Generator
     ) -> tuple[Int[np.ndarray, "window"], Int[np.ndarray, "window"], list[int]]:
-        """Last and first rows of windows, and their classes."""
+        """Return the last and first rows of windows, and their classes."""
         labels = rng.choice(list(self.classes), count).tolist()
-        segments = [self.pick(label, rng) for label in labels]
-        after = np.where(rng.random(count) < WHOLE, self.slots * SLOT_NS, EARLIEST_NS)
+        segments = [self.draw_segment(label, rng) for label in labels]
+        after = np.where(
+            rng.random(count) < WHOLE_SHARE, self.slots * SLOT_NS, EARLIEST_NS
+        )
         pairs = zip(segments, after.tolist(), strict=True)
-        ends = np.array([self.end(segment, ns, rng) for segment, ns in pairs])
+        ends = np.array([self.draw_end(segment, ns, rng) for segment, ns in pairs])
         firsts = np.array([segment.first for segment in segments])
         cropped = rng.random(count) < self.crop
         return ends, np.where(cropped, firsts, self.dataset.starts[ends]), labels
 
-    def pick(self, label: int, rng: np.random.Generator) -> Segment:
-        """One segment of a class."""
+    def draw_segment(self, label: int, rng: np.random.Generator) -> Segment:
+        """Draw one segment of a class."""
         segments = self.classes[label]
         return segments[rng.integers(len(segments))]
 
-    def end(self, segment: Segment, after: int, rng: np.random.Generator) -> int:
-        """A row of a segment later than `after` [ns], or its last one."""
+    def draw_end(self, segment: Segment, after: int, rng: np.random.Generator) -> int:
+        """Draw a row of a segment later than `after` [ns], or take its last one."""
         stamps = self.dataset.stamps[segment.first : segment.end]
         low = np.searchsorted(stamps, stamps[0] + after)
         return segment.first + int(rng.integers(min(low, len(stamps) - 1), len(stamps)))
@@ -77,14 +79,14 @@ def build_sampler(
     slots: int,
     crop: float,
 ) -> Sampler:
-    """A sampler over some of the recordings.
+    """Return a sampler of windows of some of the recordings.
 
     Args:
-        dataset: where to draw from.
-        vocabulary: the gestures to draw; others are passed over.
-        recordings: indices of those to draw from.
-        slots: length of a window on the head's clock.
-        crop: share of windows that see nothing from before their gesture.
+        dataset: data set to draw from.
+        vocabulary: gestures to draw; others are skipped.
+        recordings: indices of the recordings to draw from.
+        slots: length of a window on the clock of the temporal head.
+        crop: share of windows that hold nothing from before their gesture.
     """
     classes: dict[int, list[Segment]] = {}
     for segment in dataset.segments:
@@ -95,7 +97,7 @@ def build_sampler(
 
 
 def check_classes(sampler: Sampler, vocabulary: tuple[str, ...]) -> None:
-    """Refuse to train where there is nothing to tell apart.
+    """Reject a sampler with fewer than two classes.
 
     Raises:
         RecordingError: if the sampler has fewer than two classes.
@@ -110,55 +112,55 @@ def check_classes(sampler: Sampler, vocabulary: tuple[str, ...]) -> None:
 
 @dataclass(frozen=True)
 class Batch:
-    """Training windows: the summary of every reading, the graphs of some."""
+    """A batch holds the summaries of all readings and the graphs of some."""
 
     summary: Float[Tensor, "reading feature"]
-    """Of every reading."""
+    """Summary of each reading."""
     places: Places
-    """Where those readings stand."""
-    some: NetworkInput
-    """Of the first windows, the readings whose graphs are encoded."""
+    """Window and slot of each of these readings."""
+    encoded: NetworkInput
+    """Graphs of some readings of the first windows, with their windows and slots."""
     labels: Int[Tensor, "window"]
     """Class of each window."""
 
 
 @dataclass(frozen=True, eq=False)
 class BatchBuilder:
-    """Draws windows of a data set and makes each another person on another skin."""
+    """A batch builder draws windows of a data set and augments them."""
 
     dataset: Dataset
-    """Where to draw from."""
+    """Data set to draw from."""
     sampler: Sampler
-    """Draws the windows."""
+    """Sampler that draws the windows."""
     config: AugmentConfig
-    """How far they vary."""
+    """Limits of the augmentation."""
     slots: int
-    """Length of a window on the head's clock."""
+    """Length of a window on the clock of the temporal head."""
     shear: bool
-    """Whether the network takes shear."""
+    """Whether the network uses shear."""
 
     @cached_property
     def patch_index(self) -> Int[np.ndarray, "taxel"] | None:
-        """The patch of each taxel, where all recordings are of one skin."""
+        """Return the patch of each taxel; None where recordings differ in skin."""
         patches = [r.skin.patch_index for r in self.dataset.recordings]
         same = all(np.array_equal(each, patches[0]) for each in patches)
         return patches[0] if patches and same else None
 
-    def make(
+    def build(
         self, count: int, encoded: int, readings: int, rng: np.random.Generator
     ) -> Batch:
-        """A batch of augmented windows.
+        """Return a batch of augmented windows.
 
         Args:
-            count: windows.
-            encoded: of these, windows whose graphs are encoded.
-            readings: of each of those, readings that are.
-            rng: draws everything.
+            count: number of windows.
+            encoded: number of these whose graphs are encoded.
+            readings: number of readings encoded in each of those.
+            rng: source of the random draws.
         """
         config, (ends, firsts, labels) = self.config, self.sampler.draw(count, rng)
         windows = cut_windows(self.dataset, ends, firsts, self.slots)
         if config.lost > 0 or config.halved > 0:
-            windows = windows.at(
+            windows = windows.select(
                 drop_readings(windows, config.lost, config.halved, rng)
             )
         graphs = self.dataset.graphs.select(windows.rows)
@@ -169,10 +171,10 @@ class BatchBuilder:
         if config != NO_AUGMENTATION:
             graphs = augment(graphs, windows.window, rng, config, self.patch_index)
         places = replace(windows, rows=np.arange(len(windows.rows)))
-        some = subsample_readings(places.first(encoded), readings, rng)
+        kept = subsample_readings(places.first(encoded), readings, rng)
         return Batch(
             summary=torch.as_tensor(summary(graphs, self.shear)),
             places=build_places(windows),
-            some=build_network_input(graphs.select(some.rows), some, self.shear),
+            encoded=build_network_input(graphs.select(kept.rows), kept, self.shear),
             labels=torch.tensor(labels),
         )

@@ -1,4 +1,4 @@
-"""A data set holds prepared recordings laid end to end, ready for learning."""
+"""This module joins prepared recordings into one data set for training and scoring."""
 
 import hashlib
 from collections.abc import Collection, Iterable, Iterator, Sequence
@@ -40,12 +40,12 @@ T = TypeVar("T")
 
 
 def track_progress(items: Iterable[T], what: str, total: int) -> Iterator[T]:
-    """The same items; until the last, a bar stands on the terminal if there is one.
+    """Yield the items, and show a progress bar if a terminal is there.
 
     Args:
-        items: as they get ready.
-        what: is done.
-        total: how many there are.
+        items: items to pass on, as they become ready.
+        what: description of the work.
+        total: number of items.
     """
     console = Console(stderr=True)
     silent = not console.is_terminal
@@ -56,66 +56,73 @@ def track_progress(items: Iterable[T], what: str, total: int) -> Iterator[T]:
 
 @dataclass(frozen=True, eq=False)
 class Dataset:
-    """Sequences of graphs, one row a reading and touch, laid end to end."""
+    """A data set holds sequences of graphs laid end to end.
+
+    One row is one reading of one touch.
+    """
 
     recordings: tuple[Recording, ...]
-    """Where the rows come from."""
+    """Recordings that the rows come from; changed copies follow the originals."""
 
     graphs: GraphBatch
-    """One graph a row."""
+    """Contact graph of each row."""
 
     stamps: Int[np.ndarray, "row"]
-    """Of the row's reading [ns since the epoch]."""
+    """Stamp of each row's reading [ns since the epoch]."""
 
     sequence: Int[np.ndarray, "row"]
-    """The sequence of each row, counted from 0; rows of one sequence are neighbours."""
+    """Number of the sequence of each row, counted from 0; rows of one sequence are
+    neighbours."""
 
     recording: Int[np.ndarray, "row"]
-    """Index into `recordings`."""
+    """Index of each row's recording in `recordings`."""
 
     gestures: tuple[str, ...]
-    """The gesture at each row, `none` where there was none."""
+    """Gesture of each row, `none` where there was none."""
 
     segments: tuple[Segment, ...]
-    """The labelled gestures, in the order of the rows."""
+    """Segments of one gesture, in the order of the rows."""
 
     missed: tuple[MissedGesture, ...] = ()
-    """The labelled gestures that nothing was detected of."""
+    """Labelled gestures during which no touch was detected."""
 
     clips: tuple[tuple[Clip, ...], ...] = ()
-    """The clips of each recording; none where it is no file of a set of clips."""
+    """Clips of each recording; empty for one that is not part of a set of clips."""
 
-    versions: int = 1
-    """How often `recordings` is repeated, once for each version of them."""
+    copies: int = 1
+    """Number of times that the recordings are repeated, each time changed by another
+    transform."""
 
     @property
-    def own(self) -> int:
-        """Number of recordings; the others are further versions of these."""
-        return len(self.recordings) // self.versions
+    def original_count(self) -> int:
+        """Return the number of recordings without their changed copies."""
+        return len(self.recordings) // self.copies
 
     def with_copies(self, recordings: Collection[int]) -> frozenset[int]:
-        """Some of the recordings in their first version, and in all others."""
+        """Return the indices of some recordings and of all their copies."""
         every = range(len(self.recordings))
-        return frozenset(index for index in every if index % self.own in recordings)
+        return frozenset(
+            index for index in every if index % self.original_count in recordings
+        )
 
     @property
     def vocabulary(self) -> tuple[str, ...]:
-        """`none`, then every gesture that occurs, sorted."""
+        """Return `none`, then every gesture that occurs, sorted."""
         return (NONE, *sorted(set(self.gestures) - {NONE}))
 
     @property
     def labelled(self) -> tuple[Segment, ...]:
-        """The segments that a label speaks of: what is scored."""
+        """Return the segments that a label or the truth names: those to score."""
         return tuple(segment for segment in self.segments if segment.labelled)
 
     @property
     def has_shear(self) -> bool:
-        """Whether every recording's skin measures shear."""
+        """Tell whether the skin of every recording measures shear."""
         return all(recording.skin.has_shear for recording in self.recordings)
 
     @cached_property
     def starts(self) -> Int[np.ndarray, "row"]:
-        """First row of the sequence of each row."""
+        """Return the first row of the sequence of each row."""
         return np.searchsorted(self.sequence, self.sequence)
 
 
@@ -125,19 +132,20 @@ def prepare(
     graph: GraphConfig | None = None,
     pack: Path | None = None,
     workers: int = 1,
-    versions: Sequence[RecordingTransform | None] = (None,),
+    transforms: Sequence[RecordingTransform | None] = (None,),
 ) -> Dataset:
-    """Run recordings through the same calibration, contacts and graphs as live.
+    """Replay recordings by the same calibration, contacts and graphs as live.
 
-    Where one of them has no shear, that of the others is not looked at.
+    Where one of them has no shear, that of the others is not used.
+
 
     Args:
-        paths: the recordings.
+        paths: paths of the recordings.
         pipeline: how counts become touches.
         graph: how touches become graphs.
         pack: folder that keeps prepared recordings, to be prepared once only.
         workers: how many processes prepare them; more than one needs `pack`.
-        versions: of each of them; None is as it was recorded.
+        transforms: changes of the recordings, one copy each; None leaves them alone.
 
     Raises:
         RecordingError: if there is nothing to learn from.
@@ -148,18 +156,18 @@ def prepare(
     pipeline, graph = pipeline or PipelineConfig(), graph or GraphConfig()
     if not all(recording.skin.has_shear for recording in recordings):
         graph = graph.without_shear()
-    total = len(recordings) * len(versions)
+    total = len(recordings) * len(transforms)
     if pack is None:
         made = (
-            prepare_recording(r, pipeline, graph, v)
-            for v in versions
+            prepare_recording(r, pipeline, graph, t)
+            for t in transforms
             for r in recordings
         )
         parts = list(track_progress(made, "Reading", total))
     else:
         make = delayed(pack_recording)
         jobs = (
-            make(path, pack, pipeline, graph, v) for v in versions for path in paths
+            make(path, pack, pipeline, graph, t) for t in transforms for path in paths
         )
         files: Any = Parallel(n_jobs=workers, return_as="generator")(jobs)
         parts = [
@@ -170,20 +178,20 @@ def prepare(
             f"no touch in {len(paths)} recordings; allowed are recordings of touches; "
             "check that they were converted, and the thresholds"
         )
-    return concatenate_recordings(recordings * len(versions), parts, len(versions))
+    return concatenate_recordings(recordings * len(transforms), parts, len(transforms))
 
 
 def concatenate_recordings(
     recordings: tuple[Recording, ...],
     parts: Sequence[PreparedRecording],
-    versions: int = 1,
+    copies: int = 1,
 ) -> Dataset:
     """Join prepared recordings into one data set.
 
     Args:
         recordings: what was prepared, the same again for every version.
-        parts: of each of them.
-        versions: how many there are.
+        parts: what was prepared of each of them.
+        copies: number of transforms.
     """
     gestures: list[str] = []
     segments: list[Segment] = []
@@ -192,18 +200,18 @@ def concatenate_recordings(
     begun = 0
     for index, (recording, part) in enumerate(zip(recordings, parts, strict=True)):
         offset = len(gestures)
-        if part.fits is not None:
-            found = build_true_segments(part.sequence, part.fits, index, offset)
+        if part.touches is not None:
+            found = build_true_segments(part.sequence, part.touches, index, offset)
         else:
             labels = extend_labels(recording)
-            places = find_label_indices(labels, part.stamps)
+            label_index = find_label_indices(labels, part.stamps)
             found = build_labelled_segments(
                 labels, places, part.sequence, index, offset
             )
-            felt = set(places.tolist())
+            detected = set(label_index.tolist())
             missed += [
                 MissedGesture(gesture, index)
-                for gesture in find_missed_gestures(recording, labels, felt)
+                for gesture in find_missed_gestures(recording, labels, detected)
             ]
         segments += found
         gestures += [s.gesture for s in found for _ in range(s.first, s.end)]
@@ -219,11 +227,11 @@ def concatenate_recordings(
         segments=tuple(segments),
         missed=tuple(missed),
         clips=tuple(read_clips(recording.path) for recording in recordings),
-        versions=versions,
+        copies=copies,
     )
 
 
 def hash_recordings(paths: Sequence[Path]) -> str:
-    """SHA-256 over the recordings' bytes, whatever their order."""
+    """Return SHA-256 over the bytes of recordings, whatever their order."""
     parts = sorted(hashlib.sha256(path.read_bytes()).hexdigest() for path in paths)
     return hashlib.sha256("".join(parts).encode()).hexdigest()

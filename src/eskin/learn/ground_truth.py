@@ -1,4 +1,4 @@
-"""This module reads what truly happened in a recording: clips, touches and labels."""
+"""This module reads what truly happened in a recording: clips, true touches, labels."""
 
 import json
 from collections.abc import Sequence
@@ -19,20 +19,20 @@ INDEX_NAME = "clips.jsonl"
 
 @dataclass(frozen=True)
 class Clip:
-    """One clip: what was done in two seconds of a recording."""
+    """A clip is two seconds of a recording in which one gesture is made."""
 
     start: int
-    """Stamp of its first reading [ns since the epoch]."""
+    """Stamp of the first reading [ns since the epoch]."""
     end: int
-    """Stamp behind its last one [ns since the epoch]."""
+    """Stamp just after the last reading [ns since the epoch]."""
     gesture: str
-    """What it was made for."""
+    """The gesture that the clip was generated for."""
     kind: str
     """Variant of the gesture."""
 
 
 def read_clips(path: Path) -> tuple[Clip, ...]:
-    """The clips of a recording, in order; none where it is no file of a set of clips.
+    """Return the clips of a recording in order; none outside a set of clips.
 
     Raises:
         RecordingError: there is an index that cannot be read.
@@ -47,7 +47,7 @@ def read_clips(path: Path) -> tuple[Clip, ...]:
 
 @lru_cache(maxsize=4)
 def read_clip_index(index: Path) -> dict[str, tuple[Clip, ...]]:
-    """The clips of each file of a set."""
+    """Return the clips of every file that an index lists."""
     found: dict[str, list[Clip]] = {}
     for number, line in enumerate(index.read_text(encoding="utf-8").splitlines(), 1):
         try:
@@ -70,45 +70,45 @@ def read_clip_index(index: Path) -> dict[str, tuple[Clip, ...]]:
 
 
 MAX_DISTANCE = 0.1
-"""Farthest that a contact may be from the centre of the true touch it is of [m]."""
+"""Largest distance between a contact and the true touch it belongs to [m]."""
 
 
 class TouchLabel(NamedTuple):
-    """What a sequence truly is."""
+    """A touch label says which true touch a sequence belongs to."""
 
     touch: int
-    """Number of the touch in its file."""
+    """Number of the touch in its recording."""
     gesture: str
-    """What was done."""
+    """Gesture that was made."""
     kind: str
     """Variant of the gesture."""
 
 
 @dataclass(frozen=True, eq=False)
 class TrueTouches:
-    """Every true touch of a recording at every reading at which it presses."""
+    """This table holds every true touch at every reading at which it presses."""
 
     stamps: Int[np.ndarray, "truth"]
-    """Ascending [ns since the epoch]."""
+    """Stamp of each entry, ascending [ns since the epoch]."""
     touch: Int[np.ndarray, "truth"]
-    """Number of the touch in its file."""
+    """Number of the touch of each entry."""
     p_world: Float[np.ndarray, "truth 3"]
-    """Centre of its force [m]."""
-    names: dict[int, TouchLabel]
-    """What each touch is, by its number."""
+    """Centre of the force of each entry, in the world [m]."""
+    labels: dict[int, TouchLabel]
+    """Label of each touch, by its number."""
 
-    def fit(
+    def identify(
         self,
         stamps: Int[np.ndarray, "row"],
         centres: Float[np.ndarray, "row 3"],
         forces: Float[np.ndarray, "row"],
     ) -> TouchLabel | None:
-        """The true touch that most of the force of a sequence lies near.
+        """Return the true touch that carries most of the force of a sequence.
 
         Args:
-            stamps: of the sequence's readings [ns since the epoch].
-            centres: of its contacts [m]; NaN without contact.
-            forces: of these contacts [N].
+            stamps: stamps of the sequence's readings [ns since the epoch].
+            centres: centres of its contacts [m]; NaN without contact.
+            forces: forces of these contacts [N].
         """
         votes: dict[int, float] = {}
         lows = np.searchsorted(self.stamps, stamps, side="left").tolist()
@@ -121,11 +121,11 @@ class TrueTouches:
             if gaps[nearest] <= MAX_DISTANCE:
                 number = int(self.touch[low + nearest])
                 votes[number] = votes.get(number, 0.0) + float(forces[row])
-        return self.names[max(votes, key=lambda n: (votes[n], -n))] if votes else None
+        return self.labels[max(votes, key=lambda n: (votes[n], -n))] if votes else None
 
 
 def read_true_touches(recording: Recording) -> TrueTouches | None:
-    """The truth of a recording; None where it is not known."""
+    """Return the true touches of a recording; None where they are unknown."""
     if not recording.metadata.simulated:
         return None
     records = sorted(recording.truths(), key=lambda truth: (truth.stamp, truth.touch))
@@ -133,50 +133,51 @@ def read_true_touches(recording: Recording) -> TrueTouches | None:
         stamps=np.array([truth.stamp for truth in records], dtype=np.int64),
         touch=np.array([truth.touch for truth in records], dtype=np.int64),
         p_world=np.array([t.p_world for t in records], dtype=np.float64).reshape(-1, 3),
-        names={t.touch: TouchLabel(t.touch, t.gesture, t.kind) for t in records},
+        labels={t.touch: TouchLabel(t.touch, t.gesture, t.kind) for t in records},
     )
 
 
 LINGER_NS = 600_000_000
-"""How long after its end a gesture on a calibrated skin is still asked for [ns]."""
+"""Time by which a label on a calibrated skin is extended at most [ns]."""
 
 LAST_STAMP = 2**63 - 1
-"""Later than every stamp [ns]."""
+"""A stamp later than all others [ns]."""
 
 
 @dataclass(frozen=True)
 class Segment:
-    """One labelled gesture in one sequence of graphs."""
+    """A segment is a run of rows of one sequence with one gesture."""
 
     gesture: str
-    """What was done."""
+    """Gesture of the rows."""
 
     recording: int
     """Index into `Dataset.recordings`."""
 
     first: int
-    """Its first row."""
+    """First row."""
 
     end: int
-    """The row behind its last one."""
+    """Row after the last one."""
 
     labelled: bool
-    """Whether a label says so; where there is none, it is `none` by silence."""
+    """Whether a label or the truth names the gesture; otherwise it is `none` for lack
+    of a label."""
 
 
 @dataclass(frozen=True)
 class MissedGesture:
-    """One labelled gesture that nothing was detected of."""
+    """A missed gesture was labelled, but no touch was detected during it."""
 
     gesture: str
-    """What was done."""
+    """Gesture of the label."""
 
     recording: int
     """Index into `Dataset.recordings`."""
 
 
 def extend_labels(recording: Recording) -> list[Label]:
-    """Its best labels, as long as its touches keep their gesture.
+    """Return the best labels of a recording, each until its touches end.
 
     On a calibrated skin a label lasts 0.6 s longer, or until the next one: a touch
     keeps its gesture until it closes.
@@ -194,71 +195,73 @@ def extend_labels(recording: Recording) -> list[Label]:
 def find_label_indices(
     labels: list[Label], stamps: Int[np.ndarray, "row"]
 ) -> Int[np.ndarray, "row"]:
-    """Index of the label at each stamp, the one that started last; -1 in silence."""
-    places = np.full(len(stamps), -1)
-    for place, label in enumerate(labels):
-        places[(stamps >= label.start) & (stamps < label.end)] = place
-    return places
+    """Return the index of the last label to start at each stamp, or -1."""
+    label_index = np.full(len(stamps), -1)
+    for index, label in enumerate(labels):
+        label_index[(stamps >= label.start) & (stamps < label.end)] = index
+    return label_index
 
 
-def look_up_gestures(labels: list[Label], places: Int[np.ndarray, "row"]) -> list[str]:
-    """The gesture at each row, `none` in silence."""
-    return [labels[place].gesture if place >= 0 else NONE for place in places]
+def look_up_gestures(
+    labels: list[Label], label_index: Int[np.ndarray, "row"]
+) -> list[str]:
+    """Return the gesture of each row, `none` without a label."""
+    return [labels[n].gesture if n >= 0 else NONE for n in label_index]
 
 
 def build_labelled_segments(
     labels: list[Label],
-    places: Int[np.ndarray, "row"],
+    label_index: Int[np.ndarray, "row"],
     sequence: Int[np.ndarray, "row"],
     recording: int,
     offset: int,
 ) -> list[Segment]:
-    """One segment for each run of one label, or of silence, within a sequence.
+    """Return a segment for each run of one label, or of none, in a sequence.
 
     Args:
-        labels: of the recording.
-        places: index of the label at each row, -1 in silence.
-        sequence: of each row.
-        recording: the recording of the rows.
-        offset: the place of the first row in the data set.
+        labels: labels of the recording.
+        label_index: index of the label at each row, -1 without one.
+        sequence: number of the sequence of each row.
+        recording: index of the recording of the rows.
+        offset: row of the data set at which these rows begin.
     """
-    names = look_up_gestures(labels, places)
+    names = look_up_gestures(labels, label_index)
     return [
         Segment(
             names[first],
             recording,
             offset + first,
             offset + end,
-            bool(places[first] >= 0),
+            bool(label_index[first] >= 0),
         )
-        for first, end in find_runs(np.stack([places, sequence], axis=1))
+        for first, end in find_runs(np.stack([label_index, sequence], axis=1))
     ]
 
 
 def build_true_segments(
     sequence: Int[np.ndarray, "row"],
-    fits: Sequence[TouchLabel | None],
+    touches: Sequence[TouchLabel | None],
     recording: int,
     offset: int,
 ) -> list[Segment]:
-    """One segment for each sequence: what is no touch truly made is `none`.
+    """Return one segment for each sequence; those of no true touch are `none`.
 
     Args:
-        sequence: of each row.
-        fits: the true touch of each sequence.
-        recording: the recording of the rows.
-        offset: the place of the first row in the data set.
+        sequence: number of the sequence of each row.
+        touches: true touch of each sequence.
+        recording: index of the recording of the rows.
+        offset: row of the data set at which these rows begin.
     """
     found = []
     for first, end in find_runs(sequence[:, None]):
-        fit = fits[sequence[first]]
-        gesture = fit.gesture if fit else NONE
+        touch = touches[sequence[first]]
+        gesture = touch.gesture if touch else NONE
         found.append(Segment(gesture, recording, offset + first, offset + end, True))
     return found
 
 
 def find_runs(values: Int[np.ndarray, "row value"]) -> list[tuple[int, int]]:
-    """First row of each run of equal values, and the row behind its last."""
+    """Return the first row and the row after the last of each run of equal values."""
     if not len(values):
         return []
     breaks = np.flatnonzero((values[1:] != values[:-1]).any(axis=1)) + 1
@@ -267,21 +270,23 @@ def find_runs(values: Int[np.ndarray, "row value"]) -> list[tuple[int, int]]:
 
 
 def find_missed_gestures(
-    recording: Recording, labels: list[Label], felt: set[int]
+    recording: Recording, labels: list[Label], detected: set[int]
 ) -> list[str]:
-    """The gestures of a calibrated skin's labels that no touch was detected in.
+    """Return the labelled gestures during which no touch was detected.
+
+    Only a calibrated skin can miss one: others see what is there at every reading.
 
     Args:
-        recording: what was labelled.
+        recording: the recording.
         labels: its labels.
-        felt: indices of the labels that rows have.
+        detected: indices of the labels during which something was detected.
     """
     if not recording.skin.calibrated:
         return []
     return [
         label.gesture
-        for place, label in enumerate(labels)
-        if place not in felt
+        for index, label in enumerate(labels)
+        if index not in detected
         and label.gesture != NONE
         and label.start <= recording.end
         and label.end > recording.start

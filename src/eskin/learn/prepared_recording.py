@@ -1,4 +1,8 @@
-"""A prepared recording holds the touches of one recording as sequences of graphs."""
+"""This module turns one recording into sequences of contact graphs, kept on disk.
+
+Sequences are computed by the same calibration, contacts and graphs as live, and packed
+into files whose names depend on the recording and the settings.
+"""
 
 import hashlib
 import json
@@ -22,38 +26,41 @@ NAN_POSITION = np.full(3, np.nan)
 
 @dataclass(frozen=True, eq=False)
 class PreparedRecording:
-    """The sequences of one recording laid end to end, one row a reading and touch."""
+    """A prepared recording holds one row for each reading of each touch.
+
+    Rows of one sequence, the readings of one touch, are neighbours.
+    """
 
     graphs: GraphBatch
-    """One graph a row."""
+    """Contact graph of each row."""
 
     stamps: Int[np.ndarray, "row"]
-    """Of the row's reading [ns since the epoch]."""
+    """Stamp of each row's reading [ns since the epoch]."""
 
     sequence: Int[np.ndarray, "row"]
-    """The sequence of each row, counted from 0."""
+    """Number of the sequence of each row, counted from 0."""
 
-    fits: tuple[TouchLabel | None, ...] | None
-    """The true touch that each sequence is of, None where it is of none; None where the
-    recording does not know the truth."""
+    touches: tuple[TouchLabel | None, ...] | None
+    """True touch of each sequence, None for a sequence of no true touch; None as a
+    whole where the recording does not hold the truth."""
 
 
 def prepare_recording(
     recording: Recording,
     pipeline: PipelineConfig,
     graph: GraphConfig,
-    version: RecordingTransform | None = None,
+    transform: RecordingTransform | None = None,
 ) -> PreparedRecording:
-    """Run a recording through the same calibration, contacts and graphs as live.
+    """Compute the sequences of a recording as they would be live.
 
     Args:
-        recording: what to run.
+        recording: recording to replay.
         pipeline: how counts become touches.
         graph: how touches become graphs.
-        version: that is run, the recording as it is where None.
+        transform: change of the recording; None leaves it as it was recorded.
     """
-    sequences = gather_sequences(recording, pipeline, graph, version)
-    touches = read_true_touches(recording) if recording.skin.calibrated else None
+    sequences = gather_sequences(recording, pipeline, graph, transform)
+    truth = read_true_touches(recording) if recording.skin.calibrated else None
     lengths = [len(one.stamps) for one in sequences]
     return PreparedRecording(
         graphs=join(
@@ -64,10 +71,10 @@ def prepare_recording(
         ),
         stamps=np.array([s for one in sequences for s in one.stamps], dtype=np.int64),
         sequence=np.repeat(np.arange(len(sequences)), lengths),
-        fits=None
-        if touches is None
+        touches=None
+        if truth is None
         else tuple(
-            touches.fit(np.array(s.stamps), np.array(s.centres), np.array(s.forces))
+            truth.identify(np.array(s.stamps), np.array(s.centres), np.array(s.forces))
             for s in sequences
         ),
     )
@@ -75,7 +82,7 @@ def prepare_recording(
 
 @dataclass
 class TouchSequence:
-    """One sequence while it is being gathered."""
+    """A touch sequence collects the rows of one touch while a recording is replayed."""
 
     graphs: list[GraphBatch] = field(default_factory=list)
     stamps: list[int] = field(default_factory=list)
@@ -87,19 +94,21 @@ def gather_sequences(
     recording: Recording,
     pipeline: PipelineConfig,
     graph: GraphConfig,
-    version: RecordingTransform | None = None,
+    transform: RecordingTransform | None = None,
 ) -> list[TouchSequence]:
-    """All sequences of one recording, in the order in which they begin."""
+    """Return all sequences of a recording in the order in which they begin."""
     skin = recording.skin
-    if version is not None:
-        skin = version.skin(skin, recording.start)
+    if transform is not None:
+        skin = transform.transform_skin(skin, recording.start)
     mounted = MountedSkin(skin, load_recorded_robot(recording.robot_name))
     poses = LinkPoseCache(mounted, graph.posed)
     touches = TouchPipeline(mounted, recording.calibration, pipeline, poses)
     stream = GraphStream(mounted, graph, poses)
     found: list[TouchSequence] = []
     open_now: dict[int, TouchSequence] = {}
-    for scan in version.scans(recording) if version else recording.scans():
+    for scan in (
+        transform.transform_scans(recording) if transform else recording.scans()
+    ):
         state = touches.push(scan)
         graphs = stream.push(state)
         centres = find_contact_centres(state)
@@ -108,10 +117,8 @@ def gather_sequences(
             found.append(open_now[key])
         open_now = {key: open_now[key] for key in graphs}
         for key, batch in graphs.items():
-            sequence, (centre, force) = (
-                open_now[key],
-                centres.get(key, (NAN_POSITION, 0.0)),
-            )
+            sequence = open_now[key]
+            centre, force = centres.get(key, (NAN_POSITION, 0.0))
             sequence.graphs.append(batch)
             sequence.stamps.append(scan.stamp)
             sequence.centres.append(centre)
@@ -122,7 +129,10 @@ def gather_sequences(
 def find_contact_centres(
     state: TouchState,
 ) -> dict[int, tuple[Float[np.ndarray, "3"], float]]:
-    """Centre [m] and force [N] of the strongest contact of each touch felt now."""
+    """Return centre [m] and force [N] of the strongest contact of each touch.
+
+    Touches without contact at the state's reading are left out.
+    """
     return {
         touch.id: (touch.contact.p_world, touch.contact.force)
         for touch in state.touches
@@ -133,7 +143,7 @@ def find_contact_centres(
 FORMAT = 4
 SHEAR = ("shear", "shear_before")
 SMALL = {"taxels": np.int32, "neighbours": np.int16}
-"""Fields that need fewer bytes on disk and in memory than while they are computed."""
+"""Fields stored in fewer bytes than they are computed with."""
 
 
 def pack_recording(
@@ -141,18 +151,18 @@ def pack_recording(
     folder: Path,
     pipeline: PipelineConfig,
     graph: GraphConfig,
-    version: RecordingTransform | None = None,
+    transform: RecordingTransform | None = None,
 ) -> Path:
-    """The file of a prepared recording, made where it is not there yet.
+    """Return the file of a prepared recording, and write it if it is missing.
 
     Its name is drawn from the recording's bytes and the settings, so that a file
     which is there is always the right one.
     """
-    target = folder / f"{compute_pack_key(path, pipeline, graph, version)}.npz"
+    target = folder / f"{compute_pack_key(path, pipeline, graph, transform)}.npz"
     if not target.exists():
         folder.mkdir(parents=True, exist_ok=True)
         save_prepared(
-            target, prepare_recording(read_recording(path), pipeline, graph, version)
+            target, prepare_recording(read_recording(path), pipeline, graph, transform)
         )
     return target
 
@@ -161,46 +171,49 @@ def compute_pack_key(
     path: Path,
     pipeline: PipelineConfig,
     graph: GraphConfig,
-    version: RecordingTransform | None = None,
+    transform: RecordingTransform | None = None,
 ) -> str:
-    """Names a recording prepared with some settings."""
+    """Return the name of a recording prepared with some settings."""
     with path.open("rb") as file:
         content = hashlib.file_digest(file, "sha256").hexdigest()
-    facts = f"{FORMAT} {content} {pipeline} {graph}" + (
-        f" {version}" if version else ""
-    )
+    facts = f"{FORMAT} {content} {pipeline} {graph}"
+    facts += f" {transform}" if transform else ""
     return hashlib.sha256(facts.encode()).hexdigest()[:32]
 
 
-def save_prepared(target: Path, part: PreparedRecording) -> None:
-    """Write a prepared recording; whole or not at all."""
-    shear = part.graphs.shear.any() or part.graphs.shear_before.any()
+def save_prepared(target: Path, prepared: PreparedRecording) -> None:
+    """Write a prepared recording, whole or not at all."""
+    shear = prepared.graphs.shear.any() or prepared.graphs.shear_before.any()
     arrays = {
-        each.name: getattr(part.graphs, each.name)
+        each.name: getattr(prepared.graphs, each.name)
         for each in fields(GraphBatch)
         if shear or each.name not in SHEAR
     }
     arrays |= {name: arrays[name].astype(dtype) for name, dtype in SMALL.items()}
-    facts = np.frombuffer(json.dumps(part.fits).encode(), np.uint8)
+    touches = np.frombuffer(json.dumps(prepared.touches).encode(), np.uint8)
     with atomic_path(target) as scratch:
         np.savez(
-            scratch, stamps=part.stamps, sequence=part.sequence, fits=facts, **arrays
+            scratch,
+            stamps=prepared.stamps,
+            sequence=prepared.sequence,
+            fits=touches,
+            **arrays,
         )
 
 
 def load_prepared(path: Path) -> PreparedRecording:
-    """Read a prepared recording."""
+    """Load a prepared recording from its file."""
     with np.load(path) as file:
         arrays = {name: file[name] for name in file.files}
     stamps, sequence = arrays.pop("stamps"), arrays.pop("sequence")
-    fits = json.loads(arrays.pop("fits").tobytes())
+    touches = json.loads(arrays.pop("fits").tobytes())
     nothing = np.broadcast_to(np.float32(0), arrays["positions"].shape)
     shear = {name: arrays.pop(name, nothing) for name in SHEAR}
     return PreparedRecording(
         graphs=GraphBatch(**arrays, **shear),
         stamps=stamps,
         sequence=sequence,
-        fits=None
-        if fits is None
-        else tuple(None if fit is None else TouchLabel(*fit) for fit in fits),
+        touches=None
+        if touches is None
+        else tuple(each and TouchLabel(*each) for each in touches),
     )

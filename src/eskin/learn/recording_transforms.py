@@ -1,4 +1,4 @@
-"""Transforms change a recording into what another skin would have recorded."""
+"""This module changes recordings into what another skin would have recorded."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
@@ -15,33 +15,36 @@ from eskin.skin import Skin
 from eskin.touch import Calibration, Scan
 
 REST_READINGS = 50
-"""Readings whose median is taken for the rest of a taxel."""
+"""Number of first readings whose median is taken for the counts at rest."""
 
 
 class RecordingTransform(ABC):
-    """What differs from the recording; its `repr` names it, in files too."""
+    """A recording transform changes the scans of a recording, or its skin.
+
+    Its `repr` names it, also in the names of files.
+    """
 
     @property
-    def moves(self) -> bool:
-        """Whether it is the places of taxels that are wrong, and no scan."""
+    def moves_taxels(self) -> bool:
+        """Tell whether it moves taxels on the skin, and leaves scans as they are."""
         return False
 
     @abstractmethod
-    def scans(self, recording: Recording) -> Iterator[Scan]:
-        """The scans that would have come."""
+    def transform_scans(self, recording: Recording) -> Iterator[Scan]:
+        """Yield the scans of a recording, changed."""
 
-    def skin(self, skin: Skin, start: int) -> Skin:
-        """Where the taxels are believed to be; where they are, unless said otherwise.
+    def transform_skin(self, skin: Skin, start: int) -> Skin:
+        """Return the skin that recognition assumes; the true one unless overridden.
 
         Args:
-            skin: that is believed in.
+            skin: the true skin.
             start: stamp of the recording's first scan [ns since the epoch].
         """
         return skin
 
 
 def estimate_rest_counts(recording: Recording) -> Float[np.ndarray, "taxel"]:
-    """Counts of each taxel while nothing touches it."""
+    """Return the counts of each taxel while nothing touches it."""
     return np.median(
         [s.counts for s in islice(recording.scans(), REST_READINGS)], axis=0
     )
@@ -50,7 +53,7 @@ def estimate_rest_counts(recording: Recording) -> Float[np.ndarray, "taxel"]:
 def replace_counts(
     scan: Scan, counts: Float[np.ndarray, "taxel"], full_scale: int
 ) -> Scan:
-    """The scan with other counts, as its converter gives them, where it received."""
+    """Return a scan with other counts, rounded and clipped, where it was received."""
     whole = np.clip(np.rint(counts), 0, full_scale)
     kept = np.where(scan.received, whole, scan.counts)
     return replace(scan, counts=kept.astype(scan.counts.dtype))
@@ -66,74 +69,77 @@ LIMITS = {
 """Smallest and largest values of the settings."""
 
 UNFELT_SCATTER = 0.2
-"""Spread of the logarithm of what a taxel does not feel, within its patch."""
+"""Standard deviation of the logarithm of `unfelt` within a patch."""
 
 REFERENCE = 30.0
-"""Pressure that a bent curve leaves as it is [kPa]."""
+"""Pressure that a change of the exponent leaves as it is [kPa]."""
 
 
 @dataclass(frozen=True)
 class AgingConfig:
-    """How far another skin may be from the one that recorded."""
+    """These settings limit how far an aged skin differs from the one that recorded."""
 
     patch_gain: float = 0.4
-    """Spread of the logarithm of the gain of a patch."""
+    """Standard deviation of the logarithm of a patch's gain."""
 
     taxel_gain: float = 0.3
-    """Spread of the logarithm of the gain of a taxel within its patch."""
+    """Standard deviation of the logarithm of a taxel's gain within its patch."""
 
     exponent: float = 0.15
-    """Spread of the logarithm of the power of pressure that a patch follows."""
+    """Standard deviation of the logarithm of a patch's exponent of pressure."""
 
     unfelt: float = 5.0
-    """Largest mean pressure of which a patch feels nothing [kPa]; taxels differ."""
+    """Largest pressure that a patch loses on average [kPa]; its taxels differ."""
 
     noise: float = 0.001
-    """Largest deviation of white noise, as a share of full scale."""
+    """Largest standard deviation of white noise, as a share of full scale."""
 
     def __post_init__(self) -> None:
-        """Refuse numbers that mean nothing."""
+        """Reject settings outside their limits."""
         check_limits(self, LIMITS)
 
 
 @final
 @dataclass(frozen=True)
 class Aging(RecordingTransform):
-    """One such skin: the same numbers give the same recording the same skin."""
+    """This transform records as an aged skin: weaker, less even, with more noise.
+
+    The same configuration and number give a recording the same skin.
+    """
 
     config: AgingConfig
-    """How far it may be."""
+    """Limits of the draw."""
     number: int
-    """Which of those drawn."""
+    """Number of the skin among those drawn."""
 
-    def scans(self, recording: Recording) -> Iterator[Scan]:
-        """The recording's scans with the other skin's counts; shear stays as it is."""
+    def transform_scans(self, recording: Recording) -> Iterator[Scan]:
+        """Yield the scans with the counts of the aged skin; shear is unchanged."""
         rng = np.random.default_rng([recording.start, self.number])
         calibration = recording.calibration
         skin = draw_aged_skin(recording.skin, self.config, rng)
         noise = self.config.noise * calibration.full_scale * rng.random()
         rest = estimate_rest_counts(recording)
         for scan in recording.scans():
-            above = skin.felt(scan.counts - rest, calibration)
+            above = skin.convert_counts(scan.counts - rest, calibration)
             noisy = rest + above + noise * rng.standard_normal(len(rest))
             yield replace_counts(scan, noisy, calibration.full_scale)
 
 
 @dataclass(frozen=True, eq=False)
 class AgedSkin:
-    """What sets each taxel of a skin apart from that of the skin that recorded."""
+    """An aged skin gives each taxel its own curve of counts."""
 
     gain: Float[np.ndarray, "taxel"]
-    """What it multiplies pressure by."""
+    """Factor on the pressure of each taxel."""
     exponent: Float[np.ndarray, "taxel"]
-    """Power of pressure that it follows."""
+    """Exponent of the pressure of each taxel."""
     unfelt: Float[np.ndarray, "taxel"]
-    """Pressure of which it feels nothing [kPa]."""
+    """Pressure that each taxel loses [kPa]."""
 
-    def felt(
+    def convert_counts(
         self, above: Float[np.ndarray, "taxel"], calibration: Calibration
     ) -> Float[np.ndarray, "taxel"]:
-        """Counts above rest that it gives where the skin that recorded gave `above`."""
+        """Return the counts above rest where the original skin gave `above`."""
         left = np.maximum(calibration.compute_pressure(above) - self.unfelt, 0.0)
         bent = self.gain * REFERENCE * (left / REFERENCE) ** self.exponent
         return calibration.compute_counts(bent)
@@ -142,7 +148,7 @@ class AgedSkin:
 def draw_aged_skin(
     skin: Skin, config: AgingConfig, rng: np.random.Generator
 ) -> AgedSkin:
-    """Draw another skin of the same layout."""
+    """Draw an aged skin of the same layout."""
     patch, patches, drawn = skin.patch_index, len(skin.patches), rng.standard_normal
     gain = (config.patch_gain * drawn(patches))[patch]
     gain += config.taxel_gain * drawn(skin.count)

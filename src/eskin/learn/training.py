@@ -1,6 +1,4 @@
-"""This module trains the recogniser: balanced windows, one learning-rate cycle, the
-best epoch kept.
-"""
+"""This module trains the recogniser on balanced windows and keeps the best epoch."""
 
 import time
 from concurrent.futures import ThreadPoolExecutor
@@ -42,23 +40,23 @@ LIMITS = {
 
 @dataclass(frozen=True)
 class TrainConfig:
-    """How the network is trained."""
+    """These settings say how the recogniser is trained."""
 
     epochs: int = 10
-    """Epochs of `steps` steps."""
+    """Number of epochs of `steps` steps."""
 
     steps: int = 40
-    """Steps an epoch."""
+    """Steps in an epoch."""
 
     batch: int = 64
-    """Windows a step."""
+    """Windows in a step."""
 
     encoded: int = 32
-    """Of these, windows whose graphs are encoded, which is what takes the time: the
-    summary view sees all."""
+    """Windows of a step whose graphs are encoded, which takes most of the time; the
+    summary view uses all windows."""
 
     readings: int = 25
-    """Of an encoded window, readings whose graphs are encoded, drawn anew each time."""
+    """Readings of an encoded window whose graphs are encoded, drawn anew each time."""
 
     rate: float = 3e-3
     """Highest learning rate of the cycle."""
@@ -70,7 +68,7 @@ class TrainConfig:
     """Label smoothing."""
 
     patience: int = 5
-    """Epochs without a better validation loss that are waited for; one more stops."""
+    """Epochs without a better validation loss that are tolerated; one more stops."""
 
     validation: float = 0.15
     """Share of the recordings held out to choose the epoch, in whole sessions; 0 trains
@@ -80,43 +78,43 @@ class TrainConfig:
     """Whether shear is used where every skin measures it."""
 
     workers: int = 1
-    """Parts of each batch that are made and differentiated at the same time, one a
-    core; with dropout and more than one, no two trainings are the same to the bit."""
+    """Threads that each build and differentiate a part of every batch, one a core; with
+    dropout and more than one, no two trainings are equal to the bit."""
 
     graph: GraphConfig = field(default_factory=GraphConfig)
-    """How contacts become graphs."""
+    """Settings of the contact graphs."""
 
     augment: AugmentConfig = field(default_factory=AugmentConfig)
-    """How training windows vary."""
+    """Settings of the augmentation."""
 
     network: NetworkConfig = field(default_factory=NetworkConfig)
     """Sizes of the network."""
 
     @property
     def graph_used(self) -> GraphConfig:
-        """The graphs to train on: without shear, it touches no taxel either."""
+        """Return the settings of the graphs; without shear, it adds no nodes either."""
         return self.graph if self.shear else self.graph.without_shear()
 
     def __post_init__(self) -> None:
-        """Refuse numbers that mean nothing."""
+        """Reject settings outside their limits."""
         check_limits(self, LIMITS)
 
 
 SAVE_PERIOD = 30.0
-"""Time between two writings of where training stands [s]."""
+"""Time between two checkpoints [s]."""
 
 VALIDATION_WINDOWS = 256
-"""Windows that validation looks at."""
+"""Number of windows to validate on."""
 
 MIN_LOG_PROBABILITY = -30.0
-"""Stands for the log-probability of what cannot be."""
+"""Log-probability used in place of minus infinity."""
 
 TEMPERATURES = np.geomspace(0.3, 5.0, 57)
-"""The temperatures tried."""
+"""Temperatures that are tried."""
 
 
 class Trainer:
-    """Trains one network on a data set."""
+    """A trainer trains one network on a data set."""
 
     def __init__(
         self,
@@ -131,18 +129,20 @@ class Trainer:
         """Prepare to train.
 
         Args:
-            dataset: to train on.
-            vocabulary: classes to tell apart.
-            config: how.
-            recordings: those of the data set to train on, all where None.
-            seed: decides everything that is drawn.
-            validation: to validate on; where None, some of the recordings are held out.
-            start: whose weights to start from, wherever they fit.
+            dataset: data set to train on.
+            vocabulary: classes to recognise.
+            config: settings of the training.
+            recordings: indices of the recordings to train on; all where None.
+            seed: seed of all random draws.
+            validation: data set to validate on; where None, recordings are held out.
+            start: model to start from, by its weights of matching names and shapes.
         """
         self.config, self.vocabulary, self.seed = config, vocabulary, seed
         torch.manual_seed(seed)
         self.rngs = build_generators(seed, config.workers)
-        chosen = list(range(dataset.own)) if recordings is None else recordings
+        chosen = (
+            list(range(dataset.original_count)) if recordings is None else recordings
+        )
         self.holdout = hold_out(
             find_sessions(dataset, chosen),
             find_gestures(dataset, vocabulary),
@@ -152,15 +152,15 @@ class Trainer:
         self.shear = config.shear and dataset.has_shear
         self.graph = config.graph if self.shear else config.graph.without_shear()
         learned = dataset.with_copies(self.holdout.train)
-        self.maker = self.build_batches(dataset, learned, config.augment)
-        check_classes(self.maker.sampler, vocabulary)
+        self.batches = self.build_batches(dataset, learned, config.augment)
+        check_classes(self.batches.sampler, vocabulary)
         source, held = dataset, self.holdout.held
         if validation is not None:
             source = validation
             held = frozenset(range(len(validation.recordings)))
         self.held_recordings = held
         held_maker = self.build_batches(source, held, NO_AUGMENTATION)
-        self.held = held_maker if held_maker.sampler.classes else None
+        self.held_out = held_maker if held_maker.sampler.classes else None
         self.network = RecogniserNetwork(config.network, len(vocabulary), self.shear)
         if start is not None:
             copy_matching_weights(self.network, start)
@@ -169,34 +169,34 @@ class Trainer:
     def build_batches(
         self, dataset: Dataset, recordings: frozenset[int], augment: AugmentConfig
     ) -> BatchBuilder:
-        """Draws windows of some recordings."""
+        """Return a batch builder for some of the recordings."""
         slots = self.config.network.slots
         crop = self.config.augment.crop
         sampler = build_sampler(dataset, self.vocabulary, recordings, slots, crop)
         return BatchBuilder(dataset, sampler, augment, slots, self.shear)
 
     def run(
-        self, quiet: bool = False, kept: Path | None = None, facts: str = ""
+        self, quiet: bool = False, checkpoint: Path | None = None, facts: str = ""
     ) -> RecogniserNetwork:
-        """Train to the end or until validation no longer improves.
+        """Train to the end, or until validation no longer improves.
 
         Args:
-            quiet: whether to show no progress.
-            kept: file to go on from where training was cut; removed by the caller.
-            facts: names data and settings in that file.
+            quiet: whether to hide the progress bar.
+            checkpoint: file to resume interrupted training from; the caller removes it.
+            facts: description of data and settings, stored in that file.
         """
         config, network = self.config, self.network
         torch.set_num_threads(1)
-        first = self.maker.make(4 * config.batch, 1, 1, self.rngs[0])
+        first = self.batches.build(4 * config.batch, 1, 1, self.rngs[0])
         network.standardise_by(first.summary)
         optimiser = torch.optim.AdamW(network.parameters(), weight_decay=config.decay)
         total = config.epochs * config.steps
-        cycle = torch.optim.lr_scheduler.OneCycleLR(
+        schedule = torch.optim.lr_scheduler.OneCycleLR(
             optimiser, config.rate, total_steps=total
         )
         best = EarlyStopping(config.patience)
-        course = TrainingState(network, optimiser, cycle, best, self.rngs)
-        done = course.go_on(kept, facts) if kept else 0
+        state = TrainingState(network, optimiser, schedule, best, self.rngs)
+        done = state.resume(checkpoint, facts) if checkpoint else 0
         self.epochs = done // config.steps
         last = done if best.should_stop else total
         saved = time.monotonic()
@@ -208,51 +208,53 @@ class Trainer:
             for step in range(done, last):
                 network.train()
                 self.step(optimiser, pool)
-                cycle.step()
+                schedule.step()
                 progress.advance(task)
                 self.epochs, within = divmod(step + 1, config.steps)
-                over = within == 0 and self.is_over(best)
-                if kept and (over or time.monotonic() - saved > SAVE_PERIOD):
-                    course.keep(kept, facts, step + 1)
+                over = within == 0 and self.end_epoch(best)
+                if checkpoint and (over or time.monotonic() - saved > SAVE_PERIOD):
+                    state.save(checkpoint, facts, step + 1)
                     saved = time.monotonic()
                 if over:
                     break
         best.restore(network)
         return network.eval()
 
-    def is_over(self, best: EarlyStopping) -> bool:
-        """Whether validation at the end of an epoch says so."""
-        return self.held is not None and best.is_enough(
+    def end_epoch(self, best: EarlyStopping) -> bool:
+        """Validate at the end of an epoch, and tell whether to stop."""
+        return self.held_out is not None and best.update(
             self.network, self.validation_loss()
         )
 
     def step(self, optimiser: torch.optim.Optimizer, pool: ThreadPoolExecutor) -> None:
-        """One step: every worker differentiates a part of the batch."""
+        """Take one step; every worker differentiates a part of the batch."""
         parameters = list(self.network.parameters())
-        parts = list(pool.map(self.gradients, self.rngs))
+        parts = list(pool.map(self.compute_gradients, self.rngs))
         for parameter, *gradients in zip(parameters, *parts, strict=True):
             parameter.grad = torch.stack(gradients).mean(dim=0)
         nn.utils.clip_grad_norm_(parameters, 1.0)
         optimiser.step()
 
-    def gradients(self, rng: np.random.Generator) -> tuple[Tensor, ...]:
-        """Gradients of one worker's part of a batch."""
+    def compute_gradients(self, rng: np.random.Generator) -> tuple[Tensor, ...]:
+        """Return the gradients of one worker's part of a batch."""
         config, workers = self.config, self.config.workers
-        batch = self.maker.make(
+        batch = self.batches.build(
             -(-config.batch // workers),
             -(-config.encoded // workers),
             config.readings,
             rng,
         )
-        return torch.autograd.grad(self.loss(batch), list(self.network.parameters()))
+        return torch.autograd.grad(
+            self.compute_loss(batch), list(self.network.parameters())
+        )
 
-    def loss(self, batch: Batch) -> Float[Tensor, ""]:
-        """Cross entropy of each view and of both together."""
+    def compute_loss(self, batch: Batch) -> Float[Tensor, ""]:
+        """Return the cross entropy of each view and of both together."""
         network, smoothing = self.network, self.config.smoothing
         standardised = network.standardised(batch.summary)
         by_summary = network.summary_view(standardised, batch.places)
         by_graph = network.graph_view(
-            network.embed(batch.some.graphs), batch.some.places
+            network.embed(batch.encoded.graphs), batch.encoded.places
         )
         both = (by_summary[: len(by_graph)] + by_graph) / 2
         together, summary_alone, graph_alone = (
@@ -264,61 +266,63 @@ class Trainer:
         return together + (summary_alone + graph_alone) / 2
 
     def validation_loss(self) -> float:
-        """Loss on windows of the recordings held out, always the same ones."""
-        logits, labels = self.validation_logits()
+        """Return the loss on windows of the held-out recordings, always the same."""
+        logits, labels = self.predict_validation_windows()
         return float(cross_entropy(logits, labels))
 
     def validation_accuracy(self) -> float:
-        """Share of what is held out that is recognised; NaN if nothing is."""
-        if self.held is None:
+        """Return the accuracy on held-out recordings; NaN if there are none."""
+        if self.held_out is None:
             return float("nan")
-        logits, labels = self.held_answers()
+        logits, labels = self.predict_held_out()
         return float((logits.argmax(dim=1) == labels).double().mean())
 
     def fit_temperature(self) -> float:
-        """What to divide logits by for honest probabilities (Guo et al. 2017)."""
-        if self.held is None:
+        """Return what to divide logits by to calibrate them (Guo et al. 2017)."""
+        if self.held_out is None:
             return 1.0
-        logits, labels = self.held_answers()
-        # Where nothing was felt `none` is certain, whatever the network thinks.
-        felt = (logits > MIN_LOG_PROBABILITY).sum(dim=1) > 1
-        if not felt.any():
+        logits, labels = self.predict_held_out()
+        # Without a detected touch the answer is `none`, whatever the network says.
+        touched = (logits > MIN_LOG_PROBABILITY).sum(dim=1) > 1
+        if not touched.any():
             return 1.0
-        logits, labels = logits[felt], labels[felt]
+        logits, labels = logits[touched], labels[touched]
         losses = [float(cross_entropy(logits / t, labels)) for t in TEMPERATURES]
         return float(TEMPERATURES[int(np.argmin(losses))])
 
-    def held_answers(
+    def predict_held_out(
         self,
     ) -> tuple[Float[Tensor, "example class"], Int[Tensor, "example"]]:
-        """Logits and classes of the clips held out, of windows where there are none."""
-        assert self.held is not None
-        if not any(self.held.dataset.clips):
-            return self.validation_logits()
+        """Return logits and classes of held-out clips, or of windows without clips."""
+        assert self.held_out is not None
+        if not any(self.held_out.dataset.clips):
+            return self.predict_validation_windows()
         self.network.eval()
-        answers = predict_clips(
-            *(self.network, self.held.dataset, self.vocabulary),
+        found = predict_clips(
+            self.network,
+            self.held_out.dataset,
+            self.vocabulary,
             recordings=self.held_recordings,
         )
-        certain = np.maximum(answers.log_probabilities, MIN_LOG_PROBABILITY)
-        return torch.as_tensor(certain), torch.as_tensor(answers.truth)
+        logits = np.maximum(found.log_probabilities, MIN_LOG_PROBABILITY)
+        return torch.as_tensor(logits), torch.as_tensor(found.truth)
 
-    def validation_logits(
+    def predict_validation_windows(
         self,
     ) -> tuple[Float[Tensor, "window class"], Int[Tensor, "window"]]:
-        """Logits and classes of windows of the recordings held out."""
-        assert self.held is not None
+        """Return logits and classes of windows of the held-out recordings."""
+        assert self.held_out is not None
         self.network.eval()
         every = self.config.network.slots
-        batch = self.held.make(
+        batch = self.held_out.build(
             VALIDATION_WINDOWS, VALIDATION_WINDOWS, every, np.random.default_rng(0)
         )
         with torch.no_grad():
-            return self.network(batch.some), batch.labels
+            return self.network(batch.encoded), batch.labels
 
 
 def copy_matching_weights(network: RecogniserNetwork, model: Model) -> None:
-    """Take a model's weights wherever the network has one of that name and shape."""
+    """Copy a model's weights wherever the network has one of that name and shape."""
     own = network.state_dict()
     fitting = {
         name: torch.as_tensor(weight)
@@ -329,6 +333,6 @@ def copy_matching_weights(network: RecogniserNetwork, model: Model) -> None:
 
 
 def build_generators(seed: int, workers: int) -> list[np.random.Generator]:
-    """One generator a worker; with one worker, that of the seed itself."""
+    """Return one generator a worker; the first is that of the seed itself."""
     first = np.random.default_rng(seed)
     return [first, *(np.random.default_rng([seed, n]) for n in range(1, workers))]

@@ -1,4 +1,4 @@
-"""Windows: the two seconds that end at a reading."""
+"""This module cuts windows, the two seconds that end at a reading, and varies them."""
 
 from dataclasses import dataclass, replace
 
@@ -13,33 +13,32 @@ from eskin.model import SLOT_NS
 from eskin.nn import NetworkInput, Places, graph_tensors
 
 TIME_COLUMNS = [HISTORY.index(name) for name in ("age", "pause", "impulse")]
-"""Columns of a history that grow with how long a person takes."""
+"""Columns of a history that grow with the time a person takes."""
 
 
 @dataclass(frozen=True)
 class Windows:
-    """The rows of a batch of windows, laid end to end."""
+    """Windows hold the rows of a batch of windows, laid end to end."""
 
     rows: Int[np.ndarray, "reading"]
     """Rows of the data set, oldest first in each window."""
 
     window: Int[np.ndarray, "reading"]
-    """The window of each."""
+    """Number of the window of each row."""
 
     slot: Int[np.ndarray, "reading"]
-    """Its place on the head's clock; the window's last reading has the last slot."""
+    """Slot of each row on the clock of the temporal head; the last row of a window has
+    the last slot."""
 
     count: int
     """Number of windows."""
 
-    def at(self, places: Int[np.ndarray, "some"]) -> "Windows":
-        """Some of the readings, ascending."""
-        return Windows(
-            self.rows[places], self.window[places], self.slot[places], self.count
-        )
+    def select(self, kept: Int[np.ndarray, "some"]) -> "Windows":
+        """Return the windows with only some of their rows, given in ascending order."""
+        return Windows(self.rows[kept], self.window[kept], self.slot[kept], self.count)
 
     def first(self, count: int) -> "Windows":
-        """The first `count` of the windows, or all where there are fewer."""
+        """Return the first `count` windows, or all where there are fewer."""
         kept = self.window < count
         return Windows(
             self.rows[kept],
@@ -55,13 +54,13 @@ def cut_windows(
     firsts: Int[np.ndarray, "window"],
     slots: int,
 ) -> Windows:
-    """Cut the windows that end with the rows `ends`.
+    """Return the windows that end with the rows `ends`.
 
     Args:
-        dataset: where to cut.
+        dataset: data set to cut from.
         ends: last row of each window.
-        firsts: row before which each window sees nothing; never of another sequence.
-        slots: length of the window on the head's clock.
+        firsts: earliest row that each window may hold, of the same sequence.
+        slots: length of a window on the clock of the temporal head.
     """
     now = dataset.stamps[ends] // SLOT_NS
     oldest = (now - slots + 1) * SLOT_NS
@@ -87,14 +86,16 @@ def stretch_time(
     slots: int,
     rng: np.random.Generator,
 ) -> tuple[Windows, GraphBatch]:
-    """The same done faster or slower; what falls out of a window is left out.
+    """Make each window as if its person had been faster or slower.
+
+    Rows that fall out of a window are left out.
 
     Args:
         windows: what to change.
-        graphs: of their rows.
-        spread: of the logarithm of how much longer each window takes.
-        slots: length of a window on the head's clock.
-        rng: draws how much.
+        graphs: graphs of their rows.
+        spread: standard deviation of the logarithm of the factor on time.
+        slots: length of a window on the clock of the temporal head.
+        rng: source of the random draws.
     """
     factor = np.exp(spread * rng.standard_normal(windows.count))[windows.window]
     ago = (slots - 1 - windows.slot) * factor
@@ -116,13 +117,15 @@ def stretch_time(
 def drop_readings(
     windows: Windows, share: float, halved: float, rng: np.random.Generator
 ) -> Int[np.ndarray, "reading"]:
-    """Places of the readings that came, among all; the latest of a window always did.
+    """Return the indices of the rows left when readings are lost.
+
+    The last reading of a window is never lost.
 
     Args:
-        windows: whose readings.
+        windows: windows whose readings are lost.
         share: largest share of a window's readings that are lost at random.
-        halved: share of windows of which only every other reading came.
-        rng: draws what is lost.
+        halved: share of windows that keep only every other reading.
+        rng: source of the random draws.
     """
     each = share * rng.random(windows.count)
     odd = rng.random(windows.count) < halved
@@ -137,11 +140,11 @@ def drop_readings(
 def subsample_readings(
     windows: Windows, most: int, rng: np.random.Generator
 ) -> Windows:
-    """Windows of at most `most` readings, those left out drawn at random."""
+    """Return windows of at most `most` readings each, drawn at random."""
     order = np.lexsort((rng.random(len(windows.rows)), windows.window))
     starts = np.searchsorted(windows.window, np.arange(windows.count))
     kept = np.sort(order[np.arange(len(order)) - starts[windows.window] < most])
-    return windows.at(kept)
+    return windows.select(kept)
 
 
 def build_network_input(
@@ -150,12 +153,12 @@ def build_network_input(
     shear: bool,
     dtype: torch.dtype = torch.float32,
 ) -> NetworkInput:
-    """The network's input for windows whose rows' graphs are given in their order."""
+    """Return the network's input for windows and the graphs of their rows."""
     return NetworkInput(graph_tensors(graphs, shear, dtype), build_places(windows))
 
 
 def build_places(windows: Windows) -> Places:
-    """Where the windows' readings stand, for the network."""
+    """Return the windows and slots of the rows, for the network."""
     return Places(
         torch.as_tensor(windows.window), torch.as_tensor(windows.slot), windows.count
     )

@@ -1,17 +1,20 @@
 """The page in the browser, in a process of its own: it needs no recogniser."""
 
 from eskin.page.colours import ColourScale
-from eskin.page.orders import Order, PageOrder, TouchOrder
-from eskin.page.picture import (
+from eskin.page.messages import (
     Answer,
     ArmLine,
     Board,
     ContactMark,
+    Order,
+    PageOrder,
     Picture,
     Saying,
+    Setup,
+    Solid,
     TouchNow,
+    TouchOrder,
 )
-from eskin.page.setup import Setup, Solid
 
 __all__ = [
     "Answer",

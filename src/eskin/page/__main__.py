@@ -11,10 +11,9 @@ from multiprocessing.connection import Connection
 from threading import Lock
 
 from eskin.errors import DeviceError
-from eskin.page.orders import Order
+from eskin.page.messages import ORDER, READY, REFUSED, SHOWN, Order, Word
 from eskin.page.page import Page
 from eskin.page.server import open_server
-from eskin.page.wire import ORDER, READY, REFUSED, SHOWN, Word
 
 TICK = 0.01
 """How often touches that are due are sent [s]."""

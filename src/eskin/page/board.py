@@ -6,10 +6,8 @@ from typing import final
 from viser import GuiApi, Icon
 
 from eskin.page.colours import ColourScale
-from eskin.page.panel import add_scale
-from eskin.page.picture import Answer, Board, Picture
-from eskin.page.readout import AMBER, LINE, PALE, RED, TEAL, block, word
-from eskin.page.setup import Setup
+from eskin.page.messages import Answer, Board, Picture, Setup
+from eskin.page.panel import AMBER, LINE, PALE, RED, TEAL, add_scale, block, word
 
 DULL = "#b9c2cd"
 

@@ -14,15 +14,10 @@ from viser import (
 
 from eskin.page.board import BoardPanel
 from eskin.page.colours import ColourScale
-from eskin.page.gripper import Gripper
-from eskin.page.hand import Hand, Mode
-from eskin.page.marks import Marks
-from eskin.page.orders import Order
+from eskin.page.hand import Hand, Mode, Pointing
+from eskin.page.messages import Order, Picture, Setup
 from eskin.page.panel import Panel
-from eskin.page.picture import Picture
-from eskin.page.pointing import Pointing
-from eskin.page.scene import Scene
-from eskin.page.setup import Setup
+from eskin.page.scene import Gripper, Marks, Scene
 
 SCALE = 60.0
 """Pressure of the lightest colour until somebody changes it [kPa]."""

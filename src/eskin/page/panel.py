@@ -1,18 +1,257 @@
-"""The panel beside the scene: what is felt and thought, and what can be done."""
+"""This module lays out the panel beside the scene, with its texts and plot."""
 
 from collections import deque
+from collections.abc import Sequence
+from html import escape
 from typing import cast, final
 
 import numpy as np
+from jaxtyping import Bool, Float
 from viser import GuiApi, GuiEvent, GuiHtmlHandle, Icon
 
-from eskin.page import readout
+
 from eskin.page.colours import ColourScale
 from eskin.page.hand import Hand, Mode
-from eskin.page.orders import PageKind, PageOrder
-from eskin.page.picture import Picture, Saying
-from eskin.page.setup import Setup
-from eskin.page.strip import Strip
+from eskin.page.messages import (
+    ArmLine,
+    PageKind,
+    PageOrder,
+    Picture,
+    Saying,
+    Setup,
+    TouchNow,
+)
+
+INK, PALE, LINE = "#1f2733", "#7b8594", "#e6e9ee"
+TEAL, AMBER, RED, BLUE = "#1f9e89", "#c77700", "#c43a31", "#3b6fb6"
+STATES = {
+    "running": TEAL,
+    "paused": AMBER,
+    "held": RED,
+    "stopped": RED,
+    "waiting": PALE,
+}
+KINDS = {"detection": TEAL, "command": BLUE, "refused": AMBER, "event": PALE}
+FONT = f"font:12px/1.45 system-ui,sans-serif;color:{INK};padding:0 14px"
+
+
+def block(inside: str) -> str:
+    """A part of the panel."""
+    return f'<div style="{FONT}">{inside}</div>'
+
+
+def status(picture: Picture) -> str:
+    """How fast, how old, what is wrong; and what the arm does."""
+    wrong = f"{picture.faults} fault{'s' * (picture.faults != 1)}"
+    colour = RED if picture.faults else TEAL
+    return numbers(
+        ("readings/s", f"{picture.rate:.0f}"),
+        ("step", f"{1e3 * picture.step:.2f} ms"),
+        ("age", f"{1e3 * picture.age:.1f} ms"),
+        ("skin", f'<span style="color:{colour}">{wrong}</span>'),
+    ) + (block(arm(picture.arm)) if picture.arm else "")
+
+
+def numbers(*pairs: tuple[str, str]) -> str:
+    """Names with their values beside each other."""
+    cells = "".join(
+        f'<div><div style="color:{PALE};font-size:10px">{name}</div>'
+        f'<div style="font-weight:600;font-variant-numeric:tabular-nums">{value}</div>'
+        "</div>"
+        for name, value in pairs
+    )
+    return block(
+        f'<div style="display:flex;justify-content:space-between">{cells}</div>'
+    )
+
+
+def plain(text: str) -> str:
+    """Text as it is, harmless."""
+    return escape(text)
+
+
+def comparison(rows: Sequence[tuple[float, str, str, bool]], right: int) -> str:
+    """What was done beside what was said.
+
+    Args:
+        rows: time [s], label, detection, and whether they agree.
+        right: how many do.
+    """
+    head = f'<div style="color:{PALE}">{right} of {len(rows)} as labelled</div>'
+    body = "".join(
+        f'<div style="display:flex;gap:8px;border-bottom:1px solid {LINE}">'
+        f'<span style="color:{PALE};width:52px;text-align:right">{seconds:.1f} s</span>'
+        f'<span style="flex:1">{escape(word(label))}</span>'
+        f'<span style="flex:1;color:{TEAL if is_right else RED}">'
+        f"{escape(word(said))}</span></div>"
+        for seconds, label, said, is_right in rows
+    )
+    return block(head + body)
+
+
+def arm(line: ArmLine) -> str:
+    """The arm's state in one line."""
+    word = line.state + (f": {line.why}" if line.why else "")
+    rest = f"{line.speed:.0%} speed, gripper {line.gripper}, to {line.target or '-'}"
+    return (
+        f'<div style="margin-top:6px;padding:5px 8px;border-radius:6px;'
+        f'background:{LINE}"><b style="color:{STATES[line.state]}">{escape(word)}</b>'
+        f'<br><span style="color:{PALE}">{escape(rest)}</span></div>'
+    )
+
+
+def bars(touches: Sequence[TouchNow], gestures: Sequence[str]) -> str:
+    """Probabilities of the strongest touch."""
+    first = touches[0] if touches else None
+    head = "no touch"
+    if first is not None:
+        head = f"touch {first.id} on {escape(first.link)}, {first.force:.1f} N"
+    chances = np.zeros(len(gestures)) if first is None else first.probabilities
+    best = int(np.argmax(chances)) if first is not None else -1
+    rows = "".join(
+        bar(gesture, float(chance), number == best)
+        for number, (gesture, chance) in enumerate(zip(gestures, chances, strict=True))
+    )
+    return block(f'<div style="color:{PALE};margin:4px 0 3px">{head}</div>{rows}')
+
+
+def bar(gesture: str, chance: float, is_best: bool) -> str:
+    """One probability."""
+    colour = TEAL if is_best else "#b9c2cd"
+    weight = 600 if is_best else 400
+    return (
+        '<div style="display:flex;align-items:center;gap:8px;height:18px">'
+        f'<span style="width:72px;font-weight:{weight}">{escape(word(gesture))}</span>'
+        f'<span style="flex:1;height:9px;border-radius:5px;background:{LINE}">'
+        f'<span style="display:block;height:9px;border-radius:5px;width:{chance:.0%};'
+        f'background:{colour}"></span></span>'
+        f'<span style="width:36px;text-align:right;color:{PALE};'
+        f'font-variant-numeric:tabular-nums">{chance:.0%}</span></div>'
+    )
+
+
+def log(sayings: Sequence[Saying]) -> str:
+    """Detections, commands and events, newest first."""
+    rows = "".join(
+        f'<div style="display:flex;gap:8px;border-bottom:1px solid {LINE};'
+        'padding:1px 0">'
+        f'<span style="color:{PALE};width:46px;flex:none;text-align:right;'
+        f'font-variant-numeric:tabular-nums">{saying.seconds:.1f} s</span>'
+        f'<span style="color:{KINDS[saying.kind]}">{escape(saying.text)}</span></div>'
+        for saying in sayings
+    )
+    return block(rows or f'<span style="color:{PALE}">nothing yet</span>')
+
+
+def patches(setup: Setup, valid: Bool[np.ndarray, "taxel"]) -> str:
+    """How much of each patch is believed."""
+    sizes = np.bincount(setup.patch_index, minlength=len(setup.patches))
+    good = np.bincount(setup.patch_index, valid, minlength=len(setup.patches))
+    cells = "".join(
+        chip(name, int(size - whole), int(size))
+        for name, whole, size in zip(setup.patches, good, sizes, strict=True)
+    )
+    return block(f'<div style="display:flex;flex-wrap:wrap;gap:4px">{cells}</div>')
+
+
+def chip(patch: str, out: int, size: int) -> str:
+    """The state of one patch."""
+    colour, note = TEAL, ""
+    if out:
+        colour, note = (RED, " silent") if out == size else (AMBER, f" {out} out")
+    return (
+        f'<span style="border:1px solid {LINE};border-radius:9px;padding:0 7px;'
+        f'font-size:11px"><span style="color:{colour}">&#9679;</span> '
+        f"{escape(word(patch))}{note}</span>"
+    )
+
+
+def word(name: str) -> str:
+    """A name without underscores."""
+    return name.replace("_", " ")
+
+
+SECONDS = 10.0
+PERIOD = 0.1
+"""Between two points [s]."""
+COUNT = round(SECONDS / PERIOD)
+HIGH, OUTSIDE = 0.93, -9.0
+"""Where marks are drawn, as a share of the height; the plot knows no missing values."""
+
+
+@final
+class Strip:
+    """A plot that moves on ten times a second, with what was said marked in it."""
+
+    def __init__(self, gui: GuiApi) -> None:
+        """Start with nothing felt."""
+        self.points: deque[tuple[float, float, float]] = deque(maxlen=COUNT)
+        self.force = self.peak = 0.0
+        self.said = False
+        self.plot = gui.add_uplot(
+            self.data(),
+            (
+                {"label": "s"},
+                {"label": "force [N]", "stroke": "#1f9e89", "width": 1.5, "scale": "N"},
+                {
+                    "label": "peak [kPa]",
+                    "stroke": "#7b8fb8",
+                    "width": 1,
+                    "scale": "kPa",
+                },
+                {
+                    "label": "said",
+                    "stroke": "#d55e00",
+                    "width": 0,
+                    "scale": "said",
+                    "points": {"show": True, "size": 9, "fill": "#d55e00"},
+                },
+            ),
+            scales={
+                "x": {"time": False, "range": (-SECONDS, 0.0)},
+                "N": {"auto": True},
+                "kPa": {"auto": True},
+                "said": {"range": (0.0, 1.0)},
+            },
+            axes=(
+                {"scale": "x", "size": 24, "font": "10px system-ui"},
+                {"scale": "N", "size": 34, "font": "10px system-ui"},
+                {
+                    "scale": "kPa",
+                    "side": 1,
+                    "size": 34,
+                    "font": "10px system-ui",
+                    "grid": {"show": False},
+                },
+            ),
+            legend={"show": False},
+            cursor={"show": False},
+            height=120,
+            padding=(6, 0, 0, 0),
+        )
+
+    def take(self, picture: Picture) -> None:
+        """Keep the greatest of what comes between two points."""
+        self.force = max(self.force, picture.force)
+        self.peak = max(self.peak, picture.peak)
+        self.said |= any(saying.kind == "detection" for saying in picture.sayings)
+
+    def draw(self) -> None:
+        """Move on by one point."""
+        mark = HIGH if self.said else OUTSIDE
+        self.points.append((self.force, self.peak, mark))
+        self.force, self.peak, self.said = 0.0, 0.0, False
+        self.plot.data = self.data()
+
+    def data(self) -> tuple[Float[np.ndarray, "time"], ...]:
+        """Seconds before now, force [N], peak [kPa], and where words were said."""
+        columns = np.zeros((4, COUNT))
+        columns[3] = OUTSIDE
+        columns[0] = np.linspace(-SECONDS + PERIOD, 0.0, COUNT)
+        if self.points:
+            columns[1:, -len(self.points) :] = np.array(self.points).T
+        return tuple(columns)
+
 
 LINES = 8
 """Of the log."""
@@ -42,9 +281,9 @@ class Panel:
         self.hand = hand
         self.sayings: deque[Saying] = deque(maxlen=LINES)
         self.status = gui.add_html("")
-        self.bars = gui.add_html(readout.bars((), setup.gestures))
+        self.bars = gui.add_html(bars((), setup.gestures))
         self.strip = Strip(gui)
-        self.legend = gui.add_html(readout.block(scale.legend()))
+        self.legend = gui.add_html(block(scale.legend()))
         tabs = gui.add_tab_group()
         if setup.touchable:
             with tabs.add_tab("Hand", Icon.HAND_FINGER):
@@ -55,7 +294,7 @@ class Panel:
                 self.add_trouble()
         with tabs.add_tab("View", Icon.PALETTE):
             add_scale(gui, scale, self.legend)
-        self.log = gui.add_html(readout.log(()))
+        self.log = gui.add_html(log(()))
 
     def add_touch(self) -> None:
         """What a click does, how hard and how long."""
@@ -142,12 +381,12 @@ class Panel:
     def draw(self, picture: Picture) -> None:
         """Draw what has changed."""
         self.strip.draw()
-        self.status.content = readout.status(picture)
-        self.bars.content = readout.bars(picture.touches, self.setup.gestures)
-        self.log.content = readout.log(tuple(self.sayings))
+        self.status.content = status(picture)
+        self.bars.content = bars(picture.touches, self.setup.gestures)
+        self.log.content = log(tuple(self.sayings))
         count = self.setup.patch_index.size
         valid = np.unpackbits(picture.valid, count=count).astype(bool)
-        self.patches.content = readout.patches(self.setup, valid)
+        self.patches.content = patches(self.setup, valid)
 
 
 def add_scale(gui: GuiApi, scale: ColourScale, legend: GuiHtmlHandle) -> None:
@@ -159,4 +398,4 @@ def add_scale(gui: GuiApi, scale: ColourScale, legend: GuiHtmlHandle) -> None:
     @slider.on_update
     async def _(event: GuiEvent) -> None:
         scale.maximum = float(event.target.value)
-        legend.content = readout.block(scale.legend())
+        legend.content = block(scale.legend())

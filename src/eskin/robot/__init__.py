@@ -1,5 +1,6 @@
 """Robots hold links, joints and shapes; kinematics place the links for a given `q`."""
 
+from eskin.robot.dynamics import Wrench
 from eskin.robot.kinematics import DampedLeastSquaresIK, Kinematics
 from eskin.robot.presets import ROBOT_PRESETS, load_recorded_robot, load_robot
 from eskin.robot.robot import Joint, Link, Mimic, Robot
@@ -16,3 +17,25 @@ from eskin.robot.shapes import (
 from eskin.robot.surface import compute_surface_distance
 from eskin.robot.urdf import load_urdf
 
+__all__ = [
+    "ROBOT_PRESETS",
+    "Box",
+    "Cylinder",
+    "DampedLeastSquaresIK",
+    "Geom",
+    "Joint",
+    "Kinematics",
+    "Link",
+    "Mimic",
+    "Robot",
+    "Shape",
+    "Sphere",
+    "TriangleMesh",
+    "Wrench",
+    "build_geom_mesh",
+    "build_shape_mesh",
+    "compute_surface_distance",
+    "load_recorded_robot",
+    "load_robot",
+    "load_urdf",
+]

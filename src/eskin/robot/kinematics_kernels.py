@@ -1,4 +1,4 @@
-"""The compiled forward kinematics. `no_type_check` keeps the tests' hooks off."""
+"""This module holds the compiled kernels of forward kinematics."""
 
 import math
 from typing import no_type_check
@@ -11,10 +11,10 @@ from eskin.compiled import compiled
 
 @compiled
 @no_type_check
-def pose_links(
+def compute_link_poses(
     q: Float[np.ndarray, "pose joint"],
     order: Int[np.ndarray, "link 3"],
-    gear: Float[np.ndarray, "link 2"],
+    mimic: Float[np.ndarray, "link 2"],
     motion: Float[np.ndarray, "link 4 3 4"],
     out: Float[np.ndarray, "pose link 4 4"],
 ) -> None:
@@ -22,12 +22,12 @@ def pose_links(
 
     Args:
         q: values of the joints [rad] or [m].
-        order: parents before children: a link, its parent and the place in `q` of the
+        order: parents before children: a link, its parent and the index in `q` of the
             joint between them; -1 where there is none, or where it does not move.
-        gear: by link, multiplier and offset that make its joint's value from `q`.
-        motion: by link, matrices without their last row: the parent's frame at rest,
-            then what sin q, 1 - cos q and q multiply.
-        out: where they go.
+        mimic: multiplier and offset that turn a value of `q` into the joint's value.
+        motion: matrices of each link without their last row: the constant term of the
+            joint's motion, then those of sin q, 1 - cos q and q.
+        out: the poses that are written.
     """
     for n in range(len(q)):
         for i in range(len(order)):
@@ -36,29 +36,31 @@ def pose_links(
             T[:3] = motion[link, 0]
             T[3, :3], T[3, 3] = 0.0, 1.0
             if source >= 0:
-                value = q[n, source] * gear[link, 0] + gear[link, 1]
-                turn(math.sin(value), math.sin(0.5 * value), value, motion[link], T)
+                value = q[n, source] * mimic[link, 0] + mimic[link, 1]
+                add_joint_motion(
+                    math.sin(value), math.sin(0.5 * value), value, motion[link], T
+                )
             if parent >= 0:
-                hang(out[n, parent], T)
+                transform_to_world(out[n, parent], T)
 
 
 @compiled
 @no_type_check
-def turn(
+def add_joint_motion(
     sine: float,
     half: float,
     value: float,
     motion: Float[np.ndarray, "4 3 4"],
     T: Float[np.ndarray, "4 4"],
 ) -> None:
-    """Add a joint's motion to its frame at rest.
+    """Add a joint's motion to its frame at joint value 0.
 
     Args:
-        sine: of its value.
-        half: sine of half its value.
-        value: of the joint [rad] or [m].
-        motion: see `pose_links`.
-        T: the frame.
+        sine: sine of the value.
+        half: sine of half the value.
+        value: value of the joint [rad] or [m].
+        motion: matrices of the link, as in `compute_link_poses`.
+        T: the frame, which is changed in place.
     """
     versine = 2.0 * half * half
     for r in range(3):
@@ -72,14 +74,16 @@ def turn(
 
 @compiled
 @no_type_check
-def hang(parent: Float[np.ndarray, "4 4"], T: Float[np.ndarray, "4 4"]) -> None:
-    """Replace a frame in its parent by the same in the world."""
+def transform_to_world(
+    T_world_parent: Float[np.ndarray, "4 4"], T: Float[np.ndarray, "4 4"]
+) -> None:
+    """Replace T_parent_link by T_world_link in place."""
     for c in range(4):
         x, y, z, one = T[0, c], T[1, c], T[2, c], T[3, c]
         for r in range(3):
             T[r, c] = (
-                parent[r, 0] * x
-                + parent[r, 1] * y
-                + parent[r, 2] * z
-                + parent[r, 3] * one
+                T_world_parent[r, 0] * x
+                + T_world_parent[r, 1] * y
+                + T_world_parent[r, 2] * z
+                + T_world_parent[r, 3] * one
             )

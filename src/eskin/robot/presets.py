@@ -1,4 +1,4 @@
-"""Robots that come with eskin."""
+"""This module loads robots that come with eskin, and those of other URDF files."""
 
 from importlib import resources
 from pathlib import Path
@@ -8,14 +8,14 @@ from eskin.robot.robot import Robot
 from eskin.robot.urdf import load_urdf
 
 ROBOT_PRESETS = ("ur5", "ur10", "base", "post", "table", "tube")
-"""Names that `load_robot` knows."""
+"""Names of the robots that come with eskin."""
 
 
 def load_robot(name_or_path: str | Path) -> Robot:
-    """Read a robot that comes with eskin, or a URDF file.
+    """Load a robot that comes with eskin, or one from a URDF file.
 
     Args:
-        name_or_path: One of `ROBOT_PRESETS`, or the path of a `.urdf` file.
+        name_or_path: one of `ROBOT_PRESETS`, or the path of a `.urdf` file.
 
     Raises:
         RobotError: There is no such robot or file, or the file cannot be used.
@@ -34,7 +34,7 @@ def load_robot(name_or_path: str | Path) -> Robot:
 
 
 def read_preset_urdf(name: str) -> str:
-    """The URDF of a robot that comes with eskin.
+    """Return the URDF of a robot that comes with eskin.
 
     Raises:
         RobotError: There is no such robot.
@@ -47,14 +47,14 @@ def read_preset_urdf(name: str) -> str:
 
 
 def load_recorded_robot(name: str, urdf: str | Path | None = None) -> Robot:
-    """The robot that a recording names, which is never taken for the path of a file.
+    """Load the robot of a recording, whose name is never taken for a path.
 
     Args:
-        name: what the recording calls it.
-        urdf: what its owner gives in place of that: one of `ROBOT_PRESETS` or a URDF file.
+        name: name of the robot in the recording.
+        urdf: robot that the user gives instead: one of `ROBOT_PRESETS` or a URDF file.
 
     Raises:
-        RobotError: no robot of that name comes with eskin, or the file cannot be used.
+        RobotError: There is no robot of that name, or the file cannot be used.
     """
     if urdf is None and name not in ROBOT_PRESETS:
         raise RobotError(

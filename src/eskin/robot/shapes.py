@@ -1,4 +1,4 @@
-"""This module holds the solid shapes that links are made of, and builds their meshes."""
+"""This module defines the collision shapes of links and builds their meshes."""
 
 from dataclasses import dataclass
 
@@ -10,36 +10,36 @@ from eskin.transforms import apply
 
 @dataclass(frozen=True)
 class Cylinder:
-    """A closed cylinder along its local z axis, centred on its origin."""
+    """A closed cylinder lies along its local z axis and is centred on its origin."""
 
     radius: float
-    """[m]"""
+    """Radius [m]."""
     length: float
-    """[m]"""
+    """Length along z [m]."""
 
 
 @dataclass(frozen=True)
 class Sphere:
-    """A ball centred on its origin."""
+    """A sphere is centred on its origin."""
 
     radius: float
-    """[m]"""
+    """Radius [m]."""
 
 
 @dataclass(frozen=True)
 class Box:
-    """A box along its local axes, centred on its origin."""
+    """A box is aligned with its local axes and centred on its origin."""
 
     size: tuple[float, float, float]
-    """Whole lengths along x, y and z [m]."""
+    """Full lengths along x, y and z [m]."""
 
 
 @dataclass(frozen=True, eq=False)
 class TriangleMesh:
-    """A surface of triangles, each counter-clockwise when seen from outside."""
+    """A mesh holds triangles, each counter-clockwise when seen from outside."""
 
     vertices: Float[np.ndarray, "vertex 3"]
-    """[m]"""
+    """Positions of the vertices [m]."""
     faces: Int[np.ndarray, "face 3"]
     """Indices into `vertices`."""
 
@@ -49,34 +49,35 @@ Shape = Cylinder | Sphere | Box | TriangleMesh
 
 @dataclass(frozen=True, eq=False)
 class Geom:
-    """One shape placed on a link."""
+    """A geom places one collision shape on a link."""
 
     shape: Shape
+    """The shape, in its own frame."""
     T_link_shape: Float[np.ndarray, "4 4"]
     """Pose of the shape's own frame in the link's frame [m]."""
 
 
-def build_geom_mesh(body: Geom, segments: int = 48) -> TriangleMesh:
-    """A closed mesh of a body, in its link's frame."""
-    mesh = build_shape_mesh(body.shape, segments)
-    return TriangleMesh(apply(body.T_link_shape, mesh.vertices), mesh.faces)
+def build_geom_mesh(geom: Geom, segments: int = 48) -> TriangleMesh:
+    """Build a closed mesh of a geom, in its link's frame."""
+    mesh = build_shape_mesh(geom.shape, segments)
+    return TriangleMesh(apply(geom.T_link_shape, mesh.vertices), mesh.faces)
 
 
 def build_shape_mesh(shape: Shape, segments: int = 48) -> TriangleMesh:
-    """A closed mesh of a shape, in its own frame, its vertices on the surface.
+    """Build a closed mesh of a shape, in its own frame, with vertices on its surface.
 
     Args:
-        shape: What to mesh; a mesh is given back as it is.
-        segments: Corners of a full circle.
+        shape: the shape; a mesh is returned unchanged.
+        segments: number of corners of a full circle.
 
     Raises:
-        ValueError: Fewer than three segments.
+        ValueError: There are fewer than three segments.
     """
     if segments < 3:
         raise ValueError(f"a circle of {segments} segments; wanted: 3 or more")
     match shape:
         case Box():
-            return box_mesh(shape)
+            return build_box_mesh(shape)
         case Cylinder():
             radius, height = shape.radius, shape.length / 2
             return revolve_profile(
@@ -90,10 +91,10 @@ def build_shape_mesh(shape: Shape, segments: int = 48) -> TriangleMesh:
             return mesh
 
 
-def box_mesh(box: Box) -> TriangleMesh:
-    """Eight corners and twelve triangles."""
+def build_box_mesh(box: Box) -> TriangleMesh:
+    """Build the eight corners and twelve triangles of a box."""
     signs = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
-    # Corner 4x + 2y + z; the four of each side, counter-clockwise from outside.
+    # Corner 4x + 2y + z; each side counter-clockwise as seen from outside.
     sides = [
         [0, 1, 3, 2],
         [4, 6, 7, 5],
@@ -110,12 +111,12 @@ def box_mesh(box: Box) -> TriangleMesh:
 def revolve_profile(
     profile: Float[np.ndarray, "ring 2"], height: float, segments: int
 ) -> TriangleMesh:
-    """Turn a profile of (radius, z) about z and close it with a point at either end.
+    """Revolve a profile of (radius, z) about z and close it with a point at each end.
 
     Args:
-        profile: From the lowest ring to the highest [m].
-        height: The end points are at z = -height and z = height [m].
-        segments: Corners of a ring.
+        profile: rings from the lowest to the highest [m].
+        height: the end points are at z = -height and z = height [m].
+        segments: number of corners of a ring.
     """
     angle = np.arange(segments) * 2 * np.pi / segments
     circle = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
@@ -124,11 +125,11 @@ def revolve_profile(
     rings[..., 2] = profile[:, 1:]
     poles = np.array([[0.0, 0.0, -height], [0.0, 0.0, height]])
     vertices = np.concatenate([rings.reshape(-1, 3), poles])
-    return TriangleMesh(vertices, lathe_faces(len(profile), segments))
+    return TriangleMesh(vertices, build_ring_faces(len(profile), segments))
 
 
-def lathe_faces(rings: int, segments: int) -> Int[np.ndarray, "face 3"]:
-    """Triangles between neighbouring rings, and from end rings to end points."""
+def build_ring_faces(rings: int, segments: int) -> Int[np.ndarray, "face 3"]:
+    """Build triangles between neighbouring rings, and from end rings to end points."""
     index = np.arange(rings * segments).reshape(rings, segments)
     right = np.roll(index, -1, axis=1)
     bottom, top = rings * segments, rings * segments + 1

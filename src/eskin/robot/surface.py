@@ -1,4 +1,8 @@
-"""This module computes signed distances from points to the surface of a link."""
+"""This module computes signed distances and outward normals of shapes and links.
+
+Distances are negative inside [m]. A normal is that of the nearest point of the surface;
+where several points are nearest, it is that of one of them.
+"""
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -11,46 +15,95 @@ from eskin.transforms import apply, invert, rotate
 Points = Float[np.ndarray, "point 3"]
 Distances = tuple[Float[np.ndarray, "point"], Float[np.ndarray, "point 3"]]
 
+PAIRS_AT_ONCE = 200_000
+"""Largest number of pairs of points and triangles that are held in memory."""
+ON_SURFACE = 1e-7
+"""Distance below which the nearest triangle's own normal is taken [m]."""
 
-def sphere_distance(sphere: Sphere, points: Points) -> Distances:
-    """Signed distance and outward normal of a sphere."""
-    length, normal = direction(points)
+
+def compute_surface_distance(link: Link, p_link: Points) -> Distances:
+    """Compute distance and normal from points to the union of a link's geoms.
+
+    The distance is exact outside and on the surface. Inside, where geoms overlap, it is
+    that of the geom the point is deepest in, which is no deeper than the union.
+
+    Args:
+        link: the link, which must have geoms.
+        p_link: points in the link's frame [m].
+
+    Returns:
+        The signed distances [m] and the unit normals in the link's frame.
+
+    Raises:
+        RobotError: The link has no geoms.
+    """
+    if not link.geoms:
+        raise RobotError(
+            f"link '{link.name}' has no surface: its URDF gives it no <collision>; "
+            "add one, or choose another link"
+        )
+    distances, normals = zip(
+        *(compute_geom_distance(geom, p_link) for geom in link.geoms), strict=True
+    )
+    nearest = np.argmin(distances, axis=0)
+    points = np.arange(len(p_link))
+    return np.array(distances)[nearest, points], np.array(normals)[nearest, points]
+
+
+def compute_geom_distance(geom: Geom, p_link: Points) -> Distances:
+    """Compute distance [m] and normal from points in the link's frame to one geom."""
+    points = apply(invert(geom.T_link_shape), p_link)
+    match geom.shape:
+        case Sphere() as sphere:
+            distance, normal = compute_sphere_distance(sphere, points)
+        case Box() as box:
+            distance, normal = compute_box_distance(box, points)
+        case Cylinder() as cylinder:
+            distance, normal = compute_cylinder_distance(cylinder, points)
+        case mesh:
+            distance, normal = compute_mesh_distance(mesh, points)
+    return distance, rotate(geom.T_link_shape, normal)
+
+
+def compute_sphere_distance(sphere: Sphere, points: Points) -> Distances:
+    """Compute distance and normal of a sphere, in its own frame."""
+    length, normal = split_length(points)
     return length - sphere.radius, normal
 
 
-def box_distance(box: Box, points: Points) -> Distances:
-    """Signed distance and outward normal of a box."""
+def compute_box_distance(box: Box, points: Points) -> Distances:
+    """Compute distance and normal of a box, in its own frame."""
     beyond = np.abs(points) - np.array(box.size) / 2
-    distance, normal = corner_distance(beyond)
+    distance, normal = compute_corner_distance(beyond)
     return distance, normal * np.where(points < 0, -1.0, 1.0)
 
 
-def cylinder_distance(cylinder: Cylinder, points: Points) -> Distances:
-    """Signed distance and outward normal of a closed cylinder."""
-    radial, outward = direction(points * [1.0, 1.0, 0.0])
+def compute_cylinder_distance(cylinder: Cylinder, points: Points) -> Distances:
+    """Compute distance and normal of a closed cylinder, in its own frame."""
+    radial, outward = split_length(points * [1.0, 1.0, 0.0])
     axial = np.abs(points[:, 2])
     beyond = np.stack([radial - cylinder.radius, axial - cylinder.length / 2], axis=-1)
-    distance, slope = corner_distance(beyond)
+    distance, slope = compute_corner_distance(beyond)
     normal = slope[:, :1] * outward
     normal[:, 2] = slope[:, 1] * np.where(points[:, 2] < 0, -1.0, 1.0)
     return distance, normal
 
 
-def direction(points: Points) -> Distances:
-    """Length and direction of vectors; the direction of a zero is x."""
-    length = np.linalg.norm(points, axis=-1)
-    unit = points / np.where(length > 0, length, 1.0)[:, None]
+def split_length(vectors: Points) -> Distances:
+    """Return length and direction of vectors; a zero vector has the direction x."""
+    length = np.linalg.norm(vectors, axis=-1)
+    unit = vectors / np.where(length > 0, length, 1.0)[:, None]
     unit[length == 0] = [1.0, 0.0, 0.0]
     return length, unit
 
 
-def corner_distance(
+def compute_corner_distance(
     beyond: Float[np.ndarray, "point side"],
 ) -> tuple[Float[np.ndarray, "point"], Float[np.ndarray, "point side"]]:
-    """Signed distance and normal of a corner of flat sides at right angles.
+    """Compute distance and normal of a corner of flat sides at right angles.
 
     Args:
-        beyond: How far each point is outside each side, negative inside [m].
+        beyond: distance of each point from each side, negative inside [m].
     """
     outside = np.maximum(beyond, 0.0)
     length = np.linalg.norm(outside, axis=-1)
@@ -61,16 +114,12 @@ def corner_distance(
     return distance, np.where(is_outside[:, None], slope, nearest_side)
 
 
-PAIRS_AT_ONCE = 200_000
-"""Points times triangles held in memory at one time."""
-ON_SURFACE = 1e-7
-"""Closer than this [m] the nearest triangle's own normal is taken."""
+def compute_mesh_distance(mesh: TriangleMesh, points: Points) -> Distances:
+    """Compute distance and normal of a closed mesh.
 
-
-def mesh_distance(
-    mesh: TriangleMesh, points: Float[np.ndarray, "point 3"]
-) -> Distances:
-    """Signed distance and outward normal of a closed mesh, negative inside [m]."""
+    Every point is compared with every triangle, which suits the layout and checks of
+    skins but not the real-time path.
+    """
     corners = mesh.vertices[mesh.faces]
     nearest = np.empty_like(points)
     face = np.empty(len(points), dtype=int)
@@ -78,23 +127,23 @@ def mesh_distance(
     step = max(1, PAIRS_AT_ONCE // len(corners))
     for start in range(0, len(points), step):
         part = slice(start, start + step)
-        face[part], nearest[part] = nearest_triangle(corners, points[part])
+        face[part], nearest[part] = find_nearest_triangle(corners, points[part])
         inside[part] = np.abs(compute_winding_number(corners, points[part])) > 0.5
     offset = points - nearest
     distance = np.linalg.norm(offset, axis=-1) * np.where(inside, -1.0, 1.0)
     on_surface = np.abs(distance) < ON_SURFACE
     safe = np.where(on_surface, 1.0, distance)[:, None]
-    flat = triangle_normals(corners[face])
+    flat = compute_triangle_normals(corners[face])
     return distance, np.where(on_surface[:, None], flat, offset / safe)
 
 
 def compute_winding_number(
-    corners: Float[np.ndarray, "face 3 3"], points: Float[np.ndarray, "point 3"]
+    corners: Float[np.ndarray, "face 3 3"], points: Points
 ) -> Float[np.ndarray, "point"]:
-    """How often triangles wind around points: 1 inside a closed mesh, 0 outside.
+    """Compute the winding number of triangles: 1 inside a closed mesh, 0 outside.
 
-    The sum of the solid angles (Van Oosterom and Strackee 1983), which holds for
-    overlapping meshes too and bends rather than breaks at holes (Jacobson 2013).
+    It is the sum of the solid angles (Van Oosterom and Strackee 1983), which holds for
+    overlapping meshes and degrades smoothly at holes (Jacobson 2013).
     """
     a, b, c = np.moveaxis(corners[None] - points[:, None, None], 2, 0)
     la, lb, lc = (np.linalg.norm(v, axis=-1) for v in (a, b, c))
@@ -103,24 +152,24 @@ def compute_winding_number(
     return np.sum(np.arctan2(volume, cosine), axis=-1) / (2 * np.pi)
 
 
-def nearest_triangle(
-    corners: Float[np.ndarray, "face 3 3"], points: Float[np.ndarray, "point 3"]
-) -> tuple[Int[np.ndarray, "point"], Float[np.ndarray, "point 3"]]:
-    """For each point the nearest triangle, and the nearest point on it."""
-    candidates = nearest_on_triangles(corners[None], points[:, None])
+def find_nearest_triangle(
+    corners: Float[np.ndarray, "face 3 3"], points: Points
+) -> tuple[Int[np.ndarray, "point"], Points]:
+    """Return for each point the nearest triangle, and the nearest point on it."""
+    candidates = find_nearest_points(corners[None], points[:, None])
     square = np.sum((points[:, None] - candidates) ** 2, axis=-1)
     face = np.argmin(square, axis=-1)
     return face, candidates[np.arange(len(points)), face]
 
 
-def nearest_on_triangles(
+def find_nearest_points(
     corners: Float[np.ndarray, "1 face 3 3"], points: Float[np.ndarray, "point 1 3"]
 ) -> Float[np.ndarray, "point face 3"]:
-    """The nearest point on every triangle to every point."""
-    normals = triangle_normals(corners[0])[None]
+    """Return the nearest point on every triangle to every point."""
+    normals = compute_triangle_normals(corners[0])[None]
     height = dot(points - corners[:, :, 0], normals)
     flat = points - height[..., None] * normals
-    over = np.any(normals != 0, axis=-1) & inside_edges(corners, normals, flat)
+    over = np.any(normals != 0, axis=-1) & are_inside_edges(corners, normals, flat)
     best = np.where(over[..., None], flat, 0.0)
     shortest = np.where(over, height**2, np.inf)
     for i in range(3):
@@ -136,12 +185,12 @@ def nearest_on_triangles(
     return best
 
 
-def inside_edges(
+def are_inside_edges(
     corners: Float[np.ndarray, "1 face 3 3"],
     normals: Float[np.ndarray, "1 face 3"],
     flat: Float[np.ndarray, "point face 3"],
 ) -> Bool[np.ndarray, "point face"]:
-    """Do points in the planes of triangles lie inside them?"""
+    """Return whether points in the planes of triangles lie inside the triangles."""
     inside = np.ones(flat.shape[:2], dtype=bool)
     for i in range(3):
         start, end = corners[:, :, i], corners[:, :, (i + 1) % 3]
@@ -149,10 +198,10 @@ def inside_edges(
     return inside
 
 
-def triangle_normals(
+def compute_triangle_normals(
     corners: Float[np.ndarray, "face 3 3"],
 ) -> Float[np.ndarray, "face 3"]:
-    """Unit normals, zero for triangles without area."""
+    """Compute unit normals, which are zero for triangles without area."""
     a, b, c = np.moveaxis(corners, 1, 0)
     normal = np.cross(b - a, c - a)
     length = np.linalg.norm(normal, axis=-1, keepdims=True)
@@ -162,52 +211,5 @@ def triangle_normals(
 def dot(
     a: Float[np.ndarray, "*#batch 3"], b: Float[np.ndarray, "*#batch 3"]
 ) -> Float[np.ndarray, "*out"]:
-    """Inner product over the last axis."""
+    """Return the inner product over the last axis."""
     return np.einsum("...i,...i->...", a, b)
-
-
-def compute_surface_distance(
-    link: Link, p_link: Float[np.ndarray, "point 3"]
-) -> Distances:
-    """Signed distance and outward normal from points to the union of a link's geoms.
-
-    The distance is exact outside and on the surface. Inside, where geoms overlap, it
-    is that of the body the point is deepest in: no deeper than the union.
-
-    Args:
-        link: The link, which must have geoms.
-        p_link: Points in the link's frame [m].
-
-    Returns:
-        The distance [m], negative inside, and the unit normal in the link's frame of
-        the nearest point of the surface.
-
-    Raises:
-        RobotError: The link has no geoms.
-    """
-    if not link.geoms:
-        raise RobotError(
-            f"link '{link.name}' has no surface: its URDF gives it no <collision>; "
-            "add one, or choose another link"
-        )
-    distances, normals = zip(
-        *(body_distance(body, p_link) for body in link.geoms), strict=True
-    )
-    nearest = np.argmin(distances, axis=0)
-    points = np.arange(len(p_link))
-    return np.array(distances)[nearest, points], np.array(normals)[nearest, points]
-
-
-def body_distance(body: Geom, p_link: Float[np.ndarray, "point 3"]) -> Distances:
-    """Signed distance [m] and outward normal from points to one body."""
-    points = apply(invert(body.T_link_shape), p_link)
-    match body.shape:
-        case Sphere() as sphere:
-            distance, normal = sphere_distance(sphere, points)
-        case Box() as box:
-            distance, normal = box_distance(box, points)
-        case Cylinder() as cylinder:
-            distance, normal = cylinder_distance(cylinder, points)
-        case mesh:
-            distance, normal = mesh_distance(mesh, points)
-    return distance, rotate(body.T_link_shape, normal)

@@ -6,19 +6,28 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from eskin.compiled import compiled
-from eskin.touch.records import CONTACT, HELD, LOAD, Instant, Memory, Rules
+from eskin.touch.records import (
+    CONTACT,
+    HELD,
+    LOAD,
+    KernelReading,
+    TrackerState,
+    TrackingParameters,
+)
+
+PA_PER_KPA = 1000.0
 
 
 @compiled
 @no_type_check
-def place(
+def transform_to_world(
     taxels: Int[np.ndarray, "asked"],
     vectors: Float[np.ndarray, "taxel 3"],
     links: Int[np.ndarray, "taxel"],
     T_world_link: Float[np.ndarray, "link 4 4"],
     moved: float,
 ) -> Float[np.ndarray, "asked 3"]:
-    """Vectors in the world: points where `moved` is 1, directions where it is 0."""
+    """Transform vectors to the world: points where `moved` is 1, directions where 0."""
     result = np.empty((len(taxels), 3))
     for a in range(len(taxels)):
         i = taxels[a]
@@ -34,12 +43,12 @@ def place(
 
 @compiled
 @no_type_check
-def to_link(
+def transform_to_link(
     T_world_link: Float[np.ndarray, "4 4"],
     p_world: Float[np.ndarray, "3"],
     out: Float[np.ndarray, "3"],
 ) -> None:
-    """Write a point in the world in the frame of a link [m]."""
+    """Write the position in the frame of a link of a point in the world [m]."""
     for c in range(3):
         total = 0.0
         for r in range(3):
@@ -49,12 +58,12 @@ def to_link(
 
 @compiled
 @no_type_check
-def distance_to(
+def distance_to_link_point(
     T_world_link: Float[np.ndarray, "4 4"],
     p_link: Float[np.ndarray, "3"],
     p_world: Float[np.ndarray, "3"],
 ) -> float:
-    """How far a point fixed to a link is from one in the world [m]."""
+    """Return the distance of a point fixed to a link from one in the world [m]."""
     squared = 0.0
     for r in range(3):
         T = T_world_link[r]
@@ -66,7 +75,7 @@ def distance_to(
 @compiled
 @no_type_check
 def distance(one: Float[np.ndarray, "3"], other: Float[np.ndarray, "3"]) -> float:
-    """How far two points are from each other [m]."""
+    """Return the distance between two points [m]."""
     squared = 0.0
     for r in range(3):
         squared += (one[r] - other[r]) ** 2
@@ -75,7 +84,9 @@ def distance(one: Float[np.ndarray, "3"], other: Float[np.ndarray, "3"]) -> floa
 
 @compiled
 @no_type_check
-def box_of(points: Float[np.ndarray, "point 3"], box: Float[np.ndarray, "2 3"]) -> None:
+def compute_box(
+    points: Float[np.ndarray, "point 3"], box: Float[np.ndarray, "2 3"]
+) -> None:
     """Write the least and the greatest coordinates of some points."""
     for r in range(3):
         low, high = np.inf, -np.inf
@@ -87,7 +98,10 @@ def box_of(points: Float[np.ndarray, "point 3"], box: Float[np.ndarray, "2 3"]) 
 @compiled
 @no_type_check
 def box_gap(one: Float[np.ndarray, "2 3"], other: Float[np.ndarray, "2 3"]) -> float:
-    """How far two boxes are apart along an axis; no points in them are nearer."""
+    """Return the largest gap between two boxes along an axis.
+
+    No points in them are nearer to each other.
+    """
     gap = 0.0
     for r in range(3):
         gap = max(gap, one[0, r] - other[1, r], other[0, r] - one[1, r])
@@ -97,7 +111,7 @@ def box_gap(one: Float[np.ndarray, "2 3"], other: Float[np.ndarray, "2 3"]) -> f
 @compiled
 @no_type_check
 def point_gap(point: Float[np.ndarray, "3"], box: Float[np.ndarray, "2 3"]) -> float:
-    """How far a point is from a box along an axis."""
+    """Return the largest gap between a point and a box along an axis."""
     gap = 0.0
     for r in range(3):
         gap = max(gap, box[0, r] - point[r], point[r] - box[1, r])
@@ -109,9 +123,9 @@ def point_gap(point: Float[np.ndarray, "3"], box: Float[np.ndarray, "2 3"]) -> f
 def find_candidates(
     pressure: Float[np.ndarray, "taxel"], least: float, out: Int[np.ndarray, "taxel"]
 ) -> int:
-    """Write the taxels of at least so much pressure [kPa]; return how many there are.
+    """Write the taxels of at least a pressure [kPa]; return how many there are.
 
-    All that is done for every taxel of the skin.
+    This is all that is done for every taxel of the skin.
     """
     count = 0
     for i in range(len(pressure)):
@@ -123,59 +137,63 @@ def find_candidates(
 
 @compiled
 @no_type_check
-def activate(
+def select_active(
     candidates: Int[np.ndarray, "candidate"],
-    reading: Instant,
-    rules: Rules,
-    memory: Memory,
+    reading: KernelReading,
+    parameters: TrackingParameters,
+    state: TrackerState,
 ) -> Int[np.ndarray, "active"]:
-    """Choose the active ones of the candidates, remember them, and order them by rank.
+    """Select the active taxels among candidates, and update their states.
 
-    A taxel that is held needs only the lower threshold. Both rise with the recent peak
-    of the taxel, which fades, so that what a sensor keeps after a release is no
-    contact. A taxel is held until it is received again, but not for long.
+    A taxel that is held needs only the lower threshold. Both thresholds rise with the
+    recent peak of the taxel, which fades, so that the residual of a sensor after a
+    release is no contact. A taxel is held until it is received again, but not for long.
 
     Args:
         candidates: taxels, ascending.
-        reading: an `Instant`.
-        rules: `Rules`.
-        memory: `Memory`.
+        reading: the next reading.
+        parameters: the thresholds.
+        state: updated.
     """
     chosen = np.empty(len(candidates), np.int64)
     count, now = 0, reading.now
-    since = min(reading.before, now - rules.hold)
+    since = min(reading.previous, now - parameters.hold_seconds)
     for i in candidates:
         if not reading.valid[i]:
             continue
-        taxel, pressure = memory.taxels[i], reading.pressure[i]
-        recent = taxel.peak * rules.fade / (rules.fade + now - taxel.active_at)
+        taxel, pressure = state.taxels[i], reading.pressure[i]
+        recent = (
+            taxel.peak
+            * parameters.fade_seconds
+            / (parameters.fade_seconds + now - taxel.active_at)
+        )
         if taxel.held and taxel.active_at >= since:
-            enough = pressure >= max(rules.off, rules.off_share * recent)
+            enough = pressure >= max(parameters.off, parameters.off_share * recent)
         else:
-            enough = pressure >= max(rules.on, rules.on_share * recent)
+            enough = pressure >= max(parameters.on, parameters.on_share * recent)
         if enough:
             chosen[count] = i
             count += 1
-            if taxel.active_at != reading.before:
+            if taxel.active_at != reading.previous:
                 taxel.onset = reading.stamp
             taxel.peak = max(recent, pressure)
             taxel.active_at = now
     active = chosen[:count]
-    hold(active, reading.valid, since, memory)
+    update_held(active, reading.valid, since, state)
     return active
 
 
 @compiled
 @no_type_check
-def hold(
+def update_held(
     active: Int[np.ndarray, "active"],
     valid: Bool[np.ndarray, "taxel"],
     since: float,
-    memory: Memory,
+    state: TrackerState,
 ) -> None:
-    """Hold the active taxels, and those held since then that were not received."""
-    taxels, held, count = memory.taxels, memory.held, 0
-    for k in range(memory.counts[HELD]):
+    """Hold the active taxels, and those held since a time that were not received."""
+    taxels, held, count = state.taxels, state.held, 0
+    for k in range(state.counts[HELD]):
         i = held[k]
         if valid[i] or taxels[i].active_at < since:
             taxels[i].held = 0
@@ -186,28 +204,25 @@ def hold(
         taxels[i].held = 1
         held[count] = i
         count += 1
-    memory.counts[HELD] = count
+    state.counts[HELD] = count
 
 
 @compiled
 @no_type_check
-def by_rank(
-    active: Int[np.ndarray, "active"], sites: np.ndarray
+def sort_by_rank(
+    active: Int[np.ndarray, "active"], geometry: np.ndarray
 ) -> Int[np.ndarray, "active"]:
-    """Taxels ordered by patch, row and column, as most skins number them anyway."""
+    """Sort taxels by patch, row and column, the order of most skins anyway."""
     for a in range(1, len(active)):
-        if sites[active[a]].rank < sites[active[a - 1]].rank:
-            return active[np.argsort(np.array([sites[i].rank for i in active]))]
+        if geometry[active[a]].rank < geometry[active[a - 1]].rank:
+            return active[np.argsort(np.array([geometry[i].rank for i in active]))]
     return active
 
 
-PASCAL = 1000.0
-
-
 @compiled
 @no_type_check
-def root_of(parents: Int[np.ndarray, "active"], i: int) -> int:
-    """The representative of an element's set."""
+def find_root(parents: Int[np.ndarray, "active"], i: int) -> int:
+    """Return the representative of an element's set."""
     while parents[i] != i:
         parents[i] = parents[parents[i]]
         i = parents[i]
@@ -216,19 +231,19 @@ def root_of(parents: Int[np.ndarray, "active"], i: int) -> int:
 
 @compiled
 @no_type_check
-def join(parents: Int[np.ndarray, "active"], i: int, j: int) -> None:
+def join_sets(parents: Int[np.ndarray, "active"], i: int, j: int) -> None:
     """Join the sets of two elements; the earlier one represents both."""
-    a, b = root_of(parents, i), root_of(parents, j)
+    a, b = find_root(parents, i), find_root(parents, j)
     if a != b:
         parents[max(a, b)] = min(a, b)
 
 
 @compiled
 @no_type_check
-def connect(
+def label_components(
     active: Int[np.ndarray, "active"],
     p_world: Float[np.ndarray, "active 3"],
-    sites: np.ndarray,
+    geometry: np.ndarray,
     neighbours: Int[np.ndarray, "pair"],
     taxels: np.ndarray,
 ) -> Int[np.ndarray, "active"]:
@@ -236,16 +251,16 @@ def connect(
     count = len(active)
     parents = np.arange(count)
     for a in range(count):
-        taxels[active[a]].place = a
+        taxels[active[a]].slot = a
     for a in range(count):
-        span = sites[active[a]].neighbours
+        span = geometry[active[a]].neighbours
         for k in range(span[0], span[1]):
-            b = taxels[neighbours[k]].place
+            b = taxels[neighbours[k]].slot
             if b > a:
-                join(parents, a, b)
+                join_sets(parents, a, b)
     for a in range(count):
-        taxels[active[a]].place = -1
-    connect_links(active, p_world, sites, parents)
+        taxels[active[a]].slot = -1
+    join_links(active, p_world, geometry, parents)
     labels = np.empty(count, np.int64)
     found = 0
     for a in range(count):
@@ -253,16 +268,16 @@ def connect(
             labels[a] = found
             found += 1
         else:
-            labels[a] = labels[root_of(parents, a)]
+            labels[a] = labels[find_root(parents, a)]
     return labels
 
 
 @compiled
 @no_type_check
-def connect_links(
+def join_links(
     active: Int[np.ndarray, "active"],
     p_world: Float[np.ndarray, "active 3"],
-    sites: np.ndarray,
+    geometry: np.ndarray,
     parents: Int[np.ndarray, "active"],
 ) -> None:
     """Join taxels of different links that are within reach in this pose.
@@ -271,26 +286,26 @@ def connect_links(
     """
     ends, runs, widest = np.zeros(len(active) + 1, np.int64), 0, 0.0
     for a in range(len(active)):
-        site = sites[active[a]]
-        if a == 0 or site.link != sites[active[a - 1]].link:
+        taxel = geometry[active[a]]
+        if a == 0 or taxel.link != geometry[active[a - 1]].link:
             runs += 1
         ends[runs] = a + 1
-        widest = max(widest, site.reach)
+        widest = max(widest, taxel.reach)
     if runs < 2:
         return
     boxes = np.empty((runs, 2, 3))
     for r in range(runs):
-        box_of(p_world[ends[r] : ends[r + 1]], boxes[r])
+        compute_box(p_world[ends[r] : ends[r + 1]], boxes[r])
     for r in range(runs):
         for s in range(r + 1, runs):
             if box_gap(boxes[r], boxes[s]) > widest:
                 continue
-            if sites[active[ends[r]]].link == sites[active[ends[s]]].link:
+            if geometry[active[ends[r]]].link == geometry[active[ends[s]]].link:
                 continue
             for a in range(ends[r], ends[r + 1]):
                 if point_gap(p_world[a], boxes[s]) <= widest:
                     others = range(ends[s], ends[s + 1])
-                    join_near(a, others, active, p_world, sites, parents)
+                    join_near(a, others, active, p_world, geometry, parents)
 
 
 @compiled
@@ -300,41 +315,47 @@ def join_near(
     others: range,
     active: Int[np.ndarray, "active"],
     p_world: Float[np.ndarray, "active 3"],
-    sites: np.ndarray,
+    geometry: np.ndarray,
     parents: Int[np.ndarray, "active"],
 ) -> None:
-    """Join one taxel and those of the others that are within the larger reach."""
+    """Join one taxel with those of the others that are within the larger reach."""
     for b in others:
-        far = max(sites[active[a]].reach, sites[active[b]].reach)
+        far = max(geometry[active[a]].reach, geometry[active[b]].reach)
         d0 = p_world[a, 0] - p_world[b, 0]
         d1 = p_world[a, 1] - p_world[b, 1]
         d2 = p_world[a, 2] - p_world[b, 2]
         if d0 * d0 + d1 * d1 + d2 * d2 <= far * far:
-            join(parents, a, b)
+            join_sets(parents, a, b)
 
 
 @compiled
 @no_type_check
 def find_contacts(
     candidates: Int[np.ndarray, "candidate"],
-    reading: Instant,
-    rules: Rules,
-    sites: np.ndarray,
+    reading: KernelReading,
+    parameters: TrackingParameters,
+    geometry: np.ndarray,
     neighbours: Int[np.ndarray, "pair"],
-    memory: Memory,
+    state: TrackerState,
 ) -> tuple[np.ndarray, np.ndarray, Float[np.ndarray, "load 3"]]:
-    """The contacts of a reading, their loads, and where those are.
+    """Find the contacts of a reading, their loads, and the positions of those.
 
     Returns:
         CONTACT and LOAD records, each contact's loads ordered by patch, row and column;
         and the position of each load in the world [m].
     """
-    active = by_rank(activate(candidates, reading, rules, memory), sites)
+    active = sort_by_rank(
+        select_active(candidates, reading, parameters, state), geometry
+    )
     T_world_link = reading.T_world_link
-    p_world = place(active, sites.position, sites.link, T_world_link, 1.0)
-    n_world = place(active, sites.normal, sites.link, T_world_link, 0.0)
-    labels = connect(active, p_world, sites, neighbours, memory.taxels)
-    contacts = lay_out(labels, reading.stamp)
+    p_world = transform_to_world(
+        active, geometry.position, geometry.link, T_world_link, 1.0
+    )
+    n_world = transform_to_world(
+        active, geometry.normal, geometry.link, T_world_link, 0.0
+    )
+    labels = label_components(active, p_world, geometry, neighbours, state.taxels)
+    contacts = allocate_contacts(labels, reading.stamp)
     loads, points = np.empty(len(active), LOAD), np.empty((len(active), 3))
     most = np.full(len(contacts), -1.0)
     for a in range(len(active)):
@@ -343,22 +364,22 @@ def find_contacts(
         contact.loads[1] += 1
         pressure = reading.pressure[i]
         loads[k].taxel, loads[k].pressure = i, pressure
-        loads[k].onset = memory.taxels[i].onset
+        loads[k].onset = state.taxels[i].onset
         points[k] = p_world[a]
-        force = PASCAL * pressure * sites[i].area
-        add_load(contact, force, pressure, sites[i].area, p_world[a], n_world[a])
+        force = PA_PER_KPA * pressure * geometry[i].area
+        add_load(contact, force, pressure, geometry[i].area, p_world[a], n_world[a])
         if force > most[labels[a]]:
             most[labels[a]] = force
-            contact.link, contact.patch = sites[i].link, sites[i].patch
+            contact.link, contact.patch = geometry[i].link, geometry[i].patch
     for n in range(len(contacts)):
-        finish_sums(contacts[n], T_world_link)
+        normalise_sums(contacts[n], T_world_link)
     return contacts, loads, points
 
 
 @compiled
 @no_type_check
-def lay_out(labels: Int[np.ndarray, "active"], stamp: int) -> np.ndarray:
-    """A contact for each label; its loads end where the next is to be written."""
+def allocate_contacts(labels: Int[np.ndarray, "active"], stamp: int) -> np.ndarray:
+    """Build a contact for each label; its loads end where the next is to be written."""
     contacts = np.zeros(labels.max() + 1 if len(labels) else 0, CONTACT)
     for label in labels:
         contacts[label].loads[1] += 1
@@ -393,7 +414,9 @@ def add_load(
 
 @compiled
 @no_type_check
-def finish_sums(contact: np.void, T_world_link: Float[np.ndarray, "link 4 4"]) -> None:
+def normalise_sums(
+    contact: np.void, T_world_link: Float[np.ndarray, "link 4 4"]
+) -> None:
     """Turn the sums of a contact into its centre and its unit normal."""
     n_world = contact.n_world
     length = np.sqrt(n_world[0] ** 2 + n_world[1] ** 2 + n_world[2] ** 2)
@@ -401,4 +424,4 @@ def finish_sums(contact: np.void, T_world_link: Float[np.ndarray, "link 4 4"]) -
         contact.p_world[r] /= contact.force
         if length > 0.0:
             n_world[r] /= length
-    to_link(T_world_link[contact.link], contact.p_world, contact.p_link)
+    transform_to_link(T_world_link[contact.link], contact.p_world, contact.p_link)

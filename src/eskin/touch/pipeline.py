@@ -6,6 +6,7 @@ from typing import final
 import numpy as np
 from jaxtyping import Float
 
+from eskin.compiled import build_parameters
 from eskin.errors import ReadingError
 from eskin.skin import MountedSkin
 from eskin.structref_kernels import pack
@@ -18,14 +19,14 @@ from eskin.touch.reading import Reading, Scan, check_count, check_order
 from eskin.touch.records import (
     HELD,
     NO_TOUCHES,
-    Instant,
-    Rules,
+    KernelReading,
     TouchStatus,
+    TrackingParameters,
     TrackingResult,
-    fresh_memory,
-    sites_of,
+    build_taxel_geometry,
+    build_tracker_state,
 )
-from eskin.touch.touch_kernels import FollowParts, follow
+from eskin.touch.touch_kernels import TrackerContext, track_touches
 from eskin.touch.touches import (
     ContactConfig,
     Touch,
@@ -38,14 +39,14 @@ from eskin.units import NS_PER_S
 
 @final
 class LinkPoseCache:
-    """Poses of the links at the latest q asked for; an arm at rest costs nothing."""
+    """A cache holds the link poses at the latest q, so that a resting arm is free."""
 
     def __init__(self, mounted: MountedSkin, posed: bool = True) -> None:
         """Start without a pose.
 
         Args:
             mounted: the skin on its robot.
-            posed: whether q counts; else every joint is at 0, whatever is asked.
+            posed: whether q is used; else every joint is at 0 whatever q is.
         """
         self.mounted = mounted
         self.posed = posed
@@ -54,13 +55,13 @@ class LinkPoseCache:
         self.T_world_link = np.empty((0, 4, 4))
 
     def get(self, q: Float[np.ndarray, "joint"]) -> Float[np.ndarray, "link 4 4"]:
-        """T_world_link of all links in the robot's order."""
-        asked = q.tobytes()
-        if asked != self.q:
+        """Return T_world_link of all links in the robot's order."""
+        key = q.tobytes()
+        if key != self.q:
             self.check(q)
-            seen = q if self.posed else np.zeros_like(q)
-            self.T_world_link = self.mounted.kinematics.poses(seen)
-            self.q = asked
+            used = q if self.posed else np.zeros_like(q)
+            self.T_world_link = self.mounted.kinematics.poses(used)
+            self.q = key
         return self.T_world_link
 
     def check(self, q: Float[np.ndarray, "joint"]) -> None:
@@ -75,13 +76,13 @@ class LinkPoseCache:
 
 @final
 class TouchTracker:
-    """Follows contacts, tracks and touches from reading to reading; stateful.
+    """A tracker finds contacts, tracks and touches reading by reading; stateful.
 
     Taxels connect by distance in space: on one link that never changes, between links
-    it follows the pose. Contacts come in the order of their first taxel by patch, row
+    it depends on the pose. Contacts come in the order of their first taxel by patch, row
     and column, so that numbering the taxels otherwise changes nothing.
 
-    An untouched skin costs a look at its pressures; the rest follows the touch.
+    An untouched skin costs one pass over its pressures; other costs grow with the touch.
     """
 
     def __init__(
@@ -103,21 +104,29 @@ class TouchTracker:
         least = np.float32(min(contacts.on, contacts.off))
         self.least = np.nextafter(least, np.float32(-np.inf))
         self.candidates = np.empty(skin.count, np.int64)
-        self.memory = fresh_memory(skin.count)
-        parts = FollowParts(
-            rules=rules_of(contacts, tracks, touches, skin.calibrated),
-            sites=sites_of(mounted, adjacency),
+        self.state = build_tracker_state(skin.count)
+        context = TrackerContext(
+            parameters=build_parameters(
+                TrackingParameters,
+                contacts,
+                tracks,
+                near=touches.near + MICROMETRE,
+                pause_ns=round(touches.pause_seconds * NS_PER_S),
+                beside=touches.beside + MICROMETRE,
+                calibrated=skin.calibrated,
+            ),
+            geometry=build_taxel_geometry(mounted, adjacency),
             neighbours=adjacency.neighbours,
-            memory=self.memory,
+            state=self.state,
         )
-        self.parts = pack(parts)
-        self.nothing = TrackingResult(pack(NO_TOUCHES), (), ())
-        self.followed = self.nothing
+        self.context = pack(context)
+        self.no_touches = TrackingResult(pack(NO_TOUCHES), (), ())
+        self.result = self.no_touches
         self.first: int | None = None
         self.last: int | None = None
 
     def push(self, reading: Reading) -> TrackingResult:
-        """Follow into the next reading.
+        """Process the next reading.
 
         Raises:
             ReadingError: it is of another skin or robot, or not later than the last
@@ -125,12 +134,12 @@ class TouchTracker:
         """
         self.check(reading)
         found = find_candidates(reading.pressure, self.least, self.candidates)
-        touched = self.followed is not self.nothing
-        if found or touched or self.memory.counts[HELD]:
-            self.followed = self.follow(reading, self.candidates[:found])
+        touched = self.result is not self.no_touches
+        if found or touched or self.state.counts[HELD]:
+            self.result = self.track(reading, self.candidates[:found])
         self.first = reading.stamp if self.first is None else self.first
         self.last = reading.stamp
-        return self.followed
+        return self.result
 
     def check(self, reading: Reading) -> None:
         """Refuse a reading that is not the next one of this skin."""
@@ -143,83 +152,64 @@ class TouchTracker:
         self.poses.check(reading.q)
         check_order(self.last, reading.stamp)
 
-    def follow(self, reading: Reading, candidates: np.ndarray) -> TrackingResult:
-        """The touches of the next reading, whose active taxels are among some."""
+    def track(self, reading: Reading, candidates: np.ndarray) -> TrackingResult:
+        """Return the touches of the next reading, given taxels that may be active."""
         stamp = reading.stamp
         first = stamp if self.first is None else self.first
         last = stamp if self.last is None else self.last
-        instant = Instant(
-            stamp,
-            stamp - last,
-            (stamp - first) / NS_PER_S,
-            (last - first) / NS_PER_S,
-            reading.pressure,
-            reading.valid,
-            self.poses.get(reading.q),
+        kernel_reading = KernelReading(
+            stamp=stamp,
+            elapsed=stamp - last,
+            now=(stamp - first) / NS_PER_S,
+            previous=(last - first) / NS_PER_S,
+            pressure=reading.pressure,
+            valid=reading.valid,
+            T_world_link=self.poses.get(reading.q),
         )
-        packed, rows, going, tracks = follow(
-            candidates, instant, self.parts, self.followed.packed
+        packed, rows, open_count, tracks = track_touches(
+            candidates, kernel_reading, self.context, self.result.packed
         )
         if not len(rows) and not tracks:
-            return self.nothing
-        briefs = tuple(map(TouchStatus._make, rows.tolist()))
-        return TrackingResult(packed, briefs[:going], briefs[going:])
+            return self.no_touches
+        statuses = tuple(map(TouchStatus._make, rows.tolist()))
+        return TrackingResult(packed, statuses[:open_count], statuses[open_count:])
 
     def finish(self) -> TrackingResult:
-        """Let go of every track and touch, as at the end of a recording.
+        """Drop every track and touch, as at the end of a recording.
 
         Returns:
             The touches of the last reading.
         """
-        followed, self.followed = self.followed, self.nothing
-        return followed
-
-
-def rules_of(
-    contacts: ContactConfig, tracks: TrackConfig, touches: TouchConfig, calibrated: bool
-) -> Rules:
-    """The configuration as the kernels want it."""
-    return Rules(
-        on=contacts.on,
-        off=contacts.off,
-        on_share=contacts.on_share,
-        off_share=contacts.off_share,
-        fade=contacts.fade_seconds,
-        hold=contacts.hold_seconds,
-        gate=tracks.gate,
-        speed=tracks.speed,
-        coast=tracks.coast_seconds,
-        gap=tracks.gap_seconds * NS_PER_S,
-        near=touches.near + MICROMETRE,
-        pause=round(touches.pause_seconds * NS_PER_S),
-        beside=touches.beside + MICROMETRE,
-        calibrated=calibrated,
-    )
+        result, self.result = self.result, self.no_touches
+        return result
 
 
 @dataclass(frozen=True)
 class PipelineConfig:
-    """The configuration of every stage from counts to touches."""
+    """A configuration combines those of every stage from counts to touches."""
 
     calibration: CalibrationConfig = field(default_factory=CalibrationConfig)
-    """How counts become kPa."""
+    """Settings of baselines."""
 
     faults: FaultConfig = field(default_factory=FaultConfig)
-    """What is not to be believed."""
+    """Thresholds of faults."""
 
     contacts: ContactConfig = field(default_factory=ContactConfig)
-    """What is touched."""
+    """Thresholds of contacts."""
 
     tracks: TrackConfig = field(default_factory=TrackConfig)
-    """What is the same contact as before."""
+    """Limits of the motion of contacts."""
 
     touches: TouchConfig = field(default_factory=TouchConfig)
-    """What belongs to one gesture."""
+    """Limits of what belongs to one touch."""
 
 
 @final
 class TouchPipeline:
-    """Calibration, faults, contacts, tracks and touches of one skin; stateful."""
+    """A pipeline finds the touches on one skin from its scans; stateful.
+
+    Its stages are calibration, fault detection, crosstalk and tracking.
+    """
 
     def __init__(
         self,
@@ -228,20 +218,20 @@ class TouchPipeline:
         config: PipelineConfig | None = None,
         poses: LinkPoseCache | None = None,
     ) -> None:
-        """Start with every stage fresh.
+        """Start with every stage in its initial state.
 
         Args:
             mounted: the skin on its robot.
             calibration: of the skin.
             config: of every stage.
-            poses: of the robot's links, shared with who else asks for them.
+            poses: of the robot's links, shared with other users of them.
         """
         self.config = config or PipelineConfig()
         self.mounted = mounted
         self.calibrator = Calibrator(mounted.skin, calibration, self.config.calibration)
         self.faults = FaultDetector(mounted.skin, calibration, self.config.faults)
         self.crosstalk = CrosstalkCompensator(mounted.skin, calibration)
-        self.follower = TouchTracker(
+        self.tracker = TouchTracker(
             mounted,
             self.config.contacts.with_floor(calibration.floor),
             self.config.tracks,
@@ -251,23 +241,23 @@ class TouchPipeline:
         self.reading: Reading | None = None
 
     def push(self, scan: Scan) -> TouchState:
-        """Take the next scan.
+        """Process the next scan.
 
         Raises:
             ReadingError: the scan is of another skin, or not later than the last one;
                 nothing has changed then, and the next scan may follow.
         """
-        return self.push_reading(*self.calibrated(scan))
+        return self.push_reading(*self.calibrate(scan))
 
-    def calibrated(self, scan: Scan) -> tuple[Reading, tuple[Fault, ...]]:
-        """What the next scan says in kPa, and what of it is not to be believed.
+    def calibrate(self, scan: Scan) -> tuple[Reading, tuple[Fault, ...]]:
+        """Calibrate the next scan, and mark data that cannot be trusted as not valid.
 
         Raises:
             ReadingError: as for `push`.
         """
-        self.follower.poses.check(scan.q)
+        self.tracker.poses.check(scan.q)
         check_count(scan, self.calibrator.skin)
-        # The fault finder needs a reading first; no converter counts below zero.
+        # The fault detector needs a reading first; no converter counts below zero.
         reading = self.calibrator.push(scan, self.faults.mask | (scan.counts < 0))
         mask, faults = self.faults.push(scan, reading.pressure)
         if mask.any():
@@ -277,28 +267,28 @@ class TouchPipeline:
     def push_reading(
         self, reading: Reading, faults: tuple[Fault, ...] = ()
     ) -> TouchState:
-        """Take the next reading that is calibrated already.
+        """Process the next reading, which is calibrated already.
 
         Raises:
             ReadingError: as for a scan.
         """
-        followed = self.follower.push(reading)
+        result = self.tracker.push(reading)
         self.reading = reading
-        return self.state_of(reading, faults, followed)
+        return self.build_state(reading, faults, result)
 
     def finish(self) -> tuple[Touch, ...]:
         """Close the touches still open, as at the end of a recording.
 
-        What comes later begins new tracks and touches.
+        Later readings begin new tracks and touches.
         """
         if self.reading is None:
             return ()
-        state = self.state_of(self.reading, (), self.follower.finish())
+        state = self.build_state(self.reading, (), self.tracker.finish())
         return tuple(replace(touch, closed=True) for touch in state.touches)
 
-    def state_of(
-        self, reading: Reading, faults: tuple[Fault, ...], followed: TrackingResult
+    def build_state(
+        self, reading: Reading, faults: tuple[Fault, ...], result: TrackingResult
     ) -> TouchState:
-        """All that is known at a reading."""
-        posed = self.follower.poses.posed
-        return TouchState(reading, faults, followed, self.mounted, posed)
+        """Build the state at a reading."""
+        posed = self.tracker.poses.posed
+        return TouchState(reading, faults, result, self.mounted, posed)

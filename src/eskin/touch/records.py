@@ -1,4 +1,9 @@
-"""This module defines the arrays and tuples that the compiled tracking kernels read and write."""
+"""This module defines the arrays and tuples that the tracking kernels read and write.
+
+Links and patches are indices into `robot.links` and `skin.patches`; ids count from 1,
+and 0 is none; a span is the begin and the end of a part of another array. Records of a
+reading are never written to once the reading has been processed.
+"""
 
 from typing import NamedTuple
 
@@ -8,10 +13,13 @@ from eskin.skin import MountedSkin
 from eskin.structref_kernels import Packed
 from eskin.touch.adjacency import Adjacency
 
+NO_INDEX = -1
+"""Index of no contact, track or touch."""
+
 SPAN = ("i8", 2)
 VECTOR = ("f8", 3)
 
-GOING, ENDED, PAST = 0, 1, 2
+ONGOING, ENDED, PAST = 0, 1, 2
 """Phases of a track: with contact or waiting for it, ended with this reading, and
 ended before, remembered while its touch may still be joined."""
 
@@ -32,7 +40,7 @@ CONTACT = np.dtype(
         ("loads", *SPAN),
     ]
 )
-"""A `Contact`, the stamp of its reading, and the span of its taxels."""
+"""A `Contact`, the stamp of its reading, and the span of its loads."""
 
 TRACK = np.dtype(
     [
@@ -46,7 +54,7 @@ TRACK = np.dtype(
         ("contact", "i8"),
     ]
 )
-"""A `Track`, the id of its touch, and the place of its latest contact."""
+"""A `Track`, the id of its touch, and the index of its latest contact."""
 
 TOUCH = np.dtype(
     [
@@ -70,18 +78,18 @@ TOUCH = np.dtype(
         ("tracks", *SPAN),
     ]
 )
-"""A `Touch`, and what only the recogniser asks for.
+"""A `Touch`, and what only the recogniser needs.
 
-`contact` is the place of the strongest of its latest contacts; `force` what it presses
-now [N]; `contacts` how often it has made contact; `farthest` the greatest distance of
-its centre from where it began [m]. `loads` is the span of its taxels now, `before` of
-those at the reading before, with the pressures of then and of the touches that it has
-taken over since; `tracks` is the span of the ids of its tracks, ascending.
+`contact` is the index of the strongest of its latest contacts; `force` its force now
+[N]; `contacts` how often it has made contact; `farthest` the greatest distance of its
+centre from where it began [m]. `loads` is the span of its loads now, `before` of those
+at the reading before, including those of touches merged into it since; `tracks` is the
+span of the ids of its tracks, ascending.
 """
 
 
 class TouchRecord(NamedTuple):
-    """The values of one TOUCH, in the order of its fields."""
+    """A record has the values of one TOUCH, in the order of its fields."""
 
     id: int
     onset: int
@@ -104,12 +112,12 @@ class TouchRecord(NamedTuple):
 
 
 class TouchRecords(NamedTuple):
-    """All contacts, tracks and touches at one instant."""
+    """Records describe all contacts, tracks and touches at one instant."""
 
     contacts: np.ndarray
     """(contact) CONTACT: those now, then older ones that others still refer to."""
     tracks: np.ndarray
-    """(track) TRACK: going on, ended with this reading, past; each by id."""
+    """(track) TRACK: ongoing, ended with this reading, past; each by id."""
     touches: np.ndarray
     """(touch) TOUCH: open ones by id, then those closed with this reading."""
     loads: np.ndarray
@@ -119,7 +127,7 @@ class TouchRecords(NamedTuple):
 
 
 class TouchStatus(NamedTuple):
-    """What is looked at of every touch at every reading."""
+    """A status holds what is needed of every touch at every reading."""
 
     id: int
     onset: int
@@ -129,14 +137,14 @@ class TouchStatus(NamedTuple):
 
 
 class TrackingResult(NamedTuple):
-    """The touches of one reading: what everybody asks for, and a handle on the rest."""
+    """A result holds the touches of one reading in short, and a reference to all."""
 
     packed: Packed
-    """`TouchRecords`."""
+    """Reference to the `TouchRecords`."""
     open: tuple[TouchStatus, ...]
     """Touches that are open, by id."""
     closed: tuple[TouchStatus, ...]
-    """Those that closed with this reading."""
+    """Touches that closed with this reading."""
 
 
 NO_TOUCHES = TouchRecords(
@@ -146,121 +154,112 @@ NO_TOUCHES = TouchRecords(
     np.empty(0, LOAD),
     np.empty(0, np.int64),
 )
-"""Nobody touches the skin."""
+"""Records of a skin that nobody touches."""
 
-SITE = np.dtype(
+TAXEL_GEOMETRY = np.dtype(
     [
-        ("position", "f8", 3),
-        ("normal", "f8", 3),
+        ("position", *VECTOR),
+        ("normal", *VECTOR),
         ("area", "f8"),
         ("reach", "f8"),
         ("link", "i8"),
         ("patch", "i8"),
         ("rank", "i8"),
-        ("neighbours", "i8", 2),
+        ("neighbours", *SPAN),
     ]
 )
-"""A taxel in the frame of its link: position [m], outward normal, area [m2], how far it
-connects [m], its link in `robot.links`, its patch, its place by patch, row and column,
-and the span of its neighbours on the same link."""
+"""A taxel in the frame of its link: position [m], outward normal, area [m2], distance
+within which it connects [m], index of its link and of its patch, rank by patch, row and
+column, and the span of its neighbours on the same link."""
 
-TAXEL = np.dtype(
+TAXEL_STATE = np.dtype(
     [
         ("active_at", "f8"),
         ("peak", "f8"),
         ("onset", "i8"),
         ("held", "i8"),
-        ("place", "i8"),
+        ("slot", "i8"),
     ]
 )
-"""How a taxel was: when it was last active [s], its recent peak then [kPa], since when
-it was active [ns], whether it has not been released since; and -1, which kernels use
-to find the taxel among others."""
+"""State of a taxel: when it was last active [s], its recent peak at that time [kPa],
+since when it was active [ns], whether it has not been released since; and -1, in whose
+place kernels write the index of the taxel among others for a while."""
 
 HELD, NEXT_TRACK, NEXT_TOUCH = 0, 1, 2
-"""What is counted: taxels that are held, and the ids to be given next."""
+"""Indices of `TrackerState.counts`: the number of held taxels, and the next ids."""
 
 
-class Memory(NamedTuple):
-    """What is written to at every reading; its cost follows the touch."""
+class TrackerState(NamedTuple):
+    """Arrays that hold what the tracker updates at every reading."""
 
     taxels: np.ndarray
-    """(taxel) TAXEL."""
+    """(taxel) TAXEL_STATE."""
     held: np.ndarray
-    """(taxel) those that are held, in front."""
+    """(taxel) held taxels come first."""
     counts: np.ndarray
     """(3) see `HELD`, `NEXT_TRACK`, `NEXT_TOUCH`."""
 
 
-def sites_of(mounted: MountedSkin, adjacency: Adjacency) -> np.ndarray:
-    """Every taxel of a skin as a SITE."""
-    skin = mounted.skin
-    sites = np.empty(skin.count, SITE)
-    sites["position"], sites["normal"] = skin.positions, skin.normals
-    sites["area"], sites["reach"] = skin.areas, adjacency.reach
-    sites["link"], sites["patch"] = mounted.taxel_link_index, skin.patch_index
-    order = np.lexsort((skin.columns, skin.rows, skin.patch_index))
-    sites["rank"][order] = np.arange(skin.count)
-    sites["neighbours"][:, 0] = adjacency.starts[:-1]
-    sites["neighbours"][:, 1] = adjacency.starts[1:]
-    return sites
+class TrackingParameters(NamedTuple):
+    """Parameters of the tracking kernels have the names of the configurations' fields.
 
-
-def fresh_memory(count: int) -> Memory:
-    """The memory of a skin that was never touched."""
-    taxels = np.zeros(count, TAXEL)
-    taxels["active_at"] = -np.inf
-    taxels["place"] = -1
-    return Memory(taxels, np.empty(count, np.int64), np.array([0, 1, 1]))
-
-
-class Rules(NamedTuple):
-    """The configuration of contacts, tracks and touches as the kernels want it."""
+    See `ContactConfig`, `TrackConfig` and `TouchConfig`. `pause_ns` is
+    `TouchConfig.pause_seconds` in ns; `calibrated` tells whether distances on the skin
+    mean anything.
+    """
 
     on: float
-    """Pressure from which a taxel becomes active [kPa]."""
     off: float
-    """Pressure from which it stays active [kPa]."""
     on_share: float
-    """Part of the recent peak that goes with `on`."""
     off_share: float
-    """Part of the recent peak that goes with `off`."""
-    fade: float
-    """Half-life of the recent peak [s]."""
-    hold: float
-    """How long a taxel not received is held [s]."""
+    fade_seconds: float
+    hold_seconds: float
     gate: float
-    """Distance that a contact may jump at once [m]."""
     speed: float
-    """Speed by which that grows [m/s]."""
-    coast: float
-    """How long a track waits [s]."""
-    gap: float
-    """Time between readings that ends every track [ns]."""
+    coast_seconds: float
+    gap_seconds: float
     near: float
-    """How far a track may begin from where one ended [m]."""
-    pause: int
-    """How long after it, and when a touch closes [ns]."""
+    pause_ns: int
     beside: float
-    """How far contacts of one touch may be apart [m]."""
     calibrated: bool
-    """Whether distances mean anything."""
 
 
-class Instant(NamedTuple):
-    """A reading as the kernels want it."""
+class KernelReading(NamedTuple):
+    """A reading as the kernels take it."""
 
     stamp: int
-    """When it was taken [ns]."""
+    """Time at which it was taken [ns]."""
     elapsed: int
     """Time since the reading before [ns]; 0 at the first."""
     now: float
-    """When it was taken, since the first reading [s]."""
-    before: float
-    """When the reading before was, or itself [s]."""
+    """Time at which it was taken, since the first reading [s]."""
+    previous: float
+    """Time of the reading before, or its own at the first [s]."""
     pressure: np.ndarray
-    """(taxel) [kPa]."""
+    """(taxel) pressure [kPa]."""
     valid: np.ndarray
-    """(taxel) whether that is to be believed."""
+    """(taxel) whether the pressure can be trusted."""
     T_world_link: np.ndarray
     """(link, 4, 4) poses of the robot's links."""
+
+
+def build_taxel_geometry(mounted: MountedSkin, adjacency: Adjacency) -> np.ndarray:
+    """Build the TAXEL_GEOMETRY of every taxel of a skin."""
+    skin = mounted.skin
+    geometry = np.empty(skin.count, TAXEL_GEOMETRY)
+    geometry["position"], geometry["normal"] = skin.positions, skin.normals
+    geometry["area"], geometry["reach"] = skin.areas, adjacency.reach
+    geometry["link"], geometry["patch"] = mounted.skin_link_index, skin.patch_index
+    order = np.lexsort((skin.columns, skin.rows, skin.patch_index))
+    geometry["rank"][order] = np.arange(skin.count)
+    geometry["neighbours"][:, 0] = adjacency.starts[:-1]
+    geometry["neighbours"][:, 1] = adjacency.starts[1:]
+    return geometry
+
+
+def build_tracker_state(count: int) -> TrackerState:
+    """Build the state of a skin that was never touched."""
+    taxels = np.zeros(count, TAXEL_STATE)
+    taxels["active_at"] = -np.inf
+    taxels["slot"] = -1
+    return TrackerState(taxels, np.empty(count, np.int64), np.array([0, 1, 1]))

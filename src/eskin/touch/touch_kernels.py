@@ -9,107 +9,115 @@ from eskin.compiled import compiled
 from eskin.structref_kernels import Packed
 from eskin.touch.contact_kernels import (
     box_gap,
-    box_of,
+    compute_box,
     distance,
-    distance_to,
+    distance_to_link_point,
     find_contacts,
     point_gap,
-    to_link,
+    transform_to_link,
 )
 from eskin.touch.records import (
     NEXT_TOUCH,
+    NO_INDEX,
     TOUCH,
-    Instant,
-    Memory,
-    Rules,
+    KernelReading,
     TouchRecords,
     TouchStatus,
+    TrackerState,
+    TrackingParameters,
 )
 from eskin.touch.track_kernels import (
     CONTACTS,
     LOADS,
-    Room,
-    add_loads,
-    follow_tracks,
-    keep,
-    make_room,
+    RecordBuffer,
+    append_loads,
+    build_buffer,
+    copy_contact_with_loads,
+    track_contacts,
 )
 from eskin.units import NS_PER_S
 
-NOBODY = -1
-KNOWN, OVER, OLDER = 0, 1, 2
-"""What `Groups.used` counts: all touches, those of them that have closed, and those
-that were open at the reading before."""
+STATUS_SIZE = len(TouchStatus._fields)
+
+MIN_LIFT_NS = 60_000_000
+"""Shortest time without contact from which a contact counts as a new one [ns]; at least
+one reading must lie in it."""
+
+ALL, CLOSED, PREVIOUS = 0, 1, 2
+"""Indices of `TouchUpdate.used`: the number of all touches, of those that have closed,
+and of those that were open at the reading before."""
 
 
-class Groups(NamedTuple):
-    """The touches of a reading while they are brought up to date."""
+class TouchUpdate(NamedTuple):
+    """An update holds the touches of a reading while they are brought up to date."""
 
     touches: np.ndarray
     """(touch) TOUCH: those open at the reading before, then new ones."""
-    heirs: np.ndarray
-    """(touch) who has taken it over, or -1."""
-    over: np.ndarray
-    """(touch) those that have closed, in this order."""
+    survivors: np.ndarray
+    """(touch) touch that it was merged into, or -1."""
+    closed: np.ndarray
+    """(touch) touches that have closed, in this order."""
     used: np.ndarray
-    """(3) see `KNOWN`, `OVER`, `OLDER`."""
+    """(3) see `ALL`, `CLOSED`, `PREVIOUS`."""
     renewed: np.ndarray
-    """(touch) whether its contact is of this reading's room."""
+    """(touch) whether its contact is one of this reading's buffer."""
     owners: np.ndarray
-    """(track) its touch, which may have been taken over since, or -1."""
+    """(track) its touch, which may have been merged into another since, or -1."""
     joined: np.ndarray
     """(track) the touch that it has just joined, or -1."""
 
 
 @compiled
 @no_type_check
-def make_groups(
-    tracks: np.ndarray, alive: int, before: TouchRecords, stamp: int, pause: int
-) -> Groups:
-    """The touches that were open, of which those over for too long close."""
+def begin_update(
+    tracks: np.ndarray, ongoing: int, before: TouchRecords, stamp: int, pause: int
+) -> TouchUpdate:
+    """Take the touches that were open, and close those without contact for too long."""
     count = 0
     while count < len(before.touches) and not before.touches[count].closed:
         count += 1
-    most = count + alive
-    groups = Groups(
+    most = count + ongoing
+    update = TouchUpdate(
         np.empty(most, TOUCH),
-        np.full(most, NOBODY),
+        np.full(most, NO_INDEX),
         np.empty(most, np.int64),
         np.array([count, 0, count]),
         np.zeros(most, np.bool_),
-        np.full(len(tracks), NOBODY),
-        np.full(len(tracks), NOBODY),
+        np.full(len(tracks), NO_INDEX),
+        np.full(len(tracks), NO_INDEX),
     )
-    groups.touches[:count] = before.touches[:count]
+    update.touches[:count] = before.touches[:count]
     for touch in range(count):
-        if stamp - groups.touches[touch].last > pause:
-            close(touch, 0, groups)
+        if stamp - update.touches[touch].last > pause:
+            close_touch(touch, 0, update)
             continue
         for track in range(len(tracks)):
-            if tracks[track].touch == groups.touches[touch].id:
-                groups.owners[track] = touch
-    return groups
+            if tracks[track].touch == update.touches[touch].id:
+                update.owners[track] = touch
+    return update
 
 
 @compiled
 @no_type_check
-def heir_of(touch: int, groups: Groups) -> int:
-    """The touch that one has become a part of, or itself."""
-    while groups.heirs[touch] != NOBODY:
-        touch = groups.heirs[touch]
+def find_survivor(touch: int, update: TouchUpdate) -> int:
+    """Return the touch that one was merged into, or itself."""
+    while update.survivors[touch] != NO_INDEX:
+        touch = update.survivors[touch]
     return touch
 
 
 @compiled
 @no_type_check
-def start(track: np.void, memory: Memory, room: Room, groups: Groups) -> int:
-    """Start a touch with its first track; return its place."""
-    place, contact = groups.used[KNOWN], room.contacts[track.contact]
-    groups.used[KNOWN] += 1
-    groups.renewed[place] = True
-    touch = groups.touches[place]
-    touch.id = memory.counts[NEXT_TOUCH]
-    memory.counts[NEXT_TOUCH] += 1
+def start_touch(
+    track: np.void, state: TrackerState, buffer: RecordBuffer, update: TouchUpdate
+) -> int:
+    """Start a touch with its first track; return its index."""
+    place, contact = update.used[ALL], buffer.contacts[track.contact]
+    update.used[ALL] += 1
+    update.renewed[place] = True
+    touch = update.touches[place]
+    touch.id = state.counts[NEXT_TOUCH]
+    state.counts[NEXT_TOUCH] += 1
     touch.onset, touch.last = track.onset, track.last
     touch.contact, touch.link = track.contact, contact.link
     touch.contacts = 1
@@ -123,156 +131,157 @@ def start(track: np.void, memory: Memory, room: Room, groups: Groups) -> int:
 
 @compiled
 @no_type_check
-def take_over(older: int, younger: int, groups: Groups) -> None:
-    """Make a touch part of an older one."""
-    touch, gone = groups.touches[older], groups.touches[younger]
+def merge_touches(older: int, younger: int, update: TouchUpdate) -> None:
+    """Merge a touch into an older one."""
+    touch, gone = update.touches[older], update.touches[younger]
     touch.last = max(touch.last, gone.last)
     touch.impulse += gone.impulse
     touch.force += gone.force
     touch.peak_force = max(touch.peak_force, gone.peak_force)
     touch.peak = max(touch.peak, gone.peak)
-    groups.heirs[younger] = older
-    close(younger, touch.id, groups)
+    update.survivors[younger] = older
+    close_touch(younger, touch.id, update)
 
 
 @compiled
 @no_type_check
-def close(touch: int, heir: int, groups: Groups) -> None:
-    """Close a touch, for the one of that id or for nobody."""
-    groups.touches[touch].closed = 1
-    groups.touches[touch].merged_into = heir
-    groups.over[groups.used[OVER]] = touch
-    groups.used[OVER] += 1
+def close_touch(touch: int, merged_into: int, update: TouchUpdate) -> None:
+    """Close a touch; it was merged into the one of an id, 0 for none."""
+    update.touches[touch].closed = 1
+    update.touches[touch].merged_into = merged_into
+    update.closed[update.used[CLOSED]] = touch
+    update.used[CLOSED] += 1
 
 
-LIFTED = 60_000_000
-"""Shortest time without contact after which contact is made anew [ns]; there must be
-a reading that tells of it."""
-
-
-class Surface(NamedTuple):
-    """Where contacts are."""
+class ContactRegions(NamedTuple):
+    """Regions hold the positions of the contacts of a reading."""
 
     points: np.ndarray
-    """(load, 3) in the world [m]."""
+    """(load, 3) positions in the world [m]."""
     boxes: np.ndarray
-    """(track, 2, 3) round those of its contact now [m]."""
+    """(track, 2, 3) bounding boxes of the points of its contact now [m]."""
     reach: float
-    """How far contacts of one touch may be apart [m]."""
+    """Greatest distance between contacts of one touch [m]."""
 
 
 @compiled
 @no_type_check
-def follow_touches(
+def group_tracks(
     tracks: np.ndarray,
-    alive: int,
+    ongoing: int,
     points: Float[np.ndarray, "load 3"],
     before: TouchRecords,
-    reading: Instant,
-    rules: Rules,
-    memory: Memory,
-    room: Room,
-) -> Groups:
-    """Group the tracks of the next reading.
+    reading: KernelReading,
+    parameters: TrackingParameters,
+    state: TrackerState,
+    buffer: RecordBuffer,
+) -> TouchUpdate:
+    """Group the tracks of the next reading into touches.
 
     A track joins the touch of the track that it split off from; else the touch of any
     track that ended near it a moment ago, or that has contact beside it. Where that
-    makes one of two touches, the older takes over the younger, which closes with
+    makes one of two touches, the younger is merged into the older, and closes with
     `merged_into`. On a skin that is not calibrated distances mean nothing, and whatever
     is on it at once, or within the pause, is one touch.
 
     Args:
-        tracks: TRACK, those that go on in front, by id.
-        alive: how many go on.
-        points: of the loads of this reading, in the world [m].
+        tracks: TRACK, ongoing ones first, by id.
+        ongoing: number of ongoing tracks.
+        points: positions of the loads of this reading in the world [m].
         before: the records of the reading before.
-        reading: an `Instant`.
-        rules: `Rules`.
-        memory: `Memory`.
-        room: that of this reading.
+        reading: the next reading.
+        parameters: the distances and times.
+        state: the next id is taken from it.
+        buffer: the contacts and loads of this reading.
     """
-    groups = make_groups(tracks, alive, before, reading.stamp, rules.pause)
-    boxes = np.empty((alive, 2, 3))
-    for track in range(alive):
-        span = room.contacts[tracks[track].contact].loads
+    update = begin_update(tracks, ongoing, before, reading.stamp, parameters.pause_ns)
+    boxes = np.empty((ongoing, 2, 3))
+    for track in range(ongoing):
+        span = buffer.contacts[tracks[track].contact].loads
         if tracks[track].last == reading.stamp:
-            box_of(points[span[0] : span[1]], boxes[track])
-    surface = Surface(points, boxes, rules.beside)
-    for track in range(alive):
-        if groups.owners[track] == NOBODY:
-            assign(track, tracks, surface, reading, rules, memory, room, groups)
-    join_beside(tracks, alive, surface, reading.stamp, room, groups)
-    update(tracks, alive, before, reading, rules, room, groups)
-    return groups
+            compute_box(points[span[0] : span[1]], boxes[track])
+    regions = ContactRegions(points, boxes, parameters.beside)
+    for track in range(ongoing):
+        if update.owners[track] == NO_INDEX:
+            assign_touch(
+                track, tracks, regions, reading, parameters, state, buffer, update
+            )
+    merge_near(tracks, ongoing, regions, reading.stamp, buffer, update)
+    update_open_touches(tracks, ongoing, before, reading, parameters, buffer, update)
+    return update
 
 
 @compiled
 @no_type_check
-def assign(
+def assign_touch(
     track: int,
     tracks: np.ndarray,
-    surface: Surface,
-    reading: Instant,
-    rules: Rules,
-    memory: Memory,
-    room: Room,
-    groups: Groups,
+    regions: ContactRegions,
+    reading: KernelReading,
+    parameters: TrackingParameters,
+    state: TrackerState,
+    buffer: RecordBuffer,
+    update: TouchUpdate,
 ) -> None:
-    """Give a new track a touch, which takes over those shown to be a part of it."""
-    fitting = np.zeros(groups.used[KNOWN], np.bool_)
+    """Assign a touch to a new track, and merge the touches that it connects."""
+    fitting = np.zeros(update.used[ALL], np.bool_)
     for other in range(len(tracks)):
-        if groups.owners[other] != NOBODY:
-            touch = heir_of(groups.owners[other], groups)
+        if update.owners[other] != NO_INDEX:
+            touch = find_survivor(update.owners[other], update)
             if not fitting[touch]:
-                fitting[touch] = belongs(
-                    track, other, tracks, surface, reading, rules, room
+                fitting[touch] = belongs_together(
+                    track, other, tracks, regions, reading, parameters, buffer
                 )
-    first = NOBODY
+    first = NO_INDEX
     for touch in range(len(fitting)):
-        if fitting[touch] and first != NOBODY:
-            take_over(first, touch, groups)
+        if fitting[touch] and first != NO_INDEX:
+            merge_touches(first, touch, update)
         elif fitting[touch]:
             first = touch
-    if first == NOBODY:
-        first = start(tracks[track], memory, room, groups)
-    groups.owners[track] = groups.joined[track] = first
+    if first == NO_INDEX:
+        first = start_touch(tracks[track], state, buffer, update)
+    update.owners[track] = update.joined[track] = first
 
 
 @compiled
 @no_type_check
-def belongs(
+def belongs_together(
     track: int,
     other: int,
     tracks: np.ndarray,
-    surface: Surface,
-    reading: Instant,
-    rules: Rules,
-    room: Room,
+    regions: ContactRegions,
+    reading: KernelReading,
+    parameters: TrackingParameters,
+    buffer: RecordBuffer,
 ) -> bool:
-    """Whether a new track is of the same touch as another."""
-    if tracks[track].parent == tracks[other].id or not rules.calibrated:
+    """Return whether a new track is of the same touch as another."""
+    if tracks[track].parent == tracks[other].id or not parameters.calibrated:
         return True
     if min(tracks[track].last, tracks[other].last) == reading.stamp:
-        return are_beside(track, other, tracks, surface, room)
-    if reading.stamp - tracks[other].last > rules.pause:
+        return are_near(track, other, tracks, regions, buffer)
+    if reading.stamp - tracks[other].last > parameters.pause_ns:
         return False
-    was = room.contacts[tracks[other].contact]
-    here = room.contacts[tracks[track].contact].p_world
+    was = buffer.contacts[tracks[other].contact]
+    here = buffer.contacts[tracks[track].contact].p_world
     T_world_link = reading.T_world_link[was.link]
-    return distance_to(T_world_link, was.p_link, here) <= rules.near
+    return distance_to_link_point(T_world_link, was.p_link, here) <= parameters.near
 
 
 @compiled
 @no_type_check
-def are_beside(
-    one: int, other: int, tracks: np.ndarray, surface: Surface, room: Room
+def are_near(
+    one: int,
+    other: int,
+    tracks: np.ndarray,
+    regions: ContactRegions,
+    buffer: RecordBuffer,
 ) -> bool:
-    """Whether the nearest taxels of two contacts are close in space."""
-    points, boxes, reach = surface.points, surface.boxes, surface.reach
+    """Return whether the nearest taxels of two contacts are close in space."""
+    points, boxes, reach = regions.points, regions.boxes, regions.reach
     if box_gap(boxes[one], boxes[other]) > reach:
         return False
-    a = room.contacts[tracks[one].contact].loads
-    b = room.contacts[tracks[other].contact].loads
+    a = buffer.contacts[tracks[one].contact].loads
+    b = buffer.contacts[tracks[other].contact].loads
     for m in range(a[0], a[1]):
         if point_gap(points[m], boxes[other]) > reach:
             continue
@@ -284,179 +293,183 @@ def are_beside(
 
 @compiled
 @no_type_check
-def join_beside(
+def merge_near(
     tracks: np.ndarray,
-    alive: int,
-    surface: Surface,
+    ongoing: int,
+    regions: ContactRegions,
     stamp: int,
-    room: Room,
-    groups: Groups,
+    buffer: RecordBuffer,
+    update: TouchUpdate,
 ) -> None:
-    """Make one touch of those whose contacts have come beside each other."""
-    if groups.used[KNOWN] - groups.used[OVER] < 2:
+    """Merge the touches whose contacts have come beside each other."""
+    if update.used[ALL] - update.used[CLOSED] < 2:
         return
-    for one in range(alive):
-        for other in range(one + 1, alive):
-            a = heir_of(groups.owners[one], groups)
-            b = heir_of(groups.owners[other], groups)
+    for one in range(ongoing):
+        for other in range(one + 1, ongoing):
+            a = find_survivor(update.owners[one], update)
+            b = find_survivor(update.owners[other], update)
             if a == b or min(tracks[one].last, tracks[other].last) < stamp:
                 continue
-            if are_beside(one, other, tracks, surface, room):
-                take_over(min(a, b), max(a, b), groups)
+            if are_near(one, other, tracks, regions, buffer):
+                merge_touches(min(a, b), max(a, b), update)
 
 
 @compiled
 @no_type_check
-def update(
+def update_open_touches(
     tracks: np.ndarray,
-    alive: int,
+    ongoing: int,
     before: TouchRecords,
-    reading: Instant,
-    rules: Rules,
-    room: Room,
-    groups: Groups,
+    reading: KernelReading,
+    parameters: TrackingParameters,
+    buffer: RecordBuffer,
+    update: TouchUpdate,
 ) -> None:
-    """Bring every open touch up to date with the contacts of this reading."""
-    count = groups.used[KNOWN]
+    """Update every open touch with the contacts of this reading."""
+    count = update.used[ALL]
     force, centre = np.zeros(count), np.zeros((count, 3))
-    # Nobody knows what force there was in a gap.
+    # The force during a gap is unknown.
     seconds = 0.0
-    if reading.elapsed <= rules.pause:
+    if reading.elapsed <= parameters.pause_ns:
         seconds = reading.elapsed / NS_PER_S
-    strongest = np.full(count, NOBODY)
-    for track in range(alive):
+    strongest = np.full(count, NO_INDEX)
+    for track in range(ongoing):
         if tracks[track].last == reading.stamp:
-            n = heir_of(groups.owners[track], groups)
-            touch, contact = groups.touches[n], room.contacts[tracks[track].contact]
+            n = find_survivor(update.owners[track], update)
+            touch, contact = update.touches[n], buffer.contacts[tracks[track].contact]
             force[n] += contact.force
             for r in range(3):
                 centre[n, r] += contact.force * contact.p_world[r]
             touch.peak = max(touch.peak, contact.peak)
             best = strongest[n]
-            if best == NOBODY or contact.force > room.contacts[best].force:
+            if best == NO_INDEX or contact.force > buffer.contacts[best].force:
                 strongest[n] = tracks[track].contact
     for n in range(count):
-        touch = groups.touches[n]
+        touch = update.touches[n]
         if touch.closed:
             continue
         touch.impulse += 0.5 * (force[n] + touch.force) * seconds
         touch.force = force[n]
-        if strongest[n] != NOBODY:
-            touch.contact, groups.renewed[n] = strongest[n], True
+        if strongest[n] != NO_INDEX:
+            touch.contact, update.renewed[n] = strongest[n], True
             touch.last = reading.stamp
             touch.peak_force = max(touch.peak_force, force[n])
             centre[n] /= force[n]
-            to_link(reading.T_world_link[touch.link], centre[n], touch.latest)
+            transform_to_link(reading.T_world_link[touch.link], centre[n], touch.latest)
         touch.farthest = max(touch.farthest, distance(touch.latest, touch.start))
-        if n < groups.used[OLDER]:
-            touch.contacts += is_anew(before.touches[n].last, touch.last, reading)
+        if n < update.used[PREVIOUS]:
+            touch.contacts += is_new_contact(
+                before.touches[n].last, touch.last, reading
+            )
 
 
 @compiled
 @no_type_check
-def is_anew(before: int, last: int, reading: Instant) -> bool:
-    """Whether a last contact is another one than the last at the reading before."""
-    return last - before > LIFTED and before < reading.stamp - reading.elapsed
+def is_new_contact(before: int, last: int, reading: KernelReading) -> bool:
+    """Return whether a touch was without contact between two stamps [ns]."""
+    return last - before > MIN_LIFT_NS and before < reading.stamp - reading.elapsed
 
 
 @compiled
 @no_type_check
 def write_spans(
     tracks: np.ndarray,
-    alive: int,
+    ongoing: int,
     before: TouchRecords,
     stamp: int,
-    room: Room,
-    groups: Groups,
+    buffer: RecordBuffer,
+    update: TouchUpdate,
 ) -> Int[np.ndarray, "member"]:
     """Write the spans of all touches and the touch of each track.
 
     Args:
-        tracks: TRACK, those that go on in front.
-        alive: how many go on.
+        tracks: TRACK, ongoing ones first.
+        ongoing: number of ongoing tracks.
         before: the records of the reading before.
-        stamp: of this reading [ns].
-        room: where the loads are written.
-        groups: the touches, brought up to date.
+        stamp: stamp of this reading [ns].
+        buffer: loads are appended to it.
+        update: the touches, up to date.
 
     Returns:
         The ids of the tracks of each touch.
     """
     for track in range(len(tracks)):
-        owner = groups.owners[track]
+        owner = update.owners[track]
         tracks[track].touch = 0
-        if owner != NOBODY:
-            groups.owners[track] = heir_of(owner, groups)
-            tracks[track].touch = groups.touches[groups.owners[track]].id
-    for n in range(groups.used[KNOWN]):
-        touch = groups.touches[n]
+        if owner != NO_INDEX:
+            update.owners[track] = find_survivor(owner, update)
+            tracks[track].touch = update.touches[update.owners[track]].id
+    for n in range(update.used[ALL]):
+        touch = update.touches[n]
         touch.loads[0] = touch.loads[1] = touch.before[0] = touch.before[1] = 0
         if not touch.closed:
-            write_loads(n, tracks[:alive], stamp, room, groups)
-            write_before(n, before, room, groups)
-    return write_members(tracks, before, groups)
+            write_loads(n, tracks[:ongoing], stamp, buffer, update)
+            write_previous_loads(n, before, buffer, update)
+    return write_members(tracks, before, update)
 
 
 @compiled
 @no_type_check
 def write_loads(
-    n: int, tracks: np.ndarray, stamp: int, room: Room, groups: Groups
+    n: int, tracks: np.ndarray, stamp: int, buffer: RecordBuffer, update: TouchUpdate
 ) -> None:
     """Write the loads that a touch has now; those of one contact are there already."""
-    span, parts = groups.touches[n].loads, 0
+    span, parts = update.touches[n].loads, 0
     for track in range(len(tracks)):
-        if groups.owners[track] == n and tracks[track].last == stamp:
-            own = room.contacts[tracks[track].contact].loads
+        if update.owners[track] == n and tracks[track].last == stamp:
+            own = buffer.contacts[tracks[track].contact].loads
             span[0], span[1] = own[0], own[1]
             parts += 1
     if parts < 2:
         return
-    span[0] = room.used[LOADS]
+    span[0] = buffer.used[LOADS]
     for track in range(len(tracks)):
-        if groups.owners[track] == n and tracks[track].last == stamp:
-            own = room.contacts[tracks[track].contact].loads
-            span[1] = add_loads(room.loads[own[0] : own[1]], room)
+        if update.owners[track] == n and tracks[track].last == stamp:
+            own = buffer.contacts[tracks[track].contact].loads
+            span[1] = append_loads(buffer.loads[own[0] : own[1]], buffer)
 
 
 @compiled
 @no_type_check
-def write_before(n: int, before: TouchRecords, room: Room, groups: Groups) -> None:
-    """Write the loads that a touch, and those it has taken over, had a reading ago."""
-    span = groups.touches[n].before
-    span[0] = span[1] = room.used[LOADS]
-    for other in range(groups.used[OLDER]):
-        if heir_of(other, groups) == n:
+def write_previous_loads(
+    n: int, before: TouchRecords, buffer: RecordBuffer, update: TouchUpdate
+) -> None:
+    """Write the loads that a touch, and those merged into it, had a reading ago."""
+    span = update.touches[n].before
+    span[0] = span[1] = buffer.used[LOADS]
+    for other in range(update.used[PREVIOUS]):
+        if find_survivor(other, update) == n:
             had = before.touches[other].loads
-            span[1] = add_loads(before.loads[had[0] : had[1]], room)
+            span[1] = append_loads(before.loads[had[0] : had[1]], buffer)
 
 
 @compiled
 @no_type_check
 def write_members(
-    tracks: np.ndarray, before: TouchRecords, groups: Groups
+    tracks: np.ndarray, before: TouchRecords, update: TouchUpdate
 ) -> Int[np.ndarray, "member"]:
     """Write the ids of the tracks of each touch, ascending.
 
-    What a touch has and what joins it is also of those that take it over.
+    The tracks of a touch are also tracks of those that it is merged into.
     """
-    ends = np.zeros(groups.used[KNOWN] + 1, np.int64)
-    for n in range(groups.used[OLDER]):
+    ends = np.zeros(update.used[ALL] + 1, np.int64)
+    for n in range(update.used[PREVIOUS]):
         span = before.touches[n].tracks
-        count_members(n, span[1] - span[0], ends, groups)
+        count_members(n, span[1] - span[0], ends, update)
     for track in range(len(tracks)):
-        count_members(groups.joined[track], 1, ends, groups)
-    for n in range(groups.used[KNOWN]):
+        count_members(update.joined[track], 1, ends, update)
+    for n in range(update.used[ALL]):
         ends[n + 1] += ends[n]
-        groups.touches[n].tracks[0] = groups.touches[n].tracks[1] = ends[n]
+        update.touches[n].tracks[0] = update.touches[n].tracks[1] = ends[n]
     members = np.empty(ends[-1], np.int64)
-    for n in range(groups.used[OLDER]):
+    for n in range(update.used[PREVIOUS]):
         span = before.touches[n].tracks
         for k in range(span[0], span[1]):
-            add_member(n, before.members[k], members, groups)
+            add_member(n, before.members[k], members, update)
     for track in range(len(tracks)):
-        add_member(groups.joined[track], tracks[track].id, members, groups)
-    for n in range(groups.used[KNOWN]):
-        span = groups.touches[n].tracks
+        add_member(update.joined[track], tracks[track].id, members, update)
+    for n in range(update.used[ALL]):
+        span = update.touches[n].tracks
         for k in range(span[0] + 1, span[1]):
             if members[k] < members[k - 1]:
                 members[span[0] : span[1]].sort()
@@ -467,112 +480,113 @@ def write_members(
 @compiled
 @no_type_check
 def count_members(
-    touch: int, count: int, ends: Int[np.ndarray, "touch_and_one"], groups: Groups
+    touch: int, count: int, ends: Int[np.ndarray, "touch_and_one"], update: TouchUpdate
 ) -> None:
-    """Count tracks of a touch for it and for its heirs."""
-    while touch != NOBODY:
+    """Count tracks of a touch for it and for those that it is merged into."""
+    while touch != NO_INDEX:
         ends[touch + 1] += count
-        touch = groups.heirs[touch]
+        touch = update.survivors[touch]
 
 
 @compiled
 @no_type_check
 def add_member(
-    touch: int, track: int, members: Int[np.ndarray, "member"], groups: Groups
+    touch: int, track: int, members: Int[np.ndarray, "member"], update: TouchUpdate
 ) -> None:
-    """Write a track of a touch for it and for its heirs."""
-    while touch != NOBODY:
-        span = groups.touches[touch].tracks
+    """Write a track of a touch for it and for those that it is merged into."""
+    while touch != NO_INDEX:
+        span = update.touches[touch].tracks
         members[span[1]] = track
         span[1] += 1
-        touch = groups.heirs[touch]
+        touch = update.survivors[touch]
 
 
-BRIEF = len(TouchStatus._fields)
+class TrackerContext(NamedTuple):
+    """A context holds what is the same at every reading."""
 
-
-class FollowParts(NamedTuple):
-    """What is the same at every reading."""
-
-    rules: Rules
-    """What is active, and what belongs together."""
-    sites: np.ndarray
-    """(taxel) SITE."""
+    parameters: TrackingParameters
+    """Thresholds, distances and times."""
+    geometry: np.ndarray
+    """(taxel) TAXEL_GEOMETRY."""
     neighbours: np.ndarray
-    """(pair) the spans of `sites`."""
-    memory: Memory
-    """Of the taxels; written to."""
+    """(pair) neighbours of all taxels, to which `geometry` has the spans."""
+    state: TrackerState
+    """State of the taxels; updated."""
 
 
 @compiled
 @no_type_check
-def follow(
+def track_touches(
     candidates: Int[np.ndarray, "candidate"],
-    reading: Instant,
-    packed_parts: Packed,
+    reading: KernelReading,
+    packed_context: Packed,
     packed_before: Packed,
 ) -> tuple[Packed, Int[np.ndarray, "touch column"], int, int]:
-    """Follow contacts, tracks and touches into the next reading.
+    """Track contacts and touches into the next reading.
 
     Args:
         candidates: all taxels of enough pressure to be active, ascending.
-        reading: the next one.
-        packed_parts: `FollowParts`.
+        reading: the next reading.
+        packed_context: `TrackerContext`.
         packed_before: `TouchRecords` of the reading before.
 
     Returns:
         `TouchRecords` of this reading; a `TouchStatus` of each touch; how many of them
         are open; and how many tracks there are.
     """
-    parts, before = packed_parts.parts, packed_before.parts
-    rules, memory, sites = parts.rules, parts.memory, parts.sites
+    context, before = packed_context.parts, packed_before.parts
+    parameters, state, geometry = context.parameters, context.state, context.geometry
     contacts, loads, points = find_contacts(
-        candidates, reading, rules, sites, parts.neighbours, memory
+        candidates, reading, parameters, geometry, context.neighbours, state
     )
-    room = make_room(contacts, loads, before)
-    tracks, alive = follow_tracks(
-        contacts, loads, before, reading, rules, sites, memory, room
+    buffer = build_buffer(contacts, loads, before)
+    tracks, ongoing = track_contacts(
+        contacts, loads, before, reading, parameters, geometry, state, buffer
     )
-    groups = follow_touches(tracks, alive, points, before, reading, rules, memory, room)
-    members = write_spans(tracks, alive, before, reading.stamp, room, groups)
-    touches = in_order(before, room, groups)
+    update = group_tracks(
+        tracks, ongoing, points, before, reading, parameters, state, buffer
+    )
+    members = write_spans(tracks, ongoing, before, reading.stamp, buffer, update)
+    touches = collect_touches(before, buffer, update)
     records = TouchRecords(
-        room.contacts[: room.used[CONTACTS]],
+        buffer.contacts[: buffer.used[CONTACTS]],
         tracks,
         touches,
-        room.loads[: room.used[LOADS]],
+        buffer.loads[: buffer.used[LOADS]],
         members,
     )
-    going = len(touches) - groups.used[OVER]
-    return Packed(records), briefs_of(touches), going, len(tracks)
+    open_count = len(touches) - update.used[CLOSED]
+    return Packed(records), build_statuses(touches), open_count, len(tracks)
 
 
 @compiled
 @no_type_check
-def briefs_of(touches: np.ndarray) -> Int[np.ndarray, "touch column"]:
-    """The fields of a `TouchStatus` of each touch."""
-    briefs = np.empty((len(touches), BRIEF), np.int64)
+def build_statuses(touches: np.ndarray) -> Int[np.ndarray, "touch column"]:
+    """Return the fields of a `TouchStatus` of each touch."""
+    statuses = np.empty((len(touches), STATUS_SIZE), np.int64)
     for n in range(len(touches)):
-        touch, brief = touches[n], briefs[n]
-        brief[0], brief[1], brief[2] = touch.id, touch.onset, touch.last
-        brief[3], brief[4] = touch.merged_into, touch.closed
-    return briefs
+        touch, status = touches[n], statuses[n]
+        status[0], status[1], status[2] = touch.id, touch.onset, touch.last
+        status[3], status[4] = touch.merged_into, touch.closed
+    return statuses
 
 
 @compiled
 @no_type_check
-def in_order(before: TouchRecords, room: Room, groups: Groups) -> np.ndarray:
-    """Open touches, then those that have closed; their contacts are kept."""
-    touches = np.empty(groups.used[KNOWN], TOUCH)
+def collect_touches(
+    before: TouchRecords, buffer: RecordBuffer, update: TouchUpdate
+) -> np.ndarray:
+    """Return open touches, then those that have closed, and copy their old contacts."""
+    touches = np.empty(update.used[ALL], TOUCH)
     count = 0
-    for n in range(groups.used[KNOWN]):
-        touch = groups.touches[n]
-        if not groups.renewed[n]:
-            touch.contact = keep(touch.contact, before, room)
+    for n in range(update.used[ALL]):
+        touch = update.touches[n]
+        if not update.renewed[n]:
+            touch.contact = copy_contact_with_loads(touch.contact, before, buffer)
         if not touch.closed:
             touches[count] = touch
             count += 1
-    for n in groups.over[: groups.used[OVER]]:
-        touches[count] = groups.touches[n]
+    for n in update.closed[: update.used[CLOSED]]:
+        touches[count] = update.touches[n]
         count += 1
     return touches

@@ -24,10 +24,10 @@ from eskin.units import NS_PER_S
 
 @dataclass(frozen=True, eq=False)
 class Contact:
-    """Connected active taxels at one instant."""
+    """A contact is a connected set of active taxels at one instant."""
 
     taxels: Int[np.ndarray, "active"]
-    """Its taxels, ordered by patch, row and column."""
+    """Indices of its taxels, ordered by patch, row and column."""
 
     force: float
     """Sum of pressure times area [N]."""
@@ -45,7 +45,7 @@ class Contact:
     """Mean outward normal, weighted by force; unit, or zero where normals cancel."""
 
     p_link: Float[np.ndarray, "3"]
-    """The centre in the frame of `link` [m]."""
+    """Centre in the frame of `link` [m]."""
 
     link: str
     """Link of the most loaded taxel."""
@@ -56,7 +56,7 @@ class Contact:
 
 @dataclass(frozen=True)
 class ContactConfig:
-    """When a taxel is active and when two active taxels belong together."""
+    """Thresholds define when a taxel is active, and when two belong to one contact."""
 
     on: float = 0.7
     """Pressure from which a taxel becomes active [kPa]."""
@@ -77,23 +77,23 @@ class ContactConfig:
     """How long a taxel not received is remembered as active [s]."""
 
     reach: float = 1.6
-    """How far active taxels connect, in units of the local spacing."""
+    """Distance within which active taxels connect, in units of the local spacing."""
 
     least_reach: float = 0.018
-    """How far they connect anyway [m]: over the seams between patches."""
+    """Distance within which they connect anyway [m]: over the seams between patches."""
 
     def with_floor(self, floor: float) -> "ContactConfig":
-        """The same, its thresholds in proportion, `on` at least `floor` [kPa]."""
+        """Return a copy with thresholds raised in proportion: `on` at least a floor."""
         factor = max(1.0, floor / self.on)
         return replace(self, on=self.on * factor, off=self.off * factor)
 
 
 @dataclass(frozen=True, eq=False)
 class Track:
-    """A contact through time."""
+    """A track is a contact through time; its id stays across patches and links."""
 
     id: int
-    """Counts up from 1 in the order of appearance."""
+    """Number that counts up from 1 in the order of appearance."""
 
     onset: int
     """Stamp of its first reading [ns since the epoch]."""
@@ -102,13 +102,13 @@ class Track:
     """Stamp of its last reading with contact [ns since the epoch]."""
 
     contact: Contact
-    """Its contact at `last`."""
+    """Contact at `last`."""
 
     parent: int | None = None
-    """The track that it split off from."""
+    """Id of the track that it split off from."""
 
     merged_into: int | None = None
-    """The track that took its contact over when two contacts became one."""
+    """Id of the track that continues its contact after two contacts became one."""
 
     ended: bool = False
     """True once there is no contact any more."""
@@ -116,7 +116,7 @@ class Track:
 
 @dataclass(frozen=True)
 class TrackConfig:
-    """How far a contact may move between two readings."""
+    """Limits define how far a contact may move between two readings."""
 
     gate: float = 0.03
     """Distance that the centre may jump at once [m]."""
@@ -128,15 +128,15 @@ class TrackConfig:
     """How long a track waits while most of its taxels are not received [s]."""
 
     gap_seconds: float = 0.5
-    """After how long without a reading every track has ended [s]."""
+    """Time without a reading after which every track has ended [s]."""
 
 
 @dataclass(frozen=True, eq=False)
 class Touch:
-    """All tracks of one gesture, such as both of a double pat."""
+    """A touch consists of all tracks of one gesture, such as both of a double pat."""
 
     id: int
-    """Counts up from 1 in the order of appearance."""
+    """Number that counts up from 1 in the order of appearance."""
 
     onset: int
     """Stamp of its first contact [ns since the epoch]."""
@@ -148,7 +148,7 @@ class Touch:
     """Ids of its tracks, ascending."""
 
     impulse: float
-    """Its force integrated over time [N s]."""
+    """Integral of its force over time [N s]."""
 
     peak_force: float
     """Greatest force of all its contacts at one instant [N]."""
@@ -166,83 +166,88 @@ class Touch:
     """Force-weighted centre of its latest contacts in the frame of `link` [m]."""
 
     contact: Contact
-    """The strongest of its latest contacts."""
+    """Strongest of its latest contacts."""
 
     closed: bool = False
-    """True once it is over: no track will join it any more."""
+    """True once no track will join it any more."""
 
     merged_into: int | None = None
-    """The touch that it turned out to be a part of."""
+    """Id of the touch that it turned out to be a part of."""
 
     @property
     def travel(self) -> Float[np.ndarray, "3"]:
-        """From its first to its latest centre in the frame of `link` [m]."""
+        """Displacement from its first to its latest centre in the frame of `link` [m]."""
         return self.latest - self.start
 
 
 @dataclass(frozen=True)
 class TouchConfig:
-    """What makes tracks one touch."""
+    """Limits define which tracks belong to one touch."""
 
     near: float = 0.08
-    """How far a track may begin from where one ended [m], in the frame of its link."""
+    """Distance from the end of a track to the start of the next [m], in the frame of
+    its link."""
 
     pause_seconds: float = 0.5
-    """How long after it [s]; so long after its last contact a touch closes."""
+    """Time after which such a track may begin [s]; so long after its last contact a
+    touch closes."""
 
     beside: float = 0.1
-    """How far contacts at the same time may be apart [m], nearest taxels in space."""
+    """Distance between contacts at the same time [m], nearest taxels in space."""
 
 
 @dataclass(frozen=True, eq=False)
 class TouchState:
-    """All that is known of touch at one instant."""
+    """A state holds contacts, tracks, touches and faults at one instant.
+
+    Its objects are built from the records when they are first used.
+    """
 
     reading: Reading
-    """The calibrated reading; faulty taxels are not valid in it."""
+    """Calibrated reading; faulty taxels are not valid in it."""
 
     faults: tuple[Fault, ...]
     """Faults known now."""
 
     tracking: TrackingResult
-    """All that follows, as it was found."""
+    """Contacts, tracks and touches as the kernels returned them."""
 
     mounted: MountedSkin
-    """The skin that it is on."""
+    """Skin on its robot."""
 
     posed: bool = True
     """Whether contacts were found in the robot's pose; else they were found with every
-    joint at 0, and only what is made of them here is put where it is in this pose."""
+    joint at 0, and only the objects built here are moved to the robot's pose."""
 
     @property
     def open(self) -> tuple[TouchStatus, ...]:
-        """The touches that are open, in brief."""
+        """Status of the touches that are open."""
         return self.tracking.open
 
     @property
     def closed(self) -> tuple[TouchStatus, ...]:
-        """The touches that closed with this reading, in brief."""
+        """Status of the touches that closed with this reading."""
         return self.tracking.closed
 
     @cached_property
     def records(self) -> TouchRecords:
-        """All that follows, as arrays."""
+        """All contacts, tracks and touches as arrays."""
         return unpack(self.tracking.packed)
 
     @cached_property
     def rows(self) -> tuple[TouchRecord, ...]:
-        """Open touches, then closed ones, as they are recorded."""
+        """Records of open touches, then of closed ones."""
         return tuple(map(TouchRecord._make, self.records.touches.tolist()))
 
     @cached_property
     def contacts(self) -> tuple[Contact, ...]:
-        """Contacts now."""
+        """Contacts of this reading."""
         stamps = self.records.contacts["stamp"]
         return self.all_contacts[: np.count_nonzero(stamps == self.reading.stamp)]
 
     @cached_property
     def tracks(self) -> tuple[Track, ...]:
-        """Tracks going on, and those that ended with this reading."""
+        """Ongoing tracks, and those that ended with this reading."""
         return tuple(
             Track(
                 id=int(row["id"]),
@@ -260,16 +265,16 @@ class TouchState:
     @cached_property
     def touches(self) -> tuple[Touch, ...]:
         """Touches that are open."""
-        return tuple(self.touch(row) for row in self.rows if not row.closed)
+        return tuple(self.build_touch(row) for row in self.rows if not row.closed)
 
     @cached_property
     def closed_touches(self) -> tuple[Touch, ...]:
         """Touches that closed with this reading."""
-        return tuple(self.touch(row) for row in self.rows if row.closed)
+        return tuple(self.build_touch(row) for row in self.rows if row.closed)
 
     @cached_property
     def all_contacts(self) -> tuple[Contact, ...]:
-        """Contacts now, then older ones that tracks and touches had last."""
+        """Contacts of this reading, then the last ones of earlier tracks and touches."""
         if not len(self.records.contacts):
             return ()
         patches, taxels = self.mounted.skin.patches, self.records.loads["taxel"].copy()
@@ -287,10 +292,10 @@ class TouchState:
             )
             for row in self.records.contacts
         )
-        return contacts if self.posed else tuple(map(self.placed, contacts))
+        return contacts if self.posed else tuple(map(self.move_to_pose, contacts))
 
-    def placed(self, contact: Contact) -> Contact:
-        """A contact that was found with every joint at 0, in the pose of now."""
+    def move_to_pose(self, contact: Contact) -> Contact:
+        """Move a contact found with every joint at 0 to the robot's pose."""
         link, q = self.mounted.robot.link_index(contact.link), self.reading.q
         both = self.mounted.kinematics.poses(np.stack([q, np.zeros_like(q)]))
         now, rest = both[:, link]
@@ -300,52 +305,52 @@ class TouchState:
             n_world=now[:3, :3] @ rest[:3, :3].T @ contact.n_world,
         )
 
-    def touch(self, row: TouchRecord) -> Touch:
-        """The touch that a row of this state records."""
+    def build_touch(self, record: TouchRecord) -> Touch:
+        """Build the touch of a record of this state."""
         return Touch(
-            id=row.id,
-            onset=row.onset,
-            last=row.last,
-            tracks=tuple(self.records.members[slice(*row.tracks)].tolist()),
-            impulse=row.impulse,
-            peak_force=row.peak_force,
-            peak=row.peak,
-            link=self.mounted.robot.link_names[row.link],
-            start=row.start,
-            latest=row.latest,
-            contact=self.all_contacts[row.contact],
-            closed=bool(row.closed),
-            merged_into=row.merged_into or None,
+            id=record.id,
+            onset=record.onset,
+            last=record.last,
+            tracks=tuple(self.records.members[slice(*record.tracks)].tolist()),
+            impulse=record.impulse,
+            peak_force=record.peak_force,
+            peak=record.peak,
+            link=self.mounted.robot.link_names[record.link],
+            start=record.start,
+            latest=record.latest,
+            contact=self.all_contacts[record.contact],
+            closed=bool(record.closed),
+            merged_into=record.merged_into or None,
         )
 
 
-LEAST_FORCE = 0.5
-"""Of a press that is meant [N]."""
+MIN_PRESS_FORCE = 0.5
+"""Least force of an intended press [N]."""
 
-LEAST_SECONDS = 0.15
-"""That it lasts [s]."""
+MIN_PRESS_SECONDS = 0.15
+"""Least duration of an intended press [s]."""
 
 
 @final
 class PressDetector:
-    """Finds presses in what is felt, one after the other; stateful."""
+    """A detector finds intended presses of a finger, one after the other; stateful."""
 
     def __init__(self) -> None:
-        """Wait for the first."""
+        """Start without a press."""
         self.since: int | None = None
         self.force = 0.0
         self.taxel = -1
 
     def push(self, state: TouchState) -> int | None:
-        """Take the next reading in.
+        """Process the state at the next reading.
 
         Returns:
-            The taxel of most pressure when the press that has just ended was hardest;
-            None while nothing ends.
+            When a press has just ended, the taxel of greatest pressure when it was
+            hardest; else None.
         """
         contact = max(state.contacts, key=lambda one: one.force, default=None)
         stamp = state.reading.stamp
-        if contact is not None and contact.force >= LEAST_FORCE:
+        if contact is not None and contact.force >= MIN_PRESS_FORCE:
             self.since = stamp if self.since is None else self.since
             if contact.force > self.force:
                 pressure = state.reading.pressure[contact.taxels]
@@ -354,5 +359,5 @@ class PressDetector:
             return None
         since, taxel = self.since, self.taxel
         self.since, self.force, self.taxel = None, 0.0, -1
-        long = since is not None and stamp - since >= LEAST_SECONDS * NS_PER_S
+        long = since is not None and stamp - since >= MIN_PRESS_SECONDS * NS_PER_S
         return taxel if long else None

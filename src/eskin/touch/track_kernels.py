@@ -6,118 +6,119 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from eskin.compiled import compiled
-from eskin.touch.contact_kernels import distance_to
+from eskin.touch.contact_kernels import distance_to_link_point
 from eskin.touch.records import (
     CONTACT,
     ENDED,
-    GOING,
     LOAD,
     NEXT_TRACK,
+    NO_INDEX,
+    ONGOING,
     PAST,
     TRACK,
-    Instant,
-    Memory,
-    Rules,
+    KernelReading,
     TouchRecords,
+    TrackerState,
+    TrackingParameters,
 )
 from eskin.units import NS_PER_S
 
+UM_PER_M = 1e6
+
 CONTACTS, LOADS = 0, 1
-"""What `Room.used` counts."""
-
-NOWHERE = -1
+"""Indices of `RecordBuffer.used`."""
 
 
-class Room(NamedTuple):
-    """Room for contacts and loads, large enough for one reading."""
+class RecordBuffer(NamedTuple):
+    """A buffer has space for the contacts and loads of one reading, and older ones."""
 
     contacts: np.ndarray
-    """(room) CONTACT."""
+    """(space) CONTACT."""
     loads: np.ndarray
-    """(room) LOAD."""
-    places: np.ndarray
-    """(contact before) where it is kept, or `NOWHERE`."""
+    """(space) LOAD."""
+    copied_to: np.ndarray
+    """(contact before) index of its copy here, or `NO_INDEX`."""
     used: np.ndarray
-    """(2) how much is written."""
+    """(2) number of contacts and of loads written."""
 
 
 @compiled
 @no_type_check
-def make_room(contacts: np.ndarray, loads: np.ndarray, before: TouchRecords) -> Room:
-    """Room that begins with the contacts and loads of a reading.
+def build_buffer(
+    contacts: np.ndarray, loads: np.ndarray, before: TouchRecords
+) -> RecordBuffer:
+    """Build a buffer that begins with the contacts and loads of a reading.
 
-    It may come to hold all that there was before, and once more the loads of every
-    touch, of this reading and of the one before.
+    It has space for all contacts and loads of the reading before, and once more for the
+    loads of every touch, of this reading and of the one before.
     """
     older = len(before.contacts)
-    room = Room(
+    buffer = RecordBuffer(
         np.empty(len(contacts) + older, CONTACT),
         np.empty(2 * (len(loads) + len(before.loads)), LOAD),
-        np.full(older, NOWHERE),
+        np.full(older, NO_INDEX),
         np.array([len(contacts), len(loads)]),
     )
-    room.contacts[: len(contacts)] = contacts
-    room.loads[: len(loads)] = loads
-    return room
+    buffer.contacts[: len(contacts)] = contacts
+    buffer.loads[: len(loads)] = loads
+    return buffer
 
 
 @compiled
 @no_type_check
-def keep(old: int, before: TouchRecords, room: Room) -> int:
-    """Keep a contact of the reading before with its loads; return its new place."""
-    place = keep_place(old, before, room)
-    span = room.contacts[place].loads
+def copy_contact_with_loads(
+    old: int, before: TouchRecords, buffer: RecordBuffer
+) -> int:
+    """Copy a contact of the reading before with its loads; return its new index."""
+    place = copy_contact(old, before, buffer)
+    span = buffer.contacts[place].loads
     if span[0] == span[1]:
         had = before.contacts[old].loads
-        span[0] = room.used[LOADS]
-        span[1] = add_loads(before.loads[had[0] : had[1]], room)
+        span[0] = buffer.used[LOADS]
+        span[1] = append_loads(before.loads[had[0] : had[1]], buffer)
     return place
 
 
 @compiled
 @no_type_check
-def keep_place(old: int, before: TouchRecords, room: Room) -> int:
-    """Keep where a contact of the reading before was; return its new place."""
-    if room.places[old] == NOWHERE:
-        place = room.used[CONTACTS]
-        room.used[CONTACTS] += 1
-        room.places[old] = place
-        room.contacts[place] = before.contacts[old]
-        room.contacts[place].loads[0] = room.contacts[place].loads[1] = 0
-    return room.places[old]
+def copy_contact(old: int, before: TouchRecords, buffer: RecordBuffer) -> int:
+    """Copy a contact of the reading before without its loads; return its new index."""
+    if buffer.copied_to[old] == NO_INDEX:
+        place = buffer.used[CONTACTS]
+        buffer.used[CONTACTS] += 1
+        buffer.copied_to[old] = place
+        buffer.contacts[place] = before.contacts[old]
+        buffer.contacts[place].loads[0] = buffer.contacts[place].loads[1] = 0
+    return buffer.copied_to[old]
 
 
 @compiled
 @no_type_check
-def add_loads(loads: np.ndarray, room: Room) -> int:
-    """Write loads behind those that are there; return where they end now."""
-    end = room.used[LOADS] + len(loads)
-    room.loads[room.used[LOADS] : end] = loads
-    room.used[LOADS] = end
+def append_loads(loads: np.ndarray, buffer: RecordBuffer) -> int:
+    """Append loads to those written; return where they end now."""
+    end = buffer.used[LOADS] + len(loads)
+    buffer.loads[buffer.used[LOADS] : end] = loads
+    buffer.used[LOADS] = end
     return end
 
 
-MICROMETRES = 1e6
-NOBODY = -1
-
-
 @compiled
 @no_type_check
-def follow_tracks(
+def track_contacts(
     contacts: np.ndarray,
     loads: np.ndarray,
     before: TouchRecords,
-    reading: Instant,
-    rules: Rules,
-    sites: np.ndarray,
-    memory: Memory,
-    room: Room,
+    reading: KernelReading,
+    parameters: TrackingParameters,
+    geometry: np.ndarray,
+    state: TrackerState,
+    buffer: RecordBuffer,
 ) -> tuple[np.ndarray, int]:
-    """Follow the tracks into the contacts of the next reading.
+    """Continue the tracks in the contacts of the next reading.
 
-    1. A track goes on in the contact that covers most of the area it had; ties go to
+    1. A track continues in the contact that covers most of the area it had; ties go to
        the stronger contact, then the first.
-    2. Merging: where several go on in one contact, the oldest keeps its id and the
+    2. Merging: where several continue in one contact, the oldest keeps its id and the
        others end, `merged_into` it.
     3. Splitting: the contact that covers most of the track keeps its id; each of the
        others becomes a new track with this one as `parent`.
@@ -128,95 +129,99 @@ def follow_tracks(
        where most of its taxels were not received it waits for a moment.
 
     Returns:
-        TRACK records: going on, then those that have just ended, both by id, then those
-        past; and how many go on.
+        TRACK records: ongoing, then those that have just ended, both by id, then those
+        past; and how many are ongoing.
     """
-    going = np.full(count_going(before.tracks), NOBODY)
-    parents = np.full(len(contacts), NOBODY)
-    if reading.elapsed <= rules.gap:
-        overlap(contacts, loads, before, sites, memory.taxels, going, parents)
-        gate = rules.gate + rules.speed * (reading.elapsed / NS_PER_S)
-        pair_nearest(contacts, before, reading.T_world_link, gate, going, parents)
-    keeper = oldest(going, len(contacts), before.tracks)
+    successor = np.full(count_ongoing(before.tracks), NO_INDEX)
+    parents = np.full(len(contacts), NO_INDEX)
+    if reading.elapsed <= parameters.gap_seconds * NS_PER_S:
+        match_overlaps(
+            contacts, loads, before, geometry, state.taxels, successor, parents
+        )
+        gate = parameters.gate + parameters.speed * (reading.elapsed / NS_PER_S)
+        pair_nearest(contacts, before, reading.T_world_link, gate, successor, parents)
+    owner = find_owners(successor, len(contacts), before.tracks)
     tracks = np.empty(len(before.tracks) + len(contacts), TRACK)
-    count = go_on(going, keeper, before, reading, rules, tracks, room)
+    count = write_ongoing(successor, owner, before, reading, parameters, tracks, buffer)
     for n in range(len(contacts)):
-        if keeper[n] == NOBODY:
+        if owner[n] == NO_INDEX:
             parent = parents[n]
-            parent_id = 0 if parent == NOBODY else before.tracks[parent].id
-            begin(n, parent_id, reading.stamp, tracks[count], memory)
+            parent_id = 0 if parent == NO_INDEX else before.tracks[parent].id
+            start_track(n, parent_id, reading.stamp, tracks[count], state)
             count += 1
-    alive = count
-    count = end_tracks(going, keeper, before, reading, rules, tracks, count, room)
-    return tracks[:count], alive
+    ongoing = count
+    count = write_ended(
+        successor, owner, before, reading, parameters, tracks, count, buffer
+    )
+    return tracks[:count], ongoing
 
 
 @compiled
 @no_type_check
-def count_going(tracks: np.ndarray) -> int:
-    """How many tracks go on; they are in front."""
+def count_ongoing(tracks: np.ndarray) -> int:
+    """Count the ongoing tracks; they come first."""
     count = 0
-    while count < len(tracks) and tracks[count].phase == GOING:
+    while count < len(tracks) and tracks[count].phase == ONGOING:
         count += 1
     return count
 
 
 @compiled
 @no_type_check
-def overlap(
+def match_overlaps(
     contacts: np.ndarray,
     loads: np.ndarray,
     before: TouchRecords,
-    sites: np.ndarray,
+    geometry: np.ndarray,
     taxels: np.ndarray,
-    going: Int[np.ndarray, "track"],
+    successor: Int[np.ndarray, "track"],
     parents: Int[np.ndarray, "contact"],
 ) -> None:
-    """Write where each track goes on that a contact covers, and whom it splits from.
+    """Write in which contact each track continues, and which track each splits from.
 
     Args:
         contacts: CONTACT, of this reading.
-        loads: of them.
-        before: the reading before.
-        sites: SITE, all taxels.
-        taxels: TAXEL, whose `place` is -1 before and after.
-        going: (track) the contact that covers most of it, where there is one.
-        parents: (contact) the track most of which it covers, where there is one.
+        loads: of the contacts.
+        before: the records of the reading before.
+        geometry: TAXEL_GEOMETRY, all taxels.
+        taxels: TAXEL_STATE, whose `slot` is -1 before and after.
+        successor: (track) contact that covers most of it; written where there is one.
+        parents: (contact) track most of which it covers; written where there is one.
     """
-    mark(before, len(going), taxels, True)
-    covered, best = np.zeros(len(going)), np.zeros(len(going))
+    mark_taxels(before, len(successor), taxels, True)
+    covered, best = np.zeros(len(successor)), np.zeros(len(successor))
     found = np.empty(len(loads), np.int64)
     for n in range(len(contacts)):
         count, most = 0, 0.0
         for k in range(contacts[n].loads[0], contacts[n].loads[1]):
             i = loads[k].taxel
-            track = taxels[i].place
-            if track == NOBODY:
+            track = taxels[i].slot
+            if track == NO_INDEX:
                 continue
             if covered[track] == 0.0:
                 found[count] = track
                 count += 1
-            covered[track] += sites[i].area
+            covered[track] += geometry[i].area
         for track in found[:count]:
             area, covered[track] = covered[track], 0.0
             if area > most or (area == most and track < parents[n]):
                 most, parents[n] = area, track
-            other = going[track]
+            other = successor[track]
             if area > best[track] or (
                 area == best[track] and contacts[n].force > contacts[other].force
             ):
-                best[track], going[track] = area, n
-    mark(before, len(going), taxels, False)
+                best[track], successor[track] = area, n
+    mark_taxels(before, len(successor), taxels, False)
 
 
 @compiled
 @no_type_check
-def mark(before: TouchRecords, count: int, taxels: np.ndarray, on: bool) -> None:
-    """Write to the taxels that tracks had which track it was, or take it off again."""
+def mark_taxels(before: TouchRecords, count: int, taxels: np.ndarray, on: bool) -> None:
+    """Write the index of each track to the taxels it had, or reset them."""
     for track in range(count):
         span = before.contacts[before.tracks[track].contact].loads
         for k in range(span[0], span[1]):
-            taxels[before.loads[k].taxel].place = track if on else NOBODY
+            taxels[before.loads[k].taxel].slot = track if on else NO_INDEX
 
 
 @compiled
@@ -226,12 +231,12 @@ def pair_nearest(
     before: TouchRecords,
     T_world_link: Float[np.ndarray, "link 4 4"],
     gate: float,
-    going: Int[np.ndarray, "track"],
+    successor: Int[np.ndarray, "track"],
     parents: Int[np.ndarray, "contact"],
 ) -> None:
     """Pair tracks and contacts that overlap nothing, nearest first within the gate."""
-    free = parents == NOBODY
-    lost = np.flatnonzero(going == NOBODY)
+    free = parents == NO_INDEX
+    lost = np.flatnonzero(successor == NO_INDEX)
     if not lost.size or not free.any():
         return
     nearest, gaps = np.empty(len(lost), np.int64), np.empty(len(lost))
@@ -243,7 +248,7 @@ def pair_nearest(
         if not gaps[k] <= gate:
             return
         if free[nearest[k]]:
-            going[lost[k]], free[nearest[k]] = nearest[k], False
+            successor[lost[k]], free[nearest[k]] = nearest[k], False
             gaps[k] = np.inf
         else:
             was = before.contacts[before.tracks[lost[k]].contact]
@@ -258,16 +263,17 @@ def find_nearest(
     free: Bool[np.ndarray, "contact"],
     T_world_link: Float[np.ndarray, "link 4 4"],
 ) -> tuple[int, float]:
-    """The free contact nearest to where a contact is now, and how far it is [m].
+    """Find the free contact nearest to where a contact is now, and its distance [m].
 
-    To the micrometre, so that rounding of the pose decides no tie.
+    Distances are rounded to the micrometre, so that rounding of the pose decides no
+    tie.
     """
-    nearest, least = NOBODY, np.inf
+    nearest, least = NO_INDEX, np.inf
     T = T_world_link[was.link]
     for n in range(len(contacts)):
         if free[n]:
-            far = distance_to(T, was.p_link, contacts[n].p_world)
-            far = np.rint(far * MICROMETRES) / MICROMETRES
+            far = distance_to_link_point(T, was.p_link, contacts[n].p_world)
+            far = np.rint(far * UM_PER_M) / UM_PER_M
             if far < least:
                 nearest, least = n, far
     return nearest, least
@@ -275,42 +281,46 @@ def find_nearest(
 
 @compiled
 @no_type_check
-def oldest(
-    going: Int[np.ndarray, "track"], count: int, tracks: np.ndarray
+def find_owners(
+    successor: Int[np.ndarray, "track"], count: int, tracks: np.ndarray
 ) -> np.ndarray:
-    """The oldest of the tracks that go on in each of so many contacts, or -1."""
-    keeper = np.full(count, NOBODY)
-    for track in range(len(going)):
-        n = going[track]
-        if n == NOBODY:
+    """Return the oldest of the tracks that continue in each contact, or -1."""
+    owner = np.full(count, NO_INDEX)
+    for track in range(len(successor)):
+        n = successor[track]
+        if n == NO_INDEX:
             continue
-        other = keeper[n]
+        other = owner[n]
         # Tracks are in the order of their ids.
-        if other == NOBODY or tracks[track].onset < tracks[other].onset:
-            keeper[n] = track
-    return keeper
+        if other == NO_INDEX or tracks[track].onset < tracks[other].onset:
+            owner[n] = track
+    return owner
 
 
 @compiled
 @no_type_check
-def go_on(
-    going: Int[np.ndarray, "track"],
-    keeper: Int[np.ndarray, "contact"],
+def write_ongoing(
+    successor: Int[np.ndarray, "track"],
+    owner: Int[np.ndarray, "contact"],
     before: TouchRecords,
-    reading: Instant,
-    rules: Rules,
+    reading: KernelReading,
+    parameters: TrackingParameters,
     tracks: np.ndarray,
-    room: Room,
+    buffer: RecordBuffer,
 ) -> int:
     """Write the tracks that have contact or wait for it; return how many there are."""
     count = 0
-    for track in range(len(going)):
-        n = going[track]
-        if n == NOBODY and waits(before.tracks[track], before, reading, rules):
+    for track in range(len(successor)):
+        n = successor[track]
+        if n == NO_INDEX and is_coasting(
+            before.tracks[track], before, reading, parameters
+        ):
             tracks[count] = before.tracks[track]
-            tracks[count].contact = keep(before.tracks[track].contact, before, room)
+            tracks[count].contact = copy_contact_with_loads(
+                before.tracks[track].contact, before, buffer
+            )
             count += 1
-        elif n != NOBODY and keeper[n] == track:
+        elif n != NO_INDEX and owner[n] == track:
             tracks[count] = before.tracks[track]
             tracks[count].last, tracks[count].contact = reading.stamp, n
             count += 1
@@ -319,63 +329,70 @@ def go_on(
 
 @compiled
 @no_type_check
-def waits(track: np.void, before: TouchRecords, reading: Instant, rules: Rules) -> bool:
-    """Whether a track without contact may only not have been received."""
-    if (reading.stamp - track.last) / NS_PER_S > rules.coast:
+def is_coasting(
+    track: np.void,
+    before: TouchRecords,
+    reading: KernelReading,
+    parameters: TrackingParameters,
+) -> bool:
+    """Return whether the taxels of a track without contact were just not received."""
+    if (reading.stamp - track.last) / NS_PER_S > parameters.coast_seconds:
         return False
     span = before.contacts[track.contact].loads
-    heard = 0
+    received = 0
     for k in range(span[0], span[1]):
-        heard += reading.valid[before.loads[k].taxel]
-    return 1.0 - heard / (span[1] - span[0]) > 0.5
+        received += reading.valid[before.loads[k].taxel]
+    return 1.0 - received / (span[1] - span[0]) > 0.5
 
 
 @compiled
 @no_type_check
-def begin(
-    contact: int, parent: int, stamp: int, track: np.void, memory: Memory
+def start_track(
+    contact: int, parent: int, stamp: int, track: np.void, state: TrackerState
 ) -> None:
     """Write a new track in a contact."""
-    track.id = memory.counts[NEXT_TRACK]
-    memory.counts[NEXT_TRACK] += 1
+    track.id = state.counts[NEXT_TRACK]
+    state.counts[NEXT_TRACK] += 1
     track.onset = track.last = stamp
     track.parent, track.contact = parent, contact
     track.merged_into = track.touch = 0
-    track.phase = GOING
+    track.phase = ONGOING
 
 
 @compiled
 @no_type_check
-def end_tracks(
-    going: Int[np.ndarray, "track"],
-    keeper: Int[np.ndarray, "contact"],
+def write_ended(
+    successor: Int[np.ndarray, "track"],
+    owner: Int[np.ndarray, "contact"],
     before: TouchRecords,
-    reading: Instant,
-    rules: Rules,
+    reading: KernelReading,
+    parameters: TrackingParameters,
     tracks: np.ndarray,
     count: int,
-    room: Room,
+    buffer: RecordBuffer,
 ) -> int:
     """Write the tracks that have ended behind the others; return how many there are.
 
-    What ended before is remembered for as long as its touch may be joined.
+    Tracks that ended before stay for as long as their touch may be joined.
     """
     for track in range(len(before.tracks)):
         old = before.tracks[track]
-        if track >= len(going):
-            if reading.stamp - old.last <= rules.pause:
+        if track >= len(successor):
+            if reading.stamp - old.last <= parameters.pause_ns:
                 tracks[count] = old
                 tracks[count].phase = PAST
-                tracks[count].contact = keep_place(old.contact, before, room)
+                tracks[count].contact = copy_contact(old.contact, before, buffer)
                 count += 1
             continue
-        n = going[track]
-        merged = n != NOBODY and keeper[n] != track
-        if merged or (n == NOBODY and not waits(old, before, reading, rules)):
+        n = successor[track]
+        merged = n != NO_INDEX and owner[n] != track
+        if merged or (
+            n == NO_INDEX and not is_coasting(old, before, reading, parameters)
+        ):
             tracks[count] = old
             tracks[count].phase = ENDED
-            tracks[count].contact = keep(old.contact, before, room)
+            tracks[count].contact = copy_contact_with_loads(old.contact, before, buffer)
             if merged:
-                tracks[count].merged_into = before.tracks[keeper[n]].id
+                tracks[count].merged_into = before.tracks[owner[n]].id
             count += 1
     return count

@@ -16,8 +16,8 @@ from typing import final
 import eskin
 from eskin.errors import DeviceError
 from eskin.page import Order, PageOrder, Picture, Setup, TouchOrder
+from eskin.page.messages import ORDER, READY, REFUSED, SHOWN
 from eskin.page.port import free_port
-from eskin.page.wire import ORDER, READY, REFUSED, SHOWN
 
 ON_THE_WAY = 2
 """Pictures that may be under way; another is sent when one has been shown."""

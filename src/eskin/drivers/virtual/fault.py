@@ -16,157 +16,157 @@ FOREVER = 2**63 - 1
 
 @dataclass(frozen=True, eq=False)
 class FaultSpec:
-    """What was asked for: where, when and how much."""
+    """A fault spec says where, when and how strong a fault is."""
 
     text: str
-    """In the fault language."""
+    """The spec in the fault language."""
     patches: tuple[int, ...]
-    """Where, as indices of the skin's patches."""
+    """Affected patches, as indices of the skin's patches."""
     taxels: Int[np.ndarray, "part"]
-    """Where, as indices of the skin's taxels."""
+    """Affected taxels, as indices of the skin's taxels."""
     start: int
-    """From when on, since the skin was started [ns]."""
+    """Start, since the skin was started [ns]."""
     end: int
-    """Until when [ns]."""
+    """End, since the skin was started [ns]."""
     amount: float
-    """How much; what of depends on the kind."""
+    """Strength; its unit depends on the kind."""
     unused: int
     """An address that no patch of the skin has."""
 
 
 class OutgoingBytes(NamedTuple):
-    """Bytes on their way."""
+    """Outgoing bytes are on their way from a patch to a port."""
 
     patch: int
-    """Who sends them, as an index of the skin's patches."""
+    """Sender, as an index of the skin's patches."""
     data: bytes
-    """One packet, or some of the line where it is framed."""
+    """One packet, or some bytes of the line where it is framed."""
 
 
 class DeviceFault(ABC):
-    """Something wrong with a skin; the same every time for one seed.
+    """Disturbs a virtual skin, in the same way every time for one seed.
 
     Attributes:
-        order: what was asked for.
+        spec: where, when and how strong it is.
         count: how often it has struck, in its `unit`.
     """
 
     default: ClassVar[float | None] = None
-    """Amount unless given; None where it takes none."""
-    least: ClassVar[float] = 0.0
+    """Amount unless given; None for a kind without amount."""
+    min_amount: ClassVar[float] = 0.0
     """Smallest amount."""
-    most: ClassVar[float] = 1.0
+    max_amount: ClassVar[float] = 1.0
     """Largest amount."""
-    lasts: ClassVar[bool] = True
-    """Whether it may end."""
-    pair: ClassVar[bool] = False
-    """Whether it is of two patches."""
+    has_end: ClassVar[bool] = True
+    """Whether the fault may end."""
+    needs_pair: ClassVar[bool] = False
+    """Whether the fault affects two patches."""
 
-    def __init__(self, order: FaultSpec, rng: np.random.Generator) -> None:
-        """Prepare it.
+    def __init__(self, spec: FaultSpec, rng: np.random.Generator) -> None:
+        """Prepare the fault.
 
         Args:
-            order: what was asked for.
-            rng: to draw from.
+            spec: where, when and how strong it is.
+            rng: random generator that it draws from.
         """
-        self.spec = order
+        self.spec = spec
         self.rng = rng
         self.count = 0
 
     @property
     @abstractmethod
     def unit(self) -> str:
-        """What it counts."""
+        """Name of what `count` counts."""
 
-    def holds(self, at: int) -> bool:
-        """Whether it is there at a time since the skin was started [ns]."""
+    def is_active(self, at: int) -> bool:
+        """Return whether it is active at a time since the skin was started [ns]."""
         return self.spec.start <= at < self.spec.end
 
     def counters(self) -> dict[str, object]:
-        """What was asked for, and how often it has struck."""
+        """Return the spec and how often it has struck."""
         return {"fault": self.spec.text, "count": self.count, "of": self.unit}
 
 
 class ModuleFault(DeviceFault):
-    """Something wrong with modules as a whole."""
+    """Disturbs modules as a whole."""
 
     @abstractmethod
     def change(self, patches: tuple[VirtualPatch, ...], at: int) -> None:
-        """Change them before they make a scan.
+        """Change modules before they make a scan.
 
         Args:
-            patches: all of the skin.
-            at: since the skin was started [ns].
+            patches: all patches of the skin.
+            at: time since the skin was started [ns].
         """
 
 
 class TaxelFault(DeviceFault):
-    """Something wrong with what taxels measure."""
+    """Disturbs what taxels measure."""
 
     @property
     def unit(self) -> str:
-        """What it counts."""
+        """Name of what `count` counts."""
         return "counts"
 
     @abstractmethod
     def disturb(self, counts: Int[np.ndarray, "part"]) -> Int[np.ndarray, "part"]:
-        """What its taxels count in place of what they should."""
+        """Return the disturbed counts of its taxels."""
 
 
 class PacketFault(DeviceFault):
-    """Something wrong with packets on their way.
+    """Disturbs packets on their way.
 
     Attributes:
-        data: how many of those that it struck were data packets.
+        data: how many of the packets that it struck were data packets.
     """
 
-    def __init__(self, order: FaultSpec, rng: np.random.Generator) -> None:
-        """Prepare it."""
-        super().__init__(order, rng)
+    def __init__(self, spec: FaultSpec, rng: np.random.Generator) -> None:
+        """Prepare the fault."""
+        super().__init__(spec, rng)
         self.data = 0
 
     @property
     def unit(self) -> str:
-        """What it counts."""
+        """Name of what `count` counts."""
         return "packets"
 
-    def is_struck(self, packet: OutgoingBytes, at: int) -> bool:
-        """Whether it strikes a packet, if chance wills; then it is counted."""
-        if not self.holds(at) or packet.patch not in self.spec.patches:
+    def strikes(self, packet: OutgoingBytes, at: int) -> bool:
+        """Draw whether it strikes a packet, and count the packet if it does."""
+        if not self.is_active(at) or packet.patch not in self.spec.patches:
             return False
         if self.spec.amount < 1.0 and self.rng.random() >= self.spec.amount:
             return False
-        self.note(packet)
+        self.count_packet(packet)
         return True
 
-    def note(self, packet: OutgoingBytes) -> None:
-        """Count a packet."""
+    def count_packet(self, packet: OutgoingBytes) -> None:
+        """Count a packet that it struck."""
         self.count += 1
         self.data += packet.data[1] == DATA
 
     @abstractmethod
-    def pass_on(self, packets: list[OutgoingBytes], at: int) -> list[OutgoingBytes]:
-        """What becomes of packets.
+    def transmit(self, packets: list[OutgoingBytes], at: int) -> list[OutgoingBytes]:
+        """Return what becomes of packets.
 
         Args:
-            packets: on their way.
-            at: since the skin was started [ns]; `FOREVER` once, at the end, when
+            packets: packets on their way.
+            at: time since the skin was started [ns]; `FOREVER` once, at the end, when
                 nothing may be held back any more.
         """
 
     def counters(self) -> dict[str, object]:
-        """Also how many were data packets."""
+        """Return also how many were data packets."""
         return {**super().counters(), "data": self.data}
 
 
 class LineFault(DeviceFault):
-    """Something wrong with the line itself, framing included."""
+    """Disturbs the bytes on the line, framing included."""
 
     @abstractmethod
-    def pass_on(self, chunks: list[OutgoingBytes], at: int) -> list[OutgoingBytes]:
-        """What becomes of what is on the line.
+    def transmit(self, chunks: list[OutgoingBytes], at: int) -> list[OutgoingBytes]:
+        """Return what becomes of the bytes on the line.
 
         Args:
-            chunks: on the line, in order.
-            at: since the skin was started [ns].
+            chunks: bytes on the line, in order.
+            at: time since the skin was started [ns].
         """

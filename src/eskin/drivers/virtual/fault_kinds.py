@@ -1,4 +1,8 @@
-"""This module implements the kinds of faults of a virtual skin."""
+"""This module implements every kind of fault of a virtual skin.
+
+Packets get lost, corrupted, late, duplicated or mixed up; modules go, come back, are
+replaced or wired wrong; taxels measure wrong; the line flips bits or adds bytes.
+"""
 
 import zlib
 from abc import abstractmethod
@@ -8,7 +12,7 @@ from typing import final
 import numpy as np
 from jaxtyping import Int
 
-from eskin.drivers.packet import CRC, DATA, MAX_PACKET_BYTES
+from eskin.drivers.packet import CRC, DATA, MAX_COUNT, MAX_PACKET_BYTES
 from eskin.drivers.virtual.fault import (
     FOREVER,
     FaultSpec,
@@ -22,11 +26,11 @@ from eskin.drivers.virtual.patch import VirtualPatch
 from eskin.units import NS_PER_S
 
 MAX_FLIPPED_BITS = 3
-"""Flipped in a packet; a CRC-32 always notices so few."""
+"""Largest number of flipped bits in a packet; a CRC-32 always detects so few."""
 ADDRESS = slice(2, 4)
-"""Where the address stands in a packet."""
-HOUR = 3600.0
-"""[s]"""
+"""Bytes of a packet that hold the address."""
+S_PER_HOUR = 3600.0
+S_PER_MONTH = 2.6e6
 
 
 @final
@@ -35,18 +39,18 @@ class Lose(PacketFault):
 
     default = 0.1
 
-    def pass_on(self, packets: list[OutgoingBytes], at: int) -> list[OutgoingBytes]:
-        """Those that are not lost."""
-        return [packet for packet in packets if not self.is_struck(packet, at)]
+    def transmit(self, packets: list[OutgoingBytes], at: int) -> list[OutgoingBytes]:
+        """Return the packets that are not lost."""
+        return [packet for packet in packets if not self.strikes(packet, at)]
 
 
 @final
 class Stall(PacketFault):
     """Modules go on but nothing of them arrives."""
 
-    def pass_on(self, packets: list[OutgoingBytes], at: int) -> list[OutgoingBytes]:
-        """Nothing while it lasts."""
-        return [packet for packet in packets if not self.is_struck(packet, at)]
+    def transmit(self, packets: list[OutgoingBytes], at: int) -> list[OutgoingBytes]:
+        """Return no packets of its modules while it lasts."""
+        return [packet for packet in packets if not self.strikes(packet, at)]
 
 
 @final
@@ -55,20 +59,20 @@ class Corrupt(PacketFault):
 
     default = 0.01
 
-    def pass_on(self, packets: list[OutgoingBytes], at: int) -> list[OutgoingBytes]:
-        """All of them, some broken."""
+    def transmit(self, packets: list[OutgoingBytes], at: int) -> list[OutgoingBytes]:
+        """Return all packets, some of them corrupted."""
         return [
-            OutgoingBytes(packet.patch, self.broken(packet.data))
-            if self.is_struck(packet, at)
+            OutgoingBytes(packet.patch, self.corrupt(packet.data))
+            if self.strikes(packet, at)
             else packet
             for packet in packets
         ]
 
-    def broken(self, data: bytes) -> bytes:
-        """The same with some bits flipped."""
+    def corrupt(self, data: bytes) -> bytes:
+        """Return a packet with some bits flipped."""
         flips = int(self.rng.integers(1, MAX_FLIPPED_BITS + 1))
         places = self.rng.choice(8 * len(data), flips, replace=False)
-        return flipped(data, places)
+        return flip_bits(data, places)
 
 
 @final
@@ -77,14 +81,14 @@ class Truncate(PacketFault):
 
     default = 0.1
 
-    def pass_on(self, packets: list[OutgoingBytes], at: int) -> list[OutgoingBytes]:
-        """All of them, some cut."""
+    def transmit(self, packets: list[OutgoingBytes], at: int) -> list[OutgoingBytes]:
+        """Return all packets, some of them truncated."""
         return [
             OutgoingBytes(
                 packet.patch,
                 packet.data[: int(self.rng.integers(1, len(packet.data)))],
             )
-            if self.is_struck(packet, at)
+            if self.strikes(packet, at)
             else packet
             for packet in packets
         ]
@@ -96,11 +100,11 @@ class Duplicate(PacketFault):
 
     default = 0.1
 
-    def pass_on(self, packets: list[OutgoingBytes], at: int) -> list[OutgoingBytes]:
-        """All of them, some twice."""
+    def transmit(self, packets: list[OutgoingBytes], at: int) -> list[OutgoingBytes]:
+        """Return all packets, some of them twice."""
         out: list[OutgoingBytes] = []
         for packet in packets:
-            out += [packet] * (2 if self.is_struck(packet, at) else 1)
+            out += [packet] * (2 if self.strikes(packet, at) else 1)
         return out
 
 
@@ -110,18 +114,18 @@ class Reorder(PacketFault):
 
     default = 0.1
 
-    def __init__(self, order: FaultSpec, rng: np.random.Generator) -> None:
-        """Prepare it."""
-        super().__init__(order, rng)
+    def __init__(self, spec: FaultSpec, rng: np.random.Generator) -> None:
+        """Prepare the fault."""
+        super().__init__(spec, rng)
         self.held: dict[int, OutgoingBytes] = {}
 
-    def pass_on(self, packets: list[OutgoingBytes], at: int) -> list[OutgoingBytes]:
-        """All but those held back, and those held back before."""
+    def transmit(self, packets: list[OutgoingBytes], at: int) -> list[OutgoingBytes]:
+        """Return all packets but those held back, and those held back before."""
         out: list[OutgoingBytes] = []
         for packet in packets:
             if packet.patch in self.held:
                 out += [packet, self.held.pop(packet.patch)]
-            elif self.is_struck(packet, at):
+            elif self.strikes(packet, at):
                 self.held[packet.patch] = packet
             else:
                 out.append(packet)
@@ -135,23 +139,23 @@ class Reorder(PacketFault):
 class Delay(PacketFault):
     """Packets arrive late by the amount [s]."""
 
-    default, most = 0.1, HOUR
+    default, max_amount = 0.1, S_PER_HOUR
 
-    def __init__(self, order: FaultSpec, rng: np.random.Generator) -> None:
-        """Prepare it."""
-        super().__init__(order, rng)
-        self.late = round(order.amount * NS_PER_S)
+    def __init__(self, spec: FaultSpec, rng: np.random.Generator) -> None:
+        """Prepare the fault."""
+        super().__init__(spec, rng)
+        self.delay = round(spec.amount * NS_PER_S)
         self.held: deque[tuple[int, OutgoingBytes]] = deque()
 
-    def pass_on(self, packets: list[OutgoingBytes], at: int) -> list[OutgoingBytes]:
-        """Those that are due, then those that are not delayed."""
+    def transmit(self, packets: list[OutgoingBytes], at: int) -> list[OutgoingBytes]:
+        """Return the packets that are due, then those that are not delayed."""
         out: list[OutgoingBytes] = []
         while self.held and self.held[0][0] <= at:
             out.append(self.held.popleft()[1])
         for packet in packets:
-            if self.holds(at) and packet.patch in self.spec.patches:
-                self.note(packet)
-                self.held.append((at + self.late, packet))
+            if self.is_active(at) and packet.patch in self.spec.patches:
+                self.count_packet(packet)
+                self.held.append((at + self.delay, packet))
             else:
                 out.append(packet)
         return out
@@ -163,48 +167,44 @@ class WrongPatch(PacketFault):
 
     default = 0.1
 
-    def pass_on(self, packets: list[OutgoingBytes], at: int) -> list[OutgoingBytes]:
-        """All of them, and more."""
+    def transmit(self, packets: list[OutgoingBytes], at: int) -> list[OutgoingBytes]:
+        """Return all packets and the additional ones."""
         out: list[OutgoingBytes] = []
         for packet in packets:
             out.append(packet)
-            if packet.data[1] == DATA and self.is_struck(packet, at):
-                strange = readdressed(packet.data, self.spec.unused)
+            if packet.data[1] == DATA and self.strikes(packet, at):
+                strange = replace_address(packet.data, self.spec.unused)
                 out.append(OutgoingBytes(packet.patch, strange))
         return out
 
 
-def flipped(data: bytes, places: np.ndarray) -> bytes:
-    """The same bytes with some bits flipped."""
+def flip_bits(data: bytes, places: np.ndarray) -> bytes:
+    """Return the same bytes with some bits flipped."""
     changed = bytearray(data)
     for place in places.tolist():
         changed[place // 8] ^= 1 << place % 8
     return bytes(changed)
 
 
-def readdressed(data: bytes, address: int) -> bytes:
-    """The same packet under another address."""
+def replace_address(data: bytes, address: int) -> bytes:
+    """Return the same packet under another address."""
     body = bytearray(data[: -CRC.size])
     body[ADDRESS] = address.to_bytes(2, "little")
     return bytes(body) + CRC.pack(zlib.crc32(body))
 
 
-MONTH = 2.6e6
-"""[s]"""
-
-
 class ModuleAbsence(ModuleFault):
-    """Modules that are away for a time, then power up."""
+    """Modules are away for a time, then power up."""
 
-    def __init__(self, order: FaultSpec, rng: np.random.Generator) -> None:
-        """Prepare it."""
-        super().__init__(order, rng)
-        self.end = order.end
+    def __init__(self, spec: FaultSpec, rng: np.random.Generator) -> None:
+        """Prepare the fault."""
+        super().__init__(spec, rng)
+        self.end = spec.end
         self.is_away = False
 
     @property
     def unit(self) -> str:
-        """What it counts."""
+        """Name of what `count` counts."""
         return "departures"
 
     def change(self, patches: tuple[VirtualPatch, ...], at: int) -> None:
@@ -219,46 +219,35 @@ class ModuleAbsence(ModuleFault):
             if not away:
                 self.bring_back(patches[index], at)
 
-    @abstractmethod
     def bring_back(self, patch: VirtualPatch, at: int) -> None:
-        """Power up what is plugged in."""
+        """Power up the same module."""
+        patch.power_up(at)
 
 
 @final
 class Unplug(ModuleAbsence):
     """Modules are unplugged, and plugged in again where that ends."""
 
-    def bring_back(self, patch: VirtualPatch, at: int) -> None:
-        """Power up the same module."""
-        patch.power_up(at)
+
+class ShortAbsence(ModuleAbsence):
+    """Modules are away for the amount [s]."""
+
+    default, max_amount, has_end = 0.2, S_PER_MONTH, False
+
+    def __init__(self, spec: FaultSpec, rng: np.random.Generator) -> None:
+        """Prepare the fault."""
+        super().__init__(spec, rng)
+        self.end = spec.start + round(spec.amount * NS_PER_S)
 
 
 @final
-class Reboot(ModuleAbsence):
-    """Modules start anew, and are away for the amount [s]."""
-
-    default, most, lasts = 0.2, MONTH, False
-
-    def __init__(self, order: FaultSpec, rng: np.random.Generator) -> None:
-        """Prepare it."""
-        super().__init__(order, rng)
-        self.end = order.start + round(order.amount * NS_PER_S)
-
-    def bring_back(self, patch: VirtualPatch, at: int) -> None:
-        """Power up the same module."""
-        patch.power_up(at)
+class Reboot(ShortAbsence):
+    """Modules reboot, and are away for the amount [s]."""
 
 
 @final
-class Replace(ModuleAbsence):
-    """Other modules, with other serial numbers, after the amount [s]."""
-
-    default, most, lasts = 0.2, MONTH, False
-
-    def __init__(self, order: FaultSpec, rng: np.random.Generator) -> None:
-        """Prepare it."""
-        super().__init__(order, rng)
-        self.end = order.start + round(order.amount * NS_PER_S)
+class Replace(ShortAbsence):
+    """Modules with other serial numbers take their place after the amount [s]."""
 
     def bring_back(self, patch: VirtualPatch, at: int) -> None:
         """Power up another module."""
@@ -268,45 +257,45 @@ class Replace(ModuleAbsence):
 
 
 class InstantModuleFault(ModuleFault):
-    """Something that happens to modules at one instant."""
+    """Something happens to modules at one instant."""
 
-    lasts = False
+    has_end = False
 
     @property
     def unit(self) -> str:
-        """What it counts."""
+        """Name of what `count` counts."""
         return "modules"
 
     def change(self, patches: tuple[VirtualPatch, ...], at: int) -> None:
-        """Let it happen, once."""
+        """Strike once, when it is time."""
         if self.count == 0 and at >= self.spec.start:
             self.count = len(self.spec.patches)
-            self.turn([patches[index] for index in self.spec.patches], at)
+            self.strike([patches[index] for index in self.spec.patches], at)
 
     @abstractmethod
-    def turn(self, patches: list[VirtualPatch], at: int) -> None:
-        """Let it happen to modules."""
+    def strike(self, patches: list[VirtualPatch], at: int) -> None:
+        """Change modules."""
 
 
 @final
 class ClockJump(InstantModuleFault):
     """Clocks of modules jump by the amount [s]."""
 
-    default, least, most = 10.0, -MONTH, MONTH
+    default, min_amount, max_amount = 10.0, -S_PER_MONTH, S_PER_MONTH
 
-    def turn(self, patches: list[VirtualPatch], at: int) -> None:
+    def strike(self, patches: list[VirtualPatch], at: int) -> None:
         """Let clocks jump."""
         for patch in patches:
-            patch.jump(self.spec.amount)
+            patch.shift_clock(self.spec.amount)
 
 
 @final
 class Wrap(InstantModuleFault):
     """Clocks and scan numbers of modules wrap after the amount [s]."""
 
-    default, most = 1.0, 2**32 / 1e6
+    default, max_amount = 1.0, 2**32 / 1e6
 
-    def turn(self, patches: list[VirtualPatch], at: int) -> None:
+    def strike(self, patches: list[VirtualPatch], at: int) -> None:
         """Set clocks and scan numbers."""
         for patch in patches:
             patch.wrap_in(self.spec.amount, at)
@@ -316,10 +305,10 @@ class Wrap(InstantModuleFault):
 class Swap(InstantModuleFault):
     """Two modules have each other's address, as when cables are changed."""
 
-    pair = True
+    needs_pair = True
 
-    def turn(self, patches: list[VirtualPatch], at: int) -> None:
-        """Change their addresses."""
+    def strike(self, patches: list[VirtualPatch], at: int) -> None:
+        """Swap the addresses."""
         one, other = patches
         one.address, other.address = other.address, one.address
 
@@ -328,46 +317,42 @@ class Swap(InstantModuleFault):
 class SameAddress(InstantModuleFault):
     """The second module has the first one's address as well as the first."""
 
-    pair = True
+    needs_pair = True
 
-    def turn(self, patches: list[VirtualPatch], at: int) -> None:
+    def strike(self, patches: list[VirtualPatch], at: int) -> None:
         """Copy the address."""
         patches[1].address = patches[0].address
 
 
-LARGEST = 2**16 - 1
-"""That fits a count."""
-
-
 @final
 class Noisy(TaxelFault):
-    """Counts with normal noise, whose deviation is the amount [counts]."""
+    """Counts have normal noise, whose standard deviation is the amount [counts]."""
 
-    default, most = 200.0, float(LARGEST)
+    default, max_amount = 200.0, float(MAX_COUNT)
 
     def disturb(self, counts: Int[np.ndarray, "part"]) -> Int[np.ndarray, "part"]:
-        """Counts with noise."""
+        """Return counts with noise."""
         noise = np.rint(self.rng.normal(0.0, self.spec.amount, len(counts)))
-        return np.clip(counts + noise.astype(counts.dtype), 0, LARGEST)
+        return np.clip(counts + noise.astype(counts.dtype), 0, MAX_COUNT)
 
 
 @final
 class Stuck(TaxelFault):
-    """The amount, whatever is felt [counts]."""
+    """Counts stay at the amount, whatever the pressure is [counts]."""
 
-    default, most = 2000.0, float(LARGEST)
+    default, max_amount = 2000.0, float(MAX_COUNT)
 
     def disturb(self, counts: Int[np.ndarray, "part"]) -> Int[np.ndarray, "part"]:
-        """The same for all."""
+        """Return the amount for all taxels."""
         return np.full_like(counts, round(self.spec.amount))
 
 
 @final
 class Dead(TaxelFault):
-    """Nothing, whatever is felt."""
+    """Counts stay at zero, whatever the pressure is."""
 
     def disturb(self, counts: Int[np.ndarray, "part"]) -> Int[np.ndarray, "part"]:
-        """Zeros."""
+        """Return zero for all taxels."""
         return np.zeros_like(counts)
 
 
@@ -375,50 +360,50 @@ class Dead(TaxelFault):
 class Flip(LineFault):
     """A share of all bits is flipped, framing included."""
 
-    default, most = 0.0001, 0.5
+    default, max_amount = 0.0001, 0.5
 
     @property
     def unit(self) -> str:
-        """What it counts."""
+        """Name of what `count` counts."""
         return "bits"
 
-    def pass_on(self, chunks: list[OutgoingBytes], at: int) -> list[OutgoingBytes]:
-        """All of them, with some bits flipped."""
+    def transmit(self, chunks: list[OutgoingBytes], at: int) -> list[OutgoingBytes]:
+        """Return all bytes, with some bits flipped."""
         return [
-            OutgoingBytes(chunk.patch, self.noisy(chunk.data))
-            if self.holds(at) and chunk.patch in self.spec.patches
+            OutgoingBytes(chunk.patch, self.flip(chunk.data))
+            if self.is_active(at) and chunk.patch in self.spec.patches
             else chunk
             for chunk in chunks
         ]
 
-    def noisy(self, data: bytes) -> bytes:
-        """The same with some bits flipped."""
+    def flip(self, data: bytes) -> bytes:
+        """Return the bytes with some bits flipped."""
         bits = 8 * len(data)
         flips = int(self.rng.binomial(bits, self.spec.amount))
         self.count += flips
-        return flipped(data, self.rng.choice(bits, flips, replace=False))
+        return flip_bits(data, self.rng.choice(bits, flips, replace=False))
 
 
 @final
 class Garbage(LineFault):
-    """Random bytes in between, as many a second as the amount."""
+    """Random bytes come in between, as many a second as the amount."""
 
-    default, most = 100_000.0, 1e8
+    default, max_amount = 100_000.0, 1e8
 
     @property
     def unit(self) -> str:
-        """What it counts."""
+        """Name of what `count` counts."""
         return "bytes"
 
-    def __init__(self, order: FaultSpec, rng: np.random.Generator) -> None:
-        """Prepare it."""
-        super().__init__(order, rng)
+    def __init__(self, spec: FaultSpec, rng: np.random.Generator) -> None:
+        """Prepare the fault."""
+        super().__init__(spec, rng)
         self.last = 0
 
-    def pass_on(self, chunks: list[OutgoingBytes], at: int) -> list[OutgoingBytes]:
-        """All of them, and random bytes."""
+    def transmit(self, chunks: list[OutgoingBytes], at: int) -> list[OutgoingBytes]:
+        """Return all bytes and some random ones."""
         since, self.last = at - self.last, at
-        if not self.holds(at):
+        if not self.is_active(at):
             return chunks
         size = int(self.rng.poisson(self.spec.amount * since / NS_PER_S))
         self.count += size

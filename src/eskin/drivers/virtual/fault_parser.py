@@ -1,10 +1,14 @@
-"""This module parses the language that faults are asked for in."""
+"""This module parses the fault language `KIND[:WHERE][@FROM[-TO]][=AMOUNT]`.
+
+`docs/devices.md` has the table of kinds.
+"""
 
 import re
 
 import numpy as np
 from jaxtyping import Int
 
+from eskin.drivers.packet import MAX_ADDRESS
 from eskin.drivers.virtual.fault import FOREVER, DeviceFault, FaultSpec
 from eskin.drivers.virtual.fault_kinds import (
     ClockJump,
@@ -65,19 +69,19 @@ FORM = re.compile(
 PLACE = re.compile(
     r"(?P<patch>[^/]+)(?:/(?:r(?P<row>[0-9]+))?(?:c(?P<column>[0-9]+))?)?"
 )
-MOST_ADDRESS = 2**16 - 1
 
 
 def parse_fault(text: str, skin: Skin, seed: int = 0) -> DeviceFault:
-    """The fault that a text asks for.
+    """Parse a fault.
 
     Args:
-        text: such as `lose=0.1`, `unplug:forearm@5-8` or `stuck:forearm/r3c5`.
-        skin: whose patches are meant.
-        seed: decides what is drawn.
+        text: fault spec such as `lose=0.1`, `unplug:forearm@5-8` or
+            `stuck:forearm/r3c5`.
+        skin: skin whose patches it names.
+        seed: seed of the random generator that the fault draws from.
 
     Raises:
-        ValueError: the text asks for nothing that there is.
+        ValueError: the text is not a valid fault of this skin.
     """
     found = FORM.fullmatch(text)
     if found is None:
@@ -90,41 +94,43 @@ def parse_fault(text: str, skin: Skin, seed: int = 0) -> DeviceFault:
         raise ValueError(
             f"fault '{text}' is of no known kind; allowed are {', '.join(FAULT_KINDS)}"
         )
-    patches, taxels = place_of(text, found["where"], kind, skin)
-    start, end = span_of(text, found["start"], found["end"], kind)
-    order = FaultSpec(
+    patches, taxels = parse_place(text, found["where"], kind, skin)
+    start, end = parse_span(text, found["start"], found["end"], kind)
+    spec = FaultSpec(
         text=text,
         patches=patches,
         taxels=taxels,
         start=start,
         end=end,
-        amount=amount_of(text, found["amount"], kind),
-        unused=unused_address(skin),
+        amount=parse_amount(text, found["amount"], kind),
+        unused=find_unused_address(skin),
     )
-    return kind(order, np.random.default_rng(seed))
+    return kind(spec, np.random.default_rng(seed))
 
 
-def place_of(
+def parse_place(
     text: str, where: str | None, kind: type[DeviceFault], skin: Skin
 ) -> tuple[tuple[int, ...], Int[np.ndarray, "part"]]:
-    """Patches and taxels that are meant: all unless some are named."""
-    if where is None and not kind.pair:
+    """Return the affected patches and taxels: all unless some are named."""
+    if where is None and not kind.needs_pair:
         return tuple(range(len(skin.patches))), np.arange(skin.count)
     names = (where or "").split(",")
-    if len(names) != 1 + kind.pair:
+    if len(names) != 1 + kind.needs_pair:
         raise ValueError(
             f"fault '{text}' names {len(names) if where else 0} patches; allowed "
-            f"{'are 2, as in KIND:ONE,OTHER' if kind.pair else 'is 1, or none for all'}"
+            f"{'are 2, as in KIND:ONE,OTHER' if kind.needs_pair else 'is 1, or none for all'}"
         )
-    places = [one_place(text, name, skin) for name in names]
+    places = [parse_patch_place(text, name, skin) for name in names]
     patches = tuple(patch for patch, _ in places)
     if len(set(patches)) != len(patches):
         raise ValueError(f"fault '{text}' names one patch twice; name two")
     return patches, np.concatenate([taxels for _, taxels in places])
 
 
-def one_place(text: str, name: str, skin: Skin) -> tuple[int, Int[np.ndarray, "part"]]:
-    """A patch, and its taxels that are meant."""
+def parse_patch_place(
+    text: str, name: str, skin: Skin
+) -> tuple[int, Int[np.ndarray, "part"]]:
+    """Return one affected patch and its affected taxels."""
     found = PLACE.fullmatch(name)
     ids = [patch.id for patch in skin.patches]
     if found is None or found["patch"] not in ids:
@@ -147,15 +153,15 @@ def one_place(text: str, name: str, skin: Skin) -> tuple[int, Int[np.ndarray, "p
     return patch, np.flatnonzero(meant)
 
 
-def span_of(
+def parse_span(
     text: str, start: str | None, end: str | None, kind: type[DeviceFault]
 ) -> tuple[int, int]:
-    """From when until when [ns]."""
+    """Return start and end [ns]."""
     first = round(float(start or 0.0) * NS_PER_S)
     if end is None:
         return first, FOREVER
     last = round(float(end) * NS_PER_S)
-    if not kind.lasts:
+    if not kind.has_end:
         raise ValueError(
             f"fault '{text}' has an end, but happens at an instant; allowed is @FROM"
         )
@@ -166,21 +172,21 @@ def span_of(
     return first, last
 
 
-def amount_of(text: str, amount: str | None, kind: type[DeviceFault]) -> float:
-    """How much: what was asked for, or what is usual; 1 where it takes none."""
+def parse_amount(text: str, amount: str | None, kind: type[DeviceFault]) -> float:
+    """Return the amount, or the default; 1 for a kind without amount."""
     if amount is None:
         return 1.0 if kind.default is None else kind.default
     if kind.default is None:
         raise ValueError(f"fault '{text}' takes no amount; leave out ={amount}")
-    if not kind.least <= float(amount) <= kind.most:
+    if not kind.min_amount <= float(amount) <= kind.max_amount:
         raise ValueError(
-            f"fault '{text}' has the amount {amount}; allowed are {kind.least:g} to "
-            f"{kind.most:g}"
+            f"fault '{text}' has the amount {amount}; allowed are {kind.min_amount:g} to "
+            f"{kind.max_amount:g}"
         )
     return float(amount)
 
 
-def unused_address(skin: Skin) -> int:
-    """The largest address that no patch has."""
+def find_unused_address(skin: Skin) -> int:
+    """Return the largest address that no patch has."""
     used = {patch.address for patch in skin.patches}
-    return next(at for at in range(MOST_ADDRESS, -1, -1) if at not in used)
+    return next(at for at in range(MAX_ADDRESS, -1, -1) if at not in used)

@@ -1,4 +1,4 @@
-"""One patch that is not there, and speaks as if it were."""
+"""This module simulates the module of one patch, which sends packets."""
 
 import struct
 import zlib
@@ -8,10 +8,12 @@ import numpy as np
 from jaxtyping import Bool, Int
 
 from eskin.drivers.packet import (
-    COUNT,
+    COUNT_TYPE,
     CRC,
     DATA,
+    DEVICE_TIME_SPAN,
     MAX_COUNTS,
+    SCAN_NUMBER_SPAN,
     VERSION,
     Hello,
     Status,
@@ -20,25 +22,25 @@ from eskin.drivers.packet import (
 from eskin.skin import Patch
 
 FIRMWARE = "eskin virtual 1"
+MAX_RATE = 2**16 - 1
+"""Largest nominal rate that a hello can hold [1/s]."""
 TEMPERATURE = 2500
-"""That it says it has [0.01 degrees Celsius]."""
-WRAP, SCAN_WRAP = 2**32, 2**16
-
-START = struct.Struct("<BBHHIHH")
+"""Temperature that it reports [0.01 degrees Celsius]."""
+DATA_START = struct.Struct("<BBHHIHH")
 """Header and fixed part of a data packet at once."""
 
 
 @final
 class VirtualPatch:
-    """A module of skin: its own clock, its own scan numbers, its own serial number.
+    """Simulates a skin module with its own clock, scan numbers and serial number.
 
     Faults change it from outside: everything but its taxels may change as it runs.
 
     Attributes:
-        address: that it speaks under.
-        serial_number: of the module that is plugged in.
-        away: reasons why it is not there now; it speaks while there is none.
-        taxels: what it measures, as indices of the skin.
+        address: address that it sends under.
+        serial_number: serial number of the module that is plugged in.
+        away: number of reasons why it is away; it sends while there is none.
+        taxels: taxels that it measures, as indices of the skin.
     """
 
     def __init__(
@@ -47,70 +49,88 @@ class VirtualPatch:
         taxels: Int[np.ndarray, "part"],
         rate: float,
         serial_number: int,
-        crystal: float = 0.0,
+        clock_error: float = 0.0,
         offset: float = 0.0,
     ) -> None:
         """Power up.
 
         Args:
-            patch: whose place it has.
-            taxels: of that patch, as indices of the skin.
-            rate: scans a second [1/s].
-            serial_number: of the module.
-            crystal: how much too fast its clock runs [ppm].
+            patch: patch that it belongs to.
+            taxels: taxels of that patch, as indices of the skin.
+            rate: scan rate [1/s].
+            serial_number: serial number of the module.
+            clock_error: how much too fast its clock runs [ppm].
             offset: how long it has run when the skin starts [s].
         """
         self.patch = patch
         self.taxels = taxels
         whole = slice(int(taxels[0]), int(taxels[-1]) + 1)
-        self.where = whole if whole.stop - whole.start == len(taxels) else taxels
+        self.place = whole if whole.stop - whole.start == len(taxels) else taxels
         self.rate = rate
         self.address = patch.address
         self.serial_number = serial_number
-        self.pace = (1.0 + crystal * 1e-6) / 1000.0
+        self.us_per_ns = (1.0 + clock_error * 1e-6) / 1000.0
         self.away = 0
         self.power_up(0)
         self.offset = round(offset * 1e6)
-        self.scan = round(offset * rate) % SCAN_WRAP
+        self.scan = round(offset * rate) % SCAN_NUMBER_SPAN
 
     def power_up(self, at: int) -> None:
-        """Begin clock and scan numbers anew, and introduce itself next.
+        """Reset clock and scan number, and send a hello next.
 
         Args:
-            at: since the skin was started [ns].
+            at: time since the skin was started [ns].
         """
-        self.born = at
+        self.power_up_at = at
         self.offset = 0
         self.scan = 0
         self.is_new = True
 
     def wrap_in(self, seconds: float, at: int) -> None:
         """Set clock and scan number so that both wrap after some time [s]."""
-        self.jump(seconds=(WRAP - self.device_time(at)) / 1e6 - seconds)
-        self.scan = round(-seconds * self.rate) % SCAN_WRAP
+        self.shift_clock(
+            seconds=(DEVICE_TIME_SPAN - self.device_time(at)) / 1e6 - seconds
+        )
+        self.scan = round(-seconds * self.rate) % SCAN_NUMBER_SPAN
 
-    def jump(self, seconds: float) -> None:
+    def shift_clock(self, seconds: float) -> None:
         """Set the clock forward [s]; back where negative."""
         self.offset += round(seconds * 1e6)
 
     def device_time(self, at: int) -> int:
-        """Its own clock, modulo 2**32 [us].
+        """Return the time of its own clock, modulo 2**32 [us].
 
         Args:
-            at: since the skin was started [ns].
+            at: time since the skin was started [ns].
         """
-        return (int((at - self.born) * self.pace) + self.offset) % WRAP
+        return (
+            int((at - self.power_up_at) * self.us_per_ns) + self.offset
+        ) % DEVICE_TIME_SPAN
 
-    def introduce(self, at: int) -> list[bytes]:
-        """Hello and status, as once a second."""
+    def build_hello(self, at: int) -> list[bytes]:
+        """Return hello and status, as sent once a second."""
         self.is_new = False
-        common = (self.address, self.scan, self.device_time(at))
-        patch, rate = self.patch, min(round(self.rate), SCAN_WRAP - 1)
-        size = (patch.rows, patch.columns, len(self.taxels), rate)
-        return [
-            encode_packet(Hello(*common, *size, self.serial_number, FIRMWARE)),
-            encode_packet(Status(*common, 0, 0, TEMPERATURE)),
-        ]
+        time = self.device_time(at)
+        hello = Hello(
+            address=self.address,
+            scan=self.scan,
+            device_time=time,
+            rows=self.patch.rows,
+            columns=self.patch.columns,
+            taxels=len(self.taxels),
+            rate=min(round(self.rate), MAX_RATE),
+            serial_number=self.serial_number,
+            firmware=FIRMWARE,
+        )
+        status = Status(
+            address=self.address,
+            scan=self.scan,
+            device_time=time,
+            skipped=0,
+            errors=0,
+            temperature=TEMPERATURE,
+        )
+        return [encode_packet(hello), encode_packet(status)]
 
     def measure(
         self,
@@ -118,28 +138,34 @@ class VirtualPatch:
         received: Bool[np.ndarray, "taxel"],
         at: int,
     ) -> list[bytes]:
-        """The data packets of its part of a scan, which then is counted.
+        """Return the data packets of its part of a scan, and go to the next scan.
 
         Args:
-            counts: of the whole skin, each of 16 bits.
-            received: what of it there is; the rest is not sent.
-            at: since the skin was started [ns].
+            counts: counts of the whole skin, each of 16 bits.
+            received: which of them are valid; the rest is not sent.
+            at: time since the skin was started [ns].
         """
-        own = counts[self.where].astype(COUNT).tobytes()
+        own = counts[self.place].astype(COUNT_TYPE).tobytes()
         time = self.device_time(at)
         packets = []
-        for first, last in runs(received[self.where]):
-            start = START.pack(
-                *(VERSION, DATA, self.address, self.scan, time, first, last - first)
+        for first, last in split_runs(received[self.place]):
+            start = DATA_START.pack(
+                VERSION,
+                DATA,
+                self.address,
+                self.scan,
+                time,
+                first,
+                last - first,
             )
             body = start + own[2 * first : 2 * last]
             packets.append(body + CRC.pack(zlib.crc32(body)))
-        self.scan = (self.scan + 1) % SCAN_WRAP
+        self.scan = (self.scan + 1) % SCAN_NUMBER_SPAN
         return packets
 
 
-def runs(received: Bool[np.ndarray, "part"]) -> list[tuple[int, int]]:
-    """First and behind the last of taxels in a row, each run fitting a packet."""
+def split_runs(received: Bool[np.ndarray, "part"]) -> list[tuple[int, int]]:
+    """Return start and end of the runs of valid taxels, each fitting a packet."""
     if received.all():
         pieces = [(0, len(received))]
     else:

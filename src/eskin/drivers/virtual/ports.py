@@ -13,26 +13,26 @@ from eskin.closing import Closing
 from eskin.errors import DeviceError
 
 
-class Port(Closing):
-    """Takes what patches say to whoever listens.
+class VirtualPort(Closing):
+    """Carries packets of virtual patches to a receiver.
 
     Attributes:
         framed: whether packets need framing on it, as on a serial line.
-        unheard: packets that nobody was there for, or had no room for.
-        bytes: how many were sent.
+        undelivered: number of packets without a receiver, or without room.
+        bytes: number of bytes sent.
     """
 
     framed: bool
 
     def __init__(self) -> None:
-        """Start counting."""
-        self.unheard = 0
+        """Start the counters at zero."""
+        self.undelivered = 0
         self.bytes = 0
 
     @property
     @abstractmethod
     def uri(self) -> str:
-        """What a listener opens it by."""
+        """URI by which a receiver opens it."""
 
     @abstractmethod
     def send(self, chunks: list[bytes]) -> None:
@@ -40,43 +40,45 @@ class Port(Closing):
 
     @abstractmethod
     def flush(self) -> None:
-        """Wait until what was sent has been taken, if somebody takes it."""
+        """Wait until what was sent has been read, if there is a receiver."""
 
     @abstractmethod
     def unplug(self) -> None:
-        """Vanish, as the port of a module without power does."""
+        """Disappear, as the port of a module without power does."""
 
     @abstractmethod
     def plug(self) -> None:
-        """Be there again."""
+        """Appear again."""
 
 
-PATIENCE = 1.0
-"""How long a listener may leave the line full before packets are lost [s]."""
-PAUSE = 0.005
-"""Between two looks at whether all has been read [s]."""
+WRITE_TIMEOUT = 1.0
+"""How long a receiver may leave the line full before packets are lost [s]."""
+FLUSH_INTERVAL = 0.005
+"""Time between two checks whether all has been read [s]."""
 
 
 @final
-class PtyPort(Port):
-    """A real serial port to whoever opens its path, in raw mode."""
+class PtyPort(VirtualPort):
+    """Provides one end of a pseudo-terminal, whose path opens like a serial port."""
 
     framed = True
 
-    def __init__(self, link: Path | None = None, patience: float = PATIENCE) -> None:
+    def __init__(
+        self, link: Path | None = None, timeout: float = WRITE_TIMEOUT
+    ) -> None:
         """Open a pseudo-terminal.
 
         Args:
-            link: a stable name for it, as a symbolic link that goes when it is closed.
-            patience: how long a listener may leave the line full before packets are
+            link: stable name, as a symbolic link that is removed when it is closed.
+            timeout: how long a receiver may leave the line full before packets are
                 lost [s].
 
         Raises:
-            DeviceError: something else has that name, or there is no terminal left.
+            DeviceError: the name is taken, or there is no terminal left.
         """
         super().__init__()
         self.link = link
-        self.patience = patience
+        self.timeout = timeout
         self.master: int | None = None
         if link is not None and link.exists():
             raise DeviceError(
@@ -87,7 +89,7 @@ class PtyPort(Port):
 
     @property
     def uri(self) -> str:
-        """`serial:` and its path."""
+        """URI `serial:PATH`."""
         return f"serial:{self.link or self.path}"
 
     def plug(self) -> None:
@@ -107,18 +109,18 @@ class PtyPort(Port):
                 f"cannot open a pseudo-terminal ({error}); give a link in a folder "
                 "that can be written to, or close other terminals"
             ) from error
-        self.room = select.poll()
-        self.room.register(self.master, select.POLLOUT)
-        self.rest = b""
+        self.writable = select.poll()
+        self.writable.register(self.master, select.POLLOUT)
+        self.unsent = b""
 
     def relink(self) -> None:
-        """Let the name stand for the terminal that there is now."""
+        """Point the name to the current terminal."""
         if self.link is not None:
             self.link.unlink(missing_ok=True)
             self.link.symlink_to(self.path)
 
     def unplug(self) -> None:
-        """Close the terminal: whoever reads it is told that the device has gone."""
+        """Close the terminal: its reader gets an error that the device has gone."""
         if self.master is not None:
             os.close(self.master)
             self.master = None
@@ -130,61 +132,64 @@ class PtyPort(Port):
         self.unplug()
 
     def send(self, chunks: list[bytes]) -> None:
-        """Write packets as fast as they are read; without a listener they are lost."""
-        if not self.is_heard():
-            self.rest = b""
-            self.unheard += len(chunks)
+        """Write packets as fast as they are read; without a receiver they are lost."""
+        if not self.has_receiver():
+            self.unsent = b""
+            self.undelivered += len(chunks)
             return
-        data = memoryview(self.rest + b"".join(chunks))
+        data = memoryview(self.unsent + b"".join(chunks))
         done = self.write(data)
         self.bytes += done
-        whole = len(self.rest)
-        self.rest = bytes(data[done:whole])
+        whole = len(self.unsent)
+        self.unsent = bytes(data[done:whole])
         for chunk in chunks:
-            # What has begun must be finished, or the next packet is broken as well.
+            # A started packet must be finished, or the next one is broken as well.
             if whole < done < whole + len(chunk):
-                self.rest = chunk[done - whole :]
+                self.unsent = chunk[done - whole :]
             elif done <= whole:
-                self.unheard += 1
+                self.undelivered += 1
             whole += len(chunk)
 
     def flush(self) -> None:
-        """Wait until all is read, or nobody reads: closing throws the rest away."""
-        until = time.monotonic() + self.patience
-        while self.is_heard() and self.is_unread() and time.monotonic() < until:
-            time.sleep(PAUSE)
+        """Wait until all is read, or nobody reads: closing discards the rest."""
+        until = time.monotonic() + self.timeout
+        while self.has_receiver() and self.has_unread() and time.monotonic() < until:
+            time.sleep(FLUSH_INTERVAL)
 
-    def is_unread(self) -> bool:
-        """Whether the listener has yet to read something."""
+    def has_unread(self) -> bool:
+        """Return whether the receiver has yet to read something."""
         slave = os.open(self.path, os.O_RDONLY | os.O_NOCTTY | os.O_NONBLOCK)
         try:
-            # Other than FIONREAD, a poll also sees what is still on its way.
+            # Unlike FIONREAD, select also sees what is still on its way.
             return bool(select.select([slave], [], [], 0)[0])
         finally:
             os.close(slave)
 
     def write(self, data: memoryview) -> int:
-        """Write as much as is taken in time; return how much [byte]."""
+        """Write as much as is read in time; return the number of bytes."""
         done = 0
         while done < len(data) and self.master is not None:
             try:
                 done += os.write(self.master, data[done:])
             except BlockingIOError:
-                if not self.room.poll(self.patience * 1000) or not self.is_heard():
+                if (
+                    not self.writable.poll(self.timeout * 1000)
+                    or not self.has_receiver()
+                ):
                     break
             except OSError:
                 break
         return done
 
-    def is_heard(self) -> bool:
-        """Whether anybody has opened it."""
+    def has_receiver(self) -> bool:
+        """Return whether a receiver has opened it."""
         if self.master is None:
             return False
-        return not any(state & select.POLLHUP for _, state in self.room.poll(0))
+        return not any(state & select.POLLHUP for _, state in self.writable.poll(0))
 
 
 @final
-class UdpPort(Port):
+class UdpPort(VirtualPort):
     """Sends every packet as one datagram to one address."""
 
     framed = False
@@ -193,11 +198,11 @@ class UdpPort(Port):
         """Open a socket of its own.
 
         Args:
-            host: name or number of the listening computer.
-            port: that it listens on.
+            host: name or IP address of the receiving computer.
+            port: port that it listens on.
 
         Raises:
-            DeviceError: there is no such computer, or no way to it.
+            DeviceError: there is no such computer, or no route to it.
         """
         super().__init__()
         self.host, self.port = host, port
@@ -221,26 +226,26 @@ class UdpPort(Port):
 
     @property
     def uri(self) -> str:
-        """`udp://` and where it sends to."""
+        """URI `udp://HOST:PORT` of the receiver."""
         host = f"[{self.host}]" if ":" in self.host else self.host
         return f"udp://{host}:{self.port}"
 
     def send(self, chunks: list[bytes]) -> None:
-        """Send datagrams; those that nobody listens for are lost."""
+        """Send datagrams; those without a receiver are lost."""
         for chunk in chunks:
             try:
                 if self.is_plugged:
                     self.bytes += self.socket.send(chunk)
                 else:
-                    self.unheard += 1
+                    self.undelivered += 1
             except OSError:
-                self.unheard += 1
+                self.undelivered += 1
 
     def flush(self) -> None:
-        """Nothing to wait for: a datagram that was sent is away."""
+        """Return at once: datagrams are not buffered."""
 
     def unplug(self) -> None:
-        """Send nothing any more."""
+        """Stop sending."""
         self.is_plugged = False
 
     def plug(self) -> None:

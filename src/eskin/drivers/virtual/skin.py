@@ -8,6 +8,7 @@ import numpy as np
 from eskin.closing import Closing
 from eskin.drivers.clock import Clock
 from eskin.drivers.framing import encode_frame
+from eskin.drivers.packet import MAX_COUNT
 from eskin.drivers.virtual.fault import (
     FOREVER,
     DeviceFault,
@@ -17,62 +18,35 @@ from eskin.drivers.virtual.fault import (
     PacketFault,
     TaxelFault,
 )
-from eskin.drivers.virtual.patch import VirtualPatch
-from eskin.drivers.virtual.ports import Port
+from eskin.drivers.virtual.patch import MAX_RATE, VirtualPatch
+from eskin.drivers.virtual.ports import VirtualPort
 from eskin.errors import DeviceError
 from eskin.skin import Skin
 from eskin.touch import Scan
 from eskin.units import NS_PER_S
 
-
-def resample_scans(scans: Iterable[Scan], rate: float) -> Iterator[Scan]:
-    """The latest scan at every tick of another rate, so that all lasts as long.
-
-    A scan comes several times where the rate is higher, and may be left out where it is
-    lower.
-
-    Args:
-        scans: in the order of their stamps.
-        rate: of the ticks, the first of which is at the first scan [1/s].
-    """
-    latest: Scan | None = None
-    start = ticks = 0
-    for scan in scans:
-        if latest is None:
-            start = scan.stamp
-        else:
-            while start + round(ticks * NS_PER_S / rate) < scan.stamp:
-                yield latest
-                ticks += 1
-        latest = scan
-    if latest is not None:
-        yield latest
-
-
-CRYSTAL = 50.0
+MAX_CLOCK_ERROR = 50.0
 """Largest error of a patch's clock [ppm]."""
-RUNNING = 60.0
-"""Longest that a patch has run when the skin starts [s]."""
-LARGEST = 2**16 - 1
-"""That fits a count."""
+MAX_UPTIME = 60.0
+"""Longest time that a patch has run when the skin starts [s]."""
 
 
 @final
 class VirtualSkin(Closing):
-    """All patches of a skin, each with its own clock, on one or more ports.
+    """Simulates all patches of a skin, each with its own clock, on one or more ports.
 
-    A packet is of the time of its scan, not of the time at which it is sent: a listener
-    that is slow makes it late but changes nothing in it.
+    A packet has the time of its scan, not the time at which it is sent: a slow receiver
+    makes it late but changes nothing in it.
 
     Attributes:
-        patches: in the order of the skin's.
+        patches: virtual patches in the order of the skin's.
         elapsed: time of its next scan since it was started [ns].
     """
 
     def __init__(
         self,
         skin: Skin,
-        ports: Sequence[Port],
+        ports: Sequence[VirtualPort],
         rate: float = 50.0,
         faults: Sequence[DeviceFault] = (),
         seed: int = 0,
@@ -80,30 +54,29 @@ class VirtualSkin(Closing):
         """Power up all patches.
 
         Args:
-            skin: whose patches they are.
-            ports: that they are plugged into, as many patches into each as into any
-                other; closed with the skin.
-            rate: scans a second [1/s].
-            faults: what goes wrong, in this order.
-            seed: decides serial numbers and clocks.
+            skin: skin whose patches are simulated.
+            ports: ports that the patches share evenly; closed with the skin.
+            rate: scan rate [1/s].
+            faults: faults, applied in this order.
+            seed: seed of serial numbers and clocks.
 
         Raises:
-            ValueError: there are no ports, more than patches, or no rate.
+            ValueError: there are no ports, more ports than patches, or no rate.
         """
         if not 1 <= len(ports) <= len(skin.patches):
             raise ValueError(
                 f"{len(ports)} ports for {len(skin.patches)} patches; allowed are 1 to "
                 f"{len(skin.patches)}; change how many"
             )
-        if not 0 < rate <= LARGEST:
+        if not 0 < rate <= MAX_RATE:
             raise ValueError(
-                f"rate is {rate} scans a second; allowed are above 0 to {LARGEST}"
+                f"rate is {rate} scans a second; allowed are above 0 to {MAX_RATE}"
             )
         self.skin = skin
         self.ports = tuple(ports)
         self.rate = rate
         self.faults = tuple(faults)
-        self.patches = powered_up(skin, rate, np.random.default_rng(seed))
+        self.patches = build_patches(skin, rate, np.random.default_rng(seed))
         self.port_of = [
             index * len(ports) // len(skin.patches)
             for index in range(len(skin.patches))
@@ -120,7 +93,7 @@ class VirtualSkin(Closing):
 
         Args:
             scans: one for every scan that the skin makes, until they end.
-            clock: that is waited for; one that only goes on when told to makes it as
+            clock: clock that times the scans; with a `ManualClock` scans are sent as
                 fast as the transport is.
             seconds: when to stop [s].
         """
@@ -133,27 +106,27 @@ class VirtualSkin(Closing):
                 began = clock.now() - self.elapsed
             clock.sleep((began + self.elapsed - clock.now()) / NS_PER_S)
             self.send(scan)
-        self.pass_on([], FOREVER)
+        self.transmit([], FOREVER)
         for port in self.ports:
             port.flush()
 
     def stop(self) -> None:
-        """Let `play` end before its next scan; any thread may say so."""
+        """Stop `play` before its next scan; any thread may call this."""
         self.is_stopped = True
 
     def send(self, scan: Scan) -> None:
-        """Make the packets of one scan and send them, as far as no fault is in the way.
+        """Build the packets of one scan and send them through all faults.
 
         Raises:
-            DeviceError: it does not fit the skin, or a count not the protocol.
+            DeviceError: the scan does not fit the skin, or a count the protocol.
         """
-        self.check(scan)
+        self.check_scan(scan)
         at, counts = self.elapsed, scan.counts
         second = self.scans % max(1, round(self.rate)) == 0
         for fault in self.faults:
             if isinstance(fault, ModuleFault):
                 fault.change(self.patches, at)
-            elif isinstance(fault, TaxelFault) and fault.holds(at):
+            elif isinstance(fault, TaxelFault) and fault.is_active(at):
                 counts = counts.copy()
                 part = fault.spec.taxels
                 counts[part] = fault.disturb(counts[part])
@@ -161,16 +134,16 @@ class VirtualSkin(Closing):
         packets: list[OutgoingBytes] = []
         for index, patch in enumerate(self.patches):
             if patch.away == 0:
-                made = patch.introduce(at) if second or patch.is_new else []
+                made = patch.build_hello(at) if second or patch.is_new else []
                 made += patch.measure(counts, scan.received, at)
                 packets += [OutgoingBytes(index, data) for data in made]
         self.packets += len(packets)
         self.scans += 1
         self.elapsed = round(self.scans * NS_PER_S / self.rate)
-        self.plug_ports()
-        self.pass_on(packets, at)
+        self.update_ports()
+        self.transmit(packets, at)
 
-    def check(self, scan: Scan) -> None:
+    def check_scan(self, scan: Scan) -> None:
         """Refuse a scan that cannot be sent."""
         if len(scan.counts) != self.skin.count:
             raise DeviceError(
@@ -178,13 +151,13 @@ class VirtualSkin(Closing):
                 f"{self.skin.count} taxels; play what was recorded with this skin"
             )
         sent = scan.counts if scan.received.all() else scan.counts[scan.received]
-        if len(sent) and not 0 <= sent.min() <= sent.max() <= LARGEST:
+        if len(sent) and not 0 <= sent.min() <= sent.max() <= MAX_COUNT:
             raise DeviceError(
                 f"counts are {sent.min()} to {sent.max()}; allowed by the protocol are "
-                f"0 to {LARGEST}; play what has fewer bits"
+                f"0 to {MAX_COUNT}; play what has fewer bits"
             )
 
-    def plug_ports(self) -> None:
+    def update_ports(self) -> None:
         """Unplug the ports whose patches are all away, and plug in the others."""
         for number, port in enumerate(self.ports):
             if any(
@@ -196,11 +169,11 @@ class VirtualSkin(Closing):
             else:
                 port.unplug()
 
-    def pass_on(self, packets: list[OutgoingBytes], at: int) -> None:
-        """Send packets through all faults that lie on their way."""
+    def transmit(self, packets: list[OutgoingBytes], at: int) -> None:
+        """Send packets through all faults on their way."""
         for fault in self.faults:
             if isinstance(fault, PacketFault):
-                packets = fault.pass_on(packets, at)
+                packets = fault.transmit(packets, at)
         chunks = [
             OutgoingBytes(packet.patch, encode_frame(packet.data))
             if self.ports[self.port_of[packet.patch]].framed
@@ -209,19 +182,19 @@ class VirtualSkin(Closing):
         ]
         for fault in self.faults:
             if isinstance(fault, LineFault):
-                chunks = fault.pass_on(chunks, at)
+                chunks = fault.transmit(chunks, at)
         for number, port in enumerate(self.ports):
             own = [data for patch, data in chunks if self.port_of[patch] == number]
             if own:
                 port.send(own)
 
     def counters(self) -> dict[str, object]:
-        """Scans and packets made, bytes sent, packets unheard, and each fault's."""
+        """Return scans and packets built, bytes sent, packets undelivered, faults."""
         return {
             "scans": self.scans,
             "packets": self.packets,
             "bytes": sum(port.bytes for port in self.ports),
-            "unheard": sum(port.unheard for port in self.ports),
+            "unheard": sum(port.undelivered for port in self.ports),
             "faults": [fault.counters() for fault in self.faults],
         }
 
@@ -231,18 +204,41 @@ class VirtualSkin(Closing):
             port.close()
 
 
-def powered_up(
+def build_patches(
     skin: Skin, rate: float, rng: np.random.Generator
 ) -> tuple[VirtualPatch, ...]:
-    """The patches of a skin, with clocks and serial numbers that are drawn."""
+    """Build the patches of a skin, with random clocks and serial numbers."""
     return tuple(
         VirtualPatch(
             patch,
             skin.find_taxels(patch.id),
             rate,
             serial_number=int(rng.integers(2**63)),
-            crystal=float(rng.uniform(-CRYSTAL, CRYSTAL)),
-            offset=float(rng.uniform(0.0, RUNNING)),
+            clock_error=float(rng.uniform(-MAX_CLOCK_ERROR, MAX_CLOCK_ERROR)),
+            offset=float(rng.uniform(0.0, MAX_UPTIME)),
         )
         for patch in skin.patches
     )
+
+
+def resample_scans(scans: Iterable[Scan], rate: float) -> Iterator[Scan]:
+    """Yield the latest scan at every tick of another rate; the duration stays.
+
+    A scan is repeated where the rate is higher, and may be left out where it is lower.
+
+    Args:
+        scans: scans in the order of their stamps.
+        rate: rate of the ticks, the first of which is at the first scan [1/s].
+    """
+    latest: Scan | None = None
+    start = ticks = 0
+    for scan in scans:
+        if latest is None:
+            start = scan.stamp
+        else:
+            while start + round(ticks * NS_PER_S / rate) < scan.stamp:
+                yield latest
+                ticks += 1
+        latest = scan
+    if latest is not None:
+        yield latest

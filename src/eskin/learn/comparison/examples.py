@@ -86,13 +86,13 @@ class Examples:
     def dataset(self, graph: GraphConfig, skins: int = 0) -> Dataset:
         """The touches of the clips as graphs, felt by so many worn skins besides."""
         others = (Aging(AgingConfig(), number) for number in range(skins))
-        versions, plain = (self.harm, *others), graph.without_shear()
-        return prepare(self.paths, None, plain, self.pack, self.workers, versions)
+        transforms, plain = (self.harm, *others), graph.without_shear()
+        return prepare(self.paths, None, plain, self.pack, self.workers, transforms)
 
     @cached_property
     def windows(self) -> SkinWindows:
         """All taxels in the two seconds of each clip, wherever they lie."""
-        harm = None if self.harm is None or self.harm.moves else self.harm
+        harm = None if self.harm is None or self.harm.moves_taxels else self.harm
         jobs = (delayed(load_windows)(path, self.pack, harm) for path in self.paths)
         parts: Any = Parallel(n_jobs=self.workers)(jobs)
         return SkinWindows(*(np.concatenate(rows) for rows in zip(*parts, strict=True)))
@@ -105,11 +105,11 @@ class Examples:
         Args:
             mounted: where it lies.
         """
-        if self.harm is None or not self.harm.moves:
+        if self.harm is None or not self.harm.moves_taxels:
             yield mounted, self.windows
             return
         for n, path in enumerate(self.paths):
-            skin = self.harm.skin(mounted.skin, read_recording(path).start)
+            skin = self.harm.transform_skin(mounted.skin, read_recording(path).start)
             yield MountedSkin(skin, mounted.robot), self.only([n]).windows
 
     def only(self, recordings: Collection[int]) -> "Examples":
@@ -190,7 +190,7 @@ def read_pressures(
     """Stamp [ns], pressure [kPa] and joint positions [rad] of every reading."""
     mounted = MountedSkin(recording.skin, load_recorded_robot(recording.robot_name))
     pipeline = TouchPipeline(mounted, recording.calibration)
-    for scan in harm.scans(recording) if harm else recording.scans():
+    for scan in harm.transform_scans(recording) if harm else recording.scans():
         reading, _ = pipeline.calibrate(scan)
         felt = np.where(reading.valid, reading.pressure, 0.0)
         yield reading.stamp, felt, reading.q

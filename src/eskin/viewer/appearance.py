@@ -1,4 +1,4 @@
-"""What a robot looks like: turned parts with rounded edges and coloured lids."""
+"""This module builds the meshes that a robot is shown by."""
 
 import numpy as np
 from jaxtyping import Float

@@ -1,10 +1,10 @@
-"""What the page is shown 25 times a second."""
+"""This module defines what the page and its viewer send each other."""
 
 from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from jaxtyping import Float, Float16, Float32, UInt8
+from jaxtyping import Float, Float16, Float32, Int, UInt8
 
 
 @dataclass(frozen=True, eq=False)
@@ -167,3 +167,128 @@ class Picture:
 
     board: Board | None = None
     """Where recognisers are compared."""
+
+
+@dataclass(frozen=True, eq=False)
+class Solid:
+    """A part of the robot as it looks: a closed mesh in the frame of its link."""
+
+    link: int
+    """Index of its link."""
+
+    vertices: Float[np.ndarray, "vertex 3"]
+    """[m]"""
+
+    faces: Int[np.ndarray, "face 3"]
+    """Counter-clockwise when seen from outside."""
+
+    colour: tuple[int, int, int]
+    """Red, green and blue, each to 255."""
+
+
+@dataclass(frozen=True, eq=False)
+class Setup:
+    """A skin on its robot, and what people may do with it."""
+
+    title: str
+    """What is seen: robot, skin and source."""
+
+    links: tuple[str, ...]
+    """Of the robot."""
+
+    solids: tuple[Solid, ...]
+    """What the robot looks like."""
+
+    taxel_link: Int[np.ndarray, "taxel"]
+    """Index of each taxel's link."""
+
+    positions: Float[np.ndarray, "taxel 3"]
+    """Of the taxels in the frames of their links [m]."""
+
+    normals: Float[np.ndarray, "taxel 3"]
+    """Outward, unit, in the same frames."""
+
+    areas: Float[np.ndarray, "taxel"]
+    """[m2]"""
+
+    patches: tuple[str, ...]
+    """Names."""
+
+    patch_index: Int[np.ndarray, "taxel"]
+    """The patch of each taxel."""
+
+    gestures: tuple[str, ...]
+    """The vocabulary, in the order of the probabilities."""
+
+    touchable: bool
+    """Whether touches and other orders are taken from the page."""
+
+    skins: tuple[str, ...] = ()
+    """Skins that can be chosen instead; the first is on."""
+
+    is_arm: bool = False
+    """Whether an arm's state is told."""
+
+    compares: bool = False
+    """Whether recognisers are compared, in place of all else beside the scene."""
+
+
+TouchKind = Literal["poke", "double_pat", "grab", "begin", "move", "end"]
+PageKind = Literal[
+    "pause_task",
+    "resume_task",
+    "unplug",
+    "plug",
+    "kill",
+    "restore",
+    "skin",
+    "record",
+    "stop_recording",
+]
+
+
+@dataclass(frozen=True)
+class TouchOrder:
+    """A finger or hand that is to touch the simulated skin."""
+
+    kind: TouchKind
+    """`begin`, `move` and `end` are of a finger that is dragged over the skin."""
+
+    link: str
+    """Link of the taxel that was pointed at."""
+
+    p_link: tuple[float, float, float]
+    """The point on the skin, in the frame of the link [m]."""
+
+    force: float
+    """How hard [N]."""
+
+    seconds: float
+    """How long; without meaning for a finger that is dragged [s]."""
+
+    key: int
+    """Tells touches apart: `begin`, `move` and `end` of one finger share it."""
+
+
+@dataclass(frozen=True)
+class PageOrder:
+    """Something else that a person asked for."""
+
+    kind: PageKind
+    """What to do."""
+
+    value: str | float | None = None
+    """With what: a patch to pull or plug in, the share of taxels to kill, a skin."""
+
+
+Order = TouchOrder | PageOrder
+
+Word = Literal["ready", "refused", "shown", "order"]
+READY: Word = "ready"
+"""The page is served; the value is its port."""
+REFUSED: Word = "refused"
+"""It cannot be served; the value says why."""
+SHOWN: Word = "shown"
+"""A picture has been shown: another may come."""
+ORDER: Word = "order"
+"""A person ordered something."""

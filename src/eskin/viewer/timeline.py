@@ -1,11 +1,12 @@
-"""A recording in the browser: play it, and set and mend its labels."""
+"""This module shows a recording in the browser, on a timeline to label it on."""
 
 from collections.abc import Callable
 from threading import RLock
 from typing import final
 
 import numpy as np
-from viser import GuiEvent, Icon, ViserServer
+from jaxtyping import Float
+from viser import GuiApi, GuiEvent, Icon, ViserServer
 
 from eskin.errors import RecordingError
 from eskin.page import ColourScale, Picture, readout
@@ -13,13 +14,125 @@ from eskin.page.page import BRAND, DISTANCE, MIDDLE, SCALE, WIDTH
 from eskin.page.scene import Scene
 from eskin.recording import NONE, Label
 from eskin.skin import MountedSkin
-from eskin.viewer.look import setup_of
-from eskin.viewer.packer import packed_poses
-from eskin.viewer.timeline.comparing import Pair, compare
-from eskin.viewer.timeline.editing import Editing
-from eskin.viewer.timeline.overview import Overview
-from eskin.viewer.timeline.playing import Playing
-from eskin.viewer.timeline.take import Take
+from eskin.viewer.appearance import setup_of
+from eskin.viewer.editing import Editing, Pair, Take, compare, envelope
+from eskin.viewer.viewer import packed_poses
+
+
+@final
+class Playing:
+    """A place on a timeline that moves on while it is played.
+
+    Attributes:
+        length: of the recording [s].
+        seconds: where it is [s].
+        speed: seconds of the recording in a second.
+        is_on: whether it moves on.
+    """
+
+    def __init__(self, length: float) -> None:
+        """Stand at the beginning."""
+        self.length = length
+        self.seconds = 0.0
+        self.speed = 1.0
+        self.is_on = False
+
+    def seek(self, seconds: float) -> None:
+        """Go somewhere [s]; not beyond either end."""
+        self.seconds = min(max(seconds, 0.0), self.length)
+
+    def toggle(self) -> None:
+        """Play or pause; at the end, play from the beginning."""
+        if not self.is_on and self.seconds >= self.length:
+            self.seconds = 0.0
+        self.is_on = not self.is_on
+
+    def advance(self, elapsed: float) -> bool:
+        """Let time pass [s]; whether the place has changed."""
+        if not self.is_on:
+            return False
+        self.seek(self.seconds + elapsed * self.speed)
+        self.is_on = self.seconds < self.length
+        return True
+
+
+BINS = 500
+OUTSIDE = -9.0
+"""Of marks that are not there; the plot knows no missing values."""
+
+
+@final
+class Overview:
+    """Draws the recording anew when labels change or the place does."""
+
+    def __init__(self, gui: GuiApi, take: Take, editing: Editing) -> None:
+        """Draw the beginning."""
+        self.editing = editing
+        self.peak = envelope(take.peak, BINS)
+        self.length = float(take.seconds[-1])
+        self.times = np.linspace(0.0, self.length, len(self.peak))
+        self.plot = gui.add_uplot(
+            self.data(0.0),
+            (
+                {"label": "s"},
+                {
+                    "label": "labels",
+                    "scale": "mark",
+                    "width": 0,
+                    "fill": "rgba(31,158,137,0.28)",
+                },
+                {
+                    "label": "peak [kPa]",
+                    "scale": "kPa",
+                    "stroke": "#3b4f7a",
+                    "width": 1,
+                },
+                {
+                    "label": "said",
+                    "scale": "mark",
+                    "width": 0,
+                    "points": {"show": True, "size": 7, "fill": "#d55e00"},
+                },
+                {"label": "here", "scale": "mark", "stroke": "#d55e00", "width": 1},
+            ),
+            scales={
+                "x": {"time": False, "range": (0.0, self.length)},
+                "kPa": {"auto": True},
+                "mark": {"range": (0.0, 1.0)},
+            },
+            axes=(
+                {"scale": "x", "size": 24, "font": "10px system-ui"},
+                {"scale": "kPa", "size": 34, "font": "10px system-ui"},
+            ),
+            legend={"show": False},
+            cursor={"show": False},
+            height=150,
+            padding=(6, 6, 0, 0),
+        )
+
+    def draw(self, seconds: float) -> None:
+        """Draw labels and detections as they are, and the place [s]."""
+        self.plot.data = self.data(seconds)
+
+    def data(self, seconds: float) -> tuple[Float[np.ndarray, "bin"], ...]:
+        """Times [s], labels, peak [kPa], detections, and the place."""
+        editing, times = self.editing, self.times
+        labelled, said, here = np.full((3, len(times)), OUTSIDE)
+        for label in editing.labels:
+            start, end = editing.seconds(label.start), editing.seconds(label.end)
+            labelled[(times >= start) & (times < end)] = 0.94
+        for found in editing.recording.detections:
+            said[self.bin_at(editing.seconds(found.stamp))] = 0.9
+        here[self.bin_at(seconds)] = 1.0
+        return times, labelled, self.peak, said, here
+
+    def bin_at(self, seconds: float) -> int:
+        """The place of a time in the plot."""
+        share = seconds / self.length if self.length else 0.0
+        return int(
+            np.clip(round(share * (len(self.times) - 1)), 0, len(self.times) - 1)
+        )
+
 
 GESTURES = ("poke", "double_pat", "grab", "stroke")
 NEW = "new label"

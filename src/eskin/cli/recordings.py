@@ -1,0 +1,350 @@
+"""`eskin convert`, `label`, `replay` and `view` work on recordings."""
+
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from time import monotonic, sleep
+from typing import TYPE_CHECKING, Literal
+
+import tyro
+
+from eskin.cli.checks import check_writable
+from eskin.errors import RecordingError
+
+if TYPE_CHECKING:
+    from eskin.live import Detection
+    from eskin.recording import AutoLabelResult, Label, Recording
+    from eskin.viewer.timeline.timeline import Timeline
+
+
+@dataclass(frozen=True)
+class ConvertCommand:
+    """Convert a public dataset of touch gestures to recordings."""
+
+    dataset: tyro.conf.Positional[Literal["sleeve", "shearsense", "socialtouch"]]
+    """Name of the dataset."""
+
+    src: tyro.conf.Positional[Path]
+    """Folder with the dataset's own files."""
+
+    out: tyro.conf.Positional[Path]
+    """Folder for the recordings, one .mcap for each source file. It is made if it is
+    missing."""
+
+
+def run_convert(command: ConvertCommand) -> dict[str, object]:
+    """Convert, and return the numbers of recordings, taxels, readings and labels."""
+    from eskin.recording import (
+        convert_shearsense,
+        convert_sleeve,
+        convert_socialtouch,
+    )
+
+    convert = {
+        "sleeve": convert_sleeve,
+        "shearsense": convert_shearsense,
+        "socialtouch": convert_socialtouch,
+    }
+    result = convert[command.dataset](command.src, command.out)
+    print(
+        f"{command.out}: {result.recordings} recordings of {result.taxels} taxels, "
+        f"{result.readings} readings, {result.labels} labels"
+    )
+    return asdict(result)
+
+
+@dataclass(frozen=True)
+class LabelCommand:
+    """Label recordings automatically where the pressure passes a threshold.
+
+    Rough ranges say which gesture is made where. The new labels have the source `auto`
+    and replace earlier ones of that source; true labels stay as they are.
+    """
+
+    recordings: tyro.conf.Positional[tuple[Path, ...]]
+    """Recordings, or folders of them."""
+
+    threshold: float | None = None
+    """Peak pressure from which the skin counts as touched [kPa]. By default it is the
+    value that separates touched from untouched best in each recording (Otsu)."""
+
+    min_window: float = 0.5
+    """Touches closer than this are joined, so that a double-pat is not split [s]."""
+
+    ranges: Path | None = None
+    """YAML list of {start_s, end_s, gesture}: the rough ranges of the gestures, in
+    seconds since the first reading of the one recording given. By default these are the
+    ranges in the recording, or else its true labels, widened by 1 s and joined by
+    gesture."""
+
+    out: Path | None = None
+    """Folder for labelled copies. By default the recordings themselves are replaced."""
+
+
+def run_label(command: LabelCommand) -> dict[str, object]:
+    """Label the recordings; return the number of labels and their agreement."""
+    from eskin.recording import (
+        LabelAgreement,
+        find_recordings,
+        read_recording,
+        sort_labels,
+    )
+
+    check_label(command)
+    paths = find_recordings(command.recordings)
+    recordings = [read_recording(path) for path in paths]
+    if command.ranges is not None and len(paths) > 1:
+        raise RecordingError(
+            f"--ranges {command.ranges} belongs to one recording, got {len(paths)}; "
+            "label one at a time"
+        )
+    targets = [
+        path if command.out is None else command.out / path.name for path in paths
+    ]
+    check_targets(command, recordings, targets)
+    results = [find_labels(command, recording) for recording in recordings]
+    agreement = LabelAgreement()
+    for recording, result in zip(recordings, results, strict=True):
+        truth = sort_labels(recording.labels, "true")
+        if truth:
+            agreement.add(truth, result.found, result.stamps)
+    write_labels(command, recordings, results, targets)
+    summary = agreement.summary() if agreement.instants else None
+    count = sum(len(result.found) for result in results)
+    print(f"{count} labels in {len(paths)} recordings")
+    for name, value in (summary or {}).items():
+        print(f"  {name:18} {value:.3f}" if value is not None else f"  {name:18} -")
+    return {"labels": count, "agreement": summary}
+
+
+def check_label(command: LabelCommand) -> None:
+    """Raise if an option is out of range."""
+    if not command.recordings:
+        raise RecordingError("no recording given; give .mcap files or folders of them")
+    for name in ("threshold", "min_window"):
+        value = getattr(command, name)
+        if value is not None and not 0 <= value < float("inf"):
+            option = name.replace("_", "-")
+            raise RecordingError(f"--{option} is {value}; allowed is 0 or more")
+
+
+def find_labels(command: LabelCommand, recording: "Recording") -> "AutoLabelResult":
+    """Find the labels of one recording."""
+    from eskin.recording import AutoLabelConfig, label_recording, load_ranges
+
+    config = AutoLabelConfig(command.threshold, min_window=command.min_window)
+    ranges = None
+    if command.ranges is not None:
+        ranges = load_ranges(command.ranges, recording.start)
+    return label_recording(recording, ranges, config)
+
+
+def check_targets(
+    command: LabelCommand, recordings: "list[Recording]", targets: list[Path]
+) -> None:
+    """Raise if one of the labelled recordings cannot be written."""
+    from eskin.recording.writer import check_not_overwritten
+
+    if len(set(targets)) < len(targets):
+        raise RecordingError(
+            f"two recordings have one name and cannot both go to {command.out}; "
+            "label them in two calls"
+        )
+    for recording, target in zip(recordings, targets, strict=True):
+        check_not_overwritten(recording, target)
+        check_writable(target)
+
+
+def write_labels(
+    command: LabelCommand,
+    recordings: "list[Recording]",
+    results: "list[AutoLabelResult]",
+    targets: list[Path],
+) -> None:
+    """Write all recordings with their new labels."""
+    from eskin.recording import rewrite_recording
+
+    if command.out is not None:
+        command.out.mkdir(parents=True, exist_ok=True)
+    for recording, result, target in zip(recordings, results, targets, strict=True):
+        kept = [label for label in recording.labels if label.source != "auto"]
+        if command.ranges is not None:
+            kept = [label for label in kept if label.source != "range"]
+            kept += result.ranges
+        rewrite_recording(recording, target, [*kept, *result.found])
+
+
+@dataclass(frozen=True)
+class ReplayCommand:
+    """Replay a recording through the recogniser, one scan at a time, as live."""
+
+    recording: tyro.conf.Positional[Path]
+    """The recording, an .mcap file."""
+
+    model: Path = Path("ur5")
+    """Name of weights that come with eskin, or a .safetensors file that `eskin train`
+    wrote."""
+
+    threshold: float | None = None
+    """Confidence from which a gesture is reported while the touch goes on. By default
+    it is that of the model."""
+
+    robot_urdf: str | None = None
+    """URDF of the recorded robot, if that robot does not come with eskin."""
+
+    record: Path | None = None
+    """Path of a copy of the recording that holds these detections in place of any
+    others."""
+
+
+def run_replay(command: ReplayCommand) -> dict[str, object]:
+    """Replay the recording, print and return the detections."""
+    from eskin.live import Recognizer
+    from eskin.model import load_model
+    from eskin.recording import read_recording, rewrite_recording, select_labels
+    from eskin.robot import load_recorded_robot
+    from eskin.skin import MountedSkin
+
+    check_replay(command)
+    recording = read_recording(command.recording)
+    model = load_model(command.model)
+    mounted = MountedSkin(
+        recording.skin, load_recorded_robot(recording.robot_name, command.robot_urdf)
+    )
+    decision = model.card.decision
+    if command.threshold is not None:
+        decision = replace(decision, threshold=command.threshold, thresholds={})
+    recognizer = Recognizer(model, mounted, recording.calibration, decision)
+    print_header(recording)
+    truth = select_labels(recording.labels)
+    found: list[Detection] = []
+    rows: list[dict[str, object]] = []
+    for scan in recording.scans():
+        found += recognizer.push(scan)
+        rows += report(recording, truth, found[len(rows) :])
+    found += recognizer.finish()
+    rows += report(recording, truth, found[len(rows) :])
+    print(f"{len(rows)} detections")
+    if command.record is not None:
+        rewrite_recording(
+            recording, command.record, detections=[f.record() for f in found]
+        )
+        print(f"written to {command.record}")
+    return {"detections": rows}
+
+
+def check_replay(command: ReplayCommand) -> None:
+    """Raise if the copy cannot be written."""
+    if command.record is not None and command.record.is_dir():
+        raise RecordingError(
+            f"cannot write {command.record}: it is a folder; give the path of a file"
+        )
+    if command.record is not None and not command.record.absolute().parent.is_dir():
+        raise RecordingError(
+            f"cannot write {command.record}: no folder {command.record.parent}; "
+            "give a path in a folder that exists"
+        )
+
+
+def print_header(recording: "Recording") -> None:
+    """Print what is replayed, and the column titles."""
+    seconds = (recording.end - recording.start) * 1e-9
+    print(f"{recording.path}: {recording.count} readings in {seconds:.1f} s")
+    if recording.truncated:
+        print("the file is cut or damaged: replaying up to its last whole part")
+    print(f"{'time':>8}  {'detection':16} {'sure':>4}  {'label':16} where")
+
+
+def report(
+    recording: "Recording",
+    truth: "tuple[Label, ...]",
+    detections: "list[Detection]",
+) -> list[dict[str, object]]:
+    """Print detections beside their labels; return them as plain values."""
+    rows = []
+    for found in detections:
+        seconds = (found.stamp - recording.start) * 1e-9
+        label = find_label(found, truth) if truth else None
+        print(
+            f"{seconds:7.2f}s  {found.gesture:16} {found.confidence:4.0%}  "
+            f"{label or '-':16} {found.patch} on {found.link}"
+        )
+        plain = {"seconds": seconds, "label": label, "touch": found.touch}
+        rows.append(plain | asdict(found.record()))
+    return rows
+
+
+def find_label(found: "Detection", truth: "tuple[Label, ...]") -> str:
+    """Return the gesture whose labels share most time with a touch, else `none`."""
+    shared: dict[str, int] = {}
+    for label in truth:
+        # A touch of one reading only has no duration, which counts as 1 ns.
+        time = min(label.end, found.end + 1) - max(label.start, found.onset)
+        if time > 0:
+            shared[label.gesture] = shared.get(label.gesture, 0) + time
+    return max(shared, key=lambda gesture: shared[gesture], default="none")
+
+
+if TYPE_CHECKING:
+    from eskin.viewer.timeline import Timeline
+
+TICK_S = 0.04
+"""Time between two updates of the page [s]."""
+
+
+@dataclass(frozen=True)
+class ViewCommand:
+    """Show a recording in the browser: play it, set and correct labels, and save them.
+
+    A copy of the original recording is kept beside it. The command ends after --seconds
+    or by Ctrl-C.
+    """
+
+    recording: tyro.conf.Positional[Path]
+    """The recording, an .mcap file."""
+
+    robot_urdf: str | None = None
+    """URDF of the recorded robot, if that robot does not come with eskin."""
+
+    port: int = 8080
+    """TCP port of the page on this computer; 0 takes any free one."""
+
+    seconds: float | None = None
+    """Time after which to stop [s]."""
+
+
+def run_view(command: ViewCommand) -> dict[str, object]:
+    """Serve the page; return the number of labels and whether they are saved."""
+    from eskin.page.port import free_port
+    from eskin.page.server import open_server
+    from eskin.recording import read_recording
+    from eskin.robot import load_recorded_robot
+    from eskin.skin import MountedSkin
+    from eskin.viewer.timeline import Editing, Timeline, read_take
+
+    port = free_port(command.port)
+    recording = read_recording(command.recording)
+    mounted = MountedSkin(
+        recording.skin, load_recorded_robot(recording.robot_name, command.robot_urdf)
+    )
+    take, editing = read_take(recording), Editing(recording)
+    server = open_server(port)
+    try:
+        timeline = Timeline(server, mounted, take, editing)
+        print(f"see http://127.0.0.1:{port}; Ctrl-C ends it", flush=True)
+        play_timeline(timeline, command.seconds)
+    finally:
+        server.stop()
+    return {"labels": len(editing.labels), "saved": not editing.changed}
+
+
+def play_timeline(timeline: "Timeline", seconds: float | None) -> None:
+    """Advance the timeline in real time until the time is over or Ctrl-C."""
+    start = last = monotonic()
+    try:
+        while seconds is None or last - start < seconds:
+            sleep(TICK_S)
+            now = monotonic()
+            timeline.tick(now - last)
+            last = now
+    except KeyboardInterrupt:
+        print("stopped")

@@ -1,0 +1,303 @@
+"""`eskin skin show` and `eskin skin check` describe and verify a skin."""
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+import tyro
+from rich.box import SIMPLE_HEAD
+from rich.console import Console
+from rich.table import Table
+
+from eskin.errors import DeviceError, SkinError
+from eskin.robot import Robot
+from eskin.skin import (
+    SKIN_PRESETS,
+    CheckConfig,
+    MountedSkin,
+    Skin,
+    SkinProblem,
+    check_skin,
+    load_robot_for_skin,
+    load_skin,
+    parse_skin_folder,
+)
+from eskin.units import NS_PER_S
+
+if TYPE_CHECKING:
+    from eskin.drivers import Source
+    from eskin.skin.wiring import PressResponse, PressTarget
+    from eskin.touch import TouchPipeline
+
+# Poses in which the arm shows its skin well [rad].
+POSES = {"ur5": (0.4, -1.3, 1.5, -1.2, -1.3, 0.0)}
+
+
+@dataclass(frozen=True)
+class ShowCommand:
+    """Show the counts, area and density of each patch of a skin, and draw a picture."""
+
+    skin: tyro.conf.Positional[str]
+    """A preset's name, or a folder with skin.yaml."""
+
+    out: Path | None = None
+    """Path of the picture to write, such as skin.png."""
+
+    robot: str | None = None
+    """Robot that wears the skin: ur5, ur10, base, table, tube or a .urdf file. Preset
+    skins have their own."""
+
+
+def run_show(command: ShowCommand) -> dict[str, object]:
+    """Print the figures of one skin and return them."""
+    skin = load_skin(command.skin)
+    robot = load_robot_for_skin(command.skin, command.robot)
+    if command.out is not None:
+        draw_picture(skin, command.out, robot)
+    patches = build_patch_rows(skin)
+    total = summarise_areas(skin.areas)
+    print_table(skin, patches, total)
+    if command.out is not None:
+        print(f"picture: {command.out}")
+    return {
+        "name": skin.name,
+        **total,
+        "calibrated": skin.calibrated,
+        "patches": patches,
+        "picture": None if command.out is None else str(command.out),
+    }
+
+
+def draw_picture(skin: Skin, out: Path, robot: Robot | None) -> None:
+    """Draw the skin on its robot in a pose that shows it."""
+    from eskin.skin.picture import draw_skin
+
+    pose = POSES.get(robot.name) if robot else None
+    draw_skin(skin, out, robot, None if pose is None else np.array(pose))
+
+
+def summarise_areas(areas: np.ndarray) -> dict[str, object]:
+    """Return count, area and density of taxels with these areas [m2]."""
+    area = 1e4 * float(areas.sum())
+    return {
+        "taxels": len(areas),
+        "area_cm2": round(area, 3),
+        "density_per_cm2": round(len(areas) / area, 4) if area > 0 else 0.0,
+    }
+
+
+def build_patch_rows(skin: Skin) -> list[dict[str, object]]:
+    """Return the figures of each patch."""
+    return [
+        {
+            "id": patch.id,
+            "link": patch.link,
+            "address": patch.address,
+            "rows": patch.rows,
+            "columns": patch.columns,
+            "kind": patch.kind,
+            "units": patch.units,
+            **summarise_areas(skin.areas[skin.patch_index == number]),
+        }
+        for number, patch in enumerate(skin.patches)
+    ]
+
+
+def print_table(
+    skin: Skin, patches: list[dict[str, object]], total: dict[str, object]
+) -> None:
+    """Print one line for each patch and one for the whole skin."""
+    table = Table(title=f"skin {skin.name}", title_justify="left", box=SIMPLE_HEAD)
+    for name in ("patch", "link", "grid", "kind"):
+        table.add_column(name)
+    for name in ("taxels", "cm²", "/cm²"):
+        table.add_column(name, justify="right")
+    for row in patches:
+        grid = f"{row['rows']} x {row['columns']}"
+        named = (row["id"], row["link"], grid, row["kind"])
+        table.add_row(*map(str, named), *format_areas(row))
+    table.add_section()
+    table.add_row("all", "", "", "", *format_areas(total))
+    Console(markup=False).print(table)
+    if not skin.calibrated:
+        print("geometry and units are nominal: lengths and densities mean little")
+
+
+def format_areas(row: dict[str, object]) -> tuple[str, str, str]:
+    """Format count, area and density as they are printed."""
+    return (
+        str(row["taxels"]),
+        f"{row['area_cm2']:.1f}",
+        f"{row['density_per_cm2']:.2f}",
+    )
+
+
+TARE_S = 3.0
+"""Time without touch at the start [s]."""
+
+
+def collect_presses(
+    source: "Source", robot: Robot, wait: float
+) -> "list[PressResponse]":
+    """Ask for a press on every target of the skin and record which taxel answers.
+
+    Args:
+        source: source of the skin's scans.
+        robot: robot that the skin is mounted on.
+        wait: longest time to wait for each press [s].
+    """
+    from eskin.skin.wiring import PressResponse, choose_press_targets
+    from eskin.touch import TouchPipeline
+
+    info = source.info
+    pipeline = TouchPipeline(MountedSkin(info.skin, robot), info.calibration)
+    print(f"hands off for {TARE_S:g} s", flush=True)
+    tare(source, pipeline)
+    answers = []
+    for spot in choose_press_targets(info.skin):
+        print(f"press {describe_taxel(info.skin, spot.taxel)} ...", end=" ", flush=True)
+        taxel = wait_for_press(source, pipeline, wait)
+        answers.append(PressResponse(spot, taxel))
+        print(describe_answer(info.skin, spot, taxel), flush=True)
+    return answers
+
+
+def tare(source: "Source", pipeline: "TouchPipeline") -> None:
+    """Let the pipeline tare the skin for the first seconds of the stream."""
+    until = None
+    for scan in source:
+        until = scan.stamp + TARE_S * NS_PER_S if until is None else until
+        pipeline.push(scan)
+        if scan.stamp >= until:
+            return
+
+
+def wait_for_press(
+    source: "Source", pipeline: "TouchPipeline", wait: float
+) -> int | None:
+    """Return the taxel of the next press; None if none comes in time [s]."""
+    from eskin.touch import PressDetector
+
+    detector, start = PressDetector(), None
+    for scan in source:
+        start = scan.stamp if start is None else start
+        taxel = detector.push(pipeline.push(scan))
+        if taxel is not None or scan.stamp - start > wait * NS_PER_S:
+            return taxel
+    return None
+
+
+def describe_taxel(skin: Skin, taxel: int) -> str:
+    """Describe where a taxel is: patch, link, row and column."""
+    patch = skin.patches[int(skin.patch_index[taxel])]
+    return (
+        f"patch '{patch.id}' on {patch.link}, row {skin.rows[taxel]} of {patch.rows}, "
+        f"column {skin.columns[taxel]} of {patch.columns}"
+    )
+
+
+def describe_answer(skin: Skin, spot: "PressTarget", taxel: int | None) -> str:
+    """Describe which taxel answered a press."""
+    if taxel is None:
+        return "nothing felt"
+    same = skin.patches[int(skin.patch_index[taxel])].id == spot.patch
+    place = f"row {skin.rows[taxel]}, column {skin.columns[taxel]}"
+    return f"felt at {place}" if same else f"felt on {describe_taxel(skin, taxel)}"
+
+
+@dataclass(frozen=True)
+class CheckCommand:
+    """Verify a skin: list every problem with its patch and taxel.
+
+    With --live, the wiring is checked as well: press where you are asked to.
+    """
+
+    skin: tyro.conf.Positional[str]
+    """A preset's name, or a folder with skin.yaml."""
+
+    robot: str | None = None
+    """Robot of the skin: ur5, table, tube or a .urdf file. Preset skins have their
+    own."""
+
+    tolerance: float = 1e3 * CheckConfig.max_surface_distance
+    """Largest distance of a taxel from its link's surface [mm]."""
+
+    live: bool = False
+    """Ask for three presses on each patch and check how each patch is wired."""
+
+    source: tuple[str, ...] = ()
+    """With --live, address of the patches: serial:PATH or udp://HOST:PORT."""
+
+    calibration: Path | None = None
+    """With --live, calibration file of the electronics, as for eskin run."""
+
+    wait: float = 30.0
+    """With --live, longest time to wait for each press [s]."""
+
+
+def run_check(command: CheckCommand) -> dict[str, object]:
+    """Check one skin; print one line for each problem, then raise one error."""
+    robot = load_robot_for_skin(command.skin, command.robot)
+    config = CheckConfig(max_surface_distance=1e-3 * command.tolerance)
+    problems = find_problems(command.skin, robot, config)
+    for problem in problems:
+        print(problem)
+    if problems:
+        raise SkinError(
+            f"skin {command.skin} has {len(problems)} problem"
+            f"{'s' * (len(problems) > 1)}; correct what is listed"
+        )
+    if command.live:
+        return {"problems": check_live_wiring(command, robot)}
+    against = f"on robot {robot.name}" if robot else "without a robot's surface"
+    print(f"skin {command.skin}: no problems, checked {against}")
+    if robot is None:
+        print("--robot ROBOT checks links, surfaces and outward normals too")
+    return {"problems": []}
+
+
+def check_live_wiring(command: CheckCommand, robot: Robot | None) -> list[str]:
+    """Ask for presses and check the answers; raise if a patch is wired wrongly."""
+    from eskin.app import SourceConfig, open_source
+    from eskin.skin.wiring import check_wiring
+
+    if not command.source:
+        raise DeviceError(
+            "--live is given without --source; allowed is serial:PATH or "
+            "udp://HOST:PORT; say where the patches are"
+        )
+    if robot is None:
+        raise DeviceError(
+            "--live is given without --robot; allowed is a robot's name or a .urdf "
+            "file; say what the skin is on"
+        )
+    config = SourceConfig(command.skin, robot, command.calibration)
+    with open_source(*command.source, config=config) as source:
+        answers = collect_presses(source, robot, command.wait)
+    found = check_wiring(source.info.skin, answers)
+    for line in found:
+        print(line)
+    if found:
+        raise DeviceError(
+            f"{len(found)} patch{'es are' if found[1:] else ' is'} not wired as the "
+            "skin's file says; correct what is listed"
+        )
+    print("every patch answered where it was pressed")
+    return []
+
+
+def find_problems(
+    skin: str, robot: Robot | None, config: CheckConfig
+) -> list[SkinProblem]:
+    """Find the problems of a skin's files and of the taxels that can be read."""
+    if skin in SKIN_PRESETS:
+        return check_skin(load_skin(skin), robot, config)
+    draft = parse_skin_folder(Path(skin))
+    found = check_skin(draft.skin, robot, config)
+    # The check counts the taxels that were read; the file calls them by their ids.
+    named = [
+        p if p.taxel is None else replace(p, taxel=int(draft.ids[p.taxel]))
+        for p in found
+    ]
+    return [*draft.problems, *named]
