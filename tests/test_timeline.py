@@ -5,8 +5,8 @@ from tests.timeline_scenes import said, stamp, write_recording
 from eskin.cli.main import run
 from eskin.errors import RecordingError
 from eskin.recording import Label, read_recording
-from eskin.viewer.editing import envelope
-from eskin.viewer.timeline import Editing, Playing, compare, read_take
+from eskin.viewer.editing import Editing, compare, envelope, read_take
+from eskin.viewer.timeline import Playing
 
 PRESSES = (("poke", 1.0, 1.4), ("grab", 3.0, 4.0))
 

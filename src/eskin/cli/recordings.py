@@ -319,7 +319,8 @@ def run_view(command: ViewCommand) -> dict[str, object]:
     from eskin.recording import read_recording
     from eskin.robot import load_recorded_robot
     from eskin.skin import MountedSkin
-    from eskin.viewer.timeline import Editing, Timeline, read_take
+    from eskin.viewer.editing import Editing, read_take
+    from eskin.viewer.timeline import Timeline
 
     port = free_port(command.port)
     recording = read_recording(command.recording)

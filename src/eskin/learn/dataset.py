@@ -206,7 +206,7 @@ def concatenate_recordings(
             labels = extend_labels(recording)
             label_index = find_label_indices(labels, part.stamps)
             found = build_labelled_segments(
-                labels, places, part.sequence, index, offset
+                labels, label_index, part.sequence, index, offset
             )
             detected = set(label_index.tolist())
             missed += [

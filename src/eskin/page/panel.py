@@ -9,7 +9,6 @@ import numpy as np
 from jaxtyping import Bool, Float
 from viser import GuiApi, GuiEvent, GuiHtmlHandle, Icon
 
-
 from eskin.page.colours import ColourScale
 from eskin.page.hand import Hand, Mode
 from eskin.page.messages import (

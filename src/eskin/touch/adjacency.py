@@ -53,7 +53,7 @@ class Adjacency:
 
 
 def number_links(skin: Skin) -> Int[np.ndarray, "taxel"]:
-    """Number the links of the skin's taxels in order of appearance in the patches."""
+    """Assign numbers to the links of taxels in order of appearance in the patches."""
     names = list(dict.fromkeys(skin.link_names))
     numbers = np.array([names.index(name) for name in skin.link_names], np.int32)
     return numbers[np.asarray(skin.patch_index)]

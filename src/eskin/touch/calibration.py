@@ -145,7 +145,7 @@ class Calibration:
     def invert_conductance(
         self, conductance: Float[np.ndarray, "*batch taxel"]
     ) -> Float[np.ndarray, "*batch taxel"]:
-        """Compute the pressure [kPa] at a conductance; inverts `compute_conductance`."""
+        """Compute the pressure [kPa] of a conductance; undoes `compute_conductance`."""
         power = 1.0 if self.curve == "linear" else 1.0 / self.exponent
         felt = conductance**power * self.gain * self.full_scale
         return felt + np.minimum(felt, self.unfelt)

@@ -247,7 +247,7 @@ def label_components(
     neighbours: Int[np.ndarray, "pair"],
     taxels: np.ndarray,
 ) -> Int[np.ndarray, "active"]:
-    """Number the connected sets of active taxels, in the order of their first taxel."""
+    """Label the connected sets of active taxels in the order of their first taxel."""
     count = len(active)
     parents = np.arange(count)
     for a in range(count):

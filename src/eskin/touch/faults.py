@@ -1,4 +1,4 @@
-"""This module detects taxels, rows, columns and patches whose data cannot be trusted."""
+"""This module detects taxels, rows, columns and patches with untrustworthy data."""
 
 from dataclasses import dataclass
 from typing import Literal, final

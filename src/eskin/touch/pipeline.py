@@ -79,10 +79,10 @@ class TouchTracker:
     """A tracker finds contacts, tracks and touches reading by reading; stateful.
 
     Taxels connect by distance in space: on one link that never changes, between links
-    it depends on the pose. Contacts come in the order of their first taxel by patch, row
-    and column, so that numbering the taxels otherwise changes nothing.
+    it depends on the pose. Contacts come in the order of their first taxel by patch,
+    row and column, so that numbering the taxels otherwise changes nothing.
 
-    An untouched skin costs one pass over its pressures; other costs grow with the touch.
+    An untouched skin costs one pass over its pressures; the rest grows with the touch.
     """
 
     def __init__(

@@ -249,7 +249,7 @@ def build_taxel_geometry(mounted: MountedSkin, adjacency: Adjacency) -> np.ndarr
     geometry = np.empty(skin.count, TAXEL_GEOMETRY)
     geometry["position"], geometry["normal"] = skin.positions, skin.normals
     geometry["area"], geometry["reach"] = skin.areas, adjacency.reach
-    geometry["link"], geometry["patch"] = mounted.skin_link_index, skin.patch_index
+    geometry["link"], geometry["patch"] = mounted.taxel_link_index, skin.patch_index
     order = np.lexsort((skin.columns, skin.rows, skin.patch_index))
     geometry["rank"][order] = np.arange(skin.count)
     geometry["neighbours"][:, 0] = adjacency.starts[:-1]

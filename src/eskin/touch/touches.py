@@ -176,7 +176,7 @@ class Touch:
 
     @property
     def travel(self) -> Float[np.ndarray, "3"]:
-        """Displacement from its first to its latest centre in the frame of `link` [m]."""
+        """Vector from its first to its latest centre in the frame of `link` [m]."""
         return self.latest - self.start
 
 
@@ -274,7 +274,7 @@ class TouchState:
 
     @cached_property
     def all_contacts(self) -> tuple[Contact, ...]:
-        """Contacts of this reading, then the last ones of earlier tracks and touches."""
+        """Contacts of this reading, then the last ones of other tracks and touches."""
         if not len(self.records.contacts):
             return ()
         patches, taxels = self.mounted.skin.patches, self.records.loads["taxel"].copy()

@@ -9,7 +9,7 @@ from jaxtyping import Float
 from viser import GuiApi, GuiEvent, Icon, ViserServer
 
 from eskin.errors import RecordingError
-from eskin.page import ColourScale, Picture, readout
+from eskin.page import ColourScale, Picture, panel
 from eskin.page.page import BRAND, DISTANCE, MIDDLE, SCALE, WIDTH
 from eskin.page.scene import Scene
 from eskin.recording import NONE, Label
@@ -169,7 +169,7 @@ class Timeline:
         self.scene.look(MIDDLE, DISTANCE)
         self.status = gui.add_html("")
         self.overview = Overview(gui, take, editing)
-        self.legend = gui.add_html(readout.block(self.scale.legend()))
+        self.legend = gui.add_html(panel.block(self.scale.legend()))
         self.add_transport()
         tabs = gui.add_tab_group()
         with tabs.add_tab("Label", Icon.TAG):
@@ -310,7 +310,7 @@ class Timeline:
                 text = action()
             except (RecordingError, OSError) as error:
                 text = str(error)
-            self.note.content = readout.block(readout.plain(text))
+            self.note.content = panel.block(panel.plain(text))
 
     def list_labels(self, chosen: Label | None = None) -> None:
         """Show the labels as they are now, here and in the plot."""
@@ -339,7 +339,7 @@ class Timeline:
             )
             for pair in pairs
         ]
-        return readout.comparison(rows, right)
+        return panel.comparison(rows, right)
 
     def tick(self, elapsed: float) -> None:
         """Let time pass [s] and show what is there then."""
@@ -357,11 +357,11 @@ class Timeline:
         """Where it is and what is labelled there."""
         now = self.editing.recording.start + round(self.take.seconds[row] * 1e9)
         here = [x.gesture for x in self.editing.labels if x.start <= now < x.end]
-        return readout.numbers(
+        return panel.numbers(
             ("time", f"{self.take.seconds[row]:.2f} s"),
             ("force", f"{self.take.force[row]:.1f} N"),
             ("peak", f"{self.take.peak[row]:.0f} kPa"),
-            ("label", readout.word(here[-1]) if here else "-"),
+            ("label", panel.word(here[-1]) if here else "-"),
         )
 
     def picture(self, row: int) -> Picture:
