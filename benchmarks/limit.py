@@ -14,8 +14,8 @@ from dataclasses import dataclass
 import numpy as np
 import tyro
 
-from eskin.bench.latency import EngineSubject, pinned
-from eskin.bench.scene import Scene, large_skin, on_forearm
+from eskin.bench.latency import TimedEngine, pin_to_one_core
+from eskin.bench.scene import BenchScene, large_skin, find_forearm_taxels
 from eskin.graph import NODE_SCALARS, FixedNeighbours, GraphConfig, live_neighbours
 from eskin.model import Model, load_model
 from eskin.robot import load_robot
@@ -66,9 +66,9 @@ def main() -> None:
     mounted = MountedSkin(large_skin(2112), load_robot("ur5"))
     nodes, edges = graph_size(mounted, command.active)
     products = products_of(load_model("ur5"), command.active, nodes, edges)
-    with pinned():
-        scene = Scene(mounted, on_forearm(mounted.skin, command.active))
-        subject = EngineSubject("eskin", mounted, scene)
+    with pin_to_one_core():
+        scene = BenchScene(mounted, find_forearm_taxels(mounted.skin, command.active))
+        subject = TimedEngine("eskin", mounted, scene)
         wanted = subject.steps(command.steps)
         alone, taken = [], []
         for _ in range(10):
@@ -101,7 +101,7 @@ def main() -> None:
 def graph_size(mounted: MountedSkin, active: int) -> tuple[int, int]:
     """Nodes of a contact's graph, and edges to those that hear."""
     skin, config = mounted.skin, GraphConfig()
-    fixed, taxels = FixedNeighbours(skin, config.fixed), on_forearm(skin, active)
+    fixed, taxels = FixedNeighbours(skin, config.fixed), find_forearm_taxels(skin, active)
     heard = fixed.table[taxels]
     nodes = np.union1d(taxels, heard[heard >= 0])
     p_world, _ = mounted.place_taxels(np.zeros(len(mounted.robot.joint_names)), nodes)

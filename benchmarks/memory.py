@@ -13,7 +13,7 @@ import sys
 from pathlib import Path
 
 import eskin
-from eskin.bench.scene import Scene, on_forearm
+from eskin.bench.scene import BenchScene, find_forearm_taxels
 
 HOUR = 180_000
 """Readings at 50 Hz."""
@@ -39,10 +39,10 @@ def stream(readings: int) -> None:
     """Push readings; print the pages held after 200, after half, and after all."""
     mounted = eskin.MountedSkin(eskin.load_skin("ur5"), eskin.load_robot("ur5"))
     recognizer = eskin.Recognizer(eskin.load_model("ur5"), mounted, None)
-    scene = Scene(mounted, on_forearm(mounted.skin, 60))
+    scene = BenchScene(mounted, find_forearm_taxels(mounted.skin, 60))
     for part in (200, readings // 2, readings):
         while scene.number < part:
-            recognizer.push(scene.instant().reading)
+            recognizer.push(scene.next_reading().reading)
         print(Path("/proc/self/statm").read_text().split()[1])
 
 

@@ -15,7 +15,7 @@ import tyro
 from matplotlib.axes import Axes
 from matplotlib.ticker import FormatStrFormatter, LogLocator
 
-from eskin.bench.latency import Row, pinned, scaled
+from eskin.bench.latency import LatencyRow, pin_to_one_core, scaled
 
 UR5 = 2112
 SKINS = (UR5, 8192, 32768, 131072)
@@ -38,7 +38,7 @@ class Command:
 def main() -> None:
     """Time, print and draw."""
     command = tyro.cli(Command)
-    with pinned():
+    with pin_to_one_core():
         skins = scaled(SKINS, [USUAL] * len(SKINS), command.steps)
         touches = scaled([UR5] * len(ACTIVE), ACTIVE, command.steps)
     for title, rows in (("By taxels of the skin", skins), ("By active", touches)):
@@ -51,7 +51,7 @@ def main() -> None:
         draw(touches, skins, command.picture)
 
 
-def draw(touches: Sequence[Row], skins: Sequence[Row], path: Path) -> None:
+def draw(touches: Sequence[LatencyRow], skins: Sequence[LatencyRow], path: Path) -> None:
     """Draw both, medians and 99th percentiles."""
     figure, (left, right) = plt.subplots(1, 2, figsize=(9, 3.6), sharey=True)
     panel(left, [row.active for row in touches], touches)
@@ -63,7 +63,7 @@ def draw(touches: Sequence[Row], skins: Sequence[Row], path: Path) -> None:
     figure.savefig(path, dpi=150)
 
 
-def panel(axes: Axes, sizes: Sequence[int], rows: Sequence[Row]) -> None:
+def panel(axes: Axes, sizes: Sequence[int], rows: Sequence[LatencyRow]) -> None:
     """One panel, both axes logarithmic."""
     axes.plot(sizes, [row.p50_ms for row in rows], "o-", color=BLUE, label="p50")
     axes.plot(sizes, [row.p99_ms for row in rows], "s--", color=ORANGE, label="p99")

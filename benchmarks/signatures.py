@@ -112,7 +112,7 @@ def recalls(
     )
     found = predict_clips(to_network(model), dataset, card.vocabulary, card.temperature)
     shutil.rmtree(folder)
-    right = found.answer == found.truth
+    right = found.predicted == found.truth
     return tuple(
         float(np.mean(right[found.truth == number]))
         for number in range(len(card.vocabulary))

@@ -19,8 +19,8 @@ import tyro
 from numba.core import event
 
 import eskin
-from eskin.bench.latency import pinned
-from eskin.bench.scene import Scene, on_forearm
+from eskin.bench.latency import pin_to_one_core
+from eskin.bench.scene import BenchScene, find_forearm_taxels
 
 WARM_UP = 2000
 
@@ -49,7 +49,7 @@ class Causes:
 def main() -> None:
     """Measure and print."""
     command = tyro.cli(Command)
-    with pinned():
+    with pin_to_one_core():
         sustain(command)
 
 
@@ -57,11 +57,11 @@ def sustain(command: Command) -> None:
     """Push readings when they are due; print the share of a core and the stalls."""
     mounted = eskin.MountedSkin(eskin.load_skin("ur5"), eskin.load_robot("ur5"))
     recognizer = eskin.Recognizer(eskin.load_model("ur5"), mounted, None)
-    scene = Scene(mounted, on_forearm(mounted.skin, 60), command.rate)
-    for instant in scene.instants(WARM_UP):
+    scene = BenchScene(mounted, find_forearm_taxels(mounted.skin, 60), command.rate)
+    for instant in scene.next_readings(WARM_UP):
         recognizer.push(instant.reading)
     readings = [
-        i.reading for i in scene.instants(round(command.seconds * command.rate))
+        i.reading for i in scene.next_readings(round(command.seconds * command.rate))
     ]
     began, took, late, said = [], [], 0.0, 0
     with watched() as causes:

@@ -8,16 +8,16 @@ import numpy as np
 import pytest
 
 from baseline_scenes import UR5
-from eskin.bench import Scene, large_skin
+from eskin.bench import BenchScene, large_skin
 from eskin.bench.latency import (
-    Row,
-    Subject,
-    pinned,
-    random_clips,
+    LatencyRow,
+    TimedMethod,
+    pin_to_one_core,
+    draw_random_clips,
     scaled,
-    time_together,
+    time_in_turn,
 )
-from eskin.bench.scene import on_forearm, round_forearm
+from eskin.bench.scene import find_forearm_taxels, find_forearm_band
 from eskin.cli.main import run
 from eskin.live import Recognizer
 from eskin.model import load_model
@@ -117,8 +117,8 @@ def engine(mounted):
 def test_exactly_the_taxels_asked_for_are_active_on_every_skin(active):
     for skin in (UR5.skin, large_skin(4000)):
         mounted = MountedSkin(skin, load_robot("ur5"))
-        scene, recognizer = Scene(mounted, on_forearm(skin, active)), engine(mounted)
-        for instant in scene.instants(106):
+        scene, recognizer = BenchScene(mounted, find_forearm_taxels(skin, active)), engine(mounted)
+        for instant in scene.next_readings(106):
             recognizer.push(instant.reading)
             found = [contact.taxels for contact in recognizer.state.contacts]
             assert sum(map(len, found)) == active * instant.touched
@@ -126,18 +126,18 @@ def test_exactly_the_taxels_asked_for_are_active_on_every_skin(active):
 
 
 def test_a_grab_goes_round_the_forearm_and_an_idle_skin_is_never_touched():
-    taxels = round_forearm(UR5.skin, 83)
+    taxels = find_forearm_band(UR5.skin, 83)
     normals = UR5.skin.normals[taxels]
     assert len(taxels) == 83 and normals.min() < -0.9 and normals.max() > 0.9
     recognizer = engine(UR5)
-    for instant in Scene(UR5, taxels[:0]).instants(76):
+    for instant in BenchScene(UR5, taxels[:0]).instants(76):
         assert not instant.touched
         assert recognizer.push(instant.reading) == []
         assert recognizer.state.contacts == ()
 
 
 def test_a_scene_moves_all_joints_and_its_touches_come_and_go():
-    instants = Scene(UR5, on_forearm(UR5.skin, 5), rate=100.0).instants(430)
+    instants = BenchScene(UR5, find_forearm_taxels(UR5.skin, 5), rate=100.0).instants(430)
     stamps = np.array([instant.reading.stamp for instant in instants])
     assert (np.diff(stamps) == 10_000_000).all()
     touched = [instant.touched for instant in instants]
@@ -147,17 +147,17 @@ def test_a_scene_moves_all_joints_and_its_touches_come_and_go():
 
 
 def test_random_clips_have_every_class_and_the_same_seed_gives_the_same():
-    (one, labels), (other, _) = random_clips(UR5, 20), random_clips(UR5, 20)
+    (one, labels), (other, _) = draw_random_clips(UR5, 20), draw_random_clips(UR5, 20)
     assert np.array_equal(one.pressure, other.pressure)
     assert sorted(set(labels.tolist())) == [0, 1, 2, 3, 4]
     assert (one.pressure.max(axis=(1, 2)) > 2).all()
 
 
-class Counted(Subject):
+class Counted(TimedMethod):
     """Says how often it ran, and what came before it."""
 
     def __init__(self, name, order) -> None:
-        super().__init__(name, UR5, Scene(UR5, np.arange(1)))
+        super().__init__(name, UR5, BenchScene(UR5, np.arange(1)))
         self.order = order
 
     def run(self, count):
@@ -170,7 +170,7 @@ class Counted(Subject):
 
 def test_subjects_take_turns_and_each_takes_all_its_steps():
     order = []
-    times = time_together([Counted("a", order), Counted("b", order)], 50)
+    times = time_in_turn([Counted("a", order), Counted("b", order)], 50)
     assert [name for name, _ in order] == ["a", "b"] * 10
     assert [len(found) for found in times] == [50, 13]
     assert times[0].tolist() == [1.0] * 50
@@ -187,12 +187,12 @@ def test_sizes_are_compared_with_the_first():
 
 def test_pinned_is_one_core_and_only_for_so_long():
     before = os.sched_getaffinity(0)
-    with pinned():
+    with pin_to_one_core():
         assert len(os.sched_getaffinity(0)) == 1
     assert os.sched_getaffinity(0) == before
 
 
 def test_a_row_is_as_wide_as_its_json():
-    row = Row("eskin", 0.12345678, 1.0, 2.0, 2112, 60, 10, 1.0)
+    row = LatencyRow("eskin", 0.12345678, 1.0, 2.0, 2112, 60, 10, 1.0)
     assert set(asdict(row)) == set(row.as_dict()) == KEYS
     assert row.as_dict()["p50_ms"] == 0.1235

@@ -82,7 +82,7 @@ def test_a_clip_without_touch_is_certainly_none():
     dataset = loaded([2.1, 2.15], [0, 0], [1.0, 2.0], clips)
     found = predict_clips(net(), dataset, VOCABULARY)
     assert found.truth.tolist() == [2, 0]
-    assert found.answer[0] == 1
+    assert found.predicted[0] == 1
     np.testing.assert_array_equal(np.exp(found.log_probabilities[0]), [0, 1, 0])
     assert 0 < np.exp(found.log_probabilities[1]).min() < 1
 
@@ -90,7 +90,7 @@ def test_a_clip_without_touch_is_certainly_none():
 def test_a_set_without_any_touch_is_answered_none():
     dataset = loaded([], np.zeros(0, int), [], ((clip_at(0.0), clip_at(2.0)), ()))
     found = predict_clips(net(), dataset, VOCABULARY)
-    assert found.answer.tolist() == [1, 1]
+    assert found.predicted.tolist() == [1, 1]
     assert found.recording.tolist() == [0, 0]
 
 

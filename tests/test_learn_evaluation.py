@@ -11,7 +11,7 @@ from clip_scenes import generated
 from eskin.errors import RecordingError, SkinMismatchError
 from eskin.learn import scoring
 from eskin.learn.dataset import prepare
-from eskin.learn.evaluation import check_fits, confidence, evaluate
+from eskin.learn.evaluation import check_fits, compute_confidence, evaluate
 from eskin.learn.ground_truth import MissedGesture, Segment
 from eskin.learn.plots import draw_confusion
 from eskin.learn.scoring import (
@@ -151,7 +151,7 @@ def test_of_a_generated_set_whole_clips_are_scored(tmp_path):
     net = network(vocabulary=vocabulary, width=4, layers=1, channels=8)
     found = evaluate(net, card, dataset)
     answers = predict_clips(net, dataset, vocabulary, 1.7)
-    right = answers.answer == answers.truth
+    right = answers.predicted == answers.truth
     assert found.segments.confusion.sum() == len(clips)
     assert found.instants is None
     assert found.segments.accuracy == pytest.approx(right.mean())
@@ -174,7 +174,7 @@ def test_without_people_scores_are_by_session(net, dataset):
 
 def test_confidence_is_the_share_of_the_winner():
     probabilities = np.array([[0.2, 0.7, 0.1], [0.5, 0.25, 0.25]])
-    np.testing.assert_allclose(confidence(np.log(probabilities)), [0.7, 0.5])
+    np.testing.assert_allclose(compute_confidence(np.log(probabilities)), [0.7, 0.5])
     with np.errstate(divide="ignore"):
         without_none = np.log([[0.0, 0.3, 0.1]])
     np.testing.assert_allclose(confidence(without_none), [0.75])

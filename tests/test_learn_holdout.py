@@ -8,10 +8,10 @@ from eskin.learn.holdout import hold_out
 CLASSES = ("none", "hold", "tap")
 
 
-def held_out(sittings, share, seed=0):
+def held_out(sessions, share, seed=0):
     """Hold out some of recordings with a person, a session and gestures."""
-    made = {i: set(own or CLASSES) for i, (_, _, *own) in enumerate(sittings)}
-    names = {i: (person, session) for i, (person, session, *_) in enumerate(sittings)}
+    made = {i: set(own or CLASSES) for i, (_, _, *own) in enumerate(sessions)}
+    names = {i: (person, session) for i, (person, session, *_) in enumerate(sessions)}
     return hold_out(names, made, share, np.random.default_rng(seed))
 
 
@@ -30,21 +30,21 @@ def test_a_recording_is_trained_on_or_validated_on_but_never_both(
 
 @pytest.mark.parametrize("seed", range(20))
 def test_a_person_and_session_are_never_both_trained_and_validated_on(seed):
-    sittings = [("ann", "1"), ("ann", "2"), ("bob", "1"), ("bob", "3")] * 3
+    sessions = [("ann", "1"), ("ann", "2"), ("bob", "1"), ("bob", "3")] * 3
     for share in (0.1, 0.3, 0.5):
-        found = held_out(sittings, share, seed)
-        names = [{sittings[i] for i in part} for part in (found.train, found.held)]
+        found = held_out(sessions, share, seed)
+        names = [{sessions[i] for i in part} for part in (found.train, found.held)]
         assert names[1] and not names[0] & names[1]
         assert len(found.held) == max(3, round(found.wanted / 3) * 3)
 
 
 @pytest.mark.parametrize("seed", range(20))
 def test_no_class_is_held_out_altogether(seed):
-    sittings = [
+    sessions = [
         ("ann", "1", "none", "hold", "tap"),
         *[("bob", "1", "none", "hold")] * 4,
     ]
-    found = held_out(sittings, 0.4, seed)
+    found = held_out(sessions, 0.4, seed)
     assert 0 in found.train
     assert not found.held
     assert "0 of 5 recordings held out for validation, 2 asked for" in str(found)

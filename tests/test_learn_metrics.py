@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from benchmarks.simulation.ceiling import wilson_interval
 from sklearn.metrics import (
     accuracy_score,
     confusion_matrix,
@@ -15,7 +16,6 @@ from eskin.learn.metrics import (
     compute_group_accuracies,
     compute_reliability,
     score_predictions,
-    wilson_interval,
 )
 from eskin.learn.plots import draw_confusion, draw_reliability
 

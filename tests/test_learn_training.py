@@ -306,7 +306,7 @@ def test_clips_of_generated_sets_are_what_accuracy_and_temperature_are_of(
         clips, vocabulary, replace(TINY, validation=0.0), validation=clips
     )
     answers = predict_clips(trainer.network.eval(), clips, vocabulary)
-    right = (answers.answer == answers.truth).mean()
+    right = (answers.predicted == answers.truth).mean()
     assert trainer.validation_accuracy() == pytest.approx(right)
     wanted = trainer.fit_temperature()
     # A clip that nothing was felt of tells nothing of how sure the network may be.

@@ -1,6 +1,7 @@
 """How hard simulated clips are, what bounds it, and what may not tell it."""
 
 import numpy as np
+from benchmarks.simulation.ceiling import wilson_interval
 from benchmarks.simulation.clips import as_tap, pressure_of, sitting_of
 from benchmarks.simulation.confusion import counted, pairs_check
 from benchmarks.simulation.features import NAMES, clip_features
@@ -9,7 +10,6 @@ from benchmarks.simulation.leakage import over_people
 from benchmarks.simulation.remains import EDGES, histogram_of
 from benchmarks.simulation.true_features import runs, true_features
 
-from eskin.learn.metrics import wilson_interval
 from eskin.sim.dataset.settings import Settings
 from eskin.touch import Calibration
 

@@ -25,7 +25,7 @@ def test_the_limit_lies_where_readings_first_drop(monkeypatch):
 
     def dropping(over, rate, seconds):
         tried.append(rate)
-        return bench.Throughput(
+        return bench.ThroughputResult(
             over, rate, rate, int(rate > 3100), 0.5, 1.0, 1.0, 1.0, 0.3, 1, {}
         )
 

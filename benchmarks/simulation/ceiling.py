@@ -10,11 +10,13 @@ from threadpoolctl import threadpool_limits
 from benchmarks.simulation.clips import PROCESSES, Made, simulate
 from benchmarks.simulation.forest import TREES, labels_of
 from benchmarks.simulation.true_features import true_features
-from eskin.learn.metrics import wilson_interval
 from eskin.sim.constants import load_constants
 
 TESTS = ("test-s", "test-p", "test-x", "test-m")
 """Sets that the bound is told for."""
+
+Z = 1.959964
+"""Standard deviations from the mean that hold 95 % of a normal distribution."""
 
 
 def ceiling_tables(clips: int, seed: int) -> str:
@@ -73,3 +75,17 @@ class Bound:
 def truths_of(made: Sequence[Made]) -> Float[np.ndarray, "clip feature"]:
     """True features of clips."""
     return np.array([true_features(each.truth) for each in made])
+
+
+def wilson_interval(correct: int, count: int) -> tuple[float, float]:
+    """Return the 95 % interval of a share of independent examples (Wilson 1927).
+
+    Args:
+        correct: number of examples classified correctly.
+        count: number of examples; at least one.
+    """
+    share, weight = correct / count, Z**2 / count
+    middle = share + weight / 2
+    spread = Z * np.sqrt((share * (1 - share) + weight / 4) / count)
+    low, high = (middle - spread) / (1 + weight), (middle + spread) / (1 + weight)
+    return max(float(low), 0.0), min(float(high), 1.0)

@@ -10,8 +10,8 @@ from itertools import islice
 from pathlib import Path
 
 from benchmarks.soak.cable import Cable
-from eskin.bench.sender import calibration_of, endless, touch_counts
-from eskin.bench.throughput import SwingingJoints, counted, sending
+from eskin.bench.sender import build_sender_calibration, repeat_scans, build_touch_counts
+from eskin.bench.throughput import SwingingJoints, count_losses, run_sender
 from eskin.drivers import (
     Clock,
     DeviceSource,
@@ -72,7 +72,7 @@ def stream_simulated(seconds: float) -> Soaked:
         inner = SerialTransport(clock, paths)
         stack.callback(inner.close)
         device = VirtualSkin(mounted.skin, lines, RATE)
-        scans = islice(endless(touch_counts(mounted), RATE), round(seconds * RATE))
+        scans = islice(repeat_scans(build_touch_counts(mounted), RATE), round(seconds * RATE))
         cable = Cable(inner, device, scans, clock)
         first = SETTLED * seconds * RATE
         return streamed(cable, clock, lambda: cable.sent >= first, cable.over.is_set)
@@ -81,7 +81,7 @@ def stream_simulated(seconds: float) -> Soaked:
 def stream_live(seconds: float) -> Soaked:
     """From a process with a pseudo-terminal, in real time."""
     clock = HostClock()
-    with sending("serial", RATE, clock) as transport:
+    with run_sender("serial", RATE, clock) as transport:
         start = time.monotonic()
         return streamed(
             transport,
@@ -104,7 +104,7 @@ def streamed(
 ) -> Soaked:
     """Recognise what a transport brings, and look at it twice."""
     mounted = mounted_skin()
-    calibration = calibration_of(mounted.skin.count)
+    calibration = build_sender_calibration(mounted.skin.count)
     recognizer = Recognizer(load_model("ur5"), mounted, calibration)
     warm_up(recognizer)
     joints = SwingingJoints(len(mounted.robot.joint_names))
@@ -114,10 +114,10 @@ def streamed(
         while not is_settled():
             stream.wait(LOOK)
         memory, threads = resident(), threading.active_count()
-        before = counted(source, stream)
+        before = count_losses(source, stream)
         while not is_over():
             stream.wait(LOOK)
-        lost = {key: n - before[key] for key, n in counted(source, stream).items()}
+        lost = {key: n - before[key] for key, n in count_losses(source, stream).items()}
         return Soaked(
             readings=source.counters()["readings"],
             detections=recognition.detections,

@@ -1,8 +1,8 @@
-"""Measuring what a step costs: scenes in memory, fair timing, a row a method.
+"""This package measures what a step of the engine costs, in time and in dropped data.
 
-Scenes need no torch; what times the baselines too is in the modules.
+`scene` needs no torch; `latency`, which also times the baselines, does.
 """
 
-from eskin.bench.scene import Instant, Scene, large_skin
+from eskin.bench.scene import BenchScene, SceneReading, large_skin
 
-__all__ = ["Instant", "Scene", "large_skin"]
+__all__ = ["BenchScene", "SceneReading", "large_skin"]

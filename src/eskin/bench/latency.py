@@ -15,7 +15,13 @@ import numpy as np
 from jaxtyping import Float, Int
 from threadpoolctl import threadpool_limits
 
-from eskin.bench.scene import Scene, large_skin, on_forearm, on_upper_arm, round_forearm
+from eskin.bench.scene import (
+    BenchScene,
+    find_forearm_band,
+    find_forearm_taxels,
+    find_upper_arm_taxels,
+    large_skin,
+)
 from eskin.learn.baselines import (
     NETWORKS,
     READINGS,
@@ -38,7 +44,7 @@ LENGTHS = (15, 60, 30, 80, 45)
 """Readings that the touches of each class last."""
 
 
-def random_clips(
+def draw_random_clips(
     mounted: MountedSkin, count: int, seed: int = 0
 ) -> tuple[SkinWindows, Int[np.ndarray, "clip"]]:
     """Round touches anywhere, their classes apart by size and length, and noise.
@@ -76,7 +82,7 @@ PATIENCE = 5.0
 
 
 @dataclass(frozen=True)
-class Row:
+class LatencyRow:
     """What one step of one method takes."""
 
     name: str
@@ -102,10 +108,10 @@ class Row:
         return {**asdict(self), **rounded}
 
 
-class Subject(ABC):
+class TimedMethod(ABC):
     """Something that takes a step at each reading."""
 
-    def __init__(self, name: str, mounted: MountedSkin, scene: Scene) -> None:
+    def __init__(self, name: str, mounted: MountedSkin, scene: BenchScene) -> None:
         """Name what is timed on a scene."""
         self.name = name
         self.taxels = mounted.skin.count
@@ -122,10 +128,10 @@ class Subject(ABC):
 
 
 @final
-class EngineSubject(Subject):
+class TimedEngine(TimedMethod):
     """`Recognizer.push` with the weights that come with eskin."""
 
-    def __init__(self, name: str, mounted: MountedSkin, scene: Scene) -> None:
+    def __init__(self, name: str, mounted: MountedSkin, scene: BenchScene) -> None:
         """Start a recogniser."""
         super().__init__(name, mounted, scene)
         self.recognizer = Recognizer(load_model("ur5"), mounted, None)
@@ -135,7 +141,7 @@ class EngineSubject(Subject):
         found: list[float] = []
         push, clock = self.recognizer.push, time.perf_counter
         while len(found) < count:
-            for instant in self.scene.instants(min(count - len(found), 100)):
+            for instant in self.scene.next_readings(min(count - len(found), 100)):
                 start = clock()
                 push(instant.reading)
                 seconds = clock() - start
@@ -150,11 +156,11 @@ class EngineSubject(Subject):
 
 
 @final
-class StreamSubject(Subject):
+class TimedBaseline(TimedMethod):
     """A baseline that answers at every reading."""
 
     def __init__(
-        self, name: str, mounted: MountedSkin, scene: Scene, stream: BaselineStream
+        self, name: str, mounted: MountedSkin, scene: BenchScene, stream: BaselineStream
     ) -> None:
         """Take a baseline's stream."""
         super().__init__(name, mounted, scene)
@@ -164,7 +170,7 @@ class StreamSubject(Subject):
         """Seconds that each step took."""
         found = []
         while len(found) < count:
-            instant = self.scene.instant()
+            instant = self.scene.next_reading()
             if instant.touched:
                 start = time.perf_counter()
                 self.stream.push(instant.reading.pressure, instant.reading.q)
@@ -177,7 +183,7 @@ class StreamSubject(Subject):
         return min(wanted, max(ROUNDS, round(PATIENCE / seconds)))
 
 
-def time_together(subjects: Sequence[Subject], steps: int) -> list[np.ndarray]:
+def time_in_turn(subjects: Sequence[TimedMethod], steps: int) -> list[np.ndarray]:
     """Milliseconds of each step of each subject, taken in turn in several rounds."""
     wanted = [subject.steps(steps) for subject in subjects]
     found: list[list[float]] = [[] for _ in subjects]
@@ -188,12 +194,12 @@ def time_together(subjects: Sequence[Subject], steps: int) -> list[np.ndarray]:
     return [1e3 * np.array(times) for times in found]
 
 
-def row_of(
-    subject: Subject, milliseconds: Float[np.ndarray, "step"], unit: float
-) -> Row:
+def build_latency_row(
+    subject: TimedMethod, milliseconds: Float[np.ndarray, "step"], unit: float
+) -> LatencyRow:
     """A row of the table; `unit` is the median that the ratio is to [ms]."""
     middle, high = np.percentile(milliseconds, (50, 99))
-    return Row(
+    return LatencyRow(
         subject.name,
         float(middle),
         float(high),
@@ -206,7 +212,7 @@ def row_of(
 
 
 @contextmanager
-def pinned() -> Iterator[None]:
+def pin_to_one_core() -> Iterator[None]:
     """Everything within runs on one core, in one thread; one core of several we had."""
     use_one_thread()
     with threadpool_limits(1):
@@ -257,7 +263,7 @@ class LatencyConfig:
             )
 
 
-def latency(config: LatencyConfig, baselines: Sequence[str]) -> list[Row]:
+def latency(config: LatencyConfig, baselines: Sequence[str]) -> list[LatencyRow]:
     """Time the engine on several scenes, and baselines on the first of them.
 
     Args:
@@ -265,14 +271,16 @@ def latency(config: LatencyConfig, baselines: Sequence[str]) -> list[Row]:
         baselines: their names.
     """
     mounted = MountedSkin(large_skin(config.taxels), load_robot("ur5"))
-    subjects = engine_subjects(mounted, config.active)
-    subjects += baseline_subjects(mounted, config, baselines)
-    times = time_together(subjects, config.steps)
+    subjects = build_timed_engines(mounted, config.active)
+    subjects += build_timed_baselines(mounted, config, baselines)
+    times = time_in_turn(subjects, config.steps)
     unit = float(np.median(times[0]))
-    return [row_of(s, t, unit) for s, t in zip(subjects, times, strict=True)]
+    return [build_latency_row(s, t, unit) for s, t in zip(subjects, times, strict=True)]
 
 
-def scaled(taxels: Sequence[int], active: Sequence[int], steps: int) -> list[Row]:
+def scaled(
+    taxels: Sequence[int], active: Sequence[int], steps: int
+) -> list[LatencyRow]:
     """Time the engine alone on skins and contacts of several sizes, all in turn.
 
     Args:
@@ -282,42 +290,44 @@ def scaled(taxels: Sequence[int], active: Sequence[int], steps: int) -> list[Row
     """
     skins = {count: large_skin(count) for count in sorted(set(taxels))}
     robot = load_robot("ur5")
-    subjects: list[Subject] = []
+    subjects: list[TimedMethod] = []
     for count, pressed in zip(taxels, active, strict=True):
         mounted = MountedSkin(skins[count], robot)
-        scene = Scene(mounted, on_forearm(mounted.skin, pressed))
-        subjects.append(EngineSubject("eskin", mounted, scene))
-    times = time_together(subjects, steps)
+        scene = BenchScene(mounted, find_forearm_taxels(mounted.skin, pressed))
+        subjects.append(TimedEngine("eskin", mounted, scene))
+    times = time_in_turn(subjects, steps)
     unit = float(np.median(times[0]))
-    return [row_of(s, t, unit) for s, t in zip(subjects, times, strict=True)]
+    return [build_latency_row(s, t, unit) for s, t in zip(subjects, times, strict=True)]
 
 
-def engine_subjects(mounted: MountedSkin, active: int) -> list[Subject]:
+def build_timed_engines(mounted: MountedSkin, active: int) -> list[TimedMethod]:
     """The engine on the contact asked for, idle, and on other touches."""
     skin = mounted.skin
-    two = np.concatenate([on_forearm(skin, active), on_upper_arm(skin, active)])
+    two = np.concatenate(
+        [find_forearm_taxels(skin, active), find_upper_arm_taxels(skin, active)]
+    )
     touches = {
-        ("eskin", active): on_forearm(skin, active),
-        ("eskin", 0): on_forearm(skin, 1)[:0],
-        ("eskin", FEW): on_forearm(skin, FEW),
-        ("eskin, grab", GRAB): round_forearm(skin, GRAB),
+        ("eskin", active): find_forearm_taxels(skin, active),
+        ("eskin", 0): find_forearm_taxels(skin, 1)[:0],
+        ("eskin", FEW): find_forearm_taxels(skin, FEW),
+        ("eskin, grab", GRAB): find_forearm_band(skin, GRAB),
         ("eskin, two touches", 2 * active): two,
     }
     return [
-        EngineSubject(name, mounted, Scene(mounted, taxels))
+        TimedEngine(name, mounted, BenchScene(mounted, taxels))
         for (name, _), taxels in touches.items()
     ]
 
 
-def baseline_subjects(
+def build_timed_baselines(
     mounted: MountedSkin, config: LatencyConfig, names: Sequence[str]
-) -> list[Subject]:
+) -> list[TimedMethod]:
     """Every way in which the named baselines, fitted, answer one reading."""
     if not names:
         return []
-    clips, labels = random_clips(mounted, config.clips)
+    clips, labels = draw_random_clips(mounted, config.clips)
     few = SkinWindows(clips.pressure[:NETWORK_CLIPS], clips.q[:NETWORK_CLIPS])
-    subjects: list[Subject] = []
+    subjects: list[TimedMethod] = []
     for name in names:
         baseline = make_baseline(name, mounted, FitConfig(epochs=1))
         if name in NETWORKS:
@@ -325,7 +335,9 @@ def baseline_subjects(
         else:
             baseline.fit(clips, labels)
         for way, stream in baseline.streams().items():
-            scene = Scene(mounted, on_forearm(mounted.skin, config.active))
+            scene = BenchScene(
+                mounted, find_forearm_taxels(mounted.skin, config.active)
+            )
             title = f"{name}, {way}" if way else name
-            subjects.append(StreamSubject(title, mounted, scene, stream))
+            subjects.append(TimedBaseline(title, mounted, scene, stream))
     return subjects

@@ -1,4 +1,4 @@
-"""Touches made in memory: the ur5's arm moves while hands rest on it."""
+"""This module makes touches in memory: the ur5's arm moves while hands rest on it."""
 
 from dataclasses import dataclass
 from typing import final
@@ -20,23 +20,23 @@ from eskin.units import NS_PER_S
 
 PANEL = (32, 64)
 PITCH = 0.008
-"""Of the panels' taxels [m], as on the ur5."""
+"""Pitch of the panels' taxels [m], as on the ur5."""
 
-TOUCHED, LIFTED = 1.5, 0.6
-"""How long there is contact, then none, so that each touch closes [s]."""
+TOUCHED_S, LIFTED_S = 1.5, 0.6
+"""Duration of contact, then of no contact, so that each touch is closed [s]."""
 
-NOISE = 0.1
-"""SD of what untouched taxels read [kPa], well below what is taken for a touch."""
+NOISE_KPA = 0.1
+"""Standard deviation of untouched taxels [kPa], well below the contact threshold."""
 
-PRESSURES = 75
-"""How many different patterns of pressure there are."""
+PATTERN_COUNT = 75
+"""Number of different patterns of pressure."""
 
 
 def large_skin(taxels: int) -> Skin:
-    """The ur5 skin, its surroundings skinned too: panels on the wall behind it.
+    """Build the ur5 skin with more taxels on panels on the wall behind it.
 
-    The panels are of 32 x 64 taxels, the last one of what is left, and lie two metres
-    from the arm, so that a touch of the arm is the same on all of these skins.
+    The panels have 32 x 64 taxels, the last one what is left, and lie two metres from
+    the arm, so that a touch of the arm is the same on all of these skins.
 
     Raises:
         ValueError: if there are fewer taxels than the ur5 alone has.
@@ -60,11 +60,11 @@ def large_skin(taxels: int) -> Skin:
         address = len(arm.patches) + number + 1
         patch = Patch(f"panel_{number + 1}", "base_link", address, rows, columns)
         laid.append((patch, grid, Plane(T)))
-    return side_by_side(arm, build_skin("panels", laid))
+    return concatenate_skins(arm, build_skin("panels", laid))
 
 
-def side_by_side(one: Skin, other: Skin) -> Skin:
-    """The patches of both skins, those of the first one first."""
+def concatenate_skins(one: Skin, other: Skin) -> Skin:
+    """Concatenate the patches of two skins."""
 
     def both(name: str) -> np.ndarray:
         return np.concatenate([getattr(one, name), getattr(other, name)])
@@ -84,18 +84,20 @@ def side_by_side(one: Skin, other: Skin) -> Skin:
     )
 
 
-def on_forearm(skin: Skin, active: int) -> Int[np.ndarray, "active"]:
-    """The taxels nearest to the middle of the ur5's front forearm."""
-    return nearest_to_middle(skin, "forearm_front", active)
+def find_forearm_taxels(skin: Skin, active: int) -> Int[np.ndarray, "active"]:
+    """Find the taxels nearest to the middle of the ur5's front forearm."""
+    return find_central_taxels(skin, "forearm_front", active)
 
 
-def on_upper_arm(skin: Skin, active: int) -> Int[np.ndarray, "active"]:
-    """The taxels nearest to the middle of the ur5's front upper arm."""
-    return nearest_to_middle(skin, "upper_arm_front", active)
+def find_upper_arm_taxels(skin: Skin, active: int) -> Int[np.ndarray, "active"]:
+    """Find the taxels nearest to the middle of the ur5's front upper arm."""
+    return find_central_taxels(skin, "upper_arm_front", active)
 
 
-def nearest_to_middle(skin: Skin, patch: str, active: int) -> Int[np.ndarray, "active"]:
-    """The taxels of a patch that are nearest to its middle."""
+def find_central_taxels(
+    skin: Skin, patch: str, active: int
+) -> Int[np.ndarray, "active"]:
+    """Find the taxels of a patch that are nearest to its middle."""
     taxels = skin.find_taxels(patch)
     if not 1 <= active <= len(taxels):
         raise ValueError(
@@ -106,8 +108,8 @@ def nearest_to_middle(skin: Skin, patch: str, active: int) -> Int[np.ndarray, "a
     return taxels[np.argsort(np.linalg.norm(apart, axis=1), kind="stable")[:active]]
 
 
-def round_forearm(skin: Skin, active: int) -> Int[np.ndarray, "active"]:
-    """A band round the ur5's forearm, over both of its patches: a hand that grabs."""
+def find_forearm_band(skin: Skin, active: int) -> Int[np.ndarray, "active"]:
+    """Find a band of taxels around the ur5's forearm, as a grabbing hand covers."""
     taxels = np.concatenate(
         [skin.find_taxels(f"forearm_{s}") for s in ("front", "back")]
     )
@@ -116,19 +118,19 @@ def round_forearm(skin: Skin, active: int) -> Int[np.ndarray, "active"]:
 
 
 @dataclass(frozen=True, eq=False)
-class Instant:
-    """One reading of a scene."""
+class SceneReading:
+    """A reading of a scene tells whether it is touched."""
 
     reading: Reading
-    """Calibrated."""
+    """Calibrated reading."""
 
     touched: bool
-    """Whether the scene's taxels are pressed in it; never where it has none."""
+    """Whether the scene's taxels are pressed; False for an idle scene."""
 
 
 @final
-class Scene:
-    """Readings of touches that come and go while all joints move; stateful."""
+class BenchScene:
+    """A stateful scene of touches that come and go while all joints move."""
 
     def __init__(
         self,
@@ -140,31 +142,31 @@ class Scene:
         """Start with the first touch.
 
         Args:
-            mounted: the skin on its robot.
-            active: the taxels that are pressed; none for an idle skin.
-            rate: readings a second.
-            seed: draws the noise.
+            mounted: skin on its robot.
+            active: taxels that are pressed; none for an idle skin.
+            rate: rate of the readings [1/s].
+            seed: seed of the noise.
         """
         rng = np.random.default_rng(seed)
         self.active = active
         self.rate = rate
-        self.touched, self.lifted = round(TOUCHED * rate), round(LIFTED * rate)
+        self.touched, self.lifted = round(TOUCHED_S * rate), round(LIFTED_S * rate)
         self.joints = len(mounted.robot.joint_names)
         self.valid = np.ones(mounted.skin.count, dtype=bool)
-        noise = rng.normal(0.0, NOISE, (PRESSURES, mounted.skin.count))
-        self.idle = np.clip(noise, 0.0, 3 * NOISE).astype(np.float32)
+        noise = rng.normal(0.0, NOISE_KPA, (PATTERN_COUNT, mounted.skin.count))
+        self.idle = np.clip(noise, 0.0, 3 * NOISE_KPA).astype(np.float32)
         shape = rng.uniform(10.0, 30.0, len(active))
-        swell = 1.0 + 0.3 * np.sin(np.linspace(0.0, 2 * np.pi, PRESSURES))
+        swell = 1.0 + 0.3 * np.sin(np.linspace(0.0, 2 * np.pi, PATTERN_COUNT))
         self.pressed = self.idle.copy()
         self.pressed[:, active] = swell[:, None] * shape
         self.number = 0
 
-    def instants(self, count: int) -> list[Instant]:
-        """The next readings."""
-        return [self.instant() for _ in range(count)]
+    def next_readings(self, count: int) -> list[SceneReading]:
+        """Return the next readings."""
+        return [self.next_reading() for _ in range(count)]
 
-    def instant(self) -> Instant:
-        """The next reading."""
+    def next_reading(self) -> SceneReading:
+        """Return the next reading."""
         seconds = self.number / self.rate
         phase = self.number % (self.touched + self.lifted)
         touched = bool(len(self.active)) and phase < self.touched
@@ -172,12 +174,12 @@ class Scene:
         self.number += 1
         reading = Reading(
             round(seconds * NS_PER_S) + NS_PER_S,
-            pressure[phase % PRESSURES],
+            pressure[phase % PATTERN_COUNT],
             self.valid,
-            self.posture(seconds),
+            self.joint_positions(seconds),
         )
-        return Instant(reading, touched)
+        return SceneReading(reading, touched)
 
-    def posture(self, seconds: float) -> Float[np.ndarray, "joint"]:
-        """Every joint swings by 0.3 rad, each at its own rate."""
+    def joint_positions(self, seconds: float) -> Float[np.ndarray, "joint"]:
+        """Return joint positions [rad] that swing by 0.3 rad, each at its own rate."""
         return 0.3 * np.sin(seconds * (0.5 + 0.1 * np.arange(self.joints)))

@@ -1,4 +1,7 @@
-"""Bytes of a device to detections, sustained: a skin in one process, eskin in this."""
+"""This module measures sustained throughput from a device's bytes to detections.
+
+The skin runs in a process of its own.
+"""
 
 import gc
 import subprocess
@@ -12,7 +15,7 @@ from typing import Literal, final
 import numpy as np
 from jaxtyping import Float
 
-from eskin.bench.sender import calibration_of
+from eskin.bench.sender import build_sender_calibration
 from eskin.drivers import (
     DeviceSource,
     HostClock,
@@ -26,42 +29,42 @@ from eskin.robot import load_robot
 from eskin.skin import MountedSkin, load_skin
 from eskin.stream import DurationHistogram, Recognition, Stream, short_switch_interval
 
-Over = Literal["udp", "serial"]
+TransportKind = Literal["udp", "serial"]
 
 SKIN = "ur5"
-SETTLE = 3.0
-"""What is not counted: until every patch is believed and every taxel tared [s]."""
-PACKETS = ("late", "superseded", "incomplete", "damaged", "foreign", "held")
-"""Fates of packets that no reading was made of."""
-SHORT = 3.0
-"""Of each run that looks for the limit [s]."""
+SETTLE_S = 3.0
+"""Time that is not counted, until every patch is accepted and every taxel tared [s]."""
+DROPPED_PACKETS = ("late", "superseded", "incomplete", "damaged", "foreign", "held")
+"""Outcomes of packets that do not become part of a reading."""
+SEARCH_RUN_S = 3.0
+"""Duration of each run that searches for the limit [s]."""
 HALVINGS = 4
-"""Of the span in which the limit lies."""
-HIGHEST = 10_000.0
-"""Scans a second beyond which no limit is sought [1/s]."""
+"""Number of halvings of the span in which the limit lies."""
+MAX_RATE = 10_000.0
+"""Rate beyond which no limit is searched [1/s]."""
 
 
 @dataclass(frozen=True)
 class ThroughputConfig:
-    """What is sent, and for how long."""
+    """Parameters that set what is sent, and for how long."""
 
     rate: float = 1000.0
-    """Scans a second."""
+    """Rate of the scans [1/s]."""
 
     seconds: float = 60.0
-    """How long is counted."""
+    """Duration of the measurement [s]."""
 
     over: Literal["udp", "serial", "both"] = "both"
-    """What carries the packets: UDP on loopback, or a pseudo-terminal."""
+    """Transport of the packets: UDP on loopback, or a pseudo-terminal."""
 
     find_limit: bool = False
-    """Also look for the rate at which readings are first dropped."""
+    """Search for the rate at which readings are first dropped, too."""
 
     def __post_init__(self) -> None:
-        """Refuse what cannot be measured."""
-        if not 1 <= self.rate <= HIGHEST:
+        """Raise if a number is out of range."""
+        if not 1 <= self.rate <= MAX_RATE:
             raise ValueError(
-                f"--rate is {self.rate:g}; allowed are 1 to {HIGHEST:g}; change it"
+                f"--rate is {self.rate:g}; allowed are 1 to {MAX_RATE:g}; change it"
             )
         if not 0 < self.seconds < float("inf"):
             raise ValueError(
@@ -69,34 +72,34 @@ class ThroughputConfig:
             )
 
     @property
-    def transports(self) -> tuple[Over, ...]:
-        """One after the other."""
+    def transports(self) -> tuple[TransportKind, ...]:
+        """Return the transports to measure, in order."""
         return ("udp", "serial") if self.over == "both" else (self.over,)
 
 
 @dataclass(frozen=True)
-class Throughput:
-    """What came of one transport at one rate."""
+class ThroughputResult:
+    """A measurement of one transport at one rate."""
 
-    over: Over
+    over: TransportKind
     asked_hz: float
     rate_hz: float
-    """Whole readings that were recognised in a second."""
+    """Rate of whole readings that were recognised [1/s]."""
     dropped: int
-    """Scans of patches and readings that were lost anywhere."""
+    """Number of scans of patches, and of readings, that were lost anywhere."""
     cpu: float
-    """Share of a core of the receiving process."""
+    """Share of a core that the receiving process uses."""
     age_ms_p50: float
-    """From the stamp of a reading until all is said of it."""
+    """Time from the stamp of a reading until it is recognised [ms]."""
     age_ms_p99: float
     age_ms_max: float
     step_ms_p50: float
     detections: int
     lost: dict[str, int]
-    """What was dropped, by where."""
+    """Numbers of what was dropped, by place."""
 
     def as_dict(self) -> dict[str, object]:
-        """As JSON has it."""
+        """Return the fields as plain rounded values."""
         return {
             key: round(value, 4) if isinstance(value, float) else value
             for key, value in asdict(self).items()
@@ -116,37 +119,39 @@ class SwingingJoints(JointSource):
         return 0.3 * np.sin(stamp * 1e-9 % 1000.0 * self.speeds)
 
 
-def throughput(over: Over, rate: float, seconds: float) -> Throughput:
-    """Read, recognise and count for some time.
+def measure_throughput(
+    over: TransportKind, rate: float, seconds: float
+) -> ThroughputResult:
+    """Receive and recognise for some time; count what is dropped.
 
     Args:
-        over: what carries the packets.
-        rate: scans a second.
-        seconds: how long is counted, after 3 s that are not.
+        over: transport of the packets.
+        rate: rate of the scans [1/s].
+        seconds: duration of the measurement, after 3 s that are not counted.
     """
     mounted = MountedSkin(load_skin(SKIN), load_robot(SKIN))
-    calibration = calibration_of(mounted.skin.count)
+    calibration = build_sender_calibration(mounted.skin.count)
     recognizer = Recognizer(load_model(SKIN), mounted, calibration)
     warm_up(recognizer)
     recognition, clock = Recognition(recognizer), HostClock()
     joints = SwingingJoints(len(mounted.robot.joint_names))
-    with sending(over, rate, clock) as transport:
+    with run_sender(over, rate, clock) as transport:
         source = DeviceSource(transport, mounted, calibration, joints, clock, over)
         gc.collect()
         gc.freeze()
         with short_switch_interval(), Stream(source, [recognition]) as stream:
-            stream.wait(SETTLE)
+            stream.wait(SETTLE_S)
             recognition.age, recognition.step = DurationHistogram(), DurationHistogram()
-            said, before = recognition.detections, counted(source, stream)
+            said, before = recognition.detections, count_losses(source, stream)
             busy, start = time.process_time(), time.perf_counter()
             stream.wait(seconds)
             busy, wall = time.process_time() - busy, time.perf_counter() - start
-            after = counted(source, stream)
+            after = count_losses(source, stream)
     gc.unfreeze()
     found = {key: after[key] - before[key] for key in after}
     used = found.pop("used") / len(mounted.skin.patches)
     age, lost = recognition.age, {key: n for key, n in found.items() if n}
-    return Throughput(
+    return ThroughputResult(
         over=over,
         asked_hz=rate,
         rate_hz=(used - lost.get("queue", 0)) / wall,
@@ -161,19 +166,19 @@ def throughput(over: Over, rate: float, seconds: float) -> Throughput:
     )
 
 
-def counted(source: DeviceSource, stream: Stream) -> dict[str, int]:
-    """Packets used, and everything by which readings get lost."""
+def count_losses(source: DeviceSource, stream: Stream) -> dict[str, int]:
+    """Return the numbers of packets used and of everything that was lost, by place."""
     counts = source.counters()
     queues = sum(queue.dropped for queue in stream.queue_counts().values())
-    lost = {key: counts[key] for key in ("used", "lost", "skipped", *PACKETS)}
+    lost = {key: counts[key] for key in ("used", "lost", "skipped", *DROPPED_PACKETS)}
     return {**lost, "queue": queues}
 
 
 @contextmanager
-def sending(
-    over: Over, rate: float, clock: HostClock
+def run_sender(
+    over: TransportKind, rate: float, clock: HostClock
 ) -> "Iterator[UdpTransport | SerialTransport]":
-    """A process that sends touches at a rate, and the transport to hear it by."""
+    """Run a process that sends touches at a rate; yield the transport to receive it."""
     command = [sys.executable, "-m", "eskin.bench.sender", f"{rate}", SKIN]
     with ExitStack() as stack:
         transport = UdpTransport(clock) if over == "udp" else None
@@ -192,20 +197,20 @@ def sending(
         yield transport
 
 
-def find_limit(over: Over, rate: float) -> float:
-    """The lowest rate found at which readings are dropped [1/s]; inf without one.
+def find_limit(over: TransportKind, rate: float) -> float:
+    """Find the lowest rate at which readings are dropped [1/s]; inf without one.
 
-    The rate is doubled until readings are dropped, then the span is halved; each run is
+    The rate is doubled until readings are dropped, then the span is halved. Each run is
     short.
     """
     good, bad = 0.0, rate
-    while not throughput(over, bad, SHORT).dropped:
-        if bad >= HIGHEST:
+    while not measure_throughput(over, bad, SEARCH_RUN_S).dropped:
+        if bad >= MAX_RATE:
             return float("inf")
-        good, bad = bad, min(2.0 * bad, HIGHEST)
+        good, bad = bad, min(2.0 * bad, MAX_RATE)
     for _ in range(HALVINGS):
         middle = round((good + bad) / 2.0)
-        if throughput(over, middle, SHORT).dropped:
+        if measure_throughput(over, middle, SEARCH_RUN_S).dropped:
             bad = middle
         else:
             good = middle

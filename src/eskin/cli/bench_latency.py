@@ -8,7 +8,7 @@ import tyro
 from rich.console import Console
 from rich.table import Table
 
-from eskin.bench.latency import LatencyConfig, Row, latency, pinned
+from eskin.bench.latency import LatencyConfig, LatencyRow, latency, pin_to_one_core
 from eskin.learn.baselines import BASELINES, NETWORKS
 
 OWN = 2112
@@ -39,13 +39,13 @@ def run(command: Command) -> dict[str, object]:
             f"--baselines with --taxels {config.taxels}; allowed are baselines on the "
             f"ur5 skin of {OWN} taxels; leave one of the two out"
         )
-    with pinned():
+    with pin_to_one_core():
         rows = latency(config, names)
     show(rows, config)
     return {"rows": [row.as_dict() for row in rows]}
 
 
-def show(rows: Sequence[Row], config: LatencyConfig) -> None:
+def show(rows: Sequence[LatencyRow], config: LatencyConfig) -> None:
     """Print the rows."""
     table = Table(box=None, pad_edge=False, padding=(0, 1, 0, 0))
     table.add_column("name", no_wrap=True)

@@ -12,7 +12,7 @@ from rich.table import Table
 from eskin.bench.throughput import ThroughputConfig
 
 if TYPE_CHECKING:
-    from eskin.bench.throughput import Throughput
+    from eskin.bench.throughput import ThroughputResult
 
 
 @dataclass(frozen=True)
@@ -54,7 +54,7 @@ def limit_of(row: "Throughput", limits: dict[str, float]) -> dict[str, object]:
     return {"limit_hz": limit if math.isfinite(limit) else None}
 
 
-def show(rows: "Sequence[Throughput]", limits: dict[str, float]) -> None:
+def show(rows: "Sequence[ThroughputResult]", limits: dict[str, float]) -> None:
     """Print the rows."""
     table = Table(box=None, pad_edge=False, padding=(0, 1, 0, 0))
     for title in ("over", "asked [Hz]", "reached", "dropped", "cpu", "age p50 [ms]"):

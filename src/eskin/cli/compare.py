@@ -1,4 +1,4 @@
-"""`eskin compare` and `eskin study`: these commands train many models on the same clips."""
+"""`eskin compare` and `eskin study` train many models on the same clips."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -36,34 +36,34 @@ from eskin.model import check_limits
 
 @dataclass(frozen=True)
 class CompareCommand:
-    """Train every method on the same clips, and ask all of them the same others."""
+    """Train every method on the same clips and test all of them on the same others."""
 
     train: tuple[Path, ...]
-    """Sets of clips to learn from; each is a draw of its own."""
+    """Training sets of clips; each is a draw of its own."""
 
     test: tuple[Path, ...]
-    """The test of each of them; or several tests of a single one."""
+    """Test set of each training set, or several test sets of a single one."""
 
     seeds: int = 1
-    """How often each method is trained on each draw, always with a seed of its own."""
+    """Number of trainings of each method on each draw, each with its own seed."""
 
     methods: tuple[str, ...] = tuple(METHODS)
-    """Which of them; the first is the one that others are held against."""
+    """Methods to compare; the others are compared with the first."""
 
     results: Path = Path("results")
-    """Folder that keeps each result, so that a comparison that was cut goes on."""
+    """Folder that keeps each result, so that an interrupted comparison can go on."""
 
     pack: Path = Path("pack")
     """Folder that keeps prepared clips."""
 
     workers: int = 1
-    """How many processes train at once."""
+    """Number of processes that train at once."""
 
     minutes: float = math.inf
-    """After how long no further training is begun."""
+    """Time after which no further training is started [min]."""
 
     def __post_init__(self) -> None:
-        """Refuse what cannot be compared."""
+        """Raise if an option is out of range or does not fit the others."""
         check_limits(self, {"seeds": (1, np.inf), "workers": (1, np.inf)})
         unknown = [name for name in self.methods if name not in METHODS]
         if unknown or not self.methods:
@@ -86,36 +86,42 @@ class CompareCommand:
 
 
 def run_compare(command: CompareCommand) -> dict[str, object]:
-    """Train, answer, print the tables, and return their rows."""
+    """Train and test all methods, print the tables, and return their rows."""
     check_folder(command.results)
     check_folder(command.pack)
     draws = load_draws(command)
     for train, tests in draws:
-        check_no_overlap_with_training(train, tests)
-    places = [
-        (draw, seed) for draw in range(len(draws)) for seed in range(command.seeds)
-    ]
-    asked = [(name, place) for place in places for name in command.methods]
+        check_test_is_held_out(train, tests)
+    runs = list(product(range(len(draws)), range(command.seeds)))
+    wanted = [(name, run) for run in runs for name in command.methods]
     tasks = [
         TrainingTask(name, METHODS[name], *draws[draw], draw * command.seeds + seed)
-        for name, (draw, seed) in asked
+        for name, (draw, seed) in wanted
     ]
-    seconds = 60 * command.minutes
-    done = run_tasks(tasks, command.results, command.workers, seconds)
-    left = sum(result is None for result in done)
-    if left:
-        print(f"{left} of {len(done)} trainings are left; the same command goes on")
-    found = group_results(command.methods, asked, done)
+    results = train_all(command, tasks)
+    found = group_results(command.methods, wanted, results)
     rows = build_rows(found) if found else []
     if rows:
         print(f"{format_tables(rows)}\n\n{format_gesture_tables(rows)}")
     return {"rows": [asdict(row) for row in rows]}
 
 
+def train_all(
+    command: "CompareCommand | StudyCommand", tasks: list[TrainingTask]
+) -> list[MethodResult | None]:
+    """Run all trainings that are not done yet; print how many are left."""
+    seconds = 60 * command.minutes
+    results = run_tasks(tasks, command.results, command.workers, seconds)
+    left = sum(result is None for result in results)
+    if left:
+        print(f"{left} of {len(results)} trainings are left; the same command goes on")
+    return results
+
+
 def load_draws(
     command: CompareCommand,
 ) -> list[tuple[Examples, Mapping[str, Examples]]]:
-    """What is learned from and what is asked then, draw by draw."""
+    """Find the training clips and the test clips of each draw."""
     workers = command.workers
     trains, tests = (
         [find_examples([place], command.pack, workers) for place in places]
@@ -128,17 +134,11 @@ def load_draws(
     return [(train, {"test": test}) for train, test in both]
 
 
-def check_no_overlap_with_training(
-    train: Examples, tests: Mapping[str, Examples]
-) -> None:
-    """Refuse to ask what has been learned.
-
-    Raises:
-        EskinError: if a recording of a test is among those to learn from.
-    """
-    learned = {path.resolve() for path in train.paths}
+def check_test_is_held_out(train: Examples, tests: Mapping[str, Examples]) -> None:
+    """Raise if a recording of a test set is in the training set too."""
+    training_paths = {path.resolve() for path in train.paths}
     for name, test in tests.items():
-        both = [path for path in test.paths if path.resolve() in learned]
+        both = [path for path in test.paths if path.resolve() in training_paths]
         if both:
             raise EskinError(
                 f"{len(both)} recordings of --test {name}, such as {both[0]}, are in "
@@ -149,65 +149,65 @@ def check_no_overlap_with_training(
 
 def group_results(
     methods: Sequence[str],
-    asked: Sequence[tuple[str, RunKey]],
-    done: Sequence[MethodResult | None],
+    wanted: Sequence[tuple[str, RunKey]],
+    results: Sequence[MethodResult | None],
 ) -> dict[str, dict[RunKey, MethodResult]]:
-    """What is there of each method, where the first has answered as well."""
+    """Group results by method; keep the runs that the first method has as well."""
     found: dict[str, dict[RunKey, MethodResult]] = {name: {} for name in methods}
-    for (name, place), result in zip(asked, done, strict=True):
+    for (name, run), result in zip(wanted, results, strict=True):
         if result is not None:
-            found[name][place] = result
+            found[name][run] = result
     first = found[methods[0]]
     kept = (
-        (name, {place: each for place, each in results.items() if place in first})
-        for name, results in found.items()
+        (name, {run: result for run, result in by_run.items() if run in first})
+        for name, by_run in found.items()
     )
-    return {name: results for name, results in kept if results}
+    return {name: by_run for name, by_run in kept if by_run}
 
 
 @dataclass(frozen=True)
 class StudyCommand:
-    """Train networks with more and fewer neighbours, and other pooling.
+    """Train networks with more and fewer neighbours, and with other pooling.
 
-    The data is one set of clips; where it has the parts `train` and `test`, the second
-    is the test, else what is held out of it for validation is.
+    Where a set of clips has the parts `train` and `test`, the second is the test set;
+    otherwise the clips held out of it for validation are.
     """
 
     data: tyro.conf.Positional[tuple[Path, ...]]
     """A set of clips as `eskin generate --set paper` makes it, or several."""
 
     k: tuple[int, ...] = (4, 8, 16, 32)
-    """Neighbours of a taxel inside its patch."""
+    """Numbers of neighbours of a taxel inside its patch."""
 
     pool: tuple[Pooling, ...] = ("max", "mean")
-    """How the nodes of a reading are pooled."""
+    """Poolings of the nodes of a reading."""
 
     networks: tuple[StudyNetwork, ...] = ("eskin", "paper")
-    """Whose networks."""
+    """Networks to train: that of eskin and that of the paper."""
 
     seeds: int = 3
-    """How often each is trained on each set."""
+    """Number of trainings of each network on each set, each with its own seed."""
 
     epochs: int = 10
-    """How often the paper's network sees each clip."""
+    """Number of epochs of the paper's network."""
 
     picture: Path | None = None
-    """Where to draw the accuracies (.png)."""
+    """Path of a plot of the accuracies (.png)."""
 
     results: Path = Path("results")
-    """Folder that keeps each result, so that a study that was cut goes on."""
+    """Folder that keeps each result, so that an interrupted study can go on."""
 
     pack: Path = Path("pack")
     """Folder that keeps prepared clips."""
 
     workers: int = 1
-    """How many processes train at once."""
+    """Number of processes that train at once."""
 
     minutes: float = math.inf
-    """After how long no further training is begun."""
+    """Time after which no further training is started [min]."""
 
     def __post_init__(self) -> None:
-        """Refuse numbers that mean nothing."""
+        """Raise if an option is out of range or names nothing."""
         limits = {"seeds": (1, np.inf), "epochs": (1, np.inf), "workers": (1, np.inf)}
         check_limits(self, limits)
         if not self.data:
@@ -223,7 +223,7 @@ class StudyCommand:
 
 
 def run_study(command: StudyCommand) -> dict[str, object]:
-    """Train, print the table, and draw it where asked."""
+    """Train all variants, print the table, and draw it if asked to."""
     check_folder(command.results)
     check_folder(command.pack)
     if command.picture is not None:
@@ -231,23 +231,17 @@ def run_study(command: StudyCommand) -> dict[str, object]:
     variants = [
         Variant(*each) for each in product(command.networks, command.k, command.pool)
     ]
-    asked = [
-        (variant, (place, seed))
+    wanted = [
+        (variant, (number, seed))
         for seed in range(command.seeds)
-        for place in range(len(command.data))
+        for number in range(len(command.data))
         for variant in variants
     ]
-    tasks = [build_study_task(command, variant, *at) for variant, at in asked]
-    done = run_tasks(tasks, command.results, command.workers, 60 * command.minutes)
-    found: dict[Variant, dict[RunKey, MethodResult]] = {
-        variant: {} for variant in variants
-    }
-    for (variant, at), result in zip(asked, done, strict=True):
+    tasks = [build_study_task(command, variant, *run) for variant, run in wanted]
+    found: dict[Variant, dict[RunKey, MethodResult]] = {each: {} for each in variants}
+    for (variant, run), result in zip(wanted, train_all(command, tasks), strict=True):
         if result is not None:
-            found[variant][at] = result
-    left = done.count(None)
-    if left:
-        print(f"{left} of {len(done)} trainings are left; the same command goes on")
+            found[variant][run] = result
     rows = build_study_rows(found)
     if rows:
         print(format_study(rows))
@@ -259,11 +253,11 @@ def run_study(command: StudyCommand) -> dict[str, object]:
 def build_study_task(
     command: StudyCommand, variant: Variant, number: int, seed: int
 ) -> TrainingTask:
-    """One training of a variant on one of the sets of clips."""
-    place = command.data[number]
-    train, test = place / "train", place / "test"
-    parts = train.is_dir() and test.is_dir()
-    learned = find_examples([train if parts else place], command.pack)
-    tests = {"test": find_examples([test], command.pack)} if parts else {}
+    """Build the training of a variant on one of the sets of clips."""
+    folder = command.data[number]
+    train, test = folder / "train", folder / "test"
+    has_parts = train.is_dir() and test.is_dir()
+    examples = find_examples([train if has_parts else folder], command.pack)
+    tests = {"test": find_examples([test], command.pack)} if has_parts else {}
     name = f"{variant.network}-k{variant.k}-{variant.pool}"
-    return TrainingTask(name, variant.method(command.epochs), learned, tests, seed)
+    return TrainingTask(name, variant.method(command.epochs), examples, tests, seed)

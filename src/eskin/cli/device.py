@@ -16,7 +16,7 @@ from eskin.cli.checks import check_writable
 from eskin.errors import DeviceError, SkinMismatchError
 
 if TYPE_CHECKING:
-    from eskin.drivers.virtual import Port, VirtualSkin
+    from eskin.drivers.virtual import VirtualPort, VirtualSkin
     from eskin.skin import Skin
     from eskin.touch import Calibration, Scan
 
@@ -157,7 +157,7 @@ def played(
     return recording.scans(), 1e9 / recording.period, recording.calibration
 
 
-def opened(command: Command, count: int, stack: ExitStack) -> "list[Port]":
+def opened(command: Command, count: int, stack: ExitStack) -> "list[VirtualPort]":
     """The ports, which are closed with the stack.
 
     Raises:

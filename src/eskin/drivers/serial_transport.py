@@ -225,7 +225,7 @@ class SerialTransport(Transport):
             ]
         return packets
 
-    def select_readable(
+    def wait_readable(
         self, ports: list[SerialPort], timeout: float
     ) -> list[SerialPort]:
         """Wait for ports that can be read and return them."""

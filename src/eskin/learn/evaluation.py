@@ -1,4 +1,4 @@
-"""Scoring a trained recogniser on recordings."""
+"""This module scores a trained recogniser on recordings."""
 
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -24,37 +24,37 @@ from eskin.recording import NONE
 
 @dataclass(frozen=True)
 class Evaluation:
-    """What a recogniser is worth on some recordings."""
+    """An evaluation says how well a recogniser does on some recordings."""
 
     segments: ClassificationScore
-    """On whole gestures: the clips of a generated set, else what labels speak of. Of
-    what was not detected the answer is `none`; where no label says `none`, that is no
-    answer."""
+    """Scores on whole gestures: the clips of a generated set, else labelled segments.
+    The answer to an undetected gesture is `none`; where no label says `none`, it is not
+    an answer otherwise."""
 
     interval: tuple[float, float]
-    """95 % bootstrap interval of that accuracy; whole people are drawn."""
+    """95 % bootstrap confidence interval of that accuracy; whole people are drawn."""
 
     instants: ClassificationScore | None
-    """At every instant, `none` among the classes; None for clips, which end too soon to
-    tell (streams do)."""
+    """Scores at every instant, `none` among the classes; None for clips, which end too
+    soon to tell (streams do)."""
 
     per_subject: dict[str, float]
     """Accuracy on segments of each person, or session where people are not known."""
 
     reliability: Reliability
-    """How sure the answers were, and how often right."""
+    """Accuracy of the answers by their confidence."""
 
     @property
     def ece(self) -> float:
-        """Expected calibration error."""
+        """Return the expected calibration error."""
         return self.reliability.error
 
 
 class Predictions(NamedTuple):
-    """Answers to examples of a data set."""
+    """Predictions hold the answers to examples of a data set."""
 
     truth: Int[np.ndarray, "example"]
-    answer: Int[np.ndarray, "example"]
+    predicted: Int[np.ndarray, "example"]
     confidence: Float[np.ndarray, "example"]
     recording: Int[np.ndarray, "example"]
 
@@ -62,7 +62,7 @@ class Predictions(NamedTuple):
 def evaluate(
     network: RecogniserNetwork, card: ModelCard, dataset: Dataset
 ) -> Evaluation:
-    """ClassificationScore a network on prepared recordings.
+    """Score a network on prepared recordings.
 
     Raises:
         RecordingError: if the recordings have no labels.
@@ -71,58 +71,62 @@ def evaluate(
     """
     check_fits(card, dataset)
     vocabulary = list(card.vocabulary)
-    found = (of_clips if any(dataset.clips) else of_labels)(network, card, dataset)
-    people = [person(dataset, recording) for recording in found.recording.tolist()]
-    right = found.answer == found.truth
+    found = (classify_clips if any(dataset.clips) else classify_labelled)(
+        network, card, dataset
+    )
+    people = [find_person(dataset, recording) for recording in found.recording.tolist()]
+    correct = found.predicted == found.truth
     return Evaluation(
-        segments=score_predictions(found.truth, found.answer, vocabulary),
-        interval=bootstrap_accuracy(right, cluster=people),
-        instants=None if any(dataset.clips) else at_instants(network, card, dataset),
-        per_subject=compute_group_accuracies(right, people),
-        reliability=compute_reliability(found.confidence, right),
+        segments=score_predictions(found.truth, found.predicted, vocabulary),
+        interval=bootstrap_accuracy(correct, cluster=people),
+        instants=None
+        if any(dataset.clips)
+        else evaluate_instants(network, card, dataset),
+        per_subject=compute_group_accuracies(correct, people),
+        reliability=compute_reliability(found.confidence, correct),
     )
 
 
-def at_instants(
+def evaluate_instants(
     network: RecogniserNetwork, card: ModelCard, dataset: Dataset
 ) -> ClassificationScore:
-    """Answers at every row."""
+    """Score the answers at every row."""
     rows = np.arange(len(dataset.stamps))
     scores = score_instants(network, dataset, rows, card.temperature)
     now = np.array([card.vocabulary.index(gesture) for gesture in dataset.gestures])
     return score_predictions(now, scores.argmax(axis=1), card.vocabulary)
 
 
-def of_clips(
+def classify_clips(
     network: RecogniserNetwork, card: ModelCard, dataset: Dataset
 ) -> Predictions:
-    """Answers to the clips of generated sets."""
+    """Return the answers to the clips of generated sets."""
     answers = predict_clips(network, dataset, card.vocabulary, card.temperature)
     confidence = np.exp(answers.log_probabilities.max(axis=1))
-    return Predictions(answers.truth, answers.answer, confidence, answers.recording)
+    return Predictions(answers.truth, answers.predicted, confidence, answers.recording)
 
 
-def of_labels(
+def classify_labelled(
     network: RecogniserNetwork, card: ModelCard, dataset: Dataset
 ) -> Predictions:
-    """Answers to what labels speak of; sure of `none` where nothing was detected."""
+    """Return the answers to labelled gestures; `none` for undetected ones."""
     vocabulary = list(card.vocabulary)
     segments = dataset.labelled
-    made = [*segments, *dataset.missed]
+    examples = [*segments, *dataset.missed]
     scores = score_segments(network, dataset, segments, card.temperature)
     if not any(segment.gesture == NONE for segment in segments):
         scores[:, vocabulary.index(NONE)] = -np.inf
-    nothing = np.full(len(dataset.missed), vocabulary.index(NONE))
+    missed = np.full(len(dataset.missed), vocabulary.index(NONE))
     return Predictions(
-        truth=np.array([vocabulary.index(example.gesture) for example in made]),
-        answer=np.concatenate([scores.argmax(axis=1), nothing]),
-        confidence=np.append(confidence(scores), np.ones(len(nothing))),
-        recording=np.array([example.recording for example in made]),
+        truth=np.array([vocabulary.index(example.gesture) for example in examples]),
+        predicted=np.concatenate([scores.argmax(axis=1), missed]),
+        confidence=np.append(compute_confidence(scores), np.ones(len(missed))),
+        recording=np.array([example.recording for example in examples]),
     )
 
 
 def check_fits(card: ModelCard, dataset: Dataset) -> None:
-    """Refuse recordings that the model cannot be scored on."""
+    """Reject recordings that the model cannot be scored on."""
     if not (dataset.labelled or dataset.missed or any(dataset.clips)):
         raise RecordingError(
             "the recordings have no labels; scoring needs them; make some with: "
@@ -144,15 +148,15 @@ def check_fits(card: ModelCard, dataset: Dataset) -> None:
         )
 
 
-def person(dataset: Dataset, recording: int) -> str:
-    """The subject of a recording, or its session where the subject is not known."""
+def find_person(dataset: Dataset, recording: int) -> str:
+    """Return the subject of a recording, or its session where that is unknown."""
     metadata = dataset.recordings[recording].metadata
     return metadata.subject or metadata.session
 
 
-def confidence(
+def compute_confidence(
     scores: Float[np.ndarray, "segment class"],
 ) -> Float[np.ndarray, "segment"]:
-    """Probability of the winner, from mean log-probabilities."""
+    """Return the probability of the likeliest class, from log-probabilities."""
     shares = np.exp(scores - scores.max(axis=1, keepdims=True))
     return 1.0 / shares.sum(axis=1)

@@ -1,4 +1,4 @@
-"""Which recordings are held out to validate on."""
+"""This module chooses which recordings are held out for validation."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -10,19 +10,19 @@ from eskin.learn.dataset import Dataset
 
 @dataclass(frozen=True)
 class Holdout:
-    """Recordings to train on and to validate on, by their indices."""
+    """A holdout divides recordings, by their indices, into training and validation."""
 
     train: frozenset[int]
-    """To train on."""
+    """Recordings to train on."""
 
     held: frozenset[int]
-    """To validate on."""
+    """Recordings to validate on."""
 
     wanted: int
-    """How many were asked for to validate on."""
+    """Number of recordings that were to be held out."""
 
     def __str__(self) -> str:
-        """What is held out, and why it may be another number than asked for."""
+        """Return what is held out, and why it may differ from what was asked for."""
         count = len(self.train) + len(self.held)
         text = f"{len(self.held)} of {count} recordings held out for validation"
         if len(self.held) == self.wanted:
@@ -34,61 +34,63 @@ class Holdout:
 
 
 def hold_out(
-    sittings: Mapping[int, tuple[str, str]],
-    made: Mapping[int, set[str]],
+    sessions: Mapping[int, tuple[str, str]],
+    gestures: Mapping[int, set[str]],
     share: float,
     rng: np.random.Generator,
 ) -> Holdout:
-    """Hold out whole sessions of a person; single recordings where there is only one.
+    """Hold out whole sessions of a person, or recordings if there is one session.
 
-    What is held out leaves every class something to train on.
+    Every class keeps recordings to train on.
 
     Args:
-        sittings: person and session of each recording to divide, by its index.
-        made: the classes that each recording has examples of.
-        share: of the recordings to hold out.
-        rng: draws the order.
+        sessions: person and session of each recording to divide, by its index.
+        gestures: classes that each recording has examples of.
+        share: share of the recordings to hold out.
+        rng: source of the random order.
     """
-    order = rng.permutation(sorted(sittings)).tolist()
+    order = rng.permutation(sorted(sessions)).tolist()
     wanted = round(share * len(order))
     train, held = frozenset(order), frozenset[int]()
-    for group in group_sessions(sittings, order):
+    for group in group_sessions(sessions, order):
         fits = len(held) + len(group) <= wanted
         if wanted and not held:
             fits = fits or 2 * len(group) <= len(order)
         rest = train - group
-        if fits and find_classes(rest, made) == find_classes(train, made):
+        if fits and find_classes(rest, gestures) == find_classes(train, gestures):
             train, held = rest, held | group
     return Holdout(train, held, wanted)
 
 
 def group_sessions(
-    sittings: Mapping[int, tuple[str, str]], order: list[int]
+    sessions: Mapping[int, tuple[str, str]], order: list[int]
 ) -> list[frozenset[int]]:
-    """The recordings of each sitting; each alone where all are of one."""
+    """Return the recordings of each session; each alone if all are of one."""
     groups: dict[tuple[str, str], set[int]] = {}
     for index in order:
-        groups.setdefault(sittings[index], set()).add(index)
+        groups.setdefault(sessions[index], set()).add(index)
     if len(groups) < 2:
         return [frozenset({index}) for index in order]
     return [frozenset(group) for group in groups.values()]
 
 
-def find_classes(recordings: frozenset[int], made: Mapping[int, set[str]]) -> set[str]:
-    """The classes that some recordings have examples of."""
-    return {gesture for index in recordings for gesture in made.get(index, ())}
+def find_classes(
+    recordings: frozenset[int], gestures: Mapping[int, set[str]]
+) -> set[str]:
+    """Return the classes that some recordings have examples of."""
+    return {gesture for index in recordings for gesture in gestures.get(index, ())}
 
 
 def find_sessions(
     dataset: Dataset, recordings: list[int]
 ) -> dict[int, tuple[str, str]]:
-    """Person and session of some recordings."""
+    """Return person and session of some recordings."""
     metadata = {index: dataset.recordings[index].metadata for index in recordings}
     return {index: (facts.subject, facts.session) for index, facts in metadata.items()}
 
 
 def find_gestures(dataset: Dataset, vocabulary: tuple[str, ...]) -> dict[int, set[str]]:
-    """The classes that each recording has examples of."""
+    """Return the classes that each recording has examples of."""
     made: dict[int, set[str]] = {}
     for segment in dataset.segments:
         if segment.gesture in vocabulary:

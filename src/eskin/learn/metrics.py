@@ -1,4 +1,4 @@
-"""Scores: accuracy, macro F1, per class, per person, calibration, intervals."""
+"""This module computes scores: accuracy, F1, calibration and confidence intervals."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -7,18 +7,17 @@ import numpy as np
 from jaxtyping import Bool, Float, Int, Shaped
 
 RESAMPLES = 10_000
-BINS = 15
+"""Number of bootstrap draws."""
 
-Z = 1.959964
-"""Deviations from the mean that hold 95 % of a normal distribution."""
+RELIABILITY_BINS = 15
 
 
 @dataclass(frozen=True)
 class ClassificationScore:
-    """How well a list of predictions fits the truth."""
+    """A classification score compares predictions with the truth."""
 
     accuracy: float
-    """Share of right answers."""
+    """Share of correct predictions."""
 
     macro_f1: float
     """Mean F1 over the classes that occur in the truth."""
@@ -27,7 +26,7 @@ class ClassificationScore:
     """Precision, recall, F1 and number of examples of each class."""
 
     confusion: Int[np.ndarray, "true predicted"]
-    """Counts."""
+    """Number of examples by true and by predicted class."""
 
 
 def score_predictions(
@@ -35,7 +34,7 @@ def score_predictions(
     predicted: Int[np.ndarray, "example"],
     vocabulary: Sequence[str],
 ) -> ClassificationScore:
-    """ClassificationScore predictions against the truth."""
+    """Compare predictions with the truth."""
     size = len(vocabulary)
     confusion = np.zeros((size, size), dtype=np.int64)
     np.add.at(confusion, (truth, predicted), 1)
@@ -57,44 +56,47 @@ def score_predictions(
 
 
 def compute_group_accuracies(
-    right: Bool[np.ndarray, "example"], groups: Sequence[str]
+    correct: Bool[np.ndarray, "example"], groups: Sequence[str]
 ) -> dict[str, float]:
-    """Accuracy of each group, such as each person."""
+    """Return the accuracy of each group, such as each person."""
     names = np.asarray(groups)
-    return {str(g): float(right[names == g].mean()) for g in np.unique(names)}
+    return {str(g): float(correct[names == g].mean()) for g in np.unique(names)}
 
 
 @dataclass(frozen=True, eq=False)
 class Reliability:
-    """How often answers are right, by how sure they were, in 15 equal bins."""
+    """Reliability shows the accuracy of answers by their confidence, in 15 equal
+    bins."""
 
     count: Int[np.ndarray, "bin"]
-    """Answers in each bin."""
+    """Number of answers in each bin."""
 
     confidence: Float[np.ndarray, "bin"]
-    """Their mean confidence; zero where there is none."""
+    """Mean confidence of each bin; zero where it is empty."""
 
     accuracy: Float[np.ndarray, "bin"]
-    """Share of them that is right; zero where there is none."""
+    """Accuracy of each bin; zero where it is empty."""
 
     @property
     def error(self) -> float:
-        """Expected calibration error (Guo et al. 2017, eq. 3)."""
+        """Return the expected calibration error (Guo et al. 2017, eq. 3)."""
         gaps = self.count * np.abs(self.confidence - self.accuracy)
         return float(gaps.sum() / max(self.count.sum(), 1))
 
 
 def compute_reliability(
-    confidence: Float[np.ndarray, "example"], right: Bool[np.ndarray, "example"]
+    confidence: Float[np.ndarray, "example"], correct: Bool[np.ndarray, "example"]
 ) -> Reliability:
-    """How often answers are right, by how sure they were."""
-    bins = np.minimum((confidence * BINS).astype(np.int64), BINS - 1)
-    count = np.bincount(bins, minlength=BINS)
+    """Return the accuracy of answers by their confidence."""
+    bins = np.minimum(
+        (confidence * RELIABILITY_BINS).astype(np.int64), RELIABILITY_BINS - 1
+    )
+    count = np.bincount(bins, minlength=RELIABILITY_BINS)
     some = np.maximum(count, 1)
     return Reliability(
         count=count,
-        confidence=np.bincount(bins, confidence, BINS) / some,
-        accuracy=np.bincount(bins, right, BINS) / some,
+        confidence=np.bincount(bins, confidence, RELIABILITY_BINS) / some,
+        accuracy=np.bincount(bins, correct, RELIABILITY_BINS) / some,
     )
 
 
@@ -104,14 +106,14 @@ def bootstrap_difference(
     seed: int = 0,
     cluster: Sequence[int] | Sequence[str] | None = None,
 ) -> tuple[float, float]:
-    """95 % bootstrap interval of the difference in accuracy on the same examples.
+    """Return a 95 % interval of the difference in accuracy on the same examples.
 
     Args:
-        ours: which examples one method got right.
+        ours: which examples one method classified correctly.
         theirs: which the other one did.
-        seed: decides the draws.
-        cluster: what each example is of, such as its recording, where examples of one
-            are not independent; whole clusters are drawn then.
+        seed: seed of the draws.
+        cluster: cluster of each example, such as its recording, where examples of one
+            are not independent; whole clusters are drawn.
     """
     difference = ours.astype(np.float64) - theirs
     members = np.arange(len(difference)) if cluster is None else np.asarray(cluster)
@@ -119,30 +121,16 @@ def bootstrap_difference(
 
 
 def bootstrap_accuracy(
-    right: Bool[np.ndarray, "example"], cluster: Sequence[str], seed: int = 0
+    correct: Bool[np.ndarray, "example"], cluster: Sequence[str], seed: int = 0
 ) -> tuple[float, float]:
-    """95 % bootstrap interval of an accuracy, for other people than these.
+    """Return a 95 % interval of an accuracy, for other people than these.
 
     Args:
-        right: which examples were got right.
-        cluster: what each example is of, such as a person; whole clusters are drawn.
-        seed: decides the draws.
+        correct: which examples were classified correctly.
+        cluster: cluster of each example, such as a person; whole clusters are drawn.
+        seed: seed of the draws.
     """
-    return bootstrap_mean(right.astype(np.float64), np.asarray(cluster), seed)
-
-
-def wilson_interval(right: int, count: int) -> tuple[float, float]:
-    """95 % interval of a share of independent examples (Wilson 1927).
-
-    Args:
-        right: how many were got right.
-        count: of how many; at least one.
-    """
-    share, weight = right / count, Z**2 / count
-    middle = share + weight / 2
-    spread = Z * np.sqrt((share * (1 - share) + weight / 4) / count)
-    low, high = (middle - spread) / (1 + weight), (middle + spread) / (1 + weight)
-    return max(float(low), 0.0), min(float(high), 1.0)
+    return bootstrap_mean(correct.astype(np.float64), np.asarray(cluster), seed)
 
 
 def bootstrap_mean(
@@ -150,7 +138,7 @@ def bootstrap_mean(
     members: Shaped[np.ndarray, "example"],
     seed: int,
 ) -> tuple[float, float]:
-    """95 % bootstrap interval of a mean, whole clusters drawn anew."""
+    """Return a 95 % interval of a mean, from whole clusters drawn anew."""
     _, index, counts = np.unique(members, return_inverse=True, return_counts=True)
     sums = np.stack([np.bincount(index, values), counts.astype(np.float64)], axis=1)
     total, count = resample_clusters(sums, seed).T
@@ -161,7 +149,7 @@ def bootstrap_mean(
 def resample_clusters(
     sums: Float[np.ndarray, "cluster column"], seed: int
 ) -> Float[np.ndarray, "draw column"]:
-    """Sums over as many clusters as there are, drawn with replacement, many times."""
+    """Return sums over as many clusters as there are, drawn with replacement."""
     rng = np.random.default_rng(seed)
     draws = rng.integers(len(sums), size=(RESAMPLES, len(sums)))
     return np.stack([column[draws].sum(axis=1) for column in sums.T], axis=1)

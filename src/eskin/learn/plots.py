@@ -1,4 +1,4 @@
-"""This module draws scores and writes the pictures to files."""
+"""This module draws scores and writes the figures to files."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -17,7 +17,7 @@ def draw_confusion(
     path: Path,
     title: str,
 ) -> None:
-    """Draw the confusions, each row as shares of the true class with its counts."""
+    """Draw a confusion matrix, each row as shares of its class, with its counts."""
     size = 1.8 + 0.5 * len(vocabulary)
     figure = Figure(figsize=(size, size), dpi=120, layout="constrained")
     axes = figure.add_subplot()
@@ -35,12 +35,12 @@ def draw_confusion(
 
 
 def draw_reliability(found: Reliability, path: Path, title: str) -> None:
-    """Draw how often answers are right by how sure they were, and how many there are.
+    """Draw the accuracy of answers by their confidence, and how many there are.
 
     Args:
-        found: what to draw.
-        path: where to.
-        title: what was answered; the calibration error is added to it.
+        found: reliability to draw.
+        path: path of the picture.
+        title: title, to which the calibration error is added.
     """
     figure = Figure(figsize=(4.2, 4.8), dpi=120, layout="constrained")
     upper, lower = figure.subplots(2, sharex=True, height_ratios=(3, 1))
@@ -71,6 +71,6 @@ def draw_reliability(found: Reliability, path: Path, title: str) -> None:
 
 
 def save_figure(figure: Figure, path: Path) -> None:
-    """Write a picture whole or not at all."""
+    """Write a figure to a file, whole or not at all."""
     with atomic_path(path) as part:
         figure.savefig(part)

@@ -16,11 +16,11 @@ from eskin.learn.windows import cut_windows
 from eskin.nn import Places, RecogniserNetwork, graph_tensors
 from eskin.recording import NONE
 
-BATCH = 256
-"""Windows classified at once."""
+WINDOW_BATCH = 256
+"""Number of windows classified at once."""
 
-READINGS = 512
-"""Readings embedded at once."""
+READING_BATCH = 512
+"""Number of readings embedded at once."""
 
 HOP = 0.5  # [s] between the windows of a segment
 WINDOW = 2.0  # [s]
@@ -33,23 +33,23 @@ def compute_log_probabilities(
     firsts: Int[np.ndarray, "window"],
     temperature: float = 1.0,
 ) -> Float[np.ndarray, "window class"]:
-    """Log-probabilities of the windows that end with the rows `ends`.
+    """Return log-probabilities of the windows that end with the rows `ends`.
 
-    Each reading is embedded once, however many windows see it, as live.
+    Each reading is embedded once, however many windows hold it, as live.
     """
     windows = cut_windows(dataset, ends, firsts, network.config.slots)
     rows, place = np.unique(windows.rows, return_inverse=True)
     parts = []
     with torch.no_grad():
         e = embed_rows(network, dataset, rows)
-        for low in range(0, len(ends), BATCH):
-            seen = (windows.window >= low) & (windows.window < low + BATCH)
+        for low in range(0, len(ends), WINDOW_BATCH):
+            chosen = (windows.window >= low) & (windows.window < low + WINDOW_BATCH)
             places = Places(
-                torch.as_tensor(windows.window[seen] - low),
-                torch.as_tensor(windows.slot[seen]),
-                min(BATCH, len(ends) - low),
+                torch.as_tensor(windows.window[chosen] - low),
+                torch.as_tensor(windows.slot[chosen]),
+                min(WINDOW_BATCH, len(ends) - low),
             )
-            views = network.classify(e[torch.as_tensor(place[seen])], places)
+            views = network.classify(e[torch.as_tensor(place[chosen])], places)
             logits = views.mean(dim=0) / temperature
             parts.append(log_softmax(logits, dim=1).numpy())
     return np.concatenate(parts)
@@ -58,14 +58,14 @@ def compute_log_probabilities(
 def embed_rows(
     network: RecogniserNetwork, dataset: Dataset, rows: Int[np.ndarray, "row"]
 ) -> Float[Tensor, "row feature"]:
-    """What the network makes of each row on its own."""
+    """Return the embedding of each row on its own."""
     parts = [
         network.embed(
             graph_tensors(
-                dataset.graphs.select(rows[low : low + READINGS]), network.shear
+                dataset.graphs.select(rows[low : low + READING_BATCH]), network.shear
             )
         )
-        for low in range(0, len(rows), READINGS)
+        for low in range(0, len(rows), READING_BATCH)
     ]
     return torch.cat(parts)
 
@@ -76,10 +76,10 @@ def score_segments(
     segments: Sequence[Segment],
     temperature: float = 1.0,
 ) -> Float[np.ndarray, "segment class"]:
-    """Mean log-probability over the windows of each segment.
+    """Return mean log-probabilities over the windows of each segment.
 
     Windows end every half second, first when the segment is as long as a window, and
-    with its last reading. They see nothing from outside of the segment.
+    with its last reading. They hold nothing from outside the segment.
     """
     if not segments:
         return np.zeros((0, network.graph_head.classify.out_features))
@@ -94,7 +94,7 @@ def score_segments(
 
 
 def find_window_ends(dataset: Dataset, segment: Segment) -> Int[np.ndarray, "window"]:
-    """Last rows of the windows of a segment."""
+    """Return the last rows of the windows of a segment."""
     stamps = dataset.stamps[segment.first : segment.end]
     seconds = (stamps - stamps[0]) * 1e-9
     times = np.arange(WINDOW, seconds[-1], HOP)
@@ -108,7 +108,7 @@ def score_instants(
     rows: Int[np.ndarray, "row"],
     temperature: float = 1.0,
 ) -> Float[np.ndarray, "row class"]:
-    """Log-probabilities at every row, from the two seconds before it."""
+    """Return log-probabilities at every row, from the two seconds before it."""
     return compute_log_probabilities(
         network, dataset, rows, dataset.starts[rows], temperature
     )
@@ -116,20 +116,20 @@ def score_instants(
 
 @dataclass(frozen=True, eq=False)
 class ClipPredictions:
-    """What the recogniser says of every clip of a data set."""
+    """Clip predictions hold the recogniser's answer to every clip of a data set."""
 
     clips: tuple[Clip, ...]
-    """In the order of the recordings."""
+    """Clips in the order of the recordings."""
     recording: Int[np.ndarray, "clip"]
-    """The recording of each, as an index into those of the data set."""
+    """Index of each clip's recording in the data set."""
     truth: Int[np.ndarray, "clip"]
-    """What it was made for, as an index into the vocabulary."""
+    """True class of each clip, as an index into the vocabulary."""
     log_probabilities: Float[np.ndarray, "clip class"]
-    """Log-probabilities; certainly `none` where nothing was detected."""
+    """Log-probabilities of each clip; `none` is certain where nothing was detected."""
 
     @property
-    def answer(self) -> Int[np.ndarray, "clip"]:
-        """The likeliest class of each."""
+    def predicted(self) -> Int[np.ndarray, "clip"]:
+        """Return the most probable class of each clip."""
         return self.log_probabilities.argmax(axis=1)
 
 
@@ -140,48 +140,48 @@ def predict_clips(
     temperature: float = 1.0,
     recordings: Collection[int] | None = None,
 ) -> ClipPredictions:
-    """Answer every clip; abstention is off.
+    """Classify every clip by its touch of largest impulse, without abstention.
 
-    A touch keeps its last word: what is said of it at its last reading in the clip.
+    The prediction is the one at the touch's last reading in the clip.
 
     Args:
-        network: that answers.
-        dataset: where the clips are.
-        vocabulary: classes of the network; clips of others are passed over.
-        temperature: divides its logits.
-        recordings: those whose clips are asked for; all where None.
+        network: network that classifies.
+        dataset: data set that holds the clips.
+        vocabulary: classes of the network; clips of others are skipped.
+        temperature: divisor of the logits.
+        recordings: indices of the recordings whose clips count; all where None.
     """
     chosen = range(len(dataset.clips)) if recordings is None else sorted(recordings)
-    every = [
+    clips = [
         (n, clip)
         for n in chosen
         for clip in dataset.clips[n]
         if clip.gesture in vocabulary
     ]
-    ends = np.array(list(find_last_rows(dataset, every)), dtype=np.int64)
-    felt = ends >= 0
-    chances = np.where(np.array(vocabulary) == NONE, 0.0, -np.inf)
-    log_probabilities = np.tile(chances, (len(every), 1))
-    if felt.any():
-        log_probabilities[felt] = compute_log_probabilities(
-            network, dataset, ends[felt], dataset.starts[ends[felt]], temperature
+    ends = np.array(list(find_last_rows(dataset, clips)), dtype=np.int64)
+    touched = ends >= 0
+    certainly_none = np.where(np.array(vocabulary) == NONE, 0.0, -np.inf)
+    log_probabilities = np.tile(certainly_none, (len(clips), 1))
+    if touched.any():
+        log_probabilities[touched] = compute_log_probabilities(
+            network, dataset, ends[touched], dataset.starts[ends[touched]], temperature
         )
     return ClipPredictions(
-        clips=tuple(clip for _, clip in every),
-        recording=np.array([n for n, _ in every], dtype=np.int64),
-        truth=np.array([vocabulary.index(c.gesture) for _, c in every], dtype=np.int64),
+        clips=tuple(clip for _, clip in clips),
+        recording=np.array([n for n, _ in clips], dtype=np.int64),
+        truth=np.array([vocabulary.index(c.gesture) for _, c in clips], dtype=np.int64),
         log_probabilities=log_probabilities,
     )
 
 
 def find_last_rows(
-    dataset: Dataset, every: Sequence[tuple[int, Clip]]
+    dataset: Dataset, clips: Sequence[tuple[int, Clip]]
 ) -> Iterator[int]:
-    """The last row of the touch of largest impulse of each clip, -1 without a touch.
+    """Yield the last row of each clip's touch of largest impulse, -1 without one.
 
     Args:
-        dataset: where the clips are.
-        every: the clips, each with the index of its recording.
+        dataset: data set that holds the clips.
+        clips: clips, each with the index of its recording.
     """
     graphs = dataset.graphs
     force = total(graphs.pressure * graphs.areas, graphs) * N_PER_KPA_CM2
@@ -190,7 +190,7 @@ def find_last_rows(
     work = np.concatenate([[0.0], np.cumsum(force * graphs.seconds, dtype=np.float64)])
     impulse = work[ends] - work[firsts]
     recording, start = dataset.recording[firsts], dataset.stamps[firsts]
-    for number, clip in every:
+    for number, clip in clips:
         inside = (start >= clip.start) & (start < clip.end)
         here = np.flatnonzero(inside & (recording == number))
         yield int(ends[here[impulse[here].argmax()]] - 1) if len(here) else -1

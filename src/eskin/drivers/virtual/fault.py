@@ -57,6 +57,8 @@ class DeviceFault(ABC):
     """Smallest amount."""
     max_amount: ClassVar[float] = 1.0
     """Largest amount."""
+    unit: ClassVar[str]
+    """Name of what `count` counts."""
     has_end: ClassVar[bool] = True
     """Whether the fault may end."""
     needs_pair: ClassVar[bool] = False
@@ -72,11 +74,6 @@ class DeviceFault(ABC):
         self.spec = spec
         self.rng = rng
         self.count = 0
-
-    @property
-    @abstractmethod
-    def unit(self) -> str:
-        """Name of what `count` counts."""
 
     def is_active(self, at: int) -> bool:
         """Return whether it is active at a time since the skin was started [ns]."""
@@ -103,10 +100,7 @@ class ModuleFault(DeviceFault):
 class TaxelFault(DeviceFault):
     """Disturbs what taxels measure."""
 
-    @property
-    def unit(self) -> str:
-        """Name of what `count` counts."""
-        return "counts"
+    unit = "counts"
 
     @abstractmethod
     def disturb(self, counts: Int[np.ndarray, "part"]) -> Int[np.ndarray, "part"]:
@@ -120,15 +114,12 @@ class PacketFault(DeviceFault):
         data: how many of the packets that it struck were data packets.
     """
 
+    unit = "packets"
+
     def __init__(self, spec: FaultSpec, rng: np.random.Generator) -> None:
         """Prepare the fault."""
         super().__init__(spec, rng)
         self.data = 0
-
-    @property
-    def unit(self) -> str:
-        """Name of what `count` counts."""
-        return "packets"
 
     def strikes(self, packet: OutgoingBytes, at: int) -> bool:
         """Draw whether it strikes a packet, and count the packet if it does."""
@@ -144,15 +135,22 @@ class PacketFault(DeviceFault):
         self.count += 1
         self.data += packet.data[1] == DATA
 
-    @abstractmethod
     def transmit(self, packets: list[OutgoingBytes], at: int) -> list[OutgoingBytes]:
-        """Return what becomes of packets.
+        """Return what becomes of packets: by default, of each one by itself.
 
         Args:
             packets: packets on their way.
             at: time since the skin was started [ns]; `FOREVER` once, at the end, when
                 nothing may be held back any more.
         """
+        out: list[OutgoingBytes] = []
+        for packet in packets:
+            out += self.strike(packet) if self.strikes(packet, at) else [packet]
+        return out
+
+    def strike(self, packet: OutgoingBytes) -> list[OutgoingBytes]:
+        """Return what becomes of a packet that it strikes: by default, nothing."""
+        return []
 
     def counters(self) -> dict[str, object]:
         """Return also how many were data packets."""

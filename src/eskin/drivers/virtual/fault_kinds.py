@@ -39,18 +39,10 @@ class Lose(PacketFault):
 
     default = 0.1
 
-    def transmit(self, packets: list[OutgoingBytes], at: int) -> list[OutgoingBytes]:
-        """Return the packets that are not lost."""
-        return [packet for packet in packets if not self.strikes(packet, at)]
-
 
 @final
 class Stall(PacketFault):
     """Modules go on but nothing of them arrives."""
-
-    def transmit(self, packets: list[OutgoingBytes], at: int) -> list[OutgoingBytes]:
-        """Return no packets of its modules while it lasts."""
-        return [packet for packet in packets if not self.strikes(packet, at)]
 
 
 @final
@@ -59,20 +51,11 @@ class Corrupt(PacketFault):
 
     default = 0.01
 
-    def transmit(self, packets: list[OutgoingBytes], at: int) -> list[OutgoingBytes]:
-        """Return all packets, some of them corrupted."""
-        return [
-            OutgoingBytes(packet.patch, self.corrupt(packet.data))
-            if self.strikes(packet, at)
-            else packet
-            for packet in packets
-        ]
-
-    def corrupt(self, data: bytes) -> bytes:
-        """Return a packet with some bits flipped."""
+    def strike(self, packet: OutgoingBytes) -> list[OutgoingBytes]:
+        """Return the packet with some bits flipped."""
         flips = int(self.rng.integers(1, MAX_FLIPPED_BITS + 1))
-        places = self.rng.choice(8 * len(data), flips, replace=False)
-        return flip_bits(data, places)
+        places = self.rng.choice(8 * len(packet.data), flips, replace=False)
+        return [OutgoingBytes(packet.patch, flip_bits(packet.data, places))]
 
 
 @final
@@ -81,17 +64,10 @@ class Truncate(PacketFault):
 
     default = 0.1
 
-    def transmit(self, packets: list[OutgoingBytes], at: int) -> list[OutgoingBytes]:
-        """Return all packets, some of them truncated."""
-        return [
-            OutgoingBytes(
-                packet.patch,
-                packet.data[: int(self.rng.integers(1, len(packet.data)))],
-            )
-            if self.strikes(packet, at)
-            else packet
-            for packet in packets
-        ]
+    def strike(self, packet: OutgoingBytes) -> list[OutgoingBytes]:
+        """Return the start of the packet."""
+        size = int(self.rng.integers(1, len(packet.data)))
+        return [OutgoingBytes(packet.patch, packet.data[:size])]
 
 
 @final
@@ -100,12 +76,9 @@ class Duplicate(PacketFault):
 
     default = 0.1
 
-    def transmit(self, packets: list[OutgoingBytes], at: int) -> list[OutgoingBytes]:
-        """Return all packets, some of them twice."""
-        out: list[OutgoingBytes] = []
-        for packet in packets:
-            out += [packet] * (2 if self.strikes(packet, at) else 1)
-        return out
+    def strike(self, packet: OutgoingBytes) -> list[OutgoingBytes]:
+        """Return the packet twice."""
+        return [packet, packet]
 
 
 @final
@@ -167,15 +140,14 @@ class WrongPatch(PacketFault):
 
     default = 0.1
 
-    def transmit(self, packets: list[OutgoingBytes], at: int) -> list[OutgoingBytes]:
-        """Return all packets and the additional ones."""
-        out: list[OutgoingBytes] = []
-        for packet in packets:
-            out.append(packet)
-            if packet.data[1] == DATA and self.strikes(packet, at):
-                strange = replace_address(packet.data, self.spec.unused)
-                out.append(OutgoingBytes(packet.patch, strange))
-        return out
+    def strikes(self, packet: OutgoingBytes, at: int) -> bool:
+        """Draw whether it strikes a packet; it leaves all but data packets alone."""
+        return packet.data[1] == DATA and super().strikes(packet, at)
+
+    def strike(self, packet: OutgoingBytes) -> list[OutgoingBytes]:
+        """Return the packet, and the same under another address."""
+        strange = replace_address(packet.data, self.spec.unused)
+        return [packet, OutgoingBytes(packet.patch, strange)]
 
 
 def flip_bits(data: bytes, places: np.ndarray) -> bytes:
@@ -196,16 +168,13 @@ def replace_address(data: bytes, address: int) -> bytes:
 class ModuleAbsence(ModuleFault):
     """Modules are away for a time, then power up."""
 
+    unit = "departures"
+
     def __init__(self, spec: FaultSpec, rng: np.random.Generator) -> None:
         """Prepare the fault."""
         super().__init__(spec, rng)
         self.end = spec.end
         self.is_away = False
-
-    @property
-    def unit(self) -> str:
-        """Name of what `count` counts."""
-        return "departures"
 
     def change(self, patches: tuple[VirtualPatch, ...], at: int) -> None:
         """Take modules away, or bring them back."""
@@ -259,12 +228,8 @@ class Replace(ShortAbsence):
 class InstantModuleFault(ModuleFault):
     """Something happens to modules at one instant."""
 
+    unit = "modules"
     has_end = False
-
-    @property
-    def unit(self) -> str:
-        """Name of what `count` counts."""
-        return "modules"
 
     def change(self, patches: tuple[VirtualPatch, ...], at: int) -> None:
         """Strike once, when it is time."""
@@ -360,12 +325,8 @@ class Dead(TaxelFault):
 class Flip(LineFault):
     """A share of all bits is flipped, framing included."""
 
+    unit = "bits"
     default, max_amount = 0.0001, 0.5
-
-    @property
-    def unit(self) -> str:
-        """Name of what `count` counts."""
-        return "bits"
 
     def transmit(self, chunks: list[OutgoingBytes], at: int) -> list[OutgoingBytes]:
         """Return all bytes, with some bits flipped."""
@@ -388,12 +349,8 @@ class Flip(LineFault):
 class Garbage(LineFault):
     """Random bytes come in between, as many a second as the amount."""
 
+    unit = "bytes"
     default, max_amount = 100_000.0, 1e8
-
-    @property
-    def unit(self) -> str:
-        """Name of what `count` counts."""
-        return "bytes"
 
     def __init__(self, spec: FaultSpec, rng: np.random.Generator) -> None:
         """Prepare the fault."""

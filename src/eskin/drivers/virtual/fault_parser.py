@@ -116,9 +116,12 @@ def parse_place(
         return tuple(range(len(skin.patches))), np.arange(skin.count)
     names = (where or "").split(",")
     if len(names) != 1 + kind.needs_pair:
+        allowed = "are 2, as in KIND:ONE,OTHER"
+        if not kind.needs_pair:
+            allowed = "is 1, or none for all"
         raise ValueError(
             f"fault '{text}' names {len(names) if where else 0} patches; allowed "
-            f"{'are 2, as in KIND:ONE,OTHER' if kind.needs_pair else 'is 1, or none for all'}"
+            f"{allowed}"
         )
     places = [parse_patch_place(text, name, skin) for name in names]
     patches = tuple(patch for patch, _ in places)
@@ -180,8 +183,8 @@ def parse_amount(text: str, amount: str | None, kind: type[DeviceFault]) -> floa
         raise ValueError(f"fault '{text}' takes no amount; leave out ={amount}")
     if not kind.min_amount <= float(amount) <= kind.max_amount:
         raise ValueError(
-            f"fault '{text}' has the amount {amount}; allowed are {kind.min_amount:g} to "
-            f"{kind.max_amount:g}"
+            f"fault '{text}' has the amount {amount}; allowed are "
+            f"{kind.min_amount:g} to {kind.max_amount:g}"
         )
     return float(amount)
 
