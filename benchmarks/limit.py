@@ -15,8 +15,8 @@ import numpy as np
 import tyro
 
 from eskin.bench.latency import TimedEngine, pin_to_one_core
-from eskin.bench.scene import BenchScene, large_skin, find_forearm_taxels
-from eskin.graph import NODE_SCALARS, FixedNeighbours, GraphConfig, live_neighbours
+from eskin.bench.scene import BenchScene, find_forearm_taxels, large_skin
+from eskin.graph import NODE_SCALARS, FixedNeighbours, GraphConfig, find_live_neighbours
 from eskin.model import Model, load_model
 from eskin.robot import load_robot
 from eskin.skin import MountedSkin
@@ -101,12 +101,15 @@ def main() -> None:
 def graph_size(mounted: MountedSkin, active: int) -> tuple[int, int]:
     """Nodes of a contact's graph, and edges to those that hear."""
     skin, config = mounted.skin, GraphConfig()
-    fixed, taxels = FixedNeighbours(skin, config.fixed), find_forearm_taxels(skin, active)
+    fixed, taxels = (
+        FixedNeighbours(skin, config.fixed),
+        find_forearm_taxels(skin, active),
+    )
     heard = fixed.table[taxels]
     nodes = np.union1d(taxels, heard[heard >= 0])
     p_world, _ = mounted.place_taxels(np.zeros(len(mounted.robot.joint_names)), nodes)
     patches, rank = skin.patch_index[nodes], fixed.rank[nodes]
-    live = live_neighbours(p_world, patches, rank, config.live, config.live_reach)
+    live = find_live_neighbours(p_world, patches, rank, config.live, config.live_reach)
     hears = np.isin(nodes, taxels)
     return len(nodes), int((heard >= 0).sum() + (live[hears] >= 0).sum())
 

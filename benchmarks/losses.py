@@ -19,7 +19,7 @@ import tyro
 from jaxtyping import Float
 from sklearn.ensemble import HistGradientBoostingClassifier
 
-from eskin.graph import GraphConfig, pressure_summary
+from eskin.graph import GraphConfig, compute_summary
 from eskin.learn.dataset import Dataset, prepare
 from eskin.learn.ground_truth import find_runs
 from eskin.learn.scoring import find_last_rows
@@ -141,7 +141,7 @@ def accuracy(train: Dataset, val: Dataset, seed: int) -> float:
 
 def statistics(dataset: Dataset) -> Float[np.ndarray, "touch statistic"]:
     """What the features of each touch were like while there was contact."""
-    rows = pressure_summary(dataset.graphs)
+    rows = compute_summary(dataset.graphs, shear=False)
     runs = find_runs(dataset.sequence[:, None])
     return np.array([statistics_of(rows[a:b]) for a, b in runs])
 

@@ -15,19 +15,24 @@ from itertools import count
 import numpy as np
 import torch
 import tyro
+from eskin.live.graph import graph_of
+from eskin.live.summary_kernels import summarise
 
 import eskin
-from eskin.graph import GraphBatch, GraphBuilder, GraphConfig, Share, held_shares
-from eskin.graph.batch import NOTHING
+from eskin.graph import (
+    NO_HISTORY,
+    GraphBatch,
+    GraphBuilder,
+    GraphConfig,
+    Share,
+    pack_touch_nodes,
+)
 from eskin.learn.checkpoint import to_model
 from eskin.live.encoder_kernels import encode
-from eskin.live.graph import graph_of
 from eskin.live.logits import LogitStream
 from eskin.live.network import Network
-from eskin.live.summary_kernels import summarise
 from eskin.model import SLOT_NS, Model, ModelCard, NetworkConfig
-from eskin.nn import RecogniserNetwork
-from eskin.nn.batch import Places, graph_tensors
+from eskin.nn import RecogniserNetwork, SlotIndex, build_graph_tensors
 
 VOCABULARY = ("none", "poke", "double_pat", "grab", "stroke")
 ACTIVE = (1, 20, 60, 83)
@@ -75,7 +80,7 @@ def main() -> None:
     print(f"|{'---|' * len(titles)}")
     for active in ACTIVE:
         builder, share, reading = pressed(active)
-        batch = builder.graph(*share)
+        batch = builder.build(*share)
         later = (
             replace(reading, stamp=reading.stamp + SLOT_NS * (n + 1))
             for n in range(FULL + command.steps)
@@ -109,7 +114,7 @@ def pressed(active: int) -> tuple[GraphBuilder, Share, eskin.Reading]:
         valid, q = np.ones(skin.count, dtype=bool), np.zeros(6)
         readings.append(eskin.Reading(SLOT_NS * (n + 1), pressure, valid, q))
         builder.advance(readings[-1], taxels)
-    return builder, Share(taxels, taxels, NOTHING), readings[-1]
+    return builder, Share(taxels, taxels, NO_HISTORY), readings[-1]
 
 
 def compiled_parts(
@@ -117,15 +122,15 @@ def compiled_parts(
 ) -> list[Callable[[], object]]:
     """Graph, encoder, summary, heads and the whole step, each of one reading."""
     network, stream = Network(model), LogitStream(model, builder)
-    graph, window = graph_of(builder.graph(*share)), network.window()
+    graph, window = graph_of(builder.build(*share)), network.window()
     weights, memory = network.weights, network.memory
     embedding = np.zeros(2 * network.width, np.float32)
     summary = np.zeros(len(weights.summary_mean), np.float32)
     features = network.features(graph).copy()
     stamps, readings = count(SLOT_NS, SLOT_NS), iter(later)
-    shares = held_shares({1: share})
+    shares = pack_touch_nodes({1: share})
     return [
-        lambda: builder.graph(*share),
+        lambda: builder.build(*share),
         lambda: encode(graph, False, weights.encoder, memory, embedding),
         lambda: summarise(graph, False, summary),
         lambda: window.push(next(stamps), features),
@@ -136,11 +141,11 @@ def compiled_parts(
 def torch_step(network: RecogniserNetwork, batch: GraphBatch) -> Callable[[], object]:
     """The same step in torch: one graph embedded, then a window that is full."""
     slots = network.config.slots
-    places = Places(torch.zeros(slots, dtype=torch.long), torch.arange(slots), 1)
+    places = SlotIndex(torch.zeros(slots, dtype=torch.long), torch.arange(slots), 1)
 
     def step() -> None:
         with torch.no_grad():
-            features = network.embed(graph_tensors(batch, shear=False))
+            features = network.embed(build_graph_tensors(batch, shear=False))
             network.classify(features.expand(slots, -1), places)
 
     return step

@@ -5,8 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from eskin.graph import GraphBatch
-from eskin.graph.batch import HISTORY
+from eskin.graph import HISTORY, GraphBatch
 from eskin.learn.dataset import Dataset
 from eskin.learn.ground_truth import Clip
 from eskin.sim.dataset.generate import generate

@@ -6,10 +6,8 @@ from functools import cache
 import numpy as np
 import torch
 
-from eskin.graph import GraphBatch, GraphBuilder, GraphConfig, join
-from eskin.graph.batch import HISTORY
-from eskin.nn import network_input
-from eskin.nn.batch import summary
+from eskin.graph import HISTORY, GraphBatch, GraphBuilder, GraphConfig, join_graphs
+from eskin.nn import network_input, summary
 from eskin.robot import Joint, Link, Robot, load_robot
 from eskin.skin import (
     MountedSkin,
@@ -46,9 +44,9 @@ class Scene:
         for reading in self.readings:
             now = np.flatnonzero(reading.pressure > 0)
             builder.advance(reading, now)
-            batches.append(builder.graph(now, earlier))
+            batches.append(builder.build(now, earlier))
             earlier = now
-        return join(batches)
+        return join_graphs(batches)
 
 
 def reading_at(seconds, pressure, q=(), shear=None) -> Reading:
@@ -123,7 +121,7 @@ def book() -> MountedSkin:
 def on_flat_skins(shear: bool) -> torch.Tensor:
     """Summaries of touches on flat grids, where some features never change."""
     flat_scenes = press_on_grid, press_on_seam, stroke_on_grid
-    batch = join([make(shear).graphs() for make in flat_scenes])
+    batch = join_graphs([make(shear).graphs() for make in flat_scenes])
     return torch.as_tensor(summary(batch, shear))
 
 
@@ -302,7 +300,7 @@ def shuffled(batch: GraphBatch, rng) -> GraphBatch:
         neighbours = place[one.neighbours[order]]
         neighbours = rng.permuted(neighbours, axis=1)
         parts.append(replace(one, neighbours=neighbours, **nodes))
-    return join(parts)
+    return join_graphs(parts)
 
 
 def with_bystanders(batch: GraphBatch, rng, count=3) -> GraphBatch:
@@ -321,7 +319,7 @@ def with_bystanders(batch: GraphBatch, rng, count=3) -> GraphBatch:
                 theirs = np.zeros_like(theirs)
             changes[name] = np.concatenate([mine, theirs.astype(mine.dtype)])
         parts.append(GraphBatch(**changes))
-    return join(parts)
+    return join_graphs(parts)
 
 
 def random_graph(rng, nodes: int, neighbours=6) -> GraphBatch:

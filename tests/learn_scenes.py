@@ -5,8 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from eskin.graph import no_graphs
-from eskin.graph.batch import HISTORY
+from eskin.graph import HISTORY, create_empty_batch
 from eskin.learn.augment import NO_AUGMENTATION
 from eskin.learn.dataset import Dataset
 from eskin.learn.training import TrainConfig
@@ -114,7 +113,7 @@ def bare(stamps, sequence) -> Dataset:
     """A data set of empty graphs at some stamps [ns]."""
     n = len(stamps)
     graphs = replace(
-        no_graphs(4),
+        create_empty_batch(4),
         offsets=np.zeros(n + 1, np.int64),
         seconds=np.full(n, 0.05, np.float32),
         history=np.zeros((n, len(HISTORY)), np.float32),

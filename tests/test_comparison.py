@@ -27,7 +27,7 @@ from eskin.learn.comparison.examples import cut_clip_windows
 from eskin.learn.comparison.study import Variant, build_study_rows, plot_shares
 from eskin.learn.ground_truth import read_clips
 from eskin.model import LENGTH_CM, NetworkConfig
-from eskin.nn import graph_tensors
+from eskin.nn import build_graph_tensors
 from eskin.recording import read_recording
 from eskin.touch import TouchPipeline
 from graph_scenes import orthogonal, random_graph, turned
@@ -189,7 +189,7 @@ def test_only_the_plain_encoder_feels_how_a_touch_is_turned_in_the_world():
         torch.manual_seed(0)
         encoder = make(NetworkConfig()).double().eval()
         here, away = (
-            encoder(graph_tensors(each, False, torch.float64)).detach().numpy()
+            encoder(build_graph_tensors(each, False, torch.float64)).detach().numpy()
             for each in (batch, there)
         )
         assert np.abs(here).max() > 0.1
@@ -197,7 +197,7 @@ def test_only_the_plain_encoder_feels_how_a_touch_is_turned_in_the_world():
 
 
 def test_every_encoder_feels_coordinates_in_the_same_unit():
-    batch = graph_tensors(random_graph(np.random.default_rng(0), 30), False)
+    batch = build_graph_tensors(random_graph(np.random.default_rng(0), 30), False)
     felt = []
     for kind, make in ENCODERS.items():
         encoder = make(NetworkConfig())
@@ -214,7 +214,7 @@ def test_an_accuracy_of_nothing_is_drawn_and_none_is_not():
 
 
 def test_an_encoder_of_one_pooling_knows_nothing_of_the_other():
-    batch = graph_tensors(random_graph(np.random.default_rng(0), 30), False)
+    batch = build_graph_tensors(random_graph(np.random.default_rng(0), 30), False)
     for kind in ("max", "mean"):
         torch.manual_seed(0)
         encoder = ENCODERS[kind](NetworkConfig(width=8))

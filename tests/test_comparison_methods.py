@@ -36,7 +36,7 @@ from eskin.learn.comparison.methods import build_touch_rows
 from eskin.learn.comparison.study import Variant
 from eskin.learn.scoring import ClipPredictions
 from eskin.learn.training import Trainer
-from eskin.nn import graph_tensors
+from eskin.nn import build_graph_tensors
 from graph_scenes import random_graph
 from learn_scenes import TINY
 
@@ -137,7 +137,7 @@ def test_clips_said_to_be_others_are_other_examples(change, examples, tmp_path):
 
 def embedded(trainer):
     """What the encoder of a network makes of a touch."""
-    batch = graph_tensors(random_graph(np.random.default_rng(0), 30), False)
+    batch = build_graph_tensors(random_graph(np.random.default_rng(0), 30), False)
     return trainer.network.encoder(batch).detach().numpy().tobytes()
 
 

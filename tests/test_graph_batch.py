@@ -6,13 +6,14 @@ import numpy as np
 import pytest
 
 from eskin.graph import (
-    join,
-    no_graphs,
-    node_scalars,
+    compute_node_scalars,
+    create_empty_batch,
+    join_graphs,
     pressure_summary,
+    segment_max,
+    segment_sum,
     shear_summary,
 )
-from eskin.graph.batch import segment_max, segment_sum
 from graph_scenes import assert_same, random_graph
 
 SIZES = [(4, 1, 7), (0, 5, 0, 0, 3, 0), (0,), (0, 0, 0), (6,), (5, 0), (0, 5)]
@@ -27,7 +28,7 @@ def graphs_of(sizes):
 @of_any_sizes
 def test_selecting_from_joined_graphs_gives_them_back(sizes):
     graphs = graphs_of(sizes)
-    batch = join(graphs)
+    batch = join_graphs(graphs)
     for index, graph in enumerate(graphs):
         assert_same(batch.select(np.array([index])), graph)
     assert_same(batch.select(np.arange(len(sizes))), batch)
@@ -37,35 +38,37 @@ def test_selecting_from_joined_graphs_gives_them_back(sizes):
 def test_selecting_in_any_order_and_twice_is_joining_so(sizes):
     graphs = graphs_of(sizes)
     chosen = np.random.default_rng(0).integers(0, len(sizes), 9)
-    want = join([graphs[n] for n in chosen])
-    assert_same(join(graphs).select(chosen), want)
+    want = join_graphs([graphs[n] for n in chosen])
+    assert_same(join_graphs(graphs).select(chosen), want)
 
 
 @of_any_sizes
 def test_joining_joined_graphs_is_joining_them_all(sizes):
     graphs = graphs_of(sizes)
     halves = [graphs[: len(graphs) // 2 + 1], graphs[len(graphs) // 2 + 1 :]]
-    assert_same(join([join(half) for half in halves if half]), join(graphs))
+    assert_same(
+        join_graphs([join_graphs(half) for half in halves if half]), join_graphs(graphs)
+    )
 
 
 def test_selecting_no_graph_is_a_batch_of_none():
-    batch = join(graphs_of((3, 0, 2)))
+    batch = join_graphs(graphs_of((3, 0, 2)))
     none = batch.select(np.array([], np.int64))
-    assert_same(none, no_graphs(batch.neighbours.shape[1]))
+    assert_same(none, create_empty_batch(batch.neighbours.shape[1]))
     assert (none.count, len(none.taxels), none.offsets.tolist()) == (0, 0, [0])
-    assert_same(join([none, batch, none]), batch)
-    for features in (pressure_summary, shear_summary, node_scalars):
+    assert_same(join_graphs([none, batch, none]), batch)
+    for features in (pressure_summary, shear_summary, compute_node_scalars):
         assert len(features(none)) == 0
 
 
 def test_joining_nothing_is_refused():
     with pytest.raises(ValueError, match="no graphs to join; give at least one"):
-        join([])
+        join_graphs([])
 
 
 @of_any_sizes
 def test_sources_are_the_neighbours_in_the_own_graph(sizes):
-    batch = join(graphs_of(sizes))
+    batch = join_graphs(graphs_of(sizes))
     assert batch.count == len(sizes)
     assert batch.sizes.tolist() == list(sizes)
     assert len(batch.sources) == len(batch.targets)
@@ -77,7 +80,7 @@ def test_sources_are_the_neighbours_in_the_own_graph(sizes):
 
 @of_any_sizes
 def test_only_active_nodes_hear_and_no_column_is_empty(sizes):
-    batch = join(graphs_of(sizes))
+    batch = join_graphs(graphs_of(sizes))
     assert np.array_equal(batch.targets, np.flatnonzero(batch.pressure > 0))
     assert (batch.sources >= 0).any(axis=0).all()
     unheard = replace(batch, neighbours=np.full_like(batch.neighbours, -1))
@@ -99,16 +102,16 @@ def test_segment_sums_and_maxima_are_those_of_loops(sizes, axes):
 @of_any_sizes
 def test_features_of_graphs_laid_end_to_end_are_those_of_each_alone(sizes):
     graphs = graphs_of(sizes)
-    for features in (pressure_summary, shear_summary, node_scalars):
+    for features in (pressure_summary, shear_summary, compute_node_scalars):
         alone = np.concatenate([features(graph) for graph in graphs])
-        together = features(join(graphs))
+        together = features(join_graphs(graphs))
         np.testing.assert_allclose(together, alone, rtol=1e-5, atol=1e-5)
         assert together.dtype == np.float32
         assert np.isfinite(together).all()
 
 
 def test_a_graph_without_nodes_has_a_summary_of_zeros():
-    empty = join(graphs_of((0, 0)))
+    empty = join_graphs(graphs_of((0, 0)))
     empty = replace(empty, history=np.zeros_like(empty.history))
     assert not pressure_summary(empty).any()
     assert not shear_summary(empty).any()

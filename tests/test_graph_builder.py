@@ -3,9 +3,15 @@
 import numpy as np
 import pytest
 
-from eskin.graph import GraphBuilder, GraphConfig, join, node_scalars, pressure_summary
-from eskin.graph.batch import NODE_FIELDS
-from eskin.graph.features import NODE_SCALARS
+from eskin.graph import (
+    NODE_FIELDS,
+    NODE_SCALARS,
+    GraphBuilder,
+    GraphConfig,
+    compute_node_scalars,
+    join_graphs,
+    pressure_summary,
+)
 from graph_scenes import (
     FOLDED,
     SCENES,
@@ -21,7 +27,7 @@ from graph_scenes import (
     ur5,
 )
 
-NOTHING = np.empty(0, np.int64)
+NO_HISTORY = np.empty(0, np.int64)
 
 
 def at(batch, name, taxels):
@@ -66,7 +72,7 @@ def test_a_touch_knows_nothing_of_the_pressure_of_another():
             reading_at(0.1 * step, left + right), np.flatnonzero(left + right)
         )
     mine, other = np.flatnonzero(left), np.flatnonzero(right)
-    graph = builder.graph(mine, mine)
+    graph = builder.build(mine, mine)
     assert (at(graph, "pressure", mine) > 0).all()
     for name in ("pressure", "before", "age"):
         assert not at(graph, name, other).any()
@@ -78,7 +84,7 @@ def test_pressure_of_taxels_that_are_not_active_is_no_pressure():
     active = load > 15
     builder = GraphBuilder(mounted)
     builder.advance(reading_at(0.0, load + 1.0), np.flatnonzero(active))
-    graph = builder.graph(np.flatnonzero(active), NOTHING)
+    graph = builder.build(np.flatnonzero(active), NO_HISTORY)
     assert np.array_equal(
         np.sort(graph.taxels[graph.pressure > 0]), np.where(active)[0]
     )
@@ -116,11 +122,11 @@ def test_after_a_long_gap_rates_count_from_zero_over_half_a_second(gap):
     graphs = []
     for seconds in (0.0, 0.1, 0.1 + gap):
         builder.advance(reading_at(seconds, load), np.flatnonzero(load))
-        graphs.append(builder.graph(taxels, taxels))
+        graphs.append(builder.build(taxels, taxels))
     assert not graphs[0].before.any()
     assert graphs[1].before.any()
     assert not graphs[2].before.any()
-    np.testing.assert_allclose(join(graphs).seconds, [0.5, 0.1, 0.5], rtol=1e-6)
+    np.testing.assert_allclose(join_graphs(graphs).seconds, [0.5, 0.1, 0.5], rtol=1e-6)
 
 
 def test_the_first_reading_follows_none_however_its_clock_begins():
@@ -129,7 +135,7 @@ def test_the_first_reading_follows_none_however_its_clock_begins():
     for seconds in (0.0, -1_700_000_000.0):
         builder = GraphBuilder(mounted)
         builder.advance(reading_at(seconds, load), np.flatnonzero(load))
-        graph = builder.graph(np.flatnonzero(load), NOTHING)
+        graph = builder.build(np.flatnonzero(load), NO_HISTORY)
         assert graph.seconds.tolist() == [0.5]
 
 
@@ -141,7 +147,7 @@ def test_a_steady_rate_does_not_depend_on_how_often_one_looks():
     for step in (0.05, 0.005):
         touch = scene(mounted, [k * 100 * step * shape for k in (1, 2, 3)], step=step)
         last = touch.graphs().select(np.array([2]))
-        rate = node_scalars(last)[:, NODE_SCALARS.index("rate")]
+        rate = compute_node_scalars(last)[:, NODE_SCALARS.index("rate")]
         rates.append(rate[last.taxels == shape.argmax()])
     np.testing.assert_allclose(rates[0], np.arcsinh(100 / 50) / 2, rtol=1e-5)
     np.testing.assert_allclose(rates[1], rates[0], rtol=1e-3)
@@ -170,9 +176,9 @@ def test_shear_that_is_not_measured_any_more_is_not_remembered():
     drag = np.ones((mounted.skin.count, 2), np.float32)
     builder, taxels = GraphBuilder(mounted), np.flatnonzero(load)
     builder.advance(reading_at(0.0, load, shear=drag), np.flatnonzero(load))
-    assert builder.graph(taxels, NOTHING).shear.any()
+    assert builder.build(taxels, NO_HISTORY).shear.any()
     builder.advance(reading_at(0.1, load), np.flatnonzero(load))
-    graph = builder.graph(taxels, taxels)
+    graph = builder.build(taxels, taxels)
     assert not graph.shear.any()
     assert graph.shear_before.any()
 
@@ -244,14 +250,14 @@ def same(one, other):
 def test_a_graph_does_not_depend_on_what_its_memory_held(shear):
     touch = touch_on_arm(shear=shear)
     clean, used = (GraphBuilder(touch.mounted) for _ in range(2))
-    earlier = NOTHING
+    earlier = NO_HISTORY
     for reading in touch.readings:
         taxels = np.flatnonzero(reading.pressure)
         for builder in (clean, used):
             builder.advance(reading, taxels)
         clean.memory = GraphBuilder(touch.mounted).memory
         soiled(used)
-        same(used.graph(taxels, earlier), clean.graph(taxels, earlier))
+        same(used.build(taxels, earlier), clean.build(taxels, earlier))
         earlier = taxels
 
 
@@ -264,25 +270,25 @@ def test_memory_grows_with_a_touch_and_changes_no_graph():
         for step in range(2):
             builder.advance(reading_at(0.1 * step, load, FOLDED), every)
     memory = used.memory
-    same(used.graph(few, few), fresh.graph(few, few))
+    same(used.build(few, few), fresh.build(few, few))
     assert used.memory is memory
-    assert len(used.graph(every, every).taxels) == len(every)
+    assert len(used.build(every, every).taxels) == len(every)
     grown = used.memory
     assert grown is not memory
-    same(used.graph(few, few), fresh.graph(few, few))
+    same(used.build(few, few), fresh.build(few, few))
     assert used.memory is grown
 
 
 def test_active_taxels_may_be_told_twice_and_in_any_order():
     touch = touch_on_arm(shear=True)
     told, twice = (GraphBuilder(touch.mounted) for _ in range(2))
-    rng, earlier = np.random.default_rng(0), NOTHING
+    rng, earlier = np.random.default_rng(0), NO_HISTORY
     for reading in touch.readings:
         taxels = np.flatnonzero(reading.pressure)
         told.advance(reading, taxels)
         twice.advance(reading, rng.permutation(np.concatenate([taxels, taxels])))
-        one = told.graph(taxels, earlier)
-        same(twice.graph(rng.permutation(taxels), rng.permutation(earlier)), one)
+        one = told.build(taxels, earlier)
+        same(twice.build(rng.permutation(taxels), rng.permutation(earlier)), one)
         earlier = taxels
 
 
@@ -290,8 +296,8 @@ def test_what_a_taxel_felt_two_readings_ago_is_forgotten():
     mounted = flat()
     load = bump(mounted.skin, (0, 0, 0))
     taxels, builder = np.flatnonzero(load), GraphBuilder(mounted)
-    for n, active in enumerate((taxels, NOTHING, taxels)):
+    for n, active in enumerate((taxels, NO_HISTORY, taxels)):
         builder.advance(reading_at(0.1 * n, load), active)
-    graph = builder.graph(taxels, taxels)
+    graph = builder.build(taxels, taxels)
     assert graph.pressure.any()
     assert not graph.before.any() and not graph.age.any()

@@ -5,8 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from eskin.graph import GraphStream, join
-from eskin.graph.batch import HISTORY, NOTHING
+from eskin.graph import HISTORY, NO_HISTORY, GraphStream, join_graphs
 from eskin.touch import Calibration, TouchPipeline
 from graph_scenes import (
     Scene,
@@ -33,7 +32,7 @@ def streamed(touch: Scene):
     for reading in touch.readings:
         for key, graph in stream.push(pipeline.push_reading(reading)).items():
             found.setdefault(key, []).append(graph)
-    return {key: join(graphs) for key, graphs in found.items()}
+    return {key: join_graphs(graphs) for key, graphs in found.items()}
 
 
 def columns(touch: Scene):
@@ -149,7 +148,7 @@ def test_a_skin_whose_distances_mean_nothing_has_no_history():
     [graphs] = streamed(Scene(mounted, touch.readings)).values()
     assert graphs.history.shape == (4, len(HISTORY))
     assert not graphs.history.any()
-    assert not NOTHING.any()
+    assert not NO_HISTORY.any()
 
 
 SCENES = {

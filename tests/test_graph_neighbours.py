@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from eskin.graph import FixedNeighbours, live_neighbours
+from eskin.graph import FixedNeighbours, find_live_neighbours
 from graph_scenes import FOLDED, Scene, book, flat, motion, renumbered, rolled, ur5
 
 SKINS = {
@@ -106,15 +106,15 @@ def test_live_neighbours_are_the_nearest_of_other_patches_within_reach(k, reach)
     for seed in range(3):
         scene = cloud(seed)
         want = brute_force(*scene, k, reach)
-        assert np.array_equal(live_neighbours(*scene, k, reach), want)
+        assert np.array_equal(find_live_neighbours(*scene, k, reach), want)
     grid = ur5().place_taxels(FOLDED)[0][::9], ur5().skin.patch_index[::9]
     rank = np.arange(len(grid[0]))[::-1].copy()
     want = brute_force(*grid, rank, k, reach)
-    assert np.array_equal(live_neighbours(*grid, rank, k, reach), want)
+    assert np.array_equal(find_live_neighbours(*grid, rank, k, reach), want)
 
 
 def test_whoever_reaches_another_is_reached_by_it():
-    nearest = live_neighbours(*cloud(7), 100, 0.03)
+    nearest = find_live_neighbours(*cloud(7), 100, 0.03)
     pairs = {(i, j) for i, row in enumerate(nearest.tolist()) for j in row if j >= 0}
     assert pairs
     assert pairs == {(j, i) for i, j in pairs}
@@ -125,35 +125,37 @@ def test_equally_far_neighbours_and_those_just_in_reach_stay_when_all_moves():
     mounted = flat(rows=6, columns=6, patches=2)
     patch, rank = mounted.skin.patch_index, np.arange(mounted.skin.count)
     p_world, _ = mounted.place_taxels(np.zeros(0))
-    want = live_neighbours(p_world, patch, rank, 4, 0.03)
+    want = find_live_neighbours(p_world, patch, rank, 4, 0.03)
     gap = np.linalg.norm(p_world[want] - p_world[:, None], axis=2)
     assert np.isclose(gap[want >= 0].max(), 0.03)
     for seed in range(5):
         T = motion(seed)
         turned = p_world @ T[:3, :3].T + T[:3, 3]
-        assert np.array_equal(live_neighbours(turned, patch, rank, 4, 0.03), want)
+        assert np.array_equal(find_live_neighbours(turned, patch, rank, 4, 0.03), want)
 
 
 def test_a_taxel_a_micrometre_out_of_reach_is_no_neighbour():
     patch, rank = np.array([0, 1, 1]), np.arange(3)
     for far, want in ((0.0300004, [1, 2]), (0.0300006, [1, -1])):
         p_world = np.array([[0.0, 0.0, 0.0], [0.029, 0.0, 0.0], [0.0, far, 0.0]])
-        assert live_neighbours(p_world, patch, rank, 2, 0.03)[0].tolist() == want
+        assert find_live_neighbours(p_world, patch, rank, 2, 0.03)[0].tolist() == want
 
 
 def test_nobody_has_live_neighbours_alone_on_one_patch_or_when_none_are_wanted():
     p, patch, rank = cloud(3)
-    assert (live_neighbours(p, np.zeros_like(patch), rank, 4, 1.0) == -1).all()
-    assert live_neighbours(p, patch, rank, 0, 1.0).shape == (len(p), 0)
-    assert live_neighbours(p[:0], patch[:0], rank[:0], 4, 1.0).shape == (0, 4)
-    assert (live_neighbours(p, patch, rank, 4, 1e-5) == -1).all()
+    assert (find_live_neighbours(p, np.zeros_like(patch), rank, 4, 1.0) == -1).all()
+    assert find_live_neighbours(p, patch, rank, 0, 1.0).shape == (len(p), 0)
+    assert find_live_neighbours(p[:0], patch[:0], rank[:0], 4, 1.0).shape == (0, 4)
+    assert (find_live_neighbours(p, patch, rank, 4, 1e-5) == -1).all()
 
 
 def test_live_neighbours_follow_the_pose():
     mounted = ur5()
     skin, rank = mounted.skin, np.arange(mounted.skin.count)
     edges = [
-        live_neighbours(mounted.place_taxels(q)[0], skin.patch_index, rank, 4, 0.03)
+        find_live_neighbours(
+            mounted.place_taxels(q)[0], skin.patch_index, rank, 4, 0.03
+        )
         for q in (np.zeros(6), FOLDED)
     ]
     links = mounted.taxel_link_index

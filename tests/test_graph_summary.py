@@ -6,15 +6,15 @@ import numpy as np
 import pytest
 
 from eskin.graph import (
+    HISTORY,
     PRESSURE_SUMMARY,
     SHEAR_SUMMARY,
     compressed,
-    node_scalars,
+    compute_node_scalars,
     pressure_summary,
     shear_summary,
 )
-from eskin.graph.batch import HISTORY
-from eskin.graph.features import AREA, FORCE, HISTORY_FLOORS, RATE, SPEED
+from eskin.graph.summary_kernels import AREA, FORCE, HISTORY_FLOORS, RATE, SPEED
 from graph_scenes import (
     SCENES,
     book,
@@ -173,7 +173,7 @@ def test_features_are_the_same_in_float64_to_the_last_digits(name, sign):
     rng = np.random.default_rng(1)
     batch = double(SCENES[name](True).graphs())
     other = turned(batch, orthogonal(rng, sign), (2.0, 3.0, -4.0))
-    for features in (pressure_summary, shear_summary, node_scalars):
+    for features in (pressure_summary, shear_summary, compute_node_scalars):
         assert features(batch).dtype == np.float64
         np.testing.assert_allclose(features(other), features(batch), atol=1e-10)
     for features in (pressure_summary, shear_summary):
@@ -185,7 +185,7 @@ def test_features_are_the_same_in_float64_to_the_last_digits(name, sign):
 def test_features_are_the_same_in_float32_after_a_motion(name):
     batch = SCENES[name](True).graphs()
     other = turned(batch, orthogonal(np.random.default_rng(2), 1))
-    for features in (pressure_summary, shear_summary, node_scalars):
+    for features in (pressure_summary, shear_summary, compute_node_scalars):
         np.testing.assert_allclose(features(other), features(batch), atol=1e-4)
 
 
@@ -205,5 +205,5 @@ def test_compressed_vectors_keep_their_direction_and_their_order():
 def test_node_scalars_stay_of_order_one(kpa):
     mounted = flat()
     loads = [k * bump(mounted.skin, (0, 0, 0), kpa=kpa) for k in (0.1, 1.0, 0.0)]
-    scalars = node_scalars(scene(mounted, loads, shear=True).graphs())
+    scalars = compute_node_scalars(scene(mounted, loads, shear=True).graphs())
     assert np.abs(scalars).max() < 4.0

@@ -5,8 +5,7 @@ from dataclasses import fields, replace
 import numpy as np
 import pytest
 
-from eskin.graph import join
-from eskin.graph.batch import HISTORY
+from eskin.graph import HISTORY, join_graphs
 from eskin.learn.augment import NO_AUGMENTATION, AugmentConfig, augment
 from eskin.learn.dataset import prepare
 from graph_scenes import random_graph
@@ -131,7 +130,7 @@ def synthetic(windows=60, length=4, nodes=8):
     """Graphs of windows, each of taxels 0 to 7, with a history."""
     rng = np.random.default_rng(0)
     count = windows * length
-    return join([random_graph(rng, nodes) for _ in range(count)]), np.repeat(
+    return join_graphs([random_graph(rng, nodes) for _ in range(count)]), np.repeat(
         np.arange(windows), length
     )
 

@@ -5,7 +5,7 @@ import pytest
 import torch
 
 from baseline_scenes import UR5
-from eskin.graph import live_neighbours
+from eskin.graph import find_live_neighbours
 from eskin.learn.baselines.paper import LAYERS, NodeSelector, PaperNetwork
 from graph_scenes import FOLDED
 
@@ -22,7 +22,7 @@ def between_links():
     """Where two links of the folded arm are nearest to each other [m]."""
     p_world, _ = UR5.place_taxels(FOLDED)
     links = UR5.taxel_link_index
-    near = live_neighbours(p_world, UR5.skin.patch_index, np.arange(2112), 4, 0.03)
+    near = find_live_neighbours(p_world, UR5.skin.patch_index, np.arange(2112), 4, 0.03)
     across = (near >= 0) & (links[near] != links[:, None])
     return p_world[np.flatnonzero(across.any(axis=1))[0]]
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from clip_scenes import Elsewhere, generated
-from eskin.graph import GraphConfig, GraphStream, join
+from eskin.graph import GraphConfig, GraphStream, join_graphs
 from eskin.learn.ground_truth import find_runs, read_clips
 from eskin.learn.prepared_recording import PreparedRecording, prepare_recording
 from eskin.recording import read_recording
@@ -53,7 +53,7 @@ def test_the_rows_are_the_graphs_of_the_stream_in_sequences(tmp_path, calibrated
     found = part(recording.path)
     rows = [row for key in sorted(live) for row in live[key]]
     assert found.stamps.tolist() == [stamp for stamp, _ in rows]
-    assert_same(found.graphs, join([graph for _, graph in rows]))
+    assert_same(found.graphs, join_graphs([graph for _, graph in rows]))
     lengths = [last - first for first, last in find_runs(found.sequence[:, None])]
     assert lengths == [len(live[key]) for key in sorted(live)]
     assert len(live) == (3 if calibrated else 1)
@@ -88,4 +88,4 @@ def test_a_recording_without_touch_is_a_part_without_rows(tmp_path):
     quiet = part(record(tmp_path / "quiet.mcap", (), calibrated=True))
     assert (quiet.graphs.count, len(quiet.stamps), len(quiet.sequence)) == (0, 0, 0)
     other = part(record(tmp_path / "a.mcap", calibrated=True))
-    assert_same(join([quiet.graphs, other.graphs]), other.graphs)
+    assert_same(join_graphs([quiet.graphs, other.graphs]), other.graphs)

@@ -5,8 +5,7 @@ from dataclasses import fields
 import numpy as np
 import pytest
 
-from eskin.graph import join, node_scalars, pressure_summary
-from eskin.graph.batch import HISTORY
+from eskin.graph import HISTORY, compute_node_scalars, join_graphs, pressure_summary
 from eskin.learn.windows import (
     TIME_COLUMNS,
     Windows,
@@ -117,7 +116,7 @@ def laid(count=40, lengths=30, seed=0):
     slot = np.concatenate([np.append(one, SLOTS - 1) for one in slot])
     n = count * lengths
     windows = Windows(np.arange(n), np.repeat(np.arange(count), lengths), slot, count)
-    return windows, join([random_graph(rng, 2) for _ in range(n)])
+    return windows, join_graphs([random_graph(rng, 2) for _ in range(n)])
 
 
 def stretched(spread, seed=0):
@@ -178,7 +177,7 @@ def test_what_takes_longer_goes_slower_by_as_much():
     rate = 2
 
     def rates(batch):
-        return np.sinh(2 * node_scalars(batch)[:, rate])
+        return np.sinh(2 * compute_node_scalars(batch)[:, rate])
 
     np.testing.assert_allclose(rates(changed) * factor, rates(was), rtol=1e-3)
     assert not np.allclose(pressure_summary(changed), pressure_summary(was))

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from eskin.live import UNKNOWN, Decider
+from eskin.live import UNKNOWN, DecisionFilter
 from eskin.model import DecisionConfig
 from eskin.touch import Contact, Touch
 
@@ -35,7 +35,7 @@ def likely(name, p):
 
 def said(story, config=None, close=True):
     """(ms, gesture) of all that is said of one touch; story: ms, name, p, contact."""
-    decider, words, touch = Decider(VOCABULARY, config), [], touch_at(0)
+    decider, words, touch = DecisionFilter(VOCABULARY, config), [], touch_at(0)
     for ms, name, p, *apart in story:
         touch = touch if apart else touch_at(ms)
         verdicts = decider.push(ms * MS, (touch,), (), {1: likely(name, p)})
@@ -115,7 +115,10 @@ def test_what_is_like_nothing_is_unknown_unless_abstention_is_off():
 
 @given(st.sampled_from(VOCABULARY), st.floats(0.4, 1.0), st.floats(0.0, 1.0))
 def test_the_likeliest_is_told_of_what_is_unknown_and_of_nothing_else(name, p, least):
-    decider, touch = Decider(VOCABULARY, DecisionConfig(1.1, least=least)), touch_at(0)
+    decider, touch = (
+        DecisionFilter(VOCABULARY, DecisionConfig(1.1, least=least)),
+        touch_at(0),
+    )
     decider.push(0, (touch,), (), {1: likely(name, p)})
     (verdict,) = decider.close((touch,))
     assert {verdict.gesture, verdict.likeliest} == (
@@ -133,12 +136,12 @@ def test_a_gesture_can_have_its_own_threshold():
 
 def test_a_threshold_of_a_gesture_that_does_not_exist_is_refused():
     with pytest.raises(ValueError, match="'wave'.* allowed are none, poke, stroke"):
-        Decider(VOCABULARY, DecisionConfig(thresholds={"wave": 0.5}))
+        DecisionFilter(VOCABULARY, DecisionConfig(thresholds={"wave": 0.5}))
 
 
 def merged(young_sure, old_sure):
     """What is said when touch 2 turns out to be part of touch 1, and after that."""
-    decider, words = Decider(VOCABULARY), []
+    decider, words = DecisionFilter(VOCABULARY), []
     for n in range(10):
         ms = 20 * n
         young, old = touch_at(ms, 2), touch_at(ms, 1)
@@ -164,7 +167,7 @@ def test_touches_that_become_one_are_spoken_of_once():
 
 
 def test_a_touch_that_takes_over_one_spoken_of_as_it_begins_stays_silent():
-    decider = Decider(VOCABULARY)
+    decider = DecisionFilter(VOCABULARY)
     for n in range(5):
         sure = {2: likely("poke", 0.9)}
         decider.push(20 * n * MS, (touch_at(20 * n, 2),), (), sure)
@@ -195,7 +198,7 @@ def test_every_touch_gets_exactly_one_word(steps):
 
 def heard_without_end(*story):
     """What is said of one touch that never ends, at 50 Hz; story: name, readings."""
-    decider, verdicts = Decider(VOCABULARY, change_ends=True), []
+    decider, verdicts = DecisionFilter(VOCABULARY, change_ends=True), []
     names = [name for name, readings in story for _ in range(readings)]
     for n, name in enumerate(names):
         shares = {1: likely(name, 0.9)}
@@ -218,7 +221,7 @@ def heard_after_contact(*story, felt=6):
 
     story: name, probability, readings; `felt`: readings with contact, from the first.
     """
-    decider, verdicts = Decider(VOCABULARY, change_ends=True), []
+    decider, verdicts = DecisionFilter(VOCABULARY, change_ends=True), []
     steps = [(name, p) for name, p, readings in story for _ in range(readings)]
     touch = touch_at(0)
     for n, (name, p) in enumerate(steps):

@@ -3,15 +3,14 @@
 import numpy as np
 import pytest
 import torch
+from eskin.live.graph import graph_of
 from numba.core.runtime import rtsys
 from numba.core.runtime._nrt_python import memsys_disable_stats, memsys_enable_stats
 
-from eskin.graph import GraphBuilder, Share, held_shares
-from eskin.graph.batch import NOTHING
+from eskin.graph import NO_HISTORY, GraphBuilder, Share, pack_touch_nodes
 from eskin.learn.dataset import prepare
 from eskin.learn.windows import build_network_input, cut_windows
 from eskin.live import Network, Recognizer
-from eskin.live.graph import graph_of
 from eskin.live.logits import SEQUENCES, LogitStream, calibrated
 from eskin.live.step_kernels import step
 from eskin.touch import Reading
@@ -104,9 +103,9 @@ def test_a_step_is_graph_then_features_then_window(kind):
         taxels = felt(on, count, rng)
         reading = reading_of(on, n, taxels, rng)
         builder.advance(reading, taxels)
-        share = Share(taxels, earlier, rng.uniform(0, 9, len(NOTHING)))
-        stream.push(reading, held_shares({7: share}))
-        features = live.features(graph_of(builder.graph(*share)))
+        share = Share(taxels, earlier, rng.uniform(0, 9, len(NO_HISTORY)))
+        stream.push(reading, pack_touch_nodes({7: share}))
+        features = live.features(graph_of(builder.build(*share)))
         want = window.push(reading.stamp, features)
         assert np.array_equal(stream.logits[7], want)
         assert np.array_equal(stream.probabilities[7], calibrated(want, 1.7))
@@ -119,8 +118,8 @@ def test_a_step_takes_no_memory_in_compiled_code():
     stream = LogitStream(model_of(network("shear")), GraphBuilder(on))
     taxels, out = felt(on, 60, rng), np.empty((2, 2, 4), np.float32)
     reading = reading_of(on, 0, taxels, rng)
-    share = Share(taxels, taxels, NOTHING)
-    shares = held_shares({1: share, 2: share})
+    share = Share(taxels, taxels, NO_HISTORY)
+    shares = pack_touch_nodes({1: share, 2: share})
     stream.push(reading, shares)
     given = (stream.parts, stream.held_pool, shares.held)
     given += reading.pressure, reading.shear
@@ -143,7 +142,7 @@ def some_shares(on, keys, rng):
     for key in keys:
         own = np.arange(key, on.skin.count, 20)
         taxels, earlier = (np.sort(rng.choice(own, n, replace=False)) for n in (6, 5))
-        shares[key] = Share(taxels, earlier, rng.uniform(0, 9, len(NOTHING)))
+        shares[key] = Share(taxels, earlier, rng.uniform(0, 9, len(NO_HISTORY)))
     return shares
 
 
@@ -157,11 +156,11 @@ def test_sequences_side_by_side_give_what_each_gives_alone():
         keys = rng.permutation(np.arange(1, most + 1)).tolist()
         shares = some_shares(on, keys, rng)
         reading = reading_of(on, n, np.arange(on.skin.count), rng)
-        together.push(reading, held_shares(shares))
+        together.push(reading, pack_touch_nodes(shares))
         assert list(together.logits) == list(together.probabilities) == keys
         for key, stream in alone.items():
             own = {key: shares[key]} if key in shares else {}
-            stream.push(reading, held_shares(own))
+            stream.push(reading, pack_touch_nodes(own))
             for found in ("logits", "probabilities"):
                 want = getattr(stream, found)
                 assert list(want) == list(own)
@@ -182,7 +181,7 @@ def test_a_sequence_that_has_ended_leaves_nothing_behind():
         if key != last:
             fresh = LogitStream(model, fresh.builder)
         for stream in (used, fresh):
-            stream.push(reading, held_shares(shares))
+            stream.push(reading, pack_touch_nodes(shares))
         assert list(used.logits) == list(shares)
         if key:
             assert np.array_equal(used.logits[key], fresh.logits[key])
@@ -196,7 +195,7 @@ def test_what_was_told_does_not_change_later():
     told = []
     for n in range(4):
         shares = some_shares(on, [1, 2], rng)
-        stream.push(reading_of(on, n, felt(on, 9, rng), rng), held_shares(shares))
+        stream.push(reading_of(on, n, felt(on, 9, rng), rng), pack_touch_nodes(shares))
         values = [*stream.logits.values(), *stream.probabilities.values()]
         told.append((values, np.copy(values)))
     for values, then in told:

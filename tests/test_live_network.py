@@ -6,23 +6,21 @@ from functools import cache
 import numpy as np
 import pytest
 import torch
+from eskin.live.graph import graph_of
+from eskin.live.summary_kernels import eigenvalues, summarise
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numba.core.runtime import rtsys
 from numba.core.runtime._nrt_python import memsys_disable_stats, memsys_enable_stats
 
 from eskin.errors import ModelError
-from eskin.graph import GraphBatch, join
-from eskin.graph.batch import HISTORY
+from eskin.graph import HISTORY, GraphBatch, join_graphs
 from eskin.live import Network
-from eskin.live.graph import graph_of
 from eskin.live.kernels import activate
 from eskin.live.network import NODES
-from eskin.live.summary_kernels import eigenvalues, summarise
 from eskin.model import SLOT_NS, Model
 from eskin.model.file import network_shapes
-from eskin.nn import network_input
-from eskin.nn.batch import graph_tensors, summary
+from eskin.nn import build_graph_tensors, network_input, summary
 from graph_scenes import with_bystanders
 from live_scenes import VOCABULARY, model_of, network
 
@@ -91,7 +89,7 @@ def test_the_logits_are_those_of_torch_at_any_rate(sizes, kind, step):
     times = np.arange(span, 0.0, -step)[::-1] - rng.uniform(0, step / 3)
     stamps = 10**18 + np.rint((times - times[0]) * 1e9).astype(np.int64)
     graphs = [random_graph(rng, int(rng.integers(0, 40))) for _ in stamps]
-    batch = join(graphs)
+    batch = join_graphs(graphs)
     want = of_torch(net, batch, stamps)
     assert np.abs(want).max() > 0.3
     np.testing.assert_allclose(of_live(net, batch, stamps), want, atol=1e-4)
@@ -103,7 +101,7 @@ def test_a_window_of_untouched_and_empty_graphs_gives_the_logits_of_torch(kind):
     net = network(kind)
     stamps = 10**18 + SLOT_NS * np.array([0, 5, 6, 40])
     graphs = [random_graph(rng, n, touched=False) for n in (0, 3, 0, 12)]
-    batch = join(graphs)
+    batch = join_graphs(graphs)
     want = of_torch(net, batch, stamps)
     np.testing.assert_allclose(of_live(net, batch, stamps), want, atol=1e-4)
 
@@ -133,7 +131,7 @@ def test_the_features_of_any_graph_are_those_of_torch(seed, nodes, rest, kind, a
         batch = replace(batch, neighbours=np.full_like(batch.neighbours, -1))
     net, live = of_kind(kind)
     with torch.no_grad():
-        want = net.embed(graph_tensors(batch, net.shear)).numpy()
+        want = net.embed(build_graph_tensors(batch, net.shear)).numpy()
     np.testing.assert_allclose(features_of(live, batch), want, atol=1e-5)
 
 
@@ -149,7 +147,7 @@ def test_more_edges_than_fit_one_block_give_the_features_of_torch():
     batch = random_graph(rng, 300)
     many = replace(batch, neighbours=rng.integers(-1, 300, (300, 130)))
     with torch.no_grad():
-        want = net.embed(graph_tensors(many, net.shear)).numpy()
+        want = net.embed(build_graph_tensors(many, net.shear)).numpy()
     np.testing.assert_allclose(features_of(live, many), want, atol=1e-5)
 
 
@@ -194,13 +192,13 @@ def test_a_graph_of_a_batch_has_the_features_that_it_has_alone():
     live = Network(model_of(network("shear")))
     graphs = [random_graph(rng, n, touched=n != 7) for n in (5, 0, 30, 7, 0)]
     alone = [live.features(graph_of(graph)).copy() for graph in graphs]
-    assert np.array_equal(features_of(live, join(graphs)), alone)
+    assert np.array_equal(features_of(live, join_graphs(graphs)), alone)
 
 
 def test_nodes_that_nobody_active_hears_change_no_feature():
     rng = np.random.default_rng(7)
     live = Network(model_of(network("shear")))
-    batch = join([random_graph(rng, n) for n in (12, 1, 30)])
+    batch = join_graphs([random_graph(rng, n) for n in (12, 1, 30)])
     other = features_of(live, with_bystanders(batch, rng))
     np.testing.assert_allclose(other, features_of(live, batch), atol=1e-5)
 

@@ -49,7 +49,9 @@ def test_every_touch_has_one_detection(name, said):
     stream = scans(on, two_hands(on), 25, 5.5)
     recognizer = recognizer_of(on, say_always(said))
     found = run(recognizer, stream)
-    assert not recognizer.travel.felt and not recognizer.decider.hearings
+    assert (
+        not recognizer.directions.contacts and not recognizer.decision_filter.evidence
+    )
     assert [d.touch for d in sorted(found, key=lambda d: d.touch)] == [1, 2, 3]
     assert {d.gesture for d in found} == {said}
     for detection in found:
@@ -242,7 +244,7 @@ def test_finishing_says_the_last_word_once():
     [last] = recognizer.finish()
     assert (last.gesture, last.stamp) == ("none", stream[-1].stamp)
     assert recognizer.finish() == []
-    assert not recognizer.travel.felt and not recognizer.probabilities
+    assert not recognizer.directions.contacts and not recognizer.probabilities
 
 
 def test_a_recogniser_is_loaded_from_files_by_names(tmp_path):

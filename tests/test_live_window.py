@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from eskin.live import Network
 from eskin.model import SLOT_NS
-from eskin.nn.batch import Places
+from eskin.nn import SlotIndex
 from live_scenes import model_of, network
 
 SLOTS = (25, 26, 30, 41)
@@ -20,7 +20,7 @@ def of_torch(net, numbers, rows):
     slot = np.array(numbers) - numbers[-1] + net.config.slots - 1
     inside = np.flatnonzero(slot >= 0)
     window = torch.zeros(len(inside), dtype=torch.long)
-    places = Places(window, torch.tensor(slot[inside]), 1)
+    places = SlotIndex(window, torch.tensor(slot[inside]), 1)
     with torch.no_grad():
         return net.classify(torch.tensor(rows[inside]), places).mean(dim=0)[0].numpy()
 

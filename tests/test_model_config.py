@@ -9,7 +9,7 @@ from safetensors.numpy import save_file
 
 from eskin.errors import ModelError
 from eskin.learn.augment import AugmentConfig
-from eskin.model import LEAST_SLOTS, NetworkConfig, load_model
+from eskin.model import MIN_SLOTS, NetworkConfig, load_model
 from eskin.nn.head import TemporalHead
 
 
@@ -22,7 +22,7 @@ from eskin.nn.head import TemporalHead
         ("dropout", -0.1),
         ("dropout", 1.0),
         ("dropout", float("nan")),
-        ("slots", LEAST_SLOTS - 1),
+        ("slots", MIN_SLOTS - 1),
     ],
 )
 def test_a_size_that_no_network_has_is_refused_by_name(entry, value, tmp_path):
@@ -59,6 +59,6 @@ def test_the_head_needs_the_least_slots_and_no_more():
     def classify(slots):
         return head(torch.zeros(1, slots, 3), torch.ones(1, slots))
 
-    assert classify(LEAST_SLOTS).shape == (1, 4)
+    assert classify(MIN_SLOTS).shape == (1, 4)
     with pytest.raises(RuntimeError):
-        classify(LEAST_SLOTS - 1)
+        classify(MIN_SLOTS - 1)

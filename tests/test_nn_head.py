@@ -6,9 +6,9 @@ import torch
 from eskin.nn.head import (
     PartialConvolution,
     TemporalHead,
-    covered,
-    into_slots,
-    statistics,
+    compute_elapsed_share,
+    compute_statistics,
+    scatter_to_slots,
 )
 
 SLOTS, INPUTS = 100, 6
@@ -86,7 +86,7 @@ def test_the_share_covered_is_that_since_the_first_reading_whatever_came_between
     present[0, 20:] = 1.0
     present[1, 20::7] = 1.0
     present[2, [20, 99]] = 1.0
-    share = covered(present)
+    share = compute_elapsed_share(present)
     assert share[:3].flatten().tolist() == pytest.approx([0.8] * 3)
     assert share[3].item() == 0.0
 
@@ -103,7 +103,9 @@ def test_the_last_statistic_is_an_integral_and_the_others_know_no_duration():
     ):
         mask = torch.zeros(1, 1, 100)
         mask[0, 0, list(slots)] = 1.0
-        parts = statistics(level[None] * mask, mask, covered(mask[:, 0]))
+        parts = compute_statistics(
+            level[None] * mask, mask, compute_elapsed_share(mask[:, 0])
+        )
         found[name] = parts[0].view(4, 2)
     for other in ("short", "seldom"):
         torch.testing.assert_close(found[other][:3], found["long"][:3])
@@ -155,7 +157,7 @@ def test_a_convolution_says_nothing_where_it_saw_no_reading():
 def test_several_readings_in_a_slot_are_their_maximum():
     e = torch.tensor([[1.0, -5.0], [3.0, -7.0], [-2.0, -6.0], [9.0, 9.0]])
     window, slot = torch.tensor([0, 0, 0, 1]), torch.tensor([2, 2, 0, 1])
-    filled, present = into_slots(e, window, slot, 2, 3)
+    filled, present = scatter_to_slots(e, window, slot, 2, 3)
     assert filled.tolist() == [
         [[-2.0, -6.0], [0.0, 0.0], [3.0, -5.0]],
         [[0.0, 0.0], [9.0, 9.0], [0.0, 0.0]],
@@ -169,15 +171,15 @@ def test_the_order_of_readings_and_reading_one_twice_do_not_matter():
     e = torch.randn(60, INPUTS, generator=generator)
     window = torch.randint(0, 3, (60,), generator=generator)
     slot = torch.randint(0, SLOTS, (60,), generator=generator)
-    want = into_slots(e, window, slot, 3, SLOTS)
+    want = scatter_to_slots(e, window, slot, 3, SLOTS)
     order = torch.cat([torch.randperm(60, generator=generator), torch.arange(20)])
-    found = into_slots(e[order], window[order], slot[order], 3, SLOTS)
+    found = scatter_to_slots(e[order], window[order], slot[order], 3, SLOTS)
     assert all(torch.equal(a, b) for a, b in zip(found, want, strict=True))
 
 
 @torch.no_grad()
 def test_windows_without_readings_are_empty():
     none = torch.zeros(0, dtype=torch.int64)
-    filled, present = into_slots(torch.zeros(0, INPUTS), none, none, 2, SLOTS)
+    filled, present = scatter_to_slots(torch.zeros(0, INPUTS), none, none, 2, SLOTS)
     assert filled.shape == (2, SLOTS, INPUTS)
     assert not filled.any() and not present.any()

@@ -7,9 +7,9 @@ import pytest
 import torch
 from torch.nn.functional import cross_entropy
 
-from eskin.graph import join, pressure_summary
+from eskin.graph import join_graphs, pressure_summary
 from eskin.model import NetworkConfig
-from eskin.nn import RecogniserNetwork, graph_tensors, network_input
+from eskin.nn import RecogniserNetwork, build_graph_tensors, network_input
 from graph_scenes import (
     double,
     flat,
@@ -64,7 +64,7 @@ def touches(mounted):
             ]
             graphs = scene(mounted, field, step=0.04).graphs()
             last.append(graphs.select(np.array([graphs.count - 1])))
-    return join(last)
+    return join_graphs(last)
 
 
 def against_other_touches(coarse, dense):
@@ -102,7 +102,7 @@ def test_the_same_image_of_pressure_on_another_shape_is_another_embedding():
 def test_a_reading_without_contact_is_embedded_as_zeros():
     rng, net = np.random.default_rng(0), network("shear")
     released = replace(random_graph(rng, 9), pressure=np.zeros(9, np.float32))
-    batch = join([random_graph(rng, 0), random_graph(rng, 9), released])
+    batch = join_graphs([random_graph(rng, 0), random_graph(rng, 9), released])
     assert embedding(net, batch).any(axis=1).tolist() == [False, True, False]
 
 
@@ -110,7 +110,7 @@ def test_the_embedding_of_a_graph_does_not_depend_on_what_else_is_in_the_batch()
     rng, net = np.random.default_rng(1), network("shear")
     graphs = [random_graph(rng, n) for n in (5, 0, 30, 1, 0)]
     alone = np.concatenate([embedding(net, graph) for graph in graphs])
-    np.testing.assert_allclose(embedding(net, join(graphs)), alone, atol=1e-5)
+    np.testing.assert_allclose(embedding(net, join_graphs(graphs)), alone, atol=1e-5)
 
 
 def test_windows_without_contact_nodes_or_readings_have_finite_logits_and_gradients():
@@ -118,7 +118,7 @@ def test_windows_without_contact_nodes_or_readings_have_finite_logits_and_gradie
     empty = [random_graph(rng, 0)] * 3
     full = [random_graph(rng, 8) for _ in range(3)]
     released = replace(full[0], pressure=np.zeros(8, np.float32))
-    batch = join([*empty, *full, released])
+    batch = join_graphs([*empty, *full, released])
     window = np.array([0, 0, 0, 1, 1, 1, 2])
     slot = np.array([0, 5, 99, 0, 5, 99, 99])
     found = net(network_input(batch, window, slot, 4, True))
@@ -136,7 +136,7 @@ def test_windows_without_contact_nodes_or_readings_have_finite_logits_and_gradie
 
 def test_the_order_of_readings_in_the_batch_does_not_matter():
     rng, net = np.random.default_rng(3), network("shear")
-    batch = join([random_graph(rng, n) for n in (5, 0, 12, 7, 3, 20)])
+    batch = join_graphs([random_graph(rng, n) for n in (5, 0, 12, 7, 3, 20)])
     window, slot = np.array([0, 0, 0, 1, 1, 1]), np.array([3, 50, 50, 98, 99, 99])
     with torch.no_grad():
         want = net(network_input(batch, window, slot, 2, True))
@@ -160,7 +160,7 @@ def test_embedding_readings_once_and_placing_them_later_gives_the_same_logits():
     with torch.no_grad():
         e = torch.cat(
             [
-                net.embed(graph_tensors(batch.select(np.array([n])), net.shear))
+                net.embed(build_graph_tensors(batch.select(np.array([n])), net.shear))
                 for n in range(batch.count)
             ]
         )
@@ -180,7 +180,7 @@ def test_logits_are_the_mean_of_both_views():
 def test_standardised_features_have_mean_zero_and_spread_one():
     net = RecogniserNetwork(NetworkConfig(), 3, shear=True)
     summary = torch.randn(500, len(net.summary_mean)) * 7 + 30
-    net.standardise_by(summary)
+    net.fit_summary(summary)
     centred = (summary - net.summary_mean) * net.summary_scale
     np.testing.assert_allclose(centred.mean(dim=0), 0.0, atol=1e-4)
     np.testing.assert_allclose(centred.std(dim=0), 1.0, atol=1e-2)
@@ -197,7 +197,9 @@ def test_one_absurd_reading_moves_no_feature_without_bound():
 def test_the_network_overfits_eight_windows(shear):
     """By the contact graphs alone: the summary is taken away."""
     rng = np.random.default_rng(4)
-    graphs = join([random_graph(rng, int(rng.integers(4, 12))) for _ in range(24)])
+    graphs = join_graphs(
+        [random_graph(rng, int(rng.integers(4, 12))) for _ in range(24)]
+    )
     window, slot = np.repeat(np.arange(8), 3), np.tile([97, 98, 99], 8)
     inputs = network_input(graphs, window, slot, 8, shear)
     blind = torch.zeros_like(inputs.graphs.summary)

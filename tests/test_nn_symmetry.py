@@ -34,7 +34,7 @@ in_both_precisions = pytest.mark.parametrize("dtype", PRECISION)
 def net_for(shear):
     """Random weights; features that hardly ever change are magnified most."""
     net = network("shear" if shear else "pressure")
-    net.standardise_by(on_flat_skins(shear))
+    net.fit_summary(on_flat_skins(shear))
     return net
 
 

@@ -21,8 +21,8 @@ from eskin.drivers.packet import (
     Hello,
     Packet,
     Status,
-    count_bytes,
     decode_packet,
+    encode_counts,
     encode_packet,
 )
 from eskin.errors import PacketError
@@ -181,13 +181,13 @@ def test_a_firmware_that_is_too_long_or_no_text_is_refused(firmware, said):
 def test_counts_of_another_type_are_refused_rather_than_wrapped(counts):
     # Behind the tests' own check of types, which users do not have.
     with pytest.raises(PacketError, match="allowed are uint16") as caught:
-        count_bytes.__wrapped__(counts)
+        encode_counts.__wrapped__(counts)
     assert caught.value.reason == "content"
 
 
 def test_counts_of_either_byte_order_travel_alike():
     swapped = DATA.counts.astype(">u2")
-    assert count_bytes(swapped) == count_bytes(DATA.counts)
+    assert encode_counts(swapped) == encode_counts(DATA.counts)
 
 
 @pytest.mark.parametrize("kind", [bytes, bytearray, memoryview])

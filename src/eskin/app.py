@@ -20,7 +20,7 @@ from eskin.drivers.source import FixedJoints, JointSource
 from eskin.drivers.transport import Transport
 from eskin.drivers.udp_transport import UdpTransport
 from eskin.errors import ArmError, DeviceError, RecordingError
-from eskin.live.recognizer import mount
+from eskin.live import mount_skin
 from eskin.robot import Robot
 from eskin.skin import MountedSkin, Skin
 from eskin.touch import Calibration
@@ -155,7 +155,7 @@ def open_device(uris: Sequence[str], config: SourceConfig, clock: Clock) -> Sour
             f"source {uris[0]} is given without a skin; allowed is a preset's name or "
             "a skin's folder; say whose patches they are"
         )
-    mounted = mount(config.skin, config.robot)
+    mounted = mount_skin(config.skin, config.robot)
     calibration = load_calibration(config, mounted.skin)
     joints = config.joints or FixedJoints(fixed_positions(config, mounted))
     with ExitStack() as stack:

@@ -66,3 +66,11 @@ def build_parameters(
             )
             values[name] = next(sources)
     return kind(**values)
+
+
+compiled_fastmath = compiled(
+    error_model="numpy", fastmath={"contract", "reassoc", "nsz", "arcp"}
+)
+"""Decorator like `compiled` for loops whose sums may be reordered.
+
+NaN and infinity keep their meaning."""

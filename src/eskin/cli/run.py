@@ -94,8 +94,7 @@ def run(command: Command) -> dict[str, object]:
     """Stream until it is over; detections and events are printed as they come."""
     from eskin.app import SourceConfig, open_source
     from eskin.drivers import HostClock
-    from eskin.live import Recognizer, warm_up
-    from eskin.live.recognizer import mount
+    from eskin.live import Recognizer, mount_skin, warm_up
     from eskin.model import load_model
     from eskin.robot import load_recorded_robot
     from eskin.skin import MountedSkin
@@ -122,7 +121,9 @@ def run(command: Command) -> dict[str, object]:
     with ExitStack() as stack:
         # Devices send whether or not anybody is ready: what is compiled comes first.
         if command.skin is not None:
-            warm_up(Recognizer(model, mount(command.skin, command.robot_urdf), None))
+            warm_up(
+                Recognizer(model, mount_skin(command.skin, command.robot_urdf), None)
+            )
         arm = arm_of(command, clock)
         if arm is not None:
             config = replace(config, joints=stack.enter_context(arm))

@@ -1,23 +1,37 @@
-"""Contact graphs: which taxels a touch concerns, their neighbours and features."""
+"""This package builds contact graphs: the taxels of a touch, neighbours, features."""
 
-from eskin.graph.batch import GraphBatch, join, no_graphs
-from eskin.graph.builder import GraphBuilder
-from eskin.graph.config import GraphConfig
+from eskin.graph.batch import (
+    HISTORY,
+    NO_HISTORY,
+    NODE_FIELDS,
+    GraphBatch,
+    create_empty_batch,
+    join_graphs,
+)
+from eskin.graph.builder import GraphBuilder, GraphConfig
 from eskin.graph.features import (
     NODE_SCALARS,
     PRESSURE_SUMMARY,
     SHEAR_SUMMARY,
-    compressed,
-    node_scalars,
-    pressure_summary,
-    shear_summary,
+    compress_shear,
+    compute_load_motion,
+    compute_node_scalars,
+    compute_summary,
 )
-from eskin.graph.neighbours import FixedNeighbours, live_neighbours
-from eskin.graph.shares import HeldShares, Share, held_shares
-from eskin.graph.stream import WHOLE_SKIN, GraphStream
+from eskin.graph.neighbours import FixedNeighbours, find_live_neighbours
+from eskin.graph.stream import (
+    WHOLE_SKIN,
+    GraphStream,
+    PackedTouchNodes,
+    TouchNodes,
+    pack_touch_nodes,
+)
 
 __all__ = [
+    "HISTORY",
+    "NODE_FIELDS",
     "NODE_SCALARS",
+    "NO_HISTORY",
     "PRESSURE_SUMMARY",
     "SHEAR_SUMMARY",
     "WHOLE_SKIN",
@@ -26,14 +40,14 @@ __all__ = [
     "GraphBuilder",
     "GraphConfig",
     "GraphStream",
-    "HeldShares",
-    "Share",
-    "compressed",
-    "held_shares",
-    "join",
-    "live_neighbours",
-    "no_graphs",
-    "node_scalars",
-    "pressure_summary",
-    "shear_summary",
+    "PackedTouchNodes",
+    "TouchNodes",
+    "compress_shear",
+    "compute_load_motion",
+    "compute_node_scalars",
+    "compute_summary",
+    "create_empty_batch",
+    "find_live_neighbours",
+    "join_graphs",
+    "pack_touch_nodes",
 ]

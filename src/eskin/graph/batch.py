@@ -7,6 +7,8 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Float, Int
 
+from eskin.graph.builder_kernels import GraphArrays
+
 HISTORY = (
     "age",
     "pause",
@@ -16,90 +18,60 @@ HISTORY = (
     "impulse",
     "peak force",
 )
-"""Columns of a history: time since onset [s], since the last contact [s], how often it
-made contact, distance from where it began, now and at most [cm], force integrated over
-time [N s], greatest force [N]. On a skin that is not calibrated all are zero."""
+"""Columns of the history of a touch, which its contact graph does not show: time since
+onset [s], time since the last contact [s], number of contacts, distance from where it
+began, now and at most [cm], force integrated over time [N s], greatest force [N]. On a
+skin that is not calibrated all are zero."""
 
-CM_PER_M = 100.0
-NANOSECOND = 1e-9
-NOTHING = np.zeros(len(HISTORY))
-
-
-def segment_sum(
-    values: Float[np.ndarray, "node *axes"], offsets: Int[np.ndarray, "bound"]
-) -> Float[np.ndarray, "graph *axes"]:
-    """Sum over the nodes of each graph; zero for a graph without nodes."""
-    padded = np.concatenate(
-        [values, np.zeros_like(values[:1], shape=(1, *values.shape[1:]))]
-    )
-    sums = np.add.reduceat(padded, offsets[:-1], axis=0)
-    return blank_empty(sums, offsets)
-
-
-def segment_max(
-    values: Float[np.ndarray, "node *axes"], offsets: Int[np.ndarray, "bound"]
-) -> Float[np.ndarray, "graph *axes"]:
-    """Largest of the nodes of each graph; zero for a graph without nodes."""
-    lowest = np.full_like(values, -np.inf, shape=(1, *values.shape[1:]))
-    padded = np.concatenate([values, lowest])
-    largest = np.maximum.reduceat(padded, offsets[:-1], axis=0)
-    return blank_empty(largest, offsets)
-
-
-def blank_empty(
-    values: Float[np.ndarray, "graph *axes"], offsets: Int[np.ndarray, "bound"]
-) -> Float[np.ndarray, "graph *axes"]:
-    """Zero the rows of graphs without nodes, where `reduceat` gives the next one's."""
-    empty = (np.diff(offsets) == 0).reshape(-1, *(1,) * (values.ndim - 1))
-    return np.where(empty, np.zeros_like(values), values)
+NO_HISTORY = np.zeros(len(HISTORY))
 
 
 @dataclass(frozen=True)
 class GraphBatch:
-    """Contact graphs laid end to end: what the network's features are made of.
+    """A batch holds contact graphs laid end to end, from which features are computed.
 
     A node is an active taxel of the touch, now or one reading ago, or a fixed neighbour
     of one. One touch at one reading is a batch of one graph.
     """
 
     taxels: Int[np.ndarray, "node"]
-    """Which taxel of the skin each node is."""
+    """Index in the skin of the taxel of each node."""
 
     pressure: Float[np.ndarray, "node"]
-    """[kPa], zero where the taxel is not active."""
+    """Pressure [kPa]; zero where the taxel is not active."""
 
     before: Float[np.ndarray, "node"]
-    """The same one reading earlier [kPa]."""
+    """Pressure one reading earlier [kPa]."""
 
     age: Float[np.ndarray, "node"]
     """Time since the taxel became active [s]; zero where it is not."""
 
     areas: Float[np.ndarray, "node"]
-    """[cm2]"""
+    """Area of the taxel [cm2]."""
 
     positions: Float[np.ndarray, "node 3"]
-    """About the middle of the graph, in the directions of the world [cm]."""
+    """Position relative to the mean of the graph, in the axes of the world [cm]."""
 
     normals: Float[np.ndarray, "node 3"]
-    """Outward unit normals in the world."""
+    """Outward unit normal in the world."""
 
     shear: Float[np.ndarray, "node 3"]
     """Shear traction in the world [kPa]; zero where not active or not measured."""
 
     shear_before: Float[np.ndarray, "node 3"]
-    """The same one reading earlier, turned with the taxel since [kPa]."""
+    """Shear one reading earlier, rotated with the taxel since [kPa]."""
 
     neighbours: Int[np.ndarray, "node k"]
     """Sources j of the edges j -> i to each node i, as nodes of its graph, or -1."""
 
     offsets: Int[np.ndarray, "bound"]
-    """First node of each graph, and behind the last the number of nodes."""
+    """First node of each graph, and after the last one the number of nodes."""
 
     seconds: Float[np.ndarray, "graph"]
-    """Time since the reading before [s]."""
+    """Time since the previous reading [s]."""
 
     history: Float[np.ndarray, "graph column"]
-    """What the touch has been so far; see `eskin.graph.batch.HISTORY`."""
+    """History of the touch so far, with the columns `HISTORY`."""
 
     @property
     def count(self) -> int:
@@ -113,38 +85,61 @@ class GraphBatch:
 
     @property
     def graph_index(self) -> Int[np.ndarray, "node"]:
-        """The graph of each node."""
+        """Index of the graph of each node."""
         return np.repeat(np.arange(self.count), self.sizes)
 
     @cached_property
     def targets(self) -> Int[np.ndarray, "target"]:
-        """The active nodes: those that hear others."""
+        """Active nodes, the only ones that receive messages."""
         return np.flatnonzero(self.pressure > 0)
 
     @property
     def sources(self) -> Int[np.ndarray, "target k"]:
-        """Nodes of the batch that each target hears, or -1.
+        """Nodes of the batch that send a message to each target, or -1.
 
-        Columns that nobody uses are left out.
+        Columns without any source are left out.
         """
-        heard = self.neighbours[self.targets]
-        heard = heard[:, (heard >= 0).any(axis=0)]
+        neighbours = self.neighbours[self.targets]
+        neighbours = neighbours[:, (neighbours >= 0).any(axis=0)]
         first = np.repeat(self.offsets[:-1], self.sizes)[self.targets, None]
-        return np.where(heard >= 0, heard + first, -1)
+        return np.where(neighbours >= 0, neighbours + first, -1)
+
+    @property
+    def arrays(self) -> GraphArrays:
+        """Fields in the types that compiled code takes, copied where they differ."""
+        types = {"taxels": np.int64, "neighbours": np.int32, "offsets": np.int64}
+        real = self.pressure.dtype
+        return GraphArrays(
+            *(
+                np.require(getattr(self, name), types.get(name, real), ["C", "W"])
+                for name in GraphArrays._fields
+            )
+        )
 
     def select(self, graphs: Int[np.ndarray, "some"]) -> "GraphBatch":
-        """Some of the graphs, in the order asked for."""
+        """Return some of the graphs, in the given order."""
         sizes = self.sizes[graphs]
         offsets = np.concatenate([[0], np.cumsum(sizes)]).astype(np.int64)
         within = np.arange(offsets[-1]) - np.repeat(offsets[:-1], sizes)
         nodes = np.repeat(self.offsets[graphs], sizes) + within
-        taken = {name: getattr(self, name)[nodes] for name in NODE_FIELDS}
+        selected = {name: getattr(self, name)[nodes] for name in NODE_FIELDS}
         return GraphBatch(
-            **taken,
+            **selected,
             offsets=offsets,
             seconds=self.seconds[graphs],
             history=self.history[graphs],
         )
+
+    def sum_nodes(
+        self, values: Float[np.ndarray, "node *axes"]
+    ) -> Float[np.ndarray, "graph *axes"]:
+        """Return the sum over the nodes of each graph; zero for a graph without any."""
+        padded = np.concatenate(
+            [values, np.zeros_like(values[:1], shape=(1, *values.shape[1:]))]
+        )
+        sums = np.add.reduceat(padded, self.offsets[:-1], axis=0)
+        sums[self.sizes == 0] = 0.0  # where `reduceat` gives the next node
+        return sums
 
 
 NODE_FIELDS = tuple(
@@ -154,7 +149,7 @@ NODE_FIELDS = tuple(
 )
 
 
-def join(batches: Sequence[GraphBatch]) -> GraphBatch:
+def join_graphs(batches: Sequence[GraphBatch]) -> GraphBatch:
     """Lay batches end to end.
 
     Raises:
@@ -175,22 +170,29 @@ def join(batches: Sequence[GraphBatch]) -> GraphBatch:
     )
 
 
-def no_graphs(neighbours: int) -> GraphBatch:
-    """A batch without graphs, of nodes that would have so many neighbours."""
-    real, vector = np.zeros(0, np.float32), np.zeros((0, 3), np.float32)
-    whole = np.zeros(0, np.int64)
-    return GraphBatch(
-        taxels=whole,
-        pressure=real,
-        before=real,
-        age=real,
-        areas=real,
-        positions=vector,
-        normals=vector,
-        shear=vector,
-        shear_before=vector,
-        neighbours=np.zeros((0, neighbours), np.int32),
-        offsets=np.zeros(1, np.int64),
-        seconds=real,
-        history=np.zeros((0, len(HISTORY)), np.float32),
+def create_empty_batch(neighbours: int) -> GraphBatch:
+    """Return a batch without graphs, for nodes with so many neighbours."""
+    return GraphBatch(*allocate_graphs(0, 0, neighbours))
+
+
+def allocate_graphs(graphs: int, nodes: int, neighbours: int) -> GraphArrays:
+    """Return arrays of zeros for so many graphs, nodes and neighbours of each node."""
+
+    def real(*shape: int) -> np.ndarray:
+        return np.zeros(shape, np.float32)
+
+    return GraphArrays(
+        taxels=np.zeros(nodes, np.int64),
+        pressure=real(nodes),
+        before=real(nodes),
+        age=real(nodes),
+        areas=real(nodes),
+        positions=real(nodes, 3),
+        normals=real(nodes, 3),
+        shear=real(nodes, 3),
+        shear_before=real(nodes, 3),
+        neighbours=np.zeros((nodes, neighbours), np.int32),
+        offsets=np.zeros(graphs + 1, np.int64),
+        seconds=real(graphs),
+        history=real(graphs, len(HISTORY)),
     )

@@ -1,42 +1,75 @@
-"""From a reading and the active taxels of a touch to its graph."""
+"""This module builds the contact graph of a touch from a reading."""
 
+import math
+from dataclasses import dataclass, replace
 from typing import final
 
 import numpy as np
 from jaxtyping import Float, Int
 
-from eskin.graph.arrays import (
-    MANY,
-    GraphMemory,
-    Instant,
-    graph_memory,
-    ground_of,
-    loads_of,
+from eskin.graph.batch import NO_HISTORY, NODE_FIELDS, GraphBatch, allocate_graphs
+from eskin.graph.builder_kernels import (
+    GraphWorkspace,
+    SkinGeometry,
+    TaxelHistory,
+    TimeStep,
+    build_graph,
+    update_taxel_history,
 )
-from eskin.graph.batch import NOTHING, GraphBatch
-from eskin.graph.builder_kernels import build_graph, take_in
-from eskin.graph.config import GraphConfig
+from eskin.graph.neighbours import FixedNeighbours, allocate_search
 from eskin.skin import MountedSkin
 from eskin.touch import LinkPoseCache, Reading
+from eskin.touch.pipeline import LinkPoseCache
 
-LONGEST_STEP = 0.5  # [s] between readings that a rate is taken over
-SHORTEST_STEP = 1e-4  # [s]
-LONG_AGO = -1_000_000_000  # [ns], so that no first reading follows another
+MAX_STEP = 0.5  # [s] between readings from which a rate is computed
+MIN_STEP = 1e-4  # [s]
+LONG_AGO = -1_000_000_000  # [ns], so that no first reading has a previous one
+NEVER = -2  # number of a reading before the one before the first
+NODES = 256  # nodes that there is memory for at first
 NO_SHEAR = np.zeros((0, 2), np.float32)
+CM2_PER_M2 = 1e4
+
+
+@dataclass(frozen=True)
+class GraphConfig:
+    """Settings that determine how the taxels of a touch become a graph."""
+
+    fixed: int = 8
+    """Number of nearest taxels of the same patch that each taxel is joined to (the
+    paper's K)."""
+
+    live: int = 4
+    """Number of nearest taxels of other patches, searched for at every reading."""
+
+    live_reach: float = 0.03
+    """Largest distance at which a taxel of another patch is joined [m]."""
+
+    shear_on: float = 1.5
+    """On a skin that is not calibrated: shear from which a taxel belongs to the graph
+    even where its pressure is too low for a contact [kPa]."""
+
+    posed: bool = True
+    """Whether the robot's pose is used. Without it every joint is taken to be at 0, so
+    that the same counts are the same touch in every pose."""
+
+    def without_shear(self) -> "GraphConfig":
+        """Return the same settings for graphs to which shear adds no taxel."""
+        return replace(self, shear_on=math.inf)
 
 
 @final
 class GraphBuilder:
-    """Builds the graphs of one stream of readings, oldest first.
+    """A builder makes the graphs of one stream of readings, oldest first.
 
     It remembers one reading and since when each taxel has been active, so `advance`
-    must be called once for every reading, before `graph`.
+    must be called once for every reading, before `build`.
 
     Attributes:
-        ground: the skin.
-        loads: what has been felt on it.
-        instant: the latest reading.
-        T_world_link: of every link at that reading.
+        geometry: geometry of the skin.
+        taxel_history: loads of each taxel when it was last active.
+        time_step: number and time of the latest reading.
+        T_world_link: pose of every link at that reading.
+        workspace: memory in which graphs are built.
     """
 
     def __init__(
@@ -49,78 +82,130 @@ class GraphBuilder:
 
         Args:
             mounted: the skin on its robot.
-            config: of the graph.
-            poses: of the robot's links, shared with who else asks for them.
+            config: settings of the graph.
+            poses: poses of the robot's links, shared with other users of them.
         """
         self.mounted = mounted
         self.config = config or GraphConfig()
         self.poses = poses or LinkPoseCache(mounted, self.config.posed)
-        self.ground = ground_of(mounted, self.config)
-        self.loads = loads_of(mounted.skin.count)
-        self.instant = Instant(0, LONG_AGO, LONGEST_STEP, False)
+        self.geometry = build_skin_geometry(mounted, self.config)
+        self.taxel_history = create_taxel_history(mounted.skin.count)
+        self.time_step = TimeStep(0, LONG_AGO, MAX_STEP, False)
         self.T_world_link = np.empty((0, 4, 4))
-        self.memory = graph_memory(MANY, self.ground)
+        self.workspace = allocate_workspace(NODES, self.geometry)
 
     def advance(self, reading: Reading, active: Int[np.ndarray, "active"]) -> None:
-        """Take in the next reading.
+        """Store the loads of the next reading.
 
         Args:
-            reading: later than the one before.
-            active: the taxels that are touched in it, in any order; all of them valid.
+            reading: reading later than the previous one.
+            active: taxels that are touched in it, in any order, all of them valid.
         """
-        shear = self.begin(reading)
-        take_in(active, reading.pressure, shear, self.instant, self.loads)
+        shear = self.start_step(reading)
+        update_taxel_history(
+            active, reading.pressure, shear, self.time_step, self.taxel_history
+        )
 
-    def begin(self, reading: Reading) -> Float[np.ndarray, "taxel_or_none 2"]:
-        """Go on to the next reading; who takes it in is told its shear, if any."""
-        step = (reading.stamp - self.instant.stamp) * 1e-9
-        self.instant = Instant(
-            self.instant.reading + 1,
+    def start_step(self, reading: Reading) -> Float[np.ndarray, "taxel_or_none 2"]:
+        """Go on to the next reading without its loads; return its shear, if any."""
+        step = (reading.stamp - self.time_step.stamp) * 1e-9
+        self.time_step = TimeStep(
+            self.time_step.reading + 1,
             reading.stamp,
-            min(max(step, SHORTEST_STEP), LONGEST_STEP),
-            step <= LONGEST_STEP,
+            min(max(step, MIN_STEP), MAX_STEP),
+            step <= MAX_STEP,
         )
         self.T_world_link = self.poses.get(reading.q)
         return NO_SHEAR if reading.shear is None else reading.shear
 
-    def room_for(self, active: int) -> GraphMemory:
-        """Memory for the graph of so many taxels, active now or one reading ago."""
-        taxels, fixed = self.ground.table.shape
+    def reserve(self, active: int) -> GraphWorkspace:
+        """Return memory for a graph of so many taxels active now or one reading ago."""
+        taxels, fixed = self.geometry.fixed_neighbours.shape
         nodes = min(active * (1 + fixed), taxels)
-        if nodes > len(self.memory.taxels):
-            self.memory = graph_memory(min(2 * nodes, taxels), self.ground)
-        return self.memory
+        if nodes > len(self.workspace.graph.taxels):
+            self.workspace = allocate_workspace(min(2 * nodes, taxels), self.geometry)
+        return self.workspace
 
-    def graph(
+    def build(
         self,
         taxels: Int[np.ndarray, "active"],
         earlier: Int[np.ndarray, "earlier"],
-        history: Float[np.ndarray, "column"] = NOTHING,
+        history: Float[np.ndarray, "column"] = NO_HISTORY,
     ) -> GraphBatch:
-        """The graph of one touch at the latest reading, as a batch of one.
+        """Build the graph of one touch at the latest reading, as a batch of one.
 
         Args:
             taxels: active taxels of the touch now.
-            earlier: active taxels of the same touch at the reading before.
-            history: what the touch has been so far.
+            earlier: active taxels of the same touch at the previous reading.
+            history: history of the touch so far, with the columns `HISTORY`.
         """
-        memory = self.room_for(len(taxels) + len(earlier))
+        workspace = self.reserve(len(taxels) + len(earlier))
         nodes = build_graph(
-            *(taxels, earlier, history, self.T_world_link, self.instant),
-            *(self.ground, self.loads, memory),
+            taxels,
+            earlier,
+            history,
+            self.T_world_link,
+            self.time_step,
+            self.geometry,
+            self.taxel_history,
+            workspace,
         )
+        graph = workspace.graph
         return GraphBatch(
-            taxels=memory.taxels[:nodes].copy(),
-            pressure=memory.pressure[:nodes].copy(),
-            before=memory.before[:nodes].copy(),
-            age=memory.age[:nodes].copy(),
-            areas=memory.areas[:nodes].copy(),
-            positions=memory.positions[:nodes].copy(),
-            normals=memory.normals[:nodes].copy(),
-            shear=memory.shear[:nodes].copy(),
-            shear_before=memory.shear_before[:nodes].copy(),
-            neighbours=memory.neighbours[:nodes].copy(),
-            offsets=np.array([0, nodes]),
-            seconds=np.array([self.instant.seconds], np.float32),
-            history=memory.history[None].copy(),
+            **{name: getattr(graph, name)[:nodes].copy() for name in NODE_FIELDS},
+            offsets=graph.offsets.copy(),
+            seconds=graph.seconds.copy(),
+            history=graph.history.copy(),
         )
+
+
+def build_skin_geometry(mounted: MountedSkin, config: GraphConfig) -> SkinGeometry:
+    """Find the fixed neighbours of a skin, and lay out its geometry for kernels."""
+    skin, fixed = mounted.skin, FixedNeighbours(mounted.skin, config.fixed)
+    x, z = skin.tangents, skin.normals
+
+    def real(values: np.ndarray) -> np.ndarray:
+        return np.ascontiguousarray(values, np.float64)
+
+    def whole(values: np.ndarray) -> np.ndarray:
+        return np.ascontiguousarray(values, np.int64)
+
+    return SkinGeometry(
+        positions=real(skin.positions),
+        normals=real(skin.normals),
+        tangents=real(np.stack([x, np.cross(z, x)])),
+        areas=(skin.areas * CM2_PER_M2).astype(np.float32),
+        links=whole(mounted.taxel_link_index),
+        patch=whole(skin.patch_index),
+        rank=whole(fixed.rank),
+        fixed_neighbours=fixed.table,
+        reach=config.live_reach,
+        live=config.live,
+    )
+
+
+def create_taxel_history(taxels: int) -> TaxelHistory:
+    """Return the history of so many taxels before the first reading."""
+    return TaxelHistory(
+        reading=np.full(taxels, NEVER),
+        onset=np.zeros(taxels, np.int64),
+        pressure=np.zeros(taxels),
+        before=np.zeros(taxels),
+        shear=np.zeros((taxels, 2)),
+        shear_before=np.zeros((taxels, 2)),
+    )
+
+
+def allocate_workspace(nodes: int, geometry: SkinGeometry) -> GraphWorkspace:
+    """Allocate memory for graphs of so many nodes of a skin."""
+    taxels, fixed = geometry.fixed_neighbours.shape
+    return GraphWorkspace(
+        graph=allocate_graphs(1, nodes, fixed + geometry.live),
+        p_world=np.zeros((nodes, 3)),
+        middle=np.zeros(3),
+        patch=np.zeros(nodes, np.int64),
+        rank=np.zeros(nodes, np.int64),
+        search=allocate_search(nodes, geometry.live),
+        node=np.zeros(taxels, np.int64),
+        marks=np.zeros(taxels // 64 + 1, np.uint64),
+    )

@@ -1,4 +1,4 @@
-"""The compiled search for the nearest nodes of other patches."""
+"""Compiled search for the nearest nodes of other patches."""
 
 from typing import NamedTuple, no_type_check
 
@@ -8,20 +8,20 @@ from jaxtyping import Float, Int
 from eskin.compiled import compiled
 
 MICROMETRES = 1e6
-NOBODY = -1
+NO_NODE = -1
 
 
-class Search(NamedTuple):
-    """Where the search for neighbours of other patches keeps its notes."""
+class NeighbourWorkspace(NamedTuple):
+    """The working memory of the search for neighbours of other patches."""
 
     boxes: np.ndarray
-    """(box, 2, 3) least and greatest coordinates of each patch [m]"""
+    """(box, 2, 3) smallest and largest coordinates of each patch [m]"""
     patches: np.ndarray
-    """(box) its patch"""
+    """(box) index of its patch"""
     near: np.ndarray
-    """(node) those near other patches"""
+    """(node) nodes near other patches"""
     lengths: np.ndarray
-    """(neighbour) distances of the nearest so far [um]"""
+    """(neighbour) distances of the nearest nodes so far [um]"""
 
 
 @compiled
@@ -31,32 +31,32 @@ def find_nearest(
     patch: Int[np.ndarray, "node"],
     rank: Int[np.ndarray, "node"],
     reach: float,
-    search: Search,
+    workspace: NeighbourWorkspace,
     out: Int[np.ndarray, "node k"],
 ) -> None:
     """Write the nearest nodes of other patches, nearest first, or -1.
 
-    Distances are compared in whole micrometres; see `live_neighbours`.
+    Distances are compared in whole micrometres; see `find_live_neighbours`.
 
     Args:
         p_world: positions in the world [m].
         patch: the patch of each node.
-        rank: breaks ties.
-        reach: farthest neighbour [m].
-        search: memory for its notes.
-        out: where the neighbours go.
+        rank: rank of each node, which breaks ties.
+        reach: largest distance to a neighbour [m].
+        workspace: working memory.
+        out: output, the neighbours of each node.
     """
-    out[:] = NOBODY
+    out[:] = NO_NODE
     farthest = np.rint(reach * MICROMETRES)
     widest = (farthest + 1.0) / MICROMETRES
-    count, near = find_near(p_world, patch, widest, search), search.near
-    lengths, last = search.lengths, out.shape[1] - 1
+    count, near = find_candidates(p_world, patch, widest, workspace), workspace.near
+    lengths, last = workspace.lengths, out.shape[1] - 1
     if last < 0:
         return
     for a in range(count):
         n = near[a]
         lengths[:] = np.inf
-        within = widest  # of the last of the nearest so far, or of all
+        within = widest  # distance of the last of the nearest so far, or the reach
         for b in range(count):
             m = near[b]
             if patch[m] == patch[n]:
@@ -69,24 +69,24 @@ def find_nearest(
                 continue
             length = np.rint(np.sqrt(squared) * MICROMETRES)
             if length <= farthest:
-                keep(m, length, rank, lengths, n, out)
+                insert_neighbour(m, length, rank, lengths, n, out)
                 within = min(widest, (lengths[last] + 1.0) / MICROMETRES)
 
 
 @compiled
 @no_type_check
-def find_near(
+def find_candidates(
     p_world: Float[np.ndarray, "node 3"],
     patch: Int[np.ndarray, "node"],
     reach: float,
-    search: Search,
+    workspace: NeighbourWorkspace,
 ) -> int:
-    """List the nodes within reach of the box round another patch's; return how many.
+    """List the nodes within reach of the box around another patch; return their number.
 
-    Most are not: those alone are compared with each other.
+    Most nodes are not; only the listed ones are compared with each other.
     """
-    boxes = find_boxes(p_world, patch, search)
-    count, box, patches, near = 0, search.boxes, search.patches, search.near
+    boxes = find_boxes(p_world, patch, workspace)
+    count, box, patches, near = 0, workspace.boxes, workspace.patches, workspace.near
     if boxes < 2:
         return count
     for n in range(len(patch)):
@@ -109,13 +109,15 @@ def find_near(
 def find_boxes(
     p_world: Float[np.ndarray, "node 3"],
     patch: Int[np.ndarray, "node"],
-    search: Search,
+    workspace: NeighbourWorkspace,
 ) -> int:
-    """Write the box round the nodes of each patch; return how many there are."""
-    boxes, patches = search.boxes, search.patches
+    """Write the box around the nodes of each patch; return the number of boxes."""
+    boxes, patches = workspace.boxes, workspace.patches
     count, b = 0, 0
     for n in range(len(patch)):
-        if count == 0 or patches[b] != patch[n]:  # else it is that of the last
+        if (
+            count == 0 or patches[b] != patch[n]
+        ):  # else it is the box of the previous node
             b = 0
             while b < count and patches[b] != patch[n]:
                 b += 1
@@ -132,23 +134,23 @@ def find_boxes(
 
 @compiled
 @no_type_check
-def keep(
+def insert_neighbour(
     node: int,
     length: float,
     rank: Int[np.ndarray, "node"],
     lengths: Float[np.ndarray, "k"],
-    asking: int,
+    target: int,
     out: Int[np.ndarray, "node k"],
 ) -> None:
-    """Put a node among the nearest of another if it is one; ties go by rank."""
+    """Insert a node among the nearest of node `target` if it is one of them."""
     last = out.shape[1] - 1
     k = last + 1
-    while k > 0 and is_nearer(node, length, out[asking, k - 1], lengths[k - 1], rank):
+    while k > 0 and is_nearer(node, length, out[target, k - 1], lengths[k - 1], rank):
         k -= 1
     for other in range(last, k, -1):
-        out[asking, other], lengths[other] = out[asking, other - 1], lengths[other - 1]
+        out[target, other], lengths[other] = out[target, other - 1], lengths[other - 1]
     if k <= last:
-        out[asking, k], lengths[k] = node, length
+        out[target, k], lengths[k] = node, length
 
 
 @compiled
@@ -160,7 +162,7 @@ def is_nearer(
     other_length: float,
     rank: Int[np.ndarray, "node"],
 ) -> bool:
-    """Whether one node is nearer than another, or as near and first by rank."""
-    if other == NOBODY or length != other_length:
+    """Return whether one node is nearer than another, or as near and lower in rank."""
+    if other == NO_NODE or length != other_length:
         return length < other_length
     return rank[one] < rank[other]

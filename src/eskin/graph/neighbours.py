@@ -1,7 +1,7 @@
-"""Nearest neighbours: fixed inside a patch, live between patches.
+"""This module finds nearest neighbours: fixed inside a patch, live between patches.
 
 Ties are broken by (patch, row, column), which travels with the taxel, so neither the
-order of the taxels nor the place of the robot decides who is whose neighbour.
+order of the taxels nor the pose of the robot changes the neighbours.
 """
 
 from itertools import chain
@@ -10,38 +10,43 @@ import numpy as np
 from jaxtyping import Float, Int
 from scipy.spatial import KDTree
 
-from eskin.graph.neighbour_kernels import MICROMETRES, NOBODY, Search, find_nearest
+from eskin.graph.neighbour_kernels import (
+    MICROMETRES,
+    NO_NODE,
+    NeighbourWorkspace,
+    find_nearest,
+)
 from eskin.skin import Skin
 
 
 class FixedNeighbours:
-    """The K nearest taxels of the same patch, found once for a skin.
+    """A table holds the K nearest taxels of the same patch, found once for a skin.
 
     Attributes:
         table: the neighbours of each taxel, nearest first, or -1.
-        rank: place of each taxel when sorted by (patch, row, column).
+        rank: rank of each taxel when sorted by (patch, row, column).
     """
 
     def __init__(self, skin: Skin, k: int) -> None:
         """Find the `k` nearest neighbours of every taxel of a skin."""
         ids = np.array([patch.id for patch in skin.patches])[skin.patch_index]
-        self.rank = ranks(np.lexsort((skin.columns, skin.rows, ids)))
-        self.table = np.full((skin.count, k), NOBODY, dtype=np.int64)
+        self.rank = compute_ranks(np.lexsort((skin.columns, skin.rows, ids)))
+        self.table = np.full((skin.count, k), NO_NODE, dtype=np.int64)
         for patch in range(len(skin.patches)):
             taxels = np.flatnonzero(skin.patch_index == patch)
-            self.table[taxels] = nearest_in_patch(
+            self.table[taxels] = find_nearest_in_patch(
                 skin.positions[taxels], taxels, self.rank, k
             )
 
     @property
     def edge_count(self) -> int:
         """Number of directed edges."""
-        return int((self.table != NOBODY).sum())
+        return int((self.table != NO_NODE).sum())
 
 
-def search_memory(nodes: int, k: int) -> Search:
-    """Memory to look for so many neighbours of so many nodes."""
-    return Search(
+def allocate_search(nodes: int, k: int) -> NeighbourWorkspace:
+    """Allocate memory to search for `k` neighbours of so many nodes."""
+    return NeighbourWorkspace(
         boxes=np.zeros((nodes, 2, 3)),
         patches=np.zeros(nodes, np.int64),
         near=np.zeros(nodes, np.int64),
@@ -49,47 +54,47 @@ def search_memory(nodes: int, k: int) -> Search:
     )
 
 
-def ranks(order: Int[np.ndarray, "taxel"]) -> Int[np.ndarray, "taxel"]:
-    """The place of each entry in a sorting order."""
-    places = np.empty_like(order)
-    places[order] = np.arange(len(order))
-    return places
+def compute_ranks(order: Int[np.ndarray, "taxel"]) -> Int[np.ndarray, "taxel"]:
+    """Return the rank of each entry in a sorting order."""
+    ranks = np.empty_like(order)
+    ranks[order] = np.arange(len(order))
+    return ranks
 
 
-def nearest_in_patch(
+def find_nearest_in_patch(
     positions: Float[np.ndarray, "part 3"],
     taxels: Int[np.ndarray, "part"],
     rank: Int[np.ndarray, "taxel"],
     k: int,
 ) -> Int[np.ndarray, "part {k}"]:
-    """The `k` nearest of `taxels` to each of them, -1 where there are fewer.
+    """Return the `k` nearest of `taxels` to each of them, -1 where there are fewer.
 
     Squared distances are whole numbers of square micrometres, so equal ones are equal
     to the last bit, however the patch lies.
     """
     whole = np.rint(positions * MICROMETRES).astype(np.int64)
-    one, other = pairs_as_near(whole, k)
+    one, other = find_close_pairs(whole, k)
     squared = ((whole[one] - whole[other]) ** 2).sum(axis=1)
     order = np.lexsort((rank[taxels[other]], squared, one))
     one, other = one[order], other[order]
     place = np.arange(len(one)) - np.searchsorted(one, one)
-    nearest = np.full((len(taxels), k), NOBODY, dtype=np.int64)
+    nearest = np.full((len(taxels), k), NO_NODE, dtype=np.int64)
     kept = place < k
     nearest[one[kept], place[kept]] = taxels[other[kept]]
     return nearest
 
 
-def pairs_as_near(
+def find_close_pairs(
     whole: Int[np.ndarray, "part 3"], k: int
 ) -> tuple[Int[np.ndarray, "pair"], Int[np.ndarray, "pair"]]:
-    """Each point with the others no farther from it than its `k`-th nearest.
+    """Return pairs of each point with all others no farther than its `k`-th nearest.
 
-    Those as near as the `k`-th are all among them, for a tie to be broken.
+    All that tie with the `k`-th nearest are among them, so that ranks can break ties.
     """
     tree = KDTree(whole)
     nearest = np.asarray(tree.query(whole, k=min(k + 1, len(whole)))[0])
     farthest = nearest.reshape(len(whole), -1)[:, -1]
-    # Half a micrometre more, against rounding errors; who is too many is dropped later.
+    # Half a micrometre more, against rounding errors; surplus points are dropped later.
     near = tree.query_ball_point(whole, farthest + 0.5)
     one = np.repeat(np.arange(len(whole)), [len(others) for others in near])
     other = np.fromiter(chain.from_iterable(near), np.int64, len(one))
@@ -97,25 +102,25 @@ def pairs_as_near(
     return one[apart], other[apart]
 
 
-def live_neighbours(
+def find_live_neighbours(
     p_world: Float[np.ndarray, "node 3"],
     patch: Int[np.ndarray, "node"],
     rank: Int[np.ndarray, "node"],
     k: int,
     reach: float,
 ) -> Int[np.ndarray, "node {k}"]:
-    """The `k` nearest nodes of other patches by kinematic distance, or -1.
+    """Return the `k` nearest nodes of other patches by kinematic distance, or -1.
 
     Distances are compared in whole micrometres, so that a motion of the whole robot
-    neither orders equal ones anew nor takes one across the reach.
+    neither reorders equal ones nor moves one across the reach.
 
     Args:
         p_world: positions in the world [m].
         patch: the patch of each node.
-        rank: breaks ties.
-        k: neighbours a node.
-        reach: farthest neighbour [m].
+        rank: rank of each node, which breaks ties.
+        k: number of neighbours per node.
+        reach: largest distance to a neighbour [m].
     """
     nearest = np.empty((len(p_world), k), np.int32)
-    find_nearest(p_world, patch, rank, reach, search_memory(len(patch), k), nearest)
+    find_nearest(p_world, patch, rank, reach, allocate_search(len(patch), k), nearest)
     return nearest

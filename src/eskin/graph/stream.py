@@ -1,31 +1,55 @@
-"""From the touches of each reading to their graphs."""
+"""This module builds the graphs of all touches in a stream of readings."""
 
-from typing import final
+from collections.abc import Mapping
+from typing import NamedTuple, final
 
 import numpy as np
-from jaxtyping import Int
+from jaxtyping import Float, Int
 
-from eskin.graph.batch import NOTHING, GraphBatch
-from eskin.graph.builder import GraphBuilder
-from eskin.graph.config import GraphConfig
-from eskin.graph.share_kernels import shares_of
-from eskin.graph.shares import HeldShares, Share, Shares, held_shares
+from eskin.graph.batch import HISTORY, NO_HISTORY, GraphBatch
+from eskin.graph.builder import GraphBuilder, GraphConfig
+from eskin.graph.touch_node_kernels import TouchNodeArrays, collect_touch_nodes
 from eskin.skin import MountedSkin
-from eskin.structref_kernels import unpack
+from eskin.structref_kernels import Packed, pack, unpack
 from eskin.touch import LinkPoseCache, Reading, TouchState
 
 WHOLE_SKIN = 0
-"""The one sequence of a skin whose distances mean nothing; touches count from 1."""
+"""Key of the one sequence of a skin that is not calibrated; ids of touches start at
+1."""
 
-NOBODY = np.empty(0, dtype=np.int64)
+NO_TAXELS = np.empty(0, dtype=np.int64)
+
+
+class TouchNodes(NamedTuple):
+    """The taxels and the history from which one sequence's graph is built."""
+
+    taxels: Int[np.ndarray, "active"]
+    """Active taxels now."""
+
+    earlier: Int[np.ndarray, "earlier"]
+    """Active taxels one reading ago."""
+
+    history: Float[np.ndarray, "column"]
+    """History of the touch so far, with the columns `HISTORY`."""
+
+
+class PackedTouchNodes(NamedTuple):
+    """The same of all sequences at one reading, packed for compiled code."""
+
+    keys: list[int]
+    """Keys of the sequences."""
+    most: int
+    """Largest number of taxels of a sequence, now and one reading ago together."""
+    packed: Packed
+    """Packed `TouchNodeArrays`."""
 
 
 @final
 class GraphStream:
-    """The graph of every open touch at every reading, in one stream.
+    """A stream builds the graph of every open touch at every reading.
 
     On a skin that is not calibrated there is one sequence of graphs for the whole
-    skin, going on whether or not anything touches it.
+    skin, which continues whether or not anything touches it.
     """
 
     def __init__(
@@ -38,55 +62,82 @@ class GraphStream:
 
         Args:
             mounted: the skin on its robot.
-            config: of the graphs.
-            poses: of the robot's links, shared with who else asks for them.
+            config: settings of the graphs.
+            poses: poses of the robot's links, shared with other users of them.
         """
         self.builder = GraphBuilder(mounted, config, poses)
         self.calibrated = mounted.skin.calibrated
-        self.earlier = NOBODY
-        self.nothing = held_shares({})
+        self.earlier = NO_TAXELS
+        self.no_nodes = pack_touch_nodes({})
 
-    def key_of(self, touch: int) -> int:
-        """The sequence that the touch of that id belongs to."""
+    def get_key(self, touch: int) -> int:
+        """Return the key of the sequence that the touch with that id belongs to."""
         return touch if self.calibrated else WHOLE_SKIN
 
     def push(self, state: TouchState) -> dict[int, GraphBatch]:
-        """The graph of each sequence at the next reading.
+        """Return the graph of each sequence at the next reading, by key.
 
         A touch between two contacts has a graph without pressure.
         """
-        shares: Shares = unpack(self.shares(state).packed)
-        self.builder.advance(state.reading, shares.active)
+        nodes: TouchNodeArrays = unpack(self.find_touch_nodes(state).packed)
+        self.builder.advance(state.reading, nodes.active)
         return {
-            int(key): self.builder.graph(
-                shares.active[slice(*now)], shares.earlier[slice(*before)], history
+            int(key): self.builder.build(
+                nodes.active[slice(*now)], nodes.earlier[slice(*before)], history
             )
             for key, now, before, history in zip(
-                *(shares.keys, shares.now, shares.before, shares.histories),
+                nodes.keys,
+                nodes.now,
+                nodes.before,
+                nodes.histories,
                 strict=True,
             )
         }
 
-    def shares(self, state: TouchState) -> HeldShares:
-        """What each sequence has a share of at the next reading."""
+    def find_touch_nodes(self, state: TouchState) -> PackedTouchNodes:
+        """Return the taxels and the history of each sequence at the next reading."""
         if not self.calibrated:
-            taxels, earlier = self.whole_skin(state), self.earlier
+            taxels, earlier = self.find_active_taxels(state), self.earlier
             self.earlier = taxels
-            return held_shares({WHOLE_SKIN: Share(taxels, earlier, NOTHING)})
+            nodes = TouchNodes(taxels, earlier, NO_HISTORY)
+            return pack_touch_nodes({WHOLE_SKIN: nodes})
         if not state.open:
-            return self.nothing
-        packed, most = shares_of(state.tracking.packed, state.reading.stamp)
-        return HeldShares([touch.id for touch in state.open], most, packed)
+            return self.no_nodes
+        packed, most = collect_touch_nodes(state.tracking.packed, state.reading.stamp)
+        return PackedTouchNodes([touch.id for touch in state.open], most, packed)
 
-    def whole_skin(self, state: TouchState) -> Int[np.ndarray, "active"]:
-        """All active taxels, whatever touch they belong to."""
+    def find_active_taxels(self, state: TouchState) -> Int[np.ndarray, "active"]:
+        """Return all taxels in contact or under shear, whatever their touch."""
         parts = [contact.taxels for contact in state.contacts]
-        return np.unique(np.concatenate([*parts, self.sheared(state.reading)]))
+        sheared = self.find_sheared_taxels(state.reading)
+        return np.unique(np.concatenate([*parts, sheared]))
 
-    def sheared(self, reading: Reading) -> Int[np.ndarray, "sheared"]:
-        """Taxels whose shear tells of a touch, whatever their pressure."""
+    def find_sheared_taxels(self, reading: Reading) -> Int[np.ndarray, "sheared"]:
+        """Return the taxels whose shear shows a touch, whatever their pressure."""
         if reading.shear is None:
-            return NOBODY
+            return NO_TAXELS
         size = np.linalg.norm(reading.shear, axis=1)
         enough = size >= self.builder.config.shear_on
         return np.flatnonzero(enough & reading.valid)
+
+
+def pack_touch_nodes(nodes: Mapping[int, TouchNodes]) -> PackedTouchNodes:
+    """Pack the taxels and histories of sequences, given by key, for compiled code."""
+    every, keys = list(nodes.values()), list(nodes)
+    active, now = concatenate([each.taxels for each in every])
+    earlier, before = concatenate([each.earlier for each in every])
+    histories = np.empty((len(every), len(HISTORY)))
+    for n, each in enumerate(every):
+        histories[n] = each.history
+    numbers = np.array(keys, np.int64)
+    packed = pack(TouchNodeArrays(numbers, active, earlier, now, before, histories))
+    sizes = [len(each.taxels) + len(each.earlier) for each in every]
+    return PackedTouchNodes(keys, max(sizes, default=0), packed)
+
+
+def concatenate(
+    parts: list[np.ndarray],
+) -> tuple[Int[np.ndarray, "load"], Int[np.ndarray, "sequence 2"]]:
+    """Return all parts one after another, and the span of each."""
+    ends = np.cumsum([0, *map(len, parts)])
+    return np.concatenate([NO_TAXELS, *parts]), np.stack([ends[:-1], ends[1:]], axis=1)

@@ -5,8 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float, Int
 
-from eskin.graph import GraphBatch
-from eskin.graph.batch import HISTORY
+from eskin.graph import HISTORY, GraphBatch
 from eskin.model import check_limits
 
 LIMITS = {

@@ -10,6 +10,7 @@ from jaxtyping import Float, Int
 from torch import Tensor
 
 from eskin.errors import RecordingError
+from eskin.graph import compute_summary
 from eskin.learn.augment import NO_AUGMENTATION, AugmentConfig, augment
 from eskin.learn.dataset import Dataset
 from eskin.learn.ground_truth import Segment
@@ -22,7 +23,7 @@ from eskin.learn.windows import (
     subsample_readings,
 )
 from eskin.model import SLOT_NS
-from eskin.nn import NetworkInput, Places, summary
+from eskin.nn import NetworkInput, SlotIndex
 
 WHOLE_SHARE = 0.5
 """Share of windows that hold all of their gesture, or as much as fits."""
@@ -116,7 +117,7 @@ class Batch:
 
     summary: Float[Tensor, "reading feature"]
     """Summary of each reading."""
-    places: Places
+    places: SlotIndex
     """Window and slot of each of these readings."""
     encoded: NetworkInput
     """Graphs of some readings of the first windows, with their windows and slots."""
@@ -173,7 +174,7 @@ class BatchBuilder:
         places = replace(windows, rows=np.arange(len(windows.rows)))
         kept = subsample_readings(places.first(encoded), readings, rng)
         return Batch(
-            summary=torch.as_tensor(summary(graphs, self.shear)),
+            summary=torch.as_tensor(compute_summary(graphs, self.shear)),
             places=build_places(windows),
             encoded=build_network_input(graphs.select(kept.rows), kept, self.shear),
             labels=torch.tensor(labels),

@@ -10,7 +10,7 @@ from torch import Tensor, nn
 
 from eskin.errors import ModelError
 from eskin.files import atomic_path
-from eskin.model import Model, ModelCard, checked_weights
+from eskin.model import Model, ModelCard, check_weights
 from eskin.nn import RecogniserNetwork
 
 
@@ -22,7 +22,7 @@ def to_model(network: RecogniserNetwork, card: ModelCard) -> Model:
     """
     state = network.state_dict()
     weights = {name: w.detach().cpu().numpy() for name, w in state.items()}
-    return Model(checked_weights(Model(weights, card)), card)
+    return Model(check_weights(Model(weights, card)), card)
 
 
 def to_network(model: Model) -> RecogniserNetwork:
@@ -32,7 +32,7 @@ def to_network(model: Model) -> RecogniserNetwork:
         ModelError: if the weights are not those of such a network.
     """
     card = model.card
-    weights = checked_weights(model)
+    weights = check_weights(model)
     network = RecogniserNetwork(
         card.network, len(card.vocabulary), card.kind == "shear"
     )

@@ -14,7 +14,7 @@ from rich.console import Console
 from rich.progress import track
 
 from eskin.errors import RecordingError
-from eskin.graph import GraphBatch, GraphConfig, join
+from eskin.graph import GraphBatch, GraphConfig, join_graphs
 from eskin.learn.ground_truth import (
     Clip,
     MissedGesture,
@@ -219,7 +219,7 @@ def concatenate_recordings(
         begun += int(part.sequence.max(initial=-1)) + 1
     return Dataset(
         recordings=recordings,
-        graphs=join([part.graphs for part in parts]),
+        graphs=join_graphs([part.graphs for part in parts]),
         stamps=np.concatenate([part.stamps for part in parts]),
         sequence=np.concatenate(sequences),
         recording=np.repeat(np.arange(len(parts)), [len(p.stamps) for p in parts]),

@@ -13,7 +13,13 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from eskin.files import atomic_path
-from eskin.graph import GraphBatch, GraphConfig, GraphStream, join, no_graphs
+from eskin.graph import (
+    GraphBatch,
+    GraphConfig,
+    GraphStream,
+    create_empty_batch,
+    join_graphs,
+)
 from eskin.learn.ground_truth import TouchLabel, read_true_touches
 from eskin.learn.recording_transforms import RecordingTransform
 from eskin.recording import Recording, read_recording
@@ -63,9 +69,9 @@ def prepare_recording(
     truth = read_true_touches(recording) if recording.skin.calibrated else None
     lengths = [len(one.stamps) for one in sequences]
     return PreparedRecording(
-        graphs=join(
+        graphs=join_graphs(
             [
-                no_graphs(graph.fixed + graph.live),
+                create_empty_batch(graph.fixed + graph.live),
                 *(g for one in sequences for g in one.graphs),
             ]
         ),

@@ -13,7 +13,7 @@ from eskin.graph.features import N_PER_KPA_CM2, total
 from eskin.learn.dataset import Dataset
 from eskin.learn.ground_truth import Clip, Segment, find_runs
 from eskin.learn.windows import cut_windows
-from eskin.nn import Places, RecogniserNetwork, graph_tensors
+from eskin.nn import RecogniserNetwork, SlotIndex, build_graph_tensors
 from eskin.recording import NONE
 
 WINDOW_BATCH = 256
@@ -44,7 +44,7 @@ def compute_log_probabilities(
         e = embed_rows(network, dataset, rows)
         for low in range(0, len(ends), WINDOW_BATCH):
             chosen = (windows.window >= low) & (windows.window < low + WINDOW_BATCH)
-            places = Places(
+            places = SlotIndex(
                 torch.as_tensor(windows.window[chosen] - low),
                 torch.as_tensor(windows.slot[chosen]),
                 min(WINDOW_BATCH, len(ends) - low),
@@ -61,7 +61,7 @@ def embed_rows(
     """Return the embedding of each row on its own."""
     parts = [
         network.embed(
-            graph_tensors(
+            build_graph_tensors(
                 dataset.graphs.select(rows[low : low + READING_BATCH]), network.shear
             )
         )

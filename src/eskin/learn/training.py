@@ -188,7 +188,7 @@ class Trainer:
         config, network = self.config, self.network
         torch.set_num_threads(1)
         first = self.batches.build(4 * config.batch, 1, 1, self.rngs[0])
-        network.standardise_by(first.summary)
+        network.fit_summary(first.summary)
         optimiser = torch.optim.AdamW(network.parameters(), weight_decay=config.decay)
         total = config.epochs * config.steps
         schedule = torch.optim.lr_scheduler.OneCycleLR(
@@ -251,7 +251,7 @@ class Trainer:
     def compute_loss(self, batch: Batch) -> Float[Tensor, ""]:
         """Return the cross entropy of each view and of both together."""
         network, smoothing = self.network, self.config.smoothing
-        standardised = network.standardised(batch.summary)
+        standardised = network.standardise(batch.summary)
         by_summary = network.summary_view(standardised, batch.places)
         by_graph = network.graph_view(
             network.embed(batch.encoded.graphs), batch.encoded.places

@@ -6,11 +6,10 @@ import numpy as np
 import torch
 from jaxtyping import Int
 
-from eskin.graph import GraphBatch
-from eskin.graph.batch import HISTORY
+from eskin.graph import HISTORY, GraphBatch
 from eskin.learn.dataset import Dataset
 from eskin.model import SLOT_NS
-from eskin.nn import NetworkInput, Places, graph_tensors
+from eskin.nn import NetworkInput, SlotIndex, build_graph_tensors
 
 TIME_COLUMNS = [HISTORY.index(name) for name in ("age", "pause", "impulse")]
 """Columns of a history that grow with the time a person takes."""
@@ -154,11 +153,13 @@ def build_network_input(
     dtype: torch.dtype = torch.float32,
 ) -> NetworkInput:
     """Return the network's input for windows and the graphs of their rows."""
-    return NetworkInput(graph_tensors(graphs, shear, dtype), build_places(windows))
+    return NetworkInput(
+        build_graph_tensors(graphs, shear, dtype), build_places(windows)
+    )
 
 
-def build_places(windows: Windows) -> Places:
+def build_places(windows: Windows) -> SlotIndex:
     """Return the windows and slots of the rows, for the network."""
-    return Places(
+    return SlotIndex(
         torch.as_tensor(windows.window), torch.as_tensor(windows.slot), windows.count
     )

@@ -1,18 +1,25 @@
-"""Gestures recognised live: one reading in, detections out, without torch."""
+"""This package recognises gestures live: a reading in, detections out, without torch."""
 
-from eskin.live.decision import UNKNOWN, Decider, Verdict
+from eskin.live.decision import UNKNOWN, Decision, DecisionFilter
 from eskin.live.detection import Detection
+from eskin.live.logits import compute_probabilities
 from eskin.live.network import Network
-from eskin.live.recognizer import Recognizer, warm_up
-from eskin.live.window import Window
+from eskin.live.recognizer import (
+    Recognizer,
+    build_detection,
+    mount_skin,
+    warm_up,
+)
 
 __all__ = [
     "UNKNOWN",
-    "Decider",
+    "Decision",
+    "DecisionFilter",
     "Detection",
     "Network",
     "Recognizer",
-    "Verdict",
-    "Window",
+    "build_detection",
+    "compute_probabilities",
+    "mount_skin",
     "warm_up",
 ]

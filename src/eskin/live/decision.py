@@ -1,4 +1,7 @@
-"""What to say of a touch, and when: once, when sure, at closing at the latest."""
+"""This module decides what to report of a touch, and when.
+
+Each touch is reported once: as soon as a gesture is certain, at closing at the latest.
+"""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -13,16 +16,16 @@ from eskin.recording.labels import NONE
 from eskin.units import NS_PER_S
 
 UNKNOWN = "unknown"
-"""Said of a touch that is like nothing in the vocabulary."""
+"""Gesture reported of a touch that is like nothing in the vocabulary."""
 
 
 @runtime_checkable
-class Audible(Protocol):
-    """What is to be known of a touch: a `Touch`, or the row that records it."""
+class TouchLike(Protocol):
+    """An object that tells when a touch happened: a `Touch`, or the row of a record."""
 
     @property
     def id(self) -> int:
-        """Its number."""
+        """Id of the touch."""
         ...
 
     @property
@@ -37,13 +40,13 @@ class Audible(Protocol):
 
     @property
     def merged_into(self) -> int | None:
-        """The touch that it turned out to be a part of; None or 0 if of none."""
+        """Id of the touch that it turned out to be a part of; None or 0 if of none."""
         ...
 
 
 @dataclass(frozen=True, eq=False)
-class Verdict:
-    """What is to be said of a touch now."""
+class Decision:
+    """A decision holds what to report of a touch now."""
 
     touch: int
     """Id of the touch."""
@@ -62,33 +65,39 @@ class Verdict:
 
 
 @dataclass
-class Hearing:
-    """What is known of one open touch."""
+class TouchEvidence:
+    """The evidence that an open touch has given so far."""
 
     onset: int
-    said: str | None = None
+    """When the touch began [ns since the epoch]."""
+    gesture: str | None = None
+    """Gesture that was reported, if any."""
     leader: int = -1
+    """Class above its threshold, or -1."""
     since: int = 0
+    """Since when that is the leader [ns since the epoch]."""
     other_since: int | None = None
+    """Since when a class other than the reported one is likeliest."""
     latest: list[float] | None = None
+    """Probabilities that decide at closing."""
 
 
 @final
-class Decider:
-    """Says one thing of every touch; stateful.
+class DecisionFilter:
+    """A stateful filter that turns probabilities into one decision for each touch.
 
-    1. While a touch is open, a gesture other than `none` is said once its probability
-       has been above its threshold for the whole of `hold_seconds`; the threshold may
-       be lower without contact.
-    2. When it closes and nothing has been said, the likeliest class at its last reading
-       is said, be it `none`; or `unknown` where that is below `least`. By then it is
-       known that no further contact came.
-    3. A touch that takes another over is spoken for if either has been spoken of.
+    1. While a touch is open, a gesture other than `none` is reported once its
+       probability has been above its threshold for the whole of `hold_seconds`; the
+       threshold may be lower without contact.
+    2. When it closes and nothing has been reported, the likeliest class at its last
+       reading is reported, even `none`; or `unknown` where that is below `least`. By
+       then it is known that no further contact came.
+    3. A touch that merges into another counts as reported if either was reported.
     4. On a skin that is not calibrated, contact may never end, under a tight sleeve
-       say. There a touch ends once another class than the one that was said of it,
-       or `none`, has been likeliest for the whole of `hold_seconds`; another begins
-       only with contact after that. Its last word is of its last contact: what comes
-       after that may be of the next touch.
+       for example. There a touch ends once another class than the reported one, or
+       `none`, has been likeliest for the whole of `hold_seconds`; another touch begins
+       only with contact after that. The decision at closing uses its last contact,
+       since later readings may belong to the next touch.
     """
 
     def __init__(
@@ -101,15 +110,15 @@ class Decider:
 
         Args:
             vocabulary: classes in the order of the probabilities.
-            config: how sure is sure.
-            change_ends: whether the fourth rule holds.
+            config: thresholds and times.
+            change_ends: whether the fourth rule applies.
 
         Raises:
             ValueError: a threshold is of no gesture in the vocabulary.
         """
         self.vocabulary = vocabulary
         self.config = config or DecisionConfig()
-        self.thresholds = thresholds_of(vocabulary, self.config)
+        self.thresholds = build_thresholds(vocabulary, self.config)
         self.lifted = [
             every if math.isinf(every) else min(every, self.config.lifted)
             for every in self.thresholds
@@ -117,114 +126,117 @@ class Decider:
         self.lift = round(self.config.lift_seconds * NS_PER_S)
         self.hold = round(self.config.hold_seconds * NS_PER_S)
         self.change_ends = change_ends
-        self.hearings: dict[int, Hearing] = {}
+        self.evidence: dict[int, TouchEvidence] = {}
 
     def push(
         self,
         stamp: int,
-        touches: Sequence[Audible],
-        closed: Sequence[Audible],
+        touches: Sequence[TouchLike],
+        closed: Sequence[TouchLike],
         probabilities: Mapping[int, Float[np.ndarray, "class"]],
-    ) -> list[Verdict]:
-        """What there is to say at the next reading.
+    ) -> list[Decision]:
+        """Return the decisions at the next reading.
 
         Args:
-            stamp: of the reading [ns since the epoch].
-            touches: those that are open.
-            closed: those that have just closed.
-            probabilities: of every open touch, by its id.
+            stamp: stamp of the reading [ns since the epoch].
+            touches: touches that are open.
+            closed: touches that have just closed.
+            probabilities: probabilities of every open touch, by its id.
         """
-        verdicts = self.close(closed)
+        decisions = self.close(closed)
         for touch in touches:
-            hearing = self.hearings.get(touch.id)
-            if hearing is None:
-                hearing = self.hearings[touch.id] = Hearing(touch.onset)
-            # Plain numbers: arrays of a few cost more to look at one by one.
+            evidence = self.evidence.get(touch.id)
+            if evidence is None:
+                evidence = self.evidence[touch.id] = TouchEvidence(touch.onset)
+            # Plain numbers, since short arrays are slower to read one by one.
             chances: list[float] = probabilities[touch.id].tolist()
-            if self.change_ends and self.is_over(hearing, stamp, chances):
-                start_anew(hearing, touch, stamp)
-            verdict = self.hear(hearing, touch, stamp, chances)
-            if verdict is not None:
-                verdicts.append(verdict)
-        return verdicts
+            if self.change_ends and self.has_changed(evidence, stamp, chances):
+                reset_evidence(evidence, touch, stamp)
+            decision = self.update(evidence, touch, stamp, chances)
+            if decision is not None:
+                decisions.append(decision)
+        return decisions
 
-    def is_over(self, hearing: Hearing, stamp: int, probabilities: list[float]) -> bool:
-        """Whether another class has been likeliest for long enough."""
-        leader = self.vocabulary[likeliest(probabilities)]
-        if leader != NONE and hearing.said in (None, leader):
-            hearing.other_since = None
+    def has_changed(
+        self, evidence: TouchEvidence, stamp: int, probabilities: list[float]
+    ) -> bool:
+        """Return whether another class has been likeliest for long enough."""
+        leader = self.vocabulary[find_likeliest(probabilities)]
+        if leader != NONE and evidence.gesture in (None, leader):
+            evidence.other_since = None
             return False
-        if hearing.other_since is None:
-            hearing.other_since = stamp
-        return stamp - hearing.other_since >= self.hold
+        if evidence.other_since is None:
+            evidence.other_since = stamp
+        return stamp - evidence.other_since >= self.hold
 
-    def hear(
+    def update(
         self,
-        hearing: Hearing,
-        touch: Audible,
+        evidence: TouchEvidence,
+        touch: TouchLike,
         stamp: int,
         probabilities: list[float],
-    ) -> Verdict | None:
-        """Take in the probabilities of an open touch."""
+    ) -> Decision | None:
+        """Update the evidence of an open touch, and return a decision if it is due."""
         if touch.last == stamp or not self.change_ends:
-            hearing.latest = probabilities
-        leader = likeliest(probabilities)
+            evidence.latest = probabilities
+        leader = find_likeliest(probabilities)
         is_lifted = stamp - touch.last >= self.lift
         threshold = (self.lifted if is_lifted else self.thresholds)[leader]
-        sure = probabilities[leader] >= threshold
-        if leader != hearing.leader or not sure:
-            hearing.leader, hearing.since = leader if sure else -1, stamp
-        held = hearing.leader >= 0 and stamp - hearing.since >= self.hold
-        felt = touch.last >= hearing.onset
-        if hearing.said is not None or not held or not felt:
+        certain = probabilities[leader] >= threshold
+        if leader != evidence.leader or not certain:
+            evidence.leader, evidence.since = leader if certain else -1, stamp
+        held = evidence.leader >= 0 and stamp - evidence.since >= self.hold
+        has_contact = touch.last >= evidence.onset
+        if evidence.gesture is not None or not held or not has_contact:
             return None
-        hearing.said = self.vocabulary[leader]
-        return Verdict(touch.id, hearing.said, probabilities[leader], hearing.onset)
+        evidence.gesture = self.vocabulary[leader]
+        return Decision(
+            touch.id, evidence.gesture, probabilities[leader], evidence.onset
+        )
 
-    def close(self, closed: Sequence[Audible]) -> list[Verdict]:
-        """What there is to say of touches that have closed."""
-        verdicts = []
+    def close(self, closed: Sequence[TouchLike]) -> list[Decision]:
+        """Return the decisions about touches that have closed."""
+        decisions = []
         for touch in closed:
-            hearing = self.hearings.pop(touch.id, Hearing(touch.onset))
+            evidence = self.evidence.pop(touch.id, TouchEvidence(touch.onset))
             if touch.merged_into:
-                new = Hearing(touch.onset)
-                heir = self.hearings.setdefault(touch.merged_into, new)
-                heir.said = heir.said or hearing.said
-            elif hearing.said is None and hearing.latest is not None:
-                verdicts.append(self.last_word(touch, hearing, hearing.latest))
-        return verdicts
+                new = TouchEvidence(touch.onset)
+                heir = self.evidence.setdefault(touch.merged_into, new)
+                heir.gesture = heir.gesture or evidence.gesture
+            elif evidence.gesture is None and evidence.latest is not None:
+                decisions.append(self.decide(touch, evidence.onset, evidence.latest))
+        return decisions
 
-    def last_word(
-        self,
-        touch: Audible,
-        hearing: Hearing,
-        probabilities: list[float],
-    ) -> Verdict:
-        """What is said of a touch at closing."""
-        leader = likeliest(probabilities)
+    def decide(
+        self, touch: TouchLike, onset: int, probabilities: list[float]
+    ) -> Decision:
+        """Return the decision about a touch at closing."""
+        leader = find_likeliest(probabilities)
         confidence = probabilities[leader]
         gesture = self.vocabulary[leader]
         if confidence >= self.config.least:
-            return Verdict(touch.id, gesture, confidence, hearing.onset)
-        return Verdict(touch.id, UNKNOWN, confidence, hearing.onset, gesture)
+            return Decision(touch.id, gesture, confidence, onset)
+        return Decision(touch.id, UNKNOWN, confidence, onset, gesture)
 
 
-def start_anew(hearing: Hearing, touch: Audible, stamp: int) -> None:
-    """End what was heard of a touch: what it feels from now on is another one.
+def reset_evidence(evidence: TouchEvidence, touch: TouchLike, stamp: int) -> None:
+    """Drop the evidence of a touch: later contact is treated as another touch.
 
-    A touch without contact of which nothing was said still waits for its last word.
+    A touch without contact that was not reported still waits for its closing.
     """
-    if hearing.said is not None or touch.last == stamp:
-        hearing.onset, hearing.said, hearing.latest = stamp, None, None
+    if evidence.gesture is not None or touch.last == stamp:
+        evidence.onset, evidence.gesture, evidence.latest = stamp, None, None
 
 
-def likeliest(probabilities: list[float]) -> int:
-    """The first of the classes that none is likelier than."""
+def find_likeliest(probabilities: list[float]) -> int:
+    """Return the first of the classes with the highest probability."""
     return probabilities.index(max(probabilities))
 
 
-def thresholds_of(vocabulary: tuple[str, ...], config: DecisionConfig) -> list[float]:
-    """The threshold of each class while a touch is open; `none` waits for its end."""
+def build_thresholds(
+    vocabulary: tuple[str, ...], config: DecisionConfig
+) -> list[float]:
+    """Return the threshold of each class while a touch is open; infinity for `none`."""
     strange = sorted(set(config.thresholds) - set(vocabulary))
     if strange:
         raise ValueError(

@@ -1,4 +1,4 @@
-"""This module defines detections and tracks the direction of each touch."""
+"""This module defines detections and tracks the direction in which touches travel."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -13,10 +13,10 @@ from eskin.touch import LinkPoseCache, Touch, TouchState, TouchStatus
 
 @dataclass(frozen=True, eq=False)
 class Detection:
-    """What was said of one touch: said once, and never withdrawn."""
+    """A detection reports the gesture of one touch, once, and is never withdrawn."""
 
     stamp: int
-    """When it was said: the stamp of the latest reading [ns since the epoch]."""
+    """When it was reported: the stamp of the latest reading [ns since the epoch]."""
 
     touch: int
     """Id of the touch."""
@@ -46,8 +46,8 @@ class Detection:
     """Mean outward normal of that contact."""
 
     direction_world: Float[np.ndarray, "3"]
-    """Unit vector of travel at `end`, with the robot's own motion taken out; zero where
-    the touch stayed in its place."""
+    """Unit vector of travel at `end`, without the robot's own motion; zero where the
+    touch stayed in its place."""
 
     peak_force: float
     """Greatest force until `stamp` [N]."""
@@ -57,7 +57,7 @@ class Detection:
     known."""
 
     def record(self) -> DetectionRecord:
-        """As a recording keeps it."""
+        """Return the row that a recording keeps of it."""
         return DetectionRecord(
             stamp=self.stamp,
             gesture=self.gesture,
@@ -66,61 +66,61 @@ class Detection:
             end=self.end,
             link=self.link,
             patch=self.patch,
-            p_world=vector(self.p_world),
-            n_world=vector(self.n_world),
-            direction_world=vector(self.direction_world),
+            p_world=to_tuple(self.p_world),
+            n_world=to_tuple(self.n_world),
+            direction_world=to_tuple(self.direction_world),
             peak_force=self.peak_force,
         )
 
 
-def vector(array: Float[np.ndarray, "3"]) -> tuple[float, float, float]:
-    """As plain numbers."""
+def to_tuple(array: Float[np.ndarray, "3"]) -> tuple[float, float, float]:
+    """Return a vector as plain numbers."""
     x, y, z = array.tolist()
     return x, y, z
 
 
 @final
-class Travel:
-    """Remembers every open touch as it was at its latest contact; stateful.
+class DirectionTracker:
+    """A stateful tracker that keeps every open touch as it was at its latest contact.
 
-    Few touches are ever asked about: a direction is worked out when it is.
+    Directions are asked for rarely, so they are computed only then.
     """
 
     def __init__(self, poses: LinkPoseCache, still: float) -> None:
         """Start without touches.
 
         Args:
-            poses: of the links of the robot that the touches are on.
+            poses: poses of the links of the robot that the touches are on.
             still: travel below which a touch has no direction [m].
         """
         self.poses = poses
         self.still = still
-        self.felt: dict[int, tuple[TouchState, np.ndarray]] = {}
+        self.contacts: dict[int, tuple[TouchState, np.ndarray]] = {}
 
-    def push(self, state: TouchState) -> None:
-        """Follow the touches that are in contact at this reading."""
+    def update(self, state: TouchState) -> None:
+        """Keep the state of the touches that are in contact at this reading."""
         if not state.open:
             return
-        then = state, self.poses.get(state.reading.q)
+        contact = state, self.poses.get(state.reading.q)
         for touch in state.open:
             if touch.last == state.reading.stamp:
-                self.felt[touch.id] = then
+                self.contacts[touch.id] = contact
 
-    def of(self, touch: int) -> Float[np.ndarray, "3"]:
-        """The direction of the touch of that id at its latest contact.
+    def compute_direction(self, touch: int) -> Float[np.ndarray, "3"]:
+        """Return the direction of the touch with that id at its latest contact.
 
-        A unit vector in the world, zero where the touch stayed in its place.
+        It is a unit vector in the world, zero where the touch stayed in its place.
         """
-        state, T_world_link = self.felt[touch]
+        state, T_world_link = self.contacts[touch]
         touches = state.records.touches
-        [then] = touches[touches["id"] == touch]
-        travel = then["latest"] - then["start"]
+        [row] = touches[touches["id"] == touch]
+        travel = row["latest"] - row["start"]
         distance = np.linalg.norm(travel)
         if distance < self.still:
             return np.zeros(3)
-        return T_world_link[then["link"], :3, :3] @ travel / distance
+        return T_world_link[row["link"], :3, :3] @ travel / distance
 
     def forget(self, closed: Sequence[Touch | TouchStatus]) -> None:
-        """Drop touches that are over."""
+        """Drop touches that have closed."""
         for touch in closed:
-            self.felt.pop(touch.id, None)
+            self.contacts.pop(touch.id, None)

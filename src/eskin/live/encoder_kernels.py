@@ -1,263 +1,363 @@
-"""The compiled encoder: what `eskin.nn.Encoder` does, for one graph.
+"""Compiled encoder that does what `eskin.nn.Encoder` does, for one graph.
 
 Products of matrices go through BLAS, everything else is loops along channels.
 """
 
 import math
-from typing import no_type_check
+from typing import NamedTuple, no_type_check
 
 import numpy as np
 from jaxtyping import Float, Int
 
-from eskin.graph.features import LONGEST_AGE
-from eskin.live.encoder import EncoderMemory, EncoderWeights
-from eskin.live.graph import Graph
+from eskin.compiled import compiled_fastmath
+from eskin.graph.builder_kernels import GraphArrays
+from eskin.graph.features import MAX_AGE
+from eskin.graph.neighbour_kernels import NO_NODE
 from eskin.live.kernels import (
     BLOCK,
     activate,
     add,
     add_bias,
-    compiled_network,
-    normalise,
-    product,
+    layer_norm,
+    matmul,
     sigmoid,
     silu,
 )
 from eskin.model import LENGTH_CM
 
 PER_LENGTH = np.float32(1.0 / LENGTH_CM)
-NOBODY = -1
 ONE, TWO = np.float32(1.0), np.float32(2.0)
 
 
-@compiled_network
+class EncoderWeights(NamedTuple):
+    """The parameters of `eskin.nn.Encoder`, with those of its layers stacked.
+
+    Matrices are ([layer,] input, output), the transpose of torch's, so that the
+    channels of an output lie side by side. The last layer updates no coordinates: its
+    `move_weight` is zero.
+    """
+
+    embed_weight: np.ndarray
+    embed_bias: np.ndarray
+    norm_weight: np.ndarray
+    norm_bias: np.ndarray
+    of_target_weight: np.ndarray
+    of_target_bias: np.ndarray
+    of_source_weight: np.ndarray
+    of_edge_weight: np.ndarray
+    message_weight: np.ndarray
+    message_bias: np.ndarray
+    move_weight: np.ndarray
+    update_hidden_weight: np.ndarray
+    update_hidden_bias: np.ndarray
+    update_out_weight: np.ndarray
+    update_out_bias: np.ndarray
+    pool_weight: np.ndarray
+    pool_bias: np.ndarray
+
+
+class EncoderWorkspace(NamedTuple):
+    """The memory in which the encoder works on one graph.
+
+    A *row* is a node with features of its own: first the active nodes, which receive
+    messages, then those that are neither active nor at rest, and one row for all nodes
+    at rest, whose features are equal.
+    """
+
+    x: np.ndarray
+    """(node, 3) coordinates in units of `LENGTH_CM`."""
+    shear: np.ndarray
+    """(node, 3) compressed shear."""
+    row: np.ndarray
+    """(node) the row of each active node or source."""
+    nodes: np.ndarray
+    """(row) the node of each row."""
+    first_edge: np.ndarray
+    """(row and one) first edge to each active node."""
+    sources: np.ndarray
+    """(edge) source node."""
+    source_rows: np.ndarray
+    """(edge) its row."""
+    edge_weights: np.ndarray
+    """(edge) share of the source in the area of all sources of its target."""
+    scalars: np.ndarray
+    """(row, scalar) columns of `eskin.graph.NODE_SCALARS`."""
+    v: np.ndarray
+    """(row, width) features."""
+    u: np.ndarray
+    """(row, width) normalised features."""
+    of_source: np.ndarray
+    """(row, width) contribution of each source to its messages."""
+    of_target: np.ndarray
+    """(row, width) contribution of each target to its messages."""
+    messages: np.ndarray
+    """(row, width) aggregated messages."""
+    coord_update: np.ndarray
+    """(row, 3) update of the coordinates."""
+    r: np.ndarray
+    """(block, 3) vector from source to target of the edges to a few targets."""
+    edge_features: np.ndarray
+    """(block, edge scalar) invariants of those edges."""
+    hidden: np.ndarray
+    """(block, width) first layer of their messages."""
+    edge_messages: np.ndarray
+    """(block, width) their messages."""
+    coord_weights: np.ndarray
+    """(block) weight of each `r` in the update of its target."""
+    pooled: np.ndarray
+    """(1, 2 width) maximum and mean over the active nodes."""
+
+
+@compiled_fastmath
 @no_type_check
 def encode(
-    graph: Graph,
+    graph: GraphArrays,
     shear: bool,
     weights: EncoderWeights,
-    memory: EncoderMemory,
+    workspace: EncoderWorkspace,
     out: Float[np.ndarray, "embedding"],
 ) -> None:
     """Write the embedding of a graph; zeros where nothing is active.
 
     Args:
-        graph: the graph.
-        shear: whether the network takes shear; else it is left out.
-        weights: of the network.
-        memory: with room for the graph.
-        out: where the embedding goes.
+        graph: batch of one graph.
+        shear: whether the network uses shear.
+        weights: weights of the encoder.
+        workspace: memory with room for the graph.
+        out: output, the embedding.
     """
-    targets = find_targets(graph, memory)
+    targets = find_targets(graph, workspace)
     if targets == 0:
         out[:] = np.float32(0.0)
         return
-    edges = find_edges(graph, targets, memory)
-    place(graph, shear, memory)
-    rows = embed(graph, targets, edges, weights, memory)
+    edges = find_edges(graph, targets, workspace)
+    write_coordinates(graph, shear, workspace)
+    rows = embed_nodes(graph, targets, edges, weights, workspace)
     for layer in range(len(weights.message_weight)):
-        step(layer, graph, shear, targets, rows, weights, memory)
-    pool(graph, targets, weights, memory, out)
+        run_layer(layer, graph, shear, targets, rows, weights, workspace)
+    pool_nodes(graph, targets, weights, workspace, out)
 
 
-@compiled_network
+@compiled_fastmath
 @no_type_check
-def find_targets(graph: Graph, memory: EncoderMemory) -> int:
-    """Number the active nodes, the targets, and return how many there are."""
+def find_targets(graph: GraphArrays, workspace: EncoderWorkspace) -> int:
+    """List the active nodes, the targets, and return their number."""
     targets = 0
-    for node in range(graph.nodes):
-        memory.row[node] = NOBODY
+    for node in range(graph.offsets[1]):
+        workspace.row[node] = NO_NODE
         if graph.pressure[node] > 0.0:
-            memory.row[node] = targets
-            memory.nodes[targets] = node
+            workspace.row[node] = targets
+            workspace.nodes[targets] = node
             targets += 1
     return targets
 
 
-@compiled_network
+@compiled_fastmath
 @no_type_check
-def find_edges(graph: Graph, targets: int, memory: EncoderMemory) -> int:
-    """List who is heard by each target, and return how many edges there are."""
-    sources, shares = memory.sources, memory.shares
+def find_edges(graph: GraphArrays, targets: int, workspace: EncoderWorkspace) -> int:
+    """List the sources of each target, and return the number of edges."""
+    sources, edge_weights = workspace.sources, workspace.edge_weights
     edges = 0
     for i in range(targets):
-        node = memory.nodes[i]
-        memory.firsts[i] = edges
-        heard = np.float32(0.0)
+        node = workspace.nodes[i]
+        workspace.first_edge[i] = edges
+        area = np.float32(0.0)
         for k in range(graph.neighbours.shape[1]):
             source = graph.neighbours[node, k]
             if source >= 0:
                 sources[edges] = source
-                shares[edges] = graph.areas[source]
-                heard += graph.areas[source]
+                edge_weights[edges] = graph.areas[source]
+                area += graph.areas[source]
                 edges += 1
-        for e in range(memory.firsts[i], edges):
-            shares[e] /= max(heard, np.float32(1e-6))
-    memory.firsts[targets] = edges
+        for e in range(workspace.first_edge[i], edges):
+            edge_weights[e] /= max(area, np.float32(1e-6))
+    workspace.first_edge[targets] = edges
     return edges
 
 
-@compiled_network
+@compiled_fastmath
 @no_type_check
-def place(graph: Graph, shear: bool, memory: EncoderMemory) -> None:
-    """Write coordinates and, where the network takes it, compressed shear."""
-    for node in range(graph.nodes):
+def write_coordinates(
+    graph: GraphArrays, shear: bool, workspace: EncoderWorkspace
+) -> None:
+    """Write coordinates and, if the network uses it, compressed shear."""
+    for node in range(graph.offsets[1]):
         for d in range(3):
-            memory.x[node, d] = graph.positions[node, d] * PER_LENGTH
+            workspace.x[node, d] = graph.positions[node, d] * PER_LENGTH
         if shear:
-            size = math.sqrt(squared(graph.shear[node]))
+            size = math.sqrt(squared_norm(graph.shear[node]))
             scale = np.float32(arcsinh(size) / (3.0 * max(size, 1e-9)))
             for d in range(3):
-                memory.shear[node, d] = graph.shear[node, d] * scale
+                workspace.shear[node, d] = graph.shear[node, d] * scale
 
 
-@compiled_network
+@compiled_fastmath
 @no_type_check
-def embed(
-    graph: Graph,
+def embed_nodes(
+    graph: GraphArrays,
     targets: int,
     edges: int,
     weights: EncoderWeights,
-    memory: EncoderMemory,
+    workspace: EncoderWorkspace,
 ) -> int:
-    """Write the first features of every row, and return how many rows there are."""
+    """Write the first features of every row, and return the number of rows."""
     for i in range(targets):
-        describe(graph, memory.nodes[i], i, memory)
-    rows, rest = targets, NOBODY
+        write_node_features(graph, workspace.nodes[i], i, workspace)
+    rows, rest = targets, NO_NODE
     for e in range(edges):
-        node = memory.sources[e]
-        if memory.row[node] == NOBODY:
-            at_rest = describe(graph, node, rows, memory)
-            if at_rest and rest != NOBODY:
-                memory.row[node] = rest
+        node = workspace.sources[e]
+        if workspace.row[node] == NO_NODE:
+            at_rest = write_node_features(graph, node, rows, workspace)
+            if at_rest and rest != NO_NODE:
+                workspace.row[node] = rest
             else:
-                memory.row[node] = rows
+                workspace.row[node] = rows
                 rest = rows if at_rest else rest
                 rows += 1
-        memory.source_rows[e] = memory.row[node]
-    product(memory.scalars[:rows], weights.embed_weight, memory.v[:rows])
-    activate(memory.v[:rows], weights.embed_bias)
+        workspace.source_rows[e] = workspace.row[node]
+    matmul(workspace.scalars[:rows], weights.embed_weight, workspace.v[:rows])
+    activate(workspace.v[:rows], weights.embed_bias)
     return rows
 
 
-@compiled_network
+@compiled_fastmath
 @no_type_check
-def describe(graph: Graph, node: int, row: int, memory: EncoderMemory) -> bool:
-    """Write the scalars of a node to a row, and tell whether all are zero."""
-    scalars = memory.scalars
+def write_node_features(
+    graph: GraphArrays, node: int, row: int, workspace: EncoderWorkspace
+) -> bool:
+    """Write the scalars of a node to a row, and return whether all are zero."""
+    scalars = workspace.scalars
     p, before = graph.pressure[node], graph.before[node]
-    s = squared(memory.shear[node])
+    s = squared_norm(workspace.shear[node])
     if p == 0.0 and before == 0.0 and s == 0.0 and graph.age[node] == 0.0:
         scalars[row] = np.float32(0.0)
         return True
-    rate = (p - before) / graph.seconds
+    rate = (p - before) / np.float64(graph.seconds[0])
     scalars[row, 0] = p > 0.0
     scalars[row, 1] = arcsinh(p / 2.0) / 3.0
     scalars[row, 2] = arcsinh(rate / 50.0) / 2.0
-    scalars[row, 3] = min(graph.age[node], LONGEST_AGE) / LONGEST_AGE
+    scalars[row, 3] = min(graph.age[node], MAX_AGE) / MAX_AGE
     scalars[row, 4] = math.sqrt(s)
     return False
 
 
-@compiled_network
+@compiled_fastmath
 @no_type_check
-def step(
+def run_layer(
     layer: int,
-    graph: Graph,
+    graph: GraphArrays,
     shear: bool,
     targets: int,
     rows: int,
     weights: EncoderWeights,
-    memory: EncoderMemory,
+    workspace: EncoderWorkspace,
 ) -> None:
-    """One step of `eskin.nn.EquivariantLayer`."""
-    u = memory.u[:rows]
-    of_target, heard = memory.of_target[:targets], memory.heard[:targets]
+    """Run one `eskin.nn.EquivariantLayer`."""
+    u = workspace.u[:rows]
+    of_target, messages = workspace.of_target[:targets], workspace.messages[:targets]
     width = u.shape[1]
-    normalise(memory.v[:rows], weights.norm_weight[layer], weights.norm_bias[layer], u)
-    product(u, weights.of_source_weight[layer], memory.of_source[:rows])
-    product(u[:targets], weights.of_target_weight[layer], of_target)
+    layer_norm(
+        workspace.v[:rows], weights.norm_weight[layer], weights.norm_bias[layer], u
+    )
+    matmul(u, weights.of_source_weight[layer], workspace.of_source[:rows])
+    matmul(u[:targets], weights.of_target_weight[layer], of_target)
     add_bias(of_target, weights.of_target_bias[layer])
-    memory.moved[:targets] = np.float32(0.0)
-    heard[:] = np.float32(0.0)
-    hear(layer, graph, shear, targets, weights, memory)
-    hidden = memory.of_source[:targets]
-    product(u[:targets], weights.update_hidden_weight[layer, :width], hidden)
-    product(heard, weights.update_hidden_weight[layer, width:], of_target)
+    workspace.coord_update[:targets] = np.float32(0.0)
+    messages[:] = np.float32(0.0)
+    aggregate(layer, graph, shear, targets, weights, workspace)
+    hidden = workspace.of_source[:targets]
+    matmul(u[:targets], weights.update_hidden_weight[layer, :width], hidden)
+    matmul(messages, weights.update_hidden_weight[layer, width:], of_target)
     add(of_target, hidden)
     activate(hidden, weights.update_hidden_bias[layer])
-    product(hidden, weights.update_out_weight[layer], of_target)
+    matmul(hidden, weights.update_out_weight[layer], of_target)
     add_bias(of_target, weights.update_out_bias[layer])
-    add(of_target, memory.v[:targets])
+    add(of_target, workspace.v[:targets])
     for i in range(targets):
-        node = memory.nodes[i]
+        node = workspace.nodes[i]
         for d in range(3):
-            memory.x[node, d] += memory.moved[i, d]
+            workspace.x[node, d] += workspace.coord_update[i, d]
 
 
-@compiled_network
+@compiled_fastmath
 @no_type_check
-def hear(
+def aggregate(
     layer: int,
-    graph: Graph,
+    graph: GraphArrays,
     shear: bool,
     targets: int,
     weights: EncoderWeights,
-    memory: EncoderMemory,
+    workspace: EncoderWorkspace,
 ) -> None:
-    """Add up what every target hears, about a block of edges at a time."""
+    """Aggregate the messages to every target, about a block of edges at a time."""
     begin = 0
     while begin < targets:
-        end, first = begin + 1, memory.firsts[begin]
-        while end < targets and memory.firsts[end + 1] - first <= BLOCK:
+        end, first = begin + 1, workspace.first_edge[begin]
+        while end < targets and workspace.first_edge[end + 1] - first <= BLOCK:
             end += 1
-        hear_block(layer, graph, shear, begin, end, weights, memory)
+        aggregate_block(layer, graph, shear, begin, end, weights, workspace)
         begin = end
 
 
-@compiled_network
+@compiled_fastmath
 @no_type_check
-def hear_block(
+def aggregate_block(
     layer: int,
-    graph: Graph,
+    graph: GraphArrays,
     shear: bool,
     begin: int,
     end: int,
     weights: EncoderWeights,
-    memory: EncoderMemory,
+    workspace: EncoderWorkspace,
 ) -> None:
-    """Add up what the targets from `begin` to before `end` hear."""
-    firsts = memory.firsts[begin : end + 1]
-    edges = firsts[-1] - firsts[0]
-    sources = memory.source_rows[firsts[0] : firsts[-1]]
-    shares = memory.shares[firsts[0] : firsts[-1]]
-    hidden, messages = memory.hidden[:edges], memory.messages[:edges]
-    measure(graph, shear, begin, end, memory)
-    np.dot(memory.edge[:edges], weights.of_edge_weight[layer], hidden)
-    add_ends(firsts, sources, memory.of_target[begin:end], memory.of_source, hidden)
-    np.dot(hidden, weights.message_weight[layer], messages)
-    add_shares(
-        firsts, shares, weights.message_bias[layer], messages, memory.heard[begin:end]
+    """Aggregate the messages to the targets from `begin` to before `end`."""
+    first_edge = workspace.first_edge[begin : end + 1]
+    edges = first_edge[-1] - first_edge[0]
+    sources = workspace.source_rows[first_edge[0] : first_edge[-1]]
+    edge_weights = workspace.edge_weights[first_edge[0] : first_edge[-1]]
+    hidden, messages = workspace.hidden[:edges], workspace.edge_messages[:edges]
+    write_edge_features(graph, shear, begin, end, workspace)
+    np.dot(workspace.edge_features[:edges], weights.of_edge_weight[layer], hidden)
+    add_node_terms(
+        first_edge,
+        sources,
+        workspace.of_target[begin:end],
+        workspace.of_source,
+        hidden,
     )
-    if layer + 1 < len(weights.message_weight):  # the last one moves nothing
-        ways = memory.ways[:edges]
-        np.dot(messages, weights.move_weight[layer], ways)
-        add_moves(firsts, shares, ways, memory.r, memory.moved[begin:end])
+    np.dot(hidden, weights.message_weight[layer], messages)
+    sum_messages(
+        first_edge,
+        edge_weights,
+        weights.message_bias[layer],
+        messages,
+        workspace.messages[begin:end],
+    )
+    if layer + 1 < len(weights.message_weight):  # the last layer updates no coordinates
+        coord_weights = workspace.coord_weights[:edges]
+        np.dot(messages, weights.move_weight[layer], coord_weights)
+        sum_coord_updates(
+            first_edge,
+            edge_weights,
+            coord_weights,
+            workspace.r,
+            workspace.coord_update[begin:end],
+        )
 
 
-@compiled_network
+@compiled_fastmath
 @no_type_check
-def add_ends(
-    firsts: Int[np.ndarray, "target_and_one"],
+def add_node_terms(
+    first_edge: Int[np.ndarray, "target_and_one"],
     sources: Int[np.ndarray, "edge"],
     of_target: Float[np.ndarray, "target width"],
     of_source: Float[np.ndarray, "row width"],
     hidden: Float[np.ndarray, "edge width"],
 ) -> None:
-    """Add to each edge what its target and its source bring, and take the silu."""
+    """Add the terms of target and source to each edge, and apply the silu."""
     edge = 0
-    for i in range(len(firsts) - 1):
-        for _ in range(firsts[i], firsts[i + 1]):
+    for i in range(len(first_edge) - 1):
+        for _ in range(first_edge[i], first_edge[i + 1]):
             j = sources[edge]
             for c in range(hidden.shape[1]):
                 ends = of_target[i, c] + of_source[j, c]
@@ -265,60 +365,66 @@ def add_ends(
             edge += 1
 
 
-@compiled_network
+@compiled_fastmath
 @no_type_check
-def add_shares(
-    firsts: Int[np.ndarray, "target_and_one"],
-    shares: Float[np.ndarray, "edge"],
+def sum_messages(
+    first_edge: Int[np.ndarray, "target_and_one"],
+    edge_weights: Float[np.ndarray, "edge"],
     bias: Float[np.ndarray, "width"],
     messages: Float[np.ndarray, "edge width"],
-    heard: Float[np.ndarray, "target width"],
+    out: Float[np.ndarray, "target width"],
 ) -> None:
-    """Finish the messages, and add up those to each target by their shares."""
+    """Finish the messages, and sum those to each target by their weights."""
     edge = 0
-    for i in range(len(firsts) - 1):
-        for _ in range(firsts[i], firsts[i + 1]):
-            share = shares[edge]
+    for i in range(len(first_edge) - 1):
+        for _ in range(first_edge[i], first_edge[i + 1]):
+            weight = edge_weights[edge]
             for c in range(messages.shape[1]):
                 message = silu(messages[edge, c] + bias[c])
                 messages[edge, c] = message
-                heard[i, c] += share * message
+                out[i, c] += weight * message
             edge += 1
 
 
-@compiled_network
+@compiled_fastmath
 @no_type_check
-def add_moves(
-    firsts: Int[np.ndarray, "target_and_one"],
-    shares: Float[np.ndarray, "edge"],
-    ways: Float[np.ndarray, "edge"],
+def sum_coord_updates(
+    first_edge: Int[np.ndarray, "target_and_one"],
+    edge_weights: Float[np.ndarray, "edge"],
+    coord_weights: Float[np.ndarray, "edge"],
     r: Float[np.ndarray, "edge 3"],
-    moved: Float[np.ndarray, "target 3"],
+    out: Float[np.ndarray, "target 3"],
 ) -> None:
-    """Add up how far the messages, which say how much each `r` counts, move targets."""
-    for edge in range(len(ways)):
-        tanh = TWO * sigmoid(TWO * ways[edge]) - ONE
-        ways[edge] = tanh * shares[edge]
+    """Sum the vectors `r` to each target, weighted by tanh of `coord_weights`."""
+    for edge in range(len(coord_weights)):
+        tanh = TWO * sigmoid(TWO * coord_weights[edge]) - ONE
+        coord_weights[edge] = tanh * edge_weights[edge]
     edge = 0
-    for i in range(len(firsts) - 1):
-        for _ in range(firsts[i], firsts[i + 1]):
+    for i in range(len(first_edge) - 1):
+        for _ in range(first_edge[i], first_edge[i + 1]):
             for d in range(3):
-                moved[i, d] += ways[edge] * r[edge, d]
+                out[i, d] += coord_weights[edge] * r[edge, d]
             edge += 1
 
 
-@compiled_network
+@compiled_fastmath
 @no_type_check
-def measure(
-    graph: Graph, shear: bool, begin: int, end: int, memory: EncoderMemory
+def write_edge_features(
+    graph: GraphArrays, shear: bool, begin: int, end: int, workspace: EncoderWorkspace
 ) -> None:
-    """|r|^2, n_i.n_j, n_i.r, n_j.r, s_i.r, s_j.r of a block's edges; r = x_i - x_j."""
-    x, n, s, r, edge = memory.x, graph.normals, memory.shear, memory.r, memory.edge
-    first = memory.firsts[begin]
+    """Write |r|^2, n_i.n_j, n_i.r, n_j.r, s_i.r, s_j.r of edges; r = x_i - x_j."""
+    x, n, s, r, edge = (
+        workspace.x,
+        graph.normals,
+        workspace.shear,
+        workspace.r,
+        workspace.edge_features,
+    )
+    first = workspace.first_edge[begin]
     for target in range(begin, end):
-        i = memory.nodes[target]
-        for e in range(memory.firsts[target], memory.firsts[target + 1]):
-            j, k = memory.sources[e], e - first
+        i = workspace.nodes[target]
+        for e in range(workspace.first_edge[target], workspace.first_edge[target + 1]):
+            j, k = workspace.sources[e], e - first
             r0, r1, r2 = x[i, 0] - x[j, 0], x[i, 1] - x[j, 1], x[i, 2] - x[j, 2]
             r[k, 0], r[k, 1], r[k, 2] = r0, r1, r2
             edge[k, 0] = r0 * r0 + r1 * r1 + r2 * r2
@@ -332,24 +438,24 @@ def measure(
                 edge[k, 4], edge[k, 5] = np.float32(0.0), np.float32(0.0)
 
 
-@compiled_network
+@compiled_fastmath
 @no_type_check
-def pool(
-    graph: Graph,
+def pool_nodes(
+    graph: GraphArrays,
     targets: int,
     weights: EncoderWeights,
-    memory: EncoderMemory,
+    workspace: EncoderWorkspace,
     out: Float[np.ndarray, "embedding"],
 ) -> None:
-    """Largest and force-weighted mean feature of the active nodes, normalised."""
-    v, pooled = memory.v, memory.pooled
+    """Write the normalised maximum and force-weighted mean over the active nodes."""
+    v, pooled = workspace.v, workspace.pooled
     width = v.shape[1]
     largest, mean = pooled[0, :width], pooled[0, width:]
     largest[:] = v[0]
     mean[:] = np.float32(0.0)
     force = np.float32(0.0)
     for i in range(targets):
-        node = memory.nodes[i]
+        node = workspace.nodes[i]
         weight = graph.pressure[node] * graph.areas[node]
         force += weight
         for c in range(width):
@@ -357,19 +463,21 @@ def pool(
             mean[c] += weight * v[i, c]
     for c in range(width):
         mean[c] /= max(force, np.float32(1e-6))
-    normalise(pooled, weights.pool_weight, weights.pool_bias, out.reshape(1, 2 * width))
+    layer_norm(
+        pooled, weights.pool_weight, weights.pool_bias, out.reshape(1, 2 * width)
+    )
 
 
-@compiled_network
+@compiled_fastmath
 @no_type_check
 def arcsinh(x: float) -> float:
-    """The inverse of sinh; numpy's own is several times slower one at a time."""
+    """Return the inverse of sinh; numpy's own is several times slower for scalars."""
     size = abs(x)
     return math.copysign(math.log(size + math.sqrt(size * size + 1.0)), x)
 
 
-@compiled_network
+@compiled_fastmath
 @no_type_check
-def squared(vector: Float[np.ndarray, "3"]) -> float:
-    """Its length squared."""
+def squared_norm(vector: Float[np.ndarray, "3"]) -> float:
+    """Return the squared norm of a vector."""
     return vector[0] * vector[0] + vector[1] * vector[1] + vector[2] * vector[2]

@@ -1,101 +1,155 @@
-"""The compiled temporal heads: what a new reading changes, and nothing else."""
+"""Compiled temporal heads that compute only what a new reading changes."""
 
-from typing import no_type_check
+from typing import NamedTuple, no_type_check
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from eskin.live.head import STATISTICS, HeadMemory, HeadWeights
-from eskin.live.kernels import add_product, compiled_network, dot, silu
-from eskin.model.file import LONG, SHORT
+from eskin.compiled import compiled_fastmath
+from eskin.live.kernels import add_vecmat, dot, silu
+from eskin.model.file import LONG_STRIDE, LONG_TAPS, SHORT_STRIDE, SHORT_TAPS
 
-SHORT_STRIDE, LONG_STRIDE = 4, 2
-"""Slots between outputs of the short convolution, and of those between the long's."""
+SCALES = 3
+"""Number of time scales: a slot, and the spans of the two convolutions."""
 
-LONG_APART = SHORT_STRIDE * LONG_STRIDE
+STATISTICS = 4
+"""Statistics of each channel at each scale: mean, spread, maximum, integral."""
+
+LONG_SPACING = SHORT_STRIDE * LONG_STRIDE
 ZERO = np.float32(0.0)
 
 
-@compiled_network
+class HeadWeights(NamedTuple):
+    """The parameters of both heads; a *track* is a channel of one of them.
+
+    Inputs that a head does not take have zeros for weights.
+    """
+
+    project_weight: np.ndarray
+    """(input, track)"""
+    project_bias: np.ndarray
+    """(track)"""
+    short_weight: np.ndarray
+    """(view, tap and channel, channel)"""
+    short_bias: np.ndarray
+    """(track)"""
+    long_weight: np.ndarray
+    """(view, tap and channel, channel)"""
+    long_bias: np.ndarray
+    """(track)"""
+    classify_weight: np.ndarray
+    """(class, statistic of each scale and track), halved: the views are averaged."""
+    classify_bias: np.ndarray
+    """(class)"""
+
+
+class HeadState(NamedTuple):
+    """The state of one sequence: ring buffers in which slot n is at n modulo the slots.
+
+    An output of a convolution is stored at its last tap, whether or not the window that
+    ends now uses it: each is computed once and used every fourth or eighth slot.
+    """
+
+    newest: np.ndarray
+    """(input) features of the newest slot."""
+    fine_seen: np.ndarray
+    """(slot) whether the slot holds a reading."""
+    fine: np.ndarray
+    """(slot, track) projection of the features."""
+    short_seen: np.ndarray
+    """(slot) whether the short convolution that ends there covers a reading."""
+    short: np.ndarray
+    """(slot, track) output of the short convolution."""
+    long_seen: np.ndarray
+    """(slot) whether the long convolution that ends there covers a reading."""
+    long: np.ndarray
+    """(slot, track) output of the long convolution."""
+    places: np.ndarray
+    """(slot) indices of the outputs that enter the statistics."""
+    statistics: np.ndarray
+    """(statistic of each scale, track) statistics of the window"""
+
+
+@compiled_fastmath
 @no_type_check
 def classify(
     features: Float[np.ndarray, "input"],
     before: int,
     now: int,
     weights: HeadWeights,
-    memory: HeadMemory,
+    state: HeadState,
     logits: Float[np.ndarray, "class"],
 ) -> None:
-    """Take in the features of a reading, and write the logits of the window ending now.
+    """Update the state with a reading, and write the logits of the window ending now.
 
     Args:
-        features: of the reading.
-        before: number of the slot of the reading before; long ago for the first.
-        now: number of its own slot, the same or later.
-        weights: of both heads.
-        memory: of the sequence.
-        logits: where they go.
+        features: features of the reading.
+        before: slot of the previous reading; `NO_SLOT` for the first.
+        now: slot of the reading, the same or later.
+        weights: weights of both heads.
+        state: state of the sequence.
+        logits: output, the logits.
     """
-    slots = len(memory.fine_seen)
+    slots = len(state.fine_seen)
     if now - before >= slots:
-        memory.fine_seen[:] = False
-        memory.short_seen[:] = False
-        memory.long_seen[:] = False
+        state.fine_seen[:] = False
+        state.short_seen[:] = False
+        state.long_seen[:] = False
     else:
         for slot in range(before + 1, now):
-            memory.fine_seen[slot % slots] = False
-            convolve(slot, weights, memory)
+            state.fine_seen[slot % slots] = False
+            convolve(slot, weights, state)
     if now == before:
         for c in range(len(features)):
-            memory.newest[c] = max(memory.newest[c], features[c])
+            state.newest[c] = max(state.newest[c], features[c])
     else:
-        memory.newest[:] = features
-    memory.fine_seen[now % slots] = True
-    fine = memory.fine[now % slots]
+        state.newest[:] = features
+    state.fine_seen[now % slots] = True
+    fine = state.fine[now % slots]
     fine[:] = ZERO
-    add_product(memory.newest, weights.project_weight, fine)
+    add_vecmat(state.newest, weights.project_weight, fine)
     activate_scaled(fine, np.float32(1.0), weights.project_bias)
-    convolve(now, weights, memory)
-    gather(now, memory)
-    found = memory.statistics.reshape(memory.statistics.size)
+    convolve(now, weights, state)
+    update_statistics(now, state)
+    found = state.statistics.reshape(state.statistics.size)
     for k in range(len(logits)):
         logits[k] = weights.classify_bias[k] + dot(found, weights.classify_weight[k])
 
 
-@compiled_network
+@compiled_fastmath
 @no_type_check
-def convolve(slot: int, weights: HeadWeights, memory: HeadMemory) -> None:
-    """Compute what ends with a slot, all of its taps being known."""
-    filter_taps(
+def convolve(slot: int, weights: HeadWeights, state: HeadState) -> None:
+    """Compute the convolutions whose last tap is a slot."""
+    convolve_taps(
         slot,
-        SHORT,
+        SHORT_TAPS,
         1,
-        memory.fine_seen,
-        memory.fine,
+        state.fine_seen,
+        state.fine,
         weights.short_weight,
         weights.short_bias,
-        memory.short_seen,
-        memory.short,
+        state.short_seen,
+        state.short,
     )
-    filter_taps(
+    convolve_taps(
         slot,
-        LONG,
+        LONG_TAPS,
         SHORT_STRIDE,
-        memory.short_seen,
-        memory.short,
+        state.short_seen,
+        state.short,
         weights.long_weight,
         weights.long_bias,
-        memory.long_seen,
-        memory.long,
+        state.long_seen,
+        state.long,
     )
 
 
-@compiled_network
+@compiled_fastmath
 @no_type_check
-def filter_taps(
+def convolve_taps(
     slot: int,
     kernel: int,
-    apart: int,
+    spacing: int,
     seen: Bool[np.ndarray, "slot"],
     x: Float[np.ndarray, "slot track"],
     weight: Float[np.ndarray, "view tap_and_channel channel"],
@@ -103,24 +157,24 @@ def filter_taps(
     out_seen: Bool[np.ndarray, "slot"],
     out: Float[np.ndarray, "slot track"],
 ) -> None:
-    """A partial convolution's output at one slot, its last tap; see `eskin.nn`.
+    """Compute a partial convolution at one slot, its last tap; see `eskin.nn`.
 
     Args:
         slot: number of the slot.
         kernel: number of taps.
-        apart: slots between taps.
-        seen: which slots of `x` hold anything.
-        x: what is looked at.
+        spacing: slots between taps.
+        seen: which slots of `x` hold a value.
+        x: values to convolve.
         weight: the filters.
-        bias: added to what they give.
-        out_seen: where it is noted whether any tap held anything.
-        out: where the output goes.
+        bias: bias added to their output.
+        out_seen: output, whether any tap holds a value.
+        out: output of the convolution.
     """
     slots, here = len(seen), slot % len(seen)
     views, channels = weight.shape[0], weight.shape[2]
     count = 0
     for k in range(kernel):
-        count += seen[(slot - (kernel - 1 - k) * apart) % slots]
+        count += seen[(slot - (kernel - 1 - k) * spacing) % slots]
     out_seen[here] = count > 0
     if count == 0:
         return
@@ -128,9 +182,9 @@ def filter_taps(
         y = out[here, view * channels : (view + 1) * channels]
         y[:] = ZERO
         for k in range(kernel):
-            place = (slot - (kernel - 1 - k) * apart) % slots
+            place = (slot - (kernel - 1 - k) * spacing) % slots
             if seen[place]:
-                add_product(
+                add_vecmat(
                     x[place, view * channels : (view + 1) * channels],
                     weight[view, k * channels : (k + 1) * channels],
                     y,
@@ -138,7 +192,7 @@ def filter_taps(
     activate_scaled(out[here], np.float32(kernel / count), bias)
 
 
-@compiled_network
+@compiled_fastmath
 @no_type_check
 def activate_scaled(
     x: Float[np.ndarray, "track"], scale: float, bias: Float[np.ndarray, "track"]
@@ -148,32 +202,32 @@ def activate_scaled(
         x[c] = silu(x[c] * scale + bias[c])
 
 
-@compiled_network
+@compiled_fastmath
 @no_type_check
-def gather(now: int, memory: HeadMemory) -> None:
-    """Write the statistics of the window that ends now, at all three scales."""
-    slots, statistics = len(memory.fine_seen), memory.statistics
-    shorts = (slots - SHORT) // SHORT_STRIDE + 1
-    longs = (shorts - LONG) // LONG_STRIDE + 1
-    share = np.float32(covered(now, memory.fine_seen) / slots)
+def update_statistics(now: int, state: HeadState) -> None:
+    """Update the statistics of the window that ends now, at all three scales."""
+    slots, statistics = len(state.fine_seen), state.statistics
+    shorts = (slots - SHORT_TAPS) // SHORT_STRIDE + 1
+    longs = (shorts - LONG_TAPS) // LONG_STRIDE + 1
+    share = np.float32(count_covered(now, state.fine_seen) / slots)
     fine, short, long = (
         statistics[:STATISTICS],
         statistics[STATISTICS : 2 * STATISTICS],
         statistics[2 * STATISTICS :],
     )
-    places = memory.places
-    count = find_places(now, 1, slots, memory.fine_seen, places)
-    measure(memory.fine, places[:count], share, fine)
-    count = find_places(now, SHORT_STRIDE, shorts, memory.short_seen, places)
-    measure(memory.short, places[:count], share, short)
-    count = find_places(now, LONG_APART, longs, memory.long_seen, places)
-    measure(memory.long, places[:count], share, long)
+    places = state.places
+    count = find_places(now, 1, slots, state.fine_seen, places)
+    compute_statistics(state.fine, places[:count], share, fine)
+    count = find_places(now, SHORT_STRIDE, shorts, state.short_seen, places)
+    compute_statistics(state.short, places[:count], share, short)
+    count = find_places(now, LONG_SPACING, longs, state.long_seen, places)
+    compute_statistics(state.long, places[:count], share, long)
 
 
-@compiled_network
+@compiled_fastmath
 @no_type_check
-def covered(now: int, seen: Bool[np.ndarray, "slot"]) -> int:
-    """Slots of the window since its first reading."""
+def count_covered(now: int, seen: Bool[np.ndarray, "slot"]) -> int:
+    """Return the number of slots of the window since its first reading."""
     slots = len(seen)
     for age in range(slots - 1, 0, -1):
         if seen[(now - age) % slots]:
@@ -181,59 +235,59 @@ def covered(now: int, seen: Bool[np.ndarray, "slot"]) -> int:
     return 1
 
 
-@compiled_network
+@compiled_fastmath
 @no_type_check
 def find_places(
     now: int,
-    apart: int,
+    spacing: int,
     outputs: int,
     seen: Bool[np.ndarray, "slot"],
     places: Int[np.ndarray, "slot"],
 ) -> int:
-    """List where the outputs stand that saw a reading, and return how many did.
+    """List the outputs that cover a reading, and return their number.
 
     Args:
-        now: number of the newest slot, where the last output stands.
-        apart: slots between outputs.
-        outputs: how many of them the window has.
-        seen: which of them saw a reading; the last one always did.
-        places: where they are listed, the last one first.
+        now: newest slot, that of the last output.
+        spacing: slots between outputs.
+        outputs: number of outputs in the window.
+        seen: which of them cover a reading; the last one always does.
+        places: output, their indices, the last one first.
     """
     count = 0
     for k in range(outputs):
-        place = (now - k * apart) % len(seen)
+        place = (now - k * spacing) % len(seen)
         if seen[place]:
             places[count] = place
             count += 1
     return count
 
 
-@compiled_network
+@compiled_fastmath
 @no_type_check
-def measure(
+def compute_statistics(
     x: Float[np.ndarray, "slot track"],
     places: Int[np.ndarray, "output"],
     share: float,
     out: Float[np.ndarray, "4 track"],
 ) -> None:
-    """Mean, spread, maximum and integral over some outputs, in one pass.
+    """Compute mean, spread, maximum and integral over some outputs, in one pass.
 
-    Sums are of what is away from the first of them, which keeps them small.
+    Sums are of differences from the first output, which keeps them small.
 
     Args:
-        x: the outputs, among others.
-        places: where they stand.
-        share: of the window since its first reading.
-        out: where the statistics go.
+        x: outputs of all slots.
+        places: indices of the outputs to use.
+        share: share of the window since its first reading.
+        out: output, the statistics.
     """
     count, first = len(places), x[places[0]]
     mean, spread, largest, integral = out[0], out[1], out[2], out[3]
     mean[:], spread[:], largest[:] = ZERO, ZERO, first
     fours = count - count % 4
     for k in range(0, fours, 4):
-        gather_four(x, places[k : k + 4], first, mean, spread, largest)
+        accumulate_four(x, places[k : k + 4], first, mean, spread, largest)
     for k in range(fours, count):
-        gather_one(x[places[k]], first, mean, spread, largest)
+        accumulate(x[places[k]], first, mean, spread, largest)
     part = np.float32(1.0 / count)
     for c in range(len(mean)):
         away = mean[c] * part
@@ -243,16 +297,16 @@ def measure(
         spread[c] = np.sqrt(variance + np.float32(1e-4))
 
 
-@compiled_network
+@compiled_fastmath
 @no_type_check
-def gather_one(
+def accumulate(
     x: Float[np.ndarray, "track"],
     first: Float[np.ndarray, "track"],
     total: Float[np.ndarray, "track"],
     squares: Float[np.ndarray, "track"],
     largest: Float[np.ndarray, "track"],
 ) -> None:
-    """Add how far `x` is from the first, and its square, and keep the larger."""
+    """Add the difference of `x` from the first, and its square; update the maximum."""
     for c in range(len(x)):
         away = x[c] - first[c]
         total[c] += away
@@ -260,9 +314,9 @@ def gather_one(
         largest[c] = max(largest[c], x[c])
 
 
-@compiled_network
+@compiled_fastmath
 @no_type_check
-def gather_four(
+def accumulate_four(
     x: Float[np.ndarray, "slot track"],
     places: Int[np.ndarray, "4"],
     first: Float[np.ndarray, "track"],
@@ -270,7 +324,7 @@ def gather_four(
     squares: Float[np.ndarray, "track"],
     largest: Float[np.ndarray, "track"],
 ) -> None:
-    """The same with four of them at once, for a quarter of the writing."""
+    """Accumulate four outputs at once, with a quarter of the writes."""
     x0, x1, x2, x3 = x[places[0]], x[places[1]], x[places[2]], x[places[3]]
     for c in range(len(first)):
         a0, a1, a2, a3 = (
@@ -281,5 +335,5 @@ def gather_four(
         )
         total[c] += (a0 + a1) + (a2 + a3)
         squares[c] += (a0 * a0 + a1 * a1) + (a2 * a2 + a3 * a3)
-        most = max(max(x0[c], x1[c]), max(x2[c], x3[c]))
-        largest[c] = max(largest[c], most)
+        highest = max(max(x0[c], x1[c]), max(x2[c], x3[c]))
+        largest[c] = max(largest[c], highest)

@@ -1,6 +1,6 @@
-"""Compiled arithmetic that the network's kernels share, in float32.
+"""Compiled arithmetic in float32 that the network's kernels share.
 
-`no_type_check` keeps the tests' hooks off compiled code.
+`no_type_check` keeps the tests' type checks off compiled code.
 """
 
 from typing import no_type_check
@@ -8,24 +8,18 @@ from typing import no_type_check
 import numpy as np
 from jaxtyping import Float
 
-from eskin.compiled import compiled
-
-compiled_network = compiled(
-    error_model="numpy", fastmath={"contract", "reassoc", "nsz", "arcp"}
-)
-"""Decorator of the network's loops: sums may be reordered, but NaN and infinity are
-what they are everywhere."""
+from eskin.compiled import compiled, compiled_fastmath
 
 BLOCK = 256
-"""Rows multiplied at once: they and what comes of them fit a near cache, and no
-BLAS shares so few among threads, which would take longer than the product."""
+"""Rows multiplied at once: they and their products fit a near cache, and BLAS does not
+split so few among threads, which would take longer than the product."""
 
 EPSILON = np.float32(1e-5)
 """Added to the variance in a normalisation, as in torch."""
 
 # exp2 by a polynomial over half a unit about zero: 2e-7 of the value.
 LOG2_E = np.float32(1.4426950408889634)
-FARTHEST = np.float32(80.0)  # where exp is still a float32 on both sides
+MAX_EXPONENT = np.float32(80.0)  # where exp is still a float32 on both sides
 ONE = np.float32(1.0)
 E0 = np.float32(1.000000075)
 E1 = np.float32(0.693147188)
@@ -40,12 +34,12 @@ EXPONENT_SHIFT = np.int32(23)
 
 @compiled(fastmath={"contract", "nsz"})
 @no_type_check
-def exp_of_minus(x: float) -> float:
-    """exp(-x), without a call, so that loops over it are vectorised.
+def exp_negative(x: float) -> float:
+    """Return exp(-x) without a library call, so that loops over it are vectorised.
 
-    Its sums must not be reordered: adding and taking off `ROUNDER` is how it rounds.
+    Its sums must not be reordered: it rounds by adding and subtracting `ROUNDER`.
     """
-    z = min(max(x, -FARTHEST), FARTHEST)
+    z = min(max(x, -MAX_EXPONENT), MAX_EXPONENT)
     shifted = np.float32(ROUNDER - z * LOG2_E)
     f = (ROUNDER - shifted) - z * LOG2_E
     power = np.float32(((((E5 * f + E4) * f + E3) * f + E2) * f + E1) * f + E0)
@@ -53,23 +47,23 @@ def exp_of_minus(x: float) -> float:
     return np.int32(power.view(np.int32) + exponent).view(np.float32)
 
 
-@compiled_network(inline="always")
+@compiled_fastmath(inline="always")
 @no_type_check
 def sigmoid(x: float) -> float:
-    """1 / (1 + exp(-x))."""
-    return ONE / (ONE + exp_of_minus(x))
+    """Return 1 / (1 + exp(-x))."""
+    return ONE / (ONE + exp_negative(x))
 
 
-@compiled_network(inline="always")
+@compiled_fastmath(inline="always")
 @no_type_check
 def silu(x: float) -> float:
-    """The product of x and its sigmoid."""
-    return x / (ONE + exp_of_minus(x))
+    """Return the product of x and its sigmoid."""
+    return x / (ONE + exp_negative(x))
 
 
-@compiled_network
+@compiled_fastmath
 @no_type_check
-def product(
+def matmul(
     x: Float[np.ndarray, "row input"],
     weight: Float[np.ndarray, "input output"],
     out: Float[np.ndarray, "row output"],
@@ -80,9 +74,9 @@ def product(
         np.dot(x[first:last], weight, out[first:last])
 
 
-@compiled_network
+@compiled_fastmath
 @no_type_check
-def add_product(
+def add_vecmat(
     x: Float[np.ndarray, "input"],
     weight: Float[np.ndarray, "input output"],
     out: Float[np.ndarray, "output"],
@@ -100,28 +94,28 @@ def add_product(
             out[o] += x[c] * weight[c, o]
 
 
-@compiled_network
+@compiled_fastmath
 @no_type_check
 def dot(x: Float[np.ndarray, "input"], weight: Float[np.ndarray, "input"]) -> float:
-    """The sum of products; short ones are sooner done here than in BLAS."""
+    """Return the sum of products, for short vectors faster than BLAS."""
     total = np.float32(0.0)
     for c in range(len(x)):
         total += x[c] * weight[c]
     return total
 
 
-@compiled_network
+@compiled_fastmath
 @no_type_check
 def add_bias(
     x: Float[np.ndarray, "row channel"], bias: Float[np.ndarray, "channel"]
 ) -> None:
-    """Add the same to every row."""
+    """Add the same bias to every row."""
     for i in range(x.shape[0]):
         for c in range(x.shape[1]):
             x[i, c] += bias[c]
 
 
-@compiled_network
+@compiled_fastmath
 @no_type_check
 def add(
     x: Float[np.ndarray, "row channel"], out: Float[np.ndarray, "row channel"]
@@ -132,7 +126,7 @@ def add(
             out[i, c] += x[i, c]
 
 
-@compiled_network
+@compiled_fastmath
 @no_type_check
 def activate(
     x: Float[np.ndarray, "row channel"], bias: Float[np.ndarray, "channel"]
@@ -143,15 +137,15 @@ def activate(
             x[i, c] = silu(x[i, c] + bias[c])
 
 
-@compiled_network
+@compiled_fastmath
 @no_type_check
-def normalise(
+def layer_norm(
     x: Float[np.ndarray, "row channel"],
     scale: Float[np.ndarray, "channel"],
     shift: Float[np.ndarray, "channel"],
     out: Float[np.ndarray, "row channel"],
 ) -> None:
-    """Zero mean and unit variance over the channels of each row, then scale, shift."""
+    """Normalise each row to zero mean and unit variance, then scale and shift it."""
     rows, channels = x.shape
     for i in range(rows):
         mean = np.float32(0.0)

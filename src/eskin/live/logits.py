@@ -1,14 +1,13 @@
-"""From the shares of each reading to the logits of each sequence."""
+"""This module runs the compiled network on a stream of readings."""
 
 from typing import final
 
 import numpy as np
 from jaxtyping import Float
 
-from eskin.graph import GraphBuilder, HeldShares
-from eskin.live.network import Network
-from eskin.live.pool import FREE, fresh_pool, larger_pool
-from eskin.live.step_kernels import StepParts, calibrate, step
+from eskin.graph import GraphBuilder, PackedTouchNodes
+from eskin.live.network import Network, create_pool, grow_pool
+from eskin.live.step_kernels import FREE_ROW, StepParts, step, write_probabilities
 from eskin.model import SLOT_NS, Model
 from eskin.structref_kernels import Packed, pack
 from eskin.touch import Reading
@@ -16,18 +15,18 @@ from eskin.touch import Reading
 PerClass = Float[np.ndarray, "class"]
 
 SEQUENCES = 8
-"""That there are windows for at first."""
+"""Number of sequences that there is memory for at first."""
 
 
 @final
 class LogitStream:
-    """The network on a stream: each graph is encoded once and remembered for 2 s.
+    """A stream encodes each graph once and keeps its features for 2 s.
 
     Attributes:
         network: the network.
-        builder: of the graphs.
-        logits: of each sequence at the latest reading, by its key.
-        probabilities: the same, calibrated.
+        builder: the builder of the graphs.
+        logits: logits of each sequence at the latest reading, by its key.
+        probabilities: calibrated probabilities, by the same keys.
     """
 
     def __init__(self, model: Model, builder: GraphBuilder) -> None:
@@ -42,74 +41,73 @@ class LogitStream:
         self.classes = len(self.network.heads.classify_bias)
         self.logits: dict[int, PerClass] = {}
         self.probabilities: dict[int, PerClass] = {}
-        self.memory = builder.memory
+        self.workspace = builder.workspace
         self.parts = self.pack_parts()
-        self.pool = fresh_pool(self.network.heads, self.network.slots, SEQUENCES)
+        self.pool = create_pool(self.network.heads, self.network.slots, SEQUENCES)
         self.packed_pool = pack(self.pool)
 
-    def push(self, reading: Reading, shares: HeldShares) -> None:
-        """Take the next reading.
+    def push(self, reading: Reading, nodes: PackedTouchNodes) -> None:
+        """Compute the logits at the next reading.
 
-        A sequence without a share has ended.
+        A sequence that is not among `nodes` has ended.
 
         Args:
-            reading: later than the one before.
-            shares: one a sequence.
+            reading: reading later than the previous one.
+            nodes: taxels and history of each sequence.
         """
-        shear = self.builder.begin(reading)
-        keys = shares.keys
+        shear = self.builder.start_step(reading)
+        keys = nodes.keys
         if not keys:
-            self.pool.keys.fill(FREE)
+            self.pool.keys.fill(FREE_ROW)
             self.logits, self.probabilities = {}, {}
             return
-        self.make_room(shares)
+        self.reserve(nodes)
         builder = self.builder
         out = np.empty((len(keys), 2, self.classes), np.float32)
         step(
             self.parts,
             self.packed_pool,
-            shares.packed,
+            nodes.packed,
             reading.pressure,
             shear,
             builder.T_world_link,
-            builder.instant,
+            builder.time_step,
             reading.stamp // SLOT_NS,
             out,
         )
         self.logits = dict(zip(keys, out[:, 0], strict=True))
         self.probabilities = dict(zip(keys, out[:, 1], strict=True))
 
-    def make_room(self, shares: HeldShares) -> None:
-        """Take more memory where a graph, or all sequences at once, need it."""
-        memory = self.builder.room_for(shares.most)
-        if memory is not self.memory:
-            self.memory, self.parts = memory, self.pack_parts()
-        count = len(shares.keys)
+    def reserve(self, nodes: PackedTouchNodes) -> None:
+        """Allocate more memory where a graph or the number of sequences needs it."""
+        workspace = self.builder.reserve(nodes.most)
+        if workspace is not self.workspace:
+            self.workspace, self.parts = workspace, self.pack_parts()
+        count = len(nodes.keys)
         if count > len(self.pool.keys):
-            self.pool = larger_pool(self.pool, self.network.heads, 2 * count)
+            self.pool = grow_pool(self.pool, self.network.heads, 2 * count)
             self.packed_pool = pack(self.pool)
 
     def pack_parts(self) -> Packed:
-        """Hand over everything anew, where memory has grown."""
+        """Pack everything that a step needs, again whenever memory has grown."""
         builder, network = self.builder, self.network
-        nodes, neighbours = builder.memory.neighbours.shape
-        network.make_room(nodes, neighbours)
+        network.reserve(*builder.workspace.graph.neighbours.shape)
         parts = StepParts(
-            ground=builder.ground,
-            loads=builder.loads,
-            graph=builder.memory,
+            geometry=builder.geometry,
+            history=builder.taxel_history,
+            workspace=builder.workspace,
             shear=network.shear,
             weights=network.weights,
-            encoder=network.memory,
-            features=network.out,
+            encoder=network.workspace,
+            features=network.features,
             heads=network.heads,
             temperature=self.temperature,
         )
         return pack(parts)
 
 
-def calibrated(logits: PerClass, temperature: float) -> PerClass:
-    """Probabilities that mean what they say."""
+def compute_probabilities(logits: PerClass, temperature: float) -> PerClass:
+    """Return the softmax of logits divided by a temperature."""
     probabilities = np.empty_like(logits)
-    calibrate(logits, temperature, probabilities)
+    write_probabilities(logits, temperature, probabilities)
     return probabilities

@@ -1,65 +1,188 @@
-"""The network of `eskin.nn`, compiled: the part of a reading, then of a window."""
+"""This module lays out a model's weights and working memory for compiled code."""
 
+from collections.abc import Mapping
 from typing import final
 
 import numpy as np
-from jaxtyping import Float
 
-from eskin.live.encoder import encoder_memory, encoder_weights
-from eskin.live.feature_kernels import FeatureWeights, featurise
-from eskin.live.graph import Graph
-from eskin.live.head import head_weights
-from eskin.live.window import Window
+from eskin.graph import NODE_SCALARS
+from eskin.live.encoder_kernels import EncoderWeights, EncoderWorkspace
+from eskin.live.head_kernels import SCALES, STATISTICS, HeadState, HeadWeights
+from eskin.live.kernels import BLOCK
+from eskin.live.step_kernels import FREE_ROW, NO_SLOT, FeatureWeights, SequencePool
 from eskin.model import Model
-from eskin.model.file import checked_weights
+from eskin.model.file import EDGE_SCALARS, check_weights, layer_shapes
+
+Weights = Mapping[str, np.ndarray]
+"""Parameters by name, as in the state of the torch network."""
 
 NODES, NEIGHBOURS = 256, 16
-"""What there is memory for at first."""
+"""Size of the graphs that there is memory for at first."""
+
+VIEWS = ("summary", "graph")
+"""Names of the two heads, side by side in every array: the first takes the summary
+alone, the second also the embedding."""
 
 
 @final
 class Network:
-    """What `eskin.nn.RecogniserNetwork` computes, without torch.
+    """The weights of a model and the memory in which its compiled network works.
 
-    It comes in two halves: `features` once a reading, then a `Window` of each sequence.
-    Its memory serves one thread at a time; the interpreter is free while it works.
+    The network computes what `eskin.nn.RecogniserNetwork` does, without torch. Its
+    memory serves one thread at a time.
     """
 
     def __init__(self, model: Model) -> None:
-        """Take a model's weights.
+        """Lay out a model's weights.
 
         Raises:
             ModelError: naming the first parameter that does not fit the model's card.
         """
-        weights, config = checked_weights(model), model.card.network
+        weights, config = check_weights(model), model.card.network
         self.shear = model.card.kind == "shear"
         self.slots, self.width = config.slots, config.width
         self.weights = FeatureWeights(
             weights["summary_mean"],
             weights["summary_scale"],
-            encoder_weights(weights, config.layers),
+            build_encoder_weights(weights, config.layers),
         )
-        self.heads = head_weights(weights)
-        self.memory = encoder_memory(NODES, NEIGHBOURS, self.width)
+        self.heads = build_head_weights(weights)
+        self.workspace = allocate_encoder(NODES, NEIGHBOURS, self.width)
         self.channels = len(self.weights.summary_mean) + 2 * self.width
-        self.out = np.empty(self.channels, np.float32)
+        self.features = np.empty(self.channels, np.float32)
 
-    def features(self, graph: Graph) -> Float[np.ndarray, "channel"]:
-        """Standardised summary and embedding of a graph.
+    def reserve(self, nodes: int, neighbours: int) -> None:
+        """Allocate memory for twice as large a graph if this one does not fit."""
+        workspace = self.workspace
+        fits = nodes <= len(workspace.nodes) and neighbours <= len(workspace.hidden)
+        if not fits or nodes * neighbours > len(workspace.sources):
+            self.workspace = allocate_encoder(2 * nodes, neighbours, self.width)
 
-        They stand in the network's own memory until the next graph.
-        """
-        self.make_room(graph.nodes, graph.neighbours.shape[1])
-        featurise(graph, self.shear, self.weights, self.memory, self.out)
-        return self.out
 
-    def make_room(self, nodes: int, neighbours: int) -> None:
-        """Take memory for twice as large a graph if this one does not fit."""
-        memory = self.memory
-        fits = nodes <= len(memory.nodes) and neighbours <= len(memory.hidden)
-        if not fits or nodes * neighbours > len(memory.sources):
-            self.memory = encoder_memory(2 * nodes, neighbours, self.width)
+def build_encoder_weights(weights: Weights, layers: int) -> EncoderWeights:
+    """Lay out the parameters whose names begin with `encoder.`."""
+    width = len(weights["encoder.embed.bias"])
+    parts = {
+        "embed_weight": weights["encoder.embed.weight"].T,
+        "embed_bias": weights["encoder.embed.bias"],
+        "pool_weight": weights["encoder.norm.weight"],
+        "pool_bias": weights["encoder.norm.bias"],
+    }
+    for name, shape in layer_shapes(width, last=False).items():
+        stack = np.zeros((layers, *reversed(shape)), np.float32)
+        for n in range(layers):
+            if f"encoder.layers.{n}.{name}" in weights:
+                stack[n] = weights[f"encoder.layers.{n}.{name}"].T
+        parts[name.replace(".", "_")] = stack
+    parts["move_weight"] = parts["move_weight"][:, :, 0]
+    return EncoderWeights(**{k: np.ascontiguousarray(w) for k, w in parts.items()})
 
-    def window(self) -> Window:
-        """An empty window for one sequence."""
-        return Window(self.heads, self.slots)
+
+def allocate_encoder(nodes: int, neighbours: int, width: int) -> EncoderWorkspace:
+    """Allocate memory for graphs of so many nodes with so many neighbours each."""
+
+    def real(*shape: int) -> np.ndarray:
+        return np.empty(shape, np.float32)
+
+    def whole(size: int) -> np.ndarray:
+        return np.empty(size, np.int32)
+
+    edges, block = nodes * neighbours, max(BLOCK, neighbours)
+    return EncoderWorkspace(
+        x=real(nodes, 3),
+        shear=np.zeros((nodes, 3), np.float32),
+        row=whole(nodes),
+        nodes=whole(nodes),
+        first_edge=whole(nodes + 1),
+        sources=whole(edges),
+        source_rows=whole(edges),
+        edge_weights=real(edges),
+        scalars=real(nodes, len(NODE_SCALARS)),
+        v=real(nodes, width),
+        u=real(nodes, width),
+        of_source=real(nodes, width),
+        of_target=real(nodes, width),
+        messages=real(nodes, width),
+        coord_update=real(nodes, 3),
+        r=real(block, 3),
+        edge_features=real(block, EDGE_SCALARS),
+        hidden=real(block, width),
+        edge_messages=real(block, width),
+        coord_weights=real(block),
+        pooled=real(1, 2 * width),
+    )
+
+
+def build_head_weights(weights: Weights) -> HeadWeights:
+    """Lay out the parameters of both heads, `summary_head.` and `graph_head.`."""
+
+    def both(name: str) -> list[np.ndarray]:
+        return [weights[f"{view}_head.{name}"] for view in VIEWS]
+
+    def filters(name: str) -> np.ndarray:
+        turned = [weight.transpose(2, 1, 0) for weight in both(name)]
+        return np.stack([weight.reshape(-1, weight.shape[2]) for weight in turned])
+
+    inputs = both("project.weight")[-1].shape[1]
+    project = [
+        np.pad(weight, [(0, 0), (0, inputs - weight.shape[1])])
+        for weight in both("project.weight")
+    ]
+    tracks = len(project) * len(project[0])
+    classify = [
+        weight.reshape(len(weight), -1, tracks // 2)
+        for weight in both("classify.weight")
+    ]
+    classify_weight = np.concatenate(classify, axis=2) / np.float32(2.0)
+    return HeadWeights(
+        project_weight=np.ascontiguousarray(np.concatenate(project).T),
+        project_bias=np.concatenate(both("project.bias")),
+        short_weight=filters("short.conv.weight"),
+        short_bias=np.concatenate(both("short.bias")),
+        long_weight=filters("long.conv.weight"),
+        long_bias=np.concatenate(both("long.bias")),
+        classify_weight=classify_weight.reshape(len(classify_weight), -1),
+        classify_bias=np.add(*both("classify.bias")) / np.float32(2.0),
+    )
+
+
+def create_head_state(weights: HeadWeights, slots: int, *pool: int) -> HeadState:
+    """Return the state of a sequence before its first reading, or of a pool of them."""
+    inputs, tracks = weights.project_weight.shape
+
+    def ring() -> np.ndarray:
+        return np.zeros((*pool, slots, tracks), np.float32)
+
+    def seen() -> np.ndarray:
+        return np.zeros((*pool, slots), np.bool_)
+
+    return HeadState(
+        newest=np.zeros((*pool, inputs), np.float32),
+        fine_seen=seen(),
+        fine=ring(),
+        short_seen=seen(),
+        short=ring(),
+        long_seen=seen(),
+        long=ring(),
+        places=np.zeros((*pool, slots), np.int64),
+        statistics=np.zeros((*pool, SCALES * STATISTICS, tracks), np.float32),
+    )
+
+
+def create_pool(weights: HeadWeights, slots: int, rows: int) -> SequencePool:
+    """Return a pool with room for so many sequences."""
+    return SequencePool(
+        keys=np.full(rows, FREE_ROW, np.int64),
+        slots=np.full(rows, NO_SLOT, np.int64),
+        state=create_head_state(weights, slots, rows),
+    )
+
+
+def grow_pool(pool: SequencePool, weights: HeadWeights, rows: int) -> SequencePool:
+    """Return a copy of a pool with room for more sequences."""
+    larger = create_pool(weights, pool.state.fine_seen.shape[1], rows)
+    old = (pool.keys, pool.slots, *pool.state)
+    new = (larger.keys, larger.slots, *larger.state)
+    for source, target in zip(old, new, strict=True):
+        target[: len(source)] = source
+    return larger

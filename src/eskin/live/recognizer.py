@@ -9,8 +9,8 @@ from jaxtyping import Float
 
 from eskin.errors import ReadingError, SkinMismatchError
 from eskin.graph import GraphStream
-from eskin.live.decision import Decider, Verdict
-from eskin.live.detection import Detection, Travel
+from eskin.live.decision import Decision, DecisionFilter
+from eskin.live.detection import Detection, DirectionTracker
 from eskin.live.logits import LogitStream
 from eskin.model import MODELS, DecisionConfig, Model, ModelCard, load_model
 from eskin.robot import Robot, load_robot
@@ -26,15 +26,17 @@ from eskin.touch import (
 )
 
 
-def mount(skin: str | Path | Skin, robot: str | Path | Robot | None) -> MountedSkin:
-    """Mount a skin.
+def mount_skin(
+    skin: str | Path | Skin, robot: str | Path | Robot | None
+) -> MountedSkin:
+    """Mount a skin on its robot, both given as objects or by name.
 
     Args:
         skin: a preset's name, a skin's folder, or a skin.
         robot: a preset's name, a URDF, or a robot; None for that of a preset skin.
 
     Raises:
-        SkinMismatchError: if nothing tells what robot the skin is on.
+        SkinMismatchError: if the robot of the skin is not known.
     """
     known = (
         load_robot_for_skin(str(skin))
@@ -53,11 +55,11 @@ def mount(skin: str | Path | Skin, robot: str | Path | Robot | None) -> MountedS
     return MountedSkin(found, robot)
 
 
-def check_kind(card: ModelCard, skin: Skin) -> None:
+def check_sensor_kind(card: ModelCard, skin: Skin) -> None:
     """Refuse a skin that does not measure what a model needs.
 
     Raises:
-        SkinMismatchError: saying what is missing.
+        SkinMismatchError: if the skin does not measure shear and the model needs it.
     """
     if card.kind == "shear" and not skin.has_shear:
         raise SkinMismatchError(
@@ -68,22 +70,22 @@ def check_kind(card: ModelCard, skin: Skin) -> None:
 
 @final
 class Recognizer:
-    """Recognises gestures in a stream of scans; stateful, and needs no torch.
+    """A recogniser finds gestures in a stream of scans; it is stateful, without torch.
 
-    Every reading of every touch is encoded once; the logits are those that the whole
-    window gives offline.
+    Every reading of every touch is encoded once; the logits equal those of the whole
+    window computed offline.
 
-    With a model that does not see the pose (`GraphConfig.posed`), only the places and
-    directions of detections are those of the pose.
+    With a model that does not use the pose (`GraphConfig.posed`), only the positions
+    and directions of detections depend on the pose.
 
     Attributes:
-        model: the weights and their card.
+        model: weights and their card.
         mounted: the skin on its robot.
         state: the latest reading with its contacts and touches; None before the first.
-        logits: of each sequence of graphs at the latest reading, by its key (see
+        logits: logits of each sequence of graphs at the latest reading, by its key (see
             `eskin.graph.GraphStream`).
-        probabilities: of the model's vocabulary, calibrated, for each open touch at the
-            latest reading, by its id.
+        probabilities: calibrated probabilities of the model's vocabulary for each open
+            touch at the latest reading, by its id.
     """
 
     def __init__(
@@ -96,17 +98,17 @@ class Recognizer:
         """Start before the first scan.
 
         Args:
-            model: what to recognise with.
+            model: weights and their card.
             mounted: the skin on its robot.
-            calibration: of that skin; None takes only readings, no scans.
-            decision: how sure is sure; None takes what comes with the model.
+            calibration: calibration of the skin; None accepts only readings, no scans.
+            decision: thresholds and times; None takes those of the model.
 
         Raises:
             SkinMismatchError: the skin does not measure what the model needs.
             ModelError: the weights do not fit the model's card.
         """
         card = model.card
-        check_kind(card, mounted.skin)
+        check_sensor_kind(card, mounted.skin)
         self.model = model
         self.mounted = mounted
         self.has_calibration = calibration is not None
@@ -117,13 +119,15 @@ class Recognizer:
         )
         self.graphs = GraphStream(mounted, card.graph_used, poses)
         self.stream = LogitStream(model, self.graphs.builder)
-        self.decider = Decider(
+        self.decision_filter = DecisionFilter(
             card.vocabulary,
             decision or card.decision,
             change_ends=not mounted.skin.calibrated,
         )
         true_poses = poses if poses.posed else LinkPoseCache(mounted)
-        self.travel = Travel(true_poses, self.decider.config.still)
+        self.directions = DirectionTracker(
+            true_poses, self.decision_filter.config.still
+        )
         self.state: TouchState | None = None
         self.logits: dict[int, Float[np.ndarray, "class"]] = {}
         self.probabilities: dict[int, Float[np.ndarray, "class"]] = {}
@@ -137,18 +141,18 @@ class Recognizer:
         calibration: Calibration | None = None,
         decision: DecisionConfig | None = None,
     ) -> "Recognizer":
-        """A recogniser from files.
+        """Create a recogniser from files.
 
         Args:
-            name_or_path: a model that comes with eskin, or a model file.
+            name_or_path: name of a model that comes with eskin, or path of a model file.
             skin: a preset's name, a skin's folder, or a skin; None for the one that a
                 model which comes with eskin was trained on.
             robot: a preset's name, a URDF, or a robot; None for that of a preset skin.
-            calibration: of the skin; None takes only readings, no scans.
-            decision: how sure is sure; None takes what comes with the model.
+            calibration: calibration of the skin; None accepts only readings, no scans.
+            decision: thresholds and times; None takes those of the model.
 
         Raises:
-            SkinMismatchError: nothing tells what skin it is for.
+            SkinMismatchError: the skin is not known.
         """
         if skin is None and str(name_or_path) in MODELS:
             skin = MODELS[str(name_or_path)]
@@ -158,97 +162,100 @@ class Recognizer:
                 f"for {', '.join(MODELS)}; give a skin's name, folder or a Skin"
             )
         model = load_model(name_or_path)
-        return cls(model, mount(skin, robot), calibration, decision)
+        return cls(model, mount_skin(skin, robot), calibration, decision)
 
-    def push(self, instant: Scan | Reading) -> list[Detection]:
-        """Take the next scan, or a reading that is calibrated already.
+    def push(self, sample: Scan | Reading) -> list[Detection]:
+        """Process the next scan or reading, and return new detections.
 
         Raises:
             ReadingError: it is of another skin or robot, or not later than the last
-                one; nothing has changed then, and the next one may follow.
+                one; the recogniser is unchanged then and accepts the next one.
         """
-        self.check(instant)
-        if isinstance(instant, Scan):
-            state = self.touches.push(instant)
+        self.check_input(sample)
+        if isinstance(sample, Scan):
+            state = self.touches.push(sample)
         else:
-            state = self.touches.push_reading(instant)
+            state = self.touches.push_reading(sample)
         self.state = state
         stamp = state.reading.stamp
-        self.stream.push(state.reading, self.graphs.shares(state))
+        self.stream.push(state.reading, self.graphs.find_touch_nodes(state))
         self.logits = self.stream.logits
         self.probabilities = {
-            touch.id: self.stream.probabilities[self.graphs.key_of(touch.id)]
+            touch.id: self.stream.probabilities[self.graphs.get_key(touch.id)]
             for touch in state.open
         }
-        self.travel.push(state)
-        verdicts = self.decider.push(
+        self.directions.update(state)
+        decisions = self.decision_filter.push(
             stamp, state.open, state.closed, self.probabilities
         )
         detections = []
-        if verdicts:
-            detections = self.detections(
-                verdicts, (*state.touches, *state.closed_touches)
+        if decisions:
+            detections = self.build_detections(
+                decisions, (*state.touches, *state.closed_touches)
             )
-        self.travel.forget(state.closed)
+        self.directions.forget(state.closed)
         return detections
 
     def finish(self) -> list[Detection]:
         """Close the touches still open, as at the end of a recording."""
         closed = self.touches.finish()
-        found = self.detections(self.decider.close(closed), closed)
-        self.travel.forget(closed)
+        found = self.build_detections(self.decision_filter.close(closed), closed)
+        self.directions.forget(closed)
         self.probabilities = {}
         return found
 
-    def detections(
-        self, verdicts: Sequence[Verdict], touches: Sequence[Touch]
+    def build_detections(
+        self, decisions: Sequence[Decision], touches: Sequence[Touch]
     ) -> list[Detection]:
-        """Verdicts of the latest reading with what is known of their touches."""
+        """Return detections for the decisions at the latest reading."""
         if self.state is None:
             return []
         stamp, known = self.state.reading.stamp, {touch.id: touch for touch in touches}
         return [
-            detection_of(
-                verdict, known[verdict.touch], stamp, self.travel.of(verdict.touch)
+            build_detection(
+                decision,
+                known[decision.touch],
+                stamp,
+                self.directions.compute_direction(decision.touch),
             )
-            for verdict in verdicts
+            for decision in decisions
         ]
 
-    def check(self, instant: Scan | Reading) -> None:
-        """Refuse an instant that this recogniser has no use for."""
-        if isinstance(instant, Scan) and not self.has_calibration:
+    def check_input(self, sample: Scan | Reading) -> None:
+        """Refuse a scan without calibration, or a reading without the shear needed."""
+        if isinstance(sample, Scan) and not self.has_calibration:
             raise ReadingError(
-                f"scan at {instant.stamp} ns, but there is no calibration; allowed are "
+                f"scan at {sample.stamp} ns, but there is no calibration; allowed are "
                 "readings; give the recogniser the calibration of the skin"
             )
-        if self.stream.network.shear and instant.shear is None:
+        if self.stream.network.shear and sample.shear is None:
             raise ReadingError(
-                f"reading at {instant.stamp} ns has no shear, which the model needs; "
+                f"reading at {sample.stamp} ns has no shear, which the model needs; "
                 "allowed are readings with shear; use a model for pressure alone"
             )
 
 
-def detection_of(
-    verdict: Verdict,
+def build_detection(
+    decision: Decision,
     touch: Touch,
     stamp: int,
     direction_world: Float[np.ndarray, "3"],
 ) -> Detection:
-    """A verdict with what is known of its touch.
+    """Return the detection that reports a decision about a touch.
 
     Args:
-        verdict: what is to be said.
-        touch: of which it is said.
-        stamp: of the reading at which it is said [ns since the epoch].
+        decision: the decision.
+        touch: the touch that it is about.
+        stamp: stamp of the reading at which it is reported [ns since the epoch].
         direction_world: unit vector of the touch's travel, or zero.
     """
     contact = touch.contact
     return Detection(
         stamp=stamp,
         touch=touch.id,
-        gesture=verdict.gesture,
-        confidence=verdict.confidence,
-        onset=verdict.onset,
+        gesture=decision.gesture,
+        confidence=decision.confidence,
+        onset=decision.onset,
         end=touch.last,
         link=contact.link,
         patch=contact.patch,
@@ -256,19 +263,19 @@ def detection_of(
         n_world=contact.n_world,
         direction_world=direction_world,
         peak_force=touch.peak_force,
-        likeliest=verdict.likeliest,
+        likeliest=decision.likeliest,
     )
 
 
 PERIOD = 20_000_000
-"""Between readings [ns]."""
+"""Time between readings of `warm_up` [ns]."""
 
 
 def warm_up(recognizer: Recognizer) -> None:
     """Load all compiled code that a recogniser of this kind needs.
 
-    A poke of one patch goes through others like it, as readings and as scans of a
-    matrix behind a divider; the recogniser itself hears nothing of it.
+    Others like it process a poke of one patch, as readings and as scans of a matrix
+    behind a divider; the recogniser itself does not change.
     """
     model, mounted = recognizer.model, recognizer.mounted
     skin, robot = mounted.skin, mounted.robot

@@ -1,4 +1,4 @@
-"""The compiled step of one reading: from the taxels of touches to probabilities."""
+"""Compiled step of one reading, from the taxels of touches to probabilities."""
 
 import math
 from typing import NamedTuple, no_type_check
@@ -6,208 +6,264 @@ from typing import NamedTuple, no_type_check
 import numpy as np
 from jaxtyping import Float, Int
 
-from eskin.graph.arrays import GraphMemory, Ground, Instant, Loads
-from eskin.graph.builder_kernels import build_graph, take_in
-from eskin.live.encoder import EncoderMemory
-from eskin.live.feature_kernels import FeatureWeights, featurise
-from eskin.live.graph import Graph
-from eskin.live.head import HeadMemory, HeadWeights
-from eskin.live.head_kernels import classify
-from eskin.live.kernels import compiled_network
-from eskin.live.pool import FREE, LONG_AGO
+from eskin.compiled import compiled_fastmath
+from eskin.graph.builder_kernels import (
+    GraphArrays,
+    GraphWorkspace,
+    SkinGeometry,
+    TaxelHistory,
+    TimeStep,
+    build_graph,
+    update_taxel_history,
+)
+from eskin.graph.summary_kernels import summarise
+from eskin.live.encoder_kernels import EncoderWeights, EncoderWorkspace, encode
+from eskin.live.head_kernels import HeadState, HeadWeights, classify
+from eskin.model import MAX_DEVIATIONS
 from eskin.structref_kernels import Packed
+
+CLIP = np.float32(MAX_DEVIATIONS)
+
+FREE_ROW = -1
+"""Key of a row that no sequence uses."""
+
+NO_SLOT = -(2**62)
+"""Slot of the reading before the first, older than any in a window."""
+
+
+class FeatureWeights(NamedTuple):
+    """The weights from which the features of a graph are computed."""
+
+    summary_mean: np.ndarray
+    """(feature) mean over the training readings."""
+    summary_scale: np.ndarray
+    """(feature) inverse of the standard deviation."""
+    encoder: EncoderWeights
+    """Parameters of the encoder."""
+
+
+class SequencePool(NamedTuple):
+    """The states of all sequences of a stream, one row of memory for each."""
+
+    keys: np.ndarray
+    """(row) key of the sequence that uses the row, or `FREE_ROW`."""
+    slots: np.ndarray
+    """(row) slot of its latest reading."""
+    state: HeadState
+    """(row, ...) state of its heads."""
 
 
 class StepParts(NamedTuple):
-    """What every touch's step needs, whichever touch it is."""
+    """The parts of a step that are the same for all touches."""
 
-    ground: Ground
-    """The skin."""
-    loads: Loads
-    """What has been felt on it."""
-    graph: GraphMemory
-    """Where graphs are built."""
+    geometry: SkinGeometry
+    """Geometry of the skin."""
+    history: TaxelHistory
+    """Loads of each taxel when it was last active."""
+    workspace: GraphWorkspace
+    """Memory in which graphs are built."""
     shear: bool
-    """Whether the network takes shear."""
+    """Whether the network uses shear."""
     weights: FeatureWeights
-    """Of the network, up to features."""
-    encoder: EncoderMemory
-    """With room for every graph that `graph` has room for."""
+    """Weights of the network up to the features."""
+    encoder: EncoderWorkspace
+    """Memory with room for every graph that `workspace` has room for."""
     features: np.ndarray
-    """(channel) where they go."""
+    """(channel) memory for the features of a graph"""
     heads: HeadWeights
-    """Of the network, from there on."""
+    """Weights of the heads."""
     temperature: float
-    """That logits are divided by."""
+    """Divisor of the logits."""
 
 
-@compiled_network
+@compiled_fastmath
 @no_type_check
 def step(
     packed_parts: Packed,
     packed_pool: Packed,
-    packed_shares: Packed,
+    packed_nodes: Packed,
     pressure: Float[np.ndarray, "taxel"],
     shear: Float[np.ndarray, "taxel_or_none 2"],
     T_world_link: Float[np.ndarray, "link 4 4"],
-    instant: Instant,
+    time_step: TimeStep,
     slot: int,
-    out: Float[np.ndarray, "share 2 class"],
+    out: Float[np.ndarray, "sequence 2 class"],
 ) -> None:
-    """Take in a reading, and write logits and probabilities of each sequence.
+    """Store the loads of a reading, and write logits and probabilities of each sequence.
 
     Args:
-        packed_parts: `StepParts`, with room for every graph.
-        packed_pool: `Pool`, with a row for every sequence.
-        packed_shares: `Shares` of the reading.
-        pressure: of every taxel [kPa].
-        shear: of every taxel [kPa]; empty where it is not measured.
-        T_world_link: of every link of the robot.
-        instant: of the reading.
-        slot: number of its slot, the same as that of the reading before or later.
-        out: where they go.
+        packed_parts: packed `StepParts`, with room for every graph.
+        packed_pool: packed `SequencePool`, with a row for every sequence.
+        packed_nodes: packed `TouchNodeArrays` of the reading.
+        pressure: pressure of every taxel [kPa].
+        shear: shear of every taxel [kPa]; empty if it is not measured.
+        T_world_link: pose of every link of the robot.
+        time_step: number and time of the reading.
+        slot: slot of the reading, that of the previous reading or later.
+        out: output, logits and probabilities.
     """
-    shares, pool = packed_shares.parts, packed_pool.parts
-    keys, now, before = shares.keys, shares.now, shares.before
-    take_in(shares.active, pressure, shear, instant, packed_parts.parts.loads)
-    free_others(keys, pool.keys)
+    nodes, pool = packed_nodes.parts, packed_pool.parts
+    keys, now, before = nodes.keys, nodes.now, nodes.before
+    update_taxel_history(
+        nodes.active, pressure, shear, time_step, packed_parts.parts.history
+    )
+    free_ended_rows(keys, pool.keys)
     for n in range(len(keys)):
-        row = row_of(keys[n], pool.keys, pool.slots)
-        step_one(
+        row = find_row(keys[n], pool.keys, pool.slots)
+        step_sequence(
             packed_parts,
-            shares.active[now[n, 0] : now[n, 1]],
-            shares.earlier[before[n, 0] : before[n, 1]],
-            shares.histories[n],
+            nodes.active[now[n, 0] : now[n, 1]],
+            nodes.earlier[before[n, 0] : before[n, 1]],
+            nodes.histories[n],
             T_world_link,
-            instant,
+            time_step,
             pool.slots[row],
             slot,
-            window_of(row, pool.memory),
+            select_row(row, pool.state),
             out[n],
         )
         pool.slots[row] = slot
 
 
-@compiled_network
+@compiled_fastmath
 @no_type_check
-def step_one(
+def step_sequence(
     packed_parts: Packed,
     taxels: Int[np.ndarray, "active"],
     earlier: Int[np.ndarray, "earlier"],
     history: Float[np.ndarray, "column"],
     T_world_link: Float[np.ndarray, "link 4 4"],
-    instant: Instant,
+    time_step: TimeStep,
     before: int,
     slot: int,
-    window: HeadMemory,
+    state: HeadState,
     out: Float[np.ndarray, "2 class"],
 ) -> None:
     """Write logits and probabilities of one sequence.
 
     Args:
-        packed_parts: `StepParts`, with room for the graph.
-        taxels: its active taxels now.
-        earlier: those it had one reading ago.
-        history: what it has been so far.
-        T_world_link: of every link of the robot.
-        instant: of the reading.
-        before: number of the slot of the reading before; long ago for the first.
-        slot: number of its own slot, the same or later.
-        window: of the sequence.
-        out: where they go.
+        packed_parts: packed `StepParts`, with room for the graph.
+        taxels: active taxels now.
+        earlier: active taxels one reading ago.
+        history: history of the touch so far.
+        T_world_link: pose of every link of the robot.
+        time_step: number and time of the reading.
+        before: slot of the previous reading; `NO_SLOT` for the first.
+        slot: slot of the reading, the same or later.
+        state: state of the sequence.
+        out: output, logits and probabilities.
     """
     parts = packed_parts.parts
-    memory = parts.graph
-    nodes = build_graph(
+    build_graph(
         taxels,
         earlier,
         history,
         T_world_link,
-        instant,
-        parts.ground,
-        parts.loads,
-        memory,
+        time_step,
+        parts.geometry,
+        parts.history,
+        parts.workspace,
     )
-    graph = Graph(
-        nodes,
-        np.float64(np.float32(instant.seconds)),
-        memory.pressure,
-        memory.before,
-        memory.age,
-        memory.areas,
-        memory.positions,
-        memory.normals,
-        memory.shear,
-        memory.shear_before,
-        memory.neighbours,
-        memory.history,
+    compute_features(
+        parts.workspace.graph,
+        parts.shear,
+        parts.weights,
+        parts.encoder,
+        parts.features,
     )
-    featurise(graph, parts.shear, parts.weights, parts.encoder, parts.features)
-    classify(parts.features, before, slot, parts.heads, window, out[0])
-    calibrate(out[0], parts.temperature, out[1])
+    classify(parts.features, before, slot, parts.heads, state, out[0])
+    write_probabilities(out[0], parts.temperature, out[1])
 
 
-@compiled_network
+@compiled_fastmath
 @no_type_check
-def free_others(keys: Int[np.ndarray, "share"], rows: Int[np.ndarray, "row"]) -> None:
-    """Free the rows of sequences that have no share: they have ended."""
+def compute_features(
+    graph: GraphArrays,
+    shear: bool,
+    weights: FeatureWeights,
+    workspace: EncoderWorkspace,
+    out: Float[np.ndarray, "channel"],
+) -> None:
+    """Write the standardised summary and the embedding of a graph.
+
+    Args:
+        graph: batch of one graph.
+        shear: whether the network uses shear.
+        weights: weights of the network.
+        workspace: memory with room for the graph.
+        out: output, the features.
+    """
+    mean, scale = weights.summary_mean, weights.summary_scale
+    summarise(graph, 0, shear, out)
+    for k in range(len(mean)):
+        centred = (out[k] - mean[k]) * scale[k]
+        out[k] = min(max(centred, -CLIP), CLIP)
+    encode(graph, shear, weights.encoder, workspace, out[len(mean) :])
+
+
+@compiled_fastmath
+@no_type_check
+def free_ended_rows(
+    keys: Int[np.ndarray, "sequence"], rows: Int[np.ndarray, "row"]
+) -> None:
+    """Free the rows of sequences that are not among the keys: they have ended."""
     for row in range(len(rows)):
         ended = True
         for key in keys:
             ended = ended and rows[row] != key
         if ended:
-            rows[row] = FREE
+            rows[row] = FREE_ROW
 
 
-@compiled_network
+@compiled_fastmath
 @no_type_check
-def row_of(
+def find_row(
     key: int, rows: Int[np.ndarray, "row"], slots: Int[np.ndarray, "row"]
 ) -> int:
-    """The row of a sequence; a new one gets a free row and starts afresh."""
-    free = FREE
+    """Return the row of a sequence; a new one gets a free row and starts empty."""
+    free = FREE_ROW
     for row in range(len(rows)):
         if rows[row] == key:
             return row
-        if rows[row] == FREE and free == FREE:
+        if rows[row] == FREE_ROW and free == FREE_ROW:
             free = row
-    rows[free], slots[free] = key, LONG_AGO
+    rows[free], slots[free] = key, NO_SLOT
     return free
 
 
-@compiled_network
+@compiled_fastmath
 @no_type_check
-def window_of(row: int, memory: HeadMemory) -> HeadMemory:
-    """The memory of one row of a pool."""
-    return HeadMemory(
-        memory.newest[row],
-        memory.fine_seen[row],
-        memory.fine[row],
-        memory.short_seen[row],
-        memory.short[row],
-        memory.long_seen[row],
-        memory.long[row],
-        memory.places[row],
-        memory.statistics[row],
+def select_row(row: int, state: HeadState) -> HeadState:
+    """Return the state in one row of a pool."""
+    return HeadState(
+        state.newest[row],
+        state.fine_seen[row],
+        state.fine[row],
+        state.short_seen[row],
+        state.short[row],
+        state.long_seen[row],
+        state.long[row],
+        state.places[row],
+        state.statistics[row],
     )
 
 
-@compiled_network
+@compiled_fastmath
 @no_type_check
-def calibrate(
+def write_probabilities(
     logits: Float[np.ndarray, "class"],
     temperature: float,
     out: Float[np.ndarray, "class"],
 ) -> None:
-    """Write probabilities that mean what they say.
+    """Write the softmax of logits divided by a temperature.
 
     Args:
-        logits: as they come from the heads.
-        temperature: that they are divided by.
-        out: where the probabilities go.
+        logits: logits of the heads.
+        temperature: divisor of the logits.
+        out: output, the probabilities.
     """
-    most, total = max(logits), 0.0
+    highest, total = max(logits), 0.0
     for k in range(len(logits)):
-        total += math.exp((logits[k] - most) / temperature)
+        total += math.exp((logits[k] - highest) / temperature)
     for k in range(len(logits)):
-        out[k] = math.exp((logits[k] - most) / temperature) / total
+        out[k] = math.exp((logits[k] - highest) / temperature) / total

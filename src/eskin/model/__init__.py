@@ -1,27 +1,29 @@
-"""The model file: weights without code, and all that must be known to use them."""
+"""This package holds the model file: weights without code, and their settings."""
 
 from eskin.model.config import (
-    LEAST_SLOTS,
     LENGTH_CM,
+    MAX_DEVIATIONS,
+    MIN_SLOTS,
     SLOT_NS,
     DecisionConfig,
     ModelCard,
     NetworkConfig,
     check_limits,
 )
-from eskin.model.file import MODELS, Model, checked_weights, load_model, save_model
+from eskin.model.file import MODELS, Model, check_weights, load_model, save_model
 
 __all__ = [
-    "LEAST_SLOTS",
+    "MIN_SLOTS",
     "LENGTH_CM",
-    "SLOT_NS",
+    "MAX_DEVIATIONS",
     "MODELS",
+    "SLOT_NS",
     "DecisionConfig",
     "Model",
     "ModelCard",
     "NetworkConfig",
     "check_limits",
-    "checked_weights",
+    "check_weights",
     "load_model",
     "save_model",
 ]

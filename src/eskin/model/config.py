@@ -1,4 +1,4 @@
-"""This module defines the settings that a model file keeps beside its weights."""
+"""This module defines the settings that a model file holds beside its weights."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -14,7 +14,7 @@ Limits = Mapping[str, tuple[int | float, int | float]]
 
 
 def check_limits(settings: object, limits: Limits) -> None:
-    """Refuse numbers that mean nothing.
+    """Refuse settings outside their limits.
 
     Raises:
         ValueError: naming the first setting that is not finite or not within.
@@ -28,28 +28,30 @@ def check_limits(settings: object, limits: Limits) -> None:
 
 @dataclass(frozen=True)
 class DecisionConfig:
-    """How sure is sure."""
+    """Settings that determine when a gesture is reported."""
 
     threshold: float = 0.8
-    """Probability from which a gesture is said while the touch goes on."""
+    """Probability from which a gesture is reported while the touch is open."""
 
     thresholds: Mapping[str, float] = field(default_factory=dict)
-    """The same for single gestures, in place of `threshold`; above 1 waits for the
+    """Thresholds of single gestures, in place of `threshold`; above 1 waits for the
     touch to close."""
 
     lifted: float = 1.1
-    """The same once there has been no contact for `lift_seconds`, where that is less:
-    most of what there is to know of a touch is known then."""
+    """Threshold once there has been no contact for `lift_seconds`, if it is lower: most
+    of the evidence has been seen by then."""
 
     lift_seconds: float = 0.2
-    """How long that is [s]; a second pat may still come."""
+    """Time without contact after which `lifted` applies [s]; a second pat may still
+    come."""
 
     hold_seconds: float = 0.06
-    """How long it must stay above, and on a skin that is not calibrated how long
-    another class must be likeliest until that is another touch [s]."""
+    """Time that a probability must stay above its threshold; on a skin that is not
+    calibrated also the time that another class must be likeliest to count as another
+    touch [s]."""
 
     least: float = 0.3
-    """Probability below which a touch that closes is unknown; 0 never abstains."""
+    """Probability below which a touch is unknown when it closes; 0 never abstains."""
 
     still: float = 0.02
     """Travel below which a touch has no direction [m]."""
@@ -62,40 +64,43 @@ LENGTH_CM = 3.0
 """Unit of length inside the encoder [cm]: about a contact's size, and well above the
 spacing of taxels, so that a denser skin looks nearly alike."""
 
-LEAST_SLOTS = 25
-"""What the head's two convolutions need: 5 taps, each 4 slots on, of 9 slots."""
+MIN_SLOTS = 25
+"""Slots that the head's two convolutions need: 5 taps, 4 slots apart, of 9 slots."""
+
+MAX_DEVIATIONS = 4.0
+"""Standard deviations from the mean at which summary features are clipped."""
 
 LIMITS = {
     "width": (1, np.inf),
     "layers": (0, np.inf),
     "channels": (1, np.inf),
     "dropout": (0.0, 0.9),
-    "slots": (LEAST_SLOTS, np.inf),
+    "slots": (MIN_SLOTS, np.inf),
 }
 """Smallest and largest values of the settings."""
 
 
 @dataclass(frozen=True)
 class NetworkConfig:
-    """Sizes of the recogniser's network."""
+    """Settings that determine the size of the recogniser's network."""
 
     width: int = 8
-    """Channels of a node."""
+    """Number of channels of a node."""
 
     layers: int = 2
-    """Equivariant layers."""
+    """Number of equivariant layers."""
 
     channels: int = 32
-    """Channels of the temporal head."""
+    """Number of channels of the temporal head."""
 
     dropout: float = 0.3
-    """Share of features left out while training."""
+    """Share of features dropped in training."""
 
     slots: int = 100
-    """Slots of 20 ms that the head looks back: 2 s."""
+    """Number of slots of 20 ms in a window; 100 are 2 s."""
 
     def __post_init__(self) -> None:
-        """Refuse sizes that no network has."""
+        """Refuse sizes outside `LIMITS`."""
         check_limits(self, LIMITS)
 
 
@@ -104,28 +109,28 @@ FORMAT = "eskin-model-1"
 
 @dataclass(frozen=True)
 class ModelCard:
-    """Everything beside the weights that recognition depends on, and their origin."""
+    """A card holds all settings that recognition needs, and the origin of the weights."""
 
     vocabulary: tuple[str, ...]
     """Classes in the order of the logits; `none` is one of them."""
 
     kind: Literal["pressure", "shear"] = "pressure"
-    """What the skin must measure."""
+    """Quantity that the skin must measure."""
 
     network: NetworkConfig = field(default_factory=NetworkConfig)
-    """Sizes of the network."""
+    """Size of the network."""
 
     graph: GraphConfig = field(default_factory=GraphConfig)
-    """How contacts become graphs."""
+    """Settings of the contact graphs."""
 
     pipeline: PipelineConfig = field(default_factory=PipelineConfig)
-    """How counts become contacts."""
+    """Settings of the pipeline from counts to contacts."""
 
     decision: DecisionConfig = field(default_factory=DecisionConfig)
-    """When it is sure enough to speak."""
+    """Settings that determine when a gesture is reported."""
 
     temperature: float = 1.0
-    """Divides the logits, so that probabilities are calibrated."""
+    """Divisor of the logits that calibrates the probabilities."""
 
     training: dict[str, str] = field(default_factory=dict)
     """The training configuration, as text."""
@@ -134,12 +139,12 @@ class ModelCard:
     """SHA-256 of the recordings trained on."""
 
     metrics: dict[str, float] = field(default_factory=dict)
-    """What was measured at the end of training."""
+    """Metrics measured at the end of training."""
 
     format: Literal["eskin-model-1"] = FORMAT
     """Version of this card."""
 
     @property
     def graph_used(self) -> GraphConfig:
-        """The graphs that the network takes: a model for pressure knows no shear."""
+        """Settings of the graphs that the network takes; without shear for pressure."""
         return self.graph if self.kind == "shear" else self.graph.without_shear()

@@ -23,23 +23,23 @@ SUFFIX = ".safetensors"
 
 MODELS = {"ur5": "ur5", "ur5-blind": "ur5"}
 """Names that `load_model` knows, each with the preset skin that it was trained on. The
-second never sees the pose: it is there to be compared with."""
+second does not use the pose, for comparison."""
 CARDS = TypeAdapter(ModelCard)
 
 
 @dataclass(frozen=True, eq=False)
 class Model:
-    """Weights and their card."""
+    """A model holds weights and their card."""
 
     weights: Mapping[str, np.ndarray]
-    """By the name of the network's parameter."""
+    """Weights by the names of the network's parameters."""
 
     card: ModelCard
-    """What they are for."""
+    """Settings and origin of the weights."""
 
     @property
     def digest(self) -> str:
-        """SHA-256 over the weights, by name."""
+        """SHA-256 of the weights in the order of their names."""
         every = hashlib.sha256()
         for name in sorted(self.weights):
             every.update(name.encode() + self.weights[name].tobytes())
@@ -47,8 +47,8 @@ class Model:
 
 
 def save_model(path: Path, model: Model) -> None:
-    """Write a model file; whole or not at all."""
-    # A metric may be NaN, which JSON has no number for.
+    """Write a model file atomically."""
+    # A metric may be NaN, for which JSON has no number.
     card = to_json(model.card, inf_nan_mode="strings").decode()
     weights = {name: np.asarray(w, order="C") for name, w in model.weights.items()}
     with atomic_path(path) as part:
@@ -62,7 +62,7 @@ def load_model(name_or_path: str | Path) -> Model:
         name_or_path: one of `MODELS`, or the path of a `.safetensors` file.
 
     Raises:
-        ModelError: if it is missing, damaged, or not one of eskin's.
+        ModelError: if it is missing, damaged, or not a model of eskin.
     """
     path = Path(name_or_path)
     if str(name_or_path) in MODELS:
@@ -81,7 +81,7 @@ def load_model(name_or_path: str | Path) -> Model:
             f"{path}: no such model; allowed are {', '.join(MODELS)} and files; train "
             f"one with: eskin train DATA --out {path}"
         ) from None
-    # A TypeError tells of numbers that numpy does not have, such as bfloat16.
+    # A TypeError is raised for numbers that numpy does not have, such as bfloat16.
     except (SafetensorError, OSError, TypeError) as error:
         raise ModelError(
             f"{path} is no model file ({error}); allowed is a .safetensors file "
@@ -91,7 +91,7 @@ def load_model(name_or_path: str | Path) -> Model:
 
 
 def read_card(text: str | None, path: Path) -> ModelCard:
-    """Parse a card; every problem is named by its place in it."""
+    """Parse a card; an error names the entry that is wrong."""
     if text is None:
         raise ModelError(
             f"{path} has no card '{CARD}' in its metadata; allowed are models written "
@@ -110,14 +110,21 @@ def read_card(text: str | None, path: Path) -> ModelCard:
 
 
 EDGE_SCALARS = 6
-SHORT, LONG = 9, 5  # taps of the head's two convolutions
+"""Number of invariants of an edge."""
+
+SHORT_TAPS, LONG_TAPS = 9, 5
+"""Taps of the head's two convolutions."""
+
+SHORT_STRIDE, LONG_STRIDE = 4, 2
+"""Strides of the two convolutions, each in steps of its own input."""
+
 
 Shapes = dict[str, tuple[int, ...]]
 Weights = dict[str, np.ndarray]
 
 
 def network_shapes(card: ModelCard) -> Shapes:
-    """The shape of every parameter of the network, by its name in `eskin.nn`."""
+    """Return the shape of every parameter of the network, by its name in `eskin.nn`."""
     config, classes = card.network, len(card.vocabulary)
     features = len(PRESSURE_SUMMARY)
     if card.kind == "shear":
@@ -126,70 +133,70 @@ def network_shapes(card: ModelCard) -> Shapes:
     return {
         "summary_mean": (features,),
         "summary_scale": (features,),
-        **within("encoder", encoder_shapes(config.width, config.layers)),
-        **within("summary_head", head_shapes(features, config.channels, classes)),
-        **within("graph_head", head_shapes(both, config.channels, classes)),
+        **prefix_names("encoder", encoder_shapes(config.width, config.layers)),
+        **prefix_names("summary_head", head_shapes(features, config.channels, classes)),
+        **prefix_names("graph_head", head_shapes(both, config.channels, classes)),
     }
 
 
 def encoder_shapes(width: int, layers: int) -> Shapes:
-    """Shapes of `eskin.nn.Encoder`."""
+    """Return the shapes of `eskin.nn.Encoder`."""
     shapes = {
-        **linear("embed", len(NODE_SCALARS), width),
-        **vectors("norm", 2 * width),
+        **linear_shapes("embed", len(NODE_SCALARS), width),
+        **norm_shapes("norm", 2 * width),
     }
     for n in range(layers):
-        shapes |= within(f"layers.{n}", layer_shapes(width, last=n == layers - 1))
+        shapes |= prefix_names(f"layers.{n}", layer_shapes(width, last=n == layers - 1))
     return shapes
 
 
 def layer_shapes(width: int, last: bool) -> Shapes:
-    """Shapes of `eskin.nn.EquivariantLayer`."""
+    """Return the shapes of `eskin.nn.EquivariantLayer`."""
     return {
-        **vectors("norm", width),
-        **linear("of_target", width, width),
-        **linear("of_source", width, width, bias=False),
-        **linear("of_edge", EDGE_SCALARS, width, bias=False),
-        **linear("message", width, width),
-        **({} if last else linear("move", width, 1, bias=False)),
-        **linear("update_hidden", 2 * width, width),
-        **linear("update_out", width, width),
+        **norm_shapes("norm", width),
+        **linear_shapes("of_target", width, width),
+        **linear_shapes("of_source", width, width, bias=False),
+        **linear_shapes("of_edge", EDGE_SCALARS, width, bias=False),
+        **linear_shapes("message", width, width),
+        **({} if last else linear_shapes("move", width, 1, bias=False)),
+        **linear_shapes("update_hidden", 2 * width, width),
+        **linear_shapes("update_out", width, width),
     }
 
 
 def head_shapes(inputs: int, channels: int, classes: int) -> Shapes:
-    """Shapes of `eskin.nn.TemporalHead`."""
+    """Return the shapes of `eskin.nn.TemporalHead`."""
     return {
-        **linear("project", inputs, channels),
-        "short.conv.weight": (channels, channels, SHORT),
+        **linear_shapes("project", inputs, channels),
+        "short.conv.weight": (channels, channels, SHORT_TAPS),
         "short.bias": (channels,),
-        "long.conv.weight": (channels, channels, LONG),
+        "long.conv.weight": (channels, channels, LONG_TAPS),
         "long.bias": (channels,),
-        **linear("classify", 12 * channels, classes),
+        **linear_shapes("classify", 12 * channels, classes),
     }
 
 
-def within(name: str, shapes: Shapes) -> Shapes:
-    """Shapes of a part, by their names in the whole."""
+def prefix_names(name: str, shapes: Shapes) -> Shapes:
+    """Return the shapes of a submodule, by their names in the whole network."""
     return {f"{name}.{key}": shape for key, shape in shapes.items()}
 
 
-def linear(name: str, inputs: int, outputs: int, bias: bool = True) -> Shapes:
-    """Shapes of a linear layer."""
+def linear_shapes(name: str, inputs: int, outputs: int, bias: bool = True) -> Shapes:
+    """Return the shapes of a linear layer."""
     weight: Shapes = {f"{name}.weight": (outputs, inputs)}
     return weight | {f"{name}.bias": (outputs,)} if bias else weight
 
 
-def vectors(name: str, size: int) -> Shapes:
-    """Shapes of a normalisation's scale and shift."""
+def norm_shapes(name: str, size: int) -> Shapes:
+    """Return the shapes of the scale and shift of a normalisation."""
     return {f"{name}.weight": (size,), f"{name}.bias": (size,)}
 
 
-def checked_weights(model: Model) -> Weights:
-    """The weights in float32, once they have been found to fit the card.
+def check_weights(model: Model) -> Weights:
+    """Return the weights in float32 after checking that they fit the card.
 
     Raises:
-        ModelError: naming the first parameter that does not.
+        ModelError: naming the first parameter that does not fit.
     """
     check_vocabulary(model.card)
     shapes = network_shapes(model.card)
@@ -198,7 +205,7 @@ def checked_weights(model: Model) -> Weights:
     unknown = sorted(set(model.weights) - set(shapes))
     if unknown:
         raise ModelError(
-            f"model has a parameter '{unknown[0]}' that its card does not speak of; "
+            f"model has a parameter '{unknown[0]}' that its card does not have; "
             f"allowed are {len(shapes)} such as '{next(iter(shapes))}'; train it again "
             "with this version of eskin"
         )
@@ -206,7 +213,7 @@ def checked_weights(model: Model) -> Weights:
 
 
 def check_vocabulary(card: ModelCard) -> None:
-    """Refuse a vocabulary that is no list of different gestures and `none`."""
+    """Refuse a vocabulary that is not a list of different gestures and `none`."""
     names = card.vocabulary
     if NONE not in names or len(set(names)) < max(len(names), 2):
         raise ModelError(

@@ -1,12 +1,11 @@
-"""The recogniser's network in torch: equivariant layers, encoder, temporal head."""
+"""This package defines the network in torch: layers, encoder, temporal heads."""
 
 from eskin.nn.batch import (
     GraphTensors,
     NetworkInput,
-    Places,
-    graph_tensors,
-    network_input,
-    summary,
+    SlotIndex,
+    build_graph_tensors,
+    build_network_input,
 )
 from eskin.nn.encoder import Encoder, EquivariantLayer
 from eskin.nn.head import TemporalHead
@@ -17,10 +16,9 @@ __all__ = [
     "EquivariantLayer",
     "GraphTensors",
     "NetworkInput",
-    "Places",
+    "SlotIndex",
     "RecogniserNetwork",
     "TemporalHead",
-    "graph_tensors",
-    "network_input",
-    "summary",
+    "build_graph_tensors",
+    "build_network_input",
 ]

@@ -1,4 +1,4 @@
-"""What the network is given: windows of readings, each with its contact graph."""
+"""This module computes the network's input: windows of readings and their graphs."""
 
 from dataclasses import dataclass
 
@@ -9,79 +9,72 @@ from torch import Tensor
 
 from eskin.graph import (
     GraphBatch,
-    compressed,
-    node_scalars,
-    pressure_summary,
-    shear_summary,
+    compress_shear,
+    compute_node_scalars,
+    compute_summary,
 )
 
 
 @dataclass(frozen=True)
 class GraphTensors:
-    """Contact graphs with their features, one graph a reading, laid end to end."""
+    """The features of contact graphs, one graph per reading, laid end to end."""
 
     scalars: Float[Tensor, "node scalar"]
-    """See `eskin.graph.NODE_SCALARS`."""
+    """Columns `eskin.graph.NODE_SCALARS`."""
     positions: Float[Tensor, "node 3"]
-    """[cm]"""
+    """Positions [cm]."""
     normals: Float[Tensor, "node 3"]
     """Outward unit normals."""
     shear: Float[Tensor, "node 3"]
     """Compressed shear traction."""
     forces: Float[Tensor, "node"]
-    """Pressure times area, in any unit: weights of the mean over nodes."""
+    """Pressure times area in any unit, the weights of the mean over nodes."""
     areas: Float[Tensor, "node"]
-    """[cm2]"""
+    """Areas [cm2]."""
     targets: Int[Tensor, "target"]
-    """The active nodes: those that hear others."""
+    """Active nodes, the only ones that receive messages."""
     sources: Int[Tensor, "target k"]
-    """Nodes that each of these hears, or -1; columns that nobody uses are left out."""
+    """Nodes that send a message to each target, or -1."""
     graph_index: Int[Tensor, "node"]
-    """The reading of each node."""
+    """Index of the reading of each node."""
     summary: Float[Tensor, "reading feature"]
-    """Invariants of the whole touch at each reading."""
+    """Invariant features of the whole touch at each reading."""
 
 
 @dataclass(frozen=True)
-class Places:
-    """Where readings stand in windows, on the head's clock."""
+class SlotIndex:
+    """The window and the time slot of each reading."""
 
     window: Int[Tensor, "reading"]
-    """The window of each reading."""
+    """Index of the window of each reading."""
     slot: Int[Tensor, "reading"]
-    """Its place in the window; the last slot is now."""
+    """Slot in the window; the last slot is now."""
     windows: int
     """Number of windows."""
 
 
 @dataclass(frozen=True)
 class NetworkInput:
-    """A batch of windows: their readings' graphs, and where each reading stands."""
+    """A batch of windows: the graphs of their readings, and the slot of each."""
 
     graphs: GraphTensors
-    """One graph a reading."""
-    places: Places
-    """One place a reading."""
+    """One graph per reading."""
+    places: SlotIndex
+    """Window and slot of each reading."""
 
 
-def summary(batch: GraphBatch, shear: bool) -> Float[np.ndarray, "reading feature"]:
-    """Pressure and, where the network takes it, shear summary of each graph."""
-    parts = [pressure_summary(batch)] + ([shear_summary(batch)] if shear else [])
-    return np.concatenate(parts, axis=1)
-
-
-def graph_tensors(
+def build_graph_tensors(
     batch: GraphBatch, shear: bool, dtype: torch.dtype = torch.float32
 ) -> GraphTensors:
     """Compute the features of a batch of graphs.
 
     Args:
-        batch: the contact graphs, one a reading.
-        shear: whether the network takes shear; else it is left out.
-        dtype: of the floating-point tensors.
+        batch: contact graphs, one per reading.
+        shear: whether the network uses shear.
+        dtype: type of the floating-point tensors.
     """
-    vectors = compressed(batch.shear) if shear else np.zeros_like(batch.shear)
-    scalars = node_scalars(batch)
+    vectors = compress_shear(batch.shear) if shear else np.zeros_like(batch.shear)
+    scalars = compute_node_scalars(batch)
     if not shear:
         scalars[:, -1] = 0.0
 
@@ -95,19 +88,19 @@ def graph_tensors(
         shear=real(vectors),
         forces=real(batch.pressure * batch.areas),
         areas=real(batch.areas),
-        targets=whole(batch.targets),
-        sources=whole(batch.sources),
-        graph_index=whole(batch.graph_index),
-        summary=real(summary(batch, shear)),
+        targets=to_indices(batch.targets),
+        sources=to_indices(batch.sources),
+        graph_index=to_indices(batch.graph_index),
+        summary=real(compute_summary(batch, shear)),
     )
 
 
-def whole(values: np.ndarray) -> Tensor:
-    """Indices for torch."""
+def to_indices(values: np.ndarray) -> Tensor:
+    """Return indices as a tensor."""
     return torch.as_tensor(values.astype(np.int64))
 
 
-def network_input(
+def build_network_input(
     batch: GraphBatch,
     window: Int[np.ndarray, "reading"],
     slot: Int[np.ndarray, "reading"],
@@ -115,15 +108,15 @@ def network_input(
     shear: bool,
     dtype: torch.dtype = torch.float32,
 ) -> NetworkInput:
-    """The features of a batch of graphs, and the place of each in its window.
+    """Compute the features of a batch of graphs, and the slot of each in its window.
 
     Args:
-        batch: the contact graphs, one a reading.
-        window: the window that each belongs to.
-        slot: its place in it on the head's clock.
-        windows: how many windows there are.
-        shear: whether the network takes shear; else it is left out.
-        dtype: of the floating-point tensors.
+        batch: contact graphs, one per reading.
+        window: window that each belongs to.
+        slot: slot of each in its window.
+        windows: number of windows.
+        shear: whether the network uses shear.
+        dtype: type of the floating-point tensors.
     """
-    places = Places(whole(window), whole(slot), windows)
-    return NetworkInput(graph_tensors(batch, shear, dtype), places)
+    places = SlotIndex(to_indices(window), to_indices(slot), windows)
+    return NetworkInput(build_graph_tensors(batch, shear, dtype), places)

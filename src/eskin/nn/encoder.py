@@ -9,39 +9,40 @@ from torch.nn.functional import silu
 
 from eskin.graph import NODE_SCALARS
 from eskin.model import LENGTH_CM, NetworkConfig
+from eskin.model.file import EDGE_SCALARS
 from eskin.nn.batch import GraphTensors
-
-EDGE_SCALARS = 6
 
 
 @dataclass(frozen=True)
 class Edges:
-    """Who hears whom."""
+    """The edges of a batch of graphs, by target."""
 
     targets: Int[Tensor, "target"]
-    """Nodes that hear others."""
+    """Nodes that receive messages."""
     sources: Int[Tensor, "target k"]
-    """Nodes that each of these hears; any where the weight is zero."""
+    """Nodes that send a message to each target; any where the weight is zero."""
     weights: Float[Tensor, "target k"]
-    """Share of each source in the area that its target hears."""
+    """Share of each source in the area of all sources of its target."""
 
 
 class EquivariantLayer(nn.Module):
-    """One EGCL: messages from invariants, then coordinates and features move.
+    """A layer computes messages from invariants, then updates coordinates and features.
+
+    It is the EGCL of Satorras, Hoogeboom and Welling (2021), with changes:
 
     m_ij = phi_e(v_i, v_j, |x_i - x_j|^2, e_ij)                     (their eq. 3)
     x_i <- x_i + sum_j w_ij (x_i - x_j) tanh(phi_x(m_ij))           (eq. 4, bounded)
     m_i = sum_j w_ij m_ij                                           (eq. 5, weighted)
     v_i <- v_i + phi_h(v_i, m_i)                                    (eq. 6, residual)
 
-    The weights w_ij are shares of area and sum to one, so a denser skin sends no louder
-    messages. e_ij are invariants of the relative pose of the two taxels and of their
+    The weights w_ij are shares of area and sum to one, so that messages do not grow
+    with the density of a skin. e_ij are invariants of the relative pose of the two taxels and of their
     shear. phi_e's first layer is split into a part of i, a part of j and a part of the
-    edge, so that the first two are computed once a node.
+    edge, so that the first two are computed once per node.
     """
 
     def __init__(self, width: int, last: bool) -> None:
-        """Make a layer of `width` channels; the last one moves nothing."""
+        """Create a layer of `width` channels; the last one updates no coordinates."""
         super().__init__()
         self.norm = nn.LayerNorm(width)
         self.of_target = nn.Linear(width, width)
@@ -60,82 +61,83 @@ class EquivariantLayer(nn.Module):
         shear: Float[Tensor, "node 3"],
         edges: Edges,
     ) -> tuple[Float[Tensor, "node width"], Float[Tensor, "node 3"]]:
-        """Return features and coordinates after one step.
+        """Return the features and coordinates after the layer.
 
         Args:
             v: invariant features of the nodes.
             x: coordinates of the nodes, in units of `LENGTH_CM`.
             normals: outward unit normals.
             shear: compressed shear traction.
-            edges: who hears whom; who hears nobody stays as it is.
+            edges: edges; nodes that are no target keep their values.
         """
         i, j = edges.targets, edges.sources
-        r = x.index_select(0, i)[:, None] - gathered(x, j)
-        e = edge_scalars(r, normals, shear, i, j)
+        r = x.index_select(0, i)[:, None] - gather_rows(x, j)
+        e = compute_edge_features(r, normals, shear, i, j)
         u = self.norm(v)
         u_i = u.index_select(0, i)
-        hidden = self.of_target(u_i)[:, None] + gathered(self.of_source(u), j)
+        hidden = self.of_target(u_i)[:, None] + gather_rows(self.of_source(u), j)
         m = silu(self.message(silu(hidden + self.of_edge(e))))
-        heard = (m * edges.weights[..., None]).sum(dim=1)
-        update = silu(self.update_hidden(torch.cat([u_i, heard], dim=1)))
+        messages = (m * edges.weights[..., None]).sum(dim=1)
+        update = silu(self.update_hidden(torch.cat([u_i, messages], dim=1)))
         v = v.index_add(0, i, self.update_out(update))
         if self.move is not None:
-            step = torch.tanh(self.move(m)) * edges.weights[..., None]
-            x = x.index_add(0, i, (r * step).sum(dim=1))
+            coord_weights = torch.tanh(self.move(m)) * edges.weights[..., None]
+            x = x.index_add(0, i, (r * coord_weights).sum(dim=1))
         return v, x
 
 
-def edge_scalars(
+def compute_edge_features(
     r: Float[Tensor, "target k 3"],
     normals: Float[Tensor, "node 3"],
     shear: Float[Tensor, "node 3"],
     targets: Int[Tensor, "target"],
     sources: Int[Tensor, "target k"],
 ) -> Float[Tensor, "target k 6"]:
-    """|r|^2, n_i.n_j, n_i.r, n_j.r, s_i.r, s_j.r of each edge; r = x_i - x_j."""
-    n_i, n_j = normals[targets, None].expand_as(r), gathered(normals, sources)
-    s_i, s_j = shear[targets, None].expand_as(r), gathered(shear, sources)
+    """Return |r|^2, n_i.n_j, n_i.r, n_j.r, s_i.r, s_j.r of edges; r = x_i - x_j."""
+    n_i, n_j = normals[targets, None].expand_as(r), gather_rows(normals, sources)
+    s_i, s_j = shear[targets, None].expand_as(r), gather_rows(shear, sources)
     pairs = ((r, r), (n_i, n_j), (n_i, r), (n_j, r), (s_i, r), (s_j, r))
     return torch.stack([(a * b).sum(dim=-1) for a, b in pairs], dim=-1)
 
 
-def gathered(
+def gather_rows(
     values: Float[Tensor, "node channel"], places: Int[Tensor, "target k"]
 ) -> Float[Tensor, "target k channel"]:
-    """Rows of some nodes; its gradient is a plain sum, unlike that of indexing."""
+    """Return rows of some nodes; the gradient is faster than that of indexing."""
     return values.index_select(0, places.flatten()).view(*places.shape, values.shape[1])
 
 
-def edges_of(
+def build_edges(
     areas: Float[Tensor, "node"],
     targets: Int[Tensor, "target"],
     sources: Int[Tensor, "target k"],
 ) -> Edges:
-    """The edges from `sources` to `targets`; -1 is nobody.
+    """Build the edges from `sources` to `targets`.
 
     Args:
-        areas: of the nodes.
-        targets: who hears.
-        sources: nodes that each of these hears, or -1.
+        areas: areas of the nodes.
+        targets: nodes that receive messages.
+        sources: nodes that send a message to each target, or -1.
     """
     present = sources >= 0
     sources = sources.clamp(min=0)
-    heard = areas[sources] * present
-    shares = heard / heard.sum(dim=1, keepdim=True).clamp(min=1e-6)
-    return Edges(targets, sources, shares)
+    area = areas[sources] * present
+    weights = area / area.sum(dim=1, keepdim=True).clamp(min=1e-6)
+    return Edges(targets, sources, weights)
 
 
 class Encoder(nn.Module):
-    """Equivariant layers, then a maximum and a force-weighted mean over active taxels.
+    """An encoder embeds contact graphs by equivariant layers, maximum and mean.
 
-    Only active taxels hear others; their neighbours at rest are heard but stay as they
-    are, since nothing changes there. That is a third of the work and loses nothing.
+    The maximum and the force-weighted mean are over active taxels. Only active taxels
+    receive messages; their neighbours at rest send messages but keep their features.
+    That is a third of the work without loss of accuracy.
     The embedding is invariant to motions and mirror images of the whole scene and to
     the order of the taxels. A reading without contact is embedded as zeros.
     """
 
     def __init__(self, config: NetworkConfig) -> None:
-        """Make an encoder."""
+        """Create an encoder."""
         super().__init__()
         self.embed = nn.Linear(len(NODE_SCALARS), config.width)
         self.layers = nn.ModuleList(
@@ -146,14 +148,14 @@ class Encoder(nn.Module):
 
     @property
     def size(self) -> int:
-        """Channels of the embedding."""
+        """Number of channels of the embedding."""
         return self.norm.normalized_shape[0]
 
     def forward(self, graphs: GraphTensors) -> Float[Tensor, "reading embedding"]:
         """Embed every reading."""
         v = silu(self.embed(graphs.scalars))
         x = graphs.positions / LENGTH_CM
-        edges = edges_of(graphs.areas, graphs.targets, graphs.sources)
+        edges = build_edges(graphs.areas, graphs.targets, graphs.sources)
         for layer in self.layers:
             v, x = layer(v, x, graphs.normals, graphs.shear, edges)
         return self.pool(v, graphs)
@@ -161,7 +163,7 @@ class Encoder(nn.Module):
     def pool(
         self, v: Float[Tensor, "node width"], graphs: GraphTensors
     ) -> Float[Tensor, "reading embedding"]:
-        """Largest and force-weighted mean feature of each reading's active nodes."""
+        """Return the normalised maximum and force-weighted mean over active nodes."""
         readings = len(graphs.summary)
         force = torch.zeros(readings, dtype=v.dtype)
         force = force.index_add(0, graphs.graph_index, graphs.forces)
@@ -180,5 +182,5 @@ class Encoder(nn.Module):
         largest: Float[Tensor, "reading width"],
         mean: Float[Tensor, "reading width"],
     ) -> Float[Tensor, "reading embedding"]:
-        """Both ways of pooling beside each other."""
+        """Concatenate maximum and mean."""
         return torch.cat([largest, mean], dim=1)

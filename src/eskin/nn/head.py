@@ -1,9 +1,11 @@
-"""From the last two seconds of embeddings to logits."""
+"""This module defines the temporal head: embeddings of two seconds to logits."""
 
 import torch
 from jaxtyping import Float, Int
 from torch import Tensor, nn
 from torch.nn.functional import conv1d, silu
+
+from eskin.model.file import LONG_STRIDE, LONG_TAPS, SHORT_STRIDE, SHORT_TAPS
 
 Sequence = Float[Tensor, "window channel slot"]
 Mask = Float[Tensor, "window 1 slot"]
@@ -11,48 +13,49 @@ Shorter = tuple[Float[Tensor, "window channel step"], Float[Tensor, "window 1 st
 
 
 class PartialConvolution(nn.Module):
-    """A convolution in time over the slots that hold a reading.
+    """A partial convolution filters in time over the slots that hold a reading.
 
     Sums over the present slots are scaled up as if all were present (Liu et al. 2018,
     eq. 1), so readings may come at any rate.
     """
 
     def __init__(self, channels: int, kernel: int, stride: int) -> None:
-        """Make a layer that looks at `kernel` slots, `stride` apart."""
+        """Create a layer with `kernel` taps and a stride of `stride` slots."""
         super().__init__()
         self.conv = nn.Conv1d(channels, channels, kernel, stride=stride, bias=False)
         self.bias = nn.Parameter(torch.zeros(channels))
         self.ones = nn.Buffer(torch.ones(1, 1, kernel), persistent=False)
 
     def forward(self, x: Sequence, present: Mask) -> Shorter:
-        """Filter; the mask returned tells which outputs saw any reading.
+        """Filter, and return a mask of the outputs that cover any reading too.
 
-        The last output ends with the last slot: what is cut off is the oldest.
+        The last output ends with the last slot; surplus slots are cut at the start.
         """
         kernel, stride = self.conv.kernel_size[0], self.conv.stride[0]
         skipped = (x.shape[2] - kernel) % stride
         x, present = x[:, :, skipped:], present[:, :, skipped:]
-        seen = conv1d(present, self.ones.to(x.dtype), stride=stride)
-        scaled = self.conv(x * present) * (kernel / seen.clamp(min=1.0))
-        mask = (seen > 0).to(x.dtype)
+        count = conv1d(present, self.ones.to(x.dtype), stride=stride)
+        scaled = self.conv(x * present) * (kernel / count.clamp(min=1.0))
+        mask = (count > 0).to(x.dtype)
         return silu(scaled + self.bias[:, None]) * mask, mask
 
 
 class TemporalHead(nn.Module):
-    """Partial convolutions at two time scales, statistics over time, one linear layer.
+    """A head computes logits from statistics of embeddings over time.
 
     Mean, spread, maximum and integral over the window are taken of the embeddings
-    (20 ms) and of each convolution's output (0.18 s and 0.5 s).
+    (20 ms) and of the output of each of two partial convolutions (0.18 s and 0.5 s);
+    one linear layer follows.
     """
 
     def __init__(
         self, inputs: int, channels: int, classes: int, dropout: float
     ) -> None:
-        """Make a head for embeddings of `inputs` channels."""
+        """Create a head for embeddings of `inputs` channels."""
         super().__init__()
         self.project = nn.Linear(inputs, channels)
-        self.short = PartialConvolution(channels, kernel=9, stride=4)
-        self.long = PartialConvolution(channels, kernel=5, stride=2)
+        self.short = PartialConvolution(channels, SHORT_TAPS, SHORT_STRIDE)
+        self.long = PartialConvolution(channels, LONG_TAPS, LONG_STRIDE)
         self.dropout = nn.Dropout(dropout)
         self.classify = nn.Linear(12 * channels, classes)
 
@@ -61,36 +64,38 @@ class TemporalHead(nn.Module):
         e: Float[Tensor, "window slot input"],
         present: Float[Tensor, "window slot"],
     ) -> Float[Tensor, "window class"]:
-        """Logits of each window; `present` is 1 where a slot holds a reading."""
+        """Return the logits of each window; `present` is 1 where a slot has a reading."""
         mask = present[:, None]
         fine = silu(self.project(e)).transpose(1, 2) * mask
         short, short_mask = self.short(fine, mask)
         long, long_mask = self.long(short, short_mask)
-        share = covered(present)
+        share = compute_elapsed_share(present)
         features = torch.cat(
             [
-                statistics(fine, mask, share),
-                statistics(short, short_mask, share),
-                statistics(long, long_mask, share),
+                compute_statistics(fine, mask, share),
+                compute_statistics(short, short_mask, share),
+                compute_statistics(long, long_mask, share),
             ],
             dim=1,
         )
         return self.classify(self.dropout(features))
 
 
-def covered(present: Float[Tensor, "window slot"]) -> Float[Tensor, "window 1"]:
-    """Share of the window since its first reading: how long there was a touch."""
+def compute_elapsed_share(
+    present: Float[Tensor, "window slot"],
+) -> Float[Tensor, "window 1"]:
+    """Return the share of the window since its first reading, the time of touch."""
     since = present.cummax(dim=1).values
     return since.mean(dim=1, keepdim=True)
 
 
-def statistics(
+def compute_statistics(
     x: Sequence, mask: Mask, share: Float[Tensor, "window 1"]
 ) -> Float[Tensor, "window feature"]:
-    """Mean, standard deviation and maximum over the present slots, zero without any.
+    """Return mean, standard deviation, maximum and integral over the present slots.
 
-    The mean times the share of the window covered is the integral, which tells how
-    long something lasted, at any rate of readings.
+    All are zero without any. The integral, the mean times the elapsed share of the
+    window, measures how long something lasted, at any rate of readings.
     """
     count = mask.sum(dim=2).clamp(min=1.0)
     mean = x.sum(dim=2) / count
@@ -101,14 +106,14 @@ def statistics(
     return torch.cat([mean, spread, largest, mean * share], dim=1)
 
 
-def into_slots(
+def scatter_to_slots(
     e: Float[Tensor, "reading channel"],
     window: Int[Tensor, "reading"],
     slot: Int[Tensor, "reading"],
     windows: int,
     slots: int,
 ) -> tuple[Float[Tensor, "window slot channel"], Float[Tensor, "window slot"]]:
-    """Lay readings on the head's clock; several in one slot give their maximum."""
+    """Scatter readings to time slots; several in one slot give their maximum."""
     place = window * slots + slot
     index = place[:, None].expand_as(e)
     empty = torch.full((windows * slots, e.shape[1]), -torch.inf, dtype=e.dtype)

@@ -1,27 +1,26 @@
-"""The whole recogniser network: encoder, summary, temporal heads."""
+"""This module defines the whole network: encoder, summary, temporal heads."""
 
 import torch
 from jaxtyping import Float
 from torch import Tensor, nn
 
 from eskin.graph import PRESSURE_SUMMARY, SHEAR_SUMMARY
-from eskin.model import NetworkConfig
-from eskin.nn.batch import GraphTensors, NetworkInput, Places
+from eskin.model import MAX_DEVIATIONS, NetworkConfig
+from eskin.nn.batch import GraphTensors, NetworkInput, SlotIndex
 from eskin.nn.encoder import Encoder
-from eskin.nn.head import TemporalHead, into_slots
-
-FARTHEST = 4.0  # standard deviations that a summary feature may be off
+from eskin.nn.head import TemporalHead, scatter_to_slots
 
 
 class RecogniserNetwork(nn.Module):
-    """Two views of a touch, each with its own temporal head, whose logits are averaged.
+    """A network averages the logits of two views of a touch, each with its own head.
 
-    The *graph* view sees the learned embedding of the contact graph beside the summary;
-    the *summary* view sees only the summary, and holds its own where examples are few.
+    The *graph* view takes the learned embedding of the contact graph beside the
+    summary; the *summary* view takes only the summary, and is accurate with few
+    examples.
     """
 
     def __init__(self, config: NetworkConfig, classes: int, shear: bool) -> None:
-        """Make a network for `classes` classes, with or without shear."""
+        """Create a network for `classes` classes, with or without shear."""
         super().__init__()
         self.config = config
         self.shear = shear
@@ -29,60 +28,63 @@ class RecogniserNetwork(nn.Module):
         self.encoder = Encoder(config)
         self.summary_mean = nn.Buffer(torch.zeros(features))
         self.summary_scale = nn.Buffer(torch.ones(features))
-        shape = (config.channels, classes, config.dropout)
-        self.summary_head = TemporalHead(features, *shape)
-        self.graph_head = TemporalHead(features + self.encoder.size, *shape)
+        self.summary_head = TemporalHead(
+            features, config.channels, classes, config.dropout
+        )
+        self.graph_head = TemporalHead(
+            features + self.encoder.size, config.channels, classes, config.dropout
+        )
 
-    def standardise_by(self, summary: Float[Tensor, "reading feature"]) -> None:
-        """Take mean and spread of the summary from the training readings."""
+    def fit_summary(self, summary: Float[Tensor, "reading feature"]) -> None:
+        """Set mean and scale of the summary from those of the training readings."""
         self.summary_mean.copy_(summary.mean(dim=0))
         self.summary_scale.copy_(1.0 / (summary.std(dim=0) + 1e-2))
 
     def forward(self, batch: NetworkInput) -> Float[Tensor, "window class"]:
-        """Logits of each window."""
+        """Return the logits of each window."""
         return self.views(batch).mean(dim=0)
 
     def views(self, batch: NetworkInput) -> Float[Tensor, "view window class"]:
-        """Logits of each view of each window: summary, then graph."""
+        """Return the logits of each view of each window: summary, then graph."""
         return self.classify(self.embed(batch.graphs), batch.places)
 
     def embed(self, graphs: GraphTensors) -> Float[Tensor, "reading feature"]:
-        """Standardised summary and embedding of each reading, each on its own."""
-        summary = self.standardised(graphs.summary)
+        """Return the standardised summary and the embedding of each reading."""
+        summary = self.standardise(graphs.summary)
         return torch.cat([summary, self.encoder(graphs)], dim=1)
 
     def classify(
-        self, e: Float[Tensor, "reading feature"], places: Places
+        self, e: Float[Tensor, "reading feature"], places: SlotIndex
     ) -> Float[Tensor, "view window class"]:
-        """Logits of each view of each window from its readings' features."""
+        """Return the logits of each view of each window from its readings' features."""
         summary = e[:, : len(self.summary_mean)]
         return torch.stack(
             [self.summary_view(summary, places), self.graph_view(e, places)]
         )
 
-    def standardised(
+    def standardise(
         self, summary: Float[Tensor, "reading summary"]
     ) -> Float[Tensor, "reading summary"]:
-        """The summary with mean 0 and spread 1 over training, outliers clipped."""
+        """Return the summary with mean 0 and scale 1 over training, clipped."""
         centred = (summary - self.summary_mean) * self.summary_scale
-        return centred.clamp(-FARTHEST, FARTHEST)
+        return centred.clamp(-MAX_DEVIATIONS, MAX_DEVIATIONS)
 
     def summary_view(
-        self, summary: Float[Tensor, "reading summary"], places: Places
+        self, summary: Float[Tensor, "reading summary"], places: SlotIndex
     ) -> Float[Tensor, "window class"]:
-        """Logits from the standardised summary alone."""
-        return self.summary_head(*self.lay(summary, places))
+        """Return the logits from the standardised summary alone."""
+        return self.summary_head(*self.to_slots(summary, places))
 
     def graph_view(
-        self, e: Float[Tensor, "reading feature"], places: Places
+        self, e: Float[Tensor, "reading feature"], places: SlotIndex
     ) -> Float[Tensor, "window class"]:
-        """Logits from summary and embedding."""
-        return self.graph_head(*self.lay(e, places))
+        """Return the logits from summary and embedding."""
+        return self.graph_head(*self.to_slots(e, places))
 
-    def lay(
-        self, e: Float[Tensor, "reading channel"], places: Places
+    def to_slots(
+        self, e: Float[Tensor, "reading channel"], places: SlotIndex
     ) -> tuple[Float[Tensor, "window slot channel"], Float[Tensor, "window slot"]]:
-        """Features on the head's clock, and where there are any."""
-        return into_slots(
+        """Return the features by time slot, and a mask of the slots with any."""
+        return scatter_to_slots(
             e, places.window, places.slot, places.windows, self.config.slots
         )

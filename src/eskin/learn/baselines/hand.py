@@ -8,7 +8,7 @@ from typing import final
 import numpy as np
 from jaxtyping import Float, Int
 
-from eskin.graph import GraphBatch, GraphBuilder, GraphConfig, join
+from eskin.graph import GraphBatch, GraphBuilder, GraphConfig, join_graphs
 from eskin.graph.features import centres, principal_extents, total, velocity
 from eskin.learn.baselines.estimators import Estimator
 from eskin.learn.baselines.interface import (
@@ -215,7 +215,7 @@ class GraphWindow:
         """The graphs of the last readings, after taking these."""
         for row, joints in zip(pressure.astype(np.float32), q, strict=True):
             self.push(row, joints)
-        return join(list(self.graphs))
+        return join_graphs(list(self.graphs))
 
     def push(
         self, pressure: Float[np.ndarray, "taxel"], q: Float[np.ndarray, "joint"]
@@ -224,7 +224,7 @@ class GraphWindow:
         taxels = np.flatnonzero(pressure >= TOUCHED)
         reading = Reading(self.stamp, pressure, self.valid, q.astype(np.float64))
         self.builder.advance(reading, taxels)
-        self.graphs.append(self.builder.graph(taxels, self.earlier))
+        self.graphs.append(self.builder.build(taxels, self.earlier))
         self.earlier, self.stamp = taxels, self.stamp + STEP_NS
 
 

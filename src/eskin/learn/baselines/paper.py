@@ -10,7 +10,7 @@ from jaxtyping import Bool, Float, Int
 from torch import Tensor, nn
 from torch.nn.functional import silu
 
-from eskin.graph import FixedNeighbours, GraphConfig, live_neighbours
+from eskin.graph import FixedNeighbours, GraphConfig, find_live_neighbours
 from eskin.learn.baselines.flat import KPA
 from eskin.learn.baselines.interface import TOUCHED, BaselineStream, WindowStream
 from eskin.learn.baselines.network import (
@@ -120,7 +120,7 @@ class NodeSelector:
                 p_world, _ = self.mounted.place_taxels(
                     q[reading].double().numpy(), nodes
                 )
-                found = live_neighbours(
+                found = find_live_neighbours(
                     p_world,
                     patches,
                     self.rank[nodes],

@@ -12,7 +12,7 @@ from torch.nn.functional import silu
 from eskin.graph import NODE_SCALARS
 from eskin.model import LENGTH_CM, NetworkConfig
 from eskin.nn import Encoder, GraphTensors
-from eskin.nn.encoder import Edges, edges_of, gathered
+from eskin.nn.encoder import Edges, build_edges, gather_rows
 
 EncoderKind = Literal["equivariant", "plain", "max", "mean"]
 
@@ -49,12 +49,12 @@ class PlainLayer(nn.Module):
             edges: who hears whom.
         """
         i, j = edges.targets, edges.sources
-        r = x.index_select(0, i)[:, None] - gathered(x, j)
+        r = x.index_select(0, i)[:, None] - gather_rows(x, j)
         n_i = normals[i, None].expand_as(r)
-        e = torch.cat([r, n_i, gathered(normals, j)], dim=-1)
+        e = torch.cat([r, n_i, gather_rows(normals, j)], dim=-1)
         u = self.norm(v)
         u_i = u.index_select(0, i)
-        hidden = self.of_target(u_i)[:, None] + gathered(self.of_source(u), j)
+        hidden = self.of_target(u_i)[:, None] + gather_rows(self.of_source(u), j)
         m = silu(self.message(silu(hidden + self.of_edge(e))))
         heard = (m * edges.weights[..., None]).sum(dim=1)
         update = silu(self.update_hidden(torch.cat([u_i, heard], dim=1)))
@@ -80,7 +80,7 @@ class PlainEncoder(Encoder):
         x = graphs.positions / LENGTH_CM
         seen = torch.cat([graphs.scalars, x, graphs.normals], dim=1)
         v = silu(self.embed(seen))
-        edges = edges_of(graphs.areas, graphs.targets, graphs.sources)
+        edges = build_edges(graphs.areas, graphs.targets, graphs.sources)
         for layer in self.layers:
             v = layer(v, x, graphs.normals, edges)
         return self.pool(v, graphs)

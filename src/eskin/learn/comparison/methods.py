@@ -9,7 +9,7 @@ from typing import final
 import numpy as np
 from jaxtyping import Float, Int
 
-from eskin.graph import GraphConfig, pressure_summary
+from eskin.graph import GraphConfig, compute_summary
 from eskin.learn.baselines import (
     BASELINES,
     NETWORKS,
@@ -90,7 +90,7 @@ def compute_touch_features(dataset: Dataset, end: int) -> Float[np.ndarray, "fea
         end: its last row.
     """
     rows = np.arange(dataset.starts[end], end + 1)
-    series = pressure_summary(dataset.graphs.select(rows)).T
+    series = compute_summary(dataset.graphs.select(rows), shear=False).T
     hand = compute_features(dataset, rows, shear=False)
     return np.concatenate([hand, statistics(series), series[:, -1]])
 

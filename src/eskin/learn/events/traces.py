@@ -12,9 +12,13 @@ from joblib import Parallel, delayed, parallel_config
 from eskin.errors import RecordingError
 from eskin.learn.events.matching import ScoredStream
 from eskin.learn.events.true_events import TrueEvent, read_true_events
-from eskin.live import Decider, Detection, Recognizer
-from eskin.live.logits import calibrated
-from eskin.live.recognizer import detection_of
+from eskin.live import (
+    DecisionFilter,
+    Detection,
+    Recognizer,
+    build_detection,
+    compute_probabilities,
+)
 from eskin.model import DecisionConfig, Model
 from eskin.recording import Recording, read_recording
 from eskin.robot import load_recorded_robot
@@ -60,7 +64,7 @@ class Trace:
     """Of the model's card."""
 
     change_ends: bool
-    """Whether touches end when another class is likelier (see `Decider`)."""
+    """Whether touches end when another class is likelier (see `DecisionFilter`)."""
 
     moments: tuple[TraceStep, ...]
     """In the order of time; nothing is decided at other readings."""
@@ -78,14 +82,14 @@ class Trace:
         """
         config = config or self.decision
         heat = self.temperature if temperature is None else temperature
-        decider = Decider(self.vocabulary, config, self.change_ends)
+        decider = DecisionFilter(self.vocabulary, config, self.change_ends)
         directions: dict[int, np.ndarray] = {}
         found: list[Detection] = []
         for moment in self.moments:
             ids = [touch.id for touch in moment.touches]
             directions |= zip(ids, moment.directions, strict=True)
             chances = {
-                number: calibrated(logits, heat)
+                number: compute_probabilities(logits, heat)
                 for number, logits in zip(ids, moment.logits, strict=True)
             }
             verdicts = decider.push(
@@ -96,7 +100,7 @@ class Trace:
                 touch = known[verdict.touch]
                 gone = np.linalg.norm(touch.travel) >= config.still
                 direction = directions[touch.id] if gone else np.zeros(3)
-                found.append(detection_of(verdict, touch, moment.stamp, direction))
+                found.append(build_detection(verdict, touch, moment.stamp, direction))
         return found
 
 
@@ -128,8 +132,10 @@ def record_step(
     """What the recogniser knows at the reading that it has just taken."""
     assert recognizer.state is not None
     classes = len(recognizer.model.card.vocabulary)
-    keys = [recognizer.graphs.key_of(touch.id) for touch in touches]
-    directions = [recognizer.travel.of(touch.id) for touch in touches]
+    keys = [recognizer.graphs.get_key(touch.id) for touch in touches]
+    directions = [
+        recognizer.directions.compute_direction(touch.id) for touch in touches
+    ]
     return TraceStep(
         stamp=recognizer.state.reading.stamp,
         touches=touches,

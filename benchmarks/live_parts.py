@@ -1,0 +1,59 @@
+"""The parts of the compiled network's step, each on its own, for tests and timing."""
+
+from typing import final
+
+import numpy as np
+from jaxtyping import Float
+
+from eskin.graph import GraphBatch
+from eskin.graph.builder_kernels import GraphArrays
+from eskin.live import Network
+from eskin.live.head_kernels import HeadWeights, classify
+from eskin.live.network import create_head_state
+from eskin.live.step_kernels import NO_SLOT
+from eskin.live.step_kernels import compute_features as compiled_features
+from eskin.model import SLOT_NS
+
+
+def compute_features(
+    network: Network, graph: GraphBatch | GraphArrays
+) -> Float[np.ndarray, "channel"]:
+    """Return the standardised summary and the embedding of a batch of one graph.
+
+    They are overwritten with those of the next graph.
+    """
+    arrays = graph.arrays if isinstance(graph, GraphBatch) else graph
+    network.reserve(int(arrays.offsets[1]), arrays.neighbours.shape[1])
+    compiled_features(
+        arrays, network.shear, network.weights, network.workspace, network.features
+    )
+    return network.features
+
+
+@final
+class SequenceWindow:
+    """The window of one sequence, whose logits each reading updates.
+
+    Readings that share a slot give their maximum; slots without a reading hold none.
+    The logits are those that the heads give for the whole window.
+    """
+
+    def __init__(self, weights: HeadWeights, slots: int) -> None:
+        """Start empty."""
+        self.weights = weights
+        self.state = create_head_state(weights, slots)
+        self.now = NO_SLOT
+
+    def push(
+        self, stamp: int, features: Float[np.ndarray, "channel"]
+    ) -> Float[np.ndarray, "class"]:
+        """Return the logits of the window that ends with a reading.
+
+        Args:
+            stamp: stamp of the reading, later than the previous [ns since the epoch].
+            features: features of the reading.
+        """
+        before, self.now = self.now, stamp // SLOT_NS
+        logits = np.empty_like(self.weights.classify_bias)
+        classify(features, before, self.now, self.weights, self.state, logits)
+        return logits

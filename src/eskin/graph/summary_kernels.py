@@ -1,0 +1,328 @@
+"""Compiled summary of the touch that each contact graph shows.
+
+Sums are taken in float64, one node after the other. Every feature is invariant to
+motions and mirror images of the whole robot, depends on forces and areas rather than on
+taxels, so that density does not matter, and is logarithmic where people differ by
+factors.
+"""
+
+import math
+from typing import no_type_check
+
+import numpy as np
+from jaxtyping import Float
+
+from eskin.compiled import compiled_fastmath
+from eskin.graph.builder_kernels import GraphArrays
+
+LEVELS = (20.0, 50.0, 90.0)
+"""Pressures above which the area is measured [kPa]."""
+
+# Scales below which values are not told apart: the scatter of sensors and hands.
+FORCE = 0.3  # [N]
+RATE = 3.0  # [N/s]
+SPEED = 0.5  # [cm/s]
+AREA = 1.0  # [cm2]
+PRESSURE = 1.0  # [kPa]
+FLAT = 0.01  # [cm], so that rounding gives a flat patch no depth
+NEAR = 0.3  # [cm] from the centre, where outward is no clear direction
+HISTORY_FLOORS = (0.5, 0.2, 1.0, 1.0, 1.0, FORCE, FORCE)
+"""The same scales for the columns of `eskin.graph.HISTORY`, in their units."""
+
+N_PER_KPA_CM2 = 0.1
+MIN_WEIGHT = 1e-6
+"""Weight below which a load has no centre [kPa cm2]."""
+SWEEPS = 5
+"""Sweeps of Jacobi's method; four bring 3x3 matrices to float64's last digit."""
+
+Vector = tuple[float, float, float]
+
+
+@compiled_fastmath
+@no_type_check
+def summarise_all(
+    graphs: GraphArrays, shear: bool, out: Float[np.ndarray, "graph feature"]
+) -> None:
+    """Write the summary of every graph; see `summarise`."""
+    for index in range(len(graphs.seconds)):
+        summarise(graphs, index, shear, out[index])
+
+
+@compiled_fastmath
+@no_type_check
+def summarise(
+    graphs: GraphArrays,
+    index: int,
+    shear: bool,
+    out: Float[np.ndarray, "feature"],
+) -> None:
+    """Write the columns of `PRESSURE_SUMMARY`, then those of `SHEAR_SUMMARY`.
+
+    Args:
+        graphs: batch of graphs.
+        index: which of them.
+        shear: whether to write the summary of the shear.
+        out: output, the summary.
+    """
+    force, centre, velocity = compute_load_motion(graphs, index)
+    at = summarise_pressure(graphs, index, force, centre, velocity, out)
+    for k in range(len(HISTORY_FLOORS)):
+        out[at + k] = log(graphs.history[index, k], HISTORY_FLOORS[k])
+    if shear:
+        at += len(HISTORY_FLOORS)
+        summarise_shear(graphs, index, force, centre, velocity, out[at:])
+
+
+@compiled_fastmath
+@no_type_check
+def measure_motion(
+    graphs: GraphArrays,
+    centres: Float[np.ndarray, "graph 3"],
+    velocities: Float[np.ndarray, "graph 3"],
+) -> None:
+    """Write the centre of the load of every graph [cm] and its velocity [cm/s]."""
+    for index in range(len(graphs.seconds)):
+        _, centre, velocity = compute_load_motion(graphs, index)
+        for d in range(3):
+            centres[index, d], velocities[index, d] = centre[d], velocity[d]
+
+
+@compiled_fastmath
+@no_type_check
+def compute_load_motion(
+    graphs: GraphArrays, index: int
+) -> tuple[float, Vector, Vector]:
+    """Return the force of the load [N], its centre [cm] and its velocity [cm/s].
+
+    The earlier load is placed where its taxels are now, so a load that rides on a
+    moving link does not seem to move. The velocity is zero at first contact.
+    """
+    first, end = graphs.offsets[index], graphs.offsets[index + 1]
+    seconds = np.float64(graphs.seconds[index])
+    pressure, previous = graphs.pressure[first:end], graphs.before[first:end]
+    areas, positions = graphs.areas[first:end], graphs.positions[first:end]
+    now, before = 0.0, 0.0
+    x, y, z, x_before, y_before, z_before = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    for i in range(len(pressure)):
+        p, p_before = pressure[i], previous[i]
+        if p == 0.0 and p_before == 0.0:
+            continue
+        weight = np.float64(p) * areas[i]
+        weight_before = np.float64(p_before) * areas[i]
+        now += weight
+        before += weight_before
+        x += weight * positions[i, 0]
+        y += weight * positions[i, 1]
+        z += weight * positions[i, 2]
+        x_before += weight_before * positions[i, 0]
+        y_before += weight_before * positions[i, 1]
+        z_before += weight_before * positions[i, 2]
+    heavy, heavy_before = max(now, MIN_WEIGHT), max(before, MIN_WEIGHT)
+    centre = (x / heavy, y / heavy, z / heavy)
+    velocity = (0.0, 0.0, 0.0)
+    if now > 0.0 and before > 0.0:
+        velocity = (
+            (centre[0] - x_before / heavy_before) / seconds,
+            (centre[1] - y_before / heavy_before) / seconds,
+            (centre[2] - z_before / heavy_before) / seconds,
+        )
+    return now * N_PER_KPA_CM2, centre, velocity
+
+
+@compiled_fastmath
+@no_type_check
+def summarise_pressure(
+    graphs: GraphArrays,
+    index: int,
+    force: float,
+    centre: Vector,
+    velocity: Vector,
+    out: Float[np.ndarray, "feature"],
+) -> int:
+    """Write the features of the pressure, and return their number."""
+    first, end = graphs.offsets[index], graphs.offsets[index + 1]
+    seconds = np.float64(graphs.seconds[index])
+    pressure, previous = graphs.pressure[first:end], graphs.before[first:end]
+    areas, positions = graphs.areas[first:end], graphs.positions[first:end]
+    normals = graphs.normals[first:end]
+    peak, area, squares, loading, unloading = 0.0, 0.0, 0.0, 0.0, 0.0
+    low, middle, high = 0.0, 0.0, 0.0
+    nx, ny, nz = 0.0, 0.0, 0.0
+    xx, yy, zz, xy, xz, yz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    for i in range(len(pressure)):
+        p, a = np.float64(pressure[i]), np.float64(areas[i])
+        change = (p - previous[i]) * a * N_PER_KPA_CM2
+        loading += max(change, 0.0)
+        unloading += max(-change, 0.0)
+        if p == 0.0:
+            continue
+        peak = max(peak, p)
+        area += a
+        low += a if p > LEVELS[0] else 0.0
+        middle += a if p > LEVELS[1] else 0.0
+        high += a if p > LEVELS[2] else 0.0
+        weight = p * a
+        squares += p * weight
+        nx += weight * normals[i, 0]
+        ny += weight * normals[i, 1]
+        nz += weight * normals[i, 2]
+        x = positions[i, 0] - centre[0]
+        y = positions[i, 1] - centre[1]
+        z = positions[i, 2] - centre[2]
+        xx, yy, zz = xx + weight * x * x, yy + weight * y * y, zz + weight * z * z
+        xy, xz, yz = xy + weight * x * y, xz + weight * x * z, yz + weight * y * z
+    total = force / N_PER_KPA_CM2
+    heavy = max(total, MIN_WEIGHT)
+    spreads = compute_eigenvalues(
+        xx / heavy, yy / heavy, zz / heavy, xy / heavy, xz / heavy, yz / heavy
+    )
+    loading, unloading = loading / seconds, unloading / seconds
+    mean, square = total / (area + AREA), squares / (area + AREA)
+    length, breadth = compute_extent(spreads[0]), compute_extent(spreads[1])
+    speed = norm(velocity[0], velocity[1], velocity[2])
+    pressed = square * area * N_PER_KPA_CM2**2
+    columns = (
+        log(force, FORCE),
+        log(peak, PRESSURE),
+        log(area, AREA),
+        log(low, AREA),
+        log(middle, AREA),
+        log(high, AREA),
+        length,
+        breadth,
+        compute_extent(spreads[2]),
+        breadth / (length + 0.1),
+        norm(nx, ny, nz) / heavy,
+        log(loading, RATE),
+        log(unloading, RATE),
+        log(loading + unloading, RATE) - log(force, FORCE),
+        log(speed, SPEED),
+        mean / 50.0,
+        math.sqrt(max(square - mean * mean, 0.0)) / 50.0,
+        log(pressed, FORCE * 0.1) - 2.0 * log(force, FORCE),
+        log(area, AREA) - log(high, AREA),
+    )
+    for k in range(len(columns)):
+        out[k] = columns[k]
+    return len(columns)
+
+
+@compiled_fastmath
+@no_type_check
+def summarise_shear(
+    graphs: GraphArrays,
+    index: int,
+    force: float,
+    centre: Vector,
+    velocity: Vector,
+    out: Float[np.ndarray, "feature"],
+) -> None:
+    """Write the features of the shear."""
+    first, end = graphs.offsets[index], graphs.offsets[index + 1]
+    seconds = np.float64(graphs.seconds[index])
+    areas, positions = graphs.areas[first:end], graphs.positions[first:end]
+    shear, shear_before = graphs.shear[first:end], graphs.shear_before[first:end]
+    size, peak, rate, divergence = 0.0, 0.0, 0.0, 0.0
+    nx, ny, nz, bx, by, bz, cx, cy, cz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    for i in range(len(areas)):
+        a = np.float64(areas[i]) * N_PER_KPA_CM2
+        s, earlier = shear[i], shear_before[i]
+        peak = max(peak, norm(s[0], s[1], s[2]))
+        sx, sy, sz = s[0] * a, s[1] * a, s[2] * a
+        ex, ey, ez = earlier[0] * a, earlier[1] * a, earlier[2] * a
+        size += norm(sx, sy, sz)
+        rate += norm(sx - ex, sy - ey, sz - ez) / seconds
+        nx, ny, nz = nx + sx, ny + sy, nz + sz
+        bx, by, bz = bx + ex, by + ey, bz + ez
+        x = positions[i, 0] - centre[0]
+        y = positions[i, 1] - centre[1]
+        z = positions[i, 2] - centre[2]
+        outward = 1.0 / (norm(x, y, z) + NEAR)
+        divergence += (sx * x + sy * y + sz * z) * outward
+        cx += (y * sz - z * sy) * outward
+        cy += (z * sx - x * sz) * outward
+        cz += (x * sy - y * sx) * outward
+    scale = size + FORCE
+    net, net_before = norm(nx, ny, nz), norm(bx, by, bz)
+    net_rate = norm(nx - bx, ny - by, nz - bz) / seconds
+    vx, vy, vz = velocity[0], velocity[1], velocity[2]
+    along = nx * vx + ny * vy + nz * vz
+    turned = nx * bx + ny * by + nz * bz
+    columns = (
+        log(size, FORCE),
+        log(peak, PRESSURE),
+        log(net, FORCE),
+        net / scale,
+        log(size, FORCE) - log(force, FORCE),
+        log(rate, RATE),
+        log(net_rate, RATE),
+        log(rate, RATE) - log(size, FORCE),
+        divergence / scale,
+        norm(cx, cy, cz) / scale,
+        along / (scale * (norm(vx, vy, vz) + SPEED)),
+        turned / (net * net_before + FORCE**2),
+    )
+    for k in range(len(columns)):
+        out[k] = columns[k]
+
+
+@compiled_fastmath
+@no_type_check
+def log(value: float, floor: float) -> float:
+    """Return a logarithm that is zero at zero and grows slowly below `floor`."""
+    return math.log1p(value / floor)
+
+
+@compiled_fastmath
+@no_type_check
+def norm(x: float, y: float, z: float) -> float:
+    """Return the Euclidean norm of a vector."""
+    return math.sqrt(x * x + y * y + z * z)
+
+
+@compiled_fastmath
+@no_type_check
+def compute_extent(variance: float) -> float:
+    """Return the standard deviation along a principal axis [cm]."""
+    return math.sqrt(max(variance, 0.0) + FLAT**2) - FLAT
+
+
+@compiled_fastmath
+@no_type_check
+def compute_eigenvalues(
+    xx: float, yy: float, zz: float, xy: float, xz: float, yz: float
+) -> tuple[float, float, float]:
+    """Return the eigenvalues of a symmetric 3x3 matrix, largest first, by Jacobi.
+
+    The closed form with a cosine loses half the digits where two of them are equal.
+    """
+    for _ in range(SWEEPS):
+        xx, yy, xy, xz, yz = rotate(xx, yy, xy, xz, yz)
+        xx, zz, xz, xy, yz = rotate(xx, zz, xz, xy, yz)
+        yy, zz, yz, xy, xz = rotate(yy, zz, yz, xy, xz)
+    high, low = max(xx, yy), min(xx, yy)
+    return max(high, zz), max(low, min(high, zz)), min(low, zz)
+
+
+@compiled_fastmath
+@no_type_check
+def rotate(
+    pp: float, qq: float, pq: float, rp: float, rq: float
+) -> tuple[float, float, float, float, float]:
+    """Rotate in the plane of p and q so that the element between them is zero.
+
+    Args:
+        pp: diagonal element of axis p.
+        qq: diagonal element of axis q.
+        pq: the element between them.
+        rp: element between p and the third axis.
+        rq: element between q and the third axis.
+    """
+    if pq == 0.0:
+        return pp, qq, pq, rp, rq
+    half = 0.5 * (qq - pp) / pq
+    t = 1.0 / (abs(half) + math.sqrt(half * half + 1.0))
+    t = math.copysign(t, half)
+    c = 1.0 / math.sqrt(t * t + 1.0)
+    s = t * c
+    return pp - t * pq, qq + t * pq, 0.0, c * rp - s * rq, s * rp + c * rq
