@@ -15,18 +15,18 @@ from itertools import count
 import numpy as np
 import torch
 import tyro
-from eskin.live.graph import graph_of
-from eskin.live.summary_kernels import summarise
 
 import eskin
+from benchmarks.live_parts import SequenceWindow, compute_features
 from eskin.graph import (
     NO_HISTORY,
     GraphBatch,
     GraphBuilder,
     GraphConfig,
-    Share,
+    TouchNodes,
     pack_touch_nodes,
 )
+from eskin.graph.summary_kernels import summarise
 from eskin.learn.checkpoint import to_model
 from eskin.live.encoder_kernels import encode
 from eskin.live.logits import LogitStream
@@ -79,13 +79,13 @@ def main() -> None:
     print(f"| {' | '.join(titles)} |")
     print(f"|{'---|' * len(titles)}")
     for active in ACTIVE:
-        builder, share, reading = pressed(active)
-        batch = builder.build(*share)
+        builder, nodes, reading = pressed(active)
+        batch = builder.build(*nodes)
         later = (
             replace(reading, stamp=reading.stamp + SLOT_NS * (n + 1))
             for n in range(FULL + command.steps)
         )
-        calls = compiled_parts(model, builder, share, list(later))
+        calls = compiled_parts(model, builder, nodes, list(later))
         parts = [times(call, command.steps) for call in calls]
         slow = times(torch_step(network, batch), command.steps // 5)
         cells = [f"{np.median(t):.4f} / {np.percentile(t, 99):.4f}" for t in parts]
@@ -94,7 +94,7 @@ def main() -> None:
         print(f"| {' | '.join(row)} |")
 
 
-def pressed(active: int) -> tuple[GraphBuilder, Share, eskin.Reading]:
+def pressed(active: int) -> tuple[GraphBuilder, TouchNodes, eskin.Reading]:
     """What the graph of a hand is made of whose load on so many taxels rises.
 
     And the reading of it that came last.
@@ -114,27 +114,28 @@ def pressed(active: int) -> tuple[GraphBuilder, Share, eskin.Reading]:
         valid, q = np.ones(skin.count, dtype=bool), np.zeros(6)
         readings.append(eskin.Reading(SLOT_NS * (n + 1), pressure, valid, q))
         builder.advance(readings[-1], taxels)
-    return builder, Share(taxels, taxels, NO_HISTORY), readings[-1]
+    return builder, TouchNodes(taxels, taxels, NO_HISTORY), readings[-1]
 
 
 def compiled_parts(
-    model: Model, builder: GraphBuilder, share: Share, later: list[eskin.Reading]
+    model: Model, builder: GraphBuilder, nodes: TouchNodes, later: list[eskin.Reading]
 ) -> list[Callable[[], object]]:
     """Graph, encoder, summary, heads and the whole step, each of one reading."""
     network, stream = Network(model), LogitStream(model, builder)
-    graph, window = graph_of(builder.build(*share)), network.window()
-    weights, memory = network.weights, network.memory
+    graph = builder.build(*nodes).arrays
+    window = SequenceWindow(network.heads, network.slots)
+    weights, memory = network.weights, network.workspace
     embedding = np.zeros(2 * network.width, np.float32)
     summary = np.zeros(len(weights.summary_mean), np.float32)
-    features = network.features(graph).copy()
+    features = compute_features(network, graph).copy()
     stamps, readings = count(SLOT_NS, SLOT_NS), iter(later)
-    shares = pack_touch_nodes({1: share})
+    packed = pack_touch_nodes({1: nodes})
     return [
-        lambda: builder.build(*share),
+        lambda: builder.build(*nodes),
         lambda: encode(graph, False, weights.encoder, memory, embedding),
-        lambda: summarise(graph, False, summary),
+        lambda: summarise(graph, 0, False, summary),
         lambda: window.push(next(stamps), features),
-        lambda: stream.push(next(readings), shares),
+        lambda: stream.push(next(readings), packed),
     ]
 
 

@@ -15,7 +15,16 @@ import tyro
 from matplotlib.axes import Axes
 from matplotlib.ticker import FormatStrFormatter, LogLocator
 
-from eskin.bench.latency import LatencyRow, pin_to_one_core, scaled
+from eskin.bench import BenchScene, large_skin
+from eskin.bench.latency import (
+    LatencyRow,
+    TimedEngine,
+    build_latency_rows,
+    pin_to_one_core,
+)
+from eskin.bench.scene import find_forearm_taxels
+from eskin.robot import load_robot
+from eskin.skin import MountedSkin
 
 UR5 = 2112
 SKINS = (UR5, 8192, 32768, 131072)
@@ -39,8 +48,8 @@ def main() -> None:
     """Time, print and draw."""
     command = tyro.cli(Command)
     with pin_to_one_core():
-        skins = scaled(SKINS, [USUAL] * len(SKINS), command.steps)
-        touches = scaled([UR5] * len(ACTIVE), ACTIVE, command.steps)
+        skins = time_sizes(SKINS, [USUAL] * len(SKINS), command.steps)
+        touches = time_sizes([UR5] * len(ACTIVE), ACTIVE, command.steps)
     for title, rows in (("By taxels of the skin", skins), ("By active", touches)):
         print(f"\n{title}\n\n| taxels | active | p50 [ms] | p99 [ms] | to the first |")
         print("|---|---|---|---|---|")
@@ -51,7 +60,29 @@ def main() -> None:
         draw(touches, skins, command.picture)
 
 
-def draw(touches: Sequence[LatencyRow], skins: Sequence[LatencyRow], path: Path) -> None:
+def time_sizes(
+    taxels: Sequence[int], active: Sequence[int], steps: int
+) -> list[LatencyRow]:
+    """Time the engine alone on skins and contacts of several sizes, all in turn.
+
+    Args:
+        taxels: number of taxels of each skin.
+        active: number of active taxels of each contact, on the skin in the same place.
+        steps: number of steps timed of each.
+    """
+    skins = {count: large_skin(count) for count in sorted(set(taxels))}
+    robot = load_robot("ur5")
+    methods = []
+    for count, pressed in zip(taxels, active, strict=True):
+        mounted = MountedSkin(skins[count], robot)
+        scene = BenchScene(mounted, find_forearm_taxels(mounted.skin, pressed))
+        methods.append(TimedEngine("eskin", mounted, scene))
+    return build_latency_rows(methods, steps)
+
+
+def draw(
+    touches: Sequence[LatencyRow], skins: Sequence[LatencyRow], path: Path
+) -> None:
     """Draw both, medians and 99th percentiles."""
     figure, (left, right) = plt.subplots(1, 2, figsize=(9, 3.6), sharey=True)
     panel(left, [row.active for row in touches], touches)

@@ -6,8 +6,16 @@ from functools import cache
 import numpy as np
 import torch
 
-from eskin.graph import HISTORY, GraphBatch, GraphBuilder, GraphConfig, join_graphs
-from eskin.nn import network_input, summary
+from eskin.graph import (
+    HISTORY,
+    PRESSURE_SUMMARY,
+    GraphBatch,
+    GraphBuilder,
+    GraphConfig,
+    compute_summary,
+    join_graphs,
+)
+from eskin.nn import NetworkInput, SlotIndex, build_graph_tensors
 from eskin.robot import Joint, Link, Robot, load_robot
 from eskin.skin import (
     MountedSkin,
@@ -122,7 +130,7 @@ def on_flat_skins(shear: bool) -> torch.Tensor:
     """Summaries of touches on flat grids, where some features never change."""
     flat_scenes = press_on_grid, press_on_seam, stroke_on_grid
     batch = join_graphs([make(shear).graphs() for make in flat_scenes])
-    return torch.as_tensor(summary(batch, shear))
+    return torch.as_tensor(compute_summary(batch, shear))
 
 
 @cache
@@ -352,6 +360,20 @@ def assert_same(one: GraphBatch, other: GraphBatch) -> None:
         a, b = getattr(one, field.name), getattr(other, field.name)
         assert np.array_equal(a, b), field.name
         assert a.dtype.kind == b.dtype.kind and a.shape == b.shape, field.name
+
+
+def pressure_summary(batch: GraphBatch) -> np.ndarray:
+    return compute_summary(batch, shear=False)
+
+
+def shear_summary(batch: GraphBatch) -> np.ndarray:
+    return compute_summary(batch, shear=True)[:, len(PRESSURE_SUMMARY) :]
+
+
+def network_input(batch, window, slot, windows, shear, dtype=torch.float32):
+    """The features of a batch of graphs, and the slot of each in its window."""
+    index = SlotIndex(torch.as_tensor(window), torch.as_tensor(slot), windows)
+    return NetworkInput(build_graph_tensors(batch, shear, dtype), index)
 
 
 def window_of(net, batch, dtype=torch.float32):

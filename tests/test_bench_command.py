@@ -6,18 +6,18 @@ from dataclasses import asdict
 
 import numpy as np
 import pytest
+from benchmarks.scaling import time_sizes
 
 from baseline_scenes import UR5
 from eskin.bench import BenchScene, large_skin
 from eskin.bench.latency import (
     LatencyRow,
     TimedMethod,
-    pin_to_one_core,
     draw_random_clips,
-    scaled,
+    pin_to_one_core,
     time_in_turn,
 )
-from eskin.bench.scene import find_forearm_taxels, find_forearm_band
+from eskin.bench.scene import find_forearm_band, find_forearm_taxels
 from eskin.cli.main import run
 from eskin.live import Recognizer
 from eskin.model import load_model
@@ -117,7 +117,10 @@ def engine(mounted):
 def test_exactly_the_taxels_asked_for_are_active_on_every_skin(active):
     for skin in (UR5.skin, large_skin(4000)):
         mounted = MountedSkin(skin, load_robot("ur5"))
-        scene, recognizer = BenchScene(mounted, find_forearm_taxels(skin, active)), engine(mounted)
+        scene, recognizer = (
+            BenchScene(mounted, find_forearm_taxels(skin, active)),
+            engine(mounted),
+        )
         for instant in scene.next_readings(106):
             recognizer.push(instant.reading)
             found = [contact.taxels for contact in recognizer.state.contacts]
@@ -130,14 +133,16 @@ def test_a_grab_goes_round_the_forearm_and_an_idle_skin_is_never_touched():
     normals = UR5.skin.normals[taxels]
     assert len(taxels) == 83 and normals.min() < -0.9 and normals.max() > 0.9
     recognizer = engine(UR5)
-    for instant in BenchScene(UR5, taxels[:0]).instants(76):
+    for instant in BenchScene(UR5, taxels[:0]).next_readings(76):
         assert not instant.touched
         assert recognizer.push(instant.reading) == []
         assert recognizer.state.contacts == ()
 
 
 def test_a_scene_moves_all_joints_and_its_touches_come_and_go():
-    instants = BenchScene(UR5, find_forearm_taxels(UR5.skin, 5), rate=100.0).instants(430)
+    instants = BenchScene(
+        UR5, find_forearm_taxels(UR5.skin, 5), rate=100.0
+    ).next_readings(430)
     stamps = np.array([instant.reading.stamp for instant in instants])
     assert (np.diff(stamps) == 10_000_000).all()
     touched = [instant.touched for instant in instants]
@@ -177,7 +182,7 @@ def test_subjects_take_turns_and_each_takes_all_its_steps():
 
 
 def test_sizes_are_compared_with_the_first():
-    rows = scaled([2112, 3000], [20, 20], 10)
+    rows = time_sizes([2112, 3000], [20, 20], 10)
     assert [(row.taxels, row.active, row.steps) for row in rows] == [
         (2112, 20, 10),
         (3000, 20, 10),

@@ -9,12 +9,8 @@ from eskin.graph import (
     compute_node_scalars,
     create_empty_batch,
     join_graphs,
-    pressure_summary,
-    segment_max,
-    segment_sum,
-    shear_summary,
 )
-from graph_scenes import assert_same, random_graph
+from graph_scenes import assert_same, pressure_summary, random_graph, shear_summary
 
 SIZES = [(4, 1, 7), (0, 5, 0, 0, 3, 0), (0,), (0, 0, 0), (6,), (5, 0), (0, 5)]
 of_any_sizes = pytest.mark.parametrize("sizes", SIZES)
@@ -89,14 +85,13 @@ def test_only_active_nodes_hear_and_no_column_is_empty(sizes):
 
 @of_any_sizes
 @pytest.mark.parametrize("axes", [(), (3,), (2, 3)])
-def test_segment_sums_and_maxima_are_those_of_loops(sizes, axes):
+def test_sums_over_nodes_are_those_of_loops(sizes, axes):
+    batch = join_graphs(graphs_of(sizes))
     values = np.random.default_rng(5).normal(size=(sum(sizes), *axes)) - 3.0
-    offsets = np.concatenate([[0], np.cumsum(sizes)])
+    offsets = batch.offsets
     parts = [values[a:b] for a, b in zip(offsets[:-1], offsets[1:], strict=True)]
     sums = np.array([part.sum(axis=0) for part in parts])
-    largest = [part.max(axis=0) if len(part) else np.zeros(axes) for part in parts]
-    np.testing.assert_allclose(segment_sum(values, offsets), sums, atol=1e-12)
-    assert np.array_equal(segment_max(values, offsets), np.array(largest))
+    np.testing.assert_allclose(batch.sum_nodes(values), sums, atol=1e-12)
 
 
 @of_any_sizes

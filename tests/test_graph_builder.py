@@ -10,7 +10,6 @@ from eskin.graph import (
     GraphConfig,
     compute_node_scalars,
     join_graphs,
-    pressure_summary,
 )
 from graph_scenes import (
     FOLDED,
@@ -21,6 +20,7 @@ from graph_scenes import (
     flat,
     moved,
     press_on_grid,
+    pressure_summary,
     reading_at,
     scene,
     touch_on_arm,
@@ -58,7 +58,7 @@ def test_a_graph_holds_the_touch_now_and_before_and_their_fixed_neighbours():
     touch = scene(mounted, [here, there])
     builder = GraphBuilder(mounted)
     pressed = np.flatnonzero((here > 0) | (there > 0))
-    around = builder.ground.table[pressed]
+    around = builder.geometry.fixed_neighbours[pressed]
     want = np.unique(np.concatenate([pressed, around[around >= 0]]))
     assert np.array_equal(touch.graphs().select(np.array([1])).taxels, want)
 
@@ -208,7 +208,7 @@ def test_a_longer_reach_joins_more_and_no_live_neighbours_join_none():
 
 def test_every_fixed_edge_inside_the_touch_is_in_its_graph():
     touch = touch_on_arm()
-    table = GraphBuilder(touch.mounted).ground.table
+    table = GraphBuilder(touch.mounted).geometry.fixed_neighbours
     graph = touch.graphs().select(np.array([1]))
     for node, taxel in enumerate(graph.taxels):
         want = [t for t in table[taxel].tolist() if t in graph.taxels]
@@ -233,11 +233,11 @@ def test_positions_far_from_the_origin_keep_their_precision():
 
 def soiled(builder):
     """The builder's memory filled with what no graph holds."""
-    untouched = ("marks", "search")
-    for name, values in builder.memory._asdict().items():
-        if name not in untouched:
+    workspace = builder.workspace
+    for name, values in workspace._asdict().items():
+        if name not in ("marks", "search", "graph"):
             values.fill(7)
-    for values in builder.memory.search:
+    for values in (*workspace.search, *workspace.graph):
         values.fill(7)
 
 
@@ -255,7 +255,7 @@ def test_a_graph_does_not_depend_on_what_its_memory_held(shear):
         taxels = np.flatnonzero(reading.pressure)
         for builder in (clean, used):
             builder.advance(reading, taxels)
-        clean.memory = GraphBuilder(touch.mounted).memory
+        clean.workspace = GraphBuilder(touch.mounted).workspace
         soiled(used)
         same(used.build(taxels, earlier), clean.build(taxels, earlier))
         earlier = taxels

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from eskin.graph import WHOLE_SKIN, GraphStream, pressure_summary
+from eskin.graph import WHOLE_SKIN, GraphStream
 from eskin.touch import Calibration, TouchPipeline
-from graph_scenes import bump, flat, reading_at
+from graph_scenes import bump, flat, pressure_summary, reading_at
 
 STEP = 0.05
 

@@ -11,8 +11,6 @@ from eskin.graph import (
     SHEAR_SUMMARY,
     compressed,
     compute_node_scalars,
-    pressure_summary,
-    shear_summary,
 )
 from eskin.graph.summary_kernels import AREA, FORCE, HISTORY_FLOORS, RATE, SPEED
 from graph_scenes import (
@@ -22,8 +20,10 @@ from graph_scenes import (
     double,
     flat,
     orthogonal,
+    pressure_summary,
     rolled,
     scene,
+    shear_summary,
     shuffled,
     stroke_on_grid,
     turned,

@@ -177,7 +177,7 @@ def test_confidence_is_the_share_of_the_winner():
     np.testing.assert_allclose(compute_confidence(np.log(probabilities)), [0.7, 0.5])
     with np.errstate(divide="ignore"):
         without_none = np.log([[0.0, 0.3, 0.1]])
-    np.testing.assert_allclose(confidence(without_none), [0.75])
+    np.testing.assert_allclose(compute_confidence(without_none), [0.75])
 
 
 def test_recordings_that_do_not_fit_the_model_are_refused(dataset):

@@ -5,7 +5,7 @@ from dataclasses import fields
 import numpy as np
 import pytest
 
-from eskin.graph import HISTORY, compute_node_scalars, join_graphs, pressure_summary
+from eskin.graph import HISTORY, compute_node_scalars, join_graphs
 from eskin.learn.windows import (
     TIME_COLUMNS,
     Windows,
@@ -15,7 +15,7 @@ from eskin.learn.windows import (
     subsample_readings,
 )
 from eskin.model import SLOT_NS
-from graph_scenes import assert_same, random_graph
+from graph_scenes import assert_same, pressure_summary, random_graph
 from learn_scenes import START, bare
 
 SLOTS = 100

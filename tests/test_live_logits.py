@@ -3,15 +3,15 @@
 import numpy as np
 import pytest
 import torch
-from eskin.live.graph import graph_of
+from benchmarks.live_parts import SequenceWindow, compute_features
 from numba.core.runtime import rtsys
 from numba.core.runtime._nrt_python import memsys_disable_stats, memsys_enable_stats
 
-from eskin.graph import NO_HISTORY, GraphBuilder, Share, pack_touch_nodes
+from eskin.graph import NO_HISTORY, GraphBuilder, pack_touch_nodes
 from eskin.learn.dataset import prepare
 from eskin.learn.windows import build_network_input, cut_windows
-from eskin.live import Network, Recognizer
-from eskin.live.logits import SEQUENCES, LogitStream, calibrated
+from eskin.live import Network, Recognizer, compute_probabilities
+from eskin.live.logits import SEQUENCES, LogitStream
 from eskin.live.step_kernels import step
 from eskin.touch import Reading
 from live_scenes import (
@@ -97,20 +97,20 @@ def test_a_step_is_graph_then_features_then_window(kind):
     model = model_of(network(kind), temperature=1.7)
     stream = LogitStream(model, GraphBuilder(on))
     builder, live = GraphBuilder(on), Network(model)
-    window, earlier = live.window(), np.empty(0, np.int64)
-    memory = stream.memory
+    window, earlier = SequenceWindow(live.heads, live.slots), np.empty(0, np.int64)
+    memory = stream.workspace
     for n, count in enumerate((5, 40, 0, 900, 3, 400)):
         taxels = felt(on, count, rng)
         reading = reading_of(on, n, taxels, rng)
         builder.advance(reading, taxels)
-        share = Share(taxels, earlier, rng.uniform(0, 9, len(NO_HISTORY)))
-        stream.push(reading, pack_touch_nodes({7: share}))
-        features = live.features(graph_of(builder.build(*share)))
+        one = TouchNodes(taxels, earlier, rng.uniform(0, 9, len(NO_HISTORY)))
+        stream.push(reading, pack_touch_nodes({7: one}))
+        features = compute_features(live, builder.build(*one))
         want = window.push(reading.stamp, features)
         assert np.array_equal(stream.logits[7], want)
-        assert np.array_equal(stream.probabilities[7], calibrated(want, 1.7))
+        assert np.array_equal(stream.probabilities[7], compute_probabilities(want, 1.7))
         earlier = taxels
-    assert stream.memory is not memory
+    assert stream.workspace is not memory
 
 
 def test_a_step_takes_no_memory_in_compiled_code():
@@ -118,12 +118,12 @@ def test_a_step_takes_no_memory_in_compiled_code():
     stream = LogitStream(model_of(network("shear")), GraphBuilder(on))
     taxels, out = felt(on, 60, rng), np.empty((2, 2, 4), np.float32)
     reading = reading_of(on, 0, taxels, rng)
-    share = Share(taxels, taxels, NO_HISTORY)
-    shares = pack_touch_nodes({1: share, 2: share})
-    stream.push(reading, shares)
-    given = (stream.parts, stream.held_pool, shares.held)
+    one = TouchNodes(taxels, taxels, NO_HISTORY)
+    nodes = pack_touch_nodes({1: one, 2: one})
+    stream.push(reading, nodes)
+    given = (stream.parts, stream.packed_pool, nodes.packed)
     given += reading.pressure, reading.shear
-    given += stream.builder.T_world_link, stream.builder.instant
+    given += stream.builder.T_world_link, stream.builder.time_step
     memsys_enable_stats()
     try:
         before = rtsys.get_allocation_stats()
@@ -136,14 +136,14 @@ def test_a_step_takes_no_memory_in_compiled_code():
     assert after.free - before.free == 30 * 4
 
 
-def some_shares(on, keys, rng):
+def some_nodes(on, keys, rng):
     """A few taxels for each of some sequences, none of which is another's."""
-    shares = {}
+    nodes = {}
     for key in keys:
         own = np.arange(key, on.skin.count, 20)
         taxels, earlier = (np.sort(rng.choice(own, n, replace=False)) for n in (6, 5))
-        shares[key] = Share(taxels, earlier, rng.uniform(0, 9, len(NO_HISTORY)))
-    return shares
+        nodes[key] = TouchNodes(taxels, earlier, rng.uniform(0, 9, len(NO_HISTORY)))
+    return nodes
 
 
 def test_sequences_side_by_side_give_what_each_gives_alone():
@@ -154,12 +154,12 @@ def test_sequences_side_by_side_give_what_each_gives_alone():
     alone = {key: LogitStream(model, GraphBuilder(on)) for key in range(1, count + 1)}
     for n, most in enumerate((3, SEQUENCES, count, 2, SEQUENCES)):
         keys = rng.permutation(np.arange(1, most + 1)).tolist()
-        shares = some_shares(on, keys, rng)
+        nodes = some_nodes(on, keys, rng)
         reading = reading_of(on, n, np.arange(on.skin.count), rng)
-        together.push(reading, pack_touch_nodes(shares))
+        together.push(reading, pack_touch_nodes(nodes))
         assert list(together.logits) == list(together.probabilities) == keys
         for key, stream in alone.items():
-            own = {key: shares[key]} if key in shares else {}
+            own = {key: nodes[key]} if key in nodes else {}
             stream.push(reading, pack_touch_nodes(own))
             for found in ("logits", "probabilities"):
                 want = getattr(stream, found)
@@ -176,13 +176,13 @@ def test_a_sequence_that_has_ended_leaves_nothing_behind():
     model, last = model_of(network()), 0
     used, fresh = (LogitStream(model, GraphBuilder(on)) for _ in range(2))
     for n, key in enumerate((1, 1, 2, 2, 0, 2, 2)):
-        shares = some_shares(on, [key] if key else [], rng)
+        nodes = some_nodes(on, [key] if key else [], rng)
         reading = reading_of(on, n, felt(on, 9, rng), rng)
         if key != last:
             fresh = LogitStream(model, fresh.builder)
         for stream in (used, fresh):
-            stream.push(reading, pack_touch_nodes(shares))
-        assert list(used.logits) == list(shares)
+            stream.push(reading, pack_touch_nodes(nodes))
+        assert list(used.logits) == list(nodes)
         if key:
             assert np.array_equal(used.logits[key], fresh.logits[key])
         last = key
@@ -194,8 +194,8 @@ def test_what_was_told_does_not_change_later():
     stream = LogitStream(model_of(network()), GraphBuilder(on))
     told = []
     for n in range(4):
-        shares = some_shares(on, [1, 2], rng)
-        stream.push(reading_of(on, n, felt(on, 9, rng), rng), pack_touch_nodes(shares))
+        nodes = some_nodes(on, [1, 2], rng)
+        stream.push(reading_of(on, n, felt(on, 9, rng), rng), pack_touch_nodes(nodes))
         values = [*stream.logits.values(), *stream.probabilities.values()]
         told.append((values, np.copy(values)))
     for values, then in told:
@@ -205,6 +205,8 @@ def test_what_was_told_does_not_change_later():
 def test_probabilities_are_those_of_a_softmax_and_never_overflow():
     logits = np.array([3.0, -1.0, 0.5], np.float32)
     powers = np.exp(logits.astype(np.float64) / 2.0)
-    np.testing.assert_allclose(calibrated(logits, 2.0), powers / powers.sum(), 1e-6)
-    extreme = calibrated(np.array([1e4, 0.0, -1e4], np.float32), 0.5)
+    np.testing.assert_allclose(
+        compute_probabilities(logits, 2.0), powers / powers.sum(), 1e-6
+    )
+    extreme = compute_probabilities(np.array([1e4, 0.0, -1e4], np.float32), 0.5)
     assert extreme.tolist() == [1.0, 0.0, 0.0]

@@ -6,8 +6,6 @@ from functools import cache
 import numpy as np
 import pytest
 import torch
-from eskin.live.graph import graph_of
-from eskin.live.summary_kernels import eigenvalues, summarise
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numba.core.runtime import rtsys
@@ -15,12 +13,13 @@ from numba.core.runtime._nrt_python import memsys_disable_stats, memsys_enable_s
 
 from eskin.errors import ModelError
 from eskin.graph import HISTORY, GraphBatch, join_graphs
+from eskin.graph.summary_kernels import compute_eigenvalues
 from eskin.live import Network
 from eskin.live.kernels import activate
 from eskin.live.network import NODES
 from eskin.model import SLOT_NS, Model
 from eskin.model.file import network_shapes
-from eskin.nn import build_graph_tensors, network_input, summary
+from eskin.nn import build_graph_tensors, network_input
 from graph_scenes import with_bystanders
 from live_scenes import VOCABULARY, model_of, network
 
@@ -66,14 +65,14 @@ def of_torch(net, batch, stamps):
 
 def features_of(live, batch):
     """Features of every graph of a batch, each on its own."""
-    rows = [live.features(graph_of(batch, k)).copy() for k in range(batch.count)]
-    return np.array(rows)
+    graphs = [batch.select(np.array([k])) for k in range(batch.count)]
+    return np.array([compute_features(live, graph).copy() for graph in graphs])
 
 
 def of_live(net, batch, stamps):
     """The same without torch."""
     live = Network(model_of(net))
-    window, logits = live.window(), None
+    window, logits = SequenceWindow(live.heads, live.slots), None
     for row, stamp in zip(features_of(live, batch), stamps.tolist(), strict=True):
         logits = window.push(stamp, row)
     return logits
@@ -153,14 +152,13 @@ def test_more_edges_than_fit_one_block_give_the_features_of_torch():
 
 @pytest.mark.parametrize("kind", ["pressure", "shear"])
 @pytest.mark.parametrize("touched", [True, False])
-def test_the_compiled_summary_is_that_of_graph(kind, touched):
+def test_the_compiled_summary_is_that_of_numpy(kind, touched):
     rng = np.random.default_rng(6)
     shear = kind == "shear"
     for nodes in (0, 1, 2, 3, 50):
         batch = random_graph(rng, nodes, touched)
-        want = summary(batch, shear)[0]
-        found = np.empty_like(want)
-        summarise(graph_of(batch), shear, found)
+        [found] = compute_summary(batch, shear)
+        want = reference_summary(batch, shear)
         np.testing.assert_allclose(found, want, atol=1e-5)
 
 
@@ -171,27 +169,28 @@ def test_the_compiled_summary_is_that_of_graph(kind, touched):
 def test_eigenvalues_are_exact_where_some_are_equal(entries, third):
     basis, _ = np.linalg.qr(np.reshape(entries, (3, 3)))
     a = basis @ np.diag([4.0, third, third]) @ basis.T
-    found = eigenvalues(a[0, 0], a[1, 1], a[2, 2], a[0, 1], a[0, 2], a[1, 2])
+    found = compute_eigenvalues(a[0, 0], a[1, 1], a[2, 2], a[0, 1], a[0, 2], a[1, 2])
     np.testing.assert_allclose(found, [4.0, third, third], atol=1e-12)
 
 
 def test_arrays_longer_than_the_graph_give_its_features():
     rng = np.random.default_rng(8)
     live = Network(model_of(network("shear")))
-    short, long = graph_of(random_graph(rng, 20)), graph_of(random_graph(rng, 90))
-    for name, values in long._asdict().items():
-        if name not in ("nodes", "seconds", "history"):
-            values[:20] = getattr(short, name)
-    longer = long._replace(nodes=20, seconds=short.seconds, history=short.history)
-    want = live.features(short).copy()
-    assert np.array_equal(live.features(longer), want)
+    short, long = random_graph(rng, 20).arrays, random_graph(rng, 90).arrays
+    for name in NODE_FIELDS:
+        getattr(long, name)[:20] = getattr(short, name)
+    longer = long._replace(
+        offsets=short.offsets, seconds=short.seconds, history=short.history
+    )
+    want = compute_features(live, short).copy()
+    assert np.array_equal(compute_features(live, longer), want)
 
 
 def test_a_graph_of_a_batch_has_the_features_that_it_has_alone():
     rng = np.random.default_rng(3)
     live = Network(model_of(network("shear")))
     graphs = [random_graph(rng, n, touched=n != 7) for n in (5, 0, 30, 7, 0)]
-    alone = [live.features(graph_of(graph)).copy() for graph in graphs]
+    alone = [compute_features(live, graph).copy() for graph in graphs]
     assert np.array_equal(features_of(live, join_graphs(graphs)), alone)
 
 
@@ -215,14 +214,14 @@ def test_a_graph_larger_than_any_before_is_made_room_for_once():
     rng = np.random.default_rng(9)
     live, small = Network(model_of(network())), random_graph(rng, 20)
     want = features_of(live, small)
-    memory = live.memory
+    memory = live.workspace
     features_of(live, random_graph(rng, NODES))
-    assert live.memory is memory
+    assert live.workspace is memory
     features_of(live, random_graph(rng, NODES + 1))
-    grown = live.memory
+    grown = live.workspace
     assert grown is not memory
     features_of(live, random_graph(rng, 2 * NODES))
-    assert live.memory is grown
+    assert live.workspace is grown
     assert np.array_equal(features_of(live, small), want)
 
 
@@ -237,16 +236,19 @@ def arrays_in(values):
 def test_a_reading_takes_no_memory_in_compiled_code(nodes):
     rng = np.random.default_rng(10)
     live = Network(model_of(network("shear")))
-    window, graph = live.window(), graph_of(random_graph(rng, nodes))
+    window, graph = (
+        SequenceWindow(live.heads, live.slots),
+        random_graph(rng, nodes).arrays,
+    )
     memsys_enable_stats()
     try:
         before = rtsys.get_allocation_stats()
         for n in range(30):
-            window.push(10**18 + 3 * n * SLOT_NS, live.features(graph))
+            window.push(10**18 + 3 * n * SLOT_NS, compute_features(live, graph))
         after = rtsys.get_allocation_stats()
     finally:
         memsys_disable_stats()
-    given = (graph, live.weights, live.memory, live.heads, window.memory)
+    given = (graph, live.weights, live.workspace, live.heads, window.state)
     handles = arrays_in(given) + 3  # features twice and logits; the rest is ours
     assert after.alloc - before.alloc == 30 * handles
     assert after.free - before.free == 30 * handles

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 import torch
+from benchmarks.live_parts import SequenceWindow
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -28,7 +29,7 @@ def of_torch(net, numbers, rows):
 def check(net, stamps, seed):
     """Hold the logits at every stamp to those of torch."""
     live = Network(model_of(net))
-    window = live.window()
+    window = SequenceWindow(live.heads, live.slots)
     rows = np.random.default_rng(seed).normal(size=(len(stamps), live.channels))
     rows = 2 * rows.astype(np.float32)
     numbers = [stamp // SLOT_NS for stamp in stamps]
@@ -68,7 +69,7 @@ def test_an_old_slot_is_not_mistaken_for_a_new_one_after_a_pause(slots, gap):
 
 def test_logits_given_away_are_not_written_to_again():
     live = Network(model_of(NETS[25]))
-    window = live.window()
+    window = SequenceWindow(live.heads, live.slots)
     rows = np.random.default_rng(0).normal(size=(2, live.channels)).astype(np.float32)
     first = window.push(0, rows[0])
     kept = first.copy()

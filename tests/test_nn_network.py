@@ -7,15 +7,17 @@ import pytest
 import torch
 from torch.nn.functional import cross_entropy
 
-from eskin.graph import join_graphs, pressure_summary
+from eskin.graph import join_graphs
 from eskin.model import NetworkConfig
-from eskin.nn import RecogniserNetwork, build_graph_tensors, network_input
+from eskin.nn import RecogniserNetwork, build_graph_tensors
 from graph_scenes import (
     double,
     flat,
     logits,
+    network_input,
     press_on_grid,
     press_on_seam,
+    pressure_summary,
     random_graph,
     rolled,
     scene,

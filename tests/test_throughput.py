@@ -10,7 +10,7 @@ from eskin.cli.main import run
 
 @pytest.mark.parametrize("over", ["udp", "serial"])
 def test_readings_come_through_and_are_counted(over, capsys, monkeypatch):
-    monkeypatch.setattr(bench, "SETTLE", 0.5)
+    monkeypatch.setattr(bench, "SETTLE_S", 0.5)
     words = ["--rate", "50", "--seconds", "0.5", "--over", over, "--json"]
     assert run(["bench", "throughput", *words]) == 0
     result = json.loads(capsys.readouterr().out.splitlines()[-1])
@@ -29,7 +29,7 @@ def test_the_limit_lies_where_readings_first_drop(monkeypatch):
             over, rate, rate, int(rate > 3100), 0.5, 1.0, 1.0, 1.0, 0.3, 1, {}
         )
 
-    monkeypatch.setattr(bench, "throughput", dropping)
+    monkeypatch.setattr(bench, "measure_throughput", dropping)
     assert 3100 < bench.find_limit("udp", 1000.0) <= 3250
     assert tried[:3] == [1000.0, 2000.0, 4000.0] and len(tried) == 7
 

@@ -10,7 +10,11 @@ from itertools import islice
 from pathlib import Path
 
 from benchmarks.soak.cable import Cable
-from eskin.bench.sender import build_sender_calibration, repeat_scans, build_touch_counts
+from eskin.bench.sender import (
+    build_sender_calibration,
+    build_touch_counts,
+    repeat_scans,
+)
 from eskin.bench.throughput import SwingingJoints, count_losses, run_sender
 from eskin.drivers import (
     Clock,
@@ -72,7 +76,9 @@ def stream_simulated(seconds: float) -> Soaked:
         inner = SerialTransport(clock, paths)
         stack.callback(inner.close)
         device = VirtualSkin(mounted.skin, lines, RATE)
-        scans = islice(repeat_scans(build_touch_counts(mounted), RATE), round(seconds * RATE))
+        scans = islice(
+            repeat_scans(build_touch_counts(mounted), RATE), round(seconds * RATE)
+        )
         cable = Cable(inner, device, scans, clock)
         first = SETTLED * seconds * RATE
         return streamed(cable, clock, lambda: cable.sent >= first, cable.over.is_set)

@@ -12,7 +12,7 @@ from dataclasses import asdict, dataclass
 from typing import final
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Int
 from threadpoolctl import threadpool_limits
 
 from eskin.bench.scene import (
@@ -36,30 +36,30 @@ from eskin.model import load_model
 from eskin.robot import load_robot
 from eskin.skin import MountedSkin
 
-CLASSES = 5
+CLASS_COUNT = 5
 RADII = (0.010, 0.015, 0.020, 0.030, 0.040)
-"""Of the touches of each class [m]."""
+"""Radius of the touches of each class [m]."""
 
 LENGTHS = (15, 60, 30, 80, 45)
-"""Readings that the touches of each class last."""
+"""Duration of the touches of each class, in readings."""
 
 
 def draw_random_clips(
     mounted: MountedSkin, count: int, seed: int = 0
 ) -> tuple[SkinWindows, Int[np.ndarray, "clip"]]:
-    """Round touches anywhere, their classes apart by size and length, and noise.
+    """Draw clips of round touches and noise, with classes that differ in size and length.
 
-    Enough for timing, not for anything that accuracies are measured on.
+    They serve for fitting before timing, not for measuring accuracies.
 
     Args:
-        mounted: the skin on its robot.
-        count: how many clips.
-        seed: decides everything that is drawn.
+        mounted: skin on its robot.
+        count: number of clips.
+        seed: random seed.
     """
     rng = np.random.default_rng(seed)
     skin, joints = mounted.skin, len(mounted.robot.joint_names)
     links = mounted.taxel_link_index
-    labels = np.arange(count) % CLASSES
+    labels = np.arange(count) % CLASS_COUNT
     pressure = rng.random((count, READINGS, skin.count), np.float32) * np.float32(0.3)
     for clip, label in enumerate(labels):
         centre = rng.integers(skin.count)
@@ -75,30 +75,30 @@ def draw_random_clips(
 
 ROUNDS = 10
 WARM_UP = 210
-"""Steps of the engine that are not counted: its window of 2 s is full then."""
+"""Number of first steps of the engine that are not counted: they fill its 2 s window."""
 
-PATIENCE = 5.0
-"""A baseline is timed no more steps than about so long takes [s]."""
+MAX_BASELINE_S = 5.0
+"""Approximate limit on the time for which a baseline is timed [s]."""
 
 
 @dataclass(frozen=True)
 class LatencyRow:
-    """What one step of one method takes."""
+    """A row of the table tells how long one step of one method takes."""
 
     name: str
-    """`eskin` is the engine."""
+    """Name of the method; `eskin` is the engine."""
     p50_ms: float
     p99_ms: float
     max_ms: float
     taxels: int
     active: int
     steps: int
-    """How many were timed."""
+    """Number of steps timed."""
     ratio: float
-    """Median over the engine's at as many active taxels as were asked for."""
+    """Median divided by that of the first row, the engine on the contact asked for."""
 
     def as_dict(self) -> dict[str, object]:
-        """As JSON has it."""
+        """Return the fields as plain rounded values."""
         rounded: dict[str, object] = {
             "p50_ms": round(self.p50_ms, 4),
             "p99_ms": round(self.p99_ms, 4),
@@ -109,10 +109,10 @@ class LatencyRow:
 
 
 class TimedMethod(ABC):
-    """Something that takes a step at each reading."""
+    """A method that takes a step at each reading and is timed on a scene."""
 
     def __init__(self, name: str, mounted: MountedSkin, scene: BenchScene) -> None:
-        """Name what is timed on a scene."""
+        """Store the name and the scene."""
         self.name = name
         self.taxels = mounted.skin.count
         self.active = len(scene.active)
@@ -120,100 +120,103 @@ class TimedMethod(ABC):
 
     @abstractmethod
     def run(self, count: int) -> list[float]:
-        """Seconds that each of the next steps took, all of them with contact."""
+        """Take the next steps with contact; return the duration of each [s]."""
 
     @abstractmethod
     def steps(self, wanted: int) -> int:
-        """Warm up, and say how many steps are to be timed."""
+        """Warm up and return how many steps to time."""
 
 
 @final
 class TimedEngine(TimedMethod):
-    """`Recognizer.push` with the weights that come with eskin."""
+    """A timed method that calls `Recognizer.push` with the weights of eskin."""
 
     def __init__(self, name: str, mounted: MountedSkin, scene: BenchScene) -> None:
-        """Start a recogniser."""
+        """Load a recogniser."""
         super().__init__(name, mounted, scene)
         self.recognizer = Recognizer(load_model("ur5"), mounted, None)
 
     def run(self, count: int) -> list[float]:
-        """Seconds that each step took, untouched ones only where none is touched."""
+        """Take the next steps; count those with contact, or all on an idle scene."""
         found: list[float] = []
         push, clock = self.recognizer.push, time.perf_counter
         while len(found) < count:
-            for instant in self.scene.next_readings(min(count - len(found), 100)):
+            for item in self.scene.next_readings(min(count - len(found), 100)):
                 start = clock()
-                push(instant.reading)
+                push(item.reading)
                 seconds = clock() - start
-                if instant.touched or not self.active:
+                if item.touched or not self.active:
                     found.append(seconds)
         return found
 
     def steps(self, wanted: int) -> int:
-        """Warm up, and say how many steps are to be timed."""
+        """Fill the engine's window and return `wanted`."""
         self.run(WARM_UP)
         return wanted
 
 
 @final
 class TimedBaseline(TimedMethod):
-    """A baseline that answers at every reading."""
+    """A timed method that calls a baseline at every reading."""
 
     def __init__(
         self, name: str, mounted: MountedSkin, scene: BenchScene, stream: BaselineStream
     ) -> None:
-        """Take a baseline's stream."""
+        """Store a baseline's stream."""
         super().__init__(name, mounted, scene)
         self.stream = stream
 
     def run(self, count: int) -> list[float]:
-        """Seconds that each step took."""
+        """Take the next steps with contact; return the duration of each [s]."""
         found = []
         while len(found) < count:
-            instant = self.scene.next_reading()
-            if instant.touched:
+            item = self.scene.next_reading()
+            if item.touched:
                 start = time.perf_counter()
-                self.stream.push(instant.reading.pressure, instant.reading.q)
+                self.stream.push(item.reading.pressure, item.reading.q)
                 found.append(time.perf_counter() - start)
         return found
 
     def steps(self, wanted: int) -> int:
-        """Warm up, and say how many steps are to be timed."""
+        """Time three steps and return how many fit into the time limit."""
         seconds = float(np.median(self.run(3)))
-        return min(wanted, max(ROUNDS, round(PATIENCE / seconds)))
+        return min(wanted, max(ROUNDS, round(MAX_BASELINE_S / seconds)))
 
 
-def time_in_turn(subjects: Sequence[TimedMethod], steps: int) -> list[np.ndarray]:
-    """Milliseconds of each step of each subject, taken in turn in several rounds."""
-    wanted = [subject.steps(steps) for subject in subjects]
-    found: list[list[float]] = [[] for _ in subjects]
+def time_in_turn(methods: Sequence[TimedMethod], steps: int) -> list[np.ndarray]:
+    """Return the duration of each step of each method [ms], timed in several rounds."""
+    wanted = [method.steps(steps) for method in methods]
+    found: list[list[float]] = [[] for _ in methods]
     for part in range(ROUNDS):
-        for subject, count, times in zip(subjects, wanted, found, strict=True):
+        for method, count, times in zip(methods, wanted, found, strict=True):
             share = count * (part + 1) // ROUNDS - count * part // ROUNDS
-            times += subject.run(share)
+            times += method.run(share)
     return [1e3 * np.array(times) for times in found]
 
 
-def build_latency_row(
-    subject: TimedMethod, milliseconds: Float[np.ndarray, "step"], unit: float
-) -> LatencyRow:
-    """A row of the table; `unit` is the median that the ratio is to [ms]."""
-    middle, high = np.percentile(milliseconds, (50, 99))
-    return LatencyRow(
-        subject.name,
-        float(middle),
-        float(high),
-        float(milliseconds.max()),
-        subject.taxels,
-        subject.active,
-        len(milliseconds),
-        float(middle) / unit,
-    )
+def build_latency_rows(methods: Sequence[TimedMethod], steps: int) -> list[LatencyRow]:
+    """Time the methods in turn and build their rows; ratios refer to the first."""
+    rows: list[LatencyRow] = []
+    for method, times in zip(methods, time_in_turn(methods, steps), strict=True):
+        p50, p99 = np.percentile(times, (50, 99)).tolist()
+        rows.append(
+            LatencyRow(
+                name=method.name,
+                p50_ms=p50,
+                p99_ms=p99,
+                max_ms=float(times.max()),
+                taxels=method.taxels,
+                active=method.active,
+                steps=len(times),
+                ratio=p50 / (rows[0].p50_ms if rows else p50),
+            )
+        )
+    return rows
 
 
 @contextmanager
 def pin_to_one_core() -> Iterator[None]:
-    """Everything within runs on one core, in one thread; one core of several we had."""
+    """Run what is inside `with` on one of the available cores, in one thread."""
     use_one_thread()
     with threadpool_limits(1):
         if not hasattr(os, "sched_setaffinity"):
@@ -227,31 +230,31 @@ def pin_to_one_core() -> Iterator[None]:
             os.sched_setaffinity(0, before)
 
 
-FEW, GRAB = 20, 83
+LIGHT_TAXELS, GRAB_TAXELS = 20, 83
 """Active taxels of a light touch and of a full grab."""
 
 NETWORK_CLIPS = 20
-"""A network is fitted on so many: its step takes as long whatever its weights are."""
+"""Number of clips that a network is fitted on: its weights do not change its timing."""
 
 
 @dataclass(frozen=True)
 class LatencyConfig:
-    """What is timed, and how often."""
+    """Parameters that set what is timed, and how often."""
 
     active: int = 60
-    """Active taxels of the contact that all are timed on."""
+    """Active taxels of the contact that all methods are timed on."""
 
     taxels: int = 2112
-    """Of the skin: 2112 is the ur5 skin, more are the same with skin around it."""
+    """Taxels of the skin: 2112 is the ur5 skin, more add panels around it."""
 
     steps: int = 5000
-    """Steps timed of the engine in each scene, and at most of each baseline."""
+    """Timed steps of the engine in each scene, and at most of each baseline."""
 
     clips: int = 581
-    """Random clips that the baselines are fitted on; the paper had 581."""
+    """Number of random clips that the baselines are fitted on; the paper had 581."""
 
     def __post_init__(self) -> None:
-        """Refuse what cannot be timed."""
+        """Raise if a number is out of range."""
         if self.steps < 10:
             raise ValueError(
                 f"--steps is {self.steps}; allowed are 10 and above; change it"
@@ -263,45 +266,23 @@ class LatencyConfig:
             )
 
 
-def latency(config: LatencyConfig, baselines: Sequence[str]) -> list[LatencyRow]:
+def measure_latency(
+    config: LatencyConfig, baselines: Sequence[str]
+) -> list[LatencyRow]:
     """Time the engine on several scenes, and baselines on the first of them.
 
     Args:
-        config: what is timed, and how often.
-        baselines: their names.
+        config: parameters that set what is timed, and how often.
+        baselines: names of the baselines.
     """
     mounted = MountedSkin(large_skin(config.taxels), load_robot("ur5"))
-    subjects = build_timed_engines(mounted, config.active)
-    subjects += build_timed_baselines(mounted, config, baselines)
-    times = time_in_turn(subjects, config.steps)
-    unit = float(np.median(times[0]))
-    return [build_latency_row(s, t, unit) for s, t in zip(subjects, times, strict=True)]
-
-
-def scaled(
-    taxels: Sequence[int], active: Sequence[int], steps: int
-) -> list[LatencyRow]:
-    """Time the engine alone on skins and contacts of several sizes, all in turn.
-
-    Args:
-        taxels: of each skin.
-        active: of each contact, on the skin of the same place in `taxels`.
-        steps: timed of each.
-    """
-    skins = {count: large_skin(count) for count in sorted(set(taxels))}
-    robot = load_robot("ur5")
-    subjects: list[TimedMethod] = []
-    for count, pressed in zip(taxels, active, strict=True):
-        mounted = MountedSkin(skins[count], robot)
-        scene = BenchScene(mounted, find_forearm_taxels(mounted.skin, pressed))
-        subjects.append(TimedEngine("eskin", mounted, scene))
-    times = time_in_turn(subjects, steps)
-    unit = float(np.median(times[0]))
-    return [build_latency_row(s, t, unit) for s, t in zip(subjects, times, strict=True)]
+    methods = build_timed_engines(mounted, config.active)
+    methods += build_timed_baselines(mounted, config, baselines)
+    return build_latency_rows(methods, config.steps)
 
 
 def build_timed_engines(mounted: MountedSkin, active: int) -> list[TimedMethod]:
-    """The engine on the contact asked for, idle, and on other touches."""
+    """Build the engine on the contact asked for, idle, and on other touches."""
     skin = mounted.skin
     two = np.concatenate(
         [find_forearm_taxels(skin, active), find_upper_arm_taxels(skin, active)]
@@ -309,8 +290,8 @@ def build_timed_engines(mounted: MountedSkin, active: int) -> list[TimedMethod]:
     touches = {
         ("eskin", active): find_forearm_taxels(skin, active),
         ("eskin", 0): find_forearm_taxels(skin, 1)[:0],
-        ("eskin", FEW): find_forearm_taxels(skin, FEW),
-        ("eskin, grab", GRAB): find_forearm_band(skin, GRAB),
+        ("eskin", LIGHT_TAXELS): find_forearm_taxels(skin, LIGHT_TAXELS),
+        ("eskin, grab", GRAB_TAXELS): find_forearm_band(skin, GRAB_TAXELS),
         ("eskin, two touches", 2 * active): two,
     }
     return [
@@ -322,12 +303,12 @@ def build_timed_engines(mounted: MountedSkin, active: int) -> list[TimedMethod]:
 def build_timed_baselines(
     mounted: MountedSkin, config: LatencyConfig, names: Sequence[str]
 ) -> list[TimedMethod]:
-    """Every way in which the named baselines, fitted, answer one reading."""
+    """Fit the named baselines and build each way in which they answer a reading."""
     if not names:
         return []
     clips, labels = draw_random_clips(mounted, config.clips)
     few = SkinWindows(clips.pressure[:NETWORK_CLIPS], clips.q[:NETWORK_CLIPS])
-    subjects: list[TimedMethod] = []
+    methods: list[TimedMethod] = []
     for name in names:
         baseline = make_baseline(name, mounted, FitConfig(epochs=1))
         if name in NETWORKS:
@@ -339,5 +320,5 @@ def build_timed_baselines(
                 mounted, find_forearm_taxels(mounted.skin, config.active)
             )
             title = f"{name}, {way}" if way else name
-            subjects.append(TimedBaseline(title, mounted, scene, stream))
-    return subjects
+            methods.append(TimedBaseline(title, mounted, scene, stream))
+    return methods

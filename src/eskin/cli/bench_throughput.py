@@ -1,4 +1,4 @@
-"""`eskin bench throughput`: device bytes to detections, sustained."""
+"""`eskin bench throughput` measures sustained throughput from bytes to detections."""
 
 import math
 from collections.abc import Sequence
@@ -17,9 +17,9 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Command:
-    """Receive a skin's bytes at a rate, recognise every reading, and count what drops.
+    """Receive a skin's bytes at a rate, recognise every reading, and count the drops.
 
-    Another process is the ur5's skin: touches come and go on it, and the arm swings.
+    Another process simulates the ur5's skin: touches come and go, and the arm swings.
     """
 
     config: Annotated[ThroughputConfig, tyro.conf.arg(name="")]
@@ -27,26 +27,26 @@ class Command:
 
 def run(command: Command) -> dict[str, object]:
     """Measure each transport in turn, print a table, and return its rows."""
-    from eskin.bench.throughput import find_limit, throughput
+    from eskin.bench.throughput import find_limit, measure_throughput
 
     config, rows, limits = command.config, [], {}
     for over in config.transports:
-        rows.append(throughput(over, config.rate, config.seconds))
+        rows.append(measure_throughput(over, config.rate, config.seconds))
         if config.find_limit:
             limits[over] = find_limit(over, config.rate)
-    show(rows, limits)
+    print_rows(rows, limits)
     return {
         "rate_hz": round(min(row.rate_hz for row in rows), 2),
         "dropped": sum(row.dropped for row in rows),
         "cpu": round(max(row.cpu for row in rows), 4),
-        "rows": [row.as_dict() | limit_of(row, limits) for row in rows],
+        "rows": [row.as_dict() | format_limit(row, limits) for row in rows],
     }
 
 
-def limit_of(row: "Throughput", limits: dict[str, float]) -> dict[str, object]:
-    """The rate at which a transport first drops, where it was looked for.
+def format_limit(row: "Throughput", limits: dict[str, float]) -> dict[str, object]:
+    """Return the rate at which a transport first drops readings, if it was searched.
 
-    None stands for none up to the highest rate.
+    None means that there is none up to the highest rate.
     """
     if row.over not in limits:
         return {}
@@ -54,8 +54,8 @@ def limit_of(row: "Throughput", limits: dict[str, float]) -> dict[str, object]:
     return {"limit_hz": limit if math.isfinite(limit) else None}
 
 
-def show(rows: "Sequence[ThroughputResult]", limits: dict[str, float]) -> None:
-    """Print the rows."""
+def print_rows(rows: "Sequence[ThroughputResult]", limits: dict[str, float]) -> None:
+    """Print the rows as a table."""
     table = Table(box=None, pad_edge=False, padding=(0, 1, 0, 0))
     for title in ("over", "asked [Hz]", "reached", "dropped", "cpu", "age p50 [ms]"):
         table.add_column(title, justify="right", no_wrap=True)
@@ -80,6 +80,6 @@ def show(rows: "Sequence[ThroughputResult]", limits: dict[str, float]) -> None:
             lost = ", ".join(f"{key} {count}" for key, count in row.lost.items())
             print(f"{row.over} dropped: {lost}")
     print(
-        "cpu is the share of a core of the receiving process; age is from the stamp of "
-        "a reading until all is said of it"
+        "cpu is the share of a core of the receiving process; age is the time from the "
+        "stamp of a reading until it is recognised"
     )

@@ -9,7 +9,7 @@ from jaxtyping import Float, Int
 from torch import Tensor
 from torch.nn.functional import log_softmax
 
-from eskin.graph.features import N_PER_KPA_CM2, total
+from eskin.graph.summary_kernels import N_PER_KPA_CM2
 from eskin.learn.dataset import Dataset
 from eskin.learn.ground_truth import Clip, Segment, find_runs
 from eskin.learn.windows import cut_windows
@@ -184,7 +184,7 @@ def find_last_rows(
         clips: clips, each with the index of its recording.
     """
     graphs = dataset.graphs
-    force = total(graphs.pressure * graphs.areas, graphs) * N_PER_KPA_CM2
+    force = graphs.sum_nodes(graphs.pressure * graphs.areas) * N_PER_KPA_CM2
     runs = np.array(find_runs(dataset.sequence[:, None]), dtype=np.int64).reshape(-1, 2)
     firsts, ends = runs.T
     work = np.concatenate([[0.0], np.cumsum(force * graphs.seconds, dtype=np.float64)])

@@ -8,8 +8,15 @@ from typing import final
 import numpy as np
 from jaxtyping import Float, Int
 
-from eskin.graph import GraphBatch, GraphBuilder, GraphConfig, join_graphs
-from eskin.graph.features import centres, principal_extents, total, velocity
+from eskin.graph import (
+    PRESSURE_SUMMARY,
+    GraphBatch,
+    GraphBuilder,
+    GraphConfig,
+    compute_load_motion,
+    compute_summary,
+    join_graphs,
+)
 from eskin.learn.baselines.estimators import Estimator
 from eskin.learn.baselines.interface import (
     READINGS,
@@ -60,7 +67,7 @@ def compute_graph_features(
     """
     seconds = (stamps - stamps[0]) * 1e-9
     series = compute_pressure_series(graphs)
-    extent = np.ptp(centres(graphs.pressure * graphs.areas, graphs)[:, :2], axis=0)
+    extent = np.ptp(compute_load_motion(graphs)[0][:, :2], axis=0)
     whole = [
         seconds[-1] + float(np.median(graphs.seconds)),
         *compute_touched_area(graphs, series[2]),
@@ -75,17 +82,19 @@ def compute_graph_features(
 def compute_pressure_series(graphs: GraphBatch) -> FeatureSeries:
     """Force, peak, area, two extents, change and speed at each reading."""
     p, a = graphs.pressure, graphs.areas
+    column = PRESSURE_SUMMARY.index("length")
+    extents = compute_summary(graphs, shear=False)[:, column : column + 2]
     change = np.abs(p - graphs.before) * a / graphs.seconds[graphs.graph_index]
     peak = np.zeros(graphs.count)
     np.maximum.at(peak, graphs.graph_index, p)
     return np.stack(
         [
-            total(p * a, graphs),
+            graphs.sum_nodes(p * a),
             peak,
-            total(a * (p > 0), graphs),
-            *principal_extents(graphs).T[:2],
-            total(change, graphs),
-            np.linalg.norm(velocity(graphs), axis=1),
+            graphs.sum_nodes(a * (p > 0)),
+            *extents.T,
+            graphs.sum_nodes(change),
+            np.linalg.norm(compute_load_motion(graphs)[1], axis=1),
         ]
     )
 
@@ -94,12 +103,12 @@ def compute_shear_series(graphs: GraphBatch) -> FeatureSeries:
     """Total, peak, net and change of shear at each reading."""
     size = np.linalg.norm(graphs.shear, axis=1)
     change = np.linalg.norm(graphs.shear - graphs.shear_before, axis=1)
-    net = [total(graphs.shear[:, axis], graphs) for axis in range(3)]
+    net = [graphs.sum_nodes(graphs.shear[:, axis]) for axis in range(3)]
     peak = np.zeros(graphs.count)
     np.maximum.at(peak, graphs.graph_index, size)
-    change_rate = total(change, graphs) / graphs.seconds
+    change_rate = graphs.sum_nodes(change) / graphs.seconds
     return np.stack(
-        [total(size, graphs), peak, np.linalg.norm(net, axis=0), change_rate]
+        [graphs.sum_nodes(size), peak, np.linalg.norm(net, axis=0), change_rate]
     )
 
 
