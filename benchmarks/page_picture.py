@@ -47,7 +47,7 @@ ARROW = """() => {
 
 @dataclass(frozen=True)
 class Command:
-    """Take the picture."""
+    """LoadedRecording the picture."""
 
     out: Path
     """Where it goes: a .webp."""
@@ -75,13 +75,13 @@ class Film:
         self.shots: list[Shot] = []
 
     def take(self) -> None:
-        """Take one."""
+        """LoadedRecording one."""
         stamp = self.visit.demo.state["stamp"]
         shot = Image.open(io.BytesIO(self.visit.tab.screenshot()))
         self.shots.append(Shot(stamp, shot.convert("RGB")))
 
     def run(self, seconds: float, until: Callable[[], bool] = lambda: False) -> None:
-        """Take shots for a time by the demonstration's clock, or until something."""
+        """LoadedRecording shots for a time by the demonstration's clock, or until something."""
         end = self.visit.demo.state["stamp"] + 1e9 * seconds
         while self.visit.demo.state["stamp"] < end and not until():
             self.take()

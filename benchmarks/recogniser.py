@@ -142,7 +142,7 @@ def stream_score(command: Command, folder: Path) -> EventScore:
     model = load_model(command.model)
     paths = find_recordings([folder])[: command.first]
     heard = trace_recordings(paths, model, command.workers)
-    return score_events([stream.take() for stream in heard], model.card.vocabulary)
+    return score_events([stream.decide() for stream in heard], model.card.vocabulary)
 
 
 def clip_head(first: str, model: Model) -> str:

@@ -22,11 +22,11 @@ from benchmarks.viewer import CHROMIUM, FLAGS
 from eskin.demo.comparison import ComparisonListener
 from eskin.demo.same_touch import SameTouch, draw_touches, load_both_models
 from eskin.live import Recognizer
-from eskin.page import Picture, Setup
+from eskin.page import SceneDescription, ViewUpdate
 from eskin.stream import RecognitionState
-from eskin.viewer.appearance import setup_of
+from eskin.viewer.appearance import describe_scene
 from eskin.viewer.process import PageProcess
-from eskin.viewer.viewer import Packer
+from eskin.viewer.viewer import FrameEncoder
 
 SETTLE = 20.0
 """Until everything is drawn, by software [s]."""
@@ -39,7 +39,7 @@ ANSWERS = (900, 55, 1300, 445)
 
 @dataclass(frozen=True)
 class Command:
-    """Take the picture."""
+    """LoadedRecording the picture."""
 
     out: Path
     """Where it goes."""
@@ -72,15 +72,17 @@ def main() -> None:
     joined(shots).save(command.out)
 
 
-def pictures_of(touch: SameTouch, model: str) -> tuple[Setup, list[Picture]]:
+def pictures_of(
+    touch: SameTouch, model: str
+) -> tuple[SceneDescription, list[ViewUpdate]]:
     """What the page is told once, and the height of the touch in either pose."""
     models = load_both_models(model)
     comparison = ComparisonListener([touch], models)
-    setup = setup_of(touch.mounted, models[0].card.vocabulary, compares=True)
-    packer, begin, highest = Packer(touch.mounted, 0), touch.period, []
+    setup = describe_scene(touch.mounted, models[0].card.vocabulary, compares=True)
+    packer, begin, highest = FrameEncoder(touch.mounted, 0), touch.period, []
     for side in (0, 1):
         recognizer = Recognizer(models[0], touch.mounted, touch.calibration)
-        shown: list[Picture] = []
+        shown: list[ViewUpdate] = []
         for scan in touch.scans(side, begin, None):
             comparison.on_message(scan)
             recognizer.push(scan)
@@ -97,7 +99,7 @@ def pictures_of(touch: SameTouch, model: str) -> tuple[Setup, list[Picture]]:
     ]
 
 
-def most(pictures: Sequence[Picture]) -> Picture:
+def most(pictures: Sequence[ViewUpdate]) -> ViewUpdate:
     """The largest pressure of each taxel in one picture, at the greatest force."""
     top = max(pictures, key=lambda picture: picture.force)
     marks = max(pictures, key=lambda picture: len(picture.contacts)).contacts
@@ -105,7 +107,7 @@ def most(pictures: Sequence[Picture]) -> Picture:
     return replace(top, pressure=pressure, contacts=marks)
 
 
-def shot(page: Page, process: PageProcess, picture: Picture) -> Image.Image:
+def shot(page: Page, process: PageProcess, picture: ViewUpdate) -> Image.Image:
     """The page once it shows a picture."""
     process.give(picture)
     time.sleep(SETTLE)

@@ -1,4 +1,4 @@
-"""This module computes distances between taxels."""
+"""This module computes distances between taxels, along the surface or in space."""
 
 from typing import final
 
@@ -19,18 +19,18 @@ SEAM = 0.03
 
 @final
 class GeometricDistance:
-    """Distances along the skin's surface, which stay when the robot moves.
+    """Distances along the skin's surface do not change when the robot moves.
 
-    Taxels of one link that lie on one plane, tube or dome are as far apart as the
-    shortest way over that surface, in closed form. Others of that link are joined by
-    the shortest way from taxel to neighbouring taxel, over the seams between patches
-    that come near each other; such a way is up to 8 % too long on a square grid.
-    Where there is no way, as between links, the distance is infinite.
+    Taxels of one link that lie on one plane, tube or dome have the
+    length of the shortest path on it, in closed form. Others of that link are connected
+    by the shortest path over neighbouring taxels, across the seams between patches that
+    are near each other; such a path is up to 8 % too long on a square grid. Where there
+    is no path, as between links, the distance is infinite.
 
     Attributes:
         skin: the skin.
-        surfaces: the closed-form surfaces found on it.
-        surface_index: the one of each taxel, as an index into `surfaces`, or -1.
+        surfaces: planes, tubes and domes that were found on it.
+        surface_index: index of each taxel's surface in `surfaces`, or -1.
     """
 
     def __init__(self, skin: Skin, seam: float = SEAM) -> None:
@@ -42,12 +42,12 @@ class GeometricDistance:
         """
         self.skin = skin
         self.surfaces, self.surface_index = find_surfaces(skin)
-        self.steps = self.graph(seam)
+        self.steps = self.build_graph(seam)
 
     def between(
         self, sources: Int[np.ndarray, "source"], targets: Int[np.ndarray, "target"]
     ) -> Float[np.ndarray, "source target"]:
-        """Distance from each source taxel to each target taxel [m]."""
+        """Return the distance from each source taxel to each target taxel [m]."""
         distances = dijkstra(self.steps, directed=False, indices=sources)[:, targets]
         of_sources, of_targets = (
             self.surface_index[sources],
@@ -61,21 +61,21 @@ class GeometricDistance:
             )
         return distances
 
-    def graph(self, seam: float) -> csr_array:
-        """Steps between neighbouring taxels of a link, with their lengths [m]."""
-        pairs = np.concatenate([self.inner_pairs(), self.seam_pairs(seam)])
+    def build_graph(self, seam: float) -> csr_array:
+        """Build the graph of neighbouring taxels of a link, with distances [m]."""
+        pairs = np.concatenate([self.find_patch_pairs(), self.find_seam_pairs(seam)])
         pairs = np.unique(np.sort(pairs, axis=1), axis=0)
         a, b = pairs.T
         lengths = np.linalg.norm(
             self.skin.positions[a] - self.skin.positions[b], axis=1
         )
         count = self.skin.count
-        # A sparse graph takes a length of 0 for no edge.
+        # A sparse graph has no edge where the length is 0.
         lengths = np.maximum(lengths, np.finfo(float).tiny)
         return coo_array((lengths, (a, b)), shape=(count, count)).tocsr()
 
-    def inner_pairs(self) -> Int[np.ndarray, "pair 2"]:
-        """Each taxel with the nearest ones of its patch."""
+    def find_patch_pairs(self) -> Int[np.ndarray, "pair 2"]:
+        """Return pairs of each taxel and the nearest ones of its patch."""
         pairs = []
         for patch in range(len(self.skin.patches)):
             taxels = np.flatnonzero(self.skin.patch_index == patch)
@@ -89,8 +89,8 @@ class GeometricDistance:
         joined = np.concatenate([np.zeros((0, 2), dtype=np.int64), *pairs])
         return joined[joined[:, 0] != joined[:, 1]]
 
-    def seam_pairs(self, seam: float) -> Int[np.ndarray, "pair 2"]:
-        """Taxels of different patches of one link that are no farther than a seam."""
+    def find_seam_pairs(self, seam: float) -> Int[np.ndarray, "pair 2"]:
+        """Return pairs of taxels of two patches of a link within the seam's width."""
         links = np.unique(self.skin.link_names, return_inverse=True)[1]
         link_index = links[self.skin.patch_index]
         pairs = [np.zeros((0, 2), dtype=np.int64)]
@@ -106,7 +106,7 @@ class GeometricDistance:
 
 
 def find_surfaces(skin: Skin) -> tuple[list[Surface], Int[np.ndarray, "taxel"]]:
-    """The planes, tubes and domes of a skin; patches that share one are on one."""
+    """Find the planes, tubes and domes of a skin; patches may share one."""
     surfaces: list[Surface] = []
     links: list[str] = []
     surface_index = np.full(skin.count, -1)
@@ -119,7 +119,7 @@ def find_surfaces(skin: Skin) -> tuple[list[Surface], Int[np.ndarray, "taxel"]]:
         known = (
             i
             for i, other in enumerate(surfaces)
-            if links[i] == patch.link and np.max(other.gaps(*here)) < TOLERANCE
+            if links[i] == patch.link and np.max(other.fit_errors(*here)) < TOLERANCE
         )
         index = next(known, len(surfaces))
         if index == len(surfaces):
@@ -135,8 +135,10 @@ def kinematic_distance(
     sources: Int[np.ndarray, "source"],
     targets: Int[np.ndarray, "target"],
 ) -> Float[np.ndarray, "source target"]:
-    """Straight-line distance from each source to each target taxel at this q [m]."""
-    return cdist(mounted.place_taxels(q, sources)[0], mounted.place_taxels(q, targets)[0])
+    """Return the straight-line distance between taxels for this q [m]."""
+    return cdist(
+        mounted.place_taxels(q, sources)[0], mounted.place_taxels(q, targets)[0]
+    )
 
 
 def surface_distances(
@@ -152,7 +154,10 @@ def surface_distances(
     if isinstance(surface, Dome):
         a, b = (
             local / np.linalg.norm(local, axis=1, keepdims=True)
-            for local in (surface.local(sources), surface.local(targets))
+            for local in (
+                surface.to_surface_frame(sources),
+                surface.to_surface_frame(targets),
+            )
         )
         chord = np.linalg.norm(a[:, None] - b[None], axis=-1)
         return 2 * surface.radius * np.arcsin(np.minimum(chord / 2, 1.0))

@@ -54,10 +54,10 @@ def test_any_cut_of_the_stream_gives_the_same(packets, garbage, seed, most):
 
 @given(st.binary(max_size=3000), PACKETS)
 def test_garbage_costs_at_most_the_frame_that_it_touches(garbage, packets):
-    found, _ = push_all([garbage, *map(frame, packets)])
+    found, _ = push_all([garbage, *map(encode_frame, packets)])
     kept = packets[1:] if packets else []
     assert found[len(found) - len(kept) :] == kept
-    found, _ = push_all([garbage, b"\0", *map(frame, packets)])
+    found, _ = push_all([garbage, b"\0", *map(encode_frame, packets)])
     assert found[len(found) - len(packets) :] == packets
 
 

@@ -269,14 +269,14 @@ def test_memory_grows_with_a_touch_and_changes_no_graph():
     for builder in (used, fresh):
         for step in range(2):
             builder.advance(reading_at(0.1 * step, load, FOLDED), every)
-    memory = used.memory
+    memory = used.workspace
     same(used.build(few, few), fresh.build(few, few))
-    assert used.memory is memory
+    assert used.workspace is memory
     assert len(used.build(every, every).taxels) == len(every)
-    grown = used.memory
+    grown = used.workspace
     assert grown is not memory
     same(used.build(few, few), fresh.build(few, few))
-    assert used.memory is grown
+    assert used.workspace is grown
 
 
 def test_active_taxels_may_be_told_twice_and_in_any_order():

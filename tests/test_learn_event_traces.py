@@ -72,12 +72,12 @@ def test_a_trace_says_what_the_recogniser_says_live(tmp_path, scene, calibrated)
     recording = read_recording(record(tmp_path / "a.mcap", on, stream))
     model = model_of(network(seed=3))
     trace = trace_recording(recording, model)
-    assert 0 < len(trace.moments) < len(stream)
+    assert 0 < len(trace.steps) < len(stream)
     said = set()
     for config, heat in zip(DECISIONS, (1.0, 4.0, 1.0, 2.0, 1.0, 0.5), strict=True):
         warm = replace(model, card=replace(model.card, temperature=heat))
         expected = live(recording, warm, config)
-        found = trace.detections(config, heat)
+        found = trace.decide(config, heat)
         assert [d.record() for d in found] == [d.record() for d in expected]
         assert [d.touch for d in found] == [d.touch for d in expected]
         said.add(tuple((d.stamp, d.gesture) for d in found))
@@ -92,19 +92,19 @@ def test_a_trace_decides_as_the_model_does_unless_told_otherwise(tmp_path):
     model = say_always("poke")
     late = DecisionConfig(threshold=2.0)
     shy = replace(model, card=replace(model.card, decision=late))
-    [early] = trace_recording(read_recording(path), model).detections()
+    [early] = trace_recording(read_recording(path), model).decide()
     trace = trace_recording(read_recording(path), shy)
-    [at_closing] = trace.detections()
+    [at_closing] = trace.decide()
     assert at_closing.stamp > early.stamp
-    assert [d.stamp for d in trace.detections(DecisionConfig())] == [early.stamp]
+    assert [d.stamp for d in trace.decide(DecisionConfig())] == [early.stamp]
 
 
 def test_a_skin_that_nothing_touches_has_nothing_to_decide(tmp_path):
     on = mounted()
     recording = read_recording(record(tmp_path / "a.mcap", on, scans(on, [], 25, 3)))
     trace = trace_recording(recording, say_always("poke"))
-    assert trace.moments == ()
-    assert trace.detections() == []
+    assert trace.steps == ()
+    assert trace.decide() == []
 
 
 class Placed(StandIn):
@@ -140,7 +140,7 @@ def test_a_generated_stream_is_scored_from_end_to_end(sets):
     model = say_always("poke")
     paths = sorted((sets / "streams").glob("*.mcap"))
     streams = list(trace_recordings(paths, model))
-    result = score_events([stream.take() for stream in streams], VOCABULARY)
+    result = score_events([stream.decide() for stream in streams], VOCABULARY)
     truths = [len(read_true_events(read_recording(path))) for path in paths]
     rubs = result.unknown["rub"].count
     assert (truths, rubs) == ([2, 2], 2)
@@ -163,8 +163,8 @@ def test_recordings_heard_by_other_processes_are_heard_alike(sets):
     )
     for one, other in zip(alone, together, strict=True):
         assert one.path == other.path
-        assert [d.record() for d in one.take().detections] == [
-            d.record() for d in other.take().detections
+        assert [d.record() for d in one.decide().detections] == [
+            d.record() for d in other.decide().detections
         ]
 
 
@@ -199,7 +199,7 @@ def test_labels_tell_what_happened_where_no_truth_does(tmp_path):
         START + round(2.3 * SECOND),
         START + round(2.9 * SECOND),
     )
-    assert score_events([heard.take()], VOCABULARY).total.f1 == 1.0
+    assert score_events([heard.decide()], VOCABULARY).total.f1 == 1.0
     assert heard.subject == "one"
 
 
@@ -217,7 +217,7 @@ def test_no_other_value_of_one_setting_is_better_than_the_decision_chosen(sets):
         unknown=0.0,
     )
     chosen, result = choose_decision(streams, config)
-    again = score_events([stream.take(chosen) for stream in streams], VOCABULARY)
+    again = score_events([stream.decide(chosen) for stream in streams], VOCABULARY)
     assert again.total == result.total
     others = [
         DecisionConfig(),
@@ -228,7 +228,7 @@ def test_no_other_value_of_one_setting_is_better_than_the_decision_chosen(sets):
         *(replace(chosen, hold_seconds=value) for value in config.holds),
     ]
     for other in others:
-        tried = score_events([stream.take(other) for stream in streams], VOCABULARY)
+        tried = score_events([stream.decide(other) for stream in streams], VOCABULARY)
         if tried.all_delays.latency(50) <= config.latency:
             assert tried.total.f1 <= result.total.f1
     alone, _ = choose_decision(streams, replace(config, each=False))

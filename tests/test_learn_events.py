@@ -47,7 +47,7 @@ def test_perfect_detections_have_an_f1_of_1():
     assert result.per_gesture["poke"] == Tally(2, 0, 0)
     assert result.false_per_hour == 0.0
     assert np.trace(result.confusion) == result.confusion.sum() == 5
-    assert result.right.all()
+    assert result.correct.all()
 
 
 def test_silence_misses_everything_and_is_never_false():
@@ -137,7 +137,7 @@ def test_what_is_said_of_no_event_is_false_and_counted_by_the_hour():
     assert result.total == Tally(0, 0, 2)
     assert result.false_per_hour == pytest.approx(4.0)
     assert result.confusion[-1].sum() == 3
-    assert not result.right.any() and len(result.right) == 2
+    assert not result.correct.any() and len(result.correct) == 2
 
 
 def test_latency_is_from_the_true_end_and_may_be_negative():
@@ -316,4 +316,4 @@ def test_a_label_is_an_event_without_a_place():
     found = build_label_event(Label(START, START + SECOND, "tap_many"))
     assert (found.onset, found.end) == (START, START + SECOND)
     assert found.gesture == "double_pat"
-    assert found.distance(np.ones(3), START, 0.5) == 0.0
+    assert found.compute_distance(np.ones(3), START, 0.5) == 0.0

@@ -7,7 +7,7 @@ from benchmarks.live_parts import SequenceWindow, compute_features
 from numba.core.runtime import rtsys
 from numba.core.runtime._nrt_python import memsys_disable_stats, memsys_enable_stats
 
-from eskin.graph import NO_HISTORY, GraphBuilder, pack_touch_nodes
+from eskin.graph import NO_HISTORY, GraphBuilder, TouchNodes, pack_touch_nodes
 from eskin.learn.dataset import prepare
 from eskin.learn.windows import build_network_input, cut_windows
 from eskin.live import Network, Recognizer, compute_probabilities

@@ -6,22 +6,24 @@ from functools import cache
 import numpy as np
 import pytest
 import torch
+from benchmarks.live_parts import SequenceWindow, compute_features
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numba.core.runtime import rtsys
 from numba.core.runtime._nrt_python import memsys_disable_stats, memsys_enable_stats
 
 from eskin.errors import ModelError
-from eskin.graph import HISTORY, GraphBatch, join_graphs
+from eskin.graph import HISTORY, NODE_FIELDS, GraphBatch, compute_summary, join_graphs
 from eskin.graph.summary_kernels import compute_eigenvalues
 from eskin.live import Network
 from eskin.live.kernels import activate
 from eskin.live.network import NODES
 from eskin.model import SLOT_NS, Model
 from eskin.model.file import network_shapes
-from eskin.nn import build_graph_tensors, network_input
-from graph_scenes import with_bystanders
+from eskin.nn import build_graph_tensors
+from graph_scenes import network_input, with_bystanders
 from live_scenes import VOCABULARY, model_of, network
+from summary_reference import reference_summary
 
 SIZES = [
     {},

@@ -205,7 +205,7 @@ def test_trouble_that_goes_on_is_said_every_ten_seconds_with_its_count():
     log = EventLog()
     for second in range(25):
         log.count("lost", "scans did not arrive", 3)
-        log.poll(START + second * SECOND)
+        log.flush_counts(START + second * SECOND)
     texts = [event.text for event in log.take()]
     expected = ["3", "30", "30"]
     assert texts == [f"{count} scans did not arrive" for count in expected]
@@ -214,6 +214,6 @@ def test_trouble_that_goes_on_is_said_every_ten_seconds_with_its_count():
 def test_events_that_nobody_takes_cost_bounded_memory():
     log = EventLog()
     for n in range(5000):
-        log.say(START + n, "moved", "it moved")
+        log.add(START + n, "moved", "it moved")
         log.count("damaged", f"packets at port {n}")
-    assert len(log.take()) == 1000 and len(log.troubles) == 256
+    assert len(log.take()) == 1000 and len(log.repeated) == 256

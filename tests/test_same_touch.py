@@ -16,7 +16,7 @@ from eskin.demo.same_touch import (
     recognise_touch,
 )
 from eskin.page import Answer as Shown
-from eskin.page import Board
+from eskin.page import ComparisonBoard
 from eskin.page.board import board
 from eskin.sim.scene.validity import is_free
 from world_scenes import world
@@ -120,7 +120,9 @@ def test_the_board_shows_every_answer_and_no_markup_of_others():
     rows = (
         ("<b>who</b>", (Shown(("grab 75%",), True, chances), Shown((), None, chances))),
     )
-    html = board(Board("title", ("one", "two"), ("grab", "none"), 0, rows), ("a", "b"))
+    html = board(
+        ComparisonBoard("title", ("one", "two"), ("grab", "none"), 0, rows), ("a", "b")
+    )
     for text in ("title", "one", "two", "truly: grab", "grab 75%", "75%", "25%"):
         assert text in html
     assert "<b>who</b>" not in html and "first pose" in board(None, ("a",))

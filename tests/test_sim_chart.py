@@ -30,10 +30,7 @@ class Turned(Surface):
     def unroll(self, positions):
         raise NotImplementedError
 
-    def distances(self, sources, targets):
-        raise NotImplementedError
-
-    def gaps(self, positions, normals):
+    def fit_errors(self, positions, normals):
         raise NotImplementedError
 
 

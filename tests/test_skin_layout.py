@@ -107,7 +107,7 @@ def test_the_surface_is_found_again_from_its_taxels(surface):
         getattr(surface, "radius", None)
     )
     other = surface.wrap(drawing(seed=1))
-    assert np.max(found.gaps(other.positions, other.normals)) < 1e-9
+    assert np.max(found.fit_errors(other.positions, other.normals)) < 1e-9
     assert np.allclose(
         surface_distances(found, wrapped.positions, other.positions),
         surface_distances(surface, wrapped.positions, other.positions),

@@ -5,8 +5,8 @@ from tests.timeline_scenes import said, stamp, write_recording
 from eskin.cli.main import run
 from eskin.errors import RecordingError
 from eskin.recording import Label, read_recording
-from eskin.viewer.editing import Editing, compare, envelope, read_take
-from eskin.viewer.timeline import Playing
+from eskin.viewer.editing import LabelEditor, compare, envelope, load_replayed
+from eskin.viewer.timeline import PlaybackClock
 
 PRESSES = (("poke", 1.0, 1.4), ("grab", 3.0, 4.0))
 
@@ -18,7 +18,7 @@ def recording(tmp_path):
 
 
 def test_a_take_holds_every_reading_with_its_pressure(recording):
-    take = read_take(recording)
+    take = load_replayed(recording)
     assert len(take.seconds) == recording.count == 300
     pressed, free = take.at(1.2), take.at(2.5)
     assert take.pressure[pressed, :10].min() > 10 and take.pressure[free].max() < 1
@@ -30,7 +30,7 @@ def test_a_take_holds_every_reading_with_its_pressure(recording):
 
 
 def test_the_reading_at_a_time_is_the_latest_one_by_then(recording):
-    take = read_take(recording)
+    take = load_replayed(recording)
     assert take.at(-1.0) == 0
     assert take.at(1.0) == 50 and take.at(1.019) == 50 and take.at(1.021) == 51
     assert take.at(1e9) == 299
@@ -45,7 +45,7 @@ def test_no_peak_is_lost_in_the_overview():
 
 
 def test_playing_passes_time_at_its_speed_and_stops_at_the_end():
-    playing = Playing(10.0)
+    playing = PlaybackClock(10.0)
     assert not playing.advance(1.0) and playing.seconds == 0.0
     playing.toggle()
     playing.speed = 2.0
@@ -59,7 +59,7 @@ def test_playing_passes_time_at_its_speed_and_stops_at_the_end():
 
 
 def test_a_label_is_set_mended_and_removed(recording):
-    editing = Editing(recording)
+    editing = LabelEditor(recording)
     added = editing.add("stroke", 4.5, 5.0)
     assert added in editing.labels and editing.changed
     mended = editing.mend(added, "double_pat", 4.6, 5.1)
@@ -71,7 +71,7 @@ def test_a_label_is_set_mended_and_removed(recording):
 
 @pytest.mark.parametrize(("start", "end"), [(1.2, 2.0), (5.0, 5.0), (0.5, 3.5)])
 def test_a_label_that_cannot_be_changes_nothing(recording, start, end):
-    editing = Editing(recording)
+    editing = LabelEditor(recording)
     before = editing.labels
     with pytest.raises(RecordingError):
         editing.add("stroke", start, end)
@@ -80,7 +80,7 @@ def test_a_label_that_cannot_be_changes_nothing(recording, start, end):
 
 def test_saving_writes_the_labels_and_keeps_the_recording_as_it_was(recording):
     original = recording.path.read_bytes()
-    editing = Editing(recording)
+    editing = LabelEditor(recording)
     editing.mend(editing.labels[0], "double_pat", 1.0, 1.5)
     kept = editing.save()
     assert kept.read_bytes() == original
@@ -98,7 +98,7 @@ def test_saving_writes_the_labels_and_keeps_the_recording_as_it_was(recording):
 def test_what_a_person_saves_is_true_and_other_labels_stay(tmp_path):
     auto = Label(stamp(1.0), stamp(1.4), "poke", "auto")
     path = write_recording(tmp_path / "a.mcap", PRESSES, labels=[auto])
-    editing = Editing(read_recording(path))
+    editing = LabelEditor(read_recording(path))
     editing.mend(editing.labels[0], "poke", 1.0, 1.5)
     editing.save()
     labels = read_recording(path).labels

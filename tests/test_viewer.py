@@ -10,12 +10,12 @@ from tests.viewer_scenes import mounted, picture, setup
 
 from eskin.errors import DeviceError
 from eskin.page import ColourScale, PageOrder, TouchOrder
-from eskin.page.colours import UNHEARD
-from eskin.page.hand import LEAST, TWICE, Hand, Spot
+from eskin.page.colours import INVALID_COLOUR
+from eskin.page.hand import DOUBLE_CLICK, MIN_SECONDS, Hand, SurfacePoint
 from eskin.page.port import free_port
-from eskin.viewer.appearance import solids_of
-from eskin.viewer.process import MOST_ORDERS, ON_THE_WAY, PageProcess
-from eskin.viewer.viewer import arm_line
+from eskin.viewer.appearance import build_link_meshes
+from eskin.viewer.process import MAX_IN_FLIGHT, MAX_ORDERS, PageProcess
+from eskin.viewer.viewer import describe_arm
 
 FOREARM = 1200
 
@@ -70,11 +70,11 @@ def test_a_taxel_at_rest_keeps_its_colour_and_one_unheard_has_its_own():
     colours = scale.colours(np.array([0.0, 0.3, 200.0, 40.0]), valid)
     assert np.array_equal(colours[0], colours[1])
     assert np.array_equal(colours[2], scale.table[-1])
-    assert tuple(colours[3]) == UNHEARD
+    assert tuple(colours[3]) == INVALID_COLOUR
 
 
 def test_parts_of_the_robot_are_closed_and_their_normals_point_out():
-    solids = solids_of(mounted())
+    solids = build_link_meshes(mounted())
     assert len(solids) > 20
     for solid in solids:
         edges = np.concatenate([solid.faces[:, [0, 1]], solid.faces[:, [1, 2]]])
@@ -88,7 +88,7 @@ def test_parts_of_the_robot_are_closed_and_their_normals_point_out():
 
 def test_lids_close_what_is_bare_and_leave_room_for_taxels():
     robot, lids = mounted().robot, {}
-    for solid in solids_of(mounted()):
+    for solid in build_link_meshes(mounted()):
         if solid.colour[2] > solid.colour[0] + 50:
             lids[solid.link] = lids.get(solid.link, 0) + 1
     names = {robot.link_names[link] for link in lids}
@@ -96,36 +96,36 @@ def test_lids_close_what_is_bare_and_leave_room_for_taxels():
     cap = mounted().skin.positions[mounted().skin.find_taxels("wrist_1_cap")]
     low = min(cap[:, 2]) - 0.003
     wrist = robot.link_index("wrist_1_link")
-    for solid in solids_of(mounted()):
+    for solid in build_link_meshes(mounted()):
         if solid.link == wrist:
             assert solid.vertices[:, 2].min() > low
 
 
 def spot_of(taxel):
     link = int(mounted().taxel_link_index[taxel])
-    return Spot(taxel, link, mounted().skin.positions[taxel])
+    return SurfacePoint(taxel, link, mounted().skin.positions[taxel])
 
 
 def test_a_click_pokes_when_no_other_comes_and_two_are_a_double_pat():
     sent = []
     hand = Hand(setup(), sent.append)
     hand.click(spot_of(FOREARM), 10.0)
-    hand.tick(10.0 + 0.9 * TWICE)
+    hand.tick(10.0 + 0.9 * DOUBLE_CLICK)
     assert not sent
-    hand.tick(10.0 + TWICE)
+    hand.tick(10.0 + DOUBLE_CLICK)
     assert [order.kind for order in sent] == ["poke"]
     hand.click(spot_of(FOREARM), 11.0)
-    hand.click(spot_of(FOREARM + 1), 11.0 + 0.9 * TWICE)
+    hand.click(spot_of(FOREARM + 1), 11.0 + 0.9 * DOUBLE_CLICK)
     hand.tick(20.0)
     assert [order.kind for order in sent] == ["poke", "double_pat"]
     hand.click(spot_of(FOREARM), 21.0)
-    hand.click(spot_of(FOREARM), 21.0 + TWICE)
+    hand.click(spot_of(FOREARM), 21.0 + DOUBLE_CLICK)
     hand.tick(30.0)
     assert [order.kind for order in sent[2:]] == ["poke", "poke"]
     assert len({order.key for order in sent}) == 4
 
 
-@pytest.mark.parametrize(("mode", "least"), sorted(LEAST.items()))
+@pytest.mark.parametrize(("mode", "least"), sorted(MIN_SECONDS.items()))
 def test_a_hand_takes_its_time_for_what_takes_time(mode, least):
     sent = []
     hand = Hand(setup(), sent.append)
@@ -228,7 +228,7 @@ def test_the_gravest_state_of_an_arm_is_the_one_shown(changes, state, why):
     told = Told()
     for name, value in changes.items():
         setattr(told, name, value)
-    line = arm_line(told)
+    line = describe_arm(told)
     assert (line.state, line.why) == (state, why)
 
 
@@ -269,13 +269,13 @@ def test_a_stalled_page_delays_nobody_and_misses_pictures_only(page):
             page.give(picture(index * 0.04))
             longest = max(longest, time.monotonic() - began)
         assert page.pictures - given == 500
-        assert page.on_the_way <= ON_THE_WAY
+        assert page.on_the_way <= MAX_IN_FLIGHT
         assert longest < 1.0
         before = page.shown
     finally:
         os.kill(page.process.pid, signal.SIGCONT)
     wait_until(lambda: page.on_the_way == 0 and page.latest is None)
-    assert page.shown - before <= ON_THE_WAY + 1
+    assert page.shown - before <= MAX_IN_FLIGHT + 1
 
 
 def test_orders_of_a_page_that_may_not_touch_are_dropped_here_too():
@@ -300,7 +300,7 @@ def test_orders_that_nobody_obeys_in_time_are_dropped_and_counted():
 
     page = PageProcess(setup(), 0, obey)
     try:
-        for key in range(MOST_ORDERS + 10):
+        for key in range(MAX_ORDERS + 10):
             page.take_order(
                 TouchOrder("poke", "base_link", (0.0, 0.0, 0.0), 1.0, 0.1, key)
             )

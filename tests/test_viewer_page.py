@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from tests.viewer_scenes import Q, mounted, picture, setup
 
-from eskin.page import ArmLine, Saying
+from eskin.page import ArmSummary, LogEntry
 from eskin.viewer.process import PageProcess
 
 pytest.importorskip(
@@ -36,13 +36,13 @@ class Shown:
         self.feeder.start()
 
     def feed(self):
-        began, sayings = time.monotonic(), None
+        began, log_entries = time.monotonic(), None
         while not self.ending.wait(0.04):
             content = dict(self.content)
-            if content.get("sayings") is sayings:
-                content.pop("sayings", None)
+            if content.get("log_entries") is log_entries:
+                content.pop("log_entries", None)
             else:
-                sayings = content.get("sayings")
+                log_entries = content.get("log_entries")
             self.process.give(picture(time.monotonic() - began, **content))
 
     def close(self):
@@ -173,8 +173,11 @@ def test_a_drag_on_the_skin_is_a_finger_that_moves(tab, shown):
 
 
 def test_what_is_said_is_in_the_log_and_the_arm_says_why_it_stopped(tab, shown):
-    line = ArmLine("held", "stale skin", 0.5, "open", "rack")
-    shown.content = {"sayings": (Saying(1.0, "command", "next <b>"),), "arm": line}
+    line = ArmSummary("held", "stale skin", 0.5, "open", "rack")
+    shown.content = {
+        "log_entries": (LogEntry(1.0, "command", "next <b>"),),
+        "arm": line,
+    }
     tab.wait_for_selector("text=held: stale skin")
     tab.wait_for_selector("text=next <b>")
     shown.content = {}

@@ -15,7 +15,7 @@ from eskin.stream import CommandEvent, Recognition, Stream
 from eskin.transforms import apply
 from eskin.viewer import Viewer, ViewerConfig
 from eskin.viewer.process import PageProcess
-from eskin.viewer.viewer import MOST_SAID, Packer
+from eskin.viewer.viewer import MAX_LOG_ENTRIES, FrameEncoder
 
 
 def detection(p_world):
@@ -36,23 +36,23 @@ def detection(p_world):
 
 
 def test_words_float_at_their_place_on_the_link_and_say_when():
-    packer = Packer(mounted(), START)
+    packer = FrameEncoder(mounted(), START)
     packer.T_world_link = mounted().kinematics.poses(Q)
     place = mounted().skin.positions[1661]
     link = mounted().robot.link_index("forearm_link")
     packer.note(detection(apply(packer.T_world_link[link], place)))
-    (saying,) = packer.sayings
+    (saying,) = packer.log_entries
     assert saying.link == link and np.allclose(saying.p_link, place)
     assert saying.seconds == 2.5
     assert saying.text == "double-pat 97%, 8 N, forearm back"
 
 
 def test_commands_taken_and_refused_and_events_are_in_the_log():
-    packer = Packer(mounted(), START)
+    packer = FrameEncoder(mounted(), START)
     packer.note(CommandEvent(START, "pause", 4, "poke", True, ""))
     packer.note(CommandEvent(START, "resume", 5, "poke", False, "too soon"))
     packer.note(Event(START, "silent", "patch 'a' is silent"))
-    assert [(saying.kind, saying.text) for saying in packer.sayings] == [
+    assert [(saying.kind, saying.text) for saying in packer.log_entries] == [
         ("command", "pause"),
         ("refused", "resume: too soon"),
         ("event", "patch 'a' is silent"),
@@ -60,10 +60,12 @@ def test_commands_taken_and_refused_and_events_are_in_the_log():
 
 
 def test_a_log_that_nobody_reads_keeps_what_is_newest():
-    packer = Packer(mounted(), START)
-    for number in range(MOST_SAID + 5):
+    packer = FrameEncoder(mounted(), START)
+    for number in range(MAX_LOG_ENTRIES + 5):
         packer.note(Event(START, "lost", str(number)))
-    assert packer.sayings[0].text == "5" and len(packer.sayings) == MOST_SAID
+    assert (
+        packer.log_entries[0].text == "5" and len(packer.log_entries) == MAX_LOG_ENTRIES
+    )
 
 
 def played(stream):
@@ -103,7 +105,7 @@ def test_a_stream_is_seen_with_its_touches_and_what_is_said_of_them(monkeypatch)
     for one in touched:
         assert np.argmax(one.touches[0].probabilities) == 1
     assert any(one.contacts for one in touched)
-    said = [saying for one in given for saying in one.sayings]
+    said = [saying for one in given for saying in one.log_entries]
     assert {saying.gesture for saying in said if saying.kind == "detection"} == {"poke"}
     poses = on.kinematics.poses(np.zeros(6))
     assert given[0].poses.shape == (len(poses), 7)

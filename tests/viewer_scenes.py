@@ -4,11 +4,11 @@ from functools import cache
 
 import numpy as np
 
-from eskin.page import ContactMark, Picture, TouchNow
+from eskin.page import ContactMarker, OpenTouch, ViewUpdate
 from eskin.robot import load_robot
 from eskin.skin import MountedSkin, load_skin
-from eskin.viewer.appearance import setup_of
-from eskin.viewer.viewer import packed_poses
+from eskin.viewer.appearance import describe_scene
+from eskin.viewer.viewer import pack_poses
 
 Q = np.array([0.4, -1.1, 1.4, -0.6, 0.9, 0.0])
 GESTURES = ("none", "poke", "double_pat", "grab", "stroke")
@@ -21,10 +21,10 @@ def mounted():
 
 @cache
 def setup(touchable=True, is_arm=True):
-    return setup_of(mounted(), GESTURES, touchable, ("ur5", "ur5-shapes"), is_arm)
+    return describe_scene(mounted(), GESTURES, touchable, ("ur5", "ur5-shapes"), is_arm)
 
 
-def picture(seconds=0.0, taxel=None, q=Q, sayings=(), arm=None):
+def picture(seconds=0.0, taxel=None, q=Q, log_entries=(), arm=None):
     """One instant; with a taxel, something presses there."""
     skin = mounted().skin
     pressure = np.zeros(skin.count, np.float16)
@@ -34,20 +34,20 @@ def picture(seconds=0.0, taxel=None, q=Q, sayings=(), arm=None):
         away = np.linalg.norm(skin.positions - skin.positions[taxel], axis=1)
         near = (away < 0.02) & (mounted().taxel_link_index == link)
         pressure[near] = 40 * np.exp(-((away[near] / 0.012) ** 2))
-        mark = ContactMark(link, skin.positions[taxel], skin.normals[taxel], 0.015)
+        mark = ContactMarker(link, skin.positions[taxel], skin.normals[taxel], 0.015)
         chances = np.array([0.01, 0.9, 0.05, 0.01, 0.03], np.float32)
         contacts = (mark,)
-        touches = (TouchNow(3, setup().links[link], 7.5, chances),)
-    return Picture(
+        touches = (OpenTouch(3, setup().links[link], 7.5, chances),)
+    return ViewUpdate(
         seconds=seconds,
-        poses=packed_poses(mounted().kinematics.poses(q)),
+        poses=pack_poses(mounted().kinematics.poses(q)),
         pressure=pressure,
         valid=np.packbits(np.ones(skin.count, bool)),
         contacts=contacts,
         touches=touches,
         force=7.5 if contacts else 0.0,
         peak=float(pressure.max()),
-        sayings=tuple(sayings),
+        log_entries=tuple(log_entries),
         faults=0,
         rate=50.0,
         step=2e-4,

@@ -174,7 +174,7 @@ def ur5_site() -> Site:
     pitch = float(np.ptp(heights) / (rows - 1))
     mounted = MountedSkin(skin, load_robot("ur5"))
     half = inf, rows * pitch / 2 - EDGE
-    return site(mounted, tube, taxels, pitch, part.girth, half)
+    return site(mounted, tube, taxels, pitch, part.width, half)
 
 
 def site(

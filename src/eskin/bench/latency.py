@@ -47,7 +47,7 @@ LENGTHS = (15, 60, 30, 80, 45)
 def draw_random_clips(
     mounted: MountedSkin, count: int, seed: int = 0
 ) -> tuple[SkinWindows, Int[np.ndarray, "clip"]]:
-    """Draw clips of round touches and noise, with classes that differ in size and length.
+    """Draw clips of round touches and noise; classes differ in size and length.
 
     They serve for fitting before timing, not for measuring accuracies.
 
@@ -75,7 +75,7 @@ def draw_random_clips(
 
 ROUNDS = 10
 WARM_UP = 210
-"""Number of first steps of the engine that are not counted: they fill its 2 s window."""
+"""Steps of the engine that are not counted: they fill its window of 2 s."""
 
 MAX_BASELINE_S = 5.0
 """Approximate limit on the time for which a baseline is timed [s]."""

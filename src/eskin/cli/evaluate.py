@@ -290,7 +290,7 @@ def score_streams(
     ):
         if stream.truncated:
             print(f"{stream.path} is cut or damaged: used up to there")
-        takes.append(stream.take())
+        takes.append(stream.decide())
     score = score_events(takes, model.card.vocabulary)
     show_events(score, Console())
     draw(command, score)

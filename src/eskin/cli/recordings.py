@@ -13,7 +13,7 @@ from eskin.errors import RecordingError
 if TYPE_CHECKING:
     from eskin.live import Detection
     from eskin.recording import AutoLabelResult, Label, Recording
-    from eskin.viewer.timeline.timeline import Timeline
+    from eskin.viewer.timeline import Timeline
 
 
 @dataclass(frozen=True)
@@ -319,7 +319,7 @@ def run_view(command: ViewCommand) -> dict[str, object]:
     from eskin.recording import read_recording
     from eskin.robot import load_recorded_robot
     from eskin.skin import MountedSkin
-    from eskin.viewer.editing import Editing, read_take
+    from eskin.viewer.editing import LabelEditor, load_replayed
     from eskin.viewer.timeline import Timeline
 
     port = free_port(command.port)
@@ -327,7 +327,7 @@ def run_view(command: ViewCommand) -> dict[str, object]:
     mounted = MountedSkin(
         recording.skin, load_recorded_robot(recording.robot_name, command.robot_urdf)
     )
-    take, editing = read_take(recording), Editing(recording)
+    take, editing = load_replayed(recording), LabelEditor(recording)
     server = open_server(port)
     try:
         timeline = Timeline(server, mounted, take, editing)

@@ -19,7 +19,7 @@ from eskin.drivers.played_source import PlayedSource
 from eskin.live import Recognizer, warm_up
 from eskin.model import Model
 from eskin.page import Answer as Shown
-from eskin.page import Board
+from eskin.page import ComparisonBoard
 from eskin.page.port import free_port
 from eskin.stream import (
     Context,
@@ -62,7 +62,7 @@ class ComparisonListener(Listener):
         self.begin: int | None = None
         self.playback = -1
         self.runs: list[tuple[RecognitionRun, ...]] = []
-        self.board: Board | None = None
+        self.board: ComparisonBoard | None = None
 
     def start(self, context: Context) -> None:
         """Do nothing: nothing needs to be ready."""
@@ -98,7 +98,7 @@ class ComparisonListener(Listener):
         for run in self.runs[-1] if self.runs else ():
             run.finish()
 
-    def build_board(self) -> Board:
+    def build_board(self) -> ComparisonBoard:
         """Build the board of the results in both poses so far."""
         labels, classes = self.touch.labels, len(self.models[0].card.vocabulary)
         results = [[run.result for run in side] for side in self.runs]
@@ -111,7 +111,7 @@ class ComparisonListener(Listener):
         )
         number = self.playback // 2 % len(self.touches) + 1
         title = f"The same counts twice: touch {number}"
-        return Board(title, POSE_TITLES, labels, len(self.runs) - 1, rows)
+        return ComparisonBoard(title, POSE_TITLES, labels, len(self.runs) - 1, rows)
 
     def close(self) -> None:
         """End the last playback."""

@@ -1,4 +1,4 @@
-"""This module frames packets on a serial line.
+"""This module encodes packets as frames on a serial line, and decodes them.
 
 A frame is COBS (Cheshire and Baker 1999), then one zero byte. A zero stands nowhere but
 between frames, so a receiver that starts anywhere, or receives garbage, is in step

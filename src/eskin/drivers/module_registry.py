@@ -83,7 +83,7 @@ class PacketCounts:
 
 @dataclass
 class ModuleClaim:
-    """A module that claims to be at an address."""
+    """A claim records a module that sends under an address."""
 
     serial_number: int
     """Serial number of the module."""

@@ -221,7 +221,7 @@ class SerialTransport(Transport):
                 self.log.add(arrived, "silent", text)
                 continue
             packets += [
-                ReceivedPacket(port.path, arrived, packet) for packet in packets
+                ReceivedPacket(port.path, arrived, packet) for packet in found
             ]
         return packets
 

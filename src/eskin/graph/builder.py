@@ -19,7 +19,6 @@ from eskin.graph.builder_kernels import (
 from eskin.graph.neighbours import FixedNeighbours, allocate_search
 from eskin.skin import MountedSkin
 from eskin.touch import LinkPoseCache, Reading
-from eskin.touch.pipeline import LinkPoseCache
 
 MAX_STEP = 0.5  # [s] between readings from which a rate is computed
 MIN_STEP = 1e-4  # [s]
@@ -32,7 +31,7 @@ CM2_PER_M2 = 1e4
 
 @dataclass(frozen=True)
 class GraphConfig:
-    """Settings that determine how the taxels of a touch become a graph."""
+    """These settings determine how the taxels of a touch become a graph."""
 
     fixed: int = 8
     """Number of nearest taxels of the same patch that each taxel is joined to (the

@@ -1,4 +1,4 @@
-"""Compiled construction of one contact graph, at a cost that follows what is active.
+"""Compiled kernels that build one contact graph, at a cost that follows the contact.
 
 `no_type_check` keeps the tests' type checks off compiled code.
 """
@@ -24,7 +24,7 @@ ONE, NONE = np.uint64(1), np.uint64(0)
 
 
 class SkinGeometry(NamedTuple):
-    """The properties of a skin on its robot that never change."""
+    """A geometry holds the properties of a skin on its robot that never change."""
 
     positions: np.ndarray
     """(taxel, 3) in the frame of its link [m]"""
@@ -49,7 +49,7 @@ class SkinGeometry(NamedTuple):
 
 
 class TaxelHistory(NamedTuple):
-    """The loads that each taxel measured when it was last active.
+    """A history holds the loads that each taxel measured when it was last active.
 
     A taxel that has not been active since the previous reading has no load. Nothing is
     ever cleared, so a reading costs only what is active in it.
@@ -70,7 +70,7 @@ class TaxelHistory(NamedTuple):
 
 
 class TimeStep(NamedTuple):
-    """The number and time of one reading."""
+    """A time step tells the number and time of one reading."""
 
     reading: int
     """Number of the reading."""
@@ -83,7 +83,7 @@ class TimeStep(NamedTuple):
 
 
 class GraphArrays(NamedTuple):
-    """The fields of `eskin.graph.GraphBatch`, in its order, for compiled code.
+    """These are the fields of `eskin.graph.GraphBatch` for compiled code, in its order.
 
     Arrays of nodes may be longer than the last offset; kernels ignore the rest.
     """
@@ -104,7 +104,7 @@ class GraphArrays(NamedTuple):
 
 
 class GraphWorkspace(NamedTuple):
-    """The memory in which one graph is built; its content before does not matter."""
+    """A workspace is memory in which one graph is built, whatever it held before."""
 
     graph: GraphArrays
     """The graph, a batch of one."""

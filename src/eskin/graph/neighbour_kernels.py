@@ -1,4 +1,4 @@
-"""Compiled search for the nearest nodes of other patches."""
+"""Compiled kernels that find the nearest nodes of other patches."""
 
 from typing import NamedTuple, no_type_check
 
@@ -12,7 +12,7 @@ NO_NODE = -1
 
 
 class NeighbourWorkspace(NamedTuple):
-    """The working memory of the search for neighbours of other patches."""
+    """A workspace is the memory of a search for neighbours of other patches."""
 
     boxes: np.ndarray
     """(box, 2, 3) smallest and largest coordinates of each patch [m]"""

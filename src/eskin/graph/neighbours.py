@@ -20,7 +20,7 @@ from eskin.skin import Skin
 
 
 class FixedNeighbours:
-    """A table holds the K nearest taxels of the same patch, found once for a skin.
+    """A table holds the K nearest taxels of the same patch, computed once for a skin.
 
     Attributes:
         table: the neighbours of each taxel, nearest first, or -1.

@@ -21,7 +21,7 @@ NO_TAXELS = np.empty(0, dtype=np.int64)
 
 
 class TouchNodes(NamedTuple):
-    """The taxels and the history from which one sequence's graph is built."""
+    """These are the taxels and the history from which a sequence's graph is built."""
 
     taxels: Int[np.ndarray, "active"]
     """Active taxels now."""
@@ -34,7 +34,7 @@ class TouchNodes(NamedTuple):
 
 
 class PackedTouchNodes(NamedTuple):
-    """The same of all sequences at one reading, packed for compiled code."""
+    """These are the taxels of all sequences at one reading, packed for kernels."""
 
     keys: list[int]
     """Keys of the sequences."""

@@ -1,4 +1,4 @@
-"""Compiled summary of the touch that each contact graph shows.
+"""Compiled kernels that summarise the touch that each contact graph shows.
 
 Sums are taken in float64, one node after the other. Every feature is invariant to
 motions and mirror images of the whole robot, depends on forces and areas rather than on

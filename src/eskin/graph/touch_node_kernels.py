@@ -1,4 +1,4 @@
-"""Compiled collection of the taxels of each touch from the records of touches."""
+"""Compiled kernels that collect the taxels of each touch from the touch records."""
 
 import math
 from typing import NamedTuple, no_type_check
@@ -15,7 +15,7 @@ S_PER_NS = 1e-9
 
 
 class TouchNodeArrays(NamedTuple):
-    """The taxels and histories of all sequences of graphs at one reading.
+    """These arrays hold the taxels and histories of all sequences at one reading.
 
     A span is the first index and the end.
     """

@@ -65,8 +65,7 @@ def compute_group_accuracies(
 
 @dataclass(frozen=True, eq=False)
 class Reliability:
-    """Reliability shows the accuracy of answers by their confidence, in 15 equal
-    bins."""
+    """Reliability holds the accuracy of answers in 15 equal bins of confidence."""
 
     count: Int[np.ndarray, "bin"]
     """Number of answers in each bin."""

@@ -1,4 +1,4 @@
-"""This package recognises gestures live: a reading in, detections out, without torch."""
+"""This package recognises gestures live, one reading at a time and without torch."""
 
 from eskin.live.decision import UNKNOWN, Decision, DecisionFilter
 from eskin.live.detection import Detection

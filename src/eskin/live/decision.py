@@ -21,7 +21,7 @@ UNKNOWN = "unknown"
 
 @runtime_checkable
 class TouchLike(Protocol):
-    """An object that tells when a touch happened: a `Touch`, or the row of a record."""
+    """An object like this tells when a touch happened, such as a `Touch`."""
 
     @property
     def id(self) -> int:
@@ -66,7 +66,7 @@ class Decision:
 
 @dataclass
 class TouchEvidence:
-    """The evidence that an open touch has given so far."""
+    """Evidence accumulates over the readings of an open touch."""
 
     onset: int
     """When the touch began [ns since the epoch]."""
@@ -84,7 +84,7 @@ class TouchEvidence:
 
 @final
 class DecisionFilter:
-    """A stateful filter that turns probabilities into one decision for each touch.
+    """A filter turns probabilities into one decision for each touch; it is stateful.
 
     1. While a touch is open, a gesture other than `none` is reported once its
        probability has been above its threshold for the whole of `hold_seconds`; the

@@ -81,7 +81,7 @@ def to_tuple(array: Float[np.ndarray, "3"]) -> tuple[float, float, float]:
 
 @final
 class DirectionTracker:
-    """A stateful tracker that keeps every open touch as it was at its latest contact.
+    """A tracker keeps every open touch as it was at its latest contact.
 
     Directions are asked for rarely, so they are computed only then.
     """

@@ -1,4 +1,4 @@
-"""Compiled encoder that does what `eskin.nn.Encoder` does, for one graph.
+"""Compiled kernels that do what `eskin.nn.Encoder` does, for one graph.
 
 Products of matrices go through BLAS, everything else is loops along channels.
 """
@@ -30,7 +30,7 @@ ONE, TWO = np.float32(1.0), np.float32(2.0)
 
 
 class EncoderWeights(NamedTuple):
-    """The parameters of `eskin.nn.Encoder`, with those of its layers stacked.
+    """These are the parameters of `eskin.nn.Encoder`, those of its layers stacked.
 
     Matrices are ([layer,] input, output), the transpose of torch's, so that the
     channels of an output lie side by side. The last layer updates no coordinates: its
@@ -57,7 +57,7 @@ class EncoderWeights(NamedTuple):
 
 
 class EncoderWorkspace(NamedTuple):
-    """The memory in which the encoder works on one graph.
+    """A workspace is the memory in which the encoder works on one graph.
 
     A *row* is a node with features of its own: first the active nodes, which receive
     messages, then those that are neither active nor at rest, and one row for all nodes

@@ -1,4 +1,4 @@
-"""Compiled temporal heads that compute only what a new reading changes."""
+"""Compiled kernels that update the temporal heads by what a new reading changes."""
 
 from typing import NamedTuple, no_type_check
 
@@ -20,7 +20,7 @@ ZERO = np.float32(0.0)
 
 
 class HeadWeights(NamedTuple):
-    """The parameters of both heads; a *track* is a channel of one of them.
+    """These are the parameters of both heads; a *track* is a channel of one of them.
 
     Inputs that a head does not take have zeros for weights.
     """
@@ -44,7 +44,7 @@ class HeadWeights(NamedTuple):
 
 
 class HeadState(NamedTuple):
-    """The state of one sequence: ring buffers in which slot n is at n modulo the slots.
+    """A state holds the ring buffers of one sequence; slot n is at n modulo the slots.
 
     An output of a convolution is stored at its last tap, whether or not the window that
     ends now uses it: each is computed once and used every fourth or eighth slot.

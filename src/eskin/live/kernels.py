@@ -1,4 +1,4 @@
-"""Compiled arithmetic in float32 that the network's kernels share.
+"""Compiled kernels that do arithmetic in float32 for the other kernels.
 
 `no_type_check` keeps the tests' type checks off compiled code.
 """

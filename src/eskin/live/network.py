@@ -26,9 +26,9 @@ alone, the second also the embedding."""
 
 @final
 class Network:
-    """The weights of a model and the memory in which its compiled network works.
+    """A network holds a model's weights and the memory in which compiled code works.
 
-    The network computes what `eskin.nn.RecogniserNetwork` does, without torch. Its
+    It computes what `eskin.nn.RecogniserNetwork` does, without torch. Its
     memory serves one thread at a time.
     """
 

@@ -144,7 +144,7 @@ class Recognizer:
         """Create a recogniser from files.
 
         Args:
-            name_or_path: name of a model that comes with eskin, or path of a model file.
+            name_or_path: a model that comes with eskin, or the path of a model file.
             skin: a preset's name, a skin's folder, or a skin; None for the one that a
                 model which comes with eskin was trained on.
             robot: a preset's name, a URDF, or a robot; None for that of a preset skin.

@@ -1,4 +1,4 @@
-"""Compiled step of one reading, from the taxels of touches to probabilities."""
+"""Compiled kernels that compute probabilities from the taxels of touches."""
 
 import math
 from typing import NamedTuple, no_type_check
@@ -32,7 +32,7 @@ NO_SLOT = -(2**62)
 
 
 class FeatureWeights(NamedTuple):
-    """The weights from which the features of a graph are computed."""
+    """These weights determine the features of a graph."""
 
     summary_mean: np.ndarray
     """(feature) mean over the training readings."""
@@ -43,7 +43,7 @@ class FeatureWeights(NamedTuple):
 
 
 class SequencePool(NamedTuple):
-    """The states of all sequences of a stream, one row of memory for each."""
+    """A pool holds the states of all sequences of a stream, one row for each."""
 
     keys: np.ndarray
     """(row) key of the sequence that uses the row, or `FREE_ROW`."""
@@ -54,7 +54,7 @@ class SequencePool(NamedTuple):
 
 
 class StepParts(NamedTuple):
-    """The parts of a step that are the same for all touches."""
+    """These parts of a step are the same for all touches."""
 
     geometry: SkinGeometry
     """Geometry of the skin."""
@@ -89,7 +89,7 @@ def step(
     slot: int,
     out: Float[np.ndarray, "sequence 2 class"],
 ) -> None:
-    """Store the loads of a reading, and write logits and probabilities of each sequence.
+    """Store the loads of a reading, and write the logits of each sequence.
 
     Args:
         packed_parts: packed `StepParts`, with room for every graph.

@@ -28,7 +28,7 @@ def check_limits(settings: object, limits: Limits) -> None:
 
 @dataclass(frozen=True)
 class DecisionConfig:
-    """Settings that determine when a gesture is reported."""
+    """These settings determine when a gesture is reported."""
 
     threshold: float = 0.8
     """Probability from which a gesture is reported while the touch is open."""
@@ -82,7 +82,7 @@ LIMITS = {
 
 @dataclass(frozen=True)
 class NetworkConfig:
-    """Settings that determine the size of the recogniser's network."""
+    """These settings determine the size of the recogniser's network."""
 
     width: int = 8
     """Number of channels of a node."""
@@ -109,7 +109,7 @@ FORMAT = "eskin-model-1"
 
 @dataclass(frozen=True)
 class ModelCard:
-    """A card holds all settings that recognition needs, and the origin of the weights."""
+    """A card holds the settings of recognition and the origin of the weights."""
 
     vocabulary: tuple[str, ...]
     """Classes in the order of the logits; `none` is one of them."""

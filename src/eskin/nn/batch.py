@@ -17,7 +17,7 @@ from eskin.graph import (
 
 @dataclass(frozen=True)
 class GraphTensors:
-    """The features of contact graphs, one graph per reading, laid end to end."""
+    """These tensors hold the features of contact graphs, one graph per reading."""
 
     scalars: Float[Tensor, "node scalar"]
     """Columns `eskin.graph.NODE_SCALARS`."""
@@ -43,7 +43,7 @@ class GraphTensors:
 
 @dataclass(frozen=True)
 class SlotIndex:
-    """The window and the time slot of each reading."""
+    """An index gives the window and the time slot of each reading."""
 
     window: Int[Tensor, "reading"]
     """Index of the window of each reading."""
@@ -55,7 +55,7 @@ class SlotIndex:
 
 @dataclass(frozen=True)
 class NetworkInput:
-    """A batch of windows: the graphs of their readings, and the slot of each."""
+    """An input holds the graphs of the readings of a batch of windows."""
 
     graphs: GraphTensors
     """One graph per reading."""

@@ -15,7 +15,7 @@ from eskin.nn.batch import GraphTensors
 
 @dataclass(frozen=True)
 class Edges:
-    """The edges of a batch of graphs, by target."""
+    """These tensors hold the edges of a batch of graphs, by target."""
 
     targets: Int[Tensor, "target"]
     """Nodes that receive messages."""
@@ -36,9 +36,9 @@ class EquivariantLayer(nn.Module):
     v_i <- v_i + phi_h(v_i, m_i)                                    (eq. 6, residual)
 
     The weights w_ij are shares of area and sum to one, so that messages do not grow
-    with the density of a skin. e_ij are invariants of the relative pose of the two taxels and of their
-    shear. phi_e's first layer is split into a part of i, a part of j and a part of the
-    edge, so that the first two are computed once per node.
+    with the density of a skin. e_ij are invariants of the relative pose of the two
+    taxels and of their shear. phi_e's first layer is split into a part of i, a part of
+    j and a part of the edge, so that the first two are computed once per node.
     """
 
     def __init__(self, width: int, last: bool) -> None:

@@ -64,7 +64,7 @@ class TemporalHead(nn.Module):
         e: Float[Tensor, "window slot input"],
         present: Float[Tensor, "window slot"],
     ) -> Float[Tensor, "window class"]:
-        """Return the logits of each window; `present` is 1 where a slot has a reading."""
+        """Return the logits of windows; `present` is 1 where a slot holds a reading."""
         mask = present[:, None]
         fine = silu(self.project(e)).transpose(1, 2) * mask
         short, short_mask = self.short(fine, mask)

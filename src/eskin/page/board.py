@@ -6,17 +6,19 @@ from typing import final
 from viser import GuiApi, Icon
 
 from eskin.page.colours import ColourScale
-from eskin.page.messages import Answer, Board, Picture, Setup
+from eskin.page.messages import Answer, ComparisonBoard, SceneDescription, ViewUpdate
 from eskin.page.panel import AMBER, LINE, PALE, RED, TEAL, add_scale, block, word
 
 DULL = "#b9c2cd"
 
 
 @final
-class BoardPanel:
+class ComparisonPanel:
     """In place of the panel where two recognisers are compared."""
 
-    def __init__(self, gui: GuiApi, setup: Setup, scale: ColourScale) -> None:
+    def __init__(
+        self, gui: GuiApi, setup: SceneDescription, scale: ColourScale
+    ) -> None:
         """Lay the panel out."""
         self.setup = setup
         self.board = gui.add_html(board(None, setup.gestures))
@@ -24,15 +26,15 @@ class BoardPanel:
         with gui.add_tab_group().add_tab("View", Icon.PALETTE):
             add_scale(gui, scale, self.legend)
 
-    def take(self, picture: Picture) -> None:
+    def take(self, picture: ViewUpdate) -> None:
         """All that is shown stands in the picture that is drawn."""
 
-    def draw(self, picture: Picture) -> None:
+    def draw(self, picture: ViewUpdate) -> None:
         """Draw what has changed."""
         self.board.content = board(picture.board, self.setup.gestures)
 
 
-def board(shown: Board | None, gestures: tuple[str, ...]) -> str:
+def board(shown: ComparisonBoard | None, gestures: tuple[str, ...]) -> str:
     """Two poses beside each other, one recogniser under the other."""
     if shown is None:
         return block("the arm goes to its first pose")

@@ -30,7 +30,7 @@ VIRIDIS = np.array(
 """Seventeen stops of viridis (van der Walt and Smith 2015), of even lightness."""
 STEPS = 64
 """Colours in use: a taxel travels to the browser only when its colour changes."""
-UNHEARD = (205, 205, 210)
+INVALID_COLOUR = (205, 205, 210)
 """Of a taxel that is not believed."""
 QUIET = 0.5
 """Pressure below which a taxel is at rest [kPa]."""
@@ -64,7 +64,7 @@ class ColourScale:
         share = np.sqrt(np.clip(pressure / self.maximum, 0.0, 1.0))
         share[pressure < QUIET] = 0.0
         colours = self.table[np.nan_to_num(share * (STEPS - 1)).astype(np.intp)]
-        colours[~valid] = UNHEARD
+        colours[~valid] = INVALID_COLOUR
         return colours
 
     def legend(self, ticks: int = 5) -> str:

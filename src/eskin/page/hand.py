@@ -10,7 +10,7 @@ from typing import Literal, final
 import numpy as np
 from jaxtyping import Float
 
-from eskin.page.messages import Order, Setup, TouchKind, TouchOrder
+from eskin.page.messages import Order, SceneDescription, TouchKind, TouchOrder
 from eskin.page.scene import Scene
 
 REACH = 0.015
@@ -18,7 +18,7 @@ REACH = 0.015
 
 
 @dataclass(frozen=True, eq=False)
-class Spot:
+class SurfacePoint:
     """A place on the skin."""
 
     taxel: int
@@ -40,14 +40,14 @@ class Pointing:
         self.scene = scene
         self.links = scene.setup.taxel_link
 
-    def of_taxel(self, taxel: int) -> Spot:
+    def of_taxel(self, taxel: int) -> SurfacePoint:
         """The centre of a taxel."""
         link = int(self.links[taxel])
-        return Spot(taxel, link, self.scene.setup.positions[taxel])
+        return SurfacePoint(taxel, link, self.scene.setup.positions[taxel])
 
     def along(
         self, origin: Float[np.ndarray, "3"], direction: Float[np.ndarray, "3"]
-    ) -> Spot | None:
+    ) -> SurfacePoint | None:
         """The foremost spot that a ray meets; None where it misses the skin.
 
         Args:
@@ -69,7 +69,9 @@ class Pointing:
         offset = origin + step * direction - positions[taxel]
         offset *= min(1.0, self.size(taxel) / max(float(np.linalg.norm(offset)), 1e-9))
         link = int(self.links[taxel])
-        return Spot(taxel, link, self.scene.to_link(link, positions[taxel] + offset))
+        return SurfacePoint(
+            taxel, link, self.scene.to_link(link, positions[taxel] + offset)
+        )
 
     def size(self, taxel: int) -> float:
         """Radius of a circle of a taxel's area [m]."""
@@ -77,11 +79,11 @@ class Pointing:
 
 
 Mode = Literal["poke", "double-pat", "grab", "stroke"]
-TWICE = 0.35
+DOUBLE_CLICK = 0.35
 """A click so soon after another makes a double pat of both [s]."""
 CLOSE = 0.05
 """How near to the first click the second one of a double pat is [m]."""
-LEAST: dict[TouchKind, float] = {"grab": 0.8, "double_pat": 0.4}
+MIN_SECONDS: dict[TouchKind, float] = {"grab": 0.8, "double_pat": 0.4}
 """How long a hand takes for these, though a poke is set to be shorter [s]."""
 STROKE_LENGTH = 0.12
 """Of the stroke that a click makes in that mode [m]."""
@@ -102,7 +104,7 @@ class Hand:
         seconds: how long it lasts; a grab or double pat takes its time [s].
     """
 
-    def __init__(self, setup: Setup, send: Callable[[Order], None]) -> None:
+    def __init__(self, setup: SceneDescription, send: Callable[[Order], None]) -> None:
         """Touch nothing yet.
 
         Args:
@@ -115,12 +117,12 @@ class Hand:
         self.force = 12.0
         self.seconds = 0.3
         self.keys = count(1)
-        self.once: tuple[float, Spot] | None = None
+        self.once: tuple[float, SurfacePoint] | None = None
         self.later: list[tuple[float, int, TouchOrder]] = []
         self.dragged: TouchOrder | None = None
         self.lock = RLock()
 
-    def click(self, spot: Spot, now: float, mode: Mode | None = None) -> None:
+    def click(self, spot: SurfacePoint, now: float, mode: Mode | None = None) -> None:
         """Touch a spot in the mode that is set, or in another.
 
         Args:
@@ -138,7 +140,7 @@ class Hand:
             self.at(now, self.order(kind, spot, next(self.keys)))
         self.tick(now)
 
-    def poke(self, spot: Spot, now: float) -> None:
+    def poke(self, spot: SurfacePoint, now: float) -> None:
         """Poke soon, or pat twice if a poke was about to begin."""
         with self.lock:
             self.tick(now)
@@ -149,9 +151,9 @@ class Hand:
                 return
             if first is not None:
                 self.at(now, self.order("poke", first, next(self.keys)))
-            self.once = (now + TWICE, spot)
+            self.once = (now + DOUBLE_CLICK, spot)
 
-    def stroke(self, spot: Spot, now: float) -> None:
+    def stroke(self, spot: SurfacePoint, now: float) -> None:
         """Stroke along the patch from a spot on, over taxels of the same link."""
         key = next(self.keys)
         path = self.path(spot)
@@ -161,7 +163,7 @@ class Hand:
         end = now + len(path) * STROKE_TICK
         self.at(end, self.order("end", path[-1], key))
 
-    def path(self, spot: Spot) -> list[Spot]:
+    def path(self, spot: SurfacePoint) -> list[SurfacePoint]:
         """Spots from one end of a stroke to the other."""
         setup = self.setup
         patch = np.flatnonzero(setup.patch_index == setup.patch_index[spot.taxel])
@@ -173,9 +175,11 @@ class Hand:
         wanted = spot.p_link + np.linspace(0, STROKE_LENGTH, steps)[:, None] * along
         away = np.linalg.norm(wanted[:, None] - positions, axis=-1)
         near = patch[np.argmin(away, axis=1)]
-        return [Spot(int(t), spot.link, setup.positions[t]) for t in near]
+        return [SurfacePoint(int(t), spot.link, setup.positions[t]) for t in near]
 
-    def drag(self, phase: Literal["start", "update", "end"], spot: Spot | None) -> None:
+    def drag(
+        self, phase: Literal["start", "update", "end"], spot: SurfacePoint | None
+    ) -> None:
         """Drag a finger; where there is no skin it stays where it last was.
 
         It lands when it begins to move: a browser that draws slowly tells of the one
@@ -204,13 +208,13 @@ class Hand:
     def order(
         self,
         kind: TouchKind,
-        spot: Spot,
+        spot: SurfacePoint,
         key: int,
     ) -> TouchOrder:
         """An order for a spot with the force and duration that are set."""
         x, y, z = spot.p_link.tolist()
         link = self.setup.links[spot.link]
-        seconds = max(self.seconds, LEAST.get(kind, 0.0))
+        seconds = max(self.seconds, MIN_SECONDS.get(kind, 0.0))
         return TouchOrder(kind, link, (x, y, z), self.force, seconds, key)
 
     def at(self, when: float, order: TouchOrder) -> None:
@@ -228,7 +232,7 @@ class Hand:
                 self.send(heapq.heappop(self.later)[2])
 
 
-def are_near(one: Spot, other: Spot) -> bool:
+def are_near(one: SurfacePoint, other: SurfacePoint) -> bool:
     """Whether two clicks are on the same place, as far as a hand cares."""
     away = np.linalg.norm(one.p_link - other.p_link)
     return one.link == other.link and bool(away <= CLOSE)

@@ -8,7 +8,7 @@ from jaxtyping import Float, Float16, Float32, Int, UInt8
 
 
 @dataclass(frozen=True, eq=False)
-class ContactMark:
+class ContactMarker:
     """Where something touches."""
 
     link: int
@@ -25,7 +25,7 @@ class ContactMark:
 
 
 @dataclass(frozen=True, eq=False)
-class TouchNow:
+class OpenTouch:
     """An open touch and what is thought of it."""
 
     id: int
@@ -42,7 +42,7 @@ class TouchNow:
 
 
 @dataclass(frozen=True)
-class Saying:
+class LogEntry:
     """A line of the log."""
 
     seconds: float
@@ -65,7 +65,7 @@ class Saying:
 
 
 @dataclass(frozen=True)
-class ArmLine:
+class ArmSummary:
     """What an arm does, in words and numbers."""
 
     state: Literal["running", "paused", "held", "stopped", "waiting"]
@@ -100,7 +100,7 @@ class Answer:
 
 
 @dataclass(frozen=True)
-class Board:
+class ComparisonBoard:
     """What two recognisers say of the same counts in two poses."""
 
     title: str
@@ -120,7 +120,7 @@ class Board:
 
 
 @dataclass(frozen=True, eq=False)
-class Picture:
+class ViewUpdate:
     """One instant as the page shows it."""
 
     seconds: float
@@ -135,10 +135,10 @@ class Picture:
     valid: UInt8[np.ndarray, "byte"]
     """Which taxels are believed, packed into bits."""
 
-    contacts: tuple[ContactMark, ...]
+    contacts: tuple[ContactMarker, ...]
     """Strongest first."""
 
-    touches: tuple[TouchNow, ...]
+    touches: tuple[OpenTouch, ...]
     """Strongest first."""
 
     force: float
@@ -147,7 +147,7 @@ class Picture:
     peak: float
     """Greatest pressure [kPa]."""
 
-    sayings: tuple[Saying, ...]
+    log_entries: tuple[LogEntry, ...]
     """What was said since the last picture."""
 
     faults: int
@@ -162,15 +162,15 @@ class Picture:
     age: float
     """How old the reading was when all was said of it [s]."""
 
-    arm: ArmLine | None = None
+    arm: ArmSummary | None = None
     """Where there is an arm."""
 
-    board: Board | None = None
+    board: ComparisonBoard | None = None
     """Where recognisers are compared."""
 
 
 @dataclass(frozen=True, eq=False)
-class Solid:
+class LinkMesh:
     """A part of the robot as it looks: a closed mesh in the frame of its link."""
 
     link: int
@@ -187,7 +187,7 @@ class Solid:
 
 
 @dataclass(frozen=True, eq=False)
-class Setup:
+class SceneDescription:
     """A skin on its robot, and what people may do with it."""
 
     title: str
@@ -196,7 +196,7 @@ class Setup:
     links: tuple[str, ...]
     """Of the robot."""
 
-    solids: tuple[Solid, ...]
+    solids: tuple[LinkMesh, ...]
     """What the robot looks like."""
 
     taxel_link: Int[np.ndarray, "taxel"]

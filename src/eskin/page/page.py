@@ -12,12 +12,12 @@ from viser import (
     ViserServer,
 )
 
-from eskin.page.board import BoardPanel
+from eskin.page.board import ComparisonPanel
 from eskin.page.colours import ColourScale
 from eskin.page.hand import Hand, Mode, Pointing
-from eskin.page.messages import Order, Picture, Setup
+from eskin.page.messages import Order, SceneDescription, ViewUpdate
 from eskin.page.panel import Panel
-from eskin.page.scene import Gripper, Marks, Scene
+from eskin.page.scene import GripperModel, Marks, Scene
 
 SCALE = 60.0
 """Pressure of the lightest colour until somebody changes it [kPa]."""
@@ -36,7 +36,10 @@ class Page:
     """Scene and panel of one server."""
 
     def __init__(
-        self, server: ViserServer, setup: Setup, send: Callable[[Order], None]
+        self,
+        server: ViserServer,
+        setup: SceneDescription,
+        send: Callable[[Order], None],
     ) -> None:
         """Lay out the page.
 
@@ -55,10 +58,10 @@ class Page:
         self.scene = Scene(server, setup, self.scale)
         self.scene.look(MIDDLE, DISTANCE)
         self.marks = Marks(server, self.scene)
-        self.gripper = Gripper(server, setup) if setup.is_arm else None
+        self.gripper = GripperModel(server, setup) if setup.is_arm else None
         self.hand = Hand(setup, send)
         self.panel = (
-            BoardPanel(gui, setup, self.scale)
+            ComparisonPanel(gui, setup, self.scale)
             if setup.compares
             else Panel(gui, setup, self.scale, self.hand)
         )
@@ -96,7 +99,7 @@ class Page:
                 spot = self.pointing.along(eye, np.asarray(event.end_position) - eye)
             hand.drag(event.phase, spot)
 
-    def show(self, picture: Picture) -> None:
+    def show(self, picture: ViewUpdate) -> None:
         """Show one picture."""
         with self.server.atomic():
             self.scene.show(picture)

@@ -12,13 +12,13 @@ from viser import GuiApi, GuiEvent, GuiHtmlHandle, Icon
 from eskin.page.colours import ColourScale
 from eskin.page.hand import Hand, Mode
 from eskin.page.messages import (
-    ArmLine,
+    ArmSummary,
+    LogEntry,
+    OpenTouch,
     PageKind,
     PageOrder,
-    Picture,
-    Saying,
-    Setup,
-    TouchNow,
+    SceneDescription,
+    ViewUpdate,
 )
 
 INK, PALE, LINE = "#1f2733", "#7b8594", "#e6e9ee"
@@ -39,7 +39,7 @@ def block(inside: str) -> str:
     return f'<div style="{FONT}">{inside}</div>'
 
 
-def status(picture: Picture) -> str:
+def status(picture: ViewUpdate) -> str:
     """How fast, how old, what is wrong; and what the arm does."""
     wrong = f"{picture.faults} fault{'s' * (picture.faults != 1)}"
     colour = RED if picture.faults else TEAL
@@ -88,7 +88,7 @@ def comparison(rows: Sequence[tuple[float, str, str, bool]], right: int) -> str:
     return block(head + body)
 
 
-def arm(line: ArmLine) -> str:
+def arm(line: ArmSummary) -> str:
     """The arm's state in one line."""
     word = line.state + (f": {line.why}" if line.why else "")
     rest = f"{line.speed:.0%} speed, gripper {line.gripper}, to {line.target or '-'}"
@@ -99,7 +99,7 @@ def arm(line: ArmLine) -> str:
     )
 
 
-def bars(touches: Sequence[TouchNow], gestures: Sequence[str]) -> str:
+def bars(touches: Sequence[OpenTouch], gestures: Sequence[str]) -> str:
     """Probabilities of the strongest touch."""
     first = touches[0] if touches else None
     head = "no touch"
@@ -129,7 +129,7 @@ def bar(gesture: str, chance: float, is_best: bool) -> str:
     )
 
 
-def log(sayings: Sequence[Saying]) -> str:
+def log(log_entries: Sequence[LogEntry]) -> str:
     """Detections, commands and events, newest first."""
     rows = "".join(
         f'<div style="display:flex;gap:8px;border-bottom:1px solid {LINE};'
@@ -137,12 +137,12 @@ def log(sayings: Sequence[Saying]) -> str:
         f'<span style="color:{PALE};width:46px;flex:none;text-align:right;'
         f'font-variant-numeric:tabular-nums">{saying.seconds:.1f} s</span>'
         f'<span style="color:{KINDS[saying.kind]}">{escape(saying.text)}</span></div>'
-        for saying in sayings
+        for saying in log_entries
     )
     return block(rows or f'<span style="color:{PALE}">nothing yet</span>')
 
 
-def patches(setup: Setup, valid: Bool[np.ndarray, "taxel"]) -> str:
+def patches(setup: SceneDescription, valid: Bool[np.ndarray, "taxel"]) -> str:
     """How much of each patch is believed."""
     sizes = np.bincount(setup.patch_index, minlength=len(setup.patches))
     good = np.bincount(setup.patch_index, valid, minlength=len(setup.patches))
@@ -179,7 +179,7 @@ HIGH, OUTSIDE = 0.93, -9.0
 
 
 @final
-class Strip:
+class HistoryPlot:
     """A plot that moves on ten times a second, with what was said marked in it."""
 
     def __init__(self, gui: GuiApi) -> None:
@@ -229,11 +229,11 @@ class Strip:
             padding=(6, 0, 0, 0),
         )
 
-    def take(self, picture: Picture) -> None:
+    def take(self, picture: ViewUpdate) -> None:
         """Keep the greatest of what comes between two points."""
         self.force = max(self.force, picture.force)
         self.peak = max(self.peak, picture.peak)
-        self.said |= any(saying.kind == "detection" for saying in picture.sayings)
+        self.said |= any(saying.kind == "detection" for saying in picture.log_entries)
 
     def draw(self) -> None:
         """Move on by one point."""
@@ -264,7 +264,7 @@ class Panel:
     """Everything beside the scene; drawn anew ten times a second where it changed."""
 
     def __init__(
-        self, gui: GuiApi, setup: Setup, scale: ColourScale, hand: Hand
+        self, gui: GuiApi, setup: SceneDescription, scale: ColourScale, hand: Hand
     ) -> None:
         """Lay the panel out.
 
@@ -278,10 +278,10 @@ class Panel:
         self.setup = setup
         self.scale = scale
         self.hand = hand
-        self.sayings: deque[Saying] = deque(maxlen=LINES)
+        self.log_entries: deque[LogEntry] = deque(maxlen=LINES)
         self.status = gui.add_html("")
         self.bars = gui.add_html(bars((), setup.gestures))
-        self.strip = Strip(gui)
+        self.strip = HistoryPlot(gui)
         self.legend = gui.add_html(block(scale.legend()))
         tabs = gui.add_tab_group()
         if setup.touchable:
@@ -372,17 +372,17 @@ class Panel:
         """Send what is not a touch."""
         self.hand.send(PageOrder(kind, value))
 
-    def take(self, picture: Picture) -> None:
+    def take(self, picture: ViewUpdate) -> None:
         """Keep what a picture tells."""
         self.strip.take(picture)
-        self.sayings.extendleft(picture.sayings)
+        self.log_entries.extendleft(picture.log_entries)
 
-    def draw(self, picture: Picture) -> None:
+    def draw(self, picture: ViewUpdate) -> None:
         """Draw what has changed."""
         self.strip.draw()
         self.status.content = status(picture)
         self.bars.content = bars(picture.touches, self.setup.gestures)
-        self.log.content = log(tuple(self.sayings))
+        self.log.content = log(tuple(self.log_entries))
         count = self.setup.patch_index.size
         valid = np.unpackbits(picture.valid, count=count).astype(bool)
         self.patches.content = patches(self.setup, valid)

@@ -8,7 +8,7 @@ from jaxtyping import Float, Float32, UInt8
 from viser import BatchedMeshHandle, FrameHandle, LabelHandle, ViserServer
 
 from eskin.page.colours import ColourScale
-from eskin.page.messages import ContactMark, Picture, Saying, Setup
+from eskin.page.messages import ContactMarker, LogEntry, SceneDescription, ViewUpdate
 from eskin.transforms import quaternion_to_matrix
 
 CORNERS = 12
@@ -39,7 +39,9 @@ class Scene:
         taxels: which taxels those are.
     """
 
-    def __init__(self, server: ViserServer, setup: Setup, scale: ColourScale) -> None:
+    def __init__(
+        self, server: ViserServer, setup: SceneDescription, scale: ColourScale
+    ) -> None:
         """Draw what does not change."""
         self.server = server
         self.setup = setup
@@ -151,7 +153,7 @@ class Scene:
             receive_shadow=False,
         )
 
-    def show(self, picture: Picture) -> None:
+    def show(self, picture: ViewUpdate) -> None:
         """Move the links and colour the taxels that have changed."""
         for link, frame in enumerate(self.frames):
             move(frame, self.poses[link], picture.poses[link])
@@ -213,10 +215,10 @@ WIDE = {"open": 0.042, "closed": 0.011}
 
 
 @final
-class Gripper:
+class GripperModel:
     """Drawn on the last link of the robot; only fingers move."""
 
-    def __init__(self, server: ViserServer, setup: Setup) -> None:
+    def __init__(self, server: ViserServer, setup: SceneDescription) -> None:
         """Draw it open."""
         at = f"/robot/{setup.links[-1]}/gripper"
         scene = server.scene
@@ -297,16 +299,16 @@ class Marks:
             receive_shadow=False,
         )
 
-    def show(self, picture: Picture) -> None:
+    def show(self, picture: ViewUpdate) -> None:
         """Draw what a picture tells, and take away words that are old."""
         self.outline(picture.contacts)
-        for saying in picture.sayings:
+        for saying in picture.log_entries:
             if saying.kind == "detection":
                 self.say(saying)
         while self.words and picture.seconds - self.words[0][0] > LASTS:
             self.words.popleft()[1].remove()
 
-    def outline(self, contacts: tuple[ContactMark, ...]) -> None:
+    def outline(self, contacts: tuple[ContactMarker, ...]) -> None:
         """One ring a contact; those left over are too small to see."""
         for link in self.ringed | {contact.link for contact in contacts}:
             here = [contact for contact in contacts if contact.link == link][:ROOM]
@@ -323,7 +325,7 @@ class Marks:
             rings.batched_scales = radii
         self.ringed = {contact.link for contact in contacts}
 
-    def say(self, saying: Saying) -> None:
+    def say(self, saying: LogEntry) -> None:
         """Let words float where a touch was recognised."""
         if saying.link < 0:
             return

@@ -1,4 +1,4 @@
-"""This module checks a skin."""
+"""This module finds everything that is wrong with a skin, patch by patch."""
 
 from collections import Counter
 from dataclasses import dataclass
@@ -13,19 +13,19 @@ from eskin.skin.skin import Skin
 
 @dataclass(frozen=True)
 class SkinProblem:
-    """One thing that is wrong with a skin, and where."""
+    """A problem says one thing that is wrong with a skin, and where."""
 
     text: str
-    """What is wrong, what was got and what is allowed."""
+    """Description: what is wrong, what was got and what is allowed."""
 
     patch: str | None = None
-    """The patch it lies in, where one is known."""
+    """Id of the patch, where it is known."""
 
     taxel: int | None = None
-    """The taxel's id, where one is known."""
+    """Id of the taxel, where it is known."""
 
     def __str__(self) -> str:
-        """One line that names the patch and taxel."""
+        """Return one line that names the patch and taxel."""
         where = []
         if self.patch is not None:
             where.append(f"patch '{' '.join(self.patch.split())}'")
@@ -34,130 +34,53 @@ class SkinProblem:
         return f"{', '.join(where)}: {self.text}" if where else self.text
 
 
-@dataclass(frozen=True, eq=False)
-class Spacing:
-    """What the cells beside each taxel say about it."""
-
-    cell_areas: Float[np.ndarray, "taxel"]
-    """Distance to the next in the row times that in the column [m2]; else NaN."""
-
-    neighbour_normals: Float[np.ndarray, "taxel 3"]
-    """Sum of the normals of the cells beside it; zero where there are none."""
-
-
-def measure_spacing(skin: Skin) -> Spacing:
-    """Measure the room of every taxel."""
-    steps = np.full((2, skin.count), np.inf)
-    normals = np.zeros((skin.count, 3))
-    for row_step, column_step in ((0, 1), (0, -1), (1, 0), (-1, 0)):
-        beside = neighbour(skin, row_step, column_step)
-        known = np.flatnonzero(beside >= 0)
-        other = beside[known]
-        axis = abs(row_step)
-        gap = np.linalg.norm(skin.positions[known] - skin.positions[other], axis=1)
-        steps[axis, known] = np.minimum(steps[axis, known], gap)
-        normals[known] += skin.normals[other]
-    # Where only one direction is known, the cell is taken for a square.
-    first = np.where(np.isfinite(steps[0]), steps[0], steps[1])
-    second = np.where(np.isfinite(steps[1]), steps[1], steps[0])
-    areas = first * second
-    return Spacing(np.where(np.isfinite(areas) & (areas > 0), areas, np.nan), normals)
-
-
-def neighbour(skin: Skin, row_step: int, column_step: int) -> Int[np.ndarray, "taxel"]:
-    """The taxel that many rows and columns on in the same patch, or -1."""
-    if skin.count == 0:
-        return np.zeros(0, dtype=np.int64)
-    width = int(skin.columns.max()) + 3
-    height = int(skin.rows.max()) + 3
-
-    def keys(rows: np.ndarray, columns: np.ndarray) -> np.ndarray:
-        return (skin.patch_index * height + rows + 1) * width + columns + 1
-
-    own = keys(skin.rows, skin.columns)
-    order = np.argsort(own, kind="stable")
-    wanted = keys(skin.rows + row_step, skin.columns + column_step)
-    place = np.minimum(np.searchsorted(own[order], wanted), skin.count - 1)
-    found = order[place]
-    return np.where(own[found] == wanted, found, -1)
-
-
-DIRECTION_TOLERANCE = 1e-3
-
-
-@np.errstate(over="ignore", invalid="ignore")
-def direction_problems(skin: Skin) -> list[SkinProblem]:
-    """Normals and tangents that are not unit vectors at right angles."""
-    lengths = np.linalg.norm(skin.normals, axis=1)
-    spans = np.linalg.norm(skin.tangents, axis=1)
-    leaning = np.abs(np.sum(skin.normals * skin.tangents, axis=1))
-    allowed = f"allowed 1 +- {DIRECTION_TOLERANCE:g}"
-    lean_allowed = f"allowed up to {DIRECTION_TOLERANCE:g}"
-    found: list[SkinProblem] = []
-    for what, got, wrong, bounds in (
-        ("normal has length", lengths, off_one(lengths), allowed),
-        ("tangent has length", spans, off_one(spans), allowed),
-        (
-            "tangent is not at a right angle to the normal: their product is",
-            leaning,
-            ~(leaning <= DIRECTION_TOLERANCE) & ~off_one(lengths) & ~off_one(spans),
-            lean_allowed,
-        ),
-    ):
-        for taxel in np.flatnonzero(wrong):
-            patch = skin.patches[skin.patch_index[taxel]].id
-            text = f"{what} {got[taxel]:.6g}, {bounds}"
-            found.append(SkinProblem(text, patch, int(taxel)))
-    return found
-
-
-def off_one(lengths: Float[np.ndarray, "taxel"]) -> np.ndarray:
-    """Where a length is not one; NaN is not one."""
-    return ~(np.abs(lengths - 1.0) <= DIRECTION_TOLERANCE)
-
-
 @dataclass(frozen=True)
 class CheckConfig:
-    """What is taken for wrong in a skin."""
+    """The configuration of the check holds its tolerances."""
 
     max_surface_distance: float = 0.005
-    """Farthest that a taxel may lie from its link's surface [m]."""
+    """Largest distance of a taxel from its link's surface [m]."""
 
     min_taxel_distance: float = 0.0002
-    """Two taxels of a link that are nearer than this lie on one another [m]."""
+    """Smallest distance of two taxels of a link [m]."""
 
     min_fill: float = 0.2
-    """Least area of a taxel, as a share of the cell its neighbours leave it."""
+    """Smallest area of a taxel over that of its cell between the neighbours."""
 
     max_fill: float = 1.5
-    """Greatest area of a taxel, as a share of that cell."""
+    """Largest area of a taxel over that of its cell."""
 
-    outward: float = 0.5
-    """Least cosine between a taxel's normal and its surface's."""
+    min_cosine: float = 0.5
+    """Smallest cosine between a taxel's normal and its surface's."""
 
 
 def check_skin(
     skin: Skin, robot: Robot | None = None, config: CheckConfig | None = None
 ) -> list[SkinProblem]:
-    """Everything that is wrong with a skin.
+    """Return everything that is wrong with a skin.
 
     Args:
         skin: the skin.
-        robot: the robot it is for; without one, links and surfaces are not checked.
-        config: what is taken for wrong.
+        robot: the robot that wears it; without one, links and surfaces are not checked.
+        config: tolerances of the check.
     """
     config = config or CheckConfig()
     spacing = measure_spacing(skin)
-    problems = patch_problems(skin) + cell_problems(skin) + position_problems(skin)
-    problems += direction_problems(skin) + coincident_problems(skin, config)
-    problems += area_problems(skin, spacing, config) + flipped_problems(skin, spacing)
+    problems = find_patch_problems(skin) + find_cell_problems(skin)
+    problems += find_position_problems(skin)
+    problems += find_direction_problems(skin) + find_coincident_problems(skin, config)
+    problems += find_area_problems(skin, spacing, config) + find_flipped_problems(
+        skin, spacing
+    )
     if robot is not None:
-        problems += link_problems(skin, robot) + surface_problems(skin, robot, config)
+        problems += find_link_problems(skin, robot) + find_surface_problems(
+            skin, robot, config
+        )
     return problems
 
 
-def patch_problems(skin: Skin) -> list[SkinProblem]:
-    """Patch ids and addresses that come twice, and patches without taxels."""
+def find_patch_problems(skin: Skin) -> list[SkinProblem]:
+    """Find repeated patch ids and addresses, and patches without taxels."""
     found = []
     ids = Counter(patch.id for patch in skin.patches)
     addresses: dict[int, str] = {}
@@ -178,8 +101,8 @@ def patch_problems(skin: Skin) -> list[SkinProblem]:
     return found
 
 
-def cell_problems(skin: Skin) -> list[SkinProblem]:
-    """Cells outside the patch, and cells that hold two taxels."""
+def find_cell_problems(skin: Skin) -> list[SkinProblem]:
+    """Find cells outside the patch, and cells that hold two taxels."""
     found = []
     seen: dict[tuple[int, int, int], int] = {}
     places = zip(skin.patch_index, skin.rows, skin.columns, strict=True)
@@ -202,21 +125,21 @@ def cell_problems(skin: Skin) -> list[SkinProblem]:
     return found
 
 
-def position_problems(skin: Skin) -> list[SkinProblem]:
-    """Positions that are no numbers."""
+def find_position_problems(skin: Skin) -> list[SkinProblem]:
+    """Find positions that are not finite."""
     bad = ~np.isfinite(skin.positions).all(axis=1)
     return [
         SkinProblem(
             f"its position is {skin.positions[taxel].tolist()}, allowed finite numbers",
-            patch_of(skin, taxel),
+            get_patch_id(skin, taxel),
             taxel,
         )
         for taxel in np.flatnonzero(bad).tolist()
     ]
 
 
-def coincident_problems(skin: Skin, config: CheckConfig) -> list[SkinProblem]:
-    """Taxels of one link that lie on one another."""
+def find_coincident_problems(skin: Skin, config: CheckConfig) -> list[SkinProblem]:
+    """Find taxels of one link that coincide."""
     found = []
     links = np.array(skin.link_names)[skin.patch_index]
     finite = np.flatnonzero(np.isfinite(skin.positions).all(axis=1))
@@ -228,17 +151,17 @@ def coincident_problems(skin: Skin, config: CheckConfig) -> list[SkinProblem]:
             gap = np.linalg.norm(skin.positions[first] - skin.positions[second])
             text = (
                 f"lies {1e3 * gap:.3g} mm from taxel {first} of patch "
-                f"'{patch_of(skin, first)}', allowed {1e3 * config.min_taxel_distance:g} mm "
-                "or more"
+                f"'{get_patch_id(skin, first)}', allowed "
+                f"{1e3 * config.min_taxel_distance:g} mm or more"
             )
-            found.append(SkinProblem(text, patch_of(skin, second), second))
+            found.append(SkinProblem(text, get_patch_id(skin, second), second))
     return found
 
 
-def area_problems(
+def find_area_problems(
     skin: Skin, spacing: Spacing, config: CheckConfig
 ) -> list[SkinProblem]:
-    """Areas that are no areas, or do not fit between the neighbours."""
+    """Find areas that are not positive, or do not fit between the neighbours."""
     fill = skin.areas / spacing.cell_areas
     within = (fill >= config.min_fill) & (fill <= config.max_fill)
     bad = ~(np.isfinite(skin.areas) & (skin.areas > 0))
@@ -249,25 +172,25 @@ def area_problems(
         text = f"has an area of {1e6 * skin.areas[taxel]:.4g} mm2, allowed " + (
             f"{allowed} at this spacing" if np.isfinite(cell) else "more than 0"
         )
-        found.append(SkinProblem(text, patch_of(skin, taxel), taxel))
+        found.append(SkinProblem(text, get_patch_id(skin, taxel), taxel))
     return found
 
 
-def flipped_problems(skin: Skin, spacing: Spacing) -> list[SkinProblem]:
-    """Normals that point against those of the neighbours."""
+def find_flipped_problems(skin: Skin, spacing: Spacing) -> list[SkinProblem]:
+    """Find normals that point against those of the neighbours."""
     along = np.sum(skin.normals * spacing.neighbour_normals, axis=1)
     return [
         SkinProblem(
             "its normal points against its neighbours' normals, allowed outward",
-            patch_of(skin, taxel),
+            get_patch_id(skin, taxel),
             taxel,
         )
         for taxel in np.flatnonzero(along < 0).tolist()
     ]
 
 
-def link_problems(skin: Skin, robot: Robot) -> list[SkinProblem]:
-    """Patches on links that the robot does not have."""
+def find_link_problems(skin: Skin, robot: Robot) -> list[SkinProblem]:
+    """Find patches on links that the robot does not have."""
     return [
         SkinProblem(
             f"lies on link '{patch.link}', which robot '{robot.name}' does not have; "
@@ -279,10 +202,10 @@ def link_problems(skin: Skin, robot: Robot) -> list[SkinProblem]:
     ]
 
 
-def surface_problems(
+def find_surface_problems(
     skin: Skin, robot: Robot, config: CheckConfig
 ) -> list[SkinProblem]:
-    """Taxels off their link's surface, and normals that do not point out of it."""
+    """Find taxels off their link's surface, and normals that do not point outward."""
     found = []
     for number, patch in enumerate(skin.patches):
         finite = np.isfinite(skin.positions).all(axis=1)
@@ -299,15 +222,103 @@ def surface_problems(
             text = (
                 f"lies {1e3 * abs(distance):.3g} mm "
                 f"{'off' if distance > 0 else 'below'} the surface of "
-                f"link '{patch.link}', allowed up to {1e3 * config.max_surface_distance:g} mm"
+                f"link '{patch.link}', allowed up to "
+                f"{1e3 * config.max_surface_distance:g} mm"
             )
             found.append(SkinProblem(text, patch.id, int(taxel)))
-        for taxel in taxels[~off & ~(cosines >= config.outward)]:
+        for taxel in taxels[~off & ~(cosines >= config.min_cosine)]:
             text = f"its normal does not point out of link '{patch.link}'"
             found.append(SkinProblem(text, patch.id, int(taxel)))
     return found
 
 
-def patch_of(skin: Skin, taxel: int) -> str:
-    """The id of a taxel's patch."""
+def get_patch_id(skin: Skin, taxel: int) -> str:
+    """Return the id of a taxel's patch."""
     return skin.patches[skin.patch_index[taxel]].id
+
+
+@dataclass(frozen=True, eq=False)
+class Spacing:
+    """The spacing holds what the neighbouring cells of each taxel say about it."""
+
+    cell_areas: Float[np.ndarray, "taxel"]
+    """Distance to the next in the row times that in the column, or NaN [m2]."""
+
+    neighbour_normals: Float[np.ndarray, "taxel 3"]
+    """Sum of the normals of the neighbouring cells; zero where there are none."""
+
+
+def measure_spacing(skin: Skin) -> Spacing:
+    """Measure the spacing of all taxels."""
+    steps = np.full((2, skin.count), np.inf)
+    normals = np.zeros((skin.count, 3))
+    for row_step, column_step in ((0, 1), (0, -1), (1, 0), (-1, 0)):
+        beside = find_neighbours(skin, row_step, column_step)
+        known = np.flatnonzero(beside >= 0)
+        other = beside[known]
+        axis = abs(row_step)
+        gap = np.linalg.norm(skin.positions[known] - skin.positions[other], axis=1)
+        steps[axis, known] = np.minimum(steps[axis, known], gap)
+        normals[known] += skin.normals[other]
+    # Where only one direction is known, the cell is assumed to be a square.
+    first = np.where(np.isfinite(steps[0]), steps[0], steps[1])
+    second = np.where(np.isfinite(steps[1]), steps[1], steps[0])
+    areas = first * second
+    return Spacing(np.where(np.isfinite(areas) & (areas > 0), areas, np.nan), normals)
+
+
+def find_neighbours(
+    skin: Skin, row_step: int, column_step: int
+) -> Int[np.ndarray, "taxel"]:
+    """Return the taxel at an offset of rows and columns in the same patch, or -1."""
+    if skin.count == 0:
+        return np.zeros(0, dtype=np.int64)
+    width = int(skin.columns.max()) + 3
+    height = int(skin.rows.max()) + 3
+
+    def keys(rows: np.ndarray, columns: np.ndarray) -> np.ndarray:
+        return (skin.patch_index * height + rows + 1) * width + columns + 1
+
+    own = keys(skin.rows, skin.columns)
+    order = np.argsort(own, kind="stable")
+    wanted = keys(skin.rows + row_step, skin.columns + column_step)
+    place = np.minimum(np.searchsorted(own[order], wanted), skin.count - 1)
+    found = order[place]
+    return np.where(own[found] == wanted, found, -1)
+
+
+DIRECTION_TOLERANCE = 1e-3
+"""Largest error of the length of a normal or tangent, and of their product."""
+
+
+@np.errstate(over="ignore", invalid="ignore")
+def find_direction_problems(skin: Skin) -> list[SkinProblem]:
+    """Find normals and tangents that are not unit vectors at right angles."""
+    lengths = np.linalg.norm(skin.normals, axis=1)
+    spans = np.linalg.norm(skin.tangents, axis=1)
+    leaning = np.abs(np.sum(skin.normals * skin.tangents, axis=1))
+    allowed = f"allowed 1 +- {DIRECTION_TOLERANCE:g}"
+    lean_allowed = f"allowed up to {DIRECTION_TOLERANCE:g}"
+    found: list[SkinProblem] = []
+    for what, got, wrong, bounds in (
+        ("normal has length", lengths, is_not_unit(lengths), allowed),
+        ("tangent has length", spans, is_not_unit(spans), allowed),
+        (
+            "tangent is not at a right angle to the normal: their product is",
+            leaning,
+            ~(leaning <= DIRECTION_TOLERANCE)
+            & ~is_not_unit(lengths)
+            & ~is_not_unit(spans),
+            lean_allowed,
+        ),
+    ):
+        for taxel in np.flatnonzero(wrong):
+            patch = skin.patches[skin.patch_index[taxel]].id
+            text = f"{what} {got[taxel]:.6g}, {bounds}"
+            found.append(SkinProblem(text, patch, int(taxel)))
+    return found
+
+
+def is_not_unit(lengths: Float[np.ndarray, "taxel"]) -> np.ndarray:
+    """Return where a length is not one, or NaN."""
+    return ~(np.abs(lengths - 1.0) <= DIRECTION_TOLERANCE)

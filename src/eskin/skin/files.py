@@ -1,4 +1,4 @@
-"""This module reads and writes skins."""
+"""This module reads and writes skins, as folders or as bytes."""
 
 from contextlib import ExitStack
 from dataclasses import dataclass
@@ -9,50 +9,128 @@ from jaxtyping import Float, Int
 
 from eskin.errors import SkinError
 from eskin.files import atomic_path
-from eskin.skin.check import SkinProblem, direction_problems
+from eskin.skin.check import SkinProblem, find_direction_problems
 from eskin.skin.manifest import SkinManifest, format_manifest, parse_manifest
 from eskin.skin.presets import SKIN_PRESETS
 from eskin.skin.skin import Skin
 from eskin.skin.taxel_table import TaxelTable, format_taxels, parse_taxels
 
 MANIFEST = "skin.yaml"
+END = "...\n"
+"""YAML's mark for the end of a document, after which the taxels follow."""
+
+
+def load_skin(name_or_path: str | Path) -> Skin:
+    """Load a preset by its name, or a skin from a folder.
+
+    Args:
+        name_or_path: a name in `SKIN_PRESETS`, a folder with `skin.yaml`, or that file.
+
+    Raises:
+        SkinError: It names the first problem, and how many more there are.
+    """
+    name = str(name_or_path)
+    if name in SKIN_PRESETS:
+        return SKIN_PRESETS[name].build()
+    path = Path(name_or_path)
+    if not path.exists():
+        raise SkinError(
+            f"no skin '{name}'; allowed a preset ({', '.join(SKIN_PRESETS)}) or a "
+            f"folder with {MANIFEST}"
+        )
+    return require_valid(
+        parse_skin_folder(path), f"`eskin skin check {name}` lists them"
+    )
+
+
+def save_skin(skin: Skin, folder: str | Path) -> None:
+    """Write a skin into a folder, which is created where it does not exist."""
+    folder = Path(folder)
+    texts = {"taxels.csv": format_taxels(skin), MANIFEST: format_manifest(skin)}
+    with ExitStack() as stack:
+        parts = {
+            name: stack.enter_context(atomic_path(folder / name)) for name in texts
+        }
+        for name, text in texts.items():
+            parts[name].write_text(text, encoding="utf-8", newline="\n")
+
+
+def skin_to_bytes(skin: Skin) -> bytes:
+    """Return the whole skin as one text; reading it gives the same bits."""
+    return (format_manifest(skin) + END + format_taxels(skin)).encode()
+
+
+def skin_from_bytes(data: bytes, source: str = "skin") -> Skin:
+    """Read what `skin_to_bytes` wrote.
+
+    Args:
+        data: the text.
+        source: name for messages, such as the recording that it came from.
+
+    Raises:
+        SkinError: It names the first problem, and how many more there are.
+    """
+    try:
+        text = data.decode()
+    except UnicodeDecodeError as error:
+        raise SkinError(f"{source}: byte {error.start} is not UTF-8") from None
+    head, mark, table = text.partition("\n" + END)
+    if not mark:
+        raise SkinError(f"{source}: got no line '...' between patches and taxels")
+    manifest = parse_manifest(head, source)
+    return require_valid(
+        parse_skin(manifest, table, f"{source}, taxels"), "mend its source"
+    )
+
+
+def require_valid(parsed: ParsedSkin, remedy: str) -> Skin:
+    """Return a parsed skin; raise where it has problems."""
+    problems = list(parsed.problems) or find_direction_problems(parsed.skin)
+    if problems:
+        more = f" (and {len(problems) - 1} more; {remedy})" if problems[1:] else ""
+        raise SkinError(f"{problems[0]}{more}")
+    return parsed.skin
 
 
 @dataclass(frozen=True, eq=False)
 class ParsedSkin:
-    """The readable taxels of a skin's files, sorted by id, and every problem."""
+    """A parsed skin holds the readable taxels of its files, and every problem."""
 
     skin: Skin
-    """The skin made of the rows that could be read."""
+    """Skin of the rows that could be read, sorted by id."""
 
     ids: Int[np.ndarray, "taxel"]
-    """The id that each of them has in the file."""
+    """Id of each taxel in the file."""
 
     problems: tuple[SkinProblem, ...]
-    """What is wrong with the rows that could not be read, and with the ids."""
+    """Problems of the rows that could not be read, and of the ids."""
 
 
 def parse_skin_folder(path: Path) -> ParsedSkin:
-    """Read a folder with `skin.yaml` and its taxels, as far as it can be read.
+    """Read a folder with `skin.yaml` and its taxels, and list the problems.
 
     Raises:
-        SkinError: if there is no such folder, or its files are no skin files.
+        SkinError: There is no such folder, or its files are no skin files.
     """
     file = path if path.name == MANIFEST else path / MANIFEST
     manifest = parse_manifest(read_text(file), str(file))
-    taxels = inside(file.parent, manifest.taxels, str(file))
+    taxels = resolve_inside(file.parent, manifest.taxels, str(file))
     return parse_skin(manifest, read_text(taxels), str(taxels))
 
 
 def parse_skin(manifest: SkinManifest, table_text: str, file: str) -> ParsedSkin:
-    """Put a manifest and the text of its taxels together."""
+    """Build a skin of a manifest and the text of its taxels, and list the problems."""
     patches = manifest.patch_list()
     table, problems = parse_taxels(table_text, patches, file)
-    problems = [*repeated_patches(manifest), *problems, *gaps(table, problems, file)]
+    problems = [
+        *find_repeated_patches(manifest),
+        *problems,
+        *find_id_problems(table, problems, file),
+    ]
     order = np.argsort(table.ids, kind="stable")
     normals = table.normals[order]
     if table.tangents is None:
-        tangents = default_tangents(normals)
+        tangents = compute_default_tangents(normals)
     else:
         tangents = table.tangents[order]
     skin = Skin(
@@ -70,8 +148,8 @@ def parse_skin(manifest: SkinManifest, table_text: str, file: str) -> ParsedSkin
     return ParsedSkin(skin, table.ids[order], tuple(problems))
 
 
-def repeated_patches(manifest: SkinManifest) -> list[SkinProblem]:
-    """Patch ids that stand more than once."""
+def find_repeated_patches(manifest: SkinManifest) -> list[SkinProblem]:
+    """Find patch ids that occur more than once."""
     ids = [entry.id for entry in manifest.patches]
     return [
         SkinProblem(f"stands {ids.count(name)} times in skin.yaml, allowed once", name)
@@ -80,10 +158,10 @@ def repeated_patches(manifest: SkinManifest) -> list[SkinProblem]:
     ]
 
 
-def gaps(
+def find_id_problems(
     table: TaxelTable, problems: list[SkinProblem], file: str
 ) -> list[SkinProblem]:
-    """Ids that are not 0 to n-1; only worth saying where all rows could be read."""
+    """Find ids that are not 0 to n-1, provided that all rows could be read."""
     expected = np.arange(len(table.ids))
     if len(expected) == 0 and not problems:
         return [SkinProblem(f"{file}: got no taxels, allowed one or more")]
@@ -98,8 +176,8 @@ def gaps(
     ]
 
 
-def inside(folder: Path, name: str, file: str) -> Path:
-    """The file of that name in the folder; anything outside it is refused."""
+def resolve_inside(folder: Path, name: str, file: str) -> Path:
+    """Return the path of a file in the folder; raise where it is outside."""
     target = (folder / name).resolve()
     if not target.is_relative_to(folder.resolve()):
         raise SkinError(
@@ -110,7 +188,7 @@ def inside(folder: Path, name: str, file: str) -> Path:
 
 
 def read_text(file: Path) -> str:
-    """Read a text file, or say in one line why not."""
+    """Read a text file, or raise an error of one line."""
     try:
         return file.read_text(encoding="utf-8-sig")
     except FileNotFoundError:
@@ -123,87 +201,15 @@ def read_text(file: Path) -> str:
         raise SkinError(f"{file} cannot be read: {error.strerror}") from None
 
 
-# What overflows is no unit vector, and refused as such.
+# A vector that overflows is not a unit vector and is refused later.
 @np.errstate(over="ignore", invalid="ignore")
-def default_tangents(
+def compute_default_tangents(
     normals: Float[np.ndarray, "taxel 3"],
 ) -> Float[np.ndarray, "taxel 3"]:
-    """Local x axes for taxels that have none: the link's x axis laid flat.
+    """Compute local x axes for taxels that have none: the link's x axis, projected.
 
-    Where the normal is nearly along x, the link's y axis is laid flat instead.
+    Where the normal is nearly along x, the link's y axis is projected instead.
     """
     seed = np.where(np.abs(normals[:, :1]) < 0.9, [1.0, 0.0, 0.0], [0.0, 1.0, 0.0])
     across = seed - np.sum(seed * normals, axis=1, keepdims=True) * normals
     return across / np.linalg.norm(across, axis=1, keepdims=True)
-
-
-# YAML's own mark for the end of a document; the taxels follow.
-END = "...\n"
-
-
-def load_skin(name_or_path: str | Path) -> Skin:
-    """Load a preset by its name, or a skin from a folder.
-
-    Args:
-        name_or_path: a name in `SKIN_PRESETS`, a folder with `skin.yaml`, or that file.
-
-    Raises:
-        SkinError: the first thing that is wrong, and how many more there are.
-    """
-    name = str(name_or_path)
-    if name in SKIN_PRESETS:
-        return SKIN_PRESETS[name].build()
-    path = Path(name_or_path)
-    if not path.exists():
-        raise SkinError(
-            f"no skin '{name}'; allowed a preset ({', '.join(SKIN_PRESETS)}) or a folder "
-            f"with {MANIFEST}"
-        )
-    return finish(parse_skin_folder(path), f"`eskin skin check {name}` lists them")
-
-
-def save_skin(skin: Skin, folder: str | Path) -> None:
-    """Write a skin into a folder, which is made where it does not exist."""
-    folder = Path(folder)
-    texts = {"taxels.csv": format_taxels(skin), MANIFEST: format_manifest(skin)}
-    with ExitStack() as stack:
-        parts = {
-            name: stack.enter_context(atomic_path(folder / name)) for name in texts
-        }
-        for name, text in texts.items():
-            parts[name].write_text(text, encoding="utf-8", newline="\n")
-
-
-def skin_to_bytes(skin: Skin) -> bytes:
-    """The whole skin as one text that stands alone; reading it gives the same bits."""
-    return (format_manifest(skin) + END + format_taxels(skin)).encode()
-
-
-def skin_from_bytes(data: bytes, source: str = "skin") -> Skin:
-    """Read what `skin_to_bytes` wrote.
-
-    Args:
-        data: the text.
-        source: what to call it in messages, such as the recording it came from.
-
-    Raises:
-        SkinError: the first thing that is wrong, and how many more there are.
-    """
-    try:
-        text = data.decode()
-    except UnicodeDecodeError as error:
-        raise SkinError(f"{source}: byte {error.start} is not UTF-8") from None
-    head, mark, table = text.partition("\n" + END)
-    if not mark:
-        raise SkinError(f"{source}: got no line '...' between patches and taxels")
-    manifest = parse_manifest(head, source)
-    return finish(parse_skin(manifest, table, f"{source}, taxels"), "mend its source")
-
-
-def finish(draft: ParsedSkin, remedy: str) -> Skin:
-    """The skin of a draft that has no problems."""
-    problems = list(draft.problems) or direction_problems(draft.skin)
-    if problems:
-        more = f" (and {len(problems) - 1} more; {remedy})" if problems[1:] else ""
-        raise SkinError(f"{problems[0]}{more}")
-    return draft.skin

@@ -1,4 +1,4 @@
-"""This module lays out patches on surfaces."""
+"""This module lays grids of taxels on surfaces and builds skins of them."""
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -8,62 +8,65 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from eskin.skin.skin import Patch, Skin, TaxelKind
-from eskin.skin.surfaces import Plane, Surface, SurfacePoints, Tube
+from eskin.skin.surfaces import Plane, Surface, Tube
 from eskin.transforms import make_transform
+
+Vector = tuple[float, float, float]
+X, Y, Z = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)
+BACK, DOWN = (-1.0, 0.0, 0.0), (0.0, 0.0, -1.0)
 
 
 @dataclass(frozen=True, eq=False)
 class TaxelGrid:
-    """Cells of a patch drawn flat, about (s, t) = (0, 0).
+    """A grid holds the cells of an unrolled patch, centred on (s, t) = (0, 0).
 
     Columns run along s and rows along t. A taper makes a trapezoid: every row keeps
-    its number of columns, and they draw together.
+    its number of columns, and their pitch changes linearly from row to row.
     """
 
     rows: int
+    """Number of rows."""
     columns: int
+    """Number of columns."""
     row_pitch: float
     """Distance of rows along t [m]."""
-
     column_pitch: float
     """Distance of columns along s in the first row [m]."""
-
     taper: float = 1.0
     """Column pitch of the last row over that of the first."""
-
     present: Bool[np.ndarray, "row column"] | None = None
-    """Cells that hold a taxel; all of them where None."""
+    """Mask of the cells that hold a taxel; None for all of them."""
 
     def pitches(self) -> Float[np.ndarray, "row"]:
-        """Column pitch of every row [m]."""
+        """Return the column pitch of every row [m]."""
         return self.column_pitch * np.linspace(1.0, self.taper, self.rows)
 
     def cells(self) -> tuple[np.ndarray, np.ndarray]:
-        """Row and column of every taxel, row by row."""
+        """Return row and column of every taxel, row by row."""
         everywhere = np.ones((self.rows, self.columns), dtype=bool)
         rows, columns = np.nonzero(everywhere if self.present is None else self.present)
         return rows, columns
 
     def unrolled(self) -> Float[np.ndarray, "taxel 2"]:
-        """Centre (s, t) of every taxel [m]."""
+        """Return the centre (s, t) of every taxel [m]."""
         rows, columns = self.cells()
         s = (columns - (self.columns - 1) / 2) * self.pitches()[rows]
         t = (rows - (self.rows - 1) / 2) * self.row_pitch
         return np.column_stack([s, t])
 
     def areas(self) -> Float[np.ndarray, "taxel"]:
-        """Area of every taxel's cell, drawn flat [m2]."""
+        """Return the area of every taxel's cell, unrolled [m2]."""
         return self.pitches()[self.cells()[0]] * self.row_pitch
 
 
 def cut_corners(
     rows: int, columns: int, cuts: tuple[int, int, int, int]
 ) -> Bool[np.ndarray, "row column"]:
-    """A full grid but for a staircase triangle at each corner.
+    """Return the mask of a full grid without a staircase triangle at each corner.
 
     Args:
-        rows: rows of the grid.
-        columns: columns of the grid.
+        rows: number of rows of the grid.
+        columns: number of columns of the grid.
         cuts: cells missing along the edge at the first row's first and last column,
             then at the last row's first and last column.
     """
@@ -79,168 +82,33 @@ def cut_corners(
 
 
 def build_skin(
-    name: str, laid: list[tuple[Patch, TaxelGrid, Surface]], calibrated: bool = True
+    name: str, placed: list[tuple[Patch, TaxelGrid, Surface]], calibrated: bool = True
 ) -> Skin:
-    """Lay each grid on its surface and count the taxels patch by patch, row by row."""
-    cells = [grid.cells() for _, grid, _ in laid]
-    wraps: list[SurfacePoints] = [
-        surface.wrap(grid.unrolled()) for _, grid, surface in laid
-    ]
+    """Build a skin of patches, with taxels numbered patch by patch and row by row.
+
+    Args:
+        name: name of the skin.
+        placed: each patch with its grid and the surface that the grid is laid on.
+        calibrated: False where geometry and units are nominal.
+    """
+    cells = [grid.cells() for _, grid, _ in placed]
+    points = [surface.wrap(grid.unrolled()) for _, grid, surface in placed]
     areas = [
         grid.areas() * wrapped.area_scale
-        for (_, grid, _), wrapped in zip(laid, wraps, strict=True)
+        for (_, grid, _), wrapped in zip(placed, points, strict=True)
     ]
     return Skin(
         name=name,
-        patches=tuple(patch for patch, _, _ in laid),
-        patch_index=np.repeat(np.arange(len(laid)), [len(a) for a in areas]),
+        patches=tuple(patch for patch, _, _ in placed),
+        patch_index=np.repeat(np.arange(len(placed)), [len(a) for a in areas]),
         rows=np.concatenate([rows for rows, _ in cells]),
         columns=np.concatenate([columns for _, columns in cells]),
-        positions=np.concatenate([wrapped.positions for wrapped in wraps]),
-        normals=np.concatenate([wrapped.normals for wrapped in wraps]),
+        positions=np.concatenate([wrapped.positions for wrapped in points]),
+        normals=np.concatenate([wrapped.normals for wrapped in points]),
         areas=np.concatenate(areas),
-        tangents=np.concatenate([wrapped.tangents for wrapped in wraps]),
+        tangents=np.concatenate([wrapped.tangents for wrapped in points]),
         calibrated=calibrated,
     )
-
-
-Vector = tuple[float, float, float]
-
-X, Y, Z = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)
-BACK, DOWN = (-1.0, 0.0, 0.0), (0.0, 0.0, -1.0)
-
-
-@dataclass(frozen=True)
-class LinkPart:
-    """A straight tube or a flat end of a link, which patches are laid on."""
-
-    link: str
-    """Link that it is part of."""
-
-    centre: Vector
-    """Where the middle of a patch comes to lie, on the axis of a tube [m]."""
-
-    axis: Vector
-    """Along a tube; out of a flat end."""
-
-    length: float
-    """Of a tube; diameter of a flat end [m]."""
-
-    radius: float = inf
-    """Of a tube; infinite where it is flat [m]."""
-
-    @property
-    def girth(self) -> float:
-        """Once round a tube; diameter of a flat end [m]."""
-        return self.length if isinf(self.radius) else 2 * pi * self.radius
-
-    def surface(self, front: Vector, along: float) -> Surface:
-        """The part unrolled: s = 0 toward its front, t = 0 so far along [m]."""
-        z, x = np.array(self.axis), np.array(front)
-        t_axis = np.cross(z, x) if isinf(self.radius) else z
-        rotation = np.column_stack([x, np.cross(z, x), z])
-        placed = make_transform(rotation, np.array(self.centre) + along * t_axis)
-        return Plane(placed) if isinf(self.radius) else Tube(self.radius, placed)
-
-
-@dataclass(frozen=True)
-class PatchOutline:
-    """A patch before it has a place: a grid with corners cut off."""
-
-    name: str
-    """Id of the patch."""
-
-    part: str
-    """Name of the part that it is laid on."""
-
-    front: Vector
-    """Direction in the link's frame that the middle of its columns faces; along the
-    columns on a flat end."""
-
-    rows: int
-    columns: int
-    row_pitch: float
-    """[m]"""
-
-    column_pitch: float
-    """In the first row [m]."""
-
-    cuts: tuple[int, int, int, int] = (0, 0, 0, 0)
-    """Cells missing at the corners, as in `cut_corners`."""
-
-    taper: float = 1.0
-    """Column pitch of the last row over that of the first."""
-
-    along: float = 0.0
-    """Its middle from that of the part, along t [m]."""
-
-    def grid(self) -> TaxelGrid:
-        """Its cells."""
-        present = cut_corners(self.rows, self.columns, self.cuts)
-        pitches = self.row_pitch, self.column_pitch
-        return TaxelGrid(self.rows, self.columns, *pitches, self.taper, present)
-
-
-def scale_density(outline: PatchOutline, factor: float) -> PatchOutline:
-    """The same outline with so many times the taxels, as far as whole rows allow."""
-    rows = round(outline.rows * sqrt(factor))
-    columns = round(outline.rows * outline.columns * factor / rows)
-    first, first_last, last, last_last = (
-        round(cut * sqrt(factor)) for cut in outline.cuts
-    )
-    return replace(
-        outline,
-        rows=rows,
-        columns=columns,
-        row_pitch=outline.row_pitch * (outline.rows / rows),
-        column_pitch=outline.column_pitch * (outline.columns / columns),
-        cuts=(first, first_last, last, last_last),
-    )
-
-
-def fit_to_part(
-    outline: PatchOutline, drawn_for: LinkPart, part: LinkPart
-) -> PatchOutline:
-    """The outline for a part of another size: as dense, with more rows and columns."""
-    longer, wider = part.length / drawn_for.length, part.girth / drawn_for.girth
-    return replace(
-        outline,
-        rows=whole(outline.rows * longer),
-        columns=whole(outline.columns * wider),
-        along=outline.along * longer,
-    )
-
-
-def whole(number: float) -> int:
-    """The whole number below, for which there is room."""
-    return floor(number + 1e-9)
-
-
-def build_outline_skin(
-    name: str,
-    outlines: Sequence[PatchOutline],
-    parts: Mapping[str, LinkPart],
-    missing: Collection[str] = (),
-) -> Skin:
-    """Lay every outline on its part; one that is missing leaves its address free.
-
-    Raises:
-        ValueError: what should be missing is not there anyhow.
-    """
-    names = [outline.name for outline in outlines]
-    if not set(missing) <= set(names):
-        raise ValueError(
-            f"no patch {sorted(set(missing) - set(names))} to leave out; the patches: "
-            f"{', '.join(names)}"
-        )
-    laid = []
-    for number, outline in enumerate(outlines, 1):
-        part, grid = parts[outline.part], outline.grid()
-        patch = Patch(outline.name, part.link, number, grid.rows, grid.columns)
-        if outline.name not in missing:
-            surface = part.surface(outline.front, outline.along)
-            laid.append((patch, grid, surface))
-    return build_skin(name, laid)
 
 
 def build_grid_skin(
@@ -252,7 +120,7 @@ def build_grid_skin(
     name: str = "grid",
     calibrated: bool = False,
 ) -> Skin:
-    """A flat full grid in the plane z = 0 of link `table`, facing up.
+    """Build a flat full grid in the plane z = 0 of link `table`, facing up.
 
     Columns run along x, rows along y; the middle of the grid is the link's origin.
 
@@ -272,3 +140,134 @@ def build_grid_skin(
     patch = Patch("grid", "table", 1, rows, columns, kind)
     grid = TaxelGrid(rows, columns, pitch, pitch)
     return build_skin(name, [(patch, grid, Plane(np.eye(4)))], calibrated)
+
+
+@dataclass(frozen=True)
+class LinkPart:
+    """A part of a link is a straight tube or a flat end that can hold patches."""
+
+    link: str
+    """Name of the link."""
+    centre: Vector
+    """Point at the middle of a patch, on the axis of a tube [m]."""
+    axis: Vector
+    """Direction along a tube, or outward from a flat end."""
+    length: float
+    """Length of a tube, or diameter of a flat end [m]."""
+    radius: float = inf
+    """Radius of a tube; infinite for a flat end [m]."""
+
+    @property
+    def width(self) -> float:
+        """Return the circumference of a tube, or the diameter of a flat end [m]."""
+        return self.length if isinf(self.radius) else 2 * pi * self.radius
+
+    def surface(self, front: Vector, offset: float) -> Surface:
+        """Return the surface with s = 0 toward `front` and t = 0 at `offset` [m]."""
+        z, x = np.array(self.axis), np.array(front)
+        t_axis = np.cross(z, x) if isinf(self.radius) else z
+        rotation = np.column_stack([x, np.cross(z, x), z])
+        pose = make_transform(rotation, np.array(self.centre) + offset * t_axis)
+        return Plane(pose) if isinf(self.radius) else Tube(self.radius, pose)
+
+
+@dataclass(frozen=True)
+class PatchOutline:
+    """An outline describes a patch on a link part: a grid with corners cut off."""
+
+    name: str
+    """Id of the patch."""
+    part: str
+    """Name of the part that it is laid on."""
+    front: Vector
+    """Direction in the link's frame that the middle of its columns faces; on a flat
+    end, direction along the columns."""
+    rows: int
+    """Number of rows."""
+    columns: int
+    """Number of columns."""
+    row_pitch: float
+    """Distance of rows [m]."""
+    column_pitch: float
+    """Distance of columns in the first row [m]."""
+    cuts: tuple[int, int, int, int] = (0, 0, 0, 0)
+    """Cells missing at the corners, as in `cut_corners`."""
+    taper: float = 1.0
+    """Column pitch of the last row over that of the first."""
+    offset: float = 0.0
+    """Distance of its middle from that of the part, along t [m]."""
+
+    def grid(self) -> TaxelGrid:
+        """Return the grid of its taxels."""
+        return TaxelGrid(
+            self.rows,
+            self.columns,
+            self.row_pitch,
+            self.column_pitch,
+            self.taper,
+            cut_corners(self.rows, self.columns, self.cuts),
+        )
+
+
+def scale_density(outline: PatchOutline, factor: float) -> PatchOutline:
+    """Return an outline with `factor` times the taxels, as near as whole rows allow."""
+    rows = round(outline.rows * sqrt(factor))
+    columns = round(outline.rows * outline.columns * factor / rows)
+    first, first_last, last, last_last = (
+        round(cut * sqrt(factor)) for cut in outline.cuts
+    )
+    return replace(
+        outline,
+        rows=rows,
+        columns=columns,
+        row_pitch=outline.row_pitch * (outline.rows / rows),
+        column_pitch=outline.column_pitch * (outline.columns / columns),
+        cuts=(first, first_last, last, last_last),
+    )
+
+
+def fit_to_part(
+    outline: PatchOutline, drawn_for: LinkPart, part: LinkPart
+) -> PatchOutline:
+    """Return the outline for a part of another size, with the same pitches."""
+    longer, wider = part.length / drawn_for.length, part.width / drawn_for.width
+    # Rounded down, so that the patch fits; exact ratios do not lose a row.
+    return replace(
+        outline,
+        rows=floor(outline.rows * longer + 1e-9),
+        columns=floor(outline.columns * wider + 1e-9),
+        offset=outline.offset * longer,
+    )
+
+
+def build_outline_skin(
+    name: str,
+    outlines: Sequence[PatchOutline],
+    parts: Mapping[str, LinkPart],
+    missing: Collection[str] = (),
+) -> Skin:
+    """Build a skin of outlines on parts.
+
+    Args:
+        name: name of the skin.
+        outlines: its patches, which get the addresses 1, 2, 3 and so on.
+        parts: parts of links, by the names in the outlines.
+        missing: patches to leave out; their addresses stay unused.
+
+    Raises:
+        ValueError: A patch that should be missing is not among the outlines.
+    """
+    names = [outline.name for outline in outlines]
+    if not set(missing) <= set(names):
+        raise ValueError(
+            f"no patch {sorted(set(missing) - set(names))} to leave out; the patches: "
+            f"{', '.join(names)}"
+        )
+    placed = []
+    for number, outline in enumerate(outlines, 1):
+        part, grid = parts[outline.part], outline.grid()
+        patch = Patch(outline.name, part.link, number, grid.rows, grid.columns)
+        if outline.name not in missing:
+            surface = part.surface(outline.front, outline.offset)
+            placed.append((patch, grid, surface))
+    return build_skin(name, placed)

@@ -11,6 +11,7 @@ from eskin.touch.records import (
     HELD,
     LOAD,
     KernelReading,
+    TrackerContext,
     TrackerState,
     TrackingParameters,
 )
@@ -243,11 +244,11 @@ def join_sets(parents: Int[np.ndarray, "active"], i: int, j: int) -> None:
 def label_components(
     active: Int[np.ndarray, "active"],
     p_world: Float[np.ndarray, "active 3"],
-    geometry: np.ndarray,
-    neighbours: Int[np.ndarray, "pair"],
-    taxels: np.ndarray,
+    context: TrackerContext,
 ) -> Int[np.ndarray, "active"]:
     """Label the connected sets of active taxels in the order of their first taxel."""
+    geometry, taxels = context.geometry, context.state.taxels
+    neighbours = context.neighbours
     count = len(active)
     parents = np.arange(count)
     for a in range(count):
@@ -333,10 +334,7 @@ def join_near(
 def find_contacts(
     candidates: Int[np.ndarray, "candidate"],
     reading: KernelReading,
-    parameters: TrackingParameters,
-    geometry: np.ndarray,
-    neighbours: Int[np.ndarray, "pair"],
-    state: TrackerState,
+    context: TrackerContext,
 ) -> tuple[np.ndarray, np.ndarray, Float[np.ndarray, "load 3"]]:
     """Find the contacts of a reading, their loads, and the positions of those.
 
@@ -344,17 +342,17 @@ def find_contacts(
         CONTACT and LOAD records, each contact's loads ordered by patch, row and column;
         and the position of each load in the world [m].
     """
-    active = sort_by_rank(
-        select_active(candidates, reading, parameters, state), geometry
-    )
+    geometry, state = context.geometry, context.state
     T_world_link = reading.T_world_link
+    active = select_active(candidates, reading, context.parameters, state)
+    active = sort_by_rank(active, geometry)
     p_world = transform_to_world(
         active, geometry.position, geometry.link, T_world_link, 1.0
     )
     n_world = transform_to_world(
         active, geometry.normal, geometry.link, T_world_link, 0.0
     )
-    labels = label_components(active, p_world, geometry, neighbours, state.taxels)
+    labels = label_components(active, p_world, context)
     contacts = allocate_contacts(labels, reading.stamp)
     loads, points = np.empty(len(active), LOAD), np.empty((len(active), 3))
     most = np.full(len(contacts), -1.0)

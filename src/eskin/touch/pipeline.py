@@ -21,12 +21,13 @@ from eskin.touch.records import (
     NO_TOUCHES,
     KernelReading,
     TouchStatus,
+    TrackerContext,
     TrackingParameters,
     TrackingResult,
     build_taxel_geometry,
     build_tracker_state,
 )
-from eskin.touch.touch_kernels import TrackerContext, track_touches
+from eskin.touch.touch_kernels import track_touches
 from eskin.touch.touches import (
     ContactConfig,
     Touch,

@@ -224,6 +224,19 @@ class TrackingParameters(NamedTuple):
     calibrated: bool
 
 
+class TrackerContext(NamedTuple):
+    """A context holds what is the same at every reading."""
+
+    parameters: TrackingParameters
+    """Thresholds, distances and times."""
+    geometry: np.ndarray
+    """(taxel) TAXEL_GEOMETRY."""
+    neighbours: np.ndarray
+    """(pair) neighbours of all taxels, to which `geometry` has the spans."""
+    state: TrackerState
+    """State of the taxels; updated."""
+
+
 class KernelReading(NamedTuple):
     """A reading as the kernels take it."""
 

@@ -23,6 +23,7 @@ from eskin.touch.records import (
     KernelReading,
     TouchRecords,
     TouchStatus,
+    TrackerContext,
     TrackerState,
     TrackingParameters,
 )
@@ -172,8 +173,7 @@ def group_tracks(
     points: Float[np.ndarray, "load 3"],
     before: TouchRecords,
     reading: KernelReading,
-    parameters: TrackingParameters,
-    state: TrackerState,
+    context: TrackerContext,
     buffer: RecordBuffer,
 ) -> TouchUpdate:
     """Group the tracks of the next reading into touches.
@@ -190,10 +190,10 @@ def group_tracks(
         points: positions of the loads of this reading in the world [m].
         before: the records of the reading before.
         reading: the next reading.
-        parameters: the distances and times.
-        state: the next id is taken from it.
+        context: distances and times, and the next id.
         buffer: the contacts and loads of this reading.
     """
+    parameters = context.parameters
     update = begin_update(tracks, ongoing, before, reading.stamp, parameters.pause_ns)
     boxes = np.empty((ongoing, 2, 3))
     for track in range(ongoing):
@@ -203,9 +203,7 @@ def group_tracks(
     regions = ContactRegions(points, boxes, parameters.beside)
     for track in range(ongoing):
         if update.owners[track] == NO_INDEX:
-            assign_touch(
-                track, tracks, regions, reading, parameters, state, buffer, update
-            )
+            assign_touch(track, tracks, regions, reading, context, buffer, update)
     merge_near(tracks, ongoing, regions, reading.stamp, buffer, update)
     update_open_touches(tracks, ongoing, before, reading, parameters, buffer, update)
     return update
@@ -218,8 +216,7 @@ def assign_touch(
     tracks: np.ndarray,
     regions: ContactRegions,
     reading: KernelReading,
-    parameters: TrackingParameters,
-    state: TrackerState,
+    context: TrackerContext,
     buffer: RecordBuffer,
     update: TouchUpdate,
 ) -> None:
@@ -230,7 +227,7 @@ def assign_touch(
             touch = find_survivor(update.owners[other], update)
             if not fitting[touch]:
                 fitting[touch] = belongs_together(
-                    track, other, tracks, regions, reading, parameters, buffer
+                    track, other, tracks, regions, reading, context.parameters, buffer
                 )
     first = NO_INDEX
     for touch in range(len(fitting)):
@@ -239,7 +236,7 @@ def assign_touch(
         elif fitting[touch]:
             first = touch
     if first == NO_INDEX:
-        first = start_touch(tracks[track], state, buffer, update)
+        first = start_touch(tracks[track], context.state, buffer, update)
     update.owners[track] = update.joined[track] = first
 
 
@@ -501,19 +498,6 @@ def add_member(
         touch = update.survivors[touch]
 
 
-class TrackerContext(NamedTuple):
-    """A context holds what is the same at every reading."""
-
-    parameters: TrackingParameters
-    """Thresholds, distances and times."""
-    geometry: np.ndarray
-    """(taxel) TAXEL_GEOMETRY."""
-    neighbours: np.ndarray
-    """(pair) neighbours of all taxels, to which `geometry` has the spans."""
-    state: TrackerState
-    """State of the taxels; updated."""
-
-
 @compiled
 @no_type_check
 def track_touches(
@@ -535,17 +519,10 @@ def track_touches(
         are open; and how many tracks there are.
     """
     context, before = packed_context.parts, packed_before.parts
-    parameters, state, geometry = context.parameters, context.state, context.geometry
-    contacts, loads, points = find_contacts(
-        candidates, reading, parameters, geometry, context.neighbours, state
-    )
+    contacts, loads, points = find_contacts(candidates, reading, context)
     buffer = build_buffer(contacts, loads, before)
-    tracks, ongoing = track_contacts(
-        contacts, loads, before, reading, parameters, geometry, state, buffer
-    )
-    update = group_tracks(
-        tracks, ongoing, points, before, reading, parameters, state, buffer
-    )
+    tracks, ongoing = track_contacts(contacts, loads, before, reading, context, buffer)
+    update = group_tracks(tracks, ongoing, points, before, reading, context, buffer)
     members = write_spans(tracks, ongoing, before, reading.stamp, buffer, update)
     touches = collect_touches(before, buffer, update)
     records = TouchRecords(

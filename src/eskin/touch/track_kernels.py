@@ -18,6 +18,7 @@ from eskin.touch.records import (
     TRACK,
     KernelReading,
     TouchRecords,
+    TrackerContext,
     TrackerState,
     TrackingParameters,
 )
@@ -109,9 +110,7 @@ def track_contacts(
     loads: np.ndarray,
     before: TouchRecords,
     reading: KernelReading,
-    parameters: TrackingParameters,
-    geometry: np.ndarray,
-    state: TrackerState,
+    context: TrackerContext,
     buffer: RecordBuffer,
 ) -> tuple[np.ndarray, int]:
     """Continue the tracks in the contacts of the next reading.
@@ -132,12 +131,11 @@ def track_contacts(
         TRACK records: ongoing, then those that have just ended, both by id, then those
         past; and how many are ongoing.
     """
+    parameters = context.parameters
     successor = np.full(count_ongoing(before.tracks), NO_INDEX)
     parents = np.full(len(contacts), NO_INDEX)
     if reading.elapsed <= parameters.gap_seconds * NS_PER_S:
-        match_overlaps(
-            contacts, loads, before, geometry, state.taxels, successor, parents
-        )
+        match_overlaps(contacts, loads, before, context, successor, parents)
         gate = parameters.gate + parameters.speed * (reading.elapsed / NS_PER_S)
         pair_nearest(contacts, before, reading.T_world_link, gate, successor, parents)
     owner = find_owners(successor, len(contacts), before.tracks)
@@ -147,7 +145,7 @@ def track_contacts(
         if owner[n] == NO_INDEX:
             parent = parents[n]
             parent_id = 0 if parent == NO_INDEX else before.tracks[parent].id
-            start_track(n, parent_id, reading.stamp, tracks[count], state)
+            start_track(n, parent_id, reading.stamp, tracks[count], context.state)
             count += 1
     ongoing = count
     count = write_ended(
@@ -172,8 +170,7 @@ def match_overlaps(
     contacts: np.ndarray,
     loads: np.ndarray,
     before: TouchRecords,
-    geometry: np.ndarray,
-    taxels: np.ndarray,
+    context: TrackerContext,
     successor: Int[np.ndarray, "track"],
     parents: Int[np.ndarray, "contact"],
 ) -> None:
@@ -183,11 +180,11 @@ def match_overlaps(
         contacts: CONTACT, of this reading.
         loads: of the contacts.
         before: the records of the reading before.
-        geometry: TAXEL_GEOMETRY, all taxels.
-        taxels: TAXEL_STATE, whose `slot` is -1 before and after.
+        context: the taxels, whose `slot` is -1 before and after.
         successor: (track) contact that covers most of it; written where there is one.
         parents: (contact) track most of which it covers; written where there is one.
     """
+    geometry, taxels = context.geometry, context.state.taxels
     mark_taxels(before, len(successor), taxels, True)
     covered, best = np.zeros(len(successor)), np.zeros(len(successor))
     found = np.empty(len(loads), np.int64)

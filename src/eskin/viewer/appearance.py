@@ -3,7 +3,7 @@
 import numpy as np
 from jaxtyping import Float
 
-from eskin.page import Setup, Solid
+from eskin.page import LinkMesh, SceneDescription
 from eskin.robot import (
     Cylinder,
     Geom,
@@ -29,20 +29,20 @@ BODY, TUBE, COVER = (214, 217, 221), (196, 200, 206), (96, 143, 178)
 """Aluminium, its tubes, and lids in the blue-grey of a UR."""
 
 
-def setup_of(
+def describe_scene(
     mounted: MountedSkin,
     gestures: tuple[str, ...],
     touchable: bool = False,
     skins: tuple[str, ...] = (),
     is_arm: bool = False,
     compares: bool = False,
-) -> Setup:
-    """What a page is told of a skin on its robot; the rest as `Setup` has it."""
+) -> SceneDescription:
+    """What a page is told of a skin on its robot; the rest as `SceneDescription` has it."""
     skin = mounted.skin
-    return Setup(
+    return SceneDescription(
         title=f"{mounted.robot.name} in skin '{skin.name}', {skin.count} taxels",
         links=mounted.robot.link_names,
-        solids=solids_of(mounted),
+        solids=build_link_meshes(mounted),
         taxel_link=mounted.taxel_link_index,
         positions=skin.positions,
         normals=skin.normals,
@@ -57,7 +57,7 @@ def setup_of(
     )
 
 
-def solids_of(mounted: MountedSkin) -> tuple[Solid, ...]:
+def build_link_meshes(mounted: MountedSkin) -> tuple[LinkMesh, ...]:
     """The robot under its skin, part by part.
 
     Cylinders are turned parts with rounded edges; bare ends get a lid. Other shapes
@@ -72,10 +72,10 @@ def solids_of(mounted: MountedSkin) -> tuple[Solid, ...]:
             along = abs(body.T_link_shape[2, 2]) > 0.9 and is_slender(body)
             colour = TUBE if along else BODY
             mesh = mesh or build_geom_mesh(body)
-            solids.append(Solid(index, mesh.vertices, mesh.faces, colour))
+            solids.append(LinkMesh(index, mesh.vertices, mesh.faces, colour))
             for end in bare_ends(mounted, T_world_link, index, body):
                 mesh = lid(body, end)
-                solids.append(Solid(index, mesh.vertices, mesh.faces, COVER))
+                solids.append(LinkMesh(index, mesh.vertices, mesh.faces, COVER))
     return tuple(solids)
 
 

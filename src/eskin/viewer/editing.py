@@ -27,7 +27,7 @@ from eskin.units import NS_PER_S
 
 
 @final
-class Editing:
+class LabelEditor:
     """The labels of a recording, edited; nothing is written before `save`.
 
     Begins with the true labels, or the best others there are. What is saved is true,
@@ -85,11 +85,11 @@ class Editing:
         return label
 
     def remove(self, label: Label) -> None:
-        """Take a label away."""
+        """LoadedRecording a label away."""
         self.put(tuple(other for other in self.labels if other != label))
 
     def put(self, labels: tuple[Label, ...]) -> None:
-        """Take these labels in place of all, if none overlap."""
+        """LoadedRecording these labels in place of all, if none overlap."""
         found = sort_labels(replace(label, source="true") for label in labels)
         check_no_overlap(found)
         self.labels, self.changed = found, True
@@ -182,7 +182,7 @@ def time_of(pair: Pair) -> int:
 
 
 @dataclass(frozen=True, eq=False)
-class Take:
+class LoadedRecording:
     """Every reading of a recording."""
 
     seconds: Float[np.ndarray, "reading"]
@@ -208,7 +208,7 @@ class Take:
         return max(int(np.searchsorted(self.seconds, seconds, "right")) - 1, 0)
 
 
-def read_take(recording: Recording) -> Take:
+def load_replayed(recording: Recording) -> LoadedRecording:
     """Read and calibrate every scan.
 
     Raises:
@@ -234,7 +234,7 @@ def read_take(recording: Recording) -> Take:
         pressure[row], valid[row], q[row] = believed, reading.valid, reading.q
         force[row], peak[row] = believed @ areas, believed.max()
     rows = slice(count)
-    return Take(
+    return LoadedRecording(
         seconds[rows], pressure[rows], valid[rows], q[rows], force[rows], peak[rows]
     )
 

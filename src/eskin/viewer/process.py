@@ -15,13 +15,13 @@ from typing import final
 
 import eskin
 from eskin.errors import DeviceError
-from eskin.page import Order, PageOrder, Picture, Setup, TouchOrder
+from eskin.page import Order, PageOrder, SceneDescription, TouchOrder, ViewUpdate
 from eskin.page.messages import ORDER, READY, REFUSED, SHOWN
 from eskin.page.port import free_port
 
-ON_THE_WAY = 2
+MAX_IN_FLIGHT = 2
 """Pictures that may be under way; another is sent when one has been shown."""
-MOST_ORDERS = 64
+MAX_ORDERS = 64
 """Orders that wait to be obeyed; what comes while so many do is dropped."""
 PATIENCE = 3.0
 """How long the process has to end [s]."""
@@ -44,7 +44,7 @@ class PageProcess:
     """
 
     def __init__(
-        self, setup: Setup, port: int, obey: Callable[[Order], None] | None
+        self, setup: SceneDescription, port: int, obey: Callable[[Order], None] | None
     ) -> None:
         """Start the process; it serves a second or two later.
 
@@ -59,12 +59,12 @@ class PageProcess:
         port = free_port(port)
         self.obey = obey if setup.touchable else None
         self.changed = Condition()
-        self.latest: Picture | None = None
+        self.latest: ViewUpdate | None = None
         self.on_the_way = self.pictures = self.shown = self.dropped = 0
         self.port: int | None = None
         self.failure: str | None = None
         self.ending = False
-        self.orders: Queue[Order | None] = Queue(MOST_ORDERS)
+        self.orders: Queue[Order | None] = Queue(MAX_ORDERS)
         ours, theirs = socket.socketpair()
         with theirs:
             self.process = subprocess.Popen(
@@ -85,12 +85,12 @@ class PageProcess:
         for thread in self.threads:
             thread.start()
 
-    def give(self, picture: Picture) -> None:
+    def give(self, picture: ViewUpdate) -> None:
         """Show a picture as soon as the page is ready for it, unless a later one is."""
         with self.changed:
             self.pictures += 1
             before = self.latest
-            if before is not None and before.sayings:
+            if before is not None and before.log_entries:
                 picture = with_sayings(picture, before)
             self.latest = picture
             self.changed.notify_all()
@@ -98,7 +98,7 @@ class PageProcess:
     def wants(self) -> bool:
         """Whether a picture given now would be on its way at once."""
         with self.changed:
-            return self.port is not None and self.on_the_way < ON_THE_WAY
+            return self.port is not None and self.on_the_way < MAX_IN_FLIGHT
 
     def wait_ready(self, timeout: float) -> int:
         """Wait until the page is served; its port.
@@ -138,11 +138,11 @@ class PageProcess:
 
     def may_send(self) -> bool:
         """Whether there is something to do for the sender."""
-        can = self.latest is not None and self.on_the_way < ON_THE_WAY
+        can = self.latest is not None and self.on_the_way < MAX_IN_FLIGHT
         return self.ending or (can and self.port is not None)
 
     def hear(self) -> None:
-        """Take in what the page says, until it ends."""
+        """LoadedRecording in what the page says, until it ends."""
         try:
             while True:
                 word, value = self.connection.recv()
@@ -214,9 +214,11 @@ class PageProcess:
             self.orders.put_nowait(None)
 
 
-def with_sayings(picture: Picture, before: Picture) -> Picture:
+def with_sayings(picture: ViewUpdate, before: ViewUpdate) -> ViewUpdate:
     """A picture that also says what one before it would have said."""
-    return replace(picture, sayings=(*before.sayings, *picture.sayings)[-MOST_ORDERS:])
+    return replace(
+        picture, log_entries=(*before.log_entries, *picture.log_entries)[-MAX_ORDERS:]
+    )
 
 
 def environment() -> dict[str, str]:

@@ -9,18 +9,18 @@ from jaxtyping import Float
 from viser import GuiApi, GuiEvent, Icon, ViserServer
 
 from eskin.errors import RecordingError
-from eskin.page import ColourScale, Picture, panel
+from eskin.page import ColourScale, ViewUpdate, panel
 from eskin.page.page import BRAND, DISTANCE, MIDDLE, SCALE, WIDTH
 from eskin.page.scene import Scene
 from eskin.recording import NONE, Label
 from eskin.skin import MountedSkin
-from eskin.viewer.appearance import setup_of
-from eskin.viewer.editing import Editing, Pair, Take, compare, envelope
-from eskin.viewer.viewer import packed_poses
+from eskin.viewer.appearance import describe_scene
+from eskin.viewer.editing import LabelEditor, LoadedRecording, Pair, compare, envelope
+from eskin.viewer.viewer import pack_poses
 
 
 @final
-class Playing:
+class PlaybackClock:
     """A place on a timeline that moves on while it is played.
 
     Attributes:
@@ -65,7 +65,9 @@ OUTSIDE = -9.0
 class Overview:
     """Draws the recording anew when labels change or the place does."""
 
-    def __init__(self, gui: GuiApi, take: Take, editing: Editing) -> None:
+    def __init__(
+        self, gui: GuiApi, take: LoadedRecording, editing: LabelEditor
+    ) -> None:
         """Draw the beginning."""
         self.editing = editing
         self.peak = envelope(take.peak, BINS)
@@ -151,13 +153,17 @@ class Timeline:
     """
 
     def __init__(
-        self, server: ViserServer, mounted: MountedSkin, take: Take, editing: Editing
+        self,
+        server: ViserServer,
+        mounted: MountedSkin,
+        take: LoadedRecording,
+        editing: LabelEditor,
     ) -> None:
         """Show the first reading."""
         self.server, self.mounted, self.take = server, mounted, take
         self.editing = editing
         self.lock = RLock()
-        self.playing = Playing(float(take.seconds[-1]))
+        self.playing = PlaybackClock(float(take.seconds[-1]))
         self.shown = -1
         gui = server.gui
         gui.configure_theme(show_logo=False, show_share_button=False, brand_color=BRAND)
@@ -165,7 +171,7 @@ class Timeline:
         gui.main_panel.set_width(WIDTH)
         gui.set_panel_label(editing.recording.path.name)
         self.scale = ColourScale(SCALE)
-        self.scene = Scene(server, setup_of(mounted, GESTURES), self.scale)
+        self.scene = Scene(server, describe_scene(mounted, GESTURES), self.scale)
         self.scene.look(MIDDLE, DISTANCE)
         self.status = gui.add_html("")
         self.overview = Overview(gui, take, editing)
@@ -364,19 +370,19 @@ class Timeline:
             ("label", panel.word(here[-1]) if here else "-"),
         )
 
-    def picture(self, row: int) -> Picture:
+    def picture(self, row: int) -> ViewUpdate:
         """One reading as a page shows it."""
         take = self.take
-        return Picture(
+        return ViewUpdate(
             seconds=float(take.seconds[row]),
-            poses=packed_poses(self.mounted.kinematics.poses(take.q[row])),
+            poses=pack_poses(self.mounted.kinematics.poses(take.q[row])),
             pressure=take.pressure[row],
             valid=np.packbits(take.valid[row]),
             contacts=(),
             touches=(),
             force=float(take.force[row]),
             peak=float(take.peak[row]),
-            sayings=(),
+            log_entries=(),
             faults=0,
             rate=0.0,
             step=0.0,

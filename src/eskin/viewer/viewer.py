@@ -13,14 +13,14 @@ from eskin.drivers import Event
 from eskin.errors import DeviceError
 from eskin.live import Detection
 from eskin.page import (
-    ArmLine,
-    Board,
-    ContactMark,
+    ArmSummary,
+    ComparisonBoard,
+    ContactMarker,
+    LogEntry,
+    OpenTouch,
     Order,
-    Picture,
-    Saying,
-    Setup,
-    TouchNow,
+    SceneDescription,
+    ViewUpdate,
 )
 from eskin.skin import MountedSkin
 from eskin.stream import (
@@ -36,16 +36,16 @@ from eskin.stream.listener import RARE, Drop
 from eskin.touch import Contact
 from eskin.transforms import apply, invert, matrix_to_quaternion, rotate
 from eskin.units import NS_PER_S
-from eskin.viewer.appearance import setup_of
+from eskin.viewer.appearance import describe_scene
 from eskin.viewer.process import PageProcess
 
-MOST_SAID = 32
+MAX_LOG_ENTRIES = 32
 """Lines of the log that wait for a picture; older ones are dropped."""
-MOST_CONTACTS = 8
+MAX_CONTACTS = 8
 
 
 @runtime_checkable
-class ArmTold(Protocol):
+class ArmStatus(Protocol):
     """An arm's state, as far as the page shows it."""
 
     @property
@@ -90,7 +90,7 @@ class ArmTold(Protocol):
 
 
 @final
-class Packer:
+class FrameEncoder:
     """Makes pictures; holds what is said until the next one."""
 
     def __init__(self, mounted: MountedSkin, begin: int) -> None:
@@ -102,7 +102,7 @@ class Packer:
         """
         self.mounted = mounted
         self.begin = begin
-        self.sayings: deque[Saying] = deque(maxlen=MOST_SAID)
+        self.log_entries: deque[LogEntry] = deque(maxlen=MAX_LOG_ENTRIES)
         self.told: Event | None = None
         robot = mounted.robot
         q = np.zeros(len(robot.joint_names))
@@ -116,25 +116,25 @@ class Packer:
         """Keep a detection, an event or what was made of a touch for the log."""
         match item:
             case Detection():
-                self.sayings.append(self.detection(item))
+                self.log_entries.append(self.detection(item))
             case Event() if found_at_once(self.told, item):
                 pass  # of many faults found together one is told; their number is shown
             case Event():
                 self.told = item
-                self.sayings.append(
-                    Saying(self.seconds(item.stamp), "event", item.text)
+                self.log_entries.append(
+                    LogEntry(self.seconds(item.stamp), "event", item.text)
                 )
             case CommandEvent():
                 kind = "command" if item.accepted else "refused"
                 text = item.action + (f": {item.why}" if item.why else "")
-                self.sayings.append(Saying(self.seconds(item.stamp), kind, text))
+                self.log_entries.append(LogEntry(self.seconds(item.stamp), kind, text))
 
-    def detection(self, detection: Detection) -> Saying:
+    def detection(self, detection: Detection) -> LogEntry:
         """A detection with its place on its link."""
         link = self.mounted.robot.link_index(detection.link)
         x, y, z = apply(invert(self.T_world_link[link]), detection.p_world).tolist()
         name = detection.gesture.replace("_", "-")
-        return Saying(
+        return LogEntry(
             self.seconds(detection.stamp),
             "detection",
             f"{name} {detection.confidence:.0%}, "
@@ -150,8 +150,8 @@ class Packer:
         rate: float,
         step: float,
         age: float,
-        arm: ArmLine | None,
-    ) -> Picture:
+        arm: ArmSummary | None,
+    ) -> ViewUpdate:
         """Everything of one moment that the page shows.
 
         Args:
@@ -165,19 +165,19 @@ class Packer:
         reading = state.reading
         self.T_world_link = self.mounted.kinematics.poses(reading.q)
         contacts = sorted(state.contacts, key=lambda contact: -contact.force)
-        said = tuple(self.sayings)
+        said = tuple(self.log_entries)
         for _ in said:
-            self.sayings.popleft()
-        return Picture(
+            self.log_entries.popleft()
+        return ViewUpdate(
             seconds=self.seconds(reading.stamp),
-            poses=packed_poses(self.T_world_link),
+            poses=pack_poses(self.T_world_link),
             pressure=np.where(reading.valid, reading.pressure, 0.0).astype(np.float16),
             valid=np.packbits(reading.valid),
-            contacts=tuple(map(self.mark, contacts[:MOST_CONTACTS])),
+            contacts=tuple(map(self.mark, contacts[:MAX_CONTACTS])),
             touches=self.touches(moment),
             force=sum((contact.force for contact in contacts), 0.0),
             peak=max((contact.peak for contact in contacts), default=0.0),
-            sayings=said,
+            log_entries=said,
             faults=len(state.faults),
             rate=rate,
             step=step,
@@ -185,17 +185,17 @@ class Packer:
             arm=arm,
         )
 
-    def mark(self, contact: Contact) -> ContactMark:
+    def mark(self, contact: Contact) -> ContactMarker:
         """A contact in the frame of its link."""
         link = self.mounted.robot.link_index(contact.link)
         n_link = rotate(invert(self.T_world_link[link]), contact.n_world)
         radius = float(np.sqrt(contact.area / np.pi))
-        return ContactMark(link, contact.p_link, n_link, radius)
+        return ContactMarker(link, contact.p_link, n_link, radius)
 
-    def touches(self, moment: RecognitionState) -> tuple[TouchNow, ...]:
+    def touches(self, moment: RecognitionState) -> tuple[OpenTouch, ...]:
         """Open touches with what is thought of them, strongest first."""
         found = [
-            TouchNow(
+            OpenTouch(
                 touch.id,
                 touch.contact.link,
                 touch.contact.force,
@@ -207,7 +207,7 @@ class Packer:
         return tuple(sorted(found, key=lambda touch: -touch.force))
 
 
-def packed_poses(
+def pack_poses(
     T_world_link: Float[np.ndarray, "link 4 4"],
 ) -> Float[np.ndarray, "link 7"]:
     """Quaternion and position of each link, in single precision."""
@@ -215,19 +215,19 @@ def packed_poses(
     return np.concatenate([wxyz, T_world_link[:, :3, 3]], axis=1).astype(np.float32)
 
 
-def arm_line(arm: ArmTold) -> ArmLine:
+def describe_arm(arm: ArmStatus) -> ArmSummary:
     """An arm's state in one word, with the reason."""
     speed, gripper, target = arm.speed, arm.gripper, arm.target
     if not arm.connected:
-        return ArmLine("stopped", "lost connection", speed, gripper, target)
+        return ArmSummary("stopped", "lost connection", speed, gripper, target)
     if arm.protective_stop:
-        return ArmLine("stopped", "protective stop", speed, gripper, target)
+        return ArmSummary("stopped", "protective stop", speed, gripper, target)
     if arm.hold_reason:
-        return ArmLine("held", arm.hold_reason, speed, gripper, target)
+        return ArmSummary("held", arm.hold_reason, speed, gripper, target)
     if arm.paused:
-        return ArmLine("paused", "", speed, gripper, target)
+        return ArmSummary("paused", "", speed, gripper, target)
     state = "running" if arm.moving else "waiting"
-    return ArmLine(state, "", speed, gripper, target)
+    return ArmSummary(state, "", speed, gripper, target)
 
 
 PICTURES = 25.0
@@ -235,10 +235,10 @@ PICTURES = 25.0
 
 
 @runtime_checkable
-class HasState(Protocol):
+class ReportsState(Protocol):
     """An arm, as far as the page needs one."""
 
-    def state(self) -> ArmTold:
+    def state(self) -> ArmStatus:
         """How it is now."""
         ...
 
@@ -279,8 +279,8 @@ class Viewer(Listener):
         recognition: Recognition,
         config: ViewerConfig | None = None,
         obey: Callable[[Order], None] | None = None,
-        arm: HasState | None = None,
-        board: Callable[[], Board | None] | None = None,
+        arm: ReportsState | None = None,
+        board: Callable[[], ComparisonBoard | None] | None = None,
     ) -> None:
         """Nothing is started before the stream is.
 
@@ -313,12 +313,12 @@ class Viewer(Listener):
             DeviceError: the port cannot be had.
         """
         self.context = context
-        self.packer = Packer(self.mounted, context.clock.now())
+        self.packer = FrameEncoder(self.mounted, context.clock.now())
         self.page = PageProcess(self.setup(), self.config.port, self.obey)
 
-    def setup(self) -> Setup:
+    def setup(self) -> SceneDescription:
         """What the page is told once."""
-        return setup_of(
+        return describe_scene(
             self.mounted,
             self.recognition.recognizer.model.card.vocabulary,
             touchable=self.config.touchable,
@@ -338,7 +338,7 @@ class Viewer(Listener):
             return
         self.due = max(self.due + 1 / PICTURES, now)
         step, stamp = self.recognition.step.quantile(0.5), item.state.reading.stamp
-        arm = None if self.arm is None else arm_line(self.arm.state())
+        arm = None if self.arm is None else describe_arm(self.arm.state())
         age = self.context.age(stamp)
         picture = self.packer.picture(item, self.rate, step, age, arm)
         board = None if self.board is None else self.board()

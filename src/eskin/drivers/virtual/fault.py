@@ -44,7 +44,7 @@ class OutgoingBytes(NamedTuple):
 
 
 class DeviceFault(ABC):
-    """Disturbs a virtual skin, in the same way every time for one seed.
+    """Changes what a virtual skin sends, in the same way every time for one seed.
 
     Attributes:
         spec: where, when and how strong it is.
@@ -85,7 +85,7 @@ class DeviceFault(ABC):
 
 
 class ModuleFault(DeviceFault):
-    """Disturbs modules as a whole."""
+    """Changes modules as a whole."""
 
     @abstractmethod
     def change(self, patches: tuple[VirtualPatch, ...], at: int) -> None:
@@ -98,7 +98,7 @@ class ModuleFault(DeviceFault):
 
 
 class TaxelFault(DeviceFault):
-    """Disturbs what taxels measure."""
+    """Changes what taxels measure."""
 
     unit = "counts"
 
@@ -108,7 +108,7 @@ class TaxelFault(DeviceFault):
 
 
 class PacketFault(DeviceFault):
-    """Disturbs packets on their way.
+    """Changes packets on their way.
 
     Attributes:
         data: how many of the packets that it struck were data packets.
@@ -158,7 +158,7 @@ class PacketFault(DeviceFault):
 
 
 class LineFault(DeviceFault):
-    """Disturbs the bytes on the line, framing included."""
+    """Changes the bytes on the line, framing included."""
 
     @abstractmethod
     def transmit(self, chunks: list[OutgoingBytes], at: int) -> list[OutgoingBytes]:

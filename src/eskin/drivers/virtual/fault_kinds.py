@@ -244,12 +244,12 @@ class InstantModuleFault(ModuleFault):
 
 @final
 class ClockJump(InstantModuleFault):
-    """Clocks of modules jump by the amount [s]."""
+    """Clocks of modules are set forward by the amount [s]."""
 
     default, min_amount, max_amount = 10.0, -S_PER_MONTH, S_PER_MONTH
 
     def strike(self, patches: list[VirtualPatch], at: int) -> None:
-        """Let clocks jump."""
+        """Set the clocks."""
         for patch in patches:
             patch.shift_clock(self.spec.amount)
 

@@ -1,4 +1,4 @@
-"""Continuous streams scored: true events, what was said of them, and what fits."""
+"""Scores of continuous streams: this package matches detections to true events."""
 
 from eskin.learn.events.event_scoring import (
     EventScore,

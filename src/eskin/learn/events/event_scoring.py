@@ -1,4 +1,4 @@
-"""Scoring."""
+"""This module scores the detections of a recogniser on continuous streams."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import astuple, dataclass
@@ -22,34 +22,36 @@ from eskin.units import NS_PER_S
 
 @dataclass(frozen=True)
 class Tally:
-    """Events that were to be recognised, and what was said of them."""
+    """A tally counts events that should be recognised, and their detections."""
 
     matched: int = 0
-    """Events with a detection of the same gesture."""
+    """Number of events with a matching detection."""
 
     missed: int = 0
-    """Events without."""
+    """Number of events without one."""
 
     false: int = 0
-    """Detections of a gesture without such an event."""
+    """Number of detections of a gesture that match no event."""
 
     @property
     def precision(self) -> float:
-        """Share of detections that match; NaN where there is none."""
-        return share(self.matched, self.matched + self.false)
+        """Return the share of detections that match; NaN where there is none."""
+        return compute_ratio(self.matched, self.matched + self.false)
 
     @property
     def recall(self) -> float:
-        """Share of events that match; NaN where there is none."""
-        return share(self.matched, self.matched + self.missed)
+        """Return the share of events that match; NaN where there is none."""
+        return compute_ratio(self.matched, self.matched + self.missed)
 
     @property
     def f1(self) -> float:
-        """Harmonic mean of both; NaN where there is neither event nor detection."""
-        return share(2 * self.matched, 2 * self.matched + self.missed + self.false)
+        """Return the harmonic mean of both; NaN without events and detections."""
+        return compute_ratio(
+            2 * self.matched, 2 * self.matched + self.missed + self.false
+        )
 
     def __add__(self, other: "Tally") -> "Tally":
-        """Both together."""
+        """Return the sum of two tallies."""
         return Tally(
             self.matched + other.matched,
             self.missed + other.missed,
@@ -59,61 +61,61 @@ class Tally:
 
 @dataclass(frozen=True)
 class NonGestureTally:
-    """Events that are no gesture of the vocabulary, of which none should be said."""
+    """This tally counts events that should not be detected as a gesture."""
 
     count: int = 0
-    """How many there were."""
+    """Number of events."""
 
     mistaken: int = 0
-    """How many of them were said to be a gesture."""
+    """Number of them that were detected as a gesture."""
 
     @property
     def share(self) -> float:
-        """Share that was mistaken; NaN where there was none."""
-        return share(self.mistaken, self.count)
+        """Return the share that was mistaken; NaN where there was none."""
+        return compute_ratio(self.mistaken, self.count)
 
     def __add__(self, other: "NonGestureTally") -> "NonGestureTally":
-        """Both together."""
+        """Return the sum of two tallies."""
         return NonGestureTally(self.count + other.count, self.mistaken + other.mistaken)
 
 
 @dataclass(frozen=True, eq=False)
 class Delays:
-    """When matched detections were said."""
+    """Delays say when matching detections were made."""
 
     after_end: Float[np.ndarray, "match"]
-    """Since the true last contact; negative where said before it [s]."""
+    """Time since the true last contact; negative for a detection before it [s]."""
 
     after_onset: Float[np.ndarray, "match"]
-    """Since the true first contact [s]."""
+    """Time since the true first contact [s]."""
 
     def latency(self, percent: int) -> float:
-        """A percentile of the time since the last contact [s]; NaN without matches."""
-        return percentile(self.after_end, percent)
+        """Return a percentile of the time since the last contact [s]; NaN if empty."""
+        return compute_percentile(self.after_end, percent)
 
     def from_onset(self, percent: int) -> float:
-        """A percentile of the time since the first contact [s]; NaN without matches."""
-        return percentile(self.after_onset, percent)
+        """Return a percentile of the time since the first contact [s]; NaN if empty."""
+        return compute_percentile(self.after_onset, percent)
 
 
-def share(part: int, whole: int) -> float:
-    """Part of a whole; NaN where there is nothing."""
+def compute_ratio(part: int, whole: int) -> float:
+    """Return a part of a whole; NaN where the whole is zero."""
     return part / whole if whole else float("nan")
 
 
-def percentile(values: Float[np.ndarray, "value"], percent: int) -> float:
-    """A percentile; NaN without values."""
+def compute_percentile(values: Float[np.ndarray, "value"], percent: int) -> float:
+    """Return a percentile; NaN without values."""
     return float(np.percentile(values, percent)) if len(values) else float("nan")
 
 
 def bootstrap_f1(parts: Sequence[Tally], seed: int = 0) -> tuple[float, float]:
-    """95 % bootstrap interval of F1, parts such as people drawn anew.
+    """Return a 95 % interval of F1 from parts, such as people, drawn anew.
 
-    NaN where there are no events, or only one part, which tells nothing of others.
+    It is NaN where there are no events, or only one part, which says nothing of others.
 
     Args:
-        parts: that do not depend on each other.
-        seed: decides the draws.
+        parts: tallies that do not depend on each other.
+        seed: seed of the draws.
     """
     counts = np.array([astuple(part) for part in parts], dtype=np.float64)
     if len(parts) < 2 or not counts.sum():
@@ -134,68 +136,69 @@ ACCIDENTS = (
     "self_contact",
     "electrical",
 )
-"""Kinds of touches that nobody means."""
+"""Kinds of touches that nobody intends."""
 
 HOUR = 3600.0
-"""[s]"""
+"""Seconds in an hour."""
 
 
 @dataclass(frozen=True, eq=False)
 class EventScore:
-    """What a recogniser is worth on continuous streams."""
+    """An event score says how well a recogniser does on continuous streams."""
 
     hours: float
-    """How long the streams are [h]."""
+    """Total duration of the streams [h]."""
 
     per_gesture: dict[str, Tally]
-    """Of each gesture of the vocabulary but `none`."""
+    """Tally of each gesture of the vocabulary but `none`."""
 
     per_subject: dict[str, Tally]
-    """Of all gestures, of each person's streams."""
+    """Tally of all gestures in each person's streams."""
 
     simultaneous: Tally
-    """Of events that overlap another one in time, of any gesture, and of what was
-    falsely said meanwhile."""
+    """Tally of events that overlap another one in time, of any gesture, and of the
+    false detections meanwhile."""
 
     delays: dict[str, Delays]
-    """Of the matched detections of each gesture."""
+    """Delays of the matching detections of each gesture."""
 
     unknown: dict[str, NonGestureTally]
     """Gestures that are not in the vocabulary, by their name."""
 
     none: dict[str, NonGestureTally]
-    """Touches that are no gesture, by their kind."""
+    """Touches that are not a gesture, by their kind."""
 
     names: tuple[str, ...]
     """Rows and columns of `confusion`: gestures, `none`, `unknown`, `nothing`."""
 
     confusion: Int[np.ndarray, "true said"]
-    """One count an event, and in the last row what else was said."""
+    """Number of events by true and by detected class; detections of no event are in the
+    last row."""
 
     confidence: Float[np.ndarray, "detection"]
-    """Of every detection of a gesture."""
+    """Confidence of every detection of a gesture."""
 
-    right: Bool[np.ndarray, "detection"]
-    """Which of these match an event."""
+    correct: Bool[np.ndarray, "detection"]
+    """Whether each of these matches an event."""
 
     @property
     def total(self) -> Tally:
-        """Of all gestures."""
+        """Return the tally of all gestures."""
         return sum(self.per_gesture.values(), Tally())
 
     @property
     def f1_interval(self) -> tuple[float, float]:
-        """95 % interval of the F1 of all gestures, from drawing people anew."""
+        """Return the 95 % interval of the F1 of all gestures, people drawn anew."""
         return bootstrap_f1(list(self.per_subject.values()))
 
     @property
     def false_per_hour(self) -> float:
-        """False detections an hour; NaN where there is no time."""
+        """Return the number of false detections an hour; NaN without time."""
         return self.total.false / self.hours if self.hours else float("nan")
 
     @property
     def all_delays(self) -> Delays:
-        """Of all matched detections."""
+        """Return the delays of all matching detections."""
         every = self.delays.values()
         return Delays(
             np.concatenate([d.after_end for d in every] or [np.empty(0)]),
@@ -204,101 +207,113 @@ class EventScore:
 
     @property
     def reliability(self) -> Reliability:
-        """How sure detections of gestures were, and how often right."""
-        return compute_reliability(self.confidence, self.right)
+        """Return the accuracy of detections of gestures by their confidence."""
+        return compute_reliability(self.confidence, self.correct)
 
     @property
     def unknown_total(self) -> NonGestureTally:
-        """Gestures that are not in the vocabulary, all together."""
+        """Return the tally of all gestures that are not in the vocabulary."""
         return sum(self.unknown.values(), NonGestureTally())
 
     @property
     def accidents(self) -> NonGestureTally:
-        """Touches that nobody means, all together."""
+        """Return the tally of all touches that nobody intends."""
         kinds = (left for kind, left in self.none.items() if kind in ACCIDENTS)
         return sum(kinds, NonGestureTally())
 
 
 NOTHING = "nothing"
-"""Row of what was said of no event; column of events of which nothing was said."""
-"""[s]"""
+"""Row of detections of no event, and column of events without a detection."""
 
 
 def score_events(
-    takes: Sequence[ScoredStream],
+    streams: Sequence[ScoredStream],
     vocabulary: Sequence[str],
     config: MatchConfig | None = None,
 ) -> EventScore:
-    """Score what was said of continuous streams.
+    """Score the detections on continuous streams.
 
     Args:
-        takes: the streams.
-        vocabulary: of the recogniser; other gestures are unknown to it.
-        config: when a detection is of an event.
+        streams: streams to score.
+        vocabulary: classes of the recogniser; other gestures are unknown to it.
+        config: settings of the matching.
     """
-    every = [match_stream(take, config or MatchConfig()) for take in takes]
+    matched = [match_stream(stream, config or MatchConfig()) for stream in streams]
     gestures = tuple(name for name in vocabulary if name not in NO_GESTURE)
     names = (*gestures, NONE, UNKNOWN, NOTHING)
-    people = sorted({take.subject for take in takes})
+    people = sorted({stream.subject for stream in streams})
     confusion = np.zeros((len(names), len(names)), dtype=np.int64)
-    for marked in every:
-        confusion += count_confusions(marked, names)
+    for each in matched:
+        confusion += count_confusions(each, names)
     return EventScore(
-        hours=sum(take.seconds for take in takes) / HOUR,
-        per_gesture={name: tally_gestures(every, (name,)) for name in gestures},
+        hours=sum(stream.seconds for stream in streams) / HOUR,
+        per_gesture={name: tally_gestures(matched, (name,)) for name in gestures},
         per_subject={
             person: tally_gestures(
-                [m for m in every if m.take.subject == person], gestures
+                [m for m in matched if m.stream.subject == person], gestures
             )
             for person in people
         },
         simultaneous=sum(
-            (tally_overlapping(marked, gestures) for marked in every), Tally()
+            (tally_overlapping(each, gestures) for each in matched), Tally()
         ),
-        delays={name: collect_delays(every, name) for name in gestures},
+        delays={name: collect_delays(matched, name) for name in gestures},
         unknown=tally_non_gestures(
-            every, lambda e: None if e.gesture in (*gestures, NONE) else e.gesture
+            matched, lambda e: None if e.gesture in (*gestures, NONE) else e.gesture
         ),
         none=tally_non_gestures(
-            every, lambda e: e.kind or NONE if e.gesture == NONE else None
+            matched, lambda e: e.kind or NONE if e.gesture == NONE else None
         ),
         names=names,
         confusion=confusion,
         confidence=np.array(
-            [m.take.detections[d].confidence for m in every for d in m.gestures], float
+            [
+                m.stream.detections[d].confidence
+                for m in matched
+                for d in m.gesture_detections
+            ],
+            float,
         ),
-        right=np.array([d not in m.false for m in every for d in m.gestures], bool),
+        correct=np.array(
+            [
+                d not in m.false_detections
+                for m in matched
+                for d in m.gesture_detections
+            ],
+            bool,
+        ),
     )
 
 
-def tally_gestures(every: Sequence[MatchedStream], gestures: Sequence[str]) -> Tally:
-    """Events and detections of some gestures."""
+def tally_gestures(matched: Sequence[MatchedStream], gestures: Sequence[str]) -> Tally:
+    """Count events and detections of some gestures."""
     total = Tally()
-    for marked in every:
-        made = [e.gesture in gestures for e in marked.take.events]
-        matched = sum(made[event] for event in marked.matching.matched)
-        said = (marked.take.detections[index].gesture for index in marked.false)
-        false = sum(gesture in gestures for gesture in said)
-        total += Tally(matched, sum(made) - matched, false)
+    for each in matched:
+        wanted = [e.gesture in gestures for e in each.stream.events]
+        found = sum(wanted[event] for event in each.matching.matched)
+        detected = (each.stream.detections[n].gesture for n in each.false_detections)
+        false = sum(gesture in gestures for gesture in detected)
+        total += Tally(found, sum(wanted) - found, false)
     return total
 
 
-def tally_overlapping(marked: MatchedStream, gestures: Sequence[str]) -> Tally:
-    """Events that overlap another one, and what was falsely said meanwhile."""
-    made = np.array([e.gesture in gestures for e in marked.take.events], dtype=bool)
-    wanted = made & marked.overlapping
-    matched = int(wanted[list(marked.matching.matched)].sum())
-    false = int(marked.is_during_overlap[list(marked.false)].sum())
-    return Tally(matched, int(wanted.sum()) - matched, false)
+def tally_overlapping(stream: MatchedStream, gestures: Sequence[str]) -> Tally:
+    """Count events that overlap another one, and false detections meanwhile."""
+    events = stream.stream.events
+    wanted = np.array([event.gesture in gestures for event in events], dtype=bool)
+    wanted &= stream.overlapping
+    found = int(wanted[list(stream.matching.matched)].sum())
+    false = int(stream.is_during_overlap[list(stream.false_detections)].sum())
+    return Tally(found, int(wanted.sum()) - found, false)
 
 
-def collect_delays(every: Sequence[MatchedStream], gesture: str) -> Delays:
-    """When the matched detections of a gesture were said."""
+def collect_delays(matched: Sequence[MatchedStream], gesture: str) -> Delays:
+    """Return the delays of the matching detections of a gesture."""
     pairs = [
-        (marked.take.events[event], marked.take.detections[found].stamp)
-        for marked in every
-        for event, found in sorted(marked.matching.matched.items())
-        if marked.take.events[event].gesture == gesture
+        (each.stream.events[event], each.stream.detections[found].stamp)
+        for each in matched
+        for event, found in sorted(each.matching.matched.items())
+        if each.stream.events[event].gesture == gesture
     ]
     return Delays(
         np.array([stamp - event.end for event, stamp in pairs], float) / NS_PER_S,
@@ -307,31 +322,31 @@ def collect_delays(every: Sequence[MatchedStream], gesture: str) -> Delays:
 
 
 def tally_non_gestures(
-    every: Sequence[MatchedStream], name_of: Callable[[TrueEvent], str | None]
+    matched: Sequence[MatchedStream], name_of: Callable[[TrueEvent], str | None]
 ) -> dict[str, NonGestureTally]:
-    """Events of which no gesture should be said, by a name; None leaves one out."""
+    """Count events that should not be detected, by a name; None skips one."""
     found: dict[str, NonGestureTally] = {}
-    for marked in every:
-        for index, event in enumerate(marked.take.events):
+    for each in matched:
+        for index, event in enumerate(each.stream.events):
             name = name_of(event)
             if name is not None:
-                one = NonGestureTally(1, int(marked.is_mistaken(index)))
+                one = NonGestureTally(1, int(each.is_mistaken(index)))
                 found[name] = found.get(name, NonGestureTally()) + one
     return dict(sorted(found.items()))
 
 
 def count_confusions(
-    marked: MatchedStream, names: Sequence[str]
+    each: MatchedStream, names: Sequence[str]
 ) -> Int[np.ndarray, "true said"]:
-    """What was said of each event, and in the last row what else was said."""
+    """Count events by true and detected class; detections of no event come last."""
     counts = np.zeros((len(names), len(names)), dtype=np.int64)
     place = {name: index for index, name in enumerate(names)}
-    left = set(range(len(marked.take.detections)))
-    for index, event in enumerate(marked.take.events):
-        word = marked.word(index)
-        said = NOTHING if word is None else marked.take.detections[word].gesture
-        counts[place.get(event.gesture, place[UNKNOWN]), place[said]] += 1
-        left.discard(-1 if word is None else word)
+    left = set(range(len(each.stream.detections)))
+    for index, event in enumerate(each.stream.events):
+        number = each.find_detection(index)
+        answer = NOTHING if number is None else each.stream.detections[number].gesture
+        counts[place.get(event.gesture, place[UNKNOWN]), place[answer]] += 1
+        left.discard(-1 if number is None else number)
     for index in left:
-        counts[place[NOTHING], place[marked.take.detections[index].gesture]] += 1
+        counts[place[NOTHING], place[each.stream.detections[index].gesture]] += 1
     return counts

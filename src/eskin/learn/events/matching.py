@@ -1,4 +1,4 @@
-"""Matching."""
+"""This module matches detections to true events, one to one."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -13,55 +13,56 @@ from eskin.recording import NONE
 from eskin.units import NS_PER_S
 
 NO_GESTURE = (NONE, UNKNOWN)
-"""What a detection may say that is no gesture."""
+"""Answers of a detection that are not a gesture."""
 
 
 @dataclass(frozen=True, eq=False)
 class ScoredStream:
-    """What was done to a skin in one go, and what was said of it."""
+    """A scored stream holds what was done to a skin in one go and the detections."""
 
     events: Sequence[TrueEvent]
-    """What was done."""
+    """Events that truly happened."""
 
     detections: Sequence[Detection]
-    """What was said."""
+    """Detections of the recogniser."""
 
     seconds: float
-    """How long it took [s]."""
+    """Duration [s]."""
 
     subject: str
-    """Who did it."""
+    """Person who touched."""
 
 
 FORBIDDEN = 1e9
-"""Cost of a pair that does not match; onsets are never so many seconds apart."""
+"""Cost of a pair that does not match; onsets are never this many seconds apart."""
 
 
 @dataclass(frozen=True)
 class MatchConfig:
-    """When a detection is of an event."""
+    """These settings say when a detection matches an event."""
 
     late: float = 1.0
-    """How long after the last contact it may be said [s]."""
+    """Longest time from the last contact to the detection [s]."""
 
     near: float = 0.1
-    """How far from the true path it may be [m]."""
+    """Largest distance from the true path [m]."""
 
     around: float = 0.5
-    """How far in time from the detection's last contact the true path is looked at,
-    since it moves with its link [s]."""
+    """Part of the true path, which moves with its link, that counts before and after
+    the detection's last contact [s]."""
 
 
 @dataclass(frozen=True)
 class Matching:
-    """Detections and the events that they are of."""
+    """A matching assigns detections to events."""
 
     matched: dict[int, int]
-    """Index of the detection of each event that was recognised, by the event's."""
+    """Index of the matching detection of each recognised event, by the event's
+    index."""
 
-    blamed: dict[int, int]
-    """Index of the event that each other detection was about, by the detection's; those
-    that were about nothing are in neither."""
+    assigned: dict[int, int]
+    """Index of the event nearest to each other detection, by the detection's index;
+    detections near no event are left out."""
 
 
 def match_events(
@@ -69,14 +70,14 @@ def match_events(
     detections: Sequence[Detection],
     config: MatchConfig | None = None,
 ) -> Matching:
-    """Match one to one: as many as possible, and of those ways the best in time.
+    """Match one to one: as many pairs as possible, the best in time among those.
 
-    A detection matches an event of the same gesture if it was said between its onset
+    A detection matches an event of the same gesture if it was made between its onset
     and a while after its end, near its path. Of all matchings with the most pairs it is
-    the one in which the onsets of touch and event agree best. What is left is about the
-    event, of any gesture, with which its touch shares most time.
+    the one in which the onsets of touch and event agree best. Other detections are
+    assigned to the event, of any gesture, with which their touch shares most time.
     """
-    fitting = fits(events, detections, config or MatchConfig())
+    fitting = find_candidates(events, detections, config or MatchConfig())
     named = np.array([event.gesture for event in events], dtype=np.str_)
     said = np.array([found.gesture for found in detections], dtype=np.str_)
     same = (named[:, None] == said) & ~np.isin(said, NO_GESTURE)
@@ -85,7 +86,7 @@ def match_events(
     matched = {int(e): int(d) for e, d in pairs if cost[e, d] < FORBIDDEN}
     left = sorted(set(range(len(detections))) - set(matched.values()))
     about = {d: np.flatnonzero(fitting[:, d]) for d in left}
-    blamed = {
+    assigned = {
         d: max(
             which.tolist(),
             key=lambda event: compute_overlap(events[event], detections[d]),
@@ -93,17 +94,17 @@ def match_events(
         for d, which in about.items()
         if len(which)
     }
-    return Matching(matched, blamed)
+    return Matching(matched, assigned)
 
 
-def fits(
+def find_candidates(
     events: Sequence[TrueEvent], detections: Sequence[Detection], config: MatchConfig
 ) -> Bool[np.ndarray, "event detection"]:
-    """Which detections are of the time and place of which events."""
+    """Return which detections fit which events in time and place."""
     fitting = find_timely(events, detections, config)
     for event, found in np.argwhere(fitting).tolist():
         p_world, last = detections[found].p_world, detections[found].end
-        distance = events[event].distance(p_world, last, config.around)
+        distance = events[event].compute_distance(p_world, last, config.around)
         fitting[event, found] = distance <= config.near
     return fitting
 
@@ -111,7 +112,7 @@ def fits(
 def find_timely(
     events: Sequence[TrueEvent], detections: Sequence[Detection], config: MatchConfig
 ) -> Bool[np.ndarray, "event detection"]:
-    """Which detections were said between onset and a while after the end."""
+    """Return which detections were made between onset and a while after the end."""
     late = round(config.late * NS_PER_S)
     onsets = np.array([event.onset for event in events], dtype=np.int64)
     ends = np.array([event.end for event in events], dtype=np.int64)
@@ -122,40 +123,46 @@ def find_timely(
 def compute_onset_gaps(
     events: Sequence[TrueEvent], detections: Sequence[Detection]
 ) -> Float[np.ndarray, "event detection"]:
-    """How far apart the onsets of events and of detected touches are [s]."""
+    """Return the time between the onsets of events and of detected touches [s]."""
     onsets = np.array([event.onset for event in events], dtype=np.int64)
     starts = np.array([found.onset for found in detections], dtype=np.int64)
     return np.abs(onsets[:, None] - starts) / NS_PER_S
 
 
 def compute_overlap(event: TrueEvent, found: Detection) -> tuple[int, int]:
-    """Time that an event and a detected touch share, negative if they are apart."""
+    """Return the time that event and touch share, negative if they are apart.
+
+    A second number, the distance of their onsets, breaks ties.
+    """
     shared = min(event.end, found.end) - max(event.onset, found.onset)
     return shared, -abs(event.onset - found.onset)
 
 
 @dataclass(frozen=True, eq=False)
 class MatchedStream:
-    """A stream, and which of its detections are of which of its events."""
+    """A matched stream says which detections belong to which events."""
 
-    take: ScoredStream
-    """The stream."""
+    stream: ScoredStream
+    """Stream that was matched."""
 
     matching: Matching
-    """Of its events and detections."""
+    """Matching of its events and detections."""
 
     config: MatchConfig
-    """How they were matched."""
+    """Settings of the matching."""
 
-    def word(self, event: int) -> int | None:
-        """Index of the detection that stands for an event; None where there is none.
+    def find_detection(self, event: int) -> int | None:
+        """Return the index of the detection that stands for an event, or None.
 
-        It is its match, or else the nearest that was about it, a gesture if possible.
+        It is the matching one, or else the nearest of those assigned to the event, a
+        gesture if possible.
         """
         if event in self.matching.matched:
             return self.matching.matched[event]
-        truth, said = self.take.events[event], self.take.detections
-        about = [d for d, blamed in self.matching.blamed.items() if blamed == event]
+        truth, said = self.stream.events[event], self.stream.detections
+        about = [
+            d for d, assigned in self.matching.assigned.items() if assigned == event
+        ]
         return max(
             about,
             key=lambda d: (
@@ -166,40 +173,43 @@ class MatchedStream:
         )
 
     def is_mistaken(self, event: int) -> bool:
-        """Whether an event that is no gesture was said to be one."""
-        word = self.word(event)
-        return word is not None and self.take.detections[word].gesture not in NO_GESTURE
+        """Tell whether an event that is not a gesture was detected as one."""
+        index = self.find_detection(event)
+        return (
+            index is not None
+            and self.stream.detections[index].gesture not in NO_GESTURE
+        )
 
     @property
-    def gestures(self) -> tuple[int, ...]:
-        """Indices of the detections of a gesture."""
-        every = enumerate(self.take.detections)
+    def gesture_detections(self) -> tuple[int, ...]:
+        """Return the indices of the detections of a gesture."""
+        every = enumerate(self.stream.detections)
         return tuple(index for index, d in every if d.gesture not in NO_GESTURE)
 
     @property
-    def false(self) -> tuple[int, ...]:
-        """Indices of the detections of a gesture that match no event."""
+    def false_detections(self) -> tuple[int, ...]:
+        """Return the indices of the detections of a gesture that match no event."""
         matched = set(self.matching.matched.values())
-        return tuple(index for index in self.gestures if index not in matched)
+        return tuple(index for index in self.gesture_detections if index not in matched)
 
     @property
     def overlapping(self) -> Bool[np.ndarray, "event"]:
-        """Which events overlap another one in time."""
-        onsets = np.array([e.onset for e in self.take.events], dtype=np.int64)
-        ends = np.array([e.end for e in self.take.events], dtype=np.int64)
+        """Return which events overlap another one in time."""
+        onsets = np.array([e.onset for e in self.stream.events], dtype=np.int64)
+        ends = np.array([e.end for e in self.stream.events], dtype=np.int64)
         together = (onsets[:, None] <= ends) & (onsets <= ends[:, None])
         return together.sum(axis=1) > 1
 
     @property
     def is_during_overlap(self) -> Bool[np.ndarray, "detection"]:
-        """Which detections were said when one of an overlapping event might be."""
-        events, detections = self.take.events, self.take.detections
+        """Return which detections were made while overlapping events could be."""
+        events, detections = self.stream.events, self.stream.detections
         timely = find_timely(events, detections, self.config)
         return np.any(timely[self.overlapping], axis=0, keepdims=True)[0]
 
 
-def match_stream(take: ScoredStream, config: MatchConfig) -> MatchedStream:
-    """Compare what was done with what was said."""
+def match_stream(stream: ScoredStream, config: MatchConfig) -> MatchedStream:
+    """Match the events and detections of a stream."""
     return MatchedStream(
-        take, match_events(take.events, take.detections, config), config
+        stream, match_events(stream.events, stream.detections, config), config
     )

@@ -1,4 +1,8 @@
-"""Traces."""
+"""This module replays recordings up to the last step of recognition, the decision.
+
+A trace holds what the decision depends on, so that it can be repeated with other
+settings without another replay.
+"""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -27,15 +31,15 @@ from eskin.touch import Touch
 from eskin.units import NS_PER_S
 
 ANY_TRAVEL = DecisionConfig(still=float(np.finfo(float).tiny))
-"""Keeps the direction of every touch that is not exactly where it began."""
+"""Settings that keep the direction of every touch that has moved at all."""
 
 
 @dataclass(frozen=True, eq=False)
 class TraceStep:
-    """A reading at which a touch is open or has just closed."""
+    """A trace step is a reading at which a touch is open or has just closed."""
 
     stamp: int
-    """Of the reading [ns since the epoch]."""
+    """Stamp of the reading [ns since the epoch]."""
 
     touches: tuple[Touch, ...]
     """Touches that are open."""
@@ -44,92 +48,90 @@ class TraceStep:
     """Touches that closed with it."""
 
     logits: Float[np.ndarray, "touch class"]
-    """Of the open touches."""
+    """Logits of the open touches."""
 
     directions: Float[np.ndarray, "touch 3"]
-    """Unit vectors of the travel of the open touches in the world."""
+    """Direction of travel of each open touch in the world, a unit vector."""
 
 
 @dataclass(frozen=True, eq=False)
 class Trace:
-    """A recording as the decider hears it: all of the recognition but its last step."""
+    """A trace holds all results of recognising a recording but the decisions."""
 
     vocabulary: tuple[str, ...]
     """Classes in the order of the logits."""
 
     temperature: float
-    """Of the model's card."""
+    """Temperature of the model's card."""
 
     decision: DecisionConfig
-    """Of the model's card."""
+    """Decision settings of the model's card."""
 
     change_ends: bool
     """Whether touches end when another class is likelier (see `DecisionFilter`)."""
 
-    moments: tuple[TraceStep, ...]
-    """In the order of time; nothing is decided at other readings."""
+    steps: tuple[TraceStep, ...]
+    """Steps in the order of time; nothing is decided at other readings."""
 
-    def detections(
+    def decide(
         self,
         config: DecisionConfig | None = None,
         temperature: float | None = None,
     ) -> list[Detection]:
-        """What the recogniser says live with a decision of one's choice.
+        """Return the detections that would be made live with some decision settings.
 
         Args:
-            config: how sure is sure; None takes what comes with the model.
-            temperature: in place of that of the model's card.
+            config: decision settings; None takes those of the model.
+            temperature: temperature to use instead of the model's.
         """
         config = config or self.decision
         heat = self.temperature if temperature is None else temperature
         decider = DecisionFilter(self.vocabulary, config, self.change_ends)
         directions: dict[int, np.ndarray] = {}
         found: list[Detection] = []
-        for moment in self.moments:
-            ids = [touch.id for touch in moment.touches]
-            directions |= zip(ids, moment.directions, strict=True)
+        for step in self.steps:
+            ids = [touch.id for touch in step.touches]
+            directions |= zip(ids, step.directions, strict=True)
             chances = {
                 number: compute_probabilities(logits, heat)
-                for number, logits in zip(ids, moment.logits, strict=True)
+                for number, logits in zip(ids, step.logits, strict=True)
             }
-            verdicts = decider.push(
-                moment.stamp, moment.touches, moment.closed, chances
-            )
-            known = {touch.id: touch for touch in (*moment.touches, *moment.closed)}
+            verdicts = decider.push(step.stamp, step.touches, step.closed, chances)
+            known = {touch.id: touch for touch in (*step.touches, *step.closed)}
             for verdict in verdicts:
                 touch = known[verdict.touch]
                 gone = np.linalg.norm(touch.travel) >= config.still
                 direction = directions[touch.id] if gone else np.zeros(3)
-                found.append(build_detection(verdict, touch, moment.stamp, direction))
+                found.append(build_detection(verdict, touch, step.stamp, direction))
         return found
 
 
 def trace_recording(recording: Recording, model: Model) -> Trace:
-    """Replay a recording through the recogniser, and keep what it decides upon."""
+    """Replay a recording through the recogniser and record each step."""
     mounted = MountedSkin(recording.skin, load_recorded_robot(recording.robot_name))
     recognizer = Recognizer(model, mounted, recording.calibration, ANY_TRAVEL)
-    moments: list[TraceStep] = []
+    steps: list[TraceStep] = []
     for scan in recording.scans():
         recognizer.push(scan)
         state = recognizer.state
         if state is not None and (state.touches or state.closed_touches):
-            moments.append(record_step(recognizer, state.touches, state.closed_touches))
+            steps.append(record_step(recognizer, state.touches, state.closed_touches))
     left = recognizer.touches.finish()
     if left:
-        moments.append(record_step(recognizer, (), left))
+        steps.append(record_step(recognizer, (), left))
     return Trace(
         vocabulary=model.card.vocabulary,
         temperature=model.card.temperature,
         decision=model.card.decision,
         change_ends=not mounted.skin.calibrated,
-        moments=tuple(moments),
+        steps=tuple(steps),
     )
 
 
 def record_step(
     recognizer: Recognizer, touches: tuple[Touch, ...], closed: tuple[Touch, ...]
 ) -> TraceStep:
-    """What the recogniser knows at the reading that it has just taken."""
+    """Return what the recogniser knows at the reading that it has just processed."""
     assert recognizer.state is not None
     classes = len(recognizer.model.card.vocabulary)
     keys = [recognizer.graphs.get_key(touch.id) for touch in touches]
@@ -145,55 +147,55 @@ def record_step(
     )
 
 
-BREAK = 1.0
+BREAK_SECONDS = 1.0
 """Time without a reading after which another clip begins [s]."""
 
-STREAM = 10.0
-"""Time without a break from which a simulated recording is no clip [s]."""
+STREAM_SECONDS = 10.0
+"""Time without a break from which a simulated recording is a stream [s]."""
 
 
 @dataclass(frozen=True, eq=False)
 class TracedStream:
-    """A recording's trace, and what really happened in it."""
+    """A traced stream is a recording's trace beside what truly happened in it."""
 
     path: Path
-    """The recording."""
+    """Path of the recording."""
 
     subject: str
-    """Who touched, or the session where that is not known."""
+    """Subject of the recording, or its session where that is not known."""
 
     seconds: float
-    """From its first reading to its last [s]."""
+    """Time from its first reading to its last [s]."""
 
     truncated: bool
-    """Whether its end is missing."""
+    """Whether the end of the recording is missing."""
 
     events: tuple[TrueEvent, ...]
-    """What really happened."""
+    """Events that truly happened."""
 
     trace: Trace
-    """What the decider hears."""
+    """Trace of the recogniser."""
 
-    def take(
+    def decide(
         self, config: DecisionConfig | None = None, temperature: float | None = None
     ) -> ScoredStream:
-        """What is said with a decision of one's choice, to be scored."""
-        detections = self.trace.detections(config, temperature)
+        """Return the stream with the detections of some decision settings."""
+        detections = self.trace.decide(config, temperature)
         return ScoredStream(self.events, detections, self.seconds, self.subject)
 
 
 def trace_recordings(
     paths: Sequence[Path], model: Model, workers: int = 1
 ) -> Iterator[TracedStream]:
-    """Trace recordings in their order.
+    """Yield the traces of recordings, in their order.
 
     Args:
-        paths: the recordings.
-        model: what to recognise with.
-        workers: processes that share them; 1 works in this one.
+        paths: paths of the recordings.
+        model: model to recognise with.
+        workers: number of processes; 1 uses this process.
 
     Raises:
-        RecordingError: it is not known what happened in one of them.
+        RecordingError: if it is not known what happened in one of them.
     """
     count = max(1, min(workers, len(paths)))
     jobs = (delayed(trace_file)(path, model) for path in paths)
@@ -221,7 +223,7 @@ def trace_file(path: Path, model: Model) -> TracedStream:
 
 
 def is_stream(recording: Recording) -> bool:
-    """Whether a recording shows all that happened in one go.
+    """Tell whether a recording shows all that happened in one go.
 
     A simulated set of clips does not: seconds are missing between its clips.
     """
@@ -229,8 +231,8 @@ def is_stream(recording: Recording) -> bool:
         return True
     start = last = recording.start
     for scan in recording.scans():
-        start = scan.stamp if scan.stamp - last > BREAK * NS_PER_S else start
+        start = scan.stamp if scan.stamp - last > BREAK_SECONDS * NS_PER_S else start
         last = scan.stamp
-        if last - start >= STREAM * NS_PER_S:
+        if last - start >= STREAM_SECONDS * NS_PER_S:
             return True
     return False

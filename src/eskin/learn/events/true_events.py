@@ -1,4 +1,5 @@
-"""What really happened to a skin: every touch, when, where, and what it was."""
+"""This module reads the true events of a recording: each touch, when, where and
+what."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -10,46 +11,47 @@ from eskin.recording import Label, Recording, TruthRecord, select_labels
 from eskin.units import NS_PER_S
 
 GESTURE_ALIASES = {"tap_many": "double_pat"}
-"""Names of gestures that count as another one: three or more pats are a double pat."""
+"""Gestures that count as another one: three or more pats are a double pat."""
 
 
 @dataclass(frozen=True, eq=False)
 class TrueEvent:
-    """One touch as it really was."""
+    """A true event is one touch as it really was."""
 
     onset: int
-    """First contact [ns since the epoch]."""
+    """Stamp of the first contact [ns since the epoch]."""
 
     end: int
-    """Last contact [ns since the epoch]."""
+    """Stamp of the last contact [ns since the epoch]."""
 
     gesture: str
-    """One of a vocabulary, `none`, or something else."""
+    """Gesture of the vocabulary, `none`, or another one."""
 
     kind: str
     """Variant of the gesture; empty where it is not known."""
 
     stamps: Int[np.ndarray, "point"]
-    """When it was at each point of its path, increasing [ns since the epoch]."""
+    """Stamp of each point of the path, increasing [ns since the epoch]."""
 
     path: Float[np.ndarray, "point 3"]
-    """Centre of its force in the world [m]; without points where it is not known."""
+    """Centre of the force in the world at each stamp [m]; empty where it is not
+    known."""
 
-    def distance(
+    def compute_distance(
         self, p_world: Float[np.ndarray, "3"], stamp: int, around: float
     ) -> float:
-        """How far a point is from where the touch was about an instant [m].
+        """Return how far a point is from the path of the touch around an instant [m].
 
-        The path moves with its link, so only the part of it near in time counts; where
-        it has none so near, its point that is nearest in time.
+        The path moves with its link, so only the part near the instant in time counts,
+        or the point that is nearest in time where no part is near.
 
         Args:
-            p_world: the point [m].
-            stamp: the instant [ns since the epoch].
-            around: how far in time a point of the path may be from it [s].
+            p_world: position of the point [m].
+            stamp: stamp of the instant [ns since the epoch].
+            around: largest distance in time of the points that count [s].
 
         Returns:
-            Zero where the path is not known.
+            The distance, zero where the path is not known.
         """
         if not len(self.path):
             return 0.0
@@ -59,7 +61,7 @@ class TrueEvent:
 
 
 def read_true_events(recording: Recording) -> tuple[TrueEvent, ...]:
-    """Every touch of a recording, by its onset.
+    """Return every touch of a recording, sorted by its onset.
 
     They come from `/eskin/truth`, which also has those that overlap; where there is
     none, from the best labels.
@@ -72,7 +74,7 @@ def read_true_events(recording: Recording) -> tuple[TrueEvent, ...]:
 
 
 def build_events(truths: Iterable[TruthRecord]) -> list[TrueEvent]:
-    """One event for every touch of the truth."""
+    """Return one event for every touch of the truth."""
     touches: dict[int, list[TruthRecord]] = {}
     for truth in truths:
         touches.setdefault(truth.touch, []).append(truth)
@@ -80,7 +82,7 @@ def build_events(truths: Iterable[TruthRecord]) -> list[TrueEvent]:
 
 
 def build_touch_event(records: Sequence[TruthRecord]) -> TrueEvent:
-    """The event whose contact is in these records, in the order of time."""
+    """Return the event of one touch from its records, sorted by time."""
     first, last = records[0], records[-1]
     return TrueEvent(
         onset=first.stamp,
@@ -93,7 +95,7 @@ def build_touch_event(records: Sequence[TruthRecord]) -> TrueEvent:
 
 
 def build_label_event(label: Label) -> TrueEvent:
-    """The event that a label tells of."""
+    """Return the event that a label describes."""
     return TrueEvent(
         onset=label.start,
         end=label.end,

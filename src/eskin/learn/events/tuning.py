@@ -1,4 +1,4 @@
-"""Choosing how sure is sure, on streams that are for that alone."""
+"""This module chooses the decision settings on streams set aside for it."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -13,22 +13,23 @@ Choice = tuple[DecisionConfig, EventScore]
 
 @dataclass(frozen=True)
 class TuningConfig:
-    """Which decisions are tried, and what makes one better."""
+    """These settings say which decisions are tried, and how they are rated."""
 
     thresholds: tuple[float, ...] = (0.6, 0.7, 0.8, 0.85, 0.9, 0.95, 0.98, 1.1)
-    """Of all gestures, then of each alone; the last waits for contact to end."""
+    """Thresholds of all gestures, then of each alone; the last one waits for contact to
+    end."""
 
     lifteds: tuple[float, ...] = (0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.1)
-    """Of all gestures without contact."""
+    """Thresholds of all gestures without contact."""
 
     lifts: tuple[float, ...] = (0.1, 0.15, 0.2, 0.25, 0.3)
-    """How long without contact [s]."""
+    """Times without contact [s]."""
 
     leasts: tuple[float, ...] = (0.3, 0.5, 0.6, 0.7, 0.8)
     """Probabilities below which a touch that closes is unknown."""
 
     holds: tuple[float, ...] = (0.06, 0.12, 0.2)
-    """How long a gesture must stay above its threshold [s]."""
+    """Times for which a gesture must stay above its threshold [s]."""
 
     each: bool = True
     """Whether each gesture gets a threshold of its own."""
@@ -37,25 +38,26 @@ class TuningConfig:
     """Largest median latency [s]."""
 
     accidents: float = 1.0
-    """F1 that is given up for accidental contacts becoming detections: all of them
-    cost this much."""
+    """Loss of F1 that is accepted for detecting no accidental contact rather than
+    all."""
 
     unknown: float = 0.1
-    """The same for gestures that are not in the vocabulary."""
+    """Loss of F1 that is accepted for detecting no gesture outside the vocabulary
+    rather than all."""
 
 
 @dataclass(frozen=True)
 class Candidate:
-    """One value to try."""
+    """A candidate is one value of one setting to try."""
 
     setting: str
-    """Of a `DecisionConfig`."""
+    """Name of the setting of a `DecisionConfig`."""
 
     value: float
-    """What to set it to."""
+    """Value to try."""
 
     gesture: str = ""
-    """Whose, where each gesture has one."""
+    """Gesture that it is for, where each gesture has a value."""
 
 
 def choose_decision(
@@ -63,41 +65,43 @@ def choose_decision(
     config: TuningConfig | None = None,
     temperature: float | None = None,
 ) -> Choice:
-    """The decision that does best on some streams, and what it does there.
+    """Return the decision settings that do best on some streams, and their score.
 
-    Setting by setting the best value is kept, then all over again, until none gets
-    better. Of decisions whose median latency is small enough that one is best which has
-    the highest F1 after what mistaken accidents and unknown gestures cost.
+    The best value of each setting is kept in turn, over and over, until none gets
+    better. Of decisions whose median latency is small enough the best has the highest
+    F1, less the costs of mistaken accidents and unknown gestures.
 
     Args:
-        streams: for this purpose alone, not those of a test.
-        config: what to try.
-        temperature: in place of that of the model.
+        streams: streams for this purpose alone, not those of a test.
+        config: values to try.
+        temperature: temperature to use instead of the model's.
     """
     config = config or TuningConfig()
     vocabulary = streams[0].trace.vocabulary
 
     def scored(decision: DecisionConfig) -> Choice:
-        takes = [stream.take(decision, temperature) for stream in streams]
-        return decision, score_events(takes, vocabulary)
+        decided = [stream.decide(decision, temperature) for stream in streams]
+        return decision, score_events(decided, vocabulary)
 
     best = scored(DecisionConfig())
     better = True
     while better:
-        before = worth(best[1], config)
-        for candidate in candidates(vocabulary, config):
-            decision = changed(best[0], candidate)
+        before = rate_score(best[1], config)
+        for candidate in list_candidates(vocabulary, config):
+            decision = apply_candidate(best[0], candidate)
             if decision == best[0]:
                 continue
             tried = scored(decision)
-            if worth(tried[1], config) > worth(best[1], config):
+            if rate_score(tried[1], config) > rate_score(best[1], config):
                 best = tried
-        better = worth(best[1], config) > before
+        better = rate_score(best[1], config) > before
     return best
 
 
-def candidates(vocabulary: Sequence[str], config: TuningConfig) -> Iterator[Candidate]:
-    """Every value of every setting that is tried."""
+def list_candidates(
+    vocabulary: Sequence[str], config: TuningConfig
+) -> Iterator[Candidate]:
+    """Yield every value of every setting that is tried."""
     settings = {
         "threshold": config.thresholds,
         "lifted": config.lifteds,
@@ -113,16 +117,16 @@ def candidates(vocabulary: Sequence[str], config: TuningConfig) -> Iterator[Cand
                 yield Candidate("thresholds", value, gesture)
 
 
-def changed(decision: DecisionConfig, candidate: Candidate) -> DecisionConfig:
-    """A decision with one setting changed."""
+def apply_candidate(decision: DecisionConfig, candidate: Candidate) -> DecisionConfig:
+    """Return decision settings with one of them changed."""
     value: object = candidate.value
     if candidate.gesture:
         value = {**decision.thresholds, candidate.gesture: candidate.value}
     return replace(decision, **{candidate.setting: value})
 
 
-def worth(score: EventScore, config: TuningConfig) -> tuple[bool, float]:
-    """What a decision is worth: fast enough first, then few mistakes."""
+def rate_score(score: EventScore, config: TuningConfig) -> tuple[bool, float]:
+    """Return whether a decision is fast enough, and its F1 less its costs."""
     fast = score.all_delays.latency(50) <= config.latency
     accidents = config.accidents * (
         score.accidents.share if score.accidents.count else 0

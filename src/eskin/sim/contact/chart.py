@@ -82,7 +82,7 @@ def charts_of(mounted: MountedSkin, rim: float = np.inf) -> tuple[Chart, ...]:
         taxels = np.flatnonzero(skin.patch_index == index)
         positions, normals = skin.positions[taxels], skin.normals[taxels]
         for link, surface, members in found:
-            gaps = surface.gaps(positions, normals)
+            gaps = surface.fit_errors(positions, normals)
             if link == patch.link and gaps.max(initial=0.0) < TOLERANCE:
                 members.extend(taxels.tolist())
                 break
