@@ -1,17 +1,24 @@
 """Cross-validation."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, final
 
 import numpy as np
 import torch
-from jaxtyping import Int
+from jaxtyping import Float, Int
 from joblib import Parallel, delayed
+from sklearn.pipeline import make_pipeline
+from sklearn.preprocessing import StandardScaler
 
 from eskin.errors import RecordingError
-from eskin.learn.baselines.estimators import ON_FEATURES
-from eskin.learn.baselines.hand import compute_features, compute_segment_features
+from eskin.learn.baselines.estimators import (
+    Estimator,
+    NearestNeighbours,
+    RandomForest,
+    SupportVectors,
+)
+from eskin.learn.baselines.hand import compute_features
 from eskin.learn.dataset import Dataset
 from eskin.learn.ground_truth import Segment
 from eskin.learn.scoring import score_instants, score_segments
@@ -23,6 +30,27 @@ EVERY = 4
 """One row in so many trains the forest on instants: neighbours are nearly the same."""
 
 WINDOW_NS = 2_000_000_000
+
+
+@final
+@dataclass(frozen=True)
+class Standardised:
+    """This estimator standardises features before another one sees them."""
+
+    of: Callable[[int], Estimator]
+    """Function that makes the other one from a seed."""
+
+    def __call__(self, seed: int) -> Estimator:
+        """Make an estimator."""
+        return make_pipeline(StandardScaler(), self.of(seed))
+
+
+ON_FEATURES: dict[str, Callable[[int], Estimator]] = {
+    "random forest": RandomForest(),
+    "SVM": Standardised(SupportVectors()),
+    "kNN": Standardised(NearestNeighbours()),
+}
+"""Estimators compared with the recogniser on features of whole segments, by name."""
 
 
 @dataclass(frozen=True)
@@ -155,6 +183,14 @@ def instant_answers(
         predicted[forest][rows] = model.predict(features[rows])
     recordings = tuple(dataset.recording.tolist())
     return Answers(truth, predicted, tuple(group.tolist()), recordings, vocabulary)
+
+
+def compute_segment_features(
+    dataset: Dataset, segment: Segment, shear: bool
+) -> Float[np.ndarray, "feature"]:
+    """Return the features of one segment."""
+    rows = np.arange(segment.first, segment.end)
+    return compute_features(dataset, rows, shear)
 
 
 def window_features(dataset: Dataset, row: int) -> np.ndarray:

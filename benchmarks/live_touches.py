@@ -25,7 +25,7 @@ from eskin.model import Model, load_model
 from eskin.recording import NONE, TruthRecord
 from eskin.sim.interactive.hand import Place
 from eskin.sim.interactive.skin import LiveSkin
-from eskin.sim.people.gesture_sample import minimum_jerk
+from eskin.sim.people.gesture_sample import build_minimum_jerk
 from eskin.sim.scene.motion import fastest
 from eskin.sim.scene.poses import GROUPS, draw_pose
 from eskin.units import NS_PER_S
@@ -169,7 +169,7 @@ def drag(run: Run, place: Place, rng: np.random.Generator) -> None:
     chart = next(c for c in run.live.world.charts if c.link == place.link)
     way = rng.choice([-1.0, 1.0]) * length * chart.surface.T_link_surface[:3, 2]
     touch = run.live.hand.begin(Place(place.link, place.p_link - way / 2), 3.0)
-    for share in minimum_jerk(round(length / speed / run.live.period)):
+    for share in build_minimum_jerk(round(length / speed / run.live.period)):
         here = place.p_link + (share - 0.5) * way
         run.live.hand.move(touch, Place(place.link, here))
         run.scan()

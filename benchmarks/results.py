@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import Literal
 
 import tyro
+from matplotlib.figure import Figure
 
 from benchmarks import leaks, robustness
 from benchmarks.corruption import KINDS, Kind
@@ -34,8 +35,9 @@ from eskin.learn.comparison import (
     run_tasks,
 )
 from eskin.learn.comparison.results import read_result
-from eskin.learn.comparison.study import draw_clips_curve
-from eskin.learn.comparison.table import compute_accuracies
+from eskin.learn.comparison.study import COLOURS, plot_shares
+from eskin.learn.comparison.table import compute_accuracies, compute_mean, compute_std
+from eskin.learn.plots import save_figure
 
 Part = Literal["table", "large", "clips", "robustness", "study", "leaks", "all"]
 TESTS = ("test-s", "test-p", "test-x", "test-m")
@@ -262,6 +264,31 @@ def clips(command: Command, form: Form) -> None:
             },
             command.pictures / "clips_curve.png",
         )
+
+
+def draw_clips_curve(
+    found: Mapping[str, Mapping[int, Sequence[float]]], path: Path
+) -> None:
+    """Draw accuracy against the number of clips learned.
+
+    Args:
+        found: accuracies by method and by number of clips.
+        path: where to.
+    """
+    figure = Figure(figsize=(5.2, 3.6), dpi=120, layout="constrained")
+    axes = figure.subplots()
+    for colour, (name, by_size) in zip(COLOURS, found.items(), strict=False):
+        points = [
+            (compute_mean(shares), compute_std(shares)) for shares in by_size.values()
+        ]
+        plot_shares(axes, list(by_size), points, colour, name)
+    sizes = sorted({size for by_size in found.values() for size in by_size})
+    axes.set(xscale="log", xlabel="clips learned", ylabel="clips right [%]")
+    axes.set_xticks(sizes, [str(size) for size in sizes])
+    axes.minorticks_off()
+    axes.grid(alpha=0.3)
+    axes.legend(frameon=False, fontsize=8)
+    save_figure(figure, path)
 
 
 def task_of(

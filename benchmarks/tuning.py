@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 import tyro
 
+from benchmarks.crossvalidation import Standardised
 from benchmarks.simulated_sets import made_set
 from eskin.learn.augment import AugmentConfig
 from eskin.learn.baselines import NETWORKS, FitConfig
@@ -25,7 +26,6 @@ from eskin.learn.baselines.estimators import (
     NearestNeighbours,
     Perceptron,
     RandomForest,
-    Standardised,
     SupportVectors,
 )
 from eskin.learn.baselines.flat import Features, FlatBaseline

@@ -4,16 +4,16 @@ from dataclasses import replace
 
 import numpy as np
 
-from eskin.sim import Chart, Flesh, Press, Stamps
+from eskin.sim import Chart, SoftTissue, Press, ContactPads
 from eskin.skin.surfaces import Dome, Plane, Tube
 
-FLESH = Flesh(b=190.0, m=2100.0, area_scale=1.0, area_exponent=0.42, conformity=0.75)
+FLESH = SoftTissue(b=190.0, m=2100.0, area_scale=1.0, area_exponent=0.42, conformity=0.75)
 
 
 def stamps(*rows):
     """Parts from rows of x, y, R1, R2 [mm], area, most [mm2], stiffness."""
     table = np.array(rows, dtype=float)
-    return Stamps(
+    return ContactPads(
         centres=table[:, :2] * 1e-3,
         radii=table[:, 2:4] * 1e-3,
         turns=np.zeros(len(table)),

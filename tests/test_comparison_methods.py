@@ -7,6 +7,7 @@ from inspect import signature
 
 import numpy as np
 import pytest
+from benchmarks.crossvalidation import Standardised
 
 from clip_scenes import generated
 from eskin.graph import GraphConfig
@@ -17,7 +18,6 @@ from eskin.learn.baselines.estimators import (
     NearestNeighbours,
     Perceptron,
     RandomForest,
-    Standardised,
     SupportVectors,
 )
 from eskin.learn.baselines.flat import FlatBaseline

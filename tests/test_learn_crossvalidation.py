@@ -7,6 +7,7 @@ import pytest
 import torch
 from benchmarks import crossvalidation
 from benchmarks.crossvalidation import (
+    ON_FEATURES,
     groups_of,
     instant_answers,
     segment_answers,
@@ -15,7 +16,7 @@ from benchmarks.crossvalidation import (
 )
 
 from eskin.errors import RecordingError
-from eskin.learn.baselines.estimators import ON_FEATURES, RandomForest
+from eskin.learn.baselines.estimators import RandomForest
 from eskin.learn.baselines.hand import compute_features
 from eskin.learn.dataset import prepare
 from eskin.learn.training import Trainer

@@ -2,13 +2,9 @@
 
 import numpy as np
 import pytest
+from benchmarks.crossvalidation import compute_segment_features
 
-from eskin.learn.baselines.hand import (
-    BANDS,
-    bands,
-    compute_features,
-    compute_segment_features,
-)
+from eskin.learn.baselines.hand import BANDS, bands, compute_features
 from eskin.learn.dataset import prepare
 from learn_scenes import record
 

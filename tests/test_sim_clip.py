@@ -6,7 +6,7 @@ from functools import lru_cache
 import numpy as np
 import pytest
 
-from eskin.sim.contact.press import Flesh, Press, Stamps, TrueTouch
+from eskin.sim.contact.press import SoftTissue, Press, ContactPads, TrueTouch
 from eskin.sim.dataset.clip import build_of, make_clip
 from eskin.sim.dataset.plan import BuildOrigin, ClipPlan, Origin
 from eskin.sim.dataset.staging import draw_accident, draw_start, set_up
@@ -185,12 +185,12 @@ def world_of_many_events():
 def steady(steps, first=0):
     """A touch of even force on the first chart."""
     one = np.ones(1)
-    stamps = Stamps(
+    stamps = ContactPads(
         np.zeros((1, 2)), np.full((1, 2), 0.01), 0 * one, 1e-4 * one, 2e-4 * one, one
     )
     force = np.concatenate([[0.0], np.full(steps, 3.0), [0.0]])
     centre = np.zeros((len(force), 2))
-    flesh = Flesh(190.0, 2100.0, 1.0, 0.4, 0.8)
+    flesh = SoftTissue(190.0, 2100.0, 1.0, 0.4, 0.8)
     press = Press(0, first, stamps, flesh, force, centre, np.zeros(len(force)))
     return TrueTouch("poke", "one_tip", "p", (press,), {})
 

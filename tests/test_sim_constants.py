@@ -8,10 +8,10 @@ import pytest
 from pydantic import ValidationError
 
 from eskin.sim import load_constants
-from eskin.sim.constants import FILE, Constant, Spread
+from eskin.sim.constants import CONSTANTS_FILE, Constant, Distribution
 
 CONSTANTS = load_constants()
-CODE = "\n".join(path.read_text() for path in FILE.parent.rglob("*.py"))
+CODE = "\n".join(path.read_text() for path in CONSTANTS_FILE.parent.rglob("*.py"))
 
 
 def test_every_constant_has_a_source_or_is_an_estimate_with_a_range():
@@ -67,7 +67,7 @@ def test_draws_follow_their_law_and_stay_within_their_limits():
 
 def test_a_wider_law_is_wider_about_the_same_middle():
     rng = np.random.default_rng(0)
-    law = Spread(law="lognormal", median=2.0, gsd=1.5)
+    law = Distribution(law="lognormal", median=2.0, gsd=1.5)
     assert law.low == -np.inf
     wide = [np.log(CONSTANTS.draw("poke.force", rng, 1.5)) for _ in range(2000)]
     plain = [np.log(CONSTANTS.draw("poke.force", rng)) for _ in range(2000)]
@@ -99,4 +99,4 @@ def test_asking_for_what_is_not_there_says_so():
 
 
 def test_the_constants_are_part_of_the_package():
-    assert Path(FILE).name == "constants.yaml"
+    assert Path(CONSTANTS_FILE).name == "constants.yaml"

@@ -19,19 +19,19 @@ from contact_scenes import (
     stamps,
 )
 from eskin.robot import load_robot
-from eskin.sim import charts_of, load_constants
+from eskin.sim import build_charts, load_constants
 from eskin.sim.contact.pressure import (
-    dents_of,
-    feel,
-    gaps,
-    grid_neighbours,
-    ground_of,
-    leak_share,
-    placed,
-    relative_curvatures,
+    compute_contact_ellipses,
+    compute_pressure_field,
+    compute_pad_gaps,
+    find_grid_neighbours,
+    build_taxel_geometry,
+    compute_leak_share,
+    compute_pad_offsets,
+    compute_relative_curvatures,
     share_load,
-    spread,
-    within_reach,
+    spread_through_film,
+    find_reachable_pairs,
 )
 from eskin.skin import MountedSkin
 from eskin.skin.presets import build_ur5_skin
@@ -48,7 +48,7 @@ def ur5():
 
 
 def felt_field(touch, chart):
-    return field(feel(touch, chart, CONSTANTS), chart)
+    return field(compute_pressure_field(touch, chart, CONSTANTS), chart)
 
 
 @pytest.mark.parametrize(
@@ -57,14 +57,14 @@ def felt_field(touch, chart):
 )
 @pytest.mark.parametrize("force", [1.0, 4.0, 20.0])
 def test_taxels_carry_the_force_that_lies_on_them(name, body, force):
-    felt = feel(press(body, force), CHARTS[name], CONSTANTS)
+    felt = compute_pressure_field(press(body, force), CHARTS[name], CONSTANTS)
     assert force_on(felt, CHARTS[name])[0] == pytest.approx(force, rel=0.05)
 
 
 def test_force_that_misses_the_patch_is_lost():
-    inside = feel(press(TIP, 4.0, centre=(0.0, 0.0)), FLAT, CONSTANTS)
-    on_edge = feel(press(TIP, 4.0, centre=(-0.102, 0.0)), FLAT, CONSTANTS)
-    beyond = feel(press(TIP, 4.0, centre=(-0.2, 0.0)), FLAT, CONSTANTS)
+    inside = compute_pressure_field(press(TIP, 4.0, centre=(0.0, 0.0)), FLAT, CONSTANTS)
+    on_edge = compute_pressure_field(press(TIP, 4.0, centre=(-0.102, 0.0)), FLAT, CONSTANTS)
+    beyond = compute_pressure_field(press(TIP, 4.0, centre=(-0.2, 0.0)), FLAT, CONSTANTS)
     half = force_on(on_edge, FLAT)[0] / force_on(inside, FLAT)[0]
     assert half == pytest.approx(0.5, abs=0.05)
     assert len(beyond.taxels) == 0
@@ -75,7 +75,7 @@ def test_force_that_misses_the_patch_is_lost():
 @pytest.mark.parametrize("conformity", [0.0, 0.75, 1.0])
 def test_parts_share_the_load_and_none_is_lost(conformity):
     touch = press(FINGERS, [0.0, 0.01, 1.0, 60.0, 500.0], conformity=conformity)
-    far = gaps(touch.flesh, TUBE, placed(touch))
+    far = compute_pad_gaps(touch.flesh, TUBE, compute_pad_offsets(touch))
     loads = share_load(touch, far, CONSTANTS)
     assert loads.sum(axis=1) == pytest.approx(touch.force)
     assert np.all(loads >= 0.0)
@@ -83,14 +83,14 @@ def test_parts_share_the_load_and_none_is_lost(conformity):
 
 def test_parts_on_a_flat_share_by_stiffness_alone():
     touch = press(FINGERS, 10.0)
-    loads = share_load(touch, gaps(touch.flesh, FLAT, placed(touch)), CONSTANTS)
+    loads = share_load(touch, compute_pad_gaps(touch.flesh, FLAT, compute_pad_offsets(touch)), CONSTANTS)
     share = FINGERS.stiffness / FINGERS.stiffness.sum()
     assert loads[0] == pytest.approx(10.0 * share)
 
 
 def test_parts_with_gaps_sink_by_one_depth():
     touch = press(FINGERS, 8.0, conformity=0.9, angle=1.2)
-    far = gaps(touch.flesh, TUBE, placed(touch))
+    far = compute_pad_gaps(touch.flesh, TUBE, compute_pad_offsets(touch))
     loads = share_load(touch, far, CONSTANTS)[0]
     b, m = touch.flesh.b, touch.flesh.m
     depth = np.linspace(0.0, 0.004, 400_001)
@@ -102,24 +102,24 @@ def test_parts_with_gaps_sink_by_one_depth():
 
 @pytest.mark.parametrize(("force", "area"), [(0.5, 67), (1, 90), (2, 120), (5, 177)])
 def test_a_fingertip_on_a_flat_has_the_area_of_its_force(force, area):
-    felt = feel(press(TIP, force), FLAT, CONSTANTS)
+    felt = compute_pressure_field(press(TIP, force), FLAT, CONSTANTS)
     assert felt.area[0] * 1e6 == pytest.approx(area, rel=0.25)
 
 
 def test_area_grows_with_force_no_faster_than_a_sphere_would():
-    felt = feel(press(TIP, [0.5, 1.0, 2.0, 5.0]), FLAT, CONSTANTS)
+    felt = compute_pressure_field(press(TIP, [0.5, 1.0, 2.0, 5.0]), FLAT, CONSTANTS)
     slopes = np.diff(np.log(felt.area)) / np.diff(np.log([0.5, 1.0, 2.0, 5.0]))
     assert np.all((slopes > 0.25) & (slopes < 2 / 3))
 
 
 def test_area_ends_at_the_largest_that_a_part_has():
-    felt = feel(press(TIP, [50.0, 100.0]), FLAT, CONSTANTS)
+    felt = compute_pressure_field(press(TIP, [50.0, 100.0]), FLAT, CONSTANTS)
     assert felt.area == pytest.approx(220e-6, rel=0.01)
 
 
 def test_pressure_under_a_fingertip_peaks_at_twice_its_mean():
     fine = chart_of(Plane(np.eye(4)), pitch=0.0005, s=0.015, t=0.015)
-    felt = feel(press(TIP, 2.0), fine, CONSTANTS)
+    felt = compute_pressure_field(press(TIP, 2.0), fine, CONSTANTS)
     pressed = felt.pressure[0][felt.pressure[0] > CONSTANTS.value("contact.touched")]
     assert pressed.max() / pressed.mean() == pytest.approx(2.0, abs=0.3)
 
@@ -134,26 +134,26 @@ def test_a_fingertip_touches_less_of_a_tube_than_of_a_flat():
 
 
 def felt_area(touch, chart):
-    return feel(touch, chart, CONSTANTS).area[0]
+    return compute_pressure_field(touch, chart, CONSTANTS).area[0]
 
 
 def test_curvatures_add_where_the_part_crosses_the_tube():
     for angle, added in ((0.0, [1.0, 0.0]), (np.pi / 2, [0.0, 1.0])):
         touch = press(TIP, 1.0, angle=angle)
-        dents, _, _ = dents_of(touch, TUBE, CONSTANTS)
-        total = relative_curvatures(TIP, TUBE, dents.long)[0, 0]
+        dents, _, _ = compute_contact_ellipses(touch, TUBE, CONSTANTS)
+        total = compute_relative_curvatures(TIP, TUBE, dents.long)[0, 0]
         assert total == pytest.approx(1 / TIP.radii[0] + np.array(added) / 0.0375)
 
 
 def test_an_ellipse_is_longer_where_the_body_is_flatter():
-    dents, _, _ = dents_of(press(TIP, 1.0), FLAT, CONSTANTS)
+    dents, _, _ = compute_contact_ellipses(press(TIP, 1.0), FLAT, CONSTANTS)
     across, along = dents.axes[0, 0]
     assert along / across == pytest.approx(np.sqrt(20 / 8))
 
 
 def test_parts_point_where_the_body_does():
     row = stamps((0, -20, 8, 20, 90, 220, 1), (0, 20, 8, 20, 90, 220, 1))
-    dents, _, _ = dents_of(press(row, 1.0, angle=0.7), FLAT, CONSTANTS)
+    dents, _, _ = compute_contact_ellipses(press(row, 1.0, angle=0.7), FLAT, CONSTANTS)
     step = dents.centres[0, 1] - dents.centres[0, 0]
     assert step / 0.04 == pytest.approx([-np.sin(0.7), np.cos(0.7)])
     assert dents.long[0] == pytest.approx(np.tile(step / 0.04, (2, 1)))
@@ -162,14 +162,14 @@ def test_parts_point_where_the_body_does():
 def test_the_nearest_part_carries_all_where_none_is_near():
     row = stamps(*((x, 0, 8, 20, 90, 220, 1) for x in (-60, -20, 80)))
     touch = press(row, 4.0, angle=0.0, conformity=0.0)
-    loads = share_load(touch, gaps(touch.flesh, TUBE, placed(touch)), CONSTANTS)
+    loads = share_load(touch, compute_pad_gaps(touch.flesh, TUBE, compute_pad_offsets(touch)), CONSTANTS)
     assert loads[0] == pytest.approx([0.0, 4.0, 0.0])
 
 
 def test_a_part_smaller_than_the_taxel_is_not_missed_in_its_middle():
     coarse = chart_of(Plane(np.eye(4)), pitch=0.008)
     pin = stamps((0, 0, 5, 5, 10, 20, 1))
-    felt = feel(press(pin, 1.0, coarse.unrolled[40]), coarse, CONSTANTS)
+    felt = compute_pressure_field(press(pin, 1.0, coarse.unrolled[40]), coarse, CONSTANTS)
     assert felt.taxels.tolist() == [40]
     assert force_on(felt, coarse)[0] > 0.5
 
@@ -186,24 +186,24 @@ def test_a_stiff_hand_touches_less_of_a_tube_than_one_that_wraps_it():
 @each_chart
 def test_more_force_presses_every_part_harder(name):
     series = np.linspace(0.0, 30.0, 31)
-    felt = feel(press(FINGERS, series), CHARTS[name], CONSTANTS)
+    felt = compute_pressure_field(press(FINGERS, series), CHARTS[name], CONSTANTS)
     assert np.all(np.diff(force_on(felt, CHARTS[name])) > 0)
     assert np.all(np.diff(felt.area) >= -1e-9)
     assert np.all(np.diff(felt.pressure.max(axis=1)) > 0)
 
 
 def test_no_force_presses_nothing():
-    felt = feel(press(TIP, [0.0, 1.0, 0.0]), FLAT, CONSTANTS)
+    felt = compute_pressure_field(press(TIP, [0.0, 1.0, 0.0]), FLAT, CONSTANTS)
     assert np.all(felt.pressure[[0, 2]] == 0.0)
     assert felt.area[0] == felt.area[2] == 0.0
-    assert len(feel(press(FINGERS, [0.0, 0.0]), TUBE, CONSTANTS).taxels) == 0
+    assert len(compute_pressure_field(press(FINGERS, [0.0, 0.0]), TUBE, CONSTANTS).taxels) == 0
 
 
 def test_a_whole_turn_of_a_tube_changes_nothing():
-    here = feel(press(FINGERS, 30.0, centre=(0.11, 0.0)), TUBE, CONSTANTS)
+    here = compute_pressure_field(press(FINGERS, 30.0, centre=(0.11, 0.0)), TUBE, CONSTANTS)
     whole = TUBE.circumference
     for turns in (-2, -1, 1):
-        there = feel(
+        there = compute_pressure_field(
             press(FINGERS, 30.0, centre=(0.11 + turns * whole, 0.0)), TUBE, CONSTANTS
         )
         assert np.array_equal(there.taxels, here.taxels)
@@ -241,7 +241,7 @@ def nearest(points, targets):
 
 def test_a_dome_looks_alike_from_everywhere():
     felt = [
-        feel(press(TIP, 2.0, centre, angle=0.4), DOME, CONSTANTS)
+        compute_pressure_field(press(TIP, 2.0, centre, angle=0.4), DOME, CONSTANTS)
         for centre in ((0.0, 0.0), (0.03, 0.02), (-0.01, 0.035))
     ]
     forces = [force_on(each, DOME)[0] for each in felt]
@@ -253,7 +253,7 @@ def test_a_dome_looks_alike_from_everywhere():
 def test_parts_keep_their_distances_on_every_surface(name):
     pair = stamps((-12, 0, 8, 20, 90, 220, 1), (12, 0, 8, 20, 90, 220, 1))
     touch = press(pair, 2.0, centre=(-0.015, 0.02))
-    dents, _, _ = dents_of(touch, CHARTS[name], CONSTANTS)
+    dents, _, _ = compute_contact_ellipses(touch, CHARTS[name], CONSTANTS)
     surface = CHARTS[name].surface
     places = surface.wrap(dents.centres[0]).positions
     assert surface_distances(surface, places[:1], places[1:])[0, 0] == pytest.approx(
@@ -264,10 +264,10 @@ def test_parts_keep_their_distances_on_every_surface(name):
 def test_nothing_is_felt_where_no_part_reaches():
     for chart in (FLAT, TUBE, DOME):
         touch = press(FINGERS, 30.0)
-        dents, _, _ = dents_of(touch, chart, CONSTANTS)
-        reached = within_reach(dents, ground_of(chart, CONSTANTS)).any(axis=0)
+        dents, _, _ = compute_contact_ellipses(touch, chart, CONSTANTS)
+        reached = find_reachable_pairs(dents, build_taxel_geometry(chart, CONSTANTS)).any(axis=0)
         all_taxels = np.ones((FINGERS.count, len(chart.taxels)), dtype=bool)
-        felt = feel(touch, chart, CONSTANTS)
+        felt = compute_pressure_field(touch, chart, CONSTANTS)
         assert set(felt.taxels) <= set(chart.taxels[reached])
         whole = felt_without_culling(touch, chart, all_taxels)
         assert np.array_equal(whole, field(felt, chart))
@@ -282,7 +282,7 @@ def felt_without_culling(touch, chart, pairs):
 def test_a_moving_press_is_felt_as_at_each_of_its_places():
     places = np.column_stack([np.linspace(-0.03, 0.2, 12), np.linspace(0, 0.05, 12)])
     moving = replace(press(TIP, np.full(12, 2.0)), centre=places)
-    felt = feel(moving, TUBE, CONSTANTS)
+    felt = compute_pressure_field(moving, TUBE, CONSTANTS)
     for step, place in enumerate(places):
         still = felt_field(press(TIP, 2.0, place), TUBE)
         there = np.zeros(len(TUBE.taxels))
@@ -291,7 +291,7 @@ def test_a_moving_press_is_felt_as_at_each_of_its_places():
 
 
 def test_the_centroid_is_where_the_taxels_feel_the_force():
-    felt = feel(press(FINGERS, 20.0, conformity=0.5), FLAT, CONSTANTS)
+    felt = compute_pressure_field(press(FINGERS, 20.0, conformity=0.5), FLAT, CONSTANTS)
     weights = felt.pressure[0] / felt.pressure[0].sum()
     seen = weights @ FLAT.unrolled[felt.taxels]
     assert np.linalg.norm(seen - felt.centroid[0]) < 5e-4
@@ -308,9 +308,9 @@ def test_parts_that_overlap_cover_their_place_once():
 
 
 def test_two_patches_of_a_tube_feel_one_grab(ur5):
-    chart = charts_of(ur5)[2]
+    chart = build_charts(ur5)[2]
     grab = press(FINGERS, 40.0, centre=(0.055, 0.0), angle=np.pi / 2, conformity=0.98)
-    felt = feel(grab, chart, CONSTANTS)
+    felt = compute_pressure_field(grab, chart, CONSTANTS)
     patches = np.unique(ur5.skin.patch_index[felt.taxels])
     assert len(patches) == 2
     on_taxels = 1e3 * felt.pressure[0] @ ur5.skin.areas[felt.taxels]
@@ -320,8 +320,8 @@ def test_two_patches_of_a_tube_feel_one_grab(ur5):
 def test_a_hand_longer_than_the_tube_is_round_meets_itself():
     thin = chart_of(Tube(0.01, np.eye(4)), pitch=0.002)
     row = stamps(*((0, y, 8, 20, 90, 220, 1) for y in (-31.416, 31.416)))
-    felt = feel(press(row, 4.0, angle=np.pi / 2, conformity=1.0), thin, CONSTANTS)
-    single = feel(
+    felt = compute_pressure_field(press(row, 4.0, angle=np.pi / 2, conformity=1.0), thin, CONSTANTS)
+    single = compute_pressure_field(
         press(TIP, 2.0, centre=(0.001 + 0.031416, 0.002), angle=np.pi / 2),
         thin,
         CONSTANTS,
@@ -332,7 +332,7 @@ def test_a_hand_longer_than_the_tube_is_round_meets_itself():
 
 
 def test_neighbours_lie_beside_each_other_and_know_it(ur5):
-    skin, neighbours = ur5.skin, grid_neighbours(ur5.skin)
+    skin, neighbours = ur5.skin, find_grid_neighbours(ur5.skin)
     for side, (row, column) in enumerate(((0, -1), (0, 1), (-1, 0), (1, 0))):
         has = neighbours[:, side] >= 0
         other = neighbours[has, side]
@@ -345,9 +345,9 @@ def test_neighbours_lie_beside_each_other_and_know_it(ur5):
 
 
 def test_the_film_hands_a_share_to_each_side_and_loses_none_inside(ur5):
-    neighbours = grid_neighbours(ur5.skin)
+    neighbours = find_grid_neighbours(ur5.skin)
     middle = int(np.flatnonzero(np.all(neighbours >= 0, axis=1))[100])
-    pressure, taxels = spread(
+    pressure, taxels = spread_through_film(
         np.array([[10.0], [0.0]]), np.array([middle]), neighbours, 0.075
     )
     found = dict(zip(taxels.tolist(), pressure[0], strict=True))
@@ -359,28 +359,28 @@ def test_the_film_hands_a_share_to_each_side_and_loses_none_inside(ur5):
 
 
 def test_the_film_loses_what_goes_over_the_edge(ur5):
-    neighbours = grid_neighbours(ur5.skin)
+    neighbours = find_grid_neighbours(ur5.skin)
     missing = np.sum(neighbours < 0, axis=1)
     corner = np.flatnonzero(missing == 2)[:1]
-    pressure, _ = spread(np.ones((1, 1)), corner, neighbours, 0.05)
+    pressure, _ = spread_through_film(np.ones((1, 1)), corner, neighbours, 0.05)
     assert pressure.sum() == pytest.approx(0.9)
 
 
 def test_each_taxel_may_have_a_share_of_its_own(ur5):
-    neighbours = grid_neighbours(ur5.skin)
-    shares = leak_share(1.5e-3, ur5.skin.areas)
+    neighbours = find_grid_neighbours(ur5.skin)
+    shares = compute_leak_share(1.5e-3, ur5.skin.areas)
     assert 0.05 < shares.min() < shares.max() < 0.12
     everything = np.arange(ur5.skin.count)
-    even, taxels = spread(np.ones((1, len(everything))), everything, neighbours, shares)
+    even, taxels = spread_through_film(np.ones((1, len(everything))), everything, neighbours, shares)
     assert np.array_equal(taxels, everything)
     inside = np.all(neighbours >= 0, axis=1)
     assert even[0][inside] == pytest.approx(1.0, abs=0.02)
 
 
 def test_no_share_leaves_pressures_as_they_are(ur5):
-    neighbours = grid_neighbours(ur5.skin)
+    neighbours = find_grid_neighbours(ur5.skin)
     taxels = np.array([5, 40, 77])
     before = np.array([[1.0, 2.0, 3.0]])
-    after, reached = spread(before, taxels, neighbours, 0.0)
+    after, reached = spread_through_film(before, taxels, neighbours, 0.0)
     assert after[0][np.isin(reached, taxels)] == pytest.approx(before[0])
     assert after.sum() == before.sum()

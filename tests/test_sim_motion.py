@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from eskin.sim.contact.press import Flesh, Press, Stamps
+from eskin.sim.contact.press import SoftTissue, Press, ContactPads
 from eskin.sim.scene.motion import drag, draw_motion, follow, profile_of, still, way
 from eskin.sim.scene.placement import draw_site
 from eskin.sim.scene.poses import draw_touching_pose, group_of
@@ -14,12 +14,12 @@ from world_scenes import EVERY, people, poses, world
 
 STEP = 0.01
 ROBOT = world().mounted.robot
-TIP = Stamps(
+TIP = ContactPads(
     np.zeros((1, 2)),
     np.full((1, 2), 0.01),
     *(np.full(1, x) for x in (0.0, 1e-4, 1e-3, 1.0)),
 )
-FLESH = Flesh(190.0, 2100.0, 1.0, 0.4, 0.7)
+FLESH = SoftTissue(190.0, 2100.0, 1.0, 0.4, 0.7)
 RING = next(i for i, chart in enumerate(world().charts) if chart.link == "wrist_3_link")
 
 

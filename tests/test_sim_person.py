@@ -3,9 +3,9 @@ import pytest
 
 from eskin.sim.constants import load_constants
 from eskin.sim.contact.press import Press
-from eskin.sim.contact.pressure import placed
-from eskin.sim.people.hand import PARTS
-from eskin.sim.people.person import STYLES, draw_person
+from eskin.sim.contact.pressure import compute_pad_offsets
+from eskin.sim.people.hand import HAND_PADS
+from eskin.sim.people.person import STYLE_CONSTANTS, draw_person
 from eskin.skin.surfaces import Tube
 
 CONSTANTS = load_constants()
@@ -72,7 +72,7 @@ def test_flesh_is_in_newton_and_metre(people):
 
 
 def test_styles_are_weights_that_average_to_everybodys_and_differ_widely(people):
-    for name in STYLES:
+    for name in STYLE_CONSTANTS:
         usual = CONSTANTS.weights(name)
         own = np.array([[*person.styles[name].values()] for person in people])
         np.testing.assert_allclose(own.sum(axis=1), 1)
@@ -88,13 +88,13 @@ def test_nine_in_ten_touch_with_the_right_hand(people):
 def test_the_thumb_of_a_right_hand_lies_left_of_it_seen_from_outside(people):
     tube = Tube(0.04, np.eye(4))
     thumb, little, middle, palm = (
-        PARTS.index(f"{name}")
+        HAND_PADS.index(f"{name}")
         for name in ("thumb_tip", "little_head", "middle_tip", "palm")
     )
     for person in people[:100]:
         force, still = np.ones(1), np.zeros((1, 2))
         press = Press(0, 0, person.hand, person.flesh, force, still, np.array([0.7]))
-        laid = tube.wrap(placed(press)[0])
+        laid = tube.wrap(compute_pad_offsets(press)[0])
         across = laid.positions[thumb] - laid.positions[little]
         along = laid.positions[middle] - laid.positions[palm]
         upward = np.cross(across, along) @ laid.normals[palm]

@@ -2,16 +2,16 @@ import numpy as np
 import pytest
 
 from eskin.sim.constants import load_constants
-from eskin.sim.contact.press import Site
-from eskin.sim.people.perform import GESTURES, perform
+from eskin.sim.contact.press import ContactSite
+from eskin.sim.people.perform import PERFORMABLE, perform
 from eskin.sim.people.person import draw_person
 
 CONSTANTS = load_constants()
 STEP = CONSTANTS.value("time.step")
-SITE = Site(0, (0.1, 0.15), 0.0375, (-0.12, 0.1), 0.4)
+SITE = ContactSite(0, (0.1, 0.15), 0.0375, (-0.12, 0.1), 0.4)
 KINDS = [
     (gesture, kind)
-    for gesture in GESTURES
+    for gesture in PERFORMABLE
     for kind in (CONSTANTS.weights("none.kinds") if gesture == "none" else [None])
 ]
 
@@ -108,7 +108,7 @@ def test_a_single_pat_has_one_peak(people):
 
 
 def test_no_grab_is_firmer_than_the_person_can_and_wider_tubes_take_strength(people):
-    wide = Site(0, (0.0, 0.1), 0.0505, (-0.1, 0.1), 0.0)
+    wide = ContactSite(0, (0.0, 0.1), 0.0505, (-0.1, 0.1), 0.0)
     for site, weaker in ((SITE, 1.02), (wide, 0.6)):
         for touch in many(people[:500], "grab", None, 2.0, "paper", site):
             person = people[int(touch.subject[1:])]
@@ -221,7 +221,7 @@ def test_what_is_not_known_is_refused(people, gesture, kind, difficulty, message
 @pytest.mark.parametrize("gesture", ["poke", "stroke", "rub", "none"])
 def test_gestures_work_on_a_plane_and_where_there_is_no_room(people, gesture):
     for radius, clear in ((np.inf, (-0.1, 0.1)), (0.05, (0.0, 0.0))):
-        site = Site(2, (0.0, 0.0), radius, clear, -2.0)
+        site = ContactSite(2, (0.0, 0.0), radius, clear, -2.0)
         kinds = ["guiding", "brush"] if gesture == "none" else [None]
         for kind in kinds:
             for touch in many(people[:40], gesture, kind, 1.5, None, site):
@@ -233,4 +233,4 @@ def test_gestures_work_on_a_plane_and_where_there_is_no_room(people, gesture):
 
 def test_a_site_must_hold_its_own_centre():
     with pytest.raises(ValueError, match="does not hold the centre"):
-        Site(0, (0.0, 0.0), 0.04, (0.05, 0.1), 0.0)
+        ContactSite(0, (0.0, 0.0), 0.04, (0.05, 0.1), 0.0)

@@ -4,14 +4,14 @@ import numpy as np
 import pytest
 
 from eskin.sim.constants import load_constants
-from eskin.sim.contact.press import Site
-from eskin.sim.people.gesture_sample import Act, draw_duration, draw_force
-from eskin.sim.people.perform import kind_of, perform
+from eskin.sim.contact.press import ContactSite
+from eskin.sim.people.gesture_sample import GestureSample, draw_duration, draw_force
+from eskin.sim.people.perform import choose_kind, perform
 from eskin.sim.people.person import draw_person
 
 CONSTANTS = load_constants()
 STEP = CONSTANTS.value("time.step")
-SITE = Site(0, (0.1, 0.15), 0.0375, (-0.12, 0.1), 0.4)
+SITE = ContactSite(0, (0.1, 0.15), 0.0375, (-0.12, 0.1), 0.4)
 
 
 @cache
@@ -24,7 +24,7 @@ def acts(difficulty=0.0, regime="paper", same=False):
     """One act of each person, or as many of one person."""
     rng = np.random.default_rng(11)
     for person in people()[:1] * 2000 if same else people():
-        yield Act("", person, SITE, CONSTANTS, rng, difficulty, regime)
+        yield GestureSample("", person, SITE, CONSTANTS, rng, difficulty, regime)
 
 
 def forces(gesture, difficulty=0.0, same=False):
@@ -136,7 +136,7 @@ def test_strokes_go_along_round_and_oblique_as_often_as_published():
 
 
 def ways(person, gesture, difficulty, rng):
-    return kind_of(gesture, None, person, CONSTANTS, rng, difficulty)
+    return choose_kind(gesture, None, person, CONSTANTS, rng, difficulty)
 
 
 def test_harder_tasks_take_rarer_ways():

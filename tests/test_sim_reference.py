@@ -17,7 +17,7 @@ from benchmarks.simulation.mujoco_contact import (
 from contact_scenes import DOME, FINGERS, FLAT, TIP, TUBE, WIDE_TUBE, field, press
 from eskin.errors import ExtraError
 from eskin.sim import load_constants
-from eskin.sim.contact.pressure import feel
+from eskin.sim.contact.pressure import compute_pressure_field
 
 pytest.importorskip("mujoco", reason="the reference needs MuJoCo, extra `sim`")
 
@@ -93,7 +93,7 @@ def test_poses_are_frames_that_turn_no_part_over(name):
 def test_a_fingertip_agrees_with_the_reference(name, force):
     touch = press(TIP, force)
     found = agreement(
-        feel(touch, CHARTS[name], CONSTANTS), reference(touch, CHARTS[name])
+        compute_pressure_field(touch, CHARTS[name], CONSTANTS), reference(touch, CHARTS[name])
     )
     assert found.area == pytest.approx(1.0, abs=0.25)
     assert found.centroid < 0.001
@@ -104,7 +104,7 @@ def test_a_fingertip_agrees_with_the_reference(name, force):
 def test_a_light_hand_has_its_force_where_the_reference_has(name):
     touch = press(FINGERS, 5.0, angle=1.3, conformity=0.9)
     found = agreement(
-        feel(touch, CHARTS[name], CONSTANTS), reference(touch, CHARTS[name])
+        compute_pressure_field(touch, CHARTS[name], CONSTANTS), reference(touch, CHARTS[name])
     )
     assert found.centroid < 0.004
     assert found.correlation > 0.8
@@ -125,7 +125,7 @@ def test_a_hand_that_goes_all_round_is_not_counted_twice():
 
 
 def test_what_agrees_with_itself_agrees_in_all():
-    felt = feel(press(FINGERS, 5.0), FLAT, CONSTANTS)
+    felt = compute_pressure_field(press(FINGERS, 5.0), FLAT, CONSTANTS)
     found = agreement(felt, felt)
     assert (found.area, found.centroid) == (1.0, 0.0)
     assert found.correlation == pytest.approx(1.0)

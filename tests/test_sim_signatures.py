@@ -6,13 +6,13 @@ from sklearn.ensemble import RandomForestClassifier
 from sklearn.model_selection import cross_val_score
 
 from eskin.sim.constants import load_constants
-from eskin.sim.contact.press import Site
+from eskin.sim.contact.press import ContactSite
 from eskin.sim.people.perform import perform
 from eskin.sim.people.person import draw_person
 
 CONSTANTS = load_constants()
 STEP = CONSTANTS.value("time.step")
-SITE = Site(0, (0.1, 0.15), 0.0375, (-0.12, 0.1), 0.4)
+SITE = ContactSite(0, (0.1, 0.15), 0.0375, (-0.12, 0.1), 0.4)
 SECONDS = 0.6
 """Every touch lasts as long, so that its course does not tell what it is."""
 

@@ -294,11 +294,11 @@ def test_orders_of_a_page_that_may_not_touch_are_dropped_here_too():
 def test_orders_that_nobody_obeys_in_time_are_dropped_and_counted():
     going, held = threading.Event(), []
 
-    def obey(order):
+    def on_order(order):
         held.append(order)
         going.wait(10.0)
 
-    page = PageProcess(setup(), 0, obey)
+    page = PageProcess(setup(), 0, on_order)
     try:
         for key in range(MAX_ORDERS + 10):
             page.take_order(

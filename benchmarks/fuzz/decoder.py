@@ -39,7 +39,7 @@ class DecoderTarget(Target):
             content = mutate(packet[:-4], rng)
         else:
             few = [rng.choice(self.packets) for _ in range(rng.randint(1, 4))]
-            content = mutate(b"".join(map(frame, few)), rng)
+            content = mutate(b"".join(map(encode_frame, few)), rng)
         return bytes([mode]) + content
 
     def feed(self, data: bytes) -> bool:

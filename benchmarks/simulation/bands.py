@@ -10,8 +10,8 @@ from benchmarks.simulation.check import Check, at_least, within
 from benchmarks.simulation.physics import FOREARM
 from eskin.sim.constants import Constants
 from eskin.sim.contact.chart import Chart
-from eskin.sim.contact.press import Site, TrueTouch
-from eskin.sim.contact.pressure import leak_share, spread
+from eskin.sim.contact.press import ContactSite, TrueTouch
+from eskin.sim.contact.pressure import compute_leak_share, spread_through_film
 from eskin.sim.dataset.clip import build_of, play, session_of
 from eskin.sim.dataset.clip_generator import Simulator
 from eskin.sim.dataset.plan import BuildOrigin, Origin
@@ -89,13 +89,13 @@ def forearm_of(constants: Constants) -> Forearm:
     return Forearm(world, max(charts, key=lambda i: len(world.charts[i].taxels)))
 
 
-def site_on(forearm: Forearm, rng: np.random.Generator) -> Site:
+def site_on(forearm: Forearm, rng: np.random.Generator) -> ContactSite:
     """Somewhere on the forearm, an inch and more from its ends."""
     chart = forearm.chart
     low, high = np.quantile(chart.unrolled[:, 1], [0, 1])
     around = rng.uniform(0, chart.circumference)
     along = rng.uniform(low + 0.03, high - 0.03)
-    return Site(
+    return ContactSite(
         chart=forearm.index,
         centre=(float(around), float(along)),
         radius=chart.radius,
@@ -186,8 +186,8 @@ def pressed(
     law = constants.entry("film.sigma").spread
     sigma = 1e-3 * (law.low + law.high) / 2 if law else 0.0
     pressure, taxels = add_up(parts, steps, skin.count)
-    share = leak_share(sigma, skin.areas)
-    return spread(pressure, taxels, neighbours_of(skin), share)[0], force
+    share = compute_leak_share(sigma, skin.areas)
+    return spread_through_film(pressure, taxels, neighbours_of(skin), share)[0], force
 
 
 def length_checks(forearm: Forearm, people: int, seed: int) -> list[Check]:

@@ -12,7 +12,7 @@ from eskin.extras import find_mujoco
 from eskin.sim.constants import MM, Constants
 from eskin.sim.contact.chart import Chart
 from eskin.sim.contact.press import Press
-from eskin.sim.contact.pressure import KPA, Felt, long_axes, placed
+from eskin.sim.contact.pressure import KPA_PER_PA, PressureField, compute_long_axes, compute_pad_offsets
 from eskin.skin.surfaces import Dome, Plane, Surface, Tube
 
 AWAY = -1.0
@@ -161,12 +161,12 @@ def poses(
     s_axis, normal = at.tangents[0], at.normals[0]
     axes = np.stack([s_axis, np.cross(normal, s_axis)])
     bends = np.array([isinstance(surface, Tube | Dome), isinstance(surface, Dome)])
-    bent, straight = (placed(press)[0] * part @ axes for part in (bends, ~bends))
+    bent, straight = (compute_pad_offsets(press)[0] * part @ axes for part in (bends, ~bends))
     curvature = press.flesh.conformity / chart.radius
     turns = Rotation.from_rotvec(np.cross(normal, bent) * curvature).as_matrix()
     normals = turns @ normal
     arc = (normals - normal) / curvature if curvature > 0.0 else bent
-    long = np.einsum("kij,kj->ki", turns, long_axes(press)[0] @ axes)
+    long = np.einsum("kij,kj->ki", turns, compute_long_axes(press)[0] @ axes)
     rotations = np.stack([np.cross(long, normals), long, normals], axis=2)
     return at.positions[0] + straight + arc, rotations
 
@@ -185,7 +185,7 @@ class Agreement:
     """Of the pressures of those taxels only that either feels."""
 
 
-def feel_in_mujoco(press: Press, chart: Chart, constants: Constants) -> Felt:
+def feel_in_mujoco(press: Press, chart: Chart, constants: Constants) -> PressureField:
     """What `feel` gives for the first step of a press, by way of MuJoCo.
 
     Needs MuJoCo (extra `sim`).
@@ -198,10 +198,10 @@ def feel_in_mujoco(press: Press, chart: Chart, constants: Constants) -> Felt:
     sheet = sheet_about(press, chart, constants)
     scene = Scene(press, chart, sheet)
     pressure = pressed(press, scene, constants)
-    loads = pressure * scene.areas / KPA
+    loads = pressure * scene.areas / KPA_PER_PA
     taxels, felt = on_taxels(pressure, sheet, chart, constants)
     touched = pressure > constants.value("contact.touched")
-    return Felt(
+    return PressureField(
         taxels=chart.taxels[taxels],
         pressure=felt[None],
         area=np.array([scene.areas[touched].sum()]),
@@ -225,7 +225,7 @@ def sheet_about(press: Press, chart: Chart, constants: Constants) -> Sheet:
     """Points about the press's centre that hold all the body may touch, once."""
     deepest = constants.value("contact.deepest") * MM
     reach = np.sqrt(2 * press.stamps.radii.max() * deepest)
-    offsets = placed(press)[0]
+    offsets = compute_pad_offsets(press)[0]
     low, high = offsets.min(axis=0) - reach, offsets.max(axis=0) + reach
     beyond = max(high[0] - low[0] - chart.circumference, 0.0) / 2
     low[0], high[0] = low[0] + beyond, high[0] - beyond
@@ -259,7 +259,7 @@ def pressed(
 
 def load(pressure: Float[np.ndarray, "point"], scene: Scene) -> float:
     """Force of a field of pressure [N]."""
-    return float(pressure @ scene.areas / KPA)
+    return float(pressure @ scene.areas / KPA_PER_PA)
 
 
 def pressures(press: Press, scene: Scene, depth: float) -> Float[np.ndarray, "point"]:
@@ -274,7 +274,7 @@ def pressures(press: Press, scene: Scene, depth: float) -> Float[np.ndarray, "po
     )
     total = np.zeros(len(scene.areas))
     for part in range(stamps.count):
-        field = stiff[part] * np.expm1(flesh.m * scene.depths(part, depth)) * KPA
+        field = stiff[part] * np.expm1(flesh.m * scene.depths(part, depth)) * KPA_PER_PA
         np.maximum(total, field, out=total)
     return total
 
@@ -307,7 +307,7 @@ def on_taxels(
     return under, samples.mean(axis=1)
 
 
-def agreement(felt: Felt, reference: Felt) -> Agreement:
+def agreement(felt: PressureField, reference: PressureField) -> Agreement:
     """Compare the first step of what was felt with the reference for it."""
     mine = dict(zip(felt.taxels.tolist(), felt.pressure[0].tolist(), strict=True))
     theirs = dict(

@@ -8,10 +8,10 @@ from jaxtyping import Float
 from benchmarks.simulation.check import Check, within
 from eskin.robot import load_robot
 from eskin.sim.constants import MM, Constants
-from eskin.sim.contact.chart import Chart, charts_of
-from eskin.sim.contact.press import Flesh, Press, Site, Stamps
-from eskin.sim.contact.pressure import feel
-from eskin.sim.people.hand import hand_of, part_of
+from eskin.sim.contact.chart import Chart, build_charts
+from eskin.sim.contact.press import SoftTissue, Press, ContactSite, ContactPads
+from eskin.sim.contact.pressure import compute_pressure_field
+from eskin.sim.people.hand import build_hand, select_pads
 from eskin.sim.people.perform import perform
 from eskin.sim.people.person import Person, draw_person
 from eskin.skin import SKIN_PRESETS, MountedSkin
@@ -73,34 +73,34 @@ def tip_areas(
 ) -> Float[np.ndarray, "time"]:
     """Contact area of the average fingertip on a flat [mm2]."""
     tip, flesh = average_tip(constants)
-    felt = feel(held(tip, flesh, forces), fine_chart(Plane(np.eye(4))), constants)
+    felt = compute_pressure_field(held(tip, flesh, forces), fine_chart(Plane(np.eye(4))), constants)
     return felt.area / MM**2
 
 
 def peakedness(constants: Constants) -> float:
     """Largest by mean pressure under the average fingertip at 2 N."""
     tip, flesh = average_tip(constants)
-    felt = feel(held(tip, flesh, [2.0]), fine_chart(Plane(np.eye(4))), constants)
+    felt = compute_pressure_field(held(tip, flesh, [2.0]), fine_chart(Plane(np.eye(4))), constants)
     pressed = felt.pressure[0][felt.pressure[0] > constants.value("contact.touched")]
     return float(pressed.max() / pressed.mean())
 
 
-def average_tip(constants: Constants) -> tuple[Stamps, Flesh]:
+def average_tip(constants: Constants) -> tuple[ContactPads, SoftTissue]:
     """The index fingertip of the average hand and how it gives way."""
     thumb, breadth, palm, length = (
         constants.value(f"hand.{name}") * MM
         for name in ("thumb", "breadth", "palm_length", "length")
     )
     fingers = constants.array("hand.fingers") * MM
-    hand = hand_of(fingers, thumb, breadth, palm, length, constants)
-    flesh = Flesh(
+    hand = build_hand(fingers, thumb, breadth, palm, length, constants)
+    flesh = SoftTissue(
         b=middle("person.stiffness", constants) / MM,
         m=middle("person.stiffness_growth", constants) / MM,
         area_scale=middle("person.area", constants),
         area_exponent=middle("person.area_exponent", constants),
         conformity=1.0,
     )
-    return part_of(hand, ("index_tip",)), flesh
+    return select_pads(hand, ("index_tip",)), flesh
 
 
 def middle(name: str, constants: Constants) -> float:
@@ -110,8 +110,8 @@ def middle(name: str, constants: Constants) -> float:
 
 
 def held(
-    stamps: Stamps,
-    flesh: Flesh,
+    stamps: ContactPads,
+    flesh: SoftTissue,
     forces: Iterable[float],
     centre: tuple[float, float] = (0.0, 0.0),
     angle: float = 0.0,
@@ -134,7 +134,7 @@ def ur5() -> tuple[MountedSkin, Chart]:
     """The skin on the UR5, and the tube of its forearm."""
     preset = SKIN_PRESETS["ur5"]
     mounted = MountedSkin(preset.build(), load_robot(preset.robot))
-    charts = [chart for chart in charts_of(mounted) if chart.link == FOREARM]
+    charts = [chart for chart in build_charts(mounted) if chart.link == FOREARM]
     return mounted, max(charts, key=lambda chart: len(chart.taxels))
 
 
@@ -182,7 +182,7 @@ def balance(
     )
     centre = places.mean(axis=0) + rng.uniform(-0.004, 0.004, 2)
     press = held(person.part(group), person.flesh, [force], (centre[0], centre[1]), 0.0)
-    felt = feel(press, chart, constants)
+    felt = compute_pressure_field(press, chart, constants)
     return float(felt.pressure[0] @ mounted.skin.areas[felt.taxels] * 1e3 / force)
 
 
@@ -190,20 +190,20 @@ def grab_area(
     person: Person, chart: Chart, constants: Constants, rng: np.random.Generator
 ) -> float:
     """True contact area of a full-hand grab of 60 N [cm2]."""
-    flesh = Flesh(
+    flesh = SoftTissue(
         **vars(person.flesh) | {"conformity": constants.draw("grab.conformity", rng)}
     )
     stamps = person.part("full_hand", constants.draw("grab.splay", rng))
     middle_of = chart.unrolled.mean(axis=0)
     centre = (float(middle_of[0]), float(middle_of[1]))
     press = held(stamps, flesh, [60.0], centre, np.pi / 2)
-    return float(feel(press, chart, constants).area[0] * 1e4)
+    return float(compute_pressure_field(press, chart, constants).area[0] * 1e4)
 
 
 def time_checks(constants: Constants, people: int, seed: int) -> list[Check]:
     """How long bumps and pats are in contact."""
     rng = np.random.default_rng([seed, 62])
-    site = Site(0, (0.0, 0.0), 0.0375, (-0.1, 0.1), 0.0)
+    site = ContactSite(0, (0.0, 0.0), 0.0375, (-0.1, 0.1), 0.0)
     bumps, pats = [], []
     for number in range(people):
         person = draw_person(f"times-{number}", constants, rng)
@@ -222,7 +222,7 @@ def time_checks(constants: Constants, people: int, seed: int) -> list[Check]:
 def wander_checks(constants: Constants, people: int, seed: int) -> list[Check]:
     """How far the centre of a touch moves where the hand stays in place."""
     rng = np.random.default_rng([seed, 63])
-    site = Site(0, (0.0, 0.0), 0.0375, (-0.1, 0.1), 0.0)
+    site = ContactSite(0, (0.0, 0.0), 0.0375, (-0.1, 0.1), 0.0)
     every = round(SAMPLED / constants.value("time.step"))
     checks = []
     for name, (gesture, kind, way, span) in WANDER.items():

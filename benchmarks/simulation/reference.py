@@ -18,8 +18,8 @@ from benchmarks.simulation.mujoco_contact import (
     instant,
 )
 from eskin.sim import Chart, Constants, Press, load_constants
-from eskin.sim.contact.press import Site
-from eskin.sim.contact.pressure import feel
+from eskin.sim.contact.press import ContactSite
+from eskin.sim.contact.pressure import compute_pressure_field
 from eskin.sim.people.perform import perform
 from eskin.sim.people.person import draw_person
 from eskin.skin.surfaces import Dome, Plane, Surface, Tube
@@ -120,7 +120,7 @@ def compare(repeats: int, rng: np.random.Generator) -> list[Case]:
 
 def look(press: Press, chart: Chart, constants: Constants) -> Agreement | None:
     """Compare one instant; None where the reference cannot carry the force."""
-    felt = feel(press, chart, constants)
+    felt = compute_pressure_field(press, chart, constants)
     try:
         return agreement(felt, feel_in_mujoco(press, chart, constants))
     except ValueError:
@@ -155,7 +155,7 @@ def draw_press(
 ) -> Press:
     """The first press of a touch by somebody new."""
     room = 0.02 if isinstance(chart.surface, Dome) else 0.08
-    site = Site(
+    site = ContactSite(
         chart=0,
         centre=(rng.uniform(-0.01, 0.01), rng.uniform(-0.01, 0.01)),
         radius=chart.radius,

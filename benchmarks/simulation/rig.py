@@ -17,8 +17,8 @@ from scipy.ndimage import gaussian_filter
 from benchmarks.simulation.check import Check, ordered, within
 from eskin.sim.constants import Constants
 from eskin.sim.contact.chart import Chart
-from eskin.sim.contact.press import Site
-from eskin.sim.contact.pressure import feel
+from eskin.sim.contact.press import ContactSite
+from eskin.sim.contact.pressure import compute_pressure_field
 from eskin.sim.people.perform import perform
 from eskin.sim.people.person import draw_person
 from eskin.skin.surfaces import Tube
@@ -152,10 +152,10 @@ def rig_chart() -> Chart:
     return Chart("forearm", surface, np.arange(len(unrolled)), unrolled, cells)
 
 
-def rig_site(rng: np.random.Generator) -> Site:
+def rig_site(rng: np.random.Generator) -> ContactSite:
     """Somewhere about the middle of the grid."""
     s, t = rng.uniform(-1.5 * PITCH, 1.5 * PITCH, 2)
-    return Site(
+    return ContactSite(
         chart=0,
         centre=(float(s), float(t)),
         radius=RADIUS,
@@ -171,7 +171,7 @@ def sum_of(
     length = max(press.first + press.steps for press in presses)
     fine = np.zeros((length, len(chart.taxels)))
     for press in presses:
-        felt = feel(press, chart, constants)
+        felt = compute_pressure_field(press, chart, constants)
         fine[press.first : press.first + press.steps, felt.taxels] += felt.pressure
     side = CELLS * FINER
     sigma = BLUR / PITCH * FINER

@@ -1,16 +1,16 @@
 """A simulated world: people, hands, gestures, contact and sensor."""
 
 from eskin.sim.constants import Constants, load_constants
-from eskin.sim.contact.chart import Chart, charts_of
-from eskin.sim.contact.press import Flesh, Press, Stamps, TrueTouch
+from eskin.sim.contact.chart import Chart, build_charts
+from eskin.sim.contact.press import SoftTissue, Press, ContactPads, TrueTouch
 
 __all__ = [
     "Chart",
     "Constants",
-    "Flesh",
+    "SoftTissue",
     "Press",
-    "Stamps",
+    "ContactPads",
     "TrueTouch",
-    "charts_of",
+    "build_charts",
     "load_constants",
 ]

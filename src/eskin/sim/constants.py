@@ -14,16 +14,16 @@ import yaml
 from jaxtyping import Float
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-FILE = Path(__file__).with_name("constants.yaml")
+CONSTANTS_FILE = Path(__file__).with_name("constants.yaml")
 
 
-class Strict(BaseModel):
+class StrictModel(BaseModel):
     """A part of the file: nothing but what is declared."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
 
-class Spread(Strict):
+class Distribution(StrictModel):
     """A distribution of one number, cut at `low` and `high` by drawing again."""
 
     law: Literal["normal", "lognormal", "uniform"]
@@ -39,7 +39,7 @@ class Spread(Strict):
     high: float = np.inf
 
     @model_validator(mode="after")
-    def complete(self) -> "Spread":
+    def complete(self) -> "Distribution":
         """Refuse a law that lacks its parameters."""
         needed = {
             "normal": (self.mean, self.sd),
@@ -51,11 +51,11 @@ class Spread(Strict):
         return self
 
 
-class Constant(Strict):
+class Constant(StrictModel):
     """One number, list of numbers, distribution, or set of weights."""
 
     value: float | list[float] | None = None
-    spread: Spread | None = None
+    spread: Distribution | None = None
     weights: dict[str, float] | None = None
     unit: str
     """Unit, `1` where there is none."""
@@ -76,7 +76,7 @@ class Constant(Strict):
         return self
 
 
-class File(Strict):
+class ConstantsFile(StrictModel):
     """The whole file."""
 
     sources: dict[str, str]
@@ -102,7 +102,7 @@ class Constants:
             ValueError: there is none of that name.
         """
         if name not in self.entries:
-            raise ValueError(f"no constant '{name}'; they are in {FILE.name}")
+            raise ValueError(f"no constant '{name}'; they are in {CONSTANTS_FILE.name}")
         return self.entries[name]
 
     def value(self, name: str) -> float:
@@ -158,19 +158,19 @@ class Constants:
         return Constants(self.entries, self.sources, self.factors | factors)
 
 
-TRIES = 1000
+MAX_DRAWS = 1000
 
 
-def draw_within(spread: Spread, rng: np.random.Generator, widen: float) -> float:
+def draw_within(spread: Distribution, rng: np.random.Generator, widen: float) -> float:
     """Draw until the number lies within the limits."""
-    for _ in range(TRIES):
+    for _ in range(MAX_DRAWS):
         number = draw_once(spread, rng, widen)
         if spread.low <= number <= spread.high:
             return number
     raise ValueError(f"{spread} hardly ever lies within its own limits")
 
 
-def draw_once(spread: Spread, rng: np.random.Generator, widen: float) -> float:
+def draw_once(spread: Distribution, rng: np.random.Generator, widen: float) -> float:
     """Draw from the law, whatever its limits."""
     match spread.law:
         case "normal":
@@ -185,7 +185,7 @@ def draw_once(spread: Spread, rng: np.random.Generator, widen: float) -> float:
 @lru_cache(maxsize=1)
 def load_constants() -> Constants:
     """The numbers as they are published with the package."""
-    content = File.model_validate(yaml.safe_load(FILE.read_text()))
+    content = ConstantsFile.model_validate(yaml.safe_load(CONSTANTS_FILE.read_text()))
     return Constants(content.constants, content.sources, {})
 
 

@@ -34,6 +34,17 @@ class SkinProblem:
         return f"{', '.join(where)}: {self.text}" if where else self.text
 
 
+@dataclass(frozen=True, eq=False)
+class Spacing:
+    """The spacing holds what the neighbouring cells of each taxel say about it."""
+
+    cell_areas: Float[np.ndarray, "taxel"]
+    """Distance to the next in the row times that in the column, or NaN [m2]."""
+
+    neighbour_normals: Float[np.ndarray, "taxel 3"]
+    """Sum of the normals of the neighbouring cells; zero where there are none."""
+
+
 @dataclass(frozen=True)
 class CheckConfig:
     """The configuration of the check holds its tolerances."""
@@ -66,16 +77,18 @@ def check_skin(
     """
     config = config or CheckConfig()
     spacing = measure_spacing(skin)
-    problems = find_patch_problems(skin) + find_cell_problems(skin)
-    problems += find_position_problems(skin)
-    problems += find_direction_problems(skin) + find_coincident_problems(skin, config)
-    problems += find_area_problems(skin, spacing, config) + find_flipped_problems(
-        skin, spacing
-    )
+    problems = [
+        *find_patch_problems(skin),
+        *find_cell_problems(skin),
+        *find_position_problems(skin),
+        *find_direction_problems(skin),
+        *find_coincident_problems(skin, config),
+        *find_area_problems(skin, spacing, config),
+        *find_flipped_problems(skin, spacing),
+    ]
     if robot is not None:
-        problems += find_link_problems(skin, robot) + find_surface_problems(
-            skin, robot, config
-        )
+        problems += find_link_problems(skin, robot)
+        problems += find_surface_problems(skin, robot, config)
     return problems
 
 
@@ -237,17 +250,6 @@ def get_patch_id(skin: Skin, taxel: int) -> str:
     return skin.patches[skin.patch_index[taxel]].id
 
 
-@dataclass(frozen=True, eq=False)
-class Spacing:
-    """The spacing holds what the neighbouring cells of each taxel say about it."""
-
-    cell_areas: Float[np.ndarray, "taxel"]
-    """Distance to the next in the row times that in the column, or NaN [m2]."""
-
-    neighbour_normals: Float[np.ndarray, "taxel 3"]
-    """Sum of the normals of the neighbouring cells; zero where there are none."""
-
-
 def measure_spacing(skin: Skin) -> Spacing:
     """Measure the spacing of all taxels."""
     steps = np.full((2, skin.count), np.inf)
@@ -296,7 +298,8 @@ def find_direction_problems(skin: Skin) -> list[SkinProblem]:
     """Find normals and tangents that are not unit vectors at right angles."""
     lengths = np.linalg.norm(skin.normals, axis=1)
     spans = np.linalg.norm(skin.tangents, axis=1)
-    leaning = np.abs(np.sum(skin.normals * skin.tangents, axis=1))
+    units = ~is_not_unit(lengths) & ~is_not_unit(spans)
+    products = np.abs(np.sum(skin.normals * skin.tangents, axis=1))
     allowed = f"allowed 1 +- {DIRECTION_TOLERANCE:g}"
     lean_allowed = f"allowed up to {DIRECTION_TOLERANCE:g}"
     found: list[SkinProblem] = []
@@ -305,10 +308,8 @@ def find_direction_problems(skin: Skin) -> list[SkinProblem]:
         ("tangent has length", spans, is_not_unit(spans), allowed),
         (
             "tangent is not at a right angle to the normal: their product is",
-            leaning,
-            ~(leaning <= DIRECTION_TOLERANCE)
-            & ~is_not_unit(lengths)
-            & ~is_not_unit(spans),
+            products,
+            ~(products <= DIRECTION_TOLERANCE) & units,
             lean_allowed,
         ),
     ):

@@ -20,6 +20,20 @@ END = "...\n"
 """YAML's mark for the end of a document, after which the taxels follow."""
 
 
+@dataclass(frozen=True, eq=False)
+class ParsedSkin:
+    """A parsed skin holds the readable taxels of its files, and every problem."""
+
+    skin: Skin
+    """Skin of the rows that could be read, sorted by id."""
+
+    ids: Int[np.ndarray, "taxel"]
+    """Id of each taxel in the file."""
+
+    problems: tuple[SkinProblem, ...]
+    """Problems of the rows that could not be read, and of the ids."""
+
+
 def load_skin(name_or_path: str | Path) -> Skin:
     """Load a preset by its name, or a skin from a folder.
 
@@ -38,9 +52,8 @@ def load_skin(name_or_path: str | Path) -> Skin:
             f"no skin '{name}'; allowed a preset ({', '.join(SKIN_PRESETS)}) or a "
             f"folder with {MANIFEST}"
         )
-    return require_valid(
-        parse_skin_folder(path), f"`eskin skin check {name}` lists them"
-    )
+    parsed = parse_skin_folder(path)
+    return require_valid(parsed, f"`eskin skin check {name}` lists them")
 
 
 def save_skin(skin: Skin, folder: str | Path) -> None:
@@ -78,9 +91,8 @@ def skin_from_bytes(data: bytes, source: str = "skin") -> Skin:
     if not mark:
         raise SkinError(f"{source}: got no line '...' between patches and taxels")
     manifest = parse_manifest(head, source)
-    return require_valid(
-        parse_skin(manifest, table, f"{source}, taxels"), "mend its source"
-    )
+    parsed = parse_skin(manifest, table, f"{source}, taxels")
+    return require_valid(parsed, "correct its source")
 
 
 def require_valid(parsed: ParsedSkin, remedy: str) -> Skin:
@@ -90,20 +102,6 @@ def require_valid(parsed: ParsedSkin, remedy: str) -> Skin:
         more = f" (and {len(problems) - 1} more; {remedy})" if problems[1:] else ""
         raise SkinError(f"{problems[0]}{more}")
     return parsed.skin
-
-
-@dataclass(frozen=True, eq=False)
-class ParsedSkin:
-    """A parsed skin holds the readable taxels of its files, and every problem."""
-
-    skin: Skin
-    """Skin of the rows that could be read, sorted by id."""
-
-    ids: Int[np.ndarray, "taxel"]
-    """Id of each taxel in the file."""
-
-    problems: tuple[SkinProblem, ...]
-    """Problems of the rows that could not be read, and of the ids."""
 
 
 def parse_skin_folder(path: Path) -> ParsedSkin:
@@ -120,7 +118,7 @@ def parse_skin_folder(path: Path) -> ParsedSkin:
 
 def parse_skin(manifest: SkinManifest, table_text: str, file: str) -> ParsedSkin:
     """Build a skin of a manifest and the text of its taxels, and list the problems."""
-    patches = manifest.patch_list()
+    patches = manifest.build_patches()
     table, problems = parse_taxels(table_text, patches, file)
     problems = [
         *find_repeated_patches(manifest),

@@ -1,4 +1,4 @@
-"""What `skin.yaml` holds, read safely and validated."""
+"""This module reads, validates and writes `skin.yaml`."""
 
 from collections.abc import Hashable
 from typing import Annotated, Literal
@@ -10,16 +10,18 @@ from pydantic_core import ErrorDetails
 from eskin.errors import SkinError
 from eskin.skin.skin import Patch, Skin
 
-SHOWN = 40
-DEEPEST = 20
-# No spaces at its ends, no control characters, all on one line.
+MAX_SHOWN = 40
+"""Number of characters of a value that messages show."""
+MAX_DEPTH = 20
+"""Largest depth of nested collections in a file."""
+# No spaces at the ends, no control characters, one line.
 NAME = r"^[^\s\p{Cc}]([^\p{Cc}\p{Zl}\p{Zp}]*[^\s\p{Cc}])?$"
 Name = Annotated[str, Field(pattern=NAME, max_length=200)]
 Extent = Annotated[int, Field(ge=1, le=65535)]
 
 
 class PatchEntry(BaseModel):
-    """One patch as `skin.yaml` writes it."""
+    """An entry describes one patch in `skin.yaml`."""
 
     model_config = ConfigDict(extra="forbid", strict=True)
 
@@ -33,7 +35,7 @@ class PatchEntry(BaseModel):
 
 
 class SkinManifest(BaseModel):
-    """The whole of `skin.yaml`."""
+    """A manifest holds the content of `skin.yaml`."""
 
     model_config = ConfigDict(extra="forbid", strict=True)
 
@@ -43,16 +45,16 @@ class SkinManifest(BaseModel):
     taxels: Name = "taxels.csv"
     patches: Annotated[list[PatchEntry], Field(min_length=1)]
 
-    def patch_list(self) -> tuple[Patch, ...]:
-        """The patches, in the order of the file."""
+    def build_patches(self) -> tuple[Patch, ...]:
+        """Return the patches, in the order of the file."""
         return tuple(Patch(**entry.model_dump()) for entry in self.patches)
 
 
 class PlainLoader(yaml.SafeLoader):
-    """Plain data only: no tags but YAML's own, and no key twice in one mapping."""
+    """This loader reads plain data: only YAML's own tags, and no repeated keys."""
 
     def construct_object(self, node: yaml.Node, deep: bool = False) -> object:
-        """Refuse a value that is not what its tag says; PyYAML raises anything then."""
+        """Construct a value; raise a YAML error where it does not match its tag."""
         try:
             return super().construct_object(node, deep)
         except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError):
@@ -64,7 +66,7 @@ class PlainLoader(yaml.SafeLoader):
     def construct_mapping(
         self, node: yaml.MappingNode, deep: bool = False
     ) -> dict[Hashable, object]:
-        """Refuse a key that stands twice in one mapping."""
+        """Construct a mapping; raise where a key is repeated or not a scalar."""
         seen = set()
         for key, _ in node.value:
             if not isinstance(key, yaml.ScalarNode):
@@ -81,17 +83,17 @@ class PlainLoader(yaml.SafeLoader):
 
 
 def parse_manifest(text: str, file: str) -> SkinManifest:
-    """Read `skin.yaml`.
+    """Read the text of a `skin.yaml`.
 
     Raises:
-        SkinError: every entry that is wrong, in one line that begins with the file.
+        SkinError: It names every wrong entry, in one line that begins with the file.
     """
     try:
         check_yaml_size(text)
         data = yaml.load(text, PlainLoader)  # noqa: S506  It is a SafeLoader.
     except yaml.YAMLError as error:
         raise SkinError(f"{file}{describe_yaml_error(error)}") from None
-    except (OverflowError, ValueError) as error:  # A character that there is not.
+    except (OverflowError, ValueError) as error:  # An invalid character code.
         raise SkinError(f"{file}: not plain YAML: {error}") from None
     if not isinstance(data, dict):
         raise SkinError(
@@ -101,12 +103,12 @@ def parse_manifest(text: str, file: str) -> SkinManifest:
     try:
         return SkinManifest.model_validate(data)
     except ValidationError as error:
-        lines = "; ".join(describe_entry(detail) for detail in error.errors())
+        lines = "; ".join(describe_entry_error(detail) for detail in error.errors())
         raise SkinError(f"{file}: {lines}") from None
 
 
 def format_manifest(skin: Skin) -> str:
-    """Write a skin's `skin.yaml`."""
+    """Return the text of a skin's `skin.yaml`."""
     manifest = SkinManifest(
         name=skin.name,
         calibrated=bool(skin.calibrated),
@@ -116,9 +118,10 @@ def format_manifest(skin: Skin) -> str:
 
 
 def check_yaml_size(text: str) -> None:
-    """Refuse what a skin has no use for, and a short text can fill hours with.
+    """Raise where a short text would take hours to read.
 
-    A few aliases stand for billions; reading takes the square of the depth.
+    A few aliases can expand to billions of values, and the time to read nested
+    collections grows with the square of their depth.
     """
     depth = 0
     for event in yaml.parse(text, yaml.SafeLoader):
@@ -128,23 +131,23 @@ def check_yaml_size(text: str) -> None:
             raise yaml.MarkedYAMLError(
                 problem="aliases are not allowed", problem_mark=event.start_mark
             )
-        if depth > DEEPEST:
+        if depth > MAX_DEPTH:
             raise yaml.MarkedYAMLError(
-                problem=f"more than {DEEPEST} collections lie in each other",
+                problem=f"more than {MAX_DEPTH} collections lie in each other",
                 problem_mark=event.start_mark,
             )
 
 
 def describe_yaml_error(error: yaml.YAMLError) -> str:
-    """Say where the YAML breaks and why, in one line."""
+    """Describe where and why a YAML text is invalid, in one line."""
     mark = getattr(error, "problem_mark", None)
     where = f" line {mark.line + 1}, column {mark.column + 1}" if mark else ""
     why = getattr(error, "problem", None) or str(error)
     return f"{where}: not plain YAML: {' '.join(str(why).split())}"
 
 
-def describe_entry(detail: ErrorDetails) -> str:
-    """Say which entry is wrong, what was got and what is allowed."""
+def describe_entry_error(detail: ErrorDetails) -> str:
+    """Describe which entry is wrong, what was got and what is allowed."""
     path = ""
     for step in detail["loc"]:
         plain = str(step) if str(step).isidentifier() else shorten(step)
@@ -165,6 +168,6 @@ def describe_entry(detail: ErrorDetails) -> str:
 
 
 def shorten(value: object) -> str:
-    """Show a value from a file without letting it fill the screen."""
+    """Return the representation of a value, cut to a length for messages."""
     text = repr(value)
-    return text if len(text) <= SHOWN else text[:SHOWN] + "..."
+    return text if len(text) <= MAX_SHOWN else text[:MAX_SHOWN] + "..."

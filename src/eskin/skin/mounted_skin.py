@@ -1,4 +1,4 @@
-"""This module places a skin on a robot."""
+"""This module computes where the taxels of a skin are on a robot, for a given q."""
 
 from typing import final
 
@@ -12,20 +12,20 @@ from eskin.skin.skin import Skin
 
 @final
 class MountedSkin:
-    """A skin on a robot that has all the links it lies on.
+    """A mounted skin combines a skin with a robot that has all its links.
 
     Attributes:
         skin: the skin.
         robot: the robot.
-        kinematics: the robot's forward kinematics.
-        taxel_link_index: the link of each taxel, as an index into `robot.links`.
+        kinematics: forward kinematics of the robot.
+        taxel_link_index: index of each taxel's link in `robot.links`.
     """
 
     def __init__(self, skin: Skin, robot: Robot) -> None:
-        """Mount a skin.
+        """Mount a skin on a robot.
 
         Raises:
-            SkinMismatchError: if the robot lacks a link that the skin lies on.
+            SkinMismatchError: The robot lacks a link that the skin lies on.
         """
         lacking = sorted(set(skin.link_names) - set(robot.link_names))
         if lacking:
@@ -43,44 +43,44 @@ class MountedSkin:
     def place_taxels(
         self,
         q: Float[np.ndarray, "*batch joint"],
-        taxels: Int[np.ndarray, "asked"] | None = None,
+        taxels: Int[np.ndarray, "selected"] | None = None,
     ) -> tuple[
-        Float[np.ndarray, "*batch asked 3"], Float[np.ndarray, "*batch asked 3"]
+        Float[np.ndarray, "*batch selected 3"], Float[np.ndarray, "*batch selected 3"]
     ]:
-        """Positions [m] and outward normals of taxels in the world.
+        """Return positions [m] and outward normals of taxels in the world.
 
         Args:
             q: joint values [rad] in the order of `robot.joint_names`, or a batch.
-            taxels: indices of the taxels wanted; all of them where None.
+            taxels: indices of the taxels; None for all of them.
         """
-        asked = np.arange(self.skin.count) if taxels is None else taxels
-        rotations, origins = self.get_link_poses(q, asked)
+        selected = np.arange(self.skin.count) if taxels is None else taxels
+        rotations, origins = self.get_link_poses(q, selected)
         turn = "...tij,tj->...ti"
-        p_world = np.einsum(turn, rotations, self.skin.positions[asked]) + origins
-        return p_world, np.einsum(turn, rotations, self.skin.normals[asked])
+        p_world = np.einsum(turn, rotations, self.skin.positions[selected]) + origins
+        return p_world, np.einsum(turn, rotations, self.skin.normals[selected])
 
     def compute_frames(
         self,
         q: Float[np.ndarray, "*batch joint"],
-        taxels: Int[np.ndarray, "asked"] | None = None,
-    ) -> Float[np.ndarray, "*batch asked 3 3"]:
-        """R_world_taxel: tangent x, tangent y and normal as columns.
+        taxels: Int[np.ndarray, "selected"] | None = None,
+    ) -> Float[np.ndarray, "*batch selected 3 3"]:
+        """Return R_world_taxel, with tangent x, tangent y and normal as columns.
 
         Args:
             q: joint values [rad] in the order of `robot.joint_names`, or a batch.
-            taxels: indices of the taxels wanted; all of them where None.
+            taxels: indices of the taxels; None for all of them.
         """
-        asked = np.arange(self.skin.count) if taxels is None else taxels
-        rotations, _ = self.get_link_poses(q, asked)
-        x, z = self.skin.tangents[asked], self.skin.normals[asked]
+        selected = np.arange(self.skin.count) if taxels is None else taxels
+        rotations, _ = self.get_link_poses(q, selected)
+        x, z = self.skin.tangents[selected], self.skin.normals[selected]
         return rotations @ np.stack([x, np.cross(z, x), z], axis=-1)
 
     def get_link_poses(
-        self, q: Float[np.ndarray, "*batch joint"], taxels: Int[np.ndarray, "asked"]
+        self, q: Float[np.ndarray, "*batch joint"], taxels: Int[np.ndarray, "selected"]
     ) -> tuple[
-        Float[np.ndarray, "*batch asked 3 3"], Float[np.ndarray, "*batch asked 3"]
+        Float[np.ndarray, "*batch selected 3 3"], Float[np.ndarray, "*batch selected 3"]
     ]:
-        """Rotation and origin [m] in the world of the link of each taxel asked."""
+        """Return rotation and origin [m] in the world of each selected taxel's link."""
         T_world_link = self.kinematics.poses(q)[
             ..., self.taxel_link_index[taxels], :, :
         ]

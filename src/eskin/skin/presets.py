@@ -292,8 +292,6 @@ pitch."""
 
 def load_robot_for_skin(skin_name: str, robot_name: str | None = None) -> Robot | None:
     """Load the robot of the given name, else that of a preset skin, else None."""
-    if robot_name is not None:
-        return load_robot(robot_name)
-    return (
-        load_robot(SKIN_PRESETS[skin_name].robot) if skin_name in SKIN_PRESETS else None
-    )
+    if robot_name is None and skin_name in SKIN_PRESETS:
+        robot_name = SKIN_PRESETS[skin_name].robot
+    return None if robot_name is None else load_robot(robot_name)

@@ -1,4 +1,4 @@
-"""What a skin is: patches on links, and taxels in one fixed order."""
+"""This module describes a skin: patches on links, with taxels in one fixed order."""
 
 from dataclasses import dataclass
 from typing import Literal
@@ -11,33 +11,33 @@ TaxelKind = Literal["pressure", "shear"]
 
 @dataclass(frozen=True)
 class Patch:
-    """One irregular, replaceable module of skin on one link."""
+    """A patch is one irregular, replaceable module of skin on one link."""
 
     id: str
     """Name of the patch, unique in its skin."""
 
     link: str
-    """Name of the robot's link that it is fixed to."""
+    """Name of the robot's link that it is mounted on."""
 
     address: int
     """Address on the device bus, unique in its skin."""
 
     rows: int
-    """Rows of its electrode grid; not every cell need hold a taxel."""
+    """Number of rows of its electrode grid; some cells may have no taxel."""
 
     columns: int
-    """Columns of its electrode grid."""
+    """Number of columns of its electrode grid."""
 
     kind: TaxelKind = "pressure"
-    """What a taxel measures: pressure, or pressure and shear."""
+    """Quantity that a taxel measures: pressure, or pressure and shear."""
 
     units: str = "kPa"
-    """Units of its calibrated pressure."""
+    """Unit of its calibrated pressure."""
 
 
 @dataclass(frozen=True, eq=False)
 class Skin:
-    """All patches of a robot, with their taxels in one fixed order.
+    """A skin holds all patches of a robot, with their taxels in one fixed order.
 
     Positions, normals and tangents are in the frame of the taxel's own link.
     """
@@ -46,10 +46,10 @@ class Skin:
     """Name of the skin."""
 
     patches: tuple[Patch, ...]
-    """The patches, in the order that `patch_index` counts."""
+    """Patches, in the order of `patch_index`."""
 
     patch_index: Int[np.ndarray, "taxel"]
-    """The patch of each taxel, as an index into `patches`."""
+    """Index of each taxel's patch in `patches`."""
 
     rows: Int[np.ndarray, "taxel"]
     """Row of each taxel in its patch."""
@@ -67,13 +67,13 @@ class Skin:
     """Sensing area of each taxel [m2]."""
 
     tangents: Float[np.ndarray, "taxel 3"]
-    """Local x axis of each taxel in its link's frame: unit, across the normal."""
+    """Local x axis of each taxel in its link's frame: a unit tangent."""
 
     calibrated: bool = True
-    """False where geometry and units are nominal, so that no distance is meant in m."""
+    """False where geometry and units are nominal, so that lengths are not in metres."""
 
     def __post_init__(self) -> None:
-        """Refuse arrays whose shapes do not belong together."""
+        """Raise where the shapes of the arrays do not match."""
         count = len(self.patch_index)
         wanted = {
             "patch_index": (count,),
@@ -94,21 +94,21 @@ class Skin:
 
     @property
     def count(self) -> int:
-        """Number of taxels."""
+        """Return the number of taxels."""
         return len(self.patch_index)
 
     @property
     def link_names(self) -> tuple[str, ...]:
-        """The link of each patch."""
+        """Return the link of each patch."""
         return tuple(patch.link for patch in self.patches)
 
     @property
     def has_shear(self) -> bool:
-        """Whether any patch measures shear."""
+        """Return whether any patch measures shear."""
         return any(patch.kind == "shear" for patch in self.patches)
 
     def find_taxels(self, patch_id: str) -> Int[np.ndarray, "part"]:
-        """Indices of the taxels of one patch, in order."""
+        """Return the indices of the taxels of one patch, in order."""
         ids = [patch.id for patch in self.patches]
         if patch_id not in ids:
             raise ValueError(

@@ -1,4 +1,4 @@
-"""This module reads and writes `taxels.csv`."""
+"""This module reads and writes `taxels.csv` without loss of precision."""
 
 import csv
 import io
@@ -18,24 +18,33 @@ VECTORS = ("x", "y", "z", "nx", "ny", "nz")
 COLUMNS = ("id", "patch", "row", "column", *VECTORS, "area_mm2")
 TANGENT = ("tx", "ty", "tz")
 SQUARE_MM_EXPONENT = 6
+"""Power of ten of mm2 in one m2."""
 
 
 @dataclass(frozen=True)
 class TaxelTable:
-    """The readable rows of a `taxels.csv`, in the order of the file."""
+    """A table holds the readable rows of a `taxels.csv`, in the order of the file."""
 
     ids: Int[np.ndarray, "taxel"]
+    """Ids, which give the order of the taxels."""
     patch_index: Int[np.ndarray, "taxel"]
+    """Index of each taxel's patch in the manifest."""
     rows: Int[np.ndarray, "taxel"]
+    """Row of each taxel in its patch."""
     columns: Int[np.ndarray, "taxel"]
+    """Column of each taxel in its patch."""
     positions: Float[np.ndarray, "taxel 3"]
+    """Centres in the links' frames [m]."""
     normals: Float[np.ndarray, "taxel 3"]
+    """Outward normals in the links' frames."""
     areas: Float[np.ndarray, "taxel"]
+    """Sensing areas [m2]."""
     tangents: Float[np.ndarray, "taxel 3"] | None
+    """Local x axes in the links' frames, where the file has them."""
 
 
 class BadCellError(ValueError):
-    """A cell that does not hold what its column promises."""
+    """A cell has a value that its column does not allow."""
 
 
 def parse_taxels(
@@ -44,9 +53,9 @@ def parse_taxels(
     """Read the rows that can be read and list what is wrong with the others.
 
     Raises:
-        SkinError: if the header is not one of a `taxels.csv`, or the text is no CSV.
+        SkinError: The header is not that of a `taxels.csv`, or the text is no CSV.
     """
-    lines = numbered_rows(text, file)
+    lines = iterate_rows(text, file)
     header = [name.strip() for name in next(lines, (1, []))[1]]
     check_header(header, file)
     index = {patch.id: i for i, patch in enumerate(patches)}
@@ -70,15 +79,15 @@ def parse_taxels(
                     f"{lines_of[taxel[0]]} has too; allowed every id once"
                 )
         except BadCellError as error:
-            problems.append(problem_of(error, row))
+            problems.append(build_problem(error, row))
             continue
         lines_of[taxel[0]] = line
         kept.append(taxel)
-    return table_of(kept), problems
+    return build_table(kept), problems
 
 
-def numbered_rows(text: str, file: str) -> Iterator[tuple[int, list[str]]]:
-    """The cells of every row, with the number of the line that it ends on."""
+def iterate_rows(text: str, file: str) -> Iterator[tuple[int, list[str]]]:
+    """Yield the cells of every row, with the number of the line that it ends on."""
     rows = csv.reader(io.StringIO(text, newline=None))
     try:
         for cells in rows:
@@ -91,7 +100,7 @@ def numbered_rows(text: str, file: str) -> Iterator[tuple[int, list[str]]]:
 
 
 def format_taxels(skin: Skin) -> str:
-    """Write a skin's `taxels.csv`; reading it gives the same bits."""
+    """Return the text of a skin's `taxels.csv`; reading it gives the same bits."""
     out = io.StringIO()
     write = csv.writer(out, lineterminator="\n").writerow
     write((*COLUMNS, *TANGENT))
@@ -109,16 +118,16 @@ def format_taxels(skin: Skin) -> str:
 
 
 def check_header(header: list[str], file: str) -> None:
-    """Refuse a header that lacks a column, repeats one or has an unknown one."""
+    """Raise where a header lacks a column, repeats one or has an unknown one."""
     has_tangent = any(name in header for name in TANGENT)
     wanted = COLUMNS + (TANGENT if has_tangent else ())
     missing = [name for name in wanted if name not in header]
-    strange = [name for name in header if name not in COLUMNS + TANGENT]
-    twice = sorted({name for name in header if header.count(name) > 1})
+    unknown = [name for name in header if name not in COLUMNS + TANGENT]
+    repeated = sorted({name for name in header if header.count(name) > 1})
     for what, names in (
         ("is missing", missing),
-        ("is not known", strange),
-        ("stands twice", twice),
+        ("is not known", unknown),
+        ("stands twice", repeated),
     ):
         if names:
             raise SkinError(
@@ -136,7 +145,7 @@ def read_row(
     where: str,
 ) -> tuple:
     """Read one taxel: id, patch, row, column, vectors, area [m2], tangent or ()."""
-    number = whole(row, "id", where, None)
+    number = read_integer(row, "id", where, None)
     name = row["patch"].strip()
     if name not in index:
         raise BadCellError(
@@ -147,16 +156,16 @@ def read_row(
     return (
         number,
         index[name],
-        whole(row, "row", where, patch.rows),
-        whole(row, "column", where, patch.columns),
-        tuple(real(row, column, where) for column in VECTORS),
-        positive_area(row, where),
-        tuple(real(row, column, where) for column in TANGENT if column in header),
+        read_integer(row, "row", where, patch.rows),
+        read_integer(row, "column", where, patch.columns),
+        tuple(read_float(row, column, where) for column in VECTORS),
+        read_area(row, where),
+        tuple(read_float(row, column, where) for column in TANGENT if column in header),
     )
 
 
-def whole(row: dict[str, str], column: str, where: str, end: int | None) -> int:
-    """Read an integer from 0 up to, without, the end."""
+def read_integer(row: dict[str, str], column: str, where: str, end: int | None) -> int:
+    """Read an integer from 0 to the end, which is excluded."""
     allowed = "an integer from 0" + ("" if end is None else f" to {end - 1}")
     text = row[column].strip()
     value = int(text) if text.isascii() and text.isdigit() and len(text) < 19 else -1
@@ -167,7 +176,7 @@ def whole(row: dict[str, str], column: str, where: str, end: int | None) -> int:
     return value
 
 
-def real(row: dict[str, str], column: str, where: str) -> float:
+def read_float(row: dict[str, str], column: str, where: str) -> float:
     """Read a finite number."""
     try:
         value = float(row[column])
@@ -181,8 +190,8 @@ def real(row: dict[str, str], column: str, where: str) -> float:
     return value
 
 
-def positive_area(row: dict[str, str], where: str) -> float:
-    """Read an area in mm2 as m2; the shift of the decimal point is exact."""
+def read_area(row: dict[str, str], where: str) -> float:
+    """Read an area in mm2 and return it in m2; moving the decimal point is exact."""
     try:
         value = float(Decimal(row["area_mm2"].strip()).scaleb(-SQUARE_MM_EXPONENT))
     except ArithmeticError:
@@ -195,16 +204,16 @@ def positive_area(row: dict[str, str], where: str) -> float:
     return value
 
 
-def problem_of(error: BadCellError, row: dict[str, str]) -> SkinProblem:
-    """Tie a bad cell to its patch and taxel, as far as these can be read."""
+def build_problem(error: BadCellError, row: dict[str, str]) -> SkinProblem:
+    """Build the problem of a bad cell, with patch and taxel where they are readable."""
     taxel = row.get("id", "").strip()
     known = taxel.isascii() and taxel.isdigit() and len(taxel) < 19
     patch = row.get("patch", "").strip()
     return SkinProblem(str(error), patch or None, int(taxel) if known else None)
 
 
-def table_of(kept: list[tuple]) -> TaxelTable:
-    """Collect rows into arrays."""
+def build_table(kept: list[tuple]) -> TaxelTable:
+    """Build arrays of the rows that could be read."""
 
     def integers(field: int) -> Int[np.ndarray, "taxel"]:
         return np.array([taxel[field] for taxel in kept], dtype=np.int64)

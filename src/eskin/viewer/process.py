@@ -44,20 +44,23 @@ class PageProcess:
     """
 
     def __init__(
-        self, setup: SceneDescription, port: int, obey: Callable[[Order], None] | None
+        self,
+        setup: SceneDescription,
+        port: int,
+        on_order: Callable[[Order], None] | None,
     ) -> None:
         """Start the process; it serves a second or two later.
 
         Args:
             setup: what the page shows.
             port: of 127.0.0.1; 0 for any free one.
-            obey: is called with each order on a thread of its own; None takes none.
+            on_order: is called with each order on a thread of its own; None takes none.
 
         Raises:
             DeviceError: the port cannot be had.
         """
         port = free_port(port)
-        self.obey = obey if setup.touchable else None
+        self.on_order = on_order if setup.touchable else None
         self.changed = Condition()
         self.latest: ViewUpdate | None = None
         self.on_the_way = self.pictures = self.shown = self.dropped = 0
@@ -162,7 +165,7 @@ class PageProcess:
 
     def take_order(self, order: object) -> None:
         """Pass an order on, if orders are taken and not too many wait."""
-        if self.obey is None or not isinstance(order, TouchOrder | PageOrder):
+        if self.on_order is None or not isinstance(order, TouchOrder | PageOrder):
             self.dropped += 1
             return
         try:
@@ -173,10 +176,10 @@ class PageProcess:
     def carry_out(self) -> None:
         """Obey orders one after the other."""
         while (order := self.orders.get()) is not None:
-            if self.obey is None:
+            if self.on_order is None:
                 continue
             try:
-                self.obey(order)
+                self.on_order(order)
             except Exception:
                 logger.exception("%s cannot be carried out", order)
 

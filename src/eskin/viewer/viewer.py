@@ -278,7 +278,7 @@ class Viewer(Listener):
         self,
         recognition: Recognition,
         config: ViewerConfig | None = None,
-        obey: Callable[[Order], None] | None = None,
+        on_order: Callable[[Order], None] | None = None,
         arm: ReportsState | None = None,
         board: Callable[[], ComparisonBoard | None] | None = None,
     ) -> None:
@@ -287,14 +287,14 @@ class Viewer(Listener):
         Args:
             recognition: that tells the moments.
             config: how the page is served.
-            obey: is called on a thread of its own with each order that people give.
+            on_order: is called on a thread of its own with each order that people give.
             arm: whose state is shown.
             board: tells what recognisers that are compared say, which is then shown
                 in place of all else beside the scene.
         """
         self.recognition = recognition
         self.config = config or ViewerConfig()
-        self.obey = obey
+        self.on_order = on_order
         self.arm = arm
         self.board = board
         self.page: PageProcess | None = None
@@ -314,7 +314,7 @@ class Viewer(Listener):
         """
         self.context = context
         self.packer = FrameEncoder(self.mounted, context.clock.now())
-        self.page = PageProcess(self.setup(), self.config.port, self.obey)
+        self.page = PageProcess(self.setup(), self.config.port, self.on_order)
 
     def setup(self) -> SceneDescription:
         """What the page is told once."""

@@ -5,7 +5,6 @@ results are kept by what a method prints as.
 """
 
 import warnings
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, final
 
@@ -16,8 +15,6 @@ from sklearn.ensemble import HistGradientBoostingClassifier, RandomForestClassif
 from sklearn.exceptions import ConvergenceWarning
 from sklearn.neighbors import KNeighborsClassifier
 from sklearn.neural_network import MLPClassifier
-from sklearn.pipeline import make_pipeline
-from sklearn.preprocessing import StandardScaler
 from sklearn.svm import SVC
 
 Estimator = Any
@@ -132,19 +129,6 @@ class GradientBoosting:
 
 
 @final
-@dataclass(frozen=True)
-class Standardised:
-    """Another one on features of mean zero and variance one."""
-
-    of: Callable[[int], Estimator]
-    """Makes the other."""
-
-    def __call__(self, seed: int) -> Estimator:
-        """Make one."""
-        return make_pipeline(StandardScaler(), self.of(seed))
-
-
-@final
 class SoftmaxMachine(ClassifierMixin, BaseEstimator):
     """A support vector machine whose probabilities are the softmax of its decisions.
 
@@ -185,12 +169,3 @@ class ContentPerceptron(MLPClassifier):
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", ConvergenceWarning)
             return super().fit(X, y, sample_weight)
-
-
-ON_FEATURES: dict[str, Callable[[int], Estimator]] = {
-    "random forest": RandomForest(),
-    "SVM": Standardised(SupportVectors()),
-    "kNN": Standardised(NearestNeighbours()),
-}
-"""Those that stand beside the recogniser on hand-made features of whole segments, by
-the name that tables show; each takes a seed."""

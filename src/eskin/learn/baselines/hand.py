@@ -29,21 +29,12 @@ from eskin.learn.baselines.interface import (
     SkinWindows,
 )
 from eskin.learn.dataset import Dataset
-from eskin.learn.ground_truth import Segment
 from eskin.skin import MountedSkin
 from eskin.touch import Reading
 
 BANDS = (0.3, 1.0, 2.0, 3.0, 5.0)  # [Hz]
 
 FeatureSeries = Float[np.ndarray, "series reading"]
-
-
-def compute_segment_features(
-    dataset: Dataset, segment: Segment, shear: bool
-) -> Float[np.ndarray, "feature"]:
-    """Features of one segment."""
-    rows = np.arange(segment.first, segment.end)
-    return compute_features(dataset, rows, shear)
 
 
 def compute_features(

@@ -195,28 +195,3 @@ def plot_shares(
     y, spreads = 100 * np.array(list(points), float).T
     line = axes.errorbar(x, y, spreads, color=colour, marker="o", ms=4, capsize=3)
     line.set_label(label)
-
-
-def draw_clips_curve(
-    found: Mapping[str, Mapping[int, Sequence[float]]], path: Path
-) -> None:
-    """Draw accuracy against the number of clips learned.
-
-    Args:
-        found: accuracies by method and by number of clips.
-        path: where to.
-    """
-    figure = Figure(figsize=(5.2, 3.6), dpi=120, layout="constrained")
-    axes = figure.subplots()
-    for colour, (name, by_size) in zip(COLOURS, found.items(), strict=False):
-        points = [
-            (compute_mean(shares), compute_std(shares)) for shares in by_size.values()
-        ]
-        plot_shares(axes, list(by_size), points, colour, name)
-    sizes = sorted({size for by_size in found.values() for size in by_size})
-    axes.set(xscale="log", xlabel="clips learned", ylabel="clips right [%]")
-    axes.set_xticks(sizes, [str(size) for size in sizes])
-    axes.minorticks_off()
-    axes.grid(alpha=0.3)
-    axes.legend(frameon=False, fontsize=8)
-    save_figure(figure, path)

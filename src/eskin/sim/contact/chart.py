@@ -37,7 +37,7 @@ class Chart:
     @property
     def circumference(self) -> float:
         """Length after which s comes round again [m]; infinite but on a tube."""
-        return circumference_of(self.surface)
+        return compute_circumference(self.surface)
 
     def beyond(
         self, unrolled: Float[np.ndarray, "*batch 2"]
@@ -53,20 +53,20 @@ class Chart:
 
     def wrapped(self, s: Float[np.ndarray, "*any"]) -> Float[np.ndarray, "*any"]:
         """Differences of s, the shorter way round [m]."""
-        return wrapped_by(s, self.circumference)
+        return wrap_difference(s, self.circumference)
 
 
-def circumference_of(surface: Surface) -> float:
+def compute_circumference(surface: Surface) -> float:
     """Length after which s comes round again [m]; infinite but on a tube."""
     return 2 * np.pi * surface.radius if isinstance(surface, Tube) else np.inf
 
 
-def wrapped_by(s: Float[np.ndarray, "*any"], whole: float) -> Float[np.ndarray, "*any"]:
+def wrap_difference(s: Float[np.ndarray, "*any"], whole: float) -> Float[np.ndarray, "*any"]:
     """Differences of s, the shorter way round [m]."""
     return s if np.isinf(whole) else (s + whole / 2) % whole - whole / 2
 
 
-def charts_of(mounted: MountedSkin, rim: float = np.inf) -> tuple[Chart, ...]:
+def build_charts(mounted: MountedSkin, rim: float = np.inf) -> tuple[Chart, ...]:
     """The charts of a skin, in the order of their first taxels.
 
     Args:
@@ -94,30 +94,30 @@ def charts_of(mounted: MountedSkin, rim: float = np.inf) -> tuple[Chart, ...]:
                     "simulated on those only; lay it on one"
                 )
             found.append((patch.link, surface, taxels.tolist()))
-    return tuple(lay_out(mounted, *parts, rim) for parts in found)
+    return tuple(build_chart(mounted, *parts, rim) for parts in found)
 
 
-def lay_out(
+def build_chart(
     mounted: MountedSkin, link: str, surface: Surface, members: list[int], rim: float
 ) -> Chart:
     """The chart of a surface and its taxels."""
     taxels = np.sort(np.array(members, dtype=np.int64))
     skin = mounted.skin
     unrolled = surface.unroll(skin.positions[taxels])
-    columns = column_directions(surface, skin.tangents[taxels], unrolled)
+    columns = compute_column_directions(surface, skin.tangents[taxels], unrolled)
     flat_areas = skin.areas[taxels] / surface.wrap(unrolled).area_scale
     cells = np.empty((len(taxels), 2, 2))
     for index in np.unique(skin.patch_index[taxels]):
         part = skin.patch_index[taxels] == index
         # A patch may lie across the line where s jumps.
         places = unrolled[part] - unrolled[part][0]
-        places[:, 0] = wrapped_by(places[:, 0], circumference_of(surface))
+        places[:, 0] = wrap_difference(places[:, 0], compute_circumference(surface))
         rows = skin.rows[taxels[part]]
-        cells[part] = cells_of(places, columns[part], rows, flat_areas[part])
+        cells[part] = compute_cells(places, columns[part], rows, flat_areas[part])
     return Chart(link, surface, taxels, unrolled, cells, rim)
 
 
-def column_directions(
+def compute_column_directions(
     surface: Surface,
     tangents: Float[np.ndarray, "part 3"],
     unrolled: Float[np.ndarray, "part 2"],
@@ -129,7 +129,7 @@ def column_directions(
     return np.column_stack([along_s, np.sum(tangents * t_axis, axis=1)])
 
 
-def cells_of(
+def compute_cells(
     unrolled: Float[np.ndarray, "part 2"],
     columns: Float[np.ndarray, "part 2"],
     rows: Int[np.ndarray, "part"],

@@ -8,7 +8,7 @@ from jaxtyping import Float, Int
 from eskin.compiled import compiled
 
 
-class Ground(NamedTuple):
+class TaxelGeometry(NamedTuple):
     """The taxels that a press may reach."""
 
     centres: np.ndarray
@@ -21,7 +21,7 @@ class Ground(NamedTuple):
     """Radius of the dome; infinite on what rolls flat [m]."""
 
 
-class Dents(NamedTuple):
+class ContactEllipses(NamedTuple):
     """What the parts of a body do to a surface: ellipses under load (time, part)."""
 
     centres: np.ndarray
@@ -36,7 +36,7 @@ class Dents(NamedTuple):
 
 @compiled
 @no_type_check
-def share(
+def compute_loads(
     force: Float[np.ndarray, "time"],
     gaps: Float[np.ndarray, "time part"],
     stiffness: Float[np.ndarray, "part"],
@@ -74,8 +74,8 @@ def share(
 
 @compiled
 @no_type_check
-def cover(
-    dents: Dents, least: float, spots: Float[np.ndarray, "spot 2"]
+def compute_covered_area(
+    dents: ContactEllipses, least: float, spots: Float[np.ndarray, "spot 2"]
 ) -> Float[np.ndarray, "time"]:
     """Area that ellipses cover together [m2], where their pressure exceeds `least`.
 
@@ -94,21 +94,21 @@ def cover(
             a, b = size[k]
             if a == 0.0:
                 continue
-            count = neighbours_of(dents.centres[t], size, k, near)
+            count = find_overlaps(dents.centres[t], size, k, near)
             ls, lt = dents.long[t, k]
             mine = 0.0
             for spot in range(len(spots)):
                 u, v = a * spots[spot, 0], b * spots[spot, 1]
                 s = dents.centres[t, k, 0] + u * lt + v * ls
                 r = dents.centres[t, k, 1] - u * ls + v * lt
-                mine += 1.0 / (1 + holders(dents, size, t, near[:count], s, r))
+                mine += 1.0 / (1 + count_containing(dents, size, t, near[:count], s, r))
             areas[t] += np.pi * a * b * mine / len(spots)
     return areas
 
 
 @compiled
 @no_type_check
-def neighbours_of(
+def find_overlaps(
     centres: Float[np.ndarray, "part 2"],
     size: Float[np.ndarray, "part 2"],
     k: int,
@@ -127,8 +127,8 @@ def neighbours_of(
 
 @compiled
 @no_type_check
-def holders(
-    dents: Dents,
+def count_containing(
+    dents: ContactEllipses,
     size: Float[np.ndarray, "part 2"],
     t: int,
     near: Int[np.ndarray, "near"],
@@ -148,7 +148,7 @@ def holders(
 
 @compiled
 @no_type_check
-def squeeze(
+def project_step_on_dome(
     s: float, t: float, ds: float, dt: float, dome: float
 ) -> tuple[float, float]:
     """A step on a dome as lengths, taken at the point (s, t) of its polar chart.
@@ -167,9 +167,9 @@ def squeeze(
 
 @compiled
 @no_type_check
-def imprint(
-    dents: Dents,
-    ground: Ground,
+def compute_taxel_pressure(
+    dents: ContactEllipses,
+    ground: TaxelGeometry,
     part_of: Int[np.ndarray, "pair"],
     taxel_of: Int[np.ndarray, "pair"],
     column_of: Int[np.ndarray, "taxel"],
@@ -215,9 +215,9 @@ def imprint(
             x0, y0, x1, y1 = cell[0, 0], cell[0, 1], cell[1, 0], cell[1, 1]
             if ground.dome < np.inf:
                 mid_s, mid_t = s - 0.5 * ds, t - 0.5 * dt
-                ds, dt = squeeze(mid_s, mid_t, ds, dt, ground.dome)
-                x0, y0 = squeeze(s, t, x0, y0, ground.dome)
-                x1, y1 = squeeze(s, t, x1, y1, ground.dome)
+                ds, dt = project_step_on_dome(mid_s, mid_t, ds, dt, ground.dome)
+                x0, y0 = project_step_on_dome(s, t, x0, y0, ground.dome)
+                x1, y1 = project_step_on_dome(s, t, x1, y1, ground.dome)
             ls, lt = dents.long[step, k]
             u, v = (ds * lt - dt * ls) / a, (ds * ls + dt * lt) / b
             u0, v0 = (x0 * lt - y0 * ls) / a, (x0 * ls + y0 * lt) / b
@@ -238,7 +238,7 @@ def imprint(
 
 @compiled
 @no_type_check
-def leak(
+def spread_to_neighbours(
     pressure: Float[np.ndarray, "time active"],
     column_of: Int[np.ndarray, "taxel"],
     taxels: Int[np.ndarray, "active"],

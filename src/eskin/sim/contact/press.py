@@ -7,7 +7,7 @@ from jaxtyping import Float
 
 
 @dataclass(frozen=True, eq=False)
-class Stamps:
+class ContactPads:
     """The parts of a body that can bear load, each pressed on as a small ellipse.
 
     They lie in the body's own plane, seen from outside the skin that it presses on: a
@@ -36,7 +36,7 @@ class Stamps:
 
 
 @dataclass(frozen=True)
-class Flesh:
+class SoftTissue:
     """How a body gives way."""
 
     b: float
@@ -59,9 +59,9 @@ class Press:
     """Index into the skin's charts."""
     first: int
     """Step of the scene's clock at which the series start; may be negative."""
-    stamps: Stamps
+    stamps: ContactPads
     """The parts that bear load; their mean centre is put on `centre`."""
-    flesh: Flesh
+    flesh: SoftTissue
     """How they give way."""
     force: Float[np.ndarray, "time"]
     """Total force on the surface [N]."""
@@ -78,7 +78,7 @@ class Press:
 
 
 @dataclass(frozen=True)
-class Site:
+class ContactSite:
     """A place on a chart and the room around it."""
 
     chart: int

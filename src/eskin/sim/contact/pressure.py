@@ -7,40 +7,40 @@ from jaxtyping import Bool, Float, Int
 
 from eskin.sim.constants import MM, Constants
 from eskin.sim.contact.chart import Chart
-from eskin.sim.contact.kernels import Dents, Ground, cover, imprint, leak, share
-from eskin.sim.contact.press import Flesh, Press, Stamps
+from eskin.sim.contact.kernels import ContactEllipses, TaxelGeometry, compute_covered_area, compute_taxel_pressure, spread_to_neighbours, compute_loads
+from eskin.sim.contact.press import SoftTissue, Press, ContactPads
 from eskin.skin import Skin
 from eskin.skin.surfaces import Dome, Tube
 
-KPA = 1e-3
+KPA_PER_PA = 1e-3
 
 Lengths = Float[np.ndarray, "time part"]
 Points = Float[np.ndarray, "time part 2"]
 
 
-def dents_of(
+def compute_contact_ellipses(
     press: Press, chart: Chart, constants: Constants
-) -> tuple[Dents, Float[np.ndarray, "time"], Float[np.ndarray, "time 2"]]:
+) -> tuple[ContactEllipses, Float[np.ndarray, "time"], Float[np.ndarray, "time 2"]]:
     """Ellipses under a press, its true area of contact [m2] and its centroid [m]."""
-    offsets = placed(press)
-    long = long_axes(press)
-    curvatures = relative_curvatures(press.stamps, chart, long)
-    centres = laid(press, chart, offsets)
-    off = gaps(press.flesh, chart, offsets)
+    offsets = compute_pad_offsets(press)
+    long = compute_long_axes(press)
+    curvatures = compute_relative_curvatures(press.stamps, chart, long)
+    centres = compute_pad_centres(press, chart, offsets)
+    off = compute_pad_gaps(press.flesh, chart, offsets)
     off[chart.beyond(centres)] = constants.value("contact.off")
     loads = share_load(press, off, constants)
-    areas = contact_areas(press, curvatures, loads, constants)
+    areas = compute_contact_areas(press, curvatures, loads, constants)
     ratio = np.sqrt(curvatures[..., 0] / curvatures[..., 1])
     across = np.sqrt(areas / np.pi / ratio)
     axes = np.stack([across, across * ratio], axis=2)
     safe = np.where(areas > 0.0, areas, 1.0)
-    peak = 2.0 * loads / safe * KPA
-    dents = Dents(centres, long, axes, peak)
-    area = cover(dents, constants.value("contact.touched"), SPOTS)
-    return dents, area, centroid_of(press, centres, loads)
+    peak = 2.0 * loads / safe * KPA_PER_PA
+    dents = ContactEllipses(centres, long, axes, peak)
+    area = compute_covered_area(dents, constants.value("contact.touched"), DISC_POINTS)
+    return dents, area, compute_centroid(press, centres, loads)
 
 
-def placed(press: Press) -> Points:
+def compute_pad_offsets(press: Press) -> Points:
     """Where the parts lie about the press's centre, as arc lengths (s, t) [m]."""
     from_middle = press.stamps.centres - press.stamps.centres.mean(axis=0)
     cos, sin = np.cos(press.angle)[:, None], np.sin(press.angle)[:, None]
@@ -48,13 +48,13 @@ def placed(press: Press) -> Points:
     return np.stack([x * cos - y * sin, x * sin + y * cos], axis=2)
 
 
-def long_axes(press: Press) -> Points:
+def compute_long_axes(press: Press) -> Points:
     """Unit vectors (s, t) of the parts' long axes."""
     turned = press.angle[:, None] + press.stamps.turns
     return np.stack([-np.sin(turned), np.cos(turned)], axis=2)
 
 
-def relative_curvatures(stamps: Stamps, chart: Chart, long: Points) -> Points:
+def compute_relative_curvatures(stamps: ContactPads, chart: Chart, long: Points) -> Points:
     """Curvature of each part against the surface, across and along it [1/m]."""
     own = np.broadcast_to(1.0 / stamps.radii, long.shape)
     if isinstance(chart.surface, Tube):
@@ -65,7 +65,7 @@ def relative_curvatures(stamps: Stamps, chart: Chart, long: Points) -> Points:
     return own
 
 
-def gaps(flesh: Flesh, chart: Chart, offsets: Points) -> Lengths:
+def compute_pad_gaps(flesh: SoftTissue, chart: Chart, offsets: Points) -> Lengths:
     """How far the parts stay off a round surface that the body wraps poorly [m]."""
     round_way = np.zeros(offsets.shape[:2])
     if isinstance(chart.surface, Tube | Dome):
@@ -77,14 +77,14 @@ def gaps(flesh: Flesh, chart: Chart, offsets: Points) -> Lengths:
 
 def share_load(press: Press, gaps: Lengths, constants: Constants) -> Lengths:
     """Load of each part [N]; they sum to the force exactly."""
-    return share(
+    return compute_loads(
         *(press.force, gaps, press.stamps.stiffness, press.flesh.b, press.flesh.m),
         constants.value("contact.deepest") * MM,
         int(constants.value("contact.halvings")),
     )
 
 
-def contact_areas(
+def compute_contact_areas(
     press: Press, curvatures: Points, loads: Lengths, constants: Constants
 ) -> Lengths:
     """Area of each ellipse [m2]: a power of its load, smaller on a rounder surface."""
@@ -96,24 +96,24 @@ def contact_areas(
     return np.minimum(stamps.most, grown) * rounder**exponent
 
 
-def laid(press: Press, chart: Chart, offsets: Points) -> Points:
+def compute_pad_centres(press: Press, chart: Chart, offsets: Points) -> Points:
     """Centres of the parts, unrolled (s, t) [m]."""
     start = press.centre[:, None]
     if not isinstance(chart.surface, Dome):
         return start + offsets
-    return start + stretched(start, offsets, chart.radius)
+    return start + stretch_steps_on_dome(start, offsets, chart.radius)
 
 
-TURNS = 4
+DOME_ITERATIONS = 4
 
 
-def stretched(start: np.ndarray, offsets: Points, radius: float) -> Points:
+def stretch_steps_on_dome(start: np.ndarray, offsets: Points, radius: float) -> Points:
     """Steps on a dome's polar chart that are offsets in its tangent planes [m].
 
     The chart is taken at the middle of each step, which is found by repetition.
     """
     steps = offsets
-    for _ in range(TURNS):
+    for _ in range(DOME_ITERATIONS):
         middle = start + steps / 2
         away = np.linalg.norm(middle, axis=2, keepdims=True)
         outward = middle / np.where(away > 0.0, away, 1.0)
@@ -122,7 +122,7 @@ def stretched(start: np.ndarray, offsets: Points, radius: float) -> Points:
     return steps
 
 
-def spread_spots(count: int) -> Float[np.ndarray, "spot 2"]:
+def build_disc_points(count: int) -> Float[np.ndarray, "spot 2"]:
     """Points that fill the unit disc evenly, in the order of a sunflower's seeds."""
     index = np.arange(count)
     turn = index * np.pi * (3.0 - np.sqrt(5.0))
@@ -130,10 +130,10 @@ def spread_spots(count: int) -> Float[np.ndarray, "spot 2"]:
     return np.column_stack([away * np.cos(turn), away * np.sin(turn)])
 
 
-SPOTS = spread_spots(16)
+DISC_POINTS = build_disc_points(16)
 
 
-def centroid_of(
+def compute_centroid(
     press: Press, centres: Points, loads: Lengths
 ) -> Float[np.ndarray, "time 2"]:
     """Where the force acts, unrolled (s, t) [m]; the press's centre without one."""
@@ -143,7 +143,7 @@ def centroid_of(
     return np.where(total[:, None] > 0.0, mean, press.centre)
 
 
-def leak_share(
+def compute_leak_share(
     sigma: float, areas: Float[np.ndarray, "taxel"]
 ) -> Float[np.ndarray, "taxel"]:
     """Share beta of its load that an evenly loaded taxel gives to each side.
@@ -155,7 +155,7 @@ def leak_share(
     return sigma / np.sqrt(2 * np.pi * areas)
 
 
-def grid_neighbours(skin: Skin) -> Int[np.ndarray, "taxel 4"]:
+def find_grid_neighbours(skin: Skin) -> Int[np.ndarray, "taxel 4"]:
     """Taxels beside each one in its patch's grid, -1 where there is none.
 
     In order: the column before, the column after, the row before, the row after.
@@ -169,7 +169,7 @@ def grid_neighbours(skin: Skin) -> Int[np.ndarray, "taxel 4"]:
     return np.stack(found, axis=1)
 
 
-def spread(
+def spread_through_film(
     pressure: Float[np.ndarray, "time active"],
     taxels: Int[np.ndarray, "active"],
     neighbours: Int[np.ndarray, "taxel 4"],
@@ -180,7 +180,7 @@ def spread(
     Args:
         pressure: of the active taxels [kPa].
         taxels: the active ones, as indices of the skin.
-        neighbours: as `grid_neighbours` gives them.
+        neighbours: as `find_grid_neighbours` gives them.
         beta: share given to each side, one for all taxels of the skin or one each;
             what goes beyond the edge of a patch is lost.
     """
@@ -189,11 +189,11 @@ def spread(
     column_of = np.zeros(len(neighbours), dtype=np.int64)
     column_of[reached] = np.arange(len(reached))
     shares = np.broadcast_to(np.asarray(beta, dtype=float), len(neighbours))[taxels]
-    return leak(pressure, column_of, taxels, neighbours, shares, len(reached)), reached
+    return spread_to_neighbours(pressure, column_of, taxels, neighbours, shares, len(reached)), reached
 
 
 @dataclass(frozen=True, eq=False)
-class Felt:
+class PressureField:
     """What one press does to the skin through time."""
 
     taxels: Int[np.ndarray, "active"]
@@ -208,20 +208,20 @@ class Felt:
     """Where the force acts, unrolled (s, t); s goes on past a turn of a tube [m]."""
 
 
-def feel(press: Press, chart: Chart, constants: Constants) -> Felt:
+def compute_pressure_field(press: Press, chart: Chart, constants: Constants) -> PressureField:
     """What the taxels of a chart feel of a press on it, and what it truly is."""
-    dents, area, centroid = dents_of(press, chart, constants)
-    ground = ground_of(chart, constants)
-    part_of, taxel_of = np.nonzero(within_reach(dents, ground))
+    dents, area, centroid = compute_contact_ellipses(press, chart, constants)
+    ground = build_taxel_geometry(chart, constants)
+    part_of, taxel_of = np.nonzero(find_reachable_pairs(dents, ground))
     reached = np.unique(taxel_of)
     column_of = np.zeros(len(chart.taxels), dtype=np.int64)
     column_of[reached] = np.arange(len(reached))
-    pressure = imprint(
+    pressure = compute_taxel_pressure(
         *(dents, ground, part_of, taxel_of, column_of, len(reached)),
         *(NODES, WEIGHTS, constants.value("contact.fine_below")),
     )
     pressed = pressure.max(axis=0, initial=0.0) > 0.0
-    return Felt(
+    return PressureField(
         taxels=chart.taxels[reached[pressed]],
         pressure=pressure[:, pressed],
         area=area,
@@ -230,38 +230,38 @@ def feel(press: Press, chart: Chart, constants: Constants) -> Felt:
     )
 
 
-def ground_of(chart: Chart, constants: Constants) -> Ground:
+def build_taxel_geometry(chart: Chart, constants: Constants) -> TaxelGeometry:
     """The chart's taxels, of which only the middle part senses."""
     cells = chart.cells * np.sqrt(constants.value("contact.fill"))
     dome = chart.radius if isinstance(chart.surface, Dome) else np.inf
-    return Ground(chart.unrolled, cells, chart.circumference, dome)
+    return TaxelGeometry(chart.unrolled, cells, chart.circumference, dome)
 
 
-def within_reach(dents: Dents, ground: Ground) -> Bool[np.ndarray, "part taxel"]:
+def find_reachable_pairs(dents: ContactEllipses, ground: TaxelGeometry) -> Bool[np.ndarray, "part taxel"]:
     """Which parts may ever meet which taxels, by boxes about their ways."""
     loaded = dents.peak > 0.0
     used = np.any(loaded, axis=0)
-    low = np.where(loaded[..., None], dents.centres, np.inf).min(axis=0, initial=FAR)
-    high = np.where(loaded[..., None], dents.centres, -np.inf).max(axis=0, initial=-FAR)
+    low = np.where(loaded[..., None], dents.centres, np.inf).min(axis=0, initial=FAR_DISTANCE)
+    high = np.where(loaded[..., None], dents.centres, -np.inf).max(axis=0, initial=-FAR_DISTANCE)
     size = np.where(loaded, dents.axes.max(axis=2), 0.0).max(axis=0, initial=0.0)
     half = (high - low) / 2 + size[:, None]
     half = half + np.abs(ground.cells).sum(axis=1).max(axis=0, initial=0.0)
     if np.isfinite(ground.dome):
-        half = half * DOME_STRETCH
+        half = half * MAX_DOME_STRETCH
     away = ground.centres - (low + high)[:, None] / 2
     if np.isfinite(ground.whole):
         away[..., 0] -= ground.whole * np.round(away[..., 0] / ground.whole)
     return used[:, None] & np.all(np.abs(away) <= half[:, None], axis=2)
 
 
-FAR = 1e6
+FAR_DISTANCE = 1e6
 """Farther than anything of a robot [m]."""
 
-DOME_STRETCH = np.pi / 2
+MAX_DOME_STRETCH = np.pi / 2
 """Most that a dome's chart stretches lengths: at its rim, a quarter turn off."""
 
 
-def quadrature() -> tuple[Float[np.ndarray, "2 3"], Float[np.ndarray, "2 3"]]:
+def build_quadrature() -> tuple[Float[np.ndarray, "2 3"], Float[np.ndarray, "2 3"]]:
     """Gauss nodes and weights, of two points in the first row, of three in the other.
 
     The weights sum to 1.
@@ -274,4 +274,4 @@ def quadrature() -> tuple[Float[np.ndarray, "2 3"], Float[np.ndarray, "2 3"]]:
     return nodes, weights / 2
 
 
-NODES, WEIGHTS = quadrature()
+NODES, WEIGHTS = build_quadrature()

@@ -18,7 +18,7 @@ from eskin.sim.dataset.staging import (
     second_touch,
     set_up,
 )
-from eskin.sim.people.perform import kind_of
+from eskin.sim.people.perform import choose_kind
 from eskin.sim.scene.environment import World
 from eskin.sim.scene.poses import can_touch_itself, group_of
 from eskin.sim.scene.scene import (
@@ -150,9 +150,9 @@ def make_clip(plan: ClipPlan, world: World) -> Clip:
     person, groups = person_of(plan.person, world), frozenset(plan.groups)
     kind = plan.kind or ""
     if plan.gesture is not None and not kind:
-        kind = kind_of(plan.gesture, None, person, constants, rng, plan.difficulty)
+        kind = choose_kind(plan.gesture, None, person, constants, rng, plan.difficulty)
         while kind == "self_contact" and not can_touch_itself(world, groups):
-            kind = kind_of(plan.gesture, None, person, constants, rng, plan.difficulty)
+            kind = choose_kind(plan.gesture, None, person, constants, rng, plan.difficulty)
     stage = set_up(plan, kind, world, rng)
     if plan.gesture is None:
         touches = draw_stream(stage)

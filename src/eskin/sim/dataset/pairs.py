@@ -8,14 +8,14 @@ from jaxtyping import Bool, Float
 
 from eskin.robot import load_robot
 from eskin.sim.constants import MM, load_constants
-from eskin.sim.contact.chart import Chart, charts_of
-from eskin.sim.contact.press import Press, Site, TrueTouch
-from eskin.sim.contact.pressure import feel
+from eskin.sim.contact.chart import Chart, build_charts
+from eskin.sim.contact.press import Press, ContactSite, TrueTouch
+from eskin.sim.contact.pressure import compute_pressure_field
 from eskin.sim.dataset.clip import Clip, build_of, play, session_of
 from eskin.sim.dataset.plan import INSTEAD, KINDS, SKINS, ClipPlan, PairKind, kind_named
 from eskin.sim.dataset.session_plan import plan_alone
 from eskin.sim.dataset.staging import draw_start, person_of
-from eskin.sim.people.hand import HEADS, HEEL, PARTS, mirrored, part_of
+from eskin.sim.people.hand import HEADS, HEEL, HAND_PADS, mirror_pads, select_pads
 from eskin.sim.people.perform import perform
 from eskin.sim.people.person import Person
 from eskin.sim.scene.environment import World, build_world
@@ -76,7 +76,7 @@ def onset_of(
 
 ELBOW = "elbow_joint"
 
-Sites = tuple[Site, Site]
+Sites = tuple[ContactSite, ContactSite]
 Pose = Float[np.ndarray, "joint"]
 
 
@@ -155,7 +155,7 @@ def flat_side() -> tuple[MountedSkin, tuple[Chart, ...]]:
     """The patch laid flat, and its one chart."""
     preset = SKIN_PRESETS["flat"]
     mounted = MountedSkin(preset.build(), load_robot(preset.robot))
-    return mounted, charts_of(mounted)
+    return mounted, build_charts(mounted)
 
 
 def draw_bending(plan: ClipPlan, world: World, rng: np.random.Generator) -> Twins:
@@ -178,14 +178,14 @@ def draw_grab(plan: ClipPlan, world: World, rng: np.random.Generator) -> TrueTou
     return moved(touch, onset_of(touch, plan, world, rng))
 
 
-def draw_site(world: World, rng: np.random.Generator) -> Site:
+def draw_site(world: World, rng: np.random.Generator) -> ContactSite:
     """Near the middle of the patch, the hand round the tube either way."""
     chart = world.charts[0]
     off = world.constants.value("pairs.off") * MM
     s, t = rng.uniform(-off, off, 2)
     low, high = chart.unrolled[:, 1].min() - t, chart.unrolled[:, 1].max() - t
     angle = rng.choice([-1.0, 1.0]) * np.pi / 2
-    return Site(0, (s, t), chart.radius, (float(low), float(high)), float(angle))
+    return ContactSite(0, (s, t), chart.radius, (float(low), float(high)), float(angle))
 
 
 def draw_merging(plan: ClipPlan, world: World, rng: np.random.Generator) -> Twins:
@@ -254,7 +254,7 @@ def draw_touch(
 def peaks_of(touch: TrueTouch, world: World) -> list[float]:
     """Largest pressure of each press of a touch [kPa]."""
     return [
-        float(feel(p, world.charts[p.chart], world.constants).pressure.max(initial=0.0))
+        float(compute_pressure_field(p, world.charts[p.chart], world.constants).pressure.max(initial=0.0))
         for p in touch.presses
     ]
 
@@ -280,7 +280,7 @@ def pat_both(
     return replace(touch, presses=parted(touch.presses[0], *sites))
 
 
-def parted(press: Press, first: Site, second: Site) -> tuple[Press, Press]:
+def parted(press: Press, first: ContactSite, second: ContactSite) -> tuple[Press, Press]:
     """The first pat where it was and the second at another site."""
     pressed = np.flatnonzero(press.force > 0)
     last = pressed[np.argmax(np.diff(pressed))]
@@ -321,9 +321,9 @@ def hook(
     (press,) = touch.presses
     stiff = replace(touch, presses=(replace(press, flesh=person.flesh),))
     fingers, back = fold(stiff, *sites, 1 / 2).presses
-    hand, behind = press.stamps, mirrored(press.stamps)
-    fingers = replace(fingers, stamps=part_of(hand, PARTS[:12]))
-    back = replace(back, stamps=part_of(behind, HEADS + HEEL))
+    hand, behind = press.stamps, mirror_pads(press.stamps)
+    fingers = replace(fingers, stamps=select_pads(hand, HAND_PADS[:12]))
+    back = replace(back, stamps=select_pads(behind, HEADS + HEEL))
     return replace(touch, kind="hook", presses=(fingers, back))
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from eskin.errors import GenerationError
 from eskin.files import atomic_path
-from eskin.sim.constants import FILE, Constants, load_constants
+from eskin.sim.constants import CONSTANTS_FILE, Constants, load_constants
 from eskin.sim.dataset.index import INDEX_NAME
 from eskin.sim.dataset.plan import ClipPlan
 from eskin.sim.dataset.session_plan import (
@@ -112,7 +112,7 @@ class Settings:
         facts["clips"] = self.clip_set.clips
         facts["subjects"] = self.clip_set.subjects
         facts["difficulty"] = self.level
-        facts["constants"] = sha256(FILE.read_bytes()).hexdigest()
+        facts["constants"] = sha256(CONSTANTS_FILE.read_bytes()).hexdigest()
         return facts
 
 

@@ -8,9 +8,9 @@ from jaxtyping import Float
 
 from eskin.recording import NONE
 from eskin.sim.constants import Constants
-from eskin.sim.contact.press import Site, TrueTouch
+from eskin.sim.contact.press import ContactSite, TrueTouch
 from eskin.sim.dataset.plan import ACCIDENTS, QUIET, ClipPlan, Origin
-from eskin.sim.people.perform import kind_of, perform
+from eskin.sim.people.perform import choose_kind, perform
 from eskin.sim.people.person import Person, draw_person
 from eskin.sim.scene.environment import World
 from eskin.sim.scene.folds import fold, fold_sites, share_of
@@ -148,7 +148,7 @@ def company_of(stage: Stage) -> Person:
 def draw_kind(stage: Stage, person: Person, gesture: str) -> str:
     """A way of doing a gesture, to a person's taste."""
     constants, difficulty = stage.world.constants, stage.plan.difficulty
-    return kind_of(gesture, None, person, constants, stage.rng, difficulty)
+    return choose_kind(gesture, None, person, constants, stage.rng, difficulty)
 
 
 def act_out(
@@ -172,7 +172,7 @@ def sites_of(
     gesture: str,
     kind: str,
     q: Float[np.ndarray, "joint"],
-) -> tuple[Site, Site | None]:
+) -> tuple[ContactSite, ContactSite | None]:
     """Where it takes place; on two links at once in some folded poses."""
     world, rng = stage.world, stage.rng
     if kind == "self_contact":

@@ -8,10 +8,10 @@ import numpy as np
 from jaxtyping import Float
 
 from eskin.recording import NONE, TruthRecord
-from eskin.sim.contact.press import Site, TrueTouch
+from eskin.sim.contact.press import ContactSite, TrueTouch
 from eskin.sim.interactive.touches import ActedTouch, DraggedTouch, LiveTouch, Span
-from eskin.sim.people.gesture_sample import Act
-from eskin.sim.people.perform import GESTURES, NOTHING, perform
+from eskin.sim.people.gesture_sample import GestureSample
+from eskin.sim.people.perform import PERFORMABLE, NONE_PROGRAMS, perform
 from eskin.sim.people.person import Person
 from eskin.sim.scene.environment import World
 from eskin.sim.scene.placement import draw_site, reached_at, view_of
@@ -52,7 +52,7 @@ def on_chart(place: Place, world: World) -> tuple[int, Float[np.ndarray, "2"]]:
 
 def site_for(
     place: Place, world: World, q: Float[np.ndarray, "joint"], person: Person
-) -> Site:
+) -> ContactSite:
     """The site at a place, with the hand as it comes from a person.
 
     Raises:
@@ -197,7 +197,7 @@ class LiveHand:
         with self.planning:
             site = site_for(place, self.world, self.q, self.person)
             constants = self.world.constants
-            act = Act(
+            act = GestureSample(
                 kind, self.person, site, constants, self.rng, self.difficulty, "paper"
             )
             return self.add(DraggedTouch(act, force, self.world))
@@ -259,7 +259,7 @@ class LiveHand:
 
     def site(
         self, gesture: str, kind: str | None, place: Place | None, person: Person
-    ) -> Site:
+    ) -> ContactSite:
         """Where it takes place."""
         if kind == "self_contact":
             found = self_contact_sites(self.world, self.q)
@@ -281,12 +281,12 @@ class LiveHand:
                 del kinds["self_contact"]
             chances = np.array(list(kinds.values()))
             return NONE, str(self.rng.choice(list(kinds), p=chances / chances.sum()))
-        if what in NOTHING and what not in UNFELT:
+        if what in NONE_PROGRAMS and what not in UNFELT:
             return NONE, what
-        if what not in GESTURES:
-            kinds = [kind for kind in NOTHING if kind not in UNFELT]
+        if what not in PERFORMABLE:
+            kinds = [kind for kind in NONE_PROGRAMS if kind not in UNFELT]
             raise ValueError(
-                f"nobody performs '{what}'; allowed are {', '.join(GESTURES)}, "
+                f"nobody performs '{what}'; allowed are {', '.join(PERFORMABLE)}, "
                 f"{', '.join(kinds)}; take one of them"
             )
         return what, None

@@ -7,8 +7,8 @@ from typing import final
 import numpy as np
 from jaxtyping import Float
 
-from eskin.sim.contact.press import Press, Site, TrueTouch
-from eskin.sim.people.gesture_sample import Act
+from eskin.sim.contact.press import Press, ContactSite, TrueTouch
+from eskin.sim.people.gesture_sample import GestureSample
 from eskin.sim.scene.environment import World
 from eskin.sim.scene.motion import at_steps, left_behind
 from eskin.sim.scene.scene import cropped, moved
@@ -161,7 +161,7 @@ class DraggedTouch(LiveTouch):
     they have landed and are where they were led, however quickly that was asked for.
     """
 
-    def __init__(self, act: Act, force: float, world: World) -> None:
+    def __init__(self, act: GestureSample, force: float, world: World) -> None:
         """Land at the site of an act, with the next reading.
 
         Args:
@@ -190,7 +190,7 @@ class DraggedTouch(LiveTouch):
             "stroke", act.kind, act.person.name, (self.press(np.zeros(1)),), act.drawn
         )
 
-    def lead(self, site: Site) -> None:
+    def lead(self, site: ContactSite) -> None:
         """Go on toward the place of a site; onto another chart at once."""
         target = np.array(site.centre)
         if site.chart != self.chart:

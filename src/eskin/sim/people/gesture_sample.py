@@ -6,25 +6,25 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Float
 
-from eskin.sim.constants import Constants, Spread
-from eskin.sim.contact.press import Flesh, Press, Site, Stamps
+from eskin.sim.constants import Constants, Distribution
+from eskin.sim.contact.press import SoftTissue, Press, ContactSite, ContactPads
 from eskin.sim.people.person import Person
 
 Series = Float[np.ndarray, "time"]
 
 
-def steps_of(duration: float, step: float) -> int:
+def count_steps(duration: float, step: float) -> int:
     """Length of a series that lasts so long, both ends counted; at least three."""
     return max(3, round(duration / step) + 1)
 
 
-def bell(steps: int, exponent: float) -> Series:
+def build_bell(steps: int, exponent: float) -> Series:
     """Up and down, sin(pi x) to a power, largest value 1."""
     shape = np.sin(np.linspace(0, np.pi, steps)) ** exponent
-    return pinned(shape / shape.max())
+    return pin_ends(shape / shape.max())
 
 
-def trapezoid(steps: int, rise: float, fall: float, smooth: int) -> Series:
+def build_trapezoid(steps: int, rise: float, fall: float, smooth: int) -> Series:
     """Up, hold, down, largest value 1.
 
     Args:
@@ -37,30 +37,30 @@ def trapezoid(steps: int, rise: float, fall: float, smooth: int) -> Series:
     shape = np.interp(x, [0, rise, max(rise, 1 - fall), 1], [0.0, 1.0, 1.0, 0.0])
     kernel = np.hanning(2 * smooth + 3)[1:-1]
     if len(kernel) > steps:
-        return pinned(shape / shape.max())
-    shape = pinned(np.convolve(shape, kernel / kernel.sum(), mode="same"))
+        return pin_ends(shape / shape.max())
+    shape = pin_ends(np.convolve(shape, kernel / kernel.sum(), mode="same"))
     return shape / shape.max()
 
 
-def pinned(shape: Series) -> Series:
+def pin_ends(shape: Series) -> Series:
     """The same with both ends exactly zero."""
     shape = np.clip(shape, 0.0, None)
     shape[[0, -1]] = 0.0
     return shape
 
 
-def peaked(shape: Series, force: float) -> Series:
+def scale_to_peak(shape: Series, force: float) -> Series:
     """The same shape with a largest value of `force`."""
     return shape * (force / shape.max())
 
 
-def minimum_jerk(steps: int) -> Series:
+def build_minimum_jerk(steps: int) -> Series:
     """Smoothest way from 0 to 1 (Flash and Hogan 1985)."""
     x = np.linspace(0, 1, steps)
     return x**3 * (10 - 15 * x + 6 * x**2)
 
 
-def wander(
+def draw_slow_noise(
     steps: int,
     step: float,
     band: tuple[float, float],
@@ -83,7 +83,7 @@ def wander(
     return waves.sum(axis=0) * np.sqrt(2 / tones)
 
 
-def tremor(steps: int, step: float, rate: float, rng: np.random.Generator) -> Series:
+def draw_tremor(steps: int, step: float, rate: float, rng: np.random.Generator) -> Series:
     """A sine of amplitude 1, `rate` [Hz], whose phase is drawn."""
     return np.sin(2 * np.pi * (rate * np.arange(steps) * step + rng.random()))
 
@@ -92,14 +92,14 @@ Regime = Literal["paper", "cost"]
 
 
 @dataclass(frozen=True, eq=False)
-class Act:
+class GestureSample:
     """One touch while it is drawn up."""
 
     kind: str
     """Way of doing the gesture."""
     person: Person
     """Who touches."""
-    site: Site
+    site: ContactSite
     """Where."""
     constants: Constants
     """Numbers of the world."""
@@ -136,7 +136,7 @@ class Act:
 
     def choose(self, name: str) -> str:
         """Draw one of a constant's names, by the person's taste if they have one."""
-        chosen = pick(name, self.person, self.constants, self.rng, self.difficulty)
+        chosen = choose_style(name, self.person, self.constants, self.rng, self.difficulty)
         self.drawn[self.free(name)] = chosen
         return chosen
 
@@ -146,13 +146,13 @@ class Act:
 
     def steps(self, duration: float) -> int:
         """Length of the series of a touch."""
-        return steps_of(duration, self.step)
+        return count_steps(duration, self.step)
 
-    def stamps(self, group: str) -> Stamps:
+    def stamps(self, group: str) -> ContactPads:
         """Parts of the person's hand, fingers as close as it happens."""
         return self.person.part(group, self.draw("hand.splay"))
 
-    def flesh(self) -> Flesh:
+    def flesh(self) -> SoftTissue:
         """How the person's hand gives way this time."""
         limits = self.constants.entry("person.conformity").spread
         assert limits is not None
@@ -183,18 +183,18 @@ class Act:
     def push(self, steps: int) -> Series:
         """Force of one push through time, largest value 1; one law for all pushes."""
         if self.choose("push.shape") == "bell":
-            return bell(steps, self.constants.value("force.bell"))
+            return build_bell(steps, self.constants.value("force.bell"))
         smooth = round(self.constants.value("force.smooth") / self.step / 2)
-        return trapezoid(steps, self.draw("push.rise"), self.draw("push.fall"), smooth)
+        return build_trapezoid(steps, self.draw("push.rise"), self.draw("push.fall"), smooth)
 
     def rippled(self, steps: int) -> Series:
         """How the force of what slides comes and goes, around 1."""
         rate, depth = self.draw("slide.ripple_rate"), self.draw("slide.ripple")
-        return 1 + depth * tremor(steps, self.step, rate, self.rng)
+        return 1 + depth * draw_tremor(steps, self.step, rate, self.rng)
 
     def held(self, steps: int) -> Series:
         """The noise of a force that a hand holds, around 1."""
-        fast = tremor(steps, self.step, self.draw("force.tremor_rate"), self.rng)
+        fast = draw_tremor(steps, self.step, self.draw("force.tremor_rate"), self.rng)
         noise = self.slow("force.noise_band", steps)
         return np.clip(1 + noise + self.draw("force.tremor") * fast, 0.0, None)
 
@@ -214,12 +214,12 @@ class Act:
     def tones(self, band: tuple[float, float], steps: int) -> Series:
         """Slow noise with mean square 1, equal power in each octave of a band."""
         count = int(self.constants.value("force.noise_tones"))
-        return wander(steps, self.step, band, count, self.rng)
+        return draw_slow_noise(steps, self.step, band, count, self.rng)
 
     def press(
         self,
-        stamps: Stamps,
-        flesh: Flesh,
+        stamps: ContactPads,
+        flesh: SoftTissue,
         force: Series,
         path: Float[np.ndarray, "time 2"],
         angle: float | Series,
@@ -230,7 +230,7 @@ class Act:
         return Press(self.site.chart, 0, stamps, flesh, force, centre, turned.copy())
 
 
-def pick(
+def choose_style(
     name: str,
     person: Person,
     constants: Constants,
@@ -250,11 +250,11 @@ def pick(
     return str(rng.choice([key for key in usual if key != common]))
 
 
-TRIES = 30
+AMOUNT_TRIES = 30
 """Draws before a number outside its limits is cut."""
 
 
-def draw_force(act: Act, name: str, gesture: str, most: float = np.inf) -> float:
+def draw_force(act: GestureSample, name: str, gesture: str, most: float = np.inf) -> float:
     """Largest force of a touch [N]; more spread the more difficult.
 
     Args:
@@ -267,11 +267,11 @@ def draw_force(act: Act, name: str, gesture: str, most: float = np.inf) -> float
     usual = act.constants.value("force.repeat")
     repeat = np.log(usual + act.constants.value("force.repeat_growth") * act.difficulty)
     scale = act.person.force_scale
-    rest = left_over(act.constants, name, "person.force_scale", np.log(usual))
+    rest = compute_remaining_deviation(act.constants, name, "person.force_scale", np.log(usual))
     return act.note("force", draw_amount(act, name, scale, rest, repeat, habit, most))
 
 
-def draw_duration(act: Act, gesture: str, habit: str | None = None) -> float:
+def draw_duration(act: GestureSample, gesture: str, habit: str | None = None) -> float:
     """How long a touch lasts [s].
 
     Difficulty moves spread from between people to within them and leaves the law over
@@ -284,14 +284,14 @@ def draw_duration(act: Act, gesture: str, habit: str | None = None) -> float:
         + act.constants.value("duration.repeat_growth") * act.difficulty
     )
     scale = act.person.tempo_scale
-    rest = left_over(act.constants, name, "person.tempo_scale", repeat)
+    rest = compute_remaining_deviation(act.constants, name, "person.tempo_scale", repeat)
     return act.note(
         "duration", draw_amount(act, name, scale, rest, repeat, pace, np.inf)
     )
 
 
 def draw_amount(
-    act: Act,
+    act: GestureSample,
     name: str,
     scale: float,
     rest: float,
@@ -300,27 +300,27 @@ def draw_amount(
     most: float,
 ) -> float:
     """Median x person x the person's habit x this time, within the law's limits."""
-    law = lognormal(act.constants, name)
+    law = get_lognormal(act.constants, name)
     own = act.rng.normal() if habit is None else habit
     middle = (law.median or 0.0) * scale * np.exp(rest * own)
     middle *= act.constants.factors.get(name, 1.0)
     high = min(law.high, most)
     number = middle
-    for _ in range(TRIES):
+    for _ in range(AMOUNT_TRIES):
         number = float(middle * np.exp(repeat * act.rng.normal()))
         if law.low <= number <= high:
             return number
     return float(np.clip(number, min(law.low, high), high))
 
 
-def left_over(constants: Constants, name: str, person: str, repeat: float) -> float:
+def compute_remaining_deviation(constants: Constants, name: str, person: str, repeat: float) -> float:
     """Deviation of the logarithm that person and repeats leave of a law's."""
-    total = np.log(lognormal(constants, name).gsd or 1.0)
-    own = np.log(lognormal(constants, person).gsd or 1.0)
+    total = np.log(get_lognormal(constants, name).gsd or 1.0)
+    own = np.log(get_lognormal(constants, person).gsd or 1.0)
     return float(np.sqrt(max(total**2 - own**2 - repeat**2, 0.0)))
 
 
-def lognormal(constants: Constants, name: str) -> Spread:
+def get_lognormal(constants: Constants, name: str) -> Distribution:
     """The law of a constant, which must be lognormal."""
     spread = constants.entry(name).spread
     if spread is None or spread.law != "lognormal":

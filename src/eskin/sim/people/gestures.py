@@ -5,41 +5,41 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Float
 
-from eskin.sim.contact.press import Flesh, Press, Stamps
+from eskin.sim.contact.press import SoftTissue, Press, ContactPads
 from eskin.sim.people.gesture_sample import (
-    Act,
+    GestureSample,
     Series,
     draw_duration,
     draw_force,
-    minimum_jerk,
-    peaked,
-    trapezoid,
+    build_minimum_jerk,
+    scale_to_peak,
+    build_trapezoid,
 )
-from eskin.sim.people.hand import body_of
+from eskin.sim.people.hand import build_body
 
 
-def poke(act: Act) -> tuple[Press, ...]:
+def draw_poke(act: GestureSample) -> tuple[Press, ...]:
     """One push, sometimes pressed again before it leaves."""
     force = draw_force(act, "poke.force", "poke")
     duration = draw_duration(act, "poke")
     steps = act.steps(duration)
     shape = act.push(steps)
     if act.happens("again", act.constants.value("poke.again") * act.difficulty):
-        shape = fitted(again(act, shape), steps)
-    series = peaked(shape * act.held(steps), force)
+        shape = resample_series(press_again(act, shape), steps)
+    series = scale_to_peak(shape * act.held(steps), force)
     flesh = replace(act.person.flesh, conformity=act.draw("poke.conformity"))
     path, angle = act.wander(steps), act.turn()
-    return (act.press(finger(act), flesh, series, path, angle),)
+    return (act.press(draw_poking_pads(act), flesh, series, path, angle),)
 
 
-def finger(act: Act) -> Stamps:
+def draw_poking_pads(act: GestureSample) -> ContactPads:
     """What pokes."""
     if act.kind == "knuckle":
-        return body_of("knuckle", act.constants)
+        return build_body("knuckle", act.constants)
     return act.stamps(act.kind)
 
 
-def again(act: Act, shape: Series) -> Float[np.ndarray, "longer"]:
+def press_again(act: GestureSample, shape: Series) -> Float[np.ndarray, "longer"]:
     """The push, and another one that begins before it has left."""
     share, dip = act.draw("poke.again_share"), act.draw("poke.again_dip")
     later = int(np.flatnonzero(shape >= dip)[-1]) + 1
@@ -51,32 +51,32 @@ def again(act: Act, shape: Series) -> Float[np.ndarray, "longer"]:
     return both[: later + len(tail)]
 
 
-def fitted(shape: Float[np.ndarray, "longer"], steps: int) -> Series:
+def resample_series(shape: Float[np.ndarray, "longer"], steps: int) -> Series:
     """The same shape in so many steps: the law of durations is that of whole pokes."""
     places = np.linspace(0, len(shape) - 1, steps)
-    return peaked(np.interp(places, np.arange(len(shape)), shape), 1.0)
+    return scale_to_peak(np.interp(places, np.arange(len(shape)), shape), 1.0)
 
 
-def double_pat(act: Act) -> tuple[Press, ...]:
+def draw_double_pat(act: GestureSample) -> tuple[Press, ...]:
     """Two pats; sometimes more, which mean the same."""
     more = act.happens("more", act.constants.value("double_pat.more"))
-    return pats(act, several(act) if more else 2, act.kind)
+    return draw_pats(act, draw_pat_count(act) if more else 2, act.kind)
 
 
-def tap_many(act: Act) -> tuple[Press, ...]:
+def draw_many_taps(act: GestureSample) -> tuple[Press, ...]:
     """Three pats or more."""
-    return pats(act, several(act), act.choose("double_pat.kinds"))
+    return draw_pats(act, draw_pat_count(act), act.choose("double_pat.kinds"))
 
 
-def several(act: Act) -> int:
+def draw_pat_count(act: GestureSample) -> int:
     """How many pats, three or more."""
     return int(act.choose("unknown.taps"))
 
 
-def pats(act: Act, count: int, group: str) -> tuple[Press, ...]:
+def draw_pats(act: GestureSample, count: int, group: str) -> tuple[Press, ...]:
     """Several pats by parts of a hand, each elsewhere and as firm as it happens."""
     force = draw_force(act, "double_pat.force", "double_pat")
-    interval = draw_interval(act)
+    interval = draw_pat_interval(act)
     contact = draw_duration(act, "pat", "double_pat")
     contact = act.note(
         "contact", min(contact, act.constants.value("double_pat.filled") * interval)
@@ -91,16 +91,16 @@ def pats(act: Act, count: int, group: str) -> tuple[Press, ...]:
     path, noise = act.wander(len(series)), act.held(len(series))
     for number, each in enumerate(firm):
         start = number * apart
-        pat = peaked(act.push(length) * noise[start : start + length], each)
+        pat = scale_to_peak(act.push(length) * noise[start : start + length], each)
         series[start : start + length] = pat
         if number:
-            move(act, path, start - apart + length, start)
-    stay(act, series, min(firm), length // 2, len(series) - length // 2)
+            shift_hand(act, path, start - apart + length, start)
+    keep_contact(act, series, min(firm), length // 2, len(series) - length // 2)
     flesh, angle = act.flesh(), act.turn()
     return (act.press(act.stamps(group), flesh, series, path, angle),)
 
 
-def draw_interval(act: Act) -> float:
+def draw_pat_interval(act: GestureSample) -> float:
     """Time between the onsets of two pats [s]."""
     growth = act.constants.value("duration.repeat_growth") * act.difficulty
     usual = act.person.pat_interval * act.draw("double_pat.interval", 1 + growth)
@@ -110,18 +110,18 @@ def draw_interval(act: Act) -> float:
     return act.note("interval", float(np.clip(usual, low, high)))
 
 
-def move(act: Act, path: np.ndarray, leave: int, land: int) -> None:
+def shift_hand(act: GestureSample, path: np.ndarray, leave: int, land: int) -> None:
     """Write the hand's way between two pats, and where it then stays."""
     length, way = (
         act.draw("double_pat.shift"),
         act.note("shift", act.rng.uniform(0, 2 * np.pi)),
     )
     shift = length * np.array([np.cos(way), np.sin(way)])
-    path[leave:land] += shift * minimum_jerk(max(land - leave, 1))[:, None]
+    path[leave:land] += shift * build_minimum_jerk(max(land - leave, 1))[:, None]
     path[land:] += shift
 
 
-def stay(act: Act, series: np.ndarray, weakest: float, first: int, last: int) -> None:
+def keep_contact(act: GestureSample, series: np.ndarray, weakest: float, first: int, last: int) -> None:
     """Let the hand not quite leave between the first and the last peak, sometimes."""
     chance = act.constants.value("double_pat.stays") * act.difficulty
     if act.happens("stays", chance):
@@ -130,38 +130,38 @@ def stay(act: Act, series: np.ndarray, weakest: float, first: int, last: int) ->
         series[first:last] = np.maximum(series[first:last], residue)
 
 
-def grab(act: Act) -> tuple[Press, ...]:
+def draw_grab(act: GestureSample) -> tuple[Press, ...]:
     """One grab."""
-    return (hold(act, draw_duration(act, "grab"), act.kind),)
+    return (draw_hold(act, draw_duration(act, "grab"), act.kind),)
 
 
-def hold(act: Act, duration: float, group: str, firmer: float = 1.0) -> Press:
+def draw_hold(act: GestureSample, duration: float, group: str, firmer: float = 1.0) -> Press:
     """Parts of a hand round a tube for some time [s], `firmer` than in a grab."""
-    most = largest(act) / firmer
+    most = compute_max_grip(act) / firmer
     force = firmer * draw_force(act, "grab.force", "grab", most)
     steps = act.steps(duration)
     smooth = round(act.constants.value("force.smooth") / act.step / 2)
     rise, fall = act.draw("grab.rise"), act.draw("grab.fall")
-    series = peaked(trapezoid(steps, rise, fall, smooth) * act.held(steps), force)
+    series = scale_to_peak(build_trapezoid(steps, rise, fall, smooth) * act.held(steps), force)
     path = act.wander(steps)
-    twist = act.draw("grab.twist") * minimum_jerk(steps)
+    twist = act.draw("grab.twist") * build_minimum_jerk(steps)
     series = np.minimum(series, most * firmer)
     stamps = act.person.part(group, act.draw("grab.splay"))
-    return act.press(stamps, closed(act), series, path, across(act) + twist)
+    return act.press(stamps, draw_closed_tissue(act), series, path, draw_angle_across(act) + twist)
 
 
-def closed(act: Act) -> Flesh:
+def draw_closed_tissue(act: GestureSample) -> SoftTissue:
     """A hand that wraps round what it holds."""
     return replace(act.person.flesh, conformity=act.draw("grab.conformity"))
 
 
-def across(act: Act) -> float:
+def draw_angle_across(act: GestureSample) -> float:
     """Angle of a hand across the tube, the way round that suits the person [rad]."""
     side = 1.0 if np.sin(act.site.angle) >= 0 else -1.0
     return act.note("angle", side * np.pi / 2 + act.draw("grab.slant"))
 
 
-def largest(act: Act) -> float:
+def compute_max_grip(act: GestureSample) -> float:
     """The person's largest grip on the site's tube [N]."""
     value = act.constants.value
     if np.isinf(act.site.radius):
@@ -173,30 +173,30 @@ def largest(act: Act) -> float:
     return act.note("largest", act.person.grip * share)
 
 
-WHOLE_HAND = ("flat_hand", "full_hand")
+WHOLE_HAND_GROUPS = ("flat_hand", "full_hand")
 """Parts of a hand that stroke as firmly as a hand rests."""
 
 
-def stroke(act: Act) -> tuple[Press, ...]:
+def draw_stroke(act: GestureSample) -> tuple[Press, ...]:
     """One stroke, or there and back."""
-    law = "stroke.hand_force" if act.kind in WHOLE_HAND else "stroke.force"
+    law = "stroke.hand_force" if act.kind in WHOLE_HAND_GROUPS else "stroke.force"
     force = draw_force(act, law, "stroke")
     duration = draw_duration(act, "stroke")
     steps = act.steps(duration)
-    way = draw_way(act)
+    way = draw_stroke_direction(act)
     back = act.happens("return", act.constants.value("stroke.return"))
     legs = 2 if back else 1
     speed = act.draw("stroke.speed")
-    start, length = fit(act, way, speed * duration / legs)
+    start, length = fit_stroke(act, way, speed * duration / legs)
     act.note("speed", legs * length / duration)
-    along = start + length * there(steps, back)
+    along = start + length * build_travel(steps, back)
     path = along[:, None] * way + act.wander(steps)
-    series = peaked(sliding(act, steps), force)
+    series = scale_to_peak(draw_sliding_force(act, steps), force)
     flesh, angle = act.flesh(), act.turn()
     return (act.press(act.stamps(act.kind), flesh, series, path, angle),)
 
 
-def draw_way(act: Act) -> Float[np.ndarray, "2"]:
+def draw_stroke_direction(act: GestureSample) -> Float[np.ndarray, "2"]:
     """Unit direction (s, t) of the stroke."""
     path = act.choose("stroke.path")
     if path == "along":
@@ -209,12 +209,12 @@ def draw_way(act: Act) -> Float[np.ndarray, "2"]:
     return way
 
 
-def fit(act: Act, way: Float[np.ndarray, "2"], wanted: float) -> tuple[float, float]:
+def fit_stroke(act: GestureSample, way: Float[np.ndarray, "2"], wanted: float) -> tuple[float, float]:
     """Where along its way a stroke begins, and its length, in the room there is [m].
 
     It passes the site's centre.
     """
-    low, high = room(act, way)
+    low, high = find_slide_limits(act, way)
     shortest = act.constants.value("stroke.shortest")
     length = min(wanted, max(high - low, shortest))
     first, last = max(low, -length), min(0.0, high - length)
@@ -225,7 +225,7 @@ def fit(act: Act, way: Float[np.ndarray, "2"], wanted: float) -> tuple[float, fl
     return start, act.note("length", length)
 
 
-def room(act: Act, way: Float[np.ndarray, "2"]) -> tuple[float, float]:
+def find_slide_limits(act: GestureSample, way: Float[np.ndarray, "2"]) -> tuple[float, float]:
     """How far one may slide back and forth along a way [m]."""
     low, high = act.site.clear
     arc = act.constants.value("stroke.arc") * 2 * np.pi * act.site.radius / 2
@@ -239,17 +239,17 @@ def room(act: Act, way: Float[np.ndarray, "2"]) -> tuple[float, float]:
     return max(each[0] for each in limits), min(each[1] for each in limits)
 
 
-def there(steps: int, back: bool) -> Series:
+def build_travel(steps: int, back: bool) -> Series:
     """Share of the way through time."""
     if not back:
-        return minimum_jerk(steps)
+        return build_minimum_jerk(steps)
     half = (steps + 1) // 2
-    out = minimum_jerk(half)
-    return np.concatenate([out, minimum_jerk(steps - half + 1)[::-1][1:]])
+    out = build_minimum_jerk(half)
+    return np.concatenate([out, build_minimum_jerk(steps - half + 1)[::-1][1:]])
 
 
-def sliding(act: Act, steps: int) -> Series:
+def draw_sliding_force(act: GestureSample, steps: int) -> Series:
     """Force of a sliding hand, around 1: it ripples, and lifts off slowly."""
     smooth = round(act.constants.value("force.smooth") / act.step / 2)
-    shape = trapezoid(steps, act.draw("stroke.rise"), act.draw("stroke.fall"), smooth)
+    shape = build_trapezoid(steps, act.draw("stroke.rise"), act.draw("stroke.fall"), smooth)
     return shape * act.rippled(steps) * act.held(steps)

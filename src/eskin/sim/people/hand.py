@@ -6,47 +6,47 @@ import numpy as np
 from jaxtyping import Float
 
 from eskin.sim.constants import MM, Constants
-from eskin.sim.contact.press import Stamps
+from eskin.sim.contact.press import ContactPads
 
 FINGERS = ("index", "middle", "ring", "little")
-PARTS = (
+HAND_PADS = (
     *(f"{finger}_{part}" for part in ("tip", "mid", "base") for finger in FINGERS),
     *("thumb_tip", "thumb_base"),
     *("index_head", "middle_head", "little_head", "thenar", "hypothenar", "palm"),
 )
 """Names of the parts of a hand, in the order of its stamps."""
 
-TIPS, THUMB, HEADS, HEEL = PARTS[:4], PARTS[12:14], PARTS[14:17], PARTS[17:]
-GROUPS: dict[str, tuple[str, ...]] = {
-    "one_tip": PARTS[:1],
-    "two_tips": PARTS[:2],
+TIPS, THUMB, HEADS, HEEL = HAND_PADS[:4], HAND_PADS[12:14], HAND_PADS[14:17], HAND_PADS[17:]
+PAD_GROUPS: dict[str, tuple[str, ...]] = {
+    "one_tip": HAND_PADS[:1],
+    "two_tips": HAND_PADS[:2],
     "tips": TIPS,
-    "thumb": PARTS[12:13],
+    "thumb": HAND_PADS[12:13],
     "one_finger": ("index_tip", "index_mid"),
     "two_fingers": ("index_tip", "index_mid", "middle_tip", "middle_mid"),
-    "finger_ends": PARTS[:8],
-    "fingers": PARTS[:12],
-    "flat_hand": PARTS[:12] + HEADS + HEEL,
-    "full_hand": PARTS,
-    "fingers_thumb": PARTS[:12] + THUMB,
+    "finger_ends": HAND_PADS[:8],
+    "fingers": HAND_PADS[:12],
+    "flat_hand": HAND_PADS[:12] + HEADS + HEEL,
+    "full_hand": HAND_PADS,
+    "fingers_thumb": HAND_PADS[:12] + THUMB,
     "tips_thumb": TIPS + THUMB,
-    "clasp": PARTS[:12] + HEADS,
+    "clasp": HAND_PADS[:12] + HEADS,
     "heel": HEEL,
 }
 """Parts that ways of touching use, by name."""
 
-ROWS = np.array([0] * 4 + [1] * 4 + [2] * 4 + [3, 4] + [5] * 3 + [6, 7, 8])
+PAD_ROWS = np.array([0] * 4 + [1] * 4 + [2] * 4 + [3, 4] + [5] * 3 + [6, 7, 8])
 """Item of the lists of the constants `hand.radius_across` and so on, of each part."""
 
 
-def hand_of(
+def build_hand(
     fingers: Float[np.ndarray, "4"],
     thumb: float,
     breadth: float,
     palm: float,
     length: float,
     constants: Constants,
-) -> Stamps:
+) -> ContactPads:
     """A flat left hand, seen from its back as it lies on the skin.
 
     Args:
@@ -61,7 +61,7 @@ def hand_of(
     up = palm / (constants.value("hand.palm_length") * MM)
     scale = length / (constants.value("hand.length") * MM)
     reach = thumb / (constants.value("hand.thumb") * MM)
-    thumbs = thumb_places(constants, across, up, reach)
+    thumbs = compute_thumb_positions(constants, across, up, reach)
     bases = constants.array("hand.finger_base") * MM * up
     sides = constants.array("hand.finger_side") * MM * across
     along = constants.array("hand.along")
@@ -73,17 +73,17 @@ def hand_of(
         [(bases + along[:, None] * fingers).ravel(), thumbs[:, 1]]
         + [constants.array("hand.palm_height") * MM * up]
     )
-    return Stamps(
+    return ContactPads(
         np.column_stack([x, y]),
-        radii_of(constants) * scale,
-        turns_of(thumbs),
-        constants.array("hand.area")[ROWS] * MM**2,
-        constants.array("hand.most")[ROWS] * MM**2 * scale**2,
-        constants.array("hand.stiffness")[ROWS],
+        build_pad_radii(constants) * scale,
+        compute_pad_angles(thumbs),
+        constants.array("hand.area")[PAD_ROWS] * MM**2,
+        constants.array("hand.most")[PAD_ROWS] * MM**2 * scale**2,
+        constants.array("hand.stiffness")[PAD_ROWS],
     )
 
 
-def thumb_places(
+def compute_thumb_positions(
     constants: Constants, across: float, up: float, reach: float
 ) -> Float[np.ndarray, "2 2"]:
     """Where tip and proximal part of the thumb lie [m]."""
@@ -93,29 +93,29 @@ def thumb_places(
     return np.stack([root + (tip - base) * reach, root])
 
 
-def radii_of(constants: Constants) -> Float[np.ndarray, "part 2"]:
+def build_pad_radii(constants: Constants) -> Float[np.ndarray, "part 2"]:
     """Radii of curvature of the average hand's parts [m]."""
     both = [constants.array(f"hand.radius_{way}") for way in ("across", "along")]
-    return np.column_stack(both)[ROWS] * MM
+    return np.column_stack(both)[PAD_ROWS] * MM
 
 
-def turns_of(thumbs: Float[np.ndarray, "2 2"]) -> Float[np.ndarray, "part"]:
+def compute_pad_angles(thumbs: Float[np.ndarray, "2 2"]) -> Float[np.ndarray, "part"]:
     """The thumb points where it points; all other parts lie along y."""
-    turns = np.zeros(len(PARTS))
+    turns = np.zeros(len(HAND_PADS))
     to_tip = thumbs[0] - thumbs[1]
     turns[12:14] = -np.arctan2(to_tip[0], to_tip[1])
     return turns
 
 
-def mirrored(stamps: Stamps) -> Stamps:
+def mirror_pads(stamps: ContactPads) -> ContactPads:
     """The other hand."""
     return replace(stamps, centres=stamps.centres * [-1.0, 1.0], turns=-stamps.turns)
 
 
-def part_of(stamps: Stamps, names: tuple[str, ...]) -> Stamps:
+def select_pads(stamps: ContactPads, names: tuple[str, ...]) -> ContactPads:
     """Some parts of a whole hand."""
-    rows = np.array([PARTS.index(name) for name in names])
-    return Stamps(
+    rows = np.array([HAND_PADS.index(name) for name in names])
+    return ContactPads(
         stamps.centres[rows],
         stamps.radii[rows],
         stamps.turns[rows],
@@ -125,7 +125,7 @@ def part_of(stamps: Stamps, names: tuple[str, ...]) -> Stamps:
     )
 
 
-def splayed(hand: Stamps, angle: float) -> Stamps:
+def splay_fingers(hand: ContactPads, angle: float) -> ContactPads:
     """A whole hand with its fingers fanned out.
 
     Args:
@@ -144,13 +144,13 @@ def splayed(hand: Stamps, angle: float) -> Stamps:
     return replace(hand, centres=centres, turns=turns)
 
 
-def body_of(name: str, constants: Constants) -> Stamps:
+def build_body(name: str, constants: Constants) -> ContactPads:
     """A body that is no hand: knuckle, forearm, torso, cable or edge.
 
     Raises:
         ValueError: there is no such body.
     """
-    return Stamps(
+    return ContactPads(
         np.zeros((1, 2)),
         constants.array(f"body.{name}.radii")[None] * MM,
         np.zeros(1),

@@ -4,91 +4,91 @@ import numpy as np
 from jaxtyping import Float
 
 from eskin.sim.constants import MM
-from eskin.sim.contact.press import Flesh, Press
+from eskin.sim.contact.press import SoftTissue, Press
 from eskin.sim.people.gesture_sample import (
-    Act,
+    GestureSample,
     Series,
-    bell,
+    build_bell,
     draw_duration,
     draw_force,
-    peaked,
-    trapezoid,
-    tremor,
+    scale_to_peak,
+    build_trapezoid,
+    draw_tremor,
 )
-from eskin.sim.people.gestures import across, closed, draw_way, hold, pats, sliding
-from eskin.sim.people.hand import body_of
+from eskin.sim.people.gestures import draw_angle_across, draw_closed_tissue, draw_stroke_direction, draw_hold, draw_pats, draw_sliding_force
+from eskin.sim.people.hand import build_body
 
-FINGERS = ("one_tip", "two_tips")
+FINGER_GROUPS = ("one_tip", "two_tips")
 """Parts of a hand whose brief push is a poke."""
 
 
-def resting_hand(act: Act) -> tuple[Press, ...]:
+def draw_resting_hand(act: GestureSample) -> tuple[Press, ...]:
     """A hand put down and left there."""
     force = draw_force(act, "none.resting_hand.force", "resting_hand")
     act.happens("began_before", act.constants.value("none.resting_hand.before"))
     steps = act.steps(act.draw("none.resting_hand.hold"))
     ramp = act.draw("none.resting_hand.ramp")
     stamps = act.stamps(act.choose("none.resting_hand.kinds"))
-    series = peaked(ramped(act, steps, ramp, ramp) * act.held(steps), force)
+    series = scale_to_peak(build_ramp(act, steps, ramp, ramp) * act.held(steps), force)
     lies_round = act.happens("round", act.constants.value("none.resting_hand.round"))
-    flesh = closed(act) if lies_round else act.flesh()
-    angle = across(act) if lies_round else act.turn()
+    flesh = draw_closed_tissue(act) if lies_round else act.flesh()
+    angle = draw_angle_across(act) if lies_round else act.turn()
     return (act.press(stamps, flesh, series, act.wander(steps), angle),)
 
 
-def ramped(act: Act, steps: int, up: float, down: float) -> Series:
+def build_ramp(act: GestureSample, steps: int, up: float, down: float) -> Series:
     """Up in some time [s], hold, down in some time [s]."""
     whole = (steps - 1) * act.step
     smooth = round(act.constants.value("force.smooth") / act.step / 2)
     most = 1 / 2
-    return trapezoid(steps, min(up / whole, most), min(down / whole, most), smooth)
+    return build_trapezoid(steps, min(up / whole, most), min(down / whole, most), smooth)
 
 
-def single_pat(act: Act) -> tuple[Press, ...]:
+def draw_single_pat(act: GestureSample) -> tuple[Press, ...]:
     """One pat; slower ones are as long as a tap of Jung et al. 2017."""
     style = act.choose("none.single_pat.kinds")
     if act.regime == "paper":
-        return pats(act, 1, style)
+        return draw_pats(act, 1, style)
     force = draw_force(act, "double_pat.force", "double_pat")
     steps = act.steps(draw_duration(act, "tap"))
-    return (pushed(act, style, force, steps),)
+    return (draw_single_push(act, style, force, steps),)
 
 
-def press(act: Act) -> tuple[Press, ...]:
+def draw_long_press(act: GestureSample) -> tuple[Press, ...]:
     """A hand or finger pushes and keeps pushing: a finger for longer than a poke."""
     force = draw_force(act, "none.press.force", "press")
     style = act.choose("none.press.kinds")
-    length = "finger_press" if style in FINGERS else "press"
+    length = "finger_press" if style in FINGER_GROUPS else "press"
     steps = act.steps(draw_duration(act, length, "press"))
-    return (pushed(act, style, force, steps),)
+    return (draw_single_push(act, style, force, steps),)
 
 
-def pushed(act: Act, style: str, force: float, steps: int) -> Press:
+def draw_single_push(act: GestureSample, style: str, force: float, steps: int) -> Press:
     """Parts of a hand that push once, where they are."""
-    series = peaked(act.push(steps) * act.held(steps), force)
+    series = scale_to_peak(act.push(steps) * act.held(steps), force)
     stamps, flesh = act.stamps(style), act.flesh()
     return act.press(stamps, flesh, series, act.wander(steps), act.turn())
 
 
-def squeeze_hold(act: Act) -> tuple[Press, ...]:
+def draw_squeeze_hold(act: GestureSample) -> tuple[Press, ...]:
     """A grab that is held longer than a command."""
     style = act.choose("grab.kinds")
-    return (hold(act, act.draw("none.squeeze_hold.hold"), style),)
+    return (draw_hold(act, act.draw("none.squeeze_hold.hold"), style),)
 
 
-def guiding(act: Act) -> tuple[Press, ...]:
+def draw_guiding(act: GestureSample) -> tuple[Press, ...]:
     """Two hands hold the arm and move it."""
     steps = act.steps(act.draw("none.guiding.hold"))
     total, share = act.draw("none.guiding.force"), act.draw("none.guiding.share")
-    gap = guided_gap(act)
+    gap = draw_hand_positions(act)
     made = [
-        guide(act, total * part, steps, place)
+        draw_guiding_hand(act, total * part, steps, place)
         for part, place in zip((share, 1 - share), gap, strict=True)
     ]
     return tuple(made)
 
 
-def guided_gap(act: Act) -> tuple[float, float]:
+def draw_hand_positions(act: GestureSample) -> tuple[float, float]:
     """Where along the tube the two hands are, from the site's centre [m]."""
     low, high = act.site.clear
     gap = min(act.draw("none.guiding.gap"), high - low)
@@ -96,22 +96,22 @@ def guided_gap(act: Act) -> tuple[float, float]:
     return first, first + gap
 
 
-def guide(act: Act, force: float, steps: int, place: float) -> Press:
+def draw_guiding_hand(act: GestureSample, force: float, steps: int, place: float) -> Press:
     """One of the two hands."""
     sway = act.draw("none.guiding.sway")
     rate = act.draw("none.guiding.sway_rate")
-    swaying = 1 + sway * tremor(steps, act.step, rate, act.rng)
-    shape = ramped(act, steps, *(act.draw("none.lean.ramp") for _ in range(2)))
+    swaying = 1 + sway * draw_tremor(steps, act.step, rate, act.rng)
+    shape = build_ramp(act, steps, *(act.draw("none.lean.ramp") for _ in range(2)))
     stamps = act.stamps("full_hand")
     path = act.wander(steps) + np.array([0.0, place])
-    series = peaked(shape * swaying * act.held(steps), force)
-    return act.press(stamps, closed(act), series, path, across(act))
+    series = scale_to_peak(shape * swaying * act.held(steps), force)
+    return act.press(stamps, draw_closed_tissue(act), series, path, draw_angle_across(act))
 
 
-def thing(act: Act) -> Flesh:
+def build_object_tissue(act: GestureSample) -> SoftTissue:
     """How something that is nobody's gives way."""
     value = act.constants.value
-    return Flesh(
+    return SoftTissue(
         b=value("body.stiffness") / MM,
         m=value("body.stiffness_growth") / MM,
         area_scale=1.0,
@@ -120,33 +120,33 @@ def thing(act: Act) -> Flesh:
     )
 
 
-def lean(act: Act) -> tuple[Press, ...]:
+def draw_lean(act: GestureSample) -> tuple[Press, ...]:
     """A forearm or a hip rests its weight on the robot."""
     force = draw_force(act, "none.lean.force", "lean")
     steps = act.steps(act.draw("none.lean.hold"))
     up, down = (act.draw("none.lean.ramp") for _ in range(2))
-    series = peaked(ramped(act, steps, up, down) * act.leant(steps), force)
-    body = body_of(act.choose("none.lean.bodies"), act.constants)
+    series = scale_to_peak(build_ramp(act, steps, up, down) * act.leant(steps), force)
+    body = build_body(act.choose("none.lean.bodies"), act.constants)
     return (act.press(body, act.flesh(), series, act.wander(steps), act.turn()),)
 
 
-def bump(act: Act) -> tuple[Press, ...]:
+def draw_bump(act: GestureSample) -> tuple[Press, ...]:
     """A body hits the robot and bounces: a mass on a spring for half a period."""
     speed, mass = act.draw("none.bump.speed"), act.draw("none.bump.mass")
     stiffness = act.draw("none.bump.stiffness") / MM
     force = act.note("force", speed * np.sqrt(mass * stiffness))
     contact = act.note("duration", np.pi * np.sqrt(mass / stiffness))
-    series = force * bell(act.steps(contact), 1.0)
+    series = force * build_bell(act.steps(contact), 1.0)
     if act.happens("rebound", act.constants.value("none.bump.rebound")):
         share = act.draw("none.bump.rebound_share")
         gap = np.zeros(round(act.draw("none.bump.rebound_after") / act.step))
         series = np.concatenate([series, gap, share * series])
-    body = body_of(bumping(act, stiffness), act.constants)
-    path = slid(act, act.draw("none.bump.slide"), len(series))
+    body = build_body(choose_bumping_body(act, stiffness), act.constants)
+    path = draw_slide(act, act.draw("none.bump.slide"), len(series))
     return (act.press(body, act.flesh(), series, path, act.turn()),)
 
 
-def bumping(act: Act, stiffness: float) -> str:
+def choose_bumping_body(act: GestureSample, stiffness: float) -> str:
     """What bumps, by its stiffness [N/m]."""
     soft, hard = act.constants.array("none.bump.limits") / MM
     if stiffness > hard:
@@ -154,90 +154,90 @@ def bumping(act: Act, stiffness: float) -> str:
     return "torso" if stiffness < soft else "forearm"
 
 
-def slid(act: Act, speed: float, steps: int) -> Float[np.ndarray, "time 2"]:
+def draw_slide(act: GestureSample, speed: float, steps: int) -> Float[np.ndarray, "time 2"]:
     """A way at even speed [m/s] in a direction that is drawn, about the site [m]."""
     way = act.note("direction", act.rng.uniform(-np.pi, np.pi))
     along = speed * act.step * (np.arange(steps) - (steps - 1) / 2)
     return along[:, None] * np.array([-np.sin(way), np.cos(way)])
 
 
-def brush(act: Act) -> tuple[Press, ...]:
+def draw_brush(act: GestureSample) -> tuple[Press, ...]:
     """A sleeve, a seam or the back of a hand passes over the robot."""
     body = act.choose("none.brush.bodies")
-    return (dragged(act, body, act.flesh()),)
+    return (draw_dragged_body(act, body, act.flesh()),)
 
 
-def cable(act: Act) -> tuple[Press, ...]:
+def draw_cable(act: GestureSample) -> tuple[Press, ...]:
     """A cable drags over the robot."""
-    return (dragged(act, "cable", thing(act)),)
+    return (draw_dragged_body(act, "cable", build_object_tissue(act)),)
 
 
-def dragged(act: Act, body: str, flesh: Flesh) -> Press:
+def draw_dragged_body(act: GestureSample, body: str, flesh: SoftTissue) -> Press:
     """A body that passes lightly and unevenly, across its long axis."""
     force = act.note("force", act.draw("none.brush.force"))
     steps = act.steps(act.draw("none.brush.hold"))
     rise, fall = act.draw("stroke.rise"), act.draw("stroke.fall")
     whole = (steps - 1) * act.step
-    shape = ramped(act, steps, rise * whole, fall * whole)
-    path = slid(act, act.draw("none.brush.speed"), steps)
+    shape = build_ramp(act, steps, rise * whole, fall * whole)
+    path = draw_slide(act, act.draw("none.brush.speed"), steps)
     angle = float(act.drawn["direction"]) + np.pi / 2 + act.draw("hand.turn")
-    series = peaked(shape * act.rippled(steps), force)
+    series = scale_to_peak(shape * act.rippled(steps), force)
     return act.press(
-        body_of(body, act.constants), flesh, series, within(act, path), angle
+        build_body(body, act.constants), flesh, series, clip_to_free_run(act, path), angle
     )
 
 
-def within(act: Act, path: Float[np.ndarray, "time 2"]) -> Float[np.ndarray, "time 2"]:
+def clip_to_free_run(act: GestureSample, path: Float[np.ndarray, "time 2"]) -> Float[np.ndarray, "time 2"]:
     """The same way, held at the ends of the free run."""
     low, high = act.site.clear
     return np.column_stack([path[:, 0], np.clip(path[:, 1], low, high)])
 
 
-def self_contact(act: Act) -> tuple[Press, ...]:
+def draw_self_contact(act: GestureSample) -> tuple[Press, ...]:
     """The robot's own links touch along an edge."""
     force = act.note("force", act.draw("none.self_contact.force"))
     steps = act.steps(act.draw("none.self_contact.hold"))
-    series = force * bell(steps, 1.0)
-    body = body_of("edge", act.constants)
+    series = force * build_bell(steps, 1.0)
+    body = build_body("edge", act.constants)
     path = np.zeros((steps, 2))
-    return (act.press(body, thing(act), series, path, act.site.angle),)
+    return (act.press(body, build_object_tissue(act), series, path, act.site.angle),)
 
 
-def rub(act: Act) -> tuple[Press, ...]:
+def draw_rub(act: GestureSample) -> tuple[Press, ...]:
     """To and fro, firmly, several times."""
     force = draw_force(act, "unknown.rub.force", "stroke")
     steps = act.steps(draw_duration(act, "rub", "stroke"))
-    swing = swung(act, steps, "unknown.rub")
-    path = swing[:, None] * draw_way(act) + act.wander(steps)
+    swing = draw_swing(act, steps, "unknown.rub")
+    path = swing[:, None] * draw_stroke_direction(act) + act.wander(steps)
     stamps = act.stamps(act.choose("stroke.kinds"))
-    series = peaked(sliding(act, steps), force)
+    series = scale_to_peak(draw_sliding_force(act, steps), force)
     return (act.press(stamps, act.flesh(), series, path, act.turn()),)
 
 
-def swung(act: Act, steps: int, name: str) -> Float[np.ndarray, "time"]:
+def draw_swing(act: GestureSample, steps: int, name: str) -> Float[np.ndarray, "time"]:
     """To and fro, in the room there is [m]."""
     low, high = act.site.clear
     reach = min(act.draw(f"{name}.reach"), (high - low) / 2)
-    return reach * tremor(steps, act.step, act.draw(f"{name}.rate"), act.rng)
+    return reach * draw_tremor(steps, act.step, act.draw(f"{name}.rate"), act.rng)
 
 
-def tickle(act: Act) -> tuple[Press, ...]:
+def draw_tickle(act: GestureSample) -> tuple[Press, ...]:
     """Fingertips, lightly and quickly."""
     force = draw_force(act, "unknown.tickle.force", "tickle")
     steps = act.steps(draw_duration(act, "tickle"))
-    swings = [swung(act, steps, "unknown.tickle") for _ in "st"]
+    swings = [draw_swing(act, steps, "unknown.tickle") for _ in "st"]
     path = np.column_stack(swings) + act.wander(steps)
     depth = act.draw("unknown.tickle.depth")
     rate = act.draw("unknown.tickle.rate")
-    beats = 1 - depth * (1 + tremor(steps, act.step, rate, act.rng)) / 2
+    beats = 1 - depth * (1 + draw_tremor(steps, act.step, rate, act.rng)) / 2
     ramp = 2 * act.constants.value("force.smooth")
-    series = peaked(ramped(act, steps, ramp, ramp) * beats, force)
+    series = scale_to_peak(build_ramp(act, steps, ramp, ramp) * beats, force)
     stamps = act.stamps("tips")
     return (act.press(stamps, act.flesh(), series, path, act.turn()),)
 
 
-def squeeze(act: Act) -> tuple[Press, ...]:
+def draw_squeeze(act: GestureSample) -> tuple[Press, ...]:
     """A firmer grab that is held."""
     duration = draw_duration(act, "squeeze", "grab")
     firmer = act.constants.value("unknown.squeeze.firmer")
-    return (hold(act, duration, act.choose("grab.kinds"), firmer),)
+    return (draw_hold(act, duration, act.choose("grab.kinds"), firmer),)

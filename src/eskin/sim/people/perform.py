@@ -5,64 +5,64 @@ from collections.abc import Callable
 import numpy as np
 
 from eskin.sim.constants import Constants
-from eskin.sim.contact.press import Press, Site, TrueTouch
-from eskin.sim.people.gesture_sample import Act, Regime, pick
-from eskin.sim.people.gestures import double_pat, grab, poke, stroke, tap_many
+from eskin.sim.contact.press import Press, ContactSite, TrueTouch
+from eskin.sim.people.gesture_sample import GestureSample, Regime, choose_style
+from eskin.sim.people.gestures import draw_double_pat, draw_grab, draw_poke, draw_stroke, draw_many_taps
 from eskin.sim.people.non_gestures import (
-    brush,
-    bump,
-    cable,
-    guiding,
-    lean,
-    press,
-    resting_hand,
-    rub,
-    self_contact,
-    single_pat,
-    squeeze,
-    squeeze_hold,
-    tickle,
+    draw_brush,
+    draw_bump,
+    draw_cable,
+    draw_guiding,
+    draw_lean,
+    draw_long_press,
+    draw_resting_hand,
+    draw_rub,
+    draw_self_contact,
+    draw_single_pat,
+    draw_squeeze,
+    draw_squeeze_hold,
+    draw_tickle,
 )
 from eskin.sim.people.person import Person
 
-Program = Callable[[Act], tuple[Press, ...]]
+Program = Callable[[GestureSample], tuple[Press, ...]]
 
 
-def untouched(act: Act) -> tuple[Press, ...]:
+def draw_nothing(act: GestureSample) -> tuple[Press, ...]:
     """Nothing presses."""
     return ()
 
 
-STYLED: dict[str, Program] = {
-    "poke": poke,
-    "double_pat": double_pat,
-    "grab": grab,
-    "stroke": stroke,
+GESTURE_PROGRAMS: dict[str, Program] = {
+    "poke": draw_poke,
+    "double_pat": draw_double_pat,
+    "grab": draw_grab,
+    "stroke": draw_stroke,
 }
-NOTHING: dict[str, Program] = {
-    "idle": untouched,
-    "resting_hand": resting_hand,
-    "lean": lean,
-    "bump": bump,
-    "single_pat": single_pat,
-    "press": press,
-    "squeeze_hold": squeeze_hold,
-    "brush": brush,
-    "cable": cable,
-    "self_contact": self_contact,
-    "guiding": guiding,
-    "electrical": untouched,
+NONE_PROGRAMS: dict[str, Program] = {
+    "idle": draw_nothing,
+    "resting_hand": draw_resting_hand,
+    "lean": draw_lean,
+    "bump": draw_bump,
+    "single_pat": draw_single_pat,
+    "press": draw_long_press,
+    "squeeze_hold": draw_squeeze_hold,
+    "brush": draw_brush,
+    "cable": draw_cable,
+    "self_contact": draw_self_contact,
+    "guiding": draw_guiding,
+    "electrical": draw_nothing,
 }
-UNKNOWN: dict[str, Program] = {
-    "rub": rub,
-    "tickle": tickle,
-    "squeeze": squeeze,
-    "tap_many": tap_many,
+UNKNOWN_PROGRAMS: dict[str, Program] = {
+    "rub": draw_rub,
+    "tickle": draw_tickle,
+    "squeeze": draw_squeeze,
+    "tap_many": draw_many_taps,
 }
-GESTURES = (*STYLED, "none", *UNKNOWN)
+PERFORMABLE = (*GESTURE_PROGRAMS, "none", *UNKNOWN_PROGRAMS)
 """What can be performed."""
 
-NOBODY = ("idle", "cable", "self_contact", "electrical")
+NO_PERSON_KINDS = ("idle", "cable", "self_contact", "electrical")
 """Kinds that nobody does."""
 
 
@@ -70,7 +70,7 @@ def perform(
     gesture: str,
     kind: str | None,
     person: Person,
-    site: Site,
+    site: ContactSite,
     constants: Constants,
     rng: np.random.Generator,
     difficulty: float,
@@ -80,7 +80,7 @@ def perform(
     """One touch by a person at a site, from step 0 of its own clock.
 
     Args:
-        gesture: one of `GESTURES`; `tap_many` counts as a double pat.
+        gesture: one of `PERFORMABLE`; `draw_many_taps` counts as a double pat.
         kind: way of doing it; None draws one.
         person: who touches.
         site: where.
@@ -94,25 +94,25 @@ def perform(
     Raises:
         ValueError: there is no such gesture, or no such way of doing it.
     """
-    if gesture not in GESTURES:
-        raise ValueError(f"no gesture '{gesture}'; choose from {', '.join(GESTURES)}")
+    if gesture not in PERFORMABLE:
+        raise ValueError(f"no gesture '{gesture}'; choose from {', '.join(PERFORMABLE)}")
     if difficulty < 0:
         raise ValueError(f"difficulty is {difficulty}; give 0 or more")
-    chosen = regime or regime_of(constants.choose("duration.regime", rng))
-    way = kind_of(gesture, kind, person, constants, rng, difficulty)
-    act = Act(
+    chosen = regime or parse_regime(constants.choose("duration.regime", rng))
+    way = choose_kind(gesture, kind, person, constants, rng, difficulty)
+    act = GestureSample(
         *(way, person, site, constants, rng, float(difficulty), chosen),
         asked=asked or {},
     )
     act.drawn["regime"] = chosen
-    program = program_of(gesture, way)
+    program = find_program(gesture, way)
     presses = program(act)
-    nobody = gesture == "none" and way in NOBODY
-    label = meaning_of(gesture, site, constants)
+    nobody = gesture == "none" and way in NO_PERSON_KINDS
+    label = find_label(gesture, site, constants)
     return TrueTouch(label, way, "" if nobody else person.name, presses, act.drawn)
 
 
-def meaning_of(gesture: str, site: Site, constants: Constants) -> str:
+def find_label(gesture: str, site: ContactSite, constants: Constants) -> str:
     """What a recogniser should say of a gesture at a site.
 
     A hand spread over what it cannot close round presses, it does not grab.
@@ -123,19 +123,19 @@ def meaning_of(gesture: str, site: Site, constants: Constants) -> str:
     return "none" if gesture == "grab" and wide else gesture
 
 
-def regime_of(name: str) -> Regime:
+def parse_regime(name: str) -> Regime:
     """A regime by its name."""
     return "paper" if name == "paper" else "cost"
 
 
-def program_of(gesture: str, kind: str) -> Program:
+def find_program(gesture: str, kind: str) -> Program:
     """What does a gesture."""
     if gesture == "none":
-        return NOTHING[kind]
-    return STYLED[gesture] if gesture in STYLED else UNKNOWN[gesture]
+        return NONE_PROGRAMS[kind]
+    return GESTURE_PROGRAMS[gesture] if gesture in GESTURE_PROGRAMS else UNKNOWN_PROGRAMS[gesture]
 
 
-def kind_of(
+def choose_kind(
     gesture: str,
     kind: str | None,
     person: Person,
@@ -144,7 +144,7 @@ def kind_of(
     difficulty: float,
 ) -> str:
     """The way of doing it that was asked for, or one drawn."""
-    if gesture in UNKNOWN:
+    if gesture in UNKNOWN_PROGRAMS:
         allowed = [gesture]
     else:
         allowed = list(constants.weights(f"{gesture}.kinds"))
@@ -152,6 +152,6 @@ def kind_of(
         raise ValueError(
             f"no kind '{kind}' of {gesture}; choose from {', '.join(allowed)}, or None"
         )
-    if gesture in UNKNOWN:
+    if gesture in UNKNOWN_PROGRAMS:
         return gesture
-    return kind or pick(f"{gesture}.kinds", person, constants, rng, difficulty)
+    return kind or choose_style(f"{gesture}.kinds", person, constants, rng, difficulty)

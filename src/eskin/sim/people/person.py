@@ -5,16 +5,16 @@ from dataclasses import dataclass, fields
 import numpy as np
 
 from eskin.sim.constants import MM, Constants
-from eskin.sim.contact.press import Flesh, Stamps
-from eskin.sim.people.hand import GROUPS, hand_of, mirrored, part_of, splayed
+from eskin.sim.contact.press import SoftTissue, ContactPads
+from eskin.sim.people.hand import PAD_GROUPS, build_hand, mirror_pads, select_pads, splay_fingers
 
-STYLES = ("poke.kinds", "push.shape", "double_pat.kinds", "grab.kinds") + (
+STYLE_CONSTANTS = ("poke.kinds", "push.shape", "double_pat.kinds", "grab.kinds") + (
     "stroke.kinds",
     "stroke.path",
 )
 """Constants whose weights a person has a taste in."""
 
-HABITS = ("poke", "double_pat", "grab", "stroke")
+HABIT_GESTURES = ("poke", "double_pat", "grab", "stroke")
 """Gestures that a person does more firmly or slowly than they do the others."""
 
 
@@ -38,7 +38,7 @@ class Person:
     """Lengths of index to little finger [m]."""
     acromion_height: float
     """Height of the shoulder [m]."""
-    flesh: Flesh
+    flesh: SoftTissue
     """How their hands give way."""
     force_scale: float
     """How firmly they touch, relative to the average."""
@@ -58,22 +58,22 @@ class Person:
     """Which hand they touch with."""
     stand: tuple[float, float]
     """Where they stand: distance [m] and bearing [rad] from the robot's base."""
-    hand: Stamps
+    hand: ContactPads
     """The hand they touch with, all 20 parts, flat, seen from its back."""
 
-    def part(self, group: str, splay: float = 0.0) -> Stamps:
+    def part(self, group: str, splay: float = 0.0) -> ContactPads:
         """Some parts of the hand.
 
         Args:
-            group: one of `eskin.sim.people.hand.GROUPS`.
+            group: one of `eskin.sim.people.hand.PAD_GROUPS`.
             splay: angle between neighbouring fingers [rad].
 
         Raises:
             ValueError: there is no such group.
         """
-        if group not in GROUPS:
-            raise ValueError(f"no parts '{group}' of a hand; choose from {[*GROUPS]}")
-        return part_of(splayed(self.hand, splay) if splay else self.hand, GROUPS[group])
+        if group not in PAD_GROUPS:
+            raise ValueError(f"no parts '{group}' of a hand; choose from {[*PAD_GROUPS]}")
+        return select_pads(splay_fingers(self.hand, splay) if splay else self.hand, PAD_GROUPS[group])
 
     def record(self) -> dict[str, float | str]:
         """All that was drawn, flat, by name."""
@@ -86,7 +86,7 @@ class Person:
 
 def flatten(name: str, value: object, found: dict[str, float | str]) -> None:
     """Write a value of a person, or its items, into `found`."""
-    if isinstance(value, Flesh):
+    if isinstance(value, SoftTissue):
         value = vars(value)
     if isinstance(value, dict):
         for key, item in value.items():
@@ -106,7 +106,7 @@ def draw_person(name: str, constants: Constants, rng: np.random.Generator) -> Pe
     length, breadth, palm, acromion = draw_sizes(woman, constants, rng)
     thumb, *fingers = draw_fingers(length, constants, rng)
     right_handed = bool(rng.random() < constants.value("person.right_handed"))
-    hand = hand_of(np.array(fingers), thumb, breadth, palm, length, constants)
+    hand = build_hand(np.array(fingers), thumb, breadth, palm, length, constants)
     return Person(
         name=name,
         sex="woman" if woman else "man",
@@ -121,15 +121,15 @@ def draw_person(name: str, constants: Constants, rng: np.random.Generator) -> Pe
         tempo_scale=constants.draw("person.tempo_scale", rng),
         pat_interval=constants.draw("person.pat_interval", rng),
         grip=constants.draw("person.grip", rng),
-        styles={style: draw_style(style, constants, rng) for style in STYLES},
-        firmness={habit: float(rng.normal()) for habit in HABITS},
-        pace={habit: float(rng.normal()) for habit in HABITS},
+        styles={style: draw_style(style, constants, rng) for style in STYLE_CONSTANTS},
+        firmness={habit: float(rng.normal()) for habit in HABIT_GESTURES},
+        pace={habit: float(rng.normal()) for habit in HABIT_GESTURES},
         right_handed=right_handed,
         stand=(
             constants.draw("person.stand_distance", rng),
             float(rng.uniform(-np.pi, np.pi)),
         ),
-        hand=mirrored(hand) if right_handed else hand,
+        hand=mirror_pads(hand) if right_handed else hand,
     )
 
 
@@ -165,10 +165,10 @@ def draw_fingers(
     ]
 
 
-def draw_flesh(length: float, constants: Constants, rng: np.random.Generator) -> Flesh:
+def draw_flesh(length: float, constants: Constants, rng: np.random.Generator) -> SoftTissue:
     """How a hand of some length [m] gives way."""
     scale = length / (constants.value("hand.length") * MM)
-    return Flesh(
+    return SoftTissue(
         b=constants.draw("person.stiffness", rng) / MM,
         m=constants.draw("person.stiffness_growth", rng) / MM,
         area_scale=scale**2 * constants.draw("person.area", rng),

@@ -6,14 +6,14 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from eskin.robot import Cylinder, Robot
-from eskin.sim.scene.kernels import Rods, clearances, rooms
+from eskin.sim.scene.kernels import CylinderArrays, clearances, rooms
 
 
 @dataclass(frozen=True, eq=False)
 class Solids:
     """The solid parts of a robot and which of them may meet."""
 
-    rods: Rods
+    rods: CylinderArrays
     """All cylinders."""
     pairs: Int[np.ndarray, "pair 2"]
     """Rods of links that share no joint."""
@@ -76,7 +76,7 @@ def standing(robot: Robot) -> list[int]:
     return [robot.link_index(name) for name in (root, *first)]
 
 
-def rods_of(robot: Robot) -> Rods:
+def rods_of(robot: Robot) -> CylinderArrays:
     """All geoms of a robot as cylinders in the frames of their links."""
     links, centres, axes, radii, halves = [], [], [], [], []
     for index, link in enumerate(robot.links):
@@ -92,7 +92,7 @@ def rods_of(robot: Robot) -> Rods:
             axes.append(body.T_link_shape[:3, 2])
             radii.append(body.shape.radius)
             halves.append(body.shape.length / 2)
-    return Rods(
+    return CylinderArrays(
         np.array(links, dtype=np.int64),
         np.array(centres, dtype=np.float64).reshape(-1, 3),
         np.array(axes, dtype=np.float64).reshape(-1, 3),

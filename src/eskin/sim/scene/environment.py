@@ -6,8 +6,8 @@ import numpy as np
 from jaxtyping import Float
 
 from eskin.sim.constants import MM, Constants
-from eskin.sim.contact.chart import Chart, charts_of
-from eskin.sim.contact.press import Site
+from eskin.sim.contact.chart import Chart, build_charts
+from eskin.sim.contact.press import ContactSite
 from eskin.sim.scene.collision import Solids, solids_of
 from eskin.sim.scene.targets import Spots, spots_of
 from eskin.skin import MountedSkin
@@ -58,7 +58,7 @@ class World:
 
 def build_world(mounted: MountedSkin, constants: Constants) -> World:
     """Prepare a robot in its skin for touching."""
-    charts = charts_of(mounted, constants.value("contact.rim"))
+    charts = build_charts(mounted, constants.value("contact.rim"))
     links = tuple(mounted.robot.link_index(chart.link) for chart in charts)
     solids = solids_of(mounted.robot)
     spots = spots_of(mounted.skin, charts, constants)
@@ -112,12 +112,12 @@ def site_at(
     centre: Float[np.ndarray, "2"],
     direction: Float[np.ndarray, "3"],
     T_world_link: Float[np.ndarray, "link 4 4"],
-) -> Site:
+) -> ContactSite:
     """The site at a place of a chart, its angle that of a direction of the world."""
     here = world.charts[chart]
     T = T_world_link[world.links[chart]]
     _, s_axis, t_axis, _ = axes_at(here, centre[None], T)
-    return Site(
+    return ContactSite(
         chart=chart,
         centre=(float(centre[0]), float(centre[1])),
         radius=here.radius,

@@ -7,8 +7,8 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from eskin.sim.constants import MM
-from eskin.sim.contact.press import Press, Site, TrueTouch
-from eskin.sim.people.hand import mirrored
+from eskin.sim.contact.press import Press, ContactSite, TrueTouch
+from eskin.sim.people.hand import mirror_pads
 from eskin.sim.people.person import Person
 from eskin.sim.scene.environment import World, axes_at, site_at
 from eskin.sim.scene.kernels import facing_gaps
@@ -89,7 +89,7 @@ def folds_at(
 
 def fold_sites(
     world: World, q: Float[np.ndarray, "joint"], person: Person
-) -> tuple[tuple[Site, Site], ...]:
+) -> tuple[tuple[ContactSite, ContactSite], ...]:
     """Pairs of places where a hand touches two patches at once, nearest first.
 
     Each pair is of two charts on different links that face each other within
@@ -131,7 +131,7 @@ def points_in_world(
 
 
 def gap_of(
-    world: World, q: Float[np.ndarray, "joint"], first: Site, second: Site
+    world: World, q: Float[np.ndarray, "joint"], first: ContactSite, second: ContactSite
 ) -> float:
     """Distance of two sites in space [m]."""
     T = world.poses(q)
@@ -147,7 +147,7 @@ def gap_of(
 
 
 def share_of(
-    world: World, q: Float[np.ndarray, "joint"], first: Site, second: Site
+    world: World, q: Float[np.ndarray, "joint"], first: ContactSite, second: ContactSite
 ) -> float:
     """Share of a hand's force that the second site bears: less, the wider the gap."""
     value = world.constants.value
@@ -155,7 +155,7 @@ def share_of(
     return value("fold.even") * max(0.0, 1 - gap / (value("fold.within") * MM))
 
 
-def fold(touch: TrueTouch, first: Site, second: Site, share: float) -> TrueTouch:
+def fold(touch: TrueTouch, first: ContactSite, second: ContactSite, share: float) -> TrueTouch:
     """The same touch with each press at the first site also at the second.
 
     Args:
@@ -181,14 +181,14 @@ def fold(touch: TrueTouch, first: Site, second: Site, share: float) -> TrueTouch
     )
 
 
-def opposite(press: Press, first: Site, second: Site, share: float) -> Press:
+def opposite(press: Press, first: ContactSite, second: ContactSite, share: float) -> Press:
     """The press of the other side of the hand, seen from there as in a mirror."""
     turn = second.angle + first.angle
     path = press.centre - np.array(first.centre)
     return replace(
         press,
         chart=second.chart,
-        stamps=mirrored(press.stamps),
+        stamps=mirror_pads(press.stamps),
         force=share * press.force,
         centre=np.array(second.centre) + reflected(path, turn),
         angle=turn - press.angle,

@@ -8,7 +8,7 @@ from jaxtyping import Float, Int
 from eskin.compiled import compiled
 
 
-class Rods(NamedTuple):
+class CylinderArrays(NamedTuple):
     """Cylinders in the frames of their links."""
 
     links: np.ndarray
@@ -30,8 +30,8 @@ CLOSE = 2e-5
 
 @compiled
 @no_type_check
-def placed(
-    rods: Rods, T_world_link: Float[np.ndarray, "link 4 4"]
+def place_cylinders(
+    rods: CylinderArrays, T_world_link: Float[np.ndarray, "link 4 4"]
 ) -> tuple[Float[np.ndarray, "rod 3"], Float[np.ndarray, "rod 3"]]:
     """Centres and axes in the world."""
     count = len(rods.links)
@@ -56,7 +56,7 @@ def dot(a: Float[np.ndarray, "3"], b: Float[np.ndarray, "3"]) -> float:
 
 @compiled
 @no_type_check
-def axis_points(
+def find_nearest_axis_points(
     c: Float[np.ndarray, "3"],
     a: Float[np.ndarray, "3"],
     h: float,
@@ -79,7 +79,7 @@ def axis_points(
 
 @compiled
 @no_type_check
-def nearest(
+def find_nearest_point(
     p: tuple[float, float, float],
     c: Float[np.ndarray, "3"],
     a: Float[np.ndarray, "3"],
@@ -102,7 +102,7 @@ def nearest(
 
 @compiled
 @no_type_check
-def reach(
+def compute_extent(
     n: tuple[float, float, float],
     a: Float[np.ndarray, "3"],
     radius: float,
@@ -115,7 +115,7 @@ def reach(
 
 @compiled
 @no_type_check
-def apart(p: tuple[float, float, float], q: tuple[float, float, float]) -> float:
+def compute_distance(p: tuple[float, float, float], q: tuple[float, float, float]) -> float:
     """Distance of two points [m]."""
     x, y, z = q[0] - p[0], q[1] - p[1], q[2] - p[2]
     return np.sqrt(x * x + y * y + z * z)
@@ -123,7 +123,7 @@ def apart(p: tuple[float, float, float], q: tuple[float, float, float]) -> float
 
 @compiled
 @no_type_check
-def between(
+def compute_cylinder_distance(
     c: Float[np.ndarray, "3"],
     a: Float[np.ndarray, "3"],
     r: float,
@@ -139,17 +139,17 @@ def between(
     Capsules about them settle what is farther apart than `enough`. The rest is found by
     projecting to and fro, with the plane between as a bound from below.
     """
-    u, v = axis_points(c, a, h, e, b, k)
+    u, v = find_nearest_axis_points(c, a, h, e, b, k)
     p = (c[0] + u * a[0], c[1] + u * a[1], c[2] + u * a[2])
     q = (e[0] + v * b[0], e[1] + v * b[1], e[2] + v * b[2])
-    capsule = apart(p, q) - r - s
+    capsule = compute_distance(p, q) - r - s
     if capsule >= enough:
         return capsule
     best = max(capsule, 0.0)
     for _ in range(ROUNDS):
-        q = nearest(p, e, b, s, k)
-        p = nearest(q, c, a, r, h)
-        length = apart(p, q)
+        q = find_nearest_point(p, e, b, s, k)
+        p = find_nearest_point(q, c, a, r, h)
+        length = compute_distance(p, q)
         if length < CLOSE:
             return best
         n = (
@@ -158,7 +158,7 @@ def between(
             (q[2] - p[2]) / length,
         )
         middles = n[0] * (e[0] - c[0]) + n[1] * (e[1] - c[1]) + n[2] * (e[2] - c[2])
-        best = max(best, middles - reach(n, a, r, h) - reach(n, b, s, k))
+        best = max(best, middles - compute_extent(n, a, r, h) - compute_extent(n, b, s, k))
         if length - best < CLOSE:
             break
     return best
@@ -166,8 +166,8 @@ def between(
 
 @compiled
 @no_type_check
-def clearances(
-    rods: Rods,
+def compute_clearances(
+    rods: CylinderArrays,
     pairs: Int[np.ndarray, "pair 2"],
     free: Int[np.ndarray, "free"],
     T_world_link: Float[np.ndarray, "pose link 4 4"],
@@ -179,7 +179,7 @@ def clearances(
     """
     found = np.empty((len(T_world_link), 2))
     for pose in range(len(T_world_link)):
-        centres, axes = placed(rods, T_world_link[pose])
+        centres, axes = place_cylinders(rods, T_world_link[pose])
         low = np.inf
         for rod in free:
             up = abs(axes[rod, 2])
@@ -189,7 +189,7 @@ def clearances(
             low = min(low, centres[rod, 2] - below)
         least = np.inf
         for one, other in pairs:
-            gap = between(
+            gap = compute_cylinder_distance(
                 centres[one],
                 axes[one],
                 rods.radii[one],
@@ -208,20 +208,20 @@ def clearances(
 @compiled
 @no_type_check
 def rooms(
-    rods: Rods,
+    rods: CylinderArrays,
     T_world_link: Float[np.ndarray, "link 4 4"],
     points: Float[np.ndarray, "point 3"],
     others: Int[np.ndarray, "other"],
 ) -> tuple[Float[np.ndarray, "point"], Int[np.ndarray, "point"]]:
     """Distance of points of the world from the nearest of some rods, and which [m]."""
-    centres, axes = placed(rods, T_world_link)
+    centres, axes = place_cylinders(rods, T_world_link)
     found = np.full(len(points), np.inf)
     which = np.full(len(points), -1)
     for i in range(len(points)):
         p = (points[i, 0], points[i, 1], points[i, 2])
         for rod in others:
-            at = nearest(p, centres[rod], axes[rod], rods.radii[rod], rods.halves[rod])
-            length = apart(p, at)
+            at = find_nearest_point(p, centres[rod], axes[rod], rods.radii[rod], rods.halves[rod])
+            length = compute_distance(p, at)
             if length < found[i]:
                 found[i], which[i] = length, rod
     return found, which
@@ -255,54 +255,4 @@ def facing_gaps(
 ) -> tuple[Float[np.ndarray, "pose pair"], Int[np.ndarray, "pose pair 2"]]:
     """Least distance of points of two charts that face each other, and which two [m].
 
-    Infinite, and -1, where none do between `thinnest` and `within`.
-    """
-    poses = len(T_world_link)
-    gaps = np.full((poses, len(pairs)), np.inf)
-    which = np.full((poses, len(pairs), 2), -1)
-    world = np.empty((len(points), 6))
-    middles = np.empty((len(links), 3))
-    for pose in range(poses):
-        for chart in range(len(links)):
-            T = T_world_link[pose, links[chart]]
-            x, y, z = placed_points(T, balls[chart, :3], 1.0)
-            middles[chart, 0], middles[chart, 1], middles[chart, 2] = x, y, z
-            for i in range(starts[chart], starts[chart + 1]):
-                x, y, z = placed_points(T, points[i], 1.0)
-                world[i, 0], world[i, 1], world[i, 2] = x, y, z
-                x, y, z = placed_points(T, normals[i], 0.0)
-                world[i, 3], world[i, 4], world[i, 5] = x, y, z
-        for pair in range(len(pairs)):
-            one, other = pairs[pair]
-            apart = 0.0
-            for axis in range(3):
-                apart += (middles[one, axis] - middles[other, axis]) ** 2
-            if np.sqrt(apart) > within + balls[one, 3] + balls[other, 3]:
-                continue
-            best = within * within
-            beyond = (within + balls[other, 3]) ** 2
-            for i in range(starts[one], starts[one + 1]):
-                a = world[i]
-                apart = 0.0
-                for axis in range(3):
-                    apart += (a[axis] - middles[other, axis]) ** 2
-                if apart > beyond:
-                    continue
-                for j in range(starts[other], starts[other + 1]):
-                    b = world[j]
-                    x, y, z = b[0] - a[0], b[1] - a[1], b[2] - a[2]
-                    square = x * x + y * y + z * z
-                    if square >= best or square < thinnest * thinnest:
-                        continue
-                    least = cosine * np.sqrt(square)
-                    if x * a[3] + y * a[4] + z * a[5] < least:
-                        continue
-                    if x * b[3] + y * b[4] + z * b[5] > -least:
-                        continue
-                    if a[3] * b[3] + a[4] * b[4] + a[5] * b[5] > -cosine:
-                        continue
-                    best = square
-                    which[pose, pair, 0], which[pose, pair, 1] = i, j
-            if which[pose, pair, 0] >= 0:
-                gaps[pose, pair] = np.sqrt(best)
-    return gaps, which
+    In

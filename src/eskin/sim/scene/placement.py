@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from eskin.sim.constants import MM
-from eskin.sim.contact.press import Site
+from eskin.sim.contact.press import ContactSite
 from eskin.sim.people.person import Person
 from eskin.sim.scene.environment import World, axes_at, site_at
 from eskin.sim.scene.targets import EDGE, INNER, REGIONS, SEAM, edge_distance
@@ -19,7 +19,7 @@ AROUND = np.linspace(-0.5, 0.5, 9)
 
 def has_room(
     world: World,
-    site: Site,
+    site: ContactSite,
     law: str,
     T_world_link: Float[np.ndarray, "link 4 4"],
 ) -> bool:
@@ -34,7 +34,7 @@ def has_room(
 
 
 def is_open(
-    world: World, site: Site, T_world_link: Float[np.ndarray, "link 4 4"]
+    world: World, site: ContactSite, T_world_link: Float[np.ndarray, "link 4 4"]
 ) -> bool:
     """Whether a finger can come to the place from outside."""
     need = world.constants.value("place.room") * MM
@@ -46,7 +46,7 @@ def is_open(
 
 
 def arc_is_free(
-    world: World, site: Site, T_world_link: Float[np.ndarray, "link 4 4"]
+    world: World, site: ContactSite, T_world_link: Float[np.ndarray, "link 4 4"]
 ) -> bool:
     """Whether a hand fits round a tube: room over the arc that it covers."""
     value = world.constants.value
@@ -90,7 +90,7 @@ def draw_site(
     gesture: str,
     rng: np.random.Generator,
     kind: str | None = None,
-) -> Site:
+) -> ContactSite:
     """Where a person touches the robot in a pose.
 
     What has no law of its own takes that of poke, double pat, grab or stroke, as it
@@ -204,7 +204,7 @@ def weights_of(
     return all_spots.areas[spots] * within * facing
 
 
-def site_of(world: World, view: View, spot: int, rng: np.random.Generator) -> Site:
+def site_of(world: World, view: View, spot: int, rng: np.random.Generator) -> ContactSite:
     """The site at a place that may be drawn."""
     chart = int(world.spots.chart[spot])
     return reached_at(world, view, chart, target_at(world, spot, rng))
@@ -212,7 +212,7 @@ def site_of(world: World, view: View, spot: int, rng: np.random.Generator) -> Si
 
 def reached_at(
     world: World, view: View, chart: int, centre: Float[np.ndarray, "2"]
-) -> Site:
+) -> ContactSite:
     """The site at a place of a chart, with the hand as it comes from the person."""
     T = view.T_world_link[world.links[chart]]
     position, *_ = axes_at(world.charts[chart], centre[None], T)

@@ -10,7 +10,7 @@ from eskin.recording import TruthRecord
 from eskin.sim.constants import Constants
 from eskin.sim.contact.chart import Chart
 from eskin.sim.contact.press import Press, TrueTouch
-from eskin.sim.contact.pressure import Felt, feel, grid_neighbours, leak_share, spread
+from eskin.sim.contact.pressure import PressureField, compute_pressure_field, find_grid_neighbours, compute_leak_share, spread_through_film
 from eskin.sim.scene.environment import World
 from eskin.skin import MountedSkin, Skin
 from eskin.transforms import apply
@@ -37,7 +37,7 @@ class Part:
 
     press: Press
     """The part of the press that lies in the scene."""
-    felt: Felt
+    felt: PressureField
     """What the skin feels of it."""
 
     @property
@@ -52,7 +52,7 @@ def parts_of(
     """What each press of a touch does within a scene of so many steps."""
     presses = (cropped(press, steps) for press in touch.presses)
     return [
-        Part(press, feel(press, charts[press.chart], constants))
+        Part(press, compute_pressure_field(press, charts[press.chart], constants))
         for press in presses
         if press is not None
     ]
@@ -246,7 +246,7 @@ def series_of(
 @lru_cache(maxsize=4)
 def neighbours_of(skin: Skin) -> Int[np.ndarray, "taxel 4"]:
     """Taxels beside each one in its patch's grid, kept."""
-    return grid_neighbours(skin)
+    return find_grid_neighbours(skin)
 
 
 def pressure_of(
@@ -254,8 +254,8 @@ def pressure_of(
 ) -> tuple[Float[np.ndarray, "time active"], Int[np.ndarray, "active"]]:
     """Pressure of all touches after the film [kPa], and the taxels it is on."""
     pressure, taxels = add_up([p for ps in felt for p in ps], steps, skin.count)
-    beta = leak_share(film_sigma, skin.areas)
-    return spread(pressure, taxels, neighbours_of(skin), beta)
+    beta = compute_leak_share(film_sigma, skin.areas)
+    return spread_through_film(pressure, taxels, neighbours_of(skin), beta)
 
 
 def readings_every(world: World) -> int:

@@ -4,7 +4,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from eskin.sim.constants import MM
-from eskin.sim.contact.press import Site
+from eskin.sim.contact.press import ContactSite
 from eskin.sim.scene.environment import World, site_at
 from eskin.sim.scene.folds import faces_of
 from eskin.sim.scene.kernels import rooms
@@ -73,7 +73,7 @@ JOINTS = ("elbow_joint", "wrist_1_joint", "wrist_2_joint")
 HALVINGS = 12
 
 
-def self_contact_sites(world: World, q: Float[np.ndarray, "joint"]) -> tuple[Site, ...]:
+def self_contact_sites(world: World, q: Float[np.ndarray, "joint"]) -> tuple[ContactSite, ...]:
     """Places where another link is so close that it presses, in strips.
 
     The angle of such a site is that of the strip: along the other link.
@@ -113,7 +113,7 @@ def strip_at(
     taxel: int,
     rod: int,
     T_world_link: Float[np.ndarray, "link 4 4"],
-) -> Site:
+) -> ContactSite:
     """The place of a taxel, its angle along the rod that presses there."""
     rods = world.solids.rods
     along = T_world_link[rods.links[rod], :3, :3] @ rods.axes[rod]
