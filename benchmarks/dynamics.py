@@ -12,7 +12,7 @@ import numpy as np
 from eskin.command import DynamicPlant, SimulatedArm
 from eskin.drivers import ManualClock
 from eskin.robot import Wrench
-from eskin.sim.interactive.skin import LiveSkin
+from eskin.sim.interactive.skin import InteractiveSkin
 
 STEP = 0.002
 STANDS = 0.01
@@ -92,7 +92,7 @@ def show_wrenches(seeds: tuple[int, ...] = (100, 101, 102, 103)) -> None:
     """The force that the arm feels of touches, beside their true force."""
     shares: dict[str, list[float]] = {gesture: [] for gesture in GESTURES}
     for seed in seeds:
-        skin, stamps = LiveSkin("ur5", seed), iter(range(20, 10**6, 20))
+        skin, stamps = InteractiveSkin("ur5", seed), iter(range(20, 10**6, 20))
         q = SimulatedArm(clock=ManualClock()).executor.trajectory.q
         for gesture in GESTURES:
             skin.hand.perform(gesture)

@@ -22,9 +22,15 @@ from safetensors.numpy import load_file
 
 from eskin import MountedSkin, Recognizer, load_robot, read_recording
 from eskin.demo.headless import DemoConfig, run_headless
-from eskin.drivers import Data, FixedJoints, Hello, decode_packet, encode_packet
-from eskin.drivers.assembler import Assembler
-from eskin.drivers.events import EventLog
+from eskin.drivers import (
+    Assembler,
+    Data,
+    EventLog,
+    FixedJoints,
+    Hello,
+    decode_packet,
+    encode_packet,
+)
 from eskin.model import load_model, save_model
 from eskin.recording import Recording
 from eskin.units import NS_PER_S

@@ -23,11 +23,11 @@ from eskin.learn.events.true_events import build_events
 from eskin.live import Detection, Recognizer
 from eskin.model import Model, load_model
 from eskin.recording import NONE, TruthRecord
-from eskin.sim.interactive.hand import Place
-from eskin.sim.interactive.skin import LiveSkin
+from eskin.sim.interactive.hand import LinkPoint
+from eskin.sim.interactive.skin import InteractiveSkin
 from eskin.sim.people.gesture_sample import build_minimum_jerk
-from eskin.sim.scene.motion import fastest
-from eskin.sim.scene.poses import GROUPS, draw_pose
+from eskin.sim.scene.motion import compute_max_speed
+from eskin.sim.scene.poses import POSE_GROUPS, draw_pose
 from eskin.units import NS_PER_S
 
 GESTURES = ("poke", "double_pat", "grab", "stroke")
@@ -77,7 +77,7 @@ class Message:
 class Run:
     """One skin with a recogniser, and what it has heard."""
 
-    def __init__(self, live: LiveSkin, model: Model, path: Path) -> None:
+    def __init__(self, live: InteractiveSkin, model: Model, path: Path) -> None:
         """Wait until a baseline is found."""
         self.live, self.path = live, path
         self.recognizer = Recognizer(model, live.mounted, live.calibration)
@@ -112,15 +112,15 @@ class Run:
         return ScoredStream(tuple(events), self.heard.detections, self.time, person)
 
 
-def still(q: Float[np.ndarray, "joint"], live: LiveSkin) -> Path:
+def still(q: Float[np.ndarray, "joint"], live: InteractiveSkin) -> Path:
     """An arm that stands."""
     return lambda seconds: q
 
 
-def to_and_fro(q: Float[np.ndarray, "joint"], live: LiveSkin) -> Path:
+def to_and_fro(q: Float[np.ndarray, "joint"], live: InteractiveSkin) -> Path:
     """An arm whose joints swing together, as fast as arms among people may."""
     direction = np.where(np.arange(len(q)) % 2, 1.0, -1.0)
-    speed = min(0.8, fastest(live.world, q[None], direction))
+    speed = min(0.8, compute_max_speed(live.world, q[None], direction))
     return lambda seconds: q + STRETCH * direction * np.sin(seconds * speed / STRETCH)
 
 
@@ -152,7 +152,7 @@ def led(run: Run, command: Command, rng: np.random.Generator) -> None:
         run.wait(rng.uniform(*PAUSE))
 
 
-def pointed_at(run: Run, rng: np.random.Generator) -> Place:
+def pointed_at(run: Run, rng: np.random.Generator) -> LinkPoint:
     """A place amid one of the long patches."""
     skin = run.live.mounted.skin
     patch = str(rng.choice(["forearm_front", "forearm_back", "upper_arm_back"]))
@@ -160,18 +160,18 @@ def pointed_at(run: Run, rng: np.random.Generator) -> Place:
     inner = taxels[(skin.columns[taxels] > 3) & (skin.columns[taxels] < 12)]
     taxel = rng.choice(inner[len(inner) // 4 : -len(inner) // 4])
     link = skin.patches[skin.patch_index[taxel]].link
-    return Place(link, skin.positions[taxel].astype(np.float64))
+    return LinkPoint(link, skin.positions[taxel].astype(np.float64))
 
 
-def drag(run: Run, place: Place, rng: np.random.Generator) -> None:
+def drag(run: Run, place: LinkPoint, rng: np.random.Generator) -> None:
     """Fingers that follow a pointer along the link."""
     length, speed = rng.uniform(0.1, 0.18), rng.uniform(0.1, 0.3)
     chart = next(c for c in run.live.world.charts if c.link == place.link)
     way = rng.choice([-1.0, 1.0]) * length * chart.surface.T_link_surface[:3, 2]
-    touch = run.live.hand.begin(Place(place.link, place.p_link - way / 2), 3.0)
+    touch = run.live.hand.begin(LinkPoint(place.link, place.p_link - way / 2), 3.0)
     for share in build_minimum_jerk(round(length / speed / run.live.period)):
         here = place.p_link + (share - 0.5) * way
-        run.live.hand.move(touch, Place(place.link, here))
+        run.live.hand.move(touch, LinkPoint(place.link, here))
         run.scan()
     run.live.hand.end(touch)
 
@@ -202,13 +202,13 @@ def touched(
     command: Command,
     model: Model,
     touch: Callable[[Run, Command, np.random.Generator], None],
-    way: Callable[[Float[np.ndarray, "joint"], LiveSkin], Path],
+    way: Callable[[Float[np.ndarray, "joint"], InteractiveSkin], Path],
 ) -> Iterator[Run]:
     """Every skin, after all that was done to it."""
     for number in range(command.skins):
         rng = np.random.default_rng((command.seed, number))
-        live = LiveSkin("ur5", command.seed + number, command.kind)
-        q = draw_pose(live.world, GROUPS, rng)
+        live = InteractiveSkin("ur5", command.seed + number, command.kind)
+        q = draw_pose(live.world, POSE_GROUPS, rng)
         run = Run(live, model, way(q, live))
         touch(run, command, rng)
         yield run

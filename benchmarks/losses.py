@@ -27,7 +27,7 @@ from eskin.recording import NONE, find_recordings
 from eskin.sim.constants import load_constants
 from eskin.sim.dataset.clip_generator import Simulator
 from eskin.sim.dataset.generate import generate
-from eskin.sim.dataset.settings import Settings
+from eskin.sim.dataset.settings import GenerationSettings
 
 NEARLY_NOTHING = 1e-3
 """Factor on a constant that is to be as good as zero."""
@@ -102,7 +102,12 @@ def main() -> None:
     for number, (name, world) in enumerate(WORLDS.items()):
         folder = command.sets / f"losses-{number}"
         train, val = (
-            made(folder / kind, Settings(kind, "ur5", 0, clips), world, command.workers)
+            made(
+                folder / kind,
+                GenerationSettings(kind, "ur5", 0, clips),
+                world,
+                command.workers,
+            )
             for kind, clips in (("train", command.train), ("val", command.val))
         )
         right = [accuracy(train, val, seed) for seed in range(command.seeds)]
@@ -110,7 +115,10 @@ def main() -> None:
 
 
 def made(
-    folder: Path, settings: Settings, world: Callable[[str], Simulator], workers: int
+    folder: Path,
+    settings: GenerationSettings,
+    world: Callable[[str], Simulator],
+    workers: int,
 ) -> Dataset:
     """A set of that world, prepared."""
     generate(folder, settings, workers, world)

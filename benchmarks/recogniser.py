@@ -23,7 +23,7 @@ from eskin.learn.events import EventScore, score_events, trace_recordings
 from eskin.learn.plots import draw_confusion, draw_reliability
 from eskin.model import Model, load_model
 from eskin.recording import find_recordings
-from eskin.sim.dataset.plan import KINDS
+from eskin.sim.dataset.plan import PAIR_SIDES
 
 Part = Literal["clips", "streams", "skins", "pairs", "all"]
 
@@ -91,7 +91,7 @@ def pairs(command: Command) -> str:
     """Pairs of clips with the same counts: either side, and both of a pair right."""
     folder = made(command, "pairs")
     rows = ["| kind | first side | second side | all |", "|---" * 4 + "|"]
-    for kind, sides in KINDS.items():
+    for kind, sides in PAIR_SIDES.items():
         shares = [clip_score(command, folder / s).segments.accuracy for s in sides]
         cells = " | ".join(f"{share:.1%}" for share in (*shares, np.mean(shares)))
         rows.append(f"| {kind} | {cells} |")

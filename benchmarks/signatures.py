@@ -25,7 +25,7 @@ from eskin.recording import find_recordings
 from eskin.sim.constants import load_constants
 from eskin.sim.dataset.clip_generator import Simulator
 from eskin.sim.dataset.generate import generate
-from eskin.sim.dataset.settings import Settings
+from eskin.sim.dataset.settings import GenerationSettings
 
 NEARLY_NOTHING = 1e-3
 """Factor on a constant that is to be as good as zero."""
@@ -100,7 +100,7 @@ def recalls(
     """Recall of each class where some constants are almost nothing."""
     folder = command.sets / "signature"
     shutil.rmtree(folder, ignore_errors=True)
-    settings = Settings("val", "ur5", command.seed, command.clips)
+    settings = GenerationSettings("val", "ur5", command.seed, command.clips)
     generate(folder, settings, command.workers, partial(world_without, constants))
     card = model.card
     dataset = prepare(

@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from eskin.sim.dataset.generate import generate
-from eskin.sim.dataset.settings import Settings
+from eskin.sim.dataset.settings import GenerationSettings
 
 
 def made_set(
@@ -33,5 +33,5 @@ def made_set(
     words += [f"people{people}"] if people is not None else []
     words += [f"seed{seed}"] if seed else []
     folder = sets / "-".join(words)
-    generate(folder, Settings(name, skin, seed, clips, people), workers)
+    generate(folder, GenerationSettings(name, skin, seed, clips, people), workers)
     return folder

@@ -25,11 +25,10 @@ import tyro
 
 import eskin
 from benchmarks.browser import CHROMIUM, FLAGS
-from eskin.drivers import SourceInfo
-from eskin.drivers.played_source import PlayedSource
+from eskin.drivers import PlayedSource, SourceInfo
 from eskin.live import warm_up
 from eskin.sim.dataset.clip_generator import Simulator
-from eskin.sim.interactive.player import Player
+from eskin.sim.interactive.player import TouchPlayer
 from eskin.stream import Recognition, Stream
 from eskin.touch import Scan
 from eskin.viewer import Viewer, ViewerConfig
@@ -68,7 +67,7 @@ class Cost:
 def main() -> None:
     """Measure and print."""
     command = tyro.cli(Command)
-    player = Player(Simulator("ur5"), 0)
+    player = TouchPlayer(Simulator("ur5"), 0)
     maker = player.maker
     info = SourceInfo(
         "sim:ur5",

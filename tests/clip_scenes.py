@@ -9,7 +9,7 @@ from eskin.graph import HISTORY, GraphBatch
 from eskin.learn.dataset import Dataset
 from eskin.learn.ground_truth import Clip
 from eskin.sim.dataset.generate import generate
-from eskin.sim.dataset.settings import Settings
+from eskin.sim.dataset.settings import GenerationSettings
 from eskin.skin import MountedSkin
 from sim_scenes import StandIn
 
@@ -46,7 +46,7 @@ class Elsewhere(Placed):
 
 def generated(folder, maker=Placed, clips=6, chosen="val") -> list[Path]:
     """The recordings of a generated set, of one person."""
-    generate(folder, Settings(chosen, clips=clips, subjects=1), 0, maker)
+    generate(folder, GenerationSettings(chosen, clips=clips, subjects=1), 0, maker)
     return sorted(folder.rglob("*.mcap"))
 
 

@@ -7,8 +7,7 @@ from contextlib import contextmanager
 import numpy as np
 import serial
 
-from eskin.drivers import ManualClock, decode_packet
-from eskin.drivers.framing import Deframer
+from eskin.drivers import Deframer, ManualClock, decode_packet
 from eskin.drivers.virtual import (
     PtyPort,
     UdpPort,

@@ -2,11 +2,16 @@
 
 import numpy as np
 
-from eskin.drivers import Data, Hello, ManualClock
-from eskin.drivers.assembler import Assembler
-from eskin.drivers.events import EventLog
-from eskin.drivers.source import FixedJoints
-from eskin.drivers.transport import ReceivedPacket, Transport
+from eskin.drivers import (
+    Assembler,
+    Data,
+    EventLog,
+    FixedJoints,
+    Hello,
+    ManualClock,
+    ReceivedPacket,
+    Transport,
+)
 from touch_scenes import SECOND, START, build_grid_skin
 
 MS = SECOND // 1000

@@ -5,15 +5,15 @@ from dataclasses import fields, replace
 import numpy as np
 
 from eskin.sim.constants import load_constants
-from eskin.sim.sensor.build import nominal_build
-from eskin.sim.sensor.model import Session, Stages
+from eskin.sim.sensor.build import build_nominal_sensor
+from eskin.sim.sensor.model import SensorSession, SensorStages
 from eskin.sim.sensor.sensor import sense
 from touch_scenes import build_grid_skin
 
 CONSTANTS = load_constants()
 SKIN = build_grid_skin(6, 6, patches=2)
 STEP = 0.01
-NONE = Stages(**{field.name: False for field in fields(Stages)})
+NONE = SensorStages(**{field.name: False for field in fields(SensorStages)})
 ELEMENT = replace(NONE, power=True, creep=True, hysteresis=True, divider=True)
 
 
@@ -24,7 +24,7 @@ def fine(build, **changes):
 
 def element(**changes):
     """A build like the element of the public logs: exponent 0.76, no gap."""
-    build = fine(nominal_build(SKIN, CONSTANTS))
+    build = fine(build_nominal_sensor(SKIN, CONSTANTS))
     exponent = np.full(SKIN.count, 0.76)
     return replace(
         build, velostat=replace(build.velostat, exponent=exponent, **changes)
@@ -32,7 +32,7 @@ def element(**changes):
 
 
 def same_session():
-    return Session(np.ones(SKIN.count), 0.0)
+    return SensorSession(np.ones(SKIN.count), 0.0)
 
 
 def run(series, build, stages=ELEMENT, taxel=14, seed=1, session=None):

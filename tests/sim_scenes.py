@@ -6,9 +6,9 @@ import time
 import numpy as np
 
 from eskin.robot import load_robot
-from eskin.sim.dataset.clip import Clip
-from eskin.sim.dataset.clip_generator import Maker
-from eskin.sim.scene.scene import TrueSeries
+from eskin.sim.dataset.clip import SimulatedClip
+from eskin.sim.dataset.clip_generator import ClipGenerator
+from eskin.sim.scene.scene import TrueTouchSeries
 from eskin.skin import MountedSkin, build_grid_skin
 from eskin.touch import Calibration
 
@@ -17,7 +17,7 @@ REST, NOISE, HIGH = 100, 2, 900
 FULL_SCALE, PRESSURE = 4095, 100.0
 
 
-class StandIn(Maker):
+class StandIn(ClipGenerator):
     """Presses one taxel in the middle of every clip that is not idle."""
 
     def __init__(self, skin):
@@ -42,7 +42,7 @@ class StandIn(Maker):
             counts[:, truth.number % count] += (HIGH * (truth.force > 0)).astype(int)
         received = rng.random(counts.shape) < 0.99
         counts[~received] = FULL_SCALE
-        return Clip(
+        return SimulatedClip(
             counts=counts.astype(np.int32),
             received=received,
             q=np.zeros((len(times), 0)),
@@ -56,7 +56,7 @@ class StandIn(Maker):
         for number, onset in enumerate(onsets):
             end = onset + rng.uniform(0.3, 1.0)
             inside = (times >= onset) & (times < end)
-            yield TrueSeries(
+            yield TrueTouchSeries(
                 number=number,
                 gesture=plan.gesture or "poke",
                 kind="tip",

@@ -13,7 +13,7 @@ from eskin.drivers import DeviceSource, PlayedSource, SerialTransport, UdpTransp
 from eskin.drivers.virtual import PtyPort
 from eskin.errors import DeviceError, EskinError, RecordingError
 from eskin.sim.constants import load_constants
-from eskin.sim.sensor.build import nominal_build
+from eskin.sim.sensor.build import build_nominal_sensor
 from eskin.skin import load_skin, save_skin
 from eskin.skin.presets import SKIN_PRESETS
 from eskin.touch import Calibration
@@ -105,7 +105,7 @@ def test_a_calibration_is_given_or_lies_beside_the_skin_or_is_nominal(tmp_path):
 @pytest.mark.parametrize("name", SKIN_PRESETS)
 def test_the_nominal_calibration_is_that_of_the_simulator(name):
     skin = load_skin(name)
-    simulated = nominal_build(skin, load_constants()).calibration(skin)
+    simulated = build_nominal_sensor(skin, load_constants()).calibration(skin)
     assert nominal_calibration(skin).to_bytes() == simulated.to_bytes()
 
 

@@ -18,7 +18,7 @@ from eskin.drivers import ManualClock
 from eskin.errors import ArmError
 from eskin.robot import Kinematics, load_robot
 from eskin.sim.constants import load_constants
-from eskin.sim.scene.collision import solids_of
+from eskin.sim.scene.collision import build_collision_model
 
 SECOND = 1_000_000_000
 NAMES = [waypoint.name for waypoint in FRAME_TASK.waypoints]
@@ -75,7 +75,7 @@ def test_every_pose_on_the_way_is_free_and_the_tool_points_down():
     robot = load_robot("ur5")
     kinematics, solids, constants = (
         Kinematics(robot),
-        solids_of(robot),
+        build_collision_model(robot),
         load_constants(),
     )
     ways = [np.array(waypoint.q) for waypoint in FRAME_TASK.waypoints]

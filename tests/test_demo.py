@@ -19,7 +19,7 @@ from eskin.demo import (
 from eskin.demo.browser import PageCommandHandler
 from eskin.drivers import ManualClock
 from eskin.page import PageOrder, TouchOrder
-from eskin.sim.interactive.skin import LiveSkin
+from eskin.sim.interactive.skin import InteractiveSkin
 from eskin.stream import CommandEvent
 
 SECOND = 1_000_000_000
@@ -91,7 +91,7 @@ def test_a_touch_that_is_lost_has_a_reason(said, commands, why):
 
 def test_nobody_touches_an_arm_that_has_just_been_paused():
     clock = ManualClock(SECOND)
-    arm, skin = SimulatedArm(clock=clock), LiveSkin()
+    arm, skin = SimulatedArm(clock=clock), InteractiveSkin()
     config = SimulatedUserConfig(first=0.1)
     user = SimulatedUser(
         skin, arm, load_commands(None, VOCABULARY, skin.mounted.skin), 0, config
@@ -149,7 +149,7 @@ def test_where_nothing_was_obeyed_no_delay_is_told(capsys):
 def test_scans_come_period_by_period_where_the_arm_is():
     clock = ManualClock()
     with SimulatedArm(clock=clock) as arm:
-        source = LiveSource(LiveSkin(), arm, clock)
+        source = LiveSource(InteractiveSkin(), arm, clock)
         scans = [source.read() for _ in range(20)]
     stamps = [scan.stamp for scan in scans]
     assert (np.diff(stamps) == round(source.skin.period * SECOND)).all()
@@ -159,7 +159,7 @@ def test_scans_come_period_by_period_where_the_arm_is():
 
 def test_orders_of_the_page_touch_the_skin_and_pause_the_arm():
     clock = ManualClock()
-    arm, skin, others = SimulatedArm(clock=clock), LiveSkin(), []
+    arm, skin, others = SimulatedArm(clock=clock), InteractiveSkin(), []
     handler = PageCommandHandler(skin, arm, others.append)
     taxel = int(skin.mounted.skin.find_taxels("forearm_front")[200])
     place = tuple(skin.mounted.skin.positions[taxel].tolist())

@@ -21,8 +21,8 @@ from eskin.cli.main import run
 from eskin.drivers import Data, decode_packet
 from eskin.recording import Metadata, RecordingWriter
 from eskin.robot import load_robot
-from eskin.sim.dataset.clip import Clip
-from eskin.sim.dataset.clip_generator import Maker
+from eskin.sim.dataset.clip import SimulatedClip
+from eskin.sim.dataset.clip_generator import ClipGenerator
 from eskin.skin import MountedSkin, build_grid_skin, save_skin
 from eskin.touch import Calibration
 
@@ -100,7 +100,7 @@ def test_a_pseudo_terminal_is_read_until_ctrl_c(recorded, tmp_path):
     assert not link.is_symlink()
 
 
-class StillSimulator(Maker):
+class StillSimulator(ClipGenerator):
     """Somebody who only rests, of a small skin."""
 
     def __init__(self, name):
@@ -113,7 +113,7 @@ class StillSimulator(Maker):
     def make(self, plan):
         counts = np.full((50, self.mounted.skin.count), 7, np.int32)
         received = np.ones(counts.shape, dtype=bool)
-        return Clip(counts, received, np.zeros((50, 0)), (), 0, {})
+        return SimulatedClip(counts, received, np.zeros((50, 0)), (), 0, {})
 
 
 def test_a_simulated_person_plays_until_it_is_time(recorded, capsys, monkeypatch):

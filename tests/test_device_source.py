@@ -10,12 +10,17 @@ from contextlib import ExitStack
 import numpy as np
 import pytest
 
-from eskin.drivers import HostClock, ManualClock, encode_packet
-from eskin.drivers.device_source import DeviceSource
-from eskin.drivers.framing import Deframer, encode_frame
-from eskin.drivers.serial_transport import SerialTransport
-from eskin.drivers.source import FixedJoints
-from eskin.drivers.udp_transport import UdpTransport
+from eskin.drivers import (
+    Deframer,
+    DeviceSource,
+    FixedJoints,
+    HostClock,
+    ManualClock,
+    SerialTransport,
+    UdpTransport,
+    encode_frame,
+    encode_packet,
+)
 from eskin.errors import DeviceError, SkinMismatchError
 from eskin.skin import MountedSkin
 from module_scenes import MS, PATCHES, SKIN, Module, Script, true_times

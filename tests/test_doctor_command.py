@@ -7,8 +7,7 @@ import pytest
 from device_scenes import playing, scans_of, small_skin, udp_skin
 from eskin.cli import doctor
 from eskin.cli.main import run
-from eskin.drivers import HostClock, UdpTransport
-from eskin.drivers.serial_transport import SerialPortInfo
+from eskin.drivers import HostClock, SerialPortInfo, UdpTransport
 from eskin.drivers.virtual import parse_fault
 from eskin.errors import ModelError
 from eskin.skin import save_skin

@@ -24,8 +24,8 @@ from eskin.page import PageOrder
 from eskin.robot import Kinematics, Wrench, load_robot
 from eskin.robot.dynamics import Dynamics, ServoConfig
 from eskin.robot.presets import read_preset_urdf
-from eskin.sim.interactive.hand import Place
-from eskin.sim.interactive.skin import LiveSkin, wrenches_of
+from eskin.sim.interactive.hand import LinkPoint
+from eskin.sim.interactive.skin import InteractiveSkin, compute_wrenches
 from eskin.transforms import apply
 
 mujoco = pytest.importorskip("mujoco", reason="needs the extra sim")
@@ -231,20 +231,20 @@ def test_nothing_moves_the_kinematic_arm():
 
 
 def test_pressure_pushes_inward_with_its_force_where_it_is():
-    skin = LiveSkin().mounted.skin
+    skin = InteractiveSkin().mounted.skin
     taxels = skin.find_taxels("forearm_front")[:1]
-    (wrench,) = wrenches_of(np.array([50.0]), taxels, skin)
+    (wrench,) = compute_wrenches(np.array([50.0]), taxels, skin)
     force = -50e3 * skin.areas[taxels[0]] * skin.normals[taxels[0]]
     np.testing.assert_allclose(wrench.force_link, force)
     moment = np.cross(skin.positions[taxels[0]], force)
     np.testing.assert_allclose(wrench.torque_link, moment)
     assert wrench.link == "forearm_link"
-    assert wrenches_of(np.zeros(0), taxels[:0], skin) == ()
+    assert compute_wrenches(np.zeros(0), taxels[:0], skin) == ()
 
 
 def test_an_arm_that_stands_yields_to_a_poke_on_its_skin():
     arm, clock = arm_and_clock()
-    skin = LiveSkin(loses=False)
+    skin = InteractiveSkin(loses=False)
     arm.pause()
     source = LiveSource(
         skin, arm, clock, after_scan=lambda: arm.apply_wrenches(skin.wrenches)
@@ -252,7 +252,7 @@ def test_an_arm_that_stands_yields_to_a_poke_on_its_skin():
     for _ in range(10):
         stood = source.read().q
     taxel = skin.mounted.skin.find_taxels("forearm_front")[200]
-    place = Place("forearm_link", skin.mounted.skin.positions[taxel])
+    place = LinkPoint("forearm_link", skin.mounted.skin.positions[taxel])
     touch = skin.hand.poke(place, 30.0, 0.5)
     yielded = felt = 0.0
     while touch in skin.hand.touching:
@@ -282,7 +282,7 @@ def test_who_touches_the_arm_of_the_demonstration_pushes_it(capsys, monkeypatch)
 
 def test_resume_in_the_page_ends_a_protective_stop():
     arm, clock = arm_and_clock()
-    handler = PageCommandHandler(LiveSkin(), arm)
+    handler = PageCommandHandler(InteractiveSkin(), arm)
     arm.apply_wrenches(pushed((600.0, 0.0, 0.0)))
     clock.sleep(0.5)
     arm.apply_wrenches([])
@@ -293,7 +293,7 @@ def test_resume_in_the_page_ends_a_protective_stop():
 
 def test_people_unlock_an_arm_in_protective_stop_before_they_touch_it():
     arm, clock = arm_and_clock()
-    skin = LiveSkin()
+    skin = InteractiveSkin()
     commands = load_commands(None, VOCABULARY, skin.mounted.skin)
     user = SimulatedUser(skin, arm, commands, 0, SimulatedUserConfig(first=0.1))
     arm.apply_wrenches(pushed((600.0, 0.0, 0.0)))

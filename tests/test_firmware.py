@@ -9,8 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from eskin.drivers.framing import Deframer
-from eskin.drivers.packet import Data, Hello, Status, decode_packet
+from eskin.drivers import Data, Deframer, Hello, Status, decode_packet
 
 ROOT = Path(__file__).parents[1]
 FIRMWARE = ROOT / "firmware"

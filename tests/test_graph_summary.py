@@ -9,7 +9,7 @@ from eskin.graph import (
     HISTORY,
     PRESSURE_SUMMARY,
     SHEAR_SUMMARY,
-    compressed,
+    compress_shear,
     compute_node_scalars,
 )
 from eskin.graph.summary_kernels import AREA, FORCE, HISTORY_FLOORS, RATE, SPEED
@@ -193,12 +193,12 @@ def test_compressed_vectors_keep_their_direction_and_their_order():
     directions = np.random.default_rng(0).normal(size=(50, 3))
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
     sizes = np.geomspace(1e-6, 1e4, 50)
-    found = compressed(directions * sizes[:, None])
+    found = compress_shear(directions * sizes[:, None])
     lengths = np.linalg.norm(found, axis=1)
     np.testing.assert_allclose(found, lengths[:, None] * directions, atol=1e-12)
     assert (np.diff(lengths) > 0).all()
     assert lengths[-1] < 5.0
-    assert not compressed(np.zeros((2, 3))).any()
+    assert not compress_shear(np.zeros((2, 3))).any()
 
 
 @pytest.mark.parametrize("kpa", [1e-3, 1.0, 500.0])

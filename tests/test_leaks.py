@@ -10,14 +10,14 @@ from eskin.learn.comparison import find_examples
 from eskin.learn.scoring import ClipPredictions
 from eskin.recording import NONE
 from eskin.sim.dataset.generate import generate
-from eskin.sim.dataset.settings import Settings
+from eskin.sim.dataset.settings import GenerationSettings
 
 
 @pytest.fixture(scope="module")
 def examples(tmp_path_factory):
     """Eight clips of the simulator."""
     place = tmp_path_factory.mktemp("leaks")
-    generate(place / "a", Settings("paper", clips=8, subjects=1))
+    generate(place / "a", GenerationSettings("paper", clips=8, subjects=1))
     return find_examples([place / "a"], place / "pack")
 
 

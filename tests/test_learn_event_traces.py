@@ -19,7 +19,7 @@ from eskin.live import Recognizer
 from eskin.model import DecisionConfig
 from eskin.recording import read_recording
 from eskin.sim.dataset.generate import generate
-from eskin.sim.dataset.settings import Settings
+from eskin.sim.dataset.settings import GenerationSettings
 from live_scenes import (
     SECOND,
     START,
@@ -131,8 +131,10 @@ class Placed(StandIn):
 def sets(tmp_path_factory):
     """A generated stream, and a generated set of clips."""
     folder = tmp_path_factory.mktemp("sets")
-    generate(folder / "streams", Settings("streams", clips=2), 0, Placed)
-    generate(folder / "val", Settings("val", clips=12, subjects=2), 0, StandIn)
+    generate(folder / "streams", GenerationSettings("streams", clips=2), 0, Placed)
+    generate(
+        folder / "val", GenerationSettings("val", clips=12, subjects=2), 0, StandIn
+    )
     return folder
 
 

@@ -13,7 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from eskin.drivers.framing import Deframer, encode_frame
+from eskin.drivers import Deframer, encode_frame
 from eskin.drivers.packet import (
     MAX_COUNTS,
     MAX_PACKET_BYTES,

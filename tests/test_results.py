@@ -6,12 +6,12 @@ from benchmarks.results import OF_581, Command, spent, task_of
 from clip_scenes import generated
 from eskin.learn.comparison import METHODS, MethodResult
 from eskin.learn.comparison.results import write_result
-from eskin.sim.dataset.settings import Settings
+from eskin.sim.dataset.settings import GenerationSettings
 
 
 @pytest.mark.parametrize(("learned", "clips"), OF_581.items())
 def test_a_point_of_the_curve_learns_as_many_clips_as_it_says(learned, clips):
-    sittings = Settings("paper", clips=clips, subjects=6).sittings
+    sittings = GenerationSettings("paper", clips=clips, subjects=6).sittings
     train = [one.clips for one in sittings if one.file.startswith("train/")]
     assert sum(train) == learned and len(train) == 6
 

@@ -2,7 +2,7 @@ from dataclasses import replace
 
 import pytest
 
-from eskin.drivers.events import EventLog
+from eskin.drivers import EventLog
 from eskin.drivers.module_registry import HOLD_TIME, ModuleRegistry
 from eskin.errors import SkinError
 from module_scenes import SKIN, TAXELS, Module

@@ -13,8 +13,8 @@ from eskin.drivers import ManualClock
 from eskin.errors import ArmError, DeviceError, EskinError
 from eskin.live import Recognizer
 from eskin.recording import Metadata, RecordingWriter
-from eskin.sim.interactive.hand import Place
-from eskin.sim.interactive.skin import LiveSkin
+from eskin.sim.interactive.hand import LinkPoint
+from eskin.sim.interactive.skin import InteractiveSkin
 from eskin.stream import Recognition
 from eskin.viewer import Viewer
 from live_scenes import write_all
@@ -52,13 +52,13 @@ def test_other_computers_may_be_allowed_and_this_one_is():
 @pytest.fixture
 def poked(tmp_path):
     """A recording of a hand that pokes the forearm three times."""
-    live = LiveSkin(seed=4)
+    live = InteractiveSkin(seed=4)
     skin = live.mounted.skin
     place = skin.positions[skin.find_taxels("forearm_back")[100]].astype(float)
     scans = []
     for number in range(300):
         if number in (120, 180, 240):
-            live.hand.poke(Place("forearm_link", place), 12.0, 0.3)
+            live.hand.poke(LinkPoint("forearm_link", place), 12.0, 0.3)
         scans.append(live.scan(SECOND + number * SECOND // 50, np.zeros(6)))
     path = tmp_path / "poked.mcap"
     metadata = Metadata(dataset="scene", session="one")

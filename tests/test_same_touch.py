@@ -18,7 +18,7 @@ from eskin.demo.same_touch import (
 from eskin.page import Answer as Shown
 from eskin.page import ComparisonBoard
 from eskin.page.board import board
-from eskin.sim.scene.validity import is_free
+from eskin.sim.scene.validity import are_collision_free
 from world_scenes import world
 
 
@@ -77,7 +77,7 @@ def test_the_arm_goes_from_pose_to_pose_without_a_jump_or_a_collision(touches):
     np.testing.assert_allclose(q[length - 1], touches[0].poses[0])
     np.testing.assert_allclose(q[2 * length - 1], touches[0].poses[1])
     np.testing.assert_allclose(q[4 * length - 1], touches[1].poses[1])
-    assert is_free(world(), world().poses(q)).all()
+    assert are_collision_free(world(), world().poses(q)).all()
 
 
 def test_the_page_is_told_what_is_said_without_it(touches, answers):

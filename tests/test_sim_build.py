@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from eskin.sim.constants import load_constants
-from eskin.sim.sensor.build import draw_build, nominal_build, taxels_of_line
-from eskin.sim.sensor.velostat import steps_from_edge
+from eskin.sim.sensor.build import build_nominal_sensor, draw_build, find_line_taxels
+from eskin.sim.sensor.velostat import count_steps_from_edge
 from eskin.touch import Calibration
 from touch_scenes import build_grid_skin
 
@@ -58,7 +58,7 @@ def test_bent_taxels_lie_at_the_edges_of_their_patches():
     bend = drawn().velostat.bend
     bent = bend > 0
     assert 0.04 < bent.mean() < 0.11
-    assert (steps_from_edge(SKIN)[bent] == 0).all()
+    assert (count_steps_from_edge(SKIN)[bent] == 0).all()
     assert bend.max() <= 3.0
 
 
@@ -67,7 +67,7 @@ def test_a_dead_line_is_dead_and_named():
     build = drawn("shifted", constants=constants)
     assert len(build.defects.lines) == 6
     for line in build.defects.lines:
-        inside = taxels_of_line(line, SKIN)
+        inside = find_line_taxels(line, SKIN)
         assert inside.sum() == 12
         assert build.defects.dead[inside].all()
 
@@ -80,7 +80,9 @@ def test_a_calibration_knows_the_converter_and_no_single_taxel():
     assert calibration.curve == "divider"
     again = Calibration.from_bytes(calibration.to_bytes())
     assert (again.curve, again.exponent) == ("divider", calibration.exponent)
-    assert calibration.exponent == nominal_build(SKIN, CONSTANTS).nominal_exponent
+    assert (
+        calibration.exponent == build_nominal_sensor(SKIN, CONSTANTS).nominal_exponent
+    )
 
 
 def test_scaling_a_constant_scales_the_build():

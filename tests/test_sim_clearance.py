@@ -7,8 +7,12 @@ import pytest
 
 from eskin.robot import Box, Geom, Link, Robot, compute_surface_distance, load_robot
 from eskin.sim.constants import MM
-from eskin.sim.scene.collision import solids_of
-from eskin.sim.scene.validity import acceptable, is_free, limits
+from eskin.sim.scene.collision import build_collision_model
+from eskin.sim.scene.validity import (
+    are_collision_free,
+    are_poses_valid,
+    compute_joint_limits,
+)
 from eskin.transforms import apply, invert
 from world_scenes import poses, surface_points, world
 
@@ -47,7 +51,7 @@ def sampled_height(T_world_link):
 
 
 def random_poses(count, seed):
-    low, high = limits(world())
+    low, high = compute_joint_limits(world())
     return np.random.default_rng(seed).uniform(low, high, (count, len(low)))
 
 
@@ -91,14 +95,17 @@ def test_turning_the_base_changes_no_clearance():
     solids = world().solids
     one, other = (solids.clearance(world().poses(each), 0.05) for each in (q, turned))
     np.testing.assert_allclose(one, other, atol=5e-5)
-    np.testing.assert_array_equal(acceptable(world(), q), acceptable(world(), turned))
+    np.testing.assert_array_equal(
+        are_poses_valid(world(), q), are_poses_valid(world(), turned)
+    )
 
 
 def test_a_pose_folded_into_itself_or_the_table_is_refused():
     into_table = np.array([0.0, 0.3, 0.0, 0.0, 0.0, 0.0])
     upright = np.deg2rad([0.0, -90.0, 0.0, -90.0, 0.0, 0.0])
     np.testing.assert_array_equal(
-        is_free(world(), world().poses(np.array([into_table, upright]))), [False, True]
+        are_collision_free(world(), world().poses(np.array([into_table, upright]))),
+        [False, True],
     )
 
 
@@ -121,4 +128,4 @@ def test_room_is_the_distance_to_all_other_links_and_the_table():
 def test_a_robot_of_boxes_is_refused_with_the_remedy():
     box = Geom(Box((0.1, 0.1, 0.1)), np.eye(4))
     with pytest.raises(ValueError, match="describe its collision geoms as such"):
-        solids_of(Robot("crate", (Link("crate", (box,)),), ()))
+        build_collision_model(Robot("crate", (Link("crate", (box,)),), ()))

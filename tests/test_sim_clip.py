@@ -6,12 +6,12 @@ from functools import lru_cache
 import numpy as np
 import pytest
 
-from eskin.sim.contact.press import SoftTissue, Press, ContactPads, TrueTouch
-from eskin.sim.dataset.clip import build_of, make_clip
+from eskin.sim.contact.press import ContactPads, Press, SoftTissue, TrueTouch
+from eskin.sim.dataset.clip import get_build, make_clip
 from eskin.sim.dataset.plan import BuildOrigin, ClipPlan, Origin
-from eskin.sim.dataset.staging import draw_accident, draw_start, set_up
-from eskin.sim.scene.scene import contact_steps, moved
-from eskin.sim.scene.validity import self_contact_sites
+from eskin.sim.dataset.staging import draw_accident, draw_start, set_up_clip
+from eskin.sim.scene.scene import find_contact_steps, shift_touch
+from eskin.sim.scene.validity import find_self_contact_sites
 from world_scenes import world
 
 PLAN = ClipPlan(
@@ -65,7 +65,7 @@ def test_what_is_felt_is_felt_where_and_when_it_truly_is(gesture):
     near = []
     for clip in clips(10, gesture=gesture):
         (truth,) = clip.truths
-        calibration = build_of(PLAN.build, world()).calibration(world().mounted.skin)
+        calibration = get_build(PLAN.build, world()).calibration(world().mounted.skin)
         rest = np.median(clip.counts, axis=0)
         felt = calibration.compute_pressure(clip.counts - rest) * clip.received
         felt[:, felt.mean(axis=0) > 5.0] = 0.0  # stuck taxels
@@ -153,8 +153,8 @@ def test_links_press_on_each_other_where_a_stream_of_accidents_stands_folded():
     seen = set()
     for number in range(8):
         plan = replace(PLAN, seed=(1, number), gesture=None, kind="accidents")
-        stage = set_up(plan, "accidents", world(), plan.rng())
-        touching = bool(self_contact_sites(world(), stage.q[0]))
+        stage = set_up_clip(plan, "accidents", world(), plan.rng())
+        touching = bool(find_self_contact_sites(world(), stage.q[0]))
         kinds = {draw_accident(stage, 0) for _ in range(100)}
         assert ("self_contact" in kinds) == touching
         seen.add(touching)
@@ -201,8 +201,10 @@ def test_at_least_the_stated_share_of_every_contact_lies_in_its_clip():
     cut = 0
     for _ in range(400):
         length = int(rng.integers(5, 190))
-        touch = moved(steady(length), draw_start(steady(length), 200, constants, rng))
-        first, end = contact_steps(touch)
+        touch = shift_touch(
+            steady(length), draw_start(steady(length), 200, constants, rng)
+        )
+        first, end = find_contact_steps(touch)
         seen = min(end, 200) - max(first, 0)
         assert seen >= inside * length - 1
         cut += seen < length
@@ -213,6 +215,8 @@ def test_a_touch_longer_than_its_clip_begins_before_it_or_ends_after_it():
     constants, rng = world().constants, np.random.default_rng(0)
     for _ in range(100):
         touch = steady(350)
-        first, end = contact_steps(moved(touch, draw_start(touch, 200, constants, rng)))
+        first, end = find_contact_steps(
+            shift_touch(touch, draw_start(touch, 200, constants, rng))
+        )
         assert min(end, 200) - max(first, 0) >= 0.6 * 200 - 1
         assert first < 0 or end > 200

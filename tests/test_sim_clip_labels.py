@@ -6,14 +6,19 @@ import numpy as np
 import pytest
 
 from eskin.recording import Label
-from eskin.sim.dataset.session_file import peaks_of, ranges_of, rest_of, true_labels
-from eskin.sim.dataset.settings import Settings
+from eskin.sim.dataset.session_file import (
+    build_ranges,
+    build_true_labels,
+    compute_peak_pressures,
+    compute_rest_counts,
+)
+from eskin.sim.dataset.settings import GenerationSettings
 from eskin.touch import Calibration
 from sim_scenes import FULL_SCALE, StandIn
 
 START = 1_750_000_000_000_000_000
 MAKER = StandIn("square")
-SETTINGS = Settings("train", "square", clips=10, subjects=1)
+SETTINGS = GenerationSettings("train", "square", clips=10, subjects=1)
 LEAD, PLAN, *_ = SETTINGS.plans(SETTINGS.sittings[0])
 CLIP = MAKER.make(PLAN)
 RNG = np.random.default_rng(1)
@@ -42,40 +47,40 @@ def at(seconds):
 )
 def test_a_label_is_the_part_of_a_touch_that_its_clip_shows(onset, end, shown):
     clip = replace(CLIP, truths=(touched(onset, end),))
-    labels = true_labels(PLAN, clip, START)
+    labels = build_true_labels(PLAN, clip, START)
     expected = shown and Label(at(shown[0]), at(shown[1]), "poke", "true")
     assert labels == ((expected,) if expected else ())
 
 
 def test_only_the_touch_that_a_clip_is_made_for_is_labelled():
     clip = replace(CLIP, truths=(touched(0.2, 0.4), touched(1.0, 1.4, number=1)))
-    [label] = true_labels(PLAN, clip, START)
+    [label] = build_true_labels(PLAN, clip, START)
     assert label.start == at(0.2)
     alone = replace(CLIP, truths=(touched(1.0, 1.4, number=1),))
-    assert true_labels(PLAN, alone, START) == ()
+    assert build_true_labels(PLAN, alone, START) == ()
 
 
 def test_touches_of_a_stream_are_labelled_unless_they_overlap_an_earlier_one():
     stream = replace(PLAN, gesture=None, seconds=60.0)
     spans = [(9.0, 10.0), (2.0, 4.0), (3.0, 5.0), (4.5, 6.0)]
     truths = tuple(touched(*span, number=i) for i, span in enumerate(spans))
-    labels = true_labels(stream, replace(CLIP, truths=truths), START)
+    labels = build_true_labels(stream, replace(CLIP, truths=truths), START)
     assert [label.start for label in labels] == [at(2.0), at(4.5), at(9.0)]
-    assert ranges_of(stream, labels, START)[0].start == at(1.0)
+    assert build_ranges(stream, labels, START)[0].start == at(1.0)
 
 
 def test_the_range_of_a_clip_is_the_clip():
-    [label] = ranges_of(PLAN, (), START)
+    [label] = build_ranges(PLAN, (), START)
     assert label == Label(START, at(2.0), PLAN.gesture, "range")
 
 
 def test_a_taxel_rests_where_it_was_most_of_the_time():
     lead = MAKER.make(LEAD)
-    rest = rest_of(lead)
+    rest = compute_rest_counts(lead)
     assert (np.abs(rest - 100) <= 1).all()
     received = lead.received.copy()
     received[:, 3] = False
-    assert rest_of(replace(lead, received=received))[3] > FULL_SCALE
+    assert compute_rest_counts(replace(lead, received=received))[3] > FULL_SCALE
 
 
 @pytest.mark.parametrize("curve", ["linear", "divider"])
@@ -90,6 +95,6 @@ def test_the_peak_is_the_largest_pressure_of_what_was_received(curve):
     share = above / FULL_SCALE
     bent = FULL_SCALE * (share / (1 - share)) ** (1 / 0.8)
     pressure = gain * (above if curve == "linear" else bent)
-    peaks = peaks_of(counts, received, rest, calibration)
+    peaks = compute_peak_pressures(counts, received, rest, calibration)
     np.testing.assert_allclose(peaks, pressure.max(axis=1), rtol=1e-12)
     assert peaks[4] == 0

@@ -21,17 +21,17 @@ from contact_scenes import (
 from eskin.robot import load_robot
 from eskin.sim import build_charts, load_constants
 from eskin.sim.contact.pressure import (
-    compute_contact_ellipses,
-    compute_pressure_field,
-    compute_pad_gaps,
-    find_grid_neighbours,
     build_taxel_geometry,
+    compute_contact_ellipses,
     compute_leak_share,
+    compute_pad_gaps,
     compute_pad_offsets,
+    compute_pressure_field,
     compute_relative_curvatures,
+    find_grid_neighbours,
+    find_reachable_pairs,
     share_load,
     spread_through_film,
-    find_reachable_pairs,
 )
 from eskin.skin import MountedSkin
 from eskin.skin.presets import build_ur5_skin
@@ -63,8 +63,12 @@ def test_taxels_carry_the_force_that_lies_on_them(name, body, force):
 
 def test_force_that_misses_the_patch_is_lost():
     inside = compute_pressure_field(press(TIP, 4.0, centre=(0.0, 0.0)), FLAT, CONSTANTS)
-    on_edge = compute_pressure_field(press(TIP, 4.0, centre=(-0.102, 0.0)), FLAT, CONSTANTS)
-    beyond = compute_pressure_field(press(TIP, 4.0, centre=(-0.2, 0.0)), FLAT, CONSTANTS)
+    on_edge = compute_pressure_field(
+        press(TIP, 4.0, centre=(-0.102, 0.0)), FLAT, CONSTANTS
+    )
+    beyond = compute_pressure_field(
+        press(TIP, 4.0, centre=(-0.2, 0.0)), FLAT, CONSTANTS
+    )
     half = force_on(on_edge, FLAT)[0] / force_on(inside, FLAT)[0]
     assert half == pytest.approx(0.5, abs=0.05)
     assert len(beyond.taxels) == 0
@@ -83,7 +87,11 @@ def test_parts_share_the_load_and_none_is_lost(conformity):
 
 def test_parts_on_a_flat_share_by_stiffness_alone():
     touch = press(FINGERS, 10.0)
-    loads = share_load(touch, compute_pad_gaps(touch.flesh, FLAT, compute_pad_offsets(touch)), CONSTANTS)
+    loads = share_load(
+        touch,
+        compute_pad_gaps(touch.flesh, FLAT, compute_pad_offsets(touch)),
+        CONSTANTS,
+    )
     share = FINGERS.stiffness / FINGERS.stiffness.sum()
     assert loads[0] == pytest.approx(10.0 * share)
 
@@ -162,14 +170,20 @@ def test_parts_point_where_the_body_does():
 def test_the_nearest_part_carries_all_where_none_is_near():
     row = stamps(*((x, 0, 8, 20, 90, 220, 1) for x in (-60, -20, 80)))
     touch = press(row, 4.0, angle=0.0, conformity=0.0)
-    loads = share_load(touch, compute_pad_gaps(touch.flesh, TUBE, compute_pad_offsets(touch)), CONSTANTS)
+    loads = share_load(
+        touch,
+        compute_pad_gaps(touch.flesh, TUBE, compute_pad_offsets(touch)),
+        CONSTANTS,
+    )
     assert loads[0] == pytest.approx([0.0, 4.0, 0.0])
 
 
 def test_a_part_smaller_than_the_taxel_is_not_missed_in_its_middle():
     coarse = chart_of(Plane(np.eye(4)), pitch=0.008)
     pin = stamps((0, 0, 5, 5, 10, 20, 1))
-    felt = compute_pressure_field(press(pin, 1.0, coarse.unrolled[40]), coarse, CONSTANTS)
+    felt = compute_pressure_field(
+        press(pin, 1.0, coarse.unrolled[40]), coarse, CONSTANTS
+    )
     assert felt.taxels.tolist() == [40]
     assert force_on(felt, coarse)[0] > 0.5
 
@@ -196,11 +210,16 @@ def test_no_force_presses_nothing():
     felt = compute_pressure_field(press(TIP, [0.0, 1.0, 0.0]), FLAT, CONSTANTS)
     assert np.all(felt.pressure[[0, 2]] == 0.0)
     assert felt.area[0] == felt.area[2] == 0.0
-    assert len(compute_pressure_field(press(FINGERS, [0.0, 0.0]), TUBE, CONSTANTS).taxels) == 0
+    assert (
+        len(compute_pressure_field(press(FINGERS, [0.0, 0.0]), TUBE, CONSTANTS).taxels)
+        == 0
+    )
 
 
 def test_a_whole_turn_of_a_tube_changes_nothing():
-    here = compute_pressure_field(press(FINGERS, 30.0, centre=(0.11, 0.0)), TUBE, CONSTANTS)
+    here = compute_pressure_field(
+        press(FINGERS, 30.0, centre=(0.11, 0.0)), TUBE, CONSTANTS
+    )
     whole = TUBE.circumference
     for turns in (-2, -1, 1):
         there = compute_pressure_field(
@@ -265,7 +284,9 @@ def test_nothing_is_felt_where_no_part_reaches():
     for chart in (FLAT, TUBE, DOME):
         touch = press(FINGERS, 30.0)
         dents, _, _ = compute_contact_ellipses(touch, chart, CONSTANTS)
-        reached = find_reachable_pairs(dents, build_taxel_geometry(chart, CONSTANTS)).any(axis=0)
+        reached = find_reachable_pairs(
+            dents, build_taxel_geometry(chart, CONSTANTS)
+        ).any(axis=0)
         all_taxels = np.ones((FINGERS.count, len(chart.taxels)), dtype=bool)
         felt = compute_pressure_field(touch, chart, CONSTANTS)
         assert set(felt.taxels) <= set(chart.taxels[reached])
@@ -320,7 +341,9 @@ def test_two_patches_of_a_tube_feel_one_grab(ur5):
 def test_a_hand_longer_than_the_tube_is_round_meets_itself():
     thin = chart_of(Tube(0.01, np.eye(4)), pitch=0.002)
     row = stamps(*((0, y, 8, 20, 90, 220, 1) for y in (-31.416, 31.416)))
-    felt = compute_pressure_field(press(row, 4.0, angle=np.pi / 2, conformity=1.0), thin, CONSTANTS)
+    felt = compute_pressure_field(
+        press(row, 4.0, angle=np.pi / 2, conformity=1.0), thin, CONSTANTS
+    )
     single = compute_pressure_field(
         press(TIP, 2.0, centre=(0.001 + 0.031416, 0.002), angle=np.pi / 2),
         thin,
@@ -371,7 +394,9 @@ def test_each_taxel_may_have_a_share_of_its_own(ur5):
     shares = compute_leak_share(1.5e-3, ur5.skin.areas)
     assert 0.05 < shares.min() < shares.max() < 0.12
     everything = np.arange(ur5.skin.count)
-    even, taxels = spread_through_film(np.ones((1, len(everything))), everything, neighbours, shares)
+    even, taxels = spread_through_film(
+        np.ones((1, len(everything))), everything, neighbours, shares
+    )
     assert np.array_equal(taxels, everything)
     inside = np.all(neighbours >= 0, axis=1)
     assert even[0][inside] == pytest.approx(1.0, abs=0.02)

@@ -7,7 +7,7 @@ import pytest
 
 from eskin.sim.sensor.build import draw_build
 from eskin.sim.sensor.kernels import read_array
-from eskin.sim.sensor.model import Stages
+from eskin.sim.sensor.model import SensorStages
 from eskin.sim.sensor.sensor import sense
 from sensor_scenes import CONSTANTS, NONE, SKIN, same_session
 
@@ -112,7 +112,7 @@ def test_ghosts_do_not_cross_from_patch_to_patch():
 
     def counts(taxels, series):
         rng = np.random.default_rng(2)
-        return sense(series, taxels, build, SKIN, rng, Stages())[0]
+        return sense(series, taxels, build, SKIN, rng, SensorStages())[0]
 
     both = counts(np.append(one, two), np.hstack([series, series]))
     np.testing.assert_array_equal(both[:, :36], counts(one, series)[:, :36])

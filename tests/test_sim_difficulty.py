@@ -10,7 +10,7 @@ from benchmarks.simulation.leakage import over_people
 from benchmarks.simulation.remains import EDGES, histogram_of
 from benchmarks.simulation.true_features import runs, true_features
 
-from eskin.sim.dataset.settings import Settings
+from eskin.sim.dataset.settings import GenerationSettings
 from eskin.touch import Calibration
 
 
@@ -135,13 +135,13 @@ def test_the_most_confused_pairs_are_counted_both_ways():
 
 
 def test_a_tap_is_a_pat_alone_that_keeps_its_plan():
-    settings = Settings("train", clips=5, subjects=1)
+    settings = GenerationSettings("train", clips=5, subjects=1)
     plan = settings.plans(settings.sittings[0])[1]
     assert as_tap(plan) is plan
 
 
 def test_what_is_kept_of_clips_is_finite_and_small():
-    settings = Settings("train", clips=5, subjects=1)
+    settings = GenerationSettings("train", clips=5, subjects=1)
     sitting = settings.sittings[0]
     made = sitting_of(sitting, settings.plans(sitting), False)
     assert sorted(each.label for each in made) == sorted(

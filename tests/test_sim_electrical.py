@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from eskin.sim.constants import load_constants
-from eskin.sim.sensor.build import draw_build, taxels_of_line
-from eskin.sim.sensor.electrical import ELECTRICAL, disturb
+from eskin.sim.sensor.build import draw_build, find_line_taxels
+from eskin.sim.sensor.electrical import ELECTRICAL_EVENTS, add_electrical_event
 from touch_scenes import build_grid_skin
 
 CONSTANTS = load_constants()
@@ -16,16 +16,18 @@ ALL = np.ones(REST.shape, bool)
 
 
 def event(kind, seed):
-    return disturb(kind, REST, ALL, SKIN, BUILD, np.random.default_rng(seed))
+    return add_electrical_event(
+        kind, REST, ALL, SKIN, BUILD, np.random.default_rng(seed)
+    )
 
 
-@pytest.mark.parametrize("kind", ELECTRICAL)
+@pytest.mark.parametrize("kind", ELECTRICAL_EVENTS)
 @pytest.mark.parametrize("seed", range(5))
 def test_an_event_changes_only_its_place_and_time(kind, seed):
     counts, received, drawn = event(kind, seed)
     place, onset = str(drawn["place"]), int(drawn["onset"])
     inside = (
-        taxels_of_line(place, SKIN)
+        find_line_taxels(place, SKIN)
         if ":" in place
         else SKIN.patch_index == int(place[1:])
     )
@@ -51,15 +53,15 @@ def test_events_are_what_they_are_called():
 
 
 def test_the_kinds_are_those_that_can_be_drawn():
-    assert set(CONSTANTS.weights("sensor.electrical.kinds")) == set(ELECTRICAL)
+    assert set(CONSTANTS.weights("sensor.electrical.kinds")) == set(ELECTRICAL_EVENTS)
 
 
 def test_the_same_seed_makes_the_same_event():
-    for kind in ELECTRICAL:
+    for kind in ELECTRICAL_EVENTS:
         one, two = event(kind, 4), event(kind, 4)
         assert one[0].tobytes() == two[0].tobytes() and one[2] == two[2]
 
 
 def test_an_unknown_event_is_refused():
     with pytest.raises(ValueError, match="allowed are line_step"):
-        disturb("spark", REST, ALL, SKIN, BUILD, np.random.default_rng(1))
+        add_electrical_event("spark", REST, ALL, SKIN, BUILD, np.random.default_rng(1))

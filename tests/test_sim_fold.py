@@ -7,23 +7,29 @@ import pytest
 
 from eskin.sim.constants import MM
 from eskin.sim.people.perform import perform
-from eskin.sim.scene.environment import axes_at, direction_of
-from eskin.sim.scene.folds import facing, fold, fold_sites, gap_of, share_of
-from eskin.sim.scene.poses import draw_touching_pose, pool_of
-from eskin.sim.scene.validity import self_contact_sites
+from eskin.sim.scene.environment import compute_surface_axes, compute_surface_direction
+from eskin.sim.scene.folds import (
+    compute_facing_gaps,
+    compute_fold_share,
+    compute_site_gap,
+    find_fold_sites,
+    press_both_sites,
+)
+from eskin.sim.scene.poses import build_pose_pool, draw_touching_pose
+from eskin.sim.scene.validity import find_self_contact_sites
 from world_scenes import EVERY, people, poses, world
 
 
 def pairs(count, seed=0):
     """Poses with the pairs of sites in them."""
     for q, person in zip(poses(count, seed, fold=True), people(count), strict=True):
-        yield q, person, fold_sites(world(), q, person)
+        yield q, person, find_fold_sites(world(), q, person)
 
 
 def axes(q, site):
     T = world().poses(q)[world().links[site.chart]]
     chart = world().charts[site.chart]
-    return [axis[0] for axis in axes_at(chart, np.array([site.centre]), T)]
+    return [axis[0] for axis in compute_surface_axes(chart, np.array([site.centre]), T)]
 
 
 def poked(person, site, seed=0):
@@ -46,25 +52,27 @@ def test_the_two_sites_are_on_different_links_and_close_and_face_each_other():
 
 def test_a_hand_fits_between_the_sites():
     thinnest = world().constants.value("fold.thinnest") * MM
-    folded = np.concatenate(list(pool_of(world()).folded.values()))
-    gaps, _ = facing(world(), world().poses(folded))
+    folded = np.concatenate(list(build_pose_pool(world()).folded.values()))
+    gaps, _ = compute_facing_gaps(world(), world().poses(folded))
     assert gaps.min() >= thinnest - 1e-9
     # Some of these patches come nearer elsewhere.
     thin = world().constants.scaled({"fold.thinnest": 0.0})
-    nearer, _ = facing(replace(world(), constants=thin), world().poses(folded))
+    nearer, _ = compute_facing_gaps(
+        replace(world(), constants=thin), world().poses(folded)
+    )
     assert nearer.min() < thinnest
 
 
 def test_nearest_pairs_come_first():
     for q, _, found in pairs(40):
-        gaps = [gap_of(world(), q, *pair) for pair in found]
+        gaps = [compute_site_gap(world(), q, *pair) for pair in found]
         assert gaps == sorted(gaps)
 
 
 def test_the_hand_points_the_same_way_at_both_sites_as_far_as_they_let_it():
     for q, person, ((first, second), *_) in pairs(20):
         ahead = [
-            direction_of(np.array([site.angle]), s[None], t[None])[0]
+            compute_surface_direction(np.array([site.angle]), s[None], t[None])[0]
             for site in (first, second)
             for _, s, t, _ in [axes(q, site)]
         ]
@@ -78,8 +86,8 @@ def test_the_hand_points_the_same_way_at_both_sites_as_far_as_they_let_it():
 def test_both_presses_together_bear_the_force_of_the_one():
     q, person, ((first, second), *_) = next(pairs(1))
     touch = poked(person, first)
-    share = share_of(world(), q, first, second)
-    folded = fold(touch, first, second, share)
+    share = compute_fold_share(world(), q, first, second)
+    folded = press_both_sites(touch, first, second, share)
     assert len(folded.presses) == 2 * len(touch.presses)
     total = sum(press.force for press in folded.presses)
     np.testing.assert_allclose(total, touch.presses[0].force)
@@ -89,7 +97,7 @@ def test_both_presses_together_bear_the_force_of_the_one():
 
 def test_the_wider_the_gap_the_less_the_farther_patch_bears():
     found = [
-        (gap_of(world(), q, *pair), share_of(world(), q, *pair))
+        (compute_site_gap(world(), q, *pair), compute_fold_share(world(), q, *pair))
         for q, _, these in pairs(30)
         for pair in these
     ]
@@ -101,7 +109,7 @@ def test_the_wider_the_gap_the_less_the_farther_patch_bears():
 def test_the_hand_moves_the_same_way_in_space_on_patches_that_lie_face_to_face():
     q, person, ((first, second), *_) = next(pairs(1, seed=3))
     touch = poked(person, first)
-    one, other = fold(touch, first, second, 0.4).presses
+    one, other = press_both_sites(touch, first, second, 0.4).presses
     way = one.centre - np.array(first.centre)
     there = other.centre - np.array(second.centre)
     # Along and across the hand, whose x axis is mirrored on the other side.
@@ -126,7 +134,7 @@ def test_a_share_outside_0_to_1_is_refused():
     _, person, ((first, second), *_) = next(pairs(1))
     for share in (-0.1, 1.1, np.nan):
         with pytest.raises(ValueError, match="give 0 to 1"):
-            fold(poked(person, first), first, second, share)
+            press_both_sites(poked(person, first), first, second, share)
 
 
 def test_self_contact_lies_where_another_link_is_within_three_millimetres():
@@ -135,7 +143,7 @@ def test_self_contact_lies_where_another_link_is_within_three_millimetres():
     for _ in range(12):
         q = draw_touching_pose(world(), EVERY, rng)
         T = world().poses(q)
-        for site in self_contact_sites(world(), q):
+        for site in find_self_contact_sites(world(), q):
             point = axes(q, site)[0]
             gap = world().solids.room(T, point[None], world().links[site.chart])
             assert gap[0] < least

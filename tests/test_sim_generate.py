@@ -13,12 +13,12 @@ import pytest
 from eskin.errors import GenerationError
 from eskin.recording import find_recordings, read_recording
 from eskin.sim.dataset.generate import generate
-from eskin.sim.dataset.settings import Settings
+from eskin.sim.dataset.settings import GenerationSettings
 from eskin.touch import Calibrator
 from sim_scenes import Dying, Failing, Slow, StandIn
 
 SECOND = 1_000_000_000
-SMALL = Settings("train", "square", seed=3, clips=23, subjects=4)
+SMALL = GenerationSettings("train", "square", seed=3, clips=23, subjects=4)
 
 
 def made(folder, settings=SMALL, **options):
@@ -97,8 +97,8 @@ def test_the_bytes_do_not_depend_on_the_number_of_workers(whole, tmp_path, worke
 
 def test_another_seed_or_difficulty_gives_other_clips(whole, tmp_path):
     for name, settings in {
-        "seed": Settings("train", "square", seed=4, clips=23, subjects=4),
-        "set": Settings("val", "square", seed=3, clips=23, subjects=4),
+        "seed": GenerationSettings("train", "square", seed=4, clips=23, subjects=4),
+        "set": GenerationSettings("val", "square", seed=3, clips=23, subjects=4),
     }.items():
         other = content(made(tmp_path / name, settings))
         same = set(other.values()) & set(content(whole).values())
@@ -205,12 +205,15 @@ def test_a_folder_of_other_settings_is_refused_in_one_line(whole, tmp_path):
     made(tmp_path)
     before = content(tmp_path)
     for other, message in (
-        (Settings("val", "square", 3, 23, 4), "set_name train, not val"),
-        (Settings("train", "other", 3, 23, 4), "skin square, not other"),
-        (Settings("train", "square", 4, 23, 4), "seed 3, not 4"),
-        (Settings("train", "square", 3, 24, 4), "clips 23, not 24"),
-        (Settings("train", "square", 3, 23, 3), "subjects 4, not 3"),
-        (Settings("train", "square", 3, 23, 4, 1.0), "difficulty 1.5, not 1.0"),
+        (GenerationSettings("val", "square", 3, 23, 4), "set_name train, not val"),
+        (GenerationSettings("train", "other", 3, 23, 4), "skin square, not other"),
+        (GenerationSettings("train", "square", 4, 23, 4), "seed 3, not 4"),
+        (GenerationSettings("train", "square", 3, 24, 4), "clips 23, not 24"),
+        (GenerationSettings("train", "square", 3, 23, 3), "subjects 4, not 3"),
+        (
+            GenerationSettings("train", "square", 3, 23, 4, 1.0),
+            "difficulty 1.5, not 1.0",
+        ),
     ):
         with pytest.raises(GenerationError, match=message) as caught:
             made(tmp_path, other)
@@ -232,14 +235,14 @@ def test_a_folder_of_other_recordings_is_refused_and_stays(whole, tmp_path):
 
 
 def test_the_paper_set_has_its_days_in_two_folders(tmp_path):
-    made(tmp_path, Settings("paper", "square", clips=24))
+    made(tmp_path, GenerationSettings("paper", "square", clips=24))
     files = sorted(name for name in content(tmp_path) if name.endswith(".mcap"))
     assert [name.split("/")[0] for name in files].count("train") == 4
     assert {name.split("/")[0] for name in files} == {"train", "test"}
 
 
 def test_a_stream_is_one_recording_with_a_label_for_each_touch(tmp_path):
-    made(tmp_path, Settings("streams", "square", clips=2))
+    made(tmp_path, GenerationSettings("streams", "square", clips=2))
     for path in find_recordings([tmp_path]):
         recording = read_recording(path)
         assert 66 <= (recording.end - recording.start) / SECOND <= 126
@@ -268,7 +271,7 @@ def test_progress_tells_how_many_clips_are_done(tmp_path):
 )
 def test_settings_that_make_no_sense_are_refused(wrong, message):
     with pytest.raises(ValueError, match=message):
-        Settings(**wrong)
+        GenerationSettings(**wrong)
 
 
 def test_slowness_changes_nothing(whole, tmp_path):

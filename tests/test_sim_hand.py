@@ -3,8 +3,8 @@ import pytest
 
 from eskin.sim.constants import load_constants
 from eskin.sim.people.hand import (
-    PAD_GROUPS,
     HAND_PADS,
+    PAD_GROUPS,
     build_body,
     build_hand,
     mirror_pads,
@@ -78,7 +78,8 @@ def test_splaying_widens_the_fingertips_and_keeps_the_lengths():
         )
         np.testing.assert_allclose(before, after)
     np.testing.assert_allclose(
-        mirror_pads(splay_fingers(hand, 0.1)).centres, splay_fingers(mirror_pads(hand), 0.1).centres
+        mirror_pads(splay_fingers(hand, 0.1)).centres,
+        splay_fingers(mirror_pads(hand), 0.1).centres,
     )
 
 

@@ -9,11 +9,11 @@ from eskin.errors import GenerationError
 from eskin.recording import read_recording
 from eskin.sim.dataset.clip_generator import Simulator
 from eskin.sim.dataset.generate import generate
-from eskin.sim.dataset.index import ClipRow, read_index, remake
-from eskin.sim.dataset.settings import Settings
+from eskin.sim.dataset.index import ClipRow, read_index, remake_clip
+from eskin.sim.dataset.settings import GenerationSettings
 from sim_scenes import StandIn
 
-SMALL = Settings("train", "square", seed=3, clips=23, subjects=4)
+SMALL = GenerationSettings("train", "square", seed=3, clips=23, subjects=4)
 SECOND = 1_000_000_000
 
 
@@ -73,7 +73,7 @@ def test_any_clip_can_be_made_again_alone(folder):
     for row in read_index(folder):
         arrays = read_recording(folder / row.file).arrays()
         first = int(np.searchsorted(arrays.stamps, row.start))
-        clip = remake(row, maker)
+        clip = remake_clip(row, maker)
         part = slice(first, first + len(clip.counts))
         assert arrays.stamps[first] == row.start
         np.testing.assert_array_equal(arrays.counts[part], clip.counts)
@@ -81,11 +81,11 @@ def test_any_clip_can_be_made_again_alone(folder):
 
 
 def test_a_clip_of_the_simulator_can_be_made_again_alone(tmp_path):
-    settings = Settings("test-x", clips=5, subjects=1)
+    settings = GenerationSettings("test-x", clips=5, subjects=1)
     generate(tmp_path, settings)
     row = read_index(tmp_path)[3]
     arrays = read_recording(tmp_path / row.file).arrays()
-    clip = remake(row, Simulator("ur5"))
+    clip = remake_clip(row, Simulator("ur5"))
     first = int(np.searchsorted(arrays.stamps, row.start))
     part = slice(first, first + 100)
     assert arrays.stamps[first] == row.start

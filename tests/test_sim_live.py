@@ -5,17 +5,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from eskin.sim.dataset.clip import play, session_of
+from eskin.sim.dataset.clip import get_session, simulate_clip
 from eskin.sim.dataset.plan import Origin
-from eskin.sim.interactive.hand import Place
-from eskin.sim.interactive.skin import LiveSkin
-from eskin.sim.interactive.touches import ActedTouch
+from eskin.sim.interactive.hand import LinkPoint
+from eskin.sim.interactive.skin import InteractiveSkin
+from eskin.sim.interactive.touches import PerformedTouch
 from eskin.sim.people.perform import perform
-from eskin.sim.scene.motion import drag, follow
-from eskin.sim.scene.scene import Scene, felt_in
+from eskin.sim.scene.motion import follow_late, hang_still
+from eskin.sim.scene.scene import Scene, compute_touch_presses
 from eskin.sim.sensor.build import draw_build
-from eskin.sim.sensor.model import Stages
-from eskin.sim.sensor.noise import BLOCK, Losses, Noise
+from eskin.sim.sensor.model import SensorStages
+from eskin.sim.sensor.noise import NOISE_BLOCK, ReadingLosses, ReadingNoise
 from eskin.sim.sensor.sensor import Sensor, sense
 from eskin.touch import Calibrator, ContactConfig
 from eskin.transforms import apply
@@ -25,7 +25,7 @@ from touch_scenes import build_grid_skin
 Q = np.array([0.3, -1.2, 1.0, -1.0, -1.5, 0.2])
 SWAY = np.array([0.1, 0.05, -0.1, 0.2, 0.0, 0.1])
 PERIOD = 20_000_000
-CALM = Stages(faults=False)
+CALM = SensorStages(faults=False)
 
 
 def still(_):
@@ -40,7 +40,7 @@ def place_of(live, patch, number=40):
     skin = live.mounted.skin
     taxel = skin.find_taxels(patch)[number]
     link = skin.patches[skin.patch_index[taxel]].link
-    return Place(link, skin.positions[taxel].astype(float))
+    return LinkPoint(link, skin.positions[taxel].astype(float))
 
 
 def run(live, readings, q=still):
@@ -68,7 +68,7 @@ def forces(found):
 def test_pressures_pushed_bit_by_bit_count_the_same_as_at_once(shape, kind):
     skin = build_grid_skin(*shape[:2], patches=shape[2])
     build = draw_build("b", kind, skin, CONSTANTS, np.random.default_rng(5))
-    taxels, steps = np.array([7, 8, 13]), 2 * BLOCK + 60
+    taxels, steps = np.array([7, 8, 13]), 2 * NOISE_BLOCK + 60
     push = np.clip(np.sin(np.linspace(-1, 40, steps)), 0, 1)[:, None]
     pressure = push * np.array([4.0, 12.0, 60.0])
     whole, _ = sense(pressure, taxels, build, skin, np.random.default_rng(3), CALM)
@@ -92,7 +92,8 @@ def test_readings_get_lost_by_the_same_draws_but_for_the_first_state():
     build = draw_build("b", "shifted", skin, CONSTANTS, np.random.default_rng(5))
     often = replace(build.defects, dropped=0.2)
     one, two = (
-        Losses(often, 2, np.random.default_rng(seed), Stages()) for seed in (4, 4)
+        ReadingLosses(often, 2, np.random.default_rng(seed), SensorStages())
+        for seed in (4, 4)
     )
     at_once = one.all(4000)
     one_by_one = np.concatenate([two.next() for _ in range(4000)])
@@ -104,17 +105,17 @@ def test_readings_get_lost_by_the_same_draws_but_for_the_first_state():
 def test_noise_is_the_same_however_much_is_drawn_at_a_time_and_never_repeats():
     def noise():
         streams = [np.random.default_rng(seed) for seed in range(3)]
-        return Noise(2, 25, (streams[0], streams[1], streams[2]))
+        return ReadingNoise(2, 25, (streams[0], streams[1], streams[2]))
 
     whole, single = noise(), noise()
-    blocks = [whole.rows(BLOCK).chances for _ in range(2)]
-    rows = [single.rows(1).chances for _ in range(2 * BLOCK)]
+    blocks = [whole.rows(NOISE_BLOCK).chances for _ in range(2)]
+    rows = [single.rows(1).chances for _ in range(2 * NOISE_BLOCK)]
     np.testing.assert_array_equal(np.concatenate(blocks), np.concatenate(rows))
     assert (blocks[0] != blocks[1]).mean() > 0.99
 
 
 def test_a_hand_lands_on_its_target_though_the_arm_moves_and_then_falls_behind():
-    live = LiveSkin()
+    live = InteractiveSkin()
     run(live, 50, swaying)
     place = place_of(live, "forearm_back", 300)
     site = live.hand.site("poke", None, place, live.hand.person)
@@ -123,7 +124,7 @@ def test_a_hand_lands_on_its_target_though_the_arm_moves_and_then_falls_behind()
         *("poke", "one_tip", live.hand.person, site, CONSTANTS, rng, 0.0),
         *("paper", asked),
     )
-    live.hand.add(ActedTouch(touch, 0.2, live.world))
+    live.hand.add(PerformedTouch(touch, 0.2, live.world))
     away = []
     for _, truths in run(live, 20, lambda reading: swaying(50 + reading)):
         for truth in truths:
@@ -136,10 +137,10 @@ def test_a_hand_lands_on_its_target_though_the_arm_moves_and_then_falls_behind()
 @pytest.mark.parametrize("gesture", ["grab", "stroke", "cable"])
 @pytest.mark.parametrize("way", [still, swaying])
 def test_a_touch_is_what_it_is_in_a_clip(gesture, way):
-    live, seed = LiveSkin(seed=2), 8
+    live, seed = InteractiveSkin(seed=2), 8
     world, steps, delay = live.world, 200, 0.2
-    session = session_of(Origin("s", (1,)), live.build)
-    stages = Stages(skew=False, faults=False)
+    session = get_session(Origin("s", (1,)), live.build)
+    stages = SensorStages(skew=False, faults=False)
     rng, skin = np.random.default_rng(seed), live.mounted.skin
     live.sensor = Sensor(live.build, skin, rng, stages, session)
     site = live.hand.site(
@@ -148,28 +149,28 @@ def test_a_touch_is_what_it_is_in_a_clip(gesture, way):
     what = ("none", "cable") if gesture == "cable" else (gesture, None)
     rng = np.random.default_rng(0)
     touch = perform(*what, live.hand.person, site, world.constants, rng, 1.5, None)
-    live.hand.add(ActedTouch(touch, delay, world))
+    live.hand.add(PerformedTouch(touch, delay, world))
     found = run(live, steps // 2, way)
     at = np.arange(-1, steps // 2)
     q = np.array([way(max(reading, 0)) for reading in at])
     between = np.arange(steps) / 2 - 0.5
     q = np.stack([np.interp(between, at, each) for each in q.T], axis=1)
-    carry = drag if gesture == "cable" else lambda *a: follow(*a, delay)
+    carry = hang_still if gesture == "cable" else lambda *a: follow_late(*a, delay)
     presses = tuple(carry(press, world, q) for press in touch.presses)
     scene = Scene(q, (replace(touch, presses=presses),))
     rng = np.random.default_rng(seed)
-    clip = play(scene, 1, live.build, session, world, rng, stages)
+    clip = simulate_clip(scene, 1, live.build, session, world, rng, stages)
     counts = np.array([scan.counts for scan, _ in found[: len(clip.counts)]])
     assert np.abs(counts - clip.counts).max() <= 1
     assert (counts != clip.counts).mean() < 1e-5
-    truth = play(scene, 0, live.build, session, world, rng, stages).truths[0]
+    truth = simulate_clip(scene, 0, live.build, session, world, rng, stages).truths[0]
     np.testing.assert_allclose(forces(found), truth.force, atol=1e-9)
     assert any((clip.counts != clip.counts[0]).ravel())
 
 
 @pytest.mark.parametrize(("what", "force"), [("poke", 6.0), ("double_pat", 8.0)])
 def test_the_true_force_of_a_touch_is_what_was_asked_and_lasts_as_long(what, force):
-    live = LiveSkin()
+    live = InteractiveSkin()
     getattr(live.hand, what)(place_of(live, "forearm_back", 90), force, 0.6)
     found = run(live, 60)
     assert all(truth.force > 0 for _, truths in found for truth in truths)
@@ -179,7 +180,7 @@ def test_the_true_force_of_a_touch_is_what_was_asked_and_lasts_as_long(what, for
 
 
 def test_a_grab_has_the_force_asked_for_unless_nobody_can():
-    live = LiveSkin()
+    live = InteractiveSkin()
     live.hand.grab(place_of(live, "forearm_back", 90), 30.0, 0.8)
     assert forces(run(live, 60)).max() == pytest.approx(30.0, rel=0.03)
     live.hand.grab(place_of(live, "forearm_back", 90), 900.0, 0.8)
@@ -187,7 +188,7 @@ def test_a_grab_has_the_force_asked_for_unless_nobody_can():
 
 
 def test_taxels_bear_the_whole_force_inside_a_patch():
-    live = LiveSkin()
+    live = InteractiveSkin()
     world, skin = live.world, live.mounted.skin
     asked = {"force": 5.0, "duration": 0.4}
     rng = np.random.default_rng(0)
@@ -202,7 +203,7 @@ def test_taxels_bear_the_whole_force_inside_a_patch():
             *("poke", "one_tip", live.hand.person, site, world.constants, rng, 0.0),
             *("paper", asked),
         )
-        (part,) = felt_in(Scene(np.tile(Q, (60, 1)), (touch,)), world)[0]
+        (part,) = compute_touch_presses(Scene(np.tile(Q, (60, 1)), (touch,)), world)[0]
         forces = part.felt.pressure @ skin.areas[part.felt.taxels] * 1e3
         borne.append(forces.max())
     # Few points of a taxel lie under a fingertip: one place is off by up to 20 %.
@@ -212,7 +213,7 @@ def test_taxels_bear_the_whole_force_inside_a_patch():
 @pytest.mark.parametrize("patch", ["forearm_back", "upper_arm_back", "wrist_1"])
 @pytest.mark.parametrize("way", [still, swaying])
 def test_a_poke_is_felt_where_it_is(patch, way):
-    live = LiveSkin()
+    live = InteractiveSkin()
     calibrator = Calibrator(live.mounted.skin, live.calibration)
     for scan, _ in run(live, 100, way):
         calibrator.push(scan)
@@ -233,7 +234,7 @@ def test_a_poke_is_felt_where_it_is(patch, way):
 
 
 def test_nothing_is_felt_when_nothing_touches_however_the_arm_moves():
-    live = LiveSkin()
+    live = InteractiveSkin()
     calibrator = Calibrator(live.mounted.skin, live.calibration)
     for reading, (scan, truths) in enumerate(run(live, 400, swaying)):
         made = calibrator.push(scan)
@@ -244,7 +245,7 @@ def test_nothing_is_felt_when_nothing_touches_however_the_arm_moves():
 
 
 def test_what_is_left_of_a_touch_fades():
-    live = LiveSkin()
+    live = InteractiveSkin()
     live.hand.grab(place_of(live, "forearm_back", 90), 30.0, 0.8)
     run(live, 60)
     assert live.hand.touching == ()
@@ -261,14 +262,14 @@ def ends_of(live):
 
 
 def test_a_dragged_finger_follows_the_places_at_limited_speed():
-    live = LiveSkin()
+    live = InteractiveSkin()
     ends = ends_of(live)
-    touch = live.hand.begin(Place("forearm_link", ends[0]), 4.0)
+    touch = live.hand.begin(LinkPoint("forearm_link", ends[0]), 4.0)
     places, q = [], swaying
     for reading in range(120):
         share = np.clip((reading - 20) / 80, 0, 1)
         live.hand.move(
-            touch, Place("forearm_link", ends[0] + share * (ends[1] - ends[0]))
+            touch, LinkPoint("forearm_link", ends[0] + share * (ends[1] - ends[0]))
         )
         live.scan(PERIOD * (reading + 1), q(reading))
         (truth,) = live.hand.truths()
@@ -281,21 +282,21 @@ def test_a_dragged_finger_follows_the_places_at_limited_speed():
     steps = np.linalg.norm(np.diff(places[5:], axis=0), axis=1)
     assert steps.max() < 1.3 * 0.4 * 0.02
     assert truth.force == pytest.approx(4.0, rel=0.5)
-    live.hand.move(touch, Place("forearm_link", ends[0]))
+    live.hand.move(touch, LinkPoint("forearm_link", ends[0]))
     jumped = [in_link(live, truths[0], Q) for _, truths in run(live, 4)]
     assert 0.01 < np.linalg.norm(jumped[-1] - jumped[0]) < 4 * 1.3 * 0.4 * 0.02
     live.hand.end(touch)
     run(live, 40)
     assert live.hand.touching == ()
-    live.hand.move(touch, Place("forearm_link", ends[1]))
+    live.hand.move(touch, LinkPoint("forearm_link", ends[1]))
     live.hand.end(touch)
 
 
 def test_a_finger_told_to_leave_at_once_lands_and_goes_where_it_was_led_first():
-    live = LiveSkin()
+    live = InteractiveSkin()
     begin, end = ends_of(live)
-    touch = live.hand.begin(Place("forearm_link", begin), 4.0)
-    live.hand.move(touch, Place("forearm_link", end))
+    touch = live.hand.begin(LinkPoint("forearm_link", begin), 4.0)
+    live.hand.move(touch, LinkPoint("forearm_link", end))
     live.hand.end(touch)
     felt = [truths[0] for _, truths in run(live, 60) if truths]
     assert live.hand.touching == ()
@@ -306,7 +307,7 @@ def test_a_finger_told_to_leave_at_once_lands_and_goes_where_it_was_led_first():
 
 
 def test_a_dragged_finger_goes_from_link_to_link():
-    live = LiveSkin()
+    live = InteractiveSkin()
     touch = live.hand.begin(place_of(live, "forearm_back"), 4.0)
     run(live, 10)
     live.hand.move(touch, place_of(live, "wrist_1", 20))
@@ -314,7 +315,7 @@ def test_a_dragged_finger_goes_from_link_to_link():
 
 
 def test_an_unplugged_patch_is_not_received_and_the_others_feel_no_difference():
-    one, other = LiveSkin(seed=1), LiveSkin(seed=1)
+    one, other = InteractiveSkin(seed=1), InteractiveSkin(seed=1)
     out = one.mounted.skin.patch_index == one.index_of("forearm_back")
     for live in (one, other):
         live.hand.grab(place_of(live, "forearm_back", 90), 20.0, 0.5)
@@ -330,7 +331,7 @@ def test_an_unplugged_patch_is_not_received_and_the_others_feel_no_difference():
 
 
 def test_killed_taxels_feel_nothing():
-    live, whole = LiveSkin(seed=1), LiveSkin(seed=1)
+    live, whole = InteractiveSkin(seed=1), InteractiveSkin(seed=1)
     killed = np.array(live.kill(0.5))
     assert len(killed) == round(0.5 * live.mounted.skin.count)
     rest = [scan.counts[killed] for scan, _ in run(live, 20)]
@@ -349,7 +350,7 @@ def test_killed_taxels_feel_nothing():
 
 def test_a_seed_gives_the_same_world_every_time_and_another_a_different_one():
     def scans(seed):
-        live = LiveSkin(seed=seed)
+        live = InteractiveSkin(seed=seed)
         live.hand.perform("poke")
         return np.array([scan.counts for scan, _ in run(live, 40)])
 
@@ -362,7 +363,7 @@ def test_a_seed_gives_the_same_world_every_time_and_another_a_different_one():
     "what", ["poke", "stroke", "rub", "bump", "lean", "cable", "guiding", "none"]
 )
 def test_people_do_what_they_are_asked_where_there_is_room(what):
-    live = LiveSkin()
+    live = InteractiveSkin()
     run(live, 1)
     number = live.hand.perform(what)
     assert live.hand.touching == (number,)
@@ -373,7 +374,7 @@ def test_people_do_what_they_are_asked_where_there_is_room(what):
 
 
 def test_touches_at_once_are_told_apart():
-    live = LiveSkin()
+    live = InteractiveSkin()
     first = live.hand.grab(place_of(live, "forearm_back", 90), 20.0, 0.5)
     second = live.hand.poke(place_of(live, "upper_arm_back", 90), 4.0, 0.3)
     (_, truths) = run(live, 8)[-1]
@@ -382,10 +383,10 @@ def test_touches_at_once_are_told_apart():
 
 
 def test_what_cannot_be_is_refused_in_one_line():
-    live = LiveSkin()
+    live = InteractiveSkin()
     hand, place = live.hand, place_of(live, "forearm_back")
     with pytest.raises(ValueError, match="no skin on link 'tool0'"):
-        hand.poke(Place("tool0", np.zeros(3)))
+        hand.poke(LinkPoint("tool0", np.zeros(3)))
     with pytest.raises(ValueError, match="force is -1.0"):
         hand.poke(place, -1.0)
     with pytest.raises(ValueError, match="nobody performs 'electrical'"):
@@ -403,13 +404,13 @@ def test_what_cannot_be_is_refused_in_one_line():
     with pytest.raises(ValueError, match="share is 2"):
         live.kill(2.0)
     with pytest.raises(ValueError, match="no skin 'x'"):
-        LiveSkin("x")
+        InteractiveSkin("x")
 
 
 def test_patches_of_a_skin_that_loses_nothing_are_silent_where_they_are_unplugged():
     heard = []
     for loses in (True, False):
-        live = LiveSkin(seed=0, loses=loses)
+        live = InteractiveSkin(seed=0, loses=loses)
         q = np.zeros(len(live.mounted.robot.joint_names))
         silent = np.ones((1, len(live.out)), dtype=bool)
         live.sensor.losses.next = lambda silent=silent: silent

@@ -5,11 +5,18 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from eskin.sim.contact.press import SoftTissue, Press, ContactPads
-from eskin.sim.scene.motion import drag, draw_motion, follow, profile_of, still, way
+from eskin.sim.contact.press import ContactPads, Press, SoftTissue
+from eskin.sim.scene.motion import (
+    build_speed_profile,
+    draw_motion,
+    draw_pose_path,
+    follow_late,
+    hang_still,
+    hold_pose,
+)
 from eskin.sim.scene.placement import draw_site
-from eskin.sim.scene.poses import draw_touching_pose, group_of
-from eskin.sim.scene.validity import is_free
+from eskin.sim.scene.poses import compute_pose_group, draw_touching_pose
+from eskin.sim.scene.validity import are_collision_free
 from world_scenes import EVERY, people, poses, world
 
 STEP = 0.01
@@ -81,12 +88,12 @@ def test_poses_that_touch_can_still_move_with_the_base():
 
 def test_a_still_robot_stays():
     q = poses(1)[0]
-    np.testing.assert_array_equal(still(world(), q, 1.0), np.tile(q, (100, 1)))
+    np.testing.assert_array_equal(hold_pose(world(), q, 1.0), np.tile(q, (100, 1)))
 
 
 def test_a_move_starts_and_ends_at_rest_and_covers_its_length():
     for length, speed in ((2.0, 0.5), (0.05, 0.8)):
-        move = profile_of(length, speed, 1.0)
+        move = build_speed_profile(length, speed, 1.0)
         time = np.linspace(-0.1, move.duration + 0.1, 20001)
         travelled = move.at(time)
         rate = np.gradient(travelled, time)
@@ -97,7 +104,7 @@ def test_a_move_starts_and_ends_at_rest_and_covers_its_length():
 
 def test_a_way_pauses_between_moves_and_keeps_free():
     for seed in range(4, 9):
-        series = way(world(), 60.0, np.random.default_rng(seed))
+        series = draw_pose_path(world(), 60.0, np.random.default_rng(seed))
         assert series.shape == (6000, 6)
         moving = np.abs(np.diff(series, axis=0)).max(axis=1) > 1e-9
         assert 0.1 < moving.mean() < 0.98
@@ -105,20 +112,25 @@ def test_a_way_pauses_between_moves_and_keeps_free():
         gap, height = world().solids.clearance(world().poses(series[::3]), 0.01).T
         assert gap.min() > 1e-3 and height.min() > 1e-3
         paused = series[:-1][~moving]
-        assert is_free(world(), world().poses(paused[::50])).all()
+        assert are_collision_free(world(), world().poses(paused[::50])).all()
 
 
 def test_a_way_pauses_in_the_groups_asked_for_but_for_turns_of_the_base():
     groups = frozenset({9, 10, 11, 12})
-    series = way(world(), 60.0, np.random.default_rng(5), groups)
+    series = draw_pose_path(world(), 60.0, np.random.default_rng(5), groups)
     moving = np.abs(np.diff(series, axis=0)).max(axis=1) > 1e-9
-    assert {group_of(world(), q) for q in series[:-1][~moving][::20]} <= groups
+    assert {
+        compute_pose_group(world(), q) for q in series[:-1][~moving][::20]
+    } <= groups
 
 
 def test_a_hand_does_not_lag_behind_a_still_robot():
     press = press_at(2, 50)
-    series = still(world(), poses(1)[0], 2.0)
-    for moved in (follow(press, world(), series, 0.2), drag(press, world(), series)):
+    series = hold_pose(world(), poses(1)[0], 2.0)
+    for moved in (
+        follow_late(press, world(), series, 0.2),
+        hang_still(press, world(), series),
+    ):
         np.testing.assert_array_equal(moved.centre, press.centre)
         np.testing.assert_array_equal(moved.angle, press.angle)
 
@@ -128,7 +140,7 @@ def test_a_hand_lags_by_the_displacement_of_a_link_that_moves_evenly():
     speed, delay, series = 0.4, 0.2, np.tile(poses(1)[0], (200, 1))
     series[:, 5] += speed * STEP * np.arange(200)
     press = press_at(RING, 100, first=50)
-    slid = (follow(press, world(), series, delay).centre - press.centre)[:, 0]
+    slid = (follow_late(press, world(), series, delay).centre - press.centre)[:, 0]
     radius = world().charts[RING].radius
     until = np.minimum(STEP * np.arange(100), delay)
     np.testing.assert_allclose(np.abs(slid), radius * np.sin(speed * until), atol=1e-9)
@@ -140,7 +152,7 @@ def test_the_lag_is_that_of_the_target_through_the_kinematics():
     site = draw_site(world(), q, people(1)[0], "grab", np.random.default_rng(0))
     press = press_at(site.chart, 60, first=80, centre=site.centre)
     delay = 0.2
-    moved = follow(press, world(), series, delay)
+    moved = follow_late(press, world(), series, delay)
     chart, link = world().charts[site.chart], world().links[site.chart]
     wrapped = chart.surface.wrap(press.centre[:1])
     axes = (wrapped.tangents[0], np.cross(wrapped.normals[0], wrapped.tangents[0]))
@@ -158,7 +170,7 @@ def test_a_hand_lands_on_its_target_and_slides_some_millimetres():
     for (q, series), person in zip(motions(60, seed=7), people(60), strict=True):
         site = draw_site(world(), q, person, "poke", np.random.default_rng(0))
         press = press_at(site.chart, 50, first=90, centre=site.centre)
-        moved = follow(press, world(), series, 0.22).centre - press.centre
+        moved = follow_late(press, world(), series, 0.22).centre - press.centre
         np.testing.assert_allclose(moved[0], 0.0, atol=1e-12)
         on_chart = world().charts[site.chart].taxels
         if skin_speeds(series[90:141])[:, on_chart].mean(axis=1).max() > 0.05:
@@ -173,7 +185,7 @@ def test_what_hangs_still_slides_as_far_as_the_link_moves():
     series = np.tile(poses(1)[0], (100, 1))
     series[:, 5] += 0.3 * STEP * np.arange(100)
     press = press_at(RING, 100)
-    slid = np.abs((drag(press, world(), series).centre - press.centre)[:, 0])
+    slid = np.abs((hang_still(press, world(), series).centre - press.centre)[:, 0])
     turned = np.sin(0.3 * STEP * np.arange(100))
     np.testing.assert_allclose(slid, world().charts[RING].radius * turned, atol=1e-9)
 
@@ -181,20 +193,23 @@ def test_what_hangs_still_slides_as_far_as_the_link_moves():
 def test_a_press_from_before_the_scene_lags_as_the_robot_moved_then():
     series = np.tile(poses(1)[0], (200, 1))
     series[:, 5] += 0.4 * STEP * np.arange(200)
-    early = follow(press_at(RING, 150, first=-60), world(), series, 0.2)
-    late = follow(press_at(RING, 150, first=20), world(), series, 0.2)
+    early = follow_late(press_at(RING, 150, first=-60), world(), series, 0.2)
+    late = follow_late(press_at(RING, 150, first=20), world(), series, 0.2)
     np.testing.assert_allclose(early.centre, late.centre, atol=1e-9)
 
 
 def test_a_lag_keeps_force_and_parts():
     _, series = motions(1, seed=8)[0]
     press = replace(press_at(2, 40), force=np.linspace(0, 3, 40))
-    moved = follow(press, world(), series, 0.2)
+    moved = follow_late(press, world(), series, 0.2)
     assert moved.force is press.force and moved.stamps is press.stamps
 
 
 def test_the_same_seed_moves_the_same_way():
     (_, one), (_, other) = motions(1, seed=9)[0], motions(1, seed=9)[0]
     assert one.tobytes() == other.tobytes()
-    ways = [way(world(), 20.0, np.random.default_rng(1)).tobytes() for _ in range(2)]
+    ways = [
+        draw_pose_path(world(), 20.0, np.random.default_rng(1)).tobytes()
+        for _ in range(2)
+    ]
     assert ways[0] == ways[1]

@@ -15,11 +15,16 @@ from eskin.robot import load_robot
 from eskin.sim.constants import load_constants
 from eskin.sim.dataset.clip_generator import Simulator
 from eskin.sim.dataset.generate import generate
-from eskin.sim.dataset.index import read_index, remake
-from eskin.sim.dataset.pairs import draw_meeting, make_pair, pat_both, world_of
-from eskin.sim.dataset.plan import KINDS, SIDES
-from eskin.sim.dataset.session_plan import plan_alone
-from eskin.sim.dataset.settings import Settings
+from eskin.sim.dataset.index import read_index, remake_clip
+from eskin.sim.dataset.pairs import (
+    draw_meeting_poses,
+    draw_shared_pat,
+    load_environment,
+    make_pair,
+)
+from eskin.sim.dataset.plan import PAIR_SIDES, SIDES
+from eskin.sim.dataset.session_plan import plan_single_pair
+from eskin.sim.dataset.settings import GenerationSettings
 from eskin.sim.people.person import draw_person
 from eskin.skin import SKIN_PRESETS, MountedSkin, load_skin
 from eskin.touch import TouchPipeline
@@ -27,7 +32,7 @@ from world_scenes import world
 
 SECOND = 1_000_000_000
 SEEDS = range(8)
-SET = Settings("pairs", seed=5, clips=6, subjects=1)
+SET = GenerationSettings("pairs", seed=5, clips=6, subjects=1)
 CONSTANTS = load_constants()
 
 
@@ -37,13 +42,13 @@ def small(skin):
     simulator = Simulator.__new__(Simulator)
     simulator.robot_name = SKIN_PRESETS[skin].robot
     simulator.mounted = MountedSkin(load_skin(skin), load_robot(simulator.robot_name))
-    simulator.world = world() if skin == "ur5" else world_of("bent")
+    simulator.world = world() if skin == "ur5" else load_environment("bent")
     return simulator
 
 
 @lru_cache(maxsize=2)
 def pairs(kind):
-    own = world() if kind == "merging" else world_of("bent")
+    own = world() if kind == "merging" else load_environment("bent")
     return [make_pair(kind, seed, world=own) for seed in SEEDS]
 
 
@@ -80,7 +85,7 @@ def touches_of(folder, side):
     return found
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", PAIR_SIDES)
 def test_both_clips_of_a_pair_have_the_same_bytes_and_not_the_same_label(kind):
     for pair in pairs(kind):
         assert pair.first.counts.tobytes() == pair.second.counts.tobytes()
@@ -90,7 +95,7 @@ def test_both_clips_of_a_pair_have_the_same_bytes_and_not_the_same_label(kind):
             assert {truth.gesture for truth in clip.truths} == {label}
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", PAIR_SIDES)
 def test_a_pair_is_the_same_every_time_and_another_with_another_seed(kind):
     first, *others = pairs(kind)
     again = make_pair(kind, 0, world=world() if kind == "merging" else None)
@@ -101,7 +106,7 @@ def test_a_pair_is_the_same_every_time_and_another_with_another_seed(kind):
 
 
 def test_pairs_are_of_several_ways_and_strengths_of_touching():
-    for kind in KINDS:
+    for kind in PAIR_SIDES:
         kinds = {pair.first.truths[0].kind for pair in pairs(kind)}
         forces = {pair.first.truths[0].force.max() for pair in pairs(kind)}
         assert len(kinds) >= 2 and len(forces) == len(SEEDS)
@@ -178,14 +183,14 @@ def test_pats_on_two_links_follow_each_other_as_those_of_a_double_pat():
 
 
 def test_pats_that_are_too_soon_or_too_late_for_two_links_are_not_taken():
-    rng, plan = np.random.default_rng(0), plan_alone("merging", 0, 1.5, CONSTANTS)
+    rng, plan = np.random.default_rng(0), plan_single_pair("merging", 0, 1.5, CONSTANTS)
     groups = frozenset(plan.groups)
     low, high = CONSTANTS.array("pairs.interval")
     taken = []
     for number in range(20):
         person = draw_person(f"p{number}", CONSTANTS, rng)
-        *_, sites = draw_meeting(world(), groups, person, rng)
-        taken += [pat_both(plan, world(), person, sites, rng) for _ in range(10)]
+        *_, sites = draw_meeting_poses(world(), groups, person, rng)
+        taken += [draw_shared_pat(plan, world(), person, sites, rng) for _ in range(10)]
     intervals = [touch.drawn["interval"] for touch in taken if touch is not None]
     assert 20 < len(intervals) < len(taken)
     assert low <= min(intervals) and max(intervals) <= high
@@ -201,7 +206,7 @@ def test_a_hooked_hand_presses_either_patch_alike():
         )
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", PAIR_SIDES)
 def test_the_nearest_pressure_image_is_right_for_exactly_half_of_the_clips(kind):
     *known, one, two, three = pairs(kind)
     images = np.array([p.first.counts.ravel() for p in known for _ in p.labels])
@@ -227,7 +232,7 @@ def test_a_set_of_pairs_has_a_folder_for_each_side(whole):
 
 def test_files_of_either_side_hold_the_same_bytes_with_their_own_labels(whole):
     rows = rows_of(whole)
-    for first, second in KINDS.values():
+    for first, second in PAIR_SIDES.values():
         files = {rows[first, n].file: rows[second, n].file for n in range(3)}
         for one, other in files.items():
             a, b = (read_recording(whole / file) for file in (one, other))
@@ -282,16 +287,16 @@ def test_a_clip_of_a_pair_can_be_made_again_alone(whole):
     recording = read_recording(whole / row.file)
     arrays = recording.arrays()
     inside = (row.start <= arrays.stamps) & (arrays.stamps < row.start + 2 * SECOND)
-    clip = remake(row, small("flat"))
+    clip = remake_clip(row, small("flat"))
     assert clip.counts.tobytes() == arrays.counts[inside].tobytes()
     with pytest.raises(GenerationError, match="is of skin 'flat', the maker of 'bent'"):
-        remake(row, small("bent"))
+        remake_clip(row, small("bent"))
 
 
 @pytest.mark.parametrize("clips", [0, 3])
 def test_clips_that_are_no_pairs_are_refused(clips):
     with pytest.raises(ValueError, match="allowed are 2, 4 and so on"):
-        Settings("pairs", clips=clips)
+        GenerationSettings("pairs", clips=clips)
 
 
 def test_a_kind_of_pair_that_is_not_there_is_refused():
@@ -301,7 +306,7 @@ def test_a_kind_of_pair_that_is_not_there_is_refused():
 
 def test_pairs_cannot_be_merged_on_a_patch_that_meets_no_other():
     with pytest.raises(ValueError, match="no joint 'elbow_joint'"):
-        make_pair("merging", 0, world=world_of("bent"))
+        make_pair("merging", 0, world=load_environment("bent"))
 
 
 def test_pairs_can_be_asked_for_on_the_command_line(monkeypatch, tmp_path, capsys):

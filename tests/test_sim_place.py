@@ -7,16 +7,16 @@ import numpy as np
 import pytest
 
 from eskin.sim.constants import MM
-from eskin.sim.scene.environment import axes_at
+from eskin.sim.scene.environment import compute_surface_axes
 from eskin.sim.scene.placement import (
-    LAWS,
+    PLACEMENT_LAWS,
+    build_view,
+    choose_placement_law,
     draw_site,
-    draw_spot,
-    has_room,
-    law_of,
-    view_of,
+    draw_target,
+    has_room_for_hand,
 )
-from eskin.sim.scene.targets import EDGE, INNER, REGIONS, SEAM, edge_distance
+from eskin.sim.scene.targets import EDGE, INNER, REGIONS, SEAM, compute_edge_distance
 from eskin.skin.surfaces import Tube
 from world_scenes import people, poses, world
 
@@ -36,7 +36,7 @@ def drawn(gesture, kind=None):
 def axes(q, site):
     T = world().poses(q)[world().links[site.chart]]
     chart = world().charts[site.chart]
-    return [axis[0] for axis in axes_at(chart, np.array([site.centre]), T)]
+    return [axis[0] for axis in compute_surface_axes(chart, np.array([site.centre]), T)]
 
 
 def region_names(sites):
@@ -47,12 +47,12 @@ def region_names(sites):
     return np.array([region_of[site.chart] for site in sites])
 
 
-@pytest.mark.parametrize("gesture", LAWS)
+@pytest.mark.parametrize("gesture", PLACEMENT_LAWS)
 def test_sites_face_the_person_at_a_height_they_reach(gesture):
     kept = 0
     for q, person, site in drawn(gesture):
         position, _, _, normal = axes(q, site)
-        view = view_of(world(), q, person)
+        view = build_view(world(), q, person)
         low, high = view.heights
         faces = normal @ (view.shoulder - position) > -1e-3
         kept += faces and low - 0.01 <= position[2] <= high + 0.01
@@ -60,16 +60,16 @@ def test_sites_face_the_person_at_a_height_they_reach(gesture):
     assert kept >= 0.96 * COUNT
 
 
-@pytest.mark.parametrize("gesture", LAWS)
+@pytest.mark.parametrize("gesture", PLACEMENT_LAWS)
 def test_sites_have_the_room_that_the_gesture_needs(gesture):
     free = [
-        has_room(world(), site, gesture, world().poses(q))
+        has_room_for_hand(world(), site, gesture, world().poses(q))
         for q, _, site in drawn(gesture)
     ]
     assert np.mean(free) >= 0.97
 
 
-@pytest.mark.parametrize("gesture", LAWS)
+@pytest.mark.parametrize("gesture", PLACEMENT_LAWS)
 def test_targets_lie_on_a_taxel_or_between_two_edges(gesture):
     gap = world().constants.value("place.seam_gap") * MM
     for _, _, site in drawn(gesture):
@@ -81,7 +81,7 @@ def test_targets_lie_on_a_taxel_or_between_two_edges(gesture):
         inside = np.abs(shares) <= np.sum(chart.cells**2, axis=2) * (1 + 1e-9)
         on_taxel = inside.all(axis=1).any()
         rim = world().spots.rims[site.chart]
-        near = edge_distance(chart, rim, np.array([site.centre]))[0]
+        near = compute_edge_distance(chart, rim, np.array([site.centre]))[0]
         assert on_taxel or near <= gap / 2 + 2e-3
 
 
@@ -105,22 +105,24 @@ def test_a_run_shorter_than_that_is_no_room_for_a_stroke():
     for q, _, site in drawn("stroke")[:20]:
         cut = replace(site, clear=(-short, 0.0))
         T = world().poses(q)
-        assert not has_room(world(), cut, "stroke", T)
-        assert has_room(world(), cut, "poke", T) == has_room(world(), site, "poke", T)
+        assert not has_room_for_hand(world(), cut, "stroke", T)
+        assert has_room_for_hand(world(), cut, "poke", T) == has_room_for_hand(
+            world(), site, "poke", T
+        )
 
 
 def test_only_grabs_and_strokes_are_kept_off_short_surfaces():
     spots = world().spots
-    for law in LAWS:
+    for law in PLACEMENT_LAWS:
         rng = np.random.default_rng(2)
-        views = [view_of(world(), q, person) for q, person, _ in drawn(law)[:60]]
-        found = [draw_spot(world(), view, law, rng, strict=False) for view in views]
+        views = [build_view(world(), q, person) for q, person, _ in drawn(law)[:60]]
+        found = [draw_target(world(), view, law, rng, strict=False) for view in views]
         tubes = [spots.tubes[spots.chart[spot]] for spot in found]
         assert all(tubes) == (law in ("grab", "stroke"))
 
 
 def test_the_free_run_ends_on_skin():
-    for gesture in LAWS:
+    for gesture in PLACEMENT_LAWS:
         for _, _, site in drawn(gesture)[:60]:
             along = world().charts[site.chart].unrolled[:, 1]
             low, high = site.clear
@@ -151,7 +153,7 @@ def test_targets_come_near_edges_and_on_seams_as_often_as_wanted():
 def near_edge(site):
     chart, rim = world().charts[site.chart], world().spots.rims[site.chart]
     within = world().constants.value("place.edge_within") * MM
-    return edge_distance(chart, rim, np.array([site.centre]))[0] <= within
+    return compute_edge_distance(chart, rim, np.array([site.centre]))[0] <= within
 
 
 def test_spots_cover_the_whole_skin_once():
@@ -166,24 +168,26 @@ def test_seams_lie_between_edges_of_patches():
     for chart in np.unique(spots.chart[spots.kind == SEAM]):
         chosen = (spots.kind == SEAM) & (spots.chart == chart)
         here = world().charts[chart]
-        away = edge_distance(here, spots.rims[chart], spots.unrolled[chosen])
+        away = compute_edge_distance(here, spots.rims[chart], spots.unrolled[chosen])
         widest = world().constants.value("place.seam_gap") * MM
         assert away.max() <= widest / 2 + 1e-6
 
 
 def test_what_has_no_law_takes_those_of_the_gestures_evenly():
     rng = np.random.default_rng(0)
-    laws = [law_of("none", kind, rng) for kind in ("bump", "lean", None) * 400]
-    for law in LAWS:
+    laws = [
+        choose_placement_law("none", kind, rng) for kind in ("bump", "lean", None) * 400
+    ]
+    for law in PLACEMENT_LAWS:
         assert np.mean(np.array(laws) == law) == pytest.approx(0.25, abs=0.04)
-    assert law_of("none", "guiding", rng) == "grab"
-    assert law_of("rub", "rub", rng) == "stroke"
-    assert law_of("poke", "two_tips", rng) == "poke"
+    assert choose_placement_law("none", "guiding", rng) == "grab"
+    assert choose_placement_law("rub", "rub", rng) == "stroke"
+    assert choose_placement_law("poke", "two_tips", rng) == "poke"
 
 
 def test_the_place_of_no_gesture_is_that_of_the_gestures_together():
     none = region_names([site for _, _, site in drawn("none", "resting_hand")])
-    each = [region_names([site for _, _, site in drawn(law)]) for law in LAWS]
+    each = [region_names([site for _, _, site in drawn(law)]) for law in PLACEMENT_LAWS]
     together = np.concatenate(each)
     for name in REGIONS:
         assert np.mean(none == name) == pytest.approx(
@@ -195,7 +199,7 @@ def test_the_hand_points_away_from_the_person_or_up():
     for q, person, site in drawn("poke")[:80]:
         position, s_axis, t_axis, normal = axes(q, site)
         ahead = -np.sin(site.angle) * s_axis + np.cos(site.angle) * t_axis
-        reach = position - view_of(world(), q, person).shoulder
+        reach = position - build_view(world(), q, person).shoulder
         reach = reach / np.linalg.norm(reach)
         wish = reach + world().constants.value("place.upward") * np.eye(3)[2]
         flat = wish - (wish @ normal) * normal
@@ -204,7 +208,7 @@ def test_the_hand_points_away_from_the_person_or_up():
 
 def test_tall_people_reach_higher():
     q = poses(1)[0]
-    views = [view_of(world(), q, person) for person in people(20)]
+    views = [build_view(world(), q, person) for person in people(20)]
     heights = [person.acromion_height for person in people(20)]
     tops = [view.heights[1] for view in views]
     assert np.array_equal(np.argsort(heights), np.argsort(tops))

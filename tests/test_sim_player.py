@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 from eskin.sim.dataset.clip_generator import Simulator
-from eskin.sim.interactive.player import LEAD, STRETCH, Player
+from eskin.sim.interactive.player import LEAD_SECONDS, STRETCH_SECONDS, TouchPlayer
 from eskin.touch import Calibrator, ContactConfig
 from sim_scenes import StandIn
 
 RATE = 50
-READINGS = round(RATE * STRETCH)
-LED = round(RATE * LEAD)
+READINGS = round(RATE * STRETCH_SECONDS)
+LED = round(RATE * LEAD_SECONDS)
 
 
 @pytest.fixture(scope="module")
@@ -21,7 +21,7 @@ def simulator():
 
 
 def played(maker, count, seed=0):
-    return list(itertools.islice(Player(maker, seed, start=5).moments(), count))
+    return list(itertools.islice(TouchPlayer(maker, seed, start=5).moments(), count))
 
 
 def test_stamps_are_those_of_one_stream():
@@ -52,7 +52,7 @@ def test_touches_are_numbered_through_and_pressed_where_they_are_said():
 
 
 def test_person_and_build_are_of_no_set():
-    player = Player(StandIn("small"), 7)
+    player = TouchPlayer(StandIn("small"), 7)
     plan = player.plan(1)
     names = {plan.person.name, plan.build.name, plan.session.name, plan.set_name}
     assert all(name.startswith("device") for name in names)
@@ -65,7 +65,7 @@ def test_person_and_build_are_of_no_set():
 
 
 def test_no_contact_is_made_where_stretches_meet(simulator):
-    player = Player(simulator)
+    player = TouchPlayer(simulator)
     calibrator = Calibrator(simulator.mounted.skin, simulator.calibration(player.build))
     moments = played(simulator, LED + 3 * READINGS)
     nearby = RATE // 2
@@ -85,4 +85,4 @@ def test_no_contact_is_made_where_stretches_meet(simulator):
 
 def test_a_seed_below_zero_is_refused():
     with pytest.raises(ValueError, match="seed is -1"):
-        Player(StandIn("small"), -1)
+        TouchPlayer(StandIn("small"), -1)

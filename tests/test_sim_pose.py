@@ -3,25 +3,31 @@
 import numpy as np
 import pytest
 
-from eskin.sim.scene.environment import build_world
-from eskin.sim.scene.folds import fold_sites
+from eskin.sim.scene.environment import build_environment
+from eskin.sim.scene.folds import find_fold_sites
 from eskin.sim.scene.poses import (
+    build_pose_pool,
+    compute_pose_group,
+    compute_pose_groups,
     draw_pose,
     draw_touching_pose,
-    group_of,
-    groups_of,
-    pool_of,
 )
-from eskin.sim.scene.validity import acceptable, limits, self_contact_sites
+from eskin.sim.scene.validity import (
+    are_poses_valid,
+    compute_joint_limits,
+    find_self_contact_sites,
+)
 from world_scenes import EVERY, people, poses, world
 
 
 def test_every_pose_has_one_group_of_twelve():
-    low, high = limits(world())
+    low, high = compute_joint_limits(world())
     q = np.random.default_rng(0).uniform(low, high, (5000, 6))
-    groups = groups_of(world(), q, world().poses(q))
+    groups = compute_pose_groups(world(), q, world().poses(q))
     assert set(groups.tolist()) == set(range(1, 13))
-    assert [group_of(world(), each) for each in q[:20]] == groups[:20].tolist()
+    assert [compute_pose_group(world(), each) for each in q[:20]] == groups[
+        :20
+    ].tolist()
 
 
 def test_turning_the_base_or_the_wrist_keeps_the_group():
@@ -29,11 +35,11 @@ def test_turning_the_base_or_the_wrist_keeps_the_group():
     for q in poses(50, seed=1):
         turned = q.copy()
         turned[[0, 3, 4, 5]] = rng.uniform(-np.pi, np.pi, 4)
-        assert group_of(world(), turned) == group_of(world(), q)
+        assert compute_pose_group(world(), turned) == compute_pose_group(world(), q)
 
 
 def test_all_groups_are_populated_in_every_part_of_the_pool():
-    pool = pool_of(world())
+    pool = build_pose_pool(world())
     assert sum(pool.shares.values()) == pytest.approx(1.0)
     for group in EVERY:
         assert pool.shares[group] > 0.01
@@ -44,15 +50,15 @@ def test_drawn_poses_are_of_the_groups_asked_for_and_acceptable():
     rng = np.random.default_rng(2)
     for groups in ({1}, {9, 10, 11, 12}, {3, 8}):
         q = np.array([draw_pose(world(), groups, rng) for _ in range(40)])
-        assert {group_of(world(), each) for each in q} <= groups
-        assert acceptable(world(), q).all()
-        low, high = limits(world())
+        assert {compute_pose_group(world(), each) for each in q} <= groups
+        assert are_poses_valid(world(), q).all()
+        low, high = compute_joint_limits(world())
         assert np.all((q >= low) & (q <= high))
 
 
 def test_groups_come_as_often_as_such_poses_are():
-    drawn = [group_of(world(), q) for q in poses(1500, seed=3)]
-    shares = pool_of(world()).shares
+    drawn = [compute_pose_group(world(), q) for q in poses(1500, seed=3)]
+    shares = build_pose_pool(world()).shares
     for group in EVERY:
         assert np.mean(np.array(drawn) == group) == pytest.approx(
             shares[group], abs=0.035
@@ -68,19 +74,19 @@ def test_the_base_points_anywhere():
 def test_folded_poses_bring_two_patches_together():
     person = people(1)[0]
     for q in poses(30, seed=5, fold=True):
-        assert fold_sites(world(), q, person)
+        assert find_fold_sites(world(), q, person)
 
 
 def test_touching_poses_have_places_of_self_contact_and_others_have_none():
     rng = np.random.default_rng(6)
     for _ in range(10):
-        assert self_contact_sites(world(), draw_touching_pose(world(), EVERY, rng))
+        assert find_self_contact_sites(world(), draw_touching_pose(world(), EVERY, rng))
     for q in poses(20, seed=6):
-        assert self_contact_sites(world(), q) == ()
+        assert find_self_contact_sites(world(), q) == ()
 
 
 def test_the_same_seed_draws_the_same_poses_also_in_a_new_world():
-    again = build_world(world().mounted, world().constants)
+    again = build_environment(world().mounted, world().constants)
     rngs = np.random.default_rng(7), np.random.default_rng(7)
     for fold in (False, True):
         one, other = (

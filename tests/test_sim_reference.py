@@ -93,7 +93,8 @@ def test_poses_are_frames_that_turn_no_part_over(name):
 def test_a_fingertip_agrees_with_the_reference(name, force):
     touch = press(TIP, force)
     found = agreement(
-        compute_pressure_field(touch, CHARTS[name], CONSTANTS), reference(touch, CHARTS[name])
+        compute_pressure_field(touch, CHARTS[name], CONSTANTS),
+        reference(touch, CHARTS[name]),
     )
     assert found.area == pytest.approx(1.0, abs=0.25)
     assert found.centroid < 0.001
@@ -104,7 +105,8 @@ def test_a_fingertip_agrees_with_the_reference(name, force):
 def test_a_light_hand_has_its_force_where_the_reference_has(name):
     touch = press(FINGERS, 5.0, angle=1.3, conformity=0.9)
     found = agreement(
-        compute_pressure_field(touch, CHARTS[name], CONSTANTS), reference(touch, CHARTS[name])
+        compute_pressure_field(touch, CHARTS[name], CONSTANTS),
+        reference(touch, CHARTS[name]),
     )
     assert found.centroid < 0.004
     assert found.correlation > 0.8

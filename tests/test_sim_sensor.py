@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from eskin.sim.sensor.build import draw_build
-from eskin.sim.sensor.model import Stages
-from eskin.sim.sensor.noise import BLOCK
+from eskin.sim.sensor.model import SensorStages
+from eskin.sim.sensor.noise import NOISE_BLOCK
 from eskin.sim.sensor.sensor import sense
 from sensor_scenes import (
     CONSTANTS,
@@ -72,13 +72,13 @@ def without(build, stage):
     )
 
 
-PASSIVE = [field.name for field in fields(Stages) if field.name != "divider"]
+PASSIVE = [field.name for field in fields(SensorStages) if field.name != "divider"]
 
 
 @pytest.mark.parametrize("stage", PASSIVE)
 def test_a_stage_that_is_off_passes_on_what_it_gets(stage):
     build = built()
-    off, received = sensed(build, replace(Stages(), **{stage: False}))
+    off, received = sensed(build, replace(SensorStages(), **{stage: False}))
     neutral, also = sensed(without(build, stage))
     np.testing.assert_array_equal(off, neutral)
     np.testing.assert_array_equal(received, also)
@@ -128,9 +128,9 @@ def test_taxels_called_active_without_pressure_change_nothing():
 
 def test_a_longer_series_begins_with_the_shorter_one():
     long = np.tile(press(), (4, 1))
-    assert len(long) > 2 * BLOCK
+    assert len(long) > 2 * NOISE_BLOCK
     short = long[:300]
-    stages = Stages(faults=False)
+    stages = SensorStages(faults=False)
     np.testing.assert_array_equal(
         sensed(built(), stages, long)[0][:100], sensed(built(), stages, short)[0][:100]
     )
@@ -157,7 +157,7 @@ def test_conductance_grows_with_pressure():
 def test_faults_are_in_the_counts():
     build = built(seed=8)
     stuck = np.flatnonzero(np.isfinite(build.defects.stuck))
-    quiet = Stages(noise=False, drift=False, ghosting=False)
+    quiet = SensorStages(noise=False, drift=False, ghosting=False)
     everywhere = np.full((300, SKIN.count), 30.0)
     dead = np.flatnonzero(build.defects.dead)
     defects = replace(build.defects, dropped=0.1, dead=np.arange(SKIN.count) == 3)
@@ -193,7 +193,7 @@ def test_a_bent_taxel_reads_more_at_rest_and_does_not_wander():
     bend = np.zeros(SKIN.count)
     bend[20] = 30.0
     bent = replace(build, velostat=replace(build.velostat, bend=bend))
-    stages = Stages(noise=False, drift=False, faults=False, ghosting=False)
+    stages = SensorStages(noise=False, drift=False, faults=False, ghosting=False)
     counts, _ = sensed(bent, stages)
     free, _ = sensed(build, stages)
     assert (counts[:, 20] == counts[0, 20]).all()
@@ -218,7 +218,7 @@ def test_rows_are_scanned_one_after_the_other():
 
 def test_a_touch_leaves_a_shift_that_fades():
     build = built()
-    stages = Stages(noise=False, faults=False, ghosting=False)
+    stages = SensorStages(noise=False, faults=False, ghosting=False)
     flat = replace(build, electronics=replace(build.electronics, walk=0.0))
     series = np.zeros((1200, 1))
     series[50:150] = 40.0
@@ -232,7 +232,7 @@ def test_a_light_touch_leaves_less_of_a_shift_than_a_firm_one():
     build = built()
     calm = replace(build.electronics, walk=0.0, bits=20)
     flat = replace(build, electronics=calm)
-    stages = Stages(noise=False, faults=False, ghosting=False, threshold=False)
+    stages = SensorStages(noise=False, faults=False, ghosting=False, threshold=False)
 
     def shift(kpa):
         series = np.zeros((200, 1))

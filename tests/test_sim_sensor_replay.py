@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from eskin.sim.sensor.build import draw_build, nominal_build
-from eskin.sim.sensor.model import Stages, draw_session
+from eskin.sim.sensor.build import build_nominal_sensor, draw_build
+from eskin.sim.sensor.model import SensorStages, draw_session
 from eskin.sim.sensor.sensor import sense
 from eskin.touch import Calibrator
 from sensor_scenes import (
@@ -106,7 +106,7 @@ def test_presses_of_two_sessions_repeat_as_the_logged_ones():
 
 def test_a_nominal_taxel_is_calibrated_where_it_was_measured():
     stages = replace(ELEMENT, threshold=True)
-    build = nominal_build(SKIN, CONSTANTS)
+    build = build_nominal_sensor(SKIN, CONSTANTS)
     counts = run(step_load(20.0, 1.1, before=3.0), build, stages)
     calibrator = Calibrator(SKIN, build.calibration(SKIN))
     for reading, count in enumerate(counts):
@@ -125,7 +125,7 @@ def test_idle_noise_is_that_of_the_logged_elements():
     for seed in range(12):
         rng = np.random.default_rng(seed)
         build = draw_build("b", "fresh", SKIN, CONSTANTS, rng)
-        stages = Stages(drift=False, faults=False)
+        stages = SensorStages(drift=False, faults=False)
         counts, _ = sense(*quiet, build, SKIN, rng, stages, same_session())
         # At half scale, where those elements idled, a count is 4 / full scale of R.
         noises.append(counts.std(axis=0).mean() * 4 / build.electronics.full_scale)

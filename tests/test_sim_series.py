@@ -4,10 +4,10 @@ import pytest
 from eskin.sim.people.gesture_sample import (
     build_bell,
     build_minimum_jerk,
-    scale_to_peak,
-    count_steps,
     build_trapezoid,
+    count_steps,
     draw_slow_noise,
+    scale_to_peak,
 )
 
 
@@ -20,7 +20,9 @@ def test_shapes_are_zero_at_both_ends_and_reach_one(steps):
 
 
 def test_a_bell_is_symmetric_and_a_higher_power_narrower():
-    np.testing.assert_allclose(build_bell(40, 1.5), build_bell(40, 1.5)[::-1], atol=1e-12)
+    np.testing.assert_allclose(
+        build_bell(40, 1.5), build_bell(40, 1.5)[::-1], atol=1e-12
+    )
     assert build_bell(40, 2.0).sum() < build_bell(40, 1.0).sum()
 
 
@@ -49,7 +51,9 @@ def test_minimum_jerk_starts_and_ends_at_rest_with_the_known_top_speed():
 
 def test_wandering_has_mean_square_one_and_stays_in_its_band():
     rng = np.random.default_rng(0)
-    waves = np.array([draw_slow_noise(2000, 0.01, (0.5, 3.0), 6, rng) for _ in range(50)])
+    waves = np.array(
+        [draw_slow_noise(2000, 0.01, (0.5, 3.0), 6, rng) for _ in range(50)]
+    )
     assert np.mean(waves**2) == pytest.approx(1.0, abs=0.05)
     power = np.abs(np.fft.rfft(waves, axis=1)) ** 2
     rates = np.fft.rfftfreq(2000, 0.01)

@@ -7,25 +7,25 @@ import numpy as np
 import pytest
 
 from eskin.sim.constants import load_constants
-from eskin.sim.dataset.session_plan import plans_of, sittings_of
-from eskin.sim.dataset.sets import CLASSES, GESTURES, SETS, load_set, resized
+from eskin.sim.dataset.session_plan import plan_clips, plan_sessions
+from eskin.sim.dataset.sets import CLASSES, PAPER_GESTURES, SETS, load_set, resize_set
 
 CONSTANTS = load_constants()
 DIFFICULTY = 1.5
 
 
 def small(name, clips=None, subjects=None):
-    return resized(load_set(name, CONSTANTS), clips, subjects, CONSTANTS)
+    return resize_set(load_set(name, CONSTANTS), clips, subjects, CONSTANTS)
 
 
 def sittings(chosen, seed=0):
-    return sittings_of(chosen, seed, CONSTANTS)
+    return plan_sessions(chosen, seed, CONSTANTS)
 
 
 def plans(chosen, seed=0, difficulty=DIFFICULTY):
     """All clips of a set without its lead-ins, by file."""
     return {
-        sitting.file: plans_of(sitting, chosen, seed, difficulty, CONSTANTS)[1:]
+        sitting.file: plan_clips(sitting, chosen, seed, difficulty, CONSTANTS)[1:]
         for sitting in sittings(chosen, seed)
     }
 
@@ -66,7 +66,7 @@ def test_a_set_has_the_people_builds_poses_and_clips_that_are_specified(
 @pytest.mark.parametrize("name", [n for n in SETS if load_set(n, CONSTANTS).classes])
 def test_every_part_of_a_set_does_everything_equally_often(name):
     chosen = load_set(name, CONSTANTS)
-    assert chosen.classes == (GESTURES if name == "paper" else CLASSES)
+    assert chosen.classes == (PAPER_GESTURES if name == "paper" else CLASSES)
     by_part: dict[str, Counter] = {}
     for file, found in plans(chosen).items():
         folder = file.rpartition("/")[0]
@@ -138,7 +138,7 @@ def test_files_of_a_set_do_not_overlap_in_time():
 def test_a_file_begins_without_touch():
     for name in SETS:
         chosen = small(name, 10)
-        lead = plans_of(sittings(chosen)[0], chosen, 0, DIFFICULTY, CONSTANTS)[0]
+        lead = plan_clips(sittings(chosen)[0], chosen, 0, DIFFICULTY, CONSTANTS)[0]
         assert (lead.gesture, lead.kind, lead.at, lead.seconds) == (
             "none",
             "idle",
@@ -154,7 +154,7 @@ def test_no_two_clips_people_or_builds_have_the_same_seed():
         for seed in (0, 1):
             chosen = small(name, 60)
             for sitting in sittings(chosen, seed):
-                made = plans_of(sitting, chosen, seed, DIFFICULTY, CONSTANTS)
+                made = plan_clips(sitting, chosen, seed, DIFFICULTY, CONSTANTS)
                 for number, plan in enumerate(made):
                     own = (name, seed, sitting.number, number)
                     assert seeds.setdefault(plan.seed, own) == own

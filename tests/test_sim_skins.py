@@ -11,15 +11,15 @@ from eskin.cli.generate import SkinName
 from eskin.sim.constants import load_constants
 from eskin.sim.dataset.clip_generator import Simulator
 from eskin.sim.dataset.sets import CLASSES
-from eskin.sim.dataset.settings import Settings
-from eskin.sim.dataset.staging import set_up
+from eskin.sim.dataset.settings import GenerationSettings
+from eskin.sim.dataset.staging import set_up_clip
 from eskin.sim.scene.poses import (
-    GROUPS,
+    POSE_GROUPS,
     UNGROUPED,
+    build_pose_pool,
     can_fold,
     can_touch_itself,
     draw_pose,
-    pool_of,
 )
 
 SKINS = get_args(SkinName)
@@ -36,7 +36,7 @@ def simulator(skin):
 @lru_cache(maxsize=1)
 def plans():
     """Some clips of each class."""
-    settings = Settings("test-p", clips=60)
+    settings = GenerationSettings("test-p", clips=60)
     found = [p for each in settings.sittings for p in settings.plans(each)[1:]]
     kinds = {"none": "press"}
     return [replace(plan, kind=kinds.get(str(plan.gesture))) for plan in found]
@@ -54,7 +54,7 @@ def felt(clip, plan, made):
 def test_every_class_is_felt_on_every_skin(skin):
     made = simulator(skin)
     assert made.mounted.skin.name == skin
-    for name in Settings("val", skin, clips=20).clip_set.classes:
+    for name in GenerationSettings("val", skin, clips=20).clip_set.classes:
         chosen = [plan for plan in plans() if plan.gesture == name][:2]
         clips = [made.make(plan) for plan in chosen]
         for clip, plan in zip(clips, chosen, strict=True):
@@ -68,8 +68,8 @@ def test_every_class_is_felt_on_every_skin(skin):
 
 @pytest.mark.parametrize("skin", ARMS[1:])
 def test_poses_of_arms_come_in_the_same_groups(skin):
-    pool = pool_of(simulator(skin).world)
-    assert set(pool.any) == GROUPS
+    pool = build_pose_pool(simulator(skin).world)
+    assert set(pool.any) == POSE_GROUPS
     assert all(len(poses) for poses in pool.any.values())
     groups = frozenset(range(9, 13))
     assert can_fold(simulator(skin).world, groups)
@@ -77,7 +77,7 @@ def test_poses_of_arms_come_in_the_same_groups(skin):
 
 def test_people_poses_and_sensors_of_a_set_are_the_same_on_every_skin():
     for skins in (ARMS, DRUMS):
-        one, *others = (Settings("val", skin, clips=20) for skin in skins)
+        one, *others = (GenerationSettings("val", skin, clips=20) for skin in skins)
         for other in others:
             for sitting in one.sittings:
                 assert one.plans(sitting) == other.plans(sitting)
@@ -85,23 +85,23 @@ def test_people_poses_and_sensors_of_a_set_are_the_same_on_every_skin():
 
 @pytest.mark.parametrize("skin", SKINS)
 def test_nobody_grabs_what_a_hand_cannot_close_round(skin):
-    classes = Settings("val", skin, clips=20).clip_set.classes
+    classes = GenerationSettings("val", skin, clips=20).clip_set.classes
     assert set(CLASSES) - set(classes) == ({"grab"} if skin in DRUMS else set())
 
 
 def test_a_robot_without_joints_has_one_pose_that_stands_for_every_group():
     world = simulator("base").world
     rng = np.random.default_rng(0)
-    for groups in (GROUPS, {9}):
+    for groups in (POSE_GROUPS, {9}):
         assert draw_pose(world, groups, rng).shape == (0,)
-    assert not can_fold(world, GROUPS) and not can_touch_itself(world, GROUPS)
+    assert not can_fold(world, POSE_GROUPS) and not can_touch_itself(world, POSE_GROUPS)
     assert simulator("base").make(plans()[0]).pose_group == UNGROUPED
 
 
 def test_a_robot_without_joints_stands_still_unfolded_and_never_touches_itself():
     made = simulator("base")
     plan = replace(plans()[0], moving=True, fold_share=1.0)
-    stage = set_up(plan, "press", made.world, plan.rng())
+    stage = set_up_clip(plan, "press", made.world, plan.rng())
     assert not stage.folded
     assert stage.q.shape == (len(stage.q), 0)
     nothing = replace(plan, gesture="none", kind=None, concurrent=0.0, seconds=0.5)
@@ -123,7 +123,7 @@ def test_streams_can_be_made_on_a_robot_without_joints():
 
 def test_pairs_are_refused_on_a_robot_that_cannot_fold():
     with pytest.raises(ValueError, match="set 'pairs' asked on skin 'base'") as caught:
-        Settings("pairs", "base", clips=2)
+        GenerationSettings("pairs", "base", clips=2)
     assert "\n" not in str(caught.value)
 
 

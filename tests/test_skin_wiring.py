@@ -89,4 +89,4 @@ def test_a_patch_that_feels_nothing_is_named():
         return None if patch_of(taxel).id == "wrist_3" else taxel
 
     [found] = check_wiring(SKIN, answered(deaf))
-    assert "'wrist_3' felt nothing at 3 of 3 spots" in found
+    assert "'wrist_3' did not respond at 3 of 3 targets" in found

@@ -11,8 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from eskin.drivers import HostClock, encode_packet
-from eskin.drivers.framing import encode_frame
+from eskin.drivers import HostClock, encode_frame, encode_packet
 from eskin.drivers.serial_transport import SerialPort, SerialTransport
 from eskin.drivers.udp_transport import PEER_TIMEOUT, PeerAddressFilter, UdpTransport
 from eskin.errors import DeviceError

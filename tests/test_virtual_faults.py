@@ -17,8 +17,7 @@ from device_scenes import (
     scans_of,
     small_skin,
 )
-from eskin.drivers import Data, Hello, HostClock, ManualClock, decode_packet
-from eskin.drivers.framing import Deframer
+from eskin.drivers import Data, Deframer, Hello, HostClock, ManualClock, decode_packet
 from eskin.drivers.virtual import FAULT_KINDS, PtyPort, VirtualSkin, parse_fault
 from eskin.errors import PacketError
 

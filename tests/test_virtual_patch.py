@@ -22,8 +22,15 @@ from device_scenes import (
     small_skin,
     udp_skin,
 )
-from eskin.drivers import Data, Hello, HostClock, ManualClock, Status, decode_packet
-from eskin.drivers.framing import Deframer
+from eskin.drivers import (
+    Data,
+    Deframer,
+    Hello,
+    HostClock,
+    ManualClock,
+    Status,
+    decode_packet,
+)
 from eskin.drivers.packet import MAX_PACKET_BYTES
 from eskin.drivers.virtual import (
     PtyPort,

@@ -7,19 +7,21 @@ import numpy as np
 from eskin.robot import load_robot
 from eskin.sim.constants import load_constants
 from eskin.sim.people.person import draw_person
-from eskin.sim.scene.environment import build_world
-from eskin.sim.scene.poses import GROUPS, draw_pose
+from eskin.sim.scene.environment import build_environment
+from eskin.sim.scene.poses import POSE_GROUPS, draw_pose
 from eskin.skin import MountedSkin
 from eskin.skin.presets import build_ur5_skin
 
-EVERY = GROUPS
+EVERY = POSE_GROUPS
 
 
 @lru_cache(maxsize=1)
 def world():
     small = {"robot.pool_tries": 1 / 8, "robot.pool_bent": 1 / 8}
     constants = load_constants().scaled(small)
-    return build_world(MountedSkin(build_ur5_skin(), load_robot("ur5")), constants)
+    return build_environment(
+        MountedSkin(build_ur5_skin(), load_robot("ur5")), constants
+    )
 
 
 def people(count, seed=0):

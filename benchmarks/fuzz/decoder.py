@@ -9,8 +9,8 @@ from typing import final
 
 from benchmarks.fuzz.mutation import mutate
 from benchmarks.fuzz.target import Target, check_refusal
+from eskin.drivers import decode_packet, encode_packet
 from eskin.drivers.framing import MAX_FRAME_BYTES, Deframer, encode_frame
-from eskin.drivers.packet import decode_packet, encode_packet
 from eskin.errors import PacketError
 
 VECTORS = Path(__file__).parents[2] / "tests/data/protocol_v1.json"

@@ -12,21 +12,21 @@ from eskin.sim.constants import Constants
 from eskin.sim.contact.chart import Chart
 from eskin.sim.contact.press import ContactSite, TrueTouch
 from eskin.sim.contact.pressure import compute_leak_share, spread_through_film
-from eskin.sim.dataset.clip import build_of, play, session_of
+from eskin.sim.dataset.clip import get_build, get_session, simulate_clip
 from eskin.sim.dataset.clip_generator import Simulator
 from eskin.sim.dataset.plan import BuildOrigin, Origin
-from eskin.sim.dataset.session_file import rest_of
+from eskin.sim.dataset.session_file import compute_rest_counts
 from eskin.sim.people.gesture_sample import Regime
 from eskin.sim.people.perform import perform
 from eskin.sim.people.person import Person, draw_person
-from eskin.sim.scene.environment import World
+from eskin.sim.scene.environment import SimEnvironment
 from eskin.sim.scene.scene import (
     Scene,
-    add_up,
-    contact_steps,
-    moved,
-    neighbours_of,
-    parts_of,
+    compute_scene_presses,
+    find_contact_steps,
+    get_grid_neighbours,
+    shift_touch,
+    sum_pressure,
 )
 from eskin.touch.calibration_kernels import linearise_counts
 
@@ -60,7 +60,7 @@ Series = Float[np.ndarray, "reading"]
 class Forearm:
     """The robot, and the tube of its forearm."""
 
-    world: World
+    world: SimEnvironment
     """The robot in its skin."""
     index: int
     """Of the tube among the charts."""
@@ -179,15 +179,17 @@ def pressed(
     world = forearm.world
     skin, constants = world.mounted.skin, world.constants
     steps = max(press.first + press.steps for press in touch.presses)
-    parts = parts_of(touch, steps, world.charts, constants)
+    parts = compute_scene_presses(touch, steps, world.charts, constants)
     force = np.zeros(steps)
     for part in parts:
         force[part.span] += part.felt.force
     law = constants.entry("film.sigma").spread
     sigma = 1e-3 * (law.low + law.high) / 2 if law else 0.0
-    pressure, taxels = add_up(parts, steps, skin.count)
+    pressure, taxels = sum_pressure(parts, steps, skin.count)
     share = compute_leak_share(sigma, skin.areas)
-    return spread_through_film(pressure, taxels, neighbours_of(skin), share)[0], force
+    return spread_through_film(pressure, taxels, get_grid_neighbours(skin), share)[
+        0
+    ], force
 
 
 def length_checks(forearm: Forearm, people: int, seed: int) -> list[Check]:
@@ -197,7 +199,7 @@ def length_checks(forearm: Forearm, people: int, seed: int) -> list[Check]:
     for gesture, (low, high) in LENGTHS.items():
         lengths = np.array(
             [
-                np.ptp(contact_steps(touch)) * step
+                np.ptp(find_contact_steps(touch)) * step
                 for _, touch in touches(
                     forearm, gesture, None, MORE * people, seed, "paper"
                 )
@@ -244,8 +246,8 @@ def readings(
     world = forearm.world
     constants = world.constants
     origin = BuildOrigin("bands", (seed, 63), "fresh")
-    build = build_of(origin, world)
-    session = session_of(Origin("bands", (seed, 64)), build)
+    build = get_build(origin, world)
+    session = get_session(Origin("bands", (seed, 64)), build)
     calibration = build.calibration(world.mounted.skin)
     bend, lead = (
         calibration.pressure_curve,
@@ -255,12 +257,12 @@ def readings(
     q = np.zeros((steps, len(world.mounted.robot.joint_names)))
     rng = np.random.default_rng([seed, 65])
     for _, touch in touches(forearm, gesture, kind, people, seed, "paper"):
-        first, last = contact_steps(touch)
+        first, last = find_contact_steps(touch)
         late = max(last - first - (steps - lead), 0)
-        shown = moved(touch, lead - first - int(rng.integers(0, late + 1)))
-        clip = play(Scene(q, (shown,)), lead, build, session, world, rng)
-        quiet = play(Scene(q, ()), lead, build, session, world, rng)
-        rest = np.nan_to_num(rest_of(quiet), posinf=FULL)
+        shown = shift_touch(touch, lead - first - int(rng.integers(0, late + 1)))
+        clip = simulate_clip(Scene(q, (shown,)), lead, build, session, world, rng)
+        quiet = simulate_clip(Scene(q, ()), lead, build, session, world, rng)
+        rest = np.nan_to_num(compute_rest_counts(quiet), posinf=FULL)
         above = np.where(clip.received, clip.counts - rest, 0.0).max(axis=1)
         gain = float(calibration.gain[0])
         yield np.array([gain * linearise_counts(float(x), bend) for x in above]), touch
@@ -310,7 +312,7 @@ def pressed_raw(
     """Pressure of the tube's taxels [kPa], in the order of its chart, and force [N]."""
     world = forearm.world
     steps = touch.presses[0].steps
-    part = parts_of(touch, steps, world.charts, world.constants)[0]
+    part = compute_scene_presses(touch, steps, world.charts, world.constants)[0]
     pressure = np.zeros((steps, len(forearm.chart.taxels)))
     columns = np.searchsorted(forearm.chart.taxels, part.felt.taxels)
     pressure[:, columns] = part.felt.pressure

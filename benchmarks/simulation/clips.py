@@ -11,12 +11,12 @@ from joblib import Parallel, delayed, parallel_config
 from benchmarks.simulation.features import clip_features
 from benchmarks.simulation.remains import before_of, histogram_of, truth_of
 from eskin.sim.constants import load_constants
-from eskin.sim.dataset.clip import Clip
+from eskin.sim.dataset.clip import SimulatedClip
 from eskin.sim.dataset.clip_generator import Simulator
 from eskin.sim.dataset.plan import ClipPlan
-from eskin.sim.dataset.session_file import rest_of
-from eskin.sim.dataset.session_plan import Sitting, plans_of, sittings_of
-from eskin.sim.dataset.sets import CLASSES, load_set, resized
+from eskin.sim.dataset.session_file import compute_rest_counts
+from eskin.sim.dataset.session_plan import SessionPlan, plan_clips, plan_sessions
+from eskin.sim.dataset.sets import CLASSES, load_set, resize_set
 from eskin.touch import Calibration
 
 PROCESSES = 2
@@ -82,11 +82,11 @@ def simulate(
         factors: on constants of the world, as in a sensitivity sweep.
     """
     constants = load_constants()
-    chosen = resized(load_set(set_name, constants), clips, None, constants)
+    chosen = resize_set(load_set(set_name, constants), clips, None, constants)
     chosen = replace(chosen, classes=classes)
     work = []
-    for sitting in sittings_of(chosen, seed, constants):
-        plans = plans_of(sitting, chosen, seed, difficulty, constants)
+    for sitting in plan_sessions(chosen, seed, constants):
+        plans = plan_clips(sitting, chosen, seed, difficulty, constants)
         work.append(delayed(sitting_of)(sitting, plans, TAP in classes, factors))
     with parallel_config(backend="loky", inner_max_num_threads=1):
         found: Sequence[list[Made]] = Parallel(PROCESSES)(work)  # pyright: ignore
@@ -100,7 +100,7 @@ def simulator(factors: Factors = ()) -> Simulator:
 
 
 def sitting_of(
-    sitting: Sitting, plans: Sequence[ClipPlan], taps: bool, factors: Factors = ()
+    sitting: SessionPlan, plans: Sequence[ClipPlan], taps: bool, factors: Factors = ()
 ) -> list[Made]:
     """The clips of a sitting; their rest level is that of its lead-in.
 
@@ -111,7 +111,7 @@ def sitting_of(
         factors: on constants of the world.
     """
     maker = simulator(factors)
-    rest = rest_of(maker.make(plans[0]))
+    rest = compute_rest_counts(maker.make(plans[0]))
     calibration = maker.calibration(sitting.build)
     return [made_of(maker, as_tap(plan), rest, calibration, taps) for plan in plans[1:]]
 
@@ -156,7 +156,7 @@ def made_of(
     )
 
 
-def kind_of(clip: Clip) -> str:
+def kind_of(clip: SimulatedClip) -> str:
     """What a clip without touch was made for."""
     disturbed = any(name.startswith("electrical.") for name in clip.drawn)
     return "electrical" if disturbed else "idle"

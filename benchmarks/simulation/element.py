@@ -9,13 +9,13 @@ from jaxtyping import Float
 from benchmarks.simulation.check import Check, at_most, within
 from benchmarks.simulation.physics import ur5
 from eskin.sim.constants import Constants
-from eskin.sim.sensor.build import Build, draw_build, nominal_build
-from eskin.sim.sensor.model import Session, Stages, draw_session
+from eskin.sim.sensor.build import SensorBuild, build_nominal_sensor, draw_build
+from eskin.sim.sensor.model import SensorSession, SensorStages, draw_session
 from eskin.sim.sensor.sensor import sense
 from eskin.skin import Skin
 
 LOGS = "Lupasic, logs of velostat, c319860"
-NONE = Stages(**{field.name: False for field in fields(Stages)})
+NONE = SensorStages(**{field.name: False for field in fields(SensorStages)})
 ELEMENT = replace(NONE, power=True, creep=True, hysteresis=True, divider=True)
 CROSSED = replace(ELEMENT, ghosting=True)
 EXPONENT = 0.76
@@ -50,9 +50,9 @@ def element_checks(
     ]
 
 
-def element_of(skin: Skin, constants: Constants) -> Build:
+def element_of(skin: Skin, constants: Constants) -> SensorBuild:
     """A nominal build with the element's exponent and a converter that is too fine."""
-    build = nominal_build(skin, constants)
+    build = build_nominal_sensor(skin, constants)
     exponent = np.full(skin.count, EXPONENT)
     return replace(
         build,
@@ -62,12 +62,12 @@ def element_of(skin: Skin, constants: Constants) -> Build:
 
 
 def conductance(
-    series: Series, build: Build, skin: Skin, constants: Constants
+    series: Series, build: SensorBuild, skin: Skin, constants: Constants
 ) -> Float[np.ndarray, "reading"]:
     """Conductance of one taxel, as its counts tell; 1 is half scale."""
     counts, _ = sense(
         *(series[:, None], np.array([TAXEL]), build, skin, np.random.default_rng(1)),
-        *(ELEMENT, Session(np.ones(skin.count), 0.0)),
+        *(ELEMENT, SensorSession(np.ones(skin.count), 0.0)),
     )
     share = counts[:, TAXEL] / build.electronics.full_scale
     return share / (1.0 - share)
@@ -177,12 +177,12 @@ def noise_checks(
 ) -> list[Check]:
     """Noise of idle taxels, as an element that idles at half scale would show it."""
     quiet = np.zeros((400, 0)), np.zeros(0, dtype=np.int64)
-    stages = Stages(drift=False, faults=False)
+    stages = SensorStages(drift=False, faults=False)
     found = []
     for number in range(repeats):
         rng = np.random.default_rng([seed, 66, number])
         build = draw_build("n", "fresh", skin, constants, rng)
-        same = Session(np.ones(skin.count), 0.0)
+        same = SensorSession(np.ones(skin.count), 0.0)
         counts, _ = sense(*quiet, build, skin, rng, stages, same)
         # There a count is 4 / full scale of the resistance.
         found.append(400 * counts.std(axis=0).mean() / build.electronics.full_scale)
@@ -222,7 +222,7 @@ def largest_ghost(
     counts, _ = sense(
         stepped(1.0, constants.value("time.step"))[:, None],
         *(np.array([TAXEL]), replace(plain, electronics=crossed), skin, rng),
-        *(CROSSED, Session(np.ones(skin.count), 0.0)),
+        *(CROSSED, SensorSession(np.ones(skin.count), 0.0)),
     )
     last = counts[-1].astype(np.float64)
     return float(np.delete(last, TAXEL).max() / last[TAXEL])

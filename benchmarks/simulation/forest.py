@@ -9,7 +9,7 @@ from sklearn.ensemble import RandomForestClassifier
 from sklearn.model_selection import GroupKFold
 
 from benchmarks.simulation.clips import PROCESSES, Made, simulate
-from eskin.sim.dataset.sets import GESTURES
+from eskin.sim.dataset.sets import PAPER_GESTURES
 
 LEVELS = (0.0, 1.0, 1.5, 2.0)
 """Difficulties that are looked at."""
@@ -62,7 +62,7 @@ def difficulty_row(level: float, clips: int, seed: int) -> str:
     new = simulate(NEW, clips // 3, level, seed)
     guess, labels = held_out(made, seed), labels_of(made)
     people = spread_of(guess == labels, people_of(made))
-    four = [each for each in made if each.label in GESTURES]
+    four = [each for each in made if each.label in PAPER_GESTURES]
     right = np.mean(held_out(four, seed) == labels_of(four))
     shifted = grow(made, seed).predict(features_of(new)) == labels_of(new)
     return (

@@ -12,7 +12,12 @@ from eskin.extras import find_mujoco
 from eskin.sim.constants import MM, Constants
 from eskin.sim.contact.chart import Chart
 from eskin.sim.contact.press import Press
-from eskin.sim.contact.pressure import KPA_PER_PA, PressureField, compute_long_axes, compute_pad_offsets
+from eskin.sim.contact.pressure import (
+    KPA_PER_PA,
+    PressureField,
+    compute_long_axes,
+    compute_pad_offsets,
+)
 from eskin.skin.surfaces import Dome, Plane, Surface, Tube
 
 AWAY = -1.0
@@ -161,7 +166,9 @@ def poses(
     s_axis, normal = at.tangents[0], at.normals[0]
     axes = np.stack([s_axis, np.cross(normal, s_axis)])
     bends = np.array([isinstance(surface, Tube | Dome), isinstance(surface, Dome)])
-    bent, straight = (compute_pad_offsets(press)[0] * part @ axes for part in (bends, ~bends))
+    bent, straight = (
+        compute_pad_offsets(press)[0] * part @ axes for part in (bends, ~bends)
+    )
     curvature = press.flesh.conformity / chart.radius
     turns = Rotation.from_rotvec(np.cross(normal, bent) * curvature).as_matrix()
     normals = turns @ normal

@@ -12,7 +12,7 @@ import tyro
 
 import eskin.skin
 from eskin.sim.constants import load_constants
-from eskin.sim.sensor.build import nominal_build
+from eskin.sim.sensor.build import build_nominal_sensor
 from eskin.skin import build_grid_skin
 
 
@@ -27,7 +27,7 @@ class Command:
 def nominal_bytes() -> bytes:
     """Return the nominal calibration of a skin of one taxel, as text."""
     skin = build_grid_skin(1, 1)
-    build = nominal_build(skin, load_constants())
+    build = build_nominal_sensor(skin, load_constants())
     return build.calibration(skin).to_bytes() + b"\n"
 
 

@@ -9,7 +9,7 @@ from benchmarks.simulation.check import Check, within
 from eskin.robot import load_robot
 from eskin.sim.constants import MM, Constants
 from eskin.sim.contact.chart import Chart, build_charts
-from eskin.sim.contact.press import SoftTissue, Press, ContactSite, ContactPads
+from eskin.sim.contact.press import ContactPads, ContactSite, Press, SoftTissue
 from eskin.sim.contact.pressure import compute_pressure_field
 from eskin.sim.people.hand import build_hand, select_pads
 from eskin.sim.people.perform import perform
@@ -73,14 +73,18 @@ def tip_areas(
 ) -> Float[np.ndarray, "time"]:
     """Contact area of the average fingertip on a flat [mm2]."""
     tip, flesh = average_tip(constants)
-    felt = compute_pressure_field(held(tip, flesh, forces), fine_chart(Plane(np.eye(4))), constants)
+    felt = compute_pressure_field(
+        held(tip, flesh, forces), fine_chart(Plane(np.eye(4))), constants
+    )
     return felt.area / MM**2
 
 
 def peakedness(constants: Constants) -> float:
     """Largest by mean pressure under the average fingertip at 2 N."""
     tip, flesh = average_tip(constants)
-    felt = compute_pressure_field(held(tip, flesh, [2.0]), fine_chart(Plane(np.eye(4))), constants)
+    felt = compute_pressure_field(
+        held(tip, flesh, [2.0]), fine_chart(Plane(np.eye(4))), constants
+    )
     pressed = felt.pressure[0][felt.pressure[0] > constants.value("contact.touched")]
     return float(pressed.max() / pressed.mean())
 

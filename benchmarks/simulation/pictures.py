@@ -15,7 +15,7 @@ from matplotlib.axes import Axes
 from matplotlib.collections import PolyCollection
 
 from eskin.sim.contact.chart import Chart
-from eskin.sim.dataset.clip import Clip, build_of, make_clip
+from eskin.sim.dataset.clip import SimulatedClip, get_build, make_clip
 from eskin.sim.dataset.clip_generator import Simulator
 from eskin.sim.dataset.plan import BuildOrigin, ClipPlan, Origin
 from eskin.touch import Calibration
@@ -57,7 +57,7 @@ def main() -> None:
         pyplot.close(figure)
 
 
-def typical(simulator: Simulator, gesture: str) -> tuple[Clip, ClipPlan]:
+def typical(simulator: Simulator, gesture: str) -> tuple[SimulatedClip, ClipPlan]:
     """The first clip of a gesture that lies whole on the forearm, felt as it should."""
     for number in range(400):
         plan = plan_of(gesture, number)
@@ -94,17 +94,17 @@ def plan_of(gesture: str, number: int) -> ClipPlan:
 
 
 def pressure_of(
-    clip: Clip, calibration: Calibration
+    clip: SimulatedClip, calibration: Calibration
 ) -> Float[np.ndarray, "reading taxel"]:
     """What the calibrated skin reads [kPa]; rest is what is counted most often."""
     above = clip.counts - np.median(clip.counts, axis=0)
     return np.where(clip.received, calibration.compute_pressure(above), 0.0)
 
 
-def draw(simulator: Simulator, clip: Clip, plan: ClipPlan) -> pyplot.Figure:
+def draw(simulator: Simulator, clip: SimulatedClip, plan: ClipPlan) -> pyplot.Figure:
     """Looks at the unrolled link, then force through time."""
     truth = clip.truths[0]
-    build = build_of(plan.build, simulator.world)
+    build = get_build(plan.build, simulator.world)
     pressure = pressure_of(clip, build.calibration(simulator.mounted.skin))
     charts = [chart for chart in simulator.world.charts if chart.link == LINK]
     chart = max(charts, key=lambda chart: len(chart.taxels))

@@ -3,8 +3,8 @@
 import numpy as np
 from jaxtyping import Float
 
-from eskin.sim.dataset.clip import Clip
-from eskin.sim.scene.scene import TrueSeries
+from eskin.sim.dataset.clip import SimulatedClip
+from eskin.sim.scene.scene import TrueTouchSeries
 from eskin.skin import MountedSkin, Skin
 
 READINGS = 10
@@ -15,7 +15,7 @@ CM, CM2 = 100.0, 1e4
 
 
 def truth_of(
-    clip: Clip, truth: TrueSeries | None, mounted: MountedSkin
+    clip: SimulatedClip, truth: TrueTouchSeries | None, mounted: MountedSkin
 ) -> Float[np.ndarray, "reading 5"]:
     """Force [N], area [cm2] and centroid in the link's frame [cm] of one touch."""
     series = np.zeros((len(clip.q), 5))
@@ -31,7 +31,7 @@ def truth_of(
 
 
 def before_of(
-    clip: Clip, rest: Float[np.ndarray, "taxel"], skin: Skin
+    clip: SimulatedClip, rest: Float[np.ndarray, "taxel"], skin: Skin
 ) -> Float[np.ndarray, "quantity"]:
     """Counts of each patch before any contact: mean, deviation, largest, unheard.
 

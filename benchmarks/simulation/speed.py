@@ -6,7 +6,7 @@ from pathlib import Path
 
 from benchmarks.simulation.check import Check, at_least, at_most
 from eskin.sim.dataset.generate import generate
-from eskin.sim.dataset.settings import Settings
+from eskin.sim.dataset.settings import GenerationSettings
 
 WANTED = 6000.0
 WORKERS = 2
@@ -21,7 +21,7 @@ def speed_checks(clips: int, seed: int) -> list[Check]:
     The memory is that of the largest process started so far, of whatever part.
     """
     with tempfile.TemporaryDirectory() as folder:
-        settings = Settings("train", seed=seed, clips=clips)
+        settings = GenerationSettings("train", seed=seed, clips=clips)
         done = generate(Path(folder), settings, WORKERS)
     largest = resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss / 1024
     name = f"{clips} clips as files, {WORKERS} processes"
@@ -45,5 +45,7 @@ def same_bytes(seed: int) -> Check:
 def made(workers: int, seed: int) -> dict[str, bytes]:
     """Every file of a small set."""
     with tempfile.TemporaryDirectory() as folder:
-        generate(Path(folder), Settings("test-m", seed=seed, clips=FEW), workers)
+        generate(
+            Path(folder), GenerationSettings("test-m", seed=seed, clips=FEW), workers
+        )
         return {path.name: path.read_bytes() for path in Path(folder).iterdir()}

@@ -12,13 +12,20 @@ import numpy as np
 from jaxtyping import Float
 
 from eskin.command import FRAME_TASK, Arm, MotionConfig, SimulatedArm, Task, UrArm
-from eskin.drivers import Clock, HostClock, Source, SourceInfo
-from eskin.drivers.device_source import DeviceSource
-from eskin.drivers.played_source import PlayedSource, replay_source
-from eskin.drivers.serial_transport import SerialTransport
-from eskin.drivers.source import FixedJoints, JointSource
-from eskin.drivers.transport import Transport
-from eskin.drivers.udp_transport import UdpTransport
+from eskin.drivers import (
+    Clock,
+    DeviceSource,
+    FixedJoints,
+    HostClock,
+    JointSource,
+    PlayedSource,
+    SerialTransport,
+    Source,
+    SourceInfo,
+    Transport,
+    UdpTransport,
+    replay_source,
+)
 from eskin.errors import ArmError, DeviceError, RecordingError
 from eskin.live import mount_skin
 from eskin.robot import Robot
@@ -249,9 +256,9 @@ def nominal_calibration(skin: Skin) -> Calibration:
 def open_simulation(skin: str, config: SourceConfig, clock: Clock) -> Source:
     """Open a simulation of a person in no training set, who touches without end."""
     from eskin.sim.dataset.clip_generator import Simulator
-    from eskin.sim.interactive.player import Player
+    from eskin.sim.interactive.player import TouchPlayer
 
-    player = Player(Simulator(skin), config.seed)
+    player = TouchPlayer(Simulator(skin), config.seed)
     maker = player.maker
     info = SourceInfo(
         uri=f"sim:{skin}",

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from eskin.drivers.framing import encode_frame
+from eskin.drivers import encode_frame
 from eskin.drivers.packet import MAX_COUNTS, Data, Hello, Packet, Status, encode_packet
 
 FILE = Path(__file__).with_name("protocol_v1.json")

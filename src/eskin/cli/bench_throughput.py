@@ -43,7 +43,9 @@ def run(command: Command) -> dict[str, object]:
     }
 
 
-def format_limit(row: "ThroughputResult", limits: dict[str, float]) -> dict[str, object]:
+def format_limit(
+    row: "ThroughputResult", limits: dict[str, float]
+) -> dict[str, object]:
     """Return the rate at which a transport first drops readings, if it was searched.
 
     None means that there is none up to the highest rate.

@@ -66,7 +66,7 @@ class Command:
 
 def run(command: Command) -> dict[str, object]:
     """Send until it is over or stopped, and return what was sent."""
-    from eskin.drivers.clock import HostClock
+    from eskin.drivers import HostClock
     from eskin.drivers.virtual import VirtualSkin, parse_fault, resample_scans
     from eskin.skin import load_skin
     from eskin.stream import stop_on_signals
@@ -136,9 +136,9 @@ def played(
 
     if command.play == SIM:
         from eskin.sim.dataset.clip_generator import Simulator
-        from eskin.sim.interactive.player import Player
+        from eskin.sim.interactive.player import TouchPlayer
 
-        player = Player(Simulator(command.skin), command.seed)
+        player = TouchPlayer(Simulator(command.skin), command.seed)
         print("somebody to touch it is made", flush=True)
         scans = player.scans()
         calibration = player.maker.calibration(player.build)

@@ -11,9 +11,7 @@ from itertools import chain
 from numba.core import event
 
 from eskin.app import SourceConfig, open_source
-from eskin.drivers import DeviceSource
-from eskin.drivers.patch_stream import ScanRateMeter
-from eskin.drivers.serial_transport import SerialPortInfo, list_serial_ports
+from eskin.drivers import DeviceSource, ScanRateMeter, SerialPortInfo, list_serial_ports
 from eskin.errors import DeviceError, EskinError
 from eskin.live import Recognizer, warm_up
 from eskin.model import MODELS

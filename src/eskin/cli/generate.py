@@ -12,7 +12,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TimeRemainingColumn
 
 from eskin.sim.dataset.generate import generate
-from eskin.sim.dataset.settings import Settings
+from eskin.sim.dataset.settings import GenerationSettings
 
 SetName = Literal[
     "train",
@@ -80,7 +80,7 @@ def run(command: Command) -> dict[str, object]:
     workers = os.cpu_count() or 1 if command.workers is None else command.workers
     if workers < 1:
         raise ValueError(f"--workers is {workers}; allowed are 1 and above; change it")
-    settings = Settings(
+    settings = GenerationSettings(
         command.set,
         command.skin,
         command.seed,

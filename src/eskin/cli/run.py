@@ -196,7 +196,7 @@ def check_senders(command: Command) -> None:
         DeviceError: a source can be heard from other computers.
     """
     from eskin.app import parse_udp_address
-    from eskin.drivers.udp_transport import check_udp_host
+    from eskin.drivers import check_udp_host
 
     for uri in command.source:
         if uri.startswith("udp:"):

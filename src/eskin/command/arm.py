@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Float
 
 from eskin.closing import Closing
-from eskin.drivers.source import JointSource
+from eskin.drivers import JointSource
 
 Grip = Literal["open", "closed"]
 

@@ -29,8 +29,8 @@ from eskin.model import load_model
 from eskin.page import Order, PageOrder, TouchOrder
 from eskin.page.port import free_port
 from eskin.recording import Metadata
-from eskin.sim.interactive.hand import Place
-from eskin.sim.interactive.skin import LiveSkin
+from eskin.sim.interactive.hand import LinkPoint
+from eskin.sim.interactive.skin import InteractiveSkin
 from eskin.stream import (
     Context,
     Listener,
@@ -112,7 +112,7 @@ class PageCommandHandler:
 
     def __init__(
         self,
-        skin: LiveSkin,
+        skin: InteractiveSkin,
         arm: SimulatedArm,
         other: Callable[[PageOrder], None] = lambda order: None,
     ) -> None:
@@ -138,7 +138,7 @@ class PageCommandHandler:
     def handle_touch(self, order: TouchOrder) -> None:
         """Touch the skin, or move or end a touch."""
         hand = self.skin.hand
-        place = Place(order.link, np.array(order.p_link, np.float64))
+        place = LinkPoint(order.link, np.array(order.p_link, np.float64))
         match order.kind:
             case "poke":
                 hand.poke(place, order.force, order.seconds)
@@ -299,7 +299,7 @@ def run_demo(
         StreamError: something failed while it ran.
     """
     model = load_model(config.model)
-    skin = LiveSkin(config.skin, config.seed, config.build_kind, loses=False)
+    skin = InteractiveSkin(config.skin, config.seed, config.build_kind, loses=False)
     recognizer = Recognizer(model, skin.mounted, skin.calibration)
     warm_up(recognizer)
     warm_up_hand(config)
@@ -337,7 +337,7 @@ def run_demo(
 
 def warm_up_hand(config: DemoConfig) -> None:
     """Load all compiled code that a live skin and a touch need, on another skin."""
-    skin = LiveSkin(config.skin, config.seed, config.build_kind, loses=False)
+    skin = InteractiveSkin(config.skin, config.seed, config.build_kind, loses=False)
     q = np.zeros(len(skin.mounted.robot.joint_names))
     for number in range(40):
         if number == 5:

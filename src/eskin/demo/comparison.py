@@ -14,8 +14,7 @@ from eskin.demo.same_touch import (
     draw_touches,
     load_both_models,
 )
-from eskin.drivers import SourceInfo
-from eskin.drivers.played_source import PlayedSource
+from eskin.drivers import PlayedSource, SourceInfo
 from eskin.live import Recognizer, warm_up
 from eskin.model import Model
 from eskin.page import Answer as Shown

@@ -18,7 +18,7 @@ from eskin.demo.simulated_user import CommandScore, SimulatedUser, SimulatedUser
 from eskin.drivers import Clock, ManualClock
 from eskin.live import Detection, Recognizer
 from eskin.model import load_model
-from eskin.sim.interactive.skin import LiveSkin
+from eskin.sim.interactive.skin import InteractiveSkin
 from eskin.stream import CommandEvent, Context, Listener, Message, Recognition
 from eskin.units import NS_PER_S
 
@@ -167,7 +167,7 @@ def run_build(seconds: float, config: DemoConfig, seed: int) -> DemoResult:
     """Let people touch an arm at work, on one build of its skin."""
     clock = ManualClock(NS_PER_S)
     arm = build_arm(config, clock)
-    skin = LiveSkin(config.skin, seed, config.build_kind)
+    skin = InteractiveSkin(config.skin, seed, config.build_kind)
     model = load_model(config.model)
     vocabulary = model.card.vocabulary
     commands = load_commands(config.commands, vocabulary, skin.mounted.skin)

@@ -4,7 +4,7 @@ from collections.abc import Callable
 from typing import final
 
 from eskin.drivers import Clock, Event, JointSource, Source, SourceInfo
-from eskin.sim.interactive.skin import LiveSkin
+from eskin.sim.interactive.skin import InteractiveSkin
 from eskin.touch import Scan
 from eskin.units import NS_PER_S
 
@@ -23,7 +23,7 @@ class LiveSource(Source):
 
     def __init__(
         self,
-        skin: LiveSkin,
+        skin: InteractiveSkin,
         joints: JointSource,
         clock: Clock,
         before_scan: Callable[[int], None] = lambda stamp: None,

@@ -16,12 +16,12 @@ from eskin.demo.headless import DemoConfig
 from eskin.live import Detection, Recognizer
 from eskin.model import Model, load_model
 from eskin.page.scene import CAMERA
-from eskin.sim.dataset.clip import build_of
-from eskin.sim.dataset.pairs import pair_of, world_of
+from eskin.sim.dataset.clip import get_build
+from eskin.sim.dataset.pairs import load_environment, simulate_pair
 from eskin.sim.dataset.plan import ClipPlan
-from eskin.sim.dataset.session_plan import plan_alone, seed_of
-from eskin.sim.scene.environment import World
-from eskin.sim.scene.validity import is_free, limits
+from eskin.sim.dataset.session_plan import build_seed, plan_single_pair
+from eskin.sim.scene.environment import SimEnvironment
+from eskin.sim.scene.validity import are_collision_free, compute_joint_limits
 from eskin.skin import SKIN_PRESETS, MountedSkin
 from eskin.touch import Calibration, Scan
 from eskin.units import NS_PER_S
@@ -117,9 +117,9 @@ def draw_touches(
             f"skin '{skin}' with seed {seed}; allowed are {', '.join(SKIN_PRESETS)} "
             "and seeds of 0 and above; change it"
         )
-    world = world_of(skin)
+    world = load_environment(skin)
     level, own = world.constants.value("sets.difficulty"), seed * SEED_STRIDE
-    first = plan_alone("merging", own, level, world.constants)
+    first = plan_single_pair("merging", own, level, world.constants)
     build = replace(first.build, kind=build_kind)
     found: list[SameTouch] = []
     for trial in count():
@@ -128,7 +128,7 @@ def draw_touches(
                 f"{len(found)} pairs of poses with free ways between them were found; "
                 f"wanted are {number}; ask for fewer, or give another --seed"
             )
-        plan = plan_alone("merging", own + trial, level, world.constants)
+        plan = plan_single_pair("merging", own + trial, level, world.constants)
         plan = replace(plan, build=build, session=first.session)
         touch = build_touch(plan, world)
         before = [found[-1].poses[1]] if found else []
@@ -140,18 +140,18 @@ def draw_touches(
     raise AssertionError
 
 
-def build_touch(plan: ClipPlan, world: World) -> SameTouch:
+def build_touch(plan: ClipPlan, world: SimEnvironment) -> SameTouch:
     """Build the counts of the first side of a planned pair, with rest around them."""
     assert plan.pair is not None
     idle = replace(
         plan,
-        seed=seed_of("same touch rest", 0, 0, plan.seed[-1]),
+        seed=build_seed("same touch rest", 0, 0, plan.seed[-1]),
         kind="idle",
         gesture="none",
         seconds=REST_BEFORE + REST_AFTER,
         pair=replace(plan.pair, number=-1, gesture="none"),
     )
-    pair, rest = pair_of(plan, world), pair_of(idle, world).first
+    pair, rest = simulate_pair(plan, world), simulate_pair(idle, world).first
     period = round(world.constants.value("sensor.period") * NS_PER_S)
     cut = round(REST_BEFORE * NS_PER_S / period)
     touched = pair.first
@@ -167,7 +167,7 @@ def build_touch(plan: ClipPlan, world: World) -> SameTouch:
         ),
         labels=pair.labels,
         mounted=world.mounted,
-        calibration=build_of(plan.build, world).calibration(world.mounted.skin),
+        calibration=get_build(plan.build, world).calibration(world.mounted.skin),
         period=period,
     )
 
@@ -187,13 +187,13 @@ def find_most_loaded(
 
 
 def turn_to_camera(
-    pose: Pose, pressed: list[Int[np.ndarray, "few"]], world: World
+    pose: Pose, pressed: list[Int[np.ndarray, "few"]], world: SimEnvironment
 ) -> Pose:
     """Turn the base of a pose so that the page shows all that is pressed.
 
     The arm turns as a whole, so nothing on it changes.
     """
-    low, high = (float(each[0]) for each in limits(world))
+    low, high = (float(each[0]) for each in compute_joint_limits(world))
     poses = np.tile(pose, (BASE_ANGLES, 1))
     poses[:, 0] = np.linspace(low, high, BASE_ANGLES)
     seen = [
@@ -206,12 +206,12 @@ def turn_to_camera(
     return poses[int(np.min(seen, axis=0).argmax())]
 
 
-def is_path_free(poses: list[Pose], world: World) -> bool:
+def is_path_free(poses: list[Pose], world: SimEnvironment) -> bool:
     """Return whether the arm meets neither itself nor the table between the poses."""
     lines = [
         np.linspace(a, b, PATH_SAMPLES) for a, b in zip(poses, poses[1:], strict=False)
     ]
-    return bool(is_free(world, world.poses(np.concatenate(lines))).all())
+    return bool(are_collision_free(world, world.poses(np.concatenate(lines))).all())
 
 
 BLIND_MODEL = "ur5-blind"

@@ -11,7 +11,7 @@ import numpy as np
 from eskin.command import ArmState, CommandMap, SimulatedArm, resolve_action
 from eskin.live import Detection
 from eskin.recording import NONE
-from eskin.sim.interactive.skin import LiveSkin, demo_person
+from eskin.sim.interactive.skin import InteractiveSkin, draw_demo_person
 from eskin.stream import CommandEvent
 from eskin.units import NS_PER_S
 
@@ -189,7 +189,7 @@ class SimulatedUser:
 
     def __init__(
         self,
-        skin: LiveSkin,
+        skin: InteractiveSkin,
         arm: SimulatedArm,
         commands: CommandMap,
         seed: int = 0,
@@ -251,7 +251,7 @@ class SimulatedUser:
     def begin_touch(self, stamp: int, state: ArmState) -> None:
         """Begin a touch, on purpose or by accident."""
         if stamp >= self.person_until:
-            person = demo_person(self.skin.world, 1000 * self.seed + self.people)
+            person = draw_demo_person(self.skin.world, 1000 * self.seed + self.people)
             self.skin.hand.person = person
             self.people += 1
             self.person_until = stamp + round(self.config.person_seconds * NS_PER_S)

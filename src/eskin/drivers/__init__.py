@@ -1,8 +1,10 @@
 """This package implements the device protocol and the sources of scans."""
 
+from eskin.drivers.assembler import Assembler
 from eskin.drivers.clock import Clock, HostClock, ManualClock
 from eskin.drivers.device_source import DeviceSource
-from eskin.drivers.events import Event
+from eskin.drivers.events import Event, EventLog
+from eskin.drivers.framing import Deframer, encode_frame
 from eskin.drivers.packet import (
     Data,
     Hello,
@@ -11,19 +13,26 @@ from eskin.drivers.packet import (
     decode_packet,
     encode_packet,
 )
+from eskin.drivers.patch_stream import ScanRateMeter
 from eskin.drivers.played_source import STEPPED, PlayedSource, replay_source
-from eskin.drivers.serial_transport import SerialTransport
+from eskin.drivers.serial_transport import (
+    SerialPortInfo,
+    SerialTransport,
+    list_serial_ports,
+)
 from eskin.drivers.source import FixedJoints, JointSource, Source, SourceInfo
 from eskin.drivers.transport import ReceivedPacket, Transport
-from eskin.drivers.udp_transport import UdpTransport
+from eskin.drivers.udp_transport import UdpTransport, check_udp_host
 
 __all__ = [
     "STEPPED",
+    "Assembler",
     "Clock",
     "Data",
-    "ReceivedPacket",
+    "Deframer",
     "DeviceSource",
     "Event",
+    "EventLog",
     "FixedJoints",
     "Hello",
     "HostClock",
@@ -31,13 +40,19 @@ __all__ = [
     "ManualClock",
     "Packet",
     "PlayedSource",
+    "ReceivedPacket",
+    "ScanRateMeter",
+    "SerialPortInfo",
     "SerialTransport",
     "Source",
     "SourceInfo",
     "Status",
     "Transport",
     "UdpTransport",
+    "check_udp_host",
     "decode_packet",
+    "encode_frame",
     "encode_packet",
+    "list_serial_ports",
     "replay_source",
 ]

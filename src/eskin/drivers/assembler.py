@@ -145,7 +145,7 @@ class Assembler:
             return "late" if known else "held"
         slot.note_data(arrived)
         if clock.reboots != stream.reboots:
-            slot.report(arrived, "rebooted", "its clock began anew")
+            slot.report(arrived, "rebooted", "its clock started over")
         if not stream.clock_matches():
             return "held"
         if arrived < slot.hold_until or self.timeline is None:
@@ -200,7 +200,7 @@ class Assembler:
     ) -> None:
         """Report that a patch has become slow, or is no longer slow."""
         meter = stream.rate_meter
-        text = f"{meter.measured:.1f} of {meter.nominal} scans a second come"
+        text = f"{meter.measured:.1f} of {meter.nominal} scans a second arrive"
         if change == "slow":
             text += "; check its power and how much its line can carry"
         stream.slot.report(arrived, change, text)
@@ -235,7 +235,7 @@ class Assembler:
             patch = stream.slot.patch.id
             self.log.count(
                 "lost",
-                f"packets of patch '{patch}' are of scans that came only in part and "
+                f"packets of patch '{patch}' are of scans that arrived only in part and "
                 "do not count; check its line",
                 packets,
                 patch,

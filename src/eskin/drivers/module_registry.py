@@ -214,7 +214,7 @@ class AddressSlot:
         if not claim.fits:
             return changed
         if old is None:
-            self.report(arrived, "appeared", f"{claim.name} is heard")
+            self.report(arrived, "appeared", f"{claim.name} sends data")
         elif changed:
             wait = max(0, self.hold_until - arrived) / NS_PER_S
             text = f"{claim.name} has taken the place of {old.name}"
@@ -222,7 +222,9 @@ class AddressSlot:
         elif old.port != claim.port:
             self.report(arrived, "moved", f"{claim.name} was at {old.port} before")
         elif again:
-            self.report(arrived, "returned", f"{claim.name} is alone again, and used")
+            self.report(
+                arrived, "returned", f"{claim.name} is the only one again and used"
+            )
         return changed
 
     def is_gone(self, now: int) -> bool:
@@ -242,7 +244,7 @@ class AddressSlot:
             self.module.last_seen = arrived
         if self.silent:
             self.silent = False
-            self.report(arrived, "returned", "its scans come again")
+            self.report(arrived, "returned", "its scans arrive again")
 
     def note_used(self, arrived: int) -> None:
         """Note that data of the module is used."""
@@ -298,7 +300,9 @@ class AddressSlot:
         quiet = now - self.data_at >= self.timeout
         if self.port is not None and quiet and not self.silent:
             self.silent = True
-            self.report(now, "silent", "no scans come any more; check cable and power")
+            self.report(
+                now, "silent", "no scans arrive any more; check cable and power"
+            )
         return changed
 
 

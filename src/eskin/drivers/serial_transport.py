@@ -220,9 +220,7 @@ class SerialTransport(Transport):
                 text = f"port {port.path} is gone; plug it in again"
                 self.log.add(arrived, "silent", text)
                 continue
-            packets += [
-                ReceivedPacket(port.path, arrived, packet) for packet in found
-            ]
+            packets += [ReceivedPacket(port.path, arrived, packet) for packet in found]
         return packets
 
     def wait_readable(

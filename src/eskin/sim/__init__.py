@@ -2,7 +2,7 @@
 
 from eskin.sim.constants import Constants, load_constants
 from eskin.sim.contact.chart import Chart, build_charts
-from eskin.sim.contact.press import SoftTissue, Press, ContactPads, TrueTouch
+from eskin.sim.contact.press import ContactPads, Press, SoftTissue, TrueTouch
 
 __all__ = [
     "Chart",

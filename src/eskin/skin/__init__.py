@@ -1,4 +1,4 @@
-"""Skins: patches, taxels, their files, their place on a robot and their distances."""
+"""Skins hold patches of taxels, and lie on robots; they come from presets or files."""
 
 from eskin.skin.check import CheckConfig, SkinProblem, check_skin
 from eskin.skin.files import (

@@ -1,4 +1,4 @@
-"""This module draws pictures of skins."""
+"""This module draws a skin into a file: its unrolled patches, and the robot in it."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -15,147 +15,20 @@ from eskin.transforms import apply
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-
-
-BODY = "#d8dade"
-LIFT = 0.004
-FINE = 0.02
-AROUND = 0.25
-CORNERS = 0.46 * np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
-
-
-def draw_robot(
-    panel: "Axes",
-    mounted: MountedSkin,
-    q: Float[np.ndarray, "joint"],
-    colours: list[str],
-    view: tuple[float, float],
-) -> None:
-    """Draw the robot at q with its taxels in the colours of their patches.
-
-    Args:
-        panel: where to.
-        mounted: the skin on the robot.
-        q: joint values [rad].
-        colours: one for each patch.
-        view: where the eye is: azimuth from x and elevation [deg]; z is up.
-    """
-    from matplotlib.collections import PolyCollection
-    from matplotlib.colors import to_rgb
-
-    eye = eye_frame(*view)
-    geoms = robot_triangles(mounted.robot, q)
-    quads = taxel_quads(mounted, q)
-    patch_colours = np.array([to_rgb(colour) for colour in colours])
-    drawn = [
-        *shaded(geoms, np.tile(to_rgb(BODY), (len(geoms), 1)), eye, 0.0),
-        *shaded(quads, patch_colours[mounted.skin.patch_index], eye, LIFT),
-    ]
-    drawn.sort(key=lambda item: item[0])
-    panel.add_collection(
-        PolyCollection(
-            [polygon for _, polygon, _ in drawn],
-            facecolors=[colour for _, _, colour in drawn],
-            edgecolors=[colour for _, _, colour in drawn],
-            linewidths=0.2,
-            snap=False,
-        )
-    )
-    seen = np.array([corner for _, polygon, _ in drawn for corner in polygon])
-    near = quads.reshape(-1, 3) @ eye[:2].T
-    low = np.maximum(seen.min(axis=0), near.min(axis=0) - AROUND)
-    high = np.minimum(seen.max(axis=0), near.max(axis=0) + AROUND)
-    panel.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal")
-    panel.axis("off")
-
-
-def eye_frame(azimuth: float, elevation: float) -> Float[np.ndarray, "3 3"]:
-    """Rows: right, up and toward the eye, in the world."""
-    a, e = np.deg2rad([azimuth, elevation])
-    toward = np.array([np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)])
-    right = np.array([-np.sin(a), np.cos(a), 0.0])
-    return np.stack([right, np.cross(toward, right), toward])
-
-
-def robot_triangles(
-    robot: Robot, q: Float[np.ndarray, "joint"]
-) -> Float[np.ndarray, "face 3 3"]:
-    """Every body's surface in the world, in small triangles."""
-    parts = [np.zeros((0, 3, 3))]
-    for T_world_link, link in zip(Kinematics(robot).poses(q), robot.links, strict=True):
-        for body in link.geoms:
-            mesh = build_geom_mesh(body)
-            corners = split(mesh.vertices[mesh.faces])
-            parts.append(apply(T_world_link, corners.reshape(-1, 3)).reshape(-1, 3, 3))
-    return np.concatenate(parts)
-
-
-def split(triangles: Float[np.ndarray, "face 3 3"]) -> Float[np.ndarray, "piece 3 3"]:
-    """Halve triangles across their longest edge until all edges are short.
-
-    Polygons are sorted by their middle, which is only right for small ones.
-    """
-    done = []
-    while len(triangles):
-        edges = np.linalg.norm(np.roll(triangles, -1, axis=1) - triangles, axis=2)
-        longest = np.argmax(edges, axis=1)
-        long = edges.max(axis=1) > FINE
-        done.append(triangles[~long])
-        triangles, longest = triangles[long], longest[long]
-        each = np.arange(len(triangles))
-        a, b, c = (triangles[each, (longest + step) % 3] for step in range(3))
-        middle = (a + b) / 2
-        triangles = np.concatenate(
-            [np.stack([a, middle, c], axis=1), np.stack([middle, b, c], axis=1)]
-        )
-    return np.concatenate(done)
-
-
-def taxel_quads(
-    mounted: MountedSkin, q: Float[np.ndarray, "joint"]
-) -> Float[np.ndarray, "taxel 4 3"]:
-    """A square of each taxel's area, where it is in the world."""
-    p_world, _ = mounted.place_taxels(q)
-    x_axis, y_axis, _ = np.moveaxis(mounted.compute_frames(q), -1, 0)
-    side = np.sqrt(mounted.skin.areas)[:, None, None]
-    spread = (
-        CORNERS[:, 0, None] * x_axis[:, None] + CORNERS[:, 1, None] * y_axis[:, None]
-    )
-    return p_world[:, None] + side * spread
-
-
-def shaded(
-    polygons: Float[np.ndarray, "face corner 3"],
-    colours: Float[np.ndarray, "face 3"],
-    eye: Float[np.ndarray, "3 3"],
-    lift: float,
-) -> list[tuple[float, np.ndarray, np.ndarray]]:
-    """Depth, flat outline and colour of the polygons that face the eye."""
-    normals = np.cross(polygons[:, 1] - polygons[:, 0], polygons[:, 2] - polygons[:, 0])
-    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
-    facing = normals @ eye[2]
-    light = 0.55 + 0.45 * np.clip(normals @ (eye.T @ [-0.35, 0.6, 0.72]), 0.0, 1.0)
-    seen = polygons @ eye.T
-    depth = seen[..., 2].mean(axis=1) + lift
-    return [
-        (depth[i], seen[i, :, :2], colours[i] * light[i])
-        for i in np.flatnonzero(facing > 0.02)
-    ]
-
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-
 COLOURS = (
-    *("#3b6fb6", "#e08a2e", "#4a9b5c", "#c94f4f", "#8a63b8", "#8c6a4f"),
-    *("#d77fb4", "#2fa3a8", "#b3a22f", "#5f6f86", "#7fb34a", "#a8456e"),
-)
+    "#3b6fb6 #e08a2e #4a9b5c #c94f4f #8a63b8 #8c6a4f "
+    "#d77fb4 #2fa3a8 #b3a22f #5f6f86 #7fb34a #a8456e"
+).split()
 VIEWS = ((-60.0, 18.0), (120.0, 18.0))
+"""Azimuth and elevation of the camera in each view of the robot [deg]."""
 SPACE = 0.02
-LABEL = 0.075
+"""Distance between unrolled patches [m]."""
+LABEL_WIDTH = 0.075
+"""Space for the label of an unrolled patch [m]."""
 BAR = 0.05
+"""Length of the scale bar [m]."""
 
 
 def draw_skin(
@@ -164,13 +37,13 @@ def draw_skin(
     robot: Robot | None = None,
     q: Float[np.ndarray, "joint"] | None = None,
 ) -> None:
-    """Draw a skin into a picture file.
+    """Draw a skin into an image file.
 
     Args:
         skin: the skin.
-        path: where to; the ending says which format.
-        robot: what wears it; without one only the rolled-out patches are drawn.
-        q: the robot's pose [rad]; zero, as near as its limits allow, where None.
+        path: the file, whose suffix gives the format.
+        robot: the robot that wears it; without one only the unrolled patches are drawn.
+        q: joint values [rad]; None for zero, clipped to the joint limits.
     """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
@@ -187,7 +60,7 @@ def draw_skin(
             f"{', '.join('.' + name for name in sorted(formats))}"
         )
     colours = [COLOURS[i % len(COLOURS)] for i in range(len(skin.patches))]
-    flat, views = lay_panels(figure, robot is not None)
+    flat, views = create_axes(figure, robot is not None)
     draw_unrolled(flat, skin, colours)
     if robot is not None:
         mounted = MountedSkin(skin, robot)
@@ -204,8 +77,8 @@ def draw_skin(
         figure.savefig(part, dpi=110)
 
 
-def lay_panels(figure: "Figure", has_views: bool) -> tuple["Axes", list["Axes"]]:
-    """The panel for the patches, and the panels for the views if there are any."""
+def create_axes(figure: "Figure", has_views: bool) -> tuple["Axes", list["Axes"]]:
+    """Create the axes of the patches, and those of the views where there are any."""
     if not has_views:
         return figure.subplots(), []
     grid = figure.add_gridspec(2, 2, width_ratios=(1.2, 1.0))
@@ -215,7 +88,7 @@ def lay_panels(figure: "Figure", has_views: bool) -> tuple["Axes", list["Axes"]]
 
 
 def draw_unrolled(panel: "Axes", skin: Skin, colours: list[str]) -> None:
-    """Draw every patch rolled flat, all to one scale, on shelves from the top."""
+    """Draw all unrolled patches to one scale, in rows from the top."""
     from matplotlib.collections import PolyCollection
 
     left, top, low = 0.0, 0.0, 0.0
@@ -223,9 +96,9 @@ def draw_unrolled(panel: "Axes", skin: Skin, colours: list[str]) -> None:
         taxels = np.flatnonzero(skin.patch_index == number)
         if len(taxels) == 0:
             continue
-        squares = unrolled_squares(skin, taxels)
+        squares = build_unrolled_squares(skin, taxels)
         size = np.ptp(squares.reshape(-1, 2), axis=0)
-        if left > 0 and left + size[0] > shelf_width(skin):
+        if left > 0 and left + size[0] > compute_row_width(skin):
             left, top = 0.0, low - 3 * SPACE
         corner = squares.reshape(-1, 2).min(axis=0)
         squares = squares - corner + [left, top - size[1]]
@@ -237,7 +110,7 @@ def draw_unrolled(panel: "Axes", skin: Skin, colours: list[str]) -> None:
         density = len(taxels) / (1e4 * skin.areas[taxels].sum())
         label = f"{patch.id}\n{len(taxels)}, {density:.2f}/cm²"
         panel.text(left, top + 0.2 * SPACE, label, fontsize=8, va="bottom")
-        left, low = left + max(size[0], LABEL) + SPACE, min(low, top - size[1])
+        left, low = left + max(size[0], LABEL_WIDTH) + SPACE, min(low, top - size[1])
     panel.plot([0, BAR], [low - SPACE] * 2, color="black", linewidth=2)
     panel.text(BAR + 0.005, low - SPACE, f"{1e3 * BAR:.0f} mm", va="center", fontsize=8)
     panel.set_aspect("equal")
@@ -245,13 +118,15 @@ def draw_unrolled(panel: "Axes", skin: Skin, colours: list[str]) -> None:
     panel.axis("off")
 
 
-def shelf_width(skin: Skin) -> float:
-    """A width [m] that sets the patches out about as wide as they are high."""
+def compute_row_width(skin: Skin) -> float:
+    """Compute a width of the rows that makes the drawing about square [m]."""
     return float(max(1.45 * np.sqrt(skin.areas.sum()), 0.1))
 
 
-def unrolled_squares(skin: Skin, taxels: np.ndarray) -> Float[np.ndarray, "part 4 2"]:
-    """A square of each taxel's area, rolled flat where the patch lies on a surface."""
+def build_unrolled_squares(
+    skin: Skin, taxels: np.ndarray
+) -> Float[np.ndarray, "part 4 2"]:
+    """Build a square of each taxel's area, unrolled where the patch fits a surface."""
     surface = fit_surface(skin.positions[taxels], skin.normals[taxels])
     side = np.sqrt(skin.areas[taxels])
     if surface is not None:
@@ -261,3 +136,137 @@ def unrolled_squares(skin: Skin, taxels: np.ndarray) -> Float[np.ndarray, "part 
         centres = cells * side.mean()
     corners = 0.44 * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
     return centres[:, None] + side[:, None, None] * corners
+
+
+ROBOT_COLOUR = "#d8dade"
+SKIN_LIFT = 0.004
+"""Distance by which taxels are drawn in front of the robot's surface [m]."""
+MAX_EDGE = 0.02
+"""Largest edge of the triangles that the robot is drawn with [m]."""
+MARGIN = 0.25
+"""Width of the robot that is drawn around the skin [m]."""
+CORNERS = 0.46 * np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
+"""Corners of the square that is drawn for a taxel, over the taxel's side."""
+
+
+def draw_robot(
+    panel: "Axes",
+    mounted: MountedSkin,
+    q: Float[np.ndarray, "joint"],
+    colours: list[str],
+    view: tuple[float, float],
+) -> None:
+    """Draw the robot at q with its taxels in the colours of their patches.
+
+    Args:
+        panel: the axes to draw into.
+        mounted: the skin on the robot.
+        q: joint values [rad].
+        colours: colour of each patch.
+        view: azimuth from x and elevation of the camera [deg]; z is up.
+    """
+    from matplotlib.collections import PolyCollection
+    from matplotlib.colors import to_rgb
+
+    camera = build_camera_rotation(*view)
+    triangles = build_robot_triangles(mounted.robot, q)
+    quads = build_taxel_quads(mounted, q)
+    robot_colours = np.tile(to_rgb(ROBOT_COLOUR), (len(triangles), 1))
+    patch_colours = np.array([to_rgb(colour) for colour in colours])
+    skin_colours = patch_colours[mounted.skin.patch_index]
+    drawn = [
+        *shade_polygons(triangles, robot_colours, camera, 0.0),
+        *shade_polygons(quads, skin_colours, camera, SKIN_LIFT),
+    ]
+    drawn.sort(key=lambda item: item[0])
+    panel.add_collection(
+        PolyCollection(
+            [polygon for _, polygon, _ in drawn],
+            facecolors=[colour for _, _, colour in drawn],
+            edgecolors=[colour for _, _, colour in drawn],
+            linewidths=0.2,
+            snap=False,
+        )
+    )
+    seen = np.array([corner for _, polygon, _ in drawn for corner in polygon])
+    near = quads.reshape(-1, 3) @ camera[:2].T
+    low = np.maximum(seen.min(axis=0), near.min(axis=0) - MARGIN)
+    high = np.minimum(seen.max(axis=0), near.max(axis=0) + MARGIN)
+    panel.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal")
+    panel.axis("off")
+
+
+def build_camera_rotation(azimuth: float, elevation: float) -> Float[np.ndarray, "3 3"]:
+    """Build the rotation whose rows are right, up and toward the camera."""
+    a, e = np.deg2rad([azimuth, elevation])
+    toward = np.array([np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)])
+    right = np.array([-np.sin(a), np.cos(a), 0.0])
+    return np.stack([right, np.cross(toward, right), toward])
+
+
+def build_robot_triangles(
+    robot: Robot, q: Float[np.ndarray, "joint"]
+) -> Float[np.ndarray, "face 3 3"]:
+    """Build small triangles of the surfaces of all geoms, in the world."""
+    parts = [np.zeros((0, 3, 3))]
+    for T_world_link, link in zip(Kinematics(robot).poses(q), robot.links, strict=True):
+        for geom in link.geoms:
+            mesh = build_geom_mesh(geom)
+            corners = subdivide(mesh.vertices[mesh.faces])
+            parts.append(apply(T_world_link, corners.reshape(-1, 3)).reshape(-1, 3, 3))
+    return np.concatenate(parts)
+
+
+def subdivide(
+    triangles: Float[np.ndarray, "face 3 3"],
+) -> Float[np.ndarray, "piece 3 3"]:
+    """Halve triangles across their longest edge until all edges are short.
+
+    Polygons are sorted by the depth of their centres, which suits small ones only.
+    """
+    done = []
+    while len(triangles):
+        edges = np.linalg.norm(np.roll(triangles, -1, axis=1) - triangles, axis=2)
+        longest = np.argmax(edges, axis=1)
+        long = edges.max(axis=1) > MAX_EDGE
+        done.append(triangles[~long])
+        triangles, longest = triangles[long], longest[long]
+        each = np.arange(len(triangles))
+        a, b, c = (triangles[each, (longest + step) % 3] for step in range(3))
+        middle = (a + b) / 2
+        triangles = np.concatenate(
+            [np.stack([a, middle, c], axis=1), np.stack([middle, b, c], axis=1)]
+        )
+    return np.concatenate(done)
+
+
+def build_taxel_quads(
+    mounted: MountedSkin, q: Float[np.ndarray, "joint"]
+) -> Float[np.ndarray, "taxel 4 3"]:
+    """Build a square of each taxel's area, in the world."""
+    p_world, _ = mounted.place_taxels(q)
+    x_axis, y_axis, _ = np.moveaxis(mounted.compute_frames(q), -1, 0)
+    side = np.sqrt(mounted.skin.areas)[:, None, None]
+    spread = (
+        CORNERS[:, 0, None] * x_axis[:, None] + CORNERS[:, 1, None] * y_axis[:, None]
+    )
+    return p_world[:, None] + side * spread
+
+
+def shade_polygons(
+    polygons: Float[np.ndarray, "face corner 3"],
+    colours: Float[np.ndarray, "face 3"],
+    camera: Float[np.ndarray, "3 3"],
+    lift: float,
+) -> list[tuple[float, np.ndarray, np.ndarray]]:
+    """Return depth, projection and colour of the polygons that face the camera."""
+    normals = np.cross(polygons[:, 1] - polygons[:, 0], polygons[:, 2] - polygons[:, 0])
+    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
+    facing = normals @ camera[2]
+    light = 0.55 + 0.45 * np.clip(normals @ (camera.T @ [-0.35, 0.6, 0.72]), 0.0, 1.0)
+    seen = polygons @ camera.T
+    depth = seen[..., 2].mean(axis=1) + lift
+    return [
+        (depth[i], seen[i, :, :2], colours[i] * light[i])
+        for i in np.flatnonzero(facing > 0.02)
+    ]

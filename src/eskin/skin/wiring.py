@@ -89,14 +89,14 @@ def check_patch(
     if len(felt) < len(responses):
         silent = len(responses) - len(felt)
         return (
-            XX
-            "its cable, and press harder"
+            f"patch '{patch}' did not respond at {silent} of {len(responses)} targets; "
+            "check its cable, and press harder"
         )
     others = {skin.patches[int(skin.patch_index[taxel])].id for taxel in felt}
     if others != {patch}:
         names = ", ".join(f"'{other}'" for other in sorted(others))
         return (
-            f"where patch '{patch}' was pressed, {names} answered; exchange their "
+            f"where patch '{patch}' was pressed, {names} responded; exchange their "
             "addresses or plugs"
         )
     reordering = find_reordering(skin, patch, responses)
@@ -104,10 +104,10 @@ def check_patch(
         return None
     if reordering is None:
         return (
-            f"patch '{patch}' answered elsewhere than it was pressed; check the rows "
+            f"patch '{patch}' responded elsewhere than it was pressed; check the rows "
             "and columns in its file, and press again"
         )
-    return f"patch '{patch}' has {reordering}; mend its file, or its plugs"
+    return f"patch '{patch}' has {reordering}; correct its file, or its plugs"
 
 
 def find_reordering(

@@ -1,4 +1,4 @@
-"""Baselines: other classifiers of windows of the whole skin, behind one interface."""
+"""Baselines: this package holds other classifiers of windows of the whole skin."""
 
 from collections.abc import Callable
 from functools import partial
@@ -40,7 +40,7 @@ __all__ = [
     "PaperBaseline",
     "Pooling",
     "BaselineStream",
-    "make_baseline",
+    "build_baseline",
     "use_one_thread",
 ]
 
@@ -68,8 +68,8 @@ BASELINES: dict[str, Callable[[MountedSkin], Baseline]] = {
     "random-forest": partial(HandBaseline, estimator=RandomForest(trees=1000)),
     "gradient-boosting": partial(HandBaseline, estimator=GradientBoosting(leaves=31)),
 }
-"""Those that are no networks, by name, with the settings that did best on sets that no
-table uses (`benchmarks/tuning.py`)."""
+"""Baselines that are not networks, by name, with the settings that did best on sets
+that no table uses (`benchmarks/tuning.py`)."""
 
 NETWORKS: dict[str, type[NetworkBaseline]] = {
     "cnn-lstm": CnnLstmBaseline,
@@ -77,21 +77,21 @@ NETWORKS: dict[str, type[NetworkBaseline]] = {
     "tactile-image": ImageBaseline,
     "paper": PaperBaseline,
 }
-"""Those that are networks, by name."""
+"""Baselines that are networks, by name."""
 
 
-def make_baseline(
+def build_baseline(
     name: str, mounted: MountedSkin, config: FitConfig | None = None
 ) -> Baseline:
-    """Make a baseline that knows nothing yet.
+    """Return a baseline that is not trained yet.
 
     Args:
-        name: one of `BASELINES` or `NETWORKS`.
+        name: name in `BASELINES` or `NETWORKS`.
         mounted: the skin on its robot.
-        config: how it is trained, where it is a network.
+        config: settings of the training, where it is a network.
 
     Raises:
-        ValueError: there is none of that name.
+        ValueError: if there is none of that name.
     """
     if name in BASELINES:
         return BASELINES[name](mounted)

@@ -1,7 +1,8 @@
-"""Classifiers of rows of features, from scikit-learn (Pedregosa et al. 2011).
+"""This module wraps classifiers of feature rows from scikit-learn (Pedregosa et al.
+2011).
 
-Each makes one when it is called with a seed. It prints as all of its settings, since
-results are kept by what a method prints as.
+Each one builds a classifier when it is called with a seed. Its `repr` shows all of its
+settings, since results are kept by the `repr` of a method.
 """
 
 import warnings
@@ -18,39 +19,39 @@ from sklearn.neural_network import MLPClassifier
 from sklearn.svm import SVC
 
 Estimator = Any
-"""With `fit`, `predict` and `predict_proba`, as scikit-learn has them."""
+"""Classifier with `fit`, `predict` and `predict_proba`, as scikit-learn has them."""
 
 
 @final
 @dataclass(frozen=True)
 class SupportVectors:
-    """A radial-basis support vector machine."""
+    """This estimator builds a support vector machine with a radial basis."""
 
     C: float = 10.0
-    """What errors cost."""
+    """Cost of errors."""
 
     def __call__(self, seed: int) -> Estimator:
-        """Make one."""
+        """Build the classifier."""
         return SoftmaxMachine(SVC(C=self.C, random_state=seed))
 
 
 @final
 @dataclass(frozen=True)
 class NearestNeighbours:
-    """The nearest rows; nothing is drawn."""
+    """This estimator classifies by the nearest rows; nothing is drawn."""
 
     k: int = 5
-    """How many."""
+    """Number of neighbours."""
 
     def __call__(self, seed: int) -> Estimator:
-        """Make one."""
+        """Build the classifier."""
         return KNeighborsClassifier(self.k)
 
 
 @final
 @dataclass(frozen=True)
 class Perceptron:
-    """A multilayer perceptron."""
+    """This estimator builds a multilayer perceptron."""
 
     hidden: tuple[int, ...] = (128, 64)
     """Sizes of its hidden layers."""
@@ -59,11 +60,11 @@ class Perceptron:
     """Weight decay."""
 
     epochs: int = 100
-    """At most so many."""
+    """Largest number of epochs."""
 
     def __call__(self, seed: int) -> Estimator:
-        """Make one."""
-        return ContentPerceptron(
+        """Build the classifier."""
+        return QuietPerceptron(
             self.hidden, alpha=self.decay, max_iter=self.epochs, random_state=seed
         )
 
@@ -71,33 +72,34 @@ class Perceptron:
 @final
 @dataclass(frozen=True)
 class LinearDiscriminant:
-    """Fisher's discriminant, its covariance drawn to a sphere a little; draws nothing.
+    """This estimator builds Fisher's discriminant with a shrunken covariance.
 
-    How much is not estimated: scikit-learn does that on standardised features, which
-    makes as much of the least principal component as of the first.
+    Nothing is drawn. The shrinkage is not estimated: scikit-learn does that on
+    standardised features, which gives the least principal component as much weight as
+    the first.
     """
 
     shrinkage: float = 0.1
-    """Share of the sphere."""
+    """Weight of the sphere in the covariance."""
 
     def __call__(self, seed: int) -> Estimator:
-        """Make one."""
+        """Build the classifier."""
         return LinearDiscriminantAnalysis(solver="lsqr", shrinkage=self.shrinkage)
 
 
 @final
 @dataclass(frozen=True)
 class RandomForest:
-    """Trees on rows drawn anew, which vote."""
+    """This estimator builds trees on resampled rows, which vote."""
 
     trees: int = 500
-    """How many."""
+    """Number of trees."""
 
     leaf: int = 1
-    """Fewest rows of a leaf."""
+    """Smallest number of rows in a leaf."""
 
     def __call__(self, seed: int) -> Estimator:
-        """Make one."""
+        """Build the classifier."""
         return RandomForestClassifier(
             self.trees, min_samples_leaf=self.leaf, random_state=seed, n_jobs=1
         )
@@ -106,19 +108,19 @@ class RandomForest:
 @final
 @dataclass(frozen=True)
 class GradientBoosting:
-    """Small trees, each on what the last ones left over."""
+    """This estimator builds small trees, each fitted to the errors of those before."""
 
     trees: int = 100
-    """How many of each class."""
+    """Number of trees of each class."""
 
     leaves: int = 15
-    """Most leaves of a tree."""
+    """Largest number of leaves of a tree."""
 
     rate: float = 0.1
-    """Share of each tree that is taken."""
+    """Learning rate: share of each tree that is added."""
 
     def __call__(self, seed: int) -> Estimator:
-        """Make one."""
+        """Build the classifier."""
         return HistGradientBoostingClassifier(
             learning_rate=self.rate,
             max_iter=self.trees,
@@ -130,27 +132,27 @@ class GradientBoosting:
 
 @final
 class SoftmaxMachine(ClassifierMixin, BaseEstimator):
-    """A support vector machine whose probabilities are the softmax of its decisions.
+    """This support vector machine takes the softmax of its decisions as probabilities.
 
     Platt's scaling, which scikit-learn has for this, fits every machine five times.
     """
 
     def __init__(self, machine: SVC) -> None:
-        """Take a machine that is to be fitted."""
+        """Store a machine that is to be fitted."""
         self.machine = machine
 
     def fit(self, X: np.ndarray, y: np.ndarray) -> "SoftmaxMachine":
-        """Learn from rows of features."""
+        """Fit rows of features."""
         self.machine.fit(X, y)
         self.classes_ = self.machine.classes_
         return self
 
     def predict(self, X: np.ndarray) -> np.ndarray:
-        """The class of each row."""
+        """Return the class of each row."""
         return self.machine.predict(X)
 
     def predict_proba(self, X: np.ndarray) -> np.ndarray:
-        """Probabilities of the classes for each row."""
+        """Return the probabilities of the classes for each row."""
         decisions = self.machine.decision_function(X)
         if decisions.ndim == 1:
             decisions = np.stack([-decisions, decisions], axis=1)
@@ -159,13 +161,14 @@ class SoftmaxMachine(ClassifierMixin, BaseEstimator):
 
 
 @final
-class ContentPerceptron(MLPClassifier):
-    """A multilayer perceptron that is content with what its epochs have brought."""
+class QuietPerceptron(MLPClassifier):
+    """This multilayer perceptron does not warn when its epochs end before it
+    converges."""
 
     def fit(
         self, X: np.ndarray, y: np.ndarray, sample_weight: np.ndarray | None = None
-    ) -> "ContentPerceptron":
-        """Learn from rows of features."""
+    ) -> "QuietPerceptron":
+        """Fit rows of features."""
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", ConvergenceWarning)
             return super().fit(X, y, sample_weight)

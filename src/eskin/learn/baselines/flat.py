@@ -1,4 +1,4 @@
-"""Classifiers that see the skin as one long row of numbers.
+"""This module classifies the pressures of all taxels as one long row of numbers.
 
 The paper's SVM, KNN and MLP "flatten all sensor signals into a 2112-dimensional input
 vector" (section V-B).
@@ -22,11 +22,14 @@ from eskin.learn.baselines.interface import (
 )
 from eskin.skin import MountedSkin
 
-KPA = 10.0
-"""Pressures are in units of this [kPa]."""
+PRESSURE_UNIT = 10.0
+"""Unit of pressure for all baselines [kPa]."""
 
-BINS = 10
+TIME_BINS = 10
+"""Number of parts of a window."""
+
 COMPONENTS = 512
+"""Largest number of principal components."""
 
 Features = Literal["maxima", "bins"]
 FeatureRows = Float[np.ndarray, "clip feature"]
@@ -34,7 +37,7 @@ FeatureRows = Float[np.ndarray, "clip feature"]
 
 @final
 class FlatBaseline(Baseline):
-    """A classifier of rows on the pressures of all taxels."""
+    """A flat baseline classifies the pressures of all taxels as rows of features."""
 
     def __init__(
         self,
@@ -42,42 +45,44 @@ class FlatBaseline(Baseline):
         estimator: Callable[[int], Estimator],
         features: Features,
     ) -> None:
-        """Make one that knows nothing yet.
+        """Create an untrained baseline.
 
         Args:
             mounted: the skin on its robot.
-            estimator: makes the classifier of rows from a seed.
+            estimator: function that builds the classifier of rows from a seed.
             features: each taxel's maximum over the window, or its mean in each of ten
                 parts of the window, all reduced to 512 principal components (fewer
-                where there are fewer clips).
+                where there are fewer windows).
         """
         super().__init__(mounted)
-        self.make = estimator
-        self.rows = compute_maxima if features == "maxima" else bins
+        self.estimator = estimator
+        self.compute_rows = compute_maxima if features == "maxima" else compute_bins
         self.reduces = features == "bins"
         self.model: Estimator = None
 
-    def learn(self, clips: SkinWindows, labels: Labels, seed: int) -> None:
-        """Learn from windows that have been checked."""
-        rows = self.rows(clips.pressure)
-        self.model = self.make(seed)
+    def fit_windows(self, clips: SkinWindows, labels: Labels, seed: int) -> None:
+        """Fit windows that have been checked."""
+        rows = self.compute_rows(clips.pressure)
+        self.model = self.estimator(seed)
         if self.reduces:
             parts = PCA(min(COMPONENTS, *rows.shape), random_state=seed)
             self.model = make_pipeline(parts, self.model)
         self.model.fit(rows, labels)
 
-    def answer(self, clips: SkinWindows) -> Probabilities:
-        """Answer windows that have been checked."""
-        return np.asarray(self.model.predict_proba(self.rows(clips.pressure)))
+    def predict_windows(self, clips: SkinWindows) -> Probabilities:
+        """Classify windows that have been checked."""
+        return np.asarray(self.model.predict_proba(self.compute_rows(clips.pressure)))
 
 
 def compute_maxima(pressure: Float[np.ndarray, "clip 100 taxel"]) -> FeatureRows:
-    """Each taxel's maximum over the window, in `KPA`."""
-    return pressure.max(axis=1) / np.float32(KPA)
+    """Return each taxel's maximum over the window, in `PRESSURE_UNIT`."""
+    return pressure.max(axis=1) / np.float32(PRESSURE_UNIT)
 
 
-def bins(pressure: Float[np.ndarray, "clip 100 taxel"]) -> FeatureRows:
-    """Each taxel's mean in each of `BINS` parts of the window, in `KPA`."""
+def compute_bins(pressure: Float[np.ndarray, "clip 100 taxel"]) -> FeatureRows:
+    """Return each taxel's mean in each part of the window, in `PRESSURE_UNIT`."""
     clips, _, taxels = pressure.shape
-    parts = pressure.reshape(clips, BINS, READINGS // BINS, taxels)
-    return parts.mean(axis=2, dtype=np.float32).reshape(clips, -1) / np.float32(KPA)
+    parts = pressure.reshape(clips, TIME_BINS, READINGS // TIME_BINS, taxels)
+    return parts.mean(axis=2, dtype=np.float32).reshape(clips, -1) / np.float32(
+        PRESSURE_UNIT
+    )

@@ -1,4 +1,10 @@
-"""Hand-made features."""
+"""This module classifies windows by hand-made features of their contact graphs.
+
+Features are of the kinds that studies of social touch use (as Jung et al. 2017 do):
+duration; mean, spread and extremes of force, peak pressure, area, extents and change;
+displacement of the centre; how much of the skin was touched; the spectrum of the force.
+With shear, the same statistics of the shear.
+"""
 
 from collections import deque
 from collections.abc import Callable
@@ -32,7 +38,8 @@ from eskin.learn.dataset import Dataset
 from eskin.skin import MountedSkin
 from eskin.touch import Reading
 
-BANDS = (0.3, 1.0, 2.0, 3.0, 5.0)  # [Hz]
+BANDS = (0.3, 1.0, 2.0, 3.0, 5.0)
+"""Limits of the bands of frequency [Hz]."""
 
 FeatureSeries = Float[np.ndarray, "series reading"]
 
@@ -40,7 +47,7 @@ FeatureSeries = Float[np.ndarray, "series reading"]
 def compute_features(
     dataset: Dataset, rows: Int[np.ndarray, "reading"], shear: bool
 ) -> Float[np.ndarray, "feature"]:
-    """Features of consecutive rows of one sequence."""
+    """Return the features of consecutive rows of one sequence."""
     return compute_graph_features(
         dataset.graphs.select(rows), dataset.stamps[rows], shear
     )
@@ -49,12 +56,12 @@ def compute_features(
 def compute_graph_features(
     graphs: GraphBatch, stamps: Int[np.ndarray, "reading"], shear: bool
 ) -> Float[np.ndarray, "feature"]:
-    """Features of the graphs of consecutive readings.
+    """Return the features of the graphs of consecutive readings.
 
     Args:
-        graphs: one a reading.
-        stamps: of the readings [ns since the epoch].
-        shear: whether the shear is among the features.
+        graphs: graph of each reading.
+        stamps: stamps of the readings [ns since the epoch].
+        shear: whether to add features of the shear.
     """
     seconds = (stamps - stamps[0]) * 1e-9
     series = compute_pressure_series(graphs)
@@ -63,15 +70,15 @@ def compute_graph_features(
         seconds[-1] + float(np.median(graphs.seconds)),
         *compute_touched_area(graphs, series[2]),
         *extent,
-        *bands(series[0], seconds),
+        *compute_band_powers(series[0], seconds),
     ]
     if shear:
         series = np.concatenate([series, compute_shear_series(graphs)])
-    return np.concatenate([whole, statistics(series)])
+    return np.concatenate([whole, compute_statistics(series)])
 
 
 def compute_pressure_series(graphs: GraphBatch) -> FeatureSeries:
-    """Force, peak, area, two extents, change and speed at each reading."""
+    """Return force, peak, area, two extents, change and speed at each reading."""
     p, a = graphs.pressure, graphs.areas
     column = PRESSURE_SUMMARY.index("length")
     extents = compute_summary(graphs, shear=False)[:, column : column + 2]
@@ -91,7 +98,7 @@ def compute_pressure_series(graphs: GraphBatch) -> FeatureSeries:
 
 
 def compute_shear_series(graphs: GraphBatch) -> FeatureSeries:
-    """Total, peak, net and change of shear at each reading."""
+    """Return total, peak, net and change of shear at each reading."""
     size = np.linalg.norm(graphs.shear, axis=1)
     change = np.linalg.norm(graphs.shear - graphs.shear_before, axis=1)
     net = [graphs.sum_nodes(graphs.shear[:, axis]) for axis in range(3)]
@@ -103,8 +110,8 @@ def compute_shear_series(graphs: GraphBatch) -> FeatureSeries:
     )
 
 
-def statistics(series: FeatureSeries) -> Float[np.ndarray, "feature"]:
-    """Mean, spread, maximum, minimum, median and mean step of each series."""
+def compute_statistics(series: FeatureSeries) -> Float[np.ndarray, "feature"]:
+    """Return mean, spread, maximum, minimum, median and mean step of each series."""
     steps = np.abs(np.diff(series, axis=1, prepend=series[:, :1]))
     return np.concatenate(
         [
@@ -121,17 +128,18 @@ def statistics(series: FeatureSeries) -> Float[np.ndarray, "feature"]:
 def compute_touched_area(
     graphs: GraphBatch, area: Float[np.ndarray, "reading"]
 ) -> tuple[float, float]:
-    """Area touched at any time [cm2], and how much that is of the largest at once."""
+    """Return the area touched at any time [cm2], and its ratio to the largest at
+    once."""
     pressed = graphs.pressure > 0
     taxels, first = np.unique(graphs.taxels[pressed], return_index=True)
     union = float(graphs.areas[pressed][first].sum()) if len(taxels) else 0.0
     return union, union / (float(area.max()) + 1.0)
 
 
-def bands(
+def compute_band_powers(
     force: Float[np.ndarray, "reading"], seconds: Float[np.ndarray, "reading"]
 ) -> Float[np.ndarray, "band"]:
-    """Shares of the force's power in each band of `BANDS`."""
+    """Return the shares of the force's power in each band of `BANDS`."""
     if len(force) < 4:
         return np.zeros(len(BANDS) - 1)
     power = np.abs(np.fft.rfft((force - force.mean()) * np.hanning(len(force)))) ** 2
@@ -148,56 +156,57 @@ STAMPS = STEP_NS * np.arange(READINGS)
 
 @final
 class HandBaseline(Baseline):
-    """A classifier of rows on features of all that is touched within the window."""
+    """A hand-made baseline classifies features of all that is touched in a window."""
 
     def __init__(
         self, mounted: MountedSkin, estimator: Callable[[int], Estimator]
     ) -> None:
-        """Make one that knows nothing yet.
+        """Create an untrained baseline.
 
         Args:
             mounted: the skin on its robot.
-            estimator: makes the classifier of rows from a seed.
+            estimator: function that builds the classifier of rows from a seed.
         """
         super().__init__(mounted)
-        self.make = estimator
+        self.estimator = estimator
         self.model: Estimator = None
 
-    def learn(self, clips: SkinWindows, labels: Labels, seed: int) -> None:
-        """Learn from windows that have been checked."""
-        self.model = self.make(seed).fit(self.rows(clips), labels)
+    def fit_windows(self, clips: SkinWindows, labels: Labels, seed: int) -> None:
+        """Fit windows that have been checked."""
+        self.model = self.estimator(seed).fit(self.compute_rows(clips), labels)
 
-    def answer(self, clips: SkinWindows) -> Probabilities:
-        """Answer windows that have been checked."""
-        return np.asarray(self.model.predict_proba(self.rows(clips)))
+    def predict_windows(self, clips: SkinWindows) -> Probabilities:
+        """Classify windows that have been checked."""
+        return np.asarray(self.model.predict_proba(self.compute_rows(clips)))
 
-    def on(self, mounted: MountedSkin) -> "HandBaseline":
-        """The same for a skin that lies elsewhere."""
+    def move_to(self, mounted: MountedSkin) -> "HandBaseline":
+        """Return the same baseline for a skin at other places."""
         other = copy(self)
         other.mounted = mounted
         return other
 
-    def streams(self) -> dict[str, BaselineStream]:
-        """One that makes each reading's graph once."""
+    def build_streams(self) -> dict[str, BaselineStream]:
+        """Return a stream that computes each reading's graph once."""
         return {"": HandStream(self)}
 
-    def rows(self, clips: SkinWindows) -> Float[np.ndarray, "clip feature"]:
-        """Features of each window."""
+    def compute_rows(self, clips: SkinWindows) -> Float[np.ndarray, "clip feature"]:
+        """Return the features of each window."""
         return np.stack(
             [
-                self.features(GraphWindow(self.mounted).fill(pressure, q))
+                self.compute_row(GraphWindow(self.mounted).fill(pressure, q))
                 for pressure, q in zip(clips.pressure, clips.q, strict=True)
             ]
         )
 
-    def features(self, graphs: GraphBatch) -> Float[np.ndarray, "feature"]:
-        """Features of one window's graphs."""
+    def compute_row(self, graphs: GraphBatch) -> Float[np.ndarray, "feature"]:
+        """Return the features of one window's graphs."""
         return compute_graph_features(graphs, STAMPS, shear=False).astype(np.float32)
 
 
 @final
 class GraphWindow:
-    """The contact graphs of the last readings, one of the whole skin for each."""
+    """A graph window holds the contact graphs of the whole skin at the last
+    readings."""
 
     def __init__(self, mounted: MountedSkin) -> None:
         """Start without a reading."""
@@ -212,7 +221,7 @@ class GraphWindow:
         pressure: Float[np.ndarray, "reading taxel"],
         q: Float[np.ndarray, "reading joint"],
     ) -> GraphBatch:
-        """The graphs of the last readings, after taking these."""
+        """Add readings and return the graphs of the last ones."""
         for row, joints in zip(pressure.astype(np.float32), q, strict=True):
             self.push(row, joints)
         return join_graphs(list(self.graphs))
@@ -220,7 +229,7 @@ class GraphWindow:
     def push(
         self, pressure: Float[np.ndarray, "taxel"], q: Float[np.ndarray, "joint"]
     ) -> None:
-        """Take the next reading."""
+        """Add the graph of the next reading."""
         taxels = np.flatnonzero(pressure >= TOUCHED)
         reading = Reading(self.stamp, pressure, self.valid, q.astype(np.float64))
         self.builder.advance(reading, taxels)
@@ -230,7 +239,7 @@ class GraphWindow:
 
 @final
 class HandStream(BaselineStream):
-    """Answers after each reading; only the newest graph is made."""
+    """This stream computes only the newest graph at each reading."""
 
     def __init__(self, baseline: HandBaseline) -> None:
         """Start with a window without touch."""
@@ -246,7 +255,7 @@ class HandStream(BaselineStream):
     def push(
         self, pressure: Float[np.ndarray, "taxel"], q: Float[np.ndarray, "joint"]
     ) -> Float[np.ndarray, "class"]:
-        """Probabilities of the window that ends with this reading."""
+        """Return the probabilities of the window that ends with this reading."""
         graphs = self.window.fill(pressure[None], q[None])
-        row = self.baseline.features(graphs)[None]
+        row = self.baseline.compute_row(graphs)[None]
         return np.asarray(self.baseline.model.predict_proba(row))[0]

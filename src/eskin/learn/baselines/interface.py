@@ -1,7 +1,7 @@
-"""What every baseline has in common: windows of the whole skin in, probabilities out.
+"""This module defines baselines: windows of the whole skin in, probabilities out.
 
-A baseline is made for one skin on one robot, learns from labelled windows of two
-seconds and answers others, all at once or one reading after the other.
+A baseline is built for one skin on one robot, is fitted to labelled windows of two
+seconds and classifies others, all at once or one reading after the other.
 """
 
 from abc import ABC, abstractmethod
@@ -15,13 +15,13 @@ from eskin.errors import SkinMismatchError
 from eskin.skin import MountedSkin
 
 READINGS = 100
-"""Of a window: two seconds at 50 Hz, as in the paper (section IV-C)."""
+"""Readings of a window: two seconds at 50 Hz, as in the paper (section IV-C)."""
 
 STEP_NS = 20_000_000
-"""From one reading of a window to the next [ns]."""
+"""Time from one reading of a window to the next [ns]."""
 
 TOUCHED = 0.5
-"""Pressure below which a taxel reads zero to the methods that see geometry [kPa]."""
+"""Pressure below which a taxel reads zero to methods that use geometry [kPa]."""
 
 Probabilities = Float[np.ndarray, "clip class"]
 Labels = Int[np.ndarray, "clip"]
@@ -29,50 +29,50 @@ Labels = Int[np.ndarray, "clip"]
 
 @dataclass(frozen=True, eq=False)
 class SkinWindows:
-    """Windows of the whole skin, oldest reading first."""
+    """Windows of the whole skin hold pressures and joint positions, oldest first."""
 
     pressure: Float[np.ndarray, "clip 100 taxel"]
-    """[kPa] (float32, or float16 where there are many)"""
+    """Pressure of each taxel [kPa] (float32, or float16 where there are many)."""
 
     q: Float[np.ndarray, "clip 100 joint"]
     """Joint positions [rad] (float32)."""
 
     @property
     def count(self) -> int:
-        """How many there are."""
+        """Return the number of windows."""
         return len(self.pressure)
 
 
 class BaselineStream(ABC):
-    """A fitted baseline that takes one reading at a time."""
+    """A stream classifies with a fitted baseline, one reading at a time."""
 
     @abstractmethod
     def push(
         self, pressure: Float[np.ndarray, "taxel"], q: Float[np.ndarray, "joint"]
     ) -> Float[np.ndarray, "class"]:
-        """Probabilities of the window that ends with this reading."""
+        """Return the probabilities of the window that ends with this reading."""
 
 
 class Baseline(ABC):
-    """A classifier of windows of one skin."""
+    """A baseline classifies windows of one skin."""
 
     def __init__(self, mounted: MountedSkin) -> None:
-        """Make one that knows nothing yet of a skin on its robot."""
+        """Create an untrained baseline for a skin on its robot."""
         self.mounted = mounted
         self.classes = 0
 
     @final
     def fit(self, clips: SkinWindows, labels: Labels, seed: int = 0) -> "Baseline":
-        """Learn from labelled windows; the same seed gives the same result.
+        """Fit labelled windows; the same seed gives the same result.
 
         Args:
-            clips: to learn from.
-            labels: of the clips, from 0; every class up to the last one occurs.
-            seed: decides everything that is drawn.
+            clips: windows to learn from.
+            labels: class of each window, from 0; every class up to the last one occurs.
+            seed: seed of all random draws.
 
         Raises:
-            SkinMismatchError: the clips are of another skin or robot.
-            ValueError: the labels do not belong to the clips, or a class is missing.
+            SkinMismatchError: if the windows are of another skin or robot.
+            ValueError: if the labels do not fit the windows, or a class is missing.
         """
         self.check(clips)
         classes = len(np.unique(labels))
@@ -83,16 +83,16 @@ class Baseline(ABC):
                 "counted from 0 that all occur; leave out the classes that do not"
             )
         self.classes = classes
-        self.learn(clips, labels, seed)
+        self.fit_windows(clips, labels, seed)
         return self
 
     @final
     def predict_probabilities(self, clips: SkinWindows) -> Probabilities:
-        """Probabilities of the classes for each window.
+        """Return the probabilities of the classes for each window.
 
         Raises:
-            SkinMismatchError: the clips are of another skin or robot.
-            ValueError: nothing has been learned yet.
+            SkinMismatchError: if the windows are of another skin or robot.
+            ValueError: if the baseline has not been fitted.
         """
         self.check(clips)
         if not self.classes:
@@ -100,14 +100,15 @@ class Baseline(ABC):
                 f"{type(self).__name__} has learned nothing yet; allowed are fitted "
                 "ones; call fit first"
             )
-        return self.answer(clips)
+        return self.predict_windows(clips)
 
-    def on(self, mounted: MountedSkin) -> "Baseline":
-        """The same for a skin that lies elsewhere; itself if it looks at no places."""
+    def move_to(self, mounted: MountedSkin) -> "Baseline":
+        """Return the same baseline for a skin at other places; itself if it ignores
+        them."""
         return self
 
-    def streams(self) -> dict[str, BaselineStream]:
-        """Ways to answer one reading after the other, by what sets them apart.
+    def build_streams(self) -> dict[str, BaselineStream]:
+        """Return ways to classify one reading after the other, by name.
 
         All give what `predict_probabilities` gives, but for what a method knows of the
         reading before the window; readings before the first one are without touch.
@@ -115,15 +116,15 @@ class Baseline(ABC):
         return {"": WindowStream(self)}
 
     @abstractmethod
-    def learn(self, clips: SkinWindows, labels: Labels, seed: int) -> None:
-        """Learn from windows that have been checked."""
+    def fit_windows(self, clips: SkinWindows, labels: Labels, seed: int) -> None:
+        """Fit windows that have been checked."""
 
     @abstractmethod
-    def answer(self, clips: SkinWindows) -> Probabilities:
-        """Answer windows that have been checked."""
+    def predict_windows(self, clips: SkinWindows) -> Probabilities:
+        """Classify windows that have been checked."""
 
     def check(self, clips: SkinWindows) -> None:
-        """Refuse windows of another skin or robot."""
+        """Reject windows of another skin or robot."""
         skin, robot = self.mounted.skin, self.mounted.robot
         wanted = (READINGS, skin.count), (READINGS, len(robot.joint_names))
         got = clips.pressure.shape[1:], clips.q.shape[1:]
@@ -137,23 +138,23 @@ class Baseline(ABC):
 
 @final
 class RollingWindow:
-    """The last rows of a series, oldest first, without moving any."""
+    """A rolling window holds the last rows of a series without moving any."""
 
     def __init__(self, shape: tuple[int, ...]) -> None:
         """Start with rows of zeros of this shape."""
-        self.twice = np.zeros((2 * READINGS, *shape), np.float32)
-        self.at = 0
+        self.buffer = np.zeros((2 * READINGS, *shape), np.float32)
+        self.position = 0
 
     def push(self, row: np.ndarray) -> np.ndarray:
-        """Take the next row and return the last `READINGS`."""
-        self.twice[self.at] = self.twice[self.at + READINGS] = row
-        self.at = (self.at + 1) % READINGS
-        return self.twice[self.at : self.at + READINGS]
+        """Add a row and return the last `READINGS`, oldest first."""
+        self.buffer[self.position] = self.buffer[self.position + READINGS] = row
+        self.position = (self.position + 1) % READINGS
+        return self.buffer[self.position : self.position + READINGS]
 
 
 @final
 class WindowStream(BaselineStream):
-    """Answers the whole window anew at every reading."""
+    """A window stream classifies the whole window anew at every reading."""
 
     def __init__(self, baseline: Baseline) -> None:
         """Start with a window without touch."""
@@ -165,6 +166,6 @@ class WindowStream(BaselineStream):
     def push(
         self, pressure: Float[np.ndarray, "taxel"], q: Float[np.ndarray, "joint"]
     ) -> Float[np.ndarray, "class"]:
-        """Probabilities of the window that ends with this reading."""
+        """Return the probabilities of the window that ends with this reading."""
         clip = SkinWindows(self.pressure.push(pressure)[None], self.q.push(q)[None])
         return self.baseline.predict_probabilities(clip)[0]

@@ -1,4 +1,4 @@
-"""Baselines that are networks: how they are trained, and answers in a stream."""
+"""This module trains baselines that are networks, and streams readings to them."""
 
 from abc import abstractmethod
 from dataclasses import dataclass
@@ -27,63 +27,63 @@ Schedule = Literal["one-cycle", "constant"]
 
 @dataclass(frozen=True)
 class FitConfig:
-    """How a network is trained."""
+    """These settings say how a network is trained."""
 
     epochs: int = 40
-    """How often each clip is seen."""
+    """Number of times that each window is seen."""
 
     batch: int = 16
-    """Clips a step."""
+    """Windows in a step."""
 
     rate: float = 2e-3
-    """Learning rate of Adam; of a cycle the highest."""
+    """Learning rate of Adam; the highest one of a cycle."""
 
     schedule: Schedule = "one-cycle"
-    """Whether the rate goes through one cycle in all steps, or stays as it is."""
+    """Whether the rate goes through one cycle in all steps, or stays constant."""
 
 
 class WindowNetwork(nn.Module):
-    """A network from windows to logits."""
+    """A window network maps windows to logits."""
 
     @abstractmethod
     def forward(
         self, pressure: Float[Tensor, "clip 100 taxel"], q: Float[Tensor, "clip 100 j"]
     ) -> Float[Tensor, "clip class"]:
-        """Logits of each window."""
+        """Return the logits of each window."""
 
 
 class ReadingNetwork(WindowNetwork):
-    """A network that encodes each reading alone, then what came of the window."""
+    """A reading network encodes each reading alone, then classifies the window."""
 
     @abstractmethod
     def encode(
         self, pressure: Float[Tensor, "reading taxel"], q: Float[Tensor, "reading j"]
     ) -> Float[Tensor, "reading feature"]:
-        """Features of each reading."""
+        """Return the features of each reading."""
 
     @abstractmethod
     def classify(
         self, features: Float[Tensor, "clip 100 feature"]
     ) -> Float[Tensor, "clip class"]:
-        """Logits of each window."""
+        """Return the logits of each window."""
 
     def forward(
         self, pressure: Float[Tensor, "clip 100 taxel"], q: Float[Tensor, "clip 100 j"]
     ) -> Float[Tensor, "clip class"]:
-        """Logits of each window."""
+        """Return the logits of each window."""
         features = self.encode(pressure.flatten(0, 1), q.flatten(0, 1))
         return self.classify(features.unflatten(0, pressure.shape[:2]))
 
 
 class NetworkBaseline(Baseline):
-    """A network of windows."""
+    """A network baseline classifies windows with a network."""
 
     def __init__(self, mounted: MountedSkin, config: FitConfig | None = None) -> None:
-        """Make one that knows nothing yet.
+        """Create an untrained network baseline.
 
         Args:
             mounted: the skin on its robot.
-            config: how it is trained.
+            config: settings of the training.
         """
         super().__init__(mounted)
         self.config = config or FitConfig()
@@ -91,10 +91,10 @@ class NetworkBaseline(Baseline):
 
     @abstractmethod
     def build(self) -> WindowNetwork:
-        """Make the network for `classes` classes with weights drawn from torch."""
+        """Return a network of `classes` classes with weights drawn from torch."""
 
-    def learn(self, clips: SkinWindows, labels: Labels, seed: int) -> None:
-        """Learn from windows that have been checked."""
+    def fit_windows(self, clips: SkinWindows, labels: Labels, seed: int) -> None:
+        """Fit windows that have been checked."""
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(seed)
             network = self.build().train()
@@ -116,8 +116,8 @@ class NetworkBaseline(Baseline):
                     schedule.step()
         self.network = network.eval()
 
-    def answer(self, clips: SkinWindows) -> Probabilities:
-        """Answer windows that have been checked."""
+    def predict_windows(self, clips: SkinWindows) -> Probabilities:
+        """Classify windows that have been checked."""
         assert self.network is not None
         with torch.inference_mode():
             logits = [
@@ -126,8 +126,9 @@ class NetworkBaseline(Baseline):
             ]
             return torch.cat(logits).softmax(dim=1).numpy()
 
-    def streams(self) -> dict[str, BaselineStream]:
-        """The whole window each time and, where possible, only the newest reading."""
+    def build_streams(self) -> dict[str, BaselineStream]:
+        """Return streams of the whole window and, where possible, of the newest
+        reading."""
         found: dict[str, BaselineStream] = {"": WindowStream(self)}
         if isinstance(self.network, ReadingNetwork):
             found["cached"] = CachedStream(self.mounted, self.network)
@@ -136,7 +137,8 @@ class NetworkBaseline(Baseline):
 
 @final
 class CachedStream(BaselineStream):
-    """Encodes the newest reading, and keeps the features of those before."""
+    """A cached stream encodes the newest reading and keeps the features of the
+    others."""
 
     def __init__(self, mounted: MountedSkin, network: ReadingNetwork) -> None:
         """Start with a window without touch."""
@@ -146,12 +148,12 @@ class CachedStream(BaselineStream):
         with torch.inference_mode():
             feature = network.encode(*to_tensors(*nothing)).numpy()[0]
         self.window = RollingWindow(feature.shape)
-        self.window.twice[:] = feature
+        self.window.buffer[:] = feature
 
     def push(
         self, pressure: Float[np.ndarray, "taxel"], q: Float[np.ndarray, "joint"]
     ) -> Float[np.ndarray, "class"]:
-        """Probabilities of the window that ends with this reading."""
+        """Return the probabilities of the window that ends with this reading."""
         with torch.inference_mode():
             feature = self.network.encode(*to_tensors(pressure[None], q[None]))
             window = torch.from_numpy(self.window.push(feature.numpy()[0]))
@@ -159,11 +161,11 @@ class CachedStream(BaselineStream):
 
 
 def to_tensors(pressure: np.ndarray, q: np.ndarray) -> tuple[Tensor, Tensor]:
-    """Both as tensors of float32."""
+    """Return both as tensors of float32."""
     felt, joints = (np.ascontiguousarray(each, np.float32) for each in (pressure, q))
     return torch.from_numpy(felt), torch.from_numpy(joints)
 
 
 def use_one_thread() -> None:
-    """Have torch compute in one thread."""
+    """Make torch compute in one thread."""
     torch.set_num_threads(1)

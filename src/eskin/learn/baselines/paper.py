@@ -1,4 +1,18 @@
-"""The paper's network."""
+"""This module implements the paper's network: an EGNN on the graph of all taxels.
+
+From the paper: a node for every taxel, its pressure the node's feature (section IV-C1);
+the kinematic distance as the edges' feature (IV-C2); K nearest neighbours (K = 8),
+those inside a patch known beforehand and those of triggered taxels found live (IV-C4);
+layers after Satorras et al. 2021 (its eq. 2); 100 graphs a window (IV-C3); maximum over
+the nodes (V-A). It gives neither widths nor depth nor what follows the pooling: three
+layers of width 32, as ours has, and two convolutions over time are our choice.
+
+The paper puts each taxel's pose from forward kinematics, a frame whose z axis is the
+outward normal, into the node's feature too (IV-C1), and calls the x of its equation 2
+"poses". It does not say how; that equation adds, subtracts and measures x, as it can
+positions, and a pose among the features would undo its equivariance. Ours uses the
+position only, as x: normals are not used.
+"""
 
 from copy import copy
 from dataclasses import dataclass
@@ -11,7 +25,7 @@ from torch import Tensor, nn
 from torch.nn.functional import silu
 
 from eskin.graph import FixedNeighbours, GraphConfig, find_live_neighbours
-from eskin.learn.baselines.flat import KPA
+from eskin.learn.baselines.flat import PRESSURE_UNIT
 from eskin.learn.baselines.interface import TOUCHED, BaselineStream, WindowStream
 from eskin.learn.baselines.network import (
     CachedStream,
@@ -25,29 +39,29 @@ from eskin.skin import MountedSkin
 
 @dataclass(frozen=True, eq=False)
 class LayerStep:
-    """What one layer computes; all other rows are as at rest after it."""
+    """A layer step lists the rows that one layer computes; all others stay at rest."""
 
     targets: Int[Tensor, "target"]
-    """ComputedNodes that are computed."""
+    """Rows that are computed."""
     sources: Int[Tensor, "target k"]
-    """ComputedNodes that each of these hears, or -1."""
+    """Rows that send messages to each of these, or -1."""
 
 
 @dataclass(frozen=True, eq=False)
 class ComputedNodes:
-    """The nodes of some readings that are computed, and those that they hear."""
+    """Computed nodes are the rows that some readings need, and their edges."""
 
     reading: Int[Tensor, "row"]
-    """Of each row."""
+    """Reading of each row."""
     node: Int[Tensor, "row"]
-    """The taxel of each row."""
+    """Taxel of each row."""
     steps: list[LayerStep]
-    """One a layer: what differs from rest spreads by one hop with each."""
+    """Step of each layer: what differs from rest spreads by one hop with each."""
 
 
 @final
 class NodeSelector:
-    """Finds the rows of a graph of all taxels.
+    """A node selector finds the rows to compute in a graph of all taxels.
 
     Attributes:
         table: neighbours of each taxel inside its patch, or -1.
@@ -56,7 +70,7 @@ class NodeSelector:
     table: Int[Tensor, "taxel k"]
 
     def __init__(self, mounted: MountedSkin, k: int) -> None:
-        """Look neighbours up once.
+        """Look up the neighbours once.
 
         Args:
             mounted: the skin on its robot.
@@ -67,22 +81,22 @@ class NodeSelector:
         self.table = torch.from_numpy(fixed.table)
         self.rank = fixed.rank
 
-    def rows(
+    def select(
         self,
         touched: Bool[Tensor, "reading taxel"],
         q: Float[Tensor, "reading joint"],
         layers: int,
         whole: bool,
     ) -> ComputedNodes:
-        """Which nodes each layer computes, and which of them hear which.
+        """Return which nodes each layer computes, and the edges between them.
 
         Args:
             touched: which taxels are triggered.
             q: joint positions [rad].
-            layers: how many follow each other.
+            layers: number of layers.
             whole: whether all nodes are computed, or only what a touch changes.
         """
-        table, live = self.table, self.live_edges(touched, q)
+        table, live = self.table, self.find_live_edges(touched, q)
         joined = (live >= 0).any(dim=-1)
         changed = torch.ones_like(touched) if whole else touched
         computed: list[tuple[Tensor, Tensor, Tensor]] = []
@@ -90,26 +104,27 @@ class NodeSelector:
             near = (changed[:, table.clamp(min=0)] & (table >= 0)).any(dim=-1)
             changed = changed | near | joined
             reading, node = changed.nonzero(as_tuple=True)
-            heard = torch.cat([table[node], live[reading, node]], dim=1)
-            computed.append((reading, node, heard))
-        needed, (reading, _, heard) = changed.clone(), computed[-1]
-        target, _ = (heard >= 0).nonzero(as_tuple=True)
-        needed[reading[target], heard[heard >= 0]] = True
+            senders = torch.cat([table[node], live[reading, node]], dim=1)
+            computed.append((reading, node, senders))
+        needed, (reading, _, senders) = changed.clone(), computed[-1]
+        target, _ = (senders >= 0).nonzero(as_tuple=True)
+        needed[reading[target], senders[senders >= 0]] = True
         place = torch.full(touched.shape, -1)
         place[needed] = torch.arange(int(needed.sum()))
         steps = []
-        for reading, node, heard in computed:
-            sources = place[reading[:, None], heard.clamp(min=0)]
+        for reading, node, senders in computed:
+            sources = place[reading[:, None], senders.clamp(min=0)]
             steps.append(
-                LayerStep(place[reading, node], torch.where(heard >= 0, sources, -1))
+                LayerStep(place[reading, node], torch.where(senders >= 0, sources, -1))
             )
         reading, node = needed.nonzero(as_tuple=True)
         return ComputedNodes(reading, node, steps)
 
-    def live_edges(
+    def find_live_edges(
         self, touched: Bool[Tensor, "reading taxel"], q: Float[Tensor, "reading joint"]
     ) -> Int[Tensor, "reading taxel live"]:
-        """Neighbours in other patches of triggered taxels and of those next to them."""
+        """Return neighbours in other patches of triggered taxels and those next to
+        them."""
         config, patch_index = GraphConfig(), self.mounted.skin.patch_index
         live = np.full((*touched.shape, config.live), -1)
         for reading, flags in enumerate(touched.numpy()):
@@ -138,21 +153,21 @@ UNIT = LENGTH_CM / 100.0
 """Lengths are in units of this [m]."""
 
 READINGS_AT_ONCE = 4
-"""Readings encoded together: what one makes then stays in the cache."""
+"""Readings encoded together, few enough for their tensors to stay in the cache."""
 
 
 @dataclass(frozen=True, eq=False)
 class RestState:
-    """What every layer gives for a skin that nobody touches."""
+    """A rest state holds what every layer gives for a skin that nobody touches."""
 
     v: list[Float[Tensor, "taxel width"]]
     """Features before the first layer and after each."""
     x: list[Float[Tensor, "taxel 3"]]
-    """Coordinates, in the frames of the links."""
+    """Coordinates in the frames of the links, before the first layer and after each."""
 
 
 class PaperLayer(nn.Module):
-    """One EGCL, as the paper's equation 2 has it.
+    """This layer is one EGCL, as the paper's equation 2 defines it.
 
     m_ij = phi_e(v_i, v_j, |x_i - x_j|^2, e_ij), e_ij the kinematic distance
     x_i <- x_i + C sum_j (x_i - x_j) phi_x(m_ij), C = 1 / K
@@ -162,7 +177,7 @@ class PaperLayer(nn.Module):
     """
 
     def __init__(self, width: int, k: int) -> None:
-        """Make a layer of `width` channels for `k` neighbours inside a patch."""
+        """Create a layer of `width` channels for `k` neighbours inside a patch."""
         super().__init__()
         self.C = 1.0 / k
         self.of_target = nn.Linear(width, width)
@@ -184,37 +199,37 @@ class PaperLayer(nn.Module):
         targets: Int[Tensor, "target"],
         sources: Int[Tensor, "target k"],
     ) -> tuple[Float[Tensor, "target width"], Float[Tensor, "target 3"]]:
-        """Features and coordinates of the targets after one step."""
-        heard = (sources >= 0)[..., None]
+        """Return features and coordinates of the targets after one step."""
+        senders = (sources >= 0)[..., None]
         j = sources.clamp(min=0)
         x_i, v_i = x.index_select(0, targets), v.index_select(0, targets)
         r = x_i[:, None] - gather_rows(x, j)
         edge = torch.stack([(r * r).sum(dim=-1), lengths], dim=-1)
         hidden = self.of_target(v_i)[:, None] + gather_rows(self.of_source(v), j)
-        m = silu(self.message(silu(hidden + self.of_edge(edge)))) * heard
-        step = self.C * (r * self.move(m) * heard).sum(dim=1)
+        m = silu(self.message(silu(hidden + self.of_edge(edge)))) * senders
+        step = self.C * (r * self.move(m) * senders).sum(dim=1)
         return self.update(torch.cat([v_i, m.sum(dim=1)], dim=1)), x_i + step
 
 
 def gather_rows(
     values: Float[Tensor, "row channel"], places: Int[Tensor, "target k"]
 ) -> Float[Tensor, "target k channel"]:
-    """ComputedNodes of some nodes; its gradient is a plain sum, unlike that of indexing."""
+    """Return the rows of some nodes; its gradient is a sum, unlike that of indexing."""
     return values.index_select(0, places.flatten()).view(*places.shape, values.shape[1])
 
 
 @final
 class PaperNetwork(ReadingNetwork):
-    """EGNN, pooling, convolutions over time.
+    """This network applies an EGNN, pooling and convolutions over time.
 
     A taxel that is not touched reads zero, so a node farther than a layer's hops from
-    all touched ones and from live edges is as at rest: equivariant layers make the same
-    of it wherever its link is. With `whole`, all nodes are computed at every reading,
+    all touched ones and from live edges is at rest: equivariant layers give the same
+    for it wherever its link is. With `whole`, all nodes are computed at every reading,
     as in the paper; without, only those that differ from rest, to the same result.
 
     Attributes:
         whole: whether all nodes are computed at every reading.
-        rest: of these weights, where known; `forget` it when they change.
+        rest: state at rest for these weights, where known; None when they change.
     """
 
     positions: Float[Tensor, "taxel 3"]
@@ -222,18 +237,18 @@ class PaperNetwork(ReadingNetwork):
     def __init__(
         self, mounted: MountedSkin, classes: int, k: int, pooling: Pooling
     ) -> None:
-        """Make a network for a skin on a robot.
+        """Create the network for a skin on a robot.
 
         Args:
             mounted: the skin on its robot.
-            classes: how many there are.
-            k: neighbours a taxel inside its patch.
-            pooling: over the nodes of a reading.
+            classes: number of classes.
+            k: number of neighbours of a taxel inside its patch.
+            pooling: pooling over the nodes of a reading.
         """
         super().__init__()
         self.mounted, self.pooling, self.whole = mounted, pooling, False
         self.rest: RestState | None = None
-        self.neighbourhood = NodeSelector(mounted, k)
+        self.selector = NodeSelector(mounted, k)
         self.links = torch.from_numpy(mounted.taxel_link_index)
         positions = torch.from_numpy(mounted.skin.positions / UNIT)
         self.register_buffer("positions", positions.float())
@@ -254,23 +269,23 @@ class PaperNetwork(ReadingNetwork):
         pressure: Float[Tensor, "reading taxel"],
         q: Float[Tensor, "reading joint"],
     ) -> Float[Tensor, "reading width"]:
-        """Features of each reading."""
+        """Return the features of each reading."""
         pressure = pressure.to(self.positions.dtype)
-        felt = torch.where(pressure >= TOUCHED, pressure / KPA, 0.0)
-        rest = self.rest or self.at_rest()
+        felt = torch.where(pressure >= TOUCHED, pressure / PRESSURE_UNIT, 0.0)
+        rest = self.rest or self.compute_rest()
         if not self.training:
             self.rest = rest
         computed = torch.arange(len(felt))
         if not self.whole:
             computed = computed[(felt > 0).any(dim=1)]
-        features = self.pooled(rest.v[-1]).expand(len(felt), -1)
+        features = self.pool(rest.v[-1]).expand(len(felt), -1)
         for some in computed.split(READINGS_AT_ONCE):
             encoded = self.encode_some(felt[some], q[some], rest)
             features = features.index_copy(0, some, encoded)
         return features
 
     def train(self, mode: bool = True) -> "PaperNetwork":
-        """Train or answer; what was known of these weights is forgotten."""
+        """Switch between training and evaluation, and forget the state at rest."""
         self.rest = None
         return super().train(mode)
 
@@ -280,11 +295,11 @@ class PaperNetwork(ReadingNetwork):
         q: Float[Tensor, "reading joint"],
         rest: RestState,
     ) -> Float[Tensor, "reading width"]:
-        """Features of readings computed together, their pressure in `KPA`."""
+        """Return the features of readings computed together, in `PRESSURE_UNIT`."""
         T = self.mounted.kinematics.poses(q.double().numpy())
         T[..., :3, 3] /= UNIT
         T_world_link = torch.from_numpy(T).to(self.positions.dtype)
-        rows = self.neighbourhood.rows(felt > 0, q, LAYERS, self.whole)
+        rows = self.selector.select(felt > 0, q, LAYERS, self.whole)
         T_row = T_world_link[rows.reading, self.links[rows.node]]
         rotation, origin = T_row[:, :3, :3], T_row[:, :3, 3]
         v = self.embed(felt[rows.reading, rows.node, None])
@@ -309,28 +324,28 @@ class PaperNetwork(ReadingNetwork):
         rest: Float[Tensor, "taxel width"],
         readings: int,
     ) -> Float[Tensor, "reading width"]:
-        """Maximum or mean over all nodes of each reading."""
+        """Return the maximum or mean over all nodes of each reading."""
         taxels = len(rest)
         targets = rows.steps[-1].targets
         flat = rows.reading[targets] * taxels + rows.node[targets]
         every = rest.repeat(readings, 1).index_copy(0, flat, computed)
-        return self.pooled(every.view(readings, *rest.shape))
+        return self.pool(every.view(readings, *rest.shape))
 
-    def pooled(
+    def pool(
         self, nodes: Float[Tensor, "*reading taxel width"]
     ) -> Float[Tensor, "*reading width"]:
-        """Maximum or mean over nodes."""
+        """Return the maximum or mean over nodes."""
         return nodes.amax(dim=-2) if self.pooling == "max" else nodes.mean(dim=-2)
 
-    def at_rest(self) -> RestState:
-        """What every layer gives for a skin that nobody touches."""
-        x, table = self.positions, self.neighbourhood.table
-        everyone = torch.arange(len(x))
+    def compute_rest(self) -> RestState:
+        """Return what every layer gives for a skin that nobody touches."""
+        x, table = self.positions, self.selector.table
+        every_node = torch.arange(len(x))
         v = self.embed(torch.zeros_like(x[:, :1]))
         rest = RestState([v], [x])
         apart = x[:, None] - gather_rows(x, table.clamp(min=0))
         for layer in self.layers:
-            v, x = layer(v, x, apart.norm(dim=-1), everyone, table)
+            v, x = layer(v, x, apart.norm(dim=-1), every_node, table)
             rest.v.append(v)
             rest.x.append(x)
         return rest
@@ -338,20 +353,20 @@ class PaperNetwork(ReadingNetwork):
     def classify(
         self, features: Float[Tensor, "clip 100 width"]
     ) -> Float[Tensor, "clip class"]:
-        """Logits of each window."""
+        """Return the logits of each window."""
         return self.out(self.over_time(features.transpose(1, 2)))
 
 
 def rotate_rows(
     rotation: Float[Tensor, "row 3 3"], x: Float[Tensor, "row 3"]
 ) -> Float[Tensor, "row 3"]:
-    """Each vector turned by its own rotation."""
+    """Rotate each vector by its own rotation matrix."""
     return (rotation @ x[..., None])[..., 0]
 
 
 @final
 class PaperBaseline(NetworkBaseline):
-    """The EGNN on all taxels and 100 graphs; see `eskin.learn.baselines.paper`."""
+    """This baseline is the EGNN on all taxels and 100 graphs (see `PaperNetwork`)."""
 
     def __init__(
         self,
@@ -360,24 +375,24 @@ class PaperBaseline(NetworkBaseline):
         k: int = 8,
         pooling: Pooling = "max",
     ) -> None:
-        """Make one that knows nothing yet.
+        """Create an untrained baseline.
 
         Args:
             mounted: the skin on its robot.
-            config: how it is trained.
-            k: neighbours a taxel inside its patch.
-            pooling: over the nodes of a reading.
+            config: settings of the training.
+            k: number of neighbours of a taxel inside its patch.
+            pooling: pooling over the nodes of a reading.
         """
         super().__init__(mounted, config)
         self.k = k
         self.pooling: Pooling = pooling
 
     def build(self) -> PaperNetwork:
-        """Make the network."""
+        """Return the network."""
         return PaperNetwork(self.mounted, self.classes, self.k, self.pooling)
 
-    def on(self, mounted: MountedSkin) -> "PaperBaseline":
-        """The same weights on a skin that lies elsewhere."""
+    def move_to(self, mounted: MountedSkin) -> "PaperBaseline":
+        """Return a baseline with the same weights on a skin at other places."""
         assert isinstance(self.network, PaperNetwork)
         other = copy(self)
         other.mounted = mounted
@@ -387,10 +402,11 @@ class PaperBaseline(NetworkBaseline):
         other.network = network.eval()
         return other
 
-    def streams(self) -> dict[str, BaselineStream]:
-        """All nodes of 100 graphs, of the newest graph, and only what a touch changes.
+    def build_streams(self) -> dict[str, BaselineStream]:
+        """Return streams with all nodes of 100 graphs, of the newest, and sparse ones.
 
-        The first is what the paper describes.
+        The first is what the paper describes; the last computes only what a touch
+        changes.
         """
         assert isinstance(self.network, PaperNetwork)
         whole = copy(self)

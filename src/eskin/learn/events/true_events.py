@@ -1,5 +1,4 @@
-"""This module reads the true events of a recording: each touch, when, where and
-what."""
+"""This module reads the true events of a recording: what touched, when and where."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass

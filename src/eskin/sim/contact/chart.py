@@ -61,7 +61,9 @@ def compute_circumference(surface: Surface) -> float:
     return 2 * np.pi * surface.radius if isinstance(surface, Tube) else np.inf
 
 
-def wrap_difference(s: Float[np.ndarray, "*any"], whole: float) -> Float[np.ndarray, "*any"]:
+def wrap_difference(
+    s: Float[np.ndarray, "*any"], whole: float
+) -> Float[np.ndarray, "*any"]:
     """Differences of s, the shorter way round [m]."""
     return s if np.isinf(whole) else (s + whole / 2) % whole - whole / 2
 

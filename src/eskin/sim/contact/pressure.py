@@ -7,8 +7,15 @@ from jaxtyping import Bool, Float, Int
 
 from eskin.sim.constants import MM, Constants
 from eskin.sim.contact.chart import Chart
-from eskin.sim.contact.kernels import ContactEllipses, TaxelGeometry, compute_covered_area, compute_taxel_pressure, spread_to_neighbours, compute_loads
-from eskin.sim.contact.press import SoftTissue, Press, ContactPads
+from eskin.sim.contact.kernels import (
+    ContactEllipses,
+    TaxelGeometry,
+    compute_covered_area,
+    compute_loads,
+    compute_taxel_pressure,
+    spread_to_neighbours,
+)
+from eskin.sim.contact.press import ContactPads, Press, SoftTissue
 from eskin.skin import Skin
 from eskin.skin.surfaces import Dome, Tube
 
@@ -54,7 +61,9 @@ def compute_long_axes(press: Press) -> Points:
     return np.stack([-np.sin(turned), np.cos(turned)], axis=2)
 
 
-def compute_relative_curvatures(stamps: ContactPads, chart: Chart, long: Points) -> Points:
+def compute_relative_curvatures(
+    stamps: ContactPads, chart: Chart, long: Points
+) -> Points:
     """Curvature of each part against the surface, across and along it [1/m]."""
     own = np.broadcast_to(1.0 / stamps.radii, long.shape)
     if isinstance(chart.surface, Tube):
@@ -189,7 +198,9 @@ def spread_through_film(
     column_of = np.zeros(len(neighbours), dtype=np.int64)
     column_of[reached] = np.arange(len(reached))
     shares = np.broadcast_to(np.asarray(beta, dtype=float), len(neighbours))[taxels]
-    return spread_to_neighbours(pressure, column_of, taxels, neighbours, shares, len(reached)), reached
+    return spread_to_neighbours(
+        pressure, column_of, taxels, neighbours, shares, len(reached)
+    ), reached
 
 
 @dataclass(frozen=True, eq=False)
@@ -208,7 +219,9 @@ class PressureField:
     """Where the force acts, unrolled (s, t); s goes on past a turn of a tube [m]."""
 
 
-def compute_pressure_field(press: Press, chart: Chart, constants: Constants) -> PressureField:
+def compute_pressure_field(
+    press: Press, chart: Chart, constants: Constants
+) -> PressureField:
     """What the taxels of a chart feel of a press on it, and what it truly is."""
     dents, area, centroid = compute_contact_ellipses(press, chart, constants)
     ground = build_taxel_geometry(chart, constants)
@@ -237,12 +250,18 @@ def build_taxel_geometry(chart: Chart, constants: Constants) -> TaxelGeometry:
     return TaxelGeometry(chart.unrolled, cells, chart.circumference, dome)
 
 
-def find_reachable_pairs(dents: ContactEllipses, ground: TaxelGeometry) -> Bool[np.ndarray, "part taxel"]:
+def find_reachable_pairs(
+    dents: ContactEllipses, ground: TaxelGeometry
+) -> Bool[np.ndarray, "part taxel"]:
     """Which parts may ever meet which taxels, by boxes about their ways."""
     loaded = dents.peak > 0.0
     used = np.any(loaded, axis=0)
-    low = np.where(loaded[..., None], dents.centres, np.inf).min(axis=0, initial=FAR_DISTANCE)
-    high = np.where(loaded[..., None], dents.centres, -np.inf).max(axis=0, initial=-FAR_DISTANCE)
+    low = np.where(loaded[..., None], dents.centres, np.inf).min(
+        axis=0, initial=FAR_DISTANCE
+    )
+    high = np.where(loaded[..., None], dents.centres, -np.inf).max(
+        axis=0, initial=-FAR_DISTANCE
+    )
     size = np.where(loaded, dents.axes.max(axis=2), 0.0).max(axis=0, initial=0.0)
     half = (high - low) / 2 + size[:, None]
     half = half + np.abs(ground.cells).sum(axis=1).max(axis=0, initial=0.0)

@@ -9,34 +9,34 @@ from jaxtyping import Bool, Float, Int
 from eskin.sim.contact.press import TrueTouch
 from eskin.sim.dataset.plan import QUIET, BuildOrigin, ClipPlan, Origin
 from eskin.sim.dataset.staging import (
-    Stage,
-    act_out,
+    ClipSetup,
+    draw_second_touch,
     draw_start,
     draw_stream,
-    person_of,
-    put,
-    second_touch,
-    set_up,
+    get_person,
+    perform_at,
+    place_touch,
+    set_up_clip,
 )
 from eskin.sim.people.perform import choose_kind
-from eskin.sim.scene.environment import World
-from eskin.sim.scene.poses import can_touch_itself, group_of
+from eskin.sim.scene.environment import SimEnvironment
+from eskin.sim.scene.poses import can_touch_itself, compute_pose_group
 from eskin.sim.scene.scene import (
     Scene,
-    TrueSeries,
-    felt_in,
-    pressure_of,
-    readings_every,
-    truths_of,
+    TrueTouchSeries,
+    compute_scene_pressure,
+    compute_touch_presses,
+    compute_true_series,
+    count_steps_per_reading,
 )
-from eskin.sim.sensor.build import Build, draw_build
-from eskin.sim.sensor.electrical import ELECTRICAL, disturb
-from eskin.sim.sensor.model import Session, Stages, draw_session
+from eskin.sim.sensor.build import SensorBuild, draw_build
+from eskin.sim.sensor.electrical import ELECTRICAL_EVENTS, add_electrical_event
+from eskin.sim.sensor.model import SensorSession, SensorStages, draw_session
 from eskin.sim.sensor.sensor import sense
 
 
 @dataclass(frozen=True, eq=False)
-class Clip:
+class SimulatedClip:
     """A clip or stream that was made."""
 
     counts: Int[np.ndarray, "reading taxel"]
@@ -45,7 +45,7 @@ class Clip:
     """False where no fresh data came."""
     q: Float[np.ndarray, "reading joint"]
     """Joint positions [rad]."""
-    truths: tuple[TrueSeries, ...]
+    truths: tuple[TrueTouchSeries, ...]
     """What was really done, by number; empty where nothing touched."""
     pose_group: int
     """Group of the pose at its start."""
@@ -54,27 +54,27 @@ class Clip:
 
 
 @lru_cache(maxsize=16)
-def build_of(origin: BuildOrigin, world: World) -> Build:
+def get_build(origin: BuildOrigin, world: SimEnvironment) -> SensorBuild:
     """The build of an origin; the same one every time."""
     skin, constants = world.mounted.skin, world.constants
     return draw_build(origin.name, origin.kind, skin, constants, origin.rng())
 
 
 @lru_cache(maxsize=16)
-def session_of(origin: Origin, build: Build) -> Session:
+def get_session(origin: Origin, build: SensorBuild) -> SensorSession:
     """The session of an origin; the same one every time."""
     return draw_session(build, origin.rng())
 
 
-def play(
+def simulate_clip(
     scene: Scene,
     lead: int,
-    build: Build,
-    session: Session,
-    world: World,
+    build: SensorBuild,
+    session: SensorSession,
+    world: SimEnvironment,
     rng: np.random.Generator,
-    stages: Stages | None = None,
-) -> Clip:
+    stages: SensorStages | None = None,
+) -> SimulatedClip:
     """What the sensor counts of a scene, and what truly happened in it.
 
     Args:
@@ -87,12 +87,12 @@ def play(
         stages: which stages of the sensor work; all unless given.
     """
     skin = world.mounted.skin
-    felt = felt_in(scene, world)
-    pressure, taxels = pressure_of(felt, scene.steps, build.film_sigma, skin)
+    felt = compute_touch_presses(scene, world)
+    pressure, taxels = compute_scene_pressure(felt, scene.steps, build.film_sigma, skin)
     counts, received = sense(pressure, taxels, build, skin, rng, stages, session, lead)
-    every = readings_every(world)
-    truths = truths_of(scene, felt, world.charts, world.mounted, lead, world)
-    return Clip(
+    every = count_steps_per_reading(world)
+    truths = compute_true_series(scene, felt, world.charts, world.mounted, lead, world)
+    return SimulatedClip(
         counts=counts,
         received=received,
         q=scene.q[lead::every][: len(counts)],
@@ -106,22 +106,24 @@ HOUR = 3600.0
 """[s]"""
 
 
-def disturbed(clip: Clip, stage: Stage) -> Clip:
+def add_event_to_clip(clip: SimulatedClip, stage: ClipSetup) -> SimulatedClip:
     """The same clip with an electrical event in it."""
-    return with_event(clip, stage, "electrical", None)
+    return add_event(clip, stage, "electrical", None)
 
 
-def disturbed_by_the_hour(clip: Clip, stage: Stage) -> Clip:
+def add_events_to_stream(clip: SimulatedClip, stage: ClipSetup) -> SimulatedClip:
     """The same stream with electrical events at any time, so many an hour."""
     constants, rng = stage.world.constants, stage.rng
     rate = constants.value("stream.electrical") / HOUR
     for number in range(rng.poisson(rate * stage.plan.seconds)):
         onset = int(rng.integers(len(clip.counts)))
-        clip = with_event(clip, stage, f"electrical{number}", onset)
+        clip = add_event(clip, stage, f"electrical{number}", onset)
     return clip
 
 
-def with_event(clip: Clip, stage: Stage, name: str, onset: int | None) -> Clip:
+def add_event(
+    clip: SimulatedClip, stage: ClipSetup, name: str, onset: int | None
+) -> SimulatedClip:
     """The same clip with one more event.
 
     Args:
@@ -130,9 +132,9 @@ def with_event(clip: Clip, stage: Stage, name: str, onset: int | None) -> Clip:
         name: under which it is written down.
         onset: reading at which it begins; None draws it.
     """
-    event = ELECTRICAL[stage.rng.integers(len(ELECTRICAL))]
-    build = build_of(stage.plan.build, stage.world)
-    counts, received, drawn = disturb(
+    event = ELECTRICAL_EVENTS[stage.rng.integers(len(ELECTRICAL_EVENTS))]
+    build = get_build(stage.plan.build, stage.world)
+    counts, received, drawn = add_electrical_event(
         *(event, clip.counts, clip.received, stage.world.mounted.skin, build),
         *(stage.rng, stage.world.constants, onset),
     )
@@ -140,49 +142,55 @@ def with_event(clip: Clip, stage: Stage, name: str, onset: int | None) -> Clip:
     return replace(clip, counts=counts, received=received, drawn=clip.drawn | more)
 
 
-def make_clip(plan: ClipPlan, world: World) -> Clip:
+def make_clip(plan: ClipPlan, world: SimEnvironment) -> SimulatedClip:
     """Make one clip or stream alone, the same one every time.
 
     Raises:
         ValueError: the plan asks for what the robot or the skin cannot do.
     """
     rng, constants = plan.rng(), world.constants
-    person, groups = person_of(plan.person, world), frozenset(plan.groups)
+    person, groups = get_person(plan.person, world), frozenset(plan.groups)
     kind = plan.kind or ""
     if plan.gesture is not None and not kind:
         kind = choose_kind(plan.gesture, None, person, constants, rng, plan.difficulty)
         while kind == "self_contact" and not can_touch_itself(world, groups):
-            kind = choose_kind(plan.gesture, None, person, constants, rng, plan.difficulty)
-    stage = set_up(plan, kind, world, rng)
+            kind = choose_kind(
+                plan.gesture, None, person, constants, rng, plan.difficulty
+            )
+    stage = set_up_clip(plan, kind, world, rng)
     if plan.gesture is None:
         touches = draw_stream(stage)
     else:
         touches = draw_touches(stage, plan.gesture, kind)
-    build = build_of(plan.build, world)
-    session = session_of(plan.session, build)
-    clip = play(Scene(stage.q, touches), stage.lead, build, session, world, rng)
+    build = get_build(plan.build, world)
+    session = get_session(plan.session, build)
+    clip = simulate_clip(
+        Scene(stage.q, touches), stage.lead, build, session, world, rng
+    )
     clip = replace(
         clip,
-        pose_group=group_of(world, stage.q[stage.lead]),
-        drawn=drawn_of(stage, touches),
+        pose_group=compute_pose_group(world, stage.q[stage.lead]),
+        drawn=collect_drawn(stage, touches),
     )
     if kind == "electrical":
-        return disturbed(clip, stage)
-    return disturbed_by_the_hour(clip, stage) if kind == QUIET else clip
+        return add_event_to_clip(clip, stage)
+    return add_events_to_stream(clip, stage) if kind == QUIET else clip
 
 
-def draw_touches(stage: Stage, gesture: str, kind: str) -> tuple[TrueTouch, ...]:
+def draw_touches(stage: ClipSetup, gesture: str, kind: str) -> tuple[TrueTouch, ...]:
     """The touch that a clip is made for, and perhaps a smaller one beside it."""
-    person = person_of(stage.plan.person, stage.world)
-    touch = act_out(stage, person, gesture, kind, stage.lead)
+    person = get_person(stage.plan.person, stage.world)
+    touch = perform_at(stage, person, gesture, kind, stage.lead)
     start = draw_start(touch, stage.steps, stage.world.constants, stage.rng)
-    touch = put(stage, touch, stage.lead + start)
+    touch = place_touch(stage, touch, stage.lead + start)
     if touch.presses and stage.rng.random() < stage.plan.concurrent:
-        return (touch, *second_touch(stage, touch))
+        return (touch, *draw_second_touch(stage, touch))
     return (touch,)
 
 
-def drawn_of(stage: Stage, touches: tuple[TrueTouch, ...]) -> dict[str, float | str]:
+def collect_drawn(
+    stage: ClipSetup, touches: tuple[TrueTouch, ...]
+) -> dict[str, float | str]:
     """Every parameter of the clip, by name."""
     joints = stage.world.mounted.robot.joint_names
     start = stage.q[stage.lead].tolist()

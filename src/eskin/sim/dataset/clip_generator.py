@@ -6,15 +6,15 @@ from typing import final
 from eskin.errors import GenerationError
 from eskin.robot import load_robot
 from eskin.sim.constants import Constants, load_constants
-from eskin.sim.dataset.clip import Clip, build_of, make_clip
-from eskin.sim.dataset.pairs import clip_of
-from eskin.sim.dataset.plan import SOURCES, BuildOrigin, ClipPlan
-from eskin.sim.scene.environment import build_world
+from eskin.sim.dataset.clip import SimulatedClip, get_build, make_clip
+from eskin.sim.dataset.pairs import make_pair_clip
+from eskin.sim.dataset.plan import SOURCE_SKINS, BuildOrigin, ClipPlan
+from eskin.sim.scene.environment import build_environment
 from eskin.skin import SKIN_PRESETS, MountedSkin
 from eskin.touch import Calibration
 
 
-class Maker(ABC):
+class ClipGenerator(ABC):
     """Makes clips of one skin; the same plan gives the same clip every time."""
 
     mounted: MountedSkin
@@ -23,7 +23,7 @@ class Maker(ABC):
     """What `load_robot` calls the robot."""
 
     @abstractmethod
-    def make(self, plan: ClipPlan) -> Clip:
+    def make(self, plan: ClipPlan) -> SimulatedClip:
         """The clip of a plan, or the stream where the plan names no gesture."""
 
     @abstractmethod
@@ -31,14 +31,14 @@ class Maker(ABC):
         """What the user of a build knows of it."""
 
 
-def mount(skin: str) -> MountedSkin:
+def mount_preset(skin: str) -> MountedSkin:
     """A preset skin on its robot."""
     preset = SKIN_PRESETS[skin]
     return MountedSkin(preset.build(), load_robot(preset.robot))
 
 
 @final
-class Simulator(Maker):
+class Simulator(ClipGenerator):
     """Simulates people who touch a skin that comes with eskin."""
 
     def __init__(self, skin: str = "ur5", constants: Constants | None = None) -> None:
@@ -56,17 +56,17 @@ class Simulator(Maker):
                 f"no skin '{skin}' to simulate; allowed are {', '.join(SKIN_PRESETS)}"
             )
         self.robot_name = SKIN_PRESETS[skin].robot
-        self.mounted = mounted = mount(skin)
-        if skin in SOURCES:
-            mounted = mount(SOURCES[skin])
-        self.world = build_world(mounted, constants or load_constants())
+        self.mounted = mounted = mount_preset(skin)
+        if skin in SOURCE_SKINS:
+            mounted = mount_preset(SOURCE_SKINS[skin])
+        self.world = build_environment(mounted, constants or load_constants())
 
-    def make(self, plan: ClipPlan) -> Clip:
+    def make(self, plan: ClipPlan) -> SimulatedClip:
         """The clip of a plan, or the stream where the plan names no gesture."""
         if plan.pair is not None:
-            return clip_of(plan, self.world)
+            return make_pair_clip(plan, self.world)
         return make_clip(plan, self.world)
 
     def calibration(self, build: BuildOrigin) -> Calibration:
         """What the user of a build knows of it."""
-        return build_of(build, self.world).calibration(self.mounted.skin)
+        return get_build(build, self.world).calibration(self.mounted.skin)

@@ -20,17 +20,17 @@ from pathlib import Path
 
 from eskin.errors import GenerationError
 from eskin.files import atomic_path
-from eskin.sim.dataset.clip_generator import Maker, Simulator
+from eskin.sim.dataset.clip_generator import ClipGenerator, Simulator
 from eskin.sim.dataset.index import INDEX_NAME, ClipRow, to_text
-from eskin.sim.dataset.session_file import write_sitting
-from eskin.sim.dataset.session_plan import Sitting
-from eskin.sim.dataset.settings import SETTINGS_NAME, Settings, claim
+from eskin.sim.dataset.session_file import write_session
+from eskin.sim.dataset.session_plan import SessionPlan
+from eskin.sim.dataset.settings import SETTINGS_NAME, GenerationSettings, claim_folder
 
 
-class Archive:
+class SetFolder:
     """Grows file by file in the order of the set; what is there is always whole."""
 
-    def __init__(self, folder: Path, sittings: Sequence[Sitting]) -> None:
+    def __init__(self, folder: Path, sittings: Sequence[SessionPlan]) -> None:
         """Look at what an earlier generation left, without changing it."""
         self.folder = folder
         self.sittings = tuple(sittings)
@@ -59,7 +59,7 @@ class Archive:
             path.with_name(path.name + ".part").unlink(missing_ok=True)
         return done
 
-    def size_of(self, sitting: Sitting, start: int) -> int | None:
+    def size_of(self, sitting: SessionPlan, start: int) -> int | None:
         """Bytes of the lines of a file from `start` of the index on; None if cut."""
         if not (self.index.exists() and (self.folder / sitting.file).exists()):
             return None
@@ -84,18 +84,18 @@ class Archive:
             os.fsync(file.fileno())
 
 
-stops: list[Event] = []
+stop_events: list[Event] = []
 """The event at which this process ends its work."""
 
 
-def begin(stop: Event) -> None:
+def start_worker(stop: Event) -> None:
     """Prepare this process: it ends with its parent, which alone hears Ctrl-C."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    stops[:] = [stop]
-    threading.Thread(target=end_with_parent, daemon=True).start()
+    stop_events[:] = [stop]
+    threading.Thread(target=exit_with_parent, daemon=True).start()
 
 
-def end_with_parent() -> None:
+def exit_with_parent() -> None:
     """Wait for the parent to be gone, then leave at once."""
     parent = parent_process()
     if parent is not None:
@@ -103,38 +103,38 @@ def end_with_parent() -> None:
         os._exit(1)
 
 
-def go_on() -> None:
+def check_stopped() -> None:
     """Stop where the parent says so."""
-    if any(stop.is_set() for stop in stops):
+    if any(stop.is_set() for stop in stop_events):
         raise GenerationError("generation was stopped")
 
 
 @lru_cache(maxsize=1)
-def maker_of(factory: Callable[[str], Maker], skin: str) -> Maker:
+def get_generator(factory: Callable[[str], ClipGenerator], skin: str) -> ClipGenerator:
     """The maker of a skin, prepared once a process."""
     return factory(skin)
 
 
-def work(
+def write_file(
     folder: Path,
-    settings: Settings,
-    sitting: Sitting,
-    factory: Callable[[str], Maker],
+    settings: GenerationSettings,
+    sitting: SessionPlan,
+    factory: Callable[[str], ClipGenerator],
 ) -> tuple[ClipRow, ...]:
     """Write one file."""
-    maker = maker_of(factory, settings.skin_of(sitting))
-    return write_sitting(folder, settings, sitting, maker, go_on)
+    maker = get_generator(factory, settings.skin_of(sitting))
+    return write_session(folder, settings, sitting, maker, check_stopped)
 
 
-THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
-AHEAD = 2
+THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+PENDING_PER_WORKER = 2
 """Files in work or waiting for their turn in the index, for each process."""
 
 Rows = Generator[tuple[ClipRow, ...], None, None]
 
 
 @dataclass(frozen=True)
-class Generation:
+class GenerationResult:
     """What came of generating."""
 
     clips: int
@@ -154,11 +154,11 @@ class Generation:
 
 def generate(
     folder: Path | str,
-    settings: Settings,
+    settings: GenerationSettings,
     workers: int = 0,
-    factory: Callable[[str], Maker] = Simulator,
+    factory: Callable[[str], ClipGenerator] = Simulator,
     tell: Callable[[int], None] = lambda done: None,
-) -> Generation:
+) -> GenerationResult:
     """Make a set, or what is missing of it.
 
     Whole files stay whatever happens, and are not made again. Neither recordings nor
@@ -177,28 +177,30 @@ def generate(
     if workers < 0:
         raise ValueError(f"{workers} workers asked; allowed are 0 and above")
     started, folder = time.monotonic(), Path(folder)
-    claim(folder, settings)
-    with alone_in(folder):
-        return fill(folder, settings, workers, factory, tell, started)
+    claim_folder(folder, settings)
+    with lock_folder(folder):
+        return generate_missing(folder, settings, workers, factory, tell, started)
 
 
-def fill(
+def generate_missing(
     folder: Path,
-    settings: Settings,
+    settings: GenerationSettings,
     workers: int,
-    factory: Callable[[str], Maker],
+    factory: Callable[[str], ClipGenerator],
     tell: Callable[[int], None],
     started: float,
-) -> Generation:
+) -> GenerationResult:
     """Make what is missing in a folder."""
-    archive = Archive(folder, settings.sittings)
+    archive = SetFolder(folder, settings.sittings)
     done = archive.resume()
     kept = sum(sitting.clips for sitting in settings.sittings[:done])
     missing = settings.sittings[done:]
     made = 0
     tell(kept)
     try:
-        with closing(run(folder, settings, missing, workers, factory)) as finished:
+        with closing(
+            write_sessions(folder, settings, missing, workers, factory)
+        ) as finished:
             for rows in finished:
                 archive.add(rows)
                 made += len(rows)
@@ -207,11 +209,11 @@ def fill(
         archive.resume()
         raise
     files = len(settings.sittings)
-    return Generation(kept + made, made, files, time.monotonic() - started)
+    return GenerationResult(kept + made, made, files, time.monotonic() - started)
 
 
 @contextmanager
-def alone_in(folder: Path) -> Iterator[None]:
+def lock_folder(folder: Path) -> Iterator[None]:
     """Keep other generations out of a folder.
 
     Raises:
@@ -228,40 +230,40 @@ def alone_in(folder: Path) -> Iterator[None]:
         yield
 
 
-def run(
+def write_sessions(
     folder: Path,
-    settings: Settings,
-    sittings: Sequence[Sitting],
+    settings: GenerationSettings,
+    sittings: Sequence[SessionPlan],
     workers: int,
-    factory: Callable[[str], Maker],
+    factory: Callable[[str], ClipGenerator],
 ) -> Rows:
     """Rows of files, in order, as they are made."""
     workers = min(workers, len(sittings))
     if not workers:
         for sitting in sittings:
-            yield work(folder, settings, sitting, factory)
+            yield write_file(folder, settings, sitting, factory)
         return
-    yield from run_apart(folder, settings, sittings, workers, factory)
+    yield from write_in_workers(folder, settings, sittings, workers, factory)
 
 
-def run_apart(
+def write_in_workers(
     folder: Path,
-    settings: Settings,
-    sittings: Sequence[Sitting],
+    settings: GenerationSettings,
+    sittings: Sequence[SessionPlan],
     workers: int,
-    factory: Callable[[str], Maker],
+    factory: Callable[[str], ClipGenerator],
 ) -> Rows:
     """The same in other processes; a bounded number of files is in work at a time."""
     context = multiprocessing.get_context("spawn")
     stop = context.Event()
     left, waiting = deque(sittings), deque[Future]()
-    with single_threads():
-        pool = ProcessPoolExecutor(workers, context, begin, (stop,))
+    with limit_threads():
+        pool = ProcessPoolExecutor(workers, context, start_worker, (stop,))
         try:
             while left or waiting:
-                while left and len(waiting) < AHEAD * workers:
+                while left and len(waiting) < PENDING_PER_WORKER * workers:
                     task = (folder, settings, left.popleft(), factory)
-                    waiting.append(pool.submit(work, *task))
+                    waiting.append(pool.submit(write_file, *task))
                 yield waiting.popleft().result()
         except BrokenProcessPool as error:
             raise GenerationError(
@@ -274,10 +276,10 @@ def run_apart(
 
 
 @contextmanager
-def single_threads() -> Iterator[None]:
+def limit_threads() -> Iterator[None]:
     """Let new processes use one thread each: they are as many as the cores."""
-    before = {name: os.environ.get(name) for name in THREADS}
-    os.environ.update(dict.fromkeys(THREADS, "1"))
+    before = {name: os.environ.get(name) for name in THREAD_VARIABLES}
+    os.environ.update(dict.fromkeys(THREAD_VARIABLES, "1"))
     try:
         yield
     finally:

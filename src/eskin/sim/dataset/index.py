@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from eskin.errors import GenerationError
-from eskin.sim.dataset.clip import Clip
-from eskin.sim.dataset.clip_generator import Maker
+from eskin.sim.dataset.clip import SimulatedClip
+from eskin.sim.dataset.clip_generator import ClipGenerator
 from eskin.sim.dataset.plan import BuildOrigin, ClipPlan, Origin, PairPlace
 
 INDEX_NAME = "clips.jsonl"
@@ -115,15 +115,15 @@ class ClipRow:
             regime=facts["regime"],
             touches=tuple(TouchRow(**touch) for touch in facts["touches"]),
             drawn=facts["drawn"],
-            plan=plan_from(facts["plan"]),
+            plan=parse_plan(facts["plan"]),
         )
 
 
-def plan_from(facts: dict) -> ClipPlan:
+def parse_plan(facts: dict) -> ClipPlan:
     """A plan as it stands in a line of the index."""
     others = {"company": None, "pose": None, "groups": tuple(facts["groups"])}
     if facts["company"] is not None:
-        others["company"] = origin_from(facts["company"])
+        others["company"] = parse_origin(facts["company"])
     if facts["pose"] is not None:
         others["pose"] = tuple(facts["pose"])
     if facts.get("pair") is not None:
@@ -134,19 +134,19 @@ def plan_from(facts: dict) -> ClipPlan:
         | others
         | {
             "seed": tuple(facts["seed"]),
-            "person": origin_from(facts["person"]),
-            "session": origin_from(facts["session"]),
+            "person": parse_origin(facts["person"]),
+            "session": parse_origin(facts["session"]),
             "build": BuildOrigin(build["name"], tuple(build["seed"]), build["kind"]),
         }
     )
 
 
-def origin_from(facts: dict) -> Origin:
+def parse_origin(facts: dict) -> Origin:
     """An origin as it stands in a line of the index."""
     return Origin(facts["name"], tuple(facts["seed"]))
 
 
-def row_of(
+def build_row(
     file: str,
     number: int,
     start: int,
@@ -154,7 +154,7 @@ def row_of(
     first: int,
     period: float,
     plan: ClipPlan,
-    clip: Clip,
+    clip: SimulatedClip,
 ) -> ClipRow:
     """The row of a clip that was made.
 
@@ -181,13 +181,13 @@ def row_of(
         )
         for place, truth in enumerate(clip.truths)
     )
-    drawn = {name: plain(value) for name, value in clip.drawn.items()}
+    drawn = {name: to_json_value(value) for name, value in clip.drawn.items()}
     regime = drawn.get("regime", drawn.get("touch0.regime", plan.regime or ""))
     group, name = int(clip.pose_group), str(regime)
     return ClipRow(file, number, start, skin, group, name, touches, drawn, plan)
 
 
-def plain(value: float | str) -> float | str:
+def to_json_value(value: float | str) -> float | str:
     """A value that any reader of JSON understands."""
     if isinstance(value, str):
         return value
@@ -207,10 +207,10 @@ def read_index(folder: Path | str) -> tuple[ClipRow, ...]:
         raise GenerationError(
             f"no index {path} ({error.strerror}); generate the set: eskin generate"
         ) from error
-    return tuple(parsed(path, number, line) for number, line in enumerate(lines, 1))
+    return tuple(parse_line(path, number, line) for number, line in enumerate(lines, 1))
 
 
-def parsed(path: Path, number: int, line: str) -> ClipRow:
+def parse_line(path: Path, number: int, line: str) -> ClipRow:
     """One line of an index."""
     try:
         return ClipRow.from_line(line)
@@ -226,7 +226,7 @@ def to_text(rows: Iterable[ClipRow]) -> str:
     return "".join(row.to_line() + "\n" for row in rows)
 
 
-def remake(row: ClipRow, maker: Maker) -> Clip:
+def remake_clip(row: ClipRow, maker: ClipGenerator) -> SimulatedClip:
     """Make one clip of a set again, alone: the same counts as in its recording.
 
     Raises:

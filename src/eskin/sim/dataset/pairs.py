@@ -9,32 +9,45 @@ from jaxtyping import Bool, Float
 from eskin.robot import load_robot
 from eskin.sim.constants import MM, load_constants
 from eskin.sim.contact.chart import Chart, build_charts
-from eskin.sim.contact.press import Press, ContactSite, TrueTouch
+from eskin.sim.contact.press import ContactSite, Press, TrueTouch
 from eskin.sim.contact.pressure import compute_pressure_field
-from eskin.sim.dataset.clip import Clip, build_of, play, session_of
-from eskin.sim.dataset.plan import INSTEAD, KINDS, SKINS, ClipPlan, PairKind, kind_named
-from eskin.sim.dataset.session_plan import plan_alone
-from eskin.sim.dataset.staging import draw_start, person_of
-from eskin.sim.people.hand import HEADS, HEEL, HAND_PADS, mirror_pads, select_pads
+from eskin.sim.dataset.clip import SimulatedClip, get_build, get_session, simulate_clip
+from eskin.sim.dataset.plan import (
+    NONE_KINDS,
+    PAIR_SIDES,
+    SIDE_SKINS,
+    ClipPlan,
+    PairKind,
+    parse_pair_kind,
+)
+from eskin.sim.dataset.session_plan import plan_single_pair
+from eskin.sim.dataset.staging import draw_start, get_person
+from eskin.sim.people.hand import HAND_PADS, HEADS, HEEL, mirror_pads, select_pads
 from eskin.sim.people.perform import perform
 from eskin.sim.people.person import Person
-from eskin.sim.scene.environment import World, build_world
+from eskin.sim.scene.environment import SimEnvironment, build_environment
 from eskin.sim.scene.folds import (
-    faces_of,
-    facing,
-    fold,
-    fold_sites,
-    gap_of,
-    points_in_world,
+    compute_facing_gaps,
+    compute_site_gap,
+    find_fold_sites,
+    press_both_sites,
+    sample_patches,
+    transform_points,
 )
-from eskin.sim.scene.poses import draw_pose, group_of, pool_of
-from eskin.sim.scene.scene import Scene, contact_steps, felt_in, moved, truths_of
-from eskin.sim.scene.validity import acceptable, limits
+from eskin.sim.scene.poses import build_pose_pool, compute_pose_group, draw_pose
+from eskin.sim.scene.scene import (
+    Scene,
+    compute_touch_presses,
+    compute_true_series,
+    find_contact_steps,
+    shift_touch,
+)
+from eskin.sim.scene.validity import are_poses_valid, compute_joint_limits
 from eskin.skin import SKIN_PRESETS, MountedSkin
 
 
 @dataclass(frozen=True, eq=False)
-class Twins:
+class PairScenes:
     """Two scenes that press the same taxels alike."""
 
     first: Scene
@@ -47,27 +60,29 @@ class Twins:
     """Its surfaces, unrolled as those of the first scene are."""
 
 
-def steps_of(plan: ClipPlan, world: World) -> tuple[int, int]:
+def count_clip_steps(plan: ClipPlan, world: SimEnvironment) -> tuple[int, int]:
     """Steps before the clip, and of all that is simulated."""
     step = world.constants.value("time.step")
     lead = round(world.constants.value("clip.before") / step)
     return lead, lead + round(plan.seconds / step)
 
 
-def still(q: Float[np.ndarray, "joint"], steps: int) -> Float[np.ndarray, "time joint"]:
+def repeat_pose(
+    q: Float[np.ndarray, "joint"], steps: int
+) -> Float[np.ndarray, "time joint"]:
     """A robot that stands in one pose."""
     return np.tile(q, (steps, 1))
 
 
-def onset_of(
-    touch: TrueTouch, plan: ClipPlan, world: World, rng: np.random.Generator
+def draw_onset(
+    touch: TrueTouch, plan: ClipPlan, world: SimEnvironment, rng: np.random.Generator
 ) -> int:
     """Step of the scene at which a touch's clock starts, all of it in the clip.
 
     A touch that is longer than the clip is cut as in other clips.
     """
-    lead, steps = steps_of(plan, world)
-    first, end = contact_steps(touch)
+    lead, steps = count_clip_steps(plan, world)
+    first, end = find_contact_steps(touch)
     free = steps - lead - (end - first)
     if free <= 0:
         return lead + draw_start(touch, steps - lead, world.constants, rng)
@@ -80,8 +95,8 @@ Sites = tuple[ContactSite, ContactSite]
 Pose = Float[np.ndarray, "joint"]
 
 
-def draw_meeting(
-    world: World,
+def draw_meeting_poses(
+    world: SimEnvironment,
     groups: frozenset[int],
     person: Person,
     rng: np.random.Generator,
@@ -99,17 +114,17 @@ def draw_meeting(
     """
     value = world.constants.value
     near, far = value("pairs.near") * MM, value("pairs.far") * MM
-    poses = meeting_poses(world)
+    poses = find_meeting_poses(world)
     tries = int(value("pairs.tries")) if len(poses) else 0
     for _ in range(tries):
         folded = poses[rng.integers(len(poses))].copy()
-        folded[0] = rng.uniform(*(each[0] for each in limits(world)))
+        folded[0] = rng.uniform(*(each[0] for each in compute_joint_limits(world)))
         apart = draw_pose(world, groups, rng)
         found = [
             sites
-            for sites in fold_sites(world, folded, person)
-            if gap_of(world, folded, *sites) <= near
-            and gap_of(world, apart, *sites) >= far
+            for sites in find_fold_sites(world, folded, person)
+            if compute_site_gap(world, folded, *sites) <= near
+            and compute_site_gap(world, apart, *sites) >= far
         ]
         if found:
             return folded, apart, found[rng.integers(len(found))]
@@ -120,65 +135,69 @@ def draw_meeting(
 
 
 @lru_cache(maxsize=2)
-def meeting_poses(world: World) -> Float[np.ndarray, "pose joint"]:
+def find_meeting_poses(world: SimEnvironment) -> Float[np.ndarray, "pose joint"]:
     """Poses with the elbow bent as far as it goes, in which such patches meet.
 
     Always the same ones. Poses as others are drawn hardly ever bend it so far.
     """
     value, elbow = world.constants.value, world.joint(ELBOW)
     rng = np.random.default_rng(int(value("robot.pool_seed")))
-    low, high = limits(world)
+    low, high = compute_joint_limits(world)
     count = int(value("pairs.pool"))
     q = rng.uniform(low, high, (count, len(low)))
     bent = np.deg2rad(world.constants.array("pairs.elbow"))
     q[:, elbow] = rng.uniform(bent[0], bent[1], count) * rng.choice([-1, 1], count)
-    q = q[acceptable(world, q)]
-    gaps, _ = facing(world, world.poses(q))
-    gaps = gaps[:, partable(world)]
+    q = q[are_poses_valid(world, q)]
+    gaps, _ = compute_facing_gaps(world, world.poses(q))
+    gaps = gaps[:, find_separable_pairs(world)]
     return q[gaps.min(axis=1, initial=np.inf) <= value("pairs.near") * MM]
 
 
-def partable(world: World) -> Bool[np.ndarray, "pair"]:
+def find_separable_pairs(world: SimEnvironment) -> Bool[np.ndarray, "pair"]:
     """Which pairs of charts are far apart in some pose, middle from middle."""
-    faces = faces_of(world)
+    faces = sample_patches(world)
     charts = np.arange(len(world.charts))
     widest = np.zeros(len(faces.pairs))
-    for q in np.concatenate(list(pool_of(world).any.values())):
-        middles = points_in_world(world, charts, faces.balls[:, :3], world.poses(q))
+    for q in np.concatenate(list(build_pose_pool(world).any.values())):
+        middles = transform_points(world, charts, faces.balls[:, :3], world.poses(q))
         one, other = middles[faces.pairs[:, 0]], middles[faces.pairs[:, 1]]
         widest = np.maximum(widest, np.linalg.norm(one - other, axis=1))
     return widest >= world.constants.value("pairs.far") * MM
 
 
 @lru_cache(maxsize=1)
-def flat_side() -> tuple[MountedSkin, tuple[Chart, ...]]:
+def build_flat_side() -> tuple[MountedSkin, tuple[Chart, ...]]:
     """The patch laid flat, and its one chart."""
     preset = SKIN_PRESETS["flat"]
     mounted = MountedSkin(preset.build(), load_robot(preset.robot))
     return mounted, build_charts(mounted)
 
 
-def draw_bending(plan: ClipPlan, world: World, rng: np.random.Generator) -> Twins:
+def draw_bending(
+    plan: ClipPlan, world: SimEnvironment, rng: np.random.Generator
+) -> PairScenes:
     """A grab of the patch round the tube, and the same on it as it lies flat."""
-    _, steps = steps_of(plan, world)
+    _, steps = count_clip_steps(plan, world)
     q = np.zeros((steps, 0))
-    grabs = () if plan.kind == "idle" else (draw_grab(plan, world, rng),)
+    grabs = () if plan.kind == "idle" else (draw_bending_grab(plan, world, rng),)
     presses = tuple(
-        replace(touch, gesture="none", kind=INSTEAD["grab"]) for touch in grabs
+        replace(touch, gesture="none", kind=NONE_KINDS["grab"]) for touch in grabs
     )
-    return Twins(Scene(q, grabs), Scene(q, presses), *flat_side())
+    return PairScenes(Scene(q, grabs), Scene(q, presses), *build_flat_side())
 
 
-def draw_grab(plan: ClipPlan, world: World, rng: np.random.Generator) -> TrueTouch:
+def draw_bending_grab(
+    plan: ClipPlan, world: SimEnvironment, rng: np.random.Generator
+) -> TrueTouch:
     """A grab somewhere on the patch, by the person's taste."""
     touch = perform(
-        *("grab", None, person_of(plan.person, world), draw_site(world, rng)),
+        *("grab", None, get_person(plan.person, world), draw_bending_site(world, rng)),
         *(world.constants, rng, plan.difficulty, plan.regime),
     )
-    return moved(touch, onset_of(touch, plan, world, rng))
+    return shift_touch(touch, draw_onset(touch, plan, world, rng))
 
 
-def draw_site(world: World, rng: np.random.Generator) -> ContactSite:
+def draw_bending_site(world: SimEnvironment, rng: np.random.Generator) -> ContactSite:
     """Near the middle of the patch, the hand round the tube either way."""
     chart = world.charts[0]
     off = world.constants.value("pairs.off") * MM
@@ -188,51 +207,53 @@ def draw_site(world: World, rng: np.random.Generator) -> ContactSite:
     return ContactSite(0, (s, t), chart.radius, (float(low), float(high)), float(angle))
 
 
-def draw_merging(plan: ClipPlan, world: World, rng: np.random.Generator) -> Twins:
+def draw_merging(
+    plan: ClipPlan, world: SimEnvironment, rng: np.random.Generator
+) -> PairScenes:
     """One gesture on two patches that meet, and two touches of them far apart.
 
     Raises:
         ValueError: no poses or no touch were found.
     """
-    person = person_of(plan.person, world)
-    _, steps = steps_of(plan, world)
-    folded, apart, touches = draw_touched(plan, world, person, rng)
-    return Twins(
-        Scene(still(folded, steps), touches),
-        Scene(still(apart, steps), tuple(split(touches))),
+    person = get_person(plan.person, world)
+    _, steps = count_clip_steps(plan, world)
+    folded, apart, touches = draw_merging_touch(plan, world, person, rng)
+    return PairScenes(
+        Scene(repeat_pose(folded, steps), touches),
+        Scene(repeat_pose(apart, steps), tuple(split_presses(touches))),
         world.mounted,
         world.charts,
     )
 
 
-def draw_touched(
-    plan: ClipPlan, world: World, person: Person, rng: np.random.Generator
+def draw_merging_touch(
+    plan: ClipPlan, world: SimEnvironment, person: Person, rng: np.random.Generator
 ) -> tuple[Pose, Pose, tuple[TrueTouch, ...]]:
     """Both poses and the gesture, which is felt on either patch."""
     for _ in range(int(world.constants.value("pairs.tries"))):
         groups = frozenset(plan.groups)
-        folded, apart, sites = draw_meeting(world, groups, person, rng)
+        folded, apart, sites = draw_meeting_poses(world, groups, person, rng)
         if plan.kind == "idle":
             return folded, apart, ()
-        touch = draw_touch(plan, world, person, sites, rng)
+        touch = draw_shared_touch(plan, world, person, sites, rng)
         if touch is not None:
-            touch = moved(touch, onset_of(touch, plan, world, rng))
+            touch = shift_touch(touch, draw_onset(touch, plan, world, rng))
             return folded, apart, (touch,)
     raise ValueError("no touch came out that is felt on two patches; lower pairs.felt")
 
 
-def split(touches: tuple[TrueTouch, ...]) -> list[TrueTouch]:
+def split_presses(touches: tuple[TrueTouch, ...]) -> list[TrueTouch]:
     """Each press of a gesture as a touch of its own, which is none."""
     return [
-        replace(touch, gesture="none", kind=INSTEAD[touch.gesture], presses=(press,))
+        replace(touch, gesture="none", kind=NONE_KINDS[touch.gesture], presses=(press,))
         for touch in touches
         for press in touch.presses
     ]
 
 
-def draw_touch(
+def draw_shared_touch(
     plan: ClipPlan,
-    world: World,
+    world: SimEnvironment,
     person: Person,
     sites: Sites,
     rng: np.random.Generator,
@@ -242,26 +263,30 @@ def draw_touch(
     None where it hardly comes out so, as on a narrow patch or by a light hand.
     """
     assert plan.pair is not None
-    draw = pat_both if plan.pair.gesture == "double_pat" else hook
+    draw = draw_shared_pat if plan.pair.gesture == "double_pat" else draw_hook
     least = world.constants.value("pairs.felt")
     for _ in range(int(world.constants.value("pairs.touches"))):
         touch = draw(plan, world, person, sites, rng)
-        if touch is not None and min(peaks_of(touch, world)) >= least:
+        if touch is not None and min(compute_peak_pressures(touch, world)) >= least:
             return touch
     return None
 
 
-def peaks_of(touch: TrueTouch, world: World) -> list[float]:
+def compute_peak_pressures(touch: TrueTouch, world: SimEnvironment) -> list[float]:
     """Largest pressure of each press of a touch [kPa]."""
     return [
-        float(compute_pressure_field(p, world.charts[p.chart], world.constants).pressure.max(initial=0.0))
+        float(
+            compute_pressure_field(
+                p, world.charts[p.chart], world.constants
+            ).pressure.max(initial=0.0)
+        )
         for p in touch.presses
     ]
 
 
-def pat_both(
+def draw_shared_pat(
     plan: ClipPlan,
-    world: World,
+    world: SimEnvironment,
     person: Person,
     sites: Sites,
     rng: np.random.Generator,
@@ -277,15 +302,20 @@ def pat_both(
     )
     if touch.drawn["stays"] or not low <= float(touch.drawn["interval"]) <= high:
         return None
-    return replace(touch, presses=parted(touch.presses[0], *sites))
+    return replace(touch, presses=split_pats(touch.presses[0], *sites))
 
 
-def parted(press: Press, first: ContactSite, second: ContactSite) -> tuple[Press, Press]:
+def split_pats(
+    press: Press, first: ContactSite, second: ContactSite
+) -> tuple[Press, Press]:
     """The first pat where it was and the second at another site."""
     pressed = np.flatnonzero(press.force > 0)
     last = pressed[np.argmax(np.diff(pressed))]
     cut = int(last) + 1
-    earlier, later = part(press, slice(0, cut)), part(press, slice(cut, None))
+    earlier, later = (
+        slice_press(press, slice(0, cut)),
+        slice_press(press, slice(cut, None)),
+    )
     onward = replace(
         later,
         chart=second.chart,
@@ -296,16 +326,16 @@ def parted(press: Press, first: ContactSite, second: ContactSite) -> tuple[Press
     return earlier, onward
 
 
-def part(press: Press, steps: slice) -> Press:
+def slice_press(press: Press, steps: slice) -> Press:
     """Some steps of a press."""
     series = press.force[steps], press.centre[steps], press.angle[steps]
     force, centre, angle = series
     return replace(press, force=force, centre=centre, angle=angle)
 
 
-def hook(
+def draw_hook(
     plan: ClipPlan,
-    world: World,
+    world: SimEnvironment,
     person: Person,
     sites: Sites,
     rng: np.random.Generator,
@@ -320,25 +350,25 @@ def hook(
     )
     (press,) = touch.presses
     stiff = replace(touch, presses=(replace(press, flesh=person.flesh),))
-    fingers, back = fold(stiff, *sites, 1 / 2).presses
+    fingers, back = press_both_sites(stiff, *sites, 1 / 2).presses
     hand, behind = press.stamps, mirror_pads(press.stamps)
     fingers = replace(fingers, stamps=select_pads(hand, HAND_PADS[:12]))
     back = replace(back, stamps=select_pads(behind, HEADS + HEEL))
     return replace(touch, kind="hook", presses=(fingers, back))
 
 
-DRAWN = {"bending": draw_bending, "merging": draw_merging}
+PAIR_DRAWS = {"bending": draw_bending, "merging": draw_merging}
 
 
 @dataclass(frozen=True, eq=False)
-class Pair:
+class ClipPair:
     """Two clips with the same counts, of which only one shows a gesture."""
 
     kind: PairKind
     """What tells them apart: the shape of the skin, or the pose of the robot."""
-    first: Clip
+    first: SimulatedClip
     """With the gesture."""
-    second: Clip
+    second: SimulatedClip
     """With what is none."""
     labels: tuple[str, str]
     """What is done in either."""
@@ -350,8 +380,8 @@ def make_pair(
     kind: str,
     seed: int,
     difficulty: float | None = None,
-    world: World | None = None,
-) -> Pair:
+    world: SimEnvironment | None = None,
+) -> ClipPair:
     """Make a pair alone, its person and sensor drawn from the same seed.
 
     Args:
@@ -363,22 +393,22 @@ def make_pair(
     Raises:
         ValueError: there is no such kind, or patches of the world never meet.
     """
-    chosen = kind_named(kind)
-    world = world or world_of(SKINS.get(KINDS[chosen][0], "ur5"))
+    chosen = parse_pair_kind(kind)
+    world = world or load_environment(SIDE_SKINS.get(PAIR_SIDES[chosen][0], "ur5"))
     published = world.constants.value("sets.difficulty")
     level = published if difficulty is None else difficulty
-    return pair_of(plan_alone(chosen, seed, level, world.constants), world)
+    return simulate_pair(plan_single_pair(chosen, seed, level, world.constants), world)
 
 
 @lru_cache(maxsize=2)
-def world_of(skin: str) -> World:
+def load_environment(skin: str) -> SimEnvironment:
     """A preset skin on its robot, prepared for touching."""
     preset = SKIN_PRESETS[skin]
     mounted = MountedSkin(preset.build(), load_robot(preset.robot))
-    return build_world(mounted, load_constants())
+    return build_environment(mounted, load_constants())
 
 
-def pair_of(plan: ClipPlan, world: World) -> Pair:
+def simulate_pair(plan: ClipPlan, world: SimEnvironment) -> ClipPair:
     """Both clips of the pair that a plan belongs to.
 
     Args:
@@ -387,39 +417,41 @@ def pair_of(plan: ClipPlan, world: World) -> Pair:
     """
     assert plan.pair is not None
     rng, kind = plan.rng(), plan.pair.kind
-    twins = DRAWN[kind](plan, world, rng)
-    lead, _ = steps_of(plan, world)
-    build = build_of(plan.build, world)
-    session = session_of(plan.session, build)
-    played = play(twins.first, lead, build, session, world, rng)
-    first = described(played, twins.first, plan, world, lead)
-    second = described(
-        second_of(played, twins, world, lead), twins.second, plan, world, lead
+    twins = PAIR_DRAWS[kind](plan, world, rng)
+    lead, _ = count_clip_steps(plan, world)
+    build = get_build(plan.build, world)
+    session = get_session(plan.session, build)
+    played = simulate_clip(twins.first, lead, build, session, world, rng)
+    first = describe_clip(played, twins.first, plan, world, lead)
+    second = describe_clip(
+        build_second_clip(played, twins, world, lead), twins.second, plan, world, lead
     )
     mounted = world.mounted, twins.mounted
-    return Pair(kind, first, second, (plan.pair.gesture, "none"), mounted)
+    return ClipPair(kind, first, second, (plan.pair.gesture, "none"), mounted)
 
 
-def clip_of(plan: ClipPlan, world: World) -> Clip:
+def make_pair_clip(plan: ClipPlan, world: SimEnvironment) -> SimulatedClip:
     """The clip of a plan that is of a pair."""
-    pair = pair_of(plan, world)
+    pair = simulate_pair(plan, world)
     assert plan.pair is not None
     return pair.second if plan.pair.is_second else pair.first
 
 
-def second_of(first: Clip, twins: Twins, world: World, lead: int) -> Clip:
+def build_second_clip(
+    first: SimulatedClip, twins: PairScenes, world: SimEnvironment, lead: int
+) -> SimulatedClip:
     """The same counts with the truth of the second scene."""
     scene = twins.second
-    felt = felt_in(scene, world)
-    truths = truths_of(scene, felt, twins.charts, twins.mounted, lead, world)
+    felt = compute_touch_presses(scene, world)
+    truths = compute_true_series(scene, felt, twins.charts, twins.mounted, lead, world)
     readings = len(first.counts)
     every = (len(scene.q) - lead) // readings
     return replace(first, q=scene.q[lead::every][:readings], truths=truths)
 
 
-def described(
-    clip: Clip, scene: Scene, plan: ClipPlan, world: World, lead: int
-) -> Clip:
+def describe_clip(
+    clip: SimulatedClip, scene: Scene, plan: ClipPlan, world: SimEnvironment, lead: int
+) -> SimulatedClip:
     """The same clip with its group of poses and all that was drawn for it."""
     assert plan.pair is not None
     start = scene.q[lead]
@@ -430,5 +462,5 @@ def described(
     for number, touch in enumerate(scene.touches):
         drawn[f"touch{number}.kind"] = touch.kind
         drawn |= {f"touch{number}.{name}": each for name, each in touch.drawn.items()}
-    group = group_of(world, start) if joints else 0
+    group = compute_pose_group(world, start) if joints else 0
     return replace(clip, pose_group=group, drawn=drawn)

@@ -8,7 +8,7 @@ import numpy as np
 PairKind = Literal["bending", "merging"]
 Side = Literal["bent", "flat", "folded", "apart"]
 
-KINDS: dict[PairKind, tuple[Side, Side]] = {
+PAIR_SIDES: dict[PairKind, tuple[Side, Side]] = {
     "bending": ("bent", "flat"),
     "merging": ("folded", "apart"),
 }
@@ -17,13 +17,13 @@ KINDS: dict[PairKind, tuple[Side, Side]] = {
 SIDES: tuple[Side, ...] = ("bent", "flat", "folded", "apart")
 """All sides; each has a folder of its own."""
 
-SKINS: dict[str, str] = {"bent": "bent", "flat": "flat"}
+SIDE_SKINS: dict[str, str] = {"bent": "bent", "flat": "flat"}
 """Presets of the sides that have a skin of their own."""
 
-SOURCES = {"flat": "bent"}
+SOURCE_SKINS = {"flat": "bent"}
 """The preset that a side's counts are made on, where that is not its own."""
 
-INSTEAD = {"grab": "press", "double_pat": "single_pat"}
+NONE_KINDS = {"grab": "press", "double_pat": "single_pat"}
 """Kind of `none` that has the counts of a gesture on the other side."""
 
 
@@ -41,29 +41,29 @@ class PairPlace:
     @property
     def kind(self) -> PairKind:
         """What tells the two clips apart."""
-        return kind_of_side(self.side)
+        return find_pair_kind(self.side)
 
     @property
     def is_second(self) -> bool:
         """Whether it is the one that is `none`."""
-        return self.side == KINDS[self.kind][1]
+        return self.side == PAIR_SIDES[self.kind][1]
 
 
-def kind_named(name: str) -> PairKind:
+def parse_pair_kind(name: str) -> PairKind:
     """The kind of pair of that name.
 
     Raises:
         ValueError: there is none.
     """
-    for kind in KINDS:
+    for kind in PAIR_SIDES:
         if kind == name:
             return kind
-    raise ValueError(f"no pairs of '{name}'; allowed are {', '.join(KINDS)}")
+    raise ValueError(f"no pairs of '{name}'; allowed are {', '.join(PAIR_SIDES)}")
 
 
-def kind_of_side(side: Side) -> PairKind:
+def find_pair_kind(side: Side) -> PairKind:
     """The kind of pair that a side is of."""
-    return "bending" if side in KINDS["bending"] else "merging"
+    return "bending" if side in PAIR_SIDES["bending"] else "merging"
 
 
 Seed = tuple[int, ...]

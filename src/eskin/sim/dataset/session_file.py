@@ -15,19 +15,21 @@ from eskin.recording import (
     build_rough_ranges,
     label_automatically,
 )
-from eskin.sim.dataset.clip import Clip
-from eskin.sim.dataset.clip_generator import Maker
-from eskin.sim.dataset.index import ClipRow, row_of
+from eskin.sim.dataset.clip import SimulatedClip
+from eskin.sim.dataset.clip_generator import ClipGenerator
+from eskin.sim.dataset.index import ClipRow, build_row
 from eskin.sim.dataset.kernels import largest_pressure
 from eskin.sim.dataset.plan import ClipPlan
-from eskin.sim.dataset.session_plan import Sitting
-from eskin.sim.dataset.settings import Settings
-from eskin.sim.scene.scene import TrueSeries
+from eskin.sim.dataset.session_plan import SessionPlan
+from eskin.sim.dataset.settings import GenerationSettings
+from eskin.sim.scene.scene import TrueTouchSeries
 from eskin.touch import Calibration
 from eskin.units import NS_PER_S
 
 
-def true_labels(plan: ClipPlan, clip: Clip, start: int) -> tuple[Label, ...]:
+def build_true_labels(
+    plan: ClipPlan, clip: SimulatedClip, start: int
+) -> tuple[Label, ...]:
     """From first to last contact: of the touch a clip is made for, or of a stream's.
 
     Touches of a stream that overlap an earlier one have no label, since labels of one
@@ -35,34 +37,38 @@ def true_labels(plan: ClipPlan, clip: Clip, start: int) -> tuple[Label, ...]:
     """
     stream = plan.gesture is None
     if plan.pair is not None:
-        return pair_labels(plan, clip, start)
+        return build_pair_labels(plan, clip, start)
     wanted = [truth for truth in clip.truths if stream or truth.number == 0]
     found: list[Label] = []
     for truth in sorted(wanted, key=lambda truth: (truth.onset, truth.number)):
-        label = label_of(truth, plan, start)
+        label = build_label(truth, plan, start)
         if label is not None and (not found or label.start >= found[-1].end):
             found.append(label)
     return tuple(found)
 
 
-def pair_labels(plan: ClipPlan, clip: Clip, start: int) -> tuple[Label, ...]:
+def build_pair_labels(
+    plan: ClipPlan, clip: SimulatedClip, start: int
+) -> tuple[Label, ...]:
     """One label over all touches, so that either clip of a pair has it alike."""
     if not clip.truths:
         return ()
     first = min(clip.truths, key=lambda truth: truth.onset)
     whole = replace(first, end=max(truth.end for truth in clip.truths))
-    label = label_of(whole, plan, start)
+    label = build_label(whole, plan, start)
     return () if label is None else (label,)
 
 
-def label_of(truth: TrueSeries, plan: ClipPlan, start: int) -> Label | None:
+def build_label(truth: TrueTouchSeries, plan: ClipPlan, start: int) -> Label | None:
     """The label of a touch as far as its clip shows it; None where it does not."""
     onset, end = np.clip([truth.onset, truth.end], 0.0, plan.seconds)
     first, last = (start + round(float(t) * NS_PER_S) for t in (onset, end))
     return Label(first, last, truth.gesture, "true") if last > first else None
 
 
-def ranges_of(plan: ClipPlan, truth: Iterable[Label], start: int) -> tuple[Label, ...]:
+def build_ranges(
+    plan: ClipPlan, truth: Iterable[Label], start: int
+) -> tuple[Label, ...]:
     """Where a person would say that something was done: the clip, or parts of a stream.
 
     Args:
@@ -76,7 +82,7 @@ def ranges_of(plan: ClipPlan, truth: Iterable[Label], start: int) -> tuple[Label
     return (Label(start, end, plan.gesture, "range"),)
 
 
-def rest_of(lead: Clip) -> Int[np.ndarray, "taxel"]:
+def compute_rest_counts(lead: SimulatedClip) -> Int[np.ndarray, "taxel"]:
     """Counts of each taxel at rest: the median of a clip without touch.
 
     A taxel that was never heard rests above anything it could count.
@@ -86,7 +92,7 @@ def rest_of(lead: Clip) -> Int[np.ndarray, "taxel"]:
     return np.rint(np.nanmedian(heard, axis=0)).astype(np.int32)
 
 
-def peaks_of(
+def compute_peak_pressures(
     counts: Int[np.ndarray, "reading taxel"],
     received: Bool[np.ndarray, "reading taxel"],
     rest: Int[np.ndarray, "taxel"],
@@ -106,7 +112,7 @@ def peaks_of(
     return peaks + np.minimum(peaks, calibration.unfelt)
 
 
-def auto_labels(
+def build_auto_labels(
     stamps: Sequence[Int[np.ndarray, "reading"]],
     peaks: Sequence[Float[np.ndarray, "reading"]],
     ranges: Iterable[Label],
@@ -118,11 +124,11 @@ def auto_labels(
 GESTURE_SET = "paper"
 
 
-def write_sitting(
+def write_session(
     folder: Path,
-    settings: Settings,
-    sitting: Sitting,
-    maker: Maker,
+    settings: GenerationSettings,
+    sitting: SessionPlan,
+    maker: ClipGenerator,
     go_on: Callable[[], None] = lambda: None,
 ) -> tuple[ClipRow, ...]:
     """Make the clips of a sitting and write its file; return their rows.
@@ -145,15 +151,15 @@ def write_sitting(
         maker.robot_name,
         maker.mounted.skin,
         calibration,
-        metadata_of(settings, sitting),
+        build_metadata(settings, sitting),
         maker.mounted.robot.joint_names,
     )
     try:
         with writer:
-            sheet = Sheet(writer, calibration, sitting, settings)
+            sheet = SessionWriter(writer, calibration, sitting, settings)
             for number, plan in enumerate(settings.plans(sitting), -1):
                 go_on()
-                sheet.add(number, plan, made(maker, plan, number, sitting))
+                sheet.add(number, plan, generate_clip(maker, plan, number, sitting))
             sheet.finish()
     except BaseException:
         writer.part.unlink(missing_ok=True)
@@ -161,7 +167,7 @@ def write_sitting(
     return tuple(sheet.rows)
 
 
-def metadata_of(settings: Settings, sitting: Sitting) -> Metadata:
+def build_metadata(settings: GenerationSettings, sitting: SessionPlan) -> Metadata:
     """Who and what was recorded."""
     notes = {
         "build": sitting.build.name,
@@ -179,7 +185,9 @@ def metadata_of(settings: Settings, sitting: Sitting) -> Metadata:
     )
 
 
-def made(maker: Maker, plan: ClipPlan, number: int, sitting: Sitting) -> Clip:
+def generate_clip(
+    maker: ClipGenerator, plan: ClipPlan, number: int, sitting: SessionPlan
+) -> SimulatedClip:
     """The clip of a plan, or an error that names it."""
     where = "the lead-in" if number < 0 else f"clip {number}"
     try:
@@ -199,15 +207,15 @@ def made(maker: Maker, plan: ClipPlan, number: int, sitting: Sitting) -> Clip:
     return clip
 
 
-class Sheet:
+class SessionWriter:
     """Writes clip after clip and keeps what is needed at the end of the file."""
 
     def __init__(
         self,
         writer: RecordingWriter,
         calibration: Calibration,
-        sitting: Sitting,
-        settings: Settings,
+        sitting: SessionPlan,
+        settings: GenerationSettings,
     ) -> None:
         """Start with nothing."""
         self.writer = writer
@@ -221,28 +229,30 @@ class Sheet:
         self.peaks: list[np.ndarray] = []
         self.rest = np.empty(0, dtype=np.int32)
 
-    def add(self, number: int, plan: ClipPlan, clip: Clip) -> None:
+    def add(self, number: int, plan: ClipPlan, clip: SimulatedClip) -> None:
         """Write a clip; the first one, number -1, is the lead-in."""
         start = self.sitting.start + round(plan.at * NS_PER_S)
         step = round(self.period * NS_PER_S)
         stamps = start + step * np.arange(len(clip.counts), dtype=np.int64)
         self.write(stamps, clip)
         if number < 0:
-            self.rest = rest_of(clip)
+            self.rest = compute_rest_counts(clip)
             return
-        truth = true_labels(plan, clip, start)
+        truth = build_true_labels(plan, clip, start)
         for label in truth:
             self.writer.write_label(label)
-        self.ranges += ranges_of(plan, truth, start)
+        self.ranges += build_ranges(plan, truth, start)
         self.stamps.append(stamps)
         self.peaks.append(
-            peaks_of(clip.counts, clip.received, self.rest, self.calibration)
+            compute_peak_pressures(
+                clip.counts, clip.received, self.rest, self.calibration
+            )
         )
         place = (self.sitting.file, number, start, self.writer.skin.name)
-        self.rows.append(row_of(*place, self.touches, self.period, plan, clip))
+        self.rows.append(build_row(*place, self.touches, self.period, plan, clip))
         self.touches += len(clip.truths)
 
-    def write(self, stamps: Int[np.ndarray, "reading"], clip: Clip) -> None:
+    def write(self, stamps: Int[np.ndarray, "reading"], clip: SimulatedClip) -> None:
         """Write the scans and the truth second by second, as chunks are."""
         many = round(1 / self.period)
         for first in range(0, len(stamps), many):
@@ -256,7 +266,7 @@ class Sheet:
     def write_truth(
         self,
         stamps: Int[np.ndarray, "reading"],
-        truth: TrueSeries,
+        truth: TrueTouchSeries,
         number: int,
         part: slice,
     ) -> None:
@@ -267,5 +277,5 @@ class Sheet:
 
     def finish(self) -> None:
         """Write the automatic labels; their threshold needs the whole file."""
-        for label in auto_labels(self.stamps, self.peaks, self.ranges):
+        for label in build_auto_labels(self.stamps, self.peaks, self.ranges):
             self.writer.write_label(label)

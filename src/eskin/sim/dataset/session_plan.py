@@ -10,9 +10,9 @@ import numpy as np
 
 from eskin.sim.constants import Constants
 from eskin.sim.dataset.plan import (
-    INSTEAD,
-    KINDS,
-    SKINS,
+    NONE_KINDS,
+    PAIR_SIDES,
+    SIDE_SKINS,
     BuildOrigin,
     ClipPlan,
     Origin,
@@ -20,14 +20,14 @@ from eskin.sim.dataset.plan import (
     PairPlace,
     Seed,
     Side,
-    kind_of_side,
+    find_pair_kind,
 )
 from eskin.sim.dataset.sets import ClipSet
 from eskin.units import NS_PER_S
 
 
 @dataclass(frozen=True)
-class Sitting:
+class SessionPlan:
     """One file of a set: the skin is attached once, one person touches."""
 
     file: str
@@ -50,7 +50,7 @@ class Sitting:
     """Its first stamp [ns since the epoch]."""
 
 
-def seed_of(role: str, first: int, second: int, seed: int) -> Seed:
+def build_seed(role: str, first: int, second: int, seed: int) -> Seed:
     """The seed of something in a role; no two things share one.
 
     The seed of the set comes last since it may take any number of words.
@@ -58,68 +58,70 @@ def seed_of(role: str, first: int, second: int, seed: int) -> Seed:
     return (zlib.crc32(role.encode()), first, second, seed)
 
 
-def sittings_of(
+def plan_sessions(
     chosen: ClipSet, seed: int, constants: Constants
-) -> tuple[Sitting, ...]:
+) -> tuple[SessionPlan, ...]:
     """The files of a set, in order."""
     people = [
-        Origin(f"{chosen.people}-p{i}", seed_of(f"person {chosen.people}", i, 0, seed))
+        Origin(
+            f"{chosen.people}-p{i}", build_seed(f"person {chosen.people}", i, 0, seed)
+        )
         for i in range(chosen.subjects)
     ]
-    found: list[Sitting] = []
+    found: list[SessionPlan] = []
     for part in chosen.parts:
         first = 0
-        for subject, clips in shares_of(chosen, part.clips, constants):
+        for subject, clips in split_clips(chosen, part.clips, constants):
             number = len(found)
             name = f"{chosen.name}-{number:04d}"
             others = people[:subject] + people[subject + 1 :]
             found.append(
-                Sitting(
+                SessionPlan(
                     file=f"{part.folder}/{name}.mcap".lstrip("/"),
                     number=number,
                     first=first,
                     clips=clips,
                     person=people[subject],
                     others=tuple(others),
-                    build=build_of(chosen, subject, seed),
+                    build=plan_build(chosen, subject, seed),
                     session=Origin(
-                        name, seed_of(f"session {chosen.name}", number, 0, seed)
+                        name, build_seed(f"session {chosen.name}", number, 0, seed)
                     ),
-                    start=start_of(number, constants),
+                    start=compute_start(number, constants),
                 )
             )
             first += clips
     return tuple(found)
 
 
-def build_of(chosen: ClipSet, subject: int, seed: int) -> BuildOrigin:
+def plan_build(chosen: ClipSet, subject: int, seed: int) -> BuildOrigin:
     """The sensor that a person meets."""
     number = subject % chosen.build_count
     role = f"build {chosen.builds}"
     return BuildOrigin(
         f"{chosen.builds}-b{number}",
-        seed_of(role, number, 0, seed),
+        build_seed(role, number, 0, seed),
         chosen.build_kind,
     )
 
 
-def start_of(number: int, constants: Constants) -> int:
+def compute_start(number: int, constants: Constants) -> int:
     """The first stamp of a file [ns since the epoch]."""
     epoch, apart = constants.value("sets.epoch"), constants.value("sets.apart")
     return (int(epoch) + number * int(apart)) * NS_PER_S
 
 
-def shares_of(
+def split_clips(
     chosen: ClipSet, clips: int, constants: Constants
 ) -> Iterator[tuple[int, int]]:
     """Person and number of clips of each sitting of a part."""
     most = int(constants.value("clip.most")) if chosen.classes else 1
-    for subject, share in enumerate(evenly(clips, chosen.subjects)):
-        for count in evenly(share, -(-share // most)):
+    for subject, share in enumerate(split_evenly(clips, chosen.subjects)):
+        for count in split_evenly(share, -(-share // most)):
             yield subject, count
 
 
-def evenly(total: int, shares: int) -> list[int]:
+def split_evenly(total: int, shares: int) -> list[int]:
     """A number in so many shares that differ by one at most; none is empty."""
     parts = [total * (i + 1) // shares - total * i // shares for i in range(shares)]
     return [part for part in parts if part]
@@ -129,8 +131,8 @@ IDLE = "idle"
 """Kind of `none` in which nothing touches."""
 
 
-def plans_of(
-    sitting: Sitting,
+def plan_clips(
+    sitting: SessionPlan,
     chosen: ClipSet,
     seed: int,
     difficulty: float,
@@ -145,10 +147,10 @@ def plans_of(
         difficulty: of all clips.
         constants: numbers of the world.
     """
-    rng = generator(seed_of(f"order {chosen.name}", sitting.number, 0, seed))
-    lead = lead_in(sitting, chosen, seed, difficulty, constants)
-    gestures = gestures_of(sitting, chosen, rng)
-    seconds = seconds_of(sitting, chosen, seed, constants)
+    rng = build_rng(build_seed(f"order {chosen.name}", sitting.number, 0, seed))
+    lead = plan_lead_in(sitting, chosen, seed, difficulty, constants)
+    gestures = draw_gestures(sitting, chosen, rng)
+    seconds = draw_seconds(sitting, chosen, seed, constants)
     every = constants.value("clip.every")
     chance = difficulty * constants.value("clip.concurrent")
     plans = [lead]
@@ -156,13 +158,13 @@ def plans_of(
         plans.append(
             replace(
                 lead,
-                seed=seed_of(f"clip {chosen.name}", sitting.number, number, seed),
-                company=company_of(sitting, rng),
+                seed=build_seed(f"clip {chosen.name}", sitting.number, number, seed),
+                company=draw_companion(sitting, rng),
                 at=every * (number + 1),
                 seconds=seconds,
                 gesture=gesture,
                 kind=chosen.stream,
-                pose=pose_of(chosen, seed, rng),
+                pose=draw_pose_seed(chosen, seed, rng),
                 moving=bool(rng.random() >= chosen.still),
                 fold_share=constants.value("clip.fold"),
                 concurrent=min(chance, constants.value("difficulty.most")),
@@ -171,13 +173,13 @@ def plans_of(
     return tuple(plans)
 
 
-def generator(seed: Seed) -> np.random.Generator:
+def build_rng(seed: Seed) -> np.random.Generator:
     """A fresh generator."""
     return np.random.default_rng(np.random.SeedSequence(seed))
 
 
-def lead_in(
-    sitting: Sitting,
+def plan_lead_in(
+    sitting: SessionPlan,
     chosen: ClipSet,
     seed: int,
     difficulty: float,
@@ -186,7 +188,7 @@ def lead_in(
     """What calibration begins with."""
     return ClipPlan(
         set_name=chosen.name,
-        seed=seed_of(f"lead {chosen.name}", sitting.number, 0, seed),
+        seed=build_seed(f"lead {chosen.name}", sitting.number, 0, seed),
         person=sitting.person,
         company=None,
         build=sitting.build,
@@ -205,8 +207,8 @@ def lead_in(
     )
 
 
-def gestures_of(
-    sitting: Sitting, chosen: ClipSet, rng: np.random.Generator
+def draw_gestures(
+    sitting: SessionPlan, chosen: ClipSet, rng: np.random.Generator
 ) -> list[str | None]:
     """What each clip shows: equally often in a part of a set, in any order."""
     if not chosen.classes:
@@ -216,13 +218,13 @@ def gestures_of(
     return [chosen.classes[int(number) % count] for number in order]
 
 
-def seconds_of(
-    sitting: Sitting, chosen: ClipSet, seed: int, constants: Constants
+def draw_seconds(
+    sitting: SessionPlan, chosen: ClipSet, seed: int, constants: Constants
 ) -> float:
     """Length of the clips of a sitting [s]; streams share a range evenly."""
     if chosen.classes:
         return constants.value("clip.seconds")
-    rng = generator(seed_of(f"lengths {chosen.name}", 0, 0, seed))
+    rng = build_rng(build_seed(f"lengths {chosen.name}", 0, 0, seed))
     place = int(rng.permutation(chosen.clips)[sitting.number])
     low, high = constants.array(f"sets.{chosen.stream or 'stream'}_seconds")
     period = constants.value("sensor.period")
@@ -230,56 +232,60 @@ def seconds_of(
     return round(seconds / period) * period
 
 
-def company_of(sitting: Sitting, rng: np.random.Generator) -> Origin | None:
+def draw_companion(sitting: SessionPlan, rng: np.random.Generator) -> Origin | None:
     """Somebody else of the set, where there is anybody."""
     if not sitting.others:
         return None
     return sitting.others[int(rng.integers(len(sitting.others)))]
 
 
-def pose_of(chosen: ClipSet, seed: int, rng: np.random.Generator) -> Seed | None:
+def draw_pose_seed(chosen: ClipSet, seed: int, rng: np.random.Generator) -> Seed | None:
     """One of the poses of the set, where it has only some."""
     if chosen.poses is None:
         return None
     number = int(rng.integers(chosen.poses))
-    return seed_of(f"pose {chosen.people}", number, 0, seed)
+    return build_seed(f"pose {chosen.people}", number, 0, seed)
 
 
-def pair_sittings(sittings: Sequence[Sitting], seed: int) -> tuple[Sitting, ...]:
+def plan_pair_sessions(
+    sittings: Sequence[SessionPlan], seed: int
+) -> tuple[SessionPlan, ...]:
     """Sittings of a set of pairs, those of either side of a kind in one session."""
     found = []
     for sitting in sittings:
-        kind = kind_of_side(side_of(sitting))
+        kind = find_pair_kind(find_side(sitting))
         name = f"pairs-{kind}-{sitting.first:04d}"
-        origin = Origin(name, seed_of(f"session pairs {kind}", sitting.first, 0, seed))
+        origin = Origin(
+            name, build_seed(f"session pairs {kind}", sitting.first, 0, seed)
+        )
         found.append(replace(sitting, session=origin))
     return tuple(found)
 
 
-def side_of(sitting: Sitting) -> Side:
+def find_side(sitting: SessionPlan) -> Side:
     """The side that a sitting is of, which its folder is called by."""
     return cast(Side, PurePosixPath(sitting.file).parent.name)
 
 
-def skin_of(sitting: Sitting, skin: str) -> str:
+def find_skin(sitting: SessionPlan, skin: str) -> str:
     """The preset that a sitting of a set of pairs is made with."""
-    return SKINS.get(side_of(sitting), skin)
+    return SIDE_SKINS.get(find_side(sitting), skin)
 
 
-def pair_plans(
-    sitting: Sitting,
+def plan_pair_clips(
+    sitting: SessionPlan,
     chosen: ClipSet,
     seed: int,
     difficulty: float,
     constants: Constants,
 ) -> tuple[ClipPlan, ...]:
     """The lead-in of a sitting, without touch, then its side of each pair."""
-    side = side_of(sitting)
-    kind = kind_of_side(side)
-    usual = lead_in(sitting, chosen, seed, difficulty, constants)
+    side = find_side(sitting)
+    kind = find_pair_kind(side)
+    usual = plan_lead_in(sitting, chosen, seed, difficulty, constants)
     lead = replace(
         usual,
-        seed=seed_of(f"lead pairs {kind}", sitting.first, 0, seed),
+        seed=build_seed(f"lead pairs {kind}", sitting.first, 0, seed),
         pair=PairPlace(-1, side, "none"),
     )
     every = constants.value("clip.every")
@@ -287,11 +293,11 @@ def pair_plans(
     for place in range(sitting.clips):
         number = sitting.first + place
         at = every * (place + 1)
-        plans.append(pair_plan(lead, side, number, at, seed, constants))
+        plans.append(plan_pair_clip(lead, side, number, at, seed, constants))
     return tuple(plans)
 
 
-def pair_plan(
+def plan_pair_clip(
     lead: ClipPlan, side: Side, number: int, at: float, seed: int, constants: Constants
 ) -> ClipPlan:
     """One side of a pair; the other has the same seed.
@@ -304,30 +310,30 @@ def pair_plan(
         seed: of the set.
         constants: numbers of the world.
     """
-    kind = kind_of_side(side)
+    kind = find_pair_kind(side)
     rng = np.random.default_rng(
-        np.random.SeedSequence(seed_of(f"gesture pairs {kind}", number, 0, seed))
+        np.random.SeedSequence(build_seed(f"gesture pairs {kind}", number, 0, seed))
     )
     gesture = constants.choose(f"pairs.{kind}", rng)
     place = PairPlace(number, side, gesture)
     return replace(
         lead,
-        seed=seed_of(f"clip pairs {kind}", number, 0, seed),
+        seed=build_seed(f"clip pairs {kind}", number, 0, seed),
         at=at,
         seconds=constants.value("clip.seconds"),
         gesture="none" if place.is_second else gesture,
-        kind=INSTEAD[gesture] if place.is_second else None,
+        kind=NONE_KINDS[gesture] if place.is_second else None,
         pair=place,
     )
 
 
-def plan_alone(
+def plan_single_pair(
     kind: PairKind, seed: int, difficulty: float, constants: Constants
 ) -> ClipPlan:
     """The plan of the first clip of a pair whose person and sensor are its own."""
 
     def origin(role: str) -> Origin:
-        return Origin(f"pair-{role}", seed_of(f"pair {role}", 0, 0, seed))
+        return Origin(f"pair-{role}", build_seed(f"pair {role}", 0, 0, seed))
 
     build = origin("build")
     groups = (
@@ -336,7 +342,7 @@ def plan_alone(
     )
     lead = ClipPlan(
         set_name="pairs",
-        seed=seed_of("lead pair", 0, 0, seed),
+        seed=build_seed("lead pair", 0, 0, seed),
         person=origin("person"),
         company=None,
         build=BuildOrigin(build.name, build.seed, "fresh"),
@@ -353,4 +359,4 @@ def plan_alone(
         difficulty=difficulty,
         regime=None,
     )
-    return pair_plan(lead, KINDS[kind][0], 0, 0.0, seed, constants)
+    return plan_pair_clip(lead, PAIR_SIDES[kind][0], 0, 0.0, seed, constants)

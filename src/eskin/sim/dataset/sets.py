@@ -4,17 +4,17 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 from eskin.sim.constants import Constants
-from eskin.sim.dataset.plan import ACCIDENTS, INSTEAD, KINDS, QUIET, SIDES
+from eskin.sim.dataset.plan import ACCIDENTS, NONE_KINDS, PAIR_SIDES, QUIET, SIDES
 
-GESTURES = ("poke", "double_pat", "grab", "stroke")
+PAPER_GESTURES = ("poke", "double_pat", "grab", "stroke")
 """The four of the paper."""
 
-CLASSES = (*GESTURES, "none")
+CLASSES = (*PAPER_GESTURES, "none")
 """With what is no gesture."""
 
 
 @dataclass(frozen=True)
-class Part:
+class SetPart:
     """Clips of a set that lie in a folder of their own."""
 
     folder: str
@@ -47,7 +47,7 @@ class ClipSet:
     """Share of clips in which the robot stands still."""
     classes: tuple[str, ...]
     """What is done, equally often; empty in streams, which do one after the other."""
-    parts: tuple[Part, ...]
+    parts: tuple[SetPart, ...]
     """Where its clips are."""
     stream: str | None = None
     """Kind of its streams; None where people do all that they do, and for clips."""
@@ -85,16 +85,16 @@ def load_set(name: str, constants: Constants) -> ClipSet:
         ValueError: there is none of that name.
     """
     if name == PAIRS:
-        return pair_set(constants)
+        return build_pair_set(constants)
     if name not in SETS:
         allowed = ", ".join((*SETS, PAIRS))
         raise ValueError(f"no set '{name}'; allowed are {allowed}")
     if name.startswith("paper"):
-        return paper_set(name, constants)
+        return build_paper_set(name, constants)
     if name.startswith("streams"):
-        return stream_set(name, constants)
+        return build_stream_set(name, constants)
     if name in (ACCIDENTS, QUIET):
-        return gestureless_set(name, constants)
+        return build_gestureless_set(name, constants)
     plain = {"train": "train", "val": "val"}.get(name, "test")
     shifted = name in ("test-x", "test-m")
     kind = "shifted" if shifted else "fresh"
@@ -106,21 +106,21 @@ def load_set(name: str, constants: Constants) -> ClipSet:
         builds=kind,
         build_count=int(constants.value(f"sets.builds.{kind}")),
         build_kind=kind,
-        groups=groups_of(constants, "known" if known else "new"),
+        groups=get_pose_groups(constants, "known" if known else "new"),
         poses=None,
         still=0.0 if name == "test-m" else constants.value("sets.still"),
         classes=CLASSES,
-        parts=(Part("", int(constants.value(f"sets.clips.{plain}"))),),
+        parts=(SetPart("", int(constants.value(f"sets.clips.{plain}"))),),
     )
 
 
-def groups_of(constants: Constants, *which: str) -> tuple[int, ...]:
+def get_pose_groups(constants: Constants, *which: str) -> tuple[int, ...]:
     """Pose groups, known or new."""
     lists = (constants.array(f"sets.groups.{name}") for name in which)
     return tuple(int(group) for groups in lists for group in groups)
 
 
-def paper_set(name: str, constants: Constants) -> ClipSet:
+def build_paper_set(name: str, constants: Constants) -> ClipSet:
     """As small as the paper's; both variants have the same people, poses and build."""
     train, test = constants.array("sets.clips.paper")
     return ClipSet(
@@ -130,15 +130,15 @@ def paper_set(name: str, constants: Constants) -> ClipSet:
         builds="paper",
         build_count=1,
         build_kind="fresh",
-        groups=groups_of(constants, "known", "new"),
+        groups=get_pose_groups(constants, "known", "new"),
         poses=int(constants.value("sets.poses.paper")),
         still=1.0,
-        classes=GESTURES if name == "paper" else CLASSES,
-        parts=(Part("train", int(train)), Part("test", int(test))),
+        classes=PAPER_GESTURES if name == "paper" else CLASSES,
+        parts=(SetPart("train", int(train)), SetPart("test", int(test))),
     )
 
 
-def stream_set(name: str, constants: Constants) -> ClipSet:
+def build_stream_set(name: str, constants: Constants) -> ClipSet:
     """Streams, on the builds of the tests or, `streams-fresh`, on those of training."""
     kind = "fresh" if name == "streams-fresh" else "shifted"
     return ClipSet(
@@ -148,27 +148,27 @@ def stream_set(name: str, constants: Constants) -> ClipSet:
         builds=kind,
         build_count=int(constants.value(f"sets.builds.{kind}")),
         build_kind=kind,
-        groups=groups_of(constants, "known", "new"),
+        groups=get_pose_groups(constants, "known", "new"),
         poses=None,
         still=constants.value("sets.still"),
         classes=(),
-        parts=(Part("", int(constants.value("sets.clips.streams"))),),
+        parts=(SetPart("", int(constants.value("sets.clips.streams"))),),
     )
 
 
-def gestureless_set(name: str, constants: Constants) -> ClipSet:
+def build_gestureless_set(name: str, constants: Constants) -> ClipSet:
     """Streams without any gesture, people of their own, on the builds of the tests."""
     return replace(
-        stream_set("streams", constants),
+        build_stream_set("streams", constants),
         name=name,
         people=name,
         still=constants.value("sets.still_gestureless"),
-        parts=(Part("", int(constants.value(f"sets.clips.{name}"))),),
+        parts=(SetPart("", int(constants.value(f"sets.clips.{name}"))),),
         stream=name,
     )
 
 
-def pair_set(constants: Constants) -> ClipSet:
+def build_pair_set(constants: Constants) -> ClipSet:
     """Pairs of each kind, as many on either side."""
     pairs = int(constants.value("pairs.pairs"))
     return ClipSet(
@@ -178,15 +178,15 @@ def pair_set(constants: Constants) -> ClipSet:
         builds="fresh",
         build_count=int(constants.value("sets.builds.fresh")),
         build_kind="fresh",
-        groups=groups_of(constants, "known", "new"),
+        groups=get_pose_groups(constants, "known", "new"),
         poses=None,
         still=1.0,
-        classes=(*INSTEAD, "none"),
-        parts=tuple(Part(side, pairs) for side in SIDES),
+        classes=(*NONE_KINDS, "none"),
+        parts=tuple(SetPart(side, pairs) for side in SIDES),
     )
 
 
-def resized(
+def resize_set(
     chosen: ClipSet, clips: int | None, subjects: int | None, constants: Constants
 ) -> ClipSet:
     """The same set smaller or larger.
@@ -204,7 +204,7 @@ def resized(
     """
     total = chosen.clips if clips is None else clips
     if chosen.name == PAIRS and clips is not None:
-        total = clips_of_pairs(clips)
+        total = count_pair_clips(clips)
     if total < len(chosen.parts):
         raise ValueError(
             f"{total} clips asked of set '{chosen.name}'; allowed are at least "
@@ -218,10 +218,10 @@ def resized(
             f"{people} people asked of set '{chosen.name}' of {total} clips; allowed "
             f"are 1 to {total}; change --subjects or --clips"
         )
-    return replace(chosen, subjects=people, parts=parts_of(chosen, total))
+    return replace(chosen, subjects=people, parts=resize_parts(chosen, total))
 
 
-def clips_of_pairs(clips: int) -> int:
+def count_pair_clips(clips: int) -> int:
     """Clips of all kinds of pairs together, from those of each.
 
     Raises:
@@ -232,15 +232,15 @@ def clips_of_pairs(clips: int) -> int:
             f"{clips} clips asked of each kind of pair; allowed are 2, 4 and so on; "
             "change --clips"
         )
-    return len(KINDS) * clips
+    return len(PAIR_SIDES) * clips
 
 
-def parts_of(chosen: ClipSet, total: int) -> tuple[Part, ...]:
+def resize_parts(chosen: ClipSet, total: int) -> tuple[SetPart, ...]:
     """The parts of a set of so many clips, in the same proportion."""
     first, *rest = chosen.parts
     shares = [max(1, total * part.clips // chosen.clips) for part in rest]
     clips = [total - sum(shares), *shares]
     return tuple(
-        Part(part.folder, count)
+        SetPart(part.folder, count)
         for part, count in zip((first, *rest), clips, strict=True)
     )

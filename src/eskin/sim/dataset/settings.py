@@ -12,24 +12,24 @@ from eskin.sim.constants import CONSTANTS_FILE, Constants, load_constants
 from eskin.sim.dataset.index import INDEX_NAME
 from eskin.sim.dataset.plan import ClipPlan
 from eskin.sim.dataset.session_plan import (
-    Sitting,
-    pair_plans,
-    pair_sittings,
-    plans_of,
-    sittings_of,
-    skin_of,
+    SessionPlan,
+    find_skin,
+    plan_clips,
+    plan_pair_clips,
+    plan_pair_sessions,
+    plan_sessions,
 )
-from eskin.sim.dataset.sets import PAIRS, ClipSet, load_set, resized
+from eskin.sim.dataset.sets import PAIRS, ClipSet, load_set, resize_set
 from eskin.skin import load_robot_for_skin
 
 SETTINGS_NAME = "generation.json"
 VERSION = 1
-HARDEST = 10.0
+MAX_DIFFICULTY = 10.0
 """Difficulty beyond which no law makes sense."""
 
 
 @dataclass(frozen=True)
-class Settings:
+class GenerationSettings:
     """Which set is made, and all that decides what is in it."""
 
     set_name: str = "train"
@@ -50,12 +50,12 @@ class Settings:
         """Refuse what no set can be made of."""
         if self.seed < 0:
             raise ValueError(f"seed is {self.seed}; allowed are 0 and above; change it")
-        if not 0 <= self.level <= HARDEST:
+        if not 0 <= self.level <= MAX_DIFFICULTY:
             raise ValueError(
                 f"difficulty is {self.difficulty}; allowed are 0 (easiest) to "
-                f"{HARDEST:g}; change it"
+                f"{MAX_DIFFICULTY:g}; change it"
             )
-        if self.has_pairs and not folds(self.skin):
+        if self.has_pairs and not has_joints(self.skin):
             raise ValueError(
                 f"set '{PAIRS}' asked on skin '{self.skin}', whose robot has no joints "
                 "to fold; allowed are skins of arms; change --skin"
@@ -81,20 +81,20 @@ class Settings:
         Nobody grabs a robot without joints: it is wider than a hand closes round.
         """
         whole = load_set(self.set_name, self.constants)
-        if not folds(self.skin):
+        if not has_joints(self.skin):
             classes = tuple(name for name in whole.classes if name != "grab")
             whole = replace(whole, classes=classes)
-        return resized(whole, self.clips, self.subjects, self.constants)
+        return resize_set(whole, self.clips, self.subjects, self.constants)
 
     @cached_property
-    def sittings(self) -> tuple[Sitting, ...]:
+    def sittings(self) -> tuple[SessionPlan, ...]:
         """Its files."""
-        found = sittings_of(self.clip_set, self.seed, self.constants)
-        return pair_sittings(found, self.seed) if self.has_pairs else found
+        found = plan_sessions(self.clip_set, self.seed, self.constants)
+        return plan_pair_sessions(found, self.seed) if self.has_pairs else found
 
-    def plans(self, sitting: Sitting) -> tuple[ClipPlan, ...]:
+    def plans(self, sitting: SessionPlan) -> tuple[ClipPlan, ...]:
         """The lead-in of a file and its clips."""
-        decide = pair_plans if self.has_pairs else plans_of
+        decide = plan_pair_clips if self.has_pairs else plan_clips
         return decide(sitting, self.clip_set, self.seed, self.level, self.constants)
 
     @property
@@ -102,9 +102,9 @@ class Settings:
         """Whether its clips are pairs with the same counts."""
         return self.set_name == PAIRS
 
-    def skin_of(self, sitting: Sitting) -> str:
+    def skin_of(self, sitting: SessionPlan) -> str:
         """The preset that a file is made with; sides of pairs may have their own."""
-        return skin_of(sitting, self.skin) if self.has_pairs else self.skin
+        return find_skin(sitting, self.skin) if self.has_pairs else self.skin
 
     def record(self) -> dict[str, object]:
         """As kept beside the recordings, with the numbers that they were made with."""
@@ -116,13 +116,13 @@ class Settings:
         return facts
 
 
-def folds(skin: str) -> bool:
+def has_joints(skin: str) -> bool:
     """Whether a skin is on a robot with joints, as far as is known."""
     robot = load_robot_for_skin(skin)
     return robot is None or len(robot.joint_names) > 0
 
 
-def claim(folder: Path, settings: Settings) -> None:
+def claim_folder(folder: Path, settings: GenerationSettings) -> None:
     """Make a folder the place of a set, or make sure that it is.
 
     Raises:
@@ -133,7 +133,7 @@ def claim(folder: Path, settings: Settings) -> None:
     try:
         folder.mkdir(parents=True, exist_ok=True)
         if path.exists():
-            check_same(path, wanted)
+            check_same_settings(path, wanted)
         elif (folder / INDEX_NAME).exists() or any(folder.rglob("*.mcap")):
             raise GenerationError(
                 f"{folder} holds recordings but no {SETTINGS_NAME}, so they are not "
@@ -149,7 +149,7 @@ def claim(folder: Path, settings: Settings) -> None:
         ) from error
 
 
-def check_same(path: Path, wanted: dict[str, object]) -> None:
+def check_same_settings(path: Path, wanted: dict[str, object]) -> None:
     """Refuse a folder that was made with other settings."""
     try:
         found = json.loads(path.read_text())

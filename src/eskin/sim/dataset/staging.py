@@ -12,9 +12,15 @@ from eskin.sim.contact.press import ContactSite, TrueTouch
 from eskin.sim.dataset.plan import ACCIDENTS, QUIET, ClipPlan, Origin
 from eskin.sim.people.perform import choose_kind, perform
 from eskin.sim.people.person import Person, draw_person
-from eskin.sim.scene.environment import World
-from eskin.sim.scene.folds import fold, fold_sites, share_of
-from eskin.sim.scene.motion import drag, draw_motion, follow, still, way
+from eskin.sim.scene.environment import SimEnvironment
+from eskin.sim.scene.folds import compute_fold_share, find_fold_sites, press_both_sites
+from eskin.sim.scene.motion import (
+    draw_motion,
+    draw_pose_path,
+    follow_late,
+    hang_still,
+    hold_pose,
+)
 from eskin.sim.scene.placement import draw_site
 from eskin.sim.scene.poses import (
     can_fold,
@@ -22,8 +28,8 @@ from eskin.sim.scene.poses import (
     draw_pose,
     draw_touching_pose,
 )
-from eskin.sim.scene.scene import are_apart, contact_steps, cropped, moved
-from eskin.sim.scene.validity import self_contact_sites
+from eskin.sim.scene.scene import are_apart, crop_press, find_contact_steps, shift_touch
+from eskin.sim.scene.validity import find_self_contact_sites
 
 
 def draw_start(
@@ -40,11 +46,11 @@ def draw_start(
         constants: numbers of the world.
         rng: to draw from.
     """
-    first, end = contact_steps(touch)
+    first, end = find_contact_steps(touch)
     length = end - first
     outside = round((1 - constants.value("clip.inside")) * length)
     if length >= steps:
-        onset = draw_long(touch, length, steps, constants, rng)
+        onset = draw_long_start(touch, length, steps, constants, rng)
     elif rng.random() < constants.value("clip.cut"):
         early = rng.random() < 0.5
         low, high = (
@@ -56,7 +62,7 @@ def draw_start(
     return onset - first
 
 
-def draw_long(
+def draw_long_start(
     touch: TrueTouch,
     length: int,
     steps: int,
@@ -75,12 +81,12 @@ def draw_long(
 
 
 @dataclass(frozen=True, eq=False)
-class Stage:
+class ClipSetup:
     """Where and when a clip takes place, before anybody touches."""
 
     plan: ClipPlan
     """What was decided."""
-    world: World
+    world: SimEnvironment
     """The robot in its skin."""
     q: Float[np.ndarray, "time joint"]
     """Joint positions, from `lead` steps before the clip on [rad]."""
@@ -97,7 +103,9 @@ class Stage:
         return len(self.q) - self.lead
 
 
-def set_up(plan: ClipPlan, kind: str, world: World, rng: np.random.Generator) -> Stage:
+def set_up_clip(
+    plan: ClipPlan, kind: str, world: SimEnvironment, rng: np.random.Generator
+) -> ClipSetup:
     """Draw pose and motion."""
     step = world.constants.value("time.step")
     lead = round(world.constants.value("clip.before") / step)
@@ -107,22 +115,22 @@ def set_up(plan: ClipPlan, kind: str, world: World, rng: np.random.Generator) ->
     pose_rng = rng
     if plan.pose is not None:
         pose_rng = np.random.default_rng(np.random.SeedSequence(plan.pose))
-    if is_touching(plan, kind, world, rng):
+    if needs_touching_pose(plan, kind, world, rng):
         q = draw_touching_pose(world, groups, pose_rng)
     else:
         q = draw_pose(world, groups, pose_rng, folded)
     seconds = steps * step
     if not (plan.moving and world.can_move):
-        path = still(world, q, seconds)
+        path = hold_pose(world, q, seconds)
     elif plan.gesture is None:
-        path = way(world, seconds, rng, groups)
+        path = draw_pose_path(world, seconds, rng, groups)
     else:
         path = draw_motion(world, q, seconds, rng)
-    return Stage(plan, world, path, lead, folded, rng)
+    return ClipSetup(plan, world, path, lead, folded, rng)
 
 
-def is_touching(
-    plan: ClipPlan, kind: str, world: World, rng: np.random.Generator
+def needs_touching_pose(
+    plan: ClipPlan, kind: str, world: SimEnvironment, rng: np.random.Generator
 ) -> bool:
     """Whether a clip needs a pose in which links of the robot all but touch."""
     if kind != ACCIDENTS:
@@ -132,42 +140,44 @@ def is_touching(
 
 
 @lru_cache(maxsize=128)
-def person_of(origin: Origin, world: World) -> Person:
+def get_person(origin: Origin, world: SimEnvironment) -> Person:
     """The person of an origin; the same one every time."""
     return draw_person(origin.name, world.constants, origin.rng())
 
 
-def company_of(stage: Stage) -> Person:
+def draw_company(stage: ClipSetup) -> Person:
     """Who makes a second touch: somebody else, or the same person's other hand."""
     plan, world = stage.plan, stage.world
     other = stage.rng.random() < world.constants.value("clip.company")
     company = plan.company if other and plan.company is not None else plan.person
-    return person_of(company, world)
+    return get_person(company, world)
 
 
-def draw_kind(stage: Stage, person: Person, gesture: str) -> str:
+def draw_kind(stage: ClipSetup, person: Person, gesture: str) -> str:
     """A way of doing a gesture, to a person's taste."""
     constants, difficulty = stage.world.constants, stage.plan.difficulty
     return choose_kind(gesture, None, person, constants, stage.rng, difficulty)
 
 
-def act_out(
-    stage: Stage, person: Person, gesture: str, kind: str, at: int
+def perform_at(
+    stage: ClipSetup, person: Person, gesture: str, kind: str, at: int
 ) -> TrueTouch:
     """What a person does at a step of the scene, still on the touch's own clock."""
     q = stage.q[at]
-    first, second = sites_of(stage, person, gesture, kind, q)
+    first, second = draw_sites(stage, person, gesture, kind, q)
     touch = perform(
         *(gesture, kind, person, first, stage.world.constants, stage.rng),
         *(stage.plan.difficulty, stage.plan.regime),
     )
     if second is None:
         return touch
-    return fold(touch, first, second, share_of(stage.world, q, first, second))
+    return press_both_sites(
+        touch, first, second, compute_fold_share(stage.world, q, first, second)
+    )
 
 
-def sites_of(
-    stage: Stage,
+def draw_sites(
+    stage: ClipSetup,
     person: Person,
     gesture: str,
     kind: str,
@@ -176,67 +186,67 @@ def sites_of(
     """Where it takes place; on two links at once in some folded poses."""
     world, rng = stage.world, stage.rng
     if kind == "self_contact":
-        found = self_contact_sites(world, q)
+        found = find_self_contact_sites(world, q)
         return found[rng.integers(len(found))], None
     if stage.folded and rng.random() < world.constants.value("fold.both"):
-        pairs = fold_sites(world, q, person)
+        pairs = find_fold_sites(world, q, person)
         if pairs:
             return pairs[0]
     return draw_site(world, q, person, gesture, rng, kind), None
 
 
-def put(stage: Stage, touch: TrueTouch, start: int) -> TrueTouch:
+def place_touch(stage: ClipSetup, touch: TrueTouch, start: int) -> TrueTouch:
     """A touch with its clock started at a step, as the robot moves under it.
 
     A hand follows the robot late, a cable hangs where it is, and a link that touches
     another stays with it.
     """
-    touch = moved(touch, start)
+    touch = shift_touch(touch, start)
     if not stage.plan.moving or touch.kind == "self_contact":
         return touch
     delay = stage.world.constants.draw("motion.delay", stage.rng)
-    inside = (cropped(press, len(stage.q)) for press in touch.presses)
+    inside = (crop_press(press, len(stage.q)) for press in touch.presses)
     presses = tuple(
-        drag(press, stage.world, stage.q)
+        hang_still(press, stage.world, stage.q)
         if touch.kind == "cable"
-        else follow(press, stage.world, stage.q, delay)
+        else follow_late(press, stage.world, stage.q, delay)
         for press in inside
         if press is not None
     )
     return replace(touch, presses=presses, drawn=touch.drawn | {"delay": delay})
 
 
-TRIES = 5
+SECOND_TOUCH_TRIES = 5
 """Second touches that are drawn to find one that fits."""
 
-ALONE = ("self_contact", "electrical", "idle")
+NEVER_SECOND = ("self_contact", "electrical", "idle")
 """Kinds that do not come as a second touch."""
 
 
-def second_touch(stage: Stage, first: TrueTouch) -> tuple[TrueTouch, ...]:
+def draw_second_touch(stage: ClipSetup, first: TrueTouch) -> tuple[TrueTouch, ...]:
     """Another touch at the same time, smaller than the first; none where none is.
 
     The clip stands for its largest touch, so a larger one would make its label wrong,
     and so would a gesture beside a touch that is none.
     """
     constants = stage.world.constants
-    for _ in range(TRIES):
-        person = company_of(stage)
+    for _ in range(SECOND_TOUCH_TRIES):
+        person = draw_company(stage)
         gesture = constants.choose("clip.second", stage.rng)
         gesture = gesture if first.gesture != NONE else NONE
         kind = draw_kind(stage, person, gesture)
-        if kind in ALONE:
+        if kind in NEVER_SECOND:
             continue
-        touch = act_out(stage, person, gesture, kind, stage.lead)
+        touch = perform_at(stage, person, gesture, kind, stage.lead)
         start = stage.lead + draw_start(touch, stage.steps, constants, stage.rng)
-        touch = put(stage, touch, start)
-        if 0 < impulse(stage, touch) < impulse(stage, first):
+        touch = place_touch(stage, touch, start)
+        if 0 < compute_impulse(stage, touch) < compute_impulse(stage, first):
             if are_apart(stage.world, stage.q[stage.lead], touch, first):
                 return (touch,)
     return ()
 
 
-def impulse(stage: Stage, touch: TrueTouch) -> float:
+def compute_impulse(stage: ClipSetup, touch: TrueTouch) -> float:
     """Force of a touch over the clip [N s]."""
     step = stage.world.constants.value("time.step")
     total = 0.0
@@ -247,73 +257,77 @@ def impulse(stage: Stage, touch: TrueTouch) -> float:
     return total
 
 
-def draw_stream(stage: Stage) -> tuple[TrueTouch, ...]:
+def draw_stream(stage: ClipSetup) -> tuple[TrueTouch, ...]:
     """All touches of a stream, by their onset."""
     if stage.plan.kind == QUIET:
         return ()
     constants, rng = stage.world.constants, stage.rng
     step = constants.value("time.step")
-    person = person_of(stage.plan.person, stage.world)
+    person = get_person(stage.plan.person, stage.world)
     found: list[TrueTouch] = []
-    at = stage.lead + pause_of(stage)
+    at = stage.lead + draw_pause(stage)
     while True:
-        touch = next_touch(stage, person, at)
-        _, end = contact_steps(touch)
+        touch = draw_next_touch(stage, person, at)
+        _, end = find_contact_steps(touch)
         if end >= len(stage.q) - round(constants.value("stream.quiet") / step):
             return tuple(found)
         found.append(touch)
         if rng.random() < constants.value("stream.together"):
-            other = next_touch(stage, company_of(stage), at + offset_of(stage, at, end))
-            if fits(stage, touch, other, at):
+            other = draw_next_touch(
+                stage, draw_company(stage), at + draw_offset(stage, at, end)
+            )
+            if can_come_second(stage, touch, other, at):
                 found.append(other)
-                end = max(end, contact_steps(other)[1])
-        at = end + pause_of(stage)
+                end = max(end, find_contact_steps(other)[1])
+        at = end + draw_pause(stage)
 
 
-def next_touch(stage: Stage, person: Person, at: int) -> TrueTouch:
+def draw_next_touch(stage: ClipSetup, person: Person, at: int) -> TrueTouch:
     """A touch whose contact begins at a step."""
     at = min(at, len(stage.q) - 1)
     if stage.plan.kind == ACCIDENTS:
         gesture, kind = NONE, draw_accident(stage, at)
     else:
         gesture, kind = draw_gesture(stage, person)
-    touch = act_out(stage, person, gesture, kind, at)
-    return put(stage, touch, at - contact_steps(touch)[0])
+    touch = perform_at(stage, person, gesture, kind, at)
+    return place_touch(stage, touch, at - find_contact_steps(touch)[0])
 
 
-def draw_gesture(stage: Stage, person: Person) -> tuple[str, str]:
+def draw_gesture(stage: ClipSetup, person: Person) -> tuple[str, str]:
     """Something that people do, and the way they do it."""
     gesture = stage.world.constants.choose("stream.gestures", stage.rng)
     kind = draw_kind(stage, person, gesture)
-    while kind in ALONE:
+    while kind in NEVER_SECOND:
         kind = draw_kind(stage, person, gesture)
     return gesture, kind
 
 
-def draw_accident(stage: Stage, at: int) -> str:
+def draw_accident(stage: ClipSetup, at: int) -> str:
     """A contact that nobody means; of links, where they all but touch at a step."""
     world = stage.world
-    touching = bool(self_contact_sites(world, stage.q[at]))
+    touching = bool(find_self_contact_sites(world, stage.q[at]))
     kind = world.constants.choose("stream.accidents", stage.rng)
     while kind == "self_contact" and not touching:
         kind = world.constants.choose("stream.accidents", stage.rng)
     return kind
 
 
-def pause_of(stage: Stage) -> int:
+def draw_pause(stage: ClipSetup) -> int:
     """Steps without contact until the next touch."""
     seconds = stage.world.constants.draw("stream.pause", stage.rng)
     return round(seconds / stage.world.constants.value("time.step"))
 
 
-def offset_of(stage: Stage, start: int, end: int) -> int:
+def draw_offset(stage: ClipSetup, start: int, end: int) -> int:
     """How much later than the first a second touch begins: while the first lasts."""
     return int(stage.rng.integers(0, max(1, end - start)))
 
 
-def fits(stage: Stage, first: TrueTouch, other: TrueTouch, at: int) -> bool:
+def can_come_second(
+    stage: ClipSetup, first: TrueTouch, other: TrueTouch, at: int
+) -> bool:
     """Whether a second touch is apart from the first and over before the stream is."""
     quiet = stage.world.constants.value("stream.quiet")
     last = len(stage.q) - round(quiet / stage.world.constants.value("time.step"))
-    over = contact_steps(other)[1] < last
+    over = find_contact_steps(other)[1] < last
     return over and are_apart(stage.world, stage.q[at], first, other)

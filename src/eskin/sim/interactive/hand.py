@@ -9,18 +9,23 @@ from jaxtyping import Float
 
 from eskin.recording import NONE, TruthRecord
 from eskin.sim.contact.press import ContactSite, TrueTouch
-from eskin.sim.interactive.touches import ActedTouch, DraggedTouch, LiveTouch, Span
+from eskin.sim.interactive.touches import (
+    DraggedTouch,
+    InteractiveTouch,
+    MotionSpan,
+    PerformedTouch,
+)
 from eskin.sim.people.gesture_sample import GestureSample
-from eskin.sim.people.perform import PERFORMABLE, NONE_PROGRAMS, perform
+from eskin.sim.people.perform import NONE_PROGRAMS, PERFORMABLE, perform
 from eskin.sim.people.person import Person
-from eskin.sim.scene.environment import World
-from eskin.sim.scene.placement import draw_site, reached_at, view_of
+from eskin.sim.scene.environment import SimEnvironment
+from eskin.sim.scene.placement import build_reached_site, build_view, draw_site
 from eskin.sim.scene.scene import are_apart
-from eskin.sim.scene.validity import self_contact_sites
+from eskin.sim.scene.validity import find_self_contact_sites
 
 
 @dataclass(frozen=True, eq=False)
-class Place:
+class LinkPoint:
     """A point on the skin, or near it."""
 
     link: str
@@ -29,7 +34,9 @@ class Place:
     """Where, in that link's frame [m]."""
 
 
-def on_chart(place: Place, world: World) -> tuple[int, Float[np.ndarray, "2"]]:
+def find_chart_point(
+    place: LinkPoint, world: SimEnvironment
+) -> tuple[int, Float[np.ndarray, "2"]]:
     """The chart of the nearest taxel of the place's link, and the place on it (s, t).
 
     Raises:
@@ -50,33 +57,36 @@ def on_chart(place: Place, world: World) -> tuple[int, Float[np.ndarray, "2"]]:
     return chart, world.charts[chart].surface.unroll(place.p_link[None])[0]
 
 
-def site_for(
-    place: Place, world: World, q: Float[np.ndarray, "joint"], person: Person
+def build_site_at(
+    place: LinkPoint,
+    world: SimEnvironment,
+    q: Float[np.ndarray, "joint"],
+    person: Person,
 ) -> ContactSite:
     """The site at a place, with the hand as it comes from a person.
 
     Raises:
         ValueError: there is no skin on the place's link.
     """
-    chart, centre = on_chart(place, world)
-    return reached_at(world, view_of(world, q, person), chart, centre)
+    chart, centre = find_chart_point(place, world)
+    return build_reached_site(world, build_view(world, q, person), chart, centre)
 
 
-DRAGS = "fingers"
+DRAGGING_PADS = "fingers"
 """Parts of the hand that are dragged: those that people stroke with most."""
 
-PATTED = 2 / 3
+SECOND_PAT_START = 2 / 3
 """Share of a double pat of given length after which the second pat begins."""
 
-TRIES = 20
+PLACE_TRIES = 20
 """Places that are drawn to find one away from other touches."""
 
-UNFELT = ("idle", "electrical")
+CONTACTLESS_KINDS = ("idle", "electrical")
 """Kinds of `none` that are no contact."""
 
 
 @final
-class LiveHand:
+class InteractiveHand:
     """Touches a skin as people do; from any thread.
 
     A touch begins with the next scan, and goes on with the scans.
@@ -85,7 +95,9 @@ class LiveHand:
         person: whose hand it is, where nobody else is named.
     """
 
-    def __init__(self, world: World, person: Person, rng: np.random.Generator) -> None:
+    def __init__(
+        self, world: SimEnvironment, person: Person, rng: np.random.Generator
+    ) -> None:
         """Prepare a hand.
 
         Args:
@@ -98,7 +110,7 @@ class LiveHand:
         self.q = np.zeros(len(world.mounted.robot.joint_names))
         # Scans never wait for what is still being planned.
         self.planning, self.lock = RLock(), RLock()
-        self.going: dict[int, LiveTouch] = {}
+        self.going: dict[int, InteractiveTouch] = {}
         self.felt: tuple[TruthRecord, ...] = ()
         self.count = 0
 
@@ -114,7 +126,7 @@ class LiveHand:
             return self.felt
 
     def poke(
-        self, place: Place, force: float | None = None, seconds: float | None = None
+        self, place: LinkPoint, force: float | None = None, seconds: float | None = None
     ) -> int:
         """Push with a finger.
 
@@ -129,31 +141,31 @@ class LiveHand:
         Raises:
             ValueError: there is no skin there, or force or time are not positive.
         """
-        return self.act("poke", place, asked_for(force=force, duration=seconds))
+        return self.act("poke", place, check_requested(force=force, duration=seconds))
 
     def double_pat(
-        self, place: Place, force: float | None = None, seconds: float | None = None
+        self, place: LinkPoint, force: float | None = None, seconds: float | None = None
     ) -> int:
         """Pat twice with the hand; arguments as of `poke`."""
-        asked = asked_for(force=force, duration=seconds) | {"more": 0.0}
+        asked = check_requested(force=force, duration=seconds) | {"more": 0.0}
         if force is not None:
             asked["force.1"] = force
         if seconds is not None:
-            asked["interval"] = PATTED * seconds
-            asked["contact"] = seconds - PATTED * seconds
+            asked["interval"] = SECOND_PAT_START * seconds
+            asked["contact"] = seconds - SECOND_PAT_START * seconds
         return self.act("double_pat", place, asked)
 
     def grab(
-        self, place: Place, force: float | None = None, seconds: float | None = None
+        self, place: LinkPoint, force: float | None = None, seconds: float | None = None
     ) -> int:
         """Close fingers and thumb round the link; arguments as of `poke`.
 
         Nobody grips harder than the person can.
         """
-        return self.act("grab", place, asked_for(force=force, duration=seconds))
+        return self.act("grab", place, check_requested(force=force, duration=seconds))
 
     def perform(
-        self, what: str, place: Place | None = None, person: Person | None = None
+        self, what: str, place: LinkPoint | None = None, person: Person | None = None
     ) -> int:
         """Do something as a person does it, with all that people vary by.
 
@@ -173,13 +185,13 @@ class LiveHand:
             person = person or self.person
             gesture, kind = self.meant(what)
             touch = self.acted(gesture, kind, place, person)
-            for _ in range(TRIES):
+            for _ in range(PLACE_TRIES):
                 if place is not None or self.is_free(touch):
                     break
                 touch = self.acted(gesture, kind, None, person)
             return self.add(self.live(touch))
 
-    def begin(self, place: Place, force: float, kind: str = DRAGS) -> int:
+    def begin(self, place: LinkPoint, force: float, kind: str = DRAGGING_PADS) -> int:
         """Land with some fingers, to be moved from outside.
 
         Args:
@@ -193,22 +205,22 @@ class LiveHand:
         Raises:
             ValueError: there is no skin there, or no such part.
         """
-        asked_for(force=force)
+        check_requested(force=force)
         with self.planning:
-            site = site_for(place, self.world, self.q, self.person)
+            site = build_site_at(place, self.world, self.q, self.person)
             constants = self.world.constants
             act = GestureSample(
                 kind, self.person, site, constants, self.rng, self.difficulty, "paper"
             )
             return self.add(DraggedTouch(act, force, self.world))
 
-    def move(self, touch: int, place: Place) -> None:
+    def move(self, touch: int, place: LinkPoint) -> None:
         """Drag a finger toward a place; nothing happens once it has left.
 
         Raises:
             ValueError: there is no skin there, or the touch is none that is dragged.
         """
-        site = site_for(place, self.world, self.q, self.person)
+        site = build_site_at(place, self.world, self.q, self.person)
         with self.lock:
             dragged = self.dragged(touch)
             if dragged is not None:
@@ -238,10 +250,10 @@ class LiveHand:
             )
         return found
 
-    def act(self, gesture: str, place: Place, asked: dict[str, float]) -> int:
+    def act(self, gesture: str, place: LinkPoint, asked: dict[str, float]) -> int:
         """Do a gesture, some of it as it is asked for."""
         with self.planning:
-            site = site_for(place, self.world, self.q, self.person)
+            site = build_site_at(place, self.world, self.q, self.person)
             touch = perform(
                 *(gesture, None, self.person, site, self.world.constants, self.rng),
                 *(self.difficulty, "paper", asked),
@@ -249,7 +261,7 @@ class LiveHand:
             return self.add(self.live(touch))
 
     def acted(
-        self, gesture: str, kind: str | None, place: Place | None, person: Person
+        self, gesture: str, kind: str | None, place: LinkPoint | None, person: Person
     ) -> TrueTouch:
         """What a person does, still on the touch's own clock."""
         return perform(
@@ -258,11 +270,11 @@ class LiveHand:
         )
 
     def site(
-        self, gesture: str, kind: str | None, place: Place | None, person: Person
+        self, gesture: str, kind: str | None, place: LinkPoint | None, person: Person
     ) -> ContactSite:
         """Where it takes place."""
         if kind == "self_contact":
-            found = self_contact_sites(self.world, self.q)
+            found = find_self_contact_sites(self.world, self.q)
             if not found:
                 raise ValueError(
                     "no link all but touches another; self_contact is allowed only "
@@ -270,21 +282,21 @@ class LiveHand:
                 )
             return found[self.rng.integers(len(found))]
         if place is not None:
-            return site_for(place, self.world, self.q, person)
+            return build_site_at(place, self.world, self.q, person)
         return draw_site(self.world, self.q, person, gesture, self.rng, kind)
 
     def meant(self, what: str) -> tuple[str, str | None]:
         """Gesture and kind of something that can be performed."""
         if what == NONE:
             kinds = dict(self.world.constants.weights("stream.accidents"))
-            if not self_contact_sites(self.world, self.q):
+            if not find_self_contact_sites(self.world, self.q):
                 del kinds["self_contact"]
             chances = np.array(list(kinds.values()))
             return NONE, str(self.rng.choice(list(kinds), p=chances / chances.sum()))
-        if what in NONE_PROGRAMS and what not in UNFELT:
+        if what in NONE_PROGRAMS and what not in CONTACTLESS_KINDS:
             return NONE, what
         if what not in PERFORMABLE:
-            kinds = [kind for kind in NONE_PROGRAMS if kind not in UNFELT]
+            kinds = [kind for kind in NONE_PROGRAMS if kind not in CONTACTLESS_KINDS]
             raise ValueError(
                 f"nobody performs '{what}'; allowed are {', '.join(PERFORMABLE)}, "
                 f"{', '.join(kinds)}; take one of them"
@@ -297,12 +309,12 @@ class LiveHand:
             others = [other.touch for other in self.going.values()]
         return all(are_apart(self.world, self.q, touch, other) for other in others)
 
-    def live(self, touch: TrueTouch) -> ActedTouch:
+    def live(self, touch: TrueTouch) -> PerformedTouch:
         """A touch by a hand that follows the robot as late as it happens."""
         delay = self.world.constants.draw("motion.delay", self.rng)
-        return ActedTouch(touch, delay, self.world)
+        return PerformedTouch(touch, delay, self.world)
 
-    def add(self, touch: LiveTouch) -> int:
+    def add(self, touch: InteractiveTouch) -> int:
         """Begin a touch."""
         with self.lock:
             number = self.count
@@ -310,7 +322,7 @@ class LiveHand:
             self.going[number] = touch
             return number
 
-    def next(self, span: Span) -> dict[int, TrueTouch]:
+    def next(self, span: MotionSpan) -> dict[int, TrueTouch]:
         """What all touches do in the steps of a reading, by their ids."""
         with self.lock:
             self.q = span.q[-1]
@@ -324,7 +336,7 @@ class LiveHand:
             self.felt = truths
 
 
-def asked_for(**wanted: float | None) -> dict[str, float]:
+def check_requested(**wanted: float | None) -> dict[str, float]:
     """What is asked for, by name.
 
     Raises:

@@ -9,19 +9,19 @@ from typing import final
 
 from eskin.recording import TruthRecord
 from eskin.sim.constants import load_constants
-from eskin.sim.dataset.clip import Clip
-from eskin.sim.dataset.clip_generator import Maker
+from eskin.sim.dataset.clip import SimulatedClip
+from eskin.sim.dataset.clip_generator import ClipGenerator
 from eskin.sim.dataset.plan import BuildOrigin, ClipPlan, Origin
-from eskin.sim.dataset.session_plan import seed_of
-from eskin.sim.dataset.sets import groups_of
+from eskin.sim.dataset.session_plan import build_seed
+from eskin.sim.dataset.sets import get_pose_groups
 from eskin.touch import Scan
 from eskin.units import NS_PER_S
 
-ROLE = "device"
+PLAYER_ROLE = "device"
 """Of its person, build and session; no set has one of that name."""
-STRETCH = 15.0
+STRETCH_SECONDS = 15.0
 """Made at a time: long enough for the longest touch [s]."""
-LEAD = 2.0
+LEAD_SECONDS = 2.0
 """Without touch at first, so that a baseline can be found [s]."""
 
 
@@ -36,7 +36,7 @@ class SampledScan:
 
 
 @final
-class Player:
+class TouchPlayer:
     """Plays one person on one fresh build of a skin, on an arm that stands still.
 
     Neither person nor build nor session is of any set that recognisers are trained or
@@ -51,7 +51,7 @@ class Player:
         rate: scans a second [1/s].
     """
 
-    def __init__(self, maker: Maker, seed: int = 0, start: int = 0) -> None:
+    def __init__(self, maker: ClipGenerator, seed: int = 0, start: int = 0) -> None:
         """Prepare somebody.
 
         Args:
@@ -69,9 +69,11 @@ class Player:
         self.start = start
         self.seed = seed
         self.build = BuildOrigin(
-            f"{ROLE}-b{seed}", seed_of(f"build {ROLE}", 0, 0, seed), "fresh"
+            f"{PLAYER_ROLE}-b{seed}",
+            build_seed(f"build {PLAYER_ROLE}", 0, 0, seed),
+            "fresh",
         )
-        self.groups = groups_of(constants, "known", "new")
+        self.groups = get_pose_groups(constants, "known", "new")
         self.difficulty = constants.value("sets.difficulty")
         self.period = round(constants.value("sensor.period") * NS_PER_S)
         self.rate = NS_PER_S / self.period
@@ -102,22 +104,25 @@ class Player:
     def plan(self, number: int) -> ClipPlan:
         """What is done in a stretch: nothing in the first, then all that people do."""
         person = Origin(
-            f"{ROLE}-p{self.seed}", seed_of(f"person {ROLE}", 0, 0, self.seed)
+            f"{PLAYER_ROLE}-p{self.seed}",
+            build_seed(f"person {PLAYER_ROLE}", 0, 0, self.seed),
         )
-        session = Origin(f"{ROLE}-0000", seed_of(f"session {ROLE}", 0, 0, self.seed))
+        session = Origin(
+            f"{PLAYER_ROLE}-0000", build_seed(f"session {PLAYER_ROLE}", 0, 0, self.seed)
+        )
         return ClipPlan(
-            set_name=ROLE,
-            seed=seed_of(f"clip {ROLE}", number, 0, self.seed),
+            set_name=PLAYER_ROLE,
+            seed=build_seed(f"clip {PLAYER_ROLE}", number, 0, self.seed),
             person=person,
             company=None,
             build=self.build,
             session=session,
             at=0.0,
-            seconds=STRETCH if number else LEAD,
+            seconds=STRETCH_SECONDS if number else LEAD_SECONDS,
             gesture=None if number else "none",
             kind=None if number else "idle",
             groups=self.groups,
-            pose=seed_of(f"pose {ROLE}", 0, 0, self.seed),
+            pose=build_seed(f"pose {PLAYER_ROLE}", 0, 0, self.seed),
             moving=False,
             fold_share=0.0,
             concurrent=0.0,
@@ -125,7 +130,9 @@ class Player:
             regime=None,
         )
 
-    def stretch(self, clip: Clip, start: int, first: int) -> Iterator[SampledScan]:
+    def stretch(
+        self, clip: SimulatedClip, start: int, first: int
+    ) -> Iterator[SampledScan]:
         """The scans of a clip, and its touches from a number on."""
         for reading in range(len(clip.counts)):
             stamp = start + reading * self.period

@@ -9,29 +9,29 @@ from jaxtyping import Float, Int
 from eskin.recording import TruthRecord
 from eskin.robot import Wrench, load_robot
 from eskin.sim.constants import load_constants
-from eskin.sim.dataset.clip import build_of
+from eskin.sim.dataset.clip import get_build
 from eskin.sim.dataset.plan import BuildOrigin, Origin
-from eskin.sim.dataset.session_plan import seed_of
-from eskin.sim.interactive.hand import LiveHand
-from eskin.sim.interactive.touches import Track
+from eskin.sim.dataset.session_plan import build_seed
+from eskin.sim.interactive.hand import InteractiveHand
+from eskin.sim.interactive.touches import MotionTrack
 from eskin.sim.people.person import Person, draw_person
-from eskin.sim.scene.environment import World, build_world
+from eskin.sim.scene.environment import SimEnvironment, build_environment
 from eskin.sim.scene.scene import (
     Scene,
-    TrueSeries,
-    felt_in,
-    pressure_of,
-    readings_every,
-    truths_of,
+    TrueTouchSeries,
+    compute_scene_pressure,
+    compute_touch_presses,
+    compute_true_series,
+    count_steps_per_reading,
 )
 from eskin.sim.sensor.sensor import Sensor
 from eskin.skin import SKIN_PRESETS, MountedSkin, Skin
 from eskin.touch import Scan
 
-KILO = 1000.0
+PA_PER_KPA = 1000.0
 
 
-def wrenches_of(
+def compute_wrenches(
     pressure: Float[np.ndarray, "active"], taxels: Int[np.ndarray, "active"], skin: Skin
 ) -> tuple[Wrench, ...]:
     """What pressure on taxels does to the links beneath them.
@@ -44,7 +44,7 @@ def wrenches_of(
         taxels: that are pressed.
         skin: that they are of.
     """
-    forces = KILO * pressure * skin.areas[taxels]
+    forces = PA_PER_KPA * pressure * skin.areas[taxels]
     forces_link = -forces[:, None] * skin.normals[taxels]
     torques_link = np.cross(skin.positions[taxels], forces_link)
     patches = skin.patch_index[taxels]
@@ -59,12 +59,12 @@ def wrenches_of(
     )
 
 
-ROLE = "demo"
+DEMO_ROLE = "demo"
 """Of its person and build; no set has one of that name."""
 
 
 @final
-class LiveSkin:
+class InteractiveSkin:
     """A skin that is scanned wherever the robot is, and touched on request.
 
     Contact, film and sensor are those that clips are made by, one reading at a time,
@@ -109,27 +109,31 @@ class LiveSkin:
         if seed < 0:
             raise ValueError(f"seed is {seed}; allowed are 0 and above; change it")
         self.robot_name = SKIN_PRESETS[name].robot
-        self.world = world_of(name)
+        self.world = load_environment(name)
         self.mounted, constants = self.world.mounted, self.world.constants
-        origin = f"build {ROLE} {build_kind}"
-        self.build = build_of(
-            BuildOrigin(f"{ROLE}-b{seed}", seed_of(origin, 0, 0, seed), build_kind),
+        origin = f"build {DEMO_ROLE} {build_kind}"
+        self.build = get_build(
+            BuildOrigin(
+                f"{DEMO_ROLE}-b{seed}", build_seed(origin, 0, 0, seed), build_kind
+            ),
             self.world,
         )
         skin = self.mounted.skin
         self.calibration = self.build.calibration(skin)
         self.period = constants.value("sensor.period")
-        self.sensor = Sensor(self.build, skin, rng_of("sensor", seed))
-        person = person or demo_person(self.world, seed)
-        self.hand = LiveHand(self.world, person, rng_of("hand", seed))
+        self.sensor = Sensor(self.build, skin, build_rng("sensor", seed))
+        person = person or draw_demo_person(self.world, seed)
+        self.hand = InteractiveHand(self.world, person, build_rng("hand", seed))
         delay = constants.entry("motion.delay").spread
         assert delay is not None
         step = constants.value("time.step")
-        self.track = Track(readings_every(self.world), round(delay.high / step) + 1)
+        self.track = MotionTrack(
+            count_steps_per_reading(self.world), round(delay.high / step) + 1
+        )
         self.loses = loses
         self.out = np.zeros(len(skin.patches), dtype=bool)
         self.feels = self.sensor.readout.feels.copy()
-        self.rng = rng_of("kill", seed)
+        self.rng = build_rng("kill", seed)
         self.wrenches: tuple[Wrench, ...] = ()
 
     def scan(self, stamp: int, q: Float[np.ndarray, "joint"]) -> Scan:
@@ -162,16 +166,20 @@ class LiveSkin:
 
     def feel(self, scene: Scene, numbers: list[int], stamp: int) -> None:
         """Press on the sensor what takes place in a reading, and witness it."""
-        felt = felt_in(scene, self.world)
+        felt = compute_touch_presses(scene, self.world)
         skin = self.mounted.skin
-        pressure, taxels = pressure_of(felt, scene.steps, self.build.film_sigma, skin)
-        self.wrenches = wrenches_of(pressure.mean(axis=0), taxels, skin)
+        pressure, taxels = compute_scene_pressure(
+            felt, scene.steps, self.build.film_sigma, skin
+        )
+        self.wrenches = compute_wrenches(pressure.mean(axis=0), taxels, skin)
         self.sensor.push(pressure, taxels)
-        found: tuple[TrueSeries, ...] = ()
+        found: tuple[TrueTouchSeries, ...] = ()
         if numbers:
             charts = self.world.charts
-            found = truths_of(scene, felt, charts, self.mounted, 0, self.world)
-        self.hand.witness(records_of(found, numbers, stamp))
+            found = compute_true_series(
+                scene, felt, charts, self.mounted, 0, self.world
+            )
+        self.hand.witness(build_truth_records(found, numbers, stamp))
 
     def unplug(self, patch: str) -> None:
         """Pull a patch's cable: nothing of it is received.
@@ -226,27 +234,29 @@ class LiveSkin:
 
 
 @lru_cache(maxsize=4)
-def world_of(name: str) -> World:
+def load_environment(name: str) -> SimEnvironment:
     """A preset skin on its robot, kept."""
     preset = SKIN_PRESETS[name]
     mounted = MountedSkin(preset.build(), load_robot(preset.robot))
-    return build_world(mounted, load_constants())
+    return build_environment(mounted, load_constants())
 
 
-def rng_of(what: str, seed: int) -> np.random.Generator:
+def build_rng(what: str, seed: int) -> np.random.Generator:
     """A generator of its own for each thing that is drawn."""
-    words = seed_of(f"{what} {ROLE}", 0, 0, seed)
+    words = build_seed(f"{what} {DEMO_ROLE}", 0, 0, seed)
     return np.random.default_rng(np.random.SeedSequence(words))
 
 
-def demo_person(world: World, seed: int) -> Person:
+def draw_demo_person(world: SimEnvironment, seed: int) -> Person:
     """Somebody of no set: `demo-p0` and so on; the same one every time."""
-    origin = Origin(f"{ROLE}-p{seed}", seed_of(f"person {ROLE}", 0, 0, seed))
+    origin = Origin(
+        f"{DEMO_ROLE}-p{seed}", build_seed(f"person {DEMO_ROLE}", 0, 0, seed)
+    )
     return draw_person(origin.name, world.constants, origin.rng())
 
 
-def records_of(
-    truths: tuple[TrueSeries, ...], numbers: list[int], stamp: int
+def build_truth_records(
+    truths: tuple[TrueTouchSeries, ...], numbers: list[int], stamp: int
 ) -> tuple[TruthRecord, ...]:
     """Of every touch that presses in a reading, what is kept of it."""
     return tuple(

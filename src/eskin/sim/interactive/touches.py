@@ -7,17 +7,17 @@ from typing import final
 import numpy as np
 from jaxtyping import Float
 
-from eskin.sim.contact.press import Press, ContactSite, TrueTouch
+from eskin.sim.contact.press import ContactSite, Press, TrueTouch
 from eskin.sim.people.gesture_sample import GestureSample
-from eskin.sim.scene.environment import World
-from eskin.sim.scene.motion import at_steps, left_behind
-from eskin.sim.scene.scene import cropped, moved
+from eskin.sim.scene.environment import SimEnvironment
+from eskin.sim.scene.motion import interpolate_poses, move_press_on_link
+from eskin.sim.scene.scene import crop_press, shift_touch
 
 Poses = Float[np.ndarray, "step joint"]
 
 
 @dataclass(frozen=True, eq=False)
-class Span:
+class MotionSpan:
     """The steps of one reading."""
 
     first: int
@@ -40,11 +40,11 @@ class Span:
     def at(self, steps: Float[np.ndarray, "step"]) -> Poses:
         """Joint positions at and between steps since the beginning [rad]."""
         oldest = self.first + self.steps - len(self.past)
-        return at_steps(self.past, np.maximum(steps - oldest, 0.0))
+        return interpolate_poses(self.past, np.maximum(steps - oldest, 0.0))
 
 
 @final
-class Track:
+class MotionTrack:
     """The robot's way so far, as far as a hand that follows late needs it."""
 
     def __init__(self, steps: int, kept: int) -> None:
@@ -58,7 +58,7 @@ class Track:
         self.past: Poses | None = None
         self.next = 0
 
-    def push(self, q: Float[np.ndarray, "joint"]) -> Span:
+    def push(self, q: Float[np.ndarray, "joint"]) -> MotionSpan:
         """Move evenly to joint positions at the end of the next reading [rad]."""
         last = q if self.past is None else self.past[-1]
         share = np.arange(1, self.steps + 1)[:, None] / self.steps
@@ -70,12 +70,12 @@ class Track:
         )
         before = way[:0] if self.past is None else self.past
         self.past = np.concatenate([before, way])[-self.kept - self.steps :]
-        span = Span(self.next, self.steps, self.past)
+        span = MotionSpan(self.next, self.steps, self.past)
         self.next += self.steps
         return span
 
 
-class LiveTouch(ABC):
+class InteractiveTouch(ABC):
     """One touch that takes place while the robot moves as it will.
 
     Attributes:
@@ -87,19 +87,19 @@ class LiveTouch(ABC):
     over: bool
 
     @abstractmethod
-    def next(self, span: Span) -> TrueTouch:
+    def next(self, span: MotionSpan) -> TrueTouch:
         """What it does in the steps of a reading, whose first is 0."""
 
 
 @final
-class ActedTouch(LiveTouch):
+class PerformedTouch(InteractiveTouch):
     """What a person has in mind from the start; it begins with the next reading.
 
     As in clips, a hand follows the robot late, a cable hangs where it is, and a link
     that touches another stays with it.
     """
 
-    def __init__(self, touch: TrueTouch, delay: float, world: World) -> None:
+    def __init__(self, touch: TrueTouch, delay: float, world: SimEnvironment) -> None:
         """Prepare.
 
         Args:
@@ -115,18 +115,18 @@ class ActedTouch(LiveTouch):
         self.landed: dict[int, np.ndarray] = {}
         self.end = max((p.first + p.steps for p in touch.presses), default=0)
 
-    def next(self, span: Span) -> TrueTouch:
+    def next(self, span: MotionSpan) -> TrueTouch:
         """What it does in the steps of a reading, whose first is 0."""
         if self.start is None:
             self.start = span.first
         since = span.first - self.start
-        here = moved(self.touch, -since)
+        here = shift_touch(self.touch, -since)
         self.over = since + span.steps >= self.end
-        parts = ((i, cropped(p, span.steps)) for i, p in enumerate(here.presses))
+        parts = ((i, crop_press(p, span.steps)) for i, p in enumerate(here.presses))
         presses = tuple(self.carried(i, p, span) for i, p in parts if p is not None)
         return replace(here, presses=presses)
 
-    def carried(self, index: int, press: Press, span: Span) -> Press:
+    def carried(self, index: int, press: Press, span: MotionSpan) -> Press:
         """The part of a press in a reading, its hand where it is by then."""
         now = press.first + np.arange(press.steps)
         if index not in self.landed:
@@ -137,23 +137,23 @@ class ActedTouch(LiveTouch):
         if span.is_still and np.array_equal(landed, span.q[-1]):
             return press
         if self.touch.kind == "cable":
-            return left_behind(
+            return move_press_on_link(
                 press, self.world, span.q[now], np.tile(landed, (len(now), 1))
             )
         assert self.start is not None
         landing = self.start + self.touch.presses[index].first
         then = np.maximum(span.first + now - self.late, landing)
-        return left_behind(press, self.world, span.q[now], span.at(then))
+        return move_press_on_link(press, self.world, span.q[now], span.at(then))
 
 
-NEAR = 0.01
+ARRIVAL_DISTANCE = 0.01
 """So far from where it is led, a finger is there [m]."""
-HELD = 20.0
+NOISE_SECONDS = 20.0
 """Time after which the noise of a force begins anew [s]."""
 
 
 @final
-class DraggedTouch(LiveTouch):
+class DraggedTouch(InteractiveTouch):
     """Parts of a hand that slide after the places they are given.
 
     They land softly, go no faster than people stroke, and ride on the link; whoever
@@ -161,7 +161,7 @@ class DraggedTouch(LiveTouch):
     they have landed and are where they were led, however quickly that was asked for.
     """
 
-    def __init__(self, act: GestureSample, force: float, world: World) -> None:
+    def __init__(self, act: GestureSample, force: float, world: SimEnvironment) -> None:
         """Land at the site of an act, with the next reading.
 
         Args:
@@ -181,7 +181,7 @@ class DraggedTouch(LiveTouch):
         self.chart, self.angle = act.site.chart, act.site.angle + self.turn
         self.centre = np.array(act.site.centre)
         self.target, self.speed = self.centre, np.zeros(2)
-        steps = act.steps(HELD)
+        steps = act.steps(NOISE_SECONDS)
         self.noise, self.ripple = act.held(steps), act.rippled(steps)
         self.given, self.level = 0, 0.0
         self.told_to_leave = self.leaving = False
@@ -204,7 +204,7 @@ class DraggedTouch(LiveTouch):
         """Lift off, as soon as it is where it was led."""
         self.told_to_leave = True
 
-    def next(self, span: Span) -> TrueTouch:
+    def next(self, span: MotionSpan) -> TrueTouch:
         """What it does in the steps of a reading, whose first is 0."""
         force = np.zeros(span.steps)
         centre = np.zeros((span.steps, 2))
@@ -215,7 +215,7 @@ class DraggedTouch(LiveTouch):
             self.level = float(np.clip(self.level, 0.0, 1.0))
             at = self.given % len(self.noise)
             uneven = self.noise[at] * (self.ripple[at] if moved else 1.0)
-            force[step] = self.force * smooth(self.level) * uneven
+            force[step] = self.force * smooth_step(self.level) * uneven
             centre[step] = self.centre
             self.given += 1
         self.over = self.leaving and self.level == 0.0
@@ -229,7 +229,7 @@ class DraggedTouch(LiveTouch):
     @property
     def is_there(self) -> bool:
         """Whether it is about where it was led."""
-        return float(np.linalg.norm(self.target - self.centre)) < NEAR
+        return float(np.linalg.norm(self.target - self.centre)) < ARRIVAL_DISTANCE
 
     def slide(self) -> bool:
         """Go one step, as if on a damped spring to the target; whether it slides."""
@@ -239,7 +239,7 @@ class DraggedTouch(LiveTouch):
         fast = float(np.linalg.norm(speed))
         self.speed = speed * min(1.0, self.most / max(fast, self.most))
         self.centre = self.centre + self.step * self.speed
-        return fast > SLIDES * self.most
+        return fast > SLIDING_SHARE * self.most
 
     def press(
         self,
@@ -253,10 +253,10 @@ class DraggedTouch(LiveTouch):
         return Press(self.chart, 0, self.stamps, self.flesh, force, centre, angle)
 
 
-SLIDES = 0.02
+SLIDING_SHARE = 0.02
 """Share of the greatest speed from which a hand slides."""
 
 
-def smooth(level: float) -> float:
+def smooth_step(level: float) -> float:
     """A level between 0 and 1, without corners at either end."""
     return level**3 * (10 - 15 * level + 6 * level**2)

@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Float
 
 from eskin.sim.constants import Constants, Distribution
-from eskin.sim.contact.press import SoftTissue, Press, ContactSite, ContactPads
+from eskin.sim.contact.press import ContactPads, ContactSite, Press, SoftTissue
 from eskin.sim.people.person import Person
 
 Series = Float[np.ndarray, "time"]
@@ -83,7 +83,9 @@ def draw_slow_noise(
     return waves.sum(axis=0) * np.sqrt(2 / tones)
 
 
-def draw_tremor(steps: int, step: float, rate: float, rng: np.random.Generator) -> Series:
+def draw_tremor(
+    steps: int, step: float, rate: float, rng: np.random.Generator
+) -> Series:
     """A sine of amplitude 1, `rate` [Hz], whose phase is drawn."""
     return np.sin(2 * np.pi * (rate * np.arange(steps) * step + rng.random()))
 
@@ -136,7 +138,9 @@ class GestureSample:
 
     def choose(self, name: str) -> str:
         """Draw one of a constant's names, by the person's taste if they have one."""
-        chosen = choose_style(name, self.person, self.constants, self.rng, self.difficulty)
+        chosen = choose_style(
+            name, self.person, self.constants, self.rng, self.difficulty
+        )
         self.drawn[self.free(name)] = chosen
         return chosen
 
@@ -185,7 +189,9 @@ class GestureSample:
         if self.choose("push.shape") == "bell":
             return build_bell(steps, self.constants.value("force.bell"))
         smooth = round(self.constants.value("force.smooth") / self.step / 2)
-        return build_trapezoid(steps, self.draw("push.rise"), self.draw("push.fall"), smooth)
+        return build_trapezoid(
+            steps, self.draw("push.rise"), self.draw("push.fall"), smooth
+        )
 
     def rippled(self, steps: int) -> Series:
         """How the force of what slides comes and goes, around 1."""
@@ -254,7 +260,9 @@ AMOUNT_TRIES = 30
 """Draws before a number outside its limits is cut."""
 
 
-def draw_force(act: GestureSample, name: str, gesture: str, most: float = np.inf) -> float:
+def draw_force(
+    act: GestureSample, name: str, gesture: str, most: float = np.inf
+) -> float:
     """Largest force of a touch [N]; more spread the more difficult.
 
     Args:
@@ -267,7 +275,9 @@ def draw_force(act: GestureSample, name: str, gesture: str, most: float = np.inf
     usual = act.constants.value("force.repeat")
     repeat = np.log(usual + act.constants.value("force.repeat_growth") * act.difficulty)
     scale = act.person.force_scale
-    rest = compute_remaining_deviation(act.constants, name, "person.force_scale", np.log(usual))
+    rest = compute_remaining_deviation(
+        act.constants, name, "person.force_scale", np.log(usual)
+    )
     return act.note("force", draw_amount(act, name, scale, rest, repeat, habit, most))
 
 
@@ -284,7 +294,9 @@ def draw_duration(act: GestureSample, gesture: str, habit: str | None = None) ->
         + act.constants.value("duration.repeat_growth") * act.difficulty
     )
     scale = act.person.tempo_scale
-    rest = compute_remaining_deviation(act.constants, name, "person.tempo_scale", repeat)
+    rest = compute_remaining_deviation(
+        act.constants, name, "person.tempo_scale", repeat
+    )
     return act.note(
         "duration", draw_amount(act, name, scale, rest, repeat, pace, np.inf)
     )
@@ -313,7 +325,9 @@ def draw_amount(
     return float(np.clip(number, min(law.low, high), high))
 
 
-def compute_remaining_deviation(constants: Constants, name: str, person: str, repeat: float) -> float:
+def compute_remaining_deviation(
+    constants: Constants, name: str, person: str, repeat: float
+) -> float:
     """Deviation of the logarithm that person and repeats leave of a law's."""
     total = np.log(get_lognormal(constants, name).gsd or 1.0)
     own = np.log(get_lognormal(constants, person).gsd or 1.0)

@@ -5,15 +5,15 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Float
 
-from eskin.sim.contact.press import SoftTissue, Press, ContactPads
+from eskin.sim.contact.press import ContactPads, Press, SoftTissue
 from eskin.sim.people.gesture_sample import (
     GestureSample,
     Series,
+    build_minimum_jerk,
+    build_trapezoid,
     draw_duration,
     draw_force,
-    build_minimum_jerk,
     scale_to_peak,
-    build_trapezoid,
 )
 from eskin.sim.people.hand import build_body
 
@@ -121,7 +121,9 @@ def shift_hand(act: GestureSample, path: np.ndarray, leave: int, land: int) -> N
     path[land:] += shift
 
 
-def keep_contact(act: GestureSample, series: np.ndarray, weakest: float, first: int, last: int) -> None:
+def keep_contact(
+    act: GestureSample, series: np.ndarray, weakest: float, first: int, last: int
+) -> None:
     """Let the hand not quite leave between the first and the last peak, sometimes."""
     chance = act.constants.value("double_pat.stays") * act.difficulty
     if act.happens("stays", chance):
@@ -135,19 +137,25 @@ def draw_grab(act: GestureSample) -> tuple[Press, ...]:
     return (draw_hold(act, draw_duration(act, "grab"), act.kind),)
 
 
-def draw_hold(act: GestureSample, duration: float, group: str, firmer: float = 1.0) -> Press:
+def draw_hold(
+    act: GestureSample, duration: float, group: str, firmer: float = 1.0
+) -> Press:
     """Parts of a hand round a tube for some time [s], `firmer` than in a grab."""
     most = compute_max_grip(act) / firmer
     force = firmer * draw_force(act, "grab.force", "grab", most)
     steps = act.steps(duration)
     smooth = round(act.constants.value("force.smooth") / act.step / 2)
     rise, fall = act.draw("grab.rise"), act.draw("grab.fall")
-    series = scale_to_peak(build_trapezoid(steps, rise, fall, smooth) * act.held(steps), force)
+    series = scale_to_peak(
+        build_trapezoid(steps, rise, fall, smooth) * act.held(steps), force
+    )
     path = act.wander(steps)
     twist = act.draw("grab.twist") * build_minimum_jerk(steps)
     series = np.minimum(series, most * firmer)
     stamps = act.person.part(group, act.draw("grab.splay"))
-    return act.press(stamps, draw_closed_tissue(act), series, path, draw_angle_across(act) + twist)
+    return act.press(
+        stamps, draw_closed_tissue(act), series, path, draw_angle_across(act) + twist
+    )
 
 
 def draw_closed_tissue(act: GestureSample) -> SoftTissue:
@@ -209,7 +217,9 @@ def draw_stroke_direction(act: GestureSample) -> Float[np.ndarray, "2"]:
     return way
 
 
-def fit_stroke(act: GestureSample, way: Float[np.ndarray, "2"], wanted: float) -> tuple[float, float]:
+def fit_stroke(
+    act: GestureSample, way: Float[np.ndarray, "2"], wanted: float
+) -> tuple[float, float]:
     """Where along its way a stroke begins, and its length, in the room there is [m].
 
     It passes the site's centre.
@@ -225,7 +235,9 @@ def fit_stroke(act: GestureSample, way: Float[np.ndarray, "2"], wanted: float) -
     return start, act.note("length", length)
 
 
-def find_slide_limits(act: GestureSample, way: Float[np.ndarray, "2"]) -> tuple[float, float]:
+def find_slide_limits(
+    act: GestureSample, way: Float[np.ndarray, "2"]
+) -> tuple[float, float]:
     """How far one may slide back and forth along a way [m]."""
     low, high = act.site.clear
     arc = act.constants.value("stroke.arc") * 2 * np.pi * act.site.radius / 2
@@ -251,5 +263,7 @@ def build_travel(steps: int, back: bool) -> Series:
 def draw_sliding_force(act: GestureSample, steps: int) -> Series:
     """Force of a sliding hand, around 1: it ripples, and lifts off slowly."""
     smooth = round(act.constants.value("force.smooth") / act.step / 2)
-    shape = build_trapezoid(steps, act.draw("stroke.rise"), act.draw("stroke.fall"), smooth)
+    shape = build_trapezoid(
+        steps, act.draw("stroke.rise"), act.draw("stroke.fall"), smooth
+    )
     return shape * act.rippled(steps) * act.held(steps)

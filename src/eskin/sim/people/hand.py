@@ -16,7 +16,12 @@ HAND_PADS = (
 )
 """Names of the parts of a hand, in the order of its stamps."""
 
-TIPS, THUMB, HEADS, HEEL = HAND_PADS[:4], HAND_PADS[12:14], HAND_PADS[14:17], HAND_PADS[17:]
+TIPS, THUMB, HEADS, HEEL = (
+    HAND_PADS[:4],
+    HAND_PADS[12:14],
+    HAND_PADS[14:17],
+    HAND_PADS[17:],
+)
 PAD_GROUPS: dict[str, tuple[str, ...]] = {
     "one_tip": HAND_PADS[:1],
     "two_tips": HAND_PADS[:2],

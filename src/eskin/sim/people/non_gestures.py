@@ -4,18 +4,25 @@ import numpy as np
 from jaxtyping import Float
 
 from eskin.sim.constants import MM
-from eskin.sim.contact.press import SoftTissue, Press
+from eskin.sim.contact.press import Press, SoftTissue
 from eskin.sim.people.gesture_sample import (
     GestureSample,
     Series,
     build_bell,
+    build_trapezoid,
     draw_duration,
     draw_force,
-    scale_to_peak,
-    build_trapezoid,
     draw_tremor,
+    scale_to_peak,
 )
-from eskin.sim.people.gestures import draw_angle_across, draw_closed_tissue, draw_stroke_direction, draw_hold, draw_pats, draw_sliding_force
+from eskin.sim.people.gestures import (
+    draw_angle_across,
+    draw_closed_tissue,
+    draw_hold,
+    draw_pats,
+    draw_sliding_force,
+    draw_stroke_direction,
+)
 from eskin.sim.people.hand import build_body
 
 FINGER_GROUPS = ("one_tip", "two_tips")
@@ -41,7 +48,9 @@ def build_ramp(act: GestureSample, steps: int, up: float, down: float) -> Series
     whole = (steps - 1) * act.step
     smooth = round(act.constants.value("force.smooth") / act.step / 2)
     most = 1 / 2
-    return build_trapezoid(steps, min(up / whole, most), min(down / whole, most), smooth)
+    return build_trapezoid(
+        steps, min(up / whole, most), min(down / whole, most), smooth
+    )
 
 
 def draw_single_pat(act: GestureSample) -> tuple[Press, ...]:
@@ -96,7 +105,9 @@ def draw_hand_positions(act: GestureSample) -> tuple[float, float]:
     return first, first + gap
 
 
-def draw_guiding_hand(act: GestureSample, force: float, steps: int, place: float) -> Press:
+def draw_guiding_hand(
+    act: GestureSample, force: float, steps: int, place: float
+) -> Press:
     """One of the two hands."""
     sway = act.draw("none.guiding.sway")
     rate = act.draw("none.guiding.sway_rate")
@@ -105,7 +116,9 @@ def draw_guiding_hand(act: GestureSample, force: float, steps: int, place: float
     stamps = act.stamps("full_hand")
     path = act.wander(steps) + np.array([0.0, place])
     series = scale_to_peak(shape * swaying * act.held(steps), force)
-    return act.press(stamps, draw_closed_tissue(act), series, path, draw_angle_across(act))
+    return act.press(
+        stamps, draw_closed_tissue(act), series, path, draw_angle_across(act)
+    )
 
 
 def build_object_tissue(act: GestureSample) -> SoftTissue:
@@ -154,7 +167,9 @@ def choose_bumping_body(act: GestureSample, stiffness: float) -> str:
     return "torso" if stiffness < soft else "forearm"
 
 
-def draw_slide(act: GestureSample, speed: float, steps: int) -> Float[np.ndarray, "time 2"]:
+def draw_slide(
+    act: GestureSample, speed: float, steps: int
+) -> Float[np.ndarray, "time 2"]:
     """A way at even speed [m/s] in a direction that is drawn, about the site [m]."""
     way = act.note("direction", act.rng.uniform(-np.pi, np.pi))
     along = speed * act.step * (np.arange(steps) - (steps - 1) / 2)
@@ -183,11 +198,17 @@ def draw_dragged_body(act: GestureSample, body: str, flesh: SoftTissue) -> Press
     angle = float(act.drawn["direction"]) + np.pi / 2 + act.draw("hand.turn")
     series = scale_to_peak(shape * act.rippled(steps), force)
     return act.press(
-        build_body(body, act.constants), flesh, series, clip_to_free_run(act, path), angle
+        build_body(body, act.constants),
+        flesh,
+        series,
+        clip_to_free_run(act, path),
+        angle,
     )
 
 
-def clip_to_free_run(act: GestureSample, path: Float[np.ndarray, "time 2"]) -> Float[np.ndarray, "time 2"]:
+def clip_to_free_run(
+    act: GestureSample, path: Float[np.ndarray, "time 2"]
+) -> Float[np.ndarray, "time 2"]:
     """The same way, held at the ends of the free run."""
     low, high = act.site.clear
     return np.column_stack([path[:, 0], np.clip(path[:, 1], low, high)])

@@ -5,9 +5,15 @@ from collections.abc import Callable
 import numpy as np
 
 from eskin.sim.constants import Constants
-from eskin.sim.contact.press import Press, ContactSite, TrueTouch
+from eskin.sim.contact.press import ContactSite, Press, TrueTouch
 from eskin.sim.people.gesture_sample import GestureSample, Regime, choose_style
-from eskin.sim.people.gestures import draw_double_pat, draw_grab, draw_poke, draw_stroke, draw_many_taps
+from eskin.sim.people.gestures import (
+    draw_double_pat,
+    draw_grab,
+    draw_many_taps,
+    draw_poke,
+    draw_stroke,
+)
 from eskin.sim.people.non_gestures import (
     draw_brush,
     draw_bump,
@@ -95,7 +101,9 @@ def perform(
         ValueError: there is no such gesture, or no such way of doing it.
     """
     if gesture not in PERFORMABLE:
-        raise ValueError(f"no gesture '{gesture}'; choose from {', '.join(PERFORMABLE)}")
+        raise ValueError(
+            f"no gesture '{gesture}'; choose from {', '.join(PERFORMABLE)}"
+        )
     if difficulty < 0:
         raise ValueError(f"difficulty is {difficulty}; give 0 or more")
     chosen = regime or parse_regime(constants.choose("duration.regime", rng))
@@ -132,7 +140,11 @@ def find_program(gesture: str, kind: str) -> Program:
     """What does a gesture."""
     if gesture == "none":
         return NONE_PROGRAMS[kind]
-    return GESTURE_PROGRAMS[gesture] if gesture in GESTURE_PROGRAMS else UNKNOWN_PROGRAMS[gesture]
+    return (
+        GESTURE_PROGRAMS[gesture]
+        if gesture in GESTURE_PROGRAMS
+        else UNKNOWN_PROGRAMS[gesture]
+    )
 
 
 def choose_kind(

@@ -5,8 +5,14 @@ from dataclasses import dataclass, fields
 import numpy as np
 
 from eskin.sim.constants import MM, Constants
-from eskin.sim.contact.press import SoftTissue, ContactPads
-from eskin.sim.people.hand import PAD_GROUPS, build_hand, mirror_pads, select_pads, splay_fingers
+from eskin.sim.contact.press import ContactPads, SoftTissue
+from eskin.sim.people.hand import (
+    PAD_GROUPS,
+    build_hand,
+    mirror_pads,
+    select_pads,
+    splay_fingers,
+)
 
 STYLE_CONSTANTS = ("poke.kinds", "push.shape", "double_pat.kinds", "grab.kinds") + (
     "stroke.kinds",
@@ -72,8 +78,12 @@ class Person:
             ValueError: there is no such group.
         """
         if group not in PAD_GROUPS:
-            raise ValueError(f"no parts '{group}' of a hand; choose from {[*PAD_GROUPS]}")
-        return select_pads(splay_fingers(self.hand, splay) if splay else self.hand, PAD_GROUPS[group])
+            raise ValueError(
+                f"no parts '{group}' of a hand; choose from {[*PAD_GROUPS]}"
+            )
+        return select_pads(
+            splay_fingers(self.hand, splay) if splay else self.hand, PAD_GROUPS[group]
+        )
 
     def record(self) -> dict[str, float | str]:
         """All that was drawn, flat, by name."""
@@ -165,7 +175,9 @@ def draw_fingers(
     ]
 
 
-def draw_flesh(length: float, constants: Constants, rng: np.random.Generator) -> SoftTissue:
+def draw_flesh(
+    length: float, constants: Constants, rng: np.random.Generator
+) -> SoftTissue:
     """How a hand of some length [m] gives way."""
     scale = length / (constants.value("hand.length") * MM)
     return SoftTissue(

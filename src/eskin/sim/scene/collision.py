@@ -6,11 +6,15 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from eskin.robot import Cylinder, Robot
-from eskin.sim.scene.kernels import CylinderArrays, clearances, rooms
+from eskin.sim.scene.kernels import (
+    CylinderArrays,
+    compute_clearances,
+    compute_point_distances,
+)
 
 
 @dataclass(frozen=True, eq=False)
-class Solids:
+class CollisionModel:
     """The solid parts of a robot and which of them may meet."""
 
     rods: CylinderArrays
@@ -32,7 +36,7 @@ class Solids:
         What is farther than `enough` [m] is only known to be so.
         """
         T = np.ascontiguousarray(T_world_link)
-        return clearances(self.rods, self.pairs, self.free, T, enough)
+        return compute_clearances(self.rods, self.pairs, self.free, T, enough)
 
     def room(
         self,
@@ -41,17 +45,19 @@ class Solids:
         link: int,
     ) -> Float[np.ndarray, "point"]:
         """Distance of points of the world from all links but one, and the table [m]."""
-        found, _ = rooms(self.rods, T_world_link, points, self.others[link])
+        found, _ = compute_point_distances(
+            self.rods, T_world_link, points, self.others[link]
+        )
         return np.minimum(found, points[:, 2])
 
 
-def solids_of(robot: Robot) -> Solids:
+def build_collision_model(robot: Robot) -> CollisionModel:
     """The cylinders of a robot.
 
     Raises:
         ValueError: a body is no cylinder.
     """
-    rods = rods_of(robot)
+    rods = build_cylinders(robot)
     joined = {frozenset((joint.parent, joint.child)) for joint in robot.joints}
     names = robot.link_names
     meets = np.array(
@@ -59,16 +65,16 @@ def solids_of(robot: Robot) -> Solids:
     )
     links = rods.links
     pairs = np.argwhere(np.triu(meets[links][:, links]))
-    return Solids(
+    return CollisionModel(
         rods=rods,
         pairs=pairs.astype(np.int64).reshape(-1, 2),
-        free=np.flatnonzero(~np.isin(links, standing(robot))),
+        free=np.flatnonzero(~np.isin(links, find_base_links(robot))),
         apart=tuple(np.flatnonzero(meets[link][links]) for link in range(len(names))),
         others=tuple(np.flatnonzero(links != link) for link in range(len(names))),
     )
 
 
-def standing(robot: Robot) -> list[int]:
+def find_base_links(robot: Robot) -> list[int]:
     """The root and what turns on it, which are on the table anyhow."""
     children = {joint.child for joint in robot.joints}
     (root,) = (name for name in robot.link_names if name not in children)
@@ -76,7 +82,7 @@ def standing(robot: Robot) -> list[int]:
     return [robot.link_index(name) for name in (root, *first)]
 
 
-def rods_of(robot: Robot) -> CylinderArrays:
+def build_cylinders(robot: Robot) -> CylinderArrays:
     """All geoms of a robot as cylinders in the frames of their links."""
     links, centres, axes, radii, halves = [], [], [], [], []
     for index, link in enumerate(robot.links):

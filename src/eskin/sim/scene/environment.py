@@ -8,13 +8,13 @@ from jaxtyping import Float
 from eskin.sim.constants import MM, Constants
 from eskin.sim.contact.chart import Chart, build_charts
 from eskin.sim.contact.press import ContactSite
-from eskin.sim.scene.collision import Solids, solids_of
-from eskin.sim.scene.targets import Spots, spots_of
+from eskin.sim.scene.collision import CollisionModel, build_collision_model
+from eskin.sim.scene.targets import TouchTargets, build_targets
 from eskin.skin import MountedSkin
 
 
 @dataclass(frozen=True, eq=False)
-class World:
+class SimEnvironment:
     """A robot in its skin, prepared for touching."""
 
     mounted: MountedSkin
@@ -23,9 +23,9 @@ class World:
     """The skin's surfaces, unrolled."""
     links: tuple[int, ...]
     """The link of each chart, as an index into the robot's links."""
-    solids: Solids
+    solids: CollisionModel
     """What may collide."""
-    spots: Spots
+    spots: TouchTargets
     """Places that can be touched."""
     constants: Constants
     """Numbers of the world."""
@@ -56,16 +56,16 @@ class World:
         return names.index(name)
 
 
-def build_world(mounted: MountedSkin, constants: Constants) -> World:
+def build_environment(mounted: MountedSkin, constants: Constants) -> SimEnvironment:
     """Prepare a robot in its skin for touching."""
     charts = build_charts(mounted, constants.value("contact.rim"))
     links = tuple(mounted.robot.link_index(chart.link) for chart in charts)
-    solids = solids_of(mounted.robot)
-    spots = spots_of(mounted.skin, charts, constants)
-    return World(mounted, charts, links, solids, spots, constants)
+    solids = build_collision_model(mounted.robot)
+    spots = build_targets(mounted.skin, charts, constants)
+    return SimEnvironment(mounted, charts, links, solids, spots, constants)
 
 
-def axes_at(
+def compute_surface_axes(
     chart: Chart,
     centre: Float[np.ndarray, "point 2"],
     T_world_link: Float[np.ndarray, "*#batch 4 4"],
@@ -85,7 +85,7 @@ def axes_at(
     return position, s_axis, np.cross(normal, s_axis), normal
 
 
-def angle_of(
+def compute_surface_angle(
     direction: Float[np.ndarray, "*#batch 3"],
     s_axis: Float[np.ndarray, "*#batch 3"],
     t_axis: Float[np.ndarray, "*#batch 3"],
@@ -96,7 +96,7 @@ def angle_of(
     return np.arctan2(-along_s, along_t)
 
 
-def direction_of(
+def compute_surface_direction(
     angle: Float[np.ndarray, "*#batch"],
     s_axis: Float[np.ndarray, "*#batch 3"],
     t_axis: Float[np.ndarray, "*#batch 3"],
@@ -106,8 +106,8 @@ def direction_of(
     return np.cos(turned) * t_axis - np.sin(turned) * s_axis
 
 
-def site_at(
-    world: World,
+def build_site(
+    world: SimEnvironment,
     chart: int,
     centre: Float[np.ndarray, "2"],
     direction: Float[np.ndarray, "3"],
@@ -116,13 +116,13 @@ def site_at(
     """The site at a place of a chart, its angle that of a direction of the world."""
     here = world.charts[chart]
     T = T_world_link[world.links[chart]]
-    _, s_axis, t_axis, _ = axes_at(here, centre[None], T)
+    _, s_axis, t_axis, _ = compute_surface_axes(here, centre[None], T)
     return ContactSite(
         chart=chart,
         centre=(float(centre[0]), float(centre[1])),
         radius=here.radius,
-        clear=free_run(world, chart, centre, T_world_link),
-        angle=float(angle_of(direction[None], s_axis, t_axis)[0]),
+        clear=find_free_run(world, chart, centre, T_world_link),
+        angle=float(compute_surface_angle(direction[None], s_axis, t_axis)[0]),
     )
 
 
@@ -130,40 +130,42 @@ STRIDE = 0.01
 """Step along a free run [m]."""
 
 
-def free_run(
-    world: World,
+def find_free_run(
+    world: SimEnvironment,
     chart: int,
     centre: Float[np.ndarray, "2"],
     T_world_link: Float[np.ndarray, "link 4 4"],
 ) -> tuple[float, float]:
     """How far a hand may slide along t from a place: skin below, nothing above [m]."""
-    low, high = covered(world, chart, centre)
+    low, high = find_skin_extent(world, chart, centre)
     here, link = world.charts[chart], world.links[chart]
     before = -np.arange(STRIDE, -low, STRIDE)
     after = np.arange(STRIDE, high, STRIDE)
     steps = np.concatenate([before, after])
     at = centre + np.column_stack([np.zeros_like(steps), steps])
     T = T_world_link[link]
-    position, _, _, normal = axes_at(here, at, T)
+    position, _, _, normal = compute_surface_axes(here, at, T)
     room = world.constants.value("place.room") * MM
     over = position + room / 2 * normal
     blocked = world.solids.room(T_world_link, over, link) < room / 2
     return (
-        low if not blocked[: len(before)].any() else reached(before, blocked),
+        low
+        if not blocked[: len(before)].any()
+        else find_last_free_step(before, blocked),
         high
         if not blocked[len(before) :].any()
-        else reached(after, blocked[-len(after) :]),
+        else find_last_free_step(after, blocked[-len(after) :]),
     )
 
 
-def reached(steps: Float[np.ndarray, "step"], blocked: np.ndarray) -> float:
+def find_last_free_step(steps: Float[np.ndarray, "step"], blocked: np.ndarray) -> float:
     """The last step before the first that is blocked [m]."""
     first = int(np.argmax(blocked[: len(steps)]))
     return float(steps[first - 1]) if first else 0.0
 
 
-def covered(
-    world: World, chart: int, centre: Float[np.ndarray, "2"]
+def find_skin_extent(
+    world: SimEnvironment, chart: int, centre: Float[np.ndarray, "2"]
 ) -> tuple[float, float]:
     """How far skin goes on along t from a place [m]."""
     here = world.charts[chart]

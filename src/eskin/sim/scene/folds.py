@@ -7,16 +7,16 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from eskin.sim.constants import MM
-from eskin.sim.contact.press import Press, ContactSite, TrueTouch
+from eskin.sim.contact.press import ContactSite, Press, TrueTouch
 from eskin.sim.people.hand import mirror_pads
 from eskin.sim.people.person import Person
-from eskin.sim.scene.environment import World, axes_at, site_at
-from eskin.sim.scene.kernels import facing_gaps
-from eskin.sim.scene.placement import view_of
+from eskin.sim.scene.environment import SimEnvironment, build_site, compute_surface_axes
+from eskin.sim.scene.kernels import find_facing_points
+from eskin.sim.scene.placement import build_view
 
 
 @dataclass(frozen=True, eq=False)
-class Faces:
+class PatchSamples:
     """Some taxels of each chart, evenly spread."""
 
     points: Float[np.ndarray, "point 3"]
@@ -36,7 +36,7 @@ class Faces:
 
 
 @lru_cache(maxsize=4)
-def faces_of(world: World) -> Faces:
+def sample_patches(world: SimEnvironment) -> PatchSamples:
     """The taxels that folds are sought by."""
     skin = world.mounted.skin
     most = int(world.constants.value("fold.points"))
@@ -50,7 +50,7 @@ def faces_of(world: World) -> Faces:
     taxels = np.concatenate(chosen)
     shares = [skin.areas[chart.taxels].sum() for chart in world.charts]
     counts = [len(each) for each in chosen]
-    return Faces(
+    return PatchSamples(
         points=skin.positions[taxels].astype(np.float64),
         normals=skin.normals[taxels].astype(np.float64),
         areas=np.repeat(np.array(shares) / counts, counts),
@@ -61,52 +61,52 @@ def faces_of(world: World) -> Faces:
     )
 
 
-def facing(
-    world: World, T_world_link: Float[np.ndarray, "pose link 4 4"]
+def compute_facing_gaps(
+    world: SimEnvironment, T_world_link: Float[np.ndarray, "pose link 4 4"]
 ) -> tuple[Float[np.ndarray, "pose pair"], Int[np.ndarray, "pose pair 2"]]:
     """Least gap of each pair of charts [m], infinite if they do not face each other.
 
     Gaps too thin for a hand do not count. The second array tells the two points of
-    `faces_of` that are nearest.
+    `sample_patches` that are nearest.
     """
     value = world.constants.value
     least, within = value("fold.thinnest") * MM, value("fold.within") * MM
-    faces = faces_of(world)
-    return facing_gaps(
+    faces = sample_patches(world)
+    return find_facing_points(
         *(faces.points, faces.normals, faces.starts, faces.links),
         *(faces.balls, faces.pairs, np.ascontiguousarray(T_world_link)),
         *(least, within, value("fold.facing")),
     )
 
 
-def folds_at(
-    world: World, q: Float[np.ndarray, "pose joint"]
+def find_folded_poses(
+    world: SimEnvironment, q: Float[np.ndarray, "pose joint"]
 ) -> Bool[np.ndarray, "pose"]:
     """In which poses patches of different links face each other closely."""
-    gaps, _ = facing(world, world.poses(q))
+    gaps, _ = compute_facing_gaps(world, world.poses(q))
     return np.min(gaps, axis=1, initial=np.inf) < np.inf
 
 
-def fold_sites(
-    world: World, q: Float[np.ndarray, "joint"], person: Person
+def find_fold_sites(
+    world: SimEnvironment, q: Float[np.ndarray, "joint"], person: Person
 ) -> tuple[tuple[ContactSite, ContactSite], ...]:
     """Pairs of places where a hand touches two patches at once, nearest first.
 
     Each pair is of two charts on different links that face each other within
-    `fold.within`. The hand points the same way at both.
+    `press_both_sites.within`. The hand points the same way at both.
     """
-    view = view_of(world, q, person)
-    gaps, which = facing(world, view.T_world_link[None])
-    faces = faces_of(world)
+    view = build_view(world, q, person)
+    gaps, which = compute_facing_gaps(world, view.T_world_link[None])
+    faces = sample_patches(world)
     found = []
     for pair in np.argsort(gaps[0], kind="stable"):
         if np.isfinite(gaps[0, pair]):
             points = faces.points[which[0, pair]]
             charts = faces.pairs[pair]
-            middle = points_in_world(world, charts, points, view.T_world_link).mean(0)
+            middle = transform_points(world, charts, points, view.T_world_link).mean(0)
             ahead = middle - view.shoulder
             first, second = (
-                site_at(
+                build_site(
                     world,
                     int(chart),
                     world.charts[chart].surface.unroll(point[None])[0],
@@ -119,8 +119,8 @@ def fold_sites(
     return tuple(found)
 
 
-def points_in_world(
-    world: World,
+def transform_points(
+    world: SimEnvironment,
     charts: Int[np.ndarray, "point"],
     points: Float[np.ndarray, "point 3"],
     T_world_link: Float[np.ndarray, "link 4 4"],
@@ -130,13 +130,16 @@ def points_in_world(
     return np.einsum("pij,pj->pi", T[:, :3, :3], points) + T[:, :3, 3]
 
 
-def gap_of(
-    world: World, q: Float[np.ndarray, "joint"], first: ContactSite, second: ContactSite
+def compute_site_gap(
+    world: SimEnvironment,
+    q: Float[np.ndarray, "joint"],
+    first: ContactSite,
+    second: ContactSite,
 ) -> float:
     """Distance of two sites in space [m]."""
     T = world.poses(q)
     one, other = (
-        axes_at(
+        compute_surface_axes(
             world.charts[site.chart],
             np.array([site.centre]),
             T[world.links[site.chart]],
@@ -146,16 +149,21 @@ def gap_of(
     return float(np.linalg.norm(one - other))
 
 
-def share_of(
-    world: World, q: Float[np.ndarray, "joint"], first: ContactSite, second: ContactSite
+def compute_fold_share(
+    world: SimEnvironment,
+    q: Float[np.ndarray, "joint"],
+    first: ContactSite,
+    second: ContactSite,
 ) -> float:
     """Share of a hand's force that the second site bears: less, the wider the gap."""
     value = world.constants.value
-    gap = gap_of(world, q, first, second)
+    gap = compute_site_gap(world, q, first, second)
     return value("fold.even") * max(0.0, 1 - gap / (value("fold.within") * MM))
 
 
-def fold(touch: TrueTouch, first: ContactSite, second: ContactSite, share: float) -> TrueTouch:
+def press_both_sites(
+    touch: TrueTouch, first: ContactSite, second: ContactSite, share: float
+) -> TrueTouch:
     """The same touch with each press at the first site also at the second.
 
     Args:
@@ -173,7 +181,7 @@ def fold(touch: TrueTouch, first: ContactSite, second: ContactSite, share: float
     for press in touch.presses:
         if press.chart == first.chart:
             presses.append(replace(press, force=(1 - share) * press.force))
-            presses.append(opposite(press, first, second, share))
+            presses.append(mirror_press(press, first, second, share))
         else:
             presses.append(press)
     return replace(
@@ -181,7 +189,9 @@ def fold(touch: TrueTouch, first: ContactSite, second: ContactSite, share: float
     )
 
 
-def opposite(press: Press, first: ContactSite, second: ContactSite, share: float) -> Press:
+def mirror_press(
+    press: Press, first: ContactSite, second: ContactSite, share: float
+) -> Press:
     """The press of the other side of the hand, seen from there as in a mirror."""
     turn = second.angle + first.angle
     path = press.centre - np.array(first.centre)
@@ -190,12 +200,12 @@ def opposite(press: Press, first: ContactSite, second: ContactSite, share: float
         chart=second.chart,
         stamps=mirror_pads(press.stamps),
         force=share * press.force,
-        centre=np.array(second.centre) + reflected(path, turn),
+        centre=np.array(second.centre) + reflect_path(path, turn),
         angle=turn - press.angle,
     )
 
 
-def reflected(
+def reflect_path(
     path: Float[np.ndarray, "time 2"], turn: float
 ) -> Float[np.ndarray, "time 2"]:
     """A path whose directions, at angles a from t, come to be at turn - a."""

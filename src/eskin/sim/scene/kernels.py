@@ -23,8 +23,8 @@ class CylinderArrays(NamedTuple):
     """Half lengths [m] (rod)."""
 
 
-ROUNDS = 100
-CLOSE = 2e-5
+MAX_ITERATIONS = 100
+DISTANCE_TOLERANCE = 2e-5
 """Distances are found to this [m], from below."""
 
 
@@ -115,7 +115,9 @@ def compute_extent(
 
 @compiled
 @no_type_check
-def compute_distance(p: tuple[float, float, float], q: tuple[float, float, float]) -> float:
+def compute_distance(
+    p: tuple[float, float, float], q: tuple[float, float, float]
+) -> float:
     """Distance of two points [m]."""
     x, y, z = q[0] - p[0], q[1] - p[1], q[2] - p[2]
     return np.sqrt(x * x + y * y + z * z)
@@ -146,11 +148,11 @@ def compute_cylinder_distance(
     if capsule >= enough:
         return capsule
     best = max(capsule, 0.0)
-    for _ in range(ROUNDS):
+    for _ in range(MAX_ITERATIONS):
         q = find_nearest_point(p, e, b, s, k)
         p = find_nearest_point(q, c, a, r, h)
         length = compute_distance(p, q)
-        if length < CLOSE:
+        if length < DISTANCE_TOLERANCE:
             return best
         n = (
             (q[0] - p[0]) / length,
@@ -158,8 +160,10 @@ def compute_cylinder_distance(
             (q[2] - p[2]) / length,
         )
         middles = n[0] * (e[0] - c[0]) + n[1] * (e[1] - c[1]) + n[2] * (e[2] - c[2])
-        best = max(best, middles - compute_extent(n, a, r, h) - compute_extent(n, b, s, k))
-        if length - best < CLOSE:
+        best = max(
+            best, middles - compute_extent(n, a, r, h) - compute_extent(n, b, s, k)
+        )
+        if length - best < DISTANCE_TOLERANCE:
             break
     return best
 
@@ -207,7 +211,7 @@ def compute_clearances(
 
 @compiled
 @no_type_check
-def rooms(
+def compute_point_distances(
     rods: CylinderArrays,
     T_world_link: Float[np.ndarray, "link 4 4"],
     points: Float[np.ndarray, "point 3"],
@@ -220,7 +224,9 @@ def rooms(
     for i in range(len(points)):
         p = (points[i, 0], points[i, 1], points[i, 2])
         for rod in others:
-            at = find_nearest_point(p, centres[rod], axes[rod], rods.radii[rod], rods.halves[rod])
+            at = find_nearest_point(
+                p, centres[rod], axes[rod], rods.radii[rod], rods.halves[rod]
+            )
             length = compute_distance(p, at)
             if length < found[i]:
                 found[i], which[i] = length, rod
@@ -229,7 +235,7 @@ def rooms(
 
 @compiled
 @no_type_check
-def placed_points(
+def transform_point(
     T: Float[np.ndarray, "4 4"], local: Float[np.ndarray, "3"], shifted: float
 ) -> tuple[float, float, float]:
     """A point (shifted 1) or a direction (shifted 0) of a link in the world."""
@@ -241,7 +247,7 @@ def placed_points(
 
 @compiled
 @no_type_check
-def facing_gaps(
+def find_facing_points(
     points: Float[np.ndarray, "point 3"],
     normals: Float[np.ndarray, "point 3"],
     starts: Int[np.ndarray, "chart_and_one"],
@@ -255,4 +261,54 @@ def facing_gaps(
 ) -> tuple[Float[np.ndarray, "pose pair"], Int[np.ndarray, "pose pair 2"]]:
     """Least distance of points of two charts that face each other, and which two [m].
 
-    In
+    Infinite, and -1, where none do between `thinnest` and `within`.
+    """
+    poses = len(T_world_link)
+    gaps = np.full((poses, len(pairs)), np.inf)
+    which = np.full((poses, len(pairs), 2), -1)
+    world = np.empty((len(points), 6))
+    middles = np.empty((len(links), 3))
+    for pose in range(poses):
+        for chart in range(len(links)):
+            T = T_world_link[pose, links[chart]]
+            x, y, z = transform_point(T, balls[chart, :3], 1.0)
+            middles[chart, 0], middles[chart, 1], middles[chart, 2] = x, y, z
+            for i in range(starts[chart], starts[chart + 1]):
+                x, y, z = transform_point(T, points[i], 1.0)
+                world[i, 0], world[i, 1], world[i, 2] = x, y, z
+                x, y, z = transform_point(T, normals[i], 0.0)
+                world[i, 3], world[i, 4], world[i, 5] = x, y, z
+        for pair in range(len(pairs)):
+            one, other = pairs[pair]
+            apart = 0.0
+            for axis in range(3):
+                apart += (middles[one, axis] - middles[other, axis]) ** 2
+            if np.sqrt(apart) > within + balls[one, 3] + balls[other, 3]:
+                continue
+            best = within * within
+            beyond = (within + balls[other, 3]) ** 2
+            for i in range(starts[one], starts[one + 1]):
+                a = world[i]
+                apart = 0.0
+                for axis in range(3):
+                    apart += (a[axis] - middles[other, axis]) ** 2
+                if apart > beyond:
+                    continue
+                for j in range(starts[other], starts[other + 1]):
+                    b = world[j]
+                    x, y, z = b[0] - a[0], b[1] - a[1], b[2] - a[2]
+                    square = x * x + y * y + z * z
+                    if square >= best or square < thinnest * thinnest:
+                        continue
+                    least = cosine * np.sqrt(square)
+                    if x * a[3] + y * a[4] + z * a[5] < least:
+                        continue
+                    if x * b[3] + y * b[4] + z * b[5] > -least:
+                        continue
+                    if a[3] * b[3] + a[4] * b[4] + a[5] * b[5] > -cosine:
+                        continue
+                    best = square
+                    which[pose, pair, 0], which[pose, pair, 1] = i, j
+            if which[pose, pair, 0] >= 0:
+                gaps[pose, pair] = np.sqrt(best)
+    return gaps, which

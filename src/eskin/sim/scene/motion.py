@@ -6,14 +6,19 @@ import numpy as np
 from jaxtyping import Float
 
 from eskin.sim.contact.press import Press
-from eskin.sim.scene.environment import World, angle_of, axes_at, direction_of
-from eskin.sim.scene.folds import faces_of
-from eskin.sim.scene.poses import GROUPS, draw_pose
-from eskin.sim.scene.validity import is_free
+from eskin.sim.scene.environment import (
+    SimEnvironment,
+    compute_surface_angle,
+    compute_surface_axes,
+    compute_surface_direction,
+)
+from eskin.sim.scene.folds import sample_patches
+from eskin.sim.scene.poses import POSE_GROUPS, draw_pose
+from eskin.sim.scene.validity import are_collision_free
 
 
 @dataclass(frozen=True)
-class Profile:
+class SpeedProfile:
     """How far a move has come through time."""
 
     length: float
@@ -44,15 +49,17 @@ class Profile:
         return np.where(np.minimum(t, left) < self.ramp, slow, cruising)
 
 
-def profile_of(length: float, speed: float, acceleration: float) -> Profile:
+def build_speed_profile(
+    length: float, speed: float, acceleration: float
+) -> SpeedProfile:
     """The fastest move over a length [rad] within a speed and an acceleration."""
     reached = min(speed, float(np.sqrt(length * acceleration)))
-    return Profile(length, reached, acceleration)
+    return SpeedProfile(length, reached, acceleration)
 
 
-def follow(
+def follow_late(
     press: Press,
-    world: World,
+    world: SimEnvironment,
     q_series: Float[np.ndarray, "time joint"],
     delay: float,
 ) -> Press:
@@ -69,11 +76,11 @@ def follow(
     """
     now = press.first + np.arange(press.steps, dtype=np.float64)
     late = now - delay / world.constants.value("time.step")
-    return carried(press, world, q_series, now, np.maximum(late, now[0]))
+    return carry_press(press, world, q_series, now, np.maximum(late, now[0]))
 
 
-def drag(
-    press: Press, world: World, q_series: Float[np.ndarray, "time joint"]
+def hang_still(
+    press: Press, world: SimEnvironment, q_series: Float[np.ndarray, "time joint"]
 ) -> Press:
     """A press by what hangs still in the world, such as a cable, while a link moves.
 
@@ -83,12 +90,12 @@ def drag(
         q_series: poses at the steps of the scene's clock [rad].
     """
     now = press.first + np.arange(press.steps, dtype=np.float64)
-    return carried(press, world, q_series, now, np.full_like(now, now[0]))
+    return carry_press(press, world, q_series, now, np.full_like(now, now[0]))
 
 
-def carried(
+def carry_press(
     press: Press,
-    world: World,
+    world: SimEnvironment,
     q_series: Float[np.ndarray, "time joint"],
     now: Float[np.ndarray, "step"],
     then: Float[np.ndarray, "step"],
@@ -96,23 +103,30 @@ def carried(
     """The press with its hand at some steps of a series where it was at others."""
     if np.all(q_series == q_series[0]):
         return press
-    return left_behind(press, world, at_steps(q_series, now), at_steps(q_series, then))
+    return move_press_on_link(
+        press,
+        world,
+        interpolate_poses(q_series, now),
+        interpolate_poses(q_series, then),
+    )
 
 
-def left_behind(
+def move_press_on_link(
     press: Press,
-    world: World,
+    world: SimEnvironment,
     q_now: Float[np.ndarray, "step joint"],
     q_then: Float[np.ndarray, "step joint"],
 ) -> Press:
     """The press where T_link(now)^-1 T_link(then) takes its targets and its angle."""
     link, chart = world.links[press.chart], world.charts[press.chart]
     T_now, T_then = world.poses(q_now)[:, link], world.poses(q_then)[:, link]
-    was, s_then, t_then, _ = axes_at(chart, press.centre, T_then)
-    here, s_now, t_now, _ = axes_at(chart, press.centre, T_now)
+    was, s_then, t_then, _ = compute_surface_axes(chart, press.centre, T_then)
+    here, s_now, t_now, _ = compute_surface_axes(chart, press.centre, T_now)
     # Laid flat where the target is: a hand leaves a tube rather than dives into it.
     slid = [np.sum((was - here) * axis, axis=1) for axis in (s_now, t_now)]
-    turned = angle_of(direction_of(press.angle, s_then, t_then), s_now, t_now)
+    turned = compute_surface_angle(
+        compute_surface_direction(press.angle, s_then, t_then), s_now, t_now
+    )
     turn = (turned - press.angle + np.pi) % (2 * np.pi) - np.pi
     return replace(
         press,
@@ -121,7 +135,7 @@ def left_behind(
     )
 
 
-def at_steps(
+def interpolate_poses(
     q_series: Float[np.ndarray, "time joint"], steps: Float[np.ndarray, "step"]
 ) -> Float[np.ndarray, "step joint"]:
     """Poses between and beyond steps: before the first, as fast as right after it."""
@@ -136,20 +150,20 @@ def at_steps(
 Direction = Float[np.ndarray, "joint"]
 
 
-def still(
-    world: World, q: Float[np.ndarray, "joint"], seconds: float
+def hold_pose(
+    world: SimEnvironment, q: Float[np.ndarray, "joint"], seconds: float
 ) -> Float[np.ndarray, "time joint"]:
     """A robot that stays where it is [rad]."""
-    return np.tile(q, (steps_in(world, seconds), 1))
+    return np.tile(q, (count_steps(world, seconds), 1))
 
 
-def steps_in(world: World, seconds: float) -> int:
+def count_steps(world: SimEnvironment, seconds: float) -> int:
     """Steps of the simulator's clock in a time [s]."""
     return max(1, round(seconds / world.constants.value("time.step")))
 
 
 def draw_motion(
-    world: World,
+    world: SimEnvironment,
     q: Float[np.ndarray, "joint"],
     seconds: float,
     rng: np.random.Generator,
@@ -167,15 +181,17 @@ def draw_motion(
         rng: to draw from.
     """
     for _ in range(int(world.constants.value("motion.tries"))):
-        series = through(world, q, draw_direction(world, rng), seconds, rng)
-        if keeps_free(world, series):
+        series = move_through_pose(
+            world, q, draw_joint_direction(world, rng), seconds, rng
+        )
+        if is_path_free(world, series):
             return series
     base = np.zeros(len(q))
     base[0] = rng.choice([-1.0, 1.0])
-    return through(world, q, base, seconds, rng)
+    return move_through_pose(world, q, base, seconds, rng)
 
 
-def draw_direction(world: World, rng: np.random.Generator) -> Direction:
+def draw_joint_direction(world: SimEnvironment, rng: np.random.Generator) -> Direction:
     """Speeds of the joints by that of the fastest."""
     count = int(world.constants.choose("motion.joints", rng))
     joints = len(world.mounted.robot.joint_names)
@@ -185,8 +201,8 @@ def draw_direction(world: World, rng: np.random.Generator) -> Direction:
     return direction / np.abs(direction).max()
 
 
-def through(
-    world: World,
+def move_through_pose(
+    world: SimEnvironment,
     q: Float[np.ndarray, "joint"],
     direction: Direction,
     seconds: float,
@@ -194,24 +210,24 @@ def through(
 ) -> Float[np.ndarray, "time joint"]:
     """A move along a direction that takes a pose in the middle of the time."""
     draw = world.constants.draw
-    speed = min(draw("motion.speed", rng), fastest(world, q[None], direction))
+    speed = min(draw("motion.speed", rng), compute_max_speed(world, q[None], direction))
     acceleration = draw("motion.acceleration", rng)
     cruise = seconds * draw("motion.cruise", rng)
-    move = Profile(speed * (cruise + speed / acceleration), speed, acceleration)
+    move = SpeedProfile(speed * (cruise + speed / acceleration), speed, acceleration)
     middle = rng.uniform(0.0, move.duration)
     step = world.constants.value("time.step")
-    time = step * np.arange(steps_in(world, seconds))
+    time = step * np.arange(count_steps(world, seconds))
     time = time - time[len(time) // 2] + middle
     travelled = move.at(time) - move.at(np.array([middle]))
     return q + travelled[:, None] * direction
 
 
-def fastest(
-    world: World, q: Float[np.ndarray, "pose joint"], direction: Direction
+def compute_max_speed(
+    world: SimEnvironment, q: Float[np.ndarray, "pose joint"], direction: Direction
 ) -> float:
     """Greatest speed along a direction at which no skin is too fast [rad/s]."""
     nudge = 1e-6
-    faces = faces_of(world)
+    faces = sample_patches(world)
     links = np.repeat(faces.links, np.diff(faces.starts))
 
     def places(at: Float[np.ndarray, "pose joint"]) -> np.ndarray:
@@ -223,21 +239,23 @@ def fastest(
     return world.constants.value("motion.fastest") / max(most, 1e-3)
 
 
-def keeps_free(world: World, series: Float[np.ndarray, "time joint"]) -> bool:
+def is_path_free(
+    world: SimEnvironment, series: Float[np.ndarray, "time joint"]
+) -> bool:
     """Whether a series of poses stays within limits and clear of everything."""
     robot = world.mounted.robot
     if np.any(series < robot.lower) or np.any(series > robot.upper):
         return False
-    every = steps_in(world, world.constants.value("motion.check"))
+    every = count_steps(world, world.constants.value("motion.check"))
     looked_at = np.concatenate([series[::every], series[-1:]])
-    return bool(is_free(world, world.poses(looked_at)).all())
+    return bool(are_collision_free(world, world.poses(looked_at)).all())
 
 
-def way(
-    world: World,
+def draw_pose_path(
+    world: SimEnvironment,
     seconds: float,
     rng: np.random.Generator,
-    groups: frozenset[int] = GROUPS,
+    groups: frozenset[int] = POSE_GROUPS,
 ) -> Float[np.ndarray, "time joint"]:
     """A robot that goes from pose to pose, with pauses, for a stream [rad].
 
@@ -248,9 +266,9 @@ def way(
         groups: of the poses that it pauses at.
     """
     at = draw_pose(world, groups, rng)
-    parts, length, wanted = [], 0, steps_in(world, seconds)
+    parts, length, wanted = [], 0, count_steps(world, seconds)
     while length < wanted:
-        pause = still(world, at, world.constants.draw("motion.pause", rng))
+        pause = hold_pose(world, at, world.constants.draw("motion.pause", rng))
         leg = draw_leg(world, at, groups, rng)
         parts += [pause, leg]
         length += len(pause) + len(leg)
@@ -259,23 +277,23 @@ def way(
 
 
 def draw_leg(
-    world: World,
+    world: SimEnvironment,
     start: Float[np.ndarray, "joint"],
     groups: frozenset[int],
     rng: np.random.Generator,
 ) -> Float[np.ndarray, "time joint"]:
     """A move to another pose; where none can be reached, a turn of the base alone."""
     for _ in range(int(world.constants.value("motion.tries"))):
-        leg = straight(world, start, draw_pose(world, groups, rng), rng)
-        if keeps_free(world, leg):
+        leg = draw_straight_move(world, start, draw_pose(world, groups, rng), rng)
+        if is_path_free(world, leg):
             return leg
     end = start.copy()
     end[0] = draw_pose(world, groups, rng)[0]
-    return straight(world, start, end, rng)
+    return draw_straight_move(world, start, end, rng)
 
 
-def straight(
-    world: World,
+def draw_straight_move(
+    world: SimEnvironment,
     start: Float[np.ndarray, "joint"],
     end: Float[np.ndarray, "joint"],
     rng: np.random.Generator,
@@ -285,8 +303,8 @@ def straight(
     direction = (end - start) / length
     between = start + np.linspace(0.0, 1.0, 9)[:, None] * (end - start)
     draw = world.constants.draw
-    speed = min(draw("motion.speed", rng), fastest(world, between, direction))
-    move = profile_of(length, speed, draw("motion.acceleration", rng))
+    speed = min(draw("motion.speed", rng), compute_max_speed(world, between, direction))
+    move = build_speed_profile(length, speed, draw("motion.acceleration", rng))
     step = world.constants.value("time.step")
     time = step * np.arange(1, int(np.ceil(move.duration / step)) + 1)
     return start + move.at(time)[:, None] * direction

@@ -8,17 +8,17 @@ from jaxtyping import Float, Int
 from eskin.sim.constants import MM
 from eskin.sim.contact.press import ContactSite
 from eskin.sim.people.person import Person
-from eskin.sim.scene.environment import World, axes_at, site_at
-from eskin.sim.scene.targets import EDGE, INNER, REGIONS, SEAM, edge_distance
+from eskin.sim.scene.environment import SimEnvironment, build_site, compute_surface_axes
+from eskin.sim.scene.targets import EDGE, INNER, REGIONS, SEAM, compute_edge_distance
 
-ALONG = np.linspace(-0.5, 0.5, 3)
+ACROSS_HAND = np.linspace(-0.5, 0.5, 3)
 """Places across a hand's breadth that are looked at."""
-AROUND = np.linspace(-0.5, 0.5, 9)
+ALONG_HAND = np.linspace(-0.5, 0.5, 9)
 """Places along a hand that are looked at."""
 
 
-def has_room(
-    world: World,
+def has_room_for_hand(
+    world: SimEnvironment,
     site: ContactSite,
     law: str,
     T_world_link: Float[np.ndarray, "link 4 4"],
@@ -29,50 +29,63 @@ def has_room(
         if high - low < world.constants.value("place.stroke_run") * MM:
             return False
     if law == "grab":
-        return arc_is_free(world, site, T_world_link)
-    return is_open(world, site, T_world_link)
+        return has_room_for_grip(world, site, T_world_link)
+    return has_room_for_finger(world, site, T_world_link)
 
 
-def is_open(
-    world: World, site: ContactSite, T_world_link: Float[np.ndarray, "link 4 4"]
+def has_room_for_finger(
+    world: SimEnvironment,
+    site: ContactSite,
+    T_world_link: Float[np.ndarray, "link 4 4"],
 ) -> bool:
     """Whether a finger can come to the place from outside."""
     need = world.constants.value("place.room") * MM
     link = world.links[site.chart]
     here = np.array([site.centre])
-    position, _, _, normal = axes_at(world.charts[site.chart], here, T_world_link[link])
+    position, _, _, normal = compute_surface_axes(
+        world.charts[site.chart], here, T_world_link[link]
+    )
     over = position + need / 2 * normal
     return bool(world.solids.room(T_world_link, over, link)[0] >= need / 2)
 
 
-def arc_is_free(
-    world: World, site: ContactSite, T_world_link: Float[np.ndarray, "link 4 4"]
+def has_room_for_grip(
+    world: SimEnvironment,
+    site: ContactSite,
+    T_world_link: Float[np.ndarray, "link 4 4"],
 ) -> bool:
     """Whether a hand fits round a tube: room over the arc that it covers."""
     value = world.constants.value
-    around = AROUND * value("hand.length") * MM
-    along = ALONG * value("hand.breadth") * MM
+    around = ALONG_HAND * value("hand.length") * MM
+    along = ACROSS_HAND * value("hand.breadth") * MM
     places = np.stack(np.meshgrid(around, along), axis=-1).reshape(-1, 2)
     link = world.links[site.chart]
     T = T_world_link[link]
-    surface, *_ = axes_at(world.charts[site.chart], places + site.centre, T)
+    surface, *_ = compute_surface_axes(
+        world.charts[site.chart], places + site.centre, T
+    )
     gaps = world.solids.room(T_world_link, surface, link)
     return bool(np.all(gaps >= value("place.room") * MM))
 
 
-LAWS = ("poke", "double_pat", "grab", "stroke")
+PLACEMENT_LAWS = ("poke", "double_pat", "grab", "stroke")
 """Gestures with a law of their own for where they take place."""
 
-LIKE = {"squeeze_hold": "grab", "guiding": "grab", "squeeze": "grab", "rub": "stroke"}
-LIKE |= {"tap_many": "double_pat", "single_pat": "double_pat", "tickle": "poke"}
+PLACED_LIKE = {
+    "squeeze_hold": "grab",
+    "guiding": "grab",
+    "squeeze": "grab",
+    "rub": "stroke",
+}
+PLACED_LIKE |= {"tap_many": "double_pat", "single_pat": "double_pat", "tickle": "poke"}
 """What needs a place as one of those does; anything else takes any of them."""
 
-TUBES = ("grab", "stroke")
+TUBE_GESTURES = ("grab", "stroke")
 """Gestures that need a long tube."""
 
 
 @dataclass(frozen=True, eq=False)
-class View:
+class PersonView:
     """What a person sees of the robot."""
 
     T_world_link: Float[np.ndarray, "link 4 4"]
@@ -84,7 +97,7 @@ class View:
 
 
 def draw_site(
-    world: World,
+    world: SimEnvironment,
     q: Float[np.ndarray, "joint"],
     person: Person,
     gesture: str,
@@ -107,33 +120,37 @@ def draw_site(
     Raises:
         ValueError: the skin has no place for it.
     """
-    law = law_of(gesture, kind, rng)
-    view = view_of(world, q, person)
+    law = choose_placement_law(gesture, kind, rng)
+    view = build_view(world, q, person)
     tries = int(world.constants.value("place.tries"))
     site = None
     for attempt in range(tries):
         # Late tries let go of reach and facing, lest a pose have no place at all.
-        spot = draw_spot(world, view, law, rng, strict=2 * attempt < tries)
+        spot = draw_target(world, view, law, rng, strict=2 * attempt < tries)
         if spot is not None:
-            site = site_of(world, view, spot, rng)
-            if has_room(world, site, law, view.T_world_link):
+            site = draw_site_on_target(world, view, spot, rng)
+            if has_room_for_hand(world, site, law, view.T_world_link):
                 return site
     if site is None:
         raise ValueError(f"no place for '{law}' on skin '{world.mounted.skin.name}'")
     return site
 
 
-def law_of(gesture: str, kind: str | None, rng: np.random.Generator) -> str:
+def choose_placement_law(
+    gesture: str, kind: str | None, rng: np.random.Generator
+) -> str:
     """The gesture whose law for places is taken."""
     for name in (kind, gesture):
-        if name in LAWS:
+        if name in PLACEMENT_LAWS:
             return name
-        if name in LIKE:
-            return LIKE[name]
-    return LAWS[rng.integers(len(LAWS))]
+        if name in PLACED_LIKE:
+            return PLACED_LIKE[name]
+    return PLACEMENT_LAWS[rng.integers(len(PLACEMENT_LAWS))]
 
 
-def view_of(world: World, q: Float[np.ndarray, "joint"], person: Person) -> View:
+def build_view(
+    world: SimEnvironment, q: Float[np.ndarray, "joint"], person: Person
+) -> PersonView:
     """Where the robot and the person are."""
     value = world.constants.value
     table = value("robot.table")
@@ -141,21 +158,25 @@ def view_of(world: World, q: Float[np.ndarray, "joint"], person: Person) -> View
     size = person.acromion_height / value("place.acromion")
     low, high = world.constants.array("place.height") * size
     stand = [distance * np.cos(bearing), distance * np.sin(bearing)]
-    return View(
+    return PersonView(
         world.poses(q),
         np.array([*stand, person.acromion_height - table]),
         (float(low - table), float(high - table)),
     )
 
 
-def draw_spot(
-    world: World, view: View, law: str, rng: np.random.Generator, strict: bool
+def draw_target(
+    world: SimEnvironment,
+    view: PersonView,
+    law: str,
+    rng: np.random.Generator,
+    strict: bool,
 ) -> int | None:
     """A place by region, by nearness to an edge, and by area, reach and facing.
 
     None where no place of the region that was drawn will do.
     """
-    only = law in TUBES
+    only = law in TUBE_GESTURES
     lists = world.spots.lists
     prior = world.constants.weights("place.regions")
     chances = np.array(
@@ -167,17 +188,21 @@ def draw_spot(
     if not chances.any():
         return None
     region = int(rng.choice(len(REGIONS), p=chances / chances.sum()))
-    spots = lists[region, draw_kind(world, rng), only]
+    spots = lists[region, draw_target_kind(world, rng), only]
     if not len(spots):
         spots = lists[region, EDGE, only]
-    weights = weights_of(world, view, spots) if strict else world.spots.areas[spots]
+    weights = (
+        compute_target_weights(world, view, spots)
+        if strict
+        else world.spots.areas[spots]
+    )
     total = np.cumsum(weights)
     if not total[-1] > 0:
         return None
     return int(spots[np.searchsorted(total, rng.random() * total[-1], side="right")])
 
 
-def draw_kind(world: World, rng: np.random.Generator) -> int:
+def draw_target_kind(world: SimEnvironment, rng: np.random.Generator) -> int:
     """Whether to aim amid a patch, near its edge, or on a seam."""
     value = world.constants.value
     drawn = rng.random()
@@ -186,8 +211,8 @@ def draw_kind(world: World, rng: np.random.Generator) -> int:
     return EDGE if drawn < value("place.seam") + value("place.edge") else INNER
 
 
-def weights_of(
-    world: World, view: View, spots: Int[np.ndarray, "spot"]
+def compute_target_weights(
+    world: SimEnvironment, view: PersonView, spots: Int[np.ndarray, "spot"]
 ) -> Float[np.ndarray, "spot"]:
     """Area of places, as far as the person reaches them and they face the person."""
     all_spots = world.spots
@@ -204,26 +229,30 @@ def weights_of(
     return all_spots.areas[spots] * within * facing
 
 
-def site_of(world: World, view: View, spot: int, rng: np.random.Generator) -> ContactSite:
+def draw_site_on_target(
+    world: SimEnvironment, view: PersonView, spot: int, rng: np.random.Generator
+) -> ContactSite:
     """The site at a place that may be drawn."""
     chart = int(world.spots.chart[spot])
-    return reached_at(world, view, chart, target_at(world, spot, rng))
+    return build_reached_site(
+        world, view, chart, draw_point_on_target(world, spot, rng)
+    )
 
 
-def reached_at(
-    world: World, view: View, chart: int, centre: Float[np.ndarray, "2"]
+def build_reached_site(
+    world: SimEnvironment, view: PersonView, chart: int, centre: Float[np.ndarray, "2"]
 ) -> ContactSite:
     """The site at a place of a chart, with the hand as it comes from the person."""
     T = view.T_world_link[world.links[chart]]
-    position, *_ = axes_at(world.charts[chart], centre[None], T)
+    position, *_ = compute_surface_axes(world.charts[chart], centre[None], T)
     reach = position[0] - view.shoulder
     reach = reach / np.linalg.norm(reach)
     up = world.constants.value("place.upward") * np.array([0.0, 0.0, 1.0])
-    return site_at(world, chart, centre, reach + up, view.T_world_link)
+    return build_site(world, chart, centre, reach + up, view.T_world_link)
 
 
-def target_at(
-    world: World, spot: int, rng: np.random.Generator
+def draw_point_on_target(
+    world: SimEnvironment, spot: int, rng: np.random.Generator
 ) -> Float[np.ndarray, "2"]:
     """A point of a place that is as near to an edge as the place is (s, t) [m]."""
     spots = world.spots
@@ -233,6 +262,6 @@ def target_at(
     if spots.kind[spot] == SEAM:
         return target
     rim = spots.rims[chart]
-    away = edge_distance(world.charts[chart], rim, target[None])[0]
+    away = compute_edge_distance(world.charts[chart], rim, target[None])[0]
     near = away <= world.constants.value("place.edge_within") * MM
     return target if near == (spots.kind[spot] == EDGE) else middle.copy()

@@ -7,11 +7,15 @@ from functools import lru_cache
 import numpy as np
 from jaxtyping import Float, Int
 
-from eskin.sim.scene.environment import World
-from eskin.sim.scene.folds import folds_at
-from eskin.sim.scene.validity import acceptable, limits, touch_links
+from eskin.sim.scene.environment import SimEnvironment
+from eskin.sim.scene.folds import find_folded_poses
+from eskin.sim.scene.validity import (
+    are_poses_valid,
+    bend_until_self_contact,
+    compute_joint_limits,
+)
 
-GROUPS = frozenset(range(1, 13))
+POSE_GROUPS = frozenset(range(1, 13))
 """All groups. The forearm is level in 1-4, rises in 5-8 and hangs in 9-12."""
 
 UNGROUPED = 0
@@ -22,29 +26,29 @@ BANDS = np.array([9, 1, 5])
 """First group of a forearm that hangs, is level, rises."""
 
 
-def is_grouped(world: World) -> bool:
+def has_pose_groups(world: SimEnvironment) -> bool:
     """Whether the robot is an arm whose poses come in groups."""
     robot = world.mounted.robot
     return FOREARM in robot.link_names and {LIFT, ELBOW} <= set(robot.joint_names)
 
 
-def groups_meant(world: World, asked: Collection[int]) -> list[int]:
+def resolve_groups(world: SimEnvironment, asked: Collection[int]) -> list[int]:
     """The groups of this robot that those asked for stand for."""
-    return sorted(asked) if is_grouped(world) else [UNGROUPED]
+    return sorted(asked) if has_pose_groups(world) else [UNGROUPED]
 
 
-def group_of(world: World, q: Float[np.ndarray, "joint"]) -> int:
+def compute_pose_group(world: SimEnvironment, q: Float[np.ndarray, "joint"]) -> int:
     """The group of a pose, 1 to 12 or `UNGROUPED`; the base's turn does not matter."""
-    return int(groups_of(world, q[None], world.poses(q[None]))[0])
+    return int(compute_pose_groups(world, q[None], world.poses(q[None]))[0])
 
 
-def groups_of(
-    world: World,
+def compute_pose_groups(
+    world: SimEnvironment,
     q: Float[np.ndarray, "pose joint"],
     T_world_link: Float[np.ndarray, "pose link 4 4"],
 ) -> Int[np.ndarray, "pose"]:
     """The group of each pose: by rise of the forearm, lift, and bend of the elbow."""
-    if not is_grouped(world):
+    if not has_pose_groups(world):
         return np.full(len(q), UNGROUPED, dtype=np.int64)
     forearm = world.mounted.robot.link_index(FOREARM)
     rise = np.arcsin(np.clip(T_world_link[:, forearm, 2, 2], -1.0, 1.0))
@@ -60,7 +64,7 @@ CHUNK = 2048
 
 
 @dataclass(frozen=True, eq=False)
-class Pool:
+class PosePool:
     """Poses of each group, in the order in which they were found."""
 
     any: dict[int, Float[np.ndarray, "_ joint"]]
@@ -76,60 +80,66 @@ class Pool:
 
 
 @lru_cache(maxsize=4)
-def pool_of(world: World) -> Pool:
+def build_pose_pool(world: SimEnvironment) -> PosePool:
     """The poses of a world: always the same ones."""
     rng = np.random.default_rng(int(world.constants.value("robot.pool_seed")))
-    q = accepted(world, rng)
-    group = groups_of(world, q, world.poses(q))
+    q = draw_valid_poses(world, rng)
+    group = compute_pose_groups(world, q, world.poses(q))
     any_count, folded_count, touching_count = (
         int(count) for count in world.constants.array("robot.pool")
     )
-    folded = folds_at(world, q)
-    touching, touching_group = touching_poses(world, q, group, touching_count, rng)
-    return Pool(
-        any=sorted_out(world, q, group, any_count),
-        folded=sorted_out(world, q[folded], group[folded], folded_count),
-        touching=sorted_out(world, touching, touching_group, touching_count),
-        shares=shares_of(world, group),
-        folded_shares=shares_of(world, group[folded]),
+    folded = find_folded_poses(world, q)
+    touching, touching_group = draw_touching_poses(world, q, group, touching_count, rng)
+    return PosePool(
+        any=sort_by_group(world, q, group, any_count),
+        folded=sort_by_group(world, q[folded], group[folded], folded_count),
+        touching=sort_by_group(world, touching, touching_group, touching_count),
+        shares=compute_group_shares(world, group),
+        folded_shares=compute_group_shares(world, group[folded]),
     )
 
 
-def sorted_out(
-    world: World,
+def sort_by_group(
+    world: SimEnvironment,
     q: Float[np.ndarray, "pose joint"],
     group: Int[np.ndarray, "pose"],
     most: int,
 ) -> dict[int, Float[np.ndarray, "_ joint"]]:
     """The first poses of each group."""
-    return {each: q[group == each][:most] for each in groups_meant(world, GROUPS)}
+    return {
+        each: q[group == each][:most] for each in resolve_groups(world, POSE_GROUPS)
+    }
 
 
-def shares_of(world: World, group: Int[np.ndarray, "pose"]) -> dict[int, float]:
+def compute_group_shares(
+    world: SimEnvironment, group: Int[np.ndarray, "pose"]
+) -> dict[int, float]:
     """How many of the poses are of each group."""
     total = max(1, len(group))
     return {
         each: float(np.count_nonzero(group == each) / total)
-        for each in groups_meant(world, GROUPS)
+        for each in resolve_groups(world, POSE_GROUPS)
     }
 
 
-def accepted(world: World, rng: np.random.Generator) -> Float[np.ndarray, "pose joint"]:
+def draw_valid_poses(
+    world: SimEnvironment, rng: np.random.Generator
+) -> Float[np.ndarray, "pose joint"]:
     """Poses drawn evenly, those that a robot would take and people can reach.
 
     A robot without joints takes the one pose it has.
     """
     if not world.can_move:
         return np.zeros((1, 0))
-    low, high = limits(world)
+    low, high = compute_joint_limits(world)
     tries = int(world.constants.value("robot.pool_tries"))
     q = rng.uniform(low, high, (tries, len(low)))
     chunks = (q[i : i + CHUNK] for i in range(0, tries, CHUNK))
-    return np.concatenate([chunk[acceptable(world, chunk)] for chunk in chunks])
+    return np.concatenate([chunk[are_poses_valid(world, chunk)] for chunk in chunks])
 
 
-def touching_poses(
-    world: World,
+def draw_touching_poses(
+    world: SimEnvironment,
     q: Float[np.ndarray, "pose joint"],
     group: Int[np.ndarray, "pose"],
     most: int,
@@ -138,27 +148,27 @@ def touching_poses(
     """Poses bent until a link all but touches a patch of another, and their groups."""
     tries = int(world.constants.value("robot.pool_bent"))
     found = [
-        touch_links(world, q[group == each][:tries], most, rng)
-        for each in groups_meant(world, GROUPS)
+        bend_until_self_contact(world, q[group == each][:tries], most, rng)
+        for each in resolve_groups(world, POSE_GROUPS)
     ]
     bent = np.concatenate(found)
-    return bent, groups_of(world, bent, world.poses(bent))
+    return bent, compute_pose_groups(world, bent, world.poses(bent))
 
 
-def can_fold(world: World, groups: frozenset[int]) -> bool:
+def can_fold(world: SimEnvironment, groups: frozenset[int]) -> bool:
     """Whether patches of different links face each other in a pose of some groups."""
-    poses = pool_of(world).folded
-    return any(len(poses.get(group, ())) for group in groups_meant(world, groups))
+    poses = build_pose_pool(world).folded
+    return any(len(poses.get(group, ())) for group in resolve_groups(world, groups))
 
 
-def can_touch_itself(world: World, groups: frozenset[int]) -> bool:
+def can_touch_itself(world: SimEnvironment, groups: frozenset[int]) -> bool:
     """Whether a link all but touches a patch of another in a pose of some groups."""
-    poses = pool_of(world).touching
-    return any(len(poses.get(group, ())) for group in groups_meant(world, groups))
+    poses = build_pose_pool(world).touching
+    return any(len(poses.get(group, ())) for group in resolve_groups(world, groups))
 
 
 def draw_pose(
-    world: World,
+    world: SimEnvironment,
     groups: set[int] | frozenset[int],
     rng: np.random.Generator,
     fold: bool = False,
@@ -169,51 +179,51 @@ def draw_pose(
 
     Args:
         world: the robot.
-        groups: of `GROUPS`.
+        groups: of `POSE_GROUPS`.
         rng: to draw from.
         fold: whether patches of different links must face each other closely.
 
     Raises:
         ValueError: there is no such group, or no such pose in any of them.
     """
-    pool = pool_of(world)
+    pool = build_pose_pool(world)
     poses = pool.folded if fold else pool.any
     shares = pool.folded_shares if fold else pool.shares
-    return draw_of(world, poses, shares, groups, rng)
+    return draw_from_groups(world, poses, shares, groups, rng)
 
 
 def draw_touching_pose(
-    world: World, groups: set[int] | frozenset[int], rng: np.random.Generator
+    world: SimEnvironment, groups: set[int] | frozenset[int], rng: np.random.Generator
 ) -> Float[np.ndarray, "joint"]:
     """A pose in which a link all but touches a patch of another [rad].
 
     Raises:
         ValueError: there is no such group, or no such pose in any of them.
     """
-    pool: Pool = pool_of(world)
+    pool: PosePool = build_pose_pool(world)
     shares = {group: float(len(q)) for group, q in pool.touching.items()}
-    return draw_of(world, pool.touching, shares, groups, rng)
+    return draw_from_groups(world, pool.touching, shares, groups, rng)
 
 
-def draw_of(
-    world: World,
+def draw_from_groups(
+    world: SimEnvironment,
     poses: dict[int, Float[np.ndarray, "_ joint"]],
     shares: dict[int, float],
     groups: set[int] | frozenset[int],
     rng: np.random.Generator,
 ) -> Float[np.ndarray, "joint"]:
     """One of the poses of some groups, the base of an arm turned anywhere."""
-    if not groups or not groups <= GROUPS:
+    if not groups or not groups <= POSE_GROUPS:
         raise ValueError(
-            f"groups are {sorted(groups)}; give some of 1 to {len(GROUPS)}"
+            f"groups are {sorted(groups)}; give some of 1 to {len(POSE_GROUPS)}"
         )
-    asked = [group for group in groups_meant(world, groups) if len(poses[group])]
+    asked = [group for group in resolve_groups(world, groups) if len(poses[group])]
     if not asked:
         raise ValueError(f"no such pose in groups {sorted(groups)}; allow more groups")
     weights = np.array([shares[group] for group in asked])
     group = asked[int(rng.choice(len(asked), p=weights / weights.sum()))]
     q = poses[group][rng.integers(len(poses[group]))].copy()
-    if not is_grouped(world):
+    if not has_pose_groups(world):
         return q
     base = world.mounted.robot.joint_names[0]
     low, high = np.deg2rad(world.constants.array(f"robot.range.{base}"))

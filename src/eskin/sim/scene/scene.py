@@ -10,8 +10,14 @@ from eskin.recording import TruthRecord
 from eskin.sim.constants import Constants
 from eskin.sim.contact.chart import Chart
 from eskin.sim.contact.press import Press, TrueTouch
-from eskin.sim.contact.pressure import PressureField, compute_pressure_field, find_grid_neighbours, compute_leak_share, spread_through_film
-from eskin.sim.scene.environment import World
+from eskin.sim.contact.pressure import (
+    PressureField,
+    compute_leak_share,
+    compute_pressure_field,
+    find_grid_neighbours,
+    spread_through_film,
+)
+from eskin.sim.scene.environment import SimEnvironment
 from eskin.skin import MountedSkin, Skin
 from eskin.transforms import apply
 
@@ -32,7 +38,7 @@ class Scene:
 
 
 @dataclass(frozen=True, eq=False)
-class Part:
+class ScenePress:
     """What one press does within a scene."""
 
     press: Press
@@ -46,19 +52,19 @@ class Part:
         return slice(self.press.first, self.press.first + self.press.steps)
 
 
-def parts_of(
+def compute_scene_presses(
     touch: TrueTouch, steps: int, charts: tuple[Chart, ...], constants: Constants
-) -> list[Part]:
+) -> list[ScenePress]:
     """What each press of a touch does within a scene of so many steps."""
-    presses = (cropped(press, steps) for press in touch.presses)
+    presses = (crop_press(press, steps) for press in touch.presses)
     return [
-        Part(press, compute_pressure_field(press, charts[press.chart], constants))
+        ScenePress(press, compute_pressure_field(press, charts[press.chart], constants))
         for press in presses
         if press is not None
     ]
 
 
-def cropped(press: Press, steps: int) -> Press | None:
+def crop_press(press: Press, steps: int) -> Press | None:
     """The part of a press that lies in a scene of so many steps, if any."""
     low, high = max(0, -press.first), min(press.steps, steps - press.first)
     if high <= low:
@@ -72,8 +78,8 @@ def cropped(press: Press, steps: int) -> Press | None:
     )
 
 
-def add_up(
-    parts: list[Part], steps: int, count: int
+def sum_pressure(
+    parts: list[ScenePress], steps: int, count: int
 ) -> tuple[Float[np.ndarray, "time active"], Int[np.ndarray, "active"]]:
     """Pressure of all presses together [kPa], and the taxels it is on, ascending.
 
@@ -92,7 +98,7 @@ def add_up(
     return pressure, taxels
 
 
-def contact_steps(touch: TrueTouch) -> tuple[int, int]:
+def find_contact_steps(touch: TrueTouch) -> tuple[int, int]:
     """First step with force and the step behind the last, on the touch's own clock."""
     firsts, ends = [], []
     for press in touch.presses:
@@ -103,23 +109,26 @@ def contact_steps(touch: TrueTouch) -> tuple[int, int]:
     return (min(firsts), max(ends)) if firsts else (0, 0)
 
 
-def moved(touch: TrueTouch, start: int) -> TrueTouch:
+def shift_touch(touch: TrueTouch, start: int) -> TrueTouch:
     """The same touch with its clock started at a step of the clip."""
     presses = tuple(replace(p, first=p.first + start) for p in touch.presses)
     return replace(touch, presses=presses)
 
 
 def are_apart(
-    world: World, q: Float[np.ndarray, "joint"], one: TrueTouch, other: TrueTouch
+    world: SimEnvironment,
+    q: Float[np.ndarray, "joint"],
+    one: TrueTouch,
+    other: TrueTouch,
 ) -> bool:
     """Whether two touches are far enough apart in space to be two."""
-    a, b = (centres_of(world, q, touch) for touch in (one, other))
+    a, b = (compute_press_centres(world, q, touch) for touch in (one, other))
     gaps = np.linalg.norm(a[:, None] - b[None], axis=2)
     return bool(gaps.min(initial=np.inf) >= world.constants.value("clip.apart"))
 
 
-def centres_of(
-    world: World, q: Float[np.ndarray, "joint"], touch: TrueTouch
+def compute_press_centres(
+    world: SimEnvironment, q: Float[np.ndarray, "joint"], touch: TrueTouch
 ) -> Float[np.ndarray, "press 3"]:
     """Where each press of a touch is half-way through it, in the world [m]."""
     T_world_link = world.poses(q)
@@ -133,7 +142,7 @@ def centres_of(
 
 
 @dataclass(frozen=True, eq=False)
-class TrueSeries:
+class TrueTouchSeries:
     """One touch as it really was, at every reading of its clip.
 
     Values are zero, and the centroid without meaning, while there is no contact.
@@ -181,17 +190,17 @@ class TrueSeries:
         )
 
 
-def series_of(
+def build_true_series(
     number: int,
     touch: TrueTouch,
-    parts: list[Part],
+    parts: list[ScenePress],
     charts: tuple[Chart, ...],
     mounted: MountedSkin,
     q: Float[np.ndarray, "time joint"],
     lead: int,
     every: int,
     step: float,
-) -> TrueSeries:
+) -> TrueTouchSeries:
     """Force, area and centre of a touch at every reading.
 
     Args:
@@ -219,7 +228,7 @@ def series_of(
         p_world = apply(poses, p_link)
         moment[part.span] += felt.force[:, None] * p_world
         loads[chart.link] = loads.get(chart.link, 0.0) + float(felt.force.sum())
-    first, end = contact_steps(touch)
+    first, end = find_contact_steps(touch)
     # Means over the steps of a reading: a bump may last one step alone.
     force, area, moment = (
         series[lead : lead + (steps - lead) // every * every]
@@ -229,7 +238,7 @@ def series_of(
     )
     with np.errstate(invalid="ignore", divide="ignore"):
         centroid = np.nan_to_num(moment / force[:, None])
-    return TrueSeries(
+    return TrueTouchSeries(
         number=number,
         gesture=touch.gesture,
         kind=touch.kind,
@@ -244,34 +253,34 @@ def series_of(
 
 
 @lru_cache(maxsize=4)
-def neighbours_of(skin: Skin) -> Int[np.ndarray, "taxel 4"]:
+def get_grid_neighbours(skin: Skin) -> Int[np.ndarray, "taxel 4"]:
     """Taxels beside each one in its patch's grid, kept."""
     return find_grid_neighbours(skin)
 
 
-def pressure_of(
-    felt: list[list[Part]], steps: int, film_sigma: float, skin: Skin
+def compute_scene_pressure(
+    felt: list[list[ScenePress]], steps: int, film_sigma: float, skin: Skin
 ) -> tuple[Float[np.ndarray, "time active"], Int[np.ndarray, "active"]]:
     """Pressure of all touches after the film [kPa], and the taxels it is on."""
-    pressure, taxels = add_up([p for ps in felt for p in ps], steps, skin.count)
+    pressure, taxels = sum_pressure([p for ps in felt for p in ps], steps, skin.count)
     beta = compute_leak_share(film_sigma, skin.areas)
-    return spread_through_film(pressure, taxels, neighbours_of(skin), beta)
+    return spread_through_film(pressure, taxels, get_grid_neighbours(skin), beta)
 
 
-def readings_every(world: World) -> int:
+def count_steps_per_reading(world: SimEnvironment) -> int:
     """Steps between two readings of the sensor."""
     value = world.constants.value
     return round(value("sensor.period") / value("time.step"))
 
 
-def truths_of(
+def compute_true_series(
     scene: Scene,
-    felt: list[list[Part]],
+    felt: list[list[ScenePress]],
     charts: tuple[Chart, ...],
     mounted: MountedSkin,
     lead: int,
-    world: World,
-) -> tuple[TrueSeries, ...]:
+    world: SimEnvironment,
+) -> tuple[TrueTouchSeries, ...]:
     """What truly happened, of every touch that presses.
 
     Args:
@@ -282,17 +291,21 @@ def truths_of(
         lead: steps before the clip.
         world: says how time is cut.
     """
-    every, step = readings_every(world), world.constants.value("time.step")
+    every, step = count_steps_per_reading(world), world.constants.value("time.step")
     return tuple(
-        series_of(number, touch, parts, charts, mounted, scene.q, lead, every, step)
+        build_true_series(
+            number, touch, parts, charts, mounted, scene.q, lead, every, step
+        )
         for number, (touch, parts) in enumerate(zip(scene.touches, felt, strict=True))
         if touch.presses
     )
 
 
-def felt_in(scene: Scene, world: World) -> list[list[Part]]:
+def compute_touch_presses(
+    scene: Scene, world: SimEnvironment
+) -> list[list[ScenePress]]:
     """What each touch of a scene does to the skin."""
     return [
-        parts_of(touch, scene.steps, world.charts, world.constants)
+        compute_scene_presses(touch, scene.steps, world.charts, world.constants)
         for touch in scene.touches
     ]

@@ -20,7 +20,7 @@ QUARTERS = np.array([[-0.5, -0.5], [-0.5, 0.5], [0.5, -0.5], [0.5, 0.5]])
 
 
 @dataclass(frozen=True, eq=False)
-class Rim:
+class PatchEdges:
     """Where the patches of a chart end."""
 
     points: Float[np.ndarray, "point 2"]
@@ -30,7 +30,7 @@ class Rim:
 
 
 @dataclass(frozen=True, eq=False)
-class Spots:
+class TouchTargets:
     """All places, quarter cells of taxels and points of seams."""
 
     chart: Int[np.ndarray, "spot"]
@@ -49,7 +49,7 @@ class Spots:
     """Outward unit normals in that frame."""
     areas: Float[np.ndarray, "spot"]
     """[m2]"""
-    rims: tuple[Rim, ...]
+    rims: tuple[PatchEdges, ...]
     """Where the patches of each chart end."""
     tubes: tuple[bool, ...]
     """Which charts a hand can be closed round, or slide along."""
@@ -68,15 +68,18 @@ class Spots:
         }
 
 
-def spots_of(skin: Skin, charts: tuple[Chart, ...], constants: Constants) -> Spots:
+def build_targets(
+    skin: Skin, charts: tuple[Chart, ...], constants: Constants
+) -> TouchTargets:
     """All places on a skin."""
-    rims = tuple(rim_of(skin, chart) for chart in charts)
+    rims = tuple(find_patch_edges(skin, chart) for chart in charts)
     tubes = tuple(is_tube(chart, constants) for chart in charts)
     parts = [
-        on_chart(chart, rim, constants) for chart, rim in zip(charts, rims, strict=True)
+        build_chart_targets(chart, rim, constants)
+        for chart, rim in zip(charts, rims, strict=True)
     ]
     counts = [len(part[0]) for part in parts]
-    regions = [region_of(c, tube) for c, tube in zip(charts, tubes, strict=True)]
+    regions = [find_region(c, tube) for c, tube in zip(charts, tubes, strict=True)]
     unrolled, half, kind = (
         np.concatenate([part[i] for part in parts]) for i in range(3)
     )
@@ -85,7 +88,7 @@ def spots_of(skin: Skin, charts: tuple[Chart, ...], constants: Constants) -> Spo
     ]
     # A seam is chosen for itself, so any area will do that is even along it.
     areas = 4 * np.abs(np.linalg.det(half))
-    return Spots(
+    return TouchTargets(
         chart=np.repeat(np.arange(len(charts)), counts),
         region=np.repeat(np.array(regions, dtype=np.int64), counts),
         kind=kind,
@@ -99,7 +102,7 @@ def spots_of(skin: Skin, charts: tuple[Chart, ...], constants: Constants) -> Spo
     )
 
 
-def region_of(chart: Chart, tube: bool) -> int:
+def find_region(chart: Chart, tube: bool) -> int:
     """The region of a chart; all but the two long tubes counts with the wrists."""
     long = {"forearm_link": "forearm", "upper_arm_link": "upper_arm"}
     return REGIONS.index(long.get(chart.link, "wrists") if tube else "wrists")
@@ -112,7 +115,7 @@ def is_tube(chart: Chart, constants: Constants) -> bool:
     return bool(long) and isinstance(chart.surface, Tube)
 
 
-def rim_of(skin: Skin, chart: Chart) -> Rim:
+def find_patch_edges(skin: Skin, chart: Chart) -> PatchEdges:
     """Edges of the cells that no cell of the same patch lies beyond."""
     patch, rows = skin.patch_index[chart.taxels], skin.rows[chart.taxels]
     columns = skin.columns[chart.taxels]
@@ -134,10 +137,10 @@ def rim_of(skin: Skin, chart: Chart) -> Rim:
                 outward.append(sign * along[free])
     directions = np.concatenate(outward)
     lengths = np.linalg.norm(directions, axis=1, keepdims=True)
-    return Rim(np.concatenate(points), directions / lengths)
+    return PatchEdges(np.concatenate(points), directions / lengths)
 
 
-def offsets(
+def compute_offsets(
     chart: Chart, places: Float[np.ndarray, "place 2"], to: Float[np.ndarray, "point 2"]
 ) -> Float[np.ndarray, "place point 2"]:
     """From each place to each point, the shorter way round [m]."""
@@ -146,20 +149,20 @@ def offsets(
     return away
 
 
-def edge_distance(
-    chart: Chart, rim: Rim, places: Float[np.ndarray, "place 2"]
+def compute_edge_distance(
+    chart: Chart, rim: PatchEdges, places: Float[np.ndarray, "place 2"]
 ) -> Float[np.ndarray, "place"]:
     """How far each place is from the nearest edge of a patch [m]."""
     nearest = np.empty(len(places))
     for first in range(0, len(places), BLOCK):
         part = slice(first, first + BLOCK)
-        away = offsets(chart, places[part], rim.points)
+        away = compute_offsets(chart, places[part], rim.points)
         nearest[part] = np.sqrt(np.min(np.sum(away**2, axis=2), axis=1))
     return nearest
 
 
-def on_chart(
-    chart: Chart, rim: Rim, constants: Constants
+def build_chart_targets(
+    chart: Chart, rim: PatchEdges, constants: Constants
 ) -> tuple[
     Float[np.ndarray, "spot 2"], Float[np.ndarray, "spot 2 2"], Int[np.ndarray, "spot"]
 ]:
@@ -167,19 +170,19 @@ def on_chart(
     at = chart.unrolled[:, None] + np.einsum("qa,tad->tqd", QUARTERS, chart.cells)
     unrolled = at.reshape(-1, 2)
     half = np.repeat(chart.cells / 2, len(QUARTERS), axis=0)
-    near = edge_distance(chart, rim, unrolled) <= (
+    near = compute_edge_distance(chart, rim, unrolled) <= (
         constants.value("place.edge_within") * MM
     )
-    seam, strip = seams(chart, rim, constants.value("place.seam_gap") * MM)
+    seam, strip = find_seams(chart, rim, constants.value("place.seam_gap") * MM)
     kind = np.concatenate([np.where(near, EDGE, INNER), np.full(len(seam), SEAM)])
     return np.concatenate([unrolled, seam]), np.concatenate([half, strip]), kind
 
 
-def seams(
-    chart: Chart, rim: Rim, widest: float
+def find_seams(
+    chart: Chart, rim: PatchEdges, widest: float
 ) -> tuple[Float[np.ndarray, "spot 2"], Float[np.ndarray, "spot 2 2"]]:
     """Middles between edges that face each other, and the strips they stand for."""
-    away = offsets(chart, rim.points, rim.points)
+    away = compute_offsets(chart, rim.points, rim.points)
     length = np.linalg.norm(away, axis=2)
     ahead = np.einsum("ijd,id->ij", away, rim.outward)
     facing = rim.outward @ rim.outward.T < -0.5

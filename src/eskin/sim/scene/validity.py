@@ -5,15 +5,15 @@ from jaxtyping import Bool, Float, Int
 
 from eskin.sim.constants import MM
 from eskin.sim.contact.press import ContactSite
-from eskin.sim.scene.environment import World, site_at
-from eskin.sim.scene.folds import faces_of
-from eskin.sim.scene.kernels import rooms
+from eskin.sim.scene.environment import SimEnvironment, build_site
+from eskin.sim.scene.folds import sample_patches
+from eskin.sim.scene.kernels import compute_point_distances
 
 CM2 = 1e-4
 
 
-def limits(
-    world: World,
+def compute_joint_limits(
+    world: SimEnvironment,
 ) -> tuple[Float[np.ndarray, "joint"], Float[np.ndarray, "joint"]]:
     """Least and greatest joint values that poses are drawn from [rad]."""
     ranges = [
@@ -24,41 +24,41 @@ def limits(
     return low, high
 
 
-def acceptable(
-    world: World, q: Float[np.ndarray, "pose joint"]
+def are_poses_valid(
+    world: SimEnvironment, q: Float[np.ndarray, "pose joint"]
 ) -> Bool[np.ndarray, "pose"]:
     """Whether nothing collides and some skin is where people reach."""
     T = world.poses(q)
-    good = is_free(world, T)
-    good[good] = is_reachable(world, T[good])
+    good = are_collision_free(world, T)
+    good[good] = is_skin_reachable(world, T[good])
     return good
 
 
-def is_free(
-    world: World, T_world_link: Float[np.ndarray, "pose link 4 4"]
+def are_collision_free(
+    world: SimEnvironment, T_world_link: Float[np.ndarray, "pose link 4 4"]
 ) -> Bool[np.ndarray, "pose"]:
     """Whether links keep clear of each other and of the table."""
     value = world.constants.value
     least, low = value("robot.clearance") * MM, value("robot.table_clearance") * MM
     gap, height = world.solids.clearance(T_world_link, least).T
-    return (gap >= least) & (height >= low) & tool_is_up(world, T_world_link)
+    return (gap >= least) & (height >= low) & is_tool_above_table(world, T_world_link)
 
 
-def tool_is_up(
-    world: World, T_world_link: Float[np.ndarray, "pose link 4 4"]
+def is_tool_above_table(
+    world: SimEnvironment, T_world_link: Float[np.ndarray, "pose link 4 4"]
 ) -> Bool[np.ndarray, "pose"]:
     """Whether the last link is above the table as far as tools need."""
     least = world.constants.value("robot.tool_height")
     return T_world_link[:, -1, 2, 3] >= least
 
 
-def is_reachable(
-    world: World, T_world_link: Float[np.ndarray, "pose link 4 4"]
+def is_skin_reachable(
+    world: SimEnvironment, T_world_link: Float[np.ndarray, "pose link 4 4"]
 ) -> Bool[np.ndarray, "pose"]:
     """Whether enough skin is at a height that people of average size reach."""
     low, high = world.constants.array("place.height")
     table = world.constants.value("robot.table")
-    faces = faces_of(world)
+    faces = sample_patches(world)
     up = T_world_link[:, faces.links, 2]
     points = np.split(faces.points, faces.starts[1:-1])
     rises = [up[:, i, :3] @ each.T + up[:, i, 3:] for i, each in enumerate(points)]
@@ -68,12 +68,14 @@ def is_reachable(
     return within @ faces.areas >= least
 
 
-JOINTS = ("elbow_joint", "wrist_1_joint", "wrist_2_joint")
+BENT_JOINTS = ("elbow_joint", "wrist_1_joint", "wrist_2_joint")
 """Joints that are bent until links meet."""
-HALVINGS = 12
+BISECTIONS = 12
 
 
-def self_contact_sites(world: World, q: Float[np.ndarray, "joint"]) -> tuple[ContactSite, ...]:
+def find_self_contact_sites(
+    world: SimEnvironment, q: Float[np.ndarray, "joint"]
+) -> tuple[ContactSite, ...]:
     """Places where another link is so close that it presses, in strips.
 
     The angle of such a site is that of the strip: along the other link.
@@ -81,17 +83,19 @@ def self_contact_sites(world: World, q: Float[np.ndarray, "joint"]) -> tuple[Con
     T_world_link = world.poses(q)
     found = []
     for chart in range(len(world.charts)):
-        gaps, rods = pressed(world, chart, T_world_link)
+        gaps, rods = find_self_pressed_taxels(world, chart, T_world_link)
         taxels = np.flatnonzero(rods >= 0)
         for rod in np.unique(rods[taxels]):
             strip = taxels[rods[taxels] == rod]
             nearest = int(strip[np.argmin(gaps[strip])])
-            found.append(strip_at(world, chart, nearest, int(rod), T_world_link))
+            found.append(
+                build_self_contact_site(world, chart, nearest, int(rod), T_world_link)
+            )
     return tuple(found)
 
 
-def pressed(
-    world: World, chart: int, T_world_link: Float[np.ndarray, "link 4 4"]
+def find_self_pressed_taxels(
+    world: SimEnvironment, chart: int, T_world_link: Float[np.ndarray, "link 4 4"]
 ) -> tuple[Float[np.ndarray, "part"], Int[np.ndarray, "part"]]:
     """Distance of each taxel of a chart to other links [m], and the rod that presses.
 
@@ -102,13 +106,15 @@ def pressed(
     T = T_world_link[link]
     points = local @ T[:3, :3].T + T[:3, 3]
     others = world.solids.apart[link]
-    gaps, rods = rooms(world.solids.rods, T_world_link, points, others)
+    gaps, rods = compute_point_distances(
+        world.solids.rods, T_world_link, points, others
+    )
     near = gaps < world.constants.value("fold.contact") * MM
     return gaps, np.where(near, rods, -1)
 
 
-def strip_at(
-    world: World,
+def build_self_contact_site(
+    world: SimEnvironment,
     chart: int,
     taxel: int,
     rod: int,
@@ -118,29 +124,33 @@ def strip_at(
     rods = world.solids.rods
     along = T_world_link[rods.links[rod], :3, :3] @ rods.axes[rod]
     centre = world.charts[chart].unrolled[taxel]
-    return site_at(world, chart, centre, along, T_world_link)
+    return build_site(world, chart, centre, along, T_world_link)
 
 
-def touch_links(
-    world: World,
+def bend_until_self_contact(
+    world: SimEnvironment,
     q: Float[np.ndarray, "pose joint"],
     most: int,
     rng: np.random.Generator,
 ) -> Float[np.ndarray, "_ joint"]:
     """Bend poses, one joint each, until a link all but touches a patch of another."""
-    names = [name for name in JOINTS if name in world.mounted.robot.joint_names]
+    names = [name for name in BENT_JOINTS if name in world.mounted.robot.joint_names]
     if not names:
         return q[:0]
     joints = np.array([world.joint(name) for name in names])
     chosen = joints[rng.integers(len(joints), size=len(q))]
     ways = rng.choice([-1.0, 1.0], len(q))
-    bent = [pose for pose in bend(world, q, chosen, ways) if stands(world, pose[None])]
-    found = [pose for pose in bent if self_contact_sites(world, pose)]
+    bent = [
+        pose
+        for pose in bend_joints(world, q, chosen, ways)
+        if is_clear_of_table(world, pose[None])
+    ]
+    found = [pose for pose in bent if find_self_contact_sites(world, pose)]
     return np.array(found[:most]).reshape(-1, q.shape[1])
 
 
-def bend(
-    world: World,
+def bend_joints(
+    world: SimEnvironment,
     q: Float[np.ndarray, "pose joint"],
     joints: Int[np.ndarray, "pose"],
     ways: Float[np.ndarray, "pose"],
@@ -152,22 +162,28 @@ def bend(
     low, high = world.constants.array("fold.touching") * MM
     step, farthest = world.constants.array("fold.bend")
     turns = np.arange(0.0, farthest, step)
-    gaps = [gaps_of(world, turned(q, joints, turn * ways), high) for turn in turns]
+    gaps = [
+        compute_link_gaps(world, turn_joints(q, joints, turn * ways), high)
+        for turn in turns
+    ]
     close = np.stack(gaps, axis=1) < low
     hits = np.flatnonzero(close.any(axis=1) & ~close[:, 0])
     q, joints, ways = q[hits], joints[hits], ways[hits]
     hit = turns[np.argmax(close[hits], axis=1)] * ways
     away = hit - step * ways
-    for _ in range(HALVINGS):
+    for _ in range(BISECTIONS):
         middle = (away + hit) / 2
-        apart = gaps_of(world, turned(q, joints, middle), high) >= (low + high) / 2
+        apart = (
+            compute_link_gaps(world, turn_joints(q, joints, middle), high)
+            >= (low + high) / 2
+        )
         away, hit = np.where(apart, middle, away), np.where(apart, hit, middle)
-    bent = turned(q, joints, away)
-    gap = gaps_of(world, bent, 2 * high)
+    bent = turn_joints(q, joints, away)
+    gap = compute_link_gaps(world, bent, 2 * high)
     return bent[(gap >= low) & (gap <= high)]
 
 
-def turned(
+def turn_joints(
     q: Float[np.ndarray, "pose joint"],
     joints: Int[np.ndarray, "pose"],
     turns: Float[np.ndarray, "pose"],
@@ -178,18 +194,20 @@ def turned(
     return moved
 
 
-def gaps_of(
-    world: World, q: Float[np.ndarray, "pose joint"], enough: float
+def compute_link_gaps(
+    world: SimEnvironment, q: Float[np.ndarray, "pose joint"], enough: float
 ) -> Float[np.ndarray, "pose"]:
     """Least distance of links [m], known only up to `enough`."""
     return world.solids.clearance(world.poses(q), enough)[:, 0]
 
 
-def stands(world: World, q: Float[np.ndarray, "pose joint"]) -> bool:
+def is_clear_of_table(
+    world: SimEnvironment, q: Float[np.ndarray, "pose joint"]
+) -> bool:
     """Whether a pose keeps clear of the table, with its joints within their limits."""
     T = world.poses(q)
     height = world.solids.clearance(T, 0.0)[:, 1]
     clear = height >= world.constants.value("robot.table_clearance") * MM
-    low, high = limits(world)
+    low, high = compute_joint_limits(world)
     within = np.all((q >= low) & (q <= high), axis=1)
-    return bool(np.all(clear & tool_is_up(world, T) & within))
+    return bool(np.all(clear & is_tool_above_table(world, T) & within))

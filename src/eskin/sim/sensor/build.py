@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from eskin.sim.constants import Constants
-from eskin.sim.sensor.velostat import Velostat, draw_velostat, nominal_velostat
+from eskin.sim.sensor.velostat import Velostat, build_nominal_velostat, draw_velostat
 from eskin.skin import Skin
 from eskin.touch import Calibration
 
@@ -28,7 +28,7 @@ class Defects:
     """Mean length of a run of them [readings]."""
 
 
-def no_defects(skin: Skin, constants: Constants) -> Defects:
+def build_intact_defects(skin: Skin, constants: Constants) -> Defects:
     """Nothing is broken."""
     whole = np.zeros(skin.count, dtype=bool)
     run = constants.value("sensor.dropped_run")
@@ -48,7 +48,7 @@ def draw_defects(
     dead[broken[~is_stuck]] = True
     lines = draw_lines(kind, skin, constants, rng)
     for line in lines:
-        dead |= taxels_of_line(line, skin)
+        dead |= find_line_taxels(line, skin)
     return Defects(
         dead=dead,
         stuck=stuck,
@@ -76,7 +76,7 @@ def draw_line(index: int, skin: Skin, rng: np.random.Generator) -> str:
     return f"{skin.patches[index].id}:{'row' if is_row else 'column'}:{number}"
 
 
-def taxels_of_line(line: str, skin: Skin) -> Bool[np.ndarray, "taxel"]:
+def find_line_taxels(line: str, skin: Skin) -> Bool[np.ndarray, "taxel"]:
     """The taxels of a line that is named as in `Defects.lines`."""
     patch, what, number = line.rsplit(":", 2)
     inside = np.zeros(skin.count, dtype=bool)
@@ -128,7 +128,7 @@ class Electronics:
         return 2**self.bits - 1
 
 
-def nominal_electronics(skin: Skin, constants: Constants) -> Electronics:
+def build_nominal_electronics(skin: Skin, constants: Constants) -> Electronics:
     """A readout without ghosts, drift and noise, all taxels at once."""
     whole = constants.value("sensor.noise_bits")
     return Electronics(
@@ -181,7 +181,7 @@ def draw_electronics(
 
 
 @dataclass(frozen=True, eq=False)
-class Build:
+class SensorBuild:
     """Everything fixed of the skin on one robot."""
 
     name: str
@@ -200,7 +200,7 @@ class Build:
     """Exponent that its calibration supposes."""
     nominal_activation: float
     """Pressure that its calibration supposes to close a taxel [kPa]."""
-    nominal_half: float
+    compute_nominal_half: float
     """Pressure at which a nominal taxel reads half scale [kPa]."""
 
     def calibration(self, skin: Skin) -> Calibration:
@@ -245,10 +245,10 @@ def draw_build(
     skin: Skin,
     constants: Constants,
     rng: np.random.Generator,
-) -> Build:
+) -> SensorBuild:
     """Draw the skin of one robot."""
     velostat = draw_velostat(kind, skin, constants, rng)
-    return Build(
+    return SensorBuild(
         name=name,
         kind=kind,
         velostat=velostat,
@@ -257,30 +257,30 @@ def draw_build(
         film_sigma=constants.draw("film.sigma", rng) * METRES,
         nominal_exponent=constants.value("sensor.nominal_exponent"),
         nominal_activation=constants.value("sensor.nominal_activation"),
-        nominal_half=nominal_half(velostat.half_pressure, constants),
+        nominal_half=compute_nominal_half(velostat.half_pressure, constants),
     )
 
 
-def nominal_build(skin: Skin, constants: Constants) -> Build:
+def build_nominal_sensor(skin: Skin, constants: Constants) -> SensorBuild:
     """A skin without scatter, noise and faults, to measure the chain with."""
-    velostat = nominal_velostat(skin, constants)
-    return Build(
+    velostat = build_nominal_velostat(skin, constants)
+    return SensorBuild(
         name="nominal",
         kind="nominal",
         velostat=velostat,
-        electronics=nominal_electronics(skin, constants),
-        defects=no_defects(skin, constants),
+        electronics=build_nominal_electronics(skin, constants),
+        defects=build_intact_defects(skin, constants),
         film_sigma=0.0,
         nominal_exponent=constants.value("sensor.nominal_exponent"),
         nominal_activation=constants.value("sensor.nominal_activation"),
-        nominal_half=nominal_half(velostat.half_pressure, constants),
+        nominal_half=compute_nominal_half(velostat.half_pressure, constants),
     )
 
 
 METRES = 1e-3
 
 
-def nominal_half(half_pressure: float, constants: Constants) -> float:
+def compute_nominal_half(half_pressure: float, constants: Constants) -> float:
     """The pressure that calibration takes for half scale [kPa].
 
     It makes a nominal taxel read rightly what is pressed for a time, with its play and
@@ -288,17 +288,17 @@ def nominal_half(half_pressure: float, constants: Constants) -> float:
     """
     seconds = constants.value("sensor.calibrated_at")
     exponent = constants.value("sensor.nominal_exponent")
-    grown = (1.0 + crept(seconds, constants)) ** (1.0 / exponent)
-    return float(half_pressure / held(constants) / grown)
+    grown = (1.0 + compute_creep(seconds, constants)) ** (1.0 / exponent)
+    return float(half_pressure / compute_play_remainder(constants) / grown)
 
 
-def held(constants: Constants) -> float:
+def compute_play_remainder(constants: Constants) -> float:
     """What the play operators leave of a load that only grew."""
     weights = constants.array("sensor.play_weights.fresh")
     return float(np.sum(weights * (1.0 - constants.array("sensor.play"))))
 
 
-def crept(seconds: float, constants: Constants) -> float:
+def compute_creep(seconds: float, constants: Constants) -> float:
     """Relative growth of conductance after a time under load."""
     risen = 1.0 - np.exp(-seconds / constants.array("sensor.creep_times"))
     return float(np.sum(constants.array("sensor.creep") * risen))

@@ -4,22 +4,22 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from eskin.sim.constants import Constants, load_constants
-from eskin.sim.sensor.build import Build, draw_line, taxels_of_line
+from eskin.sim.sensor.build import SensorBuild, draw_line, find_line_taxels
 from eskin.skin import Skin
 
-ELECTRICAL = ("line_step", "stuck_line", "dropout", "burst")
+ELECTRICAL_EVENTS = ("line_step", "stuck_line", "dropout", "burst")
 """A row or column jumps; reads full scale; a patch is not heard; a patch is noisy."""
 
 Counts = Int[np.ndarray, "reading taxel"]
 Received = Bool[np.ndarray, "reading taxel"]
 
 
-def disturb(
+def add_electrical_event(
     kind: str,
     counts: Counts,
     received: Received,
     skin: Skin,
-    build: Build,
+    build: SensorBuild,
     rng: np.random.Generator,
     constants: Constants | None = None,
     onset: int | None = None,
@@ -27,7 +27,7 @@ def disturb(
     """Put one electrical event into counts, without changing those given.
 
     Args:
-        kind: one of `ELECTRICAL`.
+        kind: one of `ELECTRICAL_EVENTS`.
         counts: what the converter counted.
         received: what of it arrives.
         skin: its taxels.
@@ -42,23 +42,23 @@ def disturb(
     Raises:
         ValueError: there is no such kind.
     """
-    if kind not in ELECTRICAL:
+    if kind not in ELECTRICAL_EVENTS:
         raise ValueError(
             f"electrical event '{kind}' is unknown; allowed are "
-            f"{', '.join(ELECTRICAL)}; take one of them"
+            f"{', '.join(ELECTRICAL_EVENTS)}; take one of them"
         )
     constants = constants or load_constants()
     counts, received = counts.copy(), received.copy()
     readings = len(counts)
     if onset is None:
         onset = int(constants.draw("sensor.electrical.onset", rng) * readings)
-    hold = draw_hold(kind, build, constants, rng)
+    hold = draw_event_length(kind, build, constants, rng)
     during = slice(onset, min(onset + hold, readings))
     patch = int(rng.integers(len(skin.patches)))
     drawn = {"electrical": kind, "onset": onset, "readings": during.stop - onset}
     if kind in ("line_step", "stuck_line"):
         line = draw_line(patch, skin, rng)
-        inside = taxels_of_line(line, skin)
+        inside = find_line_taxels(line, skin)
     else:
         line = skin.patches[patch].id
         inside = skin.patch_index == patch
@@ -69,27 +69,30 @@ def disturb(
     elif kind == "stuck_line":
         counts[during, inside] = full
     else:
-        size = constants.draw(SIZES[kind], rng)
+        size = constants.draw(EVENT_SIZES[kind], rng)
         shape = (during.stop - during.start, int(inside.sum()))
-        added = full * size * shape_of(kind, shape, rng)
+        added = full * size * draw_event_shape(kind, shape, rng)
         steps = np.round(added).astype(np.int32)
         counts[during, inside] = np.clip(counts[during, inside] + steps, 0, full)
     counts[~received] = 0
     return counts, received, drawn | {"place": line, "size": size}
 
 
-SIZES = {"line_step": "sensor.electrical.step", "burst": "sensor.electrical.burst"}
+EVENT_SIZES = {
+    "line_step": "sensor.electrical.step",
+    "burst": "sensor.electrical.burst",
+}
 
 
-def shape_of(
+def draw_event_shape(
     kind: str, shape: tuple[int, int], rng: np.random.Generator
 ) -> Float[np.ndarray, "reading part"]:
     """An event of size 1: a step, or noise."""
     return np.ones(shape) if kind == "line_step" else rng.standard_normal(shape)
 
 
-def draw_hold(
-    kind: str, build: Build, constants: Constants, rng: np.random.Generator
+def draw_event_length(
+    kind: str, build: SensorBuild, constants: Constants, rng: np.random.Generator
 ) -> int:
     """How many readings an event lasts."""
     if kind == "dropout":

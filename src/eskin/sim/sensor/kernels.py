@@ -7,7 +7,7 @@ from jaxtyping import Float, Int
 
 from eskin.compiled import compiled
 
-LEAST = 1e-9
+MIN_DETOUR_CONDUCTANCE = 1e-9
 """Conductance below which a detour is open."""
 
 
@@ -38,7 +38,11 @@ def add_ghosts(
             own = np.float64(conductance[i, j])
             there, back = along[i] - own, across[j] - own
             between = total - along[i] - across[j] + own
-            if there > LEAST and between > LEAST and back > LEAST:
+            if (
+                there > MIN_DETOUR_CONDUCTANCE
+                and between > MIN_DETOUR_CONDUCTANCE
+                and back > MIN_DETOUR_CONDUCTANCE
+            ):
                 detours = 1.0 / (1.0 / there + 1.0 / between + 1.0 / back)
                 out[i, j] += np.float32(ghost * detours)
 
@@ -80,8 +84,8 @@ def read_array(
         add_leak(conductance, leak, out)
 
 
-class Film(NamedTuple):
-    """The laminate under the live taxels, as `conduct` wants it."""
+class SensorLayer(NamedTuple):
+    """The laminate under the live taxels, as `update_conductance` wants it."""
 
     load: np.ndarray
     """Load of an untouched taxel less its activation, by half pressure; negative
@@ -106,8 +110,8 @@ class Film(NamedTuple):
     """Part of such a shift that is kept in one step (live)."""
 
 
-class Memory(NamedTuple):
-    """What the live taxels keep of the steps before, as `conduct` goes on with it."""
+class LayerState(NamedTuple):
+    """What the live taxels keep of the steps before, as `update_conductance` goes on with it."""
 
     still: np.ndarray
     """Places of the play operators (live, operator)."""
@@ -133,17 +137,17 @@ class Memory(NamedTuple):
     """Whether it is touched (live)."""
 
 
-FORGOTTEN = 1e-30
+MIN_STATE = 1e-30
 """What is smaller is as good as nothing; ever smaller numbers would be slow."""
 
 
 @compiled(error_model="numpy")
 @no_type_check
-def conduct(
+def update_conductance(
     pressure: Float[np.ndarray, "time active"],
     column: Int[np.ndarray, "live"],
-    film: Film,
-    memory: Memory,
+    film: SensorLayer,
+    memory: LayerState,
     conductance: Float[np.ndarray, "time live"],
     shift: Float[np.ndarray, "time live"],
 ) -> None:
@@ -169,7 +173,7 @@ def conduct(
             push = pressure[t, column[a]] if column[a] >= 0 else 0.0
             q = max(film.load[a] + push / film.half_pressure, 0.0)
             shifted *= film.after_keep[a]
-            if abs(shifted) < FORGOTTEN:
+            if abs(shifted) < MIN_STATE:
                 shifted = 0.0
             is_touched = push > 0.0 and q > 0.0
             if touched and not is_touched:
@@ -189,9 +193,9 @@ def conduct(
                 for k in range(processes):
                     crept[k] *= film.recovery_keep[0]
                     slow[k] *= film.recovery_keep[1]
-                    if crept[k] < FORGOTTEN:
+                    if crept[k] < MIN_STATE:
                         crept[k] = 0.0
-                    if slow[k] < FORGOTTEN:
+                    if slow[k] < MIN_STATE:
                         slow[k] = 0.0
                 conductance[t, a] = 0.0
                 shift[t, a] = shifted
@@ -225,7 +229,7 @@ def conduct(
         memory.peak[a], memory.shifted[a], memory.touches[a] = peak, shifted, touches
 
 
-class Arrays(NamedTuple):
+class TaxelArrays(NamedTuple):
     """Where the live taxels lie in the arrays of their patches."""
 
     starts: np.ndarray
@@ -265,10 +269,10 @@ def at(
 
 @compiled(error_model="numpy")
 @no_type_check
-def scan(
+def scan_arrays(
     conductance: Float[np.ndarray, "time live"],
     shift: Float[np.ndarray, "time live"],
-    arrays: Arrays,
+    arrays: TaxelArrays,
     places: Float[np.ndarray, "reading"],
     late: Float[np.ndarray, "reading patch"],
     step: float,
@@ -322,7 +326,7 @@ def scan(
 
 
 class Readout(NamedTuple):
-    """The converter, as `convert` wants it."""
+    """The converter, as `convert_to_counts` wants it."""
 
     full: float
     base: np.ndarray
@@ -340,7 +344,7 @@ class Readout(NamedTuple):
 
 @compiled(error_model="numpy")
 @no_type_check
-def convert(
+def convert_to_counts(
     level: Float[np.ndarray, "reading taxel"],
     shifts: Float[np.ndarray, "reading taxel"],
     chances: Int[np.ndarray, "reading taxel"],

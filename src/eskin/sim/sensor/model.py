@@ -5,13 +5,13 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Int
 
-from eskin.sim.sensor.build import Build
-from eskin.sim.sensor.kernels import Arrays, Film, Memory, Readout
+from eskin.sim.sensor.build import SensorBuild
+from eskin.sim.sensor.kernels import LayerState, Readout, SensorLayer, TaxelArrays
 from eskin.skin import Skin
 
 
 @dataclass(frozen=True)
-class Stages:
+class SensorStages:
     """Which stages of the sensor work; one that does not passes on what it gets."""
 
     bending: bool = True
@@ -41,7 +41,7 @@ class Stages:
 
 
 @dataclass(frozen=True, eq=False)
-class Session:
+class SensorSession:
     """One sitting: what has drifted since the build was calibrated."""
 
     gain: Float[np.ndarray, "taxel"]
@@ -50,17 +50,19 @@ class Session:
     """Temperature above that of calibration [K]."""
 
 
-def draw_session(build: Build, rng: np.random.Generator) -> Session:
+def draw_session(build: SensorBuild, rng: np.random.Generator) -> SensorSession:
     """Draw a session of a build."""
     velostat = build.velostat
     mean, deviation = velostat.session_gain
     drift = mean + deviation * rng.standard_normal(len(velostat.gain))
-    return Session(np.exp(drift), velostat.temperature * float(rng.standard_normal()))
+    return SensorSession(
+        np.exp(drift), velostat.temperature * float(rng.standard_normal())
+    )
 
 
-def arrays_of(
+def build_taxel_arrays(
     live: Int[np.ndarray, "live"], ages: Float[np.ndarray, "taxel"], skin: Skin
-) -> Arrays:
+) -> TaxelArrays:
     """Lay live taxels out in the arrays of their patches.
 
     Args:
@@ -75,7 +77,7 @@ def arrays_of(
     for index, patch in enumerate(patches):
         inside = np.flatnonzero(skin.patch_index == patch)
         taxel[index, skin.rows[inside], skin.columns[inside]] = inside
-    return Arrays(
+    return TaxelArrays(
         starts=np.append(starts, len(live)),
         patch=patches,
         row=skin.rows[live],
@@ -89,7 +91,7 @@ def arrays_of(
     )
 
 
-def scan_ages(
+def compute_scan_ages(
     phase: Float[np.ndarray, "patch"], scan: float, skin: Skin
 ) -> Float[np.ndarray, "taxel"]:
     """When each taxel is scanned before a reading is put together [s]."""
@@ -97,20 +99,22 @@ def scan_ages(
     return phase[skin.patch_index] + scan * (1.0 - skin.rows / rows)
 
 
-def load_of(build: Build, stages: Stages) -> Float[np.ndarray, "taxel"]:
+def compute_free_load(
+    build: SensorBuild, stages: SensorStages
+) -> Float[np.ndarray, "taxel"]:
     """Load of free taxels less what closes the gap, by the half-scale pressure."""
     velostat = build.velostat
     bend = velostat.bend * stages.bending
     return (bend - velostat.activation * stages.threshold) / velostat.half_pressure
 
 
-def film_of(
+def build_sensor_layer(
     live: Int[np.ndarray, "live"],
-    build: Build,
-    session: Session,
-    stages: Stages,
+    build: SensorBuild,
+    session: SensorSession,
+    stages: SensorStages,
     after: Float[np.ndarray, "touch taxel"],
-) -> Film:
+) -> SensorLayer:
     """The laminate under the live taxels, with the stages that work."""
     velostat, electronics = build.velostat, build.electronics
     gain = np.ones(len(live))
@@ -121,8 +125,8 @@ def film_of(
     plain = np.array([0.0]), np.array([1.0])
     play = (velostat.play, velostat.play_weights) if stages.hysteresis else plain
     step = electronics.step
-    return Film(
-        load=load_of(build, stages)[live],
+    return SensorLayer(
+        load=compute_free_load(build, stages)[live],
         half_pressure=velostat.half_pressure,
         exponent=velostat.exponent[live] if stages.power else np.ones(len(live)),
         gain=gain,
@@ -139,7 +143,7 @@ def film_of(
     )
 
 
-def readout_of(build: Build, stages: Stages) -> Readout:
+def build_readout(build: SensorBuild, stages: SensorStages) -> Readout:
     """The converter, with the stages that work."""
     electronics, defects = build.electronics, build.defects
     full = electronics.full_scale
@@ -156,7 +160,7 @@ def readout_of(build: Build, stages: Stages) -> Readout:
     )
 
 
-def crosstalk_of(build: Build, stages: Stages) -> tuple[float, float]:
+def get_crosstalk(build: SensorBuild, stages: SensorStages) -> tuple[float, float]:
     """Ghosts and leak that are worth computing."""
     electronics = build.electronics
     parts = (electronics.ghost, electronics.leak)
@@ -164,19 +168,21 @@ def crosstalk_of(build: Build, stages: Stages) -> tuple[float, float]:
     return ghost * stages.ghosting, leak * stages.ghosting
 
 
-def ages_of(build: Build, skin: Skin, stages: Stages) -> Float[np.ndarray, "taxel"]:
+def compute_taxel_ages(
+    build: SensorBuild, skin: Skin, stages: SensorStages
+) -> Float[np.ndarray, "taxel"]:
     """When taxels are scanned before their reading is put together [s]."""
     if not stages.skew:
         return np.zeros(skin.count)
-    return scan_ages(build.electronics.phase, build.electronics.scan, skin)
+    return compute_scan_ages(build.electronics.phase, build.electronics.scan, skin)
 
 
-def memory_of(film: Film) -> Memory:
+def build_layer_state(film: SensorLayer) -> LayerState:
     """A laminate that nobody has touched yet; what bends presses has crept already."""
     rest = np.maximum(film.load, 0.0)
     live, operators, processes = len(rest), len(film.play), len(film.creep_part)
     crept = np.repeat((rest > 0.0).astype(np.float64)[:, None], processes, axis=1)
-    return Memory(
+    return LayerState(
         still=np.zeros((live, operators)),
         crept=crept,
         slow=np.zeros((live, processes)),

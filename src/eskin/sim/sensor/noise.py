@@ -7,15 +7,15 @@ import numpy as np
 from jaxtyping import Bool, Float, UInt
 
 from eskin.sim.sensor.build import Defects
-from eskin.sim.sensor.model import Stages
+from eskin.sim.sensor.model import SensorStages
 
-BLOCK = 100
+NOISE_BLOCK = 100
 """Readings whose noise is drawn, and held in memory, at a time."""
 
-WORD = 64
+WORD_BITS = 64
 """Bits of a word of random steps."""
 
-LEVELS = 2**16
+NOISE_LEVELS = 2**16
 """Values that normal noise is told apart in; the largest are 4.3 deviations."""
 
 
@@ -32,7 +32,7 @@ class NoiseRows:
 
 
 @final
-class Noise:
+class ReadingNoise:
     """The same numbers however many readings are asked for at a time."""
 
     def __init__(
@@ -56,11 +56,11 @@ class Noise:
     @property
     def left(self) -> int:
         """Readings that may be asked for at a time."""
-        return BLOCK - self.given % BLOCK
+        return NOISE_BLOCK - self.given % NOISE_BLOCK
 
     def rows(self, readings: int) -> NoiseRows:
         """The numbers of the next readings, no more than are `left`."""
-        within = self.given % BLOCK
+        within = self.given % NOISE_BLOCK
         if self.given and within == 0:
             self.drawn = self.draw()
         self.given += readings
@@ -72,11 +72,15 @@ class Noise:
         """Draw a block. Draws of 16 bits are packed, so part of one is not the same."""
         late, signs, chances = self.streams
         return NoiseRows(
-            late.standard_normal((BLOCK, self.patches)),
+            late.standard_normal((NOISE_BLOCK, self.patches)),
             signs.integers(
-                2**WORD, size=(BLOCK, self.taxels // WORD + 1), dtype=np.uint64
+                2**WORD_BITS,
+                size=(NOISE_BLOCK, self.taxels // WORD_BITS + 1),
+                dtype=np.uint64,
             ),
-            chances.integers(LEVELS, size=(BLOCK, self.taxels), dtype=np.uint16),
+            chances.integers(
+                NOISE_LEVELS, size=(NOISE_BLOCK, self.taxels), dtype=np.uint16
+            ),
         )
 
 
@@ -84,11 +88,15 @@ Lost = Bool[np.ndarray, "reading patch"]
 
 
 @final
-class Losses:
+class ReadingLosses:
     """Readings of whole patches that get lost, in runs."""
 
     def __init__(
-        self, defects: Defects, patches: int, rng: np.random.Generator, stages: Stages
+        self,
+        defects: Defects,
+        patches: int,
+        rng: np.random.Generator,
+        stages: SensorStages,
     ) -> None:
         """Begin before the first reading.
 

@@ -7,30 +7,35 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.special import ndtri
 
-from eskin.sim.sensor.build import Build
-from eskin.sim.sensor.kernels import conduct, convert, scan
+from eskin.sim.sensor.build import SensorBuild
+from eskin.sim.sensor.kernels import convert_to_counts, scan_arrays, update_conductance
 from eskin.sim.sensor.model import (
-    Session,
-    Stages,
-    ages_of,
-    arrays_of,
-    crosstalk_of,
+    SensorSession,
+    SensorStages,
+    build_layer_state,
+    build_readout,
+    build_sensor_layer,
+    build_taxel_arrays,
+    compute_free_load,
+    compute_taxel_ages,
     draw_session,
-    film_of,
-    load_of,
-    memory_of,
-    readout_of,
+    get_crosstalk,
 )
-from eskin.sim.sensor.noise import BLOCK, LEVELS, Losses, Noise
+from eskin.sim.sensor.noise import (
+    NOISE_BLOCK,
+    NOISE_LEVELS,
+    ReadingLosses,
+    ReadingNoise,
+)
 from eskin.skin import Skin
 
-TOUCHES = 8
+DRAWN_TOUCHES = 8
 """Touches of a taxel whose after-effects are drawn; later ones repeat them."""
 
-SURELY = 6.0
+MAX_JITTER_DEVIATIONS = 6.0
 """Deviations of a scan's time that never occur."""
 
-LATE = 2
+MAX_DELAY_PERIODS = 2
 """Periods within which a reading must be read."""
 
 
@@ -49,11 +54,11 @@ class Sensor:
 
     def __init__(
         self,
-        build: Build,
+        build: SensorBuild,
         skin: Skin,
         rng: np.random.Generator,
-        stages: Stages | None = None,
-        session: Session | None = None,
+        stages: SensorStages | None = None,
+        session: SensorSession | None = None,
         live: Int[np.ndarray, "live"] | None = None,
     ) -> None:
         """Begin before the first step, untouched.
@@ -66,31 +71,41 @@ class Sensor:
             session: what has drifted since calibration; drawn unless given.
             live: taxels that may conduct, sorted by patch; all unless given.
         """
-        stages = stages or Stages()
-        streams = [np.random.Generator(np.random.SFC64(seed)) for seed in seeds(rng)]
+        stages = stages or SensorStages()
+        streams = [
+            np.random.Generator(np.random.SFC64(seed)) for seed in draw_seeds(rng)
+        ]
         session = session or draw_session(build, streams[0])
         electronics = build.electronics
         if live is None:
             live = np.argsort(skin.patch_index, kind="stable")
-        after = electronics.after * streams[1].standard_normal((TOUCHES, skin.count))
-        ages = ages_of(build, skin, stages)
+        after = electronics.after * streams[1].standard_normal(
+            (DRAWN_TOUCHES, skin.count)
+        )
+        ages = compute_taxel_ages(build, skin, stages)
         self.count = skin.count
         self.live = live
-        self.film = film_of(live, build, session, stages, after)
-        self.memory = memory_of(self.film)
-        self.losses = Losses(build.defects, len(skin.patches), streams[2], stages)
-        self.noise = Noise(
+        self.film = build_sensor_layer(live, build, session, stages, after)
+        self.memory = build_layer_state(self.film)
+        self.losses = ReadingLosses(
+            build.defects, len(skin.patches), streams[2], stages
+        )
+        self.noise = ReadingNoise(
             len(skin.patches), skin.count, (streams[3], streams[4], streams[5])
         )
-        self.arrays = arrays_of(live, ages, skin)
-        self.readout = readout_of(build, stages)
-        self.crosstalk = crosstalk_of(build, stages)
+        self.arrays = build_taxel_arrays(live, ages, skin)
+        self.readout = build_readout(build, stages)
+        self.crosstalk = get_crosstalk(build, stages)
         self.divides = stages.divider
         self.jitter = electronics.jitter * stages.skew
         self.step = electronics.step
-        reach = (ages.max(initial=0.0) + SURELY * self.jitter) / self.step
+        reach = (
+            ages.max(initial=0.0) + MAX_JITTER_DEVIATIONS * self.jitter
+        ) / self.step
         self.reach = int(np.ceil(reach)) + 1
-        self.kept = self.reach + LATE * round(electronics.period / self.step)
+        self.kept = self.reach + MAX_DELAY_PERIODS * round(
+            electronics.period / self.step
+        )
         self.drift = np.zeros(skin.count, np.float32)
         self.conductance = np.zeros((0, len(live)), np.float32)
         self.shift = np.zeros_like(self.conductance)
@@ -121,7 +136,7 @@ class Sensor:
         shift[:kept] = self.shift[len(self.shift) - kept :]
         self.first = self.steps - kept
         self.conductance, self.shift = conductance, shift
-        conduct(
+        update_conductance(
             np.asarray(pressure, np.float64),
             column[self.live],
             self.film,
@@ -145,12 +160,12 @@ class Sensor:
         if self.first and places.min() - self.reach < self.first:
             raise ValueError(
                 f"step {places.min():g} is to be read after step {self.steps - 1}; "
-                f"allowed are {LATE} periods; read more often"
+                f"allowed are {MAX_DELAY_PERIODS} periods; read more often"
             )
         noise = self.noise.rows(len(places))
         shape = (len(places), self.count)
         level, shifts = np.zeros(shape, np.float32), np.zeros(shape, np.float32)
-        scan(
+        scan_arrays(
             self.conductance,
             self.shift,
             self.arrays,
@@ -164,33 +179,33 @@ class Sensor:
             shifts,
         )
         counts = np.zeros(shape, np.int32)
-        convert(
-            *(level, shifts, noise.chances, noise.signs, normal_quantiles()),
+        convert_to_counts(
+            *(level, shifts, noise.chances, noise.signs, compute_normal_quantiles()),
             *(self.drift, self.readout, counts),
         )
         return counts
 
 
-def seeds(rng: np.random.Generator) -> list[int]:
+def draw_seeds(rng: np.random.Generator) -> list[int]:
     """A seed for each thing that is drawn."""
     return [int(seed) for seed in rng.integers(2**63, size=6)]
 
 
 @lru_cache(maxsize=1)
-def normal_quantiles() -> Float[np.ndarray, "chance"]:
+def compute_normal_quantiles() -> Float[np.ndarray, "chance"]:
     """Equally likely values of the normal law."""
-    chances = (np.arange(LEVELS) + 0.5) / LEVELS
+    chances = (np.arange(NOISE_LEVELS) + 0.5) / NOISE_LEVELS
     return ndtri(chances).astype(np.float32)
 
 
 def sense(
     pressure: Float[np.ndarray, "time active"],
     taxels: Int[np.ndarray, "active"],
-    build: Build,
+    build: SensorBuild,
     skin: Skin,
     rng: np.random.Generator,
-    stages: Stages | None = None,
-    session: Session | None = None,
+    stages: SensorStages | None = None,
+    session: SensorSession | None = None,
     lead: int = 0,
 ) -> tuple[Int[np.ndarray, "reading taxel"], Bool[np.ndarray, "reading taxel"]]:
     """What the skin counts, and what of it arrives.
@@ -211,24 +226,24 @@ def sense(
     Raises:
         ValueError: pressures and taxels do not belong together.
     """
-    check(pressure, taxels, lead)
-    stages = stages or Stages()
-    live = live_taxels(pressure, taxels, build, skin, stages)
+    check_pressure(pressure, taxels, lead)
+    stages = stages or SensorStages()
+    live = find_live_taxels(pressure, taxels, build, skin, stages)
     sensor = Sensor(build, skin, rng, stages, session, live)
     sensor.push(pressure, taxels)
     ratio = round(build.electronics.period / build.electronics.step)
     readings = (len(pressure) - lead) // ratio
     places = lead + ratio * np.arange(readings, dtype=np.float64)
     counts = np.zeros((readings, skin.count), np.int32)
-    for start in range(0, readings, BLOCK):
-        part = slice(start, start + BLOCK)
+    for start in range(0, readings, NOISE_BLOCK):
+        part = slice(start, start + NOISE_BLOCK)
         counts[part] = sensor.read(places[part])
     received = ~sensor.losses.all(readings)[:, skin.patch_index]
     counts[~received] = 0
     return counts, received
 
 
-def check(
+def check_pressure(
     pressure: Float[np.ndarray, "time active"],
     taxels: Int[np.ndarray, "active"],
     lead: int,
@@ -255,15 +270,15 @@ def check(
         )
 
 
-def live_taxels(
+def find_live_taxels(
     pressure: Float[np.ndarray, "time active"],
     taxels: Int[np.ndarray, "active"],
-    build: Build,
+    build: SensorBuild,
     skin: Skin,
-    stages: Stages,
+    stages: SensorStages,
 ) -> Int[np.ndarray, "live"]:
     """Taxels that ever conduct, sorted by patch."""
-    conducts = load_of(build, stages) > 0.0
+    conducts = compute_free_load(build, stages) > 0.0
     conducts[taxels[pressure.max(axis=0, initial=0.0) > 0.0]] = True
     live = np.flatnonzero(conducts)
     return live[np.argsort(skin.patch_index[live], kind="stable")]

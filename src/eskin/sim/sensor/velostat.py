@@ -50,7 +50,7 @@ class Velostat:
         return np.maximum(self.bend - self.activation, 0.0) / self.half_pressure
 
 
-def nominal_velostat(skin: Skin, constants: Constants) -> Velostat:
+def build_nominal_velostat(skin: Skin, constants: Constants) -> Velostat:
     """A laminate whose taxels are all as the maker means them to be."""
     same = np.ones(skin.count)
     law = constants.entry("sensor.half_pressure.fresh").spread
@@ -91,13 +91,13 @@ def draw_velostat(
         recovery_times=constants.array("sensor.recovery_times"),
         recovery_share=constants.value("sensor.recovery_share"),
         gain=draw_gain(kind, skin, constants, rng),
-        session_gain=normal_law(f"sensor.session_gain.{kind}", constants),
-        temperature=normal_law(f"sensor.temperature.{kind}", constants)[1],
+        session_gain=get_normal_law(f"sensor.session_gain.{kind}", constants),
+        temperature=get_normal_law(f"sensor.temperature.{kind}", constants)[1],
         temperature_gain=constants.value("sensor.temperature_gain"),
     )
 
 
-def normal_law(name: str, constants: Constants) -> tuple[float, float]:
+def get_normal_law(name: str, constants: Constants) -> tuple[float, float]:
     """Mean and deviation of a constant that is drawn again in every session."""
     law, factor = constants.entry(name).spread, constants.factors.get(name, 1.0)
     if law is None or law.mean is None or law.sd is None:
@@ -105,7 +105,7 @@ def normal_law(name: str, constants: Constants) -> tuple[float, float]:
     return law.mean * factor, law.sd * factor
 
 
-def of_patches(
+def draw_per_patch(
     name: str, skin: Skin, constants: Constants, rng: np.random.Generator
 ) -> Float[np.ndarray, "taxel"]:
     """One draw of a constant a patch, given to all its taxels."""
@@ -117,7 +117,7 @@ def draw_exponent(
     kind: str, skin: Skin, constants: Constants, rng: np.random.Generator
 ) -> Float[np.ndarray, "taxel"]:
     """Exponents about the mean of their patch."""
-    mean = of_patches(f"sensor.exponent.{kind}", skin, constants, rng)
+    mean = draw_per_patch(f"sensor.exponent.{kind}", skin, constants, rng)
     scatter = constants.value(f"sensor.exponent_scatter.{kind}")
     low, high = constants.array("sensor.exponent_limits")
     return np.clip(mean + scatter * rng.standard_normal(skin.count), low, high)
@@ -138,7 +138,7 @@ def draw_activation(
     kind: str, skin: Skin, constants: Constants, rng: np.random.Generator
 ) -> Float[np.ndarray, "taxel"]:
     """Pressures of activation about that of their patch."""
-    mean = of_patches(f"sensor.activation.{kind}", skin, constants, rng)
+    mean = draw_per_patch(f"sensor.activation.{kind}", skin, constants, rng)
     scatter = np.log(constants.value("sensor.activation_scatter"))
     return mean * np.exp(scatter * rng.standard_normal(skin.count))
 
@@ -148,14 +148,14 @@ def draw_bend(
 ) -> Float[np.ndarray, "taxel"]:
     """Preload of a share of the taxels, those nearest the edges of their patches."""
     share = constants.draw(f"sensor.bent.{kind}", rng)
-    rank = steps_from_edge(skin) + rng.random(skin.count)
+    rank = count_steps_from_edge(skin) + rng.random(skin.count)
     bent = np.argsort(rank)[: round(share * skin.count)]
     bend = np.zeros(skin.count)
     bend[bent] = [constants.draw(f"sensor.bend.{kind}", rng) for _ in bent]
     return bend
 
 
-def steps_from_edge(skin: Skin) -> Int[np.ndarray, "taxel"]:
+def count_steps_from_edge(skin: Skin) -> Int[np.ndarray, "taxel"]:
     """How many rows or columns each taxel is from the nearest edge of its patch."""
     rows = np.array([patch.rows for patch in skin.patches])[skin.patch_index]
     columns = np.array([patch.columns for patch in skin.patches])[skin.patch_index]
