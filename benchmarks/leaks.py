@@ -21,7 +21,7 @@ import tyro
 from jaxtyping import Bool, Float, Int
 from scipy.stats import binomtest, t
 
-from eskin.learn.baselines import SkinWindows, make_baseline
+from eskin.learn.baselines import SkinWindows, build_baseline
 from eskin.learn.comparison import Examples, find_examples
 from eskin.learn.comparison.methods import FOR_SMALL_SETS
 from eskin.learn.scoring import predict_clips
@@ -84,7 +84,7 @@ def answers(
             (SHUFFLED, train.windows, mixed, test.windows, truth),
             (BEFORE, cut, labels[learned], asked, truth[which]),
         ):
-            baseline = make_baseline(name, train.mounted)
+            baseline = build_baseline(name, train.mounted)
             baseline.fit(windows, taught, seed)
             said = baseline.predict_probabilities(others).argmax(axis=1)
             yield (name, way), said == true
@@ -156,7 +156,7 @@ def onsets(examples: Examples) -> Float[np.ndarray, "clip"]:
         for path in examples.paths
     ]
     found = []
-    for n, clip in examples.every:
+    for n, clip in examples.clips:
         inside = stamps[n][(stamps[n] >= clip.start) & (stamps[n] < clip.end)]
         since = inside[0] - clip.start if len(inside) else np.inf
         found.append(

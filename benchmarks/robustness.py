@@ -144,14 +144,14 @@ def tasks_of(command: Command, name: str) -> list[TrainingTask]:
         harms = [
             Corruption(kind, a, seed) for kind in command.kinds for a in AMOUNTS[kind]
         ]
-        tests = {UNHARMED: test, **{h.name: replace(test, harm=h) for h in harms}}
+        tests = {UNHARMED: test, **{h.name: replace(test, transform=h) for h in harms}}
         tasks.append(TrainingTask(name, METHODS[name], train, tests, seed))
     return tasks
 
 
 def accuracy(results: Mapping[RunKey, MethodResult], asked: str) -> float:
     """Right answers of all clips of a test [%]."""
-    rights = [result.answered[asked].right for result in results.values()]
+    rights = [result.answered[asked].correct for result in results.values()]
     return 100 * float(np.concatenate(rights).mean())
 
 

@@ -9,8 +9,7 @@ from scipy.sparse.csgraph import dijkstra
 from scipy.spatial import KDTree
 from scipy.spatial.distance import cdist
 
-from eskin.skin.mounted_skin import MountedSkin
-from eskin.skin.skin import Skin
+from eskin.skin import MountedSkin, Skin
 from eskin.skin.surfaces import TOLERANCE, Dome, Surface, Tube, fit_surface
 
 NEIGHBOURS = 8

@@ -198,7 +198,7 @@ def table(
         for draw in draws
     ]
     done = run_tasks(tasks, RESULTS, command.workers)
-    shares = [r.answered["val"].right.mean() for r in done if r is not None]
+    shares = [r.answered["val"].correct.mean() for r in done if r is not None]
     means = np.reshape(shares, (len(settings), len(draws))).mean(axis=1)
     rows = zip(settings, means.tolist(), strict=True)
     return "\n".join(f"| {name} | {words} | {mean:.1%} |" for words, mean in rows)

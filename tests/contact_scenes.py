@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from eskin.sim import Chart, ContactPads, Press, SoftTissue
-from eskin.skin.surfaces import Dome, Plane, Tube
+from eskin.skin import Dome, Plane, Tube
 
 FLESH = SoftTissue(
     b=190.0, m=2100.0, area_scale=1.0, area_exponent=0.42, conformity=0.75

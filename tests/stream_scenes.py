@@ -6,7 +6,7 @@ import numpy as np
 
 from eskin.drivers import STEPPED, ManualClock, PlayedSource, SourceInfo
 from eskin.recording import Metadata
-from eskin.skin.layout import build_grid_skin
+from eskin.skin import build_grid_skin
 from eskin.stream import Listener
 from eskin.touch import Calibration, Scan
 

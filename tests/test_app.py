@@ -14,8 +14,7 @@ from eskin.drivers.virtual import PtyPort
 from eskin.errors import DeviceError, EskinError, RecordingError
 from eskin.sim.constants import load_constants
 from eskin.sim.sensor.build import build_nominal_sensor
-from eskin.skin import load_skin, save_skin
-from eskin.skin.presets import SKIN_PRESETS
+from eskin.skin import SKIN_PRESETS, load_skin, save_skin
 from eskin.touch import Calibration
 from live_scenes import mounted, record, scans
 from test_device_command import StillSimulator

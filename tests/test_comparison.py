@@ -63,7 +63,7 @@ class Guess(Method):
         size = len(examples.gestures)
 
         def answers(other):
-            return np.tile(np.eye(size)[self.answer], (len(other.every), 1))
+            return np.tile(np.eye(size)[self.answer], (len(other.clips), 1))
 
         return answers
 
@@ -73,7 +73,7 @@ def test_a_window_shows_what_the_pipeline_says_in_the_two_seconds_of_its_clip(ex
     recording, clips = read_recording(path), read_clips(path)
     pipeline = TouchPipeline(examples.mounted, recording.calibration)
     windows = examples.windows
-    assert windows.pressure.shape[:2] == (len(examples.every), READINGS)
+    assert windows.pressure.shape[:2] == (len(examples.clips), READINGS)
     for scan in recording.scans():
         reading, _ = pipeline.calibrate(scan)
         felt = np.where(reading.valid, reading.pressure, 0)
@@ -146,7 +146,7 @@ def test_what_is_held_out_is_not_learned_from(folder, tmp_path):
 
     every = find_examples([folder], tmp_path)
     result = TrainingTask("spy", Spy(), every, {}, 0, share=0.5).run()
-    held = len(every.every) - sum(len(read_clips(path)) for path in learned)
+    held = len(every.clips) - sum(len(read_clips(path)) for path in learned)
     assert held > 0 and len(result.answered["val"].truth) == held
     again = [
         TrainingTask("spy", Spy(), every, {}, seed, share=0.5).run()
@@ -159,7 +159,7 @@ def test_a_training_is_done_once_and_again_where_anything_differs(folder, tmp_pa
     log, kept = tmp_path / "log", tmp_path / "results"
     a, b = (find_examples([folder / name], tmp_path) for name in "ab")
     task = TrainingTask("guess", Guess(0, str(log)), a, {"test": b}, 0)
-    first, again = task.done(kept), task.done(kept)
+    first, again = task.load_or_run(kept), task.load_or_run(kept)
     assert first == again and log.read_text() == "x"
     others = (
         replace(task, seed=1),
@@ -169,7 +169,7 @@ def test_a_training_is_done_once_and_again_where_anything_differs(folder, tmp_pa
         replace(task, share=0.5),
     )
     for other in others:
-        other.done(kept)
+        other.load_or_run(kept)
     assert log.read_text() == "xxxxxx"
 
 
@@ -334,11 +334,11 @@ def test_what_cannot_be_studied_is_refused(folder, capsys, words, message):
 def test_a_damaged_result_is_named_and_left_alone(folder, tmp_path, kept):
     a, b = (find_examples([folder / name], tmp_path / "pack") for name in ("a", "b"))
     task = TrainingTask("guess", Guess(0), a, {"test": b}, 0)
-    task.done(tmp_path)
-    path = task.file(tmp_path)
+    task.load_or_run(tmp_path)
+    path = task.find_file(tmp_path)
     path.write_text(kept)
     with pytest.raises(EskinError, match=f"{path.name} is no result .*; delete it"):
-        task.done(tmp_path)
+        task.load_or_run(tmp_path)
     assert path.read_text() == kept
 
 

@@ -124,7 +124,7 @@ def test_clips_said_to_be_others_are_other_examples(change, examples, tmp_path):
         index.write_text(index.read_text().replace(was, now, 1))
         return find_examples([tmp_path / name], tmp_path)
 
-    _, clip = examples.every[0]
+    _, clip = examples.clips[0]
     was, now = {
         "gesture": (f'"gesture": "{clip.gesture}"', '"gesture": "kick"'),
         "start": (f'"start": {clip.start}', f'"start": {clip.start - 1}'),
@@ -154,7 +154,7 @@ def test_more_clips_take_as_many_more_steps(
     small, times, examples, untrained, monkeypatch
 ):
     monkeypatch.setattr(methods, "SMALL", small)
-    assert len(examples.every) == 6
+    assert len(examples.clips) == 6
     RecogniserMethod(SHORT).fit(examples, 0)
     assert untrained[0].config == replace(SHORT, steps=times * SHORT.steps)
 
@@ -173,7 +173,7 @@ def test_where_nothing_is_felt_the_answer_is_none_or_what_was_learned_most(
     for learned in (examples, touches):
         shares = np.array([name == "none" for name in learned.gestures], float)
         if learned is touches:
-            made = [clip.gesture for _, clip in learned.every]
+            made = [clip.gesture for _, clip in learned.clips]
             counts = [made.count(name) for name in learned.gestures]
             shares = np.array(counts) / len(made)
         answers = RecogniserMethod(SHORT).fit(learned, 0)(learned)
@@ -183,7 +183,7 @@ def test_where_nothing_is_felt_the_answer_is_none_or_what_was_learned_most(
 
 def test_a_variant_of_ours_has_its_neighbours_and_pooling(examples, untrained):
     for k, pool in ((5, "max"), (5, "mean"), (7, "mean")):
-        Variant("eskin", k, pool).method(epochs=1).fit(examples, 0)
+        Variant("eskin", k, pool).build_method(epochs=1).fit(examples, 0)
     assert [trainer.config.graph.fixed for trainer in untrained] == [5, 5, 7]
     largest, mean, other = map(embedded, untrained)
     assert largest != mean == other
@@ -200,7 +200,7 @@ def test_a_variant_of_the_papers_has_its_neighbours_and_pooling(examples, monkey
     monkeypatch.setattr(PaperBaseline, "learn", learn)
     wanted = [(5, "mean", 3), (7, "max", 2)]
     for k, pool, epochs in wanted:
-        Variant("paper", k, pool).method(epochs).fit(examples, 0)
+        Variant("paper", k, pool).build_method(epochs).fit(examples, 0)
     assert found == wanted
 
 
@@ -208,10 +208,10 @@ def test_trees_on_a_touch_see_its_features_and_nothing_where_nothing_is_felt(
     examples, monkeypatch
 ):
     rows = build_touch_rows(examples)
-    assert len(rows) == len(examples.every) and np.isfinite(rows).all()
+    assert len(rows) == len(examples.clips) and np.isfinite(rows).all()
     assert rows.any(axis=1).all() and len(np.unique(rows, axis=0)) == len(rows)
     ends = list(
-        touch_trees.find_last_rows(examples.dataset(GraphConfig()), examples.every)
+        touch_trees.find_last_rows(examples.dataset(GraphConfig()), examples.clips)
     )
     ends[2] = -1
     monkeypatch.setattr(touch_trees, "find_last_rows", lambda dataset, every: ends)

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from eskin.errors import ReadingError
-from eskin.skin.mounted_skin import MountedSkin
+from eskin.skin import MountedSkin
 from eskin.touch import ContactConfig
 from touch_scenes import (
     build_grid_skin,

@@ -36,7 +36,7 @@ def test_what_is_wrong_is_named_and_everything_else_looked_at(capsys, monkeypatc
     def broken(_model):
         raise ModelError("weights ur5 are torn; allowed are whole ones")
 
-    monkeypatch.setattr(doctor, "recognises", broken)
+    monkeypatch.setattr(doctor, "check_model", broken)
     assert run(["doctor"]) == 2
     out, err = capsys.readouterr()
     assert "WRONG weights ur5: weights ur5 are torn" in out
@@ -45,8 +45,8 @@ def test_what_is_wrong_is_named_and_everything_else_looked_at(capsys, monkeypatc
 
 
 def test_what_only_training_needs_may_be_missing(monkeypatch):
-    monkeypatch.setattr(doctor, "FOR_TRAINING", ("not-there",))
-    [found] = [c for c in doctor.every_check() if c.name == "for training"]
+    monkeypatch.setattr(doctor, "TRAINING_PACKAGES", ("not-there",))
+    [found] = [c for c in doctor.run_checks() if c.name == "for training"]
     assert found.ok
     assert "pip install" in found.found
 
@@ -54,7 +54,7 @@ def test_what_only_training_needs_may_be_missing(monkeypatch):
 @pytest.mark.parametrize("package", ["numpy", "numba"])
 def test_versions_are_those_installed(package):
     module = pytest.importorskip(package)
-    [line] = doctor.versions((package,))
+    [line] = doctor.list_versions((package,))
     assert line == f"{package} {module.__version__}"
 
 
@@ -63,7 +63,7 @@ def test_a_port_that_may_not_be_used_says_how_to_be_allowed():
         SerialPortInfo("/dev/ttyACM0", "patch 1234", usable=True),
         SerialPortInfo("/dev/ttyACM1", "patch 1235", usable=False),
     ]
-    well, ill = doctor.port_checks(ports)
+    well, ill = doctor.check_ports(ports)
     assert (well.ok, well.found) == (True, "patch 1234")
     assert not ill.ok
     assert "dialout" in ill.found
@@ -71,7 +71,7 @@ def test_a_port_that_may_not_be_used_says_how_to_be_allowed():
 
 
 def test_a_computer_without_serial_ports_is_well():
-    [check] = doctor.port_checks([])
+    [check] = doctor.check_ports([])
     assert check.ok
 
 
@@ -84,7 +84,7 @@ def test_patches_are_listened_to_one_by_one(tmp_path, capsys):
     device = udp_skin(skin, port, faults=[parse_fault("unplug:left", skin)])
     command = doctor.Command((f"udp://127.0.0.1:{port}",), str(tmp_path), "table")
     with playing(device, scans_of(skin, 1000), HostClock()):
-        left, middle, right = doctor.patch_checks(command)
+        left, middle, right = doctor.check_patches(command)
     assert (left.name, left.ok) == ("patch left", False)
     assert "not heard" in left.found
     assert middle.ok

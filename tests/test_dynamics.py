@@ -21,8 +21,7 @@ from eskin.demo.browser import PageCommandHandler
 from eskin.drivers import ManualClock
 from eskin.errors import ArmError, ExtraError, RobotError
 from eskin.page import PageOrder
-from eskin.robot import Kinematics, Wrench, load_robot
-from eskin.robot.dynamics import Dynamics, ServoConfig
+from eskin.robot import Dynamics, Kinematics, ServoConfig, Wrench, load_robot
 from eskin.robot.presets import read_preset_urdf
 from eskin.sim.interactive.hand import LinkPoint
 from eskin.sim.interactive.skin import InteractiveSkin, compute_wrenches

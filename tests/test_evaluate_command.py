@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from eskin.cli.evaluate import CLIP_KEYS, by_person
+from eskin.cli.evaluate import CLIP_KEYS, summarise_people
 from eskin.cli.main import run
 from eskin.model import save_model
 from eskin.recording import RecordingWriter, read_recording, write_all
@@ -71,10 +71,10 @@ def test_evaluate_says_how_well_the_model_does(model, data, capsys):
 
 
 def test_a_person_called_like_a_score_keeps_both_apart():
-    found = by_person({"mean": 0.5, "ann": 0.7})
+    found = summarise_people({"mean": 0.5, "ann": 0.7})
     three = {"mean": 0.6, "sd": pytest.approx(0.1414), "worst": 0.5}
     assert found == {"person mean": 0.5, "ann": 0.7, **three}
-    assert by_person({"ann": 0.7}) == {"ann": 0.7, "mean": 0.7, "sd": 0.0, "worst": 0.7}
+    assert summarise_people({"ann": 0.7}) == {"ann": 0.7, "mean": 0.7, "sd": 0.0, "worst": 0.7}
 
 
 def test_recordings_may_be_given_one_by_one_in_any_order(model, data, capsys):

@@ -12,8 +12,7 @@ from benchmarks.fuzz.skin_files import BETWEEN, SkinTarget
 from benchmarks.fuzz.target import Target
 
 from eskin.errors import SkinError
-from eskin.skin import load_skin, skin_from_bytes, skin_to_bytes
-from eskin.skin.layout import build_grid_skin
+from eskin.skin import build_grid_skin, load_skin, skin_from_bytes, skin_to_bytes
 
 
 @pytest.mark.parametrize(

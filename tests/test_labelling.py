@@ -26,7 +26,7 @@ from eskin.recording import (
     write_all,
 )
 from eskin.recording.autolabel import compute_otsu_threshold
-from eskin.skin.layout import build_grid_skin
+from eskin.skin import build_grid_skin
 from eskin.touch import Calibration, Scan
 
 SECOND = 1_000_000_000

@@ -23,7 +23,7 @@ def examples(tmp_path_factory):
 
 def test_nothing_is_felt_before_the_first_contact(examples):
     cut, chosen = windows_before_contact(examples)
-    assert 0 < len(chosen) <= len(examples.every)
+    assert 0 < len(chosen) <= len(examples.clips)
     assert cut.pressure.max() < TOUCHED
     assert (examples.windows.pressure[chosen] >= TOUCHED).any(axis=(1, 2)).all()
 
@@ -72,7 +72,7 @@ def test_one_who_knows_is_right_whatever_was_taught(examples, monkeypatch):
         chosen = np.array([6, 1, 4])
         return SkinWindows(windows.pressure[chosen], windows.q[chosen]), chosen
 
-    monkeypatch.setattr(leaks, "make_baseline", lambda name, mounted: Knowing())
+    monkeypatch.setattr(leaks, "build_baseline", lambda name, mounted: Knowing())
     monkeypatch.setattr(leaks, "windows_before_contact", some)
     monkeypatch.setattr(leaks, "ours_shuffled", lambda train, test, seed: truth)
     found = dict(leaks.answers(examples, examples, 0))

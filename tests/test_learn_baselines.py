@@ -14,7 +14,7 @@ from eskin.learn.baselines import (
     READINGS,
     FitConfig,
     SkinWindows,
-    make_baseline,
+    build_baseline,
 )
 from eskin.learn.baselines.interface import RollingWindow
 from live_scenes import mounted
@@ -26,7 +26,7 @@ every_baseline = pytest.mark.parametrize("name", NAMES)
 
 @cache
 def fitted(name, seed=3):
-    return make_baseline(name, UR5, QUICK).fit(*toy(), seed)
+    return build_baseline(name, UR5, QUICK).fit(*toy(), seed)
 
 
 @every_baseline
@@ -48,7 +48,7 @@ def test_probabilities_are_of_all_classes_and_sum_to_one(name):
 def test_the_same_seed_gives_the_same_answers(name):
     brief = FitConfig(epochs=1)
     clips, labels = toy(2)
-    one, other = (make_baseline(name, UR5, brief).fit(clips, labels, 5) for _ in "ab")
+    one, other = (build_baseline(name, UR5, brief).fit(clips, labels, 5) for _ in "ab")
     answers = one.predict_probabilities(clips)
     assert np.array_equal(answers, other.predict_probabilities(clips))
 
@@ -57,7 +57,9 @@ def test_the_same_seed_gives_the_same_answers(name):
 def test_another_seed_gives_other_answers(name):
     brief = FitConfig(epochs=1)
     clips, labels = toy(2)
-    one, other = (make_baseline(name, UR5, brief).fit(clips, labels, n) for n in (5, 6))
+    one, other = (
+        build_baseline(name, UR5, brief).fit(clips, labels, n) for n in (5, 6)
+    )
     answers = one.predict_probabilities(clips)
     assert not np.array_equal(answers, other.predict_probabilities(clips))
 
@@ -69,7 +71,7 @@ def test_every_setting_of_training_decides_what_comes_of_it(change):
     clips, labels = toy(2)
     usual = FitConfig(epochs=2, batch=3)
     answers = [
-        make_baseline("tactile-image", UR5, config)
+        build_baseline("tactile-image", UR5, config)
         .fit(clips, labels, 5)
         .predict_probabilities(clips)
         for config in (usual, replace(usual, **change))
@@ -83,7 +85,7 @@ def test_windows_of_another_skin_are_refused_with_one_line(name):
         np.zeros((2, READINGS, 240), np.float32), np.zeros((2, READINGS, 6), np.float32)
     )
     for call in (
-        lambda: make_baseline(name, UR5).fit(others, np.arange(2)),
+        lambda: build_baseline(name, UR5).fit(others, np.arange(2)),
         lambda: fitted(name).predict_probabilities(others),
     ):
         with pytest.raises(SkinMismatchError) as caught:
@@ -98,13 +100,13 @@ def test_labels_that_do_not_belong_to_the_clips_are_refused(name):
     clips, _ = toy(2)
     for labels in ([0, 1], [0] * 6, [0, 2, 0, 2, 0, 2]):
         with pytest.raises(ValueError, match="labels of . classes up to . for 6 clips"):
-            make_baseline(name, UR5).fit(clips, np.array(labels))
+            build_baseline(name, UR5).fit(clips, np.array(labels))
 
 
 @every_baseline
 def test_nothing_is_answered_before_anything_was_learned(name):
     with pytest.raises(ValueError, match="has learned nothing yet"):
-        make_baseline(name, UR5).predict_probabilities(toy(2)[0])
+        build_baseline(name, UR5).predict_probabilities(toy(2)[0])
 
 
 @every_baseline
@@ -112,7 +114,7 @@ def test_streams_answer_as_the_window_does(name):
     """But for those of networks that take the whole window: 100 times the same work."""
     clips, _ = toy(2, seed=1)
     want = fitted(name).predict_probabilities(clips)[2]
-    for way, stream in fitted(name).streams().items():
+    for way, stream in fitted(name).build_streams().items():
         if way or name not in NETWORKS:
             readings = zip(clips.pressure[2], clips.q[2].astype(float), strict=True)
             *_, got = (stream.push(*reading) for reading in readings)
@@ -129,4 +131,4 @@ def test_a_window_that_rolls_holds_the_last_readings_oldest_first():
 
 def test_a_name_that_is_none_is_refused():
     with pytest.raises(ValueError, match="no baseline 'oracle'; allowed are svm-max"):
-        make_baseline("oracle", mounted())
+        build_baseline("oracle", mounted())

@@ -66,7 +66,7 @@ def test_gradients_are_the_same_too():
 
 def test_live_edges_join_patches_only_where_they_come_near():
     pressure, q = readings()
-    live = NodeSelector(UR5, 8).live_edges(pressure > 0, q)
+    live = NodeSelector(UR5, 8).find_live_edges(pressure > 0, q)
     patch = torch.from_numpy(UR5.skin.patch_index)
     reading, node, _ = (live >= 0).nonzero(as_tuple=True)
     assert set(reading.tolist()) == {0, 1}

@@ -6,8 +6,8 @@ import torch
 
 from baseline_scenes import UR5
 from eskin.learn.baselines.convolution import (
-    PITCH,
-    ROUND,
+    PIXEL_HEIGHT,
+    PIXELS_AROUND,
     Cnn3d,
     CnnLstm,
     ImageCnn,
@@ -15,13 +15,13 @@ from eskin.learn.baselines.convolution import (
     build_patch_image,
     build_unrolled_image,
 )
-from eskin.learn.baselines.flat import BINS, KPA, bins
+from eskin.learn.baselines.flat import PRESSURE_UNIT, TIME_BINS, compute_bins
 from eskin.skin import Patch, Plane, TaxelGrid, Tube, build_skin, load_skin
 from graph_scenes import motion
 
 GAP = 0.0103  # between taxels of a patch that is laid here [m]
 CAPS = "elbow_cap", "wrist_1_cap"
-MEANS = 4.5 + 10.0 * np.arange(BINS)  # of the parts of `ramp` [kPa]
+MEANS = 4.5 + 10.0 * np.arange(TIME_BINS)  # of the parts of `ramp` [kPa]
 any_way = pytest.mark.parametrize("seed", [0, 1, 2])
 every_skin = pytest.mark.parametrize("name", ["ur5", "ur5-shapes", "bent", "sleeve"])
 
@@ -35,13 +35,13 @@ def laid(rows, columns, surface):
 
 def pixels_of(skin):
     """Row and column in the unrolled image of each taxel."""
-    return np.divmod(build_unrolled_image(skin).place, ROUND)
+    return np.divmod(build_unrolled_image(skin).pixel, PIXELS_AROUND)
 
 
 def apart_round(one, other):
     """How many columns lie between, the shorter way round."""
     apart = np.abs(one - other)
-    return np.minimum(apart, ROUND - apart)
+    return np.minimum(apart, PIXELS_AROUND - apart)
 
 
 def side_by_side(skin):
@@ -59,7 +59,7 @@ def test_a_taxel_of_a_patch_lies_at_its_row_its_column_and_its_patch():
     image = TaxelsToImage(build_patch_image(skin))(pressure)
     for taxel in range(skin.count):
         at = skin.rows[taxel], skin.columns[taxel], skin.patch_index[taxel]
-        assert image[at].item() == pytest.approx((taxel + 1) / KPA)
+        assert image[at].item() == pytest.approx((taxel + 1) / PRESSURE_UNIT)
     assert (image > 0).sum() == skin.count
 
 
@@ -69,7 +69,7 @@ def test_any_taxel_pressed_alone_is_seen_in_one_pixel(name, image_of):
     skin = load_skin(name)
     pixels = TaxelsToImage(image_of(skin))
     for some in torch.arange(skin.count).split(256):
-        images = pixels(KPA * torch.eye(skin.count)[some]).flatten(1)
+        images = pixels(PRESSURE_UNIT * torch.eye(skin.count)[some]).flatten(1)
         assert torch.equal(images.sum(dim=1), torch.ones(len(some)))
         assert torch.equal(images.amax(dim=1), torch.ones(len(some)))
 
@@ -79,7 +79,7 @@ def test_where_taxels_meet_the_largest_pressure_is_seen():
     pressure = np.random.default_rng(0).uniform(1, 30, UR5.skin.count)
     want = np.zeros(image.shape).ravel()
     for place, felt in zip(image.place, pressure, strict=True):
-        want[place] = max(want[place], felt / KPA)
+        want[place] = max(want[place], felt / PRESSURE_UNIT)
     got = TaxelsToImage(image)(torch.from_numpy(pressure))
     assert np.array_equal(got.numpy().ravel(), want)
     assert (want > 0).sum() < UR5.skin.count
@@ -97,7 +97,7 @@ def test_neighbours_on_the_arm_are_neighbours_in_the_unrolled_image():
 
 
 def test_most_taxels_have_a_pixel_of_their_own():
-    assert len(np.unique(build_unrolled_image(UR5.skin).place)) > 0.9 * UR5.skin.count
+    assert len(np.unique(build_unrolled_image(UR5.skin).pixel)) > 0.9 * UR5.skin.count
 
 
 @any_way
@@ -105,8 +105,8 @@ def test_a_ring_is_unrolled_about_its_axis_however_it_lies(seed):
     """One that nearly closes, wider than it is high."""
     skin = laid(5, 18, Tube(0.03, motion(seed, far=0.1)))
     rows, columns = (place.reshape(5, 18) for place in pixels_of(skin))
-    assert rows.max() == int(4 * GAP / PITCH)
-    turn = np.arange(18) * GAP / (2 * np.pi * 0.03) * ROUND
+    assert rows.max() == int(4 * GAP / PIXEL_HEIGHT)
+    turn = np.arange(18) * GAP / (2 * np.pi * 0.03) * PIXELS_AROUND
     off = apart_round(columns, columns[:, :1]) - apart_round(turn, 0)
     assert np.abs(off).max() <= 1
 
@@ -130,8 +130,8 @@ def ramp(skin, taxel):
 
 
 def test_bins_are_the_means_of_ten_consecutive_parts_in_order():
-    rows = bins(ramp(UR5.skin, 700).numpy()).reshape(BINS, -1)
-    np.testing.assert_allclose(rows[:, 700], MEANS / KPA, rtol=1e-6)
+    rows = compute_bins(ramp(UR5.skin, 700).numpy()).reshape(TIME_BINS, -1)
+    np.testing.assert_allclose(rows[:, 700], MEANS / PRESSURE_UNIT, rtol=1e-6)
     assert not np.delete(rows, 700, axis=1).any()
 
 
@@ -148,20 +148,20 @@ def seen_by(network, pressure):
 def test_networks_see_readings_and_taxels_in_their_order(taxel):
     skin, pressure = UR5.skin, ramp(UR5.skin, taxel)
     row, column, patch = skin.rows[taxel], skin.columns[taxel], skin.patch_index[taxel]
-    want = np.arange(100.0) / KPA
+    want = np.arange(100.0) / PRESSURE_UNIT
     readings = seen_by(CnnLstm(skin, 3), pressure)[:, patch, row, column]
     np.testing.assert_allclose(readings, want, rtol=1e-6)
     volume = seen_by(Cnn3d(skin, 3), pressure)[0, patch, :, row, column]
     np.testing.assert_allclose(volume, want, rtol=1e-6)
     at = tuple(place[taxel] for place in pixels_of(skin))
     parts = seen_by(ImageCnn(skin, 3), pressure)[0, :, *at]
-    np.testing.assert_allclose(parts, MEANS / KPA, rtol=1e-6)
+    np.testing.assert_allclose(parts, MEANS / PRESSURE_UNIT, rtol=1e-6)
 
 
 def test_where_round_a_link_the_image_begins_makes_no_difference():
     torch.manual_seed(0)
     convolutions = ImageCnn(UR5.skin, 3).double().convolutions
-    image = torch.randn(1, BINS, 93, ROUND).double()
+    image = torch.randn(1, TIME_BINS, 93, PIXELS_AROUND).double()
     with torch.inference_mode():
         one = convolutions(image)
         round_it = convolutions(image.roll(8, dims=-1))

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from benchmarks.crossvalidation import compute_segment_features
 
-from eskin.learn.baselines.hand import BANDS, bands, compute_features
+from eskin.learn.baselines.hand import BANDS, compute_band_powers, compute_features
 from eskin.learn.dataset import prepare
 from learn_scenes import record
 
@@ -46,7 +46,7 @@ def test_a_longer_broader_gesture_has_the_larger_first_features(dataset):
 @pytest.mark.parametrize(("hertz", "band"), [(0.6, 0), (1.5, 1), (2.5, 2), (4.0, 3)])
 def test_a_rhythm_has_its_power_in_its_band(hertz, band):
     seconds = np.arange(200) / 20
-    shares = bands(1 + np.sin(2 * np.pi * hertz * seconds), seconds)
+    shares = compute_band_powers(1 + np.sin(2 * np.pi * hertz * seconds), seconds)
     assert shares.argmax() == band
     assert shares[band] > 0.8
     assert shares.sum() <= 1 + 1e-9

@@ -9,7 +9,7 @@ from benchmarks.corruption import DRIFT_START, KINDS, TURN, Corruption
 from baseline_scenes import UR5, toy
 from clip_scenes import generated
 from eskin.graph import GraphBatch, GraphConfig
-from eskin.learn.baselines import FitConfig, make_baseline
+from eskin.learn.baselines import FitConfig, build_baseline
 from eskin.learn.baselines.flat import FlatBaseline
 from eskin.learn.comparison import METHODS, TrainingTask, find_examples
 from eskin.recording import Metadata, RecordingWriter, read_recording, write_all
@@ -85,7 +85,7 @@ def test_no_harm_changes_nothing(kind, recording, examples):
     skin = none.transform_skin(recording.skin, recording.start)
     for name in ("positions", "normals", "tangents"):
         assert np.array_equal(getattr(skin, name), getattr(recording.skin, name))
-    unharmed, harmed = examples, replace(examples, harm=none)
+    unharmed, harmed = examples, replace(examples, transform=none)
     assert np.array_equal(harmed.windows.pressure, unharmed.windows.pressure)
     assert np.array_equal(harmed.windows.q, unharmed.windows.q)
     graph = GraphConfig()
@@ -266,7 +266,7 @@ def turn_between(one, other):
 
 
 def test_wrong_places_change_graphs_and_no_window(examples):
-    wrong = replace(examples, harm=Corruption("pose-deg", 10.0))
+    wrong = replace(examples, transform=Corruption("pose-deg", 10.0))
     was, now = (each.dataset(GraphConfig()).graphs for each in (examples, wrong))
     assert np.array_equal(was.pressure, now.pressure)
     between = (was.normals * now.normals).sum(axis=1)
@@ -274,8 +274,8 @@ def test_wrong_places_change_graphs_and_no_window(examples):
     assert np.array_equal(examples.windows.pressure, wrong.windows.pressure)
     mounted = examples.mounted
     [(seen, windows)] = wrong.find_windows_on(mounted)
-    assert windows.count == len(examples.every)
-    skin = wrong.harm.transform_skin(
+    assert windows.count == len(examples.clips)
+    skin = wrong.transform.transform_skin(
         mounted.skin, read_recording(examples.paths[0]).start
     )
     assert np.array_equal(seen.skin.positions, skin.positions)
@@ -290,10 +290,10 @@ def test_a_baseline_is_asked_where_the_taxels_are_believed_to_be(examples, monke
         return baseline
 
     monkeypatch.setattr(FlatBaseline, "on", on)
-    wrong = replace(examples, harm=Corruption("pose-mm", 20.0))
+    wrong = replace(examples, transform=Corruption("pose-mm", 20.0))
     METHODS["knn-max"].fit(examples, 0)(wrong)
     start = read_recording(examples.paths[0]).start
-    skin = wrong.harm.transform_skin(examples.mounted.skin, start)
+    skin = wrong.transform.transform_skin(examples.mounted.skin, start)
     np.testing.assert_array_equal(seen, [skin.positions])
 
 
@@ -303,12 +303,14 @@ def test_a_baseline_is_asked_where_the_taxels_are_believed_to_be(examples, monke
 )
 def test_only_methods_that_look_at_places_see_them_change(name, looks):
     clips, labels = toy(2)
-    fitted = make_baseline(name, UR5, FitConfig(epochs=1)).fit(clips, labels)
+    fitted = build_baseline(name, UR5, FitConfig(epochs=1)).fit(clips, labels)
     answers = fitted.predict_probabilities(clips)
-    again = fitted.on(MountedSkin(UR5.skin, UR5.robot)).predict_probabilities(clips)
+    again = fitted.move_to(MountedSkin(UR5.skin, UR5.robot)).predict_probabilities(
+        clips
+    )
     np.testing.assert_allclose(again, answers, atol=1e-6)
     skin = replace(UR5.skin, positions=3.0 * UR5.skin.positions)
-    other = fitted.on(MountedSkin(skin, UR5.robot)).predict_probabilities(clips)
+    other = fitted.move_to(MountedSkin(skin, UR5.robot)).predict_probabilities(clips)
     assert np.allclose(other, answers, atol=1e-6) == (not looks)
     assert np.array_equal(fitted.predict_probabilities(clips), answers)
 
@@ -320,7 +322,7 @@ def test_a_harmed_test_is_another_test(examples):
         Corruption("dead", 0.2),
         Corruption("dead", 0.1, 1),
     ]
-    tests = [replace(examples, harm=harm) for harm in harms]
+    tests = [replace(examples, transform=harm) for harm in harms]
     assert len({each.digest for each in tests}) == len(harms)
     keys = {
         TrainingTask("a", METHODS["eskin"], examples, {"test": each}, 0).key

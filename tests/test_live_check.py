@@ -85,8 +85,8 @@ def test_exchanged_plugs_are_named(check_live, capsys):
     exchanged = dict(zip(left + right, right + left, strict=True))
     assert check_live(lambda taxel: exchanged.get(taxel, taxel)) == 2
     out, err = capsys.readouterr()
-    assert "where patch 'left' was pressed, 'right' answered" in out
-    assert "where patch 'right' was pressed, 'left' answered" in out
+    assert "where patch 'left' was pressed, 'right' responded" in out
+    assert "where patch 'right' was pressed, 'left' responded" in out
     assert err.count("\n") == 1
 
 
@@ -94,7 +94,7 @@ def test_a_patch_that_answers_for_another_is_named(check_live, capsys):
     middle = small_skin().find_taxels("middle").tolist()
     nobody = small_skin().find_taxels("right")[-1]
     assert check_live(lambda taxel: nobody if taxel in middle else taxel) == 2
-    assert "where patch 'middle' was pressed, 'right' answered" in (
+    assert "where patch 'middle' was pressed, 'right' responded" in (
         capsys.readouterr().out
     )
 

@@ -32,7 +32,7 @@ from eskin.recording.messages import (
     unpack_label,
     unpack_reading,
 )
-from eskin.skin.layout import build_grid_skin
+from eskin.skin import build_grid_skin
 from eskin.touch import Calibration, Scan
 
 SECOND = 1_000_000_000

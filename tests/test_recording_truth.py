@@ -23,7 +23,7 @@ from eskin.recording.messages import (
     pack_truth,
     unpack_truth,
 )
-from eskin.skin.layout import build_grid_skin
+from eskin.skin import build_grid_skin
 from eskin.touch import Calibration, Scan
 
 SECOND = 1_000_000_000

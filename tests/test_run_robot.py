@@ -7,7 +7,7 @@ import pytest
 
 import eskin.app
 from eskin.cli.main import run
-from eskin.cli.run import Command, check, listeners_of
+from eskin.cli.run import Command, build_listeners, check_options
 from eskin.command import SimulatedArm
 from eskin.drivers import ManualClock
 from eskin.errors import ArmError, DeviceError, EskinError
@@ -38,7 +38,7 @@ SECOND = 1_000_000_000
 )
 def test_what_cannot_be_meant_with_a_robot_is_refused(more, kind, said):
     with pytest.raises(EskinError, match=said) as error:
-        check(Command(**({"source": ("sim:ur5",)} | more)))
+        check_options(Command(**({"source": ("sim:ur5",)} | more)))
     assert isinstance(error.value, kind)
 
 
@@ -92,7 +92,7 @@ def test_the_page_of_a_run_shows_its_arm_and_takes_no_touches():
     arm = SimulatedArm(clock=ManualClock())
     command = Command(("sim:ur5",), view=True, port=0)
     for shown in (arm, None):
-        viewer = listeners_of(command, None, recognition, shown)[-1]
+        viewer = build_listeners(command, None, recognition, shown)[-1]
         assert isinstance(viewer, Viewer) and viewer.arm is shown
         setup = viewer.setup()
         assert setup.is_arm == (shown is not None) and not setup.touchable

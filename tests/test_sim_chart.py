@@ -3,10 +3,18 @@ import pytest
 
 from eskin.robot import load_robot
 from eskin.sim.contact.chart import build_charts
-from eskin.skin import MountedSkin, Patch
-from eskin.skin.layout import TaxelGrid, build_skin
+from eskin.skin import (
+    Dome,
+    MountedSkin,
+    Patch,
+    Plane,
+    Surface,
+    SurfacePoints,
+    TaxelGrid,
+    Tube,
+    build_skin,
+)
 from eskin.skin.presets import build_ur5_skin
-from eskin.skin.surfaces import Dome, Plane, Surface, SurfacePoints, Tube
 from eskin.transforms import make_transform
 
 LINK = "forearm_link"

@@ -33,9 +33,8 @@ from eskin.sim.contact.pressure import (
     share_load,
     spread_through_film,
 )
-from eskin.skin import MountedSkin
+from eskin.skin import MountedSkin, Plane, Tube
 from eskin.skin.presets import build_ur5_skin
-from eskin.skin.surfaces import Plane, Tube
 
 CONSTANTS = load_constants()
 CHARTS = {"flat": FLAT, "tube": TUBE, "wide tube": WIDE_TUBE, "dome": DOME}

@@ -6,7 +6,7 @@ from eskin.sim.contact.press import Press
 from eskin.sim.contact.pressure import compute_pad_offsets
 from eskin.sim.people.hand import HAND_PADS
 from eskin.sim.people.person import STYLE_CONSTANTS, draw_person
-from eskin.skin.surfaces import Tube
+from eskin.skin import Tube
 
 CONSTANTS = load_constants()
 

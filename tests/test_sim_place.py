@@ -17,7 +17,7 @@ from eskin.sim.scene.placement import (
     has_room_for_hand,
 )
 from eskin.sim.scene.targets import EDGE, INNER, REGIONS, SEAM, compute_edge_distance
-from eskin.skin.surfaces import Tube
+from eskin.skin import Tube
 from world_scenes import people, poses, world
 
 COUNT = 120

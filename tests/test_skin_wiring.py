@@ -80,8 +80,8 @@ def test_patches_whose_plugs_were_exchanged_name_each_other():
     exchange |= {b: a for a, b in exchange.items()}
     found = check_wiring(SKIN, answered(lambda taxel: exchange.get(taxel, taxel)))
     assert len(found) == 2
-    assert "'upper_arm_front' was pressed, 'upper_arm_back' answered" in found[0]
-    assert "'upper_arm_back' was pressed, 'upper_arm_front' answered" in found[1]
+    assert "'upper_arm_front' was pressed, 'upper_arm_back' responded" in found[0]
+    assert "'upper_arm_back' was pressed, 'upper_arm_front' responded" in found[1]
 
 
 def test_a_patch_that_feels_nothing_is_named():

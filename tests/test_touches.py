@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from eskin.errors import ReadingError
-from eskin.skin.mounted_skin import MountedSkin
+from eskin.skin import MountedSkin
 from eskin.touch import PipelineConfig, TouchConfig, TouchPipeline
 from touch_scenes import (
     calibration_of,

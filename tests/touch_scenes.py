@@ -5,9 +5,8 @@ from dataclasses import replace
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from eskin.robot.robot import Joint, Link, Robot
-from eskin.skin.mounted_skin import MountedSkin
-from eskin.skin.skin import Patch, Skin
+from eskin.robot import Joint, Link, Robot
+from eskin.skin import MountedSkin, Patch, Skin
 from eskin.touch import (
     Calibration,
     ContactConfig,

@@ -18,7 +18,7 @@ from eskin.sim.contact.pressure import (
     compute_long_axes,
     compute_pad_offsets,
 )
-from eskin.skin.surfaces import Dome, Plane, Surface, Tube
+from eskin.skin import Dome, Plane, Surface, Tube
 
 AWAY = -1.0
 """Where a part is put that is not asked for: off the surface [m]."""

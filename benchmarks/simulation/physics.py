@@ -14,8 +14,7 @@ from eskin.sim.contact.pressure import compute_pressure_field
 from eskin.sim.people.hand import build_hand, select_pads
 from eskin.sim.people.perform import perform
 from eskin.sim.people.person import Person, draw_person
-from eskin.skin import SKIN_PRESETS, MountedSkin
-from eskin.skin.surfaces import Plane, Surface
+from eskin.skin import SKIN_PRESETS, MountedSkin, Plane, Surface
 
 FINGERTIP = {0.5: 67.0, 1.0: 90.0, 2.0: 120.0, 5.0: 177.0}
 """Area [mm2] on a flat by force [N]."""

@@ -22,7 +22,7 @@ from eskin.sim.contact.press import ContactSite
 from eskin.sim.contact.pressure import compute_pressure_field
 from eskin.sim.people.perform import perform
 from eskin.sim.people.person import draw_person
-from eskin.skin.surfaces import Dome, Plane, Surface, Tube
+from eskin.skin import Dome, Plane, Surface, Tube
 
 PITCH = 0.0077  # [m], that of the forearm
 SURFACES: dict[str, Surface] = {

@@ -21,7 +21,7 @@ from eskin.sim.contact.press import ContactSite
 from eskin.sim.contact.pressure import compute_pressure_field
 from eskin.sim.people.perform import perform
 from eskin.sim.people.person import draw_person
-from eskin.skin.surfaces import Tube
+from eskin.skin import Tube
 
 CELLS = 8
 PITCH = 0.02  # [m]

@@ -1,4 +1,4 @@
-"""Things that hold something open, and let it go at the end of `with`."""
+"""This module defines objects that release what they hold at the end of `with`."""
 
 from abc import ABC, abstractmethod
 from types import TracebackType
@@ -6,14 +6,14 @@ from typing import Self
 
 
 class Closing(ABC):
-    """Holds files, ports or threads until it is closed."""
+    """An object holds files, ports or threads until it is closed."""
 
     @abstractmethod
     def close(self) -> None:
-        """Let everything go; may be called twice."""
+        """Release everything; a second call does nothing."""
 
     def __enter__(self) -> Self:
-        """The thing itself."""
+        """Return the object itself."""
         return self
 
     def __exit__(
@@ -22,5 +22,5 @@ class Closing(ABC):
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        """Close, whether or not something went wrong."""
+        """Close the object, whether or not an error occurred."""
         self.close()

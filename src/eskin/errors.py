@@ -1,4 +1,4 @@
-"""The error tree.
+"""This module defines the exceptions of eskin.
 
 EskinError
 ├── RobotError          a URDF that cannot be used                (ValueError)
@@ -14,82 +14,82 @@ EskinError
 ├── ExtraError          an optional package that is not installed (ImportError)
 ├── DeviceError         a device or port that cannot be used      (OSError)
 ├── ArmError            an arm that cannot be used                (OSError)
-│   └── JogError        a step that an arm does not make
+│   └── JogError        a jog that an arm does not make
 └── StreamError         a stream that had to stop                 (RuntimeError)
 
-Every message says what is wrong, what was got, what is allowed, and the remedy, in one
-line. The command line turns each of these into that line and exit code 2.
+Every message says in one line what is wrong, what was got, what is allowed, and the
+remedy. The command line prints that line and exits with code 2.
 """
 
 
 class EskinError(Exception):
-    """What a caller of eskin may want to handle."""
+    """An error of eskin that callers may want to handle is raised as this class."""
 
 
 class RobotError(EskinError, ValueError):
-    """A robot description that cannot be used."""
+    """A robot description cannot be used."""
 
 
 class SkinError(EskinError, ValueError):
-    """A skin file or skin that cannot be used."""
+    """A skin file or skin cannot be used."""
 
 
 class SkinMismatchError(EskinError, ValueError):
-    """Data, robot or model that does not fit the skin it is used with."""
+    """Data, robot or model do not match the skin that they are used with."""
 
 
 class ReadingError(EskinError, ValueError):
-    """A reading of the wrong length or type."""
+    """A reading has the wrong length or type."""
 
 
 class RecordingError(EskinError, ValueError):
-    """A recording that cannot be read or written."""
+    """A recording cannot be read or written."""
 
 
 class ImportSourceError(EskinError, ValueError):
-    """A public data set that cannot be converted."""
+    """A public data set cannot be converted."""
 
 
 class ModelError(EskinError, ValueError):
-    """Model weights or metadata that cannot be used."""
+    """Model weights or metadata cannot be used."""
 
 
 class GenerationError(EskinError, ValueError):
-    """Clips that cannot be simulated, or not there."""
+    """Clips cannot be simulated, or are missing."""
 
 
 class PacketError(EskinError, ValueError):
-    """Bytes that are no packet of the device protocol.
+    """Bytes are not a packet of the device protocol.
 
     Attributes:
-        reason: the check that failed: `length`, `crc`, `version`, `kind` or `content`.
+        reason: check that failed: `length`, `crc`, `version`, `kind` or `content`.
     """
 
     def __init__(self, message: str, reason: str) -> None:
-        """Say what is wrong, and by which check."""
+        """Store the message and the check that failed."""
         super().__init__(message)
         self.reason = reason
 
 
 class ExtraError(EskinError, ImportError):
-    """An optional package that is needed and not installed."""
+    """An optional package is needed and not installed."""
 
 
 class DeviceError(EskinError, OSError):
-    """A device, port or address that cannot be used, or is lost."""
+    """A device, port or address cannot be used, or is lost."""
 
 
 class CommandError(EskinError, ValueError):
-    """A command map that cannot be used."""
+    """A command map cannot be used."""
 
 
 class ArmError(EskinError, OSError):
-    """An arm that cannot be used, or is lost."""
+    """An arm cannot be used, or is lost."""
 
 
 class JogError(ArmError):
-    """A step that an arm does not make; it stands as it did."""
+    """An arm does not make a jog, and has not moved."""
 
 
 class StreamError(EskinError, RuntimeError):
-    """A stream that had to stop, or cannot begin."""
+    """A stream had to stop, or cannot start."""

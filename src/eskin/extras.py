@@ -1,4 +1,4 @@
-"""Packages that not everybody needs, imported only when they are asked for."""
+"""This module imports optional packages when they are needed."""
 
 from importlib import import_module
 from types import ModuleType
@@ -7,13 +7,13 @@ from eskin.errors import ExtraError
 
 
 def find_mujoco(what: str) -> ModuleType:
-    """The simulator MuJoCo, of the extra `sim`.
+    """Import the simulator MuJoCo, of the extra `sim`.
 
     Args:
-        what: needs it.
+        what: feature that needs it, for the message.
 
     Raises:
-        ExtraError: it is not installed.
+        ExtraError: MuJoCo is not installed.
     """
     try:
         return import_module("mujoco")

@@ -1,4 +1,4 @@
-"""Rotations and rigid motions, batched over any leading axes.
+"""This module computes rotations and rigid transforms, batched over leading axes.
 
 `T_a_b` is a 4 x 4 matrix that takes coordinates in frame b to coordinates in frame a,
 so that subscripts cancel: `T_a_c = compose(T_a_b, T_b_c)`. Quaternions are `wxyz`.
@@ -26,7 +26,7 @@ __all__ = [
 def quaternion_to_matrix(
     wxyz: Float[np.ndarray, "*batch 4"],
 ) -> Float[np.ndarray, "*batch 3 3"]:
-    """Rotation matrix of a quaternion of any length but zero.
+    """Return the rotation matrix of a quaternion of any length but zero.
 
     Raises:
         ValueError: A quaternion is zero or not finite.
@@ -46,10 +46,10 @@ def quaternion_to_matrix(
 def matrix_to_quaternion(
     rotation: Float[np.ndarray, "*batch 3 3"],
 ) -> Float[np.ndarray, "*batch 4"]:
-    """Unit quaternion `wxyz` of a rotation matrix, with w >= 0.
+    """Return the unit quaternion `wxyz` of a rotation matrix, with w >= 0.
 
-    Of the four columns of 4 q q^T, which the matrix gives without a root, the longest
-    is taken, so that no half-turn loses digits (Shepperd 1978).
+    Of the four columns of 4 q q^T, which follow from the matrix without a root, the
+    longest is taken, so that half turns do not lose precision (Shepperd 1978).
     """
     m = np.moveaxis(rotation, (-2, -1), (0, 1))
     trace = m[0, 0] + m[1, 1] + m[2, 2]
@@ -72,7 +72,7 @@ def matrix_to_quaternion(
 def rpy_to_matrix(
     rpy: Float[np.ndarray, "*batch 3"],
 ) -> Float[np.ndarray, "*batch 3 3"]:
-    """Rotation by roll, pitch, yaw [rad] about fixed x, y and z axes, as in URDF."""
+    """Return the rotation by roll, pitch, yaw [rad] about fixed axes, as in URDF."""
     roll, pitch, yaw = (exp_so3(rpy[..., i, None] * np.eye(3)[i]) for i in range(3))
     return yaw @ pitch @ roll
 
@@ -80,7 +80,7 @@ def rpy_to_matrix(
 def exp_so3(
     rotation_vector: Float[np.ndarray, "*batch 3"],
 ) -> Float[np.ndarray, "*batch 3 3"]:
-    """Rotation about an axis by the vector's length [rad] (Rodrigues' formula)."""
+    """Return the rotation about a vector by its length [rad] (Rodrigues' formula)."""
     angle = np.linalg.norm(rotation_vector, axis=-1)[..., None, None]
     half = np.sinc(angle / (2 * np.pi))
     k = skew(rotation_vector)
@@ -90,7 +90,7 @@ def exp_so3(
 def log_so3(
     rotation: Float[np.ndarray, "*batch 3 3"],
 ) -> Float[np.ndarray, "*batch 3"]:
-    """Rotation vector [rad] of length at most pi; the inverse of `exp_so3`."""
+    """Return the rotation vector [rad], of length at most pi; invert `exp_so3`."""
     q = matrix_to_quaternion(rotation)
     sine = np.linalg.norm(q[..., 1:], axis=-1, keepdims=True)
     angle = 2 * np.arctan2(sine, q[..., :1])
@@ -99,7 +99,7 @@ def log_so3(
 
 
 def skew(v: Float[np.ndarray, "*batch 3"]) -> Float[np.ndarray, "*batch 3 3"]:
-    """Matrix whose product with a vector is the cross product of v and it."""
+    """Return the matrix whose product with a vector w is the cross product v x w."""
     matrix = np.zeros((*v.shape, 3), dtype=v.dtype)
     for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
         matrix[..., i, j] = -v[..., k]
@@ -111,7 +111,7 @@ def make_transform(
     R_a_b: Float[np.ndarray, "*#batch 3 3"],
     p_a_b: Float[np.ndarray, "*#batch 3"],
 ) -> Float[np.ndarray, "*out 4 4"]:
-    """T_a_b from the rotation and the origin of b in a [m]."""
+    """Return T_a_b, given the rotation and the origin of b in a [m]."""
     batch = np.broadcast_shapes(R_a_b.shape[:-2], p_a_b.shape[:-1])
     T_a_b = np.zeros((*batch, 4, 4), dtype=np.result_type(R_a_b, p_a_b))
     T_a_b[..., :3, :3] = R_a_b
@@ -123,12 +123,12 @@ def make_transform(
 def compose(
     T_a_b: Float[np.ndarray, "*#batch 4 4"], T_b_c: Float[np.ndarray, "*#batch 4 4"]
 ) -> Float[np.ndarray, "*out 4 4"]:
-    """T_a_c: first T_b_c, then T_a_b."""
+    """Return T_a_c, which applies T_b_c first, then T_a_b."""
     return T_a_b @ T_b_c
 
 
 def invert(T_a_b: Float[np.ndarray, "*batch 4 4"]) -> Float[np.ndarray, "*batch 4 4"]:
-    """T_b_a."""
+    """Return T_b_a, the inverse of T_a_b."""
     R_b_a = np.swapaxes(T_a_b[..., :3, :3], -1, -2)
     return make_transform(R_b_a, -(R_b_a @ T_a_b[..., :3, 3:])[..., 0])
 
@@ -136,19 +136,19 @@ def invert(T_a_b: Float[np.ndarray, "*batch 4 4"]) -> Float[np.ndarray, "*batch 
 def apply(
     T_a_b: Float[np.ndarray, "*#batch 4 4"], p_b: Float[np.ndarray, "*#batch 3"]
 ) -> Float[np.ndarray, "*out 3"]:
-    """Points of frame b in frame a; one transform for all points, or one each."""
+    """Return points of frame b in frame a; one transform for all points, or one each."""
     return rotate(T_a_b, p_b) + T_a_b[..., :3, 3]
 
 
 def rotate(
     T_a_b: Float[np.ndarray, "*#batch 4 4"], v_b: Float[np.ndarray, "*#batch 3"]
 ) -> Float[np.ndarray, "*out 3"]:
-    """Directions of frame b in frame a: turned, not shifted."""
+    """Return directions of frame b in frame a: rotated, not translated."""
     return np.einsum("...ij,...j->...i", T_a_b[..., :3, :3], v_b)
 
 
 def random_rotation(
     rng: np.random.Generator, shape: tuple[int, ...] = ()
 ) -> Float[np.ndarray, "*batch 3 3"]:
-    """Rotations drawn evenly from SO(3)."""
+    """Draw rotations uniformly from SO(3)."""
     return quaternion_to_matrix(rng.standard_normal((*shape, 4)))

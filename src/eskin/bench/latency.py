@@ -28,7 +28,7 @@ from eskin.learn.baselines import (
     BaselineStream,
     FitConfig,
     SkinWindows,
-    make_baseline,
+    build_baseline,
     use_one_thread,
 )
 from eskin.live import Recognizer
@@ -310,12 +310,12 @@ def build_timed_baselines(
     few = SkinWindows(clips.pressure[:NETWORK_CLIPS], clips.q[:NETWORK_CLIPS])
     methods: list[TimedMethod] = []
     for name in names:
-        baseline = make_baseline(name, mounted, FitConfig(epochs=1))
+        baseline = build_baseline(name, mounted, FitConfig(epochs=1))
         if name in NETWORKS:
             baseline.fit(few, labels[:NETWORK_CLIPS])
         else:
             baseline.fit(clips, labels)
-        for way, stream in baseline.streams().items():
+        for way, stream in baseline.build_streams().items():
             scene = BenchScene(
                 mounted, find_forearm_taxels(mounted.skin, config.active)
             )

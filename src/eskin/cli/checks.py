@@ -1,4 +1,4 @@
-"""What commands look at before they work, and say of what they are given."""
+"""This module checks paths before a command starts its work."""
 
 import os
 from pathlib import Path
@@ -13,12 +13,10 @@ PICTURES = (".png", ".svg", ".pdf")
 
 
 def check_writable(target: Path) -> None:
-    """Refuse a place where no file can be written, before the work is done.
-
-    Folders on the way to it may be missing.
+    """Raise if no file can be written at a path; its parent folders may be missing.
 
     Raises:
-        EskinError: if it is a folder, or lies where nothing can be written.
+        EskinError: if it is a folder, or is in a place that cannot be written to.
     """
     if target.is_dir():
         raise EskinError(
@@ -28,13 +26,13 @@ def check_writable(target: Path) -> None:
 
 
 def check_folder(folder: Path) -> None:
-    """Refuse a folder that cannot be made or written to, before the work is done.
+    """Raise if a folder cannot be made or written to.
 
     Raises:
-        EskinError: if something else is in its place, or nothing can be written there.
+        EskinError: if something else is in its place, or it cannot be written to.
     """
-    places = folder.absolute(), *folder.absolute().parents
-    nearest = next(place for place in places if place.exists())
+    paths = folder.absolute(), *folder.absolute().parents
+    nearest = next(path for path in paths if path.exists())
     if not nearest.is_dir() or not os.access(nearest, os.W_OK):
         raise EskinError(
             f"cannot write to {folder}: {nearest} is no folder that can be written to; "
@@ -43,21 +41,21 @@ def check_folder(folder: Path) -> None:
 
 
 def check_picture(target: Path) -> None:
-    """Refuse a picture that cannot be written, before the work is done.
+    """Raise if a picture cannot be written at a path.
 
     Raises:
-        EskinError: if its place cannot be written, or its format is unknown.
+        EskinError: if it cannot be written there, or its format is unknown.
     """
     check_writable(target)
     if target.suffix not in PICTURES:
         raise EskinError(
             f"{target} is no picture that can be drawn; allowed are "
-            f"{', '.join(PICTURES)}; change its end"
+            f"{', '.join(PICTURES)}; change its suffix"
         )
 
 
-def tell_cut(*datasets: "Dataset | None") -> None:
-    """Name the recordings whose end is missing."""
+def report_truncated(*datasets: "Dataset | None") -> None:
+    """Print the paths of the recordings whose end is missing."""
     for dataset in datasets:
         for recording in (
             dataset.recordings[: dataset.original_count] if dataset else ()

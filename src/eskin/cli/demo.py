@@ -1,4 +1,4 @@
-"""`eskin demo`: an arm at work in its skin, in the browser or headless."""
+"""`eskin demo` shows a working arm in its skin, in the browser or headless."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,54 +17,57 @@ HEADLESS_SECONDS = 60.0
 class Command:
     """Watch a simulated UR5 bring parts, and command it by touch.
 
-    In the browser the mouse is the hand: a click is a poke. Poke to pause and to go on,
-    pat twice for the next waypoint, grab for the gripper, stroke to slow down.
+    In the browser, the mouse is the hand, and a click is a poke. Poke to pause and to
+    resume, pat twice for the next waypoint, grab for the gripper, stroke to slow down.
     """
 
     headless: bool = False
-    """No page: people who were in no training set touch the arm by a script, as fast as
-    the computer can; with --json how many were rightly obeyed."""
+    """Run without a page: simulated people, who were in no training set, touch the arm
+    as fast as the computer can compute it. With --json, the result tells how many
+    touches were obeyed correctly."""
 
     seconds: float | None = None
-    """How long; without end in the browser, one minute of simulated time headless."""
+    """Duration [s]; by default without end in the browser, and one minute of simulated
+    time headless."""
 
     seed: int = 0
-    """Decides sensor builds, people and what they do."""
+    """Random seed of sensor builds, people and their touches."""
 
     port: int = 8080
-    """Of the page on this computer; 0 for any free one."""
+    """TCP port of the page on this computer; 0 takes any free one."""
 
     skin: str = "ur5"
-    """A skin that comes with eskin and fits the UR5."""
+    """Name of a skin that comes with eskin and fits the UR5."""
 
     build: Literal["fresh", "shifted"] = "fresh"
-    """Sensors as in training, or aged ones."""
+    """Simulated sensors: as in training, or aged."""
 
     model: str = "ur5"
-    """Weights that come with eskin, or a model file."""
+    """Name of weights that come with eskin, or a model file."""
 
     pause: tuple[float, float] = (0.6, 0.8)
-    """Headless: least and longest time from one touch to the next [s]."""
+    """Headless: shortest and longest time from one touch to the next [s]."""
+
     commands: Path | None = None
-    """Which touch commands what, such as `examples/jog.yaml`; the map that comes with
-    eskin unless given."""
+    """Command map, which tells what each touch commands, such as `examples/jog.yaml`;
+    by default the one that comes with eskin."""
 
     dynamics: bool = False
-    """The arm has masses, joint servos and torque limits in MuJoCo (extra `sim`): it
-    lags, yields to the hand, and stops by itself where it is held off; `resume` in the
-    page unlocks it."""
+    """Simulate the arm's masses, joint servos and torque limits in MuJoCo (extra
+    `sim`): it lags, yields to the hand, and makes a protective stop when it is pushed
+    off its path; `resume` in the page unlocks it."""
 
     same_touch: bool = False
-    """Instead, the same counts are played on the skin in two poses of the arm, where
-    they are another thing each time; what a recogniser says that sees the pose stands
-    beside what one says that does not. Headless, the answers are printed."""
+    """Instead, play the same counts on the skin in two poses of the arm, where they
+    mean different gestures. The answers of a recogniser that uses the pose stand beside
+    those of one that does not; headless, they are printed."""
 
     pairs: int = 6
-    """How many touches `--same-touch` plays in turn."""
+    """Number of touches that `--same-touch` plays in turn."""
 
 
 def run(command: Command) -> dict[str, object]:
-    """Demonstrate, and return what came of it."""
+    """Run the demonstration and return its result."""
     from eskin.demo import DemoConfig, SimulatedUserConfig
 
     if command.seconds is not None and not 0 < command.seconds < float("inf"):
@@ -87,29 +90,32 @@ def run(command: Command) -> dict[str, object]:
     if command.dynamics:
         find_mujoco("--dynamics")
     config = DemoConfig(
-        *(command.skin, command.model, command.commands, command.build),
+        command.skin,
+        command.model,
+        command.commands,
+        command.build,
         seed=command.seed,
         dynamics=command.dynamics,
         user=SimulatedUserConfig(pause=command.pause),
     )
     if command.same_touch:
-        return same_touch(command, config)
+        return run_same_touch(command, config)
     if command.headless:
-        return headless(command.seconds or HEADLESS_SECONDS, config)
-    return in_browser(command, config)
+        return run_headless_demo(command.seconds or HEADLESS_SECONDS, config)
+    return run_in_browser(command, config)
 
 
-def headless(seconds: float, config: "DemoConfig") -> dict[str, object]:
-    """Scripted touches."""
+def run_headless_demo(seconds: float, config: "DemoConfig") -> dict[str, object]:
+    """Run scripted touches; print and return how they were obeyed."""
     from eskin.demo import run_headless, summarise_score
 
     outcome = run_headless(seconds, config)
     counts = dict(summarise_score(outcome.score))
     print(
         f"{counts['touches']} touches in {outcome.seconds:g} s on {config.build_kind} "
-        f"builds: {counts['correct']} obeyed rightly, {counts['wrong']} wrongly, "
+        f"builds: {counts['correct']} obeyed correctly, {counts['wrong']} wrongly, "
         f"{counts['missed']} missed; {outcome.accidents} accidental contacts, "
-        f"{counts['false_alarms']} commands that nobody gave; {outcome.score.holds} "
+        f"{counts['false_alarms']} false alarms; {outcome.score.holds} "
         f"holds, {outcome.unlocked} protective stops, {outcome.delivered} parts brought"
     )
     p50, p95 = outcome.delay or (None, None)
@@ -136,14 +142,16 @@ def headless(seconds: float, config: "DemoConfig") -> dict[str, object]:
     }
 
 
-def same_touch(command: Command, config: "DemoConfig") -> dict[str, object]:
-    """The same counts in two poses, to two recognisers."""
+def run_same_touch(command: Command, config: "DemoConfig") -> dict[str, object]:
+    """Play the same counts in two poses to two recognisers."""
     from eskin.demo.comparison import serve_same_touch
     from eskin.demo.same_touch import compare_models
 
     if not command.headless:
         return dict(
-            serve_same_touch(config, command.pairs, command.port, command.seconds, tell)
+            serve_same_touch(
+                config, command.pairs, command.port, command.seconds, print_line
+            )
         )
     found = compare_models(command.pairs, config)
     for number, each in enumerate(found):
@@ -158,7 +166,7 @@ def same_touch(command: Command, config: "DemoConfig") -> dict[str, object]:
         "blind_same": sum(each.blind_is_equal for each in found),
     }
     print(
-        f"with the pose {counts['posed_right']} of {counts['playings']} are right, "
+        f"with the pose {counts['posed_right']} of {counts['playings']} are correct, "
         f"without it {counts['blind_right']}, and both answers are the same for "
         f"{counts['blind_same']} of {len(found)} touches"
     )
@@ -173,11 +181,11 @@ def same_touch(command: Command, config: "DemoConfig") -> dict[str, object]:
     return {**counts, "pairs": rows}
 
 
-def in_browser(command: Command, config: "DemoConfig") -> dict[str, object]:
-    """A page, until it is over."""
+def run_in_browser(command: Command, config: "DemoConfig") -> dict[str, object]:
+    """Serve the page until the end; return the counts."""
     from eskin.demo.browser import serve
 
-    served = serve(config, command.port, command.seconds, tell)
+    served = serve(config, command.port, command.seconds, print_line)
     print(f"{served.readings} readings, {served.commands} commands")
     return {
         "touches": served.detections,
@@ -191,6 +199,6 @@ def in_browser(command: Command, config: "DemoConfig") -> dict[str, object]:
     }
 
 
-def tell(line: str) -> None:
-    """Print at once."""
+def print_line(line: str) -> None:
+    """Print a line and flush it."""
     print(line, flush=True)

@@ -1,4 +1,4 @@
-"""`eskin device`: virtual patches on real transports."""
+"""`eskin device` simulates patches on real transports."""
 
 import ipaddress
 import tempfile
@@ -25,71 +25,75 @@ SIM = "sim"
 
 @dataclass(frozen=True)
 class Command:
-    """Be a skin: its patches send what a person, or a recording, makes them feel."""
+    """Act as a skin: its patches send the touches of a simulated person or a recording.
+
+    Each patch sends its scans over a real transport, as the hardware does.
+    """
 
     skin: tyro.conf.Positional[str]
-    """A skin that comes with eskin, or a folder with skin.yaml."""
+    """Name of a skin that comes with eskin, or a folder with skin.yaml."""
 
     pty: bool = False
-    """Send over pseudo-terminals, which are serial ports to whoever opens them; so it
-    is unless --udp is given."""
+    """Send over pseudo-terminals, which act as serial ports. This is the default unless
+    --udp is given."""
 
     udp: str | None = None
     """Send datagrams to this HOST:PORT."""
 
     play: str = SIM
-    """`sim` for a simulated person, or a recording of this skin, once."""
+    """`sim` for a simulated person, or the path of a recording of this skin, which is
+    played once."""
 
     fault: tyro.conf.UseAppendAction[tuple[str, ...]] = ()
-    """What goes wrong: KIND[:WHERE][@FROM[-TO]][=AMOUNT], such as lose=0.1 or
-    unplug:forearm_front@5-8; may be given several times."""
+    """Fault to inject: KIND[:WHERE][@FROM[-TO]][=AMOUNT], such as lose=0.1 or
+    unplug:forearm_front@5-8. The option may be given several times."""
 
     rate: float | None = None
-    """Scans a second; that of what is played unless given."""
+    """Rate of the scans [1/s]; by default that of what is played."""
 
     seconds: float | None = None
-    """When to stop; at the end of the recording, or never, unless given."""
+    """Time after which to stop [s]; by default the end of the recording, or never."""
 
     ports: int = 1
-    """Over how many ports, or sockets, the patches are spread."""
+    """Number of ports, or sockets, over which the patches are spread."""
 
     link: Path | None = None
-    """Stable name of the pseudo-terminal; with several ports, numbers follow it."""
+    """Stable path of the pseudo-terminal. With several ports, a number follows it."""
 
     calibration: Path | None = None
-    """Write what its electronics are here, for eskin run --calibration: each simulated
-    build has its own, and a recording that of its skin."""
+    """Path of a calibration file to write, for eskin run --calibration. Each simulated
+    build has its own calibration, and a recording that of its skin."""
 
     seed: int = 0
-    """Decides everything that is drawn."""
+    """Random seed."""
 
 
 def run(command: Command) -> dict[str, object]:
-    """Send until it is over or stopped, and return what was sent."""
+    """Send until the end or until stopped; return the counts of what was sent."""
     from eskin.drivers import HostClock
     from eskin.drivers.virtual import VirtualSkin, parse_fault, resample_scans
     from eskin.skin import load_skin
     from eskin.stream import stop_on_signals
 
-    check(command)
+    check_options(command)
     skin = load_skin(command.skin)
     faults = [
         parse_fault(text, skin, command.seed + number)
         for number, text in enumerate(command.fault)
     ]
-    scans, own_rate, calibration = played(command, skin)
+    scans, own_rate, calibration = load_played(command, skin)
     rate = command.rate or own_rate
     with ExitStack() as stack:
-        ports = opened(command, len(skin.patches), stack)
+        ports = open_ports(command, len(skin.patches), stack)
         device = VirtualSkin(skin, ports, rate, faults, command.seed)
         if command.calibration is not None:
             command.calibration.parent.mkdir(parents=True, exist_ok=True)
             command.calibration.write_bytes(calibration.to_bytes())
-        introduce(device)
+        print_addresses(device)
         if command.udp is not None and not is_loopback(
             parse_udp_address(command.udp)[0]
         ):
-            print("what it feels leaves this computer, in the clear", flush=True)
+            print("what the skin senses leaves this computer unencrypted", flush=True)
         with stop_on_signals(device.stop):
             device.play(resample_scans(scans, rate), HostClock(), command.seconds)
     result = device.counters()
@@ -101,12 +105,8 @@ def run(command: Command) -> dict[str, object]:
     return result
 
 
-def check(command: Command) -> None:
-    """Refuse what cannot be meant, before the work is done.
-
-    Raises:
-        ValueError: an argument is out of range, or two do not go together.
-    """
+def check_options(command: Command) -> None:
+    """Raise if an option is out of range, or if two options exclude each other."""
     if command.udp is not None and (command.pty or command.link is not None):
         raise ValueError(
             "--udp is given together with --pty or --link; allowed is one transport; "
@@ -123,14 +123,14 @@ def check(command: Command) -> None:
         check_writable(command.calibration)
 
 
-def played(
+def load_played(
     command: Command, skin: "Skin"
 ) -> "tuple[Iterator[Scan], float, Calibration]":
-    """What the skin feels, how many scans a second that is, and its electronics.
+    """Load the scans to play, their rate [1/s] and the calibration.
 
     Raises:
-        SkinMismatchError: the recording is of another skin.
-        DeviceError: the recording is empty.
+        SkinMismatchError: when the recording is of another skin.
+        DeviceError: when the recording is empty.
     """
     from eskin.recording import read_recording
 
@@ -139,7 +139,7 @@ def played(
         from eskin.sim.interactive.player import TouchPlayer
 
         player = TouchPlayer(Simulator(command.skin), command.seed)
-        print("somebody to touch it is made", flush=True)
+        print("a person who touches the skin is simulated", flush=True)
         scans = player.scans()
         calibration = player.maker.calibration(player.build)
         return chain([next(scans)], scans), player.rate, calibration
@@ -157,11 +157,11 @@ def played(
     return recording.scans(), 1e9 / recording.period, recording.calibration
 
 
-def opened(command: Command, count: int, stack: ExitStack) -> "list[VirtualPort]":
-    """The ports, which are closed with the stack.
+def open_ports(command: Command, count: int, stack: ExitStack) -> "list[VirtualPort]":
+    """Open the ports; the stack closes them.
 
     Raises:
-        ValueError: there are more than patches, or the address is none.
+        ValueError: when there are more ports than patches, or the address is invalid.
     """
     from eskin.drivers.virtual import PtyPort, UdpPort
 
@@ -184,10 +184,10 @@ def opened(command: Command, count: int, stack: ExitStack) -> "list[VirtualPort]
 
 
 def parse_udp_address(text: str) -> tuple[str, int]:
-    """Host and port of a HOST:PORT.
+    """Parse HOST:PORT.
 
     Raises:
-        ValueError: it is none.
+        ValueError: when the text is not of this form.
     """
     host, port = None, None
     with suppress(ValueError):
@@ -202,8 +202,8 @@ def parse_udp_address(text: str) -> tuple[str, int]:
     return host, port
 
 
-def introduce(device: "VirtualSkin") -> None:
-    """Print what to give to `eskin run`."""
+def print_addresses(device: "VirtualSkin") -> None:
+    """Print the skin and the --source options for `eskin run`."""
     skin = device.skin
     print(
         f"skin '{skin.name}': {len(skin.patches)} patches, {skin.count} taxels, "
@@ -215,7 +215,7 @@ def introduce(device: "VirtualSkin") -> None:
 
 
 def is_loopback(host: str) -> bool:
-    """Whether a host is this computer, as far as its name tells."""
+    """Tell whether a host's name or address is that of this computer."""
     try:
         return ipaddress.ip_address(host).is_loopback
     except ValueError:

@@ -1,4 +1,4 @@
-"""`eskin doctor`: what is installed, whether it works, and compiled code made ready."""
+"""`eskin doctor` checks the installation and compiles the code that eskin needs."""
 
 import importlib.metadata
 import math
@@ -16,75 +16,78 @@ from eskin.errors import DeviceError, EskinError
 from eskin.live import Recognizer, warm_up
 from eskin.model import MODELS
 
-USED = ("numpy", "scipy", "numba", "mcap", "pydantic", "pyserial")
-FOR_TRAINING = ("torch", "scikit-learn")
+RUNTIME_PACKAGES = ("numpy", "scipy", "numba", "mcap", "pydantic", "pyserial")
+TRAINING_PACKAGES = ("torch", "scikit-learn")
 
 
-LISTEN = 3_000_000_000
-"""How long patches are listened to [ns]."""
-OLDEST = 0.5
-"""Age from which a patch is silent [s]."""
-SLOW = 0.8
-"""Share of what it promises below which a patch is slow."""
+LISTEN_NS = 3_000_000_000
+"""Time for which patches are observed [ns]."""
+MAX_AGE_S = 0.5
+"""Age of the last scan from which a patch is silent [s]."""
+MIN_RATE_SHARE = 0.8
+"""Share of its nominal rate below which a patch is slow."""
 
 
 @dataclass(frozen=True)
 class Command:
-    """Check the installation, and compile all that the recogniser needs.
+    """Check the installation, and compile all code that the recogniser needs.
 
-    Compiled code is kept on disk: after this, no program waits for the compiler. With
-    --source it also listens to patches for three seconds and tells how each fares.
+    Compiled code is kept on disk, so that later no program waits for the compiler. With
+    --source, the command also observes patches for three seconds and reports their
+    rates.
     """
 
     source: tuple[str, ...] = ()
-    """Patches to listen to: serial:PATH, of several ports too, or udp://HOST:PORT."""
+    """Source of the patches: serial:PATH (one or several) or udp://HOST:PORT."""
 
     skin: str | None = None
-    """With --source, whose patches they are: a preset's name or a skin's folder."""
+    """With --source, skin of the patches: a preset's name or a skin's folder."""
 
     robot_urdf: str | None = None
-    """With --source, the robot that the skin is on; a preset skin has its own."""
+    """With --source, robot that the skin is mounted on; preset skins have their own."""
 
 
 @dataclass(frozen=True)
 class Check:
-    """One thing looked at."""
+    """A check has a name and tells whether it passed and what it found."""
 
     name: str
-    """What."""
+    """Name of what was checked."""
 
     ok: bool
-    """Whether it is as it should be."""
+    """Whether the check passed."""
 
     found: str
-    """What was found, and what to do where it is not."""
+    """Description of what was found, with a remedy if the check failed."""
 
 
 def run(command: Command) -> dict[str, object]:
-    """Check everything, one line a check; raise where something is wrong."""
+    """Run all checks and print one line for each; raise if any check fails."""
     checks = []
-    for check in chain(every_check(), patch_checks(command)):
+    for check in chain(run_checks(), check_patches(command)):
         print(f"{'ok' if check.ok else 'WRONG':6}{check.name}: {check.found}")
         checks.append(check)
     wrong = [check.name for check in checks if not check.ok]
     if wrong:
-        raise EskinError(f"not as it should be: {', '.join(wrong)}; see above")
+        raise EskinError(f"checks failed: {', '.join(wrong)}; see above")
     return {"checks": [asdict(check) for check in checks]}
 
 
-def every_check() -> Iterator[Check]:
-    """Look at one thing after the other."""
+def run_checks() -> Iterator[Check]:
+    """Yield the results of the checks of the installation."""
     yield Check("python", True, platform.python_version())
-    yield Check("packages", True, ", ".join(versions(USED)))
+    yield Check("packages", True, ", ".join(list_versions(RUNTIME_PACKAGES)))
     missing = "not installed; only training needs it: pip install 'eskin[train]'"
-    yield Check("for training", True, ", ".join(versions(FOR_TRAINING)) or missing)
-    yield from port_checks(list_serial_ports())
+    yield Check(
+        "for training", True, ", ".join(list_versions(TRAINING_PACKAGES)) or missing
+    )
+    yield from check_ports(list_serial_ports())
     for model in MODELS:
-        yield attempt(f"weights {model}", lambda model=model: recognises(model))
+        yield run_check(f"weights {model}", lambda model=model: check_model(model))
 
 
-def port_checks(ports: Sequence[SerialPortInfo]) -> Iterator[Check]:
-    """What is plugged in; a port that may not be used needs its group."""
+def check_ports(ports: Sequence[SerialPortInfo]) -> Iterator[Check]:
+    """Check the serial ports; a port without permission needs membership of a group."""
     if not ports:
         yield Check("serial ports", True, "none; a patch may be plugged in any time")
     for port in ports:
@@ -93,8 +96,8 @@ def port_checks(ports: Sequence[SerialPortInfo]) -> Iterator[Check]:
         yield Check(f"serial port {port.path}", port.usable, found)
 
 
-def patch_checks(command: Command) -> Iterator[Check]:
-    """How the patches fare that were asked about: rate, and age of what they sent."""
+def check_patches(command: Command) -> Iterator[Check]:
+    """Check rate and age of the scans of the patches that were asked about."""
     if not command.source:
         return
     config = SourceConfig(command.skin, command.robot_urdf)
@@ -104,7 +107,7 @@ def patch_checks(command: Command) -> Iterator[Check]:
                 f"--source is {' '.join(command.source)}; allowed are devices, "
                 "serial:PATH or udp://HOST:PORT; correct it"
             )
-        end = source.clock.now() + LISTEN
+        end = source.clock.now() + LISTEN_NS
         while source.clock.now() < end:
             source.read(0.1)
         ages = source.assembler.ages(source.clock.now())
@@ -112,24 +115,26 @@ def patch_checks(command: Command) -> Iterator[Check]:
             stream.slot.patch.id: stream.rate_meter
             for stream in source.assembler.streams.values()
         }
-        yield from (check_of(patch, paces[patch], age) for patch, age in ages.items())
+        yield from (
+            check_patch(patch, paces[patch], age) for patch, age in ages.items()
+        )
 
 
-def check_of(patch: str, pace: ScanRateMeter, age: float) -> Check:
-    """How one patch fares."""
+def check_patch(patch: str, pace: ScanRateMeter, age: float) -> Check:
+    """Check the rate and the age [s] of the scans of one patch."""
     name = f"patch {patch}"
-    if age > OLDEST:
+    if age > MAX_AGE_S:
         heard = "not heard" if math.isinf(age) else f"silent for {age:.1f} s"
         return Check(name, False, f"{heard}; check cable, address and power")
     measured = pace.measured or 0.0
     found = f"{measured:.1f} scans a second, {1e3 * age:.0f} ms old"
-    slow = measured < SLOW * pace.nominal
-    remedy = f"; it promises {pace.nominal}: check its line and power"
+    slow = measured < MIN_RATE_SHARE * pace.nominal
+    remedy = f"; its nominal rate is {pace.nominal}: check its line and power"
     return Check(name, not slow, found + remedy * slow)
 
 
-def versions(packages: tuple[str, ...]) -> Iterator[str]:
-    """Those of the packages that are installed, with their versions."""
+def list_versions(packages: tuple[str, ...]) -> Iterator[str]:
+    """Yield those of the packages that are installed, with their versions."""
     for package in packages:
         try:
             yield f"{package} {importlib.metadata.version(package)}"
@@ -137,15 +142,15 @@ def versions(packages: tuple[str, ...]) -> Iterator[str]:
             continue
 
 
-def attempt(name: str, look: Callable[[], str]) -> Check:
-    """What a look finds, or why it failed."""
+def run_check(name: str, look: Callable[[], str]) -> Check:
+    """Return the result of a check, which fails if it raises an error."""
     try:
         return Check(name, True, look())
     except (EskinError, ValueError, OSError) as error:
         return Check(name, False, f"{error}; install eskin again")
 
 
-def recognises(model: str) -> str:
+def check_model(model: str) -> str:
     """Push scans and readings through a recogniser, so that all of it is compiled."""
     started = time.monotonic()
     with event.install_recorder("numba:compile") as compiled:

@@ -1,4 +1,4 @@
-"""`eskin evaluate`: this command scores a model on clips and on continuous streams."""
+"""`eskin evaluate` scores a model on clips and on continuous streams."""
 
 import math
 import os
@@ -12,7 +12,7 @@ import tyro
 from rich.console import Console
 from rich.table import Table
 
-from eskin.cli.checks import check_picture, tell_cut
+from eskin.cli.checks import check_picture, report_truncated
 from eskin.errors import RecordingError
 from eskin.learn.checkpoint import to_network
 from eskin.learn.dataset import prepare, track_progress
@@ -31,85 +31,87 @@ from eskin.model import Model, load_model
 from eskin.recording import find_recordings, read_recording
 
 
-def by_person(people: dict[str, float]) -> dict[str, float]:
-    """Each person's score, their mean, spread and least.
+def summarise_people(people: dict[str, float]) -> dict[str, float]:
+    """Return each person's score with mean, standard deviation and worst score.
 
-    A person who is called like one of these three is `person mean`, say.
+    A person named like one of these three becomes, for example, `person mean`.
     """
     if not people:
         return {}
     values = list(people.values())
     spread = float(np.std(values, ddof=1)) if len(values) > 1 else 0.0
-    three = {"mean": float(np.mean(values)), "sd": spread, "worst": min(values)}
-    named = {f"person {n}" if n in three else n: v for n, v in people.items()}
-    return {name: round(value, 4) for name, value in (named | three).items()}
+    summary = {"mean": float(np.mean(values)), "sd": spread, "worst": min(values)}
+    named = {f"person {n}" if n in summary else n: v for n, v in people.items()}
+    return {name: round(value, 4) for name, value in (named | summary).items()}
 
 
-def event_rows(score: EventScore) -> dict[str, object]:
-    """The score of streams as plain values; None where there is nothing to tell."""
+def build_event_result(score: EventScore) -> dict[str, object]:
+    """Return the score of streams as plain values; None for undefined ones."""
     total = score.total
     people = {name: tally.f1 for name, tally in score.per_subject.items()}
     return {
-        **tally_row(total),
-        "f1_interval": [known(value) for value in score.f1_interval],
-        "false_per_hour": known(score.false_per_hour, 2),
-        **delay_row(score.all_delays),
+        **build_tally_row(total),
+        "f1_interval": [round_or_none(value) for value in score.f1_interval],
+        "false_per_hour": round_or_none(score.false_per_hour, 2),
+        **build_delay_row(score.all_delays),
         "per_gesture": {
-            name: tally_row(tally) | delay_row(score.delays[name])
+            name: build_tally_row(tally) | build_delay_row(score.delays[name])
             for name, tally in score.per_gesture.items()
         },
-        "per_subject": by_person(
+        "per_subject": summarise_people(
             {name: f1 for name, f1 in people.items() if not math.isnan(f1)}
         ),
-        "simultaneous_f1": known(score.simultaneous.f1),
-        "simultaneous": tally_row(score.simultaneous),
-        "unknown_abstained": known(1 - score.unknown_total.share),
-        "unknown": left_rows(score.unknown),
-        "accidents_detected": known(score.accidents.share),
+        "simultaneous_f1": round_or_none(score.simultaneous.f1),
+        "simultaneous": build_tally_row(score.simultaneous),
+        "unknown_abstained": round_or_none(1 - score.unknown_total.share),
+        "unknown": build_non_gesture_rows(score.unknown),
+        "accidents_detected": round_or_none(score.accidents.share),
         "accidents": score.accidents.count,
-        "none": left_rows(score.none),
-        "ece": known(score.reliability.error),
+        "none": build_non_gesture_rows(score.none),
+        "ece": round_or_none(score.reliability.error),
         "confusion": {"names": score.names, "counts": score.confusion.tolist()},
         "events": int(score.confusion[:-1].sum()),
         "hours": round(score.hours, 4),
     }
 
 
-def tally_row(tally: Tally) -> dict[str, object]:
-    """A tally as plain values."""
+def build_tally_row(tally: Tally) -> dict[str, object]:
+    """Return a tally as plain values."""
     return {
-        "precision": known(tally.precision),
-        "recall": known(tally.recall),
-        "f1": known(tally.f1),
+        "precision": round_or_none(tally.precision),
+        "recall": round_or_none(tally.recall),
+        "f1": round_or_none(tally.f1),
         "count": tally.matched + tally.missed,
         "false": tally.false,
     }
 
 
-def delay_row(delays: Delays) -> dict[str, object]:
-    """Delays as plain values [ms]."""
+def build_delay_row(delays: Delays) -> dict[str, object]:
+    """Return delays as plain values [ms]."""
     return {
-        "latency_ms_p50": known(1000 * delays.latency(50), 1),
-        "latency_ms_p95": known(1000 * delays.latency(95), 1),
-        "from_onset_ms_p50": known(1000 * delays.from_onset(50), 1),
-        "from_onset_ms_p95": known(1000 * delays.from_onset(95), 1),
+        "latency_ms_p50": round_or_none(1000 * delays.latency(50), 1),
+        "latency_ms_p95": round_or_none(1000 * delays.latency(95), 1),
+        "from_onset_ms_p50": round_or_none(1000 * delays.from_onset(50), 1),
+        "from_onset_ms_p95": round_or_none(1000 * delays.from_onset(95), 1),
     }
 
 
-def left_rows(left: dict[str, NonGestureTally]) -> dict[str, dict[str, int]]:
-    """Events of which no gesture should be said, as plain values."""
+def build_non_gesture_rows(
+    left: dict[str, NonGestureTally],
+) -> dict[str, dict[str, int]]:
+    """Return the counts of events that are no gesture as plain values."""
     return {
         name: {"count": one.count, "mistaken": one.mistaken}
         for name, one in left.items()
     }
 
 
-def known(value: float, digits: int = 4) -> float | None:
-    """A number that JSON has; None where it is not known."""
+def round_or_none(value: float, digits: int = 4) -> float | None:
+    """Round a number; return None for NaN, which JSON does not have."""
     return None if math.isnan(value) else round(value, digits)
 
 
-def show_events(score: EventScore, console: Console) -> None:
+def print_event_score(score: EventScore, console: Console) -> None:
     """Print the score of streams."""
     table = Table("events", "precision", "recall", "F1", "count", "false", "p50", "p95")
     rows = score.per_gesture | {"all": score.total}
@@ -144,64 +146,64 @@ CLIP_KEYS = (
     "ece",
     "instants",
 )
-"""What is said of clips; None where there are none."""
+"""Keys of the result for clips; their values are None without clips."""
 
 
 @dataclass(frozen=True)
 class Command:
     """Score a model on labelled recordings.
 
-    Simulated clips are scored one by one, simulated streams by their events, other
-    recordings both ways.
+    Simulated clips are scored one by one and simulated streams by their events. Other
+    recordings are scored both ways.
     """
 
     model: tyro.conf.Positional[Path]
-    """The model: one that comes with eskin, or a file (.safetensors)."""
+    """Name of weights that come with eskin, or a model file (.safetensors)."""
 
     data: tyro.conf.Positional[tuple[Path, ...]]
     """Recordings, or folders of them."""
 
     events: Literal["streams", "all", "none"] = "streams"
-    """Which recordings are scored by their events; `all` has clips among them."""
+    """Recordings that are scored by their events; `all` includes clips."""
 
     picture: Path | None = None
-    """Where to draw the confusions of clips (.png)."""
+    """Path of a plot of the confusion matrix of clips (.png)."""
 
     reliability: Path | None = None
-    """Where to draw how often clips are right, by how sure the model was (.png)."""
+    """Path of a reliability diagram of clips: accuracy by confidence (.png)."""
 
     event_picture: Path | None = None
-    """Where to draw the confusions of events (.png)."""
+    """Path of a plot of the confusion matrix of events (.png)."""
 
     event_reliability: Path | None = None
-    """Where to draw how often detections on streams are right, by how sure they were
+    """Path of a reliability diagram of detections on streams: accuracy by confidence
     (.png)."""
 
     workers: int | None = None
-    """How many processes replay streams; one a core unless given."""
+    """Number of processes that replay streams; by default one for each core."""
 
 
 def run(command: Command) -> dict[str, object]:
-    """Score, print tables, and draw what is asked for."""
-    for picture in pictures_of(command):
+    """Score the model, print tables, and draw the plots asked for."""
+    for picture in list_pictures(command):
         check_picture(picture)
     workers = os.cpu_count() or 1 if command.workers is None else command.workers
     if workers < 1:
         raise ValueError(f"--workers is {workers}; allowed are 1 and above; change it")
     model = load_model(command.model)
-    clips, streams = sort_out(find_recordings(command.data), command.events)
+    clips, streams = split_by_scoring(find_recordings(command.data), command.events)
     check_pictures(command, clips, streams)
-    of_clips: dict[str, object] = {key: None for key in CLIP_KEYS}
+    result: dict[str, object] = {key: None for key in CLIP_KEYS}
     if clips:
-        of_clips = score_clips(command, model, clips)
-    of_events = score_streams(command, model, streams, workers) if streams else None
-    return of_clips | {"events": of_events}
+        result = score_clips(command, model, clips)
+    events = score_streams(command, model, streams, workers) if streams else None
+    return result | {"events": events}
 
 
-def sort_out(
+def split_by_scoring(
     paths: Sequence[Path], events: Literal["streams", "all", "none"]
 ) -> tuple[list[Path], list[Path]]:
-    """Recordings to score as clips, and those to score by their events."""
+    """Split recordings into those to score as clips and those to score by events."""
     if not paths:
         raise RecordingError("no recording given; give .mcap files or folders of them")
     clips: list[Path] = []
@@ -216,23 +218,27 @@ def sort_out(
             streams.append(path)
     if not clips and not streams:
         raise RecordingError(
-            "all recordings given are streams, which --events none leaves out; leave "
-            "that away, or give clips"
+            "all recordings given are streams, which --events none leaves out; give "
+            "clips, or leave out --events none"
         )
     return clips, streams
 
 
-def pictures_of(command: Command) -> list[Path]:
-    """Every picture that is asked for."""
-    of_clips = command.picture, command.reliability
-    of_events = command.event_picture, command.event_reliability
-    return [picture for picture in (*of_clips, *of_events) if picture is not None]
+def list_pictures(command: Command) -> list[Path]:
+    """List the paths of all plots that are asked for."""
+    pictures = (
+        command.picture,
+        command.reliability,
+        command.event_picture,
+        command.event_reliability,
+    )
+    return [picture for picture in pictures if picture is not None]
 
 
 def check_pictures(
     command: Command, clips: Sequence[Path], streams: Sequence[Path]
 ) -> None:
-    """Refuse pictures of what is not there."""
+    """Raise if a plot is asked for without recordings to draw it of."""
     for picture, things, name in (
         (command.picture, clips, "clips"),
         (command.reliability, clips, "clips"),
@@ -251,9 +257,9 @@ def score_clips(
 ) -> dict[str, object]:
     """Score recordings gesture by gesture."""
     dataset = prepare(paths, model.card.pipeline, model.card.graph_used)
-    tell_cut(dataset)
+    report_truncated(dataset)
     result = evaluate(to_network(model), model.card, dataset)
-    show(result)
+    print_clip_score(result)
     if command.picture is not None:
         draw_confusion(
             result.segments.confusion,
@@ -270,7 +276,7 @@ def score_clips(
         "accuracy_interval": [round(value, 4) for value in result.interval],
         "macro_f1": round(result.segments.macro_f1, 4),
         "per_class": result.segments.per_class,
-        "per_subject": by_person(result.per_subject),
+        "per_subject": summarise_people(result.per_subject),
         "ece": round(result.ece, 4),
         "instants": result.instants
         and {
@@ -283,22 +289,22 @@ def score_clips(
 def score_streams(
     command: Command, model: Model, paths: Sequence[Path], workers: int
 ) -> dict[str, object]:
-    """Score recordings by their events, with what the recogniser says live."""
-    takes = []
+    """Score recordings by their events, with the detections that are made live."""
+    decided = []
     for stream in track_progress(
         trace_recordings(paths, model, workers), "Replaying", len(paths)
     ):
         if stream.truncated:
             print(f"{stream.path} is cut or damaged: used up to there")
-        takes.append(stream.decide())
-    score = score_events(takes, model.card.vocabulary)
-    show_events(score, Console())
-    draw(command, score)
-    return event_rows(score)
+        decided.append(stream.decide())
+    score = score_events(decided, model.card.vocabulary)
+    print_event_score(score, Console())
+    draw_event_pictures(command, score)
+    return build_event_result(score)
 
 
-def draw(command: Command, score: EventScore) -> None:
-    """Draw what is asked for of streams."""
+def draw_event_pictures(command: Command, score: EventScore) -> None:
+    """Draw the plots of streams that are asked for."""
     if command.event_picture is not None:
         title = f"{score.confusion[:-1].sum()} events, F1 {score.total.f1:.3f}"
         draw_confusion(score.confusion, score.names, command.event_picture, title)
@@ -307,8 +313,8 @@ def draw(command: Command, score: EventScore) -> None:
         draw_reliability(score.reliability, command.event_reliability, title)
 
 
-def show(result: Evaluation) -> None:
-    """Print the scores."""
+def print_clip_score(result: Evaluation) -> None:
+    """Print the scores of clips."""
     table = Table("gesture", "precision", "recall", "F1", "count")
     for name, row in result.segments.per_class.items():
         if row["count"]:
@@ -331,6 +337,6 @@ def show(result: Evaluation) -> None:
             f"macro F1 {result.instants.macro_f1:.3f}"
         )
     people = Table("person", "accuracy")
-    for name, value in by_person(result.per_subject).items():
+    for name, value in summarise_people(result.per_subject).items():
         people.add_row(name, f"{value:.3f}")
     console.print(people)

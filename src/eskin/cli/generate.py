@@ -1,4 +1,4 @@
-"""`eskin generate`: simulated touches as recordings."""
+"""`eskin generate` simulates touches and writes them as recordings."""
 
 import os
 from collections.abc import Callable, Iterator
@@ -49,34 +49,34 @@ class Command:
     """Simulate people who touch a skin, and record them."""
 
     out: tyro.conf.Positional[Path]
-    """Folder for the recordings and their index; the same command goes on where it
+    """Folder for the recordings and their index. The same command continues where it
     stopped."""
 
     skin: SkinName = "ur5"
-    """What is touched."""
+    """Skin that is touched."""
 
     set: SetName = "train"
-    """Which set of clips, or of streams."""
+    """Name of the set of clips or streams."""
 
     clips: int | None = None
-    """How many clips, or streams, or clips of each kind of pair; as many as the set has
-    unless given."""
+    """Number of clips, of streams, or of clips of each kind of pair; by default that of
+    the set."""
 
     subjects: int | None = None
-    """How many people; as many as suit the clips unless given."""
+    """Number of people; by default it suits the number of clips."""
 
     seed: int = 0
-    """Decides everything that is drawn."""
+    """Random seed."""
 
     workers: int | None = None
-    """How many processes; one a core unless given."""
+    """Number of processes; by default one for each core."""
 
     difficulty: float | None = None
-    """How wide spreads are, 0 the easiest; the published one unless given."""
+    """Width of the spreads, where 0 is the easiest; by default the published one."""
 
 
 def run(command: Command) -> dict[str, object]:
-    """Generate and return clips, seconds and clips a minute."""
+    """Generate recordings; return the number of clips and the time taken."""
     workers = os.cpu_count() or 1 if command.workers is None else command.workers
     if workers < 1:
         raise ValueError(f"--workers is {workers}; allowed are 1 and above; change it")
@@ -88,8 +88,8 @@ def run(command: Command) -> dict[str, object]:
         command.subjects,
         command.difficulty,
     )
-    with progress(settings.clip_set.clips) as tell:
-        result = generate(command.out, settings, workers, tell=tell)
+    with show_progress(settings.clip_set.clips) as update:
+        result = generate(command.out, settings, workers, tell=update)
     rate = round(result.clips_per_minute, 1)
     print(
         f"{command.out}: {result.clips} clips in {result.files} recordings, "
@@ -105,8 +105,8 @@ def run(command: Command) -> dict[str, object]:
 
 
 @contextmanager
-def progress(total: int) -> Iterator[Callable[[int], None]]:
-    """A bar on stderr that is told how many clips are done; none off a terminal."""
+def show_progress(total: int) -> Iterator[Callable[[int], None]]:
+    """Show a progress bar on stderr if that is a terminal; yield its update."""
     console = Console(stderr=True)
     columns = BarColumn(), MofNCompleteColumn(), TimeRemainingColumn()
     with Progress(

@@ -251,7 +251,7 @@ def print_header(recording: "Recording") -> None:
     print(f"{recording.path}: {recording.count} readings in {seconds:.1f} s")
     if recording.truncated:
         print("the file is cut or damaged: replaying up to its last whole part")
-    print(f"{'time':>8}  {'detection':16} {'sure':>4}  {'label':16} where")
+    print(f"{'time':>8}  {'detection':16} {'conf':>4}  {'label':16} where")
 
 
 def report(
@@ -283,9 +283,6 @@ def find_label(found: "Detection", truth: "tuple[Label, ...]") -> str:
             shared[label.gesture] = shared.get(label.gesture, 0) + time
     return max(shared, key=lambda gesture: shared[gesture], default="none")
 
-
-if TYPE_CHECKING:
-    from eskin.viewer.timeline import Timeline
 
 TICK_S = 0.04
 """Time between two updates of the page [s]."""
@@ -327,15 +324,15 @@ def run_view(command: ViewCommand) -> dict[str, object]:
     mounted = MountedSkin(
         recording.skin, load_recorded_robot(recording.robot_name, command.robot_urdf)
     )
-    take, editing = load_replayed(recording), LabelEditor(recording)
+    replayed, editor = load_replayed(recording), LabelEditor(recording)
     server = open_server(port)
     try:
-        timeline = Timeline(server, mounted, take, editing)
+        timeline = Timeline(server, mounted, replayed, editor)
         print(f"see http://127.0.0.1:{port}; Ctrl-C ends it", flush=True)
         play_timeline(timeline, command.seconds)
     finally:
         server.stop()
-    return {"labels": len(editing.labels), "saved": not editing.changed}
+    return {"labels": len(editor.labels), "saved": not editor.changed}
 
 
 def play_timeline(timeline: "Timeline", seconds: float | None) -> None:

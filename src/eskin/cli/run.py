@@ -1,4 +1,4 @@
-"""`eskin run`: the live system."""
+"""`eskin run` runs the live system."""
 
 import gc
 import math
@@ -19,79 +19,83 @@ if TYPE_CHECKING:
     from eskin.stream.listener import Drop
 
 
-PORT = 8080
-"""Of the page, unless another is given."""
+DEFAULT_PORT = 8080
+"""Default TCP port of the page."""
 
 
 @dataclass(frozen=True)
 class Command:
     """Recognise live: from patches on a cable, a recording or a simulated person.
 
-    Ends with its source, after --seconds, or by Ctrl-C, which finishes the recording.
+    The command ends with its source, after --seconds, or by Ctrl-C, which finishes the
+    recording.
     """
 
     source: tuple[str, ...]
-    """serial:PATH, of several ports too, udp://HOST:PORT, replay:FILE or sim:SKIN."""
+    """Source of the scans: serial:PATH (one or several), udp://HOST:PORT, replay:FILE
+    or sim:SKIN."""
 
     skin: str | None = None
-    """Whose patches they are: a preset's name or a skin's folder; a recording and a
-    simulation know their own."""
+    """Skin of the patches: a preset's name or a skin's folder. Recordings and
+    simulations have their own."""
 
     model: str = "ur5"
-    """Weights that come with eskin, or a model file."""
+    """Name of weights that come with eskin, or a model file."""
 
     robot_urdf: str | None = None
-    """The robot that the skin is on, a URDF file or a preset's name; a preset skin has
-    its own."""
+    """Robot that the skin is mounted on: a URDF file or a preset's name. Preset skins
+    have their own."""
 
     calibration: Path | None = None
-    """Of the electronics, as eskin device --calibration writes it; else
-    calibration.json in the skin's folder, else nominal."""
+    """Calibration file of the electronics, as eskin device --calibration writes it. By
+    default it is calibration.json in the skin's folder, else a nominal calibration."""
 
     q: Annotated[tuple[float, ...] | None, tyro.conf.arg(metavar="RAD...")] = None
-    """Where the joints are [rad], of a robot that does not move; zeros unless given."""
+    """Joint positions [rad] of a robot that does not move; zeros by default."""
 
     robot: str | None = None
-    """The arm that touches command: sim:ur5 or ur://HOST; it tells where the joints
-    are. A real one is held until a poke pauses it and another resumes it."""
+    """Arm that touches command: sim:ur5 or ur://HOST. It also gives the joint
+    positions. A real arm is held until a poke pauses it and another resumes it."""
 
     commands: Path | None = None
-    """Which touch commands what; the map that comes with eskin unless given."""
+    """Command map, which tells what each touch commands; by default the one that comes
+    with eskin."""
 
     record: Path | None = None
-    """Record scans, detections and events here."""
+    """Path of a recording of scans, detections and events."""
 
     piece_mb: float | None = None
-    """Begin a new file when the recording has grown to this size [MB]."""
+    """Size of the recording from which a new file is started [MB]."""
 
     seconds: float | None = None
-    """When to stop."""
+    """Time after which to stop [s]."""
 
     rate: float | None = None
-    """Scans a second of devices; what they promise unless given."""
+    """Rate of the devices' scans [1/s]; by default the one that they announce."""
 
     pace: float = 1.0
-    """Seconds of a recording or simulation played in a second; inf for as fast as it
-    is recognised."""
+    """Speed of a recording or simulation relative to real time; inf is as fast as it is
+    recognised."""
 
     seed: int = 0
-    """Of the simulated person."""
+    """Random seed of the simulated person."""
 
     baud: int = 1_000_000
-    """Of serial ports; without meaning where the port is USB alone."""
+    """Baud rate of serial ports; ignored by ports that are USB only."""
 
     allow_remote: bool = False
-    """Listen to other computers by UDP, which does not tell who sends."""
+    """Accept UDP packets from other computers, although UDP does not authenticate the
+    sender."""
 
     view: bool = False
-    """Show it in the browser; nothing can be touched or commanded there."""
+    """Show the skin in the browser; nothing can be touched or commanded there."""
 
     port: int | None = None
-    """Of the page on this computer, 8080 unless given; 0 for any free one."""
+    """TCP port of the page on this computer, 8080 by default; 0 takes any free one."""
 
 
 def run(command: Command) -> dict[str, object]:
-    """Stream until it is over; detections and events are printed as they come."""
+    """Stream until the end; print detections and events as they come."""
     from eskin.app import SourceConfig, open_source
     from eskin.drivers import HostClock
     from eskin.live import Recognizer, mount_skin, warm_up
@@ -105,7 +109,7 @@ def run(command: Command) -> dict[str, object]:
         stop_on_signals,
     )
 
-    check(command)
+    check_options(command)
     model, clock = load_model(command.model), HostClock()
     config = SourceConfig(
         skin=command.skin,
@@ -119,12 +123,12 @@ def run(command: Command) -> dict[str, object]:
         allow_remote=command.allow_remote,
     )
     with ExitStack() as stack:
-        # Devices send whether or not anybody is ready: what is compiled comes first.
+        # Devices send at any time, so code is compiled before they are opened.
         if command.skin is not None:
             warm_up(
                 Recognizer(model, mount_skin(command.skin, command.robot_urdf), None)
             )
-        arm = arm_of(command, clock)
+        arm = open_command_arm(command, clock)
         if arm is not None:
             config = replace(config, joints=stack.enter_context(arm))
         source = open_source(*command.source, config=config, clock=clock)
@@ -136,30 +140,31 @@ def run(command: Command) -> dict[str, object]:
         if command.skin is None:
             warm_up(recognizer)
         gc.freeze()
-        recognition = Recognition(recognizer, drop=drop_of(command))
-        policies = [] if arm is None else [policy_of(command, arm, model, source)]
-        others = [*policies, *listeners_of(command, source, recognition, arm)]
+        recognition = Recognition(recognizer, drop=choose_drop_policy(command))
+        policies = [] if arm is None else [build_policy(command, arm, model, source)]
+        others = [*policies, *build_listeners(command, source, recognition, arm)]
         stream = Stream(source, [recognition, *others])
-        introduce(source)
+        print_source(source)
         with stop_on_signals(stream.stop), short_switch_interval(), stream:
             stream.wait(command.seconds)
     commands = sum(policy.accepted for policy in policies)
-    return summary(source, stream, recognition, commands)
+    return summarise(source, stream, recognition, commands)
 
 
-def drop_of(command: Command) -> "Drop":
-    """What happens to scans that come faster than they are recognised.
+def choose_drop_policy(command: Command) -> "Drop":
+    """Choose what is dropped when scans come faster than they are recognised.
 
-    A recording that is read as fast as it goes waits; what is live does not.
+    A recording that is read as fast as possible waits; a live source does not.
     """
     return "never" if math.isinf(command.pace) else "oldest"
 
 
-def check(command: Command) -> None:
-    """Refuse what cannot be meant, before anything is opened.
+def check_options(command: Command) -> None:
+    """Raise if an option is out of range or needs another one.
 
     Raises:
-        DeviceError: a number is out of range.
+        DeviceError: for options of the source, the recording or the page.
+        ArmError: for options of the arm.
     """
     for name in ("seconds", "rate", "pace", "piece_mb"):
         value = getattr(command, name)
@@ -190,10 +195,10 @@ def check(command: Command) -> None:
 
 
 def check_senders(command: Command) -> None:
-    """Refuse that other computers move a real robot, unless that is allowed.
+    """Raise if other computers could move a real robot, unless that is allowed.
 
     Raises:
-        DeviceError: a source can be heard from other computers.
+        DeviceError: when a source accepts packets from other computers.
     """
     from eskin.app import parse_udp_address
     from eskin.drivers import check_udp_host
@@ -203,20 +208,20 @@ def check_senders(command: Command) -> None:
             check_udp_host(parse_udp_address(uri)[0], command.allow_remote)
 
 
-def arm_of(command: Command, clock: "Clock") -> "Arm | None":
-    """The arm that is commanded, where one is."""
+def open_command_arm(command: Command, clock: "Clock") -> "Arm | None":
+    """Open the arm that touches command; return None without one."""
     from eskin.app import open_arm
 
     return None if command.robot is None else open_arm(command.robot, clock=clock)
 
 
-def policy_of(
+def build_policy(
     command: Command, arm: "Arm", model: "Model", source: "Source"
 ) -> "Policy":
-    """What commands the arm.
+    """Build the policy that commands the arm.
 
     Raises:
-        CommandError: the command map cannot be used.
+        CommandError: when the command map cannot be used.
     """
     from eskin.command import Policy, load_commands
 
@@ -225,15 +230,15 @@ def policy_of(
     return Policy(arm, commands, vocabulary)
 
 
-def listeners_of(
+def build_listeners(
     command: Command, source: "Source", recognition: "Recognition", arm: "Arm | None"
 ) -> "list[Listener]":
-    """Who else listens: the terminal; recorder and viewer where they are wanted."""
-    from eskin.cli.terminal import Terminal
+    """Build the other listeners: the terminal's, and recorder and viewer if asked."""
+    from eskin.cli.terminal import TerminalPrinter
     from eskin.recording import Metadata
     from eskin.stream import Recorder, RecorderConfig
 
-    listeners: list[Listener] = [Terminal()]
+    listeners: list[Listener] = [TerminalPrinter()]
     if command.record is not None:
         piece = None if command.piece_mb is None else round(1e6 * command.piece_mb)
         metadata = Metadata("live", "unknown", source.info.uri)
@@ -243,14 +248,14 @@ def listeners_of(
         from eskin.page.port import free_port
         from eskin.viewer import Viewer, ViewerConfig
 
-        port = free_port(PORT if command.port is None else command.port)
+        port = free_port(DEFAULT_PORT if command.port is None else command.port)
         listeners.append(Viewer(recognition, ViewerConfig(port), arm=arm))
         print(f"see http://127.0.0.1:{port}", flush=True)
     return listeners
 
 
-def introduce(source: "Source") -> None:
-    """Print what is listened to."""
+def print_source(source: "Source") -> None:
+    """Print the source, its skin and its rate."""
     info = source.info
     print(
         f"{info.uri}: skin '{info.skin.name}', {info.skin.count} taxels on "
@@ -259,10 +264,10 @@ def introduce(source: "Source") -> None:
     )
 
 
-def summary(
+def summarise(
     source: "Source", stream: "Stream", recognition: "Recognition", commands: int
 ) -> dict[str, object]:
-    """Print and return what came and what was made of it."""
+    """Print and return the counts of the stream and the durations of its steps."""
     counted, queues = source.counters(), stream.queue_counts()
     skipped = counted.get("skipped", 0)
     dropped = skipped + sum(queue.dropped for queue in queues.values())

@@ -1,4 +1,4 @@
-"""Detections, events and commands as lines on the terminal."""
+"""This module prints detections, events and commands as lines on the terminal."""
 
 from typing import final
 
@@ -10,10 +10,10 @@ from eskin.units import NS_PER_S
 
 
 @final
-class Terminal(Listener):
-    """Prints what happens, with seconds since the stream began.
+class TerminalPrinter(Listener):
+    """A listener that prints what happens, with seconds since the stream began.
 
-    Of faults that are found together one is printed, the others are counted.
+    Of faults that are found together, it prints one and counts the others.
     """
 
     name = "terminal"
@@ -22,14 +22,14 @@ class Terminal(Listener):
     drop: Drop = "oldest"
 
     def start(self, context: Context) -> None:
-        """Print the heads of the columns."""
+        """Print the column titles."""
         self.first = context.clock.now()
         self.fault: Event | None = None
         self.more = 0
-        print(f"{'time':>8}  {'what':12} {'sure':>4}  where", flush=True)
+        print(f"{'time':>8}  {'what':12} {'conf':>4}  where", flush=True)
 
     def on_message(self, item: Message) -> None:
-        """Print it, unless it is one more fault of many."""
+        """Print a message, unless it is one of many faults found together."""
         if not isinstance(item, Detection | Event | CommandEvent):
             return
         if isinstance(item, Event) and found_at_once(self.fault, item):
@@ -55,7 +55,7 @@ class Terminal(Listener):
         print(f"{seconds:7.2f}s  {text}", flush=True)
 
     def close(self) -> None:
-        """Print how many faults were only counted."""
+        """Print the number of faults that were only counted."""
         if self.more:
             print(f"{'':8}  {'':12} {'':4}  and {self.more} faults more", flush=True)
         self.more = 0

@@ -4,7 +4,6 @@ from importlib import resources
 from pathlib import Path
 from typing import Annotated, Literal
 
-import yaml
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from pydantic_core import ErrorDetails
 
@@ -17,14 +16,8 @@ from eskin.command.actions import (
     Action,
 )
 from eskin.errors import CommandError
+from eskin.plain_yaml import Name, load_plain_yaml, shorten
 from eskin.skin import Skin
-from eskin.skin.manifest import (
-    Name,
-    PlainLoader,
-    check_yaml_size,
-    describe_yaml_error,
-    shorten,
-)
 
 MAX_BYTES = 1 << 18
 """Largest size of a command map [bytes]."""
@@ -194,12 +187,9 @@ def parse_commands(text: str, file: str) -> CommandMap:
     """
     file = format_path(file)
     try:
-        check_yaml_size(text)
-        data = yaml.load(text, PlainLoader)  # noqa: S506  It is a SafeLoader.
-    except yaml.YAMLError as error:
-        raise CommandError(f"{file}{describe_yaml_error(error)}") from None
-    except (OverflowError, ValueError) as error:
-        raise CommandError(f"{file}: not plain YAML: {shorten(str(error))}") from None
+        data = load_plain_yaml(text)
+    except ValueError as error:
+        raise CommandError(f"{file}{error}") from None
     if not isinstance(data, dict):
         raise CommandError(
             f"{file}: got {shorten(data)}, allowed a mapping with the keys "

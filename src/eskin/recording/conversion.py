@@ -12,7 +12,7 @@ from eskin.errors import ImportSourceError
 from eskin.recording.labels import Label
 from eskin.recording.records import Metadata
 from eskin.recording.writer import RecordingWriter, write_all
-from eskin.skin.skin import Skin
+from eskin.skin import Skin
 from eskin.touch import Calibration, Scan
 
 # The datasets do not say what their sensors were fixed to, or their full scale.

@@ -39,8 +39,7 @@ from eskin.recording.records import (
     Metadata,
     TruthRecord,
 )
-from eskin.skin.files import skin_from_bytes
-from eskin.skin.skin import Skin
+from eskin.skin import Skin, skin_from_bytes
 from eskin.touch import Calibration, Scan
 
 

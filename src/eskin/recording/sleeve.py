@@ -25,7 +25,7 @@ from eskin.recording.conversion import (
 )
 from eskin.recording.labels import NONE, build_labels
 from eskin.recording.records import Metadata
-from eskin.skin.files import load_skin
+from eskin.skin import load_skin
 from eskin.touch import Calibration, Scan
 from eskin.units import NS_PER_S
 

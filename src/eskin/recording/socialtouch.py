@@ -25,7 +25,7 @@ from eskin.recording.conversion import (
 )
 from eskin.recording.labels import Label
 from eskin.recording.records import Metadata
-from eskin.skin.layout import build_grid_skin
+from eskin.skin import build_grid_skin
 from eskin.touch import Calibration, Scan
 from eskin.units import NS_PER_S
 

@@ -46,9 +46,8 @@ from eskin.recording.records import (
     Metadata,
     TruthRecord,
 )
-from eskin.robot.presets import load_robot
-from eskin.skin.files import skin_to_bytes
-from eskin.skin.skin import Skin
+from eskin.robot import load_robot
+from eskin.skin import Skin, skin_to_bytes
 from eskin.touch import Calibration, Scan
 from eskin.units import NS_PER_S
 

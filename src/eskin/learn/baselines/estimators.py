@@ -1,5 +1,4 @@
-"""This module wraps classifiers of feature rows from scikit-learn (Pedregosa et al.
-2011).
+"""This module wraps scikit-learn's classifiers of rows (Pedregosa et al. 2011).
 
 Each one builds a classifier when it is called with a seed. Its `repr` shows all of its
 settings, since results are kept by the `repr` of a method.
@@ -162,8 +161,7 @@ class SoftmaxMachine(ClassifierMixin, BaseEstimator):
 
 @final
 class QuietPerceptron(MLPClassifier):
-    """This multilayer perceptron does not warn when its epochs end before it
-    converges."""
+    """This multilayer perceptron does not warn when it stops before it converges."""
 
     def fit(
         self, X: np.ndarray, y: np.ndarray, sample_weight: np.ndarray | None = None

@@ -128,8 +128,7 @@ def compute_statistics(series: FeatureSeries) -> Float[np.ndarray, "feature"]:
 def compute_touched_area(
     graphs: GraphBatch, area: Float[np.ndarray, "reading"]
 ) -> tuple[float, float]:
-    """Return the area touched at any time [cm2], and its ratio to the largest at
-    once."""
+    """Return the area ever touched [cm2], and its ratio to the largest at once."""
     pressed = graphs.pressure > 0
     taxels, first = np.unique(graphs.taxels[pressed], return_index=True)
     union = float(graphs.areas[pressed][first].sum()) if len(taxels) else 0.0
@@ -205,8 +204,7 @@ class HandBaseline(Baseline):
 
 @final
 class GraphWindow:
-    """A graph window holds the contact graphs of the whole skin at the last
-    readings."""
+    """A graph window holds the graphs of the whole skin at the last readings."""
 
     def __init__(self, mounted: MountedSkin) -> None:
         """Start without a reading."""

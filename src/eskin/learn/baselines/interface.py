@@ -103,8 +103,7 @@ class Baseline(ABC):
         return self.predict_windows(clips)
 
     def move_to(self, mounted: MountedSkin) -> "Baseline":
-        """Return the same baseline for a skin at other places; itself if it ignores
-        them."""
+        """Return the baseline for a skin at other places; itself if it ignores them."""
         return self
 
     def build_streams(self) -> dict[str, BaselineStream]:

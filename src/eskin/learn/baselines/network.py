@@ -127,8 +127,7 @@ class NetworkBaseline(Baseline):
             return torch.cat(logits).softmax(dim=1).numpy()
 
     def build_streams(self) -> dict[str, BaselineStream]:
-        """Return streams of the whole window and, where possible, of the newest
-        reading."""
+        """Return streams of whole windows and, where possible, of newest readings."""
         found: dict[str, BaselineStream] = {"": WindowStream(self)}
         if isinstance(self.network, ReadingNetwork):
             found["cached"] = CachedStream(self.mounted, self.network)
@@ -137,8 +136,7 @@ class NetworkBaseline(Baseline):
 
 @final
 class CachedStream(BaselineStream):
-    """A cached stream encodes the newest reading and keeps the features of the
-    others."""
+    """A cached stream encodes the newest reading and keeps earlier features."""
 
     def __init__(self, mounted: MountedSkin, network: ReadingNetwork) -> None:
         """Start with a window without touch."""

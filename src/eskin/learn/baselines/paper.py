@@ -123,8 +123,7 @@ class NodeSelector:
     def find_live_edges(
         self, touched: Bool[Tensor, "reading taxel"], q: Float[Tensor, "reading joint"]
     ) -> Int[Tensor, "reading taxel live"]:
-        """Return neighbours in other patches of triggered taxels and those next to
-        them."""
+        """Return neighbours in other patches of triggered taxels and those nearby."""
         config, patch_index = GraphConfig(), self.mounted.skin.patch_index
         live = np.full((*touched.shape, config.live), -1)
         for reading, flags in enumerate(touched.numpy()):
@@ -149,8 +148,8 @@ class NodeSelector:
 
 Pooling = Literal["max", "mean"]
 WIDTH, LAYERS, CHANNELS, TAPS = 32, 3, 64, 5
-UNIT = LENGTH_CM / 100.0
-"""Lengths are in units of this [m]."""
+LENGTH_UNIT = LENGTH_CM / 100.0
+"""Unit of length [m]."""
 
 READINGS_AT_ONCE = 4
 """Readings encoded together, few enough for their tensors to stay in the cache."""
@@ -250,7 +249,7 @@ class PaperNetwork(ReadingNetwork):
         self.rest: RestState | None = None
         self.selector = NodeSelector(mounted, k)
         self.links = torch.from_numpy(mounted.taxel_link_index)
-        positions = torch.from_numpy(mounted.skin.positions / UNIT)
+        positions = torch.from_numpy(mounted.skin.positions / LENGTH_UNIT)
         self.register_buffer("positions", positions.float())
         self.embed = nn.Linear(1, WIDTH)
         self.layers = nn.ModuleList(PaperLayer(WIDTH, k) for _ in range(LAYERS))
@@ -297,7 +296,7 @@ class PaperNetwork(ReadingNetwork):
     ) -> Float[Tensor, "reading width"]:
         """Return the features of readings computed together, in `PRESSURE_UNIT`."""
         T = self.mounted.kinematics.poses(q.double().numpy())
-        T[..., :3, 3] /= UNIT
+        T[..., :3, 3] /= LENGTH_UNIT
         T_world_link = torch.from_numpy(T).to(self.positions.dtype)
         rows = self.selector.select(felt > 0, q, LAYERS, self.whole)
         T_row = T_world_link[rows.reading, self.links[rows.node]]

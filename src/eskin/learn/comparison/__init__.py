@@ -1,4 +1,4 @@
-"""Every method on the same clips: what is trained, what it answers, tables."""
+"""Comparisons: this package trains every method on the same clips and makes tables."""
 
 from eskin.learn.comparison.examples import Examples, find_examples
 from eskin.learn.comparison.methods import (

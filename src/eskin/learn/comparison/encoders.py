@@ -1,4 +1,4 @@
-"""Encoders that lack something ours has, to see what it is worth."""
+"""This module holds encoders for ablations: each lacks something that ours has."""
 
 from collections.abc import Callable, Mapping
 from functools import partial
@@ -19,10 +19,10 @@ EncoderKind = Literal["equivariant", "plain", "max", "mean"]
 
 @final
 class PlainLayer(nn.Module):
-    """As large as an `EquivariantLayer`, but its messages see plain coordinates."""
+    """This layer is as large as ours, but its messages use plain coordinates."""
 
     def __init__(self, width: int) -> None:
-        """Make a layer of `width` channels."""
+        """Create a layer of `width` channels."""
         super().__init__()
         self.norm = nn.LayerNorm(width)
         self.of_target = nn.Linear(width, width)
@@ -39,14 +39,14 @@ class PlainLayer(nn.Module):
         normals: Float[Tensor, "node 3"],
         edges: Edges,
     ) -> Float[Tensor, "node width"]:
-        """Features after one step.
+        """Return the features after one step.
 
         Args:
             v: features of the nodes.
             x: coordinates about the middle of the touch, in the directions of the
                 world, in units of `LENGTH_CM`.
             normals: outward unit normals in the world.
-            edges: who hears whom.
+            edges: edges between the nodes.
         """
         i, j = edges.targets, edges.sources
         r = x.index_select(0, i)[:, None] - gather_rows(x, j)
@@ -56,20 +56,21 @@ class PlainLayer(nn.Module):
         u_i = u.index_select(0, i)
         hidden = self.of_target(u_i)[:, None] + gather_rows(self.of_source(u), j)
         m = silu(self.message(silu(hidden + self.of_edge(e))))
-        heard = (m * edges.weights[..., None]).sum(dim=1)
-        update = silu(self.update_hidden(torch.cat([u_i, heard], dim=1)))
+        messages = (m * edges.weights[..., None]).sum(dim=1)
+        update = silu(self.update_hidden(torch.cat([u_i, messages], dim=1)))
         return v.index_add(0, i, self.update_out(update))
 
 
 @final
 class PlainEncoder(Encoder):
-    """Sees directions in the world: the same touch, turned, is another one to it.
+    """This encoder uses directions in the world: a rotated touch is another one to it.
 
-    Where in the world it is, it does not see: coordinates are about its middle.
+    It does not know the place in the world: coordinates are relative to the touch's
+    centre.
     """
 
     def __init__(self, config: NetworkConfig) -> None:
-        """Make an encoder."""
+        """Create the encoder."""
         super().__init__(config)
         self.embed = nn.Linear(len(NODE_SCALARS) + 6, config.width)
         layers = (PlainLayer(config.width) for _ in range(config.layers))
@@ -88,10 +89,10 @@ class PlainEncoder(Encoder):
 
 @final
 class OnePoolEncoder(Encoder):
-    """Pools in one way only, and says it twice so that all else is as large."""
+    """This encoder pools in one way only, repeated so that all else is as large."""
 
     def __init__(self, config: NetworkConfig, kept: Literal["max", "mean"]) -> None:
-        """Make an encoder that keeps one of the two ways."""
+        """Create the encoder with one of the two ways."""
         super().__init__(config)
         self.kept = kept
 
@@ -100,7 +101,7 @@ class OnePoolEncoder(Encoder):
         largest: Float[Tensor, "reading width"],
         mean: Float[Tensor, "reading width"],
     ) -> Float[Tensor, "reading embedding"]:
-        """One of them, twice."""
+        """Return one of the two, twice."""
         one = largest if self.kept == "max" else mean
         return torch.cat([one, one], dim=1)
 
@@ -111,4 +112,4 @@ ENCODERS: Mapping[EncoderKind, Callable[[NetworkConfig], Encoder]] = {
     "max": partial(OnePoolEncoder, kept="max"),
     "mean": partial(OnePoolEncoder, kept="mean"),
 }
-"""By what sets them apart; the first is ours."""
+"""Encoders by what sets them apart; the first one is ours."""

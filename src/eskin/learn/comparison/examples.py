@@ -1,4 +1,4 @@
-"""Clips of generated sets, as every method is given them."""
+"""This module gives every method the same clips of generated sets."""
 
 import hashlib
 from collections.abc import Collection, Iterator, Sequence
@@ -24,109 +24,117 @@ from eskin.skin import MountedSkin
 from eskin.touch import PipelineConfig, TouchPipeline
 
 FORMAT = 1
-"""Of the files that keep windows."""
+"""Format of the files that keep windows."""
 
 
 @dataclass(frozen=True, eq=False)
 class Examples:
-    """Clips, for methods that see touches and for those that see the whole skin."""
+    """Examples are clips, for methods that use touches and those of the whole skin."""
 
     paths: tuple[Path, ...]
-    """The recordings."""
+    """Paths of the recordings."""
 
     pack: Path
     """Folder that keeps what was prepared of them."""
 
     workers: int = 1
-    """How many processes prepare."""
+    """Number of processes that prepare them."""
 
-    harm: RecordingTransform | None = None
-    """What harms them; nothing where None."""
+    transform: RecordingTransform | None = None
+    """Change of the recordings; None leaves them as they were recorded."""
 
     @cached_property
-    def every(self) -> tuple[tuple[int, Clip], ...]:
-        """All clips, each with the index of its recording."""
+    def clips(self) -> tuple[tuple[int, Clip], ...]:
+        """Return all clips, each with the index of its recording."""
         numbered = enumerate(self.paths)
         return tuple((n, clip) for n, path in numbered for clip in read_clips(path))
 
     @cached_property
     def gestures(self) -> tuple[str, ...]:
-        """What the clips were made for, sorted."""
-        return tuple(sorted({clip.gesture for _, clip in self.every}))
+        """Return the gestures that the clips were generated for, sorted."""
+        return tuple(sorted({clip.gesture for _, clip in self.clips}))
 
     @cached_property
-    def sittings(self) -> dict[int, tuple[str, str]]:
-        """Person and session of each recording."""
+    def sessions(self) -> dict[int, tuple[str, str]]:
+        """Return person and session of each recording."""
         facts = [read_recording(path).metadata for path in self.paths]
         return {n: (each.subject, each.session) for n, each in enumerate(facts)}
 
     @cached_property
     def people(self) -> tuple[str, ...]:
-        """Who made each clip."""
-        return tuple(self.sittings[n][0] for n, _ in self.every)
+        """Return the person of each clip."""
+        return tuple(self.sessions[n][0] for n, _ in self.clips)
 
     @cached_property
     def mounted(self) -> MountedSkin:
-        """The skin of the clips on its robot."""
+        """Return the skin of the clips on its robot."""
         first = read_recording(self.paths[0])
         return MountedSkin(first.skin, load_recorded_robot(first.robot_name))
 
     @cached_property
     def digest(self) -> str:
-        """Names recordings and clips, wherever they are, and what harms them."""
+        """Return a name of recordings, clips and transform, wherever they are."""
         hashes = [hashlib.sha256(path.read_bytes()).hexdigest() for path in self.paths]
-        hashes += [str(self.every)]
-        hashes += [str(self.harm)] if self.harm else []
+        hashes += [str(self.clips)]
+        hashes += [str(self.transform)] if self.transform else []
         return hashlib.sha256("".join(hashes).encode()).hexdigest()[:16]
 
     def truth(self, vocabulary: Sequence[str]) -> Int[np.ndarray, "clip"]:
-        """What each clip was made for, as an index into a vocabulary."""
-        return np.array([vocabulary.index(clip.gesture) for _, clip in self.every])
+        """Return the true class of each clip, as an index into a vocabulary."""
+        return np.array([vocabulary.index(clip.gesture) for _, clip in self.clips])
 
     def dataset(self, graph: GraphConfig, skins: int = 0) -> Dataset:
-        """The touches of the clips as graphs, felt by so many worn skins besides."""
-        others = (Aging(AgingConfig(), number) for number in range(skins))
-        transforms, plain = (self.harm, *others), graph.without_shear()
+        """Return the clips' touches as graphs, with copies of some aged skins."""
+        aged = (Aging(AgingConfig(), number) for number in range(skins))
+        transforms, plain = (self.transform, *aged), graph.without_shear()
         return prepare(self.paths, None, plain, self.pack, self.workers, transforms)
 
     @cached_property
     def windows(self) -> SkinWindows:
-        """All taxels in the two seconds of each clip, wherever they lie."""
-        harm = None if self.harm is None or self.harm.moves_taxels else self.harm
-        jobs = (delayed(load_windows)(path, self.pack, harm) for path in self.paths)
+        """Return pressures of all taxels in the two seconds of each clip."""
+        transform = (
+            None
+            if self.transform is None or self.transform.moves_taxels
+            else self.transform
+        )
+        jobs = (
+            delayed(load_windows)(path, self.pack, transform) for path in self.paths
+        )
         parts: Any = Parallel(n_jobs=self.workers)(jobs)
         return SkinWindows(*(np.concatenate(rows) for rows in zip(*parts, strict=True)))
 
     def find_windows_on(
         self, mounted: MountedSkin
     ) -> Iterator[tuple[MountedSkin, SkinWindows]]:
-        """The windows in order, each with where its skin is believed to lie.
+        """Yield the windows in order, each with the skin that is assumed.
 
         Args:
-            mounted: where it lies.
+            mounted: true skin on its robot.
         """
-        if self.harm is None or not self.harm.moves_taxels:
+        if self.transform is None or not self.transform.moves_taxels:
             yield mounted, self.windows
             return
         for n, path in enumerate(self.paths):
-            skin = self.harm.transform_skin(mounted.skin, read_recording(path).start)
-            yield MountedSkin(skin, mounted.robot), self.only([n]).windows
+            skin = self.transform.transform_skin(
+                mounted.skin, read_recording(path).start
+            )
+            yield MountedSkin(skin, mounted.robot), self.select([n]).windows
 
-    def only(self, recordings: Collection[int]) -> "Examples":
-        """Those of some of the recordings."""
+    def select(self, recordings: Collection[int]) -> "Examples":
+        """Return the examples of some of the recordings."""
         return replace(self, paths=tuple(self.paths[n] for n in sorted(recordings)))
 
 
 def find_examples(places: Sequence[Path], pack: Path, workers: int = 1) -> Examples:
-    """The clips of recordings, or of folders of them.
+    """Return the clips of recordings, or of folders of them.
 
     Args:
-        places: recordings and folders.
+        places: paths of recordings and folders.
         pack: folder that keeps what was prepared of them.
-        workers: how many processes prepare.
+        workers: number of processes that prepare them.
 
     Raises:
-        RecordingError: there is no recording, or one that is not of a set of clips.
+        RecordingError: if there is none, or one that is not of a set of clips.
     """
     paths = find_recordings(places)
     bare = next((path for path in paths if not read_clips(path)), None)
@@ -139,15 +147,17 @@ def find_examples(places: Sequence[Path], pack: Path, workers: int = 1) -> Examp
 
 
 def load_windows(
-    path: Path, pack: Path, harm: RecordingTransform | None = None
+    path: Path, pack: Path, transform: RecordingTransform | None = None
 ) -> tuple[np.ndarray, np.ndarray]:
-    """The windows of the clips of a recording, made where they are not there yet."""
+    """Return the windows of a recording's clips, cut unless they are on disk."""
     with path.open("rb") as file:
         content = hashlib.file_digest(file, "sha256").hexdigest()
-    facts = f"{FORMAT} {content} {PipelineConfig()}" + (f" {harm}" if harm else "")
+    facts = f"{FORMAT} {content} {PipelineConfig()}" + (
+        f" {transform}" if transform else ""
+    )
     target = pack / f"{hashlib.sha256(facts.encode()).hexdigest()[:32]}.windows.npz"
     if not target.exists():
-        pressure, q = cut_clip_windows(path, harm)
+        pressure, q = cut_clip_windows(path, transform)
         with atomic_path(target) as part:
             np.savez(part, pressure=pressure, q=q)
     with np.load(target) as arrays:
@@ -155,15 +165,15 @@ def load_windows(
 
 
 def cut_clip_windows(
-    path: Path, harm: RecordingTransform | None = None
+    path: Path, transform: RecordingTransform | None = None
 ) -> tuple[
     Float[np.ndarray, "clip 100 taxel"],
     Float[np.ndarray, "clip 100 joint"],
 ]:
-    """Pressure [kPa] (float16) and joint positions [rad] in the clips of a recording.
+    """Return pressure [kPa] (float16) and joint positions [rad] of clips.
 
-    Counts go through the same calibration, faults and crosstalk as live. What is not
-    valid reads zero; where no reading came, the window shows the one before.
+    Counts go through the same calibration, faults and crosstalk as live. Invalid taxels
+    read zero; where no reading came, the window repeats the one before.
     """
     recording = read_recording(path)
     clips = read_clips(path)
@@ -172,7 +182,7 @@ def cut_clip_windows(
     q = np.zeros((len(clips), READINGS, joints), np.float32)
     starts = np.array([clip.start for clip in clips])
     begun = np.zeros(len(clips), dtype=bool)
-    for stamp, felt, positions in read_pressures(recording, harm):
+    for stamp, felt, positions in read_pressures(recording, transform):
         n = int(np.searchsorted(starts, stamp, "right")) - 1
         if n < 0 or stamp >= clips[n].end:
             continue
@@ -185,12 +195,14 @@ def cut_clip_windows(
 
 
 def read_pressures(
-    recording: Recording, harm: RecordingTransform | None = None
+    recording: Recording, transform: RecordingTransform | None = None
 ) -> Iterator[tuple[int, Float[np.ndarray, "taxel"], Float[np.ndarray, "joint"]]]:
-    """Stamp [ns], pressure [kPa] and joint positions [rad] of every reading."""
+    """Yield stamp [ns], pressure [kPa] and joint positions [rad] of every reading."""
     mounted = MountedSkin(recording.skin, load_recorded_robot(recording.robot_name))
     pipeline = TouchPipeline(mounted, recording.calibration)
-    for scan in harm.transform_scans(recording) if harm else recording.scans():
+    for scan in (
+        transform.transform_scans(recording) if transform else recording.scans()
+    ):
         reading, _ = pipeline.calibrate(scan)
         felt = np.where(reading.valid, reading.pressure, 0.0)
         yield reading.stamp, felt, reading.q

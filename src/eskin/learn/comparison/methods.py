@@ -1,4 +1,4 @@
-"""The methods that are compared."""
+"""This module defines the methods that are compared: each learns from clips."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable
@@ -19,7 +19,7 @@ from eskin.learn.baselines import (
     Pooling,
 )
 from eskin.learn.baselines.estimators import Estimator, GradientBoosting
-from eskin.learn.baselines.hand import compute_features, statistics
+from eskin.learn.baselines.hand import compute_features, compute_statistics
 from eskin.learn.comparison.encoders import ENCODERS, EncoderKind
 from eskin.learn.comparison.examples import Examples
 from eskin.learn.dataset import Dataset
@@ -30,52 +30,52 @@ from eskin.recording import NONE
 from eskin.skin import MountedSkin
 
 Predictor = Callable[[Examples], Float[np.ndarray, "clip class"]]
-"""Log-probabilities of the classes for each clip, in the order of the gestures that
-were learned."""
+"""Function that returns log-probabilities of the classes for each clip, in the order of
+the gestures that were learned."""
 
 
 class Method(ABC):
-    """Learns from clips of a skin."""
+    """A method learns from clips of a skin."""
 
     @abstractmethod
     def fit(self, examples: Examples, seed: int) -> Predictor:
         """Learn from clips; the same seed gives the same result.
 
         Args:
-            examples: to learn from.
-            seed: decides everything that is drawn.
+            examples: clips to learn from.
+            seed: seed of all random draws.
         """
 
 
 @final
 @dataclass(frozen=True)
 class TouchTrees(Method):
-    """Boosting on statistics of the touch that our recogniser answers for a clip.
+    """This method boosts trees on statistics of the touch that ours classifies.
 
     Readings, segmentation, contact graphs and their summary are the recogniser's own,
-    so that what is between the two is what the network is worth, with its augmentation
-    and with labels of every touch.
+    so that the difference between the two is the effect of the network, with its
+    augmentation and with labels of every touch.
     """
 
     estimator: Callable[[int], Estimator] = GradientBoosting(leaves=31)
-    """Makes the trees from a seed."""
+    """Function that builds the trees from a seed."""
 
     def fit(self, examples: Examples, seed: int) -> Predictor:
         """Learn from the touches of clips."""
         truth = examples.truth(examples.gestures)
         model = self.estimator(seed).fit(build_touch_rows(examples), truth)
 
-        def answers(other: Examples) -> Float[np.ndarray, "clip class"]:
+        def predict(other: Examples) -> Float[np.ndarray, "clip class"]:
             chances = model.predict_proba(build_touch_rows(other))
             return np.log(np.maximum(chances, 1e-12))
 
-        return answers
+        return predict
 
 
 def build_touch_rows(examples: Examples) -> Float[np.ndarray, "clip feature"]:
-    """Features of the touch of largest impulse of each clip, zeros without a touch."""
+    """Return features of each clip's touch of largest impulse, zeros without one."""
     dataset = examples.dataset(GraphConfig())
-    ends = list(find_last_rows(dataset, examples.every))
+    ends = list(find_last_rows(dataset, examples.clips))
     found = {end: compute_touch_features(dataset, end) for end in ends if end >= 0}
     width = max((len(row) for row in found.values()), default=0)
     nothing = np.zeros(width)
@@ -83,16 +83,16 @@ def build_touch_rows(examples: Examples) -> Float[np.ndarray, "clip feature"]:
 
 
 def compute_touch_features(dataset: Dataset, end: int) -> Float[np.ndarray, "feature"]:
-    """The hand-made features, and statistics and last row of our summary.
+    """Return the hand-made features of a touch, and its summary's statistics and end.
 
     Args:
-        dataset: where the touch is.
-        end: its last row.
+        dataset: data set that holds the touch.
+        end: last row of the touch.
     """
     rows = np.arange(dataset.starts[end], end + 1)
     series = compute_summary(dataset.graphs.select(rows), shear=False).T
     hand = compute_features(dataset, rows, shear=False)
-    return np.concatenate([hand, statistics(series), series[:, -1]])
+    return np.concatenate([hand, compute_statistics(series), series[:, -1]])
 
 
 AS_LARGE_AS_SHIPPED = NetworkConfig(width=32, layers=3, channels=48, dropout=0.1)
@@ -106,86 +106,87 @@ FOR_SMALL_SETS = TrainConfig(
     validation=0.0,
     network=AS_LARGE_AS_SHIPPED,
 )
-"""How the recogniser is trained on some 500 clips: to the end, no epoch is chosen."""
+"""Training of the recogniser on some 500 clips: to the end, without choosing an
+epoch."""
 SMALL = 500
-"""Clips; on more of them it takes as many more steps."""
+"""Number of clips beyond which training takes more steps, in proportion."""
 FIT_CONFIGS: dict[str, FitConfig] = {
     "cnn-lstm": FitConfig(epochs=80),
     "3d-cnn": FitConfig(rate=5e-3),
     "tactile-image": FitConfig(),
     "paper": FitConfig(epochs=10, batch=4, rate=5e-4, schedule="constant"),
 }
-"""How the networks among the baselines are trained: as did best of the settings tried
+"""Training of the networks among the baselines: the settings that did best
 (`benchmarks.tuning`); forty epochs of the paper's would take an hour."""
 
 
 @final
 @dataclass(frozen=True)
 class RecogniserMethod(Method):
-    """The recogniser, or one that lacks something."""
+    """This method trains the recogniser, or a variant that lacks something."""
 
     config: TrainConfig = FOR_SMALL_SETS
-    """How it is trained."""
+    """Settings of the training."""
 
     encoder: EncoderKind = "equivariant"
-    """What it makes of a contact graph."""
+    """Encoder of the contact graphs."""
 
     skins: int = 0
-    """Other, worn skins that it learns each clip of besides."""
+    """Number of aged skins that record each clip besides."""
 
     def fit(self, examples: Examples, seed: int) -> Predictor:
         """Learn from the touches of clips."""
         graph = self.config.graph_used
         dataset = examples.dataset(graph, self.skins)
         vocabulary = (NONE, *(name for name in examples.gestures if name != NONE))
-        more = max(1.0, len(examples.every) / SMALL)
+        more = max(1.0, len(examples.clips) / SMALL)
         config = replace(self.config, steps=round(more * self.config.steps))
         trainer = Trainer(dataset, vocabulary, config, seed=seed)
         trainer.network.encoder = ENCODERS[self.encoder](self.config.network)
         network = trainer.run(quiet=True)
         columns = [vocabulary.index(gesture) for gesture in examples.gestures]
-        shares = shares_of(examples.truth(examples.gestures))
+        shares = compute_class_shares(examples.truth(examples.gestures))
 
-        def answers(other: Examples) -> Float[np.ndarray, "clip class"]:
+        def predict(other: Examples) -> Float[np.ndarray, "clip class"]:
             found = predict_clips(network, other.dataset(graph), vocabulary)
             chances = found.log_probabilities[:, columns]
-            # Where `none` is no answer, nothing felt is the likeliest of the others.
+            # Where `none` is not a class, no touch means the most frequent other.
             nothing = np.isneginf(chances).all(axis=1, keepdims=True)
             return np.where(nothing, np.log(shares), chances)
 
-        return answers
+        return predict
 
 
 @final
 @dataclass(frozen=True)
 class BaselineMethod(Method):
-    """One of the baselines; see `eskin.learn.baselines`."""
+    """This method fits one of the baselines (see `eskin.learn.baselines`)."""
 
     make: Callable[[MountedSkin], Baseline]
-    """Makes it; prints as all of its settings, since results are kept by what a method
-    prints as."""
+    """Function that builds the baseline; its `repr` shows all settings, since results
+    are kept by the `repr` of a method."""
 
     def fit(self, examples: Examples, seed: int) -> Predictor:
         """Learn from all taxels in clips."""
         baseline = self.make(examples.mounted)
         baseline.fit(examples.windows, examples.truth(examples.gestures), seed)
 
-        def answers(other: Examples) -> Float[np.ndarray, "clip class"]:
+        def predict(other: Examples) -> Float[np.ndarray, "clip class"]:
             chances = [
-                baseline.on(mounted).predict_probabilities(windows)
+                baseline.move_to(mounted).predict_probabilities(windows)
                 for mounted, windows in other.find_windows_on(baseline.mounted)
             ]
             return np.log(np.maximum(np.concatenate(chances), 1e-12))
 
-        return answers
+        return predict
 
 
 def build_network_method(name: str, config: FitConfig) -> BaselineMethod:
-    """A baseline that is a network.
+    """Return the method of a baseline that is a network.
 
     Args:
-        name: one of `NETWORKS`.
-        config: how it is trained.
+        name: name in `NETWORKS`.
+        config: settings of the training.
     """
     if name == "paper":
         return build_paper_method(config)
@@ -195,18 +196,18 @@ def build_network_method(name: str, config: FitConfig) -> BaselineMethod:
 def build_paper_method(
     config: FitConfig, k: int = 8, pooling: Pooling = "max"
 ) -> BaselineMethod:
-    """The paper's network.
+    """Return the method of the paper's network.
 
     Args:
-        config: how it is trained.
-        k: neighbours of a taxel inside its patch.
-        pooling: over the nodes of a reading.
+        config: settings of the training.
+        k: number of neighbours of a taxel inside its patch.
+        pooling: pooling over the nodes of a reading.
     """
     return BaselineMethod(partial(PaperBaseline, config=config, k=k, pooling=pooling))
 
 
-def shares_of(truth: Int[np.ndarray, "clip"]) -> Float[np.ndarray, "class"]:
-    """How often each class occurs."""
+def compute_class_shares(truth: Int[np.ndarray, "clip"]) -> Float[np.ndarray, "class"]:
+    """Return how often each class occurs, as a share."""
     return np.bincount(truth) / len(truth)
 
 
@@ -216,7 +217,7 @@ METHODS: dict[str, Method] = {
     **{name: BaselineMethod(make) for name, make in BASELINES.items()},
     **{name: build_network_method(name, FIT_CONFIGS[name]) for name in NETWORKS},
 }
-"""By name; ours first."""
+"""Methods by name; ours is the first."""
 
 ABLATIONS: dict[str, Method] = {
     "without poses": RecogniserMethod(

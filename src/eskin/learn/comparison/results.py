@@ -1,4 +1,4 @@
-"""What methods answered, kept in files so that each is trained once only."""
+"""This module trains methods and keeps their answers in files, each once only."""
 
 import hashlib
 import json
@@ -22,71 +22,72 @@ from eskin.learn.holdout import hold_out
 from eskin.touch import PipelineConfig
 
 FORMAT = 2
-"""Of results; raised whenever a method is changed that its settings do not tell of."""
+"""Format of results, raised whenever a method changes in a way that its settings do not
+show."""
 
 
 @dataclass(frozen=True)
 class AnsweredClips:
-    """What a method answered to some clips."""
+    """Answered clips hold what a method answered to some clips."""
 
     truth: tuple[str, ...]
-    """What each was made for."""
+    """Gesture that each clip was generated for."""
 
     answer: tuple[str, ...]
-    """What was answered."""
+    """Gesture that was answered."""
 
     people: tuple[str, ...]
-    """Who made each."""
+    """Person of each clip."""
 
     @property
-    def right(self) -> Bool[np.ndarray, "clip"]:
-        """Which answers are right."""
+    def correct(self) -> Bool[np.ndarray, "clip"]:
+        """Return which answers are correct."""
         return np.array(self.truth) == np.array(self.answer)
 
 
 @dataclass(frozen=True)
 class MethodResult:
-    """What came of one method that learned once."""
+    """A method result holds the answers of a method that was trained once."""
 
     method: str
-    """Its name."""
+    """Name of the method."""
 
     seed: int
-    """That decided what was drawn."""
+    """Seed of its random draws."""
 
     seconds: float
     """Time that it took to learn and to answer [s]."""
 
     answered: Mapping[str, AnsweredClips]
-    """By the name of what was asked: `val`, and the tests."""
+    """Answers by the name of what was asked: `val`, and the tests."""
 
 
 @final
 @dataclass(frozen=True)
 class TrainingTask:
-    """One method to be trained once, and what it is asked then."""
+    """A training task trains a method once and asks it some tests."""
 
     name: str
-    """Of the method."""
+    """Name of the method."""
 
     method: Method
-    """That learns."""
+    """Method that learns."""
 
     train: Examples
-    """To learn from, but for what is held out to validate on."""
+    """Clips to learn from, apart from those held out for validation."""
 
     tests: Mapping[str, Examples]
-    """To answer, by name."""
+    """Clips to answer, by name."""
 
     seed: int
-    """Decides everything that is drawn."""
+    """Seed of all random draws."""
 
     share: float = 0.2
     """Share of the recordings held out."""
 
     @property
     def key(self) -> str:
-        """Names what decides the result, so that a file of that name is the result."""
+        """Return a name of all that decides the result: the name of its file."""
         tests = {name: each.digest for name, each in self.tests.items()}
         facts = f"{FORMAT} {PipelineConfig()} {self.method} {self.train.digest} "
         facts += f"{tests} {self.seed} {self.share}"
@@ -94,16 +95,16 @@ class TrainingTask:
         return f"{self.name}-{self.seed}-{short}"
 
     def is_done(self, folder: Path) -> bool:
-        """Whether there is a file of the result."""
-        return self.file(folder).exists()
+        """Tell whether there is a file of the result."""
+        return self.find_file(folder).exists()
 
-    def file(self, folder: Path) -> Path:
-        """Where the result is kept."""
+    def find_file(self, folder: Path) -> Path:
+        """Return the path of the result's file."""
         return folder / f"{self.key}.json"
 
-    def done(self, folder: Path) -> MethodResult:
-        """The result from its file, which is made where it is not there yet."""
-        path = self.file(folder)
+    def load_or_run(self, folder: Path) -> MethodResult:
+        """Return the result from its file, which is written if it is missing."""
+        path = self.find_file(folder)
         if path.exists():
             return read_result(path)
         result = self.run()
@@ -115,15 +116,15 @@ class TrainingTask:
         """Learn and answer."""
         started = time.monotonic()
         learned, held = split_examples(self.train, self.share)
-        answers = self.method.fit(learned, self.seed)
-        asked = {"val": held, **self.tests} if held.every else self.tests
+        predict = self.method.fit(learned, self.seed)
+        asked = {"val": held, **self.tests} if held.clips else self.tests
         answered = {}
         for name, examples in asked.items():
-            # Windows of many tests at once are more than memory holds.
-            said = answers(replace(examples)).argmax(axis=1)
+            # A copy keeps no windows: those of many tests do not fit in memory.
+            predicted = predict(replace(examples)).argmax(axis=1)
             answered[name] = AnsweredClips(
-                truth=tuple(clip.gesture for _, clip in examples.every),
-                answer=tuple(learned.gestures[n] for n in said.tolist()),
+                truth=tuple(clip.gesture for _, clip in examples.clips),
+                answer=tuple(learned.gestures[n] for n in predicted.tolist()),
                 people=examples.people,
             )
         seconds = round(time.monotonic() - started, 1)
@@ -136,16 +137,16 @@ def run_tasks(
     workers: int = 1,
     seconds: float = np.inf,
 ) -> list[MethodResult | None]:
-    """The results of tasks, in their order; what has a file is not done again.
+    """Return the results of tasks, in their order; what has a file is not run again.
 
     Args:
-        tasks: to do, in the order given.
-        folder: where results are kept.
-        workers: how many processes do them.
-        seconds: after how long no further task is begun [s].
+        tasks: tasks to run, in this order.
+        folder: folder that keeps results.
+        workers: number of processes.
+        seconds: time after which no further task is begun [s].
 
     Returns:
-        None in place of what was not begun any more.
+        The results, None for tasks that were not begun.
     """
     end = time.monotonic() + seconds
     jobs = (delayed(run_before)(task, folder, end) for task in tasks)
@@ -154,25 +155,25 @@ def run_tasks(
 
 
 def run_before(task: TrainingTask, folder: Path, end: float) -> MethodResult | None:
-    """The result of a task, if it can be begun before a time on this machine."""
+    """Return the result of a task, if it can begin before a time on this machine."""
     torch.set_num_threads(1)
     if not task.is_done(folder) and time.monotonic() > end:
         return None
-    return task.done(folder)
+    return task.load_or_run(folder)
 
 
 def split_examples(examples: Examples, share: float) -> tuple[Examples, Examples]:
-    """Whole sittings held out to validate on, the same ones for every method.
+    """Hold out whole sessions for validation, the same for every method.
 
     Returns:
-        What is learned from, and what is held out.
+        The examples to learn from, and those held out.
     """
     made: dict[int, set[str]] = {}
-    for n, clip in examples.every:
+    for n, clip in examples.clips:
         made.setdefault(n, set()).add(clip.gesture)
     rng = np.random.default_rng(0)
-    found = hold_out(examples.sittings, made, share, rng)
-    return examples.only(found.train), examples.only(found.held)
+    found = hold_out(examples.sessions, made, share, rng)
+    return examples.select(found.train), examples.select(found.held)
 
 
 def write_result(path: Path, result: MethodResult) -> None:
@@ -190,7 +191,7 @@ def read_result(path: Path) -> MethodResult:
     """Read a result from its file.
 
     Raises:
-        EskinError: if it is damaged.
+        EskinError: if the file is damaged.
     """
     try:
         return parse_result(path.read_text(encoding="utf-8"))
@@ -202,7 +203,7 @@ def read_result(path: Path) -> MethodResult:
 
 
 def parse_result(text: str) -> MethodResult:
-    """The result that a file holds."""
+    """Return the result that a text holds."""
     facts = json.loads(text)
     answered = {
         name: AnsweredClips(**{key: tuple(text.split()) for key, text in each.items()})

@@ -1,4 +1,4 @@
-"""Neighbours and pooling."""
+"""This module varies neighbours and pooling of the contact graph."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
@@ -37,19 +37,19 @@ StudyNetwork = Literal["eskin", "paper"]
 
 @dataclass(frozen=True)
 class Variant:
-    """A network with a number of neighbours and a way of pooling."""
+    """A variant is a network with a number of neighbours and a way of pooling."""
 
     network: StudyNetwork
-    """Whose."""
+    """Network that is varied."""
 
     k: int
-    """Neighbours of a taxel inside its patch."""
+    """Number of neighbours of a taxel inside its patch."""
 
     pool: Pooling
-    """Over the nodes of a reading."""
+    """Pooling over the nodes of a reading."""
 
-    def method(self, epochs: int) -> Method:
-        """What learns."""
+    def build_method(self, epochs: int) -> Method:
+        """Return the method that trains the variant."""
         if self.network == "paper":
             fit = replace(FIT_CONFIGS["paper"], epochs=epochs)
             return build_paper_method(fit, self.k, self.pool)
@@ -59,38 +59,38 @@ class Variant:
 
 @dataclass(frozen=True)
 class VariantRow(Variant):
-    """What a variant is worth."""
+    """A variant row sums up the results of one variant."""
 
     runs: int
-    """How often it was trained."""
+    """Number of times that it was trained."""
 
     val_accuracy: float | None
-    """Mean over these; None where nothing could be held out."""
+    """Mean accuracy on validation; None where nothing could be held out."""
 
     val_std: float
     """Standard deviation; 0 of a single run."""
 
     val_ahead: Lead | None
-    """How far the first variant of this network is ahead; None of itself, and where
+    """Lead of the first variant of this network; None for the first itself, and where
     nothing could be held out."""
 
     test_accuracy: float | None
-    """Mean over these; None where there is no test."""
+    """Mean accuracy on the test; None where there is no test."""
 
     test_std: float
     """Standard deviation; 0 of a single run."""
 
     test_ahead: Lead | None
-    """As on validation."""
+    """Lead of the first variant of this network on the test."""
 
 
 def build_study_rows(
     found: Mapping[Variant, Mapping[RunKey, MethodResult]],
 ) -> list[VariantRow]:
-    """What variants came to, where the first one of their network was trained as well.
+    """Return one row for each variant, on runs that the first of its network has too.
 
     Args:
-        found: results by what learned and by what from.
+        found: results by variant and by run.
     """
     firsts: dict[StudyNetwork, Variant] = {}
     rows = []
@@ -108,7 +108,7 @@ def build_study_row(
     results: Mapping[RunKey, MethodResult],
     first: Mapping[RunKey, MethodResult] | None,
 ) -> VariantRow:
-    """What a variant came to, held against the first one of its network if other."""
+    """Return the row of a variant, compared with the first of its network."""
     val, test = (
         compute_accuracies(list(results.values()), each) for each in ("val", "test")
     )
@@ -125,7 +125,7 @@ def build_study_row(
 
 
 def format_study(rows: Sequence[VariantRow]) -> str:
-    """The rows as a table."""
+    """Format the rows as a Markdown table."""
     lead = f"K {rows[0].k}, {rows[0].pool} ahead"
     heads = (
         "network",
@@ -154,11 +154,11 @@ def format_study(rows: Sequence[VariantRow]) -> str:
 
 
 COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9")
-"""Readable by colour-blind people (Okabe and Ito 2008)."""
+"""Colours that colour-blind people can tell apart (Okabe and Ito 2008)."""
 
 
 def draw_study(rows: Sequence[VariantRow], path: Path) -> None:
-    """Draw accuracy against neighbours, validation left and test right."""
+    """Draw accuracy against neighbours, on validation and on the test."""
     figure = Figure(figsize=(7.5, 3.7), dpi=120, layout="constrained")
     left, right = figure.subplots(1, 2, sharey=True)
     for n, (network, pool) in enumerate(
@@ -166,7 +166,7 @@ def draw_study(rows: Sequence[VariantRow], path: Path) -> None:
     ):
         chosen = [r for r in rows if (r.network, r.pool) == (network, pool)]
         colour, label = COLOURS[n % 5], f"{network}, {pool}"
-        # Beside each other, so that the spreads can be told apart.
+        # Points are shifted, so that their error bars do not overlap.
         k = [r.k * 1.05**n for r in chosen]
         points = ((r.val_accuracy, r.val_std) for r in chosen)
         plot_shares(left, k, points, colour, label)
@@ -191,7 +191,7 @@ def plot_shares(
     colour: str,
     label: str,
 ) -> None:
-    """Draw mean shares with their spreads, in percent; none where there is none."""
+    """Plot mean shares with their standard deviations, in percent."""
     y, spreads = 100 * np.array(list(points), float).T
     line = axes.errorbar(x, y, spreads, color=colour, marker="o", ms=4, capsize=3)
     line.set_label(label)

@@ -1,4 +1,4 @@
-"""Methods beside each other: means, spreads, and how far ours is ahead."""
+"""This module puts methods side by side: accuracies, spread, and the lead of ours."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -9,7 +9,7 @@ from eskin.learn.comparison.results import AnsweredClips, MethodResult
 from eskin.learn.metrics import bootstrap_difference, compute_group_accuracies
 
 RunKey = tuple[int, int]
-"""The draw of the data, and the seed."""
+"""Number of the draw of the data, and the seed."""
 
 LEGEND = (
     "Shares that are right, with the standard deviation over runs; ahead in points, "
@@ -19,78 +19,77 @@ LEGEND = (
 
 @dataclass(frozen=True)
 class Lead:
-    """By how much the first method is ahead on the clips that both answered."""
+    """A lead says how much more accurate the first method is on the same clips."""
 
     mean: float
-    """Share of clips."""
+    """Difference in accuracy."""
 
     low: float | None
-    """Lower end of its paired 95 % bootstrap interval; whole people are drawn, so there
-    is none where all clips are of one."""
+    """Lower end of its paired 95 % bootstrap interval from whole people, None where all
+    clips are of one."""
 
     high: float | None
-    """Upper end."""
+    """Upper end of the interval."""
 
 
 @dataclass(frozen=True)
 class ComparisonRow:
-    """One method on one test."""
+    """A comparison row sums up one method on one test."""
 
     name: str
-    """Of the method."""
+    """Name of the method."""
 
     test: str
-    """Of the test."""
+    """Name of the test."""
 
     runs: int
-    """How often it was trained."""
+    """Number of times that it was trained."""
 
     val_accuracy: float | None
-    """Mean over these; None where nothing could be held out."""
+    """Mean accuracy on validation; None where nothing could be held out."""
 
     val_people: int
-    """Who made what is validated on."""
+    """Number of people to validate on."""
 
     val_clips: int
-    """What is validated on, of all draws together."""
+    """Number of clips to validate on, of all draws together."""
 
     test_people: int
-    """Who made what is asked."""
+    """Number of people in the test."""
 
     test_clips: int
-    """What is asked, of all draws together."""
+    """Number of clips in the test, of all draws together."""
 
     test_accuracy: float
-    """Mean over these."""
+    """Mean accuracy on the test."""
 
     std: float
     """Standard deviation of the accuracy on the test; 0 of a single run."""
 
     val_std: float
-    """That of the accuracy on validation; 0 of a single run, or of none."""
+    """Standard deviation of the accuracy on validation; 0 of one run or none."""
 
     val_ahead: Lead | None
-    """The first method on validation; None where nothing could be held out, and of the
-    first itself."""
+    """Lead of the first method on validation; None for the first itself, and where
+    nothing could be held out."""
 
     test_ahead: Lead | None
-    """The first method on the test; None of the first itself."""
+    """Lead of the first method on the test; None for the first itself."""
 
     seconds: float
     """Mean time to learn and to answer [s]."""
 
     by_gesture: Mapping[str, float]
-    """Share of right answers on the test among all clips made for a gesture."""
+    """Accuracy on the test among the clips of each gesture."""
 
 
 def build_rows(
     found: Mapping[str, Mapping[RunKey, MethodResult]],
 ) -> list[ComparisonRow]:
-    """One row a method and test, the methods in the order given.
+    """Return one row for each method and test, the methods in the order given.
 
     Args:
-        found: results by method and by what they learned from; the first method is
-            the one that others are held against.
+        found: results by method and by run; others are compared with the first method.
     """
     first = next(iter(found.values()))
     tests = [n for n in next(iter(first.values())).answered if n != "val"]
@@ -107,7 +106,7 @@ def build_row(
     results: Mapping[RunKey, MethodResult],
     first: Mapping[RunKey, MethodResult],
 ) -> ComparisonRow:
-    """One method on one test."""
+    """Return the row of one method on one test."""
     places = sorted(results)
     accuracies = compute_accuracies([results[place] for place in places], test)
     validated = compute_accuracies(list(results.values()), "val")
@@ -138,13 +137,13 @@ def build_row(
 def count_people_and_clips(
     results: Mapping[RunKey, MethodResult], asked: str
 ) -> tuple[int, int]:
-    """How many people and clips answers are of, each draw counted once."""
+    """Return how many people and clips were asked, each draw counted once."""
     draws = {
         draw: r.answered[asked]
         for (draw, _), r in results.items()
         if asked in r.answered
     }
-    people = {(draw, who) for draw, each in draws.items() for who in each.people}
+    people = {(draw, person) for draw, each in draws.items() for person in each.people}
     return len(people), sum(len(each.people) for each in draws.values())
 
 
@@ -153,13 +152,13 @@ def compute_lead(
     first: Mapping[RunKey, MethodResult],
     asked: str,
 ) -> Lead:
-    """How far the first method is ahead of another on what both were asked."""
+    """Return the lead of the first method over another on what both were asked."""
     theirs, ours, people = [], [], []
     for draw, seed in sorted(results):
         answered = results[draw, seed].answered[asked]
-        theirs.append(answered.right)
-        ours.append(first[draw, seed].answered[asked].right)
-        people += [f"{draw} {who}" for who in answered.people]
+        theirs.append(answered.correct)
+        ours.append(first[draw, seed].answered[asked].correct)
+        people += [f"{draw} {person}" for person in answered.people]
     both = np.concatenate(ours), np.concatenate(theirs)
     mean = float(both[0].mean() - both[1].mean())
     if len(set(people)) == 1:
@@ -168,31 +167,31 @@ def compute_lead(
 
 
 def compute_gesture_accuracies(answered: Sequence[AnsweredClips]) -> dict[str, float]:
-    """Share of right answers among all clips of each gesture."""
-    right = np.concatenate([each.right for each in answered])
+    """Return the accuracy among all clips of each gesture."""
+    correct = np.concatenate([each.correct for each in answered])
     return compute_group_accuracies(
-        right, [gesture for each in answered for gesture in each.truth]
+        correct, [gesture for each in answered for gesture in each.truth]
     )
 
 
 def compute_accuracies(results: Sequence[MethodResult], asked: str) -> list[float]:
-    """Share of right answers of each run."""
+    """Return the accuracy of each run."""
     answered = [r.answered[asked] for r in results if asked in r.answered]
-    return [float(each.right.mean()) for each in answered]
+    return [float(each.correct.mean()) for each in answered]
 
 
 def compute_mean(shares: Sequence[float]) -> float | None:
-    """Their mean; None of none."""
+    """Return the mean; None without values."""
     return float(np.mean(shares)) if shares else None
 
 
 def compute_std(shares: Sequence[float]) -> float:
-    """Their standard deviation; 0 of fewer than two."""
+    """Return the standard deviation; 0 of fewer than two values."""
     return float(np.std(shares, ddof=1)) if len(shares) > 1 else 0.0
 
 
 def format_lead(ahead: Lead | None) -> str:
-    """How far ours is ahead, in points, for a table; empty for ours."""
+    """Format a lead in points for a table; empty for the first method."""
     if ahead is None:
         return ""
     points = f"{100 * ahead.mean:+.1f}"
@@ -202,7 +201,7 @@ def format_lead(ahead: Lead | None) -> str:
 
 
 def format_tables(rows: Sequence[ComparisonRow]) -> str:
-    """The rows as tables, one for each test, and what stands in them."""
+    """Format the rows as Markdown tables, one for each test, with captions."""
     tables, lead = [], f"{rows[0].name} ahead"
     for test in dict.fromkeys(row.test for row in rows):
         heads = ("method", "runs", "validation (SD)", lead, f"{test} (SD)", lead)
@@ -214,7 +213,7 @@ def format_tables(rows: Sequence[ComparisonRow]) -> str:
 
 
 def format_caption(first: ComparisonRow) -> str:
-    """Of whom the table is that begins with this row."""
+    """Describe the clips and people of a table by its first row."""
     asked = f"{first.test_clips} clips of {first.test_people} people asked"
     if first.val_clips:
         held = f"{first.val_clips} of {first.val_people} held out of the training"
@@ -223,7 +222,7 @@ def format_caption(first: ComparisonRow) -> str:
 
 
 def format_gesture_tables(rows: Sequence[ComparisonRow]) -> str:
-    """Shares of right answers by gesture as tables, one for each test."""
+    """Format accuracies by gesture as Markdown tables, one for each test."""
     tables = []
     for test in dict.fromkeys(row.test for row in rows):
         asked = [row for row in rows if row.test == test]
@@ -238,7 +237,7 @@ def format_gesture_tables(rows: Sequence[ComparisonRow]) -> str:
 
 
 def format_row(row: ComparisonRow) -> str:
-    """A row of a table."""
+    """Format a row of a table."""
     cells = (
         row.name,
         str(row.runs),
@@ -251,7 +250,7 @@ def format_row(row: ComparisonRow) -> str:
 
 
 def format_share(mean: float | None, std: float) -> str:
-    """A mean with its standard deviation where there is one, for a table."""
+    """Format a mean with its standard deviation, if there is one, for a table."""
     if mean is None:
         return ""
     return f"{mean:.1%} ({std:.1%})" if std > 0 else f"{mean:.1%}"

@@ -5,8 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from eskin.skin import MountedSkin
-from eskin.skin.surfaces import Surface, Tube, fit_surface
+from eskin.skin import MountedSkin, Surface, Tube, fit_surface
 
 TOLERANCE = 1e-4
 """Distance within which taxels belong to a surface [m]."""

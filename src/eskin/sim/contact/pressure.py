@@ -16,8 +16,7 @@ from eskin.sim.contact.kernels import (
     spread_to_neighbours,
 )
 from eskin.sim.contact.press import ContactPads, Press, SoftTissue
-from eskin.skin import Skin
-from eskin.skin.surfaces import Dome, Tube
+from eskin.skin import Dome, Skin, Tube
 
 KPA_PER_PA = 1e-3
 

@@ -8,8 +8,7 @@ from jaxtyping import Float, Int
 
 from eskin.sim.constants import MM, Constants
 from eskin.sim.contact.chart import Chart
-from eskin.skin import Skin
-from eskin.skin.surfaces import Tube
+from eskin.skin import Skin, Tube
 
 REGIONS = ("forearm", "upper_arm", "wrists")
 INNER, EDGE, SEAM = 0, 1, 2

@@ -200,7 +200,7 @@ class SensorBuild:
     """Exponent that its calibration supposes."""
     nominal_activation: float
     """Pressure that its calibration supposes to close a taxel [kPa]."""
-    compute_nominal_half: float
+    nominal_half: float
     """Pressure at which a nominal taxel reads half scale [kPa]."""
 
     def calibration(self, skin: Skin) -> Calibration:

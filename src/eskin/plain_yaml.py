@@ -1,0 +1,98 @@
+"""This module loads YAML files that hold plain data, within limits on their size."""
+
+from collections.abc import Hashable
+from typing import Annotated
+
+import yaml
+from pydantic import Field
+
+MAX_SHOWN = 40
+"""Number of characters of a value that messages show."""
+MAX_DEPTH = 20
+"""Largest depth of nested collections in a file."""
+# No spaces at the ends, no control characters, one line.
+NAME = r"^[^\s\p{Cc}]([^\p{Cc}\p{Zl}\p{Zp}]*[^\s\p{Cc}])?$"
+Name = Annotated[str, Field(pattern=NAME, max_length=200)]
+
+
+def load_plain_yaml(text: str) -> object:
+    """Load the data of a YAML text.
+
+    Raises:
+        ValueError: The text is no plain YAML. The message says where and why, in one
+            line that continues the name of the file.
+    """
+    try:
+        check_yaml_size(text)
+        return yaml.load(text, PlainLoader)  # noqa: S506  It is a SafeLoader.
+    except yaml.YAMLError as error:
+        raise ValueError(describe_yaml_error(error)) from None
+    except (OverflowError, ValueError) as error:  # An invalid character code.
+        raise ValueError(f": not plain YAML: {error}") from None
+
+
+class PlainLoader(yaml.SafeLoader):
+    """This loader reads plain data: only YAML's own tags, and no repeated keys."""
+
+    def construct_object(self, node: yaml.Node, deep: bool = False) -> object:
+        """Construct a value; raise a YAML error where it does not match its tag."""
+        try:
+            return super().construct_object(node, deep)
+        except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError):
+            raise yaml.MarkedYAMLError(
+                problem=f"{shorten(node.value)} is no {node.tag.rpartition(':')[2]}",
+                problem_mark=node.start_mark,
+            ) from None
+
+    def construct_mapping(
+        self, node: yaml.MappingNode, deep: bool = False
+    ) -> dict[Hashable, object]:
+        """Construct a mapping; raise where a key is repeated or not a scalar."""
+        seen = set()
+        for key, _ in node.value:
+            if not isinstance(key, yaml.ScalarNode):
+                raise yaml.MarkedYAMLError(
+                    problem="a key is not a word", problem_mark=key.start_mark
+                )
+            if key.value in seen:
+                raise yaml.MarkedYAMLError(
+                    problem=f"the key {shorten(key.value)} stands twice",
+                    problem_mark=key.start_mark,
+                )
+            seen.add(key.value)
+        return super().construct_mapping(node, deep)
+
+
+def check_yaml_size(text: str) -> None:
+    """Raise where a short text would take hours to read.
+
+    A few aliases can expand to billions of values, and the time to read nested
+    collections grows with the square of their depth.
+    """
+    depth = 0
+    for event in yaml.parse(text, yaml.SafeLoader):
+        depth += isinstance(event, yaml.CollectionStartEvent)
+        depth -= isinstance(event, yaml.CollectionEndEvent)
+        if isinstance(event, yaml.AliasEvent):
+            raise yaml.MarkedYAMLError(
+                problem="aliases are not allowed", problem_mark=event.start_mark
+            )
+        if depth > MAX_DEPTH:
+            raise yaml.MarkedYAMLError(
+                problem=f"more than {MAX_DEPTH} collections lie in each other",
+                problem_mark=event.start_mark,
+            )
+
+
+def describe_yaml_error(error: yaml.YAMLError) -> str:
+    """Describe where and why a YAML text is invalid, in one line."""
+    mark = getattr(error, "problem_mark", None)
+    where = f" line {mark.line + 1}, column {mark.column + 1}" if mark else ""
+    why = getattr(error, "problem", None) or str(error)
+    return f"{where}: not plain YAML: {' '.join(str(why).split())}"
+
+
+def shorten(value: object) -> str:
+    """Return the representation of a value, cut to a length for messages."""
+    text = repr(value)
+    return text if len(text) <= MAX_SHOWN else text[:MAX_SHOWN] + "..."
