@@ -18,9 +18,9 @@ def stamps(*rows):
     return ContactPads(
         centres=table[:, :2] * 1e-3,
         radii=table[:, 2:4] * 1e-3,
-        turns=np.zeros(len(table)),
+        angles=np.zeros(len(table)),
         area=table[:, 4] * 1e-6,
-        most=table[:, 5] * 1e-6,
+        max_area=table[:, 5] * 1e-6,
         stiffness=table[:, 6],
     )
 
@@ -62,7 +62,7 @@ def press(body, force, centre=(0.001, 0.002), angle=0.3, **flesh):
     return Press(
         chart=0,
         first=0,
-        stamps=body,
+        pads=body,
         flesh=replace(FLESH, **flesh),
         force=series,
         centre=np.tile(np.asarray(centre, dtype=float), (len(series), 1)),

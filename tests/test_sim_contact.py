@@ -245,8 +245,8 @@ def test_a_turned_press_gives_a_turned_field(turn):
 
 def test_the_other_hand_gives_the_mirrored_field():
     chart = replace(TUBE, unrolled=TUBE.unrolled - TUBE.unrolled.mean(axis=0))
-    turned = replace(FINGERS, turns=np.linspace(-0.4, 0.4, FINGERS.count))
-    other = replace(turned, centres=turned.centres * [-1.0, 1.0], turns=-turned.turns)
+    turned = replace(FINGERS, angles=np.linspace(-0.4, 0.4, FINGERS.count))
+    other = replace(turned, centres=turned.centres * [-1.0, 1.0], angles=-turned.angles)
     before = felt_field(press(turned, 20.0, (0.01, 0.003), 0.5), chart)
     after = felt_field(press(other, 20.0, (-0.01, 0.003), -0.5), chart)
     partner = nearest(chart.unrolled * [-1.0, 1.0], chart.unrolled)

@@ -30,14 +30,14 @@ def test_the_average_hand_is_the_published_table():
     np.testing.assert_allclose(hand.radii[tip], [0.008, 0.020])
     np.testing.assert_allclose(hand.area[tip], 90e-6)
     np.testing.assert_allclose(hand.centres[thenar], [0.030, 0.040])
-    np.testing.assert_allclose(hand.most[thenar], 2200e-6)
+    np.testing.assert_allclose(hand.max_area[thenar], 2200e-6)
 
 
 def test_a_hand_twice_as_large_is_twice_as_large():
     small, large = average(), average(2.0)
     np.testing.assert_allclose(large.centres, 2 * small.centres)
     np.testing.assert_allclose(large.radii, 2 * small.radii)
-    np.testing.assert_allclose(large.most, 4 * small.most)
+    np.testing.assert_allclose(large.max_area, 4 * small.max_area)
 
 
 def test_mirroring_twice_changes_nothing_and_once_changes_sides():
@@ -45,7 +45,7 @@ def test_mirroring_twice_changes_nothing_and_once_changes_sides():
     other = mirror_pads(hand)
     np.testing.assert_array_equal(other.centres[:, 0], -hand.centres[:, 0])
     np.testing.assert_array_equal(other.centres[:, 1], hand.centres[:, 1])
-    np.testing.assert_array_equal(other.turns, -hand.turns)
+    np.testing.assert_array_equal(other.angles, -hand.angles)
     np.testing.assert_array_equal(mirror_pads(other).centres, hand.centres)
 
 
@@ -53,7 +53,7 @@ def test_the_thumb_points_from_its_base_to_its_tip():
     hand = average()
     tip, base = HAND_PADS.index("thumb_tip"), HAND_PADS.index("thumb_base")
     way = hand.centres[tip] - hand.centres[base]
-    turn = hand.turns[tip]
+    turn = hand.angles[tip]
     np.testing.assert_allclose(
         way / np.linalg.norm(way), [-np.sin(turn), np.cos(turn)], atol=1e-12
     )

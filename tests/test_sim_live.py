@@ -413,7 +413,7 @@ def test_patches_of_a_skin_that_loses_nothing_are_silent_where_they_are_unplugge
         live = InteractiveSkin(seed=0, loses=loses)
         q = np.zeros(len(live.mounted.robot.joint_names))
         silent = np.ones((1, len(live.out)), dtype=bool)
-        live.sensor.losses.next = lambda silent=silent: silent
+        live.sensor.losses.draw_next = lambda silent=silent: silent
         heard.append(live.scan(1_000_000_000, q).received)
         live.unplug(live.mounted.skin.patches[0].id)
         first = live.mounted.skin.patch_index == 0

@@ -286,7 +286,7 @@ def test_a_clip_of_a_pair_can_be_made_again_alone(whole):
     row = rows_of(whole)["flat", 2]
     recording = read_recording(whole / row.file)
     arrays = recording.arrays()
-    inside = (row.start <= arrays.stamps) & (arrays.stamps < row.start + 2 * SECOND)
+    inside = (row.start <= arrays.pads) & (arrays.pads < row.start + 2 * SECOND)
     clip = remake_clip(row, small("flat"))
     assert clip.counts.tobytes() == arrays.counts[inside].tobytes()
     with pytest.raises(GenerationError, match="is of skin 'flat', the maker of 'bent'"):

@@ -138,7 +138,7 @@ def write_parts(
     rotations: Float[np.ndarray, "part 3 3"],
 ) -> str:
     """One ellipsoid for each part, of its radii where it touches, free to sink."""
-    across, along = press.stamps.radii.T
+    across, along = press.pads.radii.T
     sizes = np.column_stack([across, np.sqrt(across * along), across])
     turns = Rotation.from_matrix(rotations).as_quat(scalar_first=True)
     return "".join(
@@ -231,7 +231,7 @@ def instant(press: Press, step: int) -> Press:
 def sheet_about(press: Press, chart: Chart, constants: Constants) -> Sheet:
     """Points about the press's centre that hold all the body may touch, once."""
     deepest = constants.value("contact.deepest") * MM
-    reach = np.sqrt(2 * press.stamps.radii.max() * deepest)
+    reach = np.sqrt(2 * press.pads.radii.max() * deepest)
     offsets = compute_pad_offsets(press)[0]
     low, high = offsets.min(axis=0) - reach, offsets.max(axis=0) + reach
     beyond = max(high[0] - low[0] - chart.circumference, 0.0) / 2
@@ -252,7 +252,7 @@ def pressed(
     low, high = 0.0, constants.value("contact.deepest") * MM
     while load(pressures(press, scene, high), scene) < press.force[0]:
         high *= 2
-        if high > 2 * press.stamps.radii[:, 0].max():
+        if high > 2 * press.pads.radii[:, 0].max():
             raise ValueError(
                 "the parts sink in altogether before they carry "
                 f"{press.force[0]:.1f} N; take a larger or stiffer body, or less force"
@@ -275,7 +275,7 @@ def pressures(press: Press, scene: Scene, depth: float) -> Float[np.ndarray, "po
     p = k b / (2 pi R) (exp(m d) - 1), with R the mean radius of a part. Where two parts
     overlap the stiffer answer stands, as one body cannot press twice.
     """
-    stamps, flesh = press.stamps, press.flesh
+    stamps, flesh = press.pads, press.flesh
     stiff = (
         stamps.stiffness * flesh.b / (2 * np.pi * np.sqrt(stamps.radii.prod(axis=1)))
     )

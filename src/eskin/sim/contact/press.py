@@ -19,12 +19,12 @@ class ContactPads:
     """(x, y) in the body's plane, x a quarter turn clockwise from y [m]."""
     radii: Float[np.ndarray, "part 2"]
     """Radii of curvature across and along the part [m]."""
-    turns: Float[np.ndarray, "part"]
+    angles: Float[np.ndarray, "part"]
     """Angle of the part's long axis from y, counter-clockwise seen from outside the
     skin [rad]."""
     area: Float[np.ndarray, "part"]
     """Contact area on a flat at 1 N [m2]."""
-    most: Float[np.ndarray, "part"]
+    max_area: Float[np.ndarray, "part"]
     """Largest contact area [m2]."""
     stiffness: Float[np.ndarray, "part"]
     """Relative stiffness in sharing the load."""

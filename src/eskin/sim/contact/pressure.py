@@ -30,7 +30,7 @@ def compute_contact_ellipses(
     """Ellipses under a press, its true area of contact [m2] and its centroid [m]."""
     offsets = compute_pad_offsets(press)
     long = compute_long_axes(press)
-    curvatures = compute_relative_curvatures(press.stamps, chart, long)
+    curvatures = compute_relative_curvatures(press.pads, chart, long)
     centres = compute_pad_centres(press, chart, offsets)
     off = compute_pad_gaps(press.flesh, chart, offsets)
     off[chart.beyond(centres)] = constants.value("contact.off")
@@ -48,7 +48,7 @@ def compute_contact_ellipses(
 
 def compute_pad_offsets(press: Press) -> Points:
     """Where the parts lie about the press's centre, as arc lengths (s, t) [m]."""
-    from_middle = press.stamps.centres - press.stamps.centres.mean(axis=0)
+    from_middle = press.pads.centres - press.pads.centres.mean(axis=0)
     cos, sin = np.cos(press.angle)[:, None], np.sin(press.angle)[:, None]
     x, y = from_middle.T
     return np.stack([x * cos - y * sin, x * sin + y * cos], axis=2)
@@ -56,7 +56,7 @@ def compute_pad_offsets(press: Press) -> Points:
 
 def compute_long_axes(press: Press) -> Points:
     """Unit vectors (s, t) of the parts' long axes."""
-    turned = press.angle[:, None] + press.stamps.turns
+    turned = press.angle[:, None] + press.pads.angles
     return np.stack([-np.sin(turned), np.cos(turned)], axis=2)
 
 
@@ -86,7 +86,7 @@ def compute_pad_gaps(flesh: SoftTissue, chart: Chart, offsets: Points) -> Length
 def share_load(press: Press, gaps: Lengths, constants: Constants) -> Lengths:
     """Load of each part [N]; they sum to the force exactly."""
     return compute_loads(
-        *(press.force, gaps, press.stamps.stiffness, press.flesh.b, press.flesh.m),
+        *(press.force, gaps, press.pads.stiffness, press.flesh.b, press.flesh.m),
         constants.value("contact.deepest") * MM,
         int(constants.value("contact.halvings")),
     )
@@ -96,12 +96,12 @@ def compute_contact_areas(
     press: Press, curvatures: Points, loads: Lengths, constants: Constants
 ) -> Lengths:
     """Area of each ellipse [m2]: a power of its load, smaller on a rounder surface."""
-    stamps, flesh = press.stamps, press.flesh
+    stamps, flesh = press.pads, press.flesh
     grown = flesh.area_scale * stamps.area * loads**flesh.area_exponent
     flat = np.prod(1.0 / stamps.radii, axis=1)
     rounder = np.sqrt(flat / np.prod(curvatures, axis=2))
     exponent = constants.value("contact.curvature_exponent")
-    return np.minimum(stamps.most, grown) * rounder**exponent
+    return np.minimum(stamps.max_area, grown) * rounder**exponent
 
 
 def compute_pad_centres(press: Press, chart: Chart, offsets: Points) -> Points:

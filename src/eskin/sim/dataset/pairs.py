@@ -351,9 +351,9 @@ def draw_hook(
     (press,) = touch.presses
     stiff = replace(touch, presses=(replace(press, flesh=person.flesh),))
     fingers, back = press_both_sites(stiff, *sites, 1 / 2).presses
-    hand, behind = press.stamps, mirror_pads(press.stamps)
-    fingers = replace(fingers, stamps=select_pads(hand, HAND_PADS[:12]))
-    back = replace(back, stamps=select_pads(behind, HEADS + HEEL))
+    hand, behind = press.pads, mirror_pads(press.pads)
+    fingers = replace(fingers, pads=select_pads(hand, HAND_PADS[:12]))
+    back = replace(back, pads=select_pads(behind, HEADS + HEEL))
     return replace(touch, kind="hook", presses=(fingers, back))
 
 

@@ -158,7 +158,7 @@ class InteractiveSkin:
         scene = Scene(span.q, tuple(touches.values()))
         self.feel(scene, list(touches), stamp)
         counts = self.sensor.read(np.array([self.sensor.steps - 1.0]))[0]
-        silent = self.sensor.losses.next()[0] & self.loses
+        silent = self.sensor.losses.draw_next()[0] & self.loses
         received = ~(silent | self.out)
         received = received[self.mounted.skin.patch_index]
         counts[~received] = 0

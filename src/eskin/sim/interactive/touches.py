@@ -56,7 +56,7 @@ class MotionTrack:
         """
         self.steps, self.kept = steps, kept
         self.past: Poses | None = None
-        self.next = 0
+        self.next_step = 0
 
     def push(self, q: Float[np.ndarray, "joint"]) -> MotionSpan:
         """Move evenly to joint positions at the end of the next reading [rad]."""
@@ -70,8 +70,8 @@ class MotionTrack:
         )
         before = way[:0] if self.past is None else self.past
         self.past = np.concatenate([before, way])[-self.kept - self.steps :]
-        span = MotionSpan(self.next, self.steps, self.past)
-        self.next += self.steps
+        span = MotionSpan(self.next_step, self.steps, self.past)
+        self.next_step += self.steps
         return span
 
 
@@ -176,7 +176,7 @@ class DraggedTouch(InteractiveTouch):
         self.stiff = 1.0 / value("live.settles")
         self.most = value("live.speed")
         self.world, self.force = world, force
-        self.stamps, self.flesh = act.stamps(act.kind), act.flesh()
+        self.pads, self.flesh = act.pads(act.kind), act.flesh()
         self.turn = act.draw("hand.turn")
         self.chart, self.angle = act.site.chart, act.site.angle + self.turn
         self.centre = np.array(act.site.centre)
@@ -250,7 +250,7 @@ class DraggedTouch(InteractiveTouch):
         if centre is None:
             centre = np.tile(self.centre, (len(force), 1))
         angle = np.full(len(force), self.angle)
-        return Press(self.chart, 0, self.stamps, self.flesh, force, centre, angle)
+        return Press(self.chart, 0, self.pads, self.flesh, force, centre, angle)
 
 
 SLIDING_SHARE = 0.02

@@ -114,7 +114,7 @@ def compute_pad_angles(thumbs: Float[np.ndarray, "2 2"]) -> Float[np.ndarray, "p
 
 def mirror_pads(stamps: ContactPads) -> ContactPads:
     """The other hand."""
-    return replace(stamps, centres=stamps.centres * [-1.0, 1.0], turns=-stamps.turns)
+    return replace(stamps, centres=stamps.centres * [-1.0, 1.0], angles=-stamps.angles)
 
 
 def select_pads(stamps: ContactPads, names: tuple[str, ...]) -> ContactPads:
@@ -123,9 +123,9 @@ def select_pads(stamps: ContactPads, names: tuple[str, ...]) -> ContactPads:
     return ContactPads(
         stamps.centres[rows],
         stamps.radii[rows],
-        stamps.turns[rows],
+        stamps.angles[rows],
         stamps.area[rows],
-        stamps.most[rows],
+        stamps.max_area[rows],
         stamps.stiffness[rows],
     )
 
@@ -137,7 +137,7 @@ def splay_fingers(hand: ContactPads, angle: float) -> ContactPads:
         hand: all 20 parts.
         angle: between neighbouring fingers [rad]; negative closes them.
     """
-    centres, turns = hand.centres.copy(), hand.turns.copy()
+    centres, turns = hand.centres.copy(), hand.angles.copy()
     thumb_side = np.sign(centres[0, 0] - centres[3, 0])
     for finger in range(len(FINGERS)):
         rows = np.arange(finger, 12, len(FINGERS))
@@ -146,7 +146,7 @@ def splay_fingers(hand: ContactPads, angle: float) -> ContactPads:
         arms = (centres[rows] - root)[:, 1]
         centres[rows] = root + arms[:, None] * [-np.sin(turn), np.cos(turn)]
         turns[rows] += turn
-    return replace(hand, centres=centres, turns=turns)
+    return replace(hand, centres=centres, angles=turns)
 
 
 def build_body(name: str, constants: Constants) -> ContactPads:

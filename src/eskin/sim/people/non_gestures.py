@@ -35,7 +35,7 @@ def draw_resting_hand(act: GestureSample) -> tuple[Press, ...]:
     act.happens("began_before", act.constants.value("none.resting_hand.before"))
     steps = act.steps(act.draw("none.resting_hand.hold"))
     ramp = act.draw("none.resting_hand.ramp")
-    stamps = act.stamps(act.choose("none.resting_hand.kinds"))
+    stamps = act.pads(act.choose("none.resting_hand.kinds"))
     series = scale_to_peak(build_ramp(act, steps, ramp, ramp) * act.held(steps), force)
     lies_round = act.happens("round", act.constants.value("none.resting_hand.round"))
     flesh = draw_closed_tissue(act) if lies_round else act.flesh()
@@ -75,7 +75,7 @@ def draw_long_press(act: GestureSample) -> tuple[Press, ...]:
 def draw_single_push(act: GestureSample, style: str, force: float, steps: int) -> Press:
     """Parts of a hand that push once, where they are."""
     series = scale_to_peak(act.push(steps) * act.held(steps), force)
-    stamps, flesh = act.stamps(style), act.flesh()
+    stamps, flesh = act.pads(style), act.flesh()
     return act.press(stamps, flesh, series, act.wander(steps), act.turn())
 
 
@@ -113,7 +113,7 @@ def draw_guiding_hand(
     rate = act.draw("none.guiding.sway_rate")
     swaying = 1 + sway * draw_tremor(steps, act.step, rate, act.rng)
     shape = build_ramp(act, steps, *(act.draw("none.lean.ramp") for _ in range(2)))
-    stamps = act.stamps("full_hand")
+    stamps = act.pads("full_hand")
     path = act.wander(steps) + np.array([0.0, place])
     series = scale_to_peak(shape * swaying * act.held(steps), force)
     return act.press(
@@ -230,7 +230,7 @@ def draw_rub(act: GestureSample) -> tuple[Press, ...]:
     steps = act.steps(draw_duration(act, "rub", "stroke"))
     swing = draw_swing(act, steps, "unknown.rub")
     path = swing[:, None] * draw_stroke_direction(act) + act.wander(steps)
-    stamps = act.stamps(act.choose("stroke.kinds"))
+    stamps = act.pads(act.choose("stroke.kinds"))
     series = scale_to_peak(draw_sliding_force(act, steps), force)
     return (act.press(stamps, act.flesh(), series, path, act.turn()),)
 
@@ -253,7 +253,7 @@ def draw_tickle(act: GestureSample) -> tuple[Press, ...]:
     beats = 1 - depth * (1 + draw_tremor(steps, act.step, rate, act.rng)) / 2
     ramp = 2 * act.constants.value("force.smooth")
     series = scale_to_peak(build_ramp(act, steps, ramp, ramp) * beats, force)
-    stamps = act.stamps("tips")
+    stamps = act.pads("tips")
     return (act.press(stamps, act.flesh(), series, path, act.turn()),)
 
 

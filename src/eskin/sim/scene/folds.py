@@ -198,7 +198,7 @@ def mirror_press(
     return replace(
         press,
         chart=second.chart,
-        stamps=mirror_pads(press.stamps),
+        pads=mirror_pads(press.pads),
         force=share * press.force,
         centre=np.array(second.centre) + reflect_path(path, turn),
         angle=turn - press.angle,

@@ -113,17 +113,17 @@ class ReadingLosses:
         self.gone = np.zeros(patches, dtype=bool)
         self.has_begun = False
 
-    def all(self, readings: int) -> Lost:
+    def draw_all(self, readings: int) -> Lost:
         """Which of so many readings get lost, where there are no more than those."""
         chance = self.rng.random((readings + 1, self.patches))
         self.gone, self.has_begun = chance[-1] < self.share, True
         return self.lost(chance[:-1])
 
-    def next(self) -> Lost:
+    def draw_next(self) -> Lost:
         """Which patches are lost in the next reading of a stream without end.
 
-        The same law as of `all`, and the same draws but for the state before the first
-        reading, which `all` draws last.
+        The same law as of `draw_all`, and the same draws but for the state before the first
+        reading, which `draw_all` draws last.
         """
         if not self.has_begun:
             self.gone = self.rng.spawn(1)[0].random(self.patches) < self.share

@@ -238,7 +238,7 @@ def sense(
     for start in range(0, readings, NOISE_BLOCK):
         part = slice(start, start + NOISE_BLOCK)
         counts[part] = sensor.read(places[part])
-    received = ~sensor.losses.all(readings)[:, skin.patch_index]
+    received = ~sensor.losses.draw_all(readings)[:, skin.patch_index]
     counts[~received] = 0
     return counts, received
 
