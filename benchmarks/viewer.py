@@ -68,7 +68,7 @@ def main() -> None:
     """Measure and print."""
     command = tyro.cli(Command)
     player = TouchPlayer(Simulator("ur5"), 0)
-    maker = player.maker
+    maker = player.generator
     info = SourceInfo(
         "sim:ur5",
         maker.robot_name,

@@ -63,7 +63,7 @@ def press(body, force, centre=(0.001, 0.002), angle=0.3, **flesh):
         chart=0,
         first=0,
         pads=body,
-        flesh=replace(FLESH, **flesh),
+        tissue=replace(FLESH, **flesh),
         force=series,
         centre=np.tile(np.asarray(centre, dtype=float), (len(series), 1)),
         angle=np.full(len(series), float(angle)),

@@ -11,7 +11,7 @@ from eskin.sim.dataset.settings import GenerationSettings
 
 @pytest.mark.parametrize(("learned", "clips"), OF_581.items())
 def test_a_point_of_the_curve_learns_as_many_clips_as_it_says(learned, clips):
-    sittings = GenerationSettings("paper", clips=clips, subjects=6).sittings
+    sittings = GenerationSettings("paper", clips=clips, subjects=6).sessions
     train = [one.clips for one in sittings if one.file.startswith("train/")]
     assert sum(train) == learned and len(train) == 6
 

@@ -96,7 +96,7 @@ def test_cells_of_a_grid_meet_without_gap(ur5):
         for (p, r, c), i in key.items():
             if (j := key.get((p, r, c + 1))) is not None:
                 step = chart.unrolled[j] - chart.unrolled[i]
-                step[:1] = chart.wrapped(step[:1])
+                step[:1] = chart.wrap_s(step[:1])
                 assert np.allclose(step, chart.cells[i, 0] + chart.cells[j, 0])
 
 
@@ -125,10 +125,10 @@ def test_only_a_tube_comes_round():
     laid = [(grid, Plane(lift(1.0))), (grid, Tube(0.05, lift(0.0)))]
     plane, tube = build_charts(mounted(*laid))
     whole = 2 * np.pi * 0.05
-    assert tube.wrapped(np.array([0.6, -0.6]) * whole) == pytest.approx(
+    assert tube.wrap_s(np.array([0.6, -0.6]) * whole) == pytest.approx(
         np.array([-0.4, 0.4]) * whole
     )
-    assert plane.wrapped(np.array([3.0])) == pytest.approx([3.0])
+    assert plane.wrap_s(np.array([3.0])) == pytest.approx([3.0])
     assert np.isinf(plane.radius)
 
 
@@ -146,8 +146,8 @@ def test_a_surface_ends_a_rim_beyond_its_taxels_but_not_round_a_tube(ur5):
         s, t = (low + high) / 2
         ends = [high[1] + 0.009, low[1] - 0.009, high[1] + 0.011, low[1] - 0.011]
         places = np.array([[s, end] for end in ends])
-        assert chart.beyond(places).tolist() == [False, False, True, True]
-        (aside,) = chart.beyond(np.array([[high[0] + 0.011, t]]))
+        assert chart.is_beyond(places).tolist() == [False, False, True, True]
+        (aside,) = chart.is_beyond(np.array([[high[0] + 0.011, t]]))
         assert aside != isinstance(chart.surface, Tube)
     far = np.array([[9.0, 9.0]])
-    assert not any(chart.beyond(far).any() for chart in build_charts(ur5))
+    assert not any(chart.is_beyond(far).any() for chart in build_charts(ur5))

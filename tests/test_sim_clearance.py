@@ -65,7 +65,7 @@ def test_accepted_poses_keep_their_distance_by_points_on_the_surfaces():
 
 def test_a_clearance_is_never_too_large_and_seldom_much_too_small():
     T = world().poses(random_poses(60, seed=2))
-    told = world().solids.clearance(T, 10.0)[:, 0]
+    told = world().collision.compute_clearance(T, 10.0)[:, 0]
     found = np.maximum([sampled_gap(each) for each in T], 0.0)
     # Points on a surface miss the nearest ones by some tenths of their spacing.
     assert np.all(told <= found + 1e-4)
@@ -74,7 +74,7 @@ def test_a_clearance_is_never_too_large_and_seldom_much_too_small():
 
 def test_height_above_the_table_is_that_of_the_lowest_point():
     T = world().poses(random_poses(40, seed=3))
-    told = world().solids.clearance(T, 0.0)[:, 1]
+    told = world().collision.compute_clearance(T, 0.0)[:, 1]
     found = np.array([sampled_height(each) for each in T])
     assert np.all(told <= found + 1e-9)
     assert np.all(found - told < 2e-3)
@@ -82,8 +82,8 @@ def test_height_above_the_table_is_that_of_the_lowest_point():
 
 def test_what_is_far_need_not_be_measured_but_is_known_to_be_far():
     T = world().poses(random_poses(200, seed=4))
-    exact = world().solids.clearance(T, 10.0)[:, 0]
-    quick = world().solids.clearance(T, 0.02)[:, 0]
+    exact = world().collision.compute_clearance(T, 10.0)[:, 0]
+    quick = world().collision.compute_clearance(T, 0.02)[:, 0]
     near = exact < 0.02
     np.testing.assert_allclose(quick[near], exact[near], atol=5e-5)
     assert np.all(quick[~near] >= 0.02 - 1e-9)
@@ -92,8 +92,10 @@ def test_what_is_far_need_not_be_measured_but_is_known_to_be_far():
 def test_turning_the_base_changes_no_clearance():
     q = random_poses(100, seed=5)
     turned = q + np.random.default_rng(0).uniform(-3, 3, (100, 1)) * np.eye(6)[0]
-    solids = world().solids
-    one, other = (solids.clearance(world().poses(each), 0.05) for each in (q, turned))
+    solids = world().collision
+    one, other = (
+        solids.compute_clearance(world().poses(each), 0.05) for each in (q, turned)
+    )
     np.testing.assert_allclose(one, other, atol=5e-5)
     np.testing.assert_array_equal(
         are_poses_valid(world(), q), are_poses_valid(world(), turned)
@@ -113,7 +115,7 @@ def test_room_is_the_distance_to_all_other_links_and_the_table():
     T = world().poses(poses(1, seed=6))[0]
     forearm = ROBOT.link_index("forearm_link")
     points = np.random.default_rng(0).uniform([-1, -1, 0], 1, (200, 3))
-    told = world().solids.room(T, points, forearm)
+    told = world().collision.compute_free_distance(T, points, forearm)
     found = points[:, 2].copy()
     for name in sampled():
         if name != "forearm_link":

@@ -19,7 +19,7 @@ from sim_scenes import FULL_SCALE, StandIn
 START = 1_750_000_000_000_000_000
 MAKER = StandIn("square")
 SETTINGS = GenerationSettings("train", "square", clips=10, subjects=1)
-LEAD, PLAN, *_ = SETTINGS.plans(SETTINGS.sittings[0])
+LEAD, PLAN, *_ = SETTINGS.plan_clips(SETTINGS.sessions[0])
 CLIP = MAKER.make(PLAN)
 RNG = np.random.default_rng(1)
 TAXELS = 12

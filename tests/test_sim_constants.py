@@ -59,7 +59,7 @@ def test_a_constant_without_one_number_from_one_place_is_refused(entry):
 def test_draws_follow_their_law_and_stay_within_their_limits():
     rng = np.random.default_rng(0)
     drawn = np.array([CONSTANTS.draw("poke.force", rng) for _ in range(3000)])
-    law = CONSTANTS.entry("poke.force").spread
+    law = CONSTANTS.get_constant("poke.force").spread
     assert law.low <= drawn.min() and drawn.max() <= law.high
     assert np.median(drawn) == pytest.approx(law.median, rel=0.05)
     assert np.exp(np.log(drawn).std()) == pytest.approx(law.gsd, rel=0.1)

@@ -78,7 +78,7 @@ def test_force_that_misses_the_patch_is_lost():
 @pytest.mark.parametrize("conformity", [0.0, 0.75, 1.0])
 def test_parts_share_the_load_and_none_is_lost(conformity):
     touch = press(FINGERS, [0.0, 0.01, 1.0, 60.0, 500.0], conformity=conformity)
-    far = compute_pad_gaps(touch.flesh, TUBE, compute_pad_offsets(touch))
+    far = compute_pad_gaps(touch.tissue, TUBE, compute_pad_offsets(touch))
     loads = share_load(touch, far, CONSTANTS)
     assert loads.sum(axis=1) == pytest.approx(touch.force)
     assert np.all(loads >= 0.0)
@@ -88,7 +88,7 @@ def test_parts_on_a_flat_share_by_stiffness_alone():
     touch = press(FINGERS, 10.0)
     loads = share_load(
         touch,
-        compute_pad_gaps(touch.flesh, FLAT, compute_pad_offsets(touch)),
+        compute_pad_gaps(touch.tissue, FLAT, compute_pad_offsets(touch)),
         CONSTANTS,
     )
     share = FINGERS.stiffness / FINGERS.stiffness.sum()
@@ -97,9 +97,9 @@ def test_parts_on_a_flat_share_by_stiffness_alone():
 
 def test_parts_with_gaps_sink_by_one_depth():
     touch = press(FINGERS, 8.0, conformity=0.9, angle=1.2)
-    far = compute_pad_gaps(touch.flesh, TUBE, compute_pad_offsets(touch))
+    far = compute_pad_gaps(touch.tissue, TUBE, compute_pad_offsets(touch))
     loads = share_load(touch, far, CONSTANTS)[0]
-    b, m = touch.flesh.b, touch.flesh.m
+    b, m = touch.tissue.b, touch.tissue.m
     depth = np.linspace(0.0, 0.004, 400_001)
     law = b / m * (np.expm1(m * depth) - m * depth)
     sunk = np.interp(loads / FINGERS.stiffness, law, depth) + far[0]
@@ -148,13 +148,13 @@ def test_curvatures_add_where_the_part_crosses_the_tube():
     for angle, added in ((0.0, [1.0, 0.0]), (np.pi / 2, [0.0, 1.0])):
         touch = press(TIP, 1.0, angle=angle)
         dents, _, _ = compute_contact_ellipses(touch, TUBE, CONSTANTS)
-        total = compute_relative_curvatures(TIP, TUBE, dents.long)[0, 0]
+        total = compute_relative_curvatures(TIP, TUBE, dents.long_axes)[0, 0]
         assert total == pytest.approx(1 / TIP.radii[0] + np.array(added) / 0.0375)
 
 
 def test_an_ellipse_is_longer_where_the_body_is_flatter():
     dents, _, _ = compute_contact_ellipses(press(TIP, 1.0), FLAT, CONSTANTS)
-    across, along = dents.axes[0, 0]
+    across, along = dents.semi_axes[0, 0]
     assert along / across == pytest.approx(np.sqrt(20 / 8))
 
 
@@ -163,7 +163,7 @@ def test_parts_point_where_the_body_does():
     dents, _, _ = compute_contact_ellipses(press(row, 1.0, angle=0.7), FLAT, CONSTANTS)
     step = dents.centres[0, 1] - dents.centres[0, 0]
     assert step / 0.04 == pytest.approx([-np.sin(0.7), np.cos(0.7)])
-    assert dents.long[0] == pytest.approx(np.tile(step / 0.04, (2, 1)))
+    assert dents.long_axes[0] == pytest.approx(np.tile(step / 0.04, (2, 1)))
 
 
 def test_the_nearest_part_carries_all_where_none_is_near():
@@ -171,7 +171,7 @@ def test_the_nearest_part_carries_all_where_none_is_near():
     touch = press(row, 4.0, angle=0.0, conformity=0.0)
     loads = share_load(
         touch,
-        compute_pad_gaps(touch.flesh, TUBE, compute_pad_offsets(touch)),
+        compute_pad_gaps(touch.tissue, TUBE, compute_pad_offsets(touch)),
         CONSTANTS,
     )
     assert loads[0] == pytest.approx([0.0, 4.0, 0.0])

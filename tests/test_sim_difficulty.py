@@ -136,14 +136,14 @@ def test_the_most_confused_pairs_are_counted_both_ways():
 
 def test_a_tap_is_a_pat_alone_that_keeps_its_plan():
     settings = GenerationSettings("train", clips=5, subjects=1)
-    plan = settings.plans(settings.sittings[0])[1]
+    plan = settings.plan_clips(settings.sessions[0])[1]
     assert as_tap(plan) is plan
 
 
 def test_what_is_kept_of_clips_is_finite_and_small():
     settings = GenerationSettings("train", clips=5, subjects=1)
-    sitting = settings.sittings[0]
-    made = sitting_of(sitting, settings.plans(sitting), False)
+    sitting = settings.sessions[0]
+    made = sitting_of(sitting, settings.plan_clips(sitting), False)
     assert sorted(each.label for each in made) == sorted(
         ["poke", "double_pat", "grab", "stroke", "none"]
     )

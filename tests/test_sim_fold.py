@@ -127,7 +127,7 @@ def test_the_hand_moves_the_same_way_in_space_on_patches_that_lie_face_to_face()
     np.testing.assert_allclose(
         other.angle - second.angle, -(one.angle - first.angle), atol=1e-12
     )
-    np.testing.assert_allclose(other.stamps.centres[:, 0], -one.stamps.centres[:, 0])
+    np.testing.assert_allclose(other.pads.centres[:, 0], -one.pads.centres[:, 0])
 
 
 def test_a_share_outside_0_to_1_is_refused():
@@ -145,7 +145,9 @@ def test_self_contact_lies_where_another_link_is_within_three_millimetres():
         T = world().poses(q)
         for site in find_self_contact_sites(world(), q):
             point = axes(q, site)[0]
-            gap = world().solids.room(T, point[None], world().links[site.chart])
+            gap = world().collision.compute_free_distance(
+                T, point[None], world().links[site.chart]
+            )
             assert gap[0] < least
 
 
@@ -153,5 +155,5 @@ def test_links_that_touch_do_not_run_into_each_other():
     rng = np.random.default_rng(6)
     low = world().constants.array("fold.touching")[0] * MM
     q = np.array([draw_touching_pose(world(), EVERY, rng) for _ in range(30)])
-    gaps = world().solids.clearance(world().poses(q), 0.1)[:, 0]
+    gaps = world().collision.compute_clearance(world().poses(q), 0.1)[:, 0]
     assert np.all(gaps >= low - 5e-5)

@@ -96,7 +96,7 @@ def test_readings_get_lost_by_the_same_draws_but_for_the_first_state():
         for seed in (4, 4)
     )
     at_once = one.all(4000)
-    one_by_one = np.concatenate([two.next() for _ in range(4000)])
+    one_by_one = np.concatenate([two.advance() for _ in range(4000)])
     assert one_by_one.mean() == pytest.approx(0.2, abs=0.03)
     met = np.flatnonzero((at_once == one_by_one).all(axis=1))[0]
     np.testing.assert_array_equal(at_once[met:], one_by_one[met:])
@@ -250,7 +250,7 @@ def test_what_is_left_of_a_touch_fades():
     run(live, 60)
     assert live.hand.touching == ()
     assert forces(run(live, 5)).max() == 0.0
-    assert max(live.sensor.memory.crept.max(), 0.0) <= 1.0
+    assert max(live.sensor.state.creep.max(), 0.0) <= 1.0
 
 
 def ends_of(live):
@@ -412,7 +412,7 @@ def test_patches_of_a_skin_that_loses_nothing_are_silent_where_they_are_unplugge
     for loses in (True, False):
         live = InteractiveSkin(seed=0, loses=loses)
         q = np.zeros(len(live.mounted.robot.joint_names))
-        silent = np.ones((1, len(live.out)), dtype=bool)
+        silent = np.ones((1, len(live.unplugged)), dtype=bool)
         live.sensor.losses.draw_next = lambda silent=silent: silent
         heard.append(live.scan(1_000_000_000, q).received)
         live.unplug(live.mounted.skin.patches[0].id)

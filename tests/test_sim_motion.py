@@ -54,7 +54,7 @@ def test_a_motion_takes_its_pose_in_the_middle_and_lasts_as_long_as_asked():
 
 
 def test_joint_speeds_stay_within_their_laws_and_change_gradually():
-    fast = world().constants.entry("motion.speed").spread.high
+    fast = world().constants.get_constant("motion.speed").spread.high
     for _, series in motions(40):
         speed = np.diff(series, axis=0) / STEP
         assert 0.02 < np.abs(speed).max() <= fast + 1e-9
@@ -73,7 +73,7 @@ def test_no_skin_moves_much_faster_than_allowed():
 def test_motion_is_free_of_collisions_at_every_step():
     least = 1e-3
     for _, series in motions(25, seed=1):
-        gap, height = world().solids.clearance(world().poses(series), 0.02).T
+        gap, height = world().collision.compute_clearance(world().poses(series), 0.02).T
         assert gap.min() > least
         assert height.min() > least
 
@@ -109,7 +109,9 @@ def test_a_way_pauses_between_moves_and_keeps_free():
         moving = np.abs(np.diff(series, axis=0)).max(axis=1) > 1e-9
         assert 0.1 < moving.mean() < 0.98
         assert np.abs(np.diff(series, axis=0)).max() <= 0.8 * STEP + 1e-9
-        gap, height = world().solids.clearance(world().poses(series[::3]), 0.01).T
+        gap, height = (
+            world().collision.compute_clearance(world().poses(series[::3]), 0.01).T
+        )
         assert gap.min() > 1e-3 and height.min() > 1e-3
         paused = series[:-1][~moving]
         assert are_collision_free(world(), world().poses(paused[::50])).all()
@@ -202,7 +204,7 @@ def test_a_lag_keeps_force_and_parts():
     _, series = motions(1, seed=8)[0]
     press = replace(press_at(2, 40), force=np.linspace(0, 3, 40))
     moved = follow_late(press, world(), series, 0.2)
-    assert moved.force is press.force and moved.stamps is press.stamps
+    assert moved.force is press.force and moved.pads is press.pads
 
 
 def test_the_same_seed_moves_the_same_way():

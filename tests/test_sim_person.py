@@ -58,15 +58,15 @@ def test_scales_have_their_medians_and_spreads(people):
         drawn = column(people, name)
         assert np.median(drawn) == pytest.approx(median, rel=0.04)
         assert np.exp(np.log(drawn).std()) == pytest.approx(gsd, rel=0.03)
-    kappa = np.array([person.flesh.conformity for person in people])
+    kappa = np.array([person.tissue.conformity for person in people])
     assert kappa.min() >= 0.1 and kappa.max() <= 0.98
     assert kappa.mean() == pytest.approx(0.51, abs=0.02)
     assert kappa.std() == pytest.approx(0.2, abs=0.02)
 
 
 def test_flesh_is_in_newton_and_metre(people):
-    stiffness = np.median([person.flesh.b for person in people])
-    growth = np.median([person.flesh.m for person in people])
+    stiffness = np.median([person.tissue.b for person in people])
+    growth = np.median([person.tissue.m for person in people])
     assert stiffness == pytest.approx(190, rel=0.05)
     assert growth == pytest.approx(2100, rel=0.05)
 
@@ -93,7 +93,7 @@ def test_the_thumb_of_a_right_hand_lies_left_of_it_seen_from_outside(people):
     )
     for person in people[:100]:
         force, still = np.ones(1), np.zeros((1, 2))
-        press = Press(0, 0, person.hand, person.flesh, force, still, np.array([0.7]))
+        press = Press(0, 0, person.hand, person.tissue, force, still, np.array([0.7]))
         laid = tube.wrap(compute_pad_offsets(press)[0])
         across = laid.positions[thumb] - laid.positions[little]
         along = laid.positions[middle] - laid.positions[palm]
@@ -102,9 +102,9 @@ def test_the_thumb_of_a_right_hand_lies_left_of_it_seen_from_outside(people):
 
 
 def test_parts_are_picked_by_name(people):
-    assert people[0].part("tips").count == 4
+    assert people[0].select_pads("tips").count == 4
     with pytest.raises(ValueError, match="no parts 'tail'"):
-        people[0].part("tail")
+        people[0].select_pads("tail")
 
 
 def test_the_record_holds_every_number_and_nothing_else(people):
@@ -114,7 +114,7 @@ def test_the_record_holds_every_number_and_nothing_else(people):
         record["styles.poke.kinds.one_tip"]
         == (people[0].styles["poke.kinds"]["one_tip"])
     )
-    assert record["flesh.conformity"] == people[0].flesh.conformity
+    assert record["flesh.conformity"] == people[0].tissue.conformity
     assert {"stand.0", "stand.1", "fingers.3", "firmness.grab", "sex"} <= set(record)
     assert all(isinstance(value, float | str) for value in record.values())
 

@@ -42,7 +42,9 @@ def axes(q, site):
 def region_names(sites):
     region_of = {
         int(chart): REGIONS[region]
-        for chart, region in zip(world().spots.chart, world().spots.region, strict=True)
+        for chart, region in zip(
+            world().targets.chart, world().targets.region, strict=True
+        )
     }
     return np.array([region_of[site.chart] for site in sites])
 
@@ -75,12 +77,12 @@ def test_targets_lie_on_a_taxel_or_between_two_edges(gesture):
     for _, _, site in drawn(gesture):
         chart = world().charts[site.chart]
         away = chart.unrolled - np.array(site.centre)
-        away[:, 0] = chart.wrapped(away[:, 0])
+        away[:, 0] = chart.wrap_s(away[:, 0])
         # Half vectors of a cell are at right angles.
         shares = np.einsum("td,tad->ta", away, chart.cells)
         inside = np.abs(shares) <= np.sum(chart.cells**2, axis=2) * (1 + 1e-9)
         on_taxel = inside.all(axis=1).any()
-        rim = world().spots.rims[site.chart]
+        rim = world().targets.edges[site.chart]
         near = compute_edge_distance(chart, rim, np.array([site.centre]))[0]
         assert on_taxel or near <= gap / 2 + 2e-3
 
@@ -96,14 +98,14 @@ def test_grabs_and_strokes_take_place_on_the_two_long_tubes():
 
 def test_strokes_have_their_run():
     need = world().constants.value("place.stroke_run") * MM
-    runs = [site.clear[1] - site.clear[0] for _, _, site in drawn("stroke")]
+    runs = [site.free_run[1] - site.free_run[0] for _, _, site in drawn("stroke")]
     assert np.mean(np.array(runs) >= need) >= 0.98
 
 
 def test_a_run_shorter_than_that_is_no_room_for_a_stroke():
     short = world().constants.value("place.stroke_run") * MM * 0.9
     for q, _, site in drawn("stroke")[:20]:
-        cut = replace(site, clear=(-short, 0.0))
+        cut = replace(site, free_run=(-short, 0.0))
         T = world().poses(q)
         assert not has_room_for_hand(world(), cut, "stroke", T)
         assert has_room_for_hand(world(), cut, "poke", T) == has_room_for_hand(
@@ -112,7 +114,7 @@ def test_a_run_shorter_than_that_is_no_room_for_a_stroke():
 
 
 def test_only_grabs_and_strokes_are_kept_off_short_surfaces():
-    spots = world().spots
+    spots = world().targets
     for law in PLACEMENT_LAWS:
         rng = np.random.default_rng(2)
         views = [build_view(world(), q, person) for q, person, _ in drawn(law)[:60]]
@@ -125,7 +127,7 @@ def test_the_free_run_ends_on_skin():
     for gesture in PLACEMENT_LAWS:
         for _, _, site in drawn(gesture)[:60]:
             along = world().charts[site.chart].unrolled[:, 1]
-            low, high = site.clear
+            low, high = site.free_run
             assert site.centre[1] + low >= along.min() - 6e-3
             assert site.centre[1] + high <= along.max() + 6e-3
 
@@ -151,24 +153,24 @@ def test_targets_come_near_edges_and_on_seams_as_often_as_wanted():
 
 
 def near_edge(site):
-    chart, rim = world().charts[site.chart], world().spots.rims[site.chart]
+    chart, rim = world().charts[site.chart], world().targets.edges[site.chart]
     within = world().constants.value("place.edge_within") * MM
     return compute_edge_distance(chart, rim, np.array([site.centre]))[0] <= within
 
 
 def test_spots_cover_the_whole_skin_once():
-    spots = world().spots
+    spots = world().targets
     covered = spots.areas[spots.kind != SEAM].sum()
     assert covered == pytest.approx(world().mounted.skin.areas.sum(), rel=1e-6)
     assert {INNER, EDGE, SEAM} == set(spots.kind.tolist())
 
 
 def test_seams_lie_between_edges_of_patches():
-    spots = world().spots
+    spots = world().targets
     for chart in np.unique(spots.chart[spots.kind == SEAM]):
         chosen = (spots.kind == SEAM) & (spots.chart == chart)
         here = world().charts[chart]
-        away = compute_edge_distance(here, spots.rims[chart], spots.unrolled[chosen])
+        away = compute_edge_distance(here, spots.edges[chart], spots.unrolled[chosen])
         widest = world().constants.value("place.seam_gap") * MM
         assert away.max() <= widest / 2 + 1e-6
 

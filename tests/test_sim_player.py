@@ -21,7 +21,9 @@ def simulator():
 
 
 def played(maker, count, seed=0):
-    return list(itertools.islice(TouchPlayer(maker, seed, start=5).moments(), count))
+    return list(
+        itertools.islice(TouchPlayer(maker, seed, start=5).sampled_scans(), count)
+    )
 
 
 def test_stamps_are_those_of_one_stream():

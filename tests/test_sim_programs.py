@@ -52,7 +52,7 @@ def test_the_same_seed_does_the_same(people, gesture, kind):
         for a, b in zip(first.presses, second.presses, strict=True):
             assert a.force.tobytes() == b.force.tobytes()
             assert a.centre.tobytes() == b.centre.tobytes()
-            assert a.stamps.centres.tobytes() == b.stamps.centres.tobytes()
+            assert a.pads.centres.tobytes() == b.pads.centres.tobytes()
 
 
 def count_peaks(force, share):
@@ -119,7 +119,7 @@ def test_no_grab_is_firmer_than_the_person_can_and_wider_tubes_take_strength(peo
 def test_grabs_wrap_and_lie_across_the_tube(people):
     for touch in many(people[:300], "grab", None, 1.5):
         press = touch.presses[0]
-        assert press.flesh.conformity >= 0.95
+        assert press.tissue.conformity >= 0.95
         assert abs(np.cos(press.angle[0])) <= np.sin(np.deg2rad(17.3))
         assert np.sin(press.angle[0]) > 0
 
@@ -136,8 +136,8 @@ def test_a_stroke_passes_its_target_within_its_room_at_a_hands_speed(people):
         drawn, press = touch.drawn, touch.presses[0]
         slip = 8 * drawn["hand.wander"]
         away = press.centre - SITE.centre
-        assert away[:, 1].min() >= SITE.clear[0] - slip
-        assert away[:, 1].max() <= SITE.clear[1] + slip
+        assert away[:, 1].min() >= SITE.free_run[0] - slip
+        assert away[:, 1].max() <= SITE.free_run[1] + slip
         assert np.ptp(away[:, 0]) <= np.pi * SITE.radius + 2 * slip
         assert np.linalg.norm(away, axis=1).min() <= slip + drawn["length"] / 4
         speeds.append(drawn["speed"])

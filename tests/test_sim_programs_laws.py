@@ -160,10 +160,10 @@ def test_kinds_of_nothing_come_as_often_as_they_should():
 def test_a_finger_that_presses_longer_than_any_poke_is_no_gesture():
     longest = durations(many("poke", difficulty=1.5, regime="cost")).max()
     presses = many("none", "press", 1.5, "paper")
-    fingers = [each for each in presses if len(each.presses[0].stamps.centres) <= 2]
+    fingers = [each for each in presses if len(each.presses[0].pads.centres) <= 2]
     assert longest <= 0.8 + STEP < durations(fingers).min()
 
 
 def test_a_single_pat_is_of_more_than_two_fingers():
     for touch in many("none", "single_pat", 1.5, "paper"):
-        assert len(touch.presses[0].stamps.centres) > 2
+        assert len(touch.presses[0].pads.centres) > 2

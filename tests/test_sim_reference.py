@@ -47,7 +47,7 @@ def test_a_part_is_as_deep_in_the_surface_as_it_was_pushed(name):
 def test_a_part_on_a_flat_carries_what_its_law_says():
     touch = press(TIP, 1.0)
     scene = scene_of(touch, FLAT)
-    b, m = touch.flesh.b, touch.flesh.m
+    b, m = touch.tissue.b, touch.tissue.m
     # The law is of a paraboloid, from which an ellipsoid departs as it sinks.
     for depth in (0.0002, 0.0004, 0.0006):
         law = b / m * (np.expm1(m * depth) - m * depth)

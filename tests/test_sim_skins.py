@@ -37,7 +37,7 @@ def simulator(skin):
 def plans():
     """Some clips of each class."""
     settings = GenerationSettings("test-p", clips=60)
-    found = [p for each in settings.sittings for p in settings.plans(each)[1:]]
+    found = [p for each in settings.sessions for p in settings.plan_clips(each)[1:]]
     kinds = {"none": "press"}
     return [replace(plan, kind=kinds.get(str(plan.gesture))) for plan in found]
 
@@ -79,8 +79,8 @@ def test_people_poses_and_sensors_of_a_set_are_the_same_on_every_skin():
     for skins in (ARMS, DRUMS):
         one, *others = (GenerationSettings("val", skin, clips=20) for skin in skins)
         for other in others:
-            for sitting in one.sittings:
-                assert one.plans(sitting) == other.plans(sitting)
+            for sitting in one.sessions:
+                assert one.plan_clips(sitting) == other.plan_clips(sitting)
 
 
 @pytest.mark.parametrize("skin", SKINS)

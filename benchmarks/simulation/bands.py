@@ -99,7 +99,7 @@ def site_on(forearm: Forearm, rng: np.random.Generator) -> ContactSite:
         chart=forearm.index,
         centre=(float(around), float(along)),
         radius=chart.radius,
-        clear=(float(low - along), float(high - along)),
+        free_run=(float(low - along), float(high - along)),
         angle=float(rng.uniform(-np.pi, np.pi)),
     )
 
@@ -183,7 +183,7 @@ def pressed(
     force = np.zeros(steps)
     for part in parts:
         force[part.span] += part.felt.force
-    law = constants.entry("film.sigma").spread
+    law = constants.get_constant("film.sigma").spread
     sigma = 1e-3 * (law.low + law.high) / 2 if law else 0.0
     pressure, taxels = sum_pressure(parts, steps, skin.count)
     share = compute_leak_share(sigma, skin.areas)
@@ -328,7 +328,7 @@ def lag_ratios(
 ) -> list[float]:
     """Lags of the column that is pressed most, by pitch / speed; writes the lags."""
     column = chart.unrolled[pressure.max(axis=0).argmax(), 0]
-    same = np.abs(chart.wrapped(chart.unrolled[:, 0] - column)) < 1e-4
+    same = np.abs(chart.wrap_s(chart.unrolled[:, 0] - column)) < 1e-4
     peak = pressure[:, same].max(axis=0)
     order = np.argsort(chart.unrolled[same, 1])
     when = middles(pressure[:, same])[order]

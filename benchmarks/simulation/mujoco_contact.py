@@ -169,7 +169,7 @@ def poses(
     bent, straight = (
         compute_pad_offsets(press)[0] * part @ axes for part in (bends, ~bends)
     )
-    curvature = press.flesh.conformity / chart.radius
+    curvature = press.tissue.conformity / chart.radius
     turns = Rotation.from_rotvec(np.cross(normal, bent) * curvature).as_matrix()
     normals = turns @ normal
     arc = (normals - normal) / curvature if curvature > 0.0 else bent
@@ -275,7 +275,7 @@ def pressures(press: Press, scene: Scene, depth: float) -> Float[np.ndarray, "po
     p = k b / (2 pi R) (exp(m d) - 1), with R the mean radius of a part. Where two parts
     overlap the stiffer answer stands, as one body cannot press twice.
     """
-    stamps, flesh = press.pads, press.flesh
+    stamps, flesh = press.pads, press.tissue
     stiff = (
         stamps.stiffness * flesh.b / (2 * np.pi * np.sqrt(stamps.radii.prod(axis=1)))
     )
@@ -299,7 +299,7 @@ def on_taxels(
     """Taxels of the chart under a sheet, and their mean pressures [kPa]."""
     away = chart.unrolled - sheet.centre
     middle = sheet.s.mean()
-    away[:, 0] = chart.wrapped(away[:, 0] - middle) + middle
+    away[:, 0] = chart.wrap_s(away[:, 0] - middle) + middle
     first, last = (np.array([sheet.s[end], sheet.t[end]]) for end in (0, -1))
     under = np.flatnonzero(np.all((away >= first) & (away <= last), axis=1))
     places = (np.arange(SIDE) + 0.5) * 2 / SIDE - 1

@@ -108,7 +108,7 @@ def average_tip(constants: Constants) -> tuple[ContactPads, SoftTissue]:
 
 def middle(name: str, constants: Constants) -> float:
     """Median of a constant that is drawn."""
-    law = constants.entry(name).spread
+    law = constants.get_constant(name).spread
     return float((law.median or law.mean or 0.0) if law else 0.0)
 
 
@@ -181,10 +181,12 @@ def balance(
     patch = np.bincount(mounted.skin.patch_index[chart.taxels]).argmax()
     inside = chart.unrolled[mounted.skin.patch_index[chart.taxels] == patch]
     places = inside[0] + np.column_stack(
-        [chart.wrapped(inside[:, 0] - inside[0, 0]), inside[:, 1] - inside[0, 1]]
+        [chart.wrap_s(inside[:, 0] - inside[0, 0]), inside[:, 1] - inside[0, 1]]
     )
     centre = places.mean(axis=0) + rng.uniform(-0.004, 0.004, 2)
-    press = held(person.part(group), person.flesh, [force], (centre[0], centre[1]), 0.0)
+    press = held(
+        person.select_pads(group), person.tissue, [force], (centre[0], centre[1]), 0.0
+    )
     felt = compute_pressure_field(press, chart, constants)
     return float(felt.pressure[0] @ mounted.skin.areas[felt.taxels] * 1e3 / force)
 
@@ -194,9 +196,9 @@ def grab_area(
 ) -> float:
     """True contact area of a full-hand grab of 60 N [cm2]."""
     flesh = SoftTissue(
-        **vars(person.flesh) | {"conformity": constants.draw("grab.conformity", rng)}
+        **vars(person.tissue) | {"conformity": constants.draw("grab.conformity", rng)}
     )
-    stamps = person.part("full_hand", constants.draw("grab.splay", rng))
+    stamps = person.select_pads("full_hand", constants.draw("grab.splay", rng))
     middle_of = chart.unrolled.mean(axis=0)
     centre = (float(middle_of[0]), float(middle_of[1]))
     press = held(stamps, flesh, [60.0], centre, np.pi / 2)

@@ -159,7 +159,7 @@ def draw_press(
         chart=0,
         centre=(rng.uniform(-0.01, 0.01), rng.uniform(-0.01, 0.01)),
         radius=chart.radius,
-        clear=(-room, room),
+        free_run=(-room, room),
         angle=rng.uniform(-np.pi, np.pi),
     )
     person = draw_person("somebody", constants, rng)
@@ -169,7 +169,7 @@ def draw_press(
 
 def body_of(press: Press) -> str:
     """Which parts of a hand touch."""
-    across, along = press.stamps.radii.max(axis=0)
+    across, along = press.pads.radii.max(axis=0)
     if across > 0.013:
         return "hand with palm"
     return "fingertips" if along < 0.025 else "fingers"

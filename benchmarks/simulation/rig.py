@@ -159,7 +159,7 @@ def rig_site(rng: np.random.Generator) -> ContactSite:
         chart=0,
         centre=(float(s), float(t)),
         radius=RADIUS,
-        clear=(-2.5 * PITCH, 2.5 * PITCH),
+        free_run=(-2.5 * PITCH, 2.5 * PITCH),
         angle=0.0,
     )
 

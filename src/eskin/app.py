@@ -259,7 +259,7 @@ def open_simulation(skin: str, config: SourceConfig, clock: Clock) -> Source:
     from eskin.sim.interactive.player import TouchPlayer
 
     player = TouchPlayer(Simulator(skin), config.seed)
-    maker = player.maker
+    maker = player.generator
     info = SourceInfo(
         uri=f"sim:{skin}",
         robot_name=maker.robot_name,

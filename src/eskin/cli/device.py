@@ -141,7 +141,7 @@ def load_played(
         player = TouchPlayer(Simulator(command.skin), command.seed)
         print("a person who touches the skin is simulated", flush=True)
         scans = player.scans()
-        calibration = player.maker.calibration(player.build)
+        calibration = player.generator.calibration(player.build)
         return chain([next(scans)], scans), player.rate, calibration
     recording = read_recording(command.play)
     if recording.skin.patches != skin.patches or recording.skin.count != skin.count:

@@ -41,10 +41,10 @@ class Command:
     """Source of the patches: serial:PATH (one or several) or udp://HOST:PORT."""
 
     skin: str | None = None
-    """With --source, skin of the patches: a preset's name or a skin's folder."""
+    """Skin of the patches given by --source: a preset's name or a skin's folder."""
 
     robot_urdf: str | None = None
-    """With --source, robot that the skin is mounted on; preset skins have their own."""
+    """Robot that this skin is mounted on; preset skins have their own."""
 
 
 @dataclass(frozen=True)

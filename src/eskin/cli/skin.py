@@ -227,13 +227,13 @@ class CheckCommand:
     """Ask for three presses on each patch and check how each patch is wired."""
 
     source: tuple[str, ...] = ()
-    """With --live, address of the patches: serial:PATH or udp://HOST:PORT."""
+    """Address of the patches for --live: serial:PATH or udp://HOST:PORT."""
 
     calibration: Path | None = None
-    """With --live, calibration file of the electronics, as for eskin run."""
+    """Calibration file of the electronics for --live, as for eskin run."""
 
     wait: float = 30.0
-    """With --live, longest time to wait for each press [s]."""
+    """Longest time to wait for each press of --live [s]."""
 
 
 def run_check(command: CheckCommand) -> dict[str, object]:

@@ -39,7 +39,7 @@ class Distribution(StrictModel):
     high: float = np.inf
 
     @model_validator(mode="after")
-    def complete(self) -> "Distribution":
+    def check_parameters(self) -> "Distribution":
         """Refuse a law that lacks its parameters."""
         needed = {
             "normal": (self.mean, self.sd),
@@ -66,7 +66,7 @@ class Constant(StrictModel):
     note: str = ""
 
     @model_validator(mode="after")
-    def one_of_each(self) -> "Constant":
+    def check_one_number(self) -> "Constant":
         """Refuse what is not exactly one kind of number from one kind of place."""
         kinds = (self.value, self.spread, self.weights)
         if sum(kind is not None for kind in kinds) != 1:
@@ -95,7 +95,7 @@ class Constants:
     factors: dict[str, float]
     """What single constants are multiplied by, as in a sensitivity sweep."""
 
-    def entry(self, name: str) -> Constant:
+    def get_constant(self, name: str) -> Constant:
         """One constant.
 
         Raises:
@@ -107,21 +107,21 @@ class Constants:
 
     def value(self, name: str) -> float:
         """A constant that is one number."""
-        number = self.entry(name).value
+        number = self.get_constant(name).value
         if not isinstance(number, float | int):
             raise ValueError(f"constant '{name}' is not one number; draw or list it")
         return float(number) * self.factors.get(name, 1.0)
 
     def array(self, name: str) -> Float[np.ndarray, "item"]:
         """A constant that is a list of numbers."""
-        numbers = self.entry(name).value
+        numbers = self.get_constant(name).value
         if not isinstance(numbers, list):
             raise ValueError(f"constant '{name}' is not a list of numbers")
         return np.array(numbers, dtype=np.float64) * self.factors.get(name, 1.0)
 
     def weights(self, name: str) -> dict[str, float]:
         """A constant that is a set of weights, summing to 1."""
-        weights = self.entry(name).weights
+        weights = self.get_constant(name).weights
         if weights is None:
             raise ValueError(f"constant '{name}' has no weights")
         total = sum(weights.values())
@@ -136,7 +136,7 @@ class Constants:
             widen: factor on the spread: on the deviation of a normal law, on the
                 logarithm of a lognormal one; a uniform law does not widen.
         """
-        spread = self.entry(name).spread
+        spread = self.get_constant(name).spread
         if spread is None:
             raise ValueError(f"constant '{name}' is not drawn; take its value")
         number = draw_within(spread, rng, widen)
@@ -154,7 +154,7 @@ class Constants:
             ValueError: a name is unknown.
         """
         for name in factors:
-            self.entry(name)
+            self.get_constant(name)
         return Constants(self.entries, self.sources, self.factors | factors)
 
 

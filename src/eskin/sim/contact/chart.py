@@ -38,7 +38,7 @@ class Chart:
         """Length after which s comes round again [m]; infinite but on a tube."""
         return compute_circumference(self.surface)
 
-    def beyond(
+    def is_beyond(
         self, unrolled: Float[np.ndarray, "*batch 2"]
     ) -> Bool[np.ndarray, "*batch"]:
         """Whether points (s, t) [m] lie off the ends of the surface."""
@@ -50,7 +50,7 @@ class Chart:
         # Round a tube there is no end.
         return off[..., 1] if isinstance(self.surface, Tube) else off.any(axis=-1)
 
-    def wrapped(self, s: Float[np.ndarray, "*any"]) -> Float[np.ndarray, "*any"]:
+    def wrap_s(self, s: Float[np.ndarray, "*any"]) -> Float[np.ndarray, "*any"]:
         """Differences of s, the shorter way round [m]."""
         return wrap_difference(s, self.circumference)
 

@@ -15,9 +15,9 @@ class TaxelGeometry(NamedTuple):
     """Unrolled (taxel, 2) [m]."""
     cells: np.ndarray
     """Half vectors of the sensing part (taxel, 2, 2) [m]."""
-    whole: float
+    circumference: float
     """Length after which s comes round again; infinite but on a tube [m]."""
-    dome: float
+    dome_radius: float
     """Radius of the dome; infinite on what rolls flat [m]."""
 
 
@@ -26,11 +26,11 @@ class ContactEllipses(NamedTuple):
 
     centres: np.ndarray
     """Unrolled (time, part, 2) [m]."""
-    long: np.ndarray
+    long_axes: np.ndarray
     """Unit vector of the long axis, unrolled (time, part, 2)."""
-    axes: np.ndarray
+    semi_axes: np.ndarray
     """Semi-axes across and along (time, part, 2) [m]."""
-    peak: np.ndarray
+    peak_pressure: np.ndarray
     """Pressure in the middle [kPa]."""
 
 
@@ -81,21 +81,21 @@ def compute_covered_area(
 
     A spot that lies in n ellipses counts for 1/n in each of them.
     """
-    steps, parts = dents.peak.shape
+    steps, parts = dents.peak_pressure.shape
     areas = np.zeros(steps)
     size = np.zeros((parts, 2))
     near = np.empty(parts, dtype=np.int64)
     for t in range(steps):
         for k in range(parts):
-            peak = dents.peak[t, k]
+            peak = dents.peak_pressure[t, k]
             shrunk = np.sqrt(1.0 - least / peak) if peak > least else 0.0
-            size[k] = shrunk * dents.axes[t, k]
+            size[k] = shrunk * dents.semi_axes[t, k]
         for k in range(parts):
             a, b = size[k]
             if a == 0.0:
                 continue
             count = find_overlaps(dents.centres[t], size, k, near)
-            ls, lt = dents.long[t, k]
+            ls, lt = dents.long_axes[t, k]
             mine = 0.0
             for spot in range(len(spots)):
                 u, v = a * spots[spot, 0], b * spots[spot, 1]
@@ -139,7 +139,7 @@ def count_containing(
     count = 0
     for j in near:
         ds, dr = s - dents.centres[t, j, 0], r - dents.centres[t, j, 1]
-        ls, lt = dents.long[t, j]
+        ls, lt = dents.long_axes[t, j]
         u, v = (ds * lt - dr * ls) / size[j, 0], (ds * ls + dr * lt) / size[j, 1]
         if u * u + v * v < 1.0:
             count += 1
@@ -191,7 +191,7 @@ def compute_taxel_pressure(
         weights: their weights, summing to 1.
         fine_below: the row of 3 is used for semi-axes below this share of a cell.
     """
-    pressure = np.zeros((len(dents.peak), columns))
+    pressure = np.zeros((len(dents.peak_pressure), columns))
     for pair in range(len(part_of)):
         k, i = part_of[pair], taxel_of[pair]
         column = column_of[i]
@@ -201,24 +201,24 @@ def compute_taxel_pressure(
             abs(cell[0, 0]) + abs(cell[1, 0]), abs(cell[0, 1]) + abs(cell[1, 1])
         )
         side = 2.0 * np.sqrt(abs(cell[0, 0] * cell[1, 1] - cell[0, 1] * cell[1, 0]))
-        for step in range(len(dents.peak)):
-            peak = dents.peak[step, k]
+        for step in range(len(dents.peak_pressure)):
+            peak = dents.peak_pressure[step, k]
             if peak <= 0.0:
                 continue
-            a, b = dents.axes[step, k]
+            a, b = dents.semi_axes[step, k]
             ds = s - dents.centres[step, k, 0]
             dt = t - dents.centres[step, k, 1]
-            if ground.whole < np.inf:
-                ds -= ground.whole * np.round(ds / ground.whole)
+            if ground.circumference < np.inf:
+                ds -= ground.circumference * np.round(ds / ground.circumference)
             if ds * ds + dt * dt > (max(a, b) + reach) ** 2:
                 continue
             x0, y0, x1, y1 = cell[0, 0], cell[0, 1], cell[1, 0], cell[1, 1]
-            if ground.dome < np.inf:
+            if ground.dome_radius < np.inf:
                 mid_s, mid_t = s - 0.5 * ds, t - 0.5 * dt
-                ds, dt = project_step_on_dome(mid_s, mid_t, ds, dt, ground.dome)
-                x0, y0 = project_step_on_dome(s, t, x0, y0, ground.dome)
-                x1, y1 = project_step_on_dome(s, t, x1, y1, ground.dome)
-            ls, lt = dents.long[step, k]
+                ds, dt = project_step_on_dome(mid_s, mid_t, ds, dt, ground.dome_radius)
+                x0, y0 = project_step_on_dome(s, t, x0, y0, ground.dome_radius)
+                x1, y1 = project_step_on_dome(s, t, x1, y1, ground.dome_radius)
+            ls, lt = dents.long_axes[step, k]
             u, v = (ds * lt - dt * ls) / a, (ds * ls + dt * lt) / b
             u0, v0 = (x0 * lt - y0 * ls) / a, (x0 * ls + y0 * lt) / b
             u1, v1 = (x1 * lt - y1 * ls) / a, (x1 * ls + y1 * lt) / b

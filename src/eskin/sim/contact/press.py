@@ -59,9 +59,9 @@ class Press:
     """Index into the skin's charts."""
     first: int
     """Step of the scene's clock at which the series start; may be negative."""
-    stamps: ContactPads
+    pads: ContactPads
     """The parts that bear load; their mean centre is put on `centre`."""
-    flesh: SoftTissue
+    tissue: SoftTissue
     """How they give way."""
     force: Float[np.ndarray, "time"]
     """Total force on the surface [N]."""
@@ -87,7 +87,7 @@ class ContactSite:
     """(s, t) on the unrolled chart [m]."""
     radius: float
     """Radius of curvature of the chart [m]; infinite on a plane."""
-    clear: tuple[float, float]
+    free_run: tuple[float, float]
     """Free run along t from the centre, (low, high) with low <= 0 <= high [m]."""
     angle: float
     """Angle from t to the hand's y axis that suits the person, counter-clockwise seen
@@ -95,10 +95,10 @@ class ContactSite:
 
     def __post_init__(self) -> None:
         """Refuse a free run that the centre is not part of."""
-        low, high = self.clear
+        low, high = self.free_run
         if not low <= 0 <= high:
             raise ValueError(
-                f"the free run {self.clear} does not hold the centre; give it from the "
+                f"the free run {self.free_run} does not hold the centre; give it from the "
                 "centre, (low, high) with low <= 0 <= high"
             )
 

@@ -32,8 +32,8 @@ def compute_contact_ellipses(
     long = compute_long_axes(press)
     curvatures = compute_relative_curvatures(press.pads, chart, long)
     centres = compute_pad_centres(press, chart, offsets)
-    off = compute_pad_gaps(press.flesh, chart, offsets)
-    off[chart.beyond(centres)] = constants.value("contact.off")
+    off = compute_pad_gaps(press.tissue, chart, offsets)
+    off[chart.is_beyond(centres)] = constants.value("contact.off")
     loads = share_load(press, off, constants)
     areas = compute_contact_areas(press, curvatures, loads, constants)
     ratio = np.sqrt(curvatures[..., 0] / curvatures[..., 1])
@@ -86,7 +86,7 @@ def compute_pad_gaps(flesh: SoftTissue, chart: Chart, offsets: Points) -> Length
 def share_load(press: Press, gaps: Lengths, constants: Constants) -> Lengths:
     """Load of each part [N]; they sum to the force exactly."""
     return compute_loads(
-        *(press.force, gaps, press.pads.stiffness, press.flesh.b, press.flesh.m),
+        *(press.force, gaps, press.pads.stiffness, press.tissue.b, press.tissue.m),
         constants.value("contact.deepest") * MM,
         int(constants.value("contact.halvings")),
     )
@@ -96,7 +96,7 @@ def compute_contact_areas(
     press: Press, curvatures: Points, loads: Lengths, constants: Constants
 ) -> Lengths:
     """Area of each ellipse [m2]: a power of its load, smaller on a rounder surface."""
-    stamps, flesh = press.pads, press.flesh
+    stamps, flesh = press.pads, press.tissue
     grown = flesh.area_scale * stamps.area * loads**flesh.area_exponent
     flat = np.prod(1.0 / stamps.radii, axis=1)
     rounder = np.sqrt(flat / np.prod(curvatures, axis=2))
@@ -253,7 +253,7 @@ def find_reachable_pairs(
     dents: ContactEllipses, ground: TaxelGeometry
 ) -> Bool[np.ndarray, "part taxel"]:
     """Which parts may ever meet which taxels, by boxes about their ways."""
-    loaded = dents.peak > 0.0
+    loaded = dents.peak_pressure > 0.0
     used = np.any(loaded, axis=0)
     low = np.where(loaded[..., None], dents.centres, np.inf).min(
         axis=0, initial=FAR_DISTANCE
@@ -261,14 +261,16 @@ def find_reachable_pairs(
     high = np.where(loaded[..., None], dents.centres, -np.inf).max(
         axis=0, initial=-FAR_DISTANCE
     )
-    size = np.where(loaded, dents.axes.max(axis=2), 0.0).max(axis=0, initial=0.0)
+    size = np.where(loaded, dents.semi_axes.max(axis=2), 0.0).max(axis=0, initial=0.0)
     half = (high - low) / 2 + size[:, None]
     half = half + np.abs(ground.cells).sum(axis=1).max(axis=0, initial=0.0)
-    if np.isfinite(ground.dome):
+    if np.isfinite(ground.dome_radius):
         half = half * MAX_DOME_STRETCH
     away = ground.centres - (low + high)[:, None] / 2
-    if np.isfinite(ground.whole):
-        away[..., 0] -= ground.whole * np.round(away[..., 0] / ground.whole)
+    if np.isfinite(ground.circumference):
+        away[..., 0] -= ground.circumference * np.round(
+            away[..., 0] / ground.circumference
+        )
     return used[:, None] & np.all(np.abs(away) <= half[:, None], axis=2)
 
 

@@ -33,7 +33,7 @@ class SetFolder:
     def __init__(self, folder: Path, sittings: Sequence[SessionPlan]) -> None:
         """Look at what an earlier generation left, without changing it."""
         self.folder = folder
-        self.sittings = tuple(sittings)
+        self.sessions = tuple(sittings)
         self.index = folder / INDEX_NAME
 
     def resume(self) -> int:
@@ -43,8 +43,8 @@ class SetFolder:
         in the order in which they were made.
         """
         kept = done = 0
-        for sitting in self.sittings:
-            size = self.size_of(sitting, kept)
+        for sitting in self.sessions:
+            size = self.find_size(sitting, kept)
             if size is None:
                 break
             kept, done = kept + size, done + 1
@@ -53,13 +53,13 @@ class SetFolder:
         else:
             with atomic_path(self.index, durable=True) as part:
                 part.touch()
-        for sitting in self.sittings[done:]:
+        for sitting in self.sessions[done:]:
             path = self.folder / sitting.file
             path.unlink(missing_ok=True)
             path.with_name(path.name + ".part").unlink(missing_ok=True)
         return done
 
-    def size_of(self, sitting: SessionPlan, start: int) -> int | None:
+    def find_size(self, sitting: SessionPlan, start: int) -> int | None:
         """Bytes of the lines of a file from `start` of the index on; None if cut."""
         if not (self.index.exists() and (self.folder / sitting.file).exists()):
             return None
@@ -122,7 +122,7 @@ def write_file(
     factory: Callable[[str], ClipGenerator],
 ) -> tuple[ClipRow, ...]:
     """Write one file."""
-    maker = get_generator(factory, settings.skin_of(sitting))
+    maker = get_generator(factory, settings.find_skin(sitting))
     return write_session(folder, settings, sitting, maker, check_stopped)
 
 
@@ -191,10 +191,10 @@ def generate_missing(
     started: float,
 ) -> GenerationResult:
     """Make what is missing in a folder."""
-    archive = SetFolder(folder, settings.sittings)
+    archive = SetFolder(folder, settings.sessions)
     done = archive.resume()
-    kept = sum(sitting.clips for sitting in settings.sittings[:done])
-    missing = settings.sittings[done:]
+    kept = sum(sitting.clips for sitting in settings.sessions[:done])
+    missing = settings.sessions[done:]
     made = 0
     tell(kept)
     try:
@@ -208,7 +208,7 @@ def generate_missing(
     except BaseException:
         archive.resume()
         raise
-    files = len(settings.sittings)
+    files = len(settings.sessions)
     return GenerationResult(kept + made, made, files, time.monotonic() - started)
 
 

@@ -140,7 +140,7 @@ def find_meeting_poses(world: SimEnvironment) -> Float[np.ndarray, "pose joint"]
 
     Always the same ones. Poses as others are drawn hardly ever bend it so far.
     """
-    value, elbow = world.constants.value, world.joint(ELBOW)
+    value, elbow = world.constants.value, world.joint_index(ELBOW)
     rng = np.random.default_rng(int(value("robot.pool_seed")))
     low, high = compute_joint_limits(world)
     count = int(value("pairs.pool"))
@@ -349,7 +349,7 @@ def draw_hook(
         *(plan.difficulty, plan.regime),
     )
     (press,) = touch.presses
-    stiff = replace(touch, presses=(replace(press, flesh=person.flesh),))
+    stiff = replace(touch, presses=(replace(press, tissue=person.tissue),))
     fingers, back = press_both_sites(stiff, *sites, 1 / 2).presses
     hand, behind = press.pads, mirror_pads(press.pads)
     fingers = replace(fingers, pads=select_pads(hand, HAND_PADS[:12]))

@@ -157,7 +157,7 @@ def write_session(
     try:
         with writer:
             sheet = SessionWriter(writer, calibration, sitting, settings)
-            for number, plan in enumerate(settings.plans(sitting), -1):
+            for number, plan in enumerate(settings.plan_clips(sitting), -1):
                 go_on()
                 sheet.add(number, plan, generate_clip(maker, plan, number, sitting))
             sheet.finish()
@@ -273,7 +273,7 @@ class SessionWriter:
         """Write a touch at the readings at which it is in contact."""
         for reading in part.start + np.flatnonzero(truth.force[part] > 0):
             stamp = int(stamps[reading])
-            self.writer.write_truth(truth.record(number, int(reading), stamp))
+            self.writer.write_truth(truth.to_record(number, int(reading), stamp))
 
     def finish(self) -> None:
         """Write the automatic labels; their threshold needs the whole file."""

@@ -60,7 +60,7 @@ class GenerationSettings:
                 f"set '{PAIRS}' asked on skin '{self.skin}', whose robot has no joints "
                 "to fold; allowed are skins of arms; change --skin"
             )
-        if not self.sittings:
+        if not self.sessions:
             raise ValueError(f"set '{self.set_name}' has no clips; ask for some")
 
     @property
@@ -87,12 +87,12 @@ class GenerationSettings:
         return resize_set(whole, self.clips, self.subjects, self.constants)
 
     @cached_property
-    def sittings(self) -> tuple[SessionPlan, ...]:
+    def sessions(self) -> tuple[SessionPlan, ...]:
         """Its files."""
         found = plan_sessions(self.clip_set, self.seed, self.constants)
         return plan_pair_sessions(found, self.seed) if self.has_pairs else found
 
-    def plans(self, sitting: SessionPlan) -> tuple[ClipPlan, ...]:
+    def plan_clips(self, sitting: SessionPlan) -> tuple[ClipPlan, ...]:
         """The lead-in of a file and its clips."""
         decide = plan_pair_clips if self.has_pairs else plan_clips
         return decide(sitting, self.clip_set, self.seed, self.level, self.constants)
@@ -102,11 +102,11 @@ class GenerationSettings:
         """Whether its clips are pairs with the same counts."""
         return self.set_name == PAIRS
 
-    def skin_of(self, sitting: SessionPlan) -> str:
+    def find_skin(self, sitting: SessionPlan) -> str:
         """The preset that a file is made with; sides of pairs may have their own."""
         return find_skin(sitting, self.skin) if self.has_pairs else self.skin
 
-    def record(self) -> dict[str, object]:
+    def to_json(self) -> dict[str, object]:
         """As kept beside the recordings, with the numbers that they were made with."""
         facts: dict[str, object] = {"version": VERSION, **asdict(self)}
         facts["clips"] = self.clip_set.clips
@@ -129,7 +129,7 @@ def claim_folder(folder: Path, settings: GenerationSettings) -> None:
         GenerationError: it holds another set or something else, or cannot be written.
     """
     path = folder / SETTINGS_NAME
-    wanted = settings.record()
+    wanted = settings.to_json()
     try:
         folder.mkdir(parents=True, exist_ok=True)
         if path.exists():

@@ -110,20 +110,20 @@ class InteractiveHand:
         self.q = np.zeros(len(world.mounted.robot.joint_names))
         # Scans never wait for what is still being planned.
         self.planning, self.lock = RLock(), RLock()
-        self.going: dict[int, InteractiveTouch] = {}
-        self.felt: tuple[TruthRecord, ...] = ()
+        self.active: dict[int, InteractiveTouch] = {}
+        self.latest_truths: tuple[TruthRecord, ...] = ()
         self.count = 0
 
     @property
     def touching(self) -> tuple[int, ...]:
         """Ids of the touches under way or about to begin."""
         with self.lock:
-            return tuple(self.going)
+            return tuple(self.active)
 
     def truths(self) -> tuple[TruthRecord, ...]:
         """What truly pressed at the latest scan; a mean over its time."""
         with self.lock:
-            return self.felt
+            return self.latest_truths
 
     def poke(
         self, place: LinkPoint, force: float | None = None, seconds: float | None = None
@@ -141,7 +141,9 @@ class InteractiveHand:
         Raises:
             ValueError: there is no skin there, or force or time are not positive.
         """
-        return self.act("poke", place, check_requested(force=force, duration=seconds))
+        return self.perform_requested(
+            "poke", place, check_requested(force=force, duration=seconds)
+        )
 
     def double_pat(
         self, place: LinkPoint, force: float | None = None, seconds: float | None = None
@@ -153,7 +155,7 @@ class InteractiveHand:
         if seconds is not None:
             asked["interval"] = SECOND_PAT_START * seconds
             asked["contact"] = seconds - SECOND_PAT_START * seconds
-        return self.act("double_pat", place, asked)
+        return self.perform_requested("double_pat", place, asked)
 
     def grab(
         self, place: LinkPoint, force: float | None = None, seconds: float | None = None
@@ -162,7 +164,9 @@ class InteractiveHand:
 
         Nobody grips harder than the person can.
         """
-        return self.act("grab", place, check_requested(force=force, duration=seconds))
+        return self.perform_requested(
+            "grab", place, check_requested(force=force, duration=seconds)
+        )
 
     def perform(
         self, what: str, place: LinkPoint | None = None, person: Person | None = None
@@ -183,13 +187,13 @@ class InteractiveHand:
         """
         with self.planning:
             person = person or self.person
-            gesture, kind = self.meant(what)
-            touch = self.acted(gesture, kind, place, person)
+            gesture, kind = self.resolve_kind(what)
+            touch = self.draw_touch(gesture, kind, place, person)
             for _ in range(PLACE_TRIES):
                 if place is not None or self.is_free(touch):
                     break
-                touch = self.acted(gesture, kind, None, person)
-            return self.add(self.live(touch))
+                touch = self.draw_touch(gesture, kind, None, person)
+            return self.add(self.make_interactive(touch))
 
     def begin(self, place: LinkPoint, force: float, kind: str = DRAGGING_PADS) -> int:
         """Land with some fingers, to be moved from outside.
@@ -222,9 +226,9 @@ class InteractiveHand:
         """
         site = build_site_at(place, self.world, self.q, self.person)
         with self.lock:
-            dragged = self.dragged(touch)
+            dragged = self.get_dragged(touch)
             if dragged is not None:
-                dragged.lead(site)
+                dragged.set_target(site)
 
     def end(self, touch: int) -> None:
         """Lift a dragged finger; nothing happens once it has left.
@@ -233,24 +237,26 @@ class InteractiveHand:
             ValueError: the touch is none that is dragged.
         """
         with self.lock:
-            dragged = self.dragged(touch)
+            dragged = self.get_dragged(touch)
             if dragged is not None:
                 dragged.leave()
 
-    def dragged(self, touch: int) -> DraggedTouch | None:
+    def get_dragged(self, touch: int) -> DraggedTouch | None:
         """A touch that is dragged; None once it is over."""
         if not 0 <= touch < self.count:
             raise ValueError(
                 f"touch {touch} has not begun; allowed are ids that `begin` gave"
             )
-        found = self.going.get(touch)
+        found = self.active.get(touch)
         if found is not None and not isinstance(found, DraggedTouch):
             raise ValueError(
                 f"touch {touch} is not dragged; allowed are ids that `begin` gave"
             )
         return found
 
-    def act(self, gesture: str, place: LinkPoint, asked: dict[str, float]) -> int:
+    def perform_requested(
+        self, gesture: str, place: LinkPoint, asked: dict[str, float]
+    ) -> int:
         """Do a gesture, some of it as it is asked for."""
         with self.planning:
             site = build_site_at(place, self.world, self.q, self.person)
@@ -258,18 +264,18 @@ class InteractiveHand:
                 *(gesture, None, self.person, site, self.world.constants, self.rng),
                 *(self.difficulty, "paper", asked),
             )
-            return self.add(self.live(touch))
+            return self.add(self.make_interactive(touch))
 
-    def acted(
+    def draw_touch(
         self, gesture: str, kind: str | None, place: LinkPoint | None, person: Person
     ) -> TrueTouch:
         """What a person does, still on the touch's own clock."""
         return perform(
-            *(gesture, kind, person, self.site(gesture, kind, place, person)),
+            *(gesture, kind, person, self.find_site(gesture, kind, place, person)),
             *(self.world.constants, self.rng, self.difficulty, None),
         )
 
-    def site(
+    def find_site(
         self, gesture: str, kind: str | None, place: LinkPoint | None, person: Person
     ) -> ContactSite:
         """Where it takes place."""
@@ -285,7 +291,7 @@ class InteractiveHand:
             return build_site_at(place, self.world, self.q, person)
         return draw_site(self.world, self.q, person, gesture, self.rng, kind)
 
-    def meant(self, what: str) -> tuple[str, str | None]:
+    def resolve_kind(self, what: str) -> tuple[str, str | None]:
         """Gesture and kind of something that can be performed."""
         if what == NONE:
             kinds = dict(self.world.constants.weights("stream.accidents"))
@@ -306,10 +312,10 @@ class InteractiveHand:
     def is_free(self, touch: TrueTouch) -> bool:
         """Whether a touch would be apart from all others."""
         with self.lock:
-            others = [other.touch for other in self.going.values()]
+            others = [other.touch for other in self.active.values()]
         return all(are_apart(self.world, self.q, touch, other) for other in others)
 
-    def live(self, touch: TrueTouch) -> PerformedTouch:
+    def make_interactive(self, touch: TrueTouch) -> PerformedTouch:
         """A touch by a hand that follows the robot as late as it happens."""
         delay = self.world.constants.draw("motion.delay", self.rng)
         return PerformedTouch(touch, delay, self.world)
@@ -319,21 +325,25 @@ class InteractiveHand:
         with self.lock:
             number = self.count
             self.count += 1
-            self.going[number] = touch
+            self.active[number] = touch
             return number
 
-    def next(self, span: MotionSpan) -> dict[int, TrueTouch]:
+    def advance(self, span: MotionSpan) -> dict[int, TrueTouch]:
         """What all touches do in the steps of a reading, by their ids."""
         with self.lock:
             self.q = span.q[-1]
-            found = {number: touch.next(span) for number, touch in self.going.items()}
-            self.going = {n: touch for n, touch in self.going.items() if not touch.over}
+            found = {
+                number: touch.advance(span) for number, touch in self.active.items()
+            }
+            self.active = {
+                n: touch for n, touch in self.active.items() if not touch.over
+            }
             return found
 
-    def witness(self, truths: tuple[TruthRecord, ...]) -> None:
+    def set_truths(self, truths: tuple[TruthRecord, ...]) -> None:
         """Take down what truly pressed at the latest scan."""
         with self.lock:
-            self.felt = truths
+            self.latest_truths = truths
 
 
 def check_requested(**wanted: float | None) -> dict[str, float]:

@@ -46,7 +46,7 @@ class TouchPlayer:
     and ends without touch.
 
     Attributes:
-        maker: simulates.
+        generator: simulates.
         build: the sensor that is touched.
         rate: scans a second [1/s].
     """
@@ -65,7 +65,7 @@ class TouchPlayer:
         if seed < 0:
             raise ValueError(f"seed is {seed}; allowed are 0 and above; change it")
         constants = load_constants()
-        self.maker = maker
+        self.generator = maker
         self.start = start
         self.seed = seed
         self.build = BuildOrigin(
@@ -80,9 +80,9 @@ class TouchPlayer:
 
     def scans(self) -> Iterator[Scan]:
         """Scans without end."""
-        return (moment.scan for moment in self.moments())
+        return (moment.scan for moment in self.sampled_scans())
 
-    def moments(self) -> Iterator[SampledScan]:
+    def sampled_scans(self) -> Iterator[SampledScan]:
         """Scans without end, and what was really done; the same every time.
 
         Touches are numbered through all stretches.
@@ -90,18 +90,21 @@ class TouchPlayer:
         touches, stamp = 0, self.start
         with ThreadPoolExecutor(1, "player") as ahead:
             coming = deque(
-                ahead.submit(self.maker.make, self.plan(number)) for number in (0, 1)
+                ahead.submit(self.generator.make, self.plan_stretch(number))
+                for number in (0, 1)
             )
             # Nothing begins before all that the simulator compiles has been compiled.
             coming[-1].result()
             for number in itertools.count(2):
                 clip = coming.popleft().result()
-                coming.append(ahead.submit(self.maker.make, self.plan(number)))
-                yield from self.stretch(clip, stamp, touches)
+                coming.append(
+                    ahead.submit(self.generator.make, self.plan_stretch(number))
+                )
+                yield from self.build_scans(clip, stamp, touches)
                 stamp += self.period * len(clip.counts)
                 touches += len(clip.truths)
 
-    def plan(self, number: int) -> ClipPlan:
+    def plan_stretch(self, number: int) -> ClipPlan:
         """What is done in a stretch: nothing in the first, then all that people do."""
         person = Origin(
             f"{PLAYER_ROLE}-p{self.seed}",
@@ -130,14 +133,14 @@ class TouchPlayer:
             regime=None,
         )
 
-    def stretch(
+    def build_scans(
         self, clip: SimulatedClip, start: int, first: int
     ) -> Iterator[SampledScan]:
         """The scans of a clip, and its touches from a number on."""
         for reading in range(len(clip.counts)):
             stamp = start + reading * self.period
             truths = tuple(
-                truth.record(first + place, reading, stamp)
+                truth.to_record(first + place, reading, stamp)
                 for place, truth in enumerate(clip.truths)
                 if truth.force[reading] > 0
             )

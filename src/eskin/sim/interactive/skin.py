@@ -124,14 +124,14 @@ class InteractiveSkin:
         self.sensor = Sensor(self.build, skin, build_rng("sensor", seed))
         person = person or draw_demo_person(self.world, seed)
         self.hand = InteractiveHand(self.world, person, build_rng("hand", seed))
-        delay = constants.entry("motion.delay").spread
+        delay = constants.get_constant("motion.delay").spread
         assert delay is not None
         step = constants.value("time.step")
         self.track = MotionTrack(
             count_steps_per_reading(self.world), round(delay.high / step) + 1
         )
         self.loses = loses
-        self.out = np.zeros(len(skin.patches), dtype=bool)
+        self.unplugged = np.zeros(len(skin.patches), dtype=bool)
         self.feels = self.sensor.readout.feels.copy()
         self.rng = build_rng("kill", seed)
         self.wrenches: tuple[Wrench, ...] = ()
@@ -154,17 +154,17 @@ class InteractiveSkin:
                 f"each moving joint of robot '{self.mounted.robot.name}'"
             )
         span = self.track.push(q)
-        touches = self.hand.next(span)
+        touches = self.hand.advance(span)
         scene = Scene(span.q, tuple(touches.values()))
-        self.feel(scene, list(touches), stamp)
+        self.press_sensor(scene, list(touches), stamp)
         counts = self.sensor.read(np.array([self.sensor.steps - 1.0]))[0]
         silent = self.sensor.losses.draw_next()[0] & self.loses
-        received = ~(silent | self.out)
+        received = ~(silent | self.unplugged)
         received = received[self.mounted.skin.patch_index]
         counts[~received] = 0
         return Scan(stamp, counts, received, q)
 
-    def feel(self, scene: Scene, numbers: list[int], stamp: int) -> None:
+    def press_sensor(self, scene: Scene, numbers: list[int], stamp: int) -> None:
         """Press on the sensor what takes place in a reading, and witness it."""
         felt = compute_touch_presses(scene, self.world)
         skin = self.mounted.skin
@@ -179,7 +179,7 @@ class InteractiveSkin:
             found = compute_true_series(
                 scene, felt, charts, self.mounted, 0, self.world
             )
-        self.hand.witness(build_truth_records(found, numbers, stamp))
+        self.hand.set_truths(build_truth_records(found, numbers, stamp))
 
     def unplug(self, patch: str) -> None:
         """Pull a patch's cable: nothing of it is received.
@@ -187,7 +187,7 @@ class InteractiveSkin:
         Raises:
             ValueError: the skin has no such patch.
         """
-        self.out[self.index_of(patch)] = True
+        self.unplugged[self.find_patch(patch)] = True
 
     def plug(self, patch: str) -> None:
         """Put a patch's cable back.
@@ -195,7 +195,7 @@ class InteractiveSkin:
         Raises:
             ValueError: the skin has no such patch.
         """
-        self.out[self.index_of(patch)] = False
+        self.unplugged[self.find_patch(patch)] = False
 
     def kill(self, share: float) -> tuple[int, ...]:
         """Let some of the taxels that still feel feel nothing from now on.
@@ -223,7 +223,7 @@ class InteractiveSkin:
         """Let all taxels feel again that were killed."""
         self.sensor.readout.feels[:] = self.feels
 
-    def index_of(self, patch: str) -> int:
+    def find_patch(self, patch: str) -> int:
         """Index of a patch of the skin."""
         ids = [each.id for each in self.mounted.skin.patches]
         if patch not in ids:
@@ -260,7 +260,7 @@ def build_truth_records(
 ) -> tuple[TruthRecord, ...]:
     """Of every touch that presses in a reading, what is kept of it."""
     return tuple(
-        truth.record(numbers[truth.number], 0, stamp)
+        truth.to_record(numbers[truth.number], 0, stamp)
         for truth in truths
         if truth.force[0] > 0
     )

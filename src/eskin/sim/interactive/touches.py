@@ -30,7 +30,7 @@ class MotionSpan:
     @property
     def q(self) -> Poses:
         """Joint positions at the steps [rad]."""
-        return self.past[-self.steps :]
+        return self.past[-self.count_steps :]
 
     @property
     def is_still(self) -> bool:
@@ -39,7 +39,7 @@ class MotionSpan:
 
     def at(self, steps: Float[np.ndarray, "step"]) -> Poses:
         """Joint positions at and between steps since the beginning [rad]."""
-        oldest = self.first + self.steps - len(self.past)
+        oldest = self.first + self.count_steps - len(self.past)
         return interpolate_poses(self.past, np.maximum(steps - oldest, 0.0))
 
 
@@ -54,14 +54,14 @@ class MotionTrack:
             steps: of a reading.
             kept: steps before a reading that are kept.
         """
-        self.steps, self.kept = steps, kept
+        self.count_steps, self.kept = steps, kept
         self.past: Poses | None = None
         self.next_step = 0
 
     def push(self, q: Float[np.ndarray, "joint"]) -> MotionSpan:
         """Move evenly to joint positions at the end of the next reading [rad]."""
         last = q if self.past is None else self.past[-1]
-        share = np.arange(1, self.steps + 1)[:, None] / self.steps
+        share = np.arange(1, self.count_steps + 1)[:, None] / self.count_steps
         # At rest the very same numbers: nothing is computed anew then.
         way = (
             last + share * (q - last)
@@ -69,9 +69,9 @@ class MotionTrack:
             else np.tile(q, (len(share), 1))
         )
         before = way[:0] if self.past is None else self.past
-        self.past = np.concatenate([before, way])[-self.kept - self.steps :]
-        span = MotionSpan(self.next_step, self.steps, self.past)
-        self.next_step += self.steps
+        self.past = np.concatenate([before, way])[-self.kept - self.count_steps :]
+        span = MotionSpan(self.next_step, self.count_steps, self.past)
+        self.next_step += self.count_steps
         return span
 
 
@@ -87,7 +87,7 @@ class InteractiveTouch(ABC):
     over: bool
 
     @abstractmethod
-    def next(self, span: MotionSpan) -> TrueTouch:
+    def advance(self, span: MotionSpan) -> TrueTouch:
         """What it does in the steps of a reading, whose first is 0."""
 
 
@@ -113,22 +113,24 @@ class PerformedTouch(InteractiveTouch):
         self.over = not touch.presses
         self.start: int | None = None
         self.landed: dict[int, np.ndarray] = {}
-        self.end = max((p.first + p.steps for p in touch.presses), default=0)
+        self.end = max((p.first + p.count_steps for p in touch.presses), default=0)
 
-    def next(self, span: MotionSpan) -> TrueTouch:
+    def advance(self, span: MotionSpan) -> TrueTouch:
         """What it does in the steps of a reading, whose first is 0."""
         if self.start is None:
             self.start = span.first
         since = span.first - self.start
         here = shift_touch(self.touch, -since)
-        self.over = since + span.steps >= self.end
-        parts = ((i, crop_press(p, span.steps)) for i, p in enumerate(here.presses))
-        presses = tuple(self.carried(i, p, span) for i, p in parts if p is not None)
+        self.over = since + span.count_steps >= self.end
+        parts = (
+            (i, crop_press(p, span.count_steps)) for i, p in enumerate(here.presses)
+        )
+        presses = tuple(self.place_press(i, p, span) for i, p in parts if p is not None)
         return replace(here, presses=presses)
 
-    def carried(self, index: int, press: Press, span: MotionSpan) -> Press:
+    def place_press(self, index: int, press: Press, span: MotionSpan) -> Press:
         """The part of a press in a reading, its hand where it is by then."""
-        now = press.first + np.arange(press.steps)
+        now = press.first + np.arange(press.count_steps)
         if index not in self.landed:
             self.landed[index] = span.q[now[0]]
         landed = self.landed[index]
@@ -174,52 +176,56 @@ class DraggedTouch(InteractiveTouch):
         self.rise = self.step / value("live.lands")
         self.fall = self.step / value("live.leaves")
         self.stiff = 1.0 / value("live.settles")
-        self.most = value("live.speed")
+        self.max_speed = value("live.speed")
         self.world, self.force = world, force
-        self.pads, self.flesh = act.pads(act.kind), act.flesh()
+        self.pads, self.tissue = act.pads(act.kind), act.tissue()
         self.turn = act.draw("hand.turn")
         self.chart, self.angle = act.site.chart, act.site.angle + self.turn
         self.centre = np.array(act.site.centre)
         self.target, self.speed = self.centre, np.zeros(2)
-        steps = act.steps(NOISE_SECONDS)
-        self.noise, self.ripple = act.held(steps), act.rippled(steps)
-        self.given, self.level = 0, 0.0
+        steps = act.count_steps(NOISE_SECONDS)
+        self.noise, self.ripple = act.draw_held_noise(steps), act.draw_ripple(steps)
+        self.steps_done, self.level = 0, 0.0
         self.told_to_leave = self.leaving = False
         self.over = False
         self.touch = TrueTouch(
-            "stroke", act.kind, act.person.name, (self.press(np.zeros(1)),), act.drawn
+            "stroke",
+            act.kind,
+            act.person.name,
+            (self.build_press(np.zeros(1)),),
+            act.drawn,
         )
 
-    def lead(self, site: ContactSite) -> None:
+    def set_target(self, site: ContactSite) -> None:
         """Go on toward the place of a site; onto another chart at once."""
         target = np.array(site.centre)
         if site.chart != self.chart:
             self.chart, self.angle = site.chart, site.angle + self.turn
             self.centre, self.speed = target, np.zeros(2)
         away = target - self.centre
-        away[:1] = self.world.charts[site.chart].wrapped(away[:1])
+        away[:1] = self.world.charts[site.chart].wrap_s(away[:1])
         self.target = self.centre + away
 
     def leave(self) -> None:
         """Lift off, as soon as it is where it was led."""
         self.told_to_leave = True
 
-    def next(self, span: MotionSpan) -> TrueTouch:
+    def advance(self, span: MotionSpan) -> TrueTouch:
         """What it does in the steps of a reading, whose first is 0."""
-        force = np.zeros(span.steps)
-        centre = np.zeros((span.steps, 2))
-        for step in range(span.steps):
+        force = np.zeros(span.count_steps)
+        centre = np.zeros((span.count_steps, 2))
+        for step in range(span.count_steps):
             moved = self.slide()
             self.leaving |= self.told_to_leave and self.level == 1.0 and self.is_there
             self.level += -self.fall if self.leaving else self.rise
             self.level = float(np.clip(self.level, 0.0, 1.0))
-            at = self.given % len(self.noise)
+            at = self.steps_done % len(self.noise)
             uneven = self.noise[at] * (self.ripple[at] if moved else 1.0)
             force[step] = self.force * smooth_step(self.level) * uneven
             centre[step] = self.centre
-            self.given += 1
+            self.steps_done += 1
         self.over = self.leaving and self.level == 0.0
-        press = self.press(force, centre)
+        press = self.build_press(force, centre)
         self.touch = TrueTouch(
             *(self.touch.gesture, self.touch.kind, self.touch.subject),
             *((press,), self.touch.drawn),
@@ -237,11 +243,11 @@ class DraggedTouch(InteractiveTouch):
         # Implicit in time, so that no step is too long for it.
         speed = (self.speed + self.step * k**2 * away) / (1.0 + k * self.step) ** 2
         fast = float(np.linalg.norm(speed))
-        self.speed = speed * min(1.0, self.most / max(fast, self.most))
+        self.speed = speed * min(1.0, self.max_speed / max(fast, self.max_speed))
         self.centre = self.centre + self.step * self.speed
-        return fast > SLIDING_SHARE * self.most
+        return fast > SLIDING_SHARE * self.max_speed
 
-    def press(
+    def build_press(
         self,
         force: Float[np.ndarray, "time"],
         centre: Float[np.ndarray, "time 2"] | None = None,
@@ -250,7 +256,7 @@ class DraggedTouch(InteractiveTouch):
         if centre is None:
             centre = np.tile(self.centre, (len(force), 1))
         angle = np.full(len(force), self.angle)
-        return Press(self.chart, 0, self.pads, self.flesh, force, centre, angle)
+        return Press(self.chart, 0, self.pads, self.tissue, force, centre, angle)
 
 
 SLIDING_SHARE = 0.02

@@ -113,7 +113,7 @@ class GestureSample:
     """Whether touches last as in arXiv 2506.18256 or in Jung et al. 2017."""
     drawn: dict[str, float | str] = field(default_factory=dict)
     """What was drawn so far, by name."""
-    asked: dict[str, float] = field(default_factory=dict)
+    requested: dict[str, float] = field(default_factory=dict)
     """What is as it was asked for, whatever is drawn, by name."""
 
     @property
@@ -121,70 +121,70 @@ class GestureSample:
         """Time between two values [s]."""
         return self.constants.value("time.step")
 
-    def note(self, name: str, value: float) -> float:
+    def record(self, name: str, value: float) -> float:
         """Write down what was drawn or asked for; a name taken gets a number."""
-        value = float(self.asked.get(name, value))
-        self.drawn[self.free(name)] = value
+        value = float(self.requested.get(name, value))
+        self.drawn[self.find_free_name(name)] = value
         return value
 
-    def free(self, name: str) -> str:
+    def find_free_name(self, name: str) -> str:
         """A name under which nothing is written down yet."""
         taken = sum(key == name or key.startswith(f"{name}#") for key in self.drawn)
         return f"{name}#{taken + 1}" if taken else name
 
     def draw(self, name: str, widen: float = 1.0) -> float:
         """Draw a constant and write it down."""
-        return self.note(name, self.constants.draw(name, self.rng, widen))
+        return self.record(name, self.constants.draw(name, self.rng, widen))
 
     def choose(self, name: str) -> str:
         """Draw one of a constant's names, by the person's taste if they have one."""
         chosen = choose_style(
             name, self.person, self.constants, self.rng, self.difficulty
         )
-        self.drawn[self.free(name)] = chosen
+        self.drawn[self.find_free_name(name)] = chosen
         return chosen
 
-    def happens(self, name: str, chance: float) -> bool:
+    def draw_event(self, name: str, chance: float) -> bool:
         """Draw whether something happens, and write it down."""
-        return bool(self.note(name, float(self.rng.random() < chance)))
+        return bool(self.record(name, float(self.rng.random() < chance)))
 
-    def steps(self, duration: float) -> int:
+    def count_steps(self, duration: float) -> int:
         """Length of the series of a touch."""
         return count_steps(duration, self.step)
 
     def stamps(self, group: str) -> ContactPads:
         """Parts of the person's hand, fingers as close as it happens."""
-        return self.person.part(group, self.draw("hand.splay"))
+        return self.person.select_pads(group, self.draw("hand.splay"))
 
     def flesh(self) -> SoftTissue:
         """How the person's hand gives way this time."""
-        limits = self.constants.entry("person.conformity").spread
+        limits = self.constants.get_constant("person.conformity").spread
         assert limits is not None
         deviation = self.constants.value("person.conformity_repeat")
-        own = self.person.flesh.conformity
+        own = self.person.tissue.conformity
         drawn = own + deviation * (1 + self.difficulty) * self.rng.normal()
         conformity = float(np.clip(drawn, limits.low, limits.high))
         return replace(
-            self.person.flesh, conformity=self.note("conformity", conformity)
+            self.person.tissue, conformity=self.record("conformity", conformity)
         )
 
-    def turn(self) -> float:
+    def draw_angle(self) -> float:
         """Angle of the hand on the chart [rad]."""
-        return self.note("angle", self.site.angle + self.draw("hand.turn"))
+        return self.record("angle", self.site.angle + self.draw("hand.turn"))
 
-    def wander(self, steps: int) -> Float[np.ndarray, "time 2"]:
+    def draw_wander(self, steps: int) -> Float[np.ndarray, "time 2"]:
         """Slow wandering of what a person holds in place, from (0, 0) [m].
 
         One law for every contact, gestures and others alike: what a hand does must not
         be told by how still it is.
         """
         size = self.draw("hand.wander")
-        band = self.band("hand.wander_band")
-        axes = [self.tones(band, steps) for _ in "st"]
+        band = self.get_band("hand.wander_band")
+        axes = [self.draw_tones(band, steps) for _ in "st"]
         path = size * np.column_stack(axes)
         return path - path[0]
 
-    def push(self, steps: int) -> Series:
+    def draw_push(self, steps: int) -> Series:
         """Force of one push through time, largest value 1; one law for all pushes."""
         if self.choose("push.shape") == "bell":
             return build_bell(steps, self.constants.value("force.bell"))
@@ -193,36 +193,38 @@ class GestureSample:
             steps, self.draw("push.rise"), self.draw("push.fall"), smooth
         )
 
-    def rippled(self, steps: int) -> Series:
+    def draw_ripple(self, steps: int) -> Series:
         """How the force of what slides comes and goes, around 1."""
         rate, depth = self.draw("slide.ripple_rate"), self.draw("slide.ripple")
         return 1 + depth * draw_tremor(steps, self.step, rate, self.rng)
 
-    def held(self, steps: int) -> Series:
+    def draw_held_noise(self, steps: int) -> Series:
         """The noise of a force that a hand holds, around 1."""
         fast = draw_tremor(steps, self.step, self.draw("force.tremor_rate"), self.rng)
-        noise = self.slow("force.noise_band", steps)
+        noise = self.draw_slow_force("force.noise_band", steps)
         return np.clip(1 + noise + self.draw("force.tremor") * fast, 0.0, None)
 
-    def leant(self, steps: int) -> Series:
+    def draw_leaning_noise(self, steps: int) -> Series:
         """The noise of a force that a body leans with, around 1: no hand trembles."""
-        return np.clip(1 + self.slow("none.lean.sway_band", steps), 0.0, None)
+        return np.clip(
+            1 + self.draw_slow_force("none.lean.sway_band", steps), 0.0, None
+        )
 
-    def slow(self, name: str, steps: int) -> Series:
+    def draw_slow_force(self, name: str, steps: int) -> Series:
         """The slow noise of a force, in a band of frequencies, around 0."""
-        return self.draw("force.noise") * self.tones(self.band(name), steps)
+        return self.draw("force.noise") * self.draw_tones(self.get_band(name), steps)
 
-    def band(self, name: str) -> tuple[float, float]:
+    def get_band(self, name: str) -> tuple[float, float]:
         """Lowest and highest frequency of a constant [Hz]."""
         low, high = self.constants.array(name)
         return low, high
 
-    def tones(self, band: tuple[float, float], steps: int) -> Series:
+    def draw_tones(self, band: tuple[float, float], steps: int) -> Series:
         """Slow noise with mean square 1, equal power in each octave of a band."""
         count = int(self.constants.value("force.noise_tones"))
         return draw_slow_noise(steps, self.step, band, count, self.rng)
 
-    def press(
+    def build_press(
         self,
         stamps: ContactPads,
         flesh: SoftTissue,
@@ -278,7 +280,7 @@ def draw_force(
     rest = compute_remaining_deviation(
         act.constants, name, "person.force_scale", np.log(usual)
     )
-    return act.note("force", draw_amount(act, name, scale, rest, repeat, habit, most))
+    return act.record("force", draw_amount(act, name, scale, rest, repeat, habit, most))
 
 
 def draw_duration(act: GestureSample, gesture: str, habit: str | None = None) -> float:
@@ -297,7 +299,7 @@ def draw_duration(act: GestureSample, gesture: str, habit: str | None = None) ->
     rest = compute_remaining_deviation(
         act.constants, name, "person.tempo_scale", repeat
     )
-    return act.note(
+    return act.record(
         "duration", draw_amount(act, name, scale, rest, repeat, pace, np.inf)
     )
 
@@ -336,7 +338,7 @@ def compute_remaining_deviation(
 
 def get_lognormal(constants: Constants, name: str) -> Distribution:
     """The law of a constant, which must be lognormal."""
-    spread = constants.entry(name).spread
+    spread = constants.get_constant(name).spread
     if spread is None or spread.law != "lognormal":
         raise ValueError(f"constant '{name}' must have a lognormal law")
     return spread

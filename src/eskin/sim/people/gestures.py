@@ -22,21 +22,21 @@ def draw_poke(act: GestureSample) -> tuple[Press, ...]:
     """One push, sometimes pressed again before it leaves."""
     force = draw_force(act, "poke.force", "poke")
     duration = draw_duration(act, "poke")
-    steps = act.steps(duration)
-    shape = act.push(steps)
-    if act.happens("again", act.constants.value("poke.again") * act.difficulty):
+    steps = act.count_steps(duration)
+    shape = act.draw_push(steps)
+    if act.draw_event("again", act.constants.value("poke.again") * act.difficulty):
         shape = resample_series(press_again(act, shape), steps)
-    series = scale_to_peak(shape * act.held(steps), force)
-    flesh = replace(act.person.flesh, conformity=act.draw("poke.conformity"))
-    path, angle = act.wander(steps), act.turn()
-    return (act.press(draw_poking_pads(act), flesh, series, path, angle),)
+    series = scale_to_peak(shape * act.draw_held_noise(steps), force)
+    flesh = replace(act.person.tissue, conformity=act.draw("poke.conformity"))
+    path, angle = act.draw_wander(steps), act.draw_angle()
+    return (act.build_press(draw_poking_pads(act), flesh, series, path, angle),)
 
 
 def draw_poking_pads(act: GestureSample) -> ContactPads:
     """What pokes."""
     if act.kind == "knuckle":
         return build_body("knuckle", act.constants)
-    return act.stamps(act.kind)
+    return act.pads(act.kind)
 
 
 def press_again(act: GestureSample, shape: Series) -> Float[np.ndarray, "longer"]:
@@ -59,7 +59,7 @@ def resample_series(shape: Float[np.ndarray, "longer"], steps: int) -> Series:
 
 def draw_double_pat(act: GestureSample) -> tuple[Press, ...]:
     """Two pats; sometimes more, which mean the same."""
-    more = act.happens("more", act.constants.value("double_pat.more"))
+    more = act.draw_event("more", act.constants.value("double_pat.more"))
     return draw_pats(act, draw_pat_count(act) if more else 2, act.kind)
 
 
@@ -78,26 +78,26 @@ def draw_pats(act: GestureSample, count: int, group: str) -> tuple[Press, ...]:
     force = draw_force(act, "double_pat.force", "double_pat")
     interval = draw_pat_interval(act)
     contact = draw_duration(act, "pat", "double_pat")
-    contact = act.note(
+    contact = act.record(
         "contact", min(contact, act.constants.value("double_pat.filled") * interval)
     )
     firm = [force]
     for number in range(1, count):
         share = act.draw("double_pat.second")
-        firm.append(act.note(f"force.{number}", force * share))
-    length, apart = act.steps(contact), max(round(interval / act.step), 1)
+        firm.append(act.record(f"force.{number}", force * share))
+    length, apart = act.count_steps(contact), max(round(interval / act.step), 1)
     apart = max(apart, length)
     series = np.zeros((count - 1) * apart + length)
-    path, noise = act.wander(len(series)), act.held(len(series))
+    path, noise = act.draw_wander(len(series)), act.draw_held_noise(len(series))
     for number, each in enumerate(firm):
         start = number * apart
-        pat = scale_to_peak(act.push(length) * noise[start : start + length], each)
+        pat = scale_to_peak(act.draw_push(length) * noise[start : start + length], each)
         series[start : start + length] = pat
         if number:
             shift_hand(act, path, start - apart + length, start)
     keep_contact(act, series, min(firm), length // 2, len(series) - length // 2)
-    flesh, angle = act.flesh(), act.turn()
-    return (act.press(act.stamps(group), flesh, series, path, angle),)
+    flesh, angle = act.tissue(), act.draw_angle()
+    return (act.build_press(act.pads(group), flesh, series, path, angle),)
 
 
 def draw_pat_interval(act: GestureSample) -> float:
@@ -107,14 +107,14 @@ def draw_pat_interval(act: GestureSample) -> float:
     if act.regime == "cost":
         usual *= act.constants.value("double_pat.slower")
     low, high = act.constants.array("double_pat.interval_limits")
-    return act.note("interval", float(np.clip(usual, low, high)))
+    return act.record("interval", float(np.clip(usual, low, high)))
 
 
 def shift_hand(act: GestureSample, path: np.ndarray, leave: int, land: int) -> None:
     """Write the hand's way between two pats, and where it then stays."""
     length, way = (
         act.draw("double_pat.shift"),
-        act.note("shift", act.rng.uniform(0, 2 * np.pi)),
+        act.record("shift", act.rng.uniform(0, 2 * np.pi)),
     )
     shift = length * np.array([np.cos(way), np.sin(way)])
     path[leave:land] += shift * build_minimum_jerk(max(land - leave, 1))[:, None]
@@ -126,9 +126,9 @@ def keep_contact(
 ) -> None:
     """Let the hand not quite leave between the first and the last peak, sometimes."""
     chance = act.constants.value("double_pat.stays") * act.difficulty
-    if act.happens("stays", chance):
+    if act.draw_event("stays", chance):
         residue = act.constants.value("double_pat.residue") * act.person.force_scale
-        residue = act.note("residue", min(residue, weakest / 2))
+        residue = act.record("residue", min(residue, weakest / 2))
         series[first:last] = np.maximum(series[first:last], residue)
 
 
@@ -143,30 +143,30 @@ def draw_hold(
     """Parts of a hand round a tube for some time [s], `firmer` than in a grab."""
     most = compute_max_grip(act) / firmer
     force = firmer * draw_force(act, "grab.force", "grab", most)
-    steps = act.steps(duration)
+    steps = act.count_steps(duration)
     smooth = round(act.constants.value("force.smooth") / act.step / 2)
     rise, fall = act.draw("grab.rise"), act.draw("grab.fall")
     series = scale_to_peak(
-        build_trapezoid(steps, rise, fall, smooth) * act.held(steps), force
+        build_trapezoid(steps, rise, fall, smooth) * act.draw_held_noise(steps), force
     )
-    path = act.wander(steps)
+    path = act.draw_wander(steps)
     twist = act.draw("grab.twist") * build_minimum_jerk(steps)
     series = np.minimum(series, most * firmer)
-    stamps = act.person.part(group, act.draw("grab.splay"))
-    return act.press(
+    stamps = act.person.select_pads(group, act.draw("grab.splay"))
+    return act.build_press(
         stamps, draw_closed_tissue(act), series, path, draw_angle_across(act) + twist
     )
 
 
 def draw_closed_tissue(act: GestureSample) -> SoftTissue:
     """A hand that wraps round what it holds."""
-    return replace(act.person.flesh, conformity=act.draw("grab.conformity"))
+    return replace(act.person.tissue, conformity=act.draw("grab.conformity"))
 
 
 def draw_angle_across(act: GestureSample) -> float:
     """Angle of a hand across the tube, the way round that suits the person [rad]."""
     side = 1.0 if np.sin(act.site.angle) >= 0 else -1.0
-    return act.note("angle", side * np.pi / 2 + act.draw("grab.slant"))
+    return act.record("angle", side * np.pi / 2 + act.draw("grab.slant"))
 
 
 def compute_max_grip(act: GestureSample) -> float:
@@ -178,7 +178,7 @@ def compute_max_grip(act: GestureSample) -> float:
         wider = 2 * act.site.radius - value("grab.reference")
         share = 1 - value("grab.weaker") * wider
         share = np.clip(share, value("grab.weakest"), value("grab.strongest"))
-    return act.note("largest", act.person.grip * share)
+    return act.record("largest", act.person.grip * share)
 
 
 WHOLE_HAND_GROUPS = ("flat_hand", "full_hand")
@@ -190,18 +190,18 @@ def draw_stroke(act: GestureSample) -> tuple[Press, ...]:
     law = "stroke.hand_force" if act.kind in WHOLE_HAND_GROUPS else "stroke.force"
     force = draw_force(act, law, "stroke")
     duration = draw_duration(act, "stroke")
-    steps = act.steps(duration)
+    steps = act.count_steps(duration)
     way = draw_stroke_direction(act)
-    back = act.happens("return", act.constants.value("stroke.return"))
+    back = act.draw_event("return", act.constants.value("stroke.return"))
     legs = 2 if back else 1
     speed = act.draw("stroke.speed")
     start, length = fit_stroke(act, way, speed * duration / legs)
-    act.note("speed", legs * length / duration)
+    act.record("speed", legs * length / duration)
     along = start + length * build_travel(steps, back)
-    path = along[:, None] * way + act.wander(steps)
+    path = along[:, None] * way + act.draw_wander(steps)
     series = scale_to_peak(draw_sliding_force(act, steps), force)
-    flesh, angle = act.flesh(), act.turn()
-    return (act.press(act.stamps(act.kind), flesh, series, path, angle),)
+    flesh, angle = act.tissue(), act.draw_angle()
+    return (act.build_press(act.pads(act.kind), flesh, series, path, angle),)
 
 
 def draw_stroke_direction(act: GestureSample) -> Float[np.ndarray, "2"]:
@@ -213,7 +213,7 @@ def draw_stroke_direction(act: GestureSample) -> Float[np.ndarray, "2"]:
         slant = np.pi / 2 if path == "around" else act.draw("stroke.oblique")
     signs = act.rng.choice([-1.0, 1.0], 2)
     way = signs * np.array([np.sin(slant), np.cos(slant)])
-    act.note("direction", float(np.arctan2(-way[0], way[1])))
+    act.record("direction", float(np.arctan2(-way[0], way[1])))
     return way
 
 
@@ -231,15 +231,15 @@ def fit_stroke(
     if first > last:
         first = last = (low + high - length) / 2
     start = float(act.rng.uniform(first, last))
-    act.note("start", start)
-    return start, act.note("length", length)
+    act.record("start", start)
+    return start, act.record("length", length)
 
 
 def find_slide_limits(
     act: GestureSample, way: Float[np.ndarray, "2"]
 ) -> tuple[float, float]:
     """How far one may slide back and forth along a way [m]."""
-    low, high = act.site.clear
+    low, high = act.site.free_run
     arc = act.constants.value("stroke.arc") * 2 * np.pi * act.site.radius / 2
     limits = [(-np.inf, np.inf)]
     if abs(way[0]) > 1e-9:
@@ -266,4 +266,4 @@ def draw_sliding_force(act: GestureSample, steps: int) -> Series:
     shape = build_trapezoid(
         steps, act.draw("stroke.rise"), act.draw("stroke.fall"), smooth
     )
-    return shape * act.rippled(steps) * act.held(steps)
+    return shape * act.draw_ripple(steps) * act.draw_held_noise(steps)

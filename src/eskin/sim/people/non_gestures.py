@@ -32,15 +32,17 @@ FINGER_GROUPS = ("one_tip", "two_tips")
 def draw_resting_hand(act: GestureSample) -> tuple[Press, ...]:
     """A hand put down and left there."""
     force = draw_force(act, "none.resting_hand.force", "resting_hand")
-    act.happens("began_before", act.constants.value("none.resting_hand.before"))
-    steps = act.steps(act.draw("none.resting_hand.hold"))
+    act.draw_event("began_before", act.constants.value("none.resting_hand.before"))
+    steps = act.count_steps(act.draw("none.resting_hand.hold"))
     ramp = act.draw("none.resting_hand.ramp")
     stamps = act.pads(act.choose("none.resting_hand.kinds"))
-    series = scale_to_peak(build_ramp(act, steps, ramp, ramp) * act.held(steps), force)
-    lies_round = act.happens("round", act.constants.value("none.resting_hand.round"))
-    flesh = draw_closed_tissue(act) if lies_round else act.flesh()
-    angle = draw_angle_across(act) if lies_round else act.turn()
-    return (act.press(stamps, flesh, series, act.wander(steps), angle),)
+    series = scale_to_peak(
+        build_ramp(act, steps, ramp, ramp) * act.draw_held_noise(steps), force
+    )
+    lies_round = act.draw_event("round", act.constants.value("none.resting_hand.round"))
+    flesh = draw_closed_tissue(act) if lies_round else act.tissue()
+    angle = draw_angle_across(act) if lies_round else act.draw_angle()
+    return (act.build_press(stamps, flesh, series, act.draw_wander(steps), angle),)
 
 
 def build_ramp(act: GestureSample, steps: int, up: float, down: float) -> Series:
@@ -59,7 +61,7 @@ def draw_single_pat(act: GestureSample) -> tuple[Press, ...]:
     if act.regime == "paper":
         return draw_pats(act, 1, style)
     force = draw_force(act, "double_pat.force", "double_pat")
-    steps = act.steps(draw_duration(act, "tap"))
+    steps = act.count_steps(draw_duration(act, "tap"))
     return (draw_single_push(act, style, force, steps),)
 
 
@@ -68,15 +70,17 @@ def draw_long_press(act: GestureSample) -> tuple[Press, ...]:
     force = draw_force(act, "none.press.force", "press")
     style = act.choose("none.press.kinds")
     length = "finger_press" if style in FINGER_GROUPS else "press"
-    steps = act.steps(draw_duration(act, length, "press"))
+    steps = act.count_steps(draw_duration(act, length, "press"))
     return (draw_single_push(act, style, force, steps),)
 
 
 def draw_single_push(act: GestureSample, style: str, force: float, steps: int) -> Press:
     """Parts of a hand that push once, where they are."""
-    series = scale_to_peak(act.push(steps) * act.held(steps), force)
-    stamps, flesh = act.pads(style), act.flesh()
-    return act.press(stamps, flesh, series, act.wander(steps), act.turn())
+    series = scale_to_peak(act.draw_push(steps) * act.draw_held_noise(steps), force)
+    stamps, flesh = act.pads(style), act.tissue()
+    return act.build_press(
+        stamps, flesh, series, act.draw_wander(steps), act.draw_angle()
+    )
 
 
 def draw_squeeze_hold(act: GestureSample) -> tuple[Press, ...]:
@@ -87,7 +91,7 @@ def draw_squeeze_hold(act: GestureSample) -> tuple[Press, ...]:
 
 def draw_guiding(act: GestureSample) -> tuple[Press, ...]:
     """Two hands hold the arm and move it."""
-    steps = act.steps(act.draw("none.guiding.hold"))
+    steps = act.count_steps(act.draw("none.guiding.hold"))
     total, share = act.draw("none.guiding.force"), act.draw("none.guiding.share")
     gap = draw_hand_positions(act)
     made = [
@@ -99,7 +103,7 @@ def draw_guiding(act: GestureSample) -> tuple[Press, ...]:
 
 def draw_hand_positions(act: GestureSample) -> tuple[float, float]:
     """Where along the tube the two hands are, from the site's centre [m]."""
-    low, high = act.site.clear
+    low, high = act.site.free_run
     gap = min(act.draw("none.guiding.gap"), high - low)
     first = float(np.clip(-gap / 2, low, high - gap))
     return first, first + gap
@@ -114,9 +118,9 @@ def draw_guiding_hand(
     swaying = 1 + sway * draw_tremor(steps, act.step, rate, act.rng)
     shape = build_ramp(act, steps, *(act.draw("none.lean.ramp") for _ in range(2)))
     stamps = act.pads("full_hand")
-    path = act.wander(steps) + np.array([0.0, place])
-    series = scale_to_peak(shape * swaying * act.held(steps), force)
-    return act.press(
+    path = act.draw_wander(steps) + np.array([0.0, place])
+    series = scale_to_peak(shape * swaying * act.draw_held_noise(steps), force)
+    return act.build_press(
         stamps, draw_closed_tissue(act), series, path, draw_angle_across(act)
     )
 
@@ -136,27 +140,33 @@ def build_object_tissue(act: GestureSample) -> SoftTissue:
 def draw_lean(act: GestureSample) -> tuple[Press, ...]:
     """A forearm or a hip rests its weight on the robot."""
     force = draw_force(act, "none.lean.force", "lean")
-    steps = act.steps(act.draw("none.lean.hold"))
+    steps = act.count_steps(act.draw("none.lean.hold"))
     up, down = (act.draw("none.lean.ramp") for _ in range(2))
-    series = scale_to_peak(build_ramp(act, steps, up, down) * act.leant(steps), force)
+    series = scale_to_peak(
+        build_ramp(act, steps, up, down) * act.draw_leaning_noise(steps), force
+    )
     body = build_body(act.choose("none.lean.bodies"), act.constants)
-    return (act.press(body, act.flesh(), series, act.wander(steps), act.turn()),)
+    return (
+        act.build_press(
+            body, act.tissue(), series, act.draw_wander(steps), act.draw_angle()
+        ),
+    )
 
 
 def draw_bump(act: GestureSample) -> tuple[Press, ...]:
     """A body hits the robot and bounces: a mass on a spring for half a period."""
     speed, mass = act.draw("none.bump.speed"), act.draw("none.bump.mass")
     stiffness = act.draw("none.bump.stiffness") / MM
-    force = act.note("force", speed * np.sqrt(mass * stiffness))
-    contact = act.note("duration", np.pi * np.sqrt(mass / stiffness))
-    series = force * build_bell(act.steps(contact), 1.0)
-    if act.happens("rebound", act.constants.value("none.bump.rebound")):
+    force = act.record("force", speed * np.sqrt(mass * stiffness))
+    contact = act.record("duration", np.pi * np.sqrt(mass / stiffness))
+    series = force * build_bell(act.count_steps(contact), 1.0)
+    if act.draw_event("rebound", act.constants.value("none.bump.rebound")):
         share = act.draw("none.bump.rebound_share")
         gap = np.zeros(round(act.draw("none.bump.rebound_after") / act.step))
         series = np.concatenate([series, gap, share * series])
     body = build_body(choose_bumping_body(act, stiffness), act.constants)
     path = draw_slide(act, act.draw("none.bump.slide"), len(series))
-    return (act.press(body, act.flesh(), series, path, act.turn()),)
+    return (act.build_press(body, act.tissue(), series, path, act.draw_angle()),)
 
 
 def choose_bumping_body(act: GestureSample, stiffness: float) -> str:
@@ -171,7 +181,7 @@ def draw_slide(
     act: GestureSample, speed: float, steps: int
 ) -> Float[np.ndarray, "time 2"]:
     """A way at even speed [m/s] in a direction that is drawn, about the site [m]."""
-    way = act.note("direction", act.rng.uniform(-np.pi, np.pi))
+    way = act.record("direction", act.rng.uniform(-np.pi, np.pi))
     along = speed * act.step * (np.arange(steps) - (steps - 1) / 2)
     return along[:, None] * np.array([-np.sin(way), np.cos(way)])
 
@@ -179,7 +189,7 @@ def draw_slide(
 def draw_brush(act: GestureSample) -> tuple[Press, ...]:
     """A sleeve, a seam or the back of a hand passes over the robot."""
     body = act.choose("none.brush.bodies")
-    return (draw_dragged_body(act, body, act.flesh()),)
+    return (draw_dragged_body(act, body, act.tissue()),)
 
 
 def draw_cable(act: GestureSample) -> tuple[Press, ...]:
@@ -189,15 +199,15 @@ def draw_cable(act: GestureSample) -> tuple[Press, ...]:
 
 def draw_dragged_body(act: GestureSample, body: str, flesh: SoftTissue) -> Press:
     """A body that passes lightly and unevenly, across its long axis."""
-    force = act.note("force", act.draw("none.brush.force"))
-    steps = act.steps(act.draw("none.brush.hold"))
+    force = act.record("force", act.draw("none.brush.force"))
+    steps = act.count_steps(act.draw("none.brush.hold"))
     rise, fall = act.draw("stroke.rise"), act.draw("stroke.fall")
     whole = (steps - 1) * act.step
     shape = build_ramp(act, steps, rise * whole, fall * whole)
     path = draw_slide(act, act.draw("none.brush.speed"), steps)
     angle = float(act.drawn["direction"]) + np.pi / 2 + act.draw("hand.turn")
-    series = scale_to_peak(shape * act.rippled(steps), force)
-    return act.press(
+    series = scale_to_peak(shape * act.draw_ripple(steps), force)
+    return act.build_press(
         build_body(body, act.constants),
         flesh,
         series,
@@ -210,34 +220,36 @@ def clip_to_free_run(
     act: GestureSample, path: Float[np.ndarray, "time 2"]
 ) -> Float[np.ndarray, "time 2"]:
     """The same way, held at the ends of the free run."""
-    low, high = act.site.clear
+    low, high = act.site.free_run
     return np.column_stack([path[:, 0], np.clip(path[:, 1], low, high)])
 
 
 def draw_self_contact(act: GestureSample) -> tuple[Press, ...]:
     """The robot's own links touch along an edge."""
-    force = act.note("force", act.draw("none.self_contact.force"))
-    steps = act.steps(act.draw("none.self_contact.hold"))
+    force = act.record("force", act.draw("none.self_contact.force"))
+    steps = act.count_steps(act.draw("none.self_contact.hold"))
     series = force * build_bell(steps, 1.0)
     body = build_body("edge", act.constants)
     path = np.zeros((steps, 2))
-    return (act.press(body, build_object_tissue(act), series, path, act.site.angle),)
+    return (
+        act.build_press(body, build_object_tissue(act), series, path, act.site.angle),
+    )
 
 
 def draw_rub(act: GestureSample) -> tuple[Press, ...]:
     """To and fro, firmly, several times."""
     force = draw_force(act, "unknown.rub.force", "stroke")
-    steps = act.steps(draw_duration(act, "rub", "stroke"))
+    steps = act.count_steps(draw_duration(act, "rub", "stroke"))
     swing = draw_swing(act, steps, "unknown.rub")
-    path = swing[:, None] * draw_stroke_direction(act) + act.wander(steps)
+    path = swing[:, None] * draw_stroke_direction(act) + act.draw_wander(steps)
     stamps = act.pads(act.choose("stroke.kinds"))
     series = scale_to_peak(draw_sliding_force(act, steps), force)
-    return (act.press(stamps, act.flesh(), series, path, act.turn()),)
+    return (act.build_press(stamps, act.tissue(), series, path, act.draw_angle()),)
 
 
 def draw_swing(act: GestureSample, steps: int, name: str) -> Float[np.ndarray, "time"]:
     """To and fro, in the room there is [m]."""
-    low, high = act.site.clear
+    low, high = act.site.free_run
     reach = min(act.draw(f"{name}.reach"), (high - low) / 2)
     return reach * draw_tremor(steps, act.step, act.draw(f"{name}.rate"), act.rng)
 
@@ -245,16 +257,16 @@ def draw_swing(act: GestureSample, steps: int, name: str) -> Float[np.ndarray, "
 def draw_tickle(act: GestureSample) -> tuple[Press, ...]:
     """Fingertips, lightly and quickly."""
     force = draw_force(act, "unknown.tickle.force", "tickle")
-    steps = act.steps(draw_duration(act, "tickle"))
+    steps = act.count_steps(draw_duration(act, "tickle"))
     swings = [draw_swing(act, steps, "unknown.tickle") for _ in "st"]
-    path = np.column_stack(swings) + act.wander(steps)
+    path = np.column_stack(swings) + act.draw_wander(steps)
     depth = act.draw("unknown.tickle.depth")
     rate = act.draw("unknown.tickle.rate")
     beats = 1 - depth * (1 + draw_tremor(steps, act.step, rate, act.rng)) / 2
     ramp = 2 * act.constants.value("force.smooth")
     series = scale_to_peak(build_ramp(act, steps, ramp, ramp) * beats, force)
     stamps = act.pads("tips")
-    return (act.press(stamps, act.flesh(), series, path, act.turn()),)
+    return (act.build_press(stamps, act.tissue(), series, path, act.draw_angle()),)
 
 
 def draw_squeeze(act: GestureSample) -> tuple[Press, ...]:

@@ -110,7 +110,7 @@ def perform(
     way = choose_kind(gesture, kind, person, constants, rng, difficulty)
     act = GestureSample(
         *(way, person, site, constants, rng, float(difficulty), chosen),
-        asked=asked or {},
+        requested=asked or {},
     )
     act.drawn["regime"] = chosen
     program = find_program(gesture, way)

@@ -44,7 +44,7 @@ class Person:
     """Lengths of index to little finger [m]."""
     acromion_height: float
     """Height of the shoulder [m]."""
-    flesh: SoftTissue
+    tissue: SoftTissue
     """How their hands give way."""
     force_scale: float
     """How firmly they touch, relative to the average."""
@@ -67,7 +67,7 @@ class Person:
     hand: ContactPads
     """The hand they touch with, all 20 parts, flat, seen from its back."""
 
-    def part(self, group: str, splay: float = 0.0) -> ContactPads:
+    def select_pads(self, group: str, splay: float = 0.0) -> ContactPads:
         """Some parts of the hand.
 
         Args:
@@ -126,7 +126,7 @@ def draw_person(name: str, constants: Constants, rng: np.random.Generator) -> Pe
         thumb=thumb,
         fingers=(fingers[0], fingers[1], fingers[2], fingers[3]),
         acromion_height=acromion,
-        flesh=draw_flesh(length, constants, rng),
+        tissue=draw_flesh(length, constants, rng),
         force_scale=constants.draw("person.force_scale", rng),
         tempo_scale=constants.draw("person.tempo_scale", rng),
         pat_interval=constants.draw("person.pat_interval", rng),

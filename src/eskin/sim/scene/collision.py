@@ -17,18 +17,18 @@ from eskin.sim.scene.kernels import (
 class CollisionModel:
     """The solid parts of a robot and which of them may meet."""
 
-    rods: CylinderArrays
+    cylinders: CylinderArrays
     """All cylinders."""
     pairs: Int[np.ndarray, "pair 2"]
     """Rods of links that share no joint."""
-    free: Int[np.ndarray, "free"]
+    table_cylinders: Int[np.ndarray, "free"]
     """Rods that may hit the table."""
-    apart: tuple[Int[np.ndarray, "_"], ...]
+    unjoined: tuple[Int[np.ndarray, "_"], ...]
     """For each link, the rods of links that share no joint with it."""
-    others: tuple[Int[np.ndarray, "_"], ...]
+    other_cylinders: tuple[Int[np.ndarray, "_"], ...]
     """For each link, the rods of all other links."""
 
-    def clearance(
+    def compute_clearance(
         self, T_world_link: Float[np.ndarray, "pose link 4 4"], enough: float
     ) -> Float[np.ndarray, "pose 2"]:
         """Least distance between links, and least height above the table [m].
@@ -36,9 +36,11 @@ class CollisionModel:
         What is farther than `enough` [m] is only known to be so.
         """
         T = np.ascontiguousarray(T_world_link)
-        return compute_clearances(self.rods, self.pairs, self.free, T, enough)
+        return compute_clearances(
+            self.cylinders, self.pairs, self.table_cylinders, T, enough
+        )
 
-    def room(
+    def compute_free_distance(
         self,
         T_world_link: Float[np.ndarray, "link 4 4"],
         points: Float[np.ndarray, "point 3"],
@@ -46,7 +48,7 @@ class CollisionModel:
     ) -> Float[np.ndarray, "point"]:
         """Distance of points of the world from all links but one, and the table [m]."""
         found, _ = compute_point_distances(
-            self.rods, T_world_link, points, self.others[link]
+            self.cylinders, T_world_link, points, self.other_cylinders[link]
         )
         return np.minimum(found, points[:, 2])
 
@@ -66,11 +68,15 @@ def build_collision_model(robot: Robot) -> CollisionModel:
     links = rods.links
     pairs = np.argwhere(np.triu(meets[links][:, links]))
     return CollisionModel(
-        rods=rods,
+        cylinders=rods,
         pairs=pairs.astype(np.int64).reshape(-1, 2),
-        free=np.flatnonzero(~np.isin(links, find_base_links(robot))),
-        apart=tuple(np.flatnonzero(meets[link][links]) for link in range(len(names))),
-        others=tuple(np.flatnonzero(links != link) for link in range(len(names))),
+        table_cylinders=np.flatnonzero(~np.isin(links, find_base_links(robot))),
+        unjoined=tuple(
+            np.flatnonzero(meets[link][links]) for link in range(len(names))
+        ),
+        other_cylinders=tuple(
+            np.flatnonzero(links != link) for link in range(len(names))
+        ),
     )
 
 

@@ -23,9 +23,9 @@ class SimEnvironment:
     """The skin's surfaces, unrolled."""
     links: tuple[int, ...]
     """The link of each chart, as an index into the robot's links."""
-    solids: CollisionModel
+    collision: CollisionModel
     """What may collide."""
-    spots: TouchTargets
+    targets: TouchTargets
     """Places that can be touched."""
     constants: Constants
     """Numbers of the world."""
@@ -41,7 +41,7 @@ class SimEnvironment:
         """Whether the robot has joints."""
         return len(self.mounted.robot.joint_names) > 0
 
-    def joint(self, name: str) -> int:
+    def joint_index(self, name: str) -> int:
         """Place of a joint in `q`.
 
         Raises:
@@ -121,7 +121,7 @@ def build_site(
         chart=chart,
         centre=(float(centre[0]), float(centre[1])),
         radius=here.radius,
-        clear=find_free_run(world, chart, centre, T_world_link),
+        free_run=find_free_run(world, chart, centre, T_world_link),
         angle=float(compute_surface_angle(direction[None], s_axis, t_axis)[0]),
     )
 
@@ -147,7 +147,7 @@ def find_free_run(
     position, _, _, normal = compute_surface_axes(here, at, T)
     room = world.constants.value("place.room") * MM
     over = position + room / 2 * normal
-    blocked = world.solids.room(T_world_link, over, link) < room / 2
+    blocked = world.collision.compute_free_distance(T_world_link, over, link) < room / 2
     return (
         low
         if not blocked[: len(before)].any()
@@ -170,6 +170,6 @@ def find_skin_extent(
     """How far skin goes on along t from a place [m]."""
     here = world.charts[chart]
     lane = world.constants.value("place.column") * MM
-    aside = np.abs(here.wrapped(here.unrolled[:, 0] - centre[0]))
+    aside = np.abs(here.wrap_s(here.unrolled[:, 0] - centre[0]))
     along = here.unrolled[aside <= lane, 1] - centre[1]
     return float(along.min(initial=0.0)), float(along.max(initial=0.0))

@@ -19,7 +19,7 @@ class CylinderArrays(NamedTuple):
     """Unit directions (rod, 3)."""
     radii: np.ndarray
     """[m] (rod)"""
-    halves: np.ndarray
+    half_lengths: np.ndarray
     """Half lengths [m] (rod)."""
 
 
@@ -187,7 +187,7 @@ def compute_clearances(
         low = np.inf
         for rod in free:
             up = abs(axes[rod, 2])
-            below = up * rods.halves[rod] + rods.radii[rod] * np.sqrt(
+            below = up * rods.half_lengths[rod] + rods.radii[rod] * np.sqrt(
                 max(1.0 - up * up, 0.0)
             )
             low = min(low, centres[rod, 2] - below)
@@ -197,11 +197,11 @@ def compute_clearances(
                 centres[one],
                 axes[one],
                 rods.radii[one],
-                rods.halves[one],
+                rods.half_lengths[one],
                 centres[other],
                 axes[other],
                 rods.radii[other],
-                rods.halves[other],
+                rods.half_lengths[other],
                 min(enough, least),
             )
             least = min(least, gap)
@@ -225,7 +225,7 @@ def compute_point_distances(
         p = (points[i, 0], points[i, 1], points[i, 2])
         for rod in others:
             at = find_nearest_point(
-                p, centres[rod], axes[rod], rods.radii[rod], rods.halves[rod]
+                p, centres[rod], axes[rod], rods.radii[rod], rods.half_lengths[rod]
             )
             length = compute_distance(p, at)
             if length < found[i]:

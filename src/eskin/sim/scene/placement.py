@@ -25,7 +25,7 @@ def has_room_for_hand(
 ) -> bool:
     """Whether nothing is in the hand's way, and a stroke has its run."""
     if law == "stroke":
-        low, high = site.clear
+        low, high = site.free_run
         if high - low < world.constants.value("place.stroke_run") * MM:
             return False
     if law == "grab":
@@ -46,7 +46,9 @@ def has_room_for_finger(
         world.charts[site.chart], here, T_world_link[link]
     )
     over = position + need / 2 * normal
-    return bool(world.solids.room(T_world_link, over, link)[0] >= need / 2)
+    return bool(
+        world.collision.compute_free_distance(T_world_link, over, link)[0] >= need / 2
+    )
 
 
 def has_room_for_grip(
@@ -64,7 +66,7 @@ def has_room_for_grip(
     surface, *_ = compute_surface_axes(
         world.charts[site.chart], places + site.centre, T
     )
-    gaps = world.solids.room(T_world_link, surface, link)
+    gaps = world.collision.compute_free_distance(T_world_link, surface, link)
     return bool(np.all(gaps >= value("place.room") * MM))
 
 
@@ -177,7 +179,7 @@ def draw_target(
     None where no place of the region that was drawn will do.
     """
     only = law in TUBE_GESTURES
-    lists = world.spots.lists
+    lists = world.targets.by_kind
     prior = world.constants.weights("place.regions")
     chances = np.array(
         [
@@ -194,7 +196,7 @@ def draw_target(
     weights = (
         compute_target_weights(world, view, spots)
         if strict
-        else world.spots.areas[spots]
+        else world.targets.areas[spots]
     )
     total = np.cumsum(weights)
     if not total[-1] > 0:
@@ -215,7 +217,7 @@ def compute_target_weights(
     world: SimEnvironment, view: PersonView, spots: Int[np.ndarray, "spot"]
 ) -> Float[np.ndarray, "spot"]:
     """Area of places, as far as the person reaches them and they face the person."""
-    all_spots = world.spots
+    all_spots = world.targets
     links = np.array(world.links)[all_spots.chart[spots]]
     T = view.T_world_link[links]
     turn = "sij,sj->si"
@@ -233,7 +235,7 @@ def draw_site_on_target(
     world: SimEnvironment, view: PersonView, spot: int, rng: np.random.Generator
 ) -> ContactSite:
     """The site at a place that may be drawn."""
-    chart = int(world.spots.chart[spot])
+    chart = int(world.targets.chart[spot])
     return build_reached_site(
         world, view, chart, draw_point_on_target(world, spot, rng)
     )
@@ -255,13 +257,13 @@ def draw_point_on_target(
     world: SimEnvironment, spot: int, rng: np.random.Generator
 ) -> Float[np.ndarray, "2"]:
     """A point of a place that is as near to an edge as the place is (s, t) [m]."""
-    spots = world.spots
+    spots = world.targets
     middle = spots.unrolled[spot]
     chart = int(spots.chart[spot])
-    target = middle + rng.uniform(-1.0, 1.0, 2) @ spots.half[spot]
+    target = middle + rng.uniform(-1.0, 1.0, 2) @ spots.half_cells[spot]
     if spots.kind[spot] == SEAM:
         return target
-    rim = spots.rims[chart]
+    rim = spots.edges[chart]
     away = compute_edge_distance(world.charts[chart], rim, target[None])[0]
     near = away <= world.constants.value("place.edge_within") * MM
     return target if near == (spots.kind[spot] == EDGE) else middle.copy()

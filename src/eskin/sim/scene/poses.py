@@ -53,8 +53,8 @@ def compute_pose_groups(
     forearm = world.mounted.robot.link_index(FOREARM)
     rise = np.arcsin(np.clip(T_world_link[:, forearm, 2, 2], -1.0, 1.0))
     band = np.digitize(rise, np.deg2rad(world.constants.array("robot.slope")))
-    lift = np.rad2deg(q[:, world.joint(LIFT)])
-    elbow = np.rad2deg(q[:, world.joint(ELBOW)])
+    lift = np.rad2deg(q[:, world.joint_index(LIFT)])
+    elbow = np.rad2deg(q[:, world.joint_index(ELBOW)])
     backward = lift < world.constants.value("robot.upright")
     bent = np.abs(elbow) > world.constants.value("robot.bent")
     return BANDS[band] + 2 * backward.astype(np.int64) + bent

@@ -43,7 +43,7 @@ class ScenePress:
 
     press: Press
     """The part of the press that lies in the scene."""
-    felt: PressureField
+    field: PressureField
     """What the skin feels of it."""
 
     @property
@@ -88,13 +88,13 @@ def sum_pressure(
         steps: length of the scene.
         count: taxels of the skin.
     """
-    touched = [part.felt.taxels for part in parts]
+    touched = [part.field.taxels for part in parts]
     taxels = np.unique(np.concatenate([np.empty(0, dtype=np.int64), *touched]))
     column_of = np.zeros(count, dtype=np.int64)
     column_of[taxels] = np.arange(len(taxels))
     pressure = np.zeros((steps, len(taxels)))
     for part in parts:
-        pressure[part.span, column_of[part.felt.taxels]] += part.felt.pressure
+        pressure[part.span, column_of[part.field.taxels]] += part.field.pressure
     return pressure, taxels
 
 
@@ -169,7 +169,7 @@ class TrueTouchSeries:
     end: float
     """Last contact since the start of the clip; may be after its end [s]."""
 
-    def record(self, number: int, reading: int, stamp: int) -> TruthRecord:
+    def to_record(self, number: int, reading: int, stamp: int) -> TruthRecord:
         """What is recorded of it at one reading.
 
         Args:
@@ -220,7 +220,7 @@ def build_true_series(
     loads: dict[str, float] = {}
     T_world_link = mounted.kinematics.poses(q)
     for part in parts:
-        chart, felt = charts[part.press.chart], part.felt
+        chart, felt = charts[part.press.chart], part.field
         force[part.span] += felt.force
         area[part.span] += felt.area
         p_link = chart.surface.wrap(felt.centroid).positions

@@ -40,7 +40,7 @@ class TouchTargets:
     """Amid a patch, near its edge, or on a seam: `INNER`, `EDGE`, `SEAM`."""
     unrolled: Float[np.ndarray, "spot 2"]
     """(s, t) on the chart [m]."""
-    half: Float[np.ndarray, "spot 2 2"]
+    half_cells: Float[np.ndarray, "spot 2 2"]
     """Half the quarter cell as two vectors (s, t), within which a target lies [m]."""
     positions: Float[np.ndarray, "spot 3"]
     """In the frame of the chart's link [m]."""
@@ -48,13 +48,13 @@ class TouchTargets:
     """Outward unit normals in that frame."""
     areas: Float[np.ndarray, "spot"]
     """[m2]"""
-    rims: tuple[PatchEdges, ...]
+    edges: tuple[PatchEdges, ...]
     """Where the patches of each chart end."""
     tubes: tuple[bool, ...]
     """Which charts a hand can be closed round, or slide along."""
 
     @cached_property
-    def lists(self) -> dict[tuple[int, int, bool], Int[np.ndarray, "_"]]:
+    def by_kind(self) -> dict[tuple[int, int, bool], Int[np.ndarray, "_"]]:
         """Spots by region, kind, and whether only tubes will do."""
         tube = np.array(self.tubes, dtype=bool)[self.chart]
         return {
@@ -92,11 +92,11 @@ def build_targets(
         region=np.repeat(np.array(regions, dtype=np.int64), counts),
         kind=kind,
         unrolled=unrolled,
-        half=half,
+        half_cells=half,
         positions=np.concatenate([wrap.positions for wrap in wraps]),
         normals=np.concatenate([wrap.normals for wrap in wraps]),
         areas=np.where(kind == SEAM, np.mean(areas[kind != SEAM]), areas),
-        rims=rims,
+        edges=rims,
         tubes=tubes,
     )
 
@@ -144,7 +144,7 @@ def compute_offsets(
 ) -> Float[np.ndarray, "place point 2"]:
     """From each place to each point, the shorter way round [m]."""
     away = to[None] - places[:, None]
-    away[..., 0] = chart.wrapped(away[..., 0])
+    away[..., 0] = chart.wrap_s(away[..., 0])
     return away
 
 

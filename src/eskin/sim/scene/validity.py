@@ -40,7 +40,7 @@ def are_collision_free(
     """Whether links keep clear of each other and of the table."""
     value = world.constants.value
     least, low = value("robot.clearance") * MM, value("robot.table_clearance") * MM
-    gap, height = world.solids.clearance(T_world_link, least).T
+    gap, height = world.collision.compute_clearance(T_world_link, least).T
     return (gap >= least) & (height >= low) & is_tool_above_table(world, T_world_link)
 
 
@@ -105,9 +105,9 @@ def find_self_pressed_taxels(
     local = world.mounted.skin.positions[world.charts[chart].taxels]
     T = T_world_link[link]
     points = local @ T[:3, :3].T + T[:3, 3]
-    others = world.solids.apart[link]
+    others = world.collision.unjoined[link]
     gaps, rods = compute_point_distances(
-        world.solids.rods, T_world_link, points, others
+        world.collision.cylinders, T_world_link, points, others
     )
     near = gaps < world.constants.value("fold.contact") * MM
     return gaps, np.where(near, rods, -1)
@@ -121,7 +121,7 @@ def build_self_contact_site(
     T_world_link: Float[np.ndarray, "link 4 4"],
 ) -> ContactSite:
     """The place of a taxel, its angle along the rod that presses there."""
-    rods = world.solids.rods
+    rods = world.collision.cylinders
     along = T_world_link[rods.links[rod], :3, :3] @ rods.axes[rod]
     centre = world.charts[chart].unrolled[taxel]
     return build_site(world, chart, centre, along, T_world_link)
@@ -137,7 +137,7 @@ def bend_until_self_contact(
     names = [name for name in BENT_JOINTS if name in world.mounted.robot.joint_names]
     if not names:
         return q[:0]
-    joints = np.array([world.joint(name) for name in names])
+    joints = np.array([world.joint_index(name) for name in names])
     chosen = joints[rng.integers(len(joints), size=len(q))]
     ways = rng.choice([-1.0, 1.0], len(q))
     bent = [
@@ -198,7 +198,7 @@ def compute_link_gaps(
     world: SimEnvironment, q: Float[np.ndarray, "pose joint"], enough: float
 ) -> Float[np.ndarray, "pose"]:
     """Least distance of links [m], known only up to `enough`."""
-    return world.solids.clearance(world.poses(q), enough)[:, 0]
+    return world.collision.compute_clearance(world.poses(q), enough)[:, 0]
 
 
 def is_clear_of_table(
@@ -206,7 +206,7 @@ def is_clear_of_table(
 ) -> bool:
     """Whether a pose keeps clear of the table, with its joints within their limits."""
     T = world.poses(q)
-    height = world.solids.clearance(T, 0.0)[:, 1]
+    height = world.collision.compute_clearance(T, 0.0)[:, 1]
     clear = height >= world.constants.value("robot.table_clearance") * MM
     low, high = compute_joint_limits(world)
     within = np.all((q >= low) & (q <= high), axis=1)

@@ -93,9 +93,9 @@ class SensorLayer(NamedTuple):
     half_pressure: float
     exponent: np.ndarray
     gain: np.ndarray
-    play: np.ndarray
+    play_widths: np.ndarray
     play_weights: np.ndarray
-    play_least: float
+    play_min_load: float
     creep: np.ndarray
     """(live, process)"""
     creep_part: np.ndarray
@@ -113,21 +113,21 @@ class SensorLayer(NamedTuple):
 class LayerState(NamedTuple):
     """What the live taxels keep of the steps before, as `update_conductance` goes on with it."""
 
-    still: np.ndarray
+    play_positions: np.ndarray
     """Places of the play operators (live, operator)."""
-    crept: np.ndarray
+    creep: np.ndarray
     """Shares of full creep (live, process)."""
-    slow: np.ndarray
+    slow_creep: np.ndarray
     """The part of them that is slow to be forgotten after release (live, process)."""
-    largest: np.ndarray
+    max_load: np.ndarray
     """Largest load of the touch (live)."""
-    held: np.ndarray
+    play_output: np.ndarray
     """What the operators held at the last load (live)."""
     power: np.ndarray
     """That to the power of the exponent (live)."""
     peak: np.ndarray
     """Largest signal of the touch, by full scale (live)."""
-    shifted: np.ndarray
+    baseline_shift: np.ndarray
     """Shift of the baseline, by full scale (live)."""
     touches: np.ndarray
     """Touches that are over (live)."""
@@ -162,13 +162,21 @@ def update_conductance(
         shift: written, by full scale.
     """
     steps, live = conductance.shape
-    operators, processes = len(film.play), len(film.creep_part)
+    operators, processes = len(film.play_widths), len(film.creep_part)
     for a in range(live):
-        still, crept, slow = memory.still[a], memory.crept[a], memory.slow[a]
-        rest, largest = max(film.load[a], 0.0), memory.largest[a]
+        still, crept, slow = (
+            memory.play_positions[a],
+            memory.creep[a],
+            memory.slow_creep[a],
+        )
+        rest, largest = max(film.load[a], 0.0), memory.max_load[a]
         loaded, touched = memory.loaded[a], memory.touched[a]
-        held_before, power = memory.held[a], memory.power[a]
-        peak, shifted, touches = memory.peak[a], memory.shifted[a], memory.touches[a]
+        held_before, power = memory.play_output[a], memory.power[a]
+        peak, shifted, touches = (
+            memory.peak[a],
+            memory.baseline_shift[a],
+            memory.touches[a],
+        )
         for t in range(steps):
             push = pressure[t, column[a]] if column[a] >= 0 else 0.0
             q = max(film.load[a] + push / film.half_pressure, 0.0)
@@ -181,7 +189,7 @@ def update_conductance(
                 shifted += share * film.after[touches % len(film.after), a]
                 touches += 1
                 peak = 0.0
-                largest = max(rest, film.play_least)
+                largest = max(rest, film.play_min_load)
             touched = is_touched
             if q == 0.0:
                 if loaded:
@@ -208,7 +216,7 @@ def update_conductance(
             largest = max(largest, q)
             held = 0.0
             for j in range(operators):
-                width = film.play[j] * largest
+                width = film.play_widths[j] * largest
                 still[j] = max(q - width, min(q + width, still[j]))
                 held += film.play_weights[j] * still[j]
             if held != held_before:
@@ -223,10 +231,14 @@ def update_conductance(
                 peak = max(peak, value / (1.0 + value))
             conductance[t, a] = value
             shift[t, a] = shifted
-        memory.largest[a] = largest
+        memory.max_load[a] = largest
         memory.loaded[a], memory.touched[a] = loaded, touched
-        memory.held[a], memory.power[a] = held_before, power
-        memory.peak[a], memory.shifted[a], memory.touches[a] = peak, shifted, touches
+        memory.play_output[a], memory.power[a] = held_before, power
+        memory.peak[a], memory.baseline_shift[a], memory.touches[a] = (
+            peak,
+            shifted,
+            touches,
+        )
 
 
 class TaxelArrays(NamedTuple):

@@ -46,7 +46,7 @@ class SensorSession:
 
     gain: Float[np.ndarray, "taxel"]
     """Factor on the conductance of each taxel."""
-    warmer: float
+    temperature_offset: float
     """Temperature above that of calibration [K]."""
 
 
@@ -121,18 +121,18 @@ def build_sensor_layer(
     if stages.gain:
         gain = (velostat.gain * session.gain)[live]
     if stages.drift:
-        gain = gain * (1.0 + velostat.temperature_gain * session.warmer)
+        gain = gain * (1.0 + velostat.temperature_gain * session.temperature_offset)
     plain = np.array([0.0]), np.array([1.0])
-    play = (velostat.play, velostat.play_weights) if stages.hysteresis else plain
+    play = (velostat.play_widths, velostat.play_weights) if stages.hysteresis else plain
     step = electronics.step
     return SensorLayer(
         load=compute_free_load(build, stages)[live],
         half_pressure=velostat.half_pressure,
         exponent=velostat.exponent[live] if stages.power else np.ones(len(live)),
         gain=gain,
-        play=play[0],
+        play_widths=play[0],
         play_weights=play[1],
-        play_least=velostat.play_least,
+        play_min_load=velostat.play_min_load,
         creep=velostat.creep[live] * stages.creep,
         creep_part=1.0 - np.exp(-step / velostat.creep_times),
         recovery_keep=np.exp(-step / velostat.recovery_times),
@@ -180,17 +180,17 @@ def compute_taxel_ages(
 def build_layer_state(film: SensorLayer) -> LayerState:
     """A laminate that nobody has touched yet; what bends presses has crept already."""
     rest = np.maximum(film.load, 0.0)
-    live, operators, processes = len(rest), len(film.play), len(film.creep_part)
+    live, operators, processes = len(rest), len(film.play_widths), len(film.creep_part)
     crept = np.repeat((rest > 0.0).astype(np.float64)[:, None], processes, axis=1)
     return LayerState(
-        still=np.zeros((live, operators)),
-        crept=crept,
-        slow=np.zeros((live, processes)),
-        largest=np.maximum(rest, film.play_least),
-        held=np.full(live, -1.0),
+        play_positions=np.zeros((live, operators)),
+        creep=crept,
+        slow_creep=np.zeros((live, processes)),
+        max_load=np.maximum(rest, film.play_min_load),
+        play_output=np.full(live, -1.0),
         power=np.zeros(live),
         peak=np.zeros(live),
-        shifted=np.zeros(live),
+        baseline_shift=np.zeros(live),
         touches=np.zeros(live, dtype=np.int64),
         loaded=rest > 0.0,
         touched=np.zeros(live, dtype=bool),

@@ -54,11 +54,11 @@ class ReadingNoise:
         self.given = 0
 
     @property
-    def left(self) -> int:
+    def remaining(self) -> int:
         """Readings that may be asked for at a time."""
         return NOISE_BLOCK - self.given % NOISE_BLOCK
 
-    def rows(self, readings: int) -> NoiseRows:
+    def draw_rows(self, readings: int) -> NoiseRows:
         """The numbers of the next readings, no more than are `left`."""
         within = self.given % NOISE_BLOCK
         if self.given and within == 0:
@@ -117,7 +117,7 @@ class ReadingLosses:
         """Which of so many readings get lost, where there are no more than those."""
         chance = self.rng.random((readings + 1, self.patches))
         self.gone, self.has_begun = chance[-1] < self.share, True
-        return self.lost(chance[:-1])
+        return self.draw_losses(chance[:-1])
 
     def draw_next(self) -> Lost:
         """Which patches are lost in the next reading of a stream without end.
@@ -128,9 +128,9 @@ class ReadingLosses:
         if not self.has_begun:
             self.gone = self.rng.spawn(1)[0].random(self.patches) < self.share
             self.has_begun = True
-        return self.lost(self.rng.random((1, self.patches)))
+        return self.draw_losses(self.rng.random((1, self.patches)))
 
-    def lost(self, chance: Float[np.ndarray, "reading patch"]) -> Lost:
+    def draw_losses(self, chance: Float[np.ndarray, "reading patch"]) -> Lost:
         """Go on by some readings, for each of which a chance was drawn."""
         lost = np.zeros(chance.shape, dtype=bool)
         if self.works:

@@ -85,8 +85,8 @@ class Sensor:
         ages = compute_taxel_ages(build, skin, stages)
         self.count = skin.count
         self.live = live
-        self.film = build_sensor_layer(live, build, session, stages, after)
-        self.memory = build_layer_state(self.film)
+        self.layer = build_sensor_layer(live, build, session, stages, after)
+        self.state = build_layer_state(self.layer)
         self.losses = ReadingLosses(
             build.defects, len(skin.patches), streams[2], stages
         )
@@ -139,8 +139,8 @@ class Sensor:
         update_conductance(
             np.asarray(pressure, np.float64),
             column[self.live],
-            self.film,
-            self.memory,
+            self.layer,
+            self.state,
             conductance[kept:],
             shift[kept:],
         )

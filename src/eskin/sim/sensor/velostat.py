@@ -19,11 +19,11 @@ class Velostat:
     """Pressure that the bent laminate puts on itself [kPa]."""
     activation: Float[np.ndarray, "taxel"]
     """Pressure that closes the gap of the grid [kPa]."""
-    play: Float[np.ndarray, "operator"]
+    play_widths: Float[np.ndarray, "operator"]
     """Half widths of the play operators by the largest load of the touch."""
     play_weights: Float[np.ndarray, "operator"]
     """Weights of the play operators."""
-    play_least: float
+    play_min_load: float
     """Least load that sets those widths, by `half_pressure`."""
     exponent: Float[np.ndarray, "taxel"]
     """Growth of conductance with load."""
@@ -53,15 +53,15 @@ class Velostat:
 def build_nominal_velostat(skin: Skin, constants: Constants) -> Velostat:
     """A laminate whose taxels are all as the maker means them to be."""
     same = np.ones(skin.count)
-    law = constants.entry("sensor.half_pressure.fresh").spread
+    law = constants.get_constant("sensor.half_pressure.fresh").spread
     half = law.median if law and law.median else 1.0
     return Velostat(
         half_pressure=half * constants.factors.get("sensor.half_pressure.fresh", 1.0),
         bend=0.0 * same,
         activation=constants.value("sensor.nominal_activation") * same,
-        play=constants.array("sensor.play"),
+        play_widths=constants.array("sensor.play"),
         play_weights=constants.array("sensor.play_weights.fresh"),
-        play_least=constants.value("sensor.play_least"),
+        play_min_load=constants.value("sensor.play_least"),
         exponent=constants.value("sensor.nominal_exponent") * same,
         creep=np.tile(constants.array("sensor.creep"), (skin.count, 1)),
         creep_times=constants.array("sensor.creep_times"),
@@ -82,9 +82,9 @@ def draw_velostat(
         half_pressure=constants.draw(f"sensor.half_pressure.{kind}", rng),
         bend=draw_bend(kind, skin, constants, rng),
         activation=draw_activation(kind, skin, constants, rng),
-        play=constants.array("sensor.play"),
+        play_widths=constants.array("sensor.play"),
         play_weights=constants.array(f"sensor.play_weights.{kind}"),
-        play_least=constants.value("sensor.play_least"),
+        play_min_load=constants.value("sensor.play_least"),
         exponent=draw_exponent(kind, skin, constants, rng),
         creep=draw_creep(kind, skin, constants, rng),
         creep_times=constants.array("sensor.creep_times"),
@@ -99,7 +99,7 @@ def draw_velostat(
 
 def get_normal_law(name: str, constants: Constants) -> tuple[float, float]:
     """Mean and deviation of a constant that is drawn again in every session."""
-    law, factor = constants.entry(name).spread, constants.factors.get(name, 1.0)
+    law, factor = constants.get_constant(name).spread, constants.factors.get(name, 1.0)
     if law is None or law.mean is None or law.sd is None:
         raise ValueError(f"constant '{name}' has no normal law; give it mean and sd")
     return law.mean * factor, law.sd * factor
