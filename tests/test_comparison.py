@@ -176,7 +176,7 @@ def test_a_training_is_done_once_and_again_where_anything_differs(folder, tmp_pa
 def test_what_is_not_begun_in_time_is_left_and_what_is_done_is_not(folder, tmp_path):
     a = find_examples([folder / "a"], tmp_path)
     tasks = [TrainingTask("guess", Guess(), a, {}, seed) for seed in range(2)]
-    tasks[1].done(tmp_path / "r")
+    tasks[1].load_or_run(tmp_path / "r")
     found = run_tasks(tasks, tmp_path / "r", seconds=-1.0)
     assert found[0] is None and found[1] is not None
 

@@ -194,7 +194,7 @@ def test_a_variant_of_the_papers_has_its_neighbours_and_pooling(examples, monkey
 
     def learn(baseline, clips, labels, seed):
         network = baseline.build()
-        neighbours = network.neighbourhood.table.shape[1]
+        neighbours = network.selector.table.shape[1]
         found.append((neighbours, network.pooling, baseline.config.epochs))
 
     monkeypatch.setattr(PaperBaseline, "learn", learn)

@@ -15,36 +15,37 @@ SOURCE = Path(__file__).parents[1] / "src" / "eskin"
 
 VERBS = set(
     """
-    accept accumulate act add adjust advance aggregate agree align allocate allow
-    answer appear append apply approximate are arrange arrive ask assemble assign attach
+    accept accumulate act add adjust advance aggregate agree align allocate allow answer
+    appear append apply approximate are arrange arrive ask assemble assign attach
     augment begin belong bend bind bound break bring buffer build calculate calibrate
-    call carry change check choose classify clear click close collect color come command
-    commit compare compile complete compose compress compute concern configure connect
-    consist construct consume contain continue control convert copy correct correspond
-    corrupt count cover create cross cut deal decide declare decode deform define delay
-    delete deliver depend derive describe detect determine differ discard display divide
-    do draw drive drop drift emit enable encode end enter equal estimate evaluate
-    execute expect expire export expose express extend extract fail feed feel fetch fill
-    filter find finish fit fix flush fold follow forget form format forward freeze
-    generate get give go grow guard guide handle happen has have help hold identify
-    ignore implement import include indicate infer inherit initialise integrate
-    interpolate invalidate is iterate join judge keep know label last lay lead learn
-    leave let lie lift limit link list listen load log look lose make map mark mask match
-    may mean measure merge mirror mix model modify monitor mount move multiply must name
-    need negotiate normalise note notice notify obey observe occur offer open operate
-    optimise order own pack pad parse pass pause perform permit pick place plan play
-    plot point pool post predict prepare preserve press prevent print process produce
-    project propagate protect provide publish pull push put queue raise react read
-    reassemble receive recognise recognises recompute record recover reduce refer reflect
-    refuse reject release rely remain remember remove rename render repeat replace replay
-    report represent request require resample reset resize resolve respond rest restore
-    result resume retry return rotate run sample satisfy save say scale schedule score
-    see segment select send separate serialise serve set settle shape share shift show
-    simulate sit skip slide smooth solve sort speak specify spend split stack stamp
-    stand start state stay step stop store stream stretch subtract suit summarise supply
-    support switch synchronise take tell terminate test touch trace track train transform
-    translate transmit transport travel try tune turn undo unpack unroll update use
-    validate vary verify view wait walk want warn watch wear weigh work wrap write yield
+    call can cannot carry change check choose classify clear click close collect color
+    come command commit compare compile complete compose compress compute concern
+    configure connect consist construct consume contain continue control convert copy
+    correct correspond corrupt count cover create cross cut deal decide declare decode
+    define deform delay delete deliver depend derive describe detect determine differ
+    discard display divide do draw drift drive drop emit enable encode end enter equal
+    estimate evaluate execute expect expire export expose express extend extract fail
+    feed feel fetch fill filter find finish fit fix flush fold follow forget form format
+    forward freeze generate get give go grow guard guide handle happen has have help
+    hold identify ignore implement import include indicate infer inherit initialise
+    integrate interpolate invalidate is iterate join judge keep know label last lay lead
+    learn leave let lie lift limit link list listen load log look lose make map mark
+    mask match may mean measure merge mirror mix model modify monitor mount move
+    multiply must name need negotiate normalise note notice notify obey observe occur
+    offer open operate optimise order own pack pad parse pass pause perform permit pick
+    place plan play plot point pool post predict prepare preserve press prevent print
+    process produce project propagate protect provide publish pull push put queue raise
+    react read reassemble receive recognise recognises recompute record recover reduce
+    refer reflect refuse reject release rely remain remember remove rename render repeat
+    replace replay report represent request require resample reset resize resolve
+    respond rest restore result resume retry return rotate run sample satisfy save say
+    scale schedule score see segment select send separate serialise serve set settle
+    shape share shift show simulate sit skip slide smooth solve sort speak specify spend
+    split stack stamp stand start state stay step stop store stream stretch subtract
+    suit summarise supply support switch synchronise take tell terminate test touch
+    trace track train transform translate transmit transport travel try tune turn undo
+    unpack unroll update use validate vary verify view wait walk want warn watch wear
+    weigh work wrap write yield
     """.split()
 )
 IRREGULAR = {"does", "goes", "passes", "presses", "tries", "applies", "carries"}

@@ -93,7 +93,7 @@ def test_a_pose_in_which_links_come_near_is_seen():
 def test_a_touched_taxel_is_heard_as_many_hops_away_as_there_are_layers():
     neighbourhood = NodeSelector(UR5, 8)
     alone, q = (each[2:3] for each in readings())
-    rows = neighbourhood.rows(alone > 0, q, LAYERS, whole=False)
+    rows = neighbourhood.select(alone > 0, q, LAYERS, whole=False)
     heard = {700}
     for _ in range(LAYERS):
         table = neighbourhood.table.tolist()
@@ -103,7 +103,7 @@ def test_a_touched_taxel_is_heard_as_many_hops_away_as_there_are_layers():
 
 def test_k_is_the_number_of_neighbours_and_new_weights_forget_the_rest():
     net = network(k=4)
-    assert net.neighbourhood.table.shape == (2112, 4)
+    assert net.selector.table.shape == (2112, 4)
     with torch.inference_mode():
         before = net.encode(*readings())
         net.embed.bias.add_(1.0)

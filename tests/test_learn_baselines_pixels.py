@@ -78,7 +78,7 @@ def test_where_taxels_meet_the_largest_pressure_is_seen():
     image = build_unrolled_image(UR5.skin)
     pressure = np.random.default_rng(0).uniform(1, 30, UR5.skin.count)
     want = np.zeros(image.shape).ravel()
-    for place, felt in zip(image.place, pressure, strict=True):
+    for place, felt in zip(image.pixel, pressure, strict=True):
         want[place] = max(want[place], felt / PRESSURE_UNIT)
     got = TaxelsToImage(image)(torch.from_numpy(pressure))
     assert np.array_equal(got.numpy().ravel(), want)

@@ -331,7 +331,7 @@ def test_a_harmed_test_is_another_test(examples):
     assert len(keys) == len(harms)
     pressures = [each.windows.pressure.tobytes() for each in tests[:3]]
     assert len(set(pressures)) == 3
-    assert tests[1].only([0]).harm == harms[1]
+    assert tests[1].select([0]).transform == harms[1]
 
 
 @pytest.mark.parametrize(

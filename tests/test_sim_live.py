@@ -95,7 +95,7 @@ def test_readings_get_lost_by_the_same_draws_but_for_the_first_state():
         ReadingLosses(often, 2, np.random.default_rng(seed), SensorStages())
         for seed in (4, 4)
     )
-    at_once = one.all(4000)
+    at_once = one.draw_all(4000)
     one_by_one = np.concatenate([two.advance() for _ in range(4000)])
     assert one_by_one.mean() == pytest.approx(0.2, abs=0.03)
     met = np.flatnonzero((at_once == one_by_one).all(axis=1))[0]

@@ -136,7 +136,7 @@ def invert(T_a_b: Float[np.ndarray, "*batch 4 4"]) -> Float[np.ndarray, "*batch 
 def apply(
     T_a_b: Float[np.ndarray, "*#batch 4 4"], p_b: Float[np.ndarray, "*#batch 3"]
 ) -> Float[np.ndarray, "*out 3"]:
-    """Return points of frame b in frame a; one transform for all points, or one each."""
+    """Return points of frame b in frame a, for one transform or one a point."""
     return rotate(T_a_b, p_b) + T_a_b[..., :3, 3]
 
 

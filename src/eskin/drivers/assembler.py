@@ -235,8 +235,8 @@ class Assembler:
             patch = stream.slot.patch.id
             self.log.count(
                 "lost",
-                f"packets of patch '{patch}' are of scans that arrived only in part and "
-                "do not count; check its line",
+                f"packets of patch '{patch}' are of scans that arrived only in part "
+                "and do not count; check its line",
                 packets,
                 patch,
             )

@@ -42,7 +42,7 @@ class HostClock(Clock):
 
 @final
 class ManualClock(Clock):
-    """Advances only when told to: for tests, and for running faster than real time."""
+    """Advances only on `sleep`: for tests, and for running faster than real time."""
 
     def __init__(self, start: int = NS_PER_S) -> None:
         """Start at a time [ns since the epoch]."""

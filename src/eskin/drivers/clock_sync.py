@@ -177,7 +177,7 @@ class ScanNumberWindow:
 
 
 class ScanTime(NamedTuple):
-    """A scan time says which scan it is and when that began."""
+    """A scan time identifies a scan and when it began."""
 
     number: int
     """Unwrapped number of the scan; goes on through reboots."""

@@ -33,7 +33,7 @@ EventKind = Literal[
 
 @dataclass(frozen=True)
 class Event:
-    """An event tells people what happened to the skin or a part of it."""
+    """An event describes what happened to the skin or a part of it."""
 
     stamp: int
     """When it was noticed [ns since the epoch]."""
@@ -42,8 +42,8 @@ class Event:
     """What happened. `appeared`: a patch sends for the first time; `silent`: it no
     longer sends; `returned`: it sends again; `replaced`: another module is at its
     address; `moved`: it sends from another port or network address; `rebooted`: its
-    clock started over; `misfit`: it is not of this skin; `conflict`: two modules share an
-    address; `slow`: fewer scans arrive than its nominal rate; `on_rate`: as many again;
+    clock started over; `misfit`: it is not of this skin; `conflict`: two modules share
+    an address; `slow`: fewer scans arrive than its nominal rate; `on_rate`: no longer;
     `damaged`: packets arrive broken; `lost`: scans do not arrive; `fault`: something of
     the skin is out of order; `mended`: no longer; `unrecorded`: recording has stopped,
     the rest goes on."""

@@ -110,7 +110,7 @@ class ModuleClaim:
 
 @final
 class AddressSlot:
-    """Selects the one module at an address, or none where it cannot tell two apart.
+    """Selects the one module at an address, or none where two cannot be told apart.
 
     Attributes:
         port: where data is accepted from; None while none is.

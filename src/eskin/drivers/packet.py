@@ -252,7 +252,7 @@ def check_min_size(kind: str, data: bytes, size: int) -> None:
 
 
 def check_size(kind: str, data: bytes, size: int) -> None:
-    """Refuse a packet whose body is not as long as it says."""
+    """Refuse a packet whose body has another length than its fields require."""
     if len(data) - MIN_PACKET_BYTES != size:
         raise build_size_error(kind, data, str(size))
 

@@ -98,12 +98,7 @@ class PatchStream:
     def __init__(self, slot: AddressSlot, taxels: Int[np.ndarray, "part"]) -> None:
         """Start without data."""
         self.slot = slot
-        whole = np.arange(taxels[0], taxels[0] + len(taxels)) if len(taxels) else taxels
-        self.taxels = (
-            slice(int(taxels[0]), int(taxels[-1]) + 1)
-            if len(taxels) and np.array_equal(whole, taxels)
-            else taxels
-        )
+        self.taxels = index_taxels(taxels)
         self.clock = DeviceClock()
         self.rate_meter = ScanRateMeter()
         self.numbers = ScanNumberWindow()
@@ -178,3 +173,10 @@ class PatchStream:
             packets += scan.packets
             del self.partial[number]
         return packets
+
+
+def index_taxels(taxels: Int[np.ndarray, "part"]) -> slice | Int[np.ndarray, "part"]:
+    """Return a fast index of a patch's taxels: a slice where they are consecutive."""
+    if len(taxels) and (np.diff(taxels) == 1).all():
+        return slice(int(taxels[0]), int(taxels[-1]) + 1)
+    return taxels

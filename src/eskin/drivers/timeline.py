@@ -82,7 +82,7 @@ class ScanTimeline:
     Attributes:
         grid: the periods.
         outcomes: counts of packets by outcome.
-        skipped: periods that were never given out, since nobody polled in time.
+        skipped: periods that were never given out, since `poll` was called too late.
         next: the period that is given out next.
     """
 
@@ -197,7 +197,7 @@ class ScanTimeline:
         return period
 
     def skip_to(self, k: int) -> None:
-        """Skip to a later period, since nobody polled those before in time."""
+        """Skip to a later period, since `poll` was called too late for those before."""
         for old in [old for old in self.pending if old < k]:
             for _, packets in self.pending.pop(old).scans.values():
                 self.outcomes.settle("late", packets)

@@ -59,7 +59,7 @@ def is_valid_packet(data: bytes) -> bool:
 
 
 RECEIVE_BUFFER = 8 << 20
-"""Size of the receive buffer that the system is asked for; it may give less [bytes]."""
+"""Requested size of the receive buffer [bytes]; the system may give less."""
 MAX_DATAGRAMS = 2048
 """Largest number of datagrams of one read."""
 MAX_PEERS = 4096
@@ -68,7 +68,7 @@ MAX_PEERS = 4096
 
 @final
 class UdpTransport(Transport):
-    """Receives packets on one UDP port, from this computer only unless told otherwise.
+    """Receives packets on one UDP port, by default from this computer only.
 
     Attributes:
         port: number of the port that it is bound to.
@@ -181,7 +181,7 @@ def check_udp_host(host: str, allow_remote: bool) -> None:
         ) from error
     if not loopback and not allow_remote:
         raise DeviceError(
-            f"UDP host is {host}, which others can send to, and UDP does not tell who "
-            "sends; allowed is loopback, 127.0.0.1; allow remote senders if the "
-            "network is trusted"
+            f"UDP host is {host}, which others can send to, and UDP does not "
+            "authenticate senders; allowed is loopback, 127.0.0.1; allow remote "
+            "senders if the network is trusted"
         )

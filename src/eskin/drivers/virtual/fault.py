@@ -16,7 +16,7 @@ FOREVER = 2**63 - 1
 
 @dataclass(frozen=True, eq=False)
 class FaultSpec:
-    """A fault spec says where, when and how strong a fault is."""
+    """A fault spec describes where, when and how strong a fault is."""
 
     text: str
     """The spec in the fault language."""

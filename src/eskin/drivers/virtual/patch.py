@@ -19,6 +19,7 @@ from eskin.drivers.packet import (
     Status,
     encode_packet,
 )
+from eskin.drivers.patch_stream import index_taxels
 from eskin.skin import Patch
 
 FIRMWARE = "eskin virtual 1"
@@ -64,8 +65,7 @@ class VirtualPatch:
         """
         self.patch = patch
         self.taxels = taxels
-        whole = slice(int(taxels[0]), int(taxels[-1]) + 1)
-        self.place = whole if whole.stop - whole.start == len(taxels) else taxels
+        self.place = index_taxels(taxels)
         self.rate = rate
         self.address = patch.address
         self.serial_number = serial_number

@@ -151,7 +151,7 @@ class PtyPort(VirtualPort):
             whole += len(chunk)
 
     def flush(self) -> None:
-        """Wait until all is read, or nobody reads: closing discards the rest."""
+        """Wait until all is read, or there is no reader: closing discards the rest."""
         until = time.monotonic() + self.timeout
         while self.has_receiver() and self.has_unread() and time.monotonic() < until:
             time.sleep(FLUSH_INTERVAL)
@@ -172,10 +172,8 @@ class PtyPort(VirtualPort):
             try:
                 done += os.write(self.master, data[done:])
             except BlockingIOError:
-                if (
-                    not self.writable.poll(self.timeout * 1000)
-                    or not self.has_receiver()
-                ):
+                ready = self.writable.poll(self.timeout * 1000)
+                if not ready or not self.has_receiver():
                     break
             except OSError:
                 break

@@ -30,7 +30,7 @@ class MotionSpan:
     @property
     def q(self) -> Poses:
         """Joint positions at the steps [rad]."""
-        return self.past[-self.count_steps :]
+        return self.past[-self.steps :]
 
     @property
     def is_still(self) -> bool:
@@ -39,7 +39,7 @@ class MotionSpan:
 
     def at(self, steps: Float[np.ndarray, "step"]) -> Poses:
         """Joint positions at and between steps since the beginning [rad]."""
-        oldest = self.first + self.count_steps - len(self.past)
+        oldest = self.first + self.steps - len(self.past)
         return interpolate_poses(self.past, np.maximum(steps - oldest, 0.0))
 
 
@@ -54,14 +54,14 @@ class MotionTrack:
             steps: of a reading.
             kept: steps before a reading that are kept.
         """
-        self.count_steps, self.kept = steps, kept
+        self.steps, self.kept = steps, kept
         self.past: Poses | None = None
         self.next_step = 0
 
     def push(self, q: Float[np.ndarray, "joint"]) -> MotionSpan:
         """Move evenly to joint positions at the end of the next reading [rad]."""
         last = q if self.past is None else self.past[-1]
-        share = np.arange(1, self.count_steps + 1)[:, None] / self.count_steps
+        share = np.arange(1, self.steps + 1)[:, None] / self.steps
         # At rest the very same numbers: nothing is computed anew then.
         way = (
             last + share * (q - last)
@@ -69,9 +69,9 @@ class MotionTrack:
             else np.tile(q, (len(share), 1))
         )
         before = way[:0] if self.past is None else self.past
-        self.past = np.concatenate([before, way])[-self.kept - self.count_steps :]
-        span = MotionSpan(self.next_step, self.count_steps, self.past)
-        self.next_step += self.count_steps
+        self.past = np.concatenate([before, way])[-self.kept - self.steps :]
+        span = MotionSpan(self.next_step, self.steps, self.past)
+        self.next_step += self.steps
         return span
 
 
@@ -121,16 +121,16 @@ class PerformedTouch(InteractiveTouch):
             self.start = span.first
         since = span.first - self.start
         here = shift_touch(self.touch, -since)
-        self.over = since + span.count_steps >= self.end
+        self.over = since + span.steps >= self.end
         parts = (
-            (i, crop_press(p, span.count_steps)) for i, p in enumerate(here.presses)
+            (i, crop_press(p, span.steps)) for i, p in enumerate(here.presses)
         )
         presses = tuple(self.place_press(i, p, span) for i, p in parts if p is not None)
         return replace(here, presses=presses)
 
     def place_press(self, index: int, press: Press, span: MotionSpan) -> Press:
         """The part of a press in a reading, its hand where it is by then."""
-        now = press.first + np.arange(press.count_steps)
+        now = press.first + np.arange(press.steps)
         if index not in self.landed:
             self.landed[index] = span.q[now[0]]
         landed = self.landed[index]
@@ -178,7 +178,7 @@ class DraggedTouch(InteractiveTouch):
         self.stiff = 1.0 / value("live.settles")
         self.max_speed = value("live.speed")
         self.world, self.force = world, force
-        self.pads, self.tissue = act.pads(act.kind), act.tissue()
+        self.pads, self.tissue = act.draw_pads(act.kind), act.draw_tissue()
         self.turn = act.draw("hand.turn")
         self.chart, self.angle = act.site.chart, act.site.angle + self.turn
         self.centre = np.array(act.site.centre)
@@ -212,9 +212,9 @@ class DraggedTouch(InteractiveTouch):
 
     def advance(self, span: MotionSpan) -> TrueTouch:
         """What it does in the steps of a reading, whose first is 0."""
-        force = np.zeros(span.count_steps)
-        centre = np.zeros((span.count_steps, 2))
-        for step in range(span.count_steps):
+        force = np.zeros(span.steps)
+        centre = np.zeros((span.steps, 2))
+        for step in range(span.steps):
             moved = self.slide()
             self.leaving |= self.told_to_leave and self.level == 1.0 and self.is_there
             self.level += -self.fall if self.leaving else self.rise

@@ -152,11 +152,11 @@ class GestureSample:
         """Length of the series of a touch."""
         return count_steps(duration, self.step)
 
-    def stamps(self, group: str) -> ContactPads:
+    def draw_pads(self, group: str) -> ContactPads:
         """Parts of the person's hand, fingers as close as it happens."""
         return self.person.select_pads(group, self.draw("hand.splay"))
 
-    def flesh(self) -> SoftTissue:
+    def draw_tissue(self) -> SoftTissue:
         """How the person's hand gives way this time."""
         limits = self.constants.get_constant("person.conformity").spread
         assert limits is not None

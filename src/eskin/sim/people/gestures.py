@@ -36,7 +36,7 @@ def draw_poking_pads(act: GestureSample) -> ContactPads:
     """What pokes."""
     if act.kind == "knuckle":
         return build_body("knuckle", act.constants)
-    return act.pads(act.kind)
+    return act.draw_pads(act.kind)
 
 
 def press_again(act: GestureSample, shape: Series) -> Float[np.ndarray, "longer"]:
@@ -96,8 +96,8 @@ def draw_pats(act: GestureSample, count: int, group: str) -> tuple[Press, ...]:
         if number:
             shift_hand(act, path, start - apart + length, start)
     keep_contact(act, series, min(firm), length // 2, len(series) - length // 2)
-    flesh, angle = act.tissue(), act.draw_angle()
-    return (act.build_press(act.pads(group), flesh, series, path, angle),)
+    flesh, angle = act.draw_tissue(), act.draw_angle()
+    return (act.build_press(act.draw_pads(group), flesh, series, path, angle),)
 
 
 def draw_pat_interval(act: GestureSample) -> float:
@@ -200,8 +200,8 @@ def draw_stroke(act: GestureSample) -> tuple[Press, ...]:
     along = start + length * build_travel(steps, back)
     path = along[:, None] * way + act.draw_wander(steps)
     series = scale_to_peak(draw_sliding_force(act, steps), force)
-    flesh, angle = act.tissue(), act.draw_angle()
-    return (act.build_press(act.pads(act.kind), flesh, series, path, angle),)
+    flesh, angle = act.draw_tissue(), act.draw_angle()
+    return (act.build_press(act.draw_pads(act.kind), flesh, series, path, angle),)
 
 
 def draw_stroke_direction(act: GestureSample) -> Float[np.ndarray, "2"]:

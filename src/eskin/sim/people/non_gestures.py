@@ -35,12 +35,12 @@ def draw_resting_hand(act: GestureSample) -> tuple[Press, ...]:
     act.draw_event("began_before", act.constants.value("none.resting_hand.before"))
     steps = act.count_steps(act.draw("none.resting_hand.hold"))
     ramp = act.draw("none.resting_hand.ramp")
-    stamps = act.pads(act.choose("none.resting_hand.kinds"))
+    stamps = act.draw_pads(act.choose("none.resting_hand.kinds"))
     series = scale_to_peak(
         build_ramp(act, steps, ramp, ramp) * act.draw_held_noise(steps), force
     )
     lies_round = act.draw_event("round", act.constants.value("none.resting_hand.round"))
-    flesh = draw_closed_tissue(act) if lies_round else act.tissue()
+    flesh = draw_closed_tissue(act) if lies_round else act.draw_tissue()
     angle = draw_angle_across(act) if lies_round else act.draw_angle()
     return (act.build_press(stamps, flesh, series, act.draw_wander(steps), angle),)
 
@@ -77,7 +77,7 @@ def draw_long_press(act: GestureSample) -> tuple[Press, ...]:
 def draw_single_push(act: GestureSample, style: str, force: float, steps: int) -> Press:
     """Parts of a hand that push once, where they are."""
     series = scale_to_peak(act.draw_push(steps) * act.draw_held_noise(steps), force)
-    stamps, flesh = act.pads(style), act.tissue()
+    stamps, flesh = act.draw_pads(style), act.draw_tissue()
     return act.build_press(
         stamps, flesh, series, act.draw_wander(steps), act.draw_angle()
     )
@@ -117,7 +117,7 @@ def draw_guiding_hand(
     rate = act.draw("none.guiding.sway_rate")
     swaying = 1 + sway * draw_tremor(steps, act.step, rate, act.rng)
     shape = build_ramp(act, steps, *(act.draw("none.lean.ramp") for _ in range(2)))
-    stamps = act.pads("full_hand")
+    stamps = act.draw_pads("full_hand")
     path = act.draw_wander(steps) + np.array([0.0, place])
     series = scale_to_peak(shape * swaying * act.draw_held_noise(steps), force)
     return act.build_press(
@@ -148,7 +148,7 @@ def draw_lean(act: GestureSample) -> tuple[Press, ...]:
     body = build_body(act.choose("none.lean.bodies"), act.constants)
     return (
         act.build_press(
-            body, act.tissue(), series, act.draw_wander(steps), act.draw_angle()
+            body, act.draw_tissue(), series, act.draw_wander(steps), act.draw_angle()
         ),
     )
 
@@ -166,7 +166,7 @@ def draw_bump(act: GestureSample) -> tuple[Press, ...]:
         series = np.concatenate([series, gap, share * series])
     body = build_body(choose_bumping_body(act, stiffness), act.constants)
     path = draw_slide(act, act.draw("none.bump.slide"), len(series))
-    return (act.build_press(body, act.tissue(), series, path, act.draw_angle()),)
+    return (act.build_press(body, act.draw_tissue(), series, path, act.draw_angle()),)
 
 
 def choose_bumping_body(act: GestureSample, stiffness: float) -> str:
@@ -189,7 +189,7 @@ def draw_slide(
 def draw_brush(act: GestureSample) -> tuple[Press, ...]:
     """A sleeve, a seam or the back of a hand passes over the robot."""
     body = act.choose("none.brush.bodies")
-    return (draw_dragged_body(act, body, act.tissue()),)
+    return (draw_dragged_body(act, body, act.draw_tissue()),)
 
 
 def draw_cable(act: GestureSample) -> tuple[Press, ...]:
@@ -242,9 +242,9 @@ def draw_rub(act: GestureSample) -> tuple[Press, ...]:
     steps = act.count_steps(draw_duration(act, "rub", "stroke"))
     swing = draw_swing(act, steps, "unknown.rub")
     path = swing[:, None] * draw_stroke_direction(act) + act.draw_wander(steps)
-    stamps = act.pads(act.choose("stroke.kinds"))
+    stamps = act.draw_pads(act.choose("stroke.kinds"))
     series = scale_to_peak(draw_sliding_force(act, steps), force)
-    return (act.build_press(stamps, act.tissue(), series, path, act.draw_angle()),)
+    return (act.build_press(stamps, act.draw_tissue(), series, path, act.draw_angle()),)
 
 
 def draw_swing(act: GestureSample, steps: int, name: str) -> Float[np.ndarray, "time"]:
@@ -265,8 +265,8 @@ def draw_tickle(act: GestureSample) -> tuple[Press, ...]:
     beats = 1 - depth * (1 + draw_tremor(steps, act.step, rate, act.rng)) / 2
     ramp = 2 * act.constants.value("force.smooth")
     series = scale_to_peak(build_ramp(act, steps, ramp, ramp) * beats, force)
-    stamps = act.pads("tips")
-    return (act.build_press(stamps, act.tissue(), series, path, act.draw_angle()),)
+    stamps = act.draw_pads("tips")
+    return (act.build_press(stamps, act.draw_tissue(), series, path, act.draw_angle()),)
 
 
 def draw_squeeze(act: GestureSample) -> tuple[Press, ...]:

@@ -162,7 +162,7 @@ class Sensor:
                 f"step {places.min():g} is to be read after step {self.steps - 1}; "
                 f"allowed are {MAX_DELAY_PERIODS} periods; read more often"
             )
-        noise = self.noise.rows(len(places))
+        noise = self.noise.draw_rows(len(places))
         shape = (len(places), self.count)
         level, shifts = np.zeros(shape, np.float32), np.zeros(shape, np.float32)
         scan_arrays(
