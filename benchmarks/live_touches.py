@@ -120,7 +120,7 @@ def still(q: Float[np.ndarray, "joint"], live: InteractiveSkin) -> Path:
 def to_and_fro(q: Float[np.ndarray, "joint"], live: InteractiveSkin) -> Path:
     """An arm whose joints swing together, as fast as arms among people may."""
     direction = np.where(np.arange(len(q)) % 2, 1.0, -1.0)
-    speed = min(0.8, compute_max_speed(live.world, q[None], direction))
+    speed = min(0.8, compute_max_speed(live.env, q[None], direction))
     return lambda seconds: q + STRETCH * direction * np.sin(seconds * speed / STRETCH)
 
 
@@ -166,7 +166,7 @@ def pointed_at(run: Run, rng: np.random.Generator) -> LinkPoint:
 def drag(run: Run, place: LinkPoint, rng: np.random.Generator) -> None:
     """Fingers that follow a pointer along the link."""
     length, speed = rng.uniform(0.1, 0.18), rng.uniform(0.1, 0.3)
-    chart = next(c for c in run.live.world.charts if c.link == place.link)
+    chart = next(c for c in run.live.env.charts if c.link == place.link)
     way = rng.choice([-1.0, 1.0]) * length * chart.surface.T_link_surface[:3, 2]
     touch = run.live.hand.begin(LinkPoint(place.link, place.p_link - way / 2), 3.0)
     for share in build_minimum_jerk(round(length / speed / run.live.period)):
@@ -208,7 +208,7 @@ def touched(
     for number in range(command.skins):
         rng = np.random.default_rng((command.seed, number))
         live = InteractiveSkin("ur5", command.seed + number, command.kind)
-        q = draw_pose(live.world, POSE_GROUPS, rng)
+        q = draw_pose(live.env, POSE_GROUPS, rng)
         run = Run(live, model, way(q, live))
         touch(run, command, rng)
         yield run

@@ -108,8 +108,8 @@ def test_noise_is_the_same_however_much_is_drawn_at_a_time_and_never_repeats():
         return ReadingNoise(2, 25, (streams[0], streams[1], streams[2]))
 
     whole, single = noise(), noise()
-    blocks = [whole.rows(NOISE_BLOCK).chances for _ in range(2)]
-    rows = [single.rows(1).chances for _ in range(2 * NOISE_BLOCK)]
+    blocks = [whole.draw_rows(NOISE_BLOCK).chances for _ in range(2)]
+    rows = [single.draw_rows(1).chances for _ in range(2 * NOISE_BLOCK)]
     np.testing.assert_array_equal(np.concatenate(blocks), np.concatenate(rows))
     assert (blocks[0] != blocks[1]).mean() > 0.99
 
@@ -124,7 +124,7 @@ def test_a_hand_lands_on_its_target_though_the_arm_moves_and_then_falls_behind()
         *("poke", "one_tip", live.hand.person, site, CONSTANTS, rng, 0.0),
         *("paper", asked),
     )
-    live.hand.add(PerformedTouch(touch, 0.2, live.world))
+    live.hand.add(PerformedTouch(touch, 0.2, live.env))
     away = []
     for _, truths in run(live, 20, lambda reading: swaying(50 + reading)):
         for truth in truths:
@@ -138,7 +138,7 @@ def test_a_hand_lands_on_its_target_though_the_arm_moves_and_then_falls_behind()
 @pytest.mark.parametrize("way", [still, swaying])
 def test_a_touch_is_what_it_is_in_a_clip(gesture, way):
     live, seed = InteractiveSkin(seed=2), 8
-    world, steps, delay = live.world, 200, 0.2
+    world, steps, delay = live.env, 200, 0.2
     session = get_session(Origin("s", (1,)), live.build)
     stages = SensorStages(skew=False, faults=False)
     rng, skin = np.random.default_rng(seed), live.mounted.skin
@@ -189,7 +189,7 @@ def test_a_grab_has_the_force_asked_for_unless_nobody_can():
 
 def test_taxels_bear_the_whole_force_inside_a_patch():
     live = InteractiveSkin()
-    world, skin = live.world, live.mounted.skin
+    world, skin = live.env, live.mounted.skin
     asked = {"force": 5.0, "duration": 0.4}
     rng = np.random.default_rng(0)
     on_a_taxel = live.hand.site(

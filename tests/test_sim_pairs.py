@@ -42,14 +42,14 @@ def small(skin):
     simulator = Simulator.__new__(Simulator)
     simulator.robot_name = SKIN_PRESETS[skin].robot
     simulator.mounted = MountedSkin(load_skin(skin), load_robot(simulator.robot_name))
-    simulator.world = world() if skin == "ur5" else load_environment("bent")
+    simulator.env = world() if skin == "ur5" else load_environment("bent")
     return simulator
 
 
 @lru_cache(maxsize=2)
 def pairs(kind):
     own = world() if kind == "merging" else load_environment("bent")
-    return [make_pair(kind, seed, world=own) for seed in SEEDS]
+    return [make_pair(kind, seed, env=own) for seed in SEEDS]
 
 
 @pytest.fixture(scope="module")
@@ -98,7 +98,7 @@ def test_both_clips_of_a_pair_have_the_same_bytes_and_not_the_same_label(kind):
 @pytest.mark.parametrize("kind", PAIR_SIDES)
 def test_a_pair_is_the_same_every_time_and_another_with_another_seed(kind):
     first, *others = pairs(kind)
-    again = make_pair(kind, 0, world=world() if kind == "merging" else None)
+    again = make_pair(kind, 0, env=world() if kind == "merging" else None)
     assert again.first.counts.tobytes() == first.first.counts.tobytes()
     assert again.second.drawn == first.second.drawn
     for other in others:
@@ -306,7 +306,7 @@ def test_a_kind_of_pair_that_is_not_there_is_refused():
 
 def test_pairs_cannot_be_merged_on_a_patch_that_meets_no_other():
     with pytest.raises(ValueError, match="no joint 'elbow_joint'"):
-        make_pair("merging", 0, world=load_environment("bent"))
+        make_pair("merging", 0, env=load_environment("bent"))
 
 
 def test_pairs_can_be_asked_for_on_the_command_line(monkeypatch, tmp_path, capsys):

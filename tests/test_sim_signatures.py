@@ -25,7 +25,7 @@ def pushes(gesture, kind, count=150):
         person = draw_person(f"p{number}", CONSTANTS, rng)
         touch = perform(
             *(gesture, kind, person, SITE, CONSTANTS, rng, 1.5, "cost"),
-            asked={"duration": SECONDS},
+            requested={"duration": SECONDS},
         )
         yield touch.presses[0]
 

@@ -68,11 +68,11 @@ def test_every_class_is_felt_on_every_skin(skin):
 
 @pytest.mark.parametrize("skin", ARMS[1:])
 def test_poses_of_arms_come_in_the_same_groups(skin):
-    pool = build_pose_pool(simulator(skin).world)
+    pool = build_pose_pool(simulator(skin).env)
     assert set(pool.any) == POSE_GROUPS
     assert all(len(poses) for poses in pool.any.values())
     groups = frozenset(range(9, 13))
-    assert can_fold(simulator(skin).world, groups)
+    assert can_fold(simulator(skin).env, groups)
 
 
 def test_people_poses_and_sensors_of_a_set_are_the_same_on_every_skin():
@@ -90,7 +90,7 @@ def test_nobody_grabs_what_a_hand_cannot_close_round(skin):
 
 
 def test_a_robot_without_joints_has_one_pose_that_stands_for_every_group():
-    world = simulator("base").world
+    world = simulator("base").env
     rng = np.random.default_rng(0)
     for groups in (POSE_GROUPS, {9}):
         assert draw_pose(world, groups, rng).shape == (0,)
@@ -101,7 +101,7 @@ def test_a_robot_without_joints_has_one_pose_that_stands_for_every_group():
 def test_a_robot_without_joints_stands_still_unfolded_and_never_touches_itself():
     made = simulator("base")
     plan = replace(plans()[0], moving=True, fold_share=1.0)
-    stage = set_up_clip(plan, "press", made.world, plan.rng())
+    stage = set_up_clip(plan, "press", made.env, plan.rng())
     assert not stage.folded
     assert stage.q.shape == (len(stage.q), 0)
     nothing = replace(plan, gesture="none", kind=None, concurrent=0.0, seconds=0.5)
@@ -130,7 +130,7 @@ def test_pairs_are_refused_on_a_robot_that_cannot_fold():
 def test_a_grab_of_a_body_too_thick_to_close_round_is_weak():
     """Hands are spread on it and squeeze with a share of their largest grip."""
     made = simulator("base")
-    share = made.world.constants.value("grab.weakest")
+    share = made.env.constants.value("grab.weakest")
     for plan in [p for p in plans() if p.gesture == "grab"][:3]:
         clip = made.make(replace(plan, concurrent=0.0))
         largest = float(clip.drawn["touch0.largest"])

@@ -84,7 +84,7 @@ def band_checks(constants: Constants, people: int, seed: int) -> list[Check]:
 
 def forearm_of(constants: Constants) -> Forearm:
     """The forearm of the UR5."""
-    world = Simulator(constants=constants).world
+    world = Simulator(constants=constants).env
     charts = [i for i, chart in enumerate(world.charts) if chart.link == FOREARM]
     return Forearm(world, max(charts, key=lambda i: len(world.charts[i].taxels)))
 

@@ -61,7 +61,7 @@ def typical(simulator: Simulator, gesture: str) -> tuple[SimulatedClip, ClipPlan
     """The first clip of a gesture that lies whole on the forearm, felt as it should."""
     for number in range(400):
         plan = plan_of(gesture, number)
-        clip = make_clip(plan, simulator.world)
+        clip = make_clip(plan, simulator.env)
         for truth in clip.truths[:1]:
             whole = truth.onset > 0.1 and truth.end < plan.seconds - 0.1
             firm = truth.force.max() > FIRM[gesture]
@@ -104,9 +104,9 @@ def pressure_of(
 def draw(simulator: Simulator, clip: SimulatedClip, plan: ClipPlan) -> pyplot.Figure:
     """Looks at the unrolled link, then force through time."""
     truth = clip.truths[0]
-    build = get_build(plan.build, simulator.world)
+    build = get_build(plan.build, simulator.env)
     pressure = pressure_of(clip, build.calibration(simulator.mounted.skin))
-    charts = [chart for chart in simulator.world.charts if chart.link == LINK]
+    charts = [chart for chart in simulator.env.charts if chart.link == LINK]
     chart = max(charts, key=lambda chart: len(chart.taxels))
     seen = pressure[:, chart.taxels]
     pressed = np.flatnonzero(truth.force > 0)

@@ -259,13 +259,13 @@ def open_simulation(skin: str, config: SourceConfig, clock: Clock) -> Source:
     from eskin.sim.interactive.player import TouchPlayer
 
     player = TouchPlayer(Simulator(skin), config.seed)
-    maker = player.generator
+    generator = player.generator
     info = SourceInfo(
         uri=f"sim:{skin}",
-        robot_name=maker.robot_name,
-        joint_names=maker.mounted.robot.joint_names,
-        skin=maker.mounted.skin,
-        calibration=maker.calibration(player.build),
+        robot_name=generator.robot_name,
+        joint_names=generator.mounted.robot.joint_names,
+        skin=generator.mounted.skin,
+        calibration=generator.calibration(player.build),
         rate=player.rate,
     )
     return PlayedSource(info, player.scans(), config.pace, clock, restamp=True)

@@ -251,7 +251,7 @@ class SimulatedUser:
     def begin_touch(self, stamp: int, state: ArmState) -> None:
         """Begin a touch, on purpose or by accident."""
         if stamp >= self.person_until:
-            person = draw_demo_person(self.skin.world, 1000 * self.seed + self.people)
+            person = draw_demo_person(self.skin.env, 1000 * self.seed + self.people)
             self.skin.hand.person = person
             self.people += 1
             self.person_until = stamp + round(self.config.person_seconds * NS_PER_S)

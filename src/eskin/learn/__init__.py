@@ -1,4 +1,4 @@
-"""Learning from recordings: data sets, training, scores, comparison (needs torch)."""
+"""This package learns from recordings: it trains, scores and compares (needs torch)."""
 
 from eskin.learn.augment import AugmentConfig
 from eskin.learn.checkpoint import to_model, to_network

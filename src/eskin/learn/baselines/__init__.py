@@ -1,4 +1,4 @@
-"""Baselines: this package holds other classifiers of windows of the whole skin."""
+"""This package holds baselines, other classifiers of windows of the whole skin."""
 
 from collections.abc import Callable
 from functools import partial

@@ -1,4 +1,4 @@
-"""Comparisons: this package trains every method on the same clips and makes tables."""
+"""This package trains every method on the same clips and compares their answers."""
 
 from eskin.learn.comparison.examples import Examples, find_examples
 from eskin.learn.comparison.methods import (

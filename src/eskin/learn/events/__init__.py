@@ -1,4 +1,4 @@
-"""Scores of continuous streams: this package matches detections to true events."""
+"""This package scores continuous streams: it matches detections to true events."""
 
 from eskin.learn.events.event_scoring import (
     EventScore,

@@ -75,33 +75,35 @@ def compute_loads(
 @compiled
 @no_type_check
 def compute_covered_area(
-    dents: ContactEllipses, least: float, spots: Float[np.ndarray, "spot 2"]
+    ellipses: ContactEllipses, least: float, spots: Float[np.ndarray, "spot 2"]
 ) -> Float[np.ndarray, "time"]:
     """Area that ellipses cover together [m2], where their pressure exceeds `least`.
 
     A spot that lies in n ellipses counts for 1/n in each of them.
     """
-    steps, parts = dents.peak_pressure.shape
+    steps, parts = ellipses.peak_pressure.shape
     areas = np.zeros(steps)
     size = np.zeros((parts, 2))
     near = np.empty(parts, dtype=np.int64)
     for t in range(steps):
         for k in range(parts):
-            peak = dents.peak_pressure[t, k]
+            peak = ellipses.peak_pressure[t, k]
             shrunk = np.sqrt(1.0 - least / peak) if peak > least else 0.0
-            size[k] = shrunk * dents.semi_axes[t, k]
+            size[k] = shrunk * ellipses.semi_axes[t, k]
         for k in range(parts):
             a, b = size[k]
             if a == 0.0:
                 continue
-            count = find_overlaps(dents.centres[t], size, k, near)
-            ls, lt = dents.long_axes[t, k]
+            count = find_overlaps(ellipses.centres[t], size, k, near)
+            ls, lt = ellipses.long_axes[t, k]
             mine = 0.0
             for spot in range(len(spots)):
                 u, v = a * spots[spot, 0], b * spots[spot, 1]
-                s = dents.centres[t, k, 0] + u * lt + v * ls
-                r = dents.centres[t, k, 1] - u * ls + v * lt
-                mine += 1.0 / (1 + count_containing(dents, size, t, near[:count], s, r))
+                s = ellipses.centres[t, k, 0] + u * lt + v * ls
+                r = ellipses.centres[t, k, 1] - u * ls + v * lt
+                mine += 1.0 / (
+                    1 + count_containing(ellipses, size, t, near[:count], s, r)
+                )
             areas[t] += np.pi * a * b * mine / len(spots)
     return areas
 
@@ -128,7 +130,7 @@ def find_overlaps(
 @compiled
 @no_type_check
 def count_containing(
-    dents: ContactEllipses,
+    ellipses: ContactEllipses,
     size: Float[np.ndarray, "part 2"],
     t: int,
     near: Int[np.ndarray, "near"],
@@ -138,8 +140,8 @@ def count_containing(
     """How many of the ellipses `near` hold the point (s, r)."""
     count = 0
     for j in near:
-        ds, dr = s - dents.centres[t, j, 0], r - dents.centres[t, j, 1]
-        ls, lt = dents.long_axes[t, j]
+        ds, dr = s - ellipses.centres[t, j, 0], r - ellipses.centres[t, j, 1]
+        ls, lt = ellipses.long_axes[t, j]
         u, v = (ds * lt - dr * ls) / size[j, 0], (ds * ls + dr * lt) / size[j, 1]
         if u * u + v * v < 1.0:
             count += 1
@@ -168,8 +170,8 @@ def project_step_on_dome(
 @compiled
 @no_type_check
 def compute_taxel_pressure(
-    dents: ContactEllipses,
-    ground: TaxelGeometry,
+    ellipses: ContactEllipses,
+    geometry: TaxelGeometry,
     part_of: Int[np.ndarray, "pair"],
     taxel_of: Int[np.ndarray, "pair"],
     column_of: Int[np.ndarray, "taxel"],
@@ -181,8 +183,8 @@ def compute_taxel_pressure(
     """Mean pressure over each taxel's sensing part [kPa], for pairs that may meet.
 
     Args:
-        dents: ellipses under load.
-        ground: the taxels.
+        ellipses: ellipses under load.
+        geometry: the taxels.
         part_of: part of the body, of each pair.
         taxel_of: taxel of each pair.
         column_of: column of the result that a taxel goes to.
@@ -191,34 +193,36 @@ def compute_taxel_pressure(
         weights: their weights, summing to 1.
         fine_below: the row of 3 is used for semi-axes below this share of a cell.
     """
-    pressure = np.zeros((len(dents.peak_pressure), columns))
+    pressure = np.zeros((len(ellipses.peak_pressure), columns))
     for pair in range(len(part_of)):
         k, i = part_of[pair], taxel_of[pair]
         column = column_of[i]
-        s, t = ground.centres[i]
-        cell = ground.cells[i]
+        s, t = geometry.centres[i]
+        cell = geometry.cells[i]
         reach = np.hypot(
             abs(cell[0, 0]) + abs(cell[1, 0]), abs(cell[0, 1]) + abs(cell[1, 1])
         )
         side = 2.0 * np.sqrt(abs(cell[0, 0] * cell[1, 1] - cell[0, 1] * cell[1, 0]))
-        for step in range(len(dents.peak_pressure)):
-            peak = dents.peak_pressure[step, k]
+        for step in range(len(ellipses.peak_pressure)):
+            peak = ellipses.peak_pressure[step, k]
             if peak <= 0.0:
                 continue
-            a, b = dents.semi_axes[step, k]
-            ds = s - dents.centres[step, k, 0]
-            dt = t - dents.centres[step, k, 1]
-            if ground.circumference < np.inf:
-                ds -= ground.circumference * np.round(ds / ground.circumference)
+            a, b = ellipses.semi_axes[step, k]
+            ds = s - ellipses.centres[step, k, 0]
+            dt = t - ellipses.centres[step, k, 1]
+            if geometry.circumference < np.inf:
+                ds -= geometry.circumference * np.round(ds / geometry.circumference)
             if ds * ds + dt * dt > (max(a, b) + reach) ** 2:
                 continue
             x0, y0, x1, y1 = cell[0, 0], cell[0, 1], cell[1, 0], cell[1, 1]
-            if ground.dome_radius < np.inf:
+            if geometry.dome_radius < np.inf:
                 mid_s, mid_t = s - 0.5 * ds, t - 0.5 * dt
-                ds, dt = project_step_on_dome(mid_s, mid_t, ds, dt, ground.dome_radius)
-                x0, y0 = project_step_on_dome(s, t, x0, y0, ground.dome_radius)
-                x1, y1 = project_step_on_dome(s, t, x1, y1, ground.dome_radius)
-            ls, lt = dents.long_axes[step, k]
+                ds, dt = project_step_on_dome(
+                    mid_s, mid_t, ds, dt, geometry.dome_radius
+                )
+                x0, y0 = project_step_on_dome(s, t, x0, y0, geometry.dome_radius)
+                x1, y1 = project_step_on_dome(s, t, x1, y1, geometry.dome_radius)
+            ls, lt = ellipses.long_axes[step, k]
             u, v = (ds * lt - dt * ls) / a, (ds * ls + dt * lt) / b
             u0, v0 = (x0 * lt - y0 * ls) / a, (x0 * ls + y0 * lt) / b
             u1, v1 = (x1 * lt - y1 * ls) / a, (x1 * ls + y1 * lt) / b

@@ -41,9 +41,11 @@ def compute_contact_ellipses(
     axes = np.stack([across, across * ratio], axis=2)
     safe = np.where(areas > 0.0, areas, 1.0)
     peak = 2.0 * loads / safe * KPA_PER_PA
-    dents = ContactEllipses(centres, long, axes, peak)
-    area = compute_covered_area(dents, constants.value("contact.touched"), DISC_POINTS)
-    return dents, area, compute_centroid(press, centres, loads)
+    ellipses = ContactEllipses(centres, long, axes, peak)
+    area = compute_covered_area(
+        ellipses, constants.value("contact.touched"), DISC_POINTS
+    )
+    return ellipses, area, compute_centroid(press, centres, loads)
 
 
 def compute_pad_offsets(press: Press) -> Points:
@@ -61,10 +63,10 @@ def compute_long_axes(press: Press) -> Points:
 
 
 def compute_relative_curvatures(
-    stamps: ContactPads, chart: Chart, long: Points
+    pads: ContactPads, chart: Chart, long: Points
 ) -> Points:
     """Curvature of each part against the surface, across and along it [1/m]."""
-    own = np.broadcast_to(1.0 / stamps.radii, long.shape)
+    own = np.broadcast_to(1.0 / pads.radii, long.shape)
     if isinstance(chart.surface, Tube):
         # The long axis leans on the tube's roundness by its share of s.
         return own + long[..., ::-1] ** 2 / chart.radius
@@ -73,14 +75,14 @@ def compute_relative_curvatures(
     return own
 
 
-def compute_pad_gaps(flesh: SoftTissue, chart: Chart, offsets: Points) -> Lengths:
+def compute_pad_gaps(tissue: SoftTissue, chart: Chart, offsets: Points) -> Lengths:
     """How far the parts stay off a round surface that the body wraps poorly [m]."""
     round_way = np.zeros(offsets.shape[:2])
     if isinstance(chart.surface, Tube | Dome):
         round_way = offsets[..., 0] ** 2
     if isinstance(chart.surface, Dome):
         round_way = round_way + offsets[..., 1] ** 2
-    return (1.0 - flesh.conformity) * round_way / (2.0 * chart.radius)
+    return (1.0 - tissue.conformity) * round_way / (2.0 * chart.radius)
 
 
 def share_load(press: Press, gaps: Lengths, constants: Constants) -> Lengths:
@@ -96,12 +98,12 @@ def compute_contact_areas(
     press: Press, curvatures: Points, loads: Lengths, constants: Constants
 ) -> Lengths:
     """Area of each ellipse [m2]: a power of its load, smaller on a rounder surface."""
-    stamps, flesh = press.pads, press.tissue
-    grown = flesh.area_scale * stamps.area * loads**flesh.area_exponent
-    flat = np.prod(1.0 / stamps.radii, axis=1)
+    pads, tissue = press.pads, press.tissue
+    grown = tissue.area_scale * pads.area * loads**tissue.area_exponent
+    flat = np.prod(1.0 / pads.radii, axis=1)
     rounder = np.sqrt(flat / np.prod(curvatures, axis=2))
     exponent = constants.value("contact.curvature_exponent")
-    return np.minimum(stamps.max_area, grown) * rounder**exponent
+    return np.minimum(pads.max_area, grown) * rounder**exponent
 
 
 def compute_pad_centres(press: Press, chart: Chart, offsets: Points) -> Points:
@@ -222,14 +224,14 @@ def compute_pressure_field(
     press: Press, chart: Chart, constants: Constants
 ) -> PressureField:
     """What the taxels of a chart feel of a press on it, and what it truly is."""
-    dents, area, centroid = compute_contact_ellipses(press, chart, constants)
-    ground = build_taxel_geometry(chart, constants)
-    part_of, taxel_of = np.nonzero(find_reachable_pairs(dents, ground))
+    ellipses, area, centroid = compute_contact_ellipses(press, chart, constants)
+    geometry = build_taxel_geometry(chart, constants)
+    part_of, taxel_of = np.nonzero(find_reachable_pairs(ellipses, geometry))
     reached = np.unique(taxel_of)
     column_of = np.zeros(len(chart.taxels), dtype=np.int64)
     column_of[reached] = np.arange(len(reached))
     pressure = compute_taxel_pressure(
-        *(dents, ground, part_of, taxel_of, column_of, len(reached)),
+        *(ellipses, geometry, part_of, taxel_of, column_of, len(reached)),
         *(NODES, WEIGHTS, constants.value("contact.fine_below")),
     )
     pressed = pressure.max(axis=0, initial=0.0) > 0.0
@@ -250,26 +252,28 @@ def build_taxel_geometry(chart: Chart, constants: Constants) -> TaxelGeometry:
 
 
 def find_reachable_pairs(
-    dents: ContactEllipses, ground: TaxelGeometry
+    ellipses: ContactEllipses, geometry: TaxelGeometry
 ) -> Bool[np.ndarray, "part taxel"]:
     """Which parts may ever meet which taxels, by boxes about their ways."""
-    loaded = dents.peak_pressure > 0.0
+    loaded = ellipses.peak_pressure > 0.0
     used = np.any(loaded, axis=0)
-    low = np.where(loaded[..., None], dents.centres, np.inf).min(
+    low = np.where(loaded[..., None], ellipses.centres, np.inf).min(
         axis=0, initial=FAR_DISTANCE
     )
-    high = np.where(loaded[..., None], dents.centres, -np.inf).max(
+    high = np.where(loaded[..., None], ellipses.centres, -np.inf).max(
         axis=0, initial=-FAR_DISTANCE
     )
-    size = np.where(loaded, dents.semi_axes.max(axis=2), 0.0).max(axis=0, initial=0.0)
+    size = np.where(loaded, ellipses.semi_axes.max(axis=2), 0.0).max(
+        axis=0, initial=0.0
+    )
     half = (high - low) / 2 + size[:, None]
-    half = half + np.abs(ground.cells).sum(axis=1).max(axis=0, initial=0.0)
-    if np.isfinite(ground.dome_radius):
+    half = half + np.abs(geometry.cells).sum(axis=1).max(axis=0, initial=0.0)
+    if np.isfinite(geometry.dome_radius):
         half = half * MAX_DOME_STRETCH
-    away = ground.centres - (low + high)[:, None] / 2
-    if np.isfinite(ground.circumference):
-        away[..., 0] -= ground.circumference * np.round(
-            away[..., 0] / ground.circumference
+    away = geometry.centres - (low + high)[:, None] / 2
+    if np.isfinite(geometry.circumference):
+        away[..., 0] -= geometry.circumference * np.round(
+            away[..., 0] / geometry.circumference
         )
     return used[:, None] & np.all(np.abs(away) <= half[:, None], axis=2)
 

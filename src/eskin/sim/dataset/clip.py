@@ -54,9 +54,9 @@ class SimulatedClip:
 
 
 @lru_cache(maxsize=16)
-def get_build(origin: BuildOrigin, world: SimEnvironment) -> SensorBuild:
+def get_build(origin: BuildOrigin, env: SimEnvironment) -> SensorBuild:
     """The build of an origin; the same one every time."""
-    skin, constants = world.mounted.skin, world.constants
+    skin, constants = env.mounted.skin, env.constants
     return draw_build(origin.name, origin.kind, skin, constants, origin.rng())
 
 
@@ -71,7 +71,7 @@ def simulate_clip(
     lead: int,
     build: SensorBuild,
     session: SensorSession,
-    world: SimEnvironment,
+    env: SimEnvironment,
     rng: np.random.Generator,
     stages: SensorStages | None = None,
 ) -> SimulatedClip:
@@ -82,16 +82,16 @@ def simulate_clip(
         lead: steps before the clip, in which contacts and creep build up.
         build: the skin as built.
         session: what has drifted since calibration.
-        world: the robot in its skin.
+        env: the robot in its skin.
         rng: to draw noise from.
         stages: which stages of the sensor work; all unless given.
     """
-    skin = world.mounted.skin
-    felt = compute_touch_presses(scene, world)
+    skin = env.mounted.skin
+    felt = compute_touch_presses(scene, env)
     pressure, taxels = compute_scene_pressure(felt, scene.steps, build.film_sigma, skin)
     counts, received = sense(pressure, taxels, build, skin, rng, stages, session, lead)
-    every = count_steps_per_reading(world)
-    truths = compute_true_series(scene, felt, world.charts, world.mounted, lead, world)
+    every = count_steps_per_reading(env)
+    truths = compute_true_series(scene, felt, env.charts, env.mounted, lead, env)
     return SimulatedClip(
         counts=counts,
         received=received,
@@ -113,7 +113,7 @@ def add_event_to_clip(clip: SimulatedClip, stage: ClipSetup) -> SimulatedClip:
 
 def add_events_to_stream(clip: SimulatedClip, stage: ClipSetup) -> SimulatedClip:
     """The same stream with electrical events at any time, so many an hour."""
-    constants, rng = stage.world.constants, stage.rng
+    constants, rng = stage.env.constants, stage.rng
     rate = constants.value("stream.electrical") / HOUR
     for number in range(rng.poisson(rate * stage.plan.seconds)):
         onset = int(rng.integers(len(clip.counts)))
@@ -133,43 +133,41 @@ def add_event(
         onset: reading at which it begins; None draws it.
     """
     event = ELECTRICAL_EVENTS[stage.rng.integers(len(ELECTRICAL_EVENTS))]
-    build = get_build(stage.plan.build, stage.world)
+    build = get_build(stage.plan.build, stage.env)
     counts, received, drawn = add_electrical_event(
-        *(event, clip.counts, clip.received, stage.world.mounted.skin, build),
-        *(stage.rng, stage.world.constants, onset),
+        *(event, clip.counts, clip.received, stage.env.mounted.skin, build),
+        *(stage.rng, stage.env.constants, onset),
     )
     more = {f"{name}.{key}": value for key, value in drawn.items()}
     return replace(clip, counts=counts, received=received, drawn=clip.drawn | more)
 
 
-def make_clip(plan: ClipPlan, world: SimEnvironment) -> SimulatedClip:
+def make_clip(plan: ClipPlan, env: SimEnvironment) -> SimulatedClip:
     """Make one clip or stream alone, the same one every time.
 
     Raises:
         ValueError: the plan asks for what the robot or the skin cannot do.
     """
-    rng, constants = plan.rng(), world.constants
-    person, groups = get_person(plan.person, world), frozenset(plan.groups)
+    rng, constants = plan.rng(), env.constants
+    person, groups = get_person(plan.person, env), frozenset(plan.groups)
     kind = plan.kind or ""
     if plan.gesture is not None and not kind:
         kind = choose_kind(plan.gesture, None, person, constants, rng, plan.difficulty)
-        while kind == "self_contact" and not can_touch_itself(world, groups):
+        while kind == "self_contact" and not can_touch_itself(env, groups):
             kind = choose_kind(
                 plan.gesture, None, person, constants, rng, plan.difficulty
             )
-    stage = set_up_clip(plan, kind, world, rng)
+    stage = set_up_clip(plan, kind, env, rng)
     if plan.gesture is None:
         touches = draw_stream(stage)
     else:
         touches = draw_touches(stage, plan.gesture, kind)
-    build = get_build(plan.build, world)
+    build = get_build(plan.build, env)
     session = get_session(plan.session, build)
-    clip = simulate_clip(
-        Scene(stage.q, touches), stage.lead, build, session, world, rng
-    )
+    clip = simulate_clip(Scene(stage.q, touches), stage.lead, build, session, env, rng)
     clip = replace(
         clip,
-        pose_group=compute_pose_group(world, stage.q[stage.lead]),
+        pose_group=compute_pose_group(env, stage.q[stage.lead]),
         drawn=collect_drawn(stage, touches),
     )
     if kind == "electrical":
@@ -179,9 +177,9 @@ def make_clip(plan: ClipPlan, world: SimEnvironment) -> SimulatedClip:
 
 def draw_touches(stage: ClipSetup, gesture: str, kind: str) -> tuple[TrueTouch, ...]:
     """The touch that a clip is made for, and perhaps a smaller one beside it."""
-    person = get_person(stage.plan.person, stage.world)
+    person = get_person(stage.plan.person, stage.env)
     touch = perform_at(stage, person, gesture, kind, stage.lead)
-    start = draw_start(touch, stage.steps, stage.world.constants, stage.rng)
+    start = draw_start(touch, stage.steps, stage.env.constants, stage.rng)
     touch = place_touch(stage, touch, stage.lead + start)
     if touch.presses and stage.rng.random() < stage.plan.concurrent:
         return (touch, *draw_second_touch(stage, touch))
@@ -192,7 +190,7 @@ def collect_drawn(
     stage: ClipSetup, touches: tuple[TrueTouch, ...]
 ) -> dict[str, float | str]:
     """Every parameter of the clip, by name."""
-    joints = stage.world.mounted.robot.joint_names
+    joints = stage.env.mounted.robot.joint_names
     start = stage.q[stage.lead].tolist()
     drawn: dict[str, float | str] = {
         f"q.{joint}": value for joint, value in zip(joints, start, strict=True)

@@ -59,14 +59,14 @@ class Simulator(ClipGenerator):
         self.mounted = mounted = mount_preset(skin)
         if skin in SOURCE_SKINS:
             mounted = mount_preset(SOURCE_SKINS[skin])
-        self.world = build_environment(mounted, constants or load_constants())
+        self.env = build_environment(mounted, constants or load_constants())
 
     def make(self, plan: ClipPlan) -> SimulatedClip:
         """The clip of a plan, or the stream where the plan names no gesture."""
         if plan.pair is not None:
-            return make_pair_clip(plan, self.world)
-        return make_clip(plan, self.world)
+            return make_pair_clip(plan, self.env)
+        return make_clip(plan, self.env)
 
     def calibration(self, build: BuildOrigin) -> Calibration:
         """What the user of a build knows of it."""
-        return get_build(build, self.world).calibration(self.mounted.skin)
+        return get_build(build, self.env).calibration(self.mounted.skin)

@@ -30,10 +30,10 @@ from eskin.sim.dataset.settings import SETTINGS_NAME, GenerationSettings, claim_
 class SetFolder:
     """Grows file by file in the order of the set; what is there is always whole."""
 
-    def __init__(self, folder: Path, sittings: Sequence[SessionPlan]) -> None:
+    def __init__(self, folder: Path, sessions: Sequence[SessionPlan]) -> None:
         """Look at what an earlier generation left, without changing it."""
         self.folder = folder
-        self.sessions = tuple(sittings)
+        self.sessions = tuple(sessions)
         self.index = folder / INDEX_NAME
 
     def resume(self) -> int:
@@ -43,8 +43,8 @@ class SetFolder:
         in the order in which they were made.
         """
         kept = done = 0
-        for sitting in self.sessions:
-            size = self.find_size(sitting, kept)
+        for session_plan in self.sessions:
+            size = self.find_size(session_plan, kept)
             if size is None:
                 break
             kept, done = kept + size, done + 1
@@ -53,21 +53,21 @@ class SetFolder:
         else:
             with atomic_path(self.index, durable=True) as part:
                 part.touch()
-        for sitting in self.sessions[done:]:
-            path = self.folder / sitting.file
+        for session_plan in self.sessions[done:]:
+            path = self.folder / session_plan.file
             path.unlink(missing_ok=True)
             path.with_name(path.name + ".part").unlink(missing_ok=True)
         return done
 
-    def find_size(self, sitting: SessionPlan, start: int) -> int | None:
+    def find_size(self, session_plan: SessionPlan, start: int) -> int | None:
         """Bytes of the lines of a file from `start` of the index on; None if cut."""
-        if not (self.index.exists() and (self.folder / sitting.file).exists()):
+        if not (self.index.exists() and (self.folder / session_plan.file).exists()):
             return None
-        begin = f'{{"file": "{sitting.file}", "number": '.encode()
+        begin = f'{{"file": "{session_plan.file}", "number": '.encode()
         size = 0
         with self.index.open("rb") as file:
             file.seek(start)
-            for number in range(sitting.clips):
+            for number in range(session_plan.clips):
                 line = file.readline()
                 if not (
                     line.startswith(begin + b"%d," % number) and line[-1:] == b"\n"
@@ -118,12 +118,12 @@ def get_generator(factory: Callable[[str], ClipGenerator], skin: str) -> ClipGen
 def write_file(
     folder: Path,
     settings: GenerationSettings,
-    sitting: SessionPlan,
+    session_plan: SessionPlan,
     factory: Callable[[str], ClipGenerator],
 ) -> tuple[ClipRow, ...]:
     """Write one file."""
-    maker = get_generator(factory, settings.find_skin(sitting))
-    return write_session(folder, settings, sitting, maker, check_stopped)
+    generator = get_generator(factory, settings.find_skin(session_plan))
+    return write_session(folder, settings, session_plan, generator, check_stopped)
 
 
 THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
@@ -193,7 +193,7 @@ def generate_missing(
     """Make what is missing in a folder."""
     archive = SetFolder(folder, settings.sessions)
     done = archive.resume()
-    kept = sum(sitting.clips for sitting in settings.sessions[:done])
+    kept = sum(session_plan.clips for session_plan in settings.sessions[:done])
     missing = settings.sessions[done:]
     made = 0
     tell(kept)
@@ -233,30 +233,30 @@ def lock_folder(folder: Path) -> Iterator[None]:
 def write_sessions(
     folder: Path,
     settings: GenerationSettings,
-    sittings: Sequence[SessionPlan],
+    sessions: Sequence[SessionPlan],
     workers: int,
     factory: Callable[[str], ClipGenerator],
 ) -> Rows:
     """Rows of files, in order, as they are made."""
-    workers = min(workers, len(sittings))
+    workers = min(workers, len(sessions))
     if not workers:
-        for sitting in sittings:
-            yield write_file(folder, settings, sitting, factory)
+        for session_plan in sessions:
+            yield write_file(folder, settings, session_plan, factory)
         return
-    yield from write_in_workers(folder, settings, sittings, workers, factory)
+    yield from write_in_workers(folder, settings, sessions, workers, factory)
 
 
 def write_in_workers(
     folder: Path,
     settings: GenerationSettings,
-    sittings: Sequence[SessionPlan],
+    sessions: Sequence[SessionPlan],
     workers: int,
     factory: Callable[[str], ClipGenerator],
 ) -> Rows:
     """The same in other processes; a bounded number of files is in work at a time."""
     context = multiprocessing.get_context("spawn")
     stop = context.Event()
-    left, waiting = deque(sittings), deque[Future]()
+    left, waiting = deque(sessions), deque[Future]()
     with limit_threads():
         pool = ProcessPoolExecutor(workers, context, start_worker, (stop,))
         try:

@@ -226,15 +226,15 @@ def to_text(rows: Iterable[ClipRow]) -> str:
     return "".join(row.to_line() + "\n" for row in rows)
 
 
-def remake_clip(row: ClipRow, maker: ClipGenerator) -> SimulatedClip:
+def remake_clip(row: ClipRow, generator: ClipGenerator) -> SimulatedClip:
     """Make one clip of a set again, alone: the same counts as in its recording.
 
     Raises:
         GenerationError: the maker is of another skin.
     """
-    if maker.mounted.skin.name != row.skin:
+    if generator.mounted.skin.name != row.skin:
         raise GenerationError(
             f"clip {row.number} of {row.file} is of skin '{row.skin}', the maker of "
-            f"'{maker.mounted.skin.name}'; give a maker of that skin"
+            f"'{generator.mounted.skin.name}'; give a maker of that skin"
         )
-    return maker.make(row.plan)
+    return generator.make(row.plan)

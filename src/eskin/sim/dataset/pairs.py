@@ -60,10 +60,10 @@ class PairScenes:
     """Its surfaces, unrolled as those of the first scene are."""
 
 
-def count_clip_steps(plan: ClipPlan, world: SimEnvironment) -> tuple[int, int]:
+def count_clip_steps(plan: ClipPlan, env: SimEnvironment) -> tuple[int, int]:
     """Steps before the clip, and of all that is simulated."""
-    step = world.constants.value("time.step")
-    lead = round(world.constants.value("clip.before") / step)
+    step = env.constants.value("time.step")
+    lead = round(env.constants.value("clip.before") / step)
     return lead, lead + round(plan.seconds / step)
 
 
@@ -75,17 +75,17 @@ def repeat_pose(
 
 
 def draw_onset(
-    touch: TrueTouch, plan: ClipPlan, world: SimEnvironment, rng: np.random.Generator
+    touch: TrueTouch, plan: ClipPlan, env: SimEnvironment, rng: np.random.Generator
 ) -> int:
     """Step of the scene at which a touch's clock starts, all of it in the clip.
 
     A touch that is longer than the clip is cut as in other clips.
     """
-    lead, steps = count_clip_steps(plan, world)
+    lead, steps = count_clip_steps(plan, env)
     first, end = find_contact_steps(touch)
     free = steps - lead - (end - first)
     if free <= 0:
-        return lead + draw_start(touch, steps - lead, world.constants, rng)
+        return lead + draw_start(touch, steps - lead, env.constants, rng)
     return lead - first + int(rng.integers(0, free + 1))
 
 
@@ -96,7 +96,7 @@ Pose = Float[np.ndarray, "joint"]
 
 
 def draw_meeting_poses(
-    world: SimEnvironment,
+    env: SimEnvironment,
     groups: frozenset[int],
     person: Person,
     rng: np.random.Generator,
@@ -104,7 +104,7 @@ def draw_meeting_poses(
     """A pose in which two places meet, one in which they are far apart, and both.
 
     Args:
-        world: the robot.
+        env: the robot.
         groups: of poses, to take the one from in which they are apart.
         person: who touches.
         rng: to draw from.
@@ -112,57 +112,57 @@ def draw_meeting_poses(
     Raises:
         ValueError: no such poses were found.
     """
-    value = world.constants.value
+    value = env.constants.value
     near, far = value("pairs.near") * MM, value("pairs.far") * MM
-    poses = find_meeting_poses(world)
+    poses = find_meeting_poses(env)
     tries = int(value("pairs.tries")) if len(poses) else 0
     for _ in range(tries):
         folded = poses[rng.integers(len(poses))].copy()
-        folded[0] = rng.uniform(*(each[0] for each in compute_joint_limits(world)))
-        apart = draw_pose(world, groups, rng)
+        folded[0] = rng.uniform(*(each[0] for each in compute_joint_limits(env)))
+        apart = draw_pose(env, groups, rng)
         found = [
             sites
-            for sites in find_fold_sites(world, folded, person)
-            if compute_site_gap(world, folded, *sites) <= near
-            and compute_site_gap(world, apart, *sites) >= far
+            for sites in find_fold_sites(env, folded, person)
+            if compute_site_gap(env, folded, *sites) <= near
+            and compute_site_gap(env, apart, *sites) >= far
         ]
         if found:
             return folded, apart, found[rng.integers(len(found))]
     raise ValueError(
-        f"no poses found that bring patches of robot '{world.mounted.robot.name}' "
+        f"no poses found that bring patches of robot '{env.mounted.robot.name}' "
         f"within {near} m of each other and {far} m apart; take a skin on a longer arm"
     )
 
 
 @lru_cache(maxsize=2)
-def find_meeting_poses(world: SimEnvironment) -> Float[np.ndarray, "pose joint"]:
+def find_meeting_poses(env: SimEnvironment) -> Float[np.ndarray, "pose joint"]:
     """Poses with the elbow bent as far as it goes, in which such patches meet.
 
     Always the same ones. Poses as others are drawn hardly ever bend it so far.
     """
-    value, elbow = world.constants.value, world.joint_index(ELBOW)
+    value, elbow = env.constants.value, env.joint_index(ELBOW)
     rng = np.random.default_rng(int(value("robot.pool_seed")))
-    low, high = compute_joint_limits(world)
+    low, high = compute_joint_limits(env)
     count = int(value("pairs.pool"))
     q = rng.uniform(low, high, (count, len(low)))
-    bent = np.deg2rad(world.constants.array("pairs.elbow"))
+    bent = np.deg2rad(env.constants.array("pairs.elbow"))
     q[:, elbow] = rng.uniform(bent[0], bent[1], count) * rng.choice([-1, 1], count)
-    q = q[are_poses_valid(world, q)]
-    gaps, _ = compute_facing_gaps(world, world.poses(q))
-    gaps = gaps[:, find_separable_pairs(world)]
+    q = q[are_poses_valid(env, q)]
+    gaps, _ = compute_facing_gaps(env, env.poses(q))
+    gaps = gaps[:, find_separable_pairs(env)]
     return q[gaps.min(axis=1, initial=np.inf) <= value("pairs.near") * MM]
 
 
-def find_separable_pairs(world: SimEnvironment) -> Bool[np.ndarray, "pair"]:
+def find_separable_pairs(env: SimEnvironment) -> Bool[np.ndarray, "pair"]:
     """Which pairs of charts are far apart in some pose, middle from middle."""
-    faces = sample_patches(world)
-    charts = np.arange(len(world.charts))
+    faces = sample_patches(env)
+    charts = np.arange(len(env.charts))
     widest = np.zeros(len(faces.pairs))
-    for q in np.concatenate(list(build_pose_pool(world).any.values())):
-        middles = transform_points(world, charts, faces.balls[:, :3], world.poses(q))
+    for q in np.concatenate(list(build_pose_pool(env).any.values())):
+        middles = transform_points(env, charts, faces.balls[:, :3], env.poses(q))
         one, other = middles[faces.pairs[:, 0]], middles[faces.pairs[:, 1]]
         widest = np.maximum(widest, np.linalg.norm(one - other, axis=1))
-    return widest >= world.constants.value("pairs.far") * MM
+    return widest >= env.constants.value("pairs.far") * MM
 
 
 @lru_cache(maxsize=1)
@@ -174,12 +174,12 @@ def build_flat_side() -> tuple[MountedSkin, tuple[Chart, ...]]:
 
 
 def draw_bending(
-    plan: ClipPlan, world: SimEnvironment, rng: np.random.Generator
+    plan: ClipPlan, env: SimEnvironment, rng: np.random.Generator
 ) -> PairScenes:
     """A grab of the patch round the tube, and the same on it as it lies flat."""
-    _, steps = count_clip_steps(plan, world)
+    _, steps = count_clip_steps(plan, env)
     q = np.zeros((steps, 0))
-    grabs = () if plan.kind == "idle" else (draw_bending_grab(plan, world, rng),)
+    grabs = () if plan.kind == "idle" else (draw_bending_grab(plan, env, rng),)
     presses = tuple(
         replace(touch, gesture="none", kind=NONE_KINDS["grab"]) for touch in grabs
     )
@@ -187,20 +187,20 @@ def draw_bending(
 
 
 def draw_bending_grab(
-    plan: ClipPlan, world: SimEnvironment, rng: np.random.Generator
+    plan: ClipPlan, env: SimEnvironment, rng: np.random.Generator
 ) -> TrueTouch:
     """A grab somewhere on the patch, by the person's taste."""
     touch = perform(
-        *("grab", None, get_person(plan.person, world), draw_bending_site(world, rng)),
-        *(world.constants, rng, plan.difficulty, plan.regime),
+        *("grab", None, get_person(plan.person, env), draw_bending_site(env, rng)),
+        *(env.constants, rng, plan.difficulty, plan.regime),
     )
-    return shift_touch(touch, draw_onset(touch, plan, world, rng))
+    return shift_touch(touch, draw_onset(touch, plan, env, rng))
 
 
-def draw_bending_site(world: SimEnvironment, rng: np.random.Generator) -> ContactSite:
+def draw_bending_site(env: SimEnvironment, rng: np.random.Generator) -> ContactSite:
     """Near the middle of the patch, the hand round the tube either way."""
-    chart = world.charts[0]
-    off = world.constants.value("pairs.off") * MM
+    chart = env.charts[0]
+    off = env.constants.value("pairs.off") * MM
     s, t = rng.uniform(-off, off, 2)
     low, high = chart.unrolled[:, 1].min() - t, chart.unrolled[:, 1].max() - t
     angle = rng.choice([-1.0, 1.0]) * np.pi / 2
@@ -208,36 +208,36 @@ def draw_bending_site(world: SimEnvironment, rng: np.random.Generator) -> Contac
 
 
 def draw_merging(
-    plan: ClipPlan, world: SimEnvironment, rng: np.random.Generator
+    plan: ClipPlan, env: SimEnvironment, rng: np.random.Generator
 ) -> PairScenes:
     """One gesture on two patches that meet, and two touches of them far apart.
 
     Raises:
         ValueError: no poses or no touch were found.
     """
-    person = get_person(plan.person, world)
-    _, steps = count_clip_steps(plan, world)
-    folded, apart, touches = draw_merging_touch(plan, world, person, rng)
+    person = get_person(plan.person, env)
+    _, steps = count_clip_steps(plan, env)
+    folded, apart, touches = draw_merging_touch(plan, env, person, rng)
     return PairScenes(
         Scene(repeat_pose(folded, steps), touches),
         Scene(repeat_pose(apart, steps), tuple(split_presses(touches))),
-        world.mounted,
-        world.charts,
+        env.mounted,
+        env.charts,
     )
 
 
 def draw_merging_touch(
-    plan: ClipPlan, world: SimEnvironment, person: Person, rng: np.random.Generator
+    plan: ClipPlan, env: SimEnvironment, person: Person, rng: np.random.Generator
 ) -> tuple[Pose, Pose, tuple[TrueTouch, ...]]:
     """Both poses and the gesture, which is felt on either patch."""
-    for _ in range(int(world.constants.value("pairs.tries"))):
+    for _ in range(int(env.constants.value("pairs.tries"))):
         groups = frozenset(plan.groups)
-        folded, apart, sites = draw_meeting_poses(world, groups, person, rng)
+        folded, apart, sites = draw_meeting_poses(env, groups, person, rng)
         if plan.kind == "idle":
             return folded, apart, ()
-        touch = draw_shared_touch(plan, world, person, sites, rng)
+        touch = draw_shared_touch(plan, env, person, sites, rng)
         if touch is not None:
-            touch = shift_touch(touch, draw_onset(touch, plan, world, rng))
+            touch = shift_touch(touch, draw_onset(touch, plan, env, rng))
             return folded, apart, (touch,)
     raise ValueError("no touch came out that is felt on two patches; lower pairs.felt")
 
@@ -253,7 +253,7 @@ def split_presses(touches: tuple[TrueTouch, ...]) -> list[TrueTouch]:
 
 def draw_shared_touch(
     plan: ClipPlan,
-    world: SimEnvironment,
+    env: SimEnvironment,
     person: Person,
     sites: Sites,
     rng: np.random.Generator,
@@ -264,21 +264,21 @@ def draw_shared_touch(
     """
     assert plan.pair is not None
     draw = draw_shared_pat if plan.pair.gesture == "double_pat" else draw_hook
-    least = world.constants.value("pairs.felt")
-    for _ in range(int(world.constants.value("pairs.touches"))):
-        touch = draw(plan, world, person, sites, rng)
-        if touch is not None and min(compute_peak_pressures(touch, world)) >= least:
+    least = env.constants.value("pairs.felt")
+    for _ in range(int(env.constants.value("pairs.touches"))):
+        touch = draw(plan, env, person, sites, rng)
+        if touch is not None and min(compute_peak_pressures(touch, env)) >= least:
             return touch
     return None
 
 
-def compute_peak_pressures(touch: TrueTouch, world: SimEnvironment) -> list[float]:
+def compute_peak_pressures(touch: TrueTouch, env: SimEnvironment) -> list[float]:
     """Largest pressure of each press of a touch [kPa]."""
     return [
         float(
-            compute_pressure_field(
-                p, world.charts[p.chart], world.constants
-            ).pressure.max(initial=0.0)
+            compute_pressure_field(p, env.charts[p.chart], env.constants).pressure.max(
+                initial=0.0
+            )
         )
         for p in touch.presses
     ]
@@ -286,7 +286,7 @@ def compute_peak_pressures(touch: TrueTouch, world: SimEnvironment) -> list[floa
 
 def draw_shared_pat(
     plan: ClipPlan,
-    world: SimEnvironment,
+    env: SimEnvironment,
     person: Person,
     sites: Sites,
     rng: np.random.Generator,
@@ -295,9 +295,9 @@ def draw_shared_pat(
 
     None where the pats as drawn are too soon or too late after each other for it.
     """
-    low, high = world.constants.array("pairs.interval")
+    low, high = env.constants.array("pairs.interval")
     touch = perform(
-        *("double_pat", None, person, sites[0], world.constants, rng),
+        *("double_pat", None, person, sites[0], env.constants, rng),
         *(plan.difficulty, plan.regime),
     )
     if touch.drawn["stays"] or not low <= float(touch.drawn["interval"]) <= high:
@@ -335,7 +335,7 @@ def slice_press(press: Press, steps: slice) -> Press:
 
 def draw_hook(
     plan: ClipPlan,
-    world: SimEnvironment,
+    env: SimEnvironment,
     person: Person,
     sites: Sites,
     rng: np.random.Generator,
@@ -345,7 +345,7 @@ def draw_hook(
     They press against each other, so either bears the same.
     """
     touch = perform(
-        *("grab", "full_hand", person, sites[0], world.constants, rng),
+        *("grab", "full_hand", person, sites[0], env.constants, rng),
         *(plan.difficulty, plan.regime),
     )
     (press,) = touch.presses
@@ -380,7 +380,7 @@ def make_pair(
     kind: str,
     seed: int,
     difficulty: float | None = None,
-    world: SimEnvironment | None = None,
+    env: SimEnvironment | None = None,
 ) -> ClipPair:
     """Make a pair alone, its person and sensor drawn from the same seed.
 
@@ -388,16 +388,16 @@ def make_pair(
         kind: `bending` or `merging`.
         seed: decides all that is drawn.
         difficulty: how much touches vary; the published one unless given.
-        world: of the first clip; the patch round a tube or the UR5 unless given.
+        env: of the first clip; the patch round a tube or the UR5 unless given.
 
     Raises:
         ValueError: there is no such kind, or patches of the world never meet.
     """
     chosen = parse_pair_kind(kind)
-    world = world or load_environment(SIDE_SKINS.get(PAIR_SIDES[chosen][0], "ur5"))
-    published = world.constants.value("sets.difficulty")
+    env = env or load_environment(SIDE_SKINS.get(PAIR_SIDES[chosen][0], "ur5"))
+    published = env.constants.value("sets.difficulty")
     level = published if difficulty is None else difficulty
-    return simulate_pair(plan_single_pair(chosen, seed, level, world.constants), world)
+    return simulate_pair(plan_single_pair(chosen, seed, level, env.constants), env)
 
 
 @lru_cache(maxsize=2)
@@ -408,59 +408,59 @@ def load_environment(skin: str) -> SimEnvironment:
     return build_environment(mounted, load_constants())
 
 
-def simulate_pair(plan: ClipPlan, world: SimEnvironment) -> ClipPair:
+def simulate_pair(plan: ClipPlan, env: SimEnvironment) -> ClipPair:
     """Both clips of the pair that a plan belongs to.
 
     Args:
         plan: of either clip.
-        world: of the first.
+        env: of the first.
     """
     assert plan.pair is not None
     rng, kind = plan.rng(), plan.pair.kind
-    twins = PAIR_DRAWS[kind](plan, world, rng)
-    lead, _ = count_clip_steps(plan, world)
-    build = get_build(plan.build, world)
+    twins = PAIR_DRAWS[kind](plan, env, rng)
+    lead, _ = count_clip_steps(plan, env)
+    build = get_build(plan.build, env)
     session = get_session(plan.session, build)
-    played = simulate_clip(twins.first, lead, build, session, world, rng)
-    first = describe_clip(played, twins.first, plan, world, lead)
+    played = simulate_clip(twins.first, lead, build, session, env, rng)
+    first = describe_clip(played, twins.first, plan, env, lead)
     second = describe_clip(
-        build_second_clip(played, twins, world, lead), twins.second, plan, world, lead
+        build_second_clip(played, twins, env, lead), twins.second, plan, env, lead
     )
-    mounted = world.mounted, twins.mounted
+    mounted = env.mounted, twins.mounted
     return ClipPair(kind, first, second, (plan.pair.gesture, "none"), mounted)
 
 
-def make_pair_clip(plan: ClipPlan, world: SimEnvironment) -> SimulatedClip:
+def make_pair_clip(plan: ClipPlan, env: SimEnvironment) -> SimulatedClip:
     """The clip of a plan that is of a pair."""
-    pair = simulate_pair(plan, world)
+    pair = simulate_pair(plan, env)
     assert plan.pair is not None
     return pair.second if plan.pair.is_second else pair.first
 
 
 def build_second_clip(
-    first: SimulatedClip, twins: PairScenes, world: SimEnvironment, lead: int
+    first: SimulatedClip, twins: PairScenes, env: SimEnvironment, lead: int
 ) -> SimulatedClip:
     """The same counts with the truth of the second scene."""
     scene = twins.second
-    felt = compute_touch_presses(scene, world)
-    truths = compute_true_series(scene, felt, twins.charts, twins.mounted, lead, world)
+    felt = compute_touch_presses(scene, env)
+    truths = compute_true_series(scene, felt, twins.charts, twins.mounted, lead, env)
     readings = len(first.counts)
     every = (len(scene.q) - lead) // readings
     return replace(first, q=scene.q[lead::every][:readings], truths=truths)
 
 
 def describe_clip(
-    clip: SimulatedClip, scene: Scene, plan: ClipPlan, world: SimEnvironment, lead: int
+    clip: SimulatedClip, scene: Scene, plan: ClipPlan, env: SimEnvironment, lead: int
 ) -> SimulatedClip:
     """The same clip with its group of poses and all that was drawn for it."""
     assert plan.pair is not None
     start = scene.q[lead]
-    joints = world.mounted.robot.joint_names
+    joints = env.mounted.robot.joint_names
     names = [f"q.{joint}" for joint in joints]
     drawn: dict[str, float | str] = {"pair": float(plan.pair.number)}
     drawn |= dict(zip(names, start.tolist(), strict=True))
     for number, touch in enumerate(scene.touches):
         drawn[f"touch{number}.kind"] = touch.kind
         drawn |= {f"touch{number}.{name}": each for name, each in touch.drawn.items()}
-    group = compute_pose_group(world, start) if joints else 0
+    group = compute_pose_group(env, start) if joints else 0
     return replace(clip, pose_group=group, drawn=drawn)

@@ -127,8 +127,8 @@ GESTURE_SET = "paper"
 def write_session(
     folder: Path,
     settings: GenerationSettings,
-    sitting: SessionPlan,
-    maker: ClipGenerator,
+    session_plan: SessionPlan,
+    generator: ClipGenerator,
     go_on: Callable[[], None] = lambda: None,
 ) -> tuple[ClipRow, ...]:
     """Make the clips of a sitting and write its file; return their rows.
@@ -136,30 +136,32 @@ def write_session(
     Args:
         folder: of the set.
         settings: what the set is made with.
-        sitting: one of the set's.
-        maker: makes the clips.
+        session_plan: one of the set's.
+        generator: makes the clips.
         go_on: called before every clip; raises to stop.
 
     Raises:
         GenerationError: a clip cannot be made; no file is left then.
     """
-    path = folder / sitting.file
+    path = folder / session_plan.file
     path.parent.mkdir(exist_ok=True)
-    calibration = maker.calibration(sitting.build)
+    calibration = generator.calibration(session_plan.build)
     writer = RecordingWriter(
         path,
-        maker.robot_name,
-        maker.mounted.skin,
+        generator.robot_name,
+        generator.mounted.skin,
         calibration,
-        build_metadata(settings, sitting),
-        maker.mounted.robot.joint_names,
+        build_metadata(settings, session_plan),
+        generator.mounted.robot.joint_names,
     )
     try:
         with writer:
-            sheet = SessionWriter(writer, calibration, sitting, settings)
-            for number, plan in enumerate(settings.plan_clips(sitting), -1):
+            sheet = SessionWriter(writer, calibration, session_plan, settings)
+            for number, plan in enumerate(settings.plan_clips(session_plan), -1):
                 go_on()
-                sheet.add(number, plan, generate_clip(maker, plan, number, sitting))
+                sheet.add(
+                    number, plan, generate_clip(generator, plan, number, session_plan)
+                )
             sheet.finish()
     except BaseException:
         writer.part.unlink(missing_ok=True)
@@ -167,41 +169,41 @@ def write_session(
     return tuple(sheet.rows)
 
 
-def build_metadata(settings: GenerationSettings, sitting: SessionPlan) -> Metadata:
+def build_metadata(settings: GenerationSettings, session_plan: SessionPlan) -> Metadata:
     """Who and what was recorded."""
     notes = {
-        "build": sitting.build.name,
-        "build_kind": sitting.build.kind,
+        "build": session_plan.build.name,
+        "build_kind": session_plan.build.kind,
         "difficulty": f"{settings.level:g}",
         "seed": str(settings.seed),
         "simulated": "true",
     }
     return Metadata(
         dataset=settings.set_name,
-        subject=sitting.person.name,
-        session=sitting.session.name,
+        subject=session_plan.person.name,
+        session=session_plan.session.name,
         gesture_set=GESTURE_SET,
         notes=notes,
     )
 
 
 def generate_clip(
-    maker: ClipGenerator, plan: ClipPlan, number: int, sitting: SessionPlan
+    generator: ClipGenerator, plan: ClipPlan, number: int, session_plan: SessionPlan
 ) -> SimulatedClip:
     """The clip of a plan, or an error that names it."""
     where = "the lead-in" if number < 0 else f"clip {number}"
     try:
-        clip = maker.make(plan)
+        clip = generator.make(plan)
     except Exception as error:
         raise GenerationError(
-            f"{where} of {sitting.file} ({plan.gesture}) cannot be made: "
+            f"{where} of {session_plan.file} ({plan.gesture}) cannot be made: "
             f"{type(error).__name__}: {error}"
         ) from error
     rows = {len(clip.counts), len(clip.received), len(clip.q)}
     rows |= {len(truth.force) for truth in clip.truths}
     if len(rows) != 1:
         raise GenerationError(
-            f"{where} of {sitting.file} ({plan.gesture}) has {sorted(rows)} readings; "
+            f"{where} of {session_plan.file} ({plan.gesture}) has {sorted(rows)} readings; "
             "allowed is one number"
         )
     return clip
@@ -214,13 +216,13 @@ class SessionWriter:
         self,
         writer: RecordingWriter,
         calibration: Calibration,
-        sitting: SessionPlan,
+        session_plan: SessionPlan,
         settings: GenerationSettings,
     ) -> None:
         """Start with nothing."""
         self.writer = writer
         self.calibration = calibration
-        self.sitting = sitting
+        self.sitting = session_plan
         self.period = settings.constants.value("sensor.period")
         self.rows: list[ClipRow] = []
         self.touches = 0

@@ -59,21 +59,22 @@ def build_seed(role: str, first: int, second: int, seed: int) -> Seed:
 
 
 def plan_sessions(
-    chosen: ClipSet, seed: int, constants: Constants
+    clip_set: ClipSet, seed: int, constants: Constants
 ) -> tuple[SessionPlan, ...]:
     """The files of a set, in order."""
     people = [
         Origin(
-            f"{chosen.people}-p{i}", build_seed(f"person {chosen.people}", i, 0, seed)
+            f"{clip_set.people}-p{i}",
+            build_seed(f"person {clip_set.people}", i, 0, seed),
         )
-        for i in range(chosen.subjects)
+        for i in range(clip_set.subjects)
     ]
     found: list[SessionPlan] = []
-    for part in chosen.parts:
+    for part in clip_set.parts:
         first = 0
-        for subject, clips in split_clips(chosen, part.clips, constants):
+        for subject, clips in split_clips(clip_set, part.clips, constants):
             number = len(found)
-            name = f"{chosen.name}-{number:04d}"
+            name = f"{clip_set.name}-{number:04d}"
             others = people[:subject] + people[subject + 1 :]
             found.append(
                 SessionPlan(
@@ -83,9 +84,9 @@ def plan_sessions(
                     clips=clips,
                     person=people[subject],
                     others=tuple(others),
-                    build=plan_build(chosen, subject, seed),
+                    build=plan_build(clip_set, subject, seed),
                     session=Origin(
-                        name, build_seed(f"session {chosen.name}", number, 0, seed)
+                        name, build_seed(f"session {clip_set.name}", number, 0, seed)
                     ),
                     start=compute_start(number, constants),
                 )
@@ -94,14 +95,14 @@ def plan_sessions(
     return tuple(found)
 
 
-def plan_build(chosen: ClipSet, subject: int, seed: int) -> BuildOrigin:
+def plan_build(clip_set: ClipSet, subject: int, seed: int) -> BuildOrigin:
     """The sensor that a person meets."""
-    number = subject % chosen.build_count
-    role = f"build {chosen.builds}"
+    number = subject % clip_set.build_count
+    role = f"build {clip_set.builds}"
     return BuildOrigin(
-        f"{chosen.builds}-b{number}",
+        f"{clip_set.builds}-b{number}",
         build_seed(role, number, 0, seed),
-        chosen.build_kind,
+        clip_set.build_kind,
     )
 
 
@@ -112,11 +113,11 @@ def compute_start(number: int, constants: Constants) -> int:
 
 
 def split_clips(
-    chosen: ClipSet, clips: int, constants: Constants
+    clip_set: ClipSet, clips: int, constants: Constants
 ) -> Iterator[tuple[int, int]]:
     """Person and number of clips of each sitting of a part."""
-    most = int(constants.value("clip.most")) if chosen.classes else 1
-    for subject, share in enumerate(split_evenly(clips, chosen.subjects)):
+    most = int(constants.value("clip.most")) if clip_set.classes else 1
+    for subject, share in enumerate(split_evenly(clips, clip_set.subjects)):
         for count in split_evenly(share, -(-share // most)):
             yield subject, count
 
@@ -132,8 +133,8 @@ IDLE = "idle"
 
 
 def plan_clips(
-    sitting: SessionPlan,
-    chosen: ClipSet,
+    session_plan: SessionPlan,
+    clip_set: ClipSet,
     seed: int,
     difficulty: float,
     constants: Constants,
@@ -141,16 +142,16 @@ def plan_clips(
     """The lead-in of a sitting, without touch, then its clips.
 
     Args:
-        sitting: one of the set's.
-        chosen: the set.
+        session_plan: one of the set's.
+        clip_set: the set.
         seed: of the whole set.
         difficulty: of all clips.
         constants: numbers of the world.
     """
-    rng = build_rng(build_seed(f"order {chosen.name}", sitting.number, 0, seed))
-    lead = plan_lead_in(sitting, chosen, seed, difficulty, constants)
-    gestures = draw_gestures(sitting, chosen, rng)
-    seconds = draw_seconds(sitting, chosen, seed, constants)
+    rng = build_rng(build_seed(f"order {clip_set.name}", session_plan.number, 0, seed))
+    lead = plan_lead_in(session_plan, clip_set, seed, difficulty, constants)
+    gestures = draw_gestures(session_plan, clip_set, rng)
+    seconds = draw_seconds(session_plan, clip_set, seed, constants)
     every = constants.value("clip.every")
     chance = difficulty * constants.value("clip.concurrent")
     plans = [lead]
@@ -158,14 +159,16 @@ def plan_clips(
         plans.append(
             replace(
                 lead,
-                seed=build_seed(f"clip {chosen.name}", sitting.number, number, seed),
-                company=draw_companion(sitting, rng),
+                seed=build_seed(
+                    f"clip {clip_set.name}", session_plan.number, number, seed
+                ),
+                company=draw_companion(session_plan, rng),
                 at=every * (number + 1),
                 seconds=seconds,
                 gesture=gesture,
-                kind=chosen.stream,
-                pose=draw_pose_seed(chosen, seed, rng),
-                moving=bool(rng.random() >= chosen.still),
+                kind=clip_set.stream,
+                pose=draw_pose_seed(clip_set, seed, rng),
+                moving=bool(rng.random() >= clip_set.still),
                 fold_share=constants.value("clip.fold"),
                 concurrent=min(chance, constants.value("difficulty.most")),
             )
@@ -179,25 +182,25 @@ def build_rng(seed: Seed) -> np.random.Generator:
 
 
 def plan_lead_in(
-    sitting: SessionPlan,
-    chosen: ClipSet,
+    session_plan: SessionPlan,
+    clip_set: ClipSet,
     seed: int,
     difficulty: float,
     constants: Constants,
 ) -> ClipPlan:
     """What calibration begins with."""
     return ClipPlan(
-        set_name=chosen.name,
-        seed=build_seed(f"lead {chosen.name}", sitting.number, 0, seed),
-        person=sitting.person,
+        set_name=clip_set.name,
+        seed=build_seed(f"lead {clip_set.name}", session_plan.number, 0, seed),
+        person=session_plan.person,
         company=None,
-        build=sitting.build,
-        session=sitting.session,
+        build=session_plan.build,
+        session=session_plan.session,
         at=0.0,
         seconds=constants.value("sets.lead"),
         gesture="none",
         kind=IDLE,
-        groups=chosen.groups,
+        groups=clip_set.groups,
         pose=None,
         moving=False,
         fold_share=0.0,
@@ -208,90 +211,94 @@ def plan_lead_in(
 
 
 def draw_gestures(
-    sitting: SessionPlan, chosen: ClipSet, rng: np.random.Generator
+    session_plan: SessionPlan, clip_set: ClipSet, rng: np.random.Generator
 ) -> list[str | None]:
     """What each clip shows: equally often in a part of a set, in any order."""
-    if not chosen.classes:
-        return [None] * sitting.clips
-    count = len(chosen.classes)
-    order = rng.permutation(sitting.first + np.arange(sitting.clips))
-    return [chosen.classes[int(number) % count] for number in order]
+    if not clip_set.classes:
+        return [None] * session_plan.clips
+    count = len(clip_set.classes)
+    order = rng.permutation(session_plan.first + np.arange(session_plan.clips))
+    return [clip_set.classes[int(number) % count] for number in order]
 
 
 def draw_seconds(
-    sitting: SessionPlan, chosen: ClipSet, seed: int, constants: Constants
+    session_plan: SessionPlan, clip_set: ClipSet, seed: int, constants: Constants
 ) -> float:
     """Length of the clips of a sitting [s]; streams share a range evenly."""
-    if chosen.classes:
+    if clip_set.classes:
         return constants.value("clip.seconds")
-    rng = build_rng(build_seed(f"lengths {chosen.name}", 0, 0, seed))
-    place = int(rng.permutation(chosen.clips)[sitting.number])
-    low, high = constants.array(f"sets.{chosen.stream or 'stream'}_seconds")
+    rng = build_rng(build_seed(f"lengths {clip_set.name}", 0, 0, seed))
+    place = int(rng.permutation(clip_set.clips)[session_plan.number])
+    low, high = constants.array(f"sets.{clip_set.stream or 'stream'}_seconds")
     period = constants.value("sensor.period")
-    seconds = low + (high - low) * (place + 0.5) / chosen.clips
+    seconds = low + (high - low) * (place + 0.5) / clip_set.clips
     return round(seconds / period) * period
 
 
-def draw_companion(sitting: SessionPlan, rng: np.random.Generator) -> Origin | None:
+def draw_companion(
+    session_plan: SessionPlan, rng: np.random.Generator
+) -> Origin | None:
     """Somebody else of the set, where there is anybody."""
-    if not sitting.others:
+    if not session_plan.others:
         return None
-    return sitting.others[int(rng.integers(len(sitting.others)))]
+    return session_plan.others[int(rng.integers(len(session_plan.others)))]
 
 
-def draw_pose_seed(chosen: ClipSet, seed: int, rng: np.random.Generator) -> Seed | None:
+def draw_pose_seed(
+    clip_set: ClipSet, seed: int, rng: np.random.Generator
+) -> Seed | None:
     """One of the poses of the set, where it has only some."""
-    if chosen.poses is None:
+    if clip_set.poses is None:
         return None
-    number = int(rng.integers(chosen.poses))
-    return build_seed(f"pose {chosen.people}", number, 0, seed)
+    number = int(rng.integers(clip_set.poses))
+    return build_seed(f"pose {clip_set.people}", number, 0, seed)
 
 
 def plan_pair_sessions(
-    sittings: Sequence[SessionPlan], seed: int
+    sessions: Sequence[SessionPlan], seed: int
 ) -> tuple[SessionPlan, ...]:
     """Sittings of a set of pairs, those of either side of a kind in one session."""
     found = []
-    for sitting in sittings:
-        kind = find_pair_kind(find_side(sitting))
-        name = f"pairs-{kind}-{sitting.first:04d}"
+    for session_plan in sessions:
+        kind = find_pair_kind(find_side(session_plan))
+        name = f"pairs-{kind}-{session_plan.first:04d}"
         origin = Origin(
-            name, build_seed(f"session pairs {kind}", sitting.first, 0, seed)
+            name, build_seed(f"session pairs {kind}", session_plan.first, 0, seed)
         )
-        found.append(replace(sitting, session=origin))
+        found.append(replace(session_plan, session=origin))
     return tuple(found)
 
 
-def find_side(sitting: SessionPlan) -> Side:
+def find_side(session_plan: SessionPlan) -> Side:
     """The side that a sitting is of, which its folder is called by."""
-    return cast(Side, PurePosixPath(sitting.file).parent.name)
+    return cast(Side, PurePosixPath(session_plan.file).parent.name)
 
 
-def find_skin(sitting: SessionPlan, skin: str) -> str:
+def find_skin(session_plan: SessionPlan, skin: str) -> str:
     """The preset that a sitting of a set of pairs is made with."""
-    return SIDE_SKINS.get(find_side(sitting), skin)
+    return SIDE_SKINS.get(find_side(session_plan), skin)
 
 
 def plan_pair_clips(
-    sitting: SessionPlan,
-    chosen: ClipSet,
+    session_plan: SessionPlan,
+    clip_set: ClipSet,
     seed: int,
     difficulty: float,
     constants: Constants,
 ) -> tuple[ClipPlan, ...]:
     """The lead-in of a sitting, without touch, then its side of each pair."""
-    side = find_side(sitting)
+    side = find_side(session_plan)
     kind = find_pair_kind(side)
-    usual = plan_lead_in(sitting, chosen, seed, difficulty, constants)
+    usual = plan_lead_in(session_plan, clip_set, seed, difficulty, constants)
     lead = replace(
         usual,
-        seed=build_seed(f"lead pairs {kind}", sitting.first, 0, seed),
+        seed=build_seed(f"lead pairs {kind}", session_plan.first, 0, seed),
         pair=PairPlace(-1, side, "none"),
     )
     every = constants.value("clip.every")
     plans = [lead]
-    for place in range(sitting.clips):
-        number = sitting.first + place
+    for place in range(session_plan.clips):
+        number = session_plan.first + place
         at = every * (place + 1)
         plans.append(plan_pair_clip(lead, side, number, at, seed, constants))
     return tuple(plans)

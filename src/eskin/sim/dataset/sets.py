@@ -187,14 +187,14 @@ def build_pair_set(constants: Constants) -> ClipSet:
 
 
 def resize_set(
-    chosen: ClipSet, clips: int | None, subjects: int | None, constants: Constants
+    clip_set: ClipSet, clips: int | None, subjects: int | None, constants: Constants
 ) -> ClipSet:
     """The same set smaller or larger.
 
     With few clips there are fewer people too, so that each still does everything.
 
     Args:
-        chosen: the set as it is published.
+        clip_set: the set as it is published.
         clips: how many clips, or streams, over all parts; None keeps them.
         subjects: how many people; None takes as many as suit the clips.
         constants: say how many clips of a person are enough.
@@ -202,23 +202,23 @@ def resize_set(
     Raises:
         ValueError: a number is not positive, or some people would have no clip.
     """
-    total = chosen.clips if clips is None else clips
-    if chosen.name == PAIRS and clips is not None:
+    total = clip_set.clips if clips is None else clips
+    if clip_set.name == PAIRS and clips is not None:
         total = count_pair_clips(clips)
-    if total < len(chosen.parts):
+    if total < len(clip_set.parts):
         raise ValueError(
-            f"{total} clips asked of set '{chosen.name}'; allowed are at least "
-            f"{len(chosen.parts)}; ask for more with --clips"
+            f"{total} clips asked of set '{clip_set.name}'; allowed are at least "
+            f"{len(clip_set.parts)}; ask for more with --clips"
         )
-    least = int(constants.value("sets.least")) if chosen.classes else 1
-    people = min(chosen.subjects, max(1, total // least))
+    least = int(constants.value("sets.least")) if clip_set.classes else 1
+    people = min(clip_set.subjects, max(1, total // least))
     people = people if subjects is None else subjects
     if not 1 <= people <= total:
         raise ValueError(
-            f"{people} people asked of set '{chosen.name}' of {total} clips; allowed "
+            f"{people} people asked of set '{clip_set.name}' of {total} clips; allowed "
             f"are 1 to {total}; change --subjects or --clips"
         )
-    return replace(chosen, subjects=people, parts=resize_parts(chosen, total))
+    return replace(clip_set, subjects=people, parts=resize_parts(clip_set, total))
 
 
 def count_pair_clips(clips: int) -> int:
@@ -235,10 +235,10 @@ def count_pair_clips(clips: int) -> int:
     return len(PAIR_SIDES) * clips
 
 
-def resize_parts(chosen: ClipSet, total: int) -> tuple[SetPart, ...]:
+def resize_parts(clip_set: ClipSet, total: int) -> tuple[SetPart, ...]:
     """The parts of a set of so many clips, in the same proportion."""
-    first, *rest = chosen.parts
-    shares = [max(1, total * part.clips // chosen.clips) for part in rest]
+    first, *rest = clip_set.parts
+    shares = [max(1, total * part.clips // clip_set.clips) for part in rest]
     clips = [total - sum(shares), *shares]
     return tuple(
         SetPart(part.folder, count)

@@ -92,19 +92,21 @@ class GenerationSettings:
         found = plan_sessions(self.clip_set, self.seed, self.constants)
         return plan_pair_sessions(found, self.seed) if self.has_pairs else found
 
-    def plan_clips(self, sitting: SessionPlan) -> tuple[ClipPlan, ...]:
+    def plan_clips(self, session_plan: SessionPlan) -> tuple[ClipPlan, ...]:
         """The lead-in of a file and its clips."""
         decide = plan_pair_clips if self.has_pairs else plan_clips
-        return decide(sitting, self.clip_set, self.seed, self.level, self.constants)
+        return decide(
+            session_plan, self.clip_set, self.seed, self.level, self.constants
+        )
 
     @property
     def has_pairs(self) -> bool:
         """Whether its clips are pairs with the same counts."""
         return self.set_name == PAIRS
 
-    def find_skin(self, sitting: SessionPlan) -> str:
+    def find_skin(self, session_plan: SessionPlan) -> str:
         """The preset that a file is made with; sides of pairs may have their own."""
-        return find_skin(sitting, self.skin) if self.has_pairs else self.skin
+        return find_skin(session_plan, self.skin) if self.has_pairs else self.skin
 
     def to_json(self) -> dict[str, object]:
         """As kept beside the recordings, with the numbers that they were made with."""

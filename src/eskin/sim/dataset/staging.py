@@ -86,7 +86,7 @@ class ClipSetup:
 
     plan: ClipPlan
     """What was decided."""
-    world: SimEnvironment
+    env: SimEnvironment
     """The robot in its skin."""
     q: Float[np.ndarray, "time joint"]
     """Joint positions, from `lead` steps before the clip on [rad]."""
@@ -104,58 +104,58 @@ class ClipSetup:
 
 
 def set_up_clip(
-    plan: ClipPlan, kind: str, world: SimEnvironment, rng: np.random.Generator
+    plan: ClipPlan, kind: str, env: SimEnvironment, rng: np.random.Generator
 ) -> ClipSetup:
     """Draw pose and motion."""
-    step = world.constants.value("time.step")
-    lead = round(world.constants.value("clip.before") / step)
+    step = env.constants.value("time.step")
+    lead = round(env.constants.value("clip.before") / step)
     steps = lead + round(plan.seconds / step)
     groups = frozenset(plan.groups)
-    folded = bool(rng.random() < plan.fold_share) and can_fold(world, groups)
+    folded = bool(rng.random() < plan.fold_share) and can_fold(env, groups)
     pose_rng = rng
     if plan.pose is not None:
         pose_rng = np.random.default_rng(np.random.SeedSequence(plan.pose))
-    if needs_touching_pose(plan, kind, world, rng):
-        q = draw_touching_pose(world, groups, pose_rng)
+    if needs_touching_pose(plan, kind, env, rng):
+        q = draw_touching_pose(env, groups, pose_rng)
     else:
-        q = draw_pose(world, groups, pose_rng, folded)
+        q = draw_pose(env, groups, pose_rng, folded)
     seconds = steps * step
-    if not (plan.moving and world.can_move):
-        path = hold_pose(world, q, seconds)
+    if not (plan.moving and env.can_move):
+        path = hold_pose(env, q, seconds)
     elif plan.gesture is None:
-        path = draw_pose_path(world, seconds, rng, groups)
+        path = draw_pose_path(env, seconds, rng, groups)
     else:
-        path = draw_motion(world, q, seconds, rng)
-    return ClipSetup(plan, world, path, lead, folded, rng)
+        path = draw_motion(env, q, seconds, rng)
+    return ClipSetup(plan, env, path, lead, folded, rng)
 
 
 def needs_touching_pose(
-    plan: ClipPlan, kind: str, world: SimEnvironment, rng: np.random.Generator
+    plan: ClipPlan, kind: str, env: SimEnvironment, rng: np.random.Generator
 ) -> bool:
     """Whether a clip needs a pose in which links of the robot all but touch."""
     if kind != ACCIDENTS:
         return kind == "self_contact"
-    wanted = not plan.moving and rng.random() < world.constants.value("stream.touching")
-    return wanted and can_touch_itself(world, frozenset(plan.groups))
+    wanted = not plan.moving and rng.random() < env.constants.value("stream.touching")
+    return wanted and can_touch_itself(env, frozenset(plan.groups))
 
 
 @lru_cache(maxsize=128)
-def get_person(origin: Origin, world: SimEnvironment) -> Person:
+def get_person(origin: Origin, env: SimEnvironment) -> Person:
     """The person of an origin; the same one every time."""
-    return draw_person(origin.name, world.constants, origin.rng())
+    return draw_person(origin.name, env.constants, origin.rng())
 
 
 def draw_company(stage: ClipSetup) -> Person:
     """Who makes a second touch: somebody else, or the same person's other hand."""
-    plan, world = stage.plan, stage.world
-    other = stage.rng.random() < world.constants.value("clip.company")
+    plan, env = stage.plan, stage.env
+    other = stage.rng.random() < env.constants.value("clip.company")
     company = plan.company if other and plan.company is not None else plan.person
-    return get_person(company, world)
+    return get_person(company, env)
 
 
 def draw_kind(stage: ClipSetup, person: Person, gesture: str) -> str:
     """A way of doing a gesture, to a person's taste."""
-    constants, difficulty = stage.world.constants, stage.plan.difficulty
+    constants, difficulty = stage.env.constants, stage.plan.difficulty
     return choose_kind(gesture, None, person, constants, stage.rng, difficulty)
 
 
@@ -166,13 +166,13 @@ def perform_at(
     q = stage.q[at]
     first, second = draw_sites(stage, person, gesture, kind, q)
     touch = perform(
-        *(gesture, kind, person, first, stage.world.constants, stage.rng),
+        *(gesture, kind, person, first, stage.env.constants, stage.rng),
         *(stage.plan.difficulty, stage.plan.regime),
     )
     if second is None:
         return touch
     return press_both_sites(
-        touch, first, second, compute_fold_share(stage.world, q, first, second)
+        touch, first, second, compute_fold_share(stage.env, q, first, second)
     )
 
 
@@ -184,15 +184,15 @@ def draw_sites(
     q: Float[np.ndarray, "joint"],
 ) -> tuple[ContactSite, ContactSite | None]:
     """Where it takes place; on two links at once in some folded poses."""
-    world, rng = stage.world, stage.rng
+    env, rng = stage.env, stage.rng
     if kind == "self_contact":
-        found = find_self_contact_sites(world, q)
+        found = find_self_contact_sites(env, q)
         return found[rng.integers(len(found))], None
-    if stage.folded and rng.random() < world.constants.value("fold.both"):
-        pairs = find_fold_sites(world, q, person)
+    if stage.folded and rng.random() < env.constants.value("fold.both"):
+        pairs = find_fold_sites(env, q, person)
         if pairs:
             return pairs[0]
-    return draw_site(world, q, person, gesture, rng, kind), None
+    return draw_site(env, q, person, gesture, rng, kind), None
 
 
 def place_touch(stage: ClipSetup, touch: TrueTouch, start: int) -> TrueTouch:
@@ -204,12 +204,12 @@ def place_touch(stage: ClipSetup, touch: TrueTouch, start: int) -> TrueTouch:
     touch = shift_touch(touch, start)
     if not stage.plan.moving or touch.kind == "self_contact":
         return touch
-    delay = stage.world.constants.draw("motion.delay", stage.rng)
+    delay = stage.env.constants.draw("motion.delay", stage.rng)
     inside = (crop_press(press, len(stage.q)) for press in touch.presses)
     presses = tuple(
-        hang_still(press, stage.world, stage.q)
+        hang_still(press, stage.env, stage.q)
         if touch.kind == "cable"
-        else follow_late(press, stage.world, stage.q, delay)
+        else follow_late(press, stage.env, stage.q, delay)
         for press in inside
         if press is not None
     )
@@ -229,7 +229,7 @@ def draw_second_touch(stage: ClipSetup, first: TrueTouch) -> tuple[TrueTouch, ..
     The clip stands for its largest touch, so a larger one would make its label wrong,
     and so would a gesture beside a touch that is none.
     """
-    constants = stage.world.constants
+    constants = stage.env.constants
     for _ in range(SECOND_TOUCH_TRIES):
         person = draw_company(stage)
         gesture = constants.choose("clip.second", stage.rng)
@@ -241,14 +241,14 @@ def draw_second_touch(stage: ClipSetup, first: TrueTouch) -> tuple[TrueTouch, ..
         start = stage.lead + draw_start(touch, stage.steps, constants, stage.rng)
         touch = place_touch(stage, touch, start)
         if 0 < compute_impulse(stage, touch) < compute_impulse(stage, first):
-            if are_apart(stage.world, stage.q[stage.lead], touch, first):
+            if are_apart(stage.env, stage.q[stage.lead], touch, first):
                 return (touch,)
     return ()
 
 
 def compute_impulse(stage: ClipSetup, touch: TrueTouch) -> float:
     """Force of a touch over the clip [N s]."""
-    step = stage.world.constants.value("time.step")
+    step = stage.env.constants.value("time.step")
     total = 0.0
     for press in touch.presses:
         start = max(0, stage.lead - press.first)
@@ -261,9 +261,9 @@ def draw_stream(stage: ClipSetup) -> tuple[TrueTouch, ...]:
     """All touches of a stream, by their onset."""
     if stage.plan.kind == QUIET:
         return ()
-    constants, rng = stage.world.constants, stage.rng
+    constants, rng = stage.env.constants, stage.rng
     step = constants.value("time.step")
-    person = get_person(stage.plan.person, stage.world)
+    person = get_person(stage.plan.person, stage.env)
     found: list[TrueTouch] = []
     at = stage.lead + draw_pause(stage)
     while True:
@@ -295,7 +295,7 @@ def draw_next_touch(stage: ClipSetup, person: Person, at: int) -> TrueTouch:
 
 def draw_gesture(stage: ClipSetup, person: Person) -> tuple[str, str]:
     """Something that people do, and the way they do it."""
-    gesture = stage.world.constants.choose("stream.gestures", stage.rng)
+    gesture = stage.env.constants.choose("stream.gestures", stage.rng)
     kind = draw_kind(stage, person, gesture)
     while kind in NEVER_SECOND:
         kind = draw_kind(stage, person, gesture)
@@ -304,18 +304,18 @@ def draw_gesture(stage: ClipSetup, person: Person) -> tuple[str, str]:
 
 def draw_accident(stage: ClipSetup, at: int) -> str:
     """A contact that nobody means; of links, where they all but touch at a step."""
-    world = stage.world
-    touching = bool(find_self_contact_sites(world, stage.q[at]))
-    kind = world.constants.choose("stream.accidents", stage.rng)
+    env = stage.env
+    touching = bool(find_self_contact_sites(env, stage.q[at]))
+    kind = env.constants.choose("stream.accidents", stage.rng)
     while kind == "self_contact" and not touching:
-        kind = world.constants.choose("stream.accidents", stage.rng)
+        kind = env.constants.choose("stream.accidents", stage.rng)
     return kind
 
 
 def draw_pause(stage: ClipSetup) -> int:
     """Steps without contact until the next touch."""
-    seconds = stage.world.constants.draw("stream.pause", stage.rng)
-    return round(seconds / stage.world.constants.value("time.step"))
+    seconds = stage.env.constants.draw("stream.pause", stage.rng)
+    return round(seconds / stage.env.constants.value("time.step"))
 
 
 def draw_offset(stage: ClipSetup, start: int, end: int) -> int:
@@ -327,7 +327,7 @@ def can_come_second(
     stage: ClipSetup, first: TrueTouch, other: TrueTouch, at: int
 ) -> bool:
     """Whether a second touch is apart from the first and over before the stream is."""
-    quiet = stage.world.constants.value("stream.quiet")
-    last = len(stage.q) - round(quiet / stage.world.constants.value("time.step"))
+    quiet = stage.env.constants.value("stream.quiet")
+    last = len(stage.q) - round(quiet / stage.env.constants.value("time.step"))
     over = find_contact_steps(other)[1] < last
-    return over and are_apart(stage.world, stage.q[at], first, other)
+    return over and are_apart(stage.env, stage.q[at], first, other)

@@ -35,31 +35,31 @@ class LinkPoint:
 
 
 def find_chart_point(
-    place: LinkPoint, world: SimEnvironment
+    place: LinkPoint, env: SimEnvironment
 ) -> tuple[int, Float[np.ndarray, "2"]]:
     """The chart of the nearest taxel of the place's link, and the place on it (s, t).
 
     Raises:
         ValueError: there is no skin on that link.
     """
-    charts = [i for i, chart in enumerate(world.charts) if chart.link == place.link]
+    charts = [i for i, chart in enumerate(env.charts) if chart.link == place.link]
     if not charts:
-        allowed = ", ".join(sorted({chart.link for chart in world.charts}))
+        allowed = ", ".join(sorted({chart.link for chart in env.charts}))
         raise ValueError(
             f"no skin on link '{place.link}'; allowed are {allowed}; touch one of them"
         )
-    positions = world.mounted.skin.positions
+    positions = env.mounted.skin.positions
     away = [
-        np.linalg.norm(positions[world.charts[i].taxels] - place.p_link, axis=1).min()
+        np.linalg.norm(positions[env.charts[i].taxels] - place.p_link, axis=1).min()
         for i in charts
     ]
     chart = charts[int(np.argmin(away))]
-    return chart, world.charts[chart].surface.unroll(place.p_link[None])[0]
+    return chart, env.charts[chart].surface.unroll(place.p_link[None])[0]
 
 
 def build_site_at(
     place: LinkPoint,
-    world: SimEnvironment,
+    env: SimEnvironment,
     q: Float[np.ndarray, "joint"],
     person: Person,
 ) -> ContactSite:
@@ -68,8 +68,8 @@ def build_site_at(
     Raises:
         ValueError: there is no skin on the place's link.
     """
-    chart, centre = find_chart_point(place, world)
-    return build_reached_site(world, build_view(world, q, person), chart, centre)
+    chart, centre = find_chart_point(place, env)
+    return build_reached_site(env, build_view(env, q, person), chart, centre)
 
 
 DRAGGING_PADS = "fingers"
@@ -96,18 +96,18 @@ class InteractiveHand:
     """
 
     def __init__(
-        self, world: SimEnvironment, person: Person, rng: np.random.Generator
+        self, env: SimEnvironment, person: Person, rng: np.random.Generator
     ) -> None:
         """Prepare a hand.
 
         Args:
-            world: the robot in its skin.
+            env: the robot in its skin.
             person: whose hand.
             rng: to draw from.
         """
-        self.world, self.person, self.rng = world, person, rng
-        self.difficulty = world.constants.value("sets.difficulty")
-        self.q = np.zeros(len(world.mounted.robot.joint_names))
+        self.env, self.person, self.rng = env, person, rng
+        self.difficulty = env.constants.value("sets.difficulty")
+        self.q = np.zeros(len(env.mounted.robot.joint_names))
         # Scans never wait for what is still being planned.
         self.planning, self.lock = RLock(), RLock()
         self.active: dict[int, InteractiveTouch] = {}
@@ -149,13 +149,13 @@ class InteractiveHand:
         self, place: LinkPoint, force: float | None = None, seconds: float | None = None
     ) -> int:
         """Pat twice with the hand; arguments as of `poke`."""
-        asked = check_requested(force=force, duration=seconds) | {"more": 0.0}
+        requested = check_requested(force=force, duration=seconds) | {"more": 0.0}
         if force is not None:
-            asked["force.1"] = force
+            requested["force.1"] = force
         if seconds is not None:
-            asked["interval"] = SECOND_PAT_START * seconds
-            asked["contact"] = seconds - SECOND_PAT_START * seconds
-        return self.perform_requested("double_pat", place, asked)
+            requested["interval"] = SECOND_PAT_START * seconds
+            requested["contact"] = seconds - SECOND_PAT_START * seconds
+        return self.perform_requested("double_pat", place, requested)
 
     def grab(
         self, place: LinkPoint, force: float | None = None, seconds: float | None = None
@@ -211,12 +211,12 @@ class InteractiveHand:
         """
         check_requested(force=force)
         with self.planning:
-            site = build_site_at(place, self.world, self.q, self.person)
-            constants = self.world.constants
-            act = GestureSample(
+            site = build_site_at(place, self.env, self.q, self.person)
+            constants = self.env.constants
+            sample = GestureSample(
                 kind, self.person, site, constants, self.rng, self.difficulty, "paper"
             )
-            return self.add(DraggedTouch(act, force, self.world))
+            return self.add(DraggedTouch(sample, force, self.env))
 
     def move(self, touch: int, place: LinkPoint) -> None:
         """Drag a finger toward a place; nothing happens once it has left.
@@ -224,7 +224,7 @@ class InteractiveHand:
         Raises:
             ValueError: there is no skin there, or the touch is none that is dragged.
         """
-        site = build_site_at(place, self.world, self.q, self.person)
+        site = build_site_at(place, self.env, self.q, self.person)
         with self.lock:
             dragged = self.get_dragged(touch)
             if dragged is not None:
@@ -255,14 +255,14 @@ class InteractiveHand:
         return found
 
     def perform_requested(
-        self, gesture: str, place: LinkPoint, asked: dict[str, float]
+        self, gesture: str, place: LinkPoint, requested: dict[str, float]
     ) -> int:
         """Do a gesture, some of it as it is asked for."""
         with self.planning:
-            site = build_site_at(place, self.world, self.q, self.person)
+            site = build_site_at(place, self.env, self.q, self.person)
             touch = perform(
-                *(gesture, None, self.person, site, self.world.constants, self.rng),
-                *(self.difficulty, "paper", asked),
+                *(gesture, None, self.person, site, self.env.constants, self.rng),
+                *(self.difficulty, "paper", requested),
             )
             return self.add(self.make_interactive(touch))
 
@@ -272,7 +272,7 @@ class InteractiveHand:
         """What a person does, still on the touch's own clock."""
         return perform(
             *(gesture, kind, person, self.find_site(gesture, kind, place, person)),
-            *(self.world.constants, self.rng, self.difficulty, None),
+            *(self.env.constants, self.rng, self.difficulty, None),
         )
 
     def find_site(
@@ -280,7 +280,7 @@ class InteractiveHand:
     ) -> ContactSite:
         """Where it takes place."""
         if kind == "self_contact":
-            found = find_self_contact_sites(self.world, self.q)
+            found = find_self_contact_sites(self.env, self.q)
             if not found:
                 raise ValueError(
                     "no link all but touches another; self_contact is allowed only "
@@ -288,14 +288,14 @@ class InteractiveHand:
                 )
             return found[self.rng.integers(len(found))]
         if place is not None:
-            return build_site_at(place, self.world, self.q, person)
-        return draw_site(self.world, self.q, person, gesture, self.rng, kind)
+            return build_site_at(place, self.env, self.q, person)
+        return draw_site(self.env, self.q, person, gesture, self.rng, kind)
 
     def resolve_kind(self, what: str) -> tuple[str, str | None]:
         """Gesture and kind of something that can be performed."""
         if what == NONE:
-            kinds = dict(self.world.constants.weights("stream.accidents"))
-            if not find_self_contact_sites(self.world, self.q):
+            kinds = dict(self.env.constants.weights("stream.accidents"))
+            if not find_self_contact_sites(self.env, self.q):
                 del kinds["self_contact"]
             chances = np.array(list(kinds.values()))
             return NONE, str(self.rng.choice(list(kinds), p=chances / chances.sum()))
@@ -313,12 +313,12 @@ class InteractiveHand:
         """Whether a touch would be apart from all others."""
         with self.lock:
             others = [other.touch for other in self.active.values()]
-        return all(are_apart(self.world, self.q, touch, other) for other in others)
+        return all(are_apart(self.env, self.q, touch, other) for other in others)
 
     def make_interactive(self, touch: TrueTouch) -> PerformedTouch:
         """A touch by a hand that follows the robot as late as it happens."""
-        delay = self.world.constants.draw("motion.delay", self.rng)
-        return PerformedTouch(touch, delay, self.world)
+        delay = self.env.constants.draw("motion.delay", self.rng)
+        return PerformedTouch(touch, delay, self.env)
 
     def add(self, touch: InteractiveTouch) -> int:
         """Begin a touch."""

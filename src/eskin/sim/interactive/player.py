@@ -51,11 +51,11 @@ class TouchPlayer:
         rate: scans a second [1/s].
     """
 
-    def __init__(self, maker: ClipGenerator, seed: int = 0, start: int = 0) -> None:
+    def __init__(self, generator: ClipGenerator, seed: int = 0, start: int = 0) -> None:
         """Prepare somebody.
 
         Args:
-            maker: simulates a skin.
+            generator: simulates a skin.
             seed: decides everything that is drawn.
             start: stamp of the first scan [ns since the epoch].
 
@@ -65,7 +65,7 @@ class TouchPlayer:
         if seed < 0:
             raise ValueError(f"seed is {seed}; allowed are 0 and above; change it")
         constants = load_constants()
-        self.generator = maker
+        self.generator = generator
         self.start = start
         self.seed = seed
         self.build = BuildOrigin(

@@ -109,26 +109,26 @@ class InteractiveSkin:
         if seed < 0:
             raise ValueError(f"seed is {seed}; allowed are 0 and above; change it")
         self.robot_name = SKIN_PRESETS[name].robot
-        self.world = load_environment(name)
-        self.mounted, constants = self.world.mounted, self.world.constants
+        self.env = load_environment(name)
+        self.mounted, constants = self.env.mounted, self.env.constants
         origin = f"build {DEMO_ROLE} {build_kind}"
         self.build = get_build(
             BuildOrigin(
                 f"{DEMO_ROLE}-b{seed}", build_seed(origin, 0, 0, seed), build_kind
             ),
-            self.world,
+            self.env,
         )
         skin = self.mounted.skin
         self.calibration = self.build.calibration(skin)
         self.period = constants.value("sensor.period")
         self.sensor = Sensor(self.build, skin, build_rng("sensor", seed))
-        person = person or draw_demo_person(self.world, seed)
-        self.hand = InteractiveHand(self.world, person, build_rng("hand", seed))
+        person = person or draw_demo_person(self.env, seed)
+        self.hand = InteractiveHand(self.env, person, build_rng("hand", seed))
         delay = constants.get_constant("motion.delay").spread
         assert delay is not None
         step = constants.value("time.step")
         self.track = MotionTrack(
-            count_steps_per_reading(self.world), round(delay.high / step) + 1
+            count_steps_per_reading(self.env), round(delay.high / step) + 1
         )
         self.loses = loses
         self.unplugged = np.zeros(len(skin.patches), dtype=bool)
@@ -166,7 +166,7 @@ class InteractiveSkin:
 
     def press_sensor(self, scene: Scene, numbers: list[int], stamp: int) -> None:
         """Press on the sensor what takes place in a reading, and witness it."""
-        felt = compute_touch_presses(scene, self.world)
+        felt = compute_touch_presses(scene, self.env)
         skin = self.mounted.skin
         pressure, taxels = compute_scene_pressure(
             felt, scene.steps, self.build.film_sigma, skin
@@ -175,10 +175,8 @@ class InteractiveSkin:
         self.sensor.push(pressure, taxels)
         found: tuple[TrueTouchSeries, ...] = ()
         if numbers:
-            charts = self.world.charts
-            found = compute_true_series(
-                scene, felt, charts, self.mounted, 0, self.world
-            )
+            charts = self.env.charts
+            found = compute_true_series(scene, felt, charts, self.mounted, 0, self.env)
         self.hand.set_truths(build_truth_records(found, numbers, stamp))
 
     def unplug(self, patch: str) -> None:
@@ -247,12 +245,12 @@ def build_rng(what: str, seed: int) -> np.random.Generator:
     return np.random.default_rng(np.random.SeedSequence(words))
 
 
-def draw_demo_person(world: SimEnvironment, seed: int) -> Person:
+def draw_demo_person(env: SimEnvironment, seed: int) -> Person:
     """Somebody of no set: `demo-p0` and so on; the same one every time."""
     origin = Origin(
         f"{DEMO_ROLE}-p{seed}", build_seed(f"person {DEMO_ROLE}", 0, 0, seed)
     )
-    return draw_person(origin.name, world.constants, origin.rng())
+    return draw_person(origin.name, env.constants, origin.rng())
 
 
 def build_truth_records(

@@ -99,21 +99,21 @@ class PerformedTouch(InteractiveTouch):
     that touches another stays with it.
     """
 
-    def __init__(self, touch: TrueTouch, delay: float, world: SimEnvironment) -> None:
+    def __init__(self, touch: TrueTouch, delay: float, env: SimEnvironment) -> None:
         """Prepare.
 
         Args:
             touch: on a clock of its own, from step 0.
             delay: with which a hand follows [s].
-            world: the robot.
+            env: the robot.
         """
         self.touch = touch
-        self.world = world
-        self.late = delay / world.constants.value("time.step")
+        self.env = env
+        self.late = delay / env.constants.value("time.step")
         self.over = not touch.presses
         self.start: int | None = None
         self.landed: dict[int, np.ndarray] = {}
-        self.end = max((p.first + p.count_steps for p in touch.presses), default=0)
+        self.end = max((p.first + p.steps for p in touch.presses), default=0)
 
     def advance(self, span: MotionSpan) -> TrueTouch:
         """What it does in the steps of a reading, whose first is 0."""
@@ -122,9 +122,7 @@ class PerformedTouch(InteractiveTouch):
         since = span.first - self.start
         here = shift_touch(self.touch, -since)
         self.over = since + span.steps >= self.end
-        parts = (
-            (i, crop_press(p, span.steps)) for i, p in enumerate(here.presses)
-        )
+        parts = ((i, crop_press(p, span.steps)) for i, p in enumerate(here.presses))
         presses = tuple(self.place_press(i, p, span) for i, p in parts if p is not None)
         return replace(here, presses=presses)
 
@@ -140,12 +138,12 @@ class PerformedTouch(InteractiveTouch):
             return press
         if self.touch.kind == "cable":
             return move_press_on_link(
-                press, self.world, span.q[now], np.tile(landed, (len(now), 1))
+                press, self.env, span.q[now], np.tile(landed, (len(now), 1))
             )
         assert self.start is not None
         landing = self.start + self.touch.presses[index].first
         then = np.maximum(span.first + now - self.late, landing)
-        return move_press_on_link(press, self.world, span.q[now], span.at(then))
+        return move_press_on_link(press, self.env, span.q[now], span.at(then))
 
 
 ARRIVAL_DISTANCE = 0.01
@@ -163,37 +161,42 @@ class DraggedTouch(InteractiveTouch):
     they have landed and are where they were led, however quickly that was asked for.
     """
 
-    def __init__(self, act: GestureSample, force: float, world: SimEnvironment) -> None:
+    def __init__(
+        self, sample: GestureSample, force: float, env: SimEnvironment
+    ) -> None:
         """Land at the site of an act, with the next reading.
 
         Args:
-            act: whose hand, where, and which of its parts, as `kind`.
+            sample: whose hand, where, and which of its parts, as `kind`.
             force: to press with [N].
-            world: the robot.
+            env: the robot.
         """
-        value = world.constants.value
+        value = env.constants.value
         self.step = value("time.step")
         self.rise = self.step / value("live.lands")
         self.fall = self.step / value("live.leaves")
         self.stiff = 1.0 / value("live.settles")
         self.max_speed = value("live.speed")
-        self.world, self.force = world, force
-        self.pads, self.tissue = act.draw_pads(act.kind), act.draw_tissue()
-        self.turn = act.draw("hand.turn")
-        self.chart, self.angle = act.site.chart, act.site.angle + self.turn
-        self.centre = np.array(act.site.centre)
+        self.env, self.force = env, force
+        self.pads, self.tissue = sample.draw_pads(sample.kind), sample.draw_tissue()
+        self.turn = sample.draw("hand.turn")
+        self.chart, self.angle = sample.site.chart, sample.site.angle + self.turn
+        self.centre = np.array(sample.site.centre)
         self.target, self.speed = self.centre, np.zeros(2)
-        steps = act.count_steps(NOISE_SECONDS)
-        self.noise, self.ripple = act.draw_held_noise(steps), act.draw_ripple(steps)
+        steps = sample.count_steps(NOISE_SECONDS)
+        self.noise, self.ripple = (
+            sample.draw_held_noise(steps),
+            sample.draw_ripple(steps),
+        )
         self.steps_done, self.level = 0, 0.0
         self.told_to_leave = self.leaving = False
         self.over = False
         self.touch = TrueTouch(
             "stroke",
-            act.kind,
-            act.person.name,
+            sample.kind,
+            sample.person.name,
             (self.build_press(np.zeros(1)),),
-            act.drawn,
+            sample.drawn,
         )
 
     def set_target(self, site: ContactSite) -> None:
@@ -203,7 +206,7 @@ class DraggedTouch(InteractiveTouch):
             self.chart, self.angle = site.chart, site.angle + self.turn
             self.centre, self.speed = target, np.zeros(2)
         away = target - self.centre
-        away[:1] = self.world.charts[site.chart].wrap_s(away[:1])
+        away[:1] = self.env.charts[site.chart].wrap_s(away[:1])
         self.target = self.centre + away
 
     def leave(self) -> None:

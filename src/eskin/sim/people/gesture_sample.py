@@ -226,8 +226,8 @@ class GestureSample:
 
     def build_press(
         self,
-        stamps: ContactPads,
-        flesh: SoftTissue,
+        pads: ContactPads,
+        tissue: SoftTissue,
         force: Series,
         path: Float[np.ndarray, "time 2"],
         angle: float | Series,
@@ -235,7 +235,7 @@ class GestureSample:
         """A press at the site, `path` away from its centre."""
         turned = np.broadcast_to(np.asarray(angle, dtype=np.float64), force.shape)
         centre = np.asarray(self.site.centre) + path
-        return Press(self.site.chart, 0, stamps, flesh, force, centre, turned.copy())
+        return Press(self.site.chart, 0, pads, tissue, force, centre, turned.copy())
 
 
 def choose_style(
@@ -263,49 +263,55 @@ AMOUNT_TRIES = 30
 
 
 def draw_force(
-    act: GestureSample, name: str, gesture: str, most: float = np.inf
+    sample: GestureSample, name: str, gesture: str, most: float = np.inf
 ) -> float:
     """Largest force of a touch [N]; more spread the more difficult.
 
     Args:
-        act: the touch.
+        sample: the touch.
         name: constant with the law over the population.
         gesture: whose habit it goes by; drawn anew for one that is no habit.
         most: no more than this [N].
     """
-    habit = act.person.firmness.get(gesture)
-    usual = act.constants.value("force.repeat")
-    repeat = np.log(usual + act.constants.value("force.repeat_growth") * act.difficulty)
-    scale = act.person.force_scale
-    rest = compute_remaining_deviation(
-        act.constants, name, "person.force_scale", np.log(usual)
+    habit = sample.person.firmness.get(gesture)
+    usual = sample.constants.value("force.repeat")
+    repeat = np.log(
+        usual + sample.constants.value("force.repeat_growth") * sample.difficulty
     )
-    return act.record("force", draw_amount(act, name, scale, rest, repeat, habit, most))
+    scale = sample.person.force_scale
+    rest = compute_remaining_deviation(
+        sample.constants, name, "person.force_scale", np.log(usual)
+    )
+    return sample.record(
+        "force", draw_amount(sample, name, scale, rest, repeat, habit, most)
+    )
 
 
-def draw_duration(act: GestureSample, gesture: str, habit: str | None = None) -> float:
+def draw_duration(
+    sample: GestureSample, gesture: str, habit: str | None = None
+) -> float:
     """How long a touch lasts [s].
 
     Difficulty moves spread from between people to within them and leaves the law over
     the population as it is, for that is published.
     """
-    name = f"duration.{act.regime}.{gesture}"
-    pace = act.person.pace.get(habit or gesture)
+    name = f"duration.{sample.regime}.{gesture}"
+    pace = sample.person.pace.get(habit or gesture)
     repeat = np.log(
-        act.constants.value("duration.repeat")
-        + act.constants.value("duration.repeat_growth") * act.difficulty
+        sample.constants.value("duration.repeat")
+        + sample.constants.value("duration.repeat_growth") * sample.difficulty
     )
-    scale = act.person.tempo_scale
+    scale = sample.person.tempo_scale
     rest = compute_remaining_deviation(
-        act.constants, name, "person.tempo_scale", repeat
+        sample.constants, name, "person.tempo_scale", repeat
     )
-    return act.record(
-        "duration", draw_amount(act, name, scale, rest, repeat, pace, np.inf)
+    return sample.record(
+        "duration", draw_amount(sample, name, scale, rest, repeat, pace, np.inf)
     )
 
 
 def draw_amount(
-    act: GestureSample,
+    sample: GestureSample,
     name: str,
     scale: float,
     rest: float,
@@ -314,14 +320,14 @@ def draw_amount(
     most: float,
 ) -> float:
     """Median x person x the person's habit x this time, within the law's limits."""
-    law = get_lognormal(act.constants, name)
-    own = act.rng.normal() if habit is None else habit
+    law = get_lognormal(sample.constants, name)
+    own = sample.rng.normal() if habit is None else habit
     middle = (law.median or 0.0) * scale * np.exp(rest * own)
-    middle *= act.constants.factors.get(name, 1.0)
+    middle *= sample.constants.factors.get(name, 1.0)
     high = min(law.high, most)
     number = middle
     for _ in range(AMOUNT_TRIES):
-        number = float(middle * np.exp(repeat * act.rng.normal()))
+        number = float(middle * np.exp(repeat * sample.rng.normal()))
         if law.low <= number <= high:
             return number
     return float(np.clip(number, min(law.low, high), high))

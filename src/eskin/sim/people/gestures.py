@@ -18,30 +18,32 @@ from eskin.sim.people.gesture_sample import (
 from eskin.sim.people.hand import build_body
 
 
-def draw_poke(act: GestureSample) -> tuple[Press, ...]:
+def draw_poke(sample: GestureSample) -> tuple[Press, ...]:
     """One push, sometimes pressed again before it leaves."""
-    force = draw_force(act, "poke.force", "poke")
-    duration = draw_duration(act, "poke")
-    steps = act.count_steps(duration)
-    shape = act.draw_push(steps)
-    if act.draw_event("again", act.constants.value("poke.again") * act.difficulty):
-        shape = resample_series(press_again(act, shape), steps)
-    series = scale_to_peak(shape * act.draw_held_noise(steps), force)
-    flesh = replace(act.person.tissue, conformity=act.draw("poke.conformity"))
-    path, angle = act.draw_wander(steps), act.draw_angle()
-    return (act.build_press(draw_poking_pads(act), flesh, series, path, angle),)
+    force = draw_force(sample, "poke.force", "poke")
+    duration = draw_duration(sample, "poke")
+    steps = sample.count_steps(duration)
+    shape = sample.draw_push(steps)
+    if sample.draw_event(
+        "again", sample.constants.value("poke.again") * sample.difficulty
+    ):
+        shape = resample_series(press_again(sample, shape), steps)
+    series = scale_to_peak(shape * sample.draw_held_noise(steps), force)
+    tissue = replace(sample.person.tissue, conformity=sample.draw("poke.conformity"))
+    path, angle = sample.draw_wander(steps), sample.draw_angle()
+    return (sample.build_press(draw_poking_pads(sample), tissue, series, path, angle),)
 
 
-def draw_poking_pads(act: GestureSample) -> ContactPads:
+def draw_poking_pads(sample: GestureSample) -> ContactPads:
     """What pokes."""
-    if act.kind == "knuckle":
-        return build_body("knuckle", act.constants)
-    return act.draw_pads(act.kind)
+    if sample.kind == "knuckle":
+        return build_body("knuckle", sample.constants)
+    return sample.draw_pads(sample.kind)
 
 
-def press_again(act: GestureSample, shape: Series) -> Float[np.ndarray, "longer"]:
+def press_again(sample: GestureSample, shape: Series) -> Float[np.ndarray, "longer"]:
     """The push, and another one that begins before it has left."""
-    share, dip = act.draw("poke.again_share"), act.draw("poke.again_dip")
+    share, dip = sample.draw("poke.again_share"), sample.draw("poke.again_dip")
     later = int(np.flatnonzero(shape >= dip)[-1]) + 1
     both = np.zeros(later + len(shape))
     both[: len(shape)] = shape
@@ -57,64 +59,66 @@ def resample_series(shape: Float[np.ndarray, "longer"], steps: int) -> Series:
     return scale_to_peak(np.interp(places, np.arange(len(shape)), shape), 1.0)
 
 
-def draw_double_pat(act: GestureSample) -> tuple[Press, ...]:
+def draw_double_pat(sample: GestureSample) -> tuple[Press, ...]:
     """Two pats; sometimes more, which mean the same."""
-    more = act.draw_event("more", act.constants.value("double_pat.more"))
-    return draw_pats(act, draw_pat_count(act) if more else 2, act.kind)
+    more = sample.draw_event("more", sample.constants.value("double_pat.more"))
+    return draw_pats(sample, draw_pat_count(sample) if more else 2, sample.kind)
 
 
-def draw_many_taps(act: GestureSample) -> tuple[Press, ...]:
+def draw_many_taps(sample: GestureSample) -> tuple[Press, ...]:
     """Three pats or more."""
-    return draw_pats(act, draw_pat_count(act), act.choose("double_pat.kinds"))
+    return draw_pats(sample, draw_pat_count(sample), sample.choose("double_pat.kinds"))
 
 
-def draw_pat_count(act: GestureSample) -> int:
+def draw_pat_count(sample: GestureSample) -> int:
     """How many pats, three or more."""
-    return int(act.choose("unknown.taps"))
+    return int(sample.choose("unknown.taps"))
 
 
-def draw_pats(act: GestureSample, count: int, group: str) -> tuple[Press, ...]:
+def draw_pats(sample: GestureSample, count: int, group: str) -> tuple[Press, ...]:
     """Several pats by parts of a hand, each elsewhere and as firm as it happens."""
-    force = draw_force(act, "double_pat.force", "double_pat")
-    interval = draw_pat_interval(act)
-    contact = draw_duration(act, "pat", "double_pat")
-    contact = act.record(
-        "contact", min(contact, act.constants.value("double_pat.filled") * interval)
+    force = draw_force(sample, "double_pat.force", "double_pat")
+    interval = draw_pat_interval(sample)
+    contact = draw_duration(sample, "pat", "double_pat")
+    contact = sample.record(
+        "contact", min(contact, sample.constants.value("double_pat.filled") * interval)
     )
     firm = [force]
     for number in range(1, count):
-        share = act.draw("double_pat.second")
-        firm.append(act.record(f"force.{number}", force * share))
-    length, apart = act.count_steps(contact), max(round(interval / act.step), 1)
+        share = sample.draw("double_pat.second")
+        firm.append(sample.record(f"force.{number}", force * share))
+    length, apart = sample.count_steps(contact), max(round(interval / sample.step), 1)
     apart = max(apart, length)
     series = np.zeros((count - 1) * apart + length)
-    path, noise = act.draw_wander(len(series)), act.draw_held_noise(len(series))
+    path, noise = sample.draw_wander(len(series)), sample.draw_held_noise(len(series))
     for number, each in enumerate(firm):
         start = number * apart
-        pat = scale_to_peak(act.draw_push(length) * noise[start : start + length], each)
+        pat = scale_to_peak(
+            sample.draw_push(length) * noise[start : start + length], each
+        )
         series[start : start + length] = pat
         if number:
-            shift_hand(act, path, start - apart + length, start)
-    keep_contact(act, series, min(firm), length // 2, len(series) - length // 2)
-    flesh, angle = act.draw_tissue(), act.draw_angle()
-    return (act.build_press(act.draw_pads(group), flesh, series, path, angle),)
+            shift_hand(sample, path, start - apart + length, start)
+    keep_contact(sample, series, min(firm), length // 2, len(series) - length // 2)
+    tissue, angle = sample.draw_tissue(), sample.draw_angle()
+    return (sample.build_press(sample.draw_pads(group), tissue, series, path, angle),)
 
 
-def draw_pat_interval(act: GestureSample) -> float:
+def draw_pat_interval(sample: GestureSample) -> float:
     """Time between the onsets of two pats [s]."""
-    growth = act.constants.value("duration.repeat_growth") * act.difficulty
-    usual = act.person.pat_interval * act.draw("double_pat.interval", 1 + growth)
-    if act.regime == "cost":
-        usual *= act.constants.value("double_pat.slower")
-    low, high = act.constants.array("double_pat.interval_limits")
-    return act.record("interval", float(np.clip(usual, low, high)))
+    growth = sample.constants.value("duration.repeat_growth") * sample.difficulty
+    usual = sample.person.pat_interval * sample.draw("double_pat.interval", 1 + growth)
+    if sample.regime == "cost":
+        usual *= sample.constants.value("double_pat.slower")
+    low, high = sample.constants.array("double_pat.interval_limits")
+    return sample.record("interval", float(np.clip(usual, low, high)))
 
 
-def shift_hand(act: GestureSample, path: np.ndarray, leave: int, land: int) -> None:
+def shift_hand(sample: GestureSample, path: np.ndarray, leave: int, land: int) -> None:
     """Write the hand's way between two pats, and where it then stays."""
     length, way = (
-        act.draw("double_pat.shift"),
-        act.record("shift", act.rng.uniform(0, 2 * np.pi)),
+        sample.draw("double_pat.shift"),
+        sample.record("shift", sample.rng.uniform(0, 2 * np.pi)),
     )
     shift = length * np.array([np.cos(way), np.sin(way)])
     path[leave:land] += shift * build_minimum_jerk(max(land - leave, 1))[:, None]
@@ -122,125 +126,134 @@ def shift_hand(act: GestureSample, path: np.ndarray, leave: int, land: int) -> N
 
 
 def keep_contact(
-    act: GestureSample, series: np.ndarray, weakest: float, first: int, last: int
+    sample: GestureSample, series: np.ndarray, weakest: float, first: int, last: int
 ) -> None:
     """Let the hand not quite leave between the first and the last peak, sometimes."""
-    chance = act.constants.value("double_pat.stays") * act.difficulty
-    if act.draw_event("stays", chance):
-        residue = act.constants.value("double_pat.residue") * act.person.force_scale
-        residue = act.record("residue", min(residue, weakest / 2))
+    chance = sample.constants.value("double_pat.stays") * sample.difficulty
+    if sample.draw_event("stays", chance):
+        residue = (
+            sample.constants.value("double_pat.residue") * sample.person.force_scale
+        )
+        residue = sample.record("residue", min(residue, weakest / 2))
         series[first:last] = np.maximum(series[first:last], residue)
 
 
-def draw_grab(act: GestureSample) -> tuple[Press, ...]:
+def draw_grab(sample: GestureSample) -> tuple[Press, ...]:
     """One grab."""
-    return (draw_hold(act, draw_duration(act, "grab"), act.kind),)
+    return (draw_hold(sample, draw_duration(sample, "grab"), sample.kind),)
 
 
 def draw_hold(
-    act: GestureSample, duration: float, group: str, firmer: float = 1.0
+    sample: GestureSample, duration: float, group: str, firmer: float = 1.0
 ) -> Press:
     """Parts of a hand round a tube for some time [s], `firmer` than in a grab."""
-    most = compute_max_grip(act) / firmer
-    force = firmer * draw_force(act, "grab.force", "grab", most)
-    steps = act.count_steps(duration)
-    smooth = round(act.constants.value("force.smooth") / act.step / 2)
-    rise, fall = act.draw("grab.rise"), act.draw("grab.fall")
+    most = compute_max_grip(sample) / firmer
+    force = firmer * draw_force(sample, "grab.force", "grab", most)
+    steps = sample.count_steps(duration)
+    smooth = round(sample.constants.value("force.smooth") / sample.step / 2)
+    rise, fall = sample.draw("grab.rise"), sample.draw("grab.fall")
     series = scale_to_peak(
-        build_trapezoid(steps, rise, fall, smooth) * act.draw_held_noise(steps), force
+        build_trapezoid(steps, rise, fall, smooth) * sample.draw_held_noise(steps),
+        force,
     )
-    path = act.draw_wander(steps)
-    twist = act.draw("grab.twist") * build_minimum_jerk(steps)
+    path = sample.draw_wander(steps)
+    twist = sample.draw("grab.twist") * build_minimum_jerk(steps)
     series = np.minimum(series, most * firmer)
-    stamps = act.person.select_pads(group, act.draw("grab.splay"))
-    return act.build_press(
-        stamps, draw_closed_tissue(act), series, path, draw_angle_across(act) + twist
+    pads = sample.person.select_pads(group, sample.draw("grab.splay"))
+    return sample.build_press(
+        pads,
+        draw_closed_tissue(sample),
+        series,
+        path,
+        draw_angle_across(sample) + twist,
     )
 
 
-def draw_closed_tissue(act: GestureSample) -> SoftTissue:
+def draw_closed_tissue(sample: GestureSample) -> SoftTissue:
     """A hand that wraps round what it holds."""
-    return replace(act.person.tissue, conformity=act.draw("grab.conformity"))
+    return replace(sample.person.tissue, conformity=sample.draw("grab.conformity"))
 
 
-def draw_angle_across(act: GestureSample) -> float:
+def draw_angle_across(sample: GestureSample) -> float:
     """Angle of a hand across the tube, the way round that suits the person [rad]."""
-    side = 1.0 if np.sin(act.site.angle) >= 0 else -1.0
-    return act.record("angle", side * np.pi / 2 + act.draw("grab.slant"))
+    side = 1.0 if np.sin(sample.site.angle) >= 0 else -1.0
+    return sample.record("angle", side * np.pi / 2 + sample.draw("grab.slant"))
 
 
-def compute_max_grip(act: GestureSample) -> float:
+def compute_max_grip(sample: GestureSample) -> float:
     """The person's largest grip on the site's tube [N]."""
-    value = act.constants.value
-    if np.isinf(act.site.radius):
+    value = sample.constants.value
+    if np.isinf(sample.site.radius):
         share = value("grab.weakest")
     else:
-        wider = 2 * act.site.radius - value("grab.reference")
+        wider = 2 * sample.site.radius - value("grab.reference")
         share = 1 - value("grab.weaker") * wider
         share = np.clip(share, value("grab.weakest"), value("grab.strongest"))
-    return act.record("largest", act.person.grip * share)
+    return sample.record("largest", sample.person.grip * share)
 
 
 WHOLE_HAND_GROUPS = ("flat_hand", "full_hand")
 """Parts of a hand that stroke as firmly as a hand rests."""
 
 
-def draw_stroke(act: GestureSample) -> tuple[Press, ...]:
+def draw_stroke(sample: GestureSample) -> tuple[Press, ...]:
     """One stroke, or there and back."""
-    law = "stroke.hand_force" if act.kind in WHOLE_HAND_GROUPS else "stroke.force"
-    force = draw_force(act, law, "stroke")
-    duration = draw_duration(act, "stroke")
-    steps = act.count_steps(duration)
-    way = draw_stroke_direction(act)
-    back = act.draw_event("return", act.constants.value("stroke.return"))
+    law = "stroke.hand_force" if sample.kind in WHOLE_HAND_GROUPS else "stroke.force"
+    force = draw_force(sample, law, "stroke")
+    duration = draw_duration(sample, "stroke")
+    steps = sample.count_steps(duration)
+    way = draw_stroke_direction(sample)
+    back = sample.draw_event("return", sample.constants.value("stroke.return"))
     legs = 2 if back else 1
-    speed = act.draw("stroke.speed")
-    start, length = fit_stroke(act, way, speed * duration / legs)
-    act.record("speed", legs * length / duration)
+    speed = sample.draw("stroke.speed")
+    start, length = fit_stroke(sample, way, speed * duration / legs)
+    sample.record("speed", legs * length / duration)
     along = start + length * build_travel(steps, back)
-    path = along[:, None] * way + act.draw_wander(steps)
-    series = scale_to_peak(draw_sliding_force(act, steps), force)
-    flesh, angle = act.draw_tissue(), act.draw_angle()
-    return (act.build_press(act.draw_pads(act.kind), flesh, series, path, angle),)
+    path = along[:, None] * way + sample.draw_wander(steps)
+    series = scale_to_peak(draw_sliding_force(sample, steps), force)
+    tissue, angle = sample.draw_tissue(), sample.draw_angle()
+    return (
+        sample.build_press(sample.draw_pads(sample.kind), tissue, series, path, angle),
+    )
 
 
-def draw_stroke_direction(act: GestureSample) -> Float[np.ndarray, "2"]:
+def draw_stroke_direction(sample: GestureSample) -> Float[np.ndarray, "2"]:
     """Unit direction (s, t) of the stroke."""
-    path = act.choose("stroke.path")
+    path = sample.choose("stroke.path")
     if path == "along":
         slant = 0.0
     else:
-        slant = np.pi / 2 if path == "around" else act.draw("stroke.oblique")
-    signs = act.rng.choice([-1.0, 1.0], 2)
+        slant = np.pi / 2 if path == "around" else sample.draw("stroke.oblique")
+    signs = sample.rng.choice([-1.0, 1.0], 2)
     way = signs * np.array([np.sin(slant), np.cos(slant)])
-    act.record("direction", float(np.arctan2(-way[0], way[1])))
+    sample.record("direction", float(np.arctan2(-way[0], way[1])))
     return way
 
 
 def fit_stroke(
-    act: GestureSample, way: Float[np.ndarray, "2"], wanted: float
+    sample: GestureSample, way: Float[np.ndarray, "2"], wanted: float
 ) -> tuple[float, float]:
     """Where along its way a stroke begins, and its length, in the room there is [m].
 
     It passes the site's centre.
     """
-    low, high = find_slide_limits(act, way)
-    shortest = act.constants.value("stroke.shortest")
+    low, high = find_slide_limits(sample, way)
+    shortest = sample.constants.value("stroke.shortest")
     length = min(wanted, max(high - low, shortest))
     first, last = max(low, -length), min(0.0, high - length)
     if first > last:
         first = last = (low + high - length) / 2
-    start = float(act.rng.uniform(first, last))
-    act.record("start", start)
-    return start, act.record("length", length)
+    start = float(sample.rng.uniform(first, last))
+    sample.record("start", start)
+    return start, sample.record("length", length)
 
 
 def find_slide_limits(
-    act: GestureSample, way: Float[np.ndarray, "2"]
+    sample: GestureSample, way: Float[np.ndarray, "2"]
 ) -> tuple[float, float]:
     """How far one may slide back and forth along a way [m]."""
-    low, high = act.site.free_run
-    arc = act.constants.value("stroke.arc") * 2 * np.pi * act.site.radius / 2
+    low, high = sample.site.free_run
+    arc = sample.constants.value("stroke.arc") * 2 * np.pi * sample.site.radius / 2
     limits = [(-np.inf, np.inf)]
     if abs(way[0]) > 1e-9:
         arc = min(arc, high - low) if np.isinf(arc) else arc
@@ -260,10 +273,10 @@ def build_travel(steps: int, back: bool) -> Series:
     return np.concatenate([out, build_minimum_jerk(steps - half + 1)[::-1][1:]])
 
 
-def draw_sliding_force(act: GestureSample, steps: int) -> Series:
+def draw_sliding_force(sample: GestureSample, steps: int) -> Series:
     """Force of a sliding hand, around 1: it ripples, and lifts off slowly."""
-    smooth = round(act.constants.value("force.smooth") / act.step / 2)
+    smooth = round(sample.constants.value("force.smooth") / sample.step / 2)
     shape = build_trapezoid(
-        steps, act.draw("stroke.rise"), act.draw("stroke.fall"), smooth
+        steps, sample.draw("stroke.rise"), sample.draw("stroke.fall"), smooth
     )
-    return shape * act.draw_ripple(steps) * act.draw_held_noise(steps)
+    return shape * sample.draw_ripple(steps) * sample.draw_held_noise(steps)

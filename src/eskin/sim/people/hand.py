@@ -112,21 +112,21 @@ def compute_pad_angles(thumbs: Float[np.ndarray, "2 2"]) -> Float[np.ndarray, "p
     return turns
 
 
-def mirror_pads(stamps: ContactPads) -> ContactPads:
+def mirror_pads(pads: ContactPads) -> ContactPads:
     """The other hand."""
-    return replace(stamps, centres=stamps.centres * [-1.0, 1.0], angles=-stamps.angles)
+    return replace(pads, centres=pads.centres * [-1.0, 1.0], angles=-pads.angles)
 
 
-def select_pads(stamps: ContactPads, names: tuple[str, ...]) -> ContactPads:
+def select_pads(pads: ContactPads, names: tuple[str, ...]) -> ContactPads:
     """Some parts of a whole hand."""
     rows = np.array([HAND_PADS.index(name) for name in names])
     return ContactPads(
-        stamps.centres[rows],
-        stamps.radii[rows],
-        stamps.angles[rows],
-        stamps.area[rows],
-        stamps.max_area[rows],
-        stamps.stiffness[rows],
+        pads.centres[rows],
+        pads.radii[rows],
+        pads.angles[rows],
+        pads.area[rows],
+        pads.max_area[rows],
+        pads.stiffness[rows],
     )
 
 

@@ -29,105 +29,115 @@ FINGER_GROUPS = ("one_tip", "two_tips")
 """Parts of a hand whose brief push is a poke."""
 
 
-def draw_resting_hand(act: GestureSample) -> tuple[Press, ...]:
+def draw_resting_hand(sample: GestureSample) -> tuple[Press, ...]:
     """A hand put down and left there."""
-    force = draw_force(act, "none.resting_hand.force", "resting_hand")
-    act.draw_event("began_before", act.constants.value("none.resting_hand.before"))
-    steps = act.count_steps(act.draw("none.resting_hand.hold"))
-    ramp = act.draw("none.resting_hand.ramp")
-    stamps = act.draw_pads(act.choose("none.resting_hand.kinds"))
-    series = scale_to_peak(
-        build_ramp(act, steps, ramp, ramp) * act.draw_held_noise(steps), force
+    force = draw_force(sample, "none.resting_hand.force", "resting_hand")
+    sample.draw_event(
+        "began_before", sample.constants.value("none.resting_hand.before")
     )
-    lies_round = act.draw_event("round", act.constants.value("none.resting_hand.round"))
-    flesh = draw_closed_tissue(act) if lies_round else act.draw_tissue()
-    angle = draw_angle_across(act) if lies_round else act.draw_angle()
-    return (act.build_press(stamps, flesh, series, act.draw_wander(steps), angle),)
+    steps = sample.count_steps(sample.draw("none.resting_hand.hold"))
+    ramp = sample.draw("none.resting_hand.ramp")
+    pads = sample.draw_pads(sample.choose("none.resting_hand.kinds"))
+    series = scale_to_peak(
+        build_ramp(sample, steps, ramp, ramp) * sample.draw_held_noise(steps), force
+    )
+    lies_round = sample.draw_event(
+        "round", sample.constants.value("none.resting_hand.round")
+    )
+    tissue = draw_closed_tissue(sample) if lies_round else sample.draw_tissue()
+    angle = draw_angle_across(sample) if lies_round else sample.draw_angle()
+    return (sample.build_press(pads, tissue, series, sample.draw_wander(steps), angle),)
 
 
-def build_ramp(act: GestureSample, steps: int, up: float, down: float) -> Series:
+def build_ramp(sample: GestureSample, steps: int, up: float, down: float) -> Series:
     """Up in some time [s], hold, down in some time [s]."""
-    whole = (steps - 1) * act.step
-    smooth = round(act.constants.value("force.smooth") / act.step / 2)
+    whole = (steps - 1) * sample.step
+    smooth = round(sample.constants.value("force.smooth") / sample.step / 2)
     most = 1 / 2
     return build_trapezoid(
         steps, min(up / whole, most), min(down / whole, most), smooth
     )
 
 
-def draw_single_pat(act: GestureSample) -> tuple[Press, ...]:
+def draw_single_pat(sample: GestureSample) -> tuple[Press, ...]:
     """One pat; slower ones are as long as a tap of Jung et al. 2017."""
-    style = act.choose("none.single_pat.kinds")
-    if act.regime == "paper":
-        return draw_pats(act, 1, style)
-    force = draw_force(act, "double_pat.force", "double_pat")
-    steps = act.count_steps(draw_duration(act, "tap"))
-    return (draw_single_push(act, style, force, steps),)
+    style = sample.choose("none.single_pat.kinds")
+    if sample.regime == "paper":
+        return draw_pats(sample, 1, style)
+    force = draw_force(sample, "double_pat.force", "double_pat")
+    steps = sample.count_steps(draw_duration(sample, "tap"))
+    return (draw_single_push(sample, style, force, steps),)
 
 
-def draw_long_press(act: GestureSample) -> tuple[Press, ...]:
+def draw_long_press(sample: GestureSample) -> tuple[Press, ...]:
     """A hand or finger pushes and keeps pushing: a finger for longer than a poke."""
-    force = draw_force(act, "none.press.force", "press")
-    style = act.choose("none.press.kinds")
+    force = draw_force(sample, "none.press.force", "press")
+    style = sample.choose("none.press.kinds")
     length = "finger_press" if style in FINGER_GROUPS else "press"
-    steps = act.count_steps(draw_duration(act, length, "press"))
-    return (draw_single_push(act, style, force, steps),)
+    steps = sample.count_steps(draw_duration(sample, length, "press"))
+    return (draw_single_push(sample, style, force, steps),)
 
 
-def draw_single_push(act: GestureSample, style: str, force: float, steps: int) -> Press:
+def draw_single_push(
+    sample: GestureSample, style: str, force: float, steps: int
+) -> Press:
     """Parts of a hand that push once, where they are."""
-    series = scale_to_peak(act.draw_push(steps) * act.draw_held_noise(steps), force)
-    stamps, flesh = act.draw_pads(style), act.draw_tissue()
-    return act.build_press(
-        stamps, flesh, series, act.draw_wander(steps), act.draw_angle()
+    series = scale_to_peak(
+        sample.draw_push(steps) * sample.draw_held_noise(steps), force
+    )
+    pads, tissue = sample.draw_pads(style), sample.draw_tissue()
+    return sample.build_press(
+        pads, tissue, series, sample.draw_wander(steps), sample.draw_angle()
     )
 
 
-def draw_squeeze_hold(act: GestureSample) -> tuple[Press, ...]:
+def draw_squeeze_hold(sample: GestureSample) -> tuple[Press, ...]:
     """A grab that is held longer than a command."""
-    style = act.choose("grab.kinds")
-    return (draw_hold(act, act.draw("none.squeeze_hold.hold"), style),)
+    style = sample.choose("grab.kinds")
+    return (draw_hold(sample, sample.draw("none.squeeze_hold.hold"), style),)
 
 
-def draw_guiding(act: GestureSample) -> tuple[Press, ...]:
+def draw_guiding(sample: GestureSample) -> tuple[Press, ...]:
     """Two hands hold the arm and move it."""
-    steps = act.count_steps(act.draw("none.guiding.hold"))
-    total, share = act.draw("none.guiding.force"), act.draw("none.guiding.share")
-    gap = draw_hand_positions(act)
+    steps = sample.count_steps(sample.draw("none.guiding.hold"))
+    total, share = sample.draw("none.guiding.force"), sample.draw("none.guiding.share")
+    gap = draw_hand_positions(sample)
     made = [
-        draw_guiding_hand(act, total * part, steps, place)
+        draw_guiding_hand(sample, total * part, steps, place)
         for part, place in zip((share, 1 - share), gap, strict=True)
     ]
     return tuple(made)
 
 
-def draw_hand_positions(act: GestureSample) -> tuple[float, float]:
+def draw_hand_positions(sample: GestureSample) -> tuple[float, float]:
     """Where along the tube the two hands are, from the site's centre [m]."""
-    low, high = act.site.free_run
-    gap = min(act.draw("none.guiding.gap"), high - low)
+    low, high = sample.site.free_run
+    gap = min(sample.draw("none.guiding.gap"), high - low)
     first = float(np.clip(-gap / 2, low, high - gap))
     return first, first + gap
 
 
 def draw_guiding_hand(
-    act: GestureSample, force: float, steps: int, place: float
+    sample: GestureSample, force: float, steps: int, place: float
 ) -> Press:
     """One of the two hands."""
-    sway = act.draw("none.guiding.sway")
-    rate = act.draw("none.guiding.sway_rate")
-    swaying = 1 + sway * draw_tremor(steps, act.step, rate, act.rng)
-    shape = build_ramp(act, steps, *(act.draw("none.lean.ramp") for _ in range(2)))
-    stamps = act.draw_pads("full_hand")
-    path = act.draw_wander(steps) + np.array([0.0, place])
-    series = scale_to_peak(shape * swaying * act.draw_held_noise(steps), force)
-    return act.build_press(
-        stamps, draw_closed_tissue(act), series, path, draw_angle_across(act)
+    sway = sample.draw("none.guiding.sway")
+    rate = sample.draw("none.guiding.sway_rate")
+    swaying = 1 + sway * draw_tremor(steps, sample.step, rate, sample.rng)
+    shape = build_ramp(
+        sample, steps, *(sample.draw("none.lean.ramp") for _ in range(2))
+    )
+    pads = sample.draw_pads("full_hand")
+    path = sample.draw_wander(steps) + np.array([0.0, place])
+    series = scale_to_peak(shape * swaying * sample.draw_held_noise(steps), force)
+    return sample.build_press(
+        pads, draw_closed_tissue(sample), series, path, draw_angle_across(sample)
     )
 
 
-def build_object_tissue(act: GestureSample) -> SoftTissue:
+def build_object_tissue(sample: GestureSample) -> SoftTissue:
     """How something that is nobody's gives way."""
-    value = act.constants.value
+    value = sample.constants.value
     return SoftTissue(
         b=value("body.stiffness") / MM,
         m=value("body.stiffness_growth") / MM,
@@ -137,140 +147,162 @@ def build_object_tissue(act: GestureSample) -> SoftTissue:
     )
 
 
-def draw_lean(act: GestureSample) -> tuple[Press, ...]:
+def draw_lean(sample: GestureSample) -> tuple[Press, ...]:
     """A forearm or a hip rests its weight on the robot."""
-    force = draw_force(act, "none.lean.force", "lean")
-    steps = act.count_steps(act.draw("none.lean.hold"))
-    up, down = (act.draw("none.lean.ramp") for _ in range(2))
+    force = draw_force(sample, "none.lean.force", "lean")
+    steps = sample.count_steps(sample.draw("none.lean.hold"))
+    up, down = (sample.draw("none.lean.ramp") for _ in range(2))
     series = scale_to_peak(
-        build_ramp(act, steps, up, down) * act.draw_leaning_noise(steps), force
+        build_ramp(sample, steps, up, down) * sample.draw_leaning_noise(steps), force
     )
-    body = build_body(act.choose("none.lean.bodies"), act.constants)
+    body = build_body(sample.choose("none.lean.bodies"), sample.constants)
     return (
-        act.build_press(
-            body, act.draw_tissue(), series, act.draw_wander(steps), act.draw_angle()
+        sample.build_press(
+            body,
+            sample.draw_tissue(),
+            series,
+            sample.draw_wander(steps),
+            sample.draw_angle(),
         ),
     )
 
 
-def draw_bump(act: GestureSample) -> tuple[Press, ...]:
+def draw_bump(sample: GestureSample) -> tuple[Press, ...]:
     """A body hits the robot and bounces: a mass on a spring for half a period."""
-    speed, mass = act.draw("none.bump.speed"), act.draw("none.bump.mass")
-    stiffness = act.draw("none.bump.stiffness") / MM
-    force = act.record("force", speed * np.sqrt(mass * stiffness))
-    contact = act.record("duration", np.pi * np.sqrt(mass / stiffness))
-    series = force * build_bell(act.count_steps(contact), 1.0)
-    if act.draw_event("rebound", act.constants.value("none.bump.rebound")):
-        share = act.draw("none.bump.rebound_share")
-        gap = np.zeros(round(act.draw("none.bump.rebound_after") / act.step))
+    speed, mass = sample.draw("none.bump.speed"), sample.draw("none.bump.mass")
+    stiffness = sample.draw("none.bump.stiffness") / MM
+    force = sample.record("force", speed * np.sqrt(mass * stiffness))
+    contact = sample.record("duration", np.pi * np.sqrt(mass / stiffness))
+    series = force * build_bell(sample.count_steps(contact), 1.0)
+    if sample.draw_event("rebound", sample.constants.value("none.bump.rebound")):
+        share = sample.draw("none.bump.rebound_share")
+        gap = np.zeros(round(sample.draw("none.bump.rebound_after") / sample.step))
         series = np.concatenate([series, gap, share * series])
-    body = build_body(choose_bumping_body(act, stiffness), act.constants)
-    path = draw_slide(act, act.draw("none.bump.slide"), len(series))
-    return (act.build_press(body, act.draw_tissue(), series, path, act.draw_angle()),)
+    body = build_body(choose_bumping_body(sample, stiffness), sample.constants)
+    path = draw_slide(sample, sample.draw("none.bump.slide"), len(series))
+    return (
+        sample.build_press(
+            body, sample.draw_tissue(), series, path, sample.draw_angle()
+        ),
+    )
 
 
-def choose_bumping_body(act: GestureSample, stiffness: float) -> str:
+def choose_bumping_body(sample: GestureSample, stiffness: float) -> str:
     """What bumps, by its stiffness [N/m]."""
-    soft, hard = act.constants.array("none.bump.limits") / MM
+    soft, hard = sample.constants.array("none.bump.limits") / MM
     if stiffness > hard:
-        return act.choose("none.bump.hard")
+        return sample.choose("none.bump.hard")
     return "torso" if stiffness < soft else "forearm"
 
 
 def draw_slide(
-    act: GestureSample, speed: float, steps: int
+    sample: GestureSample, speed: float, steps: int
 ) -> Float[np.ndarray, "time 2"]:
     """A way at even speed [m/s] in a direction that is drawn, about the site [m]."""
-    way = act.record("direction", act.rng.uniform(-np.pi, np.pi))
-    along = speed * act.step * (np.arange(steps) - (steps - 1) / 2)
+    way = sample.record("direction", sample.rng.uniform(-np.pi, np.pi))
+    along = speed * sample.step * (np.arange(steps) - (steps - 1) / 2)
     return along[:, None] * np.array([-np.sin(way), np.cos(way)])
 
 
-def draw_brush(act: GestureSample) -> tuple[Press, ...]:
+def draw_brush(sample: GestureSample) -> tuple[Press, ...]:
     """A sleeve, a seam or the back of a hand passes over the robot."""
-    body = act.choose("none.brush.bodies")
-    return (draw_dragged_body(act, body, act.draw_tissue()),)
+    body = sample.choose("none.brush.bodies")
+    return (draw_dragged_body(sample, body, sample.draw_tissue()),)
 
 
-def draw_cable(act: GestureSample) -> tuple[Press, ...]:
+def draw_cable(sample: GestureSample) -> tuple[Press, ...]:
     """A cable drags over the robot."""
-    return (draw_dragged_body(act, "cable", build_object_tissue(act)),)
+    return (draw_dragged_body(sample, "cable", build_object_tissue(sample)),)
 
 
-def draw_dragged_body(act: GestureSample, body: str, flesh: SoftTissue) -> Press:
+def draw_dragged_body(sample: GestureSample, body: str, tissue: SoftTissue) -> Press:
     """A body that passes lightly and unevenly, across its long axis."""
-    force = act.record("force", act.draw("none.brush.force"))
-    steps = act.count_steps(act.draw("none.brush.hold"))
-    rise, fall = act.draw("stroke.rise"), act.draw("stroke.fall")
-    whole = (steps - 1) * act.step
-    shape = build_ramp(act, steps, rise * whole, fall * whole)
-    path = draw_slide(act, act.draw("none.brush.speed"), steps)
-    angle = float(act.drawn["direction"]) + np.pi / 2 + act.draw("hand.turn")
-    series = scale_to_peak(shape * act.draw_ripple(steps), force)
-    return act.build_press(
-        build_body(body, act.constants),
-        flesh,
+    force = sample.record("force", sample.draw("none.brush.force"))
+    steps = sample.count_steps(sample.draw("none.brush.hold"))
+    rise, fall = sample.draw("stroke.rise"), sample.draw("stroke.fall")
+    whole = (steps - 1) * sample.step
+    shape = build_ramp(sample, steps, rise * whole, fall * whole)
+    path = draw_slide(sample, sample.draw("none.brush.speed"), steps)
+    angle = float(sample.drawn["direction"]) + np.pi / 2 + sample.draw("hand.turn")
+    series = scale_to_peak(shape * sample.draw_ripple(steps), force)
+    return sample.build_press(
+        build_body(body, sample.constants),
+        tissue,
         series,
-        clip_to_free_run(act, path),
+        clip_to_free_run(sample, path),
         angle,
     )
 
 
 def clip_to_free_run(
-    act: GestureSample, path: Float[np.ndarray, "time 2"]
+    sample: GestureSample, path: Float[np.ndarray, "time 2"]
 ) -> Float[np.ndarray, "time 2"]:
     """The same way, held at the ends of the free run."""
-    low, high = act.site.free_run
+    low, high = sample.site.free_run
     return np.column_stack([path[:, 0], np.clip(path[:, 1], low, high)])
 
 
-def draw_self_contact(act: GestureSample) -> tuple[Press, ...]:
+def draw_self_contact(sample: GestureSample) -> tuple[Press, ...]:
     """The robot's own links touch along an edge."""
-    force = act.record("force", act.draw("none.self_contact.force"))
-    steps = act.count_steps(act.draw("none.self_contact.hold"))
+    force = sample.record("force", sample.draw("none.self_contact.force"))
+    steps = sample.count_steps(sample.draw("none.self_contact.hold"))
     series = force * build_bell(steps, 1.0)
-    body = build_body("edge", act.constants)
+    body = build_body("edge", sample.constants)
     path = np.zeros((steps, 2))
     return (
-        act.build_press(body, build_object_tissue(act), series, path, act.site.angle),
+        sample.build_press(
+            body, build_object_tissue(sample), series, path, sample.site.angle
+        ),
     )
 
 
-def draw_rub(act: GestureSample) -> tuple[Press, ...]:
+def draw_rub(sample: GestureSample) -> tuple[Press, ...]:
     """To and fro, firmly, several times."""
-    force = draw_force(act, "unknown.rub.force", "stroke")
-    steps = act.count_steps(draw_duration(act, "rub", "stroke"))
-    swing = draw_swing(act, steps, "unknown.rub")
-    path = swing[:, None] * draw_stroke_direction(act) + act.draw_wander(steps)
-    stamps = act.draw_pads(act.choose("stroke.kinds"))
-    series = scale_to_peak(draw_sliding_force(act, steps), force)
-    return (act.build_press(stamps, act.draw_tissue(), series, path, act.draw_angle()),)
+    force = draw_force(sample, "unknown.rub.force", "stroke")
+    steps = sample.count_steps(draw_duration(sample, "rub", "stroke"))
+    swing = draw_swing(sample, steps, "unknown.rub")
+    path = swing[:, None] * draw_stroke_direction(sample) + sample.draw_wander(steps)
+    pads = sample.draw_pads(sample.choose("stroke.kinds"))
+    series = scale_to_peak(draw_sliding_force(sample, steps), force)
+    return (
+        sample.build_press(
+            pads, sample.draw_tissue(), series, path, sample.draw_angle()
+        ),
+    )
 
 
-def draw_swing(act: GestureSample, steps: int, name: str) -> Float[np.ndarray, "time"]:
+def draw_swing(
+    sample: GestureSample, steps: int, name: str
+) -> Float[np.ndarray, "time"]:
     """To and fro, in the room there is [m]."""
-    low, high = act.site.free_run
-    reach = min(act.draw(f"{name}.reach"), (high - low) / 2)
-    return reach * draw_tremor(steps, act.step, act.draw(f"{name}.rate"), act.rng)
+    low, high = sample.site.free_run
+    reach = min(sample.draw(f"{name}.reach"), (high - low) / 2)
+    return reach * draw_tremor(
+        steps, sample.step, sample.draw(f"{name}.rate"), sample.rng
+    )
 
 
-def draw_tickle(act: GestureSample) -> tuple[Press, ...]:
+def draw_tickle(sample: GestureSample) -> tuple[Press, ...]:
     """Fingertips, lightly and quickly."""
-    force = draw_force(act, "unknown.tickle.force", "tickle")
-    steps = act.count_steps(draw_duration(act, "tickle"))
-    swings = [draw_swing(act, steps, "unknown.tickle") for _ in "st"]
-    path = np.column_stack(swings) + act.draw_wander(steps)
-    depth = act.draw("unknown.tickle.depth")
-    rate = act.draw("unknown.tickle.rate")
-    beats = 1 - depth * (1 + draw_tremor(steps, act.step, rate, act.rng)) / 2
-    ramp = 2 * act.constants.value("force.smooth")
-    series = scale_to_peak(build_ramp(act, steps, ramp, ramp) * beats, force)
-    stamps = act.draw_pads("tips")
-    return (act.build_press(stamps, act.draw_tissue(), series, path, act.draw_angle()),)
+    force = draw_force(sample, "unknown.tickle.force", "tickle")
+    steps = sample.count_steps(draw_duration(sample, "tickle"))
+    swings = [draw_swing(sample, steps, "unknown.tickle") for _ in "st"]
+    path = np.column_stack(swings) + sample.draw_wander(steps)
+    depth = sample.draw("unknown.tickle.depth")
+    rate = sample.draw("unknown.tickle.rate")
+    beats = 1 - depth * (1 + draw_tremor(steps, sample.step, rate, sample.rng)) / 2
+    ramp = 2 * sample.constants.value("force.smooth")
+    series = scale_to_peak(build_ramp(sample, steps, ramp, ramp) * beats, force)
+    pads = sample.draw_pads("tips")
+    return (
+        sample.build_press(
+            pads, sample.draw_tissue(), series, path, sample.draw_angle()
+        ),
+    )
 
 
-def draw_squeeze(act: GestureSample) -> tuple[Press, ...]:
+def draw_squeeze(sample: GestureSample) -> tuple[Press, ...]:
     """A firmer grab that is held."""
-    duration = draw_duration(act, "squeeze", "grab")
-    firmer = act.constants.value("unknown.squeeze.firmer")
-    return (draw_hold(act, duration, act.choose("grab.kinds"), firmer),)
+    duration = draw_duration(sample, "squeeze", "grab")
+    firmer = sample.constants.value("unknown.squeeze.firmer")
+    return (draw_hold(sample, duration, sample.choose("grab.kinds"), firmer),)

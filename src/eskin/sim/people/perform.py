@@ -34,7 +34,7 @@ from eskin.sim.people.person import Person
 Program = Callable[[GestureSample], tuple[Press, ...]]
 
 
-def draw_nothing(act: GestureSample) -> tuple[Press, ...]:
+def draw_nothing(sample: GestureSample) -> tuple[Press, ...]:
     """Nothing presses."""
     return ()
 
@@ -81,7 +81,7 @@ def perform(
     rng: np.random.Generator,
     difficulty: float,
     regime: Regime | None,
-    asked: dict[str, float] | None = None,
+    requested: dict[str, float] | None = None,
 ) -> TrueTouch:
     """One touch by a person at a site, from step 0 of its own clock.
 
@@ -94,7 +94,7 @@ def perform(
         rng: to draw from.
         difficulty: lambda; 0 is the easiest, 1.5 usual.
         regime: how long touches last; None draws one.
-        asked: what is to be so whatever is drawn, by the name that it is noted by,
+        requested: what is to be so whatever is drawn, by the name that it is noted by,
             such as `force` [N] and `duration` [s].
 
     Raises:
@@ -108,16 +108,16 @@ def perform(
         raise ValueError(f"difficulty is {difficulty}; give 0 or more")
     chosen = regime or parse_regime(constants.choose("duration.regime", rng))
     way = choose_kind(gesture, kind, person, constants, rng, difficulty)
-    act = GestureSample(
+    sample = GestureSample(
         *(way, person, site, constants, rng, float(difficulty), chosen),
-        requested=asked or {},
+        requested=requested or {},
     )
-    act.drawn["regime"] = chosen
+    sample.drawn["regime"] = chosen
     program = find_program(gesture, way)
-    presses = program(act)
-    nobody = gesture == "none" and way in NO_PERSON_KINDS
+    presses = program(sample)
+    is_thing = gesture == "none" and way in NO_PERSON_KINDS
     label = find_label(gesture, site, constants)
-    return TrueTouch(label, way, "" if nobody else person.name, presses, act.drawn)
+    return TrueTouch(label, way, "" if is_thing else person.name, presses, sample.drawn)
 
 
 def find_label(gesture: str, site: ContactSite, constants: Constants) -> str:

@@ -59,16 +59,16 @@ def build_collision_model(robot: Robot) -> CollisionModel:
     Raises:
         ValueError: a body is no cylinder.
     """
-    rods = build_cylinders(robot)
+    cylinders = build_cylinders(robot)
     joined = {frozenset((joint.parent, joint.child)) for joint in robot.joints}
     names = robot.link_names
     meets = np.array(
         [[a != b and frozenset((a, b)) not in joined for b in names] for a in names]
     )
-    links = rods.links
+    links = cylinders.links
     pairs = np.argwhere(np.triu(meets[links][:, links]))
     return CollisionModel(
-        cylinders=rods,
+        cylinders=cylinders,
         pairs=pairs.astype(np.int64).reshape(-1, 2),
         table_cylinders=np.flatnonzero(~np.isin(links, find_base_links(robot))),
         unjoined=tuple(

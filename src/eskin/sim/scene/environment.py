@@ -60,9 +60,9 @@ def build_environment(mounted: MountedSkin, constants: Constants) -> SimEnvironm
     """Prepare a robot in its skin for touching."""
     charts = build_charts(mounted, constants.value("contact.rim"))
     links = tuple(mounted.robot.link_index(chart.link) for chart in charts)
-    solids = build_collision_model(mounted.robot)
+    collision = build_collision_model(mounted.robot)
     spots = build_targets(mounted.skin, charts, constants)
-    return SimEnvironment(mounted, charts, links, solids, spots, constants)
+    return SimEnvironment(mounted, charts, links, collision, spots, constants)
 
 
 def compute_surface_axes(
@@ -107,21 +107,21 @@ def compute_surface_direction(
 
 
 def build_site(
-    world: SimEnvironment,
+    env: SimEnvironment,
     chart: int,
     centre: Float[np.ndarray, "2"],
     direction: Float[np.ndarray, "3"],
     T_world_link: Float[np.ndarray, "link 4 4"],
 ) -> ContactSite:
     """The site at a place of a chart, its angle that of a direction of the world."""
-    here = world.charts[chart]
-    T = T_world_link[world.links[chart]]
+    here = env.charts[chart]
+    T = T_world_link[env.links[chart]]
     _, s_axis, t_axis, _ = compute_surface_axes(here, centre[None], T)
     return ContactSite(
         chart=chart,
         centre=(float(centre[0]), float(centre[1])),
         radius=here.radius,
-        free_run=find_free_run(world, chart, centre, T_world_link),
+        free_run=find_free_run(env, chart, centre, T_world_link),
         angle=float(compute_surface_angle(direction[None], s_axis, t_axis)[0]),
     )
 
@@ -131,23 +131,23 @@ STRIDE = 0.01
 
 
 def find_free_run(
-    world: SimEnvironment,
+    env: SimEnvironment,
     chart: int,
     centre: Float[np.ndarray, "2"],
     T_world_link: Float[np.ndarray, "link 4 4"],
 ) -> tuple[float, float]:
     """How far a hand may slide along t from a place: skin below, nothing above [m]."""
-    low, high = find_skin_extent(world, chart, centre)
-    here, link = world.charts[chart], world.links[chart]
+    low, high = find_skin_extent(env, chart, centre)
+    here, link = env.charts[chart], env.links[chart]
     before = -np.arange(STRIDE, -low, STRIDE)
     after = np.arange(STRIDE, high, STRIDE)
     steps = np.concatenate([before, after])
     at = centre + np.column_stack([np.zeros_like(steps), steps])
     T = T_world_link[link]
     position, _, _, normal = compute_surface_axes(here, at, T)
-    room = world.constants.value("place.room") * MM
+    room = env.constants.value("place.room") * MM
     over = position + room / 2 * normal
-    blocked = world.collision.compute_free_distance(T_world_link, over, link) < room / 2
+    blocked = env.collision.compute_free_distance(T_world_link, over, link) < room / 2
     return (
         low
         if not blocked[: len(before)].any()
@@ -165,11 +165,11 @@ def find_last_free_step(steps: Float[np.ndarray, "step"], blocked: np.ndarray) -
 
 
 def find_skin_extent(
-    world: SimEnvironment, chart: int, centre: Float[np.ndarray, "2"]
+    env: SimEnvironment, chart: int, centre: Float[np.ndarray, "2"]
 ) -> tuple[float, float]:
     """How far skin goes on along t from a place [m]."""
-    here = world.charts[chart]
-    lane = world.constants.value("place.column") * MM
+    here = env.charts[chart]
+    lane = env.constants.value("place.column") * MM
     aside = np.abs(here.wrap_s(here.unrolled[:, 0] - centre[0]))
     along = here.unrolled[aside <= lane, 1] - centre[1]
     return float(along.min(initial=0.0)), float(along.max(initial=0.0))

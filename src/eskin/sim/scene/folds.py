@@ -36,19 +36,19 @@ class PatchSamples:
 
 
 @lru_cache(maxsize=4)
-def sample_patches(world: SimEnvironment) -> PatchSamples:
+def sample_patches(env: SimEnvironment) -> PatchSamples:
     """The taxels that folds are sought by."""
-    skin = world.mounted.skin
-    most = int(world.constants.value("fold.points"))
-    chosen = [chart.taxels[:: -(-len(chart.taxels) // most)] for chart in world.charts]
+    skin = env.mounted.skin
+    most = int(env.constants.value("fold.points"))
+    chosen = [chart.taxels[:: -(-len(chart.taxels) // most)] for chart in env.charts]
     balls = []
     for taxels in chosen:
         at = skin.positions[taxels]
         reach = np.linalg.norm(at - at.mean(axis=0), axis=1).max()
         balls.append(np.append(at.mean(axis=0), reach))
-    links = np.array(world.links, dtype=np.int64)
+    links = np.array(env.links, dtype=np.int64)
     taxels = np.concatenate(chosen)
-    shares = [skin.areas[chart.taxels].sum() for chart in world.charts]
+    shares = [skin.areas[chart.taxels].sum() for chart in env.charts]
     counts = [len(each) for each in chosen]
     return PatchSamples(
         points=skin.positions[taxels].astype(np.float64),
@@ -62,54 +62,54 @@ def sample_patches(world: SimEnvironment) -> PatchSamples:
 
 
 def compute_facing_gaps(
-    world: SimEnvironment, T_world_link: Float[np.ndarray, "pose link 4 4"]
+    env: SimEnvironment, T_world_link: Float[np.ndarray, "pose link 4 4"]
 ) -> tuple[Float[np.ndarray, "pose pair"], Int[np.ndarray, "pose pair 2"]]:
     """Least gap of each pair of charts [m], infinite if they do not face each other.
 
     Gaps too thin for a hand do not count. The second array tells the two points of
     `sample_patches` that are nearest.
     """
-    value = world.constants.value
+    value = env.constants.value
     least, within = value("fold.thinnest") * MM, value("fold.within") * MM
-    faces = sample_patches(world)
+    samples = sample_patches(env)
     return find_facing_points(
-        *(faces.points, faces.normals, faces.starts, faces.links),
-        *(faces.balls, faces.pairs, np.ascontiguousarray(T_world_link)),
+        *(samples.points, samples.normals, samples.starts, samples.links),
+        *(samples.balls, samples.pairs, np.ascontiguousarray(T_world_link)),
         *(least, within, value("fold.facing")),
     )
 
 
 def find_folded_poses(
-    world: SimEnvironment, q: Float[np.ndarray, "pose joint"]
+    env: SimEnvironment, q: Float[np.ndarray, "pose joint"]
 ) -> Bool[np.ndarray, "pose"]:
     """In which poses patches of different links face each other closely."""
-    gaps, _ = compute_facing_gaps(world, world.poses(q))
+    gaps, _ = compute_facing_gaps(env, env.poses(q))
     return np.min(gaps, axis=1, initial=np.inf) < np.inf
 
 
 def find_fold_sites(
-    world: SimEnvironment, q: Float[np.ndarray, "joint"], person: Person
+    env: SimEnvironment, q: Float[np.ndarray, "joint"], person: Person
 ) -> tuple[tuple[ContactSite, ContactSite], ...]:
     """Pairs of places where a hand touches two patches at once, nearest first.
 
     Each pair is of two charts on different links that face each other within
     `press_both_sites.within`. The hand points the same way at both.
     """
-    view = build_view(world, q, person)
-    gaps, which = compute_facing_gaps(world, view.T_world_link[None])
-    faces = sample_patches(world)
+    view = build_view(env, q, person)
+    gaps, which = compute_facing_gaps(env, view.T_world_link[None])
+    samples = sample_patches(env)
     found = []
     for pair in np.argsort(gaps[0], kind="stable"):
         if np.isfinite(gaps[0, pair]):
-            points = faces.points[which[0, pair]]
-            charts = faces.pairs[pair]
-            middle = transform_points(world, charts, points, view.T_world_link).mean(0)
+            points = samples.points[which[0, pair]]
+            charts = samples.pairs[pair]
+            middle = transform_points(env, charts, points, view.T_world_link).mean(0)
             ahead = middle - view.shoulder
             first, second = (
                 build_site(
-                    world,
+                    env,
                     int(chart),
-                    world.charts[chart].surface.unroll(point[None])[0],
+                    env.charts[chart].surface.unroll(point[None])[0],
                     ahead,
                     view.T_world_link,
                 )
@@ -120,29 +120,29 @@ def find_fold_sites(
 
 
 def transform_points(
-    world: SimEnvironment,
+    env: SimEnvironment,
     charts: Int[np.ndarray, "point"],
     points: Float[np.ndarray, "point 3"],
     T_world_link: Float[np.ndarray, "link 4 4"],
 ) -> Float[np.ndarray, "point 3"]:
     """Points of the links of charts in the world [m]."""
-    T = T_world_link[np.array(world.links)[charts]]
+    T = T_world_link[np.array(env.links)[charts]]
     return np.einsum("pij,pj->pi", T[:, :3, :3], points) + T[:, :3, 3]
 
 
 def compute_site_gap(
-    world: SimEnvironment,
+    env: SimEnvironment,
     q: Float[np.ndarray, "joint"],
     first: ContactSite,
     second: ContactSite,
 ) -> float:
     """Distance of two sites in space [m]."""
-    T = world.poses(q)
+    T = env.poses(q)
     one, other = (
         compute_surface_axes(
-            world.charts[site.chart],
+            env.charts[site.chart],
             np.array([site.centre]),
-            T[world.links[site.chart]],
+            T[env.links[site.chart]],
         )[0][0]
         for site in (first, second)
     )
@@ -150,14 +150,14 @@ def compute_site_gap(
 
 
 def compute_fold_share(
-    world: SimEnvironment,
+    env: SimEnvironment,
     q: Float[np.ndarray, "joint"],
     first: ContactSite,
     second: ContactSite,
 ) -> float:
     """Share of a hand's force that the second site bears: less, the wider the gap."""
-    value = world.constants.value
-    gap = compute_site_gap(world, q, first, second)
+    value = env.constants.value
+    gap = compute_site_gap(env, q, first, second)
     return value("fold.even") * max(0.0, 1 - gap / (value("fold.within") * MM))
 
 

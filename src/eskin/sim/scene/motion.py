@@ -59,7 +59,7 @@ def build_speed_profile(
 
 def follow_late(
     press: Press,
-    world: SimEnvironment,
+    env: SimEnvironment,
     q_series: Float[np.ndarray, "time joint"],
     delay: float,
 ) -> Press:
@@ -70,32 +70,32 @@ def follow_late(
 
     Args:
         press: what it would do to a robot at rest.
-        world: the robot.
+        env: the robot.
         q_series: poses at the steps of the scene's clock [rad].
         delay: of the hand [s].
     """
     now = press.first + np.arange(press.steps, dtype=np.float64)
-    late = now - delay / world.constants.value("time.step")
-    return carry_press(press, world, q_series, now, np.maximum(late, now[0]))
+    late = now - delay / env.constants.value("time.step")
+    return carry_press(press, env, q_series, now, np.maximum(late, now[0]))
 
 
 def hang_still(
-    press: Press, world: SimEnvironment, q_series: Float[np.ndarray, "time joint"]
+    press: Press, env: SimEnvironment, q_series: Float[np.ndarray, "time joint"]
 ) -> Press:
     """A press by what hangs still in the world, such as a cable, while a link moves.
 
     Args:
         press: what it would do to a robot at rest.
-        world: the robot.
+        env: the robot.
         q_series: poses at the steps of the scene's clock [rad].
     """
     now = press.first + np.arange(press.steps, dtype=np.float64)
-    return carry_press(press, world, q_series, now, np.full_like(now, now[0]))
+    return carry_press(press, env, q_series, now, np.full_like(now, now[0]))
 
 
 def carry_press(
     press: Press,
-    world: SimEnvironment,
+    env: SimEnvironment,
     q_series: Float[np.ndarray, "time joint"],
     now: Float[np.ndarray, "step"],
     then: Float[np.ndarray, "step"],
@@ -105,7 +105,7 @@ def carry_press(
         return press
     return move_press_on_link(
         press,
-        world,
+        env,
         interpolate_poses(q_series, now),
         interpolate_poses(q_series, then),
     )
@@ -113,13 +113,13 @@ def carry_press(
 
 def move_press_on_link(
     press: Press,
-    world: SimEnvironment,
+    env: SimEnvironment,
     q_now: Float[np.ndarray, "step joint"],
     q_then: Float[np.ndarray, "step joint"],
 ) -> Press:
     """The press where T_link(now)^-1 T_link(then) takes its targets and its angle."""
-    link, chart = world.links[press.chart], world.charts[press.chart]
-    T_now, T_then = world.poses(q_now)[:, link], world.poses(q_then)[:, link]
+    link, chart = env.links[press.chart], env.charts[press.chart]
+    T_now, T_then = env.poses(q_now)[:, link], env.poses(q_then)[:, link]
     was, s_then, t_then, _ = compute_surface_axes(chart, press.centre, T_then)
     here, s_now, t_now, _ = compute_surface_axes(chart, press.centre, T_now)
     # Laid flat where the target is: a hand leaves a tube rather than dives into it.
@@ -151,19 +151,19 @@ Direction = Float[np.ndarray, "joint"]
 
 
 def hold_pose(
-    world: SimEnvironment, q: Float[np.ndarray, "joint"], seconds: float
+    env: SimEnvironment, q: Float[np.ndarray, "joint"], seconds: float
 ) -> Float[np.ndarray, "time joint"]:
     """A robot that stays where it is [rad]."""
-    return np.tile(q, (count_steps(world, seconds), 1))
+    return np.tile(q, (count_steps(env, seconds), 1))
 
 
-def count_steps(world: SimEnvironment, seconds: float) -> int:
+def count_steps(env: SimEnvironment, seconds: float) -> int:
     """Steps of the simulator's clock in a time [s]."""
-    return max(1, round(seconds / world.constants.value("time.step")))
+    return max(1, round(seconds / env.constants.value("time.step")))
 
 
 def draw_motion(
-    world: SimEnvironment,
+    env: SimEnvironment,
     q: Float[np.ndarray, "joint"],
     seconds: float,
     rng: np.random.Generator,
@@ -175,26 +175,24 @@ def draw_motion(
     alone.
 
     Args:
-        world: the robot.
+        env: the robot.
         q: the pose [rad].
         seconds: how long.
         rng: to draw from.
     """
-    for _ in range(int(world.constants.value("motion.tries"))):
-        series = move_through_pose(
-            world, q, draw_joint_direction(world, rng), seconds, rng
-        )
-        if is_path_free(world, series):
+    for _ in range(int(env.constants.value("motion.tries"))):
+        series = move_through_pose(env, q, draw_joint_direction(env, rng), seconds, rng)
+        if is_path_free(env, series):
             return series
     base = np.zeros(len(q))
     base[0] = rng.choice([-1.0, 1.0])
-    return move_through_pose(world, q, base, seconds, rng)
+    return move_through_pose(env, q, base, seconds, rng)
 
 
-def draw_joint_direction(world: SimEnvironment, rng: np.random.Generator) -> Direction:
+def draw_joint_direction(env: SimEnvironment, rng: np.random.Generator) -> Direction:
     """Speeds of the joints by that of the fastest."""
-    count = int(world.constants.choose("motion.joints", rng))
-    joints = len(world.mounted.robot.joint_names)
+    count = int(env.constants.choose("motion.joints", rng))
+    joints = len(env.mounted.robot.joint_names)
     moving = rng.choice(joints, size=min(count, joints), replace=False)
     direction = np.zeros(joints)
     direction[moving] = rng.uniform(-1.0, 1.0, len(moving))
@@ -202,57 +200,55 @@ def draw_joint_direction(world: SimEnvironment, rng: np.random.Generator) -> Dir
 
 
 def move_through_pose(
-    world: SimEnvironment,
+    env: SimEnvironment,
     q: Float[np.ndarray, "joint"],
     direction: Direction,
     seconds: float,
     rng: np.random.Generator,
 ) -> Float[np.ndarray, "time joint"]:
     """A move along a direction that takes a pose in the middle of the time."""
-    draw = world.constants.draw
-    speed = min(draw("motion.speed", rng), compute_max_speed(world, q[None], direction))
+    draw = env.constants.draw
+    speed = min(draw("motion.speed", rng), compute_max_speed(env, q[None], direction))
     acceleration = draw("motion.acceleration", rng)
     cruise = seconds * draw("motion.cruise", rng)
     move = SpeedProfile(speed * (cruise + speed / acceleration), speed, acceleration)
     middle = rng.uniform(0.0, move.duration)
-    step = world.constants.value("time.step")
-    time = step * np.arange(count_steps(world, seconds))
+    step = env.constants.value("time.step")
+    time = step * np.arange(count_steps(env, seconds))
     time = time - time[len(time) // 2] + middle
     travelled = move.at(time) - move.at(np.array([middle]))
     return q + travelled[:, None] * direction
 
 
 def compute_max_speed(
-    world: SimEnvironment, q: Float[np.ndarray, "pose joint"], direction: Direction
+    env: SimEnvironment, q: Float[np.ndarray, "pose joint"], direction: Direction
 ) -> float:
     """Greatest speed along a direction at which no skin is too fast [rad/s]."""
     nudge = 1e-6
-    faces = sample_patches(world)
-    links = np.repeat(faces.links, np.diff(faces.starts))
+    samples = sample_patches(env)
+    links = np.repeat(samples.links, np.diff(samples.starts))
 
     def places(at: Float[np.ndarray, "pose joint"]) -> np.ndarray:
-        T = world.poses(at)[:, links]
-        return np.einsum("ptij,tj->pti", T[..., :3, :3], faces.points) + T[..., :3, 3]
+        T = env.poses(at)[:, links]
+        return np.einsum("ptij,tj->pti", T[..., :3, :3], samples.points) + T[..., :3, 3]
 
     moved = places(q + nudge * direction) - places(q)
     most = float(np.linalg.norm(moved, axis=-1).max()) / nudge
-    return world.constants.value("motion.fastest") / max(most, 1e-3)
+    return env.constants.value("motion.fastest") / max(most, 1e-3)
 
 
-def is_path_free(
-    world: SimEnvironment, series: Float[np.ndarray, "time joint"]
-) -> bool:
+def is_path_free(env: SimEnvironment, series: Float[np.ndarray, "time joint"]) -> bool:
     """Whether a series of poses stays within limits and clear of everything."""
-    robot = world.mounted.robot
+    robot = env.mounted.robot
     if np.any(series < robot.lower) or np.any(series > robot.upper):
         return False
-    every = count_steps(world, world.constants.value("motion.check"))
+    every = count_steps(env, env.constants.value("motion.check"))
     looked_at = np.concatenate([series[::every], series[-1:]])
-    return bool(are_collision_free(world, world.poses(looked_at)).all())
+    return bool(are_collision_free(env, env.poses(looked_at)).all())
 
 
 def draw_pose_path(
-    world: SimEnvironment,
+    env: SimEnvironment,
     seconds: float,
     rng: np.random.Generator,
     groups: frozenset[int] = POSE_GROUPS,
@@ -260,16 +256,16 @@ def draw_pose_path(
     """A robot that goes from pose to pose, with pauses, for a stream [rad].
 
     Args:
-        world: the robot.
+        env: the robot.
         seconds: how long.
         rng: to draw from.
         groups: of the poses that it pauses at.
     """
-    at = draw_pose(world, groups, rng)
-    parts, length, wanted = [], 0, count_steps(world, seconds)
+    at = draw_pose(env, groups, rng)
+    parts, length, wanted = [], 0, count_steps(env, seconds)
     while length < wanted:
-        pause = hold_pose(world, at, world.constants.draw("motion.pause", rng))
-        leg = draw_leg(world, at, groups, rng)
+        pause = hold_pose(env, at, env.constants.draw("motion.pause", rng))
+        leg = draw_leg(env, at, groups, rng)
         parts += [pause, leg]
         length += len(pause) + len(leg)
         at = leg[-1]
@@ -277,23 +273,23 @@ def draw_pose_path(
 
 
 def draw_leg(
-    world: SimEnvironment,
+    env: SimEnvironment,
     start: Float[np.ndarray, "joint"],
     groups: frozenset[int],
     rng: np.random.Generator,
 ) -> Float[np.ndarray, "time joint"]:
     """A move to another pose; where none can be reached, a turn of the base alone."""
-    for _ in range(int(world.constants.value("motion.tries"))):
-        leg = draw_straight_move(world, start, draw_pose(world, groups, rng), rng)
-        if is_path_free(world, leg):
+    for _ in range(int(env.constants.value("motion.tries"))):
+        leg = draw_straight_move(env, start, draw_pose(env, groups, rng), rng)
+        if is_path_free(env, leg):
             return leg
     end = start.copy()
-    end[0] = draw_pose(world, groups, rng)[0]
-    return draw_straight_move(world, start, end, rng)
+    end[0] = draw_pose(env, groups, rng)[0]
+    return draw_straight_move(env, start, end, rng)
 
 
 def draw_straight_move(
-    world: SimEnvironment,
+    env: SimEnvironment,
     start: Float[np.ndarray, "joint"],
     end: Float[np.ndarray, "joint"],
     rng: np.random.Generator,
@@ -302,9 +298,9 @@ def draw_straight_move(
     length = float(np.abs(end - start).max())
     direction = (end - start) / length
     between = start + np.linspace(0.0, 1.0, 9)[:, None] * (end - start)
-    draw = world.constants.draw
-    speed = min(draw("motion.speed", rng), compute_max_speed(world, between, direction))
+    draw = env.constants.draw
+    speed = min(draw("motion.speed", rng), compute_max_speed(env, between, direction))
     move = build_speed_profile(length, speed, draw("motion.acceleration", rng))
-    step = world.constants.value("time.step")
+    step = env.constants.value("time.step")
     time = step * np.arange(1, int(np.ceil(move.duration / step)) + 1)
     return start + move.at(time)[:, None] * direction

@@ -18,7 +18,7 @@ ALONG_HAND = np.linspace(-0.5, 0.5, 9)
 
 
 def has_room_for_hand(
-    world: SimEnvironment,
+    env: SimEnvironment,
     site: ContactSite,
     law: str,
     T_world_link: Float[np.ndarray, "link 4 4"],
@@ -26,47 +26,45 @@ def has_room_for_hand(
     """Whether nothing is in the hand's way, and a stroke has its run."""
     if law == "stroke":
         low, high = site.free_run
-        if high - low < world.constants.value("place.stroke_run") * MM:
+        if high - low < env.constants.value("place.stroke_run") * MM:
             return False
     if law == "grab":
-        return has_room_for_grip(world, site, T_world_link)
-    return has_room_for_finger(world, site, T_world_link)
+        return has_room_for_grip(env, site, T_world_link)
+    return has_room_for_finger(env, site, T_world_link)
 
 
 def has_room_for_finger(
-    world: SimEnvironment,
+    env: SimEnvironment,
     site: ContactSite,
     T_world_link: Float[np.ndarray, "link 4 4"],
 ) -> bool:
     """Whether a finger can come to the place from outside."""
-    need = world.constants.value("place.room") * MM
-    link = world.links[site.chart]
+    need = env.constants.value("place.room") * MM
+    link = env.links[site.chart]
     here = np.array([site.centre])
     position, _, _, normal = compute_surface_axes(
-        world.charts[site.chart], here, T_world_link[link]
+        env.charts[site.chart], here, T_world_link[link]
     )
     over = position + need / 2 * normal
     return bool(
-        world.collision.compute_free_distance(T_world_link, over, link)[0] >= need / 2
+        env.collision.compute_free_distance(T_world_link, over, link)[0] >= need / 2
     )
 
 
 def has_room_for_grip(
-    world: SimEnvironment,
+    env: SimEnvironment,
     site: ContactSite,
     T_world_link: Float[np.ndarray, "link 4 4"],
 ) -> bool:
     """Whether a hand fits round a tube: room over the arc that it covers."""
-    value = world.constants.value
+    value = env.constants.value
     around = ALONG_HAND * value("hand.length") * MM
     along = ACROSS_HAND * value("hand.breadth") * MM
     places = np.stack(np.meshgrid(around, along), axis=-1).reshape(-1, 2)
-    link = world.links[site.chart]
+    link = env.links[site.chart]
     T = T_world_link[link]
-    surface, *_ = compute_surface_axes(
-        world.charts[site.chart], places + site.centre, T
-    )
-    gaps = world.collision.compute_free_distance(T_world_link, surface, link)
+    surface, *_ = compute_surface_axes(env.charts[site.chart], places + site.centre, T)
+    gaps = env.collision.compute_free_distance(T_world_link, surface, link)
     return bool(np.all(gaps >= value("place.room") * MM))
 
 
@@ -99,7 +97,7 @@ class PersonView:
 
 
 def draw_site(
-    world: SimEnvironment,
+    env: SimEnvironment,
     q: Float[np.ndarray, "joint"],
     person: Person,
     gesture: str,
@@ -112,7 +110,7 @@ def draw_site(
     happens, so that the place does not tell it from them.
 
     Args:
-        world: the robot.
+        env: the robot.
         q: its pose [rad].
         person: who touches.
         gesture: what they do; `none` and unknown ones too.
@@ -123,18 +121,18 @@ def draw_site(
         ValueError: the skin has no place for it.
     """
     law = choose_placement_law(gesture, kind, rng)
-    view = build_view(world, q, person)
-    tries = int(world.constants.value("place.tries"))
+    view = build_view(env, q, person)
+    tries = int(env.constants.value("place.tries"))
     site = None
     for attempt in range(tries):
         # Late tries let go of reach and facing, lest a pose have no place at all.
-        spot = draw_target(world, view, law, rng, strict=2 * attempt < tries)
-        if spot is not None:
-            site = draw_site_on_target(world, view, spot, rng)
-            if has_room_for_hand(world, site, law, view.T_world_link):
+        index = draw_target(env, view, law, rng, strict=2 * attempt < tries)
+        if index is not None:
+            site = draw_site_on_target(env, view, index, rng)
+            if has_room_for_hand(env, site, law, view.T_world_link):
                 return site
     if site is None:
-        raise ValueError(f"no place for '{law}' on skin '{world.mounted.skin.name}'")
+        raise ValueError(f"no place for '{law}' on skin '{env.mounted.skin.name}'")
     return site
 
 
@@ -151,24 +149,24 @@ def choose_placement_law(
 
 
 def build_view(
-    world: SimEnvironment, q: Float[np.ndarray, "joint"], person: Person
+    env: SimEnvironment, q: Float[np.ndarray, "joint"], person: Person
 ) -> PersonView:
     """Where the robot and the person are."""
-    value = world.constants.value
+    value = env.constants.value
     table = value("robot.table")
     distance, bearing = person.stand
     size = person.acromion_height / value("place.acromion")
-    low, high = world.constants.array("place.height") * size
+    low, high = env.constants.array("place.height") * size
     stand = [distance * np.cos(bearing), distance * np.sin(bearing)]
     return PersonView(
-        world.poses(q),
+        env.poses(q),
         np.array([*stand, person.acromion_height - table]),
         (float(low - table), float(high - table)),
     )
 
 
 def draw_target(
-    world: SimEnvironment,
+    env: SimEnvironment,
     view: PersonView,
     law: str,
     rng: np.random.Generator,
@@ -179,8 +177,8 @@ def draw_target(
     None where no place of the region that was drawn will do.
     """
     only = law in TUBE_GESTURES
-    lists = world.targets.by_kind
-    prior = world.constants.weights("place.regions")
+    lists = env.targets.by_kind
+    prior = env.constants.weights("place.regions")
     chances = np.array(
         [
             prior[name] * (len(lists[region, INNER, only]) > 0)
@@ -190,23 +188,23 @@ def draw_target(
     if not chances.any():
         return None
     region = int(rng.choice(len(REGIONS), p=chances / chances.sum()))
-    spots = lists[region, draw_target_kind(world, rng), only]
-    if not len(spots):
-        spots = lists[region, EDGE, only]
+    targets = lists[region, draw_target_kind(env, rng), only]
+    if not len(targets):
+        targets = lists[region, EDGE, only]
     weights = (
-        compute_target_weights(world, view, spots)
+        compute_target_weights(env, view, targets)
         if strict
-        else world.targets.areas[spots]
+        else env.targets.areas[targets]
     )
     total = np.cumsum(weights)
     if not total[-1] > 0:
         return None
-    return int(spots[np.searchsorted(total, rng.random() * total[-1], side="right")])
+    return int(targets[np.searchsorted(total, rng.random() * total[-1], side="right")])
 
 
-def draw_target_kind(world: SimEnvironment, rng: np.random.Generator) -> int:
+def draw_target_kind(env: SimEnvironment, rng: np.random.Generator) -> int:
     """Whether to aim amid a patch, near its edge, or on a seam."""
-    value = world.constants.value
+    value = env.constants.value
     drawn = rng.random()
     if drawn < value("place.seam"):
         return SEAM
@@ -214,56 +212,56 @@ def draw_target_kind(world: SimEnvironment, rng: np.random.Generator) -> int:
 
 
 def compute_target_weights(
-    world: SimEnvironment, view: PersonView, spots: Int[np.ndarray, "spot"]
+    env: SimEnvironment, view: PersonView, targets: Int[np.ndarray, "spot"]
 ) -> Float[np.ndarray, "spot"]:
     """Area of places, as far as the person reaches them and they face the person."""
-    all_spots = world.targets
-    links = np.array(world.links)[all_spots.chart[spots]]
+    all_spots = env.targets
+    links = np.array(env.links)[all_spots.chart[targets]]
     T = view.T_world_link[links]
     turn = "sij,sj->si"
-    positions = np.einsum(turn, T[:, :3, :3], all_spots.positions[spots]) + T[:, :3, 3]
-    normals = np.einsum(turn, T[:, :3, :3], all_spots.normals[spots])
+    positions = (
+        np.einsum(turn, T[:, :3, :3], all_spots.positions[targets]) + T[:, :3, 3]
+    )
+    normals = np.einsum(turn, T[:, :3, :3], all_spots.normals[targets])
     to_person = view.shoulder - positions
     cosine = np.sum(normals * to_person, axis=1) / np.linalg.norm(to_person, axis=1)
     low, high = view.heights
     within = (positions[:, 2] >= low) & (positions[:, 2] <= high)
-    facing = np.maximum(cosine, 0.0) ** world.constants.value("place.facing")
-    return all_spots.areas[spots] * within * facing
+    facing = np.maximum(cosine, 0.0) ** env.constants.value("place.facing")
+    return all_spots.areas[targets] * within * facing
 
 
 def draw_site_on_target(
-    world: SimEnvironment, view: PersonView, spot: int, rng: np.random.Generator
+    env: SimEnvironment, view: PersonView, index: int, rng: np.random.Generator
 ) -> ContactSite:
     """The site at a place that may be drawn."""
-    chart = int(world.targets.chart[spot])
-    return build_reached_site(
-        world, view, chart, draw_point_on_target(world, spot, rng)
-    )
+    chart = int(env.targets.chart[index])
+    return build_reached_site(env, view, chart, draw_point_on_target(env, index, rng))
 
 
 def build_reached_site(
-    world: SimEnvironment, view: PersonView, chart: int, centre: Float[np.ndarray, "2"]
+    env: SimEnvironment, view: PersonView, chart: int, centre: Float[np.ndarray, "2"]
 ) -> ContactSite:
     """The site at a place of a chart, with the hand as it comes from the person."""
-    T = view.T_world_link[world.links[chart]]
-    position, *_ = compute_surface_axes(world.charts[chart], centre[None], T)
+    T = view.T_world_link[env.links[chart]]
+    position, *_ = compute_surface_axes(env.charts[chart], centre[None], T)
     reach = position[0] - view.shoulder
     reach = reach / np.linalg.norm(reach)
-    up = world.constants.value("place.upward") * np.array([0.0, 0.0, 1.0])
-    return build_site(world, chart, centre, reach + up, view.T_world_link)
+    up = env.constants.value("place.upward") * np.array([0.0, 0.0, 1.0])
+    return build_site(env, chart, centre, reach + up, view.T_world_link)
 
 
 def draw_point_on_target(
-    world: SimEnvironment, spot: int, rng: np.random.Generator
+    env: SimEnvironment, index: int, rng: np.random.Generator
 ) -> Float[np.ndarray, "2"]:
     """A point of a place that is as near to an edge as the place is (s, t) [m]."""
-    spots = world.targets
-    middle = spots.unrolled[spot]
-    chart = int(spots.chart[spot])
-    target = middle + rng.uniform(-1.0, 1.0, 2) @ spots.half_cells[spot]
-    if spots.kind[spot] == SEAM:
+    targets = env.targets
+    middle = targets.unrolled[index]
+    chart = int(targets.chart[index])
+    target = middle + rng.uniform(-1.0, 1.0, 2) @ targets.half_cells[index]
+    if targets.kind[index] == SEAM:
         return target
-    rim = spots.edges[chart]
-    away = compute_edge_distance(world.charts[chart], rim, target[None])[0]
-    near = away <= world.constants.value("place.edge_within") * MM
-    return target if near == (spots.kind[spot] == EDGE) else middle.copy()
+    edges = targets.edges[chart]
+    away = compute_edge_distance(env.charts[chart], edges, target[None])[0]
+    near = away <= env.constants.value("place.edge_within") * MM
+    return target if near == (targets.kind[index] == EDGE) else middle.copy()

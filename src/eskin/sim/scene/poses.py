@@ -26,37 +26,37 @@ BANDS = np.array([9, 1, 5])
 """First group of a forearm that hangs, is level, rises."""
 
 
-def has_pose_groups(world: SimEnvironment) -> bool:
+def has_pose_groups(env: SimEnvironment) -> bool:
     """Whether the robot is an arm whose poses come in groups."""
-    robot = world.mounted.robot
+    robot = env.mounted.robot
     return FOREARM in robot.link_names and {LIFT, ELBOW} <= set(robot.joint_names)
 
 
-def resolve_groups(world: SimEnvironment, asked: Collection[int]) -> list[int]:
+def resolve_groups(env: SimEnvironment, asked: Collection[int]) -> list[int]:
     """The groups of this robot that those asked for stand for."""
-    return sorted(asked) if has_pose_groups(world) else [UNGROUPED]
+    return sorted(asked) if has_pose_groups(env) else [UNGROUPED]
 
 
-def compute_pose_group(world: SimEnvironment, q: Float[np.ndarray, "joint"]) -> int:
+def compute_pose_group(env: SimEnvironment, q: Float[np.ndarray, "joint"]) -> int:
     """The group of a pose, 1 to 12 or `UNGROUPED`; the base's turn does not matter."""
-    return int(compute_pose_groups(world, q[None], world.poses(q[None]))[0])
+    return int(compute_pose_groups(env, q[None], env.poses(q[None]))[0])
 
 
 def compute_pose_groups(
-    world: SimEnvironment,
+    env: SimEnvironment,
     q: Float[np.ndarray, "pose joint"],
     T_world_link: Float[np.ndarray, "pose link 4 4"],
 ) -> Int[np.ndarray, "pose"]:
     """The group of each pose: by rise of the forearm, lift, and bend of the elbow."""
-    if not has_pose_groups(world):
+    if not has_pose_groups(env):
         return np.full(len(q), UNGROUPED, dtype=np.int64)
-    forearm = world.mounted.robot.link_index(FOREARM)
+    forearm = env.mounted.robot.link_index(FOREARM)
     rise = np.arcsin(np.clip(T_world_link[:, forearm, 2, 2], -1.0, 1.0))
-    band = np.digitize(rise, np.deg2rad(world.constants.array("robot.slope")))
-    lift = np.rad2deg(q[:, world.joint_index(LIFT)])
-    elbow = np.rad2deg(q[:, world.joint_index(ELBOW)])
-    backward = lift < world.constants.value("robot.upright")
-    bent = np.abs(elbow) > world.constants.value("robot.bent")
+    band = np.digitize(rise, np.deg2rad(env.constants.array("robot.slope")))
+    lift = np.rad2deg(q[:, env.joint_index(LIFT)])
+    elbow = np.rad2deg(q[:, env.joint_index(ELBOW)])
+    backward = lift < env.constants.value("robot.upright")
+    bent = np.abs(elbow) > env.constants.value("robot.bent")
     return BANDS[band] + 2 * backward.astype(np.int64) + bent
 
 
@@ -80,95 +80,93 @@ class PosePool:
 
 
 @lru_cache(maxsize=4)
-def build_pose_pool(world: SimEnvironment) -> PosePool:
+def build_pose_pool(env: SimEnvironment) -> PosePool:
     """The poses of a world: always the same ones."""
-    rng = np.random.default_rng(int(world.constants.value("robot.pool_seed")))
-    q = draw_valid_poses(world, rng)
-    group = compute_pose_groups(world, q, world.poses(q))
+    rng = np.random.default_rng(int(env.constants.value("robot.pool_seed")))
+    q = draw_valid_poses(env, rng)
+    group = compute_pose_groups(env, q, env.poses(q))
     any_count, folded_count, touching_count = (
-        int(count) for count in world.constants.array("robot.pool")
+        int(count) for count in env.constants.array("robot.pool")
     )
-    folded = find_folded_poses(world, q)
-    touching, touching_group = draw_touching_poses(world, q, group, touching_count, rng)
+    folded = find_folded_poses(env, q)
+    touching, touching_group = draw_touching_poses(env, q, group, touching_count, rng)
     return PosePool(
-        any=sort_by_group(world, q, group, any_count),
-        folded=sort_by_group(world, q[folded], group[folded], folded_count),
-        touching=sort_by_group(world, touching, touching_group, touching_count),
-        shares=compute_group_shares(world, group),
-        folded_shares=compute_group_shares(world, group[folded]),
+        any=sort_by_group(env, q, group, any_count),
+        folded=sort_by_group(env, q[folded], group[folded], folded_count),
+        touching=sort_by_group(env, touching, touching_group, touching_count),
+        shares=compute_group_shares(env, group),
+        folded_shares=compute_group_shares(env, group[folded]),
     )
 
 
 def sort_by_group(
-    world: SimEnvironment,
+    env: SimEnvironment,
     q: Float[np.ndarray, "pose joint"],
     group: Int[np.ndarray, "pose"],
     most: int,
 ) -> dict[int, Float[np.ndarray, "_ joint"]]:
     """The first poses of each group."""
-    return {
-        each: q[group == each][:most] for each in resolve_groups(world, POSE_GROUPS)
-    }
+    return {each: q[group == each][:most] for each in resolve_groups(env, POSE_GROUPS)}
 
 
 def compute_group_shares(
-    world: SimEnvironment, group: Int[np.ndarray, "pose"]
+    env: SimEnvironment, group: Int[np.ndarray, "pose"]
 ) -> dict[int, float]:
     """How many of the poses are of each group."""
     total = max(1, len(group))
     return {
         each: float(np.count_nonzero(group == each) / total)
-        for each in resolve_groups(world, POSE_GROUPS)
+        for each in resolve_groups(env, POSE_GROUPS)
     }
 
 
 def draw_valid_poses(
-    world: SimEnvironment, rng: np.random.Generator
+    env: SimEnvironment, rng: np.random.Generator
 ) -> Float[np.ndarray, "pose joint"]:
     """Poses drawn evenly, those that a robot would take and people can reach.
 
     A robot without joints takes the one pose it has.
     """
-    if not world.can_move:
+    if not env.can_move:
         return np.zeros((1, 0))
-    low, high = compute_joint_limits(world)
-    tries = int(world.constants.value("robot.pool_tries"))
+    low, high = compute_joint_limits(env)
+    tries = int(env.constants.value("robot.pool_tries"))
     q = rng.uniform(low, high, (tries, len(low)))
     chunks = (q[i : i + CHUNK] for i in range(0, tries, CHUNK))
-    return np.concatenate([chunk[are_poses_valid(world, chunk)] for chunk in chunks])
+    return np.concatenate([chunk[are_poses_valid(env, chunk)] for chunk in chunks])
 
 
 def draw_touching_poses(
-    world: SimEnvironment,
+    env: SimEnvironment,
     q: Float[np.ndarray, "pose joint"],
     group: Int[np.ndarray, "pose"],
     most: int,
     rng: np.random.Generator,
 ) -> tuple[Float[np.ndarray, "_ joint"], Int[np.ndarray, "_"]]:
     """Poses bent until a link all but touches a patch of another, and their groups."""
-    tries = int(world.constants.value("robot.pool_bent"))
+    tries = int(env.constants.value("robot.pool_bent"))
     found = [
-        bend_until_self_contact(world, q[group == each][:tries], most, rng)
-        for each in resolve_groups(world, POSE_GROUPS)
+        bend_until_self_contact(env, q[group == each][:tries], most, rng)
+        for each in resolve_groups(env, POSE_GROUPS)
     ]
     bent = np.concatenate(found)
-    return bent, compute_pose_groups(world, bent, world.poses(bent))
+    return bent, compute_pose_groups(env, bent, env.poses(bent))
 
 
-def can_fold(world: SimEnvironment, groups: frozenset[int]) -> bool:
+def can_fold(env: SimEnvironment, groups: frozenset[int]) -> bool:
     """Whether patches of different links face each other in a pose of some groups."""
-    poses = build_pose_pool(world).folded
-    return any(len(poses.get(group, ())) for group in resolve_groups(world, groups))
+    poses = build_pose_pool(env).folded
+    return any(len(poses.get(group, ())) for group in resolve_groups(env, groups))
 
 
-def can_touch_itself(world: SimEnvironment, groups: frozenset[int]) -> bool:
+def can_touch_itself(env: SimEnvironment, groups: frozenset[int]) -> bool:
     """Whether a link all but touches a patch of another in a pose of some groups."""
-    poses = build_pose_pool(world).touching
-    return any(len(poses.get(group, ())) for group in resolve_groups(world, groups))
+    poses = build_pose_pool(env).touching
+    return any(len(poses.get(group, ())) for group in resolve_groups(env, groups))
 
 
 def draw_pose(
-    world: SimEnvironment,
+    env: SimEnvironment,
     groups: set[int] | frozenset[int],
     rng: np.random.Generator,
     fold: bool = False,
@@ -178,7 +176,7 @@ def draw_pose(
     Nothing of what poses are chosen by depends on the base, which is drawn anew.
 
     Args:
-        world: the robot.
+        env: the robot.
         groups: of `POSE_GROUPS`.
         rng: to draw from.
         fold: whether patches of different links must face each other closely.
@@ -186,27 +184,27 @@ def draw_pose(
     Raises:
         ValueError: there is no such group, or no such pose in any of them.
     """
-    pool = build_pose_pool(world)
+    pool = build_pose_pool(env)
     poses = pool.folded if fold else pool.any
     shares = pool.folded_shares if fold else pool.shares
-    return draw_from_groups(world, poses, shares, groups, rng)
+    return draw_from_groups(env, poses, shares, groups, rng)
 
 
 def draw_touching_pose(
-    world: SimEnvironment, groups: set[int] | frozenset[int], rng: np.random.Generator
+    env: SimEnvironment, groups: set[int] | frozenset[int], rng: np.random.Generator
 ) -> Float[np.ndarray, "joint"]:
     """A pose in which a link all but touches a patch of another [rad].
 
     Raises:
         ValueError: there is no such group, or no such pose in any of them.
     """
-    pool: PosePool = build_pose_pool(world)
+    pool: PosePool = build_pose_pool(env)
     shares = {group: float(len(q)) for group, q in pool.touching.items()}
-    return draw_from_groups(world, pool.touching, shares, groups, rng)
+    return draw_from_groups(env, pool.touching, shares, groups, rng)
 
 
 def draw_from_groups(
-    world: SimEnvironment,
+    env: SimEnvironment,
     poses: dict[int, Float[np.ndarray, "_ joint"]],
     shares: dict[int, float],
     groups: set[int] | frozenset[int],
@@ -217,15 +215,15 @@ def draw_from_groups(
         raise ValueError(
             f"groups are {sorted(groups)}; give some of 1 to {len(POSE_GROUPS)}"
         )
-    asked = [group for group in resolve_groups(world, groups) if len(poses[group])]
+    asked = [group for group in resolve_groups(env, groups) if len(poses[group])]
     if not asked:
         raise ValueError(f"no such pose in groups {sorted(groups)}; allow more groups")
     weights = np.array([shares[group] for group in asked])
     group = asked[int(rng.choice(len(asked), p=weights / weights.sum()))]
     q = poses[group][rng.integers(len(poses[group]))].copy()
-    if not has_pose_groups(world):
+    if not has_pose_groups(env):
         return q
-    base = world.mounted.robot.joint_names[0]
-    low, high = np.deg2rad(world.constants.array(f"robot.range.{base}"))
+    base = env.mounted.robot.joint_names[0]
+    low, high = np.deg2rad(env.constants.array(f"robot.range.{base}"))
     q[0] = rng.uniform(low, high)
     return q

@@ -116,27 +116,27 @@ def shift_touch(touch: TrueTouch, start: int) -> TrueTouch:
 
 
 def are_apart(
-    world: SimEnvironment,
+    env: SimEnvironment,
     q: Float[np.ndarray, "joint"],
     one: TrueTouch,
     other: TrueTouch,
 ) -> bool:
     """Whether two touches are far enough apart in space to be two."""
-    a, b = (compute_press_centres(world, q, touch) for touch in (one, other))
+    a, b = (compute_press_centres(env, q, touch) for touch in (one, other))
     gaps = np.linalg.norm(a[:, None] - b[None], axis=2)
-    return bool(gaps.min(initial=np.inf) >= world.constants.value("clip.apart"))
+    return bool(gaps.min(initial=np.inf) >= env.constants.value("clip.apart"))
 
 
 def compute_press_centres(
-    world: SimEnvironment, q: Float[np.ndarray, "joint"], touch: TrueTouch
+    env: SimEnvironment, q: Float[np.ndarray, "joint"], touch: TrueTouch
 ) -> Float[np.ndarray, "press 3"]:
     """Where each press of a touch is half-way through it, in the world [m]."""
-    T_world_link = world.poses(q)
+    T_world_link = env.poses(q)
     points = []
     for press in touch.presses:
         middle = press.centre[press.steps // 2][None]
-        p_link = world.charts[press.chart].surface.wrap(middle).positions[0]
-        T = T_world_link[world.links[press.chart]]
+        p_link = env.charts[press.chart].surface.wrap(middle).positions[0]
+        T = T_world_link[env.links[press.chart]]
         points.append(T[:3, :3] @ p_link + T[:3, 3])
     return np.array(points).reshape(-1, 3)
 
@@ -267,9 +267,9 @@ def compute_scene_pressure(
     return spread_through_film(pressure, taxels, get_grid_neighbours(skin), beta)
 
 
-def count_steps_per_reading(world: SimEnvironment) -> int:
+def count_steps_per_reading(env: SimEnvironment) -> int:
     """Steps between two readings of the sensor."""
-    value = world.constants.value
+    value = env.constants.value
     return round(value("sensor.period") / value("time.step"))
 
 
@@ -279,7 +279,7 @@ def compute_true_series(
     charts: tuple[Chart, ...],
     mounted: MountedSkin,
     lead: int,
-    world: SimEnvironment,
+    env: SimEnvironment,
 ) -> tuple[TrueTouchSeries, ...]:
     """What truly happened, of every touch that presses.
 
@@ -289,9 +289,9 @@ def compute_true_series(
         charts: that the touches are on.
         mounted: the skin of these charts on its robot.
         lead: steps before the clip.
-        world: says how time is cut.
+        env: says how time is cut.
     """
-    every, step = count_steps_per_reading(world), world.constants.value("time.step")
+    every, step = count_steps_per_reading(env), env.constants.value("time.step")
     return tuple(
         build_true_series(
             number, touch, parts, charts, mounted, scene.q, lead, every, step
@@ -301,11 +301,9 @@ def compute_true_series(
     )
 
 
-def compute_touch_presses(
-    scene: Scene, world: SimEnvironment
-) -> list[list[ScenePress]]:
+def compute_touch_presses(scene: Scene, env: SimEnvironment) -> list[list[ScenePress]]:
     """What each touch of a scene does to the skin."""
     return [
-        compute_scene_presses(touch, scene.steps, world.charts, world.constants)
+        compute_scene_presses(touch, scene.steps, env.charts, env.constants)
         for touch in scene.touches
     ]

@@ -71,11 +71,11 @@ def build_targets(
     skin: Skin, charts: tuple[Chart, ...], constants: Constants
 ) -> TouchTargets:
     """All places on a skin."""
-    rims = tuple(find_patch_edges(skin, chart) for chart in charts)
+    all_edges = tuple(find_patch_edges(skin, chart) for chart in charts)
     tubes = tuple(is_tube(chart, constants) for chart in charts)
     parts = [
-        build_chart_targets(chart, rim, constants)
-        for chart, rim in zip(charts, rims, strict=True)
+        build_chart_targets(chart, edges, constants)
+        for chart, edges in zip(charts, all_edges, strict=True)
     ]
     counts = [len(part[0]) for part in parts]
     regions = [find_region(c, tube) for c, tube in zip(charts, tubes, strict=True)]
@@ -96,7 +96,7 @@ def build_targets(
         positions=np.concatenate([wrap.positions for wrap in wraps]),
         normals=np.concatenate([wrap.normals for wrap in wraps]),
         areas=np.where(kind == SEAM, np.mean(areas[kind != SEAM]), areas),
-        edges=rims,
+        edges=all_edges,
         tubes=tubes,
     )
 
@@ -149,19 +149,19 @@ def compute_offsets(
 
 
 def compute_edge_distance(
-    chart: Chart, rim: PatchEdges, places: Float[np.ndarray, "place 2"]
+    chart: Chart, edges: PatchEdges, places: Float[np.ndarray, "place 2"]
 ) -> Float[np.ndarray, "place"]:
     """How far each place is from the nearest edge of a patch [m]."""
     nearest = np.empty(len(places))
     for first in range(0, len(places), BLOCK):
         part = slice(first, first + BLOCK)
-        away = compute_offsets(chart, places[part], rim.points)
+        away = compute_offsets(chart, places[part], edges.points)
         nearest[part] = np.sqrt(np.min(np.sum(away**2, axis=2), axis=1))
     return nearest
 
 
 def build_chart_targets(
-    chart: Chart, rim: PatchEdges, constants: Constants
+    chart: Chart, edges: PatchEdges, constants: Constants
 ) -> tuple[
     Float[np.ndarray, "spot 2"], Float[np.ndarray, "spot 2 2"], Int[np.ndarray, "spot"]
 ]:
@@ -169,26 +169,26 @@ def build_chart_targets(
     at = chart.unrolled[:, None] + np.einsum("qa,tad->tqd", QUARTERS, chart.cells)
     unrolled = at.reshape(-1, 2)
     half = np.repeat(chart.cells / 2, len(QUARTERS), axis=0)
-    near = compute_edge_distance(chart, rim, unrolled) <= (
+    near = compute_edge_distance(chart, edges, unrolled) <= (
         constants.value("place.edge_within") * MM
     )
-    seam, strip = find_seams(chart, rim, constants.value("place.seam_gap") * MM)
+    seam, strip = find_seams(chart, edges, constants.value("place.seam_gap") * MM)
     kind = np.concatenate([np.where(near, EDGE, INNER), np.full(len(seam), SEAM)])
     return np.concatenate([unrolled, seam]), np.concatenate([half, strip]), kind
 
 
 def find_seams(
-    chart: Chart, rim: PatchEdges, widest: float
+    chart: Chart, edges: PatchEdges, widest: float
 ) -> tuple[Float[np.ndarray, "spot 2"], Float[np.ndarray, "spot 2 2"]]:
     """Middles between edges that face each other, and the strips they stand for."""
-    away = compute_offsets(chart, rim.points, rim.points)
+    away = compute_offsets(chart, edges.points, edges.points)
     length = np.linalg.norm(away, axis=2)
-    ahead = np.einsum("ijd,id->ij", away, rim.outward)
-    facing = rim.outward @ rim.outward.T < -0.5
+    ahead = np.einsum("ijd,id->ij", away, edges.outward)
+    facing = edges.outward @ edges.outward.T < -0.5
     across = facing & (ahead > 0) & (length <= widest)
     gap = np.where(across, length, np.inf)
     ends = np.isfinite(gap.min(axis=1))
     first = np.flatnonzero(ends)
     other = np.argmin(gap[first], axis=1)
-    middles = rim.points[first] + away[first, other] / 2
+    middles = edges.points[first] + away[first, other] / 2
     return middles, np.zeros((len(first), 2, 2))

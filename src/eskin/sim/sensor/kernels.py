@@ -146,8 +146,8 @@ MIN_STATE = 1e-30
 def update_conductance(
     pressure: Float[np.ndarray, "time active"],
     column: Int[np.ndarray, "live"],
-    film: SensorLayer,
-    memory: LayerState,
+    layer: SensorLayer,
+    state: LayerState,
     conductance: Float[np.ndarray, "time live"],
     shift: Float[np.ndarray, "time live"],
 ) -> None:
@@ -156,51 +156,51 @@ def update_conductance(
     Args:
         pressure: of the active taxels [kPa].
         column: of each live taxel in `pressure`, -1 if it is never touched.
-        film: the laminate.
-        memory: what it keeps of the steps before; carried on.
+        layer: the laminate.
+        state: what it keeps of the steps before; carried on.
         conductance: written; 1 is half scale.
         shift: written, by full scale.
     """
     steps, live = conductance.shape
-    operators, processes = len(film.play_widths), len(film.creep_part)
+    operators, processes = len(layer.play_widths), len(layer.creep_part)
     for a in range(live):
         still, crept, slow = (
-            memory.play_positions[a],
-            memory.creep[a],
-            memory.slow_creep[a],
+            state.play_positions[a],
+            state.creep[a],
+            state.slow_creep[a],
         )
-        rest, largest = max(film.load[a], 0.0), memory.max_load[a]
-        loaded, touched = memory.loaded[a], memory.touched[a]
-        held_before, power = memory.play_output[a], memory.power[a]
+        rest, largest = max(layer.load[a], 0.0), state.max_load[a]
+        loaded, touched = state.loaded[a], state.touched[a]
+        held_before, power = state.play_output[a], state.power[a]
         peak, shifted, touches = (
-            memory.peak[a],
-            memory.baseline_shift[a],
-            memory.touches[a],
+            state.peak[a],
+            state.baseline_shift[a],
+            state.touches[a],
         )
         for t in range(steps):
             push = pressure[t, column[a]] if column[a] >= 0 else 0.0
-            q = max(film.load[a] + push / film.half_pressure, 0.0)
-            shifted *= film.after_keep[a]
+            q = max(layer.load[a] + push / layer.half_pressure, 0.0)
+            shifted *= layer.after_keep[a]
             if abs(shifted) < MIN_STATE:
                 shifted = 0.0
             is_touched = push > 0.0 and q > 0.0
             if touched and not is_touched:
-                share = min(peak / film.after_whole, 1.0)
-                shifted += share * film.after[touches % len(film.after), a]
+                share = min(peak / layer.after_whole, 1.0)
+                shifted += share * layer.after[touches % len(layer.after), a]
                 touches += 1
                 peak = 0.0
-                largest = max(rest, film.play_min_load)
+                largest = max(rest, layer.play_min_load)
             touched = is_touched
             if q == 0.0:
                 if loaded:
                     for k in range(processes):
-                        slow[k] = (1.0 - film.recovery_share) * crept[k]
-                        crept[k] *= film.recovery_share
+                        slow[k] = (1.0 - layer.recovery_share) * crept[k]
+                        crept[k] *= layer.recovery_share
                     still[:] = 0.0
                     loaded = False
                 for k in range(processes):
-                    crept[k] *= film.recovery_keep[0]
-                    slow[k] *= film.recovery_keep[1]
+                    crept[k] *= layer.recovery_keep[0]
+                    slow[k] *= layer.recovery_keep[1]
                     if crept[k] < MIN_STATE:
                         crept[k] = 0.0
                     if slow[k] < MIN_STATE:
@@ -216,25 +216,25 @@ def update_conductance(
             largest = max(largest, q)
             held = 0.0
             for j in range(operators):
-                width = film.play_widths[j] * largest
+                width = layer.play_widths[j] * largest
                 still[j] = max(q - width, min(q + width, still[j]))
-                held += film.play_weights[j] * still[j]
+                held += layer.play_weights[j] * still[j]
             if held != held_before:
-                power = held ** film.exponent[a]
+                power = held ** layer.exponent[a]
                 held_before = held
             grown = 1.0
             for k in range(processes):
-                grown += film.creep[a, k] * crept[k]
-                crept[k] += film.creep_part[k] * (1.0 - crept[k])
-            value = film.gain[a] * power * grown
+                grown += layer.creep[a, k] * crept[k]
+                crept[k] += layer.creep_part[k] * (1.0 - crept[k])
+            value = layer.gain[a] * power * grown
             if touched:
                 peak = max(peak, value / (1.0 + value))
             conductance[t, a] = value
             shift[t, a] = shifted
-        memory.max_load[a] = largest
-        memory.loaded[a], memory.touched[a] = loaded, touched
-        memory.play_output[a], memory.power[a] = held_before, power
-        memory.peak[a], memory.baseline_shift[a], memory.touches[a] = (
+        state.max_load[a] = largest
+        state.loaded[a], state.touched[a] = loaded, touched
+        state.play_output[a], state.power[a] = held_before, power
+        state.peak[a], state.baseline_shift[a], state.touches[a] = (
             peak,
             shifted,
             touches,

@@ -177,16 +177,20 @@ def compute_taxel_ages(
     return compute_scan_ages(build.electronics.phase, build.electronics.scan, skin)
 
 
-def build_layer_state(film: SensorLayer) -> LayerState:
+def build_layer_state(layer: SensorLayer) -> LayerState:
     """A laminate that nobody has touched yet; what bends presses has crept already."""
-    rest = np.maximum(film.load, 0.0)
-    live, operators, processes = len(rest), len(film.play_widths), len(film.creep_part)
+    rest = np.maximum(layer.load, 0.0)
+    live, operators, processes = (
+        len(rest),
+        len(layer.play_widths),
+        len(layer.creep_part),
+    )
     crept = np.repeat((rest > 0.0).astype(np.float64)[:, None], processes, axis=1)
     return LayerState(
         play_positions=np.zeros((live, operators)),
         creep=crept,
         slow_creep=np.zeros((live, processes)),
-        max_load=np.maximum(rest, film.play_min_load),
+        max_load=np.maximum(rest, layer.play_min_load),
         play_output=np.full(live, -1.0),
         power=np.zeros(live),
         peak=np.zeros(live),
