@@ -182,7 +182,7 @@ def pressed(
     parts = compute_scene_presses(touch, steps, world.charts, constants)
     force = np.zeros(steps)
     for part in parts:
-        force[part.span] += part.felt.force
+        force[part.span] += part.field.force
     law = constants.get_constant("film.sigma").spread
     sigma = 1e-3 * (law.low + law.high) / 2 if law else 0.0
     pressure, taxels = sum_pressure(parts, steps, skin.count)
@@ -314,9 +314,9 @@ def pressed_raw(
     steps = touch.presses[0].steps
     part = compute_scene_presses(touch, steps, world.charts, world.constants)[0]
     pressure = np.zeros((steps, len(forearm.chart.taxels)))
-    columns = np.searchsorted(forearm.chart.taxels, part.felt.taxels)
-    pressure[:, columns] = part.felt.pressure
-    return pressure, part.felt.force
+    columns = np.searchsorted(forearm.chart.taxels, part.field.taxels)
+    pressure[:, columns] = part.field.pressure
+    return pressure, part.field.force
 
 
 def lag_ratios(

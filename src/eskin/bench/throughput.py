@@ -142,7 +142,7 @@ def measure_throughput(
         with short_switch_interval(), Stream(source, [recognition]) as stream:
             stream.wait(SETTLE_S)
             recognition.age, recognition.step = DurationHistogram(), DurationHistogram()
-            said, before = recognition.detections, count_losses(source, stream)
+            earlier, before = recognition.detections, count_losses(source, stream)
             busy, start = time.process_time(), time.perf_counter()
             stream.wait(seconds)
             busy, wall = time.process_time() - busy, time.perf_counter() - start
@@ -161,7 +161,7 @@ def measure_throughput(
         age_ms_p99=1e3 * age.quantile(0.99),
         age_ms_max=1e3 * age.longest,
         step_ms_p50=1e3 * recognition.step.quantile(0.5),
-        detections=recognition.detections - said,
+        detections=recognition.detections - earlier,
         lost=lost,
     )
 

@@ -260,4 +260,6 @@ def build_study_task(
     examples = find_examples([train if has_parts else folder], command.pack)
     tests = {"test": find_examples([test], command.pack)} if has_parts else {}
     name = f"{variant.network}-k{variant.k}-{variant.pool}"
-    return TrainingTask(name, variant.build_method(command.epochs), examples, tests, seed)
+    return TrainingTask(
+        name, variant.build_method(command.epochs), examples, tests, seed
+    )

@@ -156,9 +156,9 @@ def run_same_touch(command: Command, config: "DemoConfig") -> dict[str, object]:
     found = compare_models(command.pairs, config)
     for number, each in enumerate(found):
         print(f"touch {number + 1}: {each.labels[0]}, then {each.labels[1]}")
-        for who, (one, other) in (("with", each.posed), ("without", each.blind)):
-            said = "; then ".join(", ".join(answer.texts) for answer in (one, other))
-            print(f"  {who} the pose: {said}")
+        for pose, (one, other) in (("with", each.posed), ("without", each.blind)):
+            answers = "; then ".join(", ".join(answer.texts) for answer in (one, other))
+            print(f"  {pose} the pose: {answers}")
     counts = {
         "playings": 2 * len(found),
         "posed_right": sum(each.count_correct(each.posed) for each in found),

@@ -124,8 +124,8 @@ def check_patch(patch: str, pace: ScanRateMeter, age: float) -> Check:
     """Check the rate and the age [s] of the scans of one patch."""
     name = f"patch {patch}"
     if age > MAX_AGE_S:
-        heard = "not heard" if math.isinf(age) else f"silent for {age:.1f} s"
-        return Check(name, False, f"{heard}; check cable, address and power")
+        silence = "no scans received" if math.isinf(age) else f"silent for {age:.1f} s"
+        return Check(name, False, f"{silence}; check cable, address and power")
     measured = pace.measured or 0.0
     found = f"{measured:.1f} scans a second, {1e3 * age:.0f} ms old"
     slow = measured < MIN_RATE_SHARE * pace.nominal

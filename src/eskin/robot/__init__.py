@@ -13,6 +13,7 @@ from eskin.robot.shapes import (
     TriangleMesh,
     build_geom_mesh,
     build_shape_mesh,
+    revolve_profile,
 )
 from eskin.robot.surface import compute_surface_distance
 from eskin.robot.urdf import load_urdf
@@ -40,4 +41,5 @@ __all__ = [
     "load_recorded_robot",
     "load_robot",
     "load_urdf",
+    "revolve_profile",
 ]

@@ -1,4 +1,4 @@
-"""Every number of the simulated world, with its unit and where it comes from.
+"""This module loads every number of the simulation, with its unit and its source.
 
 `constants.yaml` holds them. A constant is a value, or a distribution to draw from; it
 names its source, or says that it is an estimate and how far it may be off.
@@ -16,23 +16,29 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 CONSTANTS_FILE = Path(__file__).with_name("constants.yaml")
 
+MM = 1e-3
+"""Metres in a millimetre."""
+
+MAX_DRAWS = 1000
+"""Draws after which a distribution counts as outside its own limits."""
+
 
 class StrictModel(BaseModel):
-    """A part of the file: nothing but what is declared."""
+    """A strict model refuses keys that it does not declare."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
 
 class Distribution(StrictModel):
-    """A distribution of one number, cut at `low` and `high` by drawing again."""
+    """A distribution of one number is drawn again until it lies in `low` to `high`."""
 
     law: Literal["normal", "lognormal", "uniform"]
     mean: float | None = None
-    """Of a normal law."""
+    """Mean of a normal law."""
     sd: float | None = None
-    """Of a normal law."""
+    """Standard deviation of a normal law."""
     median: float | None = None
-    """Of a lognormal law."""
+    """Median of a lognormal law."""
     gsd: float | None = None
     """Geometric standard deviation of a lognormal law."""
     low: float = -np.inf
@@ -52,7 +58,8 @@ class Distribution(StrictModel):
 
 
 class Constant(StrictModel):
-    """One number, list of numbers, distribution, or set of weights."""
+    """A constant is a number, a list of numbers, a distribution, or a set of
+    weights."""
 
     value: float | list[float] | None = None
     spread: Distribution | None = None
@@ -67,7 +74,7 @@ class Constant(StrictModel):
 
     @model_validator(mode="after")
     def check_one_number(self) -> "Constant":
-        """Refuse what is not exactly one kind of number from one kind of place."""
+        """Refuse an entry without exactly one kind of number and one source."""
         kinds = (self.value, self.spread, self.weights)
         if sum(kind is not None for kind in kinds) != 1:
             raise ValueError("give exactly one of value, spread, weights")
@@ -77,7 +84,7 @@ class Constant(StrictModel):
 
 
 class ConstantsFile(StrictModel):
-    """The whole file."""
+    """This model validates the whole file."""
 
     sources: dict[str, str]
     constants: dict[str, Constant]
@@ -86,17 +93,17 @@ class ConstantsFile(StrictModel):
 @final
 @dataclass(frozen=True, eq=False)
 class Constants:
-    """The numbers of one simulated world."""
+    """This class holds the constants of one simulation."""
 
     entries: dict[str, Constant]
-    """By name, such as `poke.force`."""
+    """Constants by name, such as `poke.force`."""
     sources: dict[str, str]
     """Citations by key."""
     factors: dict[str, float]
-    """What single constants are multiplied by, as in a sensitivity sweep."""
+    """Factors on single constants, as in a sensitivity sweep."""
 
     def get_constant(self, name: str) -> Constant:
-        """One constant.
+        """Return one constant.
 
         Raises:
             ValueError: there is none of that name.
@@ -106,21 +113,21 @@ class Constants:
         return self.entries[name]
 
     def value(self, name: str) -> float:
-        """A constant that is one number."""
+        """Return a constant that is one number."""
         number = self.get_constant(name).value
         if not isinstance(number, float | int):
             raise ValueError(f"constant '{name}' is not one number; draw or list it")
         return float(number) * self.factors.get(name, 1.0)
 
     def array(self, name: str) -> Float[np.ndarray, "item"]:
-        """A constant that is a list of numbers."""
+        """Return a constant that is a list of numbers."""
         numbers = self.get_constant(name).value
         if not isinstance(numbers, list):
             raise ValueError(f"constant '{name}' is not a list of numbers")
         return np.array(numbers, dtype=np.float64) * self.factors.get(name, 1.0)
 
     def weights(self, name: str) -> dict[str, float]:
-        """A constant that is a set of weights, summing to 1."""
+        """Return a constant that is a set of weights, scaled to sum to 1."""
         weights = self.get_constant(name).weights
         if weights is None:
             raise ValueError(f"constant '{name}' has no weights")
@@ -131,10 +138,10 @@ class Constants:
         """Draw one number.
 
         Args:
-            name: of a constant with a spread.
-            rng: to draw from.
-            widen: factor on the spread: on the deviation of a normal law, on the
-                logarithm of a lognormal one; a uniform law does not widen.
+            name: constant with a distribution.
+            rng: random generator.
+            widen: factor on the deviation of a normal law, or on the logarithm of a
+                lognormal one; a uniform law does not widen.
         """
         spread = self.get_constant(name).spread
         if spread is None:
@@ -148,7 +155,7 @@ class Constants:
         return str(rng.choice(list(weights), p=list(weights.values())))
 
     def scaled(self, factors: dict[str, float]) -> "Constants":
-        """The same with some constants multiplied, distributions as a whole.
+        """Return constants of which some are multiplied, distributions as a whole.
 
         Raises:
             ValueError: a name is unknown.
@@ -156,9 +163,6 @@ class Constants:
         for name in factors:
             self.get_constant(name)
         return Constants(self.entries, self.sources, self.factors | factors)
-
-
-MAX_DRAWS = 1000
 
 
 def draw_within(spread: Distribution, rng: np.random.Generator, widen: float) -> float:
@@ -171,7 +175,7 @@ def draw_within(spread: Distribution, rng: np.random.Generator, widen: float) ->
 
 
 def draw_once(spread: Distribution, rng: np.random.Generator, widen: float) -> float:
-    """Draw from the law, whatever its limits."""
+    """Draw from the law without its limits."""
     match spread.law:
         case "normal":
             return float(rng.normal(spread.mean or 0.0, (spread.sd or 0.0) * widen))
@@ -184,10 +188,6 @@ def draw_once(spread: Distribution, rng: np.random.Generator, widen: float) -> f
 
 @lru_cache(maxsize=1)
 def load_constants() -> Constants:
-    """The numbers as they are published with the package."""
+    """Load the constants that are published with the package."""
     content = ConstantsFile.model_validate(yaml.safe_load(CONSTANTS_FILE.read_text()))
     return Constants(content.constants, content.sources, {})
-
-
-MM = 1e-3
-"""Metres in a millimetre."""

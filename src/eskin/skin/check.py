@@ -72,7 +72,7 @@ def check_skin(
 
     Args:
         skin: the skin.
-        robot: the robot that wears it; without one, links and surfaces are not checked.
+        robot: the robot with the skin; without one, links and surfaces are not checked.
         config: tolerances of the check.
     """
     config = config or CheckConfig()

@@ -42,7 +42,7 @@ def draw_skin(
     Args:
         skin: the skin.
         path: the file, whose suffix gives the format.
-        robot: the robot that wears it; without one only the unrolled patches are drawn.
+        robot: the robot with the skin; without one only the unrolled patches are drawn.
         q: joint values [rad]; None for zero, clipped to the joint limits.
     """
     from matplotlib.backends.backend_agg import FigureCanvasAgg

@@ -11,8 +11,8 @@ from eskin.robot import (
     TriangleMesh,
     build_geom_mesh,
     compute_surface_distance,
+    revolve_profile,
 )
-from eskin.robot.shapes import revolve_profile
 from eskin.skin import MountedSkin
 from eskin.transforms import apply, invert
 

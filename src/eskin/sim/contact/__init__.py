@@ -1,1 +1,1 @@
-"""Contact: from a press to what taxels feel."""
+"""This package computes contact: from a press to the pressure on taxels."""

@@ -1,4 +1,4 @@
-"""Charts: a surface of the robot unrolled, with all taxels that lie on it."""
+"""A chart holds one surface of the robot, unrolled, with all taxels that lie on it."""
 
 from dataclasses import dataclass
 
@@ -13,12 +13,12 @@ TOLERANCE = 1e-4
 
 @dataclass(frozen=True, eq=False)
 class Chart:
-    """One surface of a link, unrolled, with the taxels of all patches on it."""
+    """A chart holds one unrolled surface of a link and the taxels of its patches."""
 
     link: str
     """Link that the surface is part of."""
     surface: Surface
-    """From unrolled coordinates (s, t) to the link's frame and back."""
+    """Surface that maps unrolled coordinates (s, t) to the link's frame and back."""
     taxels: Int[np.ndarray, "part"]
     """Indices into the skin's taxels, ascending."""
     unrolled: Float[np.ndarray, "part 2"]
@@ -26,22 +26,22 @@ class Chart:
     cells: Float[np.ndarray, "part 2 2"]
     """Half the cell of each taxel as two vectors: along its row, then across it [m]."""
     rim: float = np.inf
-    """How far the surface goes on beyond its taxels [m]."""
+    """Distance that the surface goes on beyond its taxels [m]."""
 
     @property
     def radius(self) -> float:
-        """Radius of curvature across t [m]; infinite on a plane."""
+        """Return the radius of curvature across t [m], infinite on a plane."""
         return float(getattr(self.surface, "radius", np.inf))
 
     @property
     def circumference(self) -> float:
-        """Length after which s comes round again [m]; infinite but on a tube."""
+        """Return the length after which s repeats [m], infinite unless it is a tube."""
         return compute_circumference(self.surface)
 
     def is_beyond(
         self, unrolled: Float[np.ndarray, "*batch 2"]
     ) -> Bool[np.ndarray, "*batch"]:
-        """Whether points (s, t) [m] lie off the ends of the surface."""
+        """Tell which points (s, t) [m] lie off the ends of the surface."""
         if np.isinf(self.rim):
             return np.zeros(unrolled.shape[:-1], dtype=bool)
         low = self.unrolled.min(axis=0) - self.rim
@@ -51,28 +51,28 @@ class Chart:
         return off[..., 1] if isinstance(self.surface, Tube) else off.any(axis=-1)
 
     def wrap_s(self, s: Float[np.ndarray, "*any"]) -> Float[np.ndarray, "*any"]:
-        """Differences of s, the shorter way round [m]."""
+        """Return differences of s, taken the shorter way round [m]."""
         return wrap_difference(s, self.circumference)
 
 
 def compute_circumference(surface: Surface) -> float:
-    """Length after which s comes round again [m]; infinite but on a tube."""
+    """Return the length after which s repeats [m], infinite unless it is a tube."""
     return 2 * np.pi * surface.radius if isinstance(surface, Tube) else np.inf
 
 
 def wrap_difference(
     s: Float[np.ndarray, "*any"], whole: float
 ) -> Float[np.ndarray, "*any"]:
-    """Differences of s, the shorter way round [m]."""
+    """Return differences of s, taken the shorter way round [m]."""
     return s if np.isinf(whole) else (s + whole / 2) % whole - whole / 2
 
 
 def build_charts(mounted: MountedSkin, rim: float = np.inf) -> tuple[Chart, ...]:
-    """The charts of a skin, in the order of their first taxels.
+    """Build the charts of a skin, in the order of their first taxels.
 
     Args:
-        mounted: the skin on its robot.
-        rim: how far surfaces go on beyond their taxels [m].
+        mounted: skin on its robot.
+        rim: distance that surfaces go on beyond their taxels [m].
 
     Raises:
         ValueError: a patch lies on no plane, tube or dome.
@@ -101,7 +101,7 @@ def build_charts(mounted: MountedSkin, rim: float = np.inf) -> tuple[Chart, ...]
 def build_chart(
     mounted: MountedSkin, link: str, surface: Surface, members: list[int], rim: float
 ) -> Chart:
-    """The chart of a surface and its taxels."""
+    """Build the chart of a surface and its taxels."""
     taxels = np.sort(np.array(members, dtype=np.int64))
     skin = mounted.skin
     unrolled = surface.unroll(skin.positions[taxels])
@@ -123,7 +123,7 @@ def compute_column_directions(
     tangents: Float[np.ndarray, "part 3"],
     unrolled: Float[np.ndarray, "part 2"],
 ) -> Float[np.ndarray, "part 2"]:
-    """Each taxel's tangent as a unit vector (s, t)."""
+    """Return each taxel's tangent as a unit vector (s, t)."""
     wrapped = surface.wrap(unrolled)
     along_s = np.sum(tangents * wrapped.tangents, axis=1)
     t_axis = np.cross(wrapped.normals, wrapped.tangents)
@@ -136,13 +136,13 @@ def compute_cells(
     rows: Int[np.ndarray, "part"],
     areas: Float[np.ndarray, "part"],
 ) -> Float[np.ndarray, "part 2 2"]:
-    """Half vectors of the cells of one patch, whose rows are evenly spaced.
+    """Return the half vectors of the cells of one patch, whose rows are evenly spaced.
 
     Args:
-        unrolled: centres, near each other where the taxels are [m].
+        unrolled: centres of taxels, near each other where the taxels are [m].
         columns: directions in which the columns follow each other.
-        rows: row of each.
-        areas: of each, as drawn flat [m2].
+        rows: row of each taxel.
+        areas: area of each taxel as drawn flat [m2].
     """
     across = np.column_stack([-columns[:, 1], columns[:, 0]])
     height = np.sum(unrolled * across.mean(axis=0), axis=1)

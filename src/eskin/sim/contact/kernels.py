@@ -9,29 +9,29 @@ from eskin.compiled import compiled
 
 
 class TaxelGeometry(NamedTuple):
-    """The taxels that a press may reach."""
+    """This tuple holds the geometry of the taxels that a press may reach."""
 
     centres: np.ndarray
-    """Unrolled (taxel, 2) [m]."""
+    """Unrolled centres (taxel, 2) [m]."""
     cells: np.ndarray
     """Half vectors of the sensing part (taxel, 2, 2) [m]."""
     circumference: float
-    """Length after which s comes round again; infinite but on a tube [m]."""
+    """Length after which s repeats; infinite unless it is a tube [m]."""
     dome_radius: float
-    """Radius of the dome; infinite on what rolls flat [m]."""
+    """Radius of the dome; infinite on other surfaces [m]."""
 
 
 class ContactEllipses(NamedTuple):
-    """What the parts of a body do to a surface: ellipses under load (time, part)."""
+    """This tuple holds the ellipses that the pads of a body press, over time."""
 
     centres: np.ndarray
-    """Unrolled (time, part, 2) [m]."""
+    """Unrolled centres (time, pad, 2) [m]."""
     long_axes: np.ndarray
-    """Unit vector of the long axis, unrolled (time, part, 2)."""
+    """Unit vectors of the long axes, unrolled (time, pad, 2)."""
     semi_axes: np.ndarray
-    """Semi-axes across and along (time, part, 2) [m]."""
+    """Semi-axes across and along (time, pad, 2) [m]."""
     peak_pressure: np.ndarray
-    """Pressure in the middle [kPa]."""
+    """Pressure in the middle (time, pad) [kPa]."""
 
 
 @compiled
@@ -45,7 +45,7 @@ def compute_loads(
     deepest: float,
     halvings: int,
 ) -> Float[np.ndarray, "time part"]:
-    """Load of each part [N]: all sink by one depth, less their gaps."""
+    """Return the load of each pad [N]; all sink by one depth, less their gaps."""
     steps, parts = gaps.shape
     loads = np.zeros((steps, parts))
     for t in range(steps):
@@ -77,9 +77,9 @@ def compute_loads(
 def compute_covered_area(
     ellipses: ContactEllipses, least: float, spots: Float[np.ndarray, "spot 2"]
 ) -> Float[np.ndarray, "time"]:
-    """Area that ellipses cover together [m2], where their pressure exceeds `least`.
+    """Return the area [m2] that ellipses cover together above the pressure `least`.
 
-    A spot that lies in n ellipses counts for 1/n in each of them.
+    A point that lies in n ellipses counts for 1/n in each of them.
     """
     steps, parts = ellipses.peak_pressure.shape
     areas = np.zeros(steps)
@@ -137,7 +137,7 @@ def count_containing(
     s: float,
     r: float,
 ) -> int:
-    """How many of the ellipses `near` hold the point (s, r)."""
+    """Count the ellipses of `near` that contain the point (s, r)."""
     count = 0
     for j in near:
         ds, dr = s - ellipses.centres[t, j, 0], r - ellipses.centres[t, j, 1]
@@ -153,7 +153,7 @@ def count_containing(
 def project_step_on_dome(
     s: float, t: float, ds: float, dt: float, dome: float
 ) -> tuple[float, float]:
-    """A step on a dome as lengths, taken at the point (s, t) of its polar chart.
+    """Convert a step at the point (s, t) of a dome's polar chart to lengths.
 
     Lengths toward the pole are true on the chart; those round it are too long.
     """
@@ -172,7 +172,7 @@ def project_step_on_dome(
 def compute_taxel_pressure(
     ellipses: ContactEllipses,
     geometry: TaxelGeometry,
-    part_of: Int[np.ndarray, "pair"],
+    pad_of: Int[np.ndarray, "pair"],
     taxel_of: Int[np.ndarray, "pair"],
     column_of: Int[np.ndarray, "taxel"],
     columns: int,
@@ -180,22 +180,22 @@ def compute_taxel_pressure(
     weights: Float[np.ndarray, "size node"],
     fine_below: float,
 ) -> Float[np.ndarray, "time column"]:
-    """Mean pressure over each taxel's sensing part [kPa], for pairs that may meet.
+    """Return the mean pressure over each taxel's sensing part [kPa], for given pairs.
 
     Args:
         ellipses: ellipses under load.
-        geometry: the taxels.
-        part_of: part of the body, of each pair.
+        geometry: geometry of the taxels.
+        pad_of: pad of each pair.
         taxel_of: taxel of each pair.
-        column_of: column of the result that a taxel goes to.
+        column_of: column of the result for each taxel.
         columns: number of columns.
-        nodes: places of quadrature in -1..1, a row of 2 and one of 3.
-        weights: their weights, summing to 1.
-        fine_below: the row of 3 is used for semi-axes below this share of a cell.
+        nodes: quadrature nodes in -1..1, a row of 2 and one of 3.
+        weights: quadrature weights, summing to 1.
+        fine_below: share of a cell; the row of 3 is used for smaller semi-axes.
     """
     pressure = np.zeros((len(ellipses.peak_pressure), columns))
-    for pair in range(len(part_of)):
-        k, i = part_of[pair], taxel_of[pair]
+    for pair in range(len(pad_of)):
+        k, i = pad_of[pair], taxel_of[pair]
         column = column_of[i]
         s, t = geometry.centres[i]
         cell = geometry.cells[i]
@@ -250,7 +250,7 @@ def spread_to_neighbours(
     beta: Float[np.ndarray, "active"],
     columns: int,
 ) -> Float[np.ndarray, "time column"]:
-    """Each taxel gives a share to each side; what leaves the patch is lost."""
+    """Spread a share of each taxel's pressure to each side; patch edges lose it."""
     spread = np.zeros((len(pressure), columns))
     for active in range(len(taxels)):
         taxel = taxels[active]

@@ -1,4 +1,9 @@
-"""This module computes the pressure on taxels from a press."""
+"""This module computes the pressure on taxels from a press.
+
+The pads of a body share its load as springs that sink together, each makes an ellipse
+of a size that depends on its load, and the pressure in it is an inverted paraboloid
+(Pawluk and Howe 1999). The film over the taxels spreads pressure to neighbours.
+"""
 
 from dataclasses import dataclass
 
@@ -27,7 +32,7 @@ Points = Float[np.ndarray, "time part 2"]
 def compute_contact_ellipses(
     press: Press, chart: Chart, constants: Constants
 ) -> tuple[ContactEllipses, Float[np.ndarray, "time"], Float[np.ndarray, "time 2"]]:
-    """Ellipses under a press, its true area of contact [m2] and its centroid [m]."""
+    """Return the ellipses of a press, its contact area [m2] and its centroid [m]."""
     offsets = compute_pad_offsets(press)
     long = compute_long_axes(press)
     curvatures = compute_relative_curvatures(press.pads, chart, long)
@@ -49,7 +54,7 @@ def compute_contact_ellipses(
 
 
 def compute_pad_offsets(press: Press) -> Points:
-    """Where the parts lie about the press's centre, as arc lengths (s, t) [m]."""
+    """Return the pads' offsets from the centre, as arc lengths (s, t) [m]."""
     from_middle = press.pads.centres - press.pads.centres.mean(axis=0)
     cos, sin = np.cos(press.angle)[:, None], np.sin(press.angle)[:, None]
     x, y = from_middle.T
@@ -57,7 +62,7 @@ def compute_pad_offsets(press: Press) -> Points:
 
 
 def compute_long_axes(press: Press) -> Points:
-    """Unit vectors (s, t) of the parts' long axes."""
+    """Return unit vectors (s, t) of the pads' long axes."""
     turned = press.angle[:, None] + press.pads.angles
     return np.stack([-np.sin(turned), np.cos(turned)], axis=2)
 
@@ -65,7 +70,7 @@ def compute_long_axes(press: Press) -> Points:
 def compute_relative_curvatures(
     pads: ContactPads, chart: Chart, long: Points
 ) -> Points:
-    """Curvature of each part against the surface, across and along it [1/m]."""
+    """Return each pad's curvature against the surface, across and along it [1/m]."""
     own = np.broadcast_to(1.0 / pads.radii, long.shape)
     if isinstance(chart.surface, Tube):
         # The long axis leans on the tube's roundness by its share of s.
@@ -76,7 +81,7 @@ def compute_relative_curvatures(
 
 
 def compute_pad_gaps(tissue: SoftTissue, chart: Chart, offsets: Points) -> Lengths:
-    """How far the parts stay off a round surface that the body wraps poorly [m]."""
+    """Return how far pads stay off a round surface that the body wraps poorly [m]."""
     round_way = np.zeros(offsets.shape[:2])
     if isinstance(chart.surface, Tube | Dome):
         round_way = offsets[..., 0] ** 2
@@ -86,9 +91,13 @@ def compute_pad_gaps(tissue: SoftTissue, chart: Chart, offsets: Points) -> Lengt
 
 
 def share_load(press: Press, gaps: Lengths, constants: Constants) -> Lengths:
-    """Load of each part [N]; they sum to the force exactly."""
+    """Return the load of each pad [N]; loads sum to the force exactly."""
     return compute_loads(
-        *(press.force, gaps, press.pads.stiffness, press.tissue.b, press.tissue.m),
+        press.force,
+        gaps,
+        press.pads.stiffness,
+        press.tissue.b,
+        press.tissue.m,
         constants.value("contact.deepest") * MM,
         int(constants.value("contact.halvings")),
     )
@@ -97,7 +106,10 @@ def share_load(press: Press, gaps: Lengths, constants: Constants) -> Lengths:
 def compute_contact_areas(
     press: Press, curvatures: Points, loads: Lengths, constants: Constants
 ) -> Lengths:
-    """Area of each ellipse [m2]: a power of its load, smaller on a rounder surface."""
+    """Return the area of each ellipse [m2], a power of its load.
+
+    It is smaller on a rounder surface.
+    """
     pads, tissue = press.pads, press.tissue
     grown = tissue.area_scale * pads.area * loads**tissue.area_exponent
     flat = np.prod(1.0 / pads.radii, axis=1)
@@ -107,7 +119,7 @@ def compute_contact_areas(
 
 
 def compute_pad_centres(press: Press, chart: Chart, offsets: Points) -> Points:
-    """Centres of the parts, unrolled (s, t) [m]."""
+    """Return the centres of the pads, unrolled (s, t) [m]."""
     start = press.centre[:, None]
     if not isinstance(chart.surface, Dome):
         return start + offsets
@@ -118,9 +130,9 @@ DOME_ITERATIONS = 4
 
 
 def stretch_steps_on_dome(start: np.ndarray, offsets: Points, radius: float) -> Points:
-    """Steps on a dome's polar chart that are offsets in its tangent planes [m].
+    """Convert offsets in tangent planes of a dome to steps on its polar chart [m].
 
-    The chart is taken at the middle of each step, which is found by repetition.
+    The chart is taken at the middle of each step, which is found by iteration.
     """
     steps = offsets
     for _ in range(DOME_ITERATIONS):
@@ -133,7 +145,7 @@ def stretch_steps_on_dome(start: np.ndarray, offsets: Points, radius: float) -> 
 
 
 def build_disc_points(count: int) -> Float[np.ndarray, "spot 2"]:
-    """Points that fill the unit disc evenly, in the order of a sunflower's seeds."""
+    """Build points that fill the unit disc evenly, ordered as a sunflower's seeds."""
     index = np.arange(count)
     turn = index * np.pi * (3.0 - np.sqrt(5.0))
     away = np.sqrt((index + 0.5) / count)
@@ -146,7 +158,10 @@ DISC_POINTS = build_disc_points(16)
 def compute_centroid(
     press: Press, centres: Points, loads: Lengths
 ) -> Float[np.ndarray, "time 2"]:
-    """Where the force acts, unrolled (s, t) [m]; the press's centre without one."""
+    """Return where the force acts, unrolled (s, t) [m].
+
+    Without force it is the press's centre.
+    """
     total = loads.sum(axis=1)
     moment = np.einsum("tk,tkd->td", loads, centres)
     mean = moment / np.where(total > 0.0, total, 1.0)[:, None]
@@ -156,19 +171,20 @@ def compute_centroid(
 def compute_leak_share(
     sigma: float, areas: Float[np.ndarray, "taxel"]
 ) -> Float[np.ndarray, "taxel"]:
-    """Share beta of its load that an evenly loaded taxel gives to each side.
+    """Return the share of its load that an evenly loaded taxel gives to each side.
 
     Args:
-        sigma: deviation of the film's spread, a Gaussian [m].
-        areas: of the taxels; square ones [m2].
+        sigma: standard deviation of the film's Gaussian spread [m].
+        areas: areas of the taxels, taken as square [m2].
     """
     return sigma / np.sqrt(2 * np.pi * areas)
 
 
 def find_grid_neighbours(skin: Skin) -> Int[np.ndarray, "taxel 4"]:
-    """Taxels beside each one in its patch's grid, -1 where there is none.
+    """Find the taxels beside each one in its patch's grid, -1 where there is none.
 
-    In order: the column before, the column after, the row before, the row after.
+    Columns of the result: the column before, the column after, the row before, the row
+    after.
     """
     rows, columns = skin.rows + 1, skin.columns + 1
     shape = (len(skin.patches), rows.max(initial=0) + 2, columns.max(initial=0) + 2)
@@ -185,14 +201,14 @@ def spread_through_film(
     neighbours: Int[np.ndarray, "taxel 4"],
     beta: float | Float[np.ndarray, "taxel"],
 ) -> tuple[Float[np.ndarray, "time more"], Int[np.ndarray, "more"]]:
-    """Pressures after the film [kPa], and the taxels that they are of, ascending.
+    """Return pressures after the film [kPa], and their taxels, ascending.
 
     Args:
-        pressure: of the active taxels [kPa].
-        taxels: the active ones, as indices of the skin.
-        neighbours: as `find_grid_neighbours` gives them.
-        beta: share given to each side, one for all taxels of the skin or one each;
-            what goes beyond the edge of a patch is lost.
+        pressure: pressure of the active taxels [kPa].
+        taxels: active taxels, as indices of the skin.
+        neighbours: result of `find_grid_neighbours`.
+        beta: share given to each side, one for all taxels of the skin or one each; the
+            edge of a patch loses it.
     """
     reached = np.unique(np.append(neighbours[taxels], taxels))
     reached = reached[reached >= 0]
@@ -206,33 +222,41 @@ def spread_through_film(
 
 @dataclass(frozen=True, eq=False)
 class PressureField:
-    """What one press does to the skin through time."""
+    """A pressure field holds what one press does to the skin through time."""
 
     taxels: Int[np.ndarray, "active"]
     """Indices into the skin's taxels, ascending, of all that are ever pressed."""
     pressure: Float[np.ndarray, "time active"]
-    """Mean pressure over the sensing part of each [kPa]."""
+    """Mean pressure over the sensing part of each taxel [kPa]."""
     area: Float[np.ndarray, "time"]
     """True area of contact, on taxels or beside them [m2]."""
     force: Float[np.ndarray, "time"]
     """True force on the surface, on taxels or beside them [N]."""
     centroid: Float[np.ndarray, "time 2"]
-    """Where the force acts, unrolled (s, t); s goes on past a turn of a tube [m]."""
+    """Point where the force acts, unrolled (s, t); s goes on past a turn of a tube [m].
+    """
 
 
 def compute_pressure_field(
     press: Press, chart: Chart, constants: Constants
 ) -> PressureField:
-    """What the taxels of a chart feel of a press on it, and what it truly is."""
+    """Compute the pressure of a press on a chart's taxels, and its true contact."""
     ellipses, area, centroid = compute_contact_ellipses(press, chart, constants)
     geometry = build_taxel_geometry(chart, constants)
-    part_of, taxel_of = np.nonzero(find_reachable_pairs(ellipses, geometry))
+    pad_of, taxel_of = np.nonzero(find_reachable_pairs(ellipses, geometry))
     reached = np.unique(taxel_of)
     column_of = np.zeros(len(chart.taxels), dtype=np.int64)
     column_of[reached] = np.arange(len(reached))
     pressure = compute_taxel_pressure(
-        *(ellipses, geometry, part_of, taxel_of, column_of, len(reached)),
-        *(NODES, WEIGHTS, constants.value("contact.fine_below")),
+        ellipses,
+        geometry,
+        pad_of,
+        taxel_of,
+        column_of,
+        len(reached),
+        NODES,
+        WEIGHTS,
+        constants.value("contact.fine_below"),
     )
     pressed = pressure.max(axis=0, initial=0.0) > 0.0
     return PressureField(
@@ -245,7 +269,7 @@ def compute_pressure_field(
 
 
 def build_taxel_geometry(chart: Chart, constants: Constants) -> TaxelGeometry:
-    """The chart's taxels, of which only the middle part senses."""
+    """Build the geometry of a chart's taxels, of which only the middle part senses."""
     cells = chart.cells * np.sqrt(constants.value("contact.fill"))
     dome = chart.radius if isinstance(chart.surface, Dome) else np.inf
     return TaxelGeometry(chart.unrolled, cells, chart.circumference, dome)
@@ -254,39 +278,35 @@ def build_taxel_geometry(chart: Chart, constants: Constants) -> TaxelGeometry:
 def find_reachable_pairs(
     ellipses: ContactEllipses, geometry: TaxelGeometry
 ) -> Bool[np.ndarray, "part taxel"]:
-    """Which parts may ever meet which taxels, by boxes about their ways."""
+    """Tell which pads may ever meet which taxels, by boxes around their paths."""
     loaded = ellipses.peak_pressure > 0.0
     used = np.any(loaded, axis=0)
-    low = np.where(loaded[..., None], ellipses.centres, np.inf).min(
-        axis=0, initial=FAR_DISTANCE
-    )
-    high = np.where(loaded[..., None], ellipses.centres, -np.inf).max(
-        axis=0, initial=-FAR_DISTANCE
-    )
-    size = np.where(loaded, ellipses.semi_axes.max(axis=2), 0.0).max(
-        axis=0, initial=0.0
-    )
+    centres, inside = ellipses.centres, loaded[..., None]
+    low = np.where(inside, centres, np.inf).min(axis=0, initial=FAR_DISTANCE)
+    high = np.where(inside, centres, -np.inf).max(axis=0, initial=-FAR_DISTANCE)
+    size = np.where(loaded, ellipses.semi_axes.max(axis=2), 0.0)
+    size = size.max(axis=0, initial=0.0)
     half = (high - low) / 2 + size[:, None]
     half = half + np.abs(geometry.cells).sum(axis=1).max(axis=0, initial=0.0)
     if np.isfinite(geometry.dome_radius):
         half = half * MAX_DOME_STRETCH
     away = geometry.centres - (low + high)[:, None] / 2
     if np.isfinite(geometry.circumference):
-        away[..., 0] -= geometry.circumference * np.round(
-            away[..., 0] / geometry.circumference
-        )
+        turn = geometry.circumference
+        away[..., 0] -= turn * np.round(away[..., 0] / turn)
     return used[:, None] & np.all(np.abs(away) <= half[:, None], axis=2)
 
 
 FAR_DISTANCE = 1e6
-"""Farther than anything of a robot [m]."""
+"""Distance beyond anything of a robot [m]."""
 
 MAX_DOME_STRETCH = np.pi / 2
-"""Most that a dome's chart stretches lengths: at its rim, a quarter turn off."""
+"""Largest factor by which a dome's chart stretches lengths: at its rim, a quarter turn
+from the pole."""
 
 
 def build_quadrature() -> tuple[Float[np.ndarray, "2 3"], Float[np.ndarray, "2 3"]]:
-    """Gauss nodes and weights, of two points in the first row, of three in the other.
+    """Build Gauss nodes and weights, two points in the first row, three in the other.
 
     The weights sum to 1.
     """

@@ -1,6 +1,6 @@
 """People: how large, how strong and how they like to touch."""
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -84,30 +84,6 @@ class Person:
         return select_pads(
             splay_fingers(self.hand, splay) if splay else self.hand, PAD_GROUPS[group]
         )
-
-    def record(self) -> dict[str, float | str]:
-        """All that was drawn, flat, by name."""
-        found: dict[str, float | str] = {}
-        for field in fields(self):
-            if field.name != "hand":
-                flatten(field.name, getattr(self, field.name), found)
-        return found
-
-
-def flatten(name: str, value: object, found: dict[str, float | str]) -> None:
-    """Write a value of a person, or its items, into `found`."""
-    if isinstance(value, SoftTissue):
-        value = vars(value)
-    if isinstance(value, dict):
-        for key, item in value.items():
-            flatten(f"{name}.{key}", item, found)
-    elif isinstance(value, tuple):
-        for index, item in enumerate(value):
-            flatten(f"{name}.{index}", item, found)
-    elif isinstance(value, str):
-        found[name] = value
-    elif isinstance(value, int | float):
-        found[name] = float(value)
 
 
 def draw_person(name: str, constants: Constants, rng: np.random.Generator) -> Person:

@@ -215,29 +215,6 @@ class SensorBuild:
             matrix=True,
         )
 
-    def record(self) -> dict[str, float | str]:
-        """Its scalars, and means of what differs between taxels."""
-        velostat, electronics = self.velostat, self.electronics
-        return {
-            "build": self.name,
-            "build_kind": self.kind,
-            "film_sigma": self.film_sigma,
-            "half_pressure": velostat.half_pressure,
-            "exponent": float(velostat.exponent.mean()),
-            "gain_spread": float(np.log(velostat.gain).std()),
-            "activation": float(velostat.activation.mean()),
-            "bent": float((velostat.bend > 0).mean()),
-            "bits": electronics.bits,
-            "ghost": electronics.ghost,
-            "leak": electronics.leak,
-            "noise": electronics.noise,
-            "scan": electronics.scan,
-            "jitter": electronics.jitter,
-            "dead": int(self.defects.dead.sum()),
-            "stuck": int(np.isfinite(self.defects.stuck).sum()),
-            "dead_lines": " ".join(self.defects.lines),
-        }
-
 
 def draw_build(
     name: str,

@@ -44,11 +44,6 @@ class Velostat:
     temperature_gain: float
     """Relative growth of conductance with temperature [1/K]."""
 
-    @property
-    def rest(self) -> Float[np.ndarray, "taxel"]:
-        """Load of taxels that nobody touches, by `half_pressure`."""
-        return np.maximum(self.bend - self.activation, 0.0) / self.half_pressure
-
 
 def build_nominal_velostat(skin: Skin, constants: Constants) -> Velostat:
     """A laminate whose taxels are all as the maker means them to be."""
