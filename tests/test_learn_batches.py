@@ -34,11 +34,11 @@ def rng(seed=0):
 @pytest.mark.parametrize("config", [NO_AUGMENTATION, VARIED])
 def test_a_batch_has_all_summaries_and_few_graphs(dataset, config):
     batch = maker(dataset, config).build(8, 5, 4, rng())
-    assert (batch.places.windows, batch.encoded.places.windows) == (8, 5)
+    assert (batch.slot_index.windows, batch.encoded.slot_index.windows) == (8, 5)
     assert len(batch.labels) == 8
-    assert len(batch.summary) == len(batch.places.window)
-    counts = torch.bincount(batch.places.window, minlength=8)
-    encoded = torch.bincount(batch.encoded.places.window, minlength=8)
+    assert len(batch.summary) == len(batch.slot_index.window)
+    counts = torch.bincount(batch.slot_index.window, minlength=8)
+    encoded = torch.bincount(batch.encoded.slot_index.window, minlength=8)
     assert (counts > 0).all()
     assert torch.equal(encoded[:5], counts[:5].clamp(max=4))
     assert not encoded[5:].any()
@@ -59,27 +59,32 @@ def test_the_graphs_are_of_the_readings_that_are_summed_up(dataset, config):
     every = {
         (window, slot): row
         for window, slot, row in zip(
-            batch.places.window.tolist(),
-            batch.places.slot.tolist(),
+            batch.slot_index.window.tolist(),
+            batch.slot_index.slot.tolist(),
             batch.summary,
             strict=True,
         )
     }
     near = [
-        (batch.summary[batch.places.window == window] - row).abs().max(dim=1)[0].min()
+        (batch.summary[batch.slot_index.window == window] - row)
+        .abs()
+        .max(dim=1)[0]
+        .min()
         for window, row in zip(
-            some.places.window.tolist(), some.graphs.summary, strict=True
+            some.slot_index.window.tolist(), some.graphs.summary, strict=True
         )
     ]
     assert max(near) < 1e-5
-    places = zip(some.places.window.tolist(), some.places.slot.tolist(), strict=True)
+    places = zip(
+        some.slot_index.window.tolist(), some.slot_index.slot.tolist(), strict=True
+    )
     assert set(places) <= set(every)
 
 
 @pytest.mark.parametrize("config", [NO_AUGMENTATION, VARIED])
 def test_every_window_ends_with_its_last_slot(dataset, config):
     batch = maker(dataset, config).build(16, 1, 1, rng())
-    window, slot = batch.places.window.numpy(), batch.places.slot.numpy()
+    window, slot = batch.slot_index.window.numpy(), batch.slot_index.slot.numpy()
     for number in range(16):
         mine = slot[window == number]
         assert mine[-1] == SLOTS - 1

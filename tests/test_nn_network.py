@@ -166,7 +166,7 @@ def test_embedding_readings_once_and_placing_them_later_gives_the_same_logits():
                 for n in range(batch.count)
             ]
         )
-        found = net.classify(e, inputs.places).mean(dim=0)
+        found = net.classify(e, inputs.slot_index).mean(dim=0)
         torch.testing.assert_close(found, net(inputs), rtol=1e-5, atol=1e-5)
 
 

@@ -16,7 +16,7 @@ from eskin.learn.dataset import Dataset
 from eskin.learn.ground_truth import Segment
 from eskin.learn.windows import (
     build_network_input,
-    build_places,
+    build_slot_index,
     cut_windows,
     drop_readings,
     stretch_time,
@@ -117,7 +117,7 @@ class Batch:
 
     summary: Float[Tensor, "reading feature"]
     """Summary of each reading."""
-    places: SlotIndex
+    slot_index: SlotIndex
     """Window and slot of each of these readings."""
     encoded: NetworkInput
     """Graphs of some readings of the first windows, with their windows and slots."""
@@ -175,7 +175,7 @@ class BatchBuilder:
         kept = subsample_readings(places.first(encoded), readings, rng)
         return Batch(
             summary=torch.as_tensor(compute_summary(graphs, self.shear)),
-            places=build_places(windows),
+            slot_index=build_slot_index(windows),
             encoded=build_network_input(graphs.select(kept.rows), kept, self.shear),
             labels=torch.tensor(labels),
         )

@@ -44,12 +44,12 @@ def compute_log_probabilities(
         e = embed_rows(network, dataset, rows)
         for low in range(0, len(ends), WINDOW_BATCH):
             chosen = (windows.window >= low) & (windows.window < low + WINDOW_BATCH)
-            places = SlotIndex(
+            slot_index = SlotIndex(
                 torch.as_tensor(windows.window[chosen] - low),
                 torch.as_tensor(windows.slot[chosen]),
                 min(WINDOW_BATCH, len(ends) - low),
             )
-            views = network.classify(e[torch.as_tensor(place[chosen])], places)
+            views = network.classify(e[torch.as_tensor(place[chosen])], slot_index)
             logits = views.mean(dim=0) / temperature
             parts.append(log_softmax(logits, dim=1).numpy())
     return np.concatenate(parts)

@@ -252,9 +252,9 @@ class Trainer:
         """Return the cross entropy of each view and of both together."""
         network, smoothing = self.network, self.config.smoothing
         standardised = network.standardise(batch.summary)
-        by_summary = network.summary_view(standardised, batch.places)
+        by_summary = network.summary_view(standardised, batch.slot_index)
         by_graph = network.graph_view(
-            network.embed(batch.encoded.graphs), batch.encoded.places
+            network.embed(batch.encoded.graphs), batch.encoded.slot_index
         )
         both = (by_summary[: len(by_graph)] + by_graph) / 2
         together, summary_alone, graph_alone = (

@@ -154,11 +154,11 @@ def build_network_input(
 ) -> NetworkInput:
     """Return the network's input for windows and the graphs of their rows."""
     return NetworkInput(
-        build_graph_tensors(graphs, shear, dtype), build_places(windows)
+        build_graph_tensors(graphs, shear, dtype), build_slot_index(windows)
     )
 
 
-def build_places(windows: Windows) -> SlotIndex:
+def build_slot_index(windows: Windows) -> SlotIndex:
     """Return the windows and slots of the rows, for the network."""
     return SlotIndex(
         torch.as_tensor(windows.window), torch.as_tensor(windows.slot), windows.count

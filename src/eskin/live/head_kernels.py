@@ -64,7 +64,7 @@ class HeadState(NamedTuple):
     """(slot) whether the long convolution that ends there covers a reading."""
     long: np.ndarray
     """(slot, track) output of the long convolution."""
-    places: np.ndarray
+    indices: np.ndarray
     """(slot) indices of the outputs that enter the statistics."""
     statistics: np.ndarray
     """(statistic of each scale, track) statistics of the window"""
@@ -182,10 +182,10 @@ def convolve_taps(
         y = out[here, view * channels : (view + 1) * channels]
         y[:] = ZERO
         for k in range(kernel):
-            place = (slot - (kernel - 1 - k) * spacing) % slots
-            if seen[place]:
+            index = (slot - (kernel - 1 - k) * spacing) % slots
+            if seen[index]:
                 add_vecmat(
-                    x[place, view * channels : (view + 1) * channels],
+                    x[index, view * channels : (view + 1) * channels],
                     weight[view, k * channels : (k + 1) * channels],
                     y,
                 )
@@ -215,13 +215,13 @@ def update_statistics(now: int, state: HeadState) -> None:
         statistics[STATISTICS : 2 * STATISTICS],
         statistics[2 * STATISTICS :],
     )
-    places = state.places
-    count = find_places(now, 1, slots, state.fine_seen, places)
-    compute_statistics(state.fine, places[:count], share, fine)
-    count = find_places(now, SHORT_STRIDE, shorts, state.short_seen, places)
-    compute_statistics(state.short, places[:count], share, short)
-    count = find_places(now, LONG_SPACING, longs, state.long_seen, places)
-    compute_statistics(state.long, places[:count], share, long)
+    indices = state.indices
+    count = find_outputs(now, 1, slots, state.fine_seen, indices)
+    compute_statistics(state.fine, indices[:count], share, fine)
+    count = find_outputs(now, SHORT_STRIDE, shorts, state.short_seen, indices)
+    compute_statistics(state.short, indices[:count], share, short)
+    count = find_outputs(now, LONG_SPACING, longs, state.long_seen, indices)
+    compute_statistics(state.long, indices[:count], share, long)
 
 
 @compiled_fastmath
@@ -237,12 +237,12 @@ def count_covered(now: int, seen: Bool[np.ndarray, "slot"]) -> int:
 
 @compiled_fastmath
 @no_type_check
-def find_places(
+def find_outputs(
     now: int,
     spacing: int,
     outputs: int,
     seen: Bool[np.ndarray, "slot"],
-    places: Int[np.ndarray, "slot"],
+    indices: Int[np.ndarray, "slot"],
 ) -> int:
     """List the outputs that cover a reading, and return their number.
 
@@ -251,13 +251,13 @@ def find_places(
         spacing: slots between outputs.
         outputs: number of outputs in the window.
         seen: which of them cover a reading; the last one always does.
-        places: output, their indices, the last one first.
+        indices: output, their indices, the last one first.
     """
     count = 0
     for k in range(outputs):
-        place = (now - k * spacing) % len(seen)
-        if seen[place]:
-            places[count] = place
+        index = (now - k * spacing) % len(seen)
+        if seen[index]:
+            indices[count] = index
             count += 1
     return count
 
@@ -266,7 +266,7 @@ def find_places(
 @no_type_check
 def compute_statistics(
     x: Float[np.ndarray, "slot track"],
-    places: Int[np.ndarray, "output"],
+    indices: Int[np.ndarray, "output"],
     share: float,
     out: Float[np.ndarray, "4 track"],
 ) -> None:
@@ -276,18 +276,18 @@ def compute_statistics(
 
     Args:
         x: outputs of all slots.
-        places: indices of the outputs to use.
+        indices: indices of the outputs to use.
         share: share of the window since its first reading.
         out: output, the statistics.
     """
-    count, first = len(places), x[places[0]]
+    count, first = len(indices), x[indices[0]]
     mean, spread, largest, integral = out[0], out[1], out[2], out[3]
     mean[:], spread[:], largest[:] = ZERO, ZERO, first
     fours = count - count % 4
     for k in range(0, fours, 4):
-        accumulate_four(x, places[k : k + 4], first, mean, spread, largest)
+        accumulate_four(x, indices[k : k + 4], first, mean, spread, largest)
     for k in range(fours, count):
-        accumulate(x[places[k]], first, mean, spread, largest)
+        accumulate(x[indices[k]], first, mean, spread, largest)
     part = np.float32(1.0 / count)
     for c in range(len(mean)):
         away = mean[c] * part
@@ -318,14 +318,14 @@ def accumulate(
 @no_type_check
 def accumulate_four(
     x: Float[np.ndarray, "slot track"],
-    places: Int[np.ndarray, "4"],
+    indices: Int[np.ndarray, "4"],
     first: Float[np.ndarray, "track"],
     total: Float[np.ndarray, "track"],
     squares: Float[np.ndarray, "track"],
     largest: Float[np.ndarray, "track"],
 ) -> None:
     """Accumulate four outputs at once, with a quarter of the writes."""
-    x0, x1, x2, x3 = x[places[0]], x[places[1]], x[places[2]], x[places[3]]
+    x0, x1, x2, x3 = x[indices[0]], x[indices[1]], x[indices[2]], x[indices[3]]
     for c in range(len(first)):
         a0, a1, a2, a3 = (
             x0[c] - first[c],

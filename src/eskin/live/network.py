@@ -164,7 +164,7 @@ def create_head_state(weights: HeadWeights, slots: int, *pool: int) -> HeadState
         short=ring(),
         long_seen=seen(),
         long=ring(),
-        places=np.zeros((*pool, slots), np.int64),
+        indices=np.zeros((*pool, slots), np.int64),
         statistics=np.zeros((*pool, SCALES * STATISTICS, tracks), np.float32),
     )
 

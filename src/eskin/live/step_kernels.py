@@ -243,7 +243,7 @@ def select_row(row: int, state: HeadState) -> HeadState:
         state.short[row],
         state.long_seen[row],
         state.long[row],
-        state.places[row],
+        state.indices[row],
         state.statistics[row],
     )
 

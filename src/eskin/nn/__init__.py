@@ -5,7 +5,6 @@ from eskin.nn.batch import (
     NetworkInput,
     SlotIndex,
     build_graph_tensors,
-    build_network_input,
 )
 from eskin.nn.encoder import Encoder, EquivariantLayer
 from eskin.nn.head import TemporalHead
@@ -20,5 +19,4 @@ __all__ = [
     "RecogniserNetwork",
     "TemporalHead",
     "build_graph_tensors",
-    "build_network_input",
 ]

@@ -59,7 +59,7 @@ class NetworkInput:
 
     graphs: GraphTensors
     """One graph per reading."""
-    places: SlotIndex
+    slot_index: SlotIndex
     """Window and slot of each reading."""
 
 
@@ -98,25 +98,3 @@ def build_graph_tensors(
 def to_indices(values: np.ndarray) -> Tensor:
     """Return indices as a tensor."""
     return torch.as_tensor(values.astype(np.int64))
-
-
-def build_network_input(
-    batch: GraphBatch,
-    window: Int[np.ndarray, "reading"],
-    slot: Int[np.ndarray, "reading"],
-    windows: int,
-    shear: bool,
-    dtype: torch.dtype = torch.float32,
-) -> NetworkInput:
-    """Compute the features of a batch of graphs, and the slot of each in its window.
-
-    Args:
-        batch: contact graphs, one per reading.
-        window: window that each belongs to.
-        slot: slot of each in its window.
-        windows: number of windows.
-        shear: whether the network uses shear.
-        dtype: type of the floating-point tensors.
-    """
-    places = SlotIndex(to_indices(window), to_indices(slot), windows)
-    return NetworkInput(build_graph_tensors(batch, shear, dtype), places)

@@ -101,10 +101,10 @@ def compute_edge_features(
 
 
 def gather_rows(
-    values: Float[Tensor, "node channel"], places: Int[Tensor, "target k"]
+    values: Float[Tensor, "node channel"], nodes: Int[Tensor, "target k"]
 ) -> Float[Tensor, "target k channel"]:
     """Return rows of some nodes; the gradient is faster than that of indexing."""
-    return values.index_select(0, places.flatten()).view(*places.shape, values.shape[1])
+    return values.index_select(0, nodes.flatten()).view(*nodes.shape, values.shape[1])
 
 
 def build_edges(

@@ -46,7 +46,7 @@ class RecogniserNetwork(nn.Module):
 
     def views(self, batch: NetworkInput) -> Float[Tensor, "view window class"]:
         """Return the logits of each view of each window: summary, then graph."""
-        return self.classify(self.embed(batch.graphs), batch.places)
+        return self.classify(self.embed(batch.graphs), batch.slot_index)
 
     def embed(self, graphs: GraphTensors) -> Float[Tensor, "reading feature"]:
         """Return the standardised summary and the embedding of each reading."""
@@ -54,12 +54,12 @@ class RecogniserNetwork(nn.Module):
         return torch.cat([summary, self.encoder(graphs)], dim=1)
 
     def classify(
-        self, e: Float[Tensor, "reading feature"], places: SlotIndex
+        self, e: Float[Tensor, "reading feature"], slot_index: SlotIndex
     ) -> Float[Tensor, "view window class"]:
         """Return the logits of each view of each window from its readings' features."""
         summary = e[:, : len(self.summary_mean)]
         return torch.stack(
-            [self.summary_view(summary, places), self.graph_view(e, places)]
+            [self.summary_view(summary, slot_index), self.graph_view(e, slot_index)]
         )
 
     def standardise(
@@ -70,21 +70,21 @@ class RecogniserNetwork(nn.Module):
         return centred.clamp(-MAX_DEVIATIONS, MAX_DEVIATIONS)
 
     def summary_view(
-        self, summary: Float[Tensor, "reading summary"], places: SlotIndex
+        self, summary: Float[Tensor, "reading summary"], slot_index: SlotIndex
     ) -> Float[Tensor, "window class"]:
         """Return the logits from the standardised summary alone."""
-        return self.summary_head(*self.to_slots(summary, places))
+        return self.summary_head(*self.to_slots(summary, slot_index))
 
     def graph_view(
-        self, e: Float[Tensor, "reading feature"], places: SlotIndex
+        self, e: Float[Tensor, "reading feature"], slot_index: SlotIndex
     ) -> Float[Tensor, "window class"]:
         """Return the logits from summary and embedding."""
-        return self.graph_head(*self.to_slots(e, places))
+        return self.graph_head(*self.to_slots(e, slot_index))
 
     def to_slots(
-        self, e: Float[Tensor, "reading channel"], places: SlotIndex
+        self, e: Float[Tensor, "reading channel"], slot_index: SlotIndex
     ) -> tuple[Float[Tensor, "window slot channel"], Float[Tensor, "window slot"]]:
         """Return the features by time slot, and a mask of the slots with any."""
         return scatter_to_slots(
-            e, places.window, places.slot, places.windows, self.config.slots
+            e, slot_index.window, slot_index.slot, slot_index.windows, self.config.slots
         )

@@ -234,29 +234,30 @@ class McapWriter:
         self.message_index: dict[int, list[int]] = {}
         self.stamps: list[int] = []
 
+    def write_record(self, record: McapRecord) -> tuple[int, int]:
+        """Write one record outside chunks; return its offset and length."""
+        start = self.file.tell()
+        self.file.write(encode_records([record]))
+        return start, self.file.tell() - start
+
     def add_metadata(self, name: str, facts: dict[str, str]) -> None:
         """Write a map of strings under a name."""
-        data, start = (
-            encode_records([Metadata(name=name, metadata=facts)]),
-            self.file.tell(),
-        )
-        self.file.write(data)
-        self.metadata.append(MetadataIndex(offset=start, length=len(data), name=name))
+        start, length = self.write_record(Metadata(name=name, metadata=facts))
+        self.metadata.append(MetadataIndex(offset=start, length=length, name=name))
 
     def add_attachment(self, name: str, media_type: str, content: bytes) -> None:
         """Write an attachment without a time."""
         attachment = Attachment(
             create_time=0, log_time=0, name=name, media_type=media_type, data=content
         )
-        data, start = encode_records([attachment]), self.file.tell()
-        self.file.write(data)
+        start, length = self.write_record(attachment)
         index = AttachmentIndex(
             create_time=0,
             log_time=0,
             name=name,
             media_type=media_type,
             data_size=len(content),
-            length=len(data),
+            length=length,
             offset=start,
         )
         self.attachments.append(index)
@@ -312,14 +313,13 @@ class McapWriter:
             uncompressed_crc=zlib.crc32(raw),
             uncompressed_size=len(raw),
         )
-        data, start = encode_records([chunk]), self.file.tell()
-        self.file.write(data)
+        start, length = self.write_record(chunk)
         self.chunks.append(
             ChunkIndex(
                 message_start_time=chunk.message_start_time,
                 message_end_time=chunk.message_end_time,
                 chunk_start_offset=start,
-                chunk_length=len(data),
+                chunk_length=length,
                 message_index_offsets={},
                 message_index_length=0,
                 compression=chunk.compression,

@@ -58,8 +58,7 @@ class Distribution(StrictModel):
 
 
 class Constant(StrictModel):
-    """A constant is a number, a list of numbers, a distribution, or a set of
-    weights."""
+    """A constant is a number, a list of numbers, a distribution, or weights."""
 
     value: float | list[float] | None = None
     spread: Distribution | None = None

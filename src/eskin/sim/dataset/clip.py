@@ -87,11 +87,15 @@ def simulate_clip(
         stages: which stages of the sensor work; all unless given.
     """
     skin = env.mounted.skin
-    felt = compute_touch_presses(scene, env)
-    pressure, taxels = compute_scene_pressure(felt, scene.steps, build.film_sigma, skin)
+    touch_presses = compute_touch_presses(scene, env)
+    pressure, taxels = compute_scene_pressure(
+        touch_presses, scene.steps, build.film_sigma, skin
+    )
     counts, received = sense(pressure, taxels, build, skin, rng, stages, session, lead)
     every = count_steps_per_reading(env)
-    truths = compute_true_series(scene, felt, env.charts, env.mounted, lead, env)
+    truths = compute_true_series(
+        scene, touch_presses, env.charts, env.mounted, lead, env
+    )
     return SimulatedClip(
         counts=counts,
         received=received,

@@ -442,8 +442,10 @@ def build_second_clip(
 ) -> SimulatedClip:
     """The same counts with the truth of the second scene."""
     scene = twins.second
-    felt = compute_touch_presses(scene, env)
-    truths = compute_true_series(scene, felt, twins.charts, twins.mounted, lead, env)
+    touch_presses = compute_touch_presses(scene, env)
+    truths = compute_true_series(
+        scene, touch_presses, twins.charts, twins.mounted, lead, env
+    )
     readings = len(first.counts)
     every = (len(scene.q) - lead) // readings
     return replace(first, q=scene.q[lead::every][:readings], truths=truths)

@@ -166,17 +166,19 @@ class InteractiveSkin:
 
     def press_sensor(self, scene: Scene, numbers: list[int], stamp: int) -> None:
         """Press on the sensor what takes place in a reading, and witness it."""
-        felt = compute_touch_presses(scene, self.env)
+        touch_presses = compute_touch_presses(scene, self.env)
         skin = self.mounted.skin
         pressure, taxels = compute_scene_pressure(
-            felt, scene.steps, self.build.film_sigma, skin
+            touch_presses, scene.steps, self.build.film_sigma, skin
         )
         self.wrenches = compute_wrenches(pressure.mean(axis=0), taxels, skin)
         self.sensor.push(pressure, taxels)
         found: tuple[TrueTouchSeries, ...] = ()
         if numbers:
             charts = self.env.charts
-            found = compute_true_series(scene, felt, charts, self.mounted, 0, self.env)
+            found = compute_true_series(
+                scene, touch_presses, charts, self.mounted, 0, self.env
+            )
         self.hand.set_truths(build_truth_records(found, numbers, stamp))
 
     def unplug(self, patch: str) -> None:

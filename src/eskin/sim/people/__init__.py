@@ -1,1 +1,1 @@
-"""People: their bodies, their hands, and what they do with them."""
+"""This package draws people: their bodies, their hands, and their gestures."""

@@ -1,4 +1,8 @@
-"""A gesture sample draws everything that varies in one touch."""
+"""A gesture sample draws everything that varies in one touch.
+
+A constant gives the law over the whole population. A person's own scale and the repeats
+of one person are part of it; the rest is how a person does that one gesture.
+"""
 
 from dataclasses import dataclass, field, replace
 from typing import Literal
@@ -14,23 +18,26 @@ Series = Float[np.ndarray, "time"]
 
 
 def count_steps(duration: float, step: float) -> int:
-    """Length of a series that lasts so long, both ends counted; at least three."""
+    """Return the length of a series of some duration [s], both ends counted.
+
+    It is at least 3.
+    """
     return max(3, round(duration / step) + 1)
 
 
 def build_bell(steps: int, exponent: float) -> Series:
-    """Up and down, sin(pi x) to a power, largest value 1."""
+    """Build a series that rises and falls as sin(pi x) to a power, largest value 1."""
     shape = np.sin(np.linspace(0, np.pi, steps)) ** exponent
     return pin_ends(shape / shape.max())
 
 
 def build_trapezoid(steps: int, rise: float, fall: float, smooth: int) -> Series:
-    """Up, hold, down, largest value 1.
+    """Build a series that rises, holds and falls, largest value 1.
 
     Args:
-        steps: length.
+        steps: length of the series.
         rise: share of the length in which it rises.
-        fall: share in which it falls.
+        fall: share of the length in which it falls.
         smooth: steps to either side over which corners are rounded.
     """
     x = np.linspace(0, 1, steps)
@@ -43,19 +50,19 @@ def build_trapezoid(steps: int, rise: float, fall: float, smooth: int) -> Series
 
 
 def pin_ends(shape: Series) -> Series:
-    """The same with both ends exactly zero."""
+    """Set both ends of a series to exactly zero."""
     shape = np.clip(shape, 0.0, None)
     shape[[0, -1]] = 0.0
     return shape
 
 
 def scale_to_peak(shape: Series, force: float) -> Series:
-    """The same shape with a largest value of `force`."""
+    """Scale a series to a largest value of `force`."""
     return shape * (force / shape.max())
 
 
 def build_minimum_jerk(steps: int) -> Series:
-    """Smoothest way from 0 to 1 (Flash and Hogan 1985)."""
+    """Build the smoothest way from 0 to 1 (Flash and Hogan 1985)."""
     x = np.linspace(0, 1, steps)
     return x**3 * (10 - 15 * x + 6 * x**2)
 
@@ -67,14 +74,14 @@ def draw_slow_noise(
     tones: int,
     rng: np.random.Generator,
 ) -> Series:
-    """Slow noise with mean square 1: equal power in each octave, as 1/f.
+    """Draw slow noise with mean square 1 and equal power in each octave, as 1/f.
 
     Args:
-        steps: length.
+        steps: length of the series.
         step: time between two values [s].
         band: lowest and highest frequency [Hz].
         tones: number of sines.
-        rng: to draw phases from.
+        rng: random generator of the phases.
     """
     rates = np.geomspace(*band, tones)
     phases = rng.uniform(0, 2 * np.pi, tones)
@@ -86,7 +93,7 @@ def draw_slow_noise(
 def draw_tremor(
     steps: int, step: float, rate: float, rng: np.random.Generator
 ) -> Series:
-    """A sine of amplitude 1, `rate` [Hz], whose phase is drawn."""
+    """Draw a sine of amplitude 1 and frequency `rate` [Hz], with a random phase."""
     return np.sin(2 * np.pi * (rate * np.arange(steps) * step + rng.random()))
 
 
@@ -95,49 +102,49 @@ Regime = Literal["paper", "cost"]
 
 @dataclass(frozen=True, eq=False)
 class GestureSample:
-    """One touch while it is drawn up."""
+    """A gesture sample draws one touch and records what it drew."""
 
     kind: str
-    """Way of doing the gesture."""
+    """Variant of the gesture."""
     person: Person
-    """Who touches."""
+    """Person who touches."""
     site: ContactSite
-    """Where."""
+    """Site of the touch."""
     constants: Constants
-    """Numbers of the world."""
+    """Constants of the simulation."""
     rng: np.random.Generator
-    """To draw from."""
+    """Random generator."""
     difficulty: float
     """Lambda: how much touches vary and overlap."""
     regime: Regime
-    """Whether touches last as in arXiv 2506.18256 or in Jung et al. 2017."""
+    """Law of durations: as in arXiv 2506.18256 or as in Jung et al. 2017."""
     drawn: dict[str, float | str] = field(default_factory=dict)
-    """What was drawn so far, by name."""
+    """Values that were drawn so far, by name."""
     requested: dict[str, float] = field(default_factory=dict)
-    """What is as it was asked for, whatever is drawn, by name."""
+    """Values that replace what is drawn, by name."""
 
     @property
     def step(self) -> float:
-        """Time between two values [s]."""
+        """Return the time between two values [s]."""
         return self.constants.value("time.step")
 
     def record(self, name: str, value: float) -> float:
-        """Write down what was drawn or asked for; a name taken gets a number."""
+        """Record a value, or the one requested instead, and return it."""
         value = float(self.requested.get(name, value))
         self.drawn[self.find_free_name(name)] = value
         return value
 
     def find_free_name(self, name: str) -> str:
-        """A name under which nothing is written down yet."""
+        """Return a name that is not recorded yet, with a number if it is in use."""
         taken = sum(key == name or key.startswith(f"{name}#") for key in self.drawn)
         return f"{name}#{taken + 1}" if taken else name
 
     def draw(self, name: str, widen: float = 1.0) -> float:
-        """Draw a constant and write it down."""
+        """Draw a constant and record it."""
         return self.record(name, self.constants.draw(name, self.rng, widen))
 
     def choose(self, name: str) -> str:
-        """Draw one of a constant's names, by the person's taste if they have one."""
+        """Draw one of a constant's names, by the person's own weights if any."""
         chosen = choose_style(
             name, self.person, self.constants, self.rng, self.difficulty
         )
@@ -145,19 +152,19 @@ class GestureSample:
         return chosen
 
     def draw_event(self, name: str, chance: float) -> bool:
-        """Draw whether something happens, and write it down."""
+        """Draw whether something happens, and record it."""
         return bool(self.record(name, float(self.rng.random() < chance)))
 
     def count_steps(self, duration: float) -> int:
-        """Length of the series of a touch."""
+        """Return the length of the series of a touch of some duration [s]."""
         return count_steps(duration, self.step)
 
     def draw_pads(self, group: str) -> ContactPads:
-        """Parts of the person's hand, fingers as close as it happens."""
+        """Draw pads of the person's hand, with a random splay of the fingers."""
         return self.person.select_pads(group, self.draw("hand.splay"))
 
     def draw_tissue(self) -> SoftTissue:
-        """How the person's hand gives way this time."""
+        """Draw how the person's hand gives way this time."""
         limits = self.constants.get_constant("person.conformity").spread
         assert limits is not None
         deviation = self.constants.value("person.conformity_repeat")
@@ -169,14 +176,14 @@ class GestureSample:
         )
 
     def draw_angle(self) -> float:
-        """Angle of the hand on the chart [rad]."""
+        """Draw the angle of the hand on the chart [rad]."""
         return self.record("angle", self.site.angle + self.draw("hand.turn"))
 
     def draw_wander(self, steps: int) -> Float[np.ndarray, "time 2"]:
-        """Slow wandering of what a person holds in place, from (0, 0) [m].
+        """Draw how a body wanders that a person holds in place, from (0, 0) [m].
 
-        One law for every contact, gestures and others alike: what a hand does must not
-        be told by how still it is.
+        One law holds for every contact, gestures and others alike: how still a hand is
+        must not tell what it does.
         """
         size = self.draw("hand.wander")
         band = self.get_band("hand.wander_band")
@@ -185,7 +192,10 @@ class GestureSample:
         return path - path[0]
 
     def draw_push(self, steps: int) -> Series:
-        """Force of one push through time, largest value 1; one law for all pushes."""
+        """Draw the force of one push through time, largest value 1.
+
+        All pushes share the law.
+        """
         if self.choose("push.shape") == "bell":
             return build_bell(steps, self.constants.value("force.bell"))
         smooth = round(self.constants.value("force.smooth") / self.step / 2)
@@ -194,33 +204,33 @@ class GestureSample:
         )
 
     def draw_ripple(self, steps: int) -> Series:
-        """How the force of what slides comes and goes, around 1."""
+        """Draw how the force of a sliding body varies, around 1."""
         rate, depth = self.draw("slide.ripple_rate"), self.draw("slide.ripple")
         return 1 + depth * draw_tremor(steps, self.step, rate, self.rng)
 
     def draw_held_noise(self, steps: int) -> Series:
-        """The noise of a force that a hand holds, around 1."""
+        """Draw the noise of a force that a hand holds, around 1."""
         fast = draw_tremor(steps, self.step, self.draw("force.tremor_rate"), self.rng)
         noise = self.draw_slow_force("force.noise_band", steps)
         return np.clip(1 + noise + self.draw("force.tremor") * fast, 0.0, None)
 
     def draw_leaning_noise(self, steps: int) -> Series:
-        """The noise of a force that a body leans with, around 1: no hand trembles."""
+        """Draw the noise of a force that a body leans with, around 1: no tremor."""
         return np.clip(
             1 + self.draw_slow_force("none.lean.sway_band", steps), 0.0, None
         )
 
     def draw_slow_force(self, name: str, steps: int) -> Series:
-        """The slow noise of a force, in a band of frequencies, around 0."""
+        """Draw the slow noise of a force in a band of frequencies, around 0."""
         return self.draw("force.noise") * self.draw_tones(self.get_band(name), steps)
 
     def get_band(self, name: str) -> tuple[float, float]:
-        """Lowest and highest frequency of a constant [Hz]."""
+        """Return the lowest and highest frequency of a constant [Hz]."""
         low, high = self.constants.array(name)
         return low, high
 
     def draw_tones(self, band: tuple[float, float], steps: int) -> Series:
-        """Slow noise with mean square 1, equal power in each octave of a band."""
+        """Draw slow noise with mean square 1, equal power in each octave of a band."""
         count = int(self.constants.value("force.noise_tones"))
         return draw_slow_noise(steps, self.step, band, count, self.rng)
 
@@ -232,7 +242,7 @@ class GestureSample:
         path: Float[np.ndarray, "time 2"],
         angle: float | Series,
     ) -> Press:
-        """A press at the site, `path` away from its centre."""
+        """Build a press at the site, `path` away from its centre."""
         turned = np.broadcast_to(np.asarray(angle, dtype=np.float64), force.shape)
         centre = np.asarray(self.site.centre) + path
         return Press(self.site.chart, 0, pads, tissue, force, centre, turned.copy())
@@ -245,7 +255,7 @@ def choose_style(
     rng: np.random.Generator,
     difficulty: float,
 ) -> str:
-    """Draw one of a constant's names; rarer ones the more difficult it is."""
+    """Draw one of a constant's names; rare ones more often at a higher difficulty."""
     usual = constants.weights(name)
     weights = person.styles.get(name, usual)
     rare = min(
@@ -259,19 +269,19 @@ def choose_style(
 
 
 AMOUNT_TRIES = 30
-"""Draws before a number outside its limits is cut."""
+"""Draws after which a number outside its limits is clipped."""
 
 
 def draw_force(
     sample: GestureSample, name: str, gesture: str, most: float = np.inf
 ) -> float:
-    """Largest force of a touch [N]; more spread the more difficult.
+    """Draw the largest force of a touch [N]; difficulty widens the law.
 
     Args:
-        sample: the touch.
+        sample: touch that is drawn.
         name: constant with the law over the population.
-        gesture: whose habit it goes by; drawn anew for one that is no habit.
-        most: no more than this [N].
+        gesture: habit that applies; drawn anew for a gesture that is no habit.
+        most: upper limit of the force [N].
     """
     habit = sample.person.firmness.get(gesture)
     usual = sample.constants.value("force.repeat")
@@ -290,10 +300,10 @@ def draw_force(
 def draw_duration(
     sample: GestureSample, gesture: str, habit: str | None = None
 ) -> float:
-    """How long a touch lasts [s].
+    """Draw the duration of a touch [s].
 
     Difficulty moves spread from between people to within them and leaves the law over
-    the population as it is, for that is published.
+    the population as published.
     """
     name = f"duration.{sample.regime}.{gesture}"
     pace = sample.person.pace.get(habit or gesture)
@@ -319,7 +329,7 @@ def draw_amount(
     habit: float | None,
     most: float,
 ) -> float:
-    """Median x person x the person's habit x this time, within the law's limits."""
+    """Draw median x person x habit x repeat, within the law's limits."""
     law = get_lognormal(sample.constants, name)
     own = sample.rng.normal() if habit is None else habit
     middle = (law.median or 0.0) * scale * np.exp(rest * own)
@@ -336,14 +346,14 @@ def draw_amount(
 def compute_remaining_deviation(
     constants: Constants, name: str, person: str, repeat: float
 ) -> float:
-    """Deviation of the logarithm that person and repeats leave of a law's."""
+    """Return the log deviation of a law that person and repeats leave."""
     total = np.log(get_lognormal(constants, name).gsd or 1.0)
     own = np.log(get_lognormal(constants, person).gsd or 1.0)
     return float(np.sqrt(max(total**2 - own**2 - repeat**2, 0.0)))
 
 
 def get_lognormal(constants: Constants, name: str) -> Distribution:
-    """The law of a constant, which must be lognormal."""
+    """Return the law of a constant, which must be lognormal."""
     spread = constants.get_constant(name).spread
     if spread is None or spread.law != "lognormal":
         raise ValueError(f"constant '{name}' must have a lognormal law")

@@ -19,7 +19,7 @@ from eskin.sim.people.hand import build_body
 
 
 def draw_poke(sample: GestureSample) -> tuple[Press, ...]:
-    """One push, sometimes pressed again before it leaves."""
+    """Draw one push of a finger, sometimes pressed again before it leaves."""
     force = draw_force(sample, "poke.force", "poke")
     duration = draw_duration(sample, "poke")
     steps = sample.count_steps(duration)
@@ -35,14 +35,14 @@ def draw_poke(sample: GestureSample) -> tuple[Press, ...]:
 
 
 def draw_poking_pads(sample: GestureSample) -> ContactPads:
-    """What pokes."""
+    """Draw the pads that poke."""
     if sample.kind == "knuckle":
         return build_body("knuckle", sample.constants)
     return sample.draw_pads(sample.kind)
 
 
 def press_again(sample: GestureSample, shape: Series) -> Float[np.ndarray, "longer"]:
-    """The push, and another one that begins before it has left."""
+    """Append a second push that begins before the first has left."""
     share, dip = sample.draw("poke.again_share"), sample.draw("poke.again_dip")
     later = int(np.flatnonzero(shape >= dip)[-1]) + 1
     both = np.zeros(later + len(shape))
@@ -54,29 +54,29 @@ def press_again(sample: GestureSample, shape: Series) -> Float[np.ndarray, "long
 
 
 def resample_series(shape: Float[np.ndarray, "longer"], steps: int) -> Series:
-    """The same shape in so many steps: the law of durations is that of whole pokes."""
+    """Resample a series to so many steps, since durations are those of whole pokes."""
     places = np.linspace(0, len(shape) - 1, steps)
     return scale_to_peak(np.interp(places, np.arange(len(shape)), shape), 1.0)
 
 
 def draw_double_pat(sample: GestureSample) -> tuple[Press, ...]:
-    """Two pats; sometimes more, which mean the same."""
+    """Draw two pats; sometimes more, which mean the same."""
     more = sample.draw_event("more", sample.constants.value("double_pat.more"))
     return draw_pats(sample, draw_pat_count(sample) if more else 2, sample.kind)
 
 
 def draw_many_taps(sample: GestureSample) -> tuple[Press, ...]:
-    """Three pats or more."""
+    """Draw three pats or more."""
     return draw_pats(sample, draw_pat_count(sample), sample.choose("double_pat.kinds"))
 
 
 def draw_pat_count(sample: GestureSample) -> int:
-    """How many pats, three or more."""
+    """Draw the number of pats, three or more."""
     return int(sample.choose("unknown.taps"))
 
 
 def draw_pats(sample: GestureSample, count: int, group: str) -> tuple[Press, ...]:
-    """Several pats by parts of a hand, each elsewhere and as firm as it happens."""
+    """Draw several pats by pads of a hand, which differ in place and force."""
     force = draw_force(sample, "double_pat.force", "double_pat")
     interval = draw_pat_interval(sample)
     contact = draw_duration(sample, "pat", "double_pat")
@@ -105,7 +105,7 @@ def draw_pats(sample: GestureSample, count: int, group: str) -> tuple[Press, ...
 
 
 def draw_pat_interval(sample: GestureSample) -> float:
-    """Time between the onsets of two pats [s]."""
+    """Draw the time between the onsets of two pats [s]."""
     growth = sample.constants.value("duration.repeat_growth") * sample.difficulty
     usual = sample.person.pat_interval * sample.draw("double_pat.interval", 1 + growth)
     if sample.regime == "cost":
@@ -115,7 +115,7 @@ def draw_pat_interval(sample: GestureSample) -> float:
 
 
 def shift_hand(sample: GestureSample, path: np.ndarray, leave: int, land: int) -> None:
-    """Write the hand's way between two pats, and where it then stays."""
+    """Write the hand's path between two pats, and where it then stays."""
     length, way = (
         sample.draw("double_pat.shift"),
         sample.record("shift", sample.rng.uniform(0, 2 * np.pi)),
@@ -128,7 +128,7 @@ def shift_hand(sample: GestureSample, path: np.ndarray, leave: int, land: int) -
 def keep_contact(
     sample: GestureSample, series: np.ndarray, weakest: float, first: int, last: int
 ) -> None:
-    """Let the hand not quite leave between the first and the last peak, sometimes."""
+    """Draw whether the hand stays in light contact between the outer peaks."""
     chance = sample.constants.value("double_pat.stays") * sample.difficulty
     if sample.draw_event("stays", chance):
         residue = (
@@ -139,14 +139,14 @@ def keep_contact(
 
 
 def draw_grab(sample: GestureSample) -> tuple[Press, ...]:
-    """One grab."""
+    """Draw one grab."""
     return (draw_hold(sample, draw_duration(sample, "grab"), sample.kind),)
 
 
 def draw_hold(
     sample: GestureSample, duration: float, group: str, firmer: float = 1.0
 ) -> Press:
-    """Parts of a hand round a tube for some time [s], `firmer` than in a grab."""
+    """Draw a hand round a tube for some time [s], `firmer` than in a grab."""
     most = compute_max_grip(sample) / firmer
     force = firmer * draw_force(sample, "grab.force", "grab", most)
     steps = sample.count_steps(duration)
@@ -170,18 +170,18 @@ def draw_hold(
 
 
 def draw_closed_tissue(sample: GestureSample) -> SoftTissue:
-    """A hand that wraps round what it holds."""
+    """Draw the tissue of a hand that wraps round what it holds."""
     return replace(sample.person.tissue, conformity=sample.draw("grab.conformity"))
 
 
 def draw_angle_across(sample: GestureSample) -> float:
-    """Angle of a hand across the tube, the way round that suits the person [rad]."""
+    """Draw the angle of a hand across the tube, turned as suits the person [rad]."""
     side = 1.0 if np.sin(sample.site.angle) >= 0 else -1.0
     return sample.record("angle", side * np.pi / 2 + sample.draw("grab.slant"))
 
 
 def compute_max_grip(sample: GestureSample) -> float:
-    """The person's largest grip on the site's tube [N]."""
+    """Return the person's largest grip on the site's tube [N]."""
     value = sample.constants.value
     if np.isinf(sample.site.radius):
         share = value("grab.weakest")
@@ -193,11 +193,11 @@ def compute_max_grip(sample: GestureSample) -> float:
 
 
 WHOLE_HAND_GROUPS = ("flat_hand", "full_hand")
-"""Parts of a hand that stroke as firmly as a hand rests."""
+"""Pad groups that stroke as firmly as a hand rests."""
 
 
 def draw_stroke(sample: GestureSample) -> tuple[Press, ...]:
-    """One stroke, or there and back."""
+    """Draw one stroke, or one there and back."""
     law = "stroke.hand_force" if sample.kind in WHOLE_HAND_GROUPS else "stroke.force"
     force = draw_force(sample, law, "stroke")
     duration = draw_duration(sample, "stroke")
@@ -218,7 +218,7 @@ def draw_stroke(sample: GestureSample) -> tuple[Press, ...]:
 
 
 def draw_stroke_direction(sample: GestureSample) -> Float[np.ndarray, "2"]:
-    """Unit direction (s, t) of the stroke."""
+    """Draw the unit direction (s, t) of the stroke."""
     path = sample.choose("stroke.path")
     if path == "along":
         slant = 0.0
@@ -233,9 +233,9 @@ def draw_stroke_direction(sample: GestureSample) -> Float[np.ndarray, "2"]:
 def fit_stroke(
     sample: GestureSample, way: Float[np.ndarray, "2"], wanted: float
 ) -> tuple[float, float]:
-    """Where along its way a stroke begins, and its length, in the room there is [m].
+    """Draw where along its direction a stroke begins, and its length [m].
 
-    It passes the site's centre.
+    It fits into the room there is and passes the site's centre.
     """
     low, high = find_slide_limits(sample, way)
     shortest = sample.constants.value("stroke.shortest")
@@ -251,7 +251,7 @@ def fit_stroke(
 def find_slide_limits(
     sample: GestureSample, way: Float[np.ndarray, "2"]
 ) -> tuple[float, float]:
-    """How far one may slide back and forth along a way [m]."""
+    """Return how far a hand may slide back and forth along a direction [m]."""
     low, high = sample.site.free_run
     arc = sample.constants.value("stroke.arc") * 2 * np.pi * sample.site.radius / 2
     limits = [(-np.inf, np.inf)]
@@ -265,7 +265,7 @@ def find_slide_limits(
 
 
 def build_travel(steps: int, back: bool) -> Series:
-    """Share of the way through time."""
+    """Build the share of the path travelled through time."""
     if not back:
         return build_minimum_jerk(steps)
     half = (steps + 1) // 2
@@ -274,7 +274,7 @@ def build_travel(steps: int, back: bool) -> Series:
 
 
 def draw_sliding_force(sample: GestureSample, steps: int) -> Series:
-    """Force of a sliding hand, around 1: it ripples, and lifts off slowly."""
+    """Draw the force of a sliding hand, around 1: it ripples, and lifts off slowly."""
     smooth = round(sample.constants.value("force.smooth") / sample.step / 2)
     shape = build_trapezoid(
         steps, sample.draw("stroke.rise"), sample.draw("stroke.fall"), smooth

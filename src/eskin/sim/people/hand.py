@@ -1,4 +1,4 @@
-"""A hand as 20 parts that bear load, and other bodies as one."""
+"""This module builds a hand as 20 pads that bear load, and other bodies as one pad."""
 
 from dataclasses import replace
 
@@ -14,7 +14,7 @@ HAND_PADS = (
     *("thumb_tip", "thumb_base"),
     *("index_head", "middle_head", "little_head", "thenar", "hypothenar", "palm"),
 )
-"""Names of the parts of a hand, in the order of its stamps."""
+"""Names of the pads of a hand, in order."""
 
 TIPS, THUMB, HEADS, HEEL = (
     HAND_PADS[:4],
@@ -38,10 +38,10 @@ PAD_GROUPS: dict[str, tuple[str, ...]] = {
     "clasp": HAND_PADS[:12] + HEADS,
     "heel": HEEL,
 }
-"""Parts that ways of touching use, by name."""
+"""Pads that variants of gestures use, by name of the group."""
 
 PAD_ROWS = np.array([0] * 4 + [1] * 4 + [2] * 4 + [3, 4] + [5] * 3 + [6, 7, 8])
-"""Item of the lists of the constants `hand.radius_across` and so on, of each part."""
+"""Item of each pad in the lists of the constants `hand.radius_across` and so on."""
 
 
 def build_hand(
@@ -52,15 +52,15 @@ def build_hand(
     length: float,
     constants: Constants,
 ) -> ContactPads:
-    """A flat left hand, seen from its back as it lies on the skin.
+    """Build a flat left hand, seen from its back as it lies on the skin.
 
     Args:
         fingers: lengths of index to little finger [m].
         thumb: length of the thumb [m].
-        breadth: of the hand [m].
-        palm: its length [m].
-        length: of the hand [m].
-        constants: of the average hand.
+        breadth: breadth of the hand [m].
+        palm: length of the palm [m].
+        length: length of the hand [m].
+        constants: constants of the average hand.
     """
     across = breadth / (constants.value("hand.breadth") * MM)
     up = palm / (constants.value("hand.palm_length") * MM)
@@ -91,7 +91,7 @@ def build_hand(
 def compute_thumb_positions(
     constants: Constants, across: float, up: float, reach: float
 ) -> Float[np.ndarray, "2 2"]:
-    """Where tip and proximal part of the thumb lie [m]."""
+    """Return where tip and proximal pad of the thumb lie [m]."""
     usual = [constants.array(f"hand.thumb_{way}") for way in ("side", "height")]
     tip, base = np.column_stack(usual) * MM
     root = base * [across, up]
@@ -99,13 +99,13 @@ def compute_thumb_positions(
 
 
 def build_pad_radii(constants: Constants) -> Float[np.ndarray, "part 2"]:
-    """Radii of curvature of the average hand's parts [m]."""
+    """Return the radii of curvature of the average hand's pads [m]."""
     both = [constants.array(f"hand.radius_{way}") for way in ("across", "along")]
     return np.column_stack(both)[PAD_ROWS] * MM
 
 
 def compute_pad_angles(thumbs: Float[np.ndarray, "2 2"]) -> Float[np.ndarray, "part"]:
-    """The thumb points where it points; all other parts lie along y."""
+    """Return the angles of the pads: the thumb's own, and 0 of all others."""
     turns = np.zeros(len(HAND_PADS))
     to_tip = thumbs[0] - thumbs[1]
     turns[12:14] = -np.arctan2(to_tip[0], to_tip[1])
@@ -113,12 +113,12 @@ def compute_pad_angles(thumbs: Float[np.ndarray, "2 2"]) -> Float[np.ndarray, "p
 
 
 def mirror_pads(pads: ContactPads) -> ContactPads:
-    """The other hand."""
+    """Return the pads of the other hand."""
     return replace(pads, centres=pads.centres * [-1.0, 1.0], angles=-pads.angles)
 
 
 def select_pads(pads: ContactPads, names: tuple[str, ...]) -> ContactPads:
-    """Some parts of a whole hand."""
+    """Return some pads of a whole hand."""
     rows = np.array([HAND_PADS.index(name) for name in names])
     return ContactPads(
         pads.centres[rows],
@@ -131,11 +131,11 @@ def select_pads(pads: ContactPads, names: tuple[str, ...]) -> ContactPads:
 
 
 def splay_fingers(hand: ContactPads, angle: float) -> ContactPads:
-    """A whole hand with its fingers fanned out.
+    """Return a whole hand with its fingers fanned out.
 
     Args:
-        hand: all 20 parts.
-        angle: between neighbouring fingers [rad]; negative closes them.
+        hand: all 20 pads.
+        angle: angle between neighbouring fingers [rad]; negative closes them.
     """
     centres, turns = hand.centres.copy(), hand.angles.copy()
     thumb_side = np.sign(centres[0, 0] - centres[3, 0])
@@ -150,7 +150,7 @@ def splay_fingers(hand: ContactPads, angle: float) -> ContactPads:
 
 
 def build_body(name: str, constants: Constants) -> ContactPads:
-    """A body that is no hand: knuckle, forearm, torso, cable or edge.
+    """Build a body that is no hand: knuckle, forearm, torso, cable or edge.
 
     Raises:
         ValueError: there is no such body.

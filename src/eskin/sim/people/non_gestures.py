@@ -1,4 +1,8 @@
-"""This module draws the presses of contacts that are no gesture of the vocabulary."""
+"""This module draws contacts that are no gesture of the vocabulary.
+
+Hands rest, press and guide; other bodies lean, bump and brush; unknown gestures rub,
+tickle and squeeze.
+"""
 
 import numpy as np
 from jaxtyping import Float
@@ -26,11 +30,11 @@ from eskin.sim.people.gestures import (
 from eskin.sim.people.hand import build_body
 
 FINGER_GROUPS = ("one_tip", "two_tips")
-"""Parts of a hand whose brief push is a poke."""
+"""Pad groups whose brief push is a poke."""
 
 
 def draw_resting_hand(sample: GestureSample) -> tuple[Press, ...]:
-    """A hand put down and left there."""
+    """Draw a hand that is put down and left there."""
     force = draw_force(sample, "none.resting_hand.force", "resting_hand")
     sample.draw_event(
         "began_before", sample.constants.value("none.resting_hand.before")
@@ -50,7 +54,7 @@ def draw_resting_hand(sample: GestureSample) -> tuple[Press, ...]:
 
 
 def build_ramp(sample: GestureSample, steps: int, up: float, down: float) -> Series:
-    """Up in some time [s], hold, down in some time [s]."""
+    """Build a series that rises in some time [s], holds, and falls in some time [s]."""
     whole = (steps - 1) * sample.step
     smooth = round(sample.constants.value("force.smooth") / sample.step / 2)
     most = 1 / 2
@@ -60,7 +64,7 @@ def build_ramp(sample: GestureSample, steps: int, up: float, down: float) -> Ser
 
 
 def draw_single_pat(sample: GestureSample) -> tuple[Press, ...]:
-    """One pat; slower ones are as long as a tap of Jung et al. 2017."""
+    """Draw one pat; slower ones are as long as a tap of Jung et al. 2017."""
     style = sample.choose("none.single_pat.kinds")
     if sample.regime == "paper":
         return draw_pats(sample, 1, style)
@@ -70,7 +74,7 @@ def draw_single_pat(sample: GestureSample) -> tuple[Press, ...]:
 
 
 def draw_long_press(sample: GestureSample) -> tuple[Press, ...]:
-    """A hand or finger pushes and keeps pushing: a finger for longer than a poke."""
+    """Draw a hand or finger that keeps pushing: a finger for longer than a poke."""
     force = draw_force(sample, "none.press.force", "press")
     style = sample.choose("none.press.kinds")
     length = "finger_press" if style in FINGER_GROUPS else "press"
@@ -81,7 +85,7 @@ def draw_long_press(sample: GestureSample) -> tuple[Press, ...]:
 def draw_single_push(
     sample: GestureSample, style: str, force: float, steps: int
 ) -> Press:
-    """Parts of a hand that push once, where they are."""
+    """Draw pads of a hand that push once, where they are."""
     series = scale_to_peak(
         sample.draw_push(steps) * sample.draw_held_noise(steps), force
     )
@@ -92,13 +96,13 @@ def draw_single_push(
 
 
 def draw_squeeze_hold(sample: GestureSample) -> tuple[Press, ...]:
-    """A grab that is held longer than a command."""
+    """Draw a grab that is held longer than a command."""
     style = sample.choose("grab.kinds")
     return (draw_hold(sample, sample.draw("none.squeeze_hold.hold"), style),)
 
 
 def draw_guiding(sample: GestureSample) -> tuple[Press, ...]:
-    """Two hands hold the arm and move it."""
+    """Draw two hands that hold the arm and move it."""
     steps = sample.count_steps(sample.draw("none.guiding.hold"))
     total, share = sample.draw("none.guiding.force"), sample.draw("none.guiding.share")
     gap = draw_hand_positions(sample)
@@ -110,7 +114,7 @@ def draw_guiding(sample: GestureSample) -> tuple[Press, ...]:
 
 
 def draw_hand_positions(sample: GestureSample) -> tuple[float, float]:
-    """Where along the tube the two hands are, from the site's centre [m]."""
+    """Draw where along the tube the two hands are, from the site's centre [m]."""
     low, high = sample.site.free_run
     gap = min(sample.draw("none.guiding.gap"), high - low)
     first = float(np.clip(-gap / 2, low, high - gap))
@@ -120,7 +124,7 @@ def draw_hand_positions(sample: GestureSample) -> tuple[float, float]:
 def draw_guiding_hand(
     sample: GestureSample, force: float, steps: int, place: float
 ) -> Press:
-    """One of the two hands."""
+    """Draw one of the two hands."""
     sway = sample.draw("none.guiding.sway")
     rate = sample.draw("none.guiding.sway_rate")
     swaying = 1 + sway * draw_tremor(steps, sample.step, rate, sample.rng)
@@ -136,7 +140,7 @@ def draw_guiding_hand(
 
 
 def build_object_tissue(sample: GestureSample) -> SoftTissue:
-    """How something that is nobody's gives way."""
+    """Return how an object gives way that is no person."""
     value = sample.constants.value
     return SoftTissue(
         b=value("body.stiffness") / MM,
@@ -148,7 +152,7 @@ def build_object_tissue(sample: GestureSample) -> SoftTissue:
 
 
 def draw_lean(sample: GestureSample) -> tuple[Press, ...]:
-    """A forearm or a hip rests its weight on the robot."""
+    """Draw a forearm or a hip that rests its weight on the robot."""
     force = draw_force(sample, "none.lean.force", "lean")
     steps = sample.count_steps(sample.draw("none.lean.hold"))
     up, down = (sample.draw("none.lean.ramp") for _ in range(2))
@@ -168,7 +172,7 @@ def draw_lean(sample: GestureSample) -> tuple[Press, ...]:
 
 
 def draw_bump(sample: GestureSample) -> tuple[Press, ...]:
-    """A body hits the robot and bounces: a mass on a spring for half a period."""
+    """Draw a body that hits the robot and bounces: half a period of a sprung mass."""
     speed, mass = sample.draw("none.bump.speed"), sample.draw("none.bump.mass")
     stiffness = sample.draw("none.bump.stiffness") / MM
     force = sample.record("force", speed * np.sqrt(mass * stiffness))
@@ -188,7 +192,7 @@ def draw_bump(sample: GestureSample) -> tuple[Press, ...]:
 
 
 def choose_bumping_body(sample: GestureSample, stiffness: float) -> str:
-    """What bumps, by its stiffness [N/m]."""
+    """Choose the body that bumps by its stiffness [N/m]."""
     soft, hard = sample.constants.array("none.bump.limits") / MM
     if stiffness > hard:
         return sample.choose("none.bump.hard")
@@ -198,25 +202,25 @@ def choose_bumping_body(sample: GestureSample, stiffness: float) -> str:
 def draw_slide(
     sample: GestureSample, speed: float, steps: int
 ) -> Float[np.ndarray, "time 2"]:
-    """A way at even speed [m/s] in a direction that is drawn, about the site [m]."""
+    """Draw a straight path at even speed [m/s] about the site [m]."""
     way = sample.record("direction", sample.rng.uniform(-np.pi, np.pi))
     along = speed * sample.step * (np.arange(steps) - (steps - 1) / 2)
     return along[:, None] * np.array([-np.sin(way), np.cos(way)])
 
 
 def draw_brush(sample: GestureSample) -> tuple[Press, ...]:
-    """A sleeve, a seam or the back of a hand passes over the robot."""
+    """Draw a sleeve, a seam or the back of a hand that passes over the robot."""
     body = sample.choose("none.brush.bodies")
     return (draw_dragged_body(sample, body, sample.draw_tissue()),)
 
 
 def draw_cable(sample: GestureSample) -> tuple[Press, ...]:
-    """A cable drags over the robot."""
+    """Draw a cable that drags over the robot."""
     return (draw_dragged_body(sample, "cable", build_object_tissue(sample)),)
 
 
 def draw_dragged_body(sample: GestureSample, body: str, tissue: SoftTissue) -> Press:
-    """A body that passes lightly and unevenly, across its long axis."""
+    """Draw a body that passes lightly and unevenly, across its long axis."""
     force = sample.record("force", sample.draw("none.brush.force"))
     steps = sample.count_steps(sample.draw("none.brush.hold"))
     rise, fall = sample.draw("stroke.rise"), sample.draw("stroke.fall")
@@ -237,13 +241,13 @@ def draw_dragged_body(sample: GestureSample, body: str, tissue: SoftTissue) -> P
 def clip_to_free_run(
     sample: GestureSample, path: Float[np.ndarray, "time 2"]
 ) -> Float[np.ndarray, "time 2"]:
-    """The same way, held at the ends of the free run."""
+    """Clip a path to the ends of the free run."""
     low, high = sample.site.free_run
     return np.column_stack([path[:, 0], np.clip(path[:, 1], low, high)])
 
 
 def draw_self_contact(sample: GestureSample) -> tuple[Press, ...]:
-    """The robot's own links touch along an edge."""
+    """Draw the robot's own links that touch along an edge."""
     force = sample.record("force", sample.draw("none.self_contact.force"))
     steps = sample.count_steps(sample.draw("none.self_contact.hold"))
     series = force * build_bell(steps, 1.0)
@@ -257,7 +261,7 @@ def draw_self_contact(sample: GestureSample) -> tuple[Press, ...]:
 
 
 def draw_rub(sample: GestureSample) -> tuple[Press, ...]:
-    """To and fro, firmly, several times."""
+    """Draw a hand that slides to and fro, firmly, several times."""
     force = draw_force(sample, "unknown.rub.force", "stroke")
     steps = sample.count_steps(draw_duration(sample, "rub", "stroke"))
     swing = draw_swing(sample, steps, "unknown.rub")
@@ -274,7 +278,7 @@ def draw_rub(sample: GestureSample) -> tuple[Press, ...]:
 def draw_swing(
     sample: GestureSample, steps: int, name: str
 ) -> Float[np.ndarray, "time"]:
-    """To and fro, in the room there is [m]."""
+    """Draw a motion to and fro in the room there is [m]."""
     low, high = sample.site.free_run
     reach = min(sample.draw(f"{name}.reach"), (high - low) / 2)
     return reach * draw_tremor(
@@ -283,7 +287,7 @@ def draw_swing(
 
 
 def draw_tickle(sample: GestureSample) -> tuple[Press, ...]:
-    """Fingertips, lightly and quickly."""
+    """Draw fingertips that move lightly and quickly."""
     force = draw_force(sample, "unknown.tickle.force", "tickle")
     steps = sample.count_steps(draw_duration(sample, "tickle"))
     swings = [draw_swing(sample, steps, "unknown.tickle") for _ in "st"]
@@ -302,7 +306,7 @@ def draw_tickle(sample: GestureSample) -> tuple[Press, ...]:
 
 
 def draw_squeeze(sample: GestureSample) -> tuple[Press, ...]:
-    """A firmer grab that is held."""
+    """Draw a firmer grab that is held."""
     duration = draw_duration(sample, "squeeze", "grab")
     firmer = sample.constants.value("unknown.squeeze.firmer")
     return (draw_hold(sample, duration, sample.choose("grab.kinds"), firmer),)

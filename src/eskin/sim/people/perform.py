@@ -1,4 +1,4 @@
-"""This module performs a gesture: from its name to what presses where."""
+"""This module performs a gesture by its name: it draws the presses of one touch."""
 
 from collections.abc import Callable
 
@@ -35,7 +35,7 @@ Program = Callable[[GestureSample], tuple[Press, ...]]
 
 
 def draw_nothing(sample: GestureSample) -> tuple[Press, ...]:
-    """Nothing presses."""
+    """Return no press."""
     return ()
 
 
@@ -66,10 +66,10 @@ UNKNOWN_PROGRAMS: dict[str, Program] = {
     "tap_many": draw_many_taps,
 }
 PERFORMABLE = (*GESTURE_PROGRAMS, "none", *UNKNOWN_PROGRAMS)
-"""What can be performed."""
+"""Names of everything that can be performed."""
 
 NO_PERSON_KINDS = ("idle", "cable", "self_contact", "electrical")
-"""Kinds that nobody does."""
+"""Kinds of contact that no person makes."""
 
 
 def perform(
@@ -83,22 +83,22 @@ def perform(
     regime: Regime | None,
     requested: dict[str, float] | None = None,
 ) -> TrueTouch:
-    """One touch by a person at a site, from step 0 of its own clock.
+    """Draw one touch by a person at a site, from step 0 of its own clock.
 
     Args:
-        gesture: one of `PERFORMABLE`; `draw_many_taps` counts as a double pat.
-        kind: way of doing it; None draws one.
-        person: who touches.
-        site: where.
-        constants: numbers of the world.
-        rng: to draw from.
+        gesture: one of `PERFORMABLE`; `tap_many` counts as a double pat.
+        kind: variant of the gesture; None draws one.
+        person: person who touches.
+        site: site of the touch.
+        constants: constants of the simulation.
+        rng: random generator.
         difficulty: lambda; 0 is the easiest, 1.5 usual.
-        regime: how long touches last; None draws one.
-        requested: what is to be so whatever is drawn, by the name that it is noted by,
-            such as `force` [N] and `duration` [s].
+        regime: law of durations; None draws one.
+        requested: values that replace what is drawn, by the name that they are recorded
+            under, such as `force` [N] and `duration` [s].
 
     Raises:
-        ValueError: there is no such gesture, or no such way of doing it.
+        ValueError: there is no such gesture, or no such variant.
     """
     if gesture not in PERFORMABLE:
         raise ValueError(
@@ -109,7 +109,13 @@ def perform(
     chosen = regime or parse_regime(constants.choose("duration.regime", rng))
     way = choose_kind(gesture, kind, person, constants, rng, difficulty)
     sample = GestureSample(
-        *(way, person, site, constants, rng, float(difficulty), chosen),
+        way,
+        person,
+        site,
+        constants,
+        rng,
+        float(difficulty),
+        chosen,
         requested=requested or {},
     )
     sample.drawn["regime"] = chosen
@@ -121,7 +127,7 @@ def perform(
 
 
 def find_label(gesture: str, site: ContactSite, constants: Constants) -> str:
-    """What a recogniser should say of a gesture at a site.
+    """Return the label that a recogniser should give to a gesture at a site.
 
     A hand spread over what it cannot close round presses, it does not grab.
     """
@@ -132,12 +138,12 @@ def find_label(gesture: str, site: ContactSite, constants: Constants) -> str:
 
 
 def parse_regime(name: str) -> Regime:
-    """A regime by its name."""
+    """Return the regime of a name."""
     return "paper" if name == "paper" else "cost"
 
 
 def find_program(gesture: str, kind: str) -> Program:
-    """What does a gesture."""
+    """Return the function that draws a gesture."""
     if gesture == "none":
         return NONE_PROGRAMS[kind]
     return (
@@ -155,7 +161,7 @@ def choose_kind(
     rng: np.random.Generator,
     difficulty: float,
 ) -> str:
-    """The way of doing it that was asked for, or one drawn."""
+    """Return the variant that is asked for, or draw one."""
     if gesture in UNKNOWN_PROGRAMS:
         allowed = [gesture]
     else:

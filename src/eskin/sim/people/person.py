@@ -1,4 +1,4 @@
-"""People: how large, how strong and how they like to touch."""
+"""This module draws people: their sizes, their strength and how they touch."""
 
 from dataclasses import dataclass
 
@@ -18,26 +18,26 @@ STYLE_CONSTANTS = ("poke.kinds", "push.shape", "double_pat.kinds", "grab.kinds")
     "stroke.kinds",
     "stroke.path",
 )
-"""Constants whose weights a person has a taste in."""
+"""Constants whose weights vary between people."""
 
 HABIT_GESTURES = ("poke", "double_pat", "grab", "stroke")
-"""Gestures that a person does more firmly or slowly than they do the others."""
+"""Gestures that a person does more firmly or slowly than the others."""
 
 
 @dataclass(frozen=True, eq=False)
 class Person:
-    """Somebody who touches the robot, drawn once."""
+    """A person touches the robot with a body and habits that are drawn once."""
 
     name: str
-    """How they are called in recordings."""
+    """Name of the person in recordings."""
     sex: str
     """`man` or `woman`."""
     hand_length: float
-    """From the wrist's crease to the tip of the middle finger [m]."""
+    """Distance from the wrist's crease to the tip of the middle finger [m]."""
     hand_breadth: float
-    """[m]"""
+    """Breadth of the hand [m]."""
     palm_length: float
-    """[m]"""
+    """Length of the palm [m]."""
     thumb: float
     """Length of the thumb [m]."""
     fingers: tuple[float, float, float, float]
@@ -45,30 +45,30 @@ class Person:
     acromion_height: float
     """Height of the shoulder [m]."""
     tissue: SoftTissue
-    """How their hands give way."""
+    """Soft tissue of the hands."""
     force_scale: float
-    """How firmly they touch, relative to the average."""
+    """Firmness of touches relative to the average."""
     tempo_scale: float
-    """How long their touches last, relative to the average."""
+    """Duration of touches relative to the average."""
     pat_interval: float
     """Time between the onsets of two pats [s]."""
     grip: float
     """Largest force of a grab on a tube of 76 mm [N]."""
     styles: dict[str, dict[str, float]]
-    """Weights of the ways to do a gesture, by the constant that they vary."""
+    """Weights of the variants of gestures, by the constant that they vary."""
     firmness: dict[str, float]
-    """How firmly they do each gesture beside `force_scale`; standard normal."""
+    """Firmness of each gesture beside `force_scale`; standard normal."""
     pace: dict[str, float]
-    """How slowly they do each gesture beside `tempo_scale`; standard normal."""
+    """Slowness of each gesture beside `tempo_scale`; standard normal."""
     right_handed: bool
-    """Which hand they touch with."""
+    """Whether the right hand touches."""
     stand: tuple[float, float]
-    """Where they stand: distance [m] and bearing [rad] from the robot's base."""
+    """Distance [m] and bearing [rad] of the person from the robot's base."""
     hand: ContactPads
-    """The hand they touch with, all 20 parts, flat, seen from its back."""
+    """Hand that touches, all 20 pads, flat, seen from its back."""
 
     def select_pads(self, group: str, splay: float = 0.0) -> ContactPads:
-        """Some parts of the hand.
+        """Return some pads of the hand.
 
         Args:
             group: one of `eskin.sim.people.hand.PAD_GROUPS`.
@@ -87,7 +87,7 @@ class Person:
 
 
 def draw_person(name: str, constants: Constants, rng: np.random.Generator) -> Person:
-    """Somebody new."""
+    """Draw a new person."""
     woman = rng.random() < constants.value("person.women")
     length, breadth, palm, acromion = draw_sizes(woman, constants, rng)
     thumb, *fingers = draw_fingers(length, constants, rng)
@@ -102,7 +102,7 @@ def draw_person(name: str, constants: Constants, rng: np.random.Generator) -> Pe
         thumb=thumb,
         fingers=(fingers[0], fingers[1], fingers[2], fingers[3]),
         acromion_height=acromion,
-        tissue=draw_flesh(length, constants, rng),
+        tissue=draw_tissue(length, constants, rng),
         force_scale=constants.draw("person.force_scale", rng),
         tempo_scale=constants.draw("person.tempo_scale", rng),
         pat_interval=constants.draw("person.pat_interval", rng),
@@ -122,7 +122,7 @@ def draw_person(name: str, constants: Constants, rng: np.random.Generator) -> Pe
 def draw_sizes(
     woman: bool, constants: Constants, rng: np.random.Generator
 ) -> tuple[float, float, float, float]:
-    """Hand length, breadth, palm length and height of the acromion [m].
+    """Draw hand length, breadth, palm length and height of the acromion [m].
 
     All correlate with hand length, and with each other as far as that makes them.
     """
@@ -143,7 +143,7 @@ def draw_sizes(
 def draw_fingers(
     length: float, constants: Constants, rng: np.random.Generator
 ) -> list[float]:
-    """Lengths of thumb and index to little finger [m]."""
+    """Draw the lengths of thumb and index to little finger [m]."""
     usual = [constants.value("hand.thumb"), *constants.array("hand.fingers")]
     scale = length / constants.value("hand.length")
     return [
@@ -151,10 +151,10 @@ def draw_fingers(
     ]
 
 
-def draw_flesh(
+def draw_tissue(
     length: float, constants: Constants, rng: np.random.Generator
 ) -> SoftTissue:
-    """How a hand of some length [m] gives way."""
+    """Draw the soft tissue of a hand of some length [m]."""
     scale = length / (constants.value("hand.length") * MM)
     return SoftTissue(
         b=constants.draw("person.stiffness", rng) / MM,
@@ -168,7 +168,7 @@ def draw_flesh(
 def draw_style(
     name: str, constants: Constants, rng: np.random.Generator
 ) -> dict[str, float]:
-    """A person's own weights around those of everybody."""
+    """Draw a person's own weights around those of the population."""
     weights = constants.weights(name)
     concentration = constants.value("person.style_concentration")
     own = rng.dirichlet(concentration * np.array(list(weights.values())))

@@ -1,1 +1,1 @@
-"""The environment holds a robot in its skin: poses, motion, places and scenes."""
+"""This package holds a robot in its skin: its poses, its motion, sites and scenes."""

@@ -1,4 +1,8 @@
-"""The collision model measures the room between the links of a robot, and about them."""
+"""The collision model measures distances between the links of a robot.
+
+Each collision cylinder has a capsule about it, which settles most pairs; what capsules
+leave open is measured on the cylinders themselves. Distances are never too large.
+"""
 
 from dataclasses import dataclass
 
@@ -15,23 +19,24 @@ from eskin.sim.scene.kernels import (
 
 @dataclass(frozen=True, eq=False)
 class CollisionModel:
-    """The solid parts of a robot and which of them may meet."""
+    """A collision model holds the solid parts of a robot and which of them may meet."""
 
     cylinders: CylinderArrays
-    """All cylinders."""
+    """All cylinders of the robot."""
     pairs: Int[np.ndarray, "pair 2"]
-    """Rods of links that share no joint."""
+    """Pairs of cylinders of links that share no joint."""
     table_cylinders: Int[np.ndarray, "free"]
-    """Rods that may hit the table."""
+    """Cylinders that may hit the table."""
     unjoined: tuple[Int[np.ndarray, "_"], ...]
-    """For each link, the rods of links that share no joint with it."""
+    """For each link, the cylinders of links that share no joint with it."""
     other_cylinders: tuple[Int[np.ndarray, "_"], ...]
-    """For each link, the rods of all other links."""
+    """For each link, the cylinders of all other links."""
 
     def compute_clearance(
         self, T_world_link: Float[np.ndarray, "pose link 4 4"], enough: float
     ) -> Float[np.ndarray, "pose 2"]:
-        """Least distance between links, and least height above the table [m].
+        """Return the least distance between links and the least height above the table
+        [m].
 
         What is farther than `enough` [m] is only known to be so.
         """
@@ -46,7 +51,8 @@ class CollisionModel:
         points: Float[np.ndarray, "point 3"],
         link: int,
     ) -> Float[np.ndarray, "point"]:
-        """Distance of points of the world from all links but one, and the table [m]."""
+        """Return the distance of points of the world from other links and the table
+        [m]."""
         found, _ = compute_point_distances(
             self.cylinders, T_world_link, points, self.other_cylinders[link]
         )
@@ -54,10 +60,10 @@ class CollisionModel:
 
 
 def build_collision_model(robot: Robot) -> CollisionModel:
-    """The cylinders of a robot.
+    """Build the collision model of a robot.
 
     Raises:
-        ValueError: a body is no cylinder.
+        ValueError: a collision geometry is no cylinder.
     """
     cylinders = build_cylinders(robot)
     joined = {frozenset((joint.parent, joint.child)) for joint in robot.joints}
@@ -81,7 +87,7 @@ def build_collision_model(robot: Robot) -> CollisionModel:
 
 
 def find_base_links(robot: Robot) -> list[int]:
-    """The root and what turns on it, which are on the table anyhow."""
+    """Find the root and the links that turn on it, which are on the table anyhow."""
     children = {joint.child for joint in robot.joints}
     (root,) = (name for name in robot.link_names if name not in children)
     first = [joint.child for joint in robot.joints if joint.parent == root]
@@ -89,7 +95,8 @@ def find_base_links(robot: Robot) -> list[int]:
 
 
 def build_cylinders(robot: Robot) -> CylinderArrays:
-    """All geoms of a robot as cylinders in the frames of their links."""
+    """Return all collision geometry of a robot as cylinders in the frames of their
+    links."""
     links, centres, axes, radii, halves = [], [], [], [], []
     for index, link in enumerate(robot.links):
         for body in link.geoms:

@@ -15,34 +15,34 @@ from eskin.skin import MountedSkin
 
 @dataclass(frozen=True, eq=False)
 class SimEnvironment:
-    """A robot in its skin, prepared for touching."""
+    """An environment holds a robot in its skin with all that touches need."""
 
     mounted: MountedSkin
-    """The skin on its robot."""
+    """Skin on its robot."""
     charts: tuple[Chart, ...]
-    """The skin's surfaces, unrolled."""
+    """Unrolled surfaces of the skin."""
     links: tuple[int, ...]
-    """The link of each chart, as an index into the robot's links."""
+    """Link of each chart, as an index into the robot's links."""
     collision: CollisionModel
-    """What may collide."""
+    """Collision model of the robot."""
     targets: TouchTargets
     """Places that can be touched."""
     constants: Constants
-    """Numbers of the world."""
+    """Constants of the simulation."""
 
     def poses(
         self, q: Float[np.ndarray, "*batch joint"]
     ) -> Float[np.ndarray, "*batch link 4 4"]:
-        """T_world_link of every link."""
+        """Return T_world_link of every link."""
         return self.mounted.kinematics.poses(q)
 
     @property
     def can_move(self) -> bool:
-        """Whether the robot has joints."""
+        """Tell whether the robot has joints."""
         return len(self.mounted.robot.joint_names) > 0
 
     def joint_index(self, name: str) -> int:
-        """Place of a joint in `q`.
+        """Return the index of a joint in `q`.
 
         Raises:
             ValueError: the robot has no such joint.
@@ -57,7 +57,7 @@ class SimEnvironment:
 
 
 def build_environment(mounted: MountedSkin, constants: Constants) -> SimEnvironment:
-    """Prepare a robot in its skin for touching."""
+    """Build the environment of a robot in its skin."""
     charts = build_charts(mounted, constants.value("contact.rim"))
     links = tuple(mounted.robot.link_index(chart.link) for chart in charts)
     collision = build_collision_model(mounted.robot)
@@ -75,7 +75,7 @@ def compute_surface_axes(
     Float[np.ndarray, "point 3"],
     Float[np.ndarray, "point 3"],
 ]:
-    """Position [m], directions of s and t, and outward normal in the world."""
+    """Return position [m], directions of s and t, and outward normal in the world."""
     wrapped = chart.surface.wrap(centre)
     R, p = T_world_link[..., :3, :3], T_world_link[..., :3, 3]
     turn = "...ij,...j->...i"
@@ -90,7 +90,7 @@ def compute_surface_angle(
     s_axis: Float[np.ndarray, "*#batch 3"],
     t_axis: Float[np.ndarray, "*#batch 3"],
 ) -> Float[np.ndarray, "*out"]:
-    """Angle from t to a direction laid flat, counter-clockwise from outside [rad]."""
+    """Return the angle from t to a direction, counter-clockwise from outside [rad]."""
     along_s = np.sum(direction * s_axis, axis=-1)
     along_t = np.sum(direction * t_axis, axis=-1)
     return np.arctan2(-along_s, along_t)
@@ -101,7 +101,7 @@ def compute_surface_direction(
     s_axis: Float[np.ndarray, "*#batch 3"],
     t_axis: Float[np.ndarray, "*#batch 3"],
 ) -> Float[np.ndarray, "*out 3"]:
-    """The direction at an angle from t, counter-clockwise seen from outside."""
+    """Return the direction at an angle from t, counter-clockwise seen from outside."""
     turned = np.asarray(angle)[..., None]
     return np.cos(turned) * t_axis - np.sin(turned) * s_axis
 
@@ -113,7 +113,7 @@ def build_site(
     direction: Float[np.ndarray, "3"],
     T_world_link: Float[np.ndarray, "link 4 4"],
 ) -> ContactSite:
-    """The site at a place of a chart, its angle that of a direction of the world."""
+    """Build the site at a point of a chart, turned to a direction of the world."""
     here = env.charts[chart]
     T = T_world_link[env.links[chart]]
     _, s_axis, t_axis, _ = compute_surface_axes(here, centre[None], T)
@@ -136,7 +136,7 @@ def find_free_run(
     centre: Float[np.ndarray, "2"],
     T_world_link: Float[np.ndarray, "link 4 4"],
 ) -> tuple[float, float]:
-    """How far a hand may slide along t from a place: skin below, nothing above [m]."""
+    """Find how far a hand may slide along t: skin below, nothing above [m]."""
     low, high = find_skin_extent(env, chart, centre)
     here, link = env.charts[chart], env.links[chart]
     before = -np.arange(STRIDE, -low, STRIDE)
@@ -159,7 +159,7 @@ def find_free_run(
 
 
 def find_last_free_step(steps: Float[np.ndarray, "step"], blocked: np.ndarray) -> float:
-    """The last step before the first that is blocked [m]."""
+    """Return the last step before the first that is blocked [m]."""
     first = int(np.argmax(blocked[: len(steps)]))
     return float(steps[first - 1]) if first else 0.0
 
@@ -167,7 +167,7 @@ def find_last_free_step(steps: Float[np.ndarray, "step"], blocked: np.ndarray) -
 def find_skin_extent(
     env: SimEnvironment, chart: int, centre: Float[np.ndarray, "2"]
 ) -> tuple[float, float]:
-    """How far skin goes on along t from a place [m]."""
+    """Find how far skin goes on along t from a point [m]."""
     here = env.charts[chart]
     lane = env.constants.value("place.column") * MM
     aside = np.abs(here.wrap_s(here.unrolled[:, 0] - centre[0]))

@@ -1,4 +1,4 @@
-"""This module finds patches that face each other and touches between them."""
+"""This module finds patches of two links that face each other, and touches on both."""
 
 from dataclasses import dataclass, replace
 from functools import lru_cache
@@ -17,14 +17,14 @@ from eskin.sim.scene.placement import build_view
 
 @dataclass(frozen=True, eq=False)
 class PatchSamples:
-    """Some taxels of each chart, evenly spread."""
+    """Patch samples are some taxels of each chart, evenly spread."""
 
     points: Float[np.ndarray, "point 3"]
-    """In the frame of the chart's link [m]."""
+    """Positions in the frame of the chart's link [m]."""
     normals: Float[np.ndarray, "point 3"]
-    """Outward, in that frame."""
+    """Outward unit normals in that frame."""
     areas: Float[np.ndarray, "point"]
-    """Skin that each stands for [m2]."""
+    """Area of skin that each point stands for [m2]."""
     starts: Int[np.ndarray, "chart_and_one"]
     """First point of each chart."""
     links: Int[np.ndarray, "chart"]
@@ -32,12 +32,12 @@ class PatchSamples:
     balls: Float[np.ndarray, "chart 4"]
     """Middle and radius of a ball about each chart [m]."""
     pairs: Int[np.ndarray, "pair 2"]
-    """Charts of different links."""
+    """Pairs of charts of different links."""
 
 
 @lru_cache(maxsize=4)
 def sample_patches(env: SimEnvironment) -> PatchSamples:
-    """The taxels that folds are sought by."""
+    """Sample the taxels by which folds are found."""
     skin = env.mounted.skin
     most = int(env.constants.value("fold.points"))
     chosen = [chart.taxels[:: -(-len(chart.taxels) // most)] for chart in env.charts]
@@ -64,25 +64,33 @@ def sample_patches(env: SimEnvironment) -> PatchSamples:
 def compute_facing_gaps(
     env: SimEnvironment, T_world_link: Float[np.ndarray, "pose link 4 4"]
 ) -> tuple[Float[np.ndarray, "pose pair"], Int[np.ndarray, "pose pair 2"]]:
-    """Least gap of each pair of charts [m], infinite if they do not face each other.
+    """Return the least gap of each pair of charts that face each other, else infinity
+    [m].
 
-    Gaps too thin for a hand do not count. The second array tells the two points of
-    `sample_patches` that are nearest.
+    Gaps too thin for a hand do not count. The second array holds the two nearest points
+    of `sample_patches`.
     """
     value = env.constants.value
     least, within = value("fold.thinnest") * MM, value("fold.within") * MM
     samples = sample_patches(env)
     return find_facing_points(
-        *(samples.points, samples.normals, samples.starts, samples.links),
-        *(samples.balls, samples.pairs, np.ascontiguousarray(T_world_link)),
-        *(least, within, value("fold.facing")),
+        samples.points,
+        samples.normals,
+        samples.starts,
+        samples.links,
+        samples.balls,
+        samples.pairs,
+        np.ascontiguousarray(T_world_link),
+        least,
+        within,
+        value("fold.facing"),
     )
 
 
 def find_folded_poses(
     env: SimEnvironment, q: Float[np.ndarray, "pose joint"]
 ) -> Bool[np.ndarray, "pose"]:
-    """In which poses patches of different links face each other closely."""
+    """Tell in which poses patches of different links face each other closely."""
     gaps, _ = compute_facing_gaps(env, env.poses(q))
     return np.min(gaps, axis=1, initial=np.inf) < np.inf
 
@@ -90,10 +98,10 @@ def find_folded_poses(
 def find_fold_sites(
     env: SimEnvironment, q: Float[np.ndarray, "joint"], person: Person
 ) -> tuple[tuple[ContactSite, ContactSite], ...]:
-    """Pairs of places where a hand touches two patches at once, nearest first.
+    """Find pairs of sites where a hand touches two patches at once, nearest first.
 
-    Each pair is of two charts on different links that face each other within
-    `press_both_sites.within`. The hand points the same way at both.
+    Each pair is of two charts on different links that face each other within the
+    constant `fold.within`. The hand points the same way at both.
     """
     view = build_view(env, q, person)
     gaps, which = compute_facing_gaps(env, view.T_world_link[None])
@@ -125,7 +133,7 @@ def transform_points(
     points: Float[np.ndarray, "point 3"],
     T_world_link: Float[np.ndarray, "link 4 4"],
 ) -> Float[np.ndarray, "point 3"]:
-    """Points of the links of charts in the world [m]."""
+    """Return points of the links of charts in the world [m]."""
     T = T_world_link[np.array(env.links)[charts]]
     return np.einsum("pij,pj->pi", T[:, :3, :3], points) + T[:, :3, 3]
 
@@ -136,7 +144,7 @@ def compute_site_gap(
     first: ContactSite,
     second: ContactSite,
 ) -> float:
-    """Distance of two sites in space [m]."""
+    """Return the distance of two sites in space [m]."""
     T = env.poses(q)
     one, other = (
         compute_surface_axes(
@@ -155,7 +163,8 @@ def compute_fold_share(
     first: ContactSite,
     second: ContactSite,
 ) -> float:
-    """Share of a hand's force that the second site bears: less, the wider the gap."""
+    """Return the share of a hand's force on the second site: less, the wider the
+    gap."""
     value = env.constants.value
     gap = compute_site_gap(env, q, first, second)
     return value("fold.even") * max(0.0, 1 - gap / (value("fold.within") * MM))
@@ -164,16 +173,16 @@ def compute_fold_share(
 def press_both_sites(
     touch: TrueTouch, first: ContactSite, second: ContactSite, share: float
 ) -> TrueTouch:
-    """The same touch with each press at the first site also at the second.
+    """Return a touch with each press at the first site also at the second.
 
     Args:
-        touch: what is done at the first site.
-        first: where.
-        second: the place that faces it.
-        share: of the force, that the second bears.
+        touch: touch at the first site.
+        first: site of the touch.
+        second: site that faces it.
+        share: share of the force on the second site.
 
     Raises:
-        ValueError: the share is no share.
+        ValueError: the share is not between 0 and 1.
     """
     if not 0 <= share <= 1:
         raise ValueError(f"share is {share}; give 0 to 1")
@@ -192,7 +201,7 @@ def press_both_sites(
 def mirror_press(
     press: Press, first: ContactSite, second: ContactSite, share: float
 ) -> Press:
-    """The press of the other side of the hand, seen from there as in a mirror."""
+    """Return the press of the other side of the hand, mirrored."""
     turn = second.angle + first.angle
     path = press.centre - np.array(first.centre)
     return replace(
@@ -208,7 +217,7 @@ def mirror_press(
 def reflect_path(
     path: Float[np.ndarray, "time 2"], turn: float
 ) -> Float[np.ndarray, "time 2"]:
-    """A path whose directions, at angles a from t, come to be at turn - a."""
+    """Reflect a path: directions at angles a from t come to be at turn - a."""
     cosine, sine = np.cos(turn), np.sin(turn)
     s, t = path.T
     return np.column_stack([-s * cosine - t * sine, t * cosine - s * sine])

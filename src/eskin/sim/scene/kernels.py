@@ -1,4 +1,4 @@
-"""Compiled kernels that compute distances of cylinders and gaps between facing patches."""
+"""Compiled kernels that compute distances of cylinders and gaps of facing patches."""
 
 from typing import NamedTuple, no_type_check
 
@@ -9,48 +9,48 @@ from eskin.compiled import compiled
 
 
 class CylinderArrays(NamedTuple):
-    """Cylinders in the frames of their links."""
+    """This tuple holds cylinders in the frames of their links."""
 
     links: np.ndarray
-    """Index of the link of each (rod)."""
+    """Index of the link of each (cylinder)."""
     centres: np.ndarray
-    """[m] (rod, 3)"""
+    """Centres (cylinder, 3) [m]."""
     axes: np.ndarray
-    """Unit directions (rod, 3)."""
+    """Unit directions (cylinder, 3)."""
     radii: np.ndarray
-    """[m] (rod)"""
+    """Radii (cylinder) [m]."""
     half_lengths: np.ndarray
-    """Half lengths [m] (rod)."""
+    """Half lengths (cylinder) [m]."""
 
 
 MAX_ITERATIONS = 100
 DISTANCE_TOLERANCE = 2e-5
-"""Distances are found to this [m], from below."""
+"""Accuracy of distances, which are found from below [m]."""
 
 
 @compiled
 @no_type_check
 def place_cylinders(
-    rods: CylinderArrays, T_world_link: Float[np.ndarray, "link 4 4"]
+    cylinders: CylinderArrays, T_world_link: Float[np.ndarray, "link 4 4"]
 ) -> tuple[Float[np.ndarray, "rod 3"], Float[np.ndarray, "rod 3"]]:
-    """Centres and axes in the world."""
-    count = len(rods.links)
+    """Return centres and axes in the world."""
+    count = len(cylinders.links)
     centres, axes = np.empty((count, 3)), np.empty((count, 3))
-    for rod in range(count):
-        T = T_world_link[rods.links[rod]]
+    for cylinder in range(count):
+        T = T_world_link[cylinders.links[cylinder]]
         for i in range(3):
             centre, axis = T[i, 3], 0.0
             for j in range(3):
-                centre += T[i, j] * rods.centres[rod, j]
-                axis += T[i, j] * rods.axes[rod, j]
-            centres[rod, i], axes[rod, i] = centre, axis
+                centre += T[i, j] * cylinders.centres[cylinder, j]
+                axis += T[i, j] * cylinders.axes[cylinder, j]
+            centres[cylinder, i], axes[cylinder, i] = centre, axis
     return centres, axes
 
 
 @compiled
 @no_type_check
 def dot(a: Float[np.ndarray, "3"], b: Float[np.ndarray, "3"]) -> float:
-    """Scalar product."""
+    """Return the scalar product."""
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
@@ -64,7 +64,8 @@ def find_nearest_axis_points(
     b: Float[np.ndarray, "3"],
     k: float,
 ) -> tuple[float, float]:
-    """Where two axes come nearest, from their middles (Ericson 2005, 5.1.9) [m]."""
+    """Return where two axes come nearest, from their middles (Ericson 2005, 5.1.9)
+    [m]."""
     x, y, z = c[0] - e[0], c[1] - e[1], c[2] - e[2]
     ab = dot(a, b)
     ar, br = x * a[0] + y * a[1] + z * a[2], x * b[0] + y * b[1] + z * b[2]
@@ -86,7 +87,7 @@ def find_nearest_point(
     radius: float,
     half: float,
 ) -> tuple[float, float, float]:
-    """The point of a solid cylinder that is nearest to p."""
+    """Return the point of a solid cylinder that is nearest to p."""
     x, y, z = p[0] - c[0], p[1] - c[1], p[2] - c[2]
     along = x * a[0] + y * a[1] + z * a[2]
     x, y, z = x - along * a[0], y - along * a[1], z - along * a[2]
@@ -108,7 +109,7 @@ def compute_extent(
     radius: float,
     half: float,
 ) -> float:
-    """How far a cylinder reaches from its centre in a direction [m]."""
+    """Return how far a cylinder extends from its centre in a direction [m]."""
     along = n[0] * a[0] + n[1] * a[1] + n[2] * a[2]
     return abs(along) * half + radius * np.sqrt(max(1.0 - along * along, 0.0))
 
@@ -118,7 +119,7 @@ def compute_extent(
 def compute_distance(
     p: tuple[float, float, float], q: tuple[float, float, float]
 ) -> float:
-    """Distance of two points [m]."""
+    """Return the distance of two points [m]."""
     x, y, z = q[0] - p[0], q[1] - p[1], q[2] - p[2]
     return np.sqrt(x * x + y * y + z * z)
 
@@ -136,10 +137,11 @@ def compute_cylinder_distance(
     k: float,
     enough: float,
 ) -> float:
-    """Distance of two solid cylinders, never too large; 0 where they meet [m].
+    """Return the distance of two solid cylinders, never too large; 0 where they meet
+    [m].
 
     Capsules about them settle what is farther apart than `enough`. The rest is found by
-    projecting to and fro, with the plane between as a bound from below.
+    alternating projections, with the plane between as a bound from below.
     """
     u, v = find_nearest_axis_points(c, a, h, e, b, k)
     p = (c[0] + u * a[0], c[1] + u * a[1], c[2] + u * a[2])
@@ -171,37 +173,37 @@ def compute_cylinder_distance(
 @compiled
 @no_type_check
 def compute_clearances(
-    rods: CylinderArrays,
+    cylinders: CylinderArrays,
     pairs: Int[np.ndarray, "pair 2"],
     free: Int[np.ndarray, "free"],
     T_world_link: Float[np.ndarray, "pose link 4 4"],
     enough: float,
 ) -> Float[np.ndarray, "pose 2"]:
-    """Least distance of pairs of rods, and least height of the free ones [m].
+    """Return the least distance of pairs and the least height of free cylinders [m].
 
     What is farther than `enough` may be given as any distance beyond.
     """
     found = np.empty((len(T_world_link), 2))
     for pose in range(len(T_world_link)):
-        centres, axes = place_cylinders(rods, T_world_link[pose])
+        centres, axes = place_cylinders(cylinders, T_world_link[pose])
         low = np.inf
-        for rod in free:
-            up = abs(axes[rod, 2])
-            below = up * rods.half_lengths[rod] + rods.radii[rod] * np.sqrt(
-                max(1.0 - up * up, 0.0)
-            )
-            low = min(low, centres[rod, 2] - below)
+        for cylinder in free:
+            up = abs(axes[cylinder, 2])
+            below = up * cylinders.half_lengths[cylinder] + cylinders.radii[
+                cylinder
+            ] * np.sqrt(max(1.0 - up * up, 0.0))
+            low = min(low, centres[cylinder, 2] - below)
         least = np.inf
         for one, other in pairs:
             gap = compute_cylinder_distance(
                 centres[one],
                 axes[one],
-                rods.radii[one],
-                rods.half_lengths[one],
+                cylinders.radii[one],
+                cylinders.half_lengths[one],
                 centres[other],
                 axes[other],
-                rods.radii[other],
-                rods.half_lengths[other],
+                cylinders.radii[other],
+                cylinders.half_lengths[other],
                 min(enough, least),
             )
             least = min(least, gap)
@@ -212,24 +214,29 @@ def compute_clearances(
 @compiled
 @no_type_check
 def compute_point_distances(
-    rods: CylinderArrays,
+    cylinders: CylinderArrays,
     T_world_link: Float[np.ndarray, "link 4 4"],
     points: Float[np.ndarray, "point 3"],
     others: Int[np.ndarray, "other"],
 ) -> tuple[Float[np.ndarray, "point"], Int[np.ndarray, "point"]]:
-    """Distance of points of the world from the nearest of some rods, and which [m]."""
-    centres, axes = place_cylinders(rods, T_world_link)
+    """Return the distance of points from the nearest of some cylinders, and which
+    [m]."""
+    centres, axes = place_cylinders(cylinders, T_world_link)
     found = np.full(len(points), np.inf)
     which = np.full(len(points), -1)
     for i in range(len(points)):
         p = (points[i, 0], points[i, 1], points[i, 2])
-        for rod in others:
+        for cylinder in others:
             at = find_nearest_point(
-                p, centres[rod], axes[rod], rods.radii[rod], rods.half_lengths[rod]
+                p,
+                centres[cylinder],
+                axes[cylinder],
+                cylinders.radii[cylinder],
+                cylinders.half_lengths[cylinder],
             )
             length = compute_distance(p, at)
             if length < found[i]:
-                found[i], which[i] = length, rod
+                found[i], which[i] = length, cylinder
     return found, which
 
 
@@ -238,7 +245,8 @@ def compute_point_distances(
 def transform_point(
     T: Float[np.ndarray, "4 4"], local: Float[np.ndarray, "3"], shifted: float
 ) -> tuple[float, float, float]:
-    """A point (shifted 1) or a direction (shifted 0) of a link in the world."""
+    """Transform a point (shifted 1) or a direction (shifted 0) of a link to the
+    world."""
     x = T[0, 0] * local[0] + T[0, 1] * local[1] + T[0, 2] * local[2]
     y = T[1, 0] * local[0] + T[1, 1] * local[1] + T[1, 2] * local[2]
     z = T[2, 0] * local[0] + T[2, 1] * local[1] + T[2, 2] * local[2]
@@ -259,9 +267,10 @@ def find_facing_points(
     within: float,
     cosine: float,
 ) -> tuple[Float[np.ndarray, "pose pair"], Int[np.ndarray, "pose pair 2"]]:
-    """Least distance of points of two charts that face each other, and which two [m].
+    """Find the least distance of facing points of two charts, and which two [m].
 
-    Infinite, and -1, where none do between `thinnest` and `within`.
+    Distances are infinite, and indices -1, where no points face each other between
+    `thinnest` and `within`.
     """
     poses = len(T_world_link)
     gaps = np.full((poses, len(pairs)), np.inf)

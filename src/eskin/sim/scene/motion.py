@@ -1,4 +1,4 @@
-"""This module moves the robot, and the hands that follow it late."""
+"""This module moves the robot, and presses that follow it late or hang still."""
 
 from dataclasses import dataclass, replace
 
@@ -19,27 +19,28 @@ from eskin.sim.scene.validity import are_collision_free
 
 @dataclass(frozen=True)
 class SpeedProfile:
-    """How far a move has come through time."""
+    """A speed profile describes a move from rest to rest at trapezoidal speed."""
 
     length: float
-    """Of the whole way [rad]."""
+    """Length of the whole move [rad]."""
     speed: float
-    """Where it is fastest [rad/s]."""
+    """Greatest speed [rad/s]."""
     acceleration: float
-    """[rad/s2]"""
+    """Acceleration at both ends [rad/s2]."""
 
     @property
     def ramp(self) -> float:
-        """Time to reach full speed [s]."""
+        """Return the time to reach full speed [s]."""
         return self.speed / self.acceleration
 
     @property
     def duration(self) -> float:
-        """From rest to rest [s]."""
+        """Return the time from rest to rest [s]."""
         return self.length / self.speed + self.ramp
 
     def at(self, time: Float[np.ndarray, "time"]) -> Float[np.ndarray, "time"]:
-        """Way travelled since the start; at rest before and after [rad]."""
+        """Return the distance travelled since the start; at rest before and after
+        [rad]."""
         t = np.clip(time, 0.0, self.duration)
         left = self.duration - t
         rising = self.acceleration * t**2 / 2
@@ -52,7 +53,7 @@ class SpeedProfile:
 def build_speed_profile(
     length: float, speed: float, acceleration: float
 ) -> SpeedProfile:
-    """The fastest move over a length [rad] within a speed and an acceleration."""
+    """Build the fastest move over a length [rad] within a speed and an acceleration."""
     reached = min(speed, float(np.sqrt(length * acceleration)))
     return SpeedProfile(length, reached, acceleration)
 
@@ -63,16 +64,16 @@ def follow_late(
     q_series: Float[np.ndarray, "time joint"],
     delay: float,
 ) -> Press:
-    """A press by a hand that follows the moving robot with a delay.
+    """Return a press by a hand that follows the moving robot with a delay.
 
-    At each instant the hand is where its target was a delay ago, but never earlier
-    than when it touched: it lands on the target, and slides until it has caught up.
+    At each instant the hand is where its target was a delay ago, but never earlier than
+    when it touched: it lands on the target, and slides until it has caught up.
 
     Args:
-        press: what it would do to a robot at rest.
-        env: the robot.
+        press: press on a robot at rest.
+        env: robot in its skin.
         q_series: poses at the steps of the scene's clock [rad].
-        delay: of the hand [s].
+        delay: delay of the hand [s].
     """
     now = press.first + np.arange(press.steps, dtype=np.float64)
     late = now - delay / env.constants.value("time.step")
@@ -82,11 +83,11 @@ def follow_late(
 def hang_still(
     press: Press, env: SimEnvironment, q_series: Float[np.ndarray, "time joint"]
 ) -> Press:
-    """A press by what hangs still in the world, such as a cable, while a link moves.
+    """Return a press by what hangs still, such as a cable, while a link moves.
 
     Args:
-        press: what it would do to a robot at rest.
-        env: the robot.
+        press: press on a robot at rest.
+        env: robot in its skin.
         q_series: poses at the steps of the scene's clock [rad].
     """
     now = press.first + np.arange(press.steps, dtype=np.float64)
@@ -100,7 +101,7 @@ def carry_press(
     now: Float[np.ndarray, "step"],
     then: Float[np.ndarray, "step"],
 ) -> Press:
-    """The press with its hand at some steps of a series where it was at others."""
+    """Return the press with its hand at steps `now` where it was at steps `then`."""
     if np.all(q_series == q_series[0]):
         return press
     return move_press_on_link(
@@ -117,7 +118,7 @@ def move_press_on_link(
     q_now: Float[np.ndarray, "step joint"],
     q_then: Float[np.ndarray, "step joint"],
 ) -> Press:
-    """The press where T_link(now)^-1 T_link(then) takes its targets and its angle."""
+    """Return the press where T_link(now)^-1 T_link(then) takes its target and angle."""
     link, chart = env.links[press.chart], env.charts[press.chart]
     T_now, T_then = env.poses(q_now)[:, link], env.poses(q_then)[:, link]
     was, s_then, t_then, _ = compute_surface_axes(chart, press.centre, T_then)
@@ -138,7 +139,7 @@ def move_press_on_link(
 def interpolate_poses(
     q_series: Float[np.ndarray, "time joint"], steps: Float[np.ndarray, "step"]
 ) -> Float[np.ndarray, "step joint"]:
-    """Poses between and beyond steps: before the first, as fast as right after it."""
+    """Interpolate poses between steps, and extrapolate before the first."""
     last = len(q_series) - 1
     if last == 0:
         return np.tile(q_series[0], (len(steps), 1))
@@ -153,12 +154,12 @@ Direction = Float[np.ndarray, "joint"]
 def hold_pose(
     env: SimEnvironment, q: Float[np.ndarray, "joint"], seconds: float
 ) -> Float[np.ndarray, "time joint"]:
-    """A robot that stays where it is [rad]."""
+    """Return the series of a robot that stays where it is [rad]."""
     return np.tile(q, (count_steps(env, seconds), 1))
 
 
 def count_steps(env: SimEnvironment, seconds: float) -> int:
-    """Steps of the simulator's clock in a time [s]."""
+    """Return the steps of the simulator's clock in a time [s]."""
     return max(1, round(seconds / env.constants.value("time.step")))
 
 
@@ -168,17 +169,17 @@ def draw_motion(
     seconds: float,
     rng: np.random.Generator,
 ) -> Float[np.ndarray, "time joint"]:
-    """A robot that moves through a pose, which it takes in the middle of the time.
+    """Draw a robot that moves through a pose, which it takes in the middle of the time.
 
-    Some joints start together, reach their speeds, and stop together; it may have
+    Some joints start together, reach their speeds, and stop together; the move may have
     begun before and go on after. Where all that is tried would collide, the base turns
     alone.
 
     Args:
-        env: the robot.
-        q: the pose [rad].
-        seconds: how long.
-        rng: to draw from.
+        env: robot in its skin.
+        q: pose [rad].
+        seconds: duration [s].
+        rng: random generator.
     """
     for _ in range(int(env.constants.value("motion.tries"))):
         series = move_through_pose(env, q, draw_joint_direction(env, rng), seconds, rng)
@@ -190,7 +191,7 @@ def draw_motion(
 
 
 def draw_joint_direction(env: SimEnvironment, rng: np.random.Generator) -> Direction:
-    """Speeds of the joints by that of the fastest."""
+    """Draw the speeds of the joints relative to the fastest."""
     count = int(env.constants.choose("motion.joints", rng))
     joints = len(env.mounted.robot.joint_names)
     moving = rng.choice(joints, size=min(count, joints), replace=False)
@@ -206,7 +207,7 @@ def move_through_pose(
     seconds: float,
     rng: np.random.Generator,
 ) -> Float[np.ndarray, "time joint"]:
-    """A move along a direction that takes a pose in the middle of the time."""
+    """Draw a move along a direction that takes a pose in the middle of the time."""
     draw = env.constants.draw
     speed = min(draw("motion.speed", rng), compute_max_speed(env, q[None], direction))
     acceleration = draw("motion.acceleration", rng)
@@ -223,7 +224,8 @@ def move_through_pose(
 def compute_max_speed(
     env: SimEnvironment, q: Float[np.ndarray, "pose joint"], direction: Direction
 ) -> float:
-    """Greatest speed along a direction at which no skin is too fast [rad/s]."""
+    """Return the greatest speed along a direction at which no skin is too fast
+    [rad/s]."""
     nudge = 1e-6
     samples = sample_patches(env)
     links = np.repeat(samples.links, np.diff(samples.starts))
@@ -238,7 +240,7 @@ def compute_max_speed(
 
 
 def is_path_free(env: SimEnvironment, series: Float[np.ndarray, "time joint"]) -> bool:
-    """Whether a series of poses stays within limits and clear of everything."""
+    """Tell whether a series of poses stays within limits and clear of everything."""
     robot = env.mounted.robot
     if np.any(series < robot.lower) or np.any(series > robot.upper):
         return False
@@ -253,13 +255,13 @@ def draw_pose_path(
     rng: np.random.Generator,
     groups: frozenset[int] = POSE_GROUPS,
 ) -> Float[np.ndarray, "time joint"]:
-    """A robot that goes from pose to pose, with pauses, for a stream [rad].
+    """Draw a robot that goes from pose to pose, with pauses, for a stream [rad].
 
     Args:
-        env: the robot.
-        seconds: how long.
-        rng: to draw from.
-        groups: of the poses that it pauses at.
+        env: robot in its skin.
+        seconds: duration [s].
+        rng: random generator.
+        groups: groups of the poses that it pauses at.
     """
     at = draw_pose(env, groups, rng)
     parts, length, wanted = [], 0, count_steps(env, seconds)
@@ -278,7 +280,7 @@ def draw_leg(
     groups: frozenset[int],
     rng: np.random.Generator,
 ) -> Float[np.ndarray, "time joint"]:
-    """A move to another pose; where none can be reached, a turn of the base alone."""
+    """Draw a move to another pose, or a turn of the base where none can be reached."""
     for _ in range(int(env.constants.value("motion.tries"))):
         leg = draw_straight_move(env, start, draw_pose(env, groups, rng), rng)
         if is_path_free(env, leg):
@@ -294,7 +296,7 @@ def draw_straight_move(
     end: Float[np.ndarray, "joint"],
     rng: np.random.Generator,
 ) -> Float[np.ndarray, "time joint"]:
-    """A move from one pose to another, all joints together."""
+    """Draw a move from one pose to another, all joints together."""
     length = float(np.abs(end - start).max())
     direction = (end - start) / length
     between = start + np.linspace(0.0, 1.0, 9)[:, None] * (end - start)

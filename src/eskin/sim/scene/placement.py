@@ -12,9 +12,9 @@ from eskin.sim.scene.environment import SimEnvironment, build_site, compute_surf
 from eskin.sim.scene.targets import EDGE, INNER, REGIONS, SEAM, compute_edge_distance
 
 ACROSS_HAND = np.linspace(-0.5, 0.5, 3)
-"""Places across a hand's breadth that are looked at."""
+"""Points across a hand's breadth that are checked."""
 ALONG_HAND = np.linspace(-0.5, 0.5, 9)
-"""Places along a hand that are looked at."""
+"""Points along a hand that are checked."""
 
 
 def has_room_for_hand(
@@ -23,7 +23,7 @@ def has_room_for_hand(
     law: str,
     T_world_link: Float[np.ndarray, "link 4 4"],
 ) -> bool:
-    """Whether nothing is in the hand's way, and a stroke has its run."""
+    """Tell whether nothing is in the hand's way, and a stroke has its run."""
     if law == "stroke":
         low, high = site.free_run
         if high - low < env.constants.value("place.stroke_run") * MM:
@@ -38,7 +38,7 @@ def has_room_for_finger(
     site: ContactSite,
     T_world_link: Float[np.ndarray, "link 4 4"],
 ) -> bool:
-    """Whether a finger can come to the place from outside."""
+    """Tell whether a finger can come to the site from outside."""
     need = env.constants.value("place.room") * MM
     link = env.links[site.chart]
     here = np.array([site.centre])
@@ -56,7 +56,7 @@ def has_room_for_grip(
     site: ContactSite,
     T_world_link: Float[np.ndarray, "link 4 4"],
 ) -> bool:
-    """Whether a hand fits round a tube: room over the arc that it covers."""
+    """Tell whether a hand fits round a tube: room over the arc that it covers."""
     value = env.constants.value
     around = ALONG_HAND * value("hand.length") * MM
     along = ACROSS_HAND * value("hand.breadth") * MM
@@ -86,14 +86,14 @@ TUBE_GESTURES = ("grab", "stroke")
 
 @dataclass(frozen=True, eq=False)
 class PersonView:
-    """What a person sees of the robot."""
+    """A person's view is where they stand and how far they reach."""
 
     T_world_link: Float[np.ndarray, "link 4 4"]
-    """Where the links are."""
+    """Poses of the links."""
     shoulder: Float[np.ndarray, "3"]
-    """Where the person's shoulder is in the world [m]."""
+    """Position of the person's shoulder in the world [m]."""
     heights: tuple[float, float]
-    """Least and greatest z in the world that they reach [m]."""
+    """Least and greatest z in the world that the person reaches [m]."""
 
 
 def draw_site(
@@ -104,18 +104,18 @@ def draw_site(
     rng: np.random.Generator,
     kind: str | None = None,
 ) -> ContactSite:
-    """Where a person touches the robot in a pose.
+    """Draw where a person touches the robot in a pose.
 
     What has no law of its own takes that of poke, double pat, grab or stroke, as it
     happens, so that the place does not tell it from them.
 
     Args:
-        env: the robot.
-        q: its pose [rad].
-        person: who touches.
-        gesture: what they do; `none` and unknown ones too.
-        rng: to draw from.
-        kind: which way of doing it; some ask for a certain kind of place.
+        env: robot in its skin.
+        q: pose [rad].
+        person: person who touches.
+        gesture: gesture, `none` or an unknown gesture.
+        rng: random generator.
+        kind: variant of the gesture; some need a certain kind of place.
 
     Raises:
         ValueError: the skin has no place for it.
@@ -139,7 +139,7 @@ def draw_site(
 def choose_placement_law(
     gesture: str, kind: str | None, rng: np.random.Generator
 ) -> str:
-    """The gesture whose law for places is taken."""
+    """Choose the gesture whose law for places applies."""
     for name in (kind, gesture):
         if name in PLACEMENT_LAWS:
             return name
@@ -151,7 +151,7 @@ def choose_placement_law(
 def build_view(
     env: SimEnvironment, q: Float[np.ndarray, "joint"], person: Person
 ) -> PersonView:
-    """Where the robot and the person are."""
+    """Return where the robot and the person are."""
     value = env.constants.value
     table = value("robot.table")
     distance, bearing = person.stand
@@ -172,9 +172,9 @@ def draw_target(
     rng: np.random.Generator,
     strict: bool,
 ) -> int | None:
-    """A place by region, by nearness to an edge, and by area, reach and facing.
+    """Draw a target by region, by nearness to an edge, and by area, reach and facing.
 
-    None where no place of the region that was drawn will do.
+    It is None where no target of the region that was drawn will do.
     """
     only = law in TUBE_GESTURES
     lists = env.targets.by_kind
@@ -203,7 +203,7 @@ def draw_target(
 
 
 def draw_target_kind(env: SimEnvironment, rng: np.random.Generator) -> int:
-    """Whether to aim amid a patch, near its edge, or on a seam."""
+    """Draw whether to aim amid a patch, near its edge, or on a seam."""
     value = env.constants.value
     drawn = rng.random()
     if drawn < value("place.seam"):
@@ -214,7 +214,7 @@ def draw_target_kind(env: SimEnvironment, rng: np.random.Generator) -> int:
 def compute_target_weights(
     env: SimEnvironment, view: PersonView, targets: Int[np.ndarray, "spot"]
 ) -> Float[np.ndarray, "spot"]:
-    """Area of places, as far as the person reaches them and they face the person."""
+    """Return the areas of targets, weighted by reach and by facing the person."""
     all_spots = env.targets
     links = np.array(env.links)[all_spots.chart[targets]]
     T = view.T_world_link[links]
@@ -234,7 +234,7 @@ def compute_target_weights(
 def draw_site_on_target(
     env: SimEnvironment, view: PersonView, index: int, rng: np.random.Generator
 ) -> ContactSite:
-    """The site at a place that may be drawn."""
+    """Draw the site on a target."""
     chart = int(env.targets.chart[index])
     return build_reached_site(env, view, chart, draw_point_on_target(env, index, rng))
 
@@ -242,7 +242,8 @@ def draw_site_on_target(
 def build_reached_site(
     env: SimEnvironment, view: PersonView, chart: int, centre: Float[np.ndarray, "2"]
 ) -> ContactSite:
-    """The site at a place of a chart, with the hand as it comes from the person."""
+    """Build the site at a point of a chart, with the hand as it comes from the
+    person."""
     T = view.T_world_link[env.links[chart]]
     position, *_ = compute_surface_axes(env.charts[chart], centre[None], T)
     reach = position[0] - view.shoulder
@@ -254,7 +255,8 @@ def build_reached_site(
 def draw_point_on_target(
     env: SimEnvironment, index: int, rng: np.random.Generator
 ) -> Float[np.ndarray, "2"]:
-    """A point of a place that is as near to an edge as the place is (s, t) [m]."""
+    """Draw a point of a target that is as near to an edge as the target is (s, t)
+    [m]."""
     targets = env.targets
     middle = targets.unrolled[index]
     chart = int(targets.chart[index])

@@ -1,4 +1,9 @@
-"""This module draws poses of the robot among those that it would take."""
+"""This module draws poses of the robot among those that it would take.
+
+Poses that are alike form groups, so that whole groups can be kept for tests. They are
+those of an arm like the UR5. All poses of another robot are in one group of their own,
+which stands for every group that is asked for.
+"""
 
 from collections.abc import Collection
 from dataclasses import dataclass
@@ -22,23 +27,23 @@ UNGROUPED = 0
 """Group of all poses of a robot that is no such arm."""
 
 FOREARM, LIFT, ELBOW = "forearm_link", "shoulder_lift_joint", "elbow_joint"
-BANDS = np.array([9, 1, 5])
+FIRST_GROUPS = np.array([9, 1, 5])
 """First group of a forearm that hangs, is level, rises."""
 
 
 def has_pose_groups(env: SimEnvironment) -> bool:
-    """Whether the robot is an arm whose poses come in groups."""
+    """Tell whether the robot is an arm whose poses come in groups."""
     robot = env.mounted.robot
     return FOREARM in robot.link_names and {LIFT, ELBOW} <= set(robot.joint_names)
 
 
 def resolve_groups(env: SimEnvironment, asked: Collection[int]) -> list[int]:
-    """The groups of this robot that those asked for stand for."""
+    """Return the groups of this robot that stand for those asked for."""
     return sorted(asked) if has_pose_groups(env) else [UNGROUPED]
 
 
 def compute_pose_group(env: SimEnvironment, q: Float[np.ndarray, "joint"]) -> int:
-    """The group of a pose, 1 to 12 or `UNGROUPED`; the base's turn does not matter."""
+    """Return the group of a pose, 1 to 12 or `UNGROUPED`, whatever the base's turn."""
     return int(compute_pose_groups(env, q[None], env.poses(q[None]))[0])
 
 
@@ -47,7 +52,8 @@ def compute_pose_groups(
     q: Float[np.ndarray, "pose joint"],
     T_world_link: Float[np.ndarray, "pose link 4 4"],
 ) -> Int[np.ndarray, "pose"]:
-    """The group of each pose: by rise of the forearm, lift, and bend of the elbow."""
+    """Return the group of each pose by rise of the forearm, lift, and bend of the
+    elbow."""
     if not has_pose_groups(env):
         return np.full(len(q), UNGROUPED, dtype=np.int64)
     forearm = env.mounted.robot.link_index(FOREARM)
@@ -57,7 +63,7 @@ def compute_pose_groups(
     elbow = np.rad2deg(q[:, env.joint_index(ELBOW)])
     backward = lift < env.constants.value("robot.upright")
     bent = np.abs(elbow) > env.constants.value("robot.bent")
-    return BANDS[band] + 2 * backward.astype(np.int64) + bent
+    return FIRST_GROUPS[band] + 2 * backward.astype(np.int64) + bent
 
 
 CHUNK = 2048
@@ -65,23 +71,23 @@ CHUNK = 2048
 
 @dataclass(frozen=True, eq=False)
 class PosePool:
-    """Poses of each group, in the order in which they were found."""
+    """A pose pool holds poses found in advance, so that drawing one costs nothing."""
 
     any: dict[int, Float[np.ndarray, "_ joint"]]
-    """Poses as they come."""
+    """Poses of each group without further condition."""
     folded: dict[int, Float[np.ndarray, "_ joint"]]
     """Poses in which patches of different links face each other closely."""
     touching: dict[int, Float[np.ndarray, "_ joint"]]
     """Poses in which a link all but touches a patch of another."""
     shares: dict[int, float]
-    """How many of all poses are of each group."""
+    """Share of each group among all poses."""
     folded_shares: dict[int, float]
-    """How many of all folded poses are of each group."""
+    """Share of each group among all folded poses."""
 
 
 @lru_cache(maxsize=4)
 def build_pose_pool(env: SimEnvironment) -> PosePool:
-    """The poses of a world: always the same ones."""
+    """Build the poses of an environment: always the same ones."""
     rng = np.random.default_rng(int(env.constants.value("robot.pool_seed")))
     q = draw_valid_poses(env, rng)
     group = compute_pose_groups(env, q, env.poses(q))
@@ -105,14 +111,14 @@ def sort_by_group(
     group: Int[np.ndarray, "pose"],
     most: int,
 ) -> dict[int, Float[np.ndarray, "_ joint"]]:
-    """The first poses of each group."""
+    """Return the first poses of each group."""
     return {each: q[group == each][:most] for each in resolve_groups(env, POSE_GROUPS)}
 
 
 def compute_group_shares(
     env: SimEnvironment, group: Int[np.ndarray, "pose"]
 ) -> dict[int, float]:
-    """How many of the poses are of each group."""
+    """Return the share of each group among some poses."""
     total = max(1, len(group))
     return {
         each: float(np.count_nonzero(group == each) / total)
@@ -123,7 +129,7 @@ def compute_group_shares(
 def draw_valid_poses(
     env: SimEnvironment, rng: np.random.Generator
 ) -> Float[np.ndarray, "pose joint"]:
-    """Poses drawn evenly, those that a robot would take and people can reach.
+    """Draw poses evenly among those that a robot would take and people can reach.
 
     A robot without joints takes the one pose it has.
     """
@@ -143,7 +149,8 @@ def draw_touching_poses(
     most: int,
     rng: np.random.Generator,
 ) -> tuple[Float[np.ndarray, "_ joint"], Int[np.ndarray, "_"]]:
-    """Poses bent until a link all but touches a patch of another, and their groups."""
+    """Bend poses until a link all but touches a patch of another; return their groups
+    too."""
     tries = int(env.constants.value("robot.pool_bent"))
     found = [
         bend_until_self_contact(env, q[group == each][:tries], most, rng)
@@ -154,13 +161,13 @@ def draw_touching_poses(
 
 
 def can_fold(env: SimEnvironment, groups: frozenset[int]) -> bool:
-    """Whether patches of different links face each other in a pose of some groups."""
+    """Tell whether patches of two links face each other in a pose of some groups."""
     poses = build_pose_pool(env).folded
     return any(len(poses.get(group, ())) for group in resolve_groups(env, groups))
 
 
 def can_touch_itself(env: SimEnvironment, groups: frozenset[int]) -> bool:
-    """Whether a link all but touches a patch of another in a pose of some groups."""
+    """Tell whether a link all but touches another's patch in a pose of some groups."""
     poses = build_pose_pool(env).touching
     return any(len(poses.get(group, ())) for group in resolve_groups(env, groups))
 
@@ -171,14 +178,14 @@ def draw_pose(
     rng: np.random.Generator,
     fold: bool = False,
 ) -> Float[np.ndarray, "joint"]:
-    """A pose of some groups, as often as such poses are [rad].
+    """Draw a pose of some groups, as often as such poses are [rad].
 
-    Nothing of what poses are chosen by depends on the base, which is drawn anew.
+    The base affects none of the conditions on poses and is drawn anew.
 
     Args:
-        env: the robot.
-        groups: of `POSE_GROUPS`.
-        rng: to draw from.
+        env: robot in its skin.
+        groups: some of `POSE_GROUPS`.
+        rng: random generator.
         fold: whether patches of different links must face each other closely.
 
     Raises:
@@ -193,7 +200,7 @@ def draw_pose(
 def draw_touching_pose(
     env: SimEnvironment, groups: set[int] | frozenset[int], rng: np.random.Generator
 ) -> Float[np.ndarray, "joint"]:
-    """A pose in which a link all but touches a patch of another [rad].
+    """Draw a pose in which a link all but touches a patch of another [rad].
 
     Raises:
         ValueError: there is no such group, or no such pose in any of them.
@@ -210,7 +217,7 @@ def draw_from_groups(
     groups: set[int] | frozenset[int],
     rng: np.random.Generator,
 ) -> Float[np.ndarray, "joint"]:
-    """One of the poses of some groups, the base of an arm turned anywhere."""
+    """Draw one of the poses of some groups, the base of an arm turned anywhere."""
     if not groups or not groups <= POSE_GROUPS:
         raise ValueError(
             f"groups are {sorted(groups)}; give some of 1 to {len(POSE_GROUPS)}"

@@ -1,4 +1,4 @@
-"""A scene holds a motion of the robot and touches; this module computes pressure and ground truth of it."""
+"""A scene holds a motion and touches; this module computes their pressure and truth."""
 
 from dataclasses import dataclass, replace
 from functools import lru_cache
@@ -24,38 +24,38 @@ from eskin.transforms import apply
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """All that happens between two instants, on the simulator's clock."""
+    """A scene holds all that happens between two instants, on the simulator's clock."""
 
     q: Float[np.ndarray, "time joint"]
     """Joint positions [rad]."""
     touches: tuple[TrueTouch, ...]
-    """Their presses start at steps of this scene."""
+    """Touches, whose presses start at steps of this scene."""
 
     @property
     def steps(self) -> int:
-        """Length."""
+        """Return the length of the scene."""
         return len(self.q)
 
 
 @dataclass(frozen=True, eq=False)
 class ScenePress:
-    """What one press does within a scene."""
+    """A scene press is the part of a press that lies in a scene, with its pressure."""
 
     press: Press
-    """The part of the press that lies in the scene."""
+    """Part of the press that lies in the scene."""
     field: PressureField
-    """What the skin feels of it."""
+    """Pressure on the skin."""
 
     @property
     def span(self) -> slice:
-        """Steps of the scene."""
+        """Return the steps of the scene in which it presses."""
         return slice(self.press.first, self.press.first + self.press.steps)
 
 
 def compute_scene_presses(
     touch: TrueTouch, steps: int, charts: tuple[Chart, ...], constants: Constants
 ) -> list[ScenePress]:
-    """What each press of a touch does within a scene of so many steps."""
+    """Compute what each press of a touch does within a scene of so many steps."""
     presses = (crop_press(press, steps) for press in touch.presses)
     return [
         ScenePress(press, compute_pressure_field(press, charts[press.chart], constants))
@@ -65,7 +65,7 @@ def compute_scene_presses(
 
 
 def crop_press(press: Press, steps: int) -> Press | None:
-    """The part of a press that lies in a scene of so many steps, if any."""
+    """Return the part of a press that lies in a scene of so many steps, if any."""
     low, high = max(0, -press.first), min(press.steps, steps - press.first)
     if high <= low:
         return None
@@ -79,27 +79,28 @@ def crop_press(press: Press, steps: int) -> Press | None:
 
 
 def sum_pressure(
-    parts: list[ScenePress], steps: int, count: int
+    presses: list[ScenePress], steps: int, count: int
 ) -> tuple[Float[np.ndarray, "time active"], Int[np.ndarray, "active"]]:
-    """Pressure of all presses together [kPa], and the taxels it is on, ascending.
+    """Sum the pressure of all presses [kPa]; return the taxels it is on, ascending.
 
     Args:
-        parts: the presses.
+        presses: presses of the scene.
         steps: length of the scene.
-        count: taxels of the skin.
+        count: number of taxels of the skin.
     """
-    touched = [part.field.taxels for part in parts]
+    touched = [part.field.taxels for part in presses]
     taxels = np.unique(np.concatenate([np.empty(0, dtype=np.int64), *touched]))
     column_of = np.zeros(count, dtype=np.int64)
     column_of[taxels] = np.arange(len(taxels))
     pressure = np.zeros((steps, len(taxels)))
-    for part in parts:
+    for part in presses:
         pressure[part.span, column_of[part.field.taxels]] += part.field.pressure
     return pressure, taxels
 
 
 def find_contact_steps(touch: TrueTouch) -> tuple[int, int]:
-    """First step with force and the step behind the last, on the touch's own clock."""
+    """Return the first step with force and the step behind the last, on the touch's
+    clock."""
     firsts, ends = [], []
     for press in touch.presses:
         pressed = np.flatnonzero(press.force > 0)
@@ -110,7 +111,7 @@ def find_contact_steps(touch: TrueTouch) -> tuple[int, int]:
 
 
 def shift_touch(touch: TrueTouch, start: int) -> TrueTouch:
-    """The same touch with its clock started at a step of the clip."""
+    """Return a touch with its clock started at a step of the clip."""
     presses = tuple(replace(p, first=p.first + start) for p in touch.presses)
     return replace(touch, presses=presses)
 
@@ -121,7 +122,7 @@ def are_apart(
     one: TrueTouch,
     other: TrueTouch,
 ) -> bool:
-    """Whether two touches are far enough apart in space to be two."""
+    """Tell whether two touches are far enough apart in space to be two."""
     a, b = (compute_press_centres(env, q, touch) for touch in (one, other))
     gaps = np.linalg.norm(a[:, None] - b[None], axis=2)
     return bool(gaps.min(initial=np.inf) >= env.constants.value("clip.apart"))
@@ -130,7 +131,7 @@ def are_apart(
 def compute_press_centres(
     env: SimEnvironment, q: Float[np.ndarray, "joint"], touch: TrueTouch
 ) -> Float[np.ndarray, "press 3"]:
-    """Where each press of a touch is half-way through it, in the world [m]."""
+    """Return where each press of a touch is half-way through it, in the world [m]."""
     T_world_link = env.poses(q)
     points = []
     for press in touch.presses:
@@ -143,21 +144,21 @@ def compute_press_centres(
 
 @dataclass(frozen=True, eq=False)
 class TrueTouchSeries:
-    """One touch as it really was, at every reading of its clip.
+    """This series describes one touch as it really was, at every reading of its clip.
 
     Values are zero, and the centroid without meaning, while there is no contact.
     """
 
     number: int
-    """Which touch of the clip; 0 is the one that the clip is made for."""
+    """Number of the touch in the clip; 0 is the one that the clip is made for."""
     gesture: str
-    """Of the vocabulary, `none`, or the name of an unknown gesture."""
+    """Gesture of the vocabulary, `none`, or the name of an unknown gesture."""
     kind: str
     """Variant, such as `two_tips` or `bump`."""
     subject: str
-    """Who did it; empty where it was nobody."""
+    """Name of the person; empty where no person touched."""
     link: str
-    """Link that bears most of it."""
+    """Link that bears most of the force."""
     force: Float[np.ndarray, "reading"]
     """Total force on the skin [N]."""
     area: Float[np.ndarray, "reading"]
@@ -165,17 +166,17 @@ class TrueTouchSeries:
     centroid: Float[np.ndarray, "reading 3"]
     """Centre of the force in the world [m]."""
     onset: float
-    """First contact since the start of the clip; negative where it was before [s]."""
+    """First contact since the start of the clip; negative if before it [s]."""
     end: float
     """Last contact since the start of the clip; may be after its end [s]."""
 
     def to_record(self, number: int, reading: int, stamp: int) -> TruthRecord:
-        """What is recorded of it at one reading.
+        """Return the record of the touch at one reading.
 
         Args:
-            number: which touch of the recording or stream it is.
-            reading: of the clip.
-            stamp: of that reading [ns since the epoch].
+            number: number of the touch in the recording or stream.
+            reading: reading of the clip.
+            stamp: time of that reading [ns since the epoch].
         """
         x, y, z = self.centroid[reading].tolist()
         return TruthRecord(
@@ -193,7 +194,7 @@ class TrueTouchSeries:
 def build_true_series(
     number: int,
     touch: TrueTouch,
-    parts: list[ScenePress],
+    presses: list[ScenePress],
     charts: tuple[Chart, ...],
     mounted: MountedSkin,
     q: Float[np.ndarray, "time joint"],
@@ -201,14 +202,14 @@ def build_true_series(
     every: int,
     step: float,
 ) -> TrueTouchSeries:
-    """Force, area and centre of a touch at every reading.
+    """Build force, area and centre of a touch at every reading.
 
     Args:
-        number: of the touch in its clip.
-        touch: what was done.
-        parts: what its presses do in the scene.
-        charts: of the skin.
-        mounted: the skin on its robot.
+        number: number of the touch in its clip.
+        touch: touch that was made.
+        presses: its presses in the scene.
+        charts: charts of the skin.
+        mounted: skin on its robot.
         q: joint positions of the scene [rad].
         lead: steps of the scene before the clip.
         every: steps between two readings.
@@ -219,15 +220,17 @@ def build_true_series(
     moment = np.zeros((steps, 3))
     loads: dict[str, float] = {}
     T_world_link = mounted.kinematics.poses(q)
-    for part in parts:
-        chart, felt = charts[part.press.chart], part.field
-        force[part.span] += felt.force
-        area[part.span] += felt.area
-        p_link = chart.surface.wrap(felt.centroid).positions
+    for part in presses:
+        chart, touch_presses = charts[part.press.chart], part.field
+        force[part.span] += touch_presses.force
+        area[part.span] += touch_presses.area
+        p_link = chart.surface.wrap(touch_presses.centroid).positions
         poses = T_world_link[part.span, mounted.robot.link_index(chart.link)]
         p_world = apply(poses, p_link)
-        moment[part.span] += felt.force[:, None] * p_world
-        loads[chart.link] = loads.get(chart.link, 0.0) + float(felt.force.sum())
+        moment[part.span] += touch_presses.force[:, None] * p_world
+        loads[chart.link] = loads.get(chart.link, 0.0) + float(
+            touch_presses.force.sum()
+        )
     first, end = find_contact_steps(touch)
     # Means over the steps of a reading: a bump may last one step alone.
     force, area, moment = (
@@ -254,55 +257,59 @@ def build_true_series(
 
 @lru_cache(maxsize=4)
 def get_grid_neighbours(skin: Skin) -> Int[np.ndarray, "taxel 4"]:
-    """Taxels beside each one in its patch's grid, kept."""
+    """Return the taxels beside each one in its patch's grid, cached."""
     return find_grid_neighbours(skin)
 
 
 def compute_scene_pressure(
-    felt: list[list[ScenePress]], steps: int, film_sigma: float, skin: Skin
+    touch_presses: list[list[ScenePress]], steps: int, film_sigma: float, skin: Skin
 ) -> tuple[Float[np.ndarray, "time active"], Int[np.ndarray, "active"]]:
-    """Pressure of all touches after the film [kPa], and the taxels it is on."""
-    pressure, taxels = sum_pressure([p for ps in felt for p in ps], steps, skin.count)
+    """Return the pressure of all touches after the film [kPa], and their taxels."""
+    pressure, taxels = sum_pressure(
+        [p for ps in touch_presses for p in ps], steps, skin.count
+    )
     beta = compute_leak_share(film_sigma, skin.areas)
     return spread_through_film(pressure, taxels, get_grid_neighbours(skin), beta)
 
 
 def count_steps_per_reading(env: SimEnvironment) -> int:
-    """Steps between two readings of the sensor."""
+    """Return the steps between two readings of the sensor."""
     value = env.constants.value
     return round(value("sensor.period") / value("time.step"))
 
 
 def compute_true_series(
     scene: Scene,
-    felt: list[list[ScenePress]],
+    touch_presses: list[list[ScenePress]],
     charts: tuple[Chart, ...],
     mounted: MountedSkin,
     lead: int,
     env: SimEnvironment,
 ) -> tuple[TrueTouchSeries, ...]:
-    """What truly happened, of every touch that presses.
+    """Compute the ground truth of every touch that presses.
 
     Args:
-        scene: what happens.
-        felt: what each of its touches does to the skin.
-        charts: that the touches are on.
-        mounted: the skin of these charts on its robot.
+        scene: scene that is simulated.
+        touch_presses: presses of each of its touches.
+        charts: charts that the touches are on.
+        mounted: skin of these charts on its robot.
         lead: steps before the clip.
-        env: says how time is cut.
+        env: environment that gives the length of a step.
     """
     every, step = count_steps_per_reading(env), env.constants.value("time.step")
     return tuple(
         build_true_series(
-            number, touch, parts, charts, mounted, scene.q, lead, every, step
+            number, touch, presses, charts, mounted, scene.q, lead, every, step
         )
-        for number, (touch, parts) in enumerate(zip(scene.touches, felt, strict=True))
+        for number, (touch, presses) in enumerate(
+            zip(scene.touches, touch_presses, strict=True)
+        )
         if touch.presses
     )
 
 
 def compute_touch_presses(scene: Scene, env: SimEnvironment) -> list[list[ScenePress]]:
-    """What each touch of a scene does to the skin."""
+    """Compute the presses of each touch of a scene."""
     return [
         compute_scene_presses(touch, scene.steps, env.charts, env.constants)
         for touch in scene.touches

@@ -12,15 +12,15 @@ from eskin.skin import Skin, Tube
 
 REGIONS = ("forearm", "upper_arm", "wrists")
 INNER, EDGE, SEAM = 0, 1, 2
-BLOCK = 1024
-"""Places whose distances are held in memory at a time."""
+TARGET_BLOCK = 1024
+"""Targets whose distances are held in memory at a time."""
 QUARTERS = np.array([[-0.5, -0.5], [-0.5, 0.5], [0.5, -0.5], [0.5, 0.5]])
 """Middles of the quarters of a cell, in halves of it along columns and rows."""
 
 
 @dataclass(frozen=True, eq=False)
 class PatchEdges:
-    """Where the patches of a chart end."""
+    """Patch edges are the points where the patches of a chart end."""
 
     points: Float[np.ndarray, "point 2"]
     """Points along the edges (s, t) [m]."""
@@ -30,32 +30,34 @@ class PatchEdges:
 
 @dataclass(frozen=True, eq=False)
 class TouchTargets:
-    """All places, quarter cells of taxels and points of seams."""
+    """Touch targets are all places on a skin: quarter cells of taxels and points of
+    seams."""
 
     chart: Int[np.ndarray, "spot"]
-    """Index into the charts."""
+    """Index of the chart."""
     region: Int[np.ndarray, "spot"]
     """Index into `REGIONS`."""
     kind: Int[np.ndarray, "spot"]
-    """Amid a patch, near its edge, or on a seam: `INNER`, `EDGE`, `SEAM`."""
+    """Kind of place: amid a patch, near its edge, or on a seam (`INNER`, `EDGE`,
+    `SEAM`)."""
     unrolled: Float[np.ndarray, "spot 2"]
-    """(s, t) on the chart [m]."""
+    """Position (s, t) on the chart [m]."""
     half_cells: Float[np.ndarray, "spot 2 2"]
-    """Half the quarter cell as two vectors (s, t), within which a target lies [m]."""
+    """Half the quarter cell as two vectors (s, t), within which a touch may aim [m]."""
     positions: Float[np.ndarray, "spot 3"]
-    """In the frame of the chart's link [m]."""
+    """Positions in the frame of the chart's link [m]."""
     normals: Float[np.ndarray, "spot 3"]
     """Outward unit normals in that frame."""
     areas: Float[np.ndarray, "spot"]
-    """[m2]"""
+    """Areas [m2]."""
     edges: tuple[PatchEdges, ...]
-    """Where the patches of each chart end."""
+    """Edges of the patches of each chart."""
     tubes: tuple[bool, ...]
-    """Which charts a hand can be closed round, or slide along."""
+    """Whether a hand can be closed round each chart, or slide along it."""
 
     @cached_property
     def by_kind(self) -> dict[tuple[int, int, bool], Int[np.ndarray, "_"]]:
-        """Spots by region, kind, and whether only tubes will do."""
+        """Return targets by region, kind, and whether only tubes will do."""
         tube = np.array(self.tubes, dtype=bool)[self.chart]
         return {
             (region, kind, only): np.flatnonzero(
@@ -70,7 +72,7 @@ class TouchTargets:
 def build_targets(
     skin: Skin, charts: tuple[Chart, ...], constants: Constants
 ) -> TouchTargets:
-    """All places on a skin."""
+    """Build all targets on a skin."""
     all_edges = tuple(find_patch_edges(skin, chart) for chart in charts)
     tubes = tuple(is_tube(chart, constants) for chart in charts)
     parts = [
@@ -102,20 +104,21 @@ def build_targets(
 
 
 def find_region(chart: Chart, tube: bool) -> int:
-    """The region of a chart; all but the two long tubes counts with the wrists."""
+    """Return the region of a chart; all but the two long tubes counts with the
+    wrists."""
     long = {"forearm_link": "forearm", "upper_arm_link": "upper_arm"}
     return REGIONS.index(long.get(chart.link, "wrists") if tube else "wrists")
 
 
 def is_tube(chart: Chart, constants: Constants) -> bool:
-    """Whether a hand can be closed round it and slide along it."""
+    """Tell whether a hand can be closed round a chart and slide along it."""
     length = np.ptp(chart.unrolled[:, 1])
     long = length >= constants.value("place.tube") * MM
     return bool(long) and isinstance(chart.surface, Tube)
 
 
 def find_patch_edges(skin: Skin, chart: Chart) -> PatchEdges:
-    """Edges of the cells that no cell of the same patch lies beyond."""
+    """Find the edges of cells beyond which the patch has no cell."""
     patch, rows = skin.patch_index[chart.taxels], skin.rows[chart.taxels]
     columns = skin.columns[chart.taxels]
     taken = set(zip(patch.tolist(), rows.tolist(), columns.tolist(), strict=True))
@@ -142,7 +145,7 @@ def find_patch_edges(skin: Skin, chart: Chart) -> PatchEdges:
 def compute_offsets(
     chart: Chart, places: Float[np.ndarray, "place 2"], to: Float[np.ndarray, "point 2"]
 ) -> Float[np.ndarray, "place point 2"]:
-    """From each place to each point, the shorter way round [m]."""
+    """Return the offset from each place to each point, the shorter way round [m]."""
     away = to[None] - places[:, None]
     away[..., 0] = chart.wrap_s(away[..., 0])
     return away
@@ -151,10 +154,10 @@ def compute_offsets(
 def compute_edge_distance(
     chart: Chart, edges: PatchEdges, places: Float[np.ndarray, "place 2"]
 ) -> Float[np.ndarray, "place"]:
-    """How far each place is from the nearest edge of a patch [m]."""
+    """Return how far each place is from the nearest edge of a patch [m]."""
     nearest = np.empty(len(places))
-    for first in range(0, len(places), BLOCK):
-        part = slice(first, first + BLOCK)
+    for first in range(0, len(places), TARGET_BLOCK):
+        part = slice(first, first + TARGET_BLOCK)
         away = compute_offsets(chart, places[part], edges.points)
         nearest[part] = np.sqrt(np.min(np.sum(away**2, axis=2), axis=1))
     return nearest
@@ -165,7 +168,7 @@ def build_chart_targets(
 ) -> tuple[
     Float[np.ndarray, "spot 2"], Float[np.ndarray, "spot 2 2"], Int[np.ndarray, "spot"]
 ]:
-    """Places on one chart: where, half their cells, and of what kind."""
+    """Build the targets on one chart: places, halves of their cells, and kinds."""
     at = chart.unrolled[:, None] + np.einsum("qa,tad->tqd", QUARTERS, chart.cells)
     unrolled = at.reshape(-1, 2)
     half = np.repeat(chart.cells / 2, len(QUARTERS), axis=0)
@@ -180,7 +183,8 @@ def build_chart_targets(
 def find_seams(
     chart: Chart, edges: PatchEdges, widest: float
 ) -> tuple[Float[np.ndarray, "spot 2"], Float[np.ndarray, "spot 2 2"]]:
-    """Middles between edges that face each other, and the strips they stand for."""
+    """Find the middles between edges that face each other, and the strips they stand
+    for."""
     away = compute_offsets(chart, edges.points, edges.points)
     length = np.linalg.norm(away, axis=2)
     ahead = np.einsum("ijd,id->ij", away, edges.outward)

@@ -1,4 +1,5 @@
-"""This module decides which poses are valid, and where links of the robot touch its own skin."""
+"""This module tells which poses are valid, and where links touch the robot's own
+skin."""
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -15,7 +16,7 @@ CM2 = 1e-4
 def compute_joint_limits(
     env: SimEnvironment,
 ) -> tuple[Float[np.ndarray, "joint"], Float[np.ndarray, "joint"]]:
-    """Least and greatest joint values that poses are drawn from [rad]."""
+    """Return the least and greatest joint values that poses are drawn from [rad]."""
     ranges = [
         np.deg2rad(env.constants.array(f"robot.range.{name}"))
         for name in env.mounted.robot.joint_names
@@ -27,7 +28,7 @@ def compute_joint_limits(
 def are_poses_valid(
     env: SimEnvironment, q: Float[np.ndarray, "pose joint"]
 ) -> Bool[np.ndarray, "pose"]:
-    """Whether nothing collides and some skin is where people reach."""
+    """Tell in which poses nothing collides and people reach some skin."""
     T = env.poses(q)
     good = are_collision_free(env, T)
     good[good] = is_skin_reachable(env, T[good])
@@ -37,7 +38,7 @@ def are_poses_valid(
 def are_collision_free(
     env: SimEnvironment, T_world_link: Float[np.ndarray, "pose link 4 4"]
 ) -> Bool[np.ndarray, "pose"]:
-    """Whether links keep clear of each other and of the table."""
+    """Tell in which poses links keep clear of each other and of the table."""
     value = env.constants.value
     least, low = value("robot.clearance") * MM, value("robot.table_clearance") * MM
     gap, height = env.collision.compute_clearance(T_world_link, least).T
@@ -47,7 +48,7 @@ def are_collision_free(
 def is_tool_above_table(
     env: SimEnvironment, T_world_link: Float[np.ndarray, "pose link 4 4"]
 ) -> Bool[np.ndarray, "pose"]:
-    """Whether the last link is above the table as far as tools need."""
+    """Tell in which poses the last link is above the table as far as tools need."""
     least = env.constants.value("robot.tool_height")
     return T_world_link[:, -1, 2, 3] >= least
 
@@ -55,7 +56,7 @@ def is_tool_above_table(
 def is_skin_reachable(
     env: SimEnvironment, T_world_link: Float[np.ndarray, "pose link 4 4"]
 ) -> Bool[np.ndarray, "pose"]:
-    """Whether enough skin is at a height that people of average size reach."""
+    """Tell in which poses people of average size reach enough skin."""
     low, high = env.constants.array("place.height")
     table = env.constants.value("robot.table")
     samples = sample_patches(env)
@@ -76,20 +77,22 @@ BISECTIONS = 12
 def find_self_contact_sites(
     env: SimEnvironment, q: Float[np.ndarray, "joint"]
 ) -> tuple[ContactSite, ...]:
-    """Places where another link is so close that it presses, in strips.
+    """Find the strips where another link is so close that it presses.
 
     The angle of such a site is that of the strip: along the other link.
     """
     T_world_link = env.poses(q)
     found = []
     for chart in range(len(env.charts)):
-        gaps, rods = find_self_pressed_taxels(env, chart, T_world_link)
-        taxels = np.flatnonzero(rods >= 0)
-        for rod in np.unique(rods[taxels]):
-            strip = taxels[rods[taxels] == rod]
+        gaps, cylinders = find_self_pressed_taxels(env, chart, T_world_link)
+        taxels = np.flatnonzero(cylinders >= 0)
+        for cylinder in np.unique(cylinders[taxels]):
+            strip = taxels[cylinders[taxels] == cylinder]
             nearest = int(strip[np.argmin(gaps[strip])])
             found.append(
-                build_self_contact_site(env, chart, nearest, int(rod), T_world_link)
+                build_self_contact_site(
+                    env, chart, nearest, int(cylinder), T_world_link
+                )
             )
     return tuple(found)
 
@@ -97,32 +100,33 @@ def find_self_contact_sites(
 def find_self_pressed_taxels(
     env: SimEnvironment, chart: int, T_world_link: Float[np.ndarray, "link 4 4"]
 ) -> tuple[Float[np.ndarray, "part"], Int[np.ndarray, "part"]]:
-    """Distance of each taxel of a chart to other links [m], and the rod that presses.
+    """Return each taxel's distance to other links [m], and the cylinder that presses
+    it.
 
-    The rod is -1 where none is close enough.
+    The cylinder is -1 where none is close enough.
     """
     link = env.links[chart]
     local = env.mounted.skin.positions[env.charts[chart].taxels]
     T = T_world_link[link]
     points = local @ T[:3, :3].T + T[:3, 3]
     others = env.collision.unjoined[link]
-    gaps, rods = compute_point_distances(
+    gaps, cylinders = compute_point_distances(
         env.collision.cylinders, T_world_link, points, others
     )
     near = gaps < env.constants.value("fold.contact") * MM
-    return gaps, np.where(near, rods, -1)
+    return gaps, np.where(near, cylinders, -1)
 
 
 def build_self_contact_site(
     env: SimEnvironment,
     chart: int,
     taxel: int,
-    rod: int,
+    cylinder: int,
     T_world_link: Float[np.ndarray, "link 4 4"],
 ) -> ContactSite:
-    """The place of a taxel, its angle along the rod that presses there."""
-    rods = env.collision.cylinders
-    along = T_world_link[rods.links[rod], :3, :3] @ rods.axes[rod]
+    """Build the site of a taxel, its angle along the cylinder that presses there."""
+    cylinders = env.collision.cylinders
+    along = T_world_link[cylinders.links[cylinder], :3, :3] @ cylinders.axes[cylinder]
     centre = env.charts[chart].unrolled[taxel]
     return build_site(env, chart, centre, along, T_world_link)
 
@@ -188,7 +192,7 @@ def turn_joints(
     joints: Int[np.ndarray, "pose"],
     turns: Float[np.ndarray, "pose"],
 ) -> Float[np.ndarray, "pose joint"]:
-    """Each pose with one joint turned on [rad]."""
+    """Return each pose with one joint turned on [rad]."""
     moved = q.copy()
     moved[np.arange(len(q)), joints] += turns
     return moved
@@ -197,12 +201,12 @@ def turn_joints(
 def compute_link_gaps(
     env: SimEnvironment, q: Float[np.ndarray, "pose joint"], enough: float
 ) -> Float[np.ndarray, "pose"]:
-    """Least distance of links [m], known only up to `enough`."""
+    """Return the least distance of links [m], known only up to `enough`."""
     return env.collision.compute_clearance(env.poses(q), enough)[:, 0]
 
 
 def is_clear_of_table(env: SimEnvironment, q: Float[np.ndarray, "pose joint"]) -> bool:
-    """Whether a pose keeps clear of the table, with its joints within their limits."""
+    """Tell whether a pose keeps clear of the table and within its joint limits."""
     T = env.poses(q)
     height = env.collision.compute_clearance(T, 0.0)[:, 1]
     clear = height >= env.constants.value("robot.table_clearance") * MM
