@@ -265,13 +265,13 @@ def test_an_arm_that_stands_yields_to_a_poke_on_its_skin():
 
 
 def test_who_touches_the_arm_of_the_demonstration_pushes_it(capsys, monkeypatch):
-    forces, push = [0.0], DynamicPlant.push
+    forces, push = [0.0], DynamicPlant.apply_wrenches
 
     def noted(plant, wrenches):
         forces.extend(np.linalg.norm(wrench.force_link) for wrench in wrenches)
         push(plant, wrenches)
 
-    monkeypatch.setattr(DynamicPlant, "push", noted)
+    monkeypatch.setattr(DynamicPlant, "apply_wrenches", noted)
     argv = ["demo", "--headless", "--dynamics", "--seed", "103", "--seconds", "5"]
     assert run([*argv, "--json"]) == 0
     told = json.loads(capsys.readouterr().out.splitlines()[-1])

@@ -44,7 +44,7 @@ def test_what_cannot_be_meant_with_a_robot_is_refused(more, kind, said):
 
 def test_other_computers_may_be_allowed_and_this_one_is():
     for source, allowed in (("udp://0.0.0.0:9750", True), ("udp://127.0.0.1:9", False)):
-        check(
+        check_options(
             Command((source,), robot="ur://127.0.0.1", allow_remote=allowed, skin="ur5")
         )
 

@@ -35,8 +35,7 @@ class CollisionModel:
     def compute_clearance(
         self, T_world_link: Float[np.ndarray, "pose link 4 4"], enough: float
     ) -> Float[np.ndarray, "pose 2"]:
-        """Return the least distance between links and the least height above the table
-        [m].
+        """Return the least distance of links and the least height over the table [m].
 
         What is farther than `enough` [m] is only known to be so.
         """
@@ -51,8 +50,7 @@ class CollisionModel:
         points: Float[np.ndarray, "point 3"],
         link: int,
     ) -> Float[np.ndarray, "point"]:
-        """Return the distance of points of the world from other links and the table
-        [m]."""
+        """Return the distance of world points from other links and the table [m]."""
         found, _ = compute_point_distances(
             self.cylinders, T_world_link, points, self.other_cylinders[link]
         )
@@ -95,8 +93,7 @@ def find_base_links(robot: Robot) -> list[int]:
 
 
 def build_cylinders(robot: Robot) -> CylinderArrays:
-    """Return all collision geometry of a robot as cylinders in the frames of their
-    links."""
+    """Return all collision geometry as cylinders in the frames of their links."""
     links, centres, axes, radii, halves = [], [], [], [], []
     for index, link in enumerate(robot.links):
         for body in link.geoms:

@@ -64,11 +64,10 @@ def sample_patches(env: SimEnvironment) -> PatchSamples:
 def compute_facing_gaps(
     env: SimEnvironment, T_world_link: Float[np.ndarray, "pose link 4 4"]
 ) -> tuple[Float[np.ndarray, "pose pair"], Int[np.ndarray, "pose pair 2"]]:
-    """Return the least gap of each pair of charts that face each other, else infinity
-    [m].
+    """Return the least gap of each pair of charts that face each other [m].
 
-    Gaps too thin for a hand do not count. The second array holds the two nearest points
-    of `sample_patches`.
+    It is infinite where they do not. Gaps too thin for a hand do not count. The second
+    array holds the two nearest points of `sample_patches`.
     """
     value = env.constants.value
     least, within = value("fold.thinnest") * MM, value("fold.within") * MM
@@ -163,8 +162,7 @@ def compute_fold_share(
     first: ContactSite,
     second: ContactSite,
 ) -> float:
-    """Return the share of a hand's force on the second site: less, the wider the
-    gap."""
+    """Return the share of a hand's force on the second site: less at a wider gap."""
     value = env.constants.value
     gap = compute_site_gap(env, q, first, second)
     return value("fold.even") * max(0.0, 1 - gap / (value("fold.within") * MM))

@@ -64,8 +64,10 @@ def find_nearest_axis_points(
     b: Float[np.ndarray, "3"],
     k: float,
 ) -> tuple[float, float]:
-    """Return where two axes come nearest, from their middles (Ericson 2005, 5.1.9)
-    [m]."""
+    """Return where two axes come nearest, from their middles [m].
+
+    Ericson 2005, section 5.1.9.
+    """
     x, y, z = c[0] - e[0], c[1] - e[1], c[2] - e[2]
     ab = dot(a, b)
     ar, br = x * a[0] + y * a[1] + z * a[2], x * b[0] + y * b[1] + z * b[2]
@@ -137,11 +139,11 @@ def compute_cylinder_distance(
     k: float,
     enough: float,
 ) -> float:
-    """Return the distance of two solid cylinders, never too large; 0 where they meet
-    [m].
+    """Return the distance of two solid cylinders, never too large [m].
 
-    Capsules about them settle what is farther apart than `enough`. The rest is found by
-    alternating projections, with the plane between as a bound from below.
+    It is 0 where they meet. Capsules about them settle what is farther apart than
+    `enough`. The rest is found by alternating projections, with the plane between as a
+    bound from below.
     """
     u, v = find_nearest_axis_points(c, a, h, e, b, k)
     p = (c[0] + u * a[0], c[1] + u * a[1], c[2] + u * a[2])
@@ -219,8 +221,7 @@ def compute_point_distances(
     points: Float[np.ndarray, "point 3"],
     others: Int[np.ndarray, "other"],
 ) -> tuple[Float[np.ndarray, "point"], Int[np.ndarray, "point"]]:
-    """Return the distance of points from the nearest of some cylinders, and which
-    [m]."""
+    """Return how far points are from the nearest of some cylinders [m], and which."""
     centres, axes = place_cylinders(cylinders, T_world_link)
     found = np.full(len(points), np.inf)
     which = np.full(len(points), -1)
@@ -245,8 +246,7 @@ def compute_point_distances(
 def transform_point(
     T: Float[np.ndarray, "4 4"], local: Float[np.ndarray, "3"], shifted: float
 ) -> tuple[float, float, float]:
-    """Transform a point (shifted 1) or a direction (shifted 0) of a link to the
-    world."""
+    """Transform a link's point (shifted 1) or direction (shifted 0) to the world."""
     x = T[0, 0] * local[0] + T[0, 1] * local[1] + T[0, 2] * local[2]
     y = T[1, 0] * local[0] + T[1, 1] * local[1] + T[1, 2] * local[2]
     z = T[2, 0] * local[0] + T[2, 1] * local[1] + T[2, 2] * local[2]

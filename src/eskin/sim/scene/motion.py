@@ -39,8 +39,7 @@ class SpeedProfile:
         return self.length / self.speed + self.ramp
 
     def at(self, time: Float[np.ndarray, "time"]) -> Float[np.ndarray, "time"]:
-        """Return the distance travelled since the start; at rest before and after
-        [rad]."""
+        """Return the way since the start [rad]; at rest before and after."""
         t = np.clip(time, 0.0, self.duration)
         left = self.duration - t
         rising = self.acceleration * t**2 / 2
@@ -224,8 +223,7 @@ def move_through_pose(
 def compute_max_speed(
     env: SimEnvironment, q: Float[np.ndarray, "pose joint"], direction: Direction
 ) -> float:
-    """Return the greatest speed along a direction at which no skin is too fast
-    [rad/s]."""
+    """Return the greatest speed at which no skin moves too fast [rad/s]."""
     nudge = 1e-6
     samples = sample_patches(env)
     links = np.repeat(samples.links, np.diff(samples.starts))

@@ -242,8 +242,7 @@ def draw_site_on_target(
 def build_reached_site(
     env: SimEnvironment, view: PersonView, chart: int, centre: Float[np.ndarray, "2"]
 ) -> ContactSite:
-    """Build the site at a point of a chart, with the hand as it comes from the
-    person."""
+    """Build the site at a point of a chart, with the hand as the person reaches it."""
     T = view.T_world_link[env.links[chart]]
     position, *_ = compute_surface_axes(env.charts[chart], centre[None], T)
     reach = position[0] - view.shoulder
@@ -255,8 +254,7 @@ def build_reached_site(
 def draw_point_on_target(
     env: SimEnvironment, index: int, rng: np.random.Generator
 ) -> Float[np.ndarray, "2"]:
-    """Draw a point of a target that is as near to an edge as the target is (s, t)
-    [m]."""
+    """Draw a point (s, t) [m] of a target, as near to an edge as the target is."""
     targets = env.targets
     middle = targets.unrolled[index]
     chart = int(targets.chart[index])

@@ -52,8 +52,7 @@ def compute_pose_groups(
     q: Float[np.ndarray, "pose joint"],
     T_world_link: Float[np.ndarray, "pose link 4 4"],
 ) -> Int[np.ndarray, "pose"]:
-    """Return the group of each pose by rise of the forearm, lift, and bend of the
-    elbow."""
+    """Return the group of each pose by slope of the forearm, lift and elbow's bend."""
     if not has_pose_groups(env):
         return np.full(len(q), UNGROUPED, dtype=np.int64)
     forearm = env.mounted.robot.link_index(FOREARM)
@@ -149,8 +148,7 @@ def draw_touching_poses(
     most: int,
     rng: np.random.Generator,
 ) -> tuple[Float[np.ndarray, "_ joint"], Int[np.ndarray, "_"]]:
-    """Bend poses until a link all but touches a patch of another; return their groups
-    too."""
+    """Bend poses until a link all but touches another's patch; return their groups."""
     tries = int(env.constants.value("robot.pool_bent"))
     found = [
         bend_until_self_contact(env, q[group == each][:tries], most, rng)

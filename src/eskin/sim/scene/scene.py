@@ -99,8 +99,10 @@ def sum_pressure(
 
 
 def find_contact_steps(touch: TrueTouch) -> tuple[int, int]:
-    """Return the first step with force and the step behind the last, on the touch's
-    clock."""
+    """Return the first step with force and the step behind the last.
+
+    Both are on the touch's own clock.
+    """
     firsts, ends = [], []
     for press in touch.presses:
         pressed = np.flatnonzero(press.force > 0)

@@ -30,8 +30,7 @@ class PatchEdges:
 
 @dataclass(frozen=True, eq=False)
 class TouchTargets:
-    """Touch targets are all places on a skin: quarter cells of taxels and points of
-    seams."""
+    """Touch targets are all places on a skin: quarters of cells, points of seams."""
 
     chart: Int[np.ndarray, "spot"]
     """Index of the chart."""
@@ -104,8 +103,7 @@ def build_targets(
 
 
 def find_region(chart: Chart, tube: bool) -> int:
-    """Return the region of a chart; all but the two long tubes counts with the
-    wrists."""
+    """Return the region of a chart; all but the two long tubes count as wrists."""
     long = {"forearm_link": "forearm", "upper_arm_link": "upper_arm"}
     return REGIONS.index(long.get(chart.link, "wrists") if tube else "wrists")
 
@@ -183,8 +181,7 @@ def build_chart_targets(
 def find_seams(
     chart: Chart, edges: PatchEdges, widest: float
 ) -> tuple[Float[np.ndarray, "spot 2"], Float[np.ndarray, "spot 2 2"]]:
-    """Find the middles between edges that face each other, and the strips they stand
-    for."""
+    """Find the middles between edges that face each other, and their strips."""
     away = compute_offsets(chart, edges.points, edges.points)
     length = np.linalg.norm(away, axis=2)
     ahead = np.einsum("ijd,id->ij", away, edges.outward)

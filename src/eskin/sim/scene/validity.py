@@ -1,5 +1,4 @@
-"""This module tells which poses are valid, and where links touch the robot's own
-skin."""
+"""This module tells which poses are valid, and where links touch their own skin."""
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -100,10 +99,9 @@ def find_self_contact_sites(
 def find_self_pressed_taxels(
     env: SimEnvironment, chart: int, T_world_link: Float[np.ndarray, "link 4 4"]
 ) -> tuple[Float[np.ndarray, "part"], Int[np.ndarray, "part"]]:
-    """Return each taxel's distance to other links [m], and the cylinder that presses
-    it.
+    """Return each taxel's distance to other links [m], and the nearest cylinder.
 
-    The cylinder is -1 where none is close enough.
+    The cylinder is -1 where none is close enough to press.
     """
     link = env.links[chart]
     local = env.mounted.skin.positions[env.charts[chart].taxels]
