@@ -1,4 +1,4 @@
-"""Corruptions."""
+"""Corruptions change a recording as a damaged skin, wire or robot would."""
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
@@ -19,33 +19,33 @@ from eskin.touch import Scan
 from eskin.transforms import exp_so3
 from eskin.units import NS_PER_S
 
-LOOKED_AT = 50
-"""Scans whose median distance is taken for the period."""
-NEAR = 0.02
-"""How far a ratio of rates may be from a whole number, for clocks are not the same."""
-HOLE = 1.5
-"""Scans farther apart than so many periods are no neighbours."""
+PERIOD_SCANS = 50
+"""Number of first scans whose median distance is taken for the period."""
+RATIO_TOLERANCE = 0.02
+"""Largest deviation of a ratio of rates from a whole number, since clocks differ."""
+MAX_GAP = 1.5
+"""Number of periods beyond which scans are not neighbours."""
 
 
 def resample_scans(recording: Recording, rate: float) -> Iterator[Scan]:
-    """The scans at another rate, which is a multiple of theirs, or a whole part of it.
+    """Return the scans at a multiple of their rate, or at a whole part of it.
 
-    Fewer are every so many-th of those that came. More are interpolate_scans linearly, in
-    counts that are rounded to whole ones and in joint positions: nothing is known that
-    was not known before. After the last scan before a hole its counts are held.
+    Fewer scans are every n-th of those that came. More scans are interpolated linearly,
+    in counts that are rounded to whole ones and in joint positions, so that they hold
+    no new information. After the last scan before a gap its counts are repeated.
 
     Args:
-        recording: to read.
-        rate: wanted [Hz].
+        recording: recording to read.
+        rate: rate of the scans [Hz].
 
     Raises:
-        ValueError: neither rate is a multiple of the other.
+        ValueError: if neither rate is a multiple of the other.
     """
-    stamps = [scan.stamp for scan in islice(recording.scans(), LOOKED_AT)]
+    stamps = [scan.stamp for scan in islice(recording.scans(), PERIOD_SCANS)]
     period = float(np.median(np.diff(stamps))) if len(stamps) > 1 else NS_PER_S
     ratio = rate * period / NS_PER_S
     times = max(ratio, 1 / ratio)
-    if abs(times - round(times)) > NEAR * times:
+    if abs(times - round(times)) > RATIO_TOLERANCE * times:
         raise ValueError(
             f"rate is {rate:g} Hz of scans that came at {NS_PER_S / period:.1f} Hz; "
             "allowed are multiples and whole parts of that; take one of them"
@@ -56,30 +56,32 @@ def resample_scans(recording: Recording, rate: float) -> Iterator[Scan]:
 
 
 def interpolate_scans(scans: Iterator[Scan], times: int, period: int) -> Iterator[Scan]:
-    """So many times as many scans.
+    """Yield a multiple of the scans.
 
     Args:
-        scans: that came.
-        times: how many are wanted of each.
-        period: of those that came [ns].
+        scans: scans that came.
+        times: number of scans in place of each.
+        period: period of the scans that came [ns].
     """
     here: Scan | None = None
     for following in scans:
         if here is not None:
-            near = following.stamp - here.stamp <= HOLE * period
-            yield from filled(here, following if near else held(here, period), times)
+            near = following.stamp - here.stamp <= MAX_GAP * period
+            yield from fill_gap(
+                here, following if near else delay_scan(here, period), times
+            )
         here = following
     if here is not None:
-        yield from filled(here, held(here, period), times)
+        yield from fill_gap(here, delay_scan(here, period), times)
 
 
-def held(scan: Scan, period: int) -> Scan:
-    """The same a period [ns] later."""
+def delay_scan(scan: Scan, period: int) -> Scan:
+    """Return the same scan a period [ns] later."""
     return replace(scan, stamp=scan.stamp + period)
 
 
-def filled(one: Scan, other: Scan, times: int) -> Iterator[Scan]:
-    """The first of two scans, and those on the way to the second."""
+def fill_gap(one: Scan, other: Scan, times: int) -> Iterator[Scan]:
+    """Yield the first of two scans and those between them."""
     yield one
     for step in range(1, times):
         share = step / times
@@ -101,42 +103,42 @@ Kind = Literal[
     "dead", "patches", "noise", "drift", "lost", "rate", "pose-mm", "pose-deg"
 ]
 KINDS: tuple[Kind, ...] = get_args(Kind)
-MOST: Mapping[Kind, float] = {
+MAX_AMOUNTS: Mapping[Kind, float] = {
     "dead": 1.0,
     "noise": 1.0,
     "lost": 1.0,
     "pose-deg": 180.0,
 }
-"""Largest amounts, where there are any."""
+"""Largest amounts of the kinds that have a limit."""
 
 DRIFT_START = 1.5
-"""Time for which drift waits, so that taxels are tared before it begins [s]."""
-TURN = 2.0
-"""Time after which drift goes back, and forth again [s]."""
+"""Time before drift begins, so that taxels are tared first [s]."""
+DRIFT_SECONDS = 2.0
+"""Time after which drift changes its direction [s]."""
 PAUSE = 0.5
-"""No drift while nothing is heard for longer than this, as between clips [s]."""
+"""Time without scans, as between clips, from which there is no drift [s]."""
 MILLIMETRE = 1e-3
 
 
 @final
 @dataclass(frozen=True)
 class Corruption(RecordingTransform):
-    """One kind of harm; the same numbers harm a recording the same way for everyone.
+    """A corruption damages recordings in one way, the same for equal numbers.
 
-    More of a kind is more of the same: who is dead at 5 % is dead at 10 %. Shear stays
-    as it is, but that it comes at another rate.
+    A larger amount adds to a smaller one: taxels dead at 5 % are dead at 10 %. Shear is
+    unchanged, but for the rate.
     """
 
     kind: Kind
-    """What is wrong; every amount of 0 is as recorded.
+    """Kind of damage; an amount of 0 leaves the recording as it is.
 
-    `dead`: share of the taxels, drawn among all, that show their rest.
-    `patches`: how many patches, drawn among all, touched or not, are never received.
-    `noise`: deviation of white noise, as a share of full scale.
-    `drift`: speed at which the rest of every taxel moves, up or down [kPa/s]; it goes
-    back after `TURN`, and never jumps.
-    `lost`: share of the scans, each drawn for itself, that do not come.
-    `rate`: of the scans [Hz], left out or interpolate_scans.
+    `dead`: share of the taxels, drawn among all, that stay at rest.
+    `patches`: number of patches, drawn among all, that are never received.
+    `noise`: standard deviation of white noise, as a share of full scale.
+    `drift`: speed at which the rest of every taxel moves, up or down [kPa/s]; it turns
+    back after `DRIFT_SECONDS`, and never jumps.
+    `lost`: share of the scans that are lost, each drawn for itself.
+    `rate`: rate of the scans [Hz], left out or interpolated.
     `pose-mm`: how far the taxels of each link are believed to be from where they are
     [mm], each link in a direction of its own.
     `pose-deg`: how far those of each link are believed to be turned about their middle
@@ -144,14 +146,14 @@ class Corruption(RecordingTransform):
     """
 
     amount: float
-    """How much of it."""
+    """Amount of the damage."""
 
     seed: int = 0
-    """Decides all draws, with the start of the recording."""
+    """Seed of all draws, together with the start of the recording."""
 
     def __post_init__(self) -> None:
-        """Refuse amounts that mean nothing."""
-        check_limits(self, {"amount": (0.0, MOST.get(self.kind, np.inf))})
+        """Reject amounts outside their limits."""
+        check_limits(self, {"amount": (0.0, MAX_AMOUNTS.get(self.kind, np.inf))})
         if self.kind == "patches" and self.amount % 1:
             raise ValueError(
                 f"amount of patches is {self.amount}; allowed are whole numbers; "
@@ -160,57 +162,59 @@ class Corruption(RecordingTransform):
 
     @property
     def name(self) -> str:
-        """Kind and amount."""
+        """Return kind and amount."""
         return f"{self.kind} {self.amount:g}"
 
     @property
     def moves_taxels(self) -> bool:
-        """Whether it is the places of taxels that are wrong, and no scan."""
+        """Tell whether taxels are assumed at wrong places, and scans unchanged."""
         return self.kind in ("pose-mm", "pose-deg")
 
     def transform_scans(self, recording: Recording) -> Iterator[Scan]:
-        """The scans that would have come."""
+        """Return the scans that would have come."""
         if self.moves_taxels:
             return recording.scans()
-        return CORRUPTIONS[self.kind](recording, self.amount, self.rng(recording.start))
+        return CORRUPTIONS[self.kind](
+            recording, self.amount, self.build_rng(recording.start)
+        )
 
     def transform_skin(self, skin: Skin, start: int) -> Skin:
-        """Where the taxels are believed to be.
+        """Return the skin with its taxels at the places that are assumed.
 
         Args:
-            skin: where they are.
+            skin: the true skin.
             start: stamp of the recording's first scan [ns since the epoch].
         """
         if not self.moves_taxels:
             return skin
-        rng = self.rng(start)
+        rng = self.build_rng(start)
         links = np.array(skin.link_names)[skin.patch_index]
         p, normals, tangents = map(
             np.copy, (skin.positions, skin.normals, skin.tangents)
         )
         for link in dict.fromkeys(skin.link_names):
             members = links == link
-            way = rng.standard_normal(3)
-            way *= self.amount / np.linalg.norm(way)
+            direction = rng.standard_normal(3)
+            direction *= self.amount / np.linalg.norm(direction)
             if self.kind == "pose-mm":
-                p[members] += MILLIMETRE * way
+                p[members] += MILLIMETRE * direction
                 continue
-            rotation = exp_so3(np.radians(way))
+            rotation = exp_so3(np.radians(direction))
             apart = p[members] - p[members].mean(axis=0)
             p[members] += apart @ (rotation - np.eye(3)).T
             normals[members] = normals[members] @ rotation.T
             tangents[members] = tangents[members] @ rotation.T
         return replace(skin, positions=p, normals=normals, tangents=tangents)
 
-    def rng(self, start: int) -> np.random.Generator:
-        """What decides the draws of a recording."""
+    def build_rng(self, start: int) -> np.random.Generator:
+        """Return the generator of a recording's draws."""
         return np.random.default_rng([start, self.seed])
 
 
-def with_dead(
+def add_dead_taxels(
     recording: Recording, share: float, rng: np.random.Generator
 ) -> Iterator[Scan]:
-    """Some taxels show their rest."""
+    """Yield scans in which some taxels stay at rest."""
     rest, taxels = np.rint(estimate_rest_counts(recording)), recording.skin.count
     dead = np.zeros(taxels, dtype=bool)
     dead[rng.permutation(taxels)[: round(share * taxels)]] = True
@@ -219,10 +223,10 @@ def with_dead(
         yield replace_counts(scan, counts, recording.calibration.full_scale)
 
 
-def without_patches(
+def drop_patches(
     recording: Recording, number: float, rng: np.random.Generator
 ) -> Iterator[Scan]:
-    """Some patches are never received."""
+    """Yield scans in which some patches are never received."""
     patches = len(recording.skin.patches)
     if number > patches:
         raise ValueError(
@@ -234,55 +238,57 @@ def without_patches(
         yield replace(scan, received=scan.received & ~gone)
 
 
-def with_noise(
+def add_noise(
     recording: Recording, share: float, rng: np.random.Generator
 ) -> Iterator[Scan]:
-    """White noise on every count."""
+    """Yield scans with white noise on every count."""
     full_scale = recording.calibration.full_scale
     for scan in recording.scans():
         noise = share * full_scale * rng.standard_normal(len(scan.counts))
         yield replace_counts(scan, scan.counts + noise, full_scale)
 
 
-def with_drift(
+def add_drift(
     recording: Recording, speed: float, rng: np.random.Generator
 ) -> Iterator[Scan]:
-    """The rest of every taxel goes up and down, or down and up."""
+    """Yield scans in which the rest of every taxel drifts to and fro."""
     calibration = recording.calibration
-    way = rng.choice([-1.0, 1.0], recording.skin.count)
-    heard, last = -DRIFT_START, recording.start
+    sign = rng.choice([-1.0, 1.0], recording.skin.count)
+    drifted, last = -DRIFT_START, recording.start
     for scan in recording.scans():
         gap = (scan.stamp - last) / NS_PER_S
-        heard, last = heard + (gap if gap < PAUSE else 0.0), scan.stamp
-        seconds = TURN - abs(max(heard, 0.0) % (2 * TURN) - TURN)
-        moved = way * calibration.compute_counts(speed * seconds)
+        drifted, last = drifted + (gap if gap < PAUSE else 0.0), scan.stamp
+        seconds = DRIFT_SECONDS - abs(
+            max(drifted, 0.0) % (2 * DRIFT_SECONDS) - DRIFT_SECONDS
+        )
+        moved = sign * calibration.compute_counts(speed * seconds)
         yield replace_counts(scan, scan.counts + moved, calibration.full_scale)
 
 
-def with_losses(
+def drop_scans(
     recording: Recording, share: float, rng: np.random.Generator
 ) -> Iterator[Scan]:
-    """Some scans do not come."""
+    """Return the scans without some of them."""
     chosen = rng.permutation(recording.count)[: round(share * recording.count)]
     lost = frozenset(chosen.tolist())
     return (scan for n, scan in enumerate(recording.scans()) if n not in lost)
 
 
-def with_rate(
+def change_rate(
     recording: Recording, rate: float, rng: np.random.Generator
 ) -> Iterator[Scan]:
-    """Scans at another rate; nothing is drawn."""
+    """Return the scans at another rate; nothing is drawn."""
     return resample_scans(recording, rate) if rate else recording.scans()
 
 
 CORRUPTIONS: Mapping[
     Kind, Callable[[Recording, float, np.random.Generator], Iterator[Scan]]
 ] = {
-    "dead": with_dead,
-    "patches": without_patches,
-    "noise": with_noise,
-    "drift": with_drift,
-    "lost": with_losses,
-    "rate": with_rate,
+    "dead": add_dead_taxels,
+    "patches": drop_patches,
+    "noise": add_noise,
+    "drift": add_drift,
+    "lost": drop_scans,
+    "rate": change_rate,
 }
-"""The kinds of harm that scans show."""
+"""Functions of the kinds of damage that change scans."""

@@ -1,4 +1,4 @@
-"""Cross-validation."""
+"""Cross-validation: the recogniser and baselines on people or sessions left out."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -20,14 +20,14 @@ from eskin.learn.baselines.estimators import (
 )
 from eskin.learn.baselines.hand import compute_features
 from eskin.learn.dataset import Dataset
+from eskin.learn.evaluation import score_instants, score_segments
 from eskin.learn.ground_truth import Segment
-from eskin.learn.scoring import score_instants, score_segments
 from eskin.learn.training import TrainConfig, Trainer
 from eskin.model import Model
 from eskin.nn import RecogniserNetwork
 
-EVERY = 4
-"""One row in so many trains the forest on instants: neighbours are nearly the same."""
+FOREST_STEP = 4
+"""Step between the rows that train the forest on instants: neighbours are alike."""
 
 WINDOW_NS = 2_000_000_000
 
@@ -55,19 +55,20 @@ ON_FEATURES: dict[str, Callable[[int], Estimator]] = {
 
 @dataclass(frozen=True)
 class Answers:
-    """The truth and what every method answered, example by example."""
+    """Answers hold the truth and the predictions of every method for each example."""
 
     truth: Int[np.ndarray, "example"]
-    """Indices into `vocabulary`."""
+    """Classes, as indices into `vocabulary`."""
 
     predicted: dict[str, Int[np.ndarray, "example"]]
-    """By method; `eskin` is the recogniser."""
+    """Predictions by method; `eskin` is the recogniser."""
 
     groups: tuple[str, ...]
-    """Who or what session each example is of."""
+    """Person or session of each example."""
 
     recordings: tuple[int, ...]
-    """The recording of each example: what is near in time is not independent."""
+    """Recording of each example; examples that are close in time are not
+    independent."""
 
     vocabulary: tuple[str, ...]
     """Classes."""
@@ -76,8 +77,8 @@ class Answers:
 Networks = dict[str, RecogniserNetwork]
 
 
-def groups_of(dataset: Dataset, by: str) -> list[str]:
-    """The group of each recording: `subject` or `session`.
+def find_groups(dataset: Dataset, by: str) -> list[str]:
+    """Return the group of each recording: `subject` or `session`.
 
     Raises:
         RecordingError: if there are fewer than two groups.
@@ -99,17 +100,17 @@ def train_folds(
     workers: int = 1,
     start: Model | None = None,
 ) -> Networks:
-    """One network for each group, trained on all the others.
+    """Return one network for each group, trained on all the others.
 
     The result does not depend on the number of workers.
 
     Args:
-        dataset: to divide.
-        groups: of each recording.
-        config: how to train.
-        seed: of every training.
-        workers: processes to train in.
-        start: whose weights to start from, wherever they fit.
+        dataset: data set to divide.
+        groups: group of each recording.
+        config: settings of the training.
+        seed: seed of every training.
+        workers: number of processes.
+        start: model to start from, by its weights of matching names and shapes.
     """
     names = sorted(set(groups))
     train = delayed(train_without)
@@ -126,21 +127,21 @@ def train_without(
     seed: int,
     start: Model | None,
 ) -> RecogniserNetwork:
-    """A network that has seen nothing of one group."""
+    """Return a network trained without one group."""
     torch.set_num_threads(1)
     others = [i for i, group in enumerate(groups) if group != held]
     trainer = Trainer(dataset, dataset.vocabulary, config, others, seed, start=start)
     return trainer.run(quiet=True)
 
 
-def segment_answers(
+def classify_segments(
     dataset: Dataset,
     groups: Sequence[str],
     networks: Networks,
     shear: bool,
     seed: int,
 ) -> Answers:
-    """Whole labelled segments, each answered by a method that never saw its group."""
+    """Classify whole labelled segments by methods that never saw their group."""
     segments = dataset.labelled
     spoken = {segment.gesture for segment in segments}
     vocabulary = tuple(name for name in dataset.vocabulary if name in spoken)
@@ -161,12 +162,13 @@ def segment_answers(
     return Answers(truth, predicted, tuple(group.tolist()), recordings, vocabulary)
 
 
-def instant_answers(
+def classify_instants(
     dataset: Dataset, groups: Sequence[str], networks: Networks, seed: int
 ) -> Answers:
-    """Every instant, `none` among the classes, from the two seconds before it.
+    """Classify every instant, `none` among the classes, from the two seconds before.
 
-    The random forest alone stands beside the recogniser, trained on one row in `EVERY`.
+    Only the random forest is compared with the recogniser, trained on one row in
+    `FOREST_STEP`.
     """
     vocabulary = dataset.vocabulary
     truth = np.array([vocabulary.index(gesture) for gesture in dataset.gestures])
@@ -176,7 +178,7 @@ def instant_answers(
     predicted = {name: np.zeros_like(truth) for name in ("eskin", forest)}
     for held, network in networks.items():
         rows = np.flatnonzero(group == held)
-        train = np.flatnonzero(group != held)[::EVERY]
+        train = np.flatnonzero(group != held)[::FOREST_STEP]
         scores = score_instants(network, dataset, rows)
         predicted["eskin"][rows] = scores.argmax(axis=1)
         model = ON_FEATURES[forest](seed).fit(features[train], truth[train])
@@ -194,7 +196,7 @@ def compute_segment_features(
 
 
 def window_features(dataset: Dataset, row: int) -> np.ndarray:
-    """Hand-made features of the two seconds that end with a row."""
+    """Return hand-made features of the two seconds that end with a row."""
     start = dataset.starts[row]
     since = dataset.stamps[row] - WINDOW_NS
     low = start + np.searchsorted(dataset.stamps[start : row + 1], since, side="right")

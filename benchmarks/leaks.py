@@ -24,7 +24,7 @@ from scipy.stats import binomtest, t
 from eskin.learn.baselines import SkinWindows, build_baseline
 from eskin.learn.comparison import Examples, find_examples
 from eskin.learn.comparison.methods import FOR_SMALL_SETS
-from eskin.learn.scoring import predict_clips
+from eskin.learn.evaluation import predict_clips
 from eskin.learn.training import Trainer
 from eskin.recording import NONE, read_recording
 

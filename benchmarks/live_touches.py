@@ -18,8 +18,7 @@ import tyro
 from jaxtyping import Float
 
 from eskin.learn.events.event_scoring import EventScore, score_events
-from eskin.learn.events.matching import ScoredStream
-from eskin.learn.events.true_events import build_events
+from eskin.learn.events.matching import ScoredStream, build_events
 from eskin.live import Detection, Recognizer
 from eskin.model import Model, load_model
 from eskin.recording import NONE, TruthRecord

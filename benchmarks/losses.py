@@ -21,8 +21,8 @@ from sklearn.ensemble import HistGradientBoostingClassifier
 
 from eskin.graph import GraphConfig, compute_summary
 from eskin.learn.dataset import Dataset, prepare
+from eskin.learn.evaluation import find_last_rows
 from eskin.learn.ground_truth import find_runs
-from eskin.learn.scoring import find_last_rows
 from eskin.recording import NONE, find_recordings
 from eskin.sim.constants import load_constants
 from eskin.sim.dataset.clip_generator import Simulator

@@ -22,9 +22,9 @@ import tyro
 
 from benchmarks.crossvalidation import (
     Answers,
-    groups_of,
-    instant_answers,
-    segment_answers,
+    classify_instants,
+    classify_segments,
+    find_groups,
     train_folds,
 )
 from eskin.learn.dataset import Dataset, prepare
@@ -88,14 +88,14 @@ def main() -> None:
 def sleeve(paths: tuple[Path, ...], command: Command) -> Answers:
     """Segments and instants, leaving one session out."""
     dataset = prepare(paths)
-    groups = groups_of(dataset, "session")
+    groups = find_groups(dataset, "session")
     networks = train_folds(
         dataset, groups, command.train, command.seed, command.workers
     )
-    segments = segment_answers(dataset, groups, networks, False, command.seed)
+    segments = classify_segments(dataset, groups, networks, False, command.seed)
     print(table("Whole segments", segments))
     tell_start(dataset, groups, command, command.train, segments)
-    instants = instant_answers(dataset, groups, networks, command.seed)
+    instants = classify_instants(dataset, groups, networks, command.seed)
     print(table("Every instant, none among the classes", instants, whole=True))
     return segments
 
@@ -120,9 +120,9 @@ def without_one_person(
     """
     config = replace(command.train, shear=shear)
     dataset = prepare(paths, graph=config.graph_used)
-    groups = groups_of(dataset, "subject")
+    groups = find_groups(dataset, "subject")
     networks = train_folds(dataset, groups, config, command.seed, command.workers)
-    answers = segment_answers(dataset, groups, networks, shear, command.seed)
+    answers = classify_segments(dataset, groups, networks, shear, command.seed)
     tell_start(dataset, groups, command, config, answers)
     return answers
 
@@ -140,7 +140,7 @@ def tell_start(
     model = load_model(command.start)
     config = replace(config, network=model.card.network)
     started, large = (
-        segment_answers(
+        classify_segments(
             dataset,
             groups,
             train_folds(dataset, groups, config, command.seed, command.workers, start),

@@ -19,7 +19,7 @@ import tyro
 
 from eskin.learn.checkpoint import to_network
 from eskin.learn.dataset import prepare
-from eskin.learn.scoring import predict_clips
+from eskin.learn.evaluation import predict_clips
 from eskin.model import Model, load_model
 from eskin.recording import find_recordings
 from eskin.sim.constants import load_constants

@@ -111,13 +111,13 @@ def test_where_no_reading_came_a_window_shows_the_one_before(examples, monkeypat
 
 def test_what_is_not_valid_reads_zero_in_a_window(examples, monkeypatch):
     felt = examples.windows.pressure
-    told = TouchPipeline.calibrated
+    told = TouchPipeline.calibrate
 
     def calibrated(pipeline, scan):
         reading, faults = told(pipeline, scan)
         return replace(reading, valid=np.arange(len(reading.valid)) % 2 == 1), faults
 
-    monkeypatch.setattr(TouchPipeline, "calibrated", calibrated)
+    monkeypatch.setattr(TouchPipeline, "calibrate", calibrated)
     pressure, _ = cut_clip_windows(examples.paths[0])
     assert felt[..., ::2].max() > 1
     np.testing.assert_array_equal(pressure[..., ::2], 0)

@@ -34,7 +34,7 @@ from eskin.learn.comparison import (
 from eskin.learn.comparison.encoders import ENCODERS
 from eskin.learn.comparison.methods import build_touch_rows
 from eskin.learn.comparison.study import Variant
-from eskin.learn.scoring import ClipPredictions
+from eskin.learn.evaluation import ClipPredictions
 from eskin.learn.training import Trainer
 from eskin.nn import build_graph_tensors
 from graph_scenes import random_graph

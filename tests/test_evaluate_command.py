@@ -74,7 +74,12 @@ def test_a_person_called_like_a_score_keeps_both_apart():
     found = summarise_people({"mean": 0.5, "ann": 0.7})
     three = {"mean": 0.6, "sd": pytest.approx(0.1414), "worst": 0.5}
     assert found == {"person mean": 0.5, "ann": 0.7, **three}
-    assert summarise_people({"ann": 0.7}) == {"ann": 0.7, "mean": 0.7, "sd": 0.0, "worst": 0.7}
+    assert summarise_people({"ann": 0.7}) == {
+        "ann": 0.7,
+        "mean": 0.7,
+        "sd": 0.0,
+        "worst": 0.7,
+    }
 
 
 def test_recordings_may_be_given_one_by_one_in_any_order(model, data, capsys):

@@ -7,7 +7,7 @@ from benchmarks.leaks import check_chance, onsets, windows_before_contact
 
 from eskin.learn.baselines.interface import TOUCHED, SkinWindows
 from eskin.learn.comparison import find_examples
-from eskin.learn.scoring import ClipPredictions
+from eskin.learn.evaluation import ClipPredictions
 from eskin.recording import NONE
 from eskin.sim.dataset.generate import generate
 from eskin.sim.dataset.settings import GenerationSettings

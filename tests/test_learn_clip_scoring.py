@@ -5,7 +5,11 @@ import pytest
 
 from clip_scenes import clip_at, generated, loaded
 from eskin.learn.dataset import prepare
-from eskin.learn.scoring import compute_log_probabilities, find_last_rows, predict_clips
+from eskin.learn.evaluation import (
+    compute_log_probabilities,
+    find_last_rows,
+    predict_clips,
+)
 from live_scenes import network
 
 VOCABULARY = ("poke", "none", "stroke")

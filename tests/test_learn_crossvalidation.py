@@ -8,9 +8,9 @@ import torch
 from benchmarks import crossvalidation
 from benchmarks.crossvalidation import (
     ON_FEATURES,
-    groups_of,
-    instant_answers,
-    segment_answers,
+    classify_instants,
+    classify_segments,
+    find_groups,
     train_folds,
     window_features,
 )
@@ -94,10 +94,10 @@ def test_folds_do_not_depend_on_the_workers_nor_on_each_other(dataset):
 
 
 def test_what_differs_clearly_is_recognised_in_people_never_seen(dataset, few_trees):
-    groups = groups_of(dataset, "subject")
+    groups = find_groups(dataset, "subject")
     assert groups == list(PEOPLE)
     networks = train_folds(dataset, groups, LEARNED)
-    answers = segment_answers(dataset, groups, networks, False, 0)
+    answers = classify_segments(dataset, groups, networks, False, 0)
     assert answers.vocabulary == ("hold", "tap")
     assert answers.groups == tuple(np.repeat(PEOPLE, 4).tolist())
     assert answers.truth.tolist() == [0, 1, 1, 0] * 3
@@ -105,7 +105,7 @@ def test_what_differs_clearly_is_recognised_in_people_never_seen(dataset, few_tr
     assert set(answers.predicted) == {"eskin", *ON_FEATURES}
     for name, predicted in answers.predicted.items():
         assert (predicted == answers.truth).mean() >= 0.75, name
-    instants = instant_answers(dataset, groups, networks, 0)
+    instants = classify_instants(dataset, groups, networks, 0)
     assert instants.vocabulary == ("none", "hold", "tap")
     assert len(instants.truth) == len(instants.groups) == len(dataset.stamps)
     assert instants.recordings == tuple(dataset.recording.tolist())
@@ -124,9 +124,9 @@ def test_shuffled_labels_are_not_recognised_better_than_by_chance(dataset, few_t
             for s in dataset.segments
         ),
     )
-    groups = groups_of(dataset, "subject")
+    groups = find_groups(dataset, "subject")
     networks = train_folds(shuffled, groups, LEARNED)
-    answers = segment_answers(shuffled, groups, networks, False, 0)
+    answers = classify_segments(shuffled, groups, networks, False, 0)
     for name, predicted in answers.predicted.items():
         assert 0.05 < (predicted == answers.truth).mean() < 0.85, name
 
@@ -134,7 +134,7 @@ def test_shuffled_labels_are_not_recognised_better_than_by_chance(dataset, few_t
 def test_one_group_alone_cannot_be_left_out(dataset):
     one = replace(dataset, recordings=dataset.recordings[:1])
     with pytest.raises(RecordingError, match="all recordings have subject 'ann'"):
-        groups_of(one, "subject")
+        find_groups(one, "subject")
 
 
 def test_features_of_an_instant_are_of_its_last_two_seconds(dataset):

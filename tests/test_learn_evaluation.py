@@ -11,16 +11,18 @@ from clip_scenes import generated
 from eskin.errors import RecordingError, SkinMismatchError
 from eskin.learn import scoring
 from eskin.learn.dataset import prepare
-from eskin.learn.evaluation import check_fits, compute_confidence, evaluate
-from eskin.learn.ground_truth import MissedGesture, Segment
-from eskin.learn.plots import draw_confusion
-from eskin.learn.scoring import (
+from eskin.learn.evaluation import (
+    check_fits,
+    compute_confidence,
     compute_log_probabilities,
+    evaluate,
     find_window_ends,
     predict_clips,
     score_instants,
     score_segments,
 )
+from eskin.learn.ground_truth import MissedGesture, Segment
+from eskin.learn.plots import draw_confusion
 from eskin.learn.windows import build_network_input, cut_windows
 from eskin.model import ModelCard
 from learn_scenes import NETWORK, START, bare, record_people

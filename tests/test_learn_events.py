@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from eskin.learn.events import MatchConfig, Tally, match_events, score_events
 from eskin.learn.events.event_scoring import bootstrap_f1
-from eskin.learn.events.true_events import build_events, build_label_event
+from eskin.learn.events.matching import build_events, build_label_event
 from eskin.recording import Label, TruthRecord
 from event_scenes import (
     SECOND,

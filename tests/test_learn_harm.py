@@ -4,7 +4,7 @@ from dataclasses import fields, replace
 
 import numpy as np
 import pytest
-from benchmarks.corruption import DRIFT_START, KINDS, TURN, Corruption
+from benchmarks.corruption import DRIFT_SECONDS, DRIFT_START, KINDS, Corruption
 
 from baseline_scenes import UR5, toy
 from clip_scenes import generated
@@ -185,7 +185,7 @@ def test_drift_begins_after_the_tare_and_goes_at_its_speed_there_and_back(record
         np.abs(kpa)[seconds <= DRIFT_START][received[seconds <= DRIFT_START]] == 0
     ).all()
     heard = seconds - np.where(seconds > 4, 4.02, 0.0) - DRIFT_START
-    wanted = 2.0 * (TURN - np.abs(np.maximum(heard, 0) - TURN))
+    wanted = 2.0 * (DRIFT_SECONDS - np.abs(np.maximum(heard, 0) - DRIFT_SECONDS))
     apart = np.abs(np.abs(kpa) - wanted[:, None])
     assert apart[received].max() < 100 / FULL_SCALE
     ways = np.sign(kpa[100][received[100]])

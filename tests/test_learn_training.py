@@ -12,7 +12,7 @@ from eskin.learn import training
 from eskin.learn.batches import Sampler, build_sampler
 from eskin.learn.checkpoint import EarlyStopping
 from eskin.learn.dataset import prepare
-from eskin.learn.scoring import predict_clips, score_instants, score_segments
+from eskin.learn.evaluation import predict_clips, score_instants, score_segments
 from eskin.learn.training import TEMPERATURES, TrainConfig, Trainer
 from eskin.model import SLOT_NS, Model, ModelCard
 from learn_scenes import AS_RECORDED, TINY, record, record_people

@@ -255,7 +255,7 @@ def test_a_stream_is_one_recording_with_a_label_for_each_touch(tmp_path):
 
 def test_progress_tells_how_many_clips_are_done(tmp_path):
     told = []
-    made(tmp_path, tell=told.append)
+    made(tmp_path, on_progress=told.append)
     assert told == [0, 5, 11, 17, 23]
 
 

@@ -89,7 +89,7 @@ def run(command: Command) -> dict[str, object]:
         command.difficulty,
     )
     with show_progress(settings.clip_set.clips) as update:
-        result = generate(command.out, settings, workers, tell=update)
+        result = generate(command.out, settings, workers, on_progress=update)
     rate = round(result.clips_per_minute, 1)
     print(
         f"{command.out}: {result.clips} clips in {result.files} recordings, "

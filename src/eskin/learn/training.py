@@ -17,8 +17,8 @@ from eskin.learn.augment import NO_AUGMENTATION, AugmentConfig
 from eskin.learn.batches import Batch, BatchBuilder, build_sampler, check_classes
 from eskin.learn.checkpoint import EarlyStopping, TrainingState
 from eskin.learn.dataset import Dataset
+from eskin.learn.evaluation import predict_clips
 from eskin.learn.holdout import find_gestures, find_sessions, hold_out
-from eskin.learn.scoring import predict_clips
 from eskin.model import Model, NetworkConfig, check_limits
 from eskin.nn import RecogniserNetwork
 

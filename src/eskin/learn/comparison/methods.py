@@ -23,7 +23,7 @@ from eskin.learn.baselines.hand import compute_features, compute_statistics
 from eskin.learn.comparison.encoders import ENCODERS, EncoderKind
 from eskin.learn.comparison.examples import Examples
 from eskin.learn.dataset import Dataset
-from eskin.learn.scoring import find_last_rows, predict_clips
+from eskin.learn.evaluation import find_last_rows, predict_clips
 from eskin.learn.training import TrainConfig, Trainer
 from eskin.model import NetworkConfig
 from eskin.recording import NONE

@@ -10,7 +10,9 @@ from eskin.learn.events.matching import (
     MatchConfig,
     Matching,
     ScoredStream,
+    TrueEvent,
     match_events,
+    read_true_events,
 )
 from eskin.learn.events.traces import (
     Trace,
@@ -19,7 +21,6 @@ from eskin.learn.events.traces import (
     trace_recording,
     trace_recordings,
 )
-from eskin.learn.events.true_events import TrueEvent, read_true_events
 from eskin.learn.events.tuning import TuningConfig, choose_decision
 
 __all__ = [

@@ -11,9 +11,9 @@ from eskin.learn.events.matching import (
     MatchConfig,
     MatchedStream,
     ScoredStream,
+    TrueEvent,
     match_stream,
 )
-from eskin.learn.events.true_events import TrueEvent
 from eskin.learn.metrics import Reliability, compute_reliability, resample_clusters
 from eskin.live import UNKNOWN
 from eskin.recording import NONE

@@ -14,8 +14,7 @@ from jaxtyping import Float
 from joblib import Parallel, delayed, parallel_config
 
 from eskin.errors import RecordingError
-from eskin.learn.events.matching import ScoredStream
-from eskin.learn.events.true_events import TrueEvent, read_true_events
+from eskin.learn.events.matching import ScoredStream, TrueEvent, read_true_events
 from eskin.live import (
     DecisionFilter,
     Detection,

@@ -157,7 +157,7 @@ def generate(
     settings: GenerationSettings,
     workers: int = 0,
     factory: Callable[[str], ClipGenerator] = Simulator,
-    tell: Callable[[int], None] = lambda done: None,
+    on_progress: Callable[[int], None] = lambda done: None,
 ) -> GenerationResult:
     """Make a set, or what is missing of it.
 
@@ -169,7 +169,7 @@ def generate(
         settings: what to make.
         workers: processes; 0 works in this one.
         factory: gives the maker of a skin; must be found by name in other processes.
-        tell: called with the number of clips that are done.
+        on_progress: called with the number of clips that are done.
 
     Raises:
         GenerationError: the folder holds something else, or a clip cannot be made.
@@ -179,7 +179,9 @@ def generate(
     started, folder = time.monotonic(), Path(folder)
     claim_folder(folder, settings)
     with lock_folder(folder):
-        return generate_missing(folder, settings, workers, factory, tell, started)
+        return generate_missing(
+            folder, settings, workers, factory, on_progress, started
+        )
 
 
 def generate_missing(
@@ -187,7 +189,7 @@ def generate_missing(
     settings: GenerationSettings,
     workers: int,
     factory: Callable[[str], ClipGenerator],
-    tell: Callable[[int], None],
+    on_progress: Callable[[int], None],
     started: float,
 ) -> GenerationResult:
     """Make what is missing in a folder."""
@@ -196,7 +198,7 @@ def generate_missing(
     kept = sum(session_plan.clips for session_plan in settings.sessions[:done])
     missing = settings.sessions[done:]
     made = 0
-    tell(kept)
+    on_progress(kept)
     try:
         with closing(
             write_sessions(folder, settings, missing, workers, factory)
@@ -204,7 +206,7 @@ def generate_missing(
             for rows in finished:
                 archive.add(rows)
                 made += len(rows)
-                tell(kept + made)
+                on_progress(kept + made)
     except BaseException:
         archive.resume()
         raise

@@ -10,8 +10,8 @@ from eskin.touch.calibration_kernels import PressureCurve, linearise_counts
 
 @compiled
 @no_type_check
-def largest_pressure(
-    counts: np.ndarray, received: np.ndarray, rest: np.ndarray, bend: PressureCurve
+def find_largest_pressure(
+    counts: np.ndarray, received: np.ndarray, rest: np.ndarray, curve: PressureCurve
 ) -> np.ndarray:
     """Largest pressure of each reading for a gain of one, of taxels of one gain.
 
@@ -21,7 +21,7 @@ def largest_pressure(
         counts: one row a reading (int32).
         received: whether each is fresh.
         rest: counts of each taxel untouched (int32).
-        bend: of the curve.
+        curve: of the curve.
     """
     peaks = np.zeros(len(counts))
     for reading in range(len(counts)):
@@ -29,5 +29,5 @@ def largest_pressure(
         for taxel in range(len(rest)):
             above = np.int32(counts[reading, taxel] - rest[taxel])
             most = max(most, np.int32(above * received[reading, taxel]))
-        peaks[reading] = linearise_counts(float(most), bend)
+        peaks[reading] = linearise_counts(float(most), curve)
     return peaks

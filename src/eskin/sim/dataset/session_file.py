@@ -18,7 +18,7 @@ from eskin.recording import (
 from eskin.sim.dataset.clip import SimulatedClip
 from eskin.sim.dataset.clip_generator import ClipGenerator
 from eskin.sim.dataset.index import ClipRow, build_row
-from eskin.sim.dataset.kernels import largest_pressure
+from eskin.sim.dataset.kernels import find_largest_pressure
 from eskin.sim.dataset.plan import ClipPlan
 from eskin.sim.dataset.session_plan import SessionPlan
 from eskin.sim.dataset.settings import GenerationSettings
@@ -104,10 +104,10 @@ def compute_peak_pressures(
     for gain in np.unique(calibration.gain):
         alike = calibration.gain == gain
         if alike.all():
-            largest = largest_pressure(counts, received, rest, bend)
+            largest = find_largest_pressure(counts, received, rest, bend)
         else:
             part = counts[:, alike], received[:, alike], rest[alike]
-            largest = largest_pressure(*part, bend)
+            largest = find_largest_pressure(*part, bend)
         peaks = np.maximum(peaks, largest * gain)
     return peaks + np.minimum(peaks, calibration.unfelt)
 
@@ -129,7 +129,7 @@ def write_session(
     settings: GenerationSettings,
     session_plan: SessionPlan,
     generator: ClipGenerator,
-    go_on: Callable[[], None] = lambda: None,
+    check_stopped: Callable[[], None] = lambda: None,
 ) -> tuple[ClipRow, ...]:
     """Make the clips of a sitting and write its file; return their rows.
 
@@ -138,7 +138,7 @@ def write_session(
         settings: what the set is made with.
         session_plan: one of the set's.
         generator: makes the clips.
-        go_on: called before every clip; raises to stop.
+        check_stopped: called before every clip; raises to stop.
 
     Raises:
         GenerationError: a clip cannot be made; no file is left then.
@@ -158,7 +158,7 @@ def write_session(
         with writer:
             sheet = SessionWriter(writer, calibration, session_plan, settings)
             for number, plan in enumerate(settings.plan_clips(session_plan), -1):
-                go_on()
+                check_stopped()
                 sheet.add(
                     number, plan, generate_clip(generator, plan, number, session_plan)
                 )

@@ -1,1 +1,1 @@
-"""Interactive simulation plays touches without end, computed while they play."""
+"""This package simulates touches without end, computed while they are played."""

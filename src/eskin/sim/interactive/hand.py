@@ -26,60 +26,60 @@ from eskin.sim.scene.validity import find_self_contact_sites
 
 @dataclass(frozen=True, eq=False)
 class LinkPoint:
-    """A point on the skin, or near it."""
+    """A link point is a point on the skin of a link, or near it."""
 
     link: str
     """Link that the skin is on."""
     p_link: Float[np.ndarray, "3"]
-    """Where, in that link's frame [m]."""
+    """Position in that link's frame [m]."""
 
 
 def find_chart_point(
-    place: LinkPoint, env: SimEnvironment
+    point: LinkPoint, env: SimEnvironment
 ) -> tuple[int, Float[np.ndarray, "2"]]:
-    """The chart of the nearest taxel of the place's link, and the place on it (s, t).
+    """Return the chart of the nearest taxel of the link, and the point on it (s, t).
 
     Raises:
         ValueError: there is no skin on that link.
     """
-    charts = [i for i, chart in enumerate(env.charts) if chart.link == place.link]
+    charts = [i for i, chart in enumerate(env.charts) if chart.link == point.link]
     if not charts:
         allowed = ", ".join(sorted({chart.link for chart in env.charts}))
         raise ValueError(
-            f"no skin on link '{place.link}'; allowed are {allowed}; touch one of them"
+            f"no skin on link '{point.link}'; allowed are {allowed}; touch one of them"
         )
     positions = env.mounted.skin.positions
     away = [
-        np.linalg.norm(positions[env.charts[i].taxels] - place.p_link, axis=1).min()
+        np.linalg.norm(positions[env.charts[i].taxels] - point.p_link, axis=1).min()
         for i in charts
     ]
     chart = charts[int(np.argmin(away))]
-    return chart, env.charts[chart].surface.unroll(place.p_link[None])[0]
+    return chart, env.charts[chart].surface.unroll(point.p_link[None])[0]
 
 
 def build_site_at(
-    place: LinkPoint,
+    point: LinkPoint,
     env: SimEnvironment,
     q: Float[np.ndarray, "joint"],
     person: Person,
 ) -> ContactSite:
-    """The site at a place, with the hand as it comes from a person.
+    """Build the site at a point, with the hand as it comes from a person.
 
     Raises:
-        ValueError: there is no skin on the place's link.
+        ValueError: there is no skin on the point's link.
     """
-    chart, centre = find_chart_point(place, env)
+    chart, centre = find_chart_point(point, env)
     return build_reached_site(env, build_view(env, q, person), chart, centre)
 
 
 DRAGGING_PADS = "fingers"
-"""Parts of the hand that are dragged: those that people stroke with most."""
+"""Pad group that is dragged: the one that people stroke with most."""
 
 SECOND_PAT_START = 2 / 3
 """Share of a double pat of given length after which the second pat begins."""
 
 PLACE_TRIES = 20
-"""Places that are drawn to find one away from other touches."""
+"""Sites that are drawn to find one away from other touches."""
 
 CONTACTLESS_KINDS = ("idle", "electrical")
 """Kinds of `none` that are no contact."""
@@ -87,23 +87,23 @@ CONTACTLESS_KINDS = ("idle", "electrical")
 
 @final
 class InteractiveHand:
-    """Touches a skin as people do; from any thread.
+    """An interactive hand touches a skin as people do, and is called from any thread.
 
     A touch begins with the next scan, and goes on with the scans.
 
     Attributes:
-        person: whose hand it is, where nobody else is named.
+        person: person whose hand it is, where no other is given.
     """
 
     def __init__(
         self, env: SimEnvironment, person: Person, rng: np.random.Generator
     ) -> None:
-        """Prepare a hand.
+        """Create a hand.
 
         Args:
-            env: the robot in its skin.
-            person: whose hand.
-            rng: to draw from.
+            env: robot in its skin.
+            person: person whose hand it is.
+            rng: random generator.
         """
         self.env, self.person, self.rng = env, person, rng
         self.difficulty = env.constants.value("sets.difficulty")
@@ -116,24 +116,24 @@ class InteractiveHand:
 
     @property
     def touching(self) -> tuple[int, ...]:
-        """Ids of the touches under way or about to begin."""
+        """Return the ids of the touches that last or are about to begin."""
         with self.lock:
             return tuple(self.active)
 
     def truths(self) -> tuple[TruthRecord, ...]:
-        """What truly pressed at the latest scan; a mean over its time."""
+        """Return the true touches of the latest scan, means over its time."""
         with self.lock:
             return self.latest_truths
 
     def poke(
-        self, place: LinkPoint, force: float | None = None, seconds: float | None = None
+        self, point: LinkPoint, force: float | None = None, seconds: float | None = None
     ) -> int:
         """Push with a finger.
 
         Args:
-            place: where.
-            force: at most [N]; None as the person does.
-            seconds: from first to last contact [s]; None as the person does.
+            point: point on the skin.
+            force: largest force [N]; None as the person does.
+            seconds: time from first to last contact [s]; None as the person does.
 
         Returns:
             Id of the touch.
@@ -142,42 +142,43 @@ class InteractiveHand:
             ValueError: there is no skin there, or force or time are not positive.
         """
         return self.perform_requested(
-            "poke", place, check_requested(force=force, duration=seconds)
+            "poke", point, check_requested(force=force, duration=seconds)
         )
 
     def double_pat(
-        self, place: LinkPoint, force: float | None = None, seconds: float | None = None
+        self, point: LinkPoint, force: float | None = None, seconds: float | None = None
     ) -> int:
-        """Pat twice with the hand; arguments as of `poke`."""
+        """Pat twice with the hand; arguments are those of `poke`."""
         requested = check_requested(force=force, duration=seconds) | {"more": 0.0}
         if force is not None:
             requested["force.1"] = force
         if seconds is not None:
             requested["interval"] = SECOND_PAT_START * seconds
             requested["contact"] = seconds - SECOND_PAT_START * seconds
-        return self.perform_requested("double_pat", place, requested)
+        return self.perform_requested("double_pat", point, requested)
 
     def grab(
-        self, place: LinkPoint, force: float | None = None, seconds: float | None = None
+        self, point: LinkPoint, force: float | None = None, seconds: float | None = None
     ) -> int:
-        """Close fingers and thumb round the link; arguments as of `poke`.
+        """Close fingers and thumb round the link; arguments are those of `poke`.
 
-        Nobody grips harder than the person can.
+        The force is no more than the person's grip.
         """
         return self.perform_requested(
-            "grab", place, check_requested(force=force, duration=seconds)
+            "grab", point, check_requested(force=force, duration=seconds)
         )
 
     def perform(
-        self, what: str, place: LinkPoint | None = None, person: Person | None = None
+        self, what: str, point: LinkPoint | None = None, person: Person | None = None
     ) -> int:
-        """Do something as a person does it, with all that people vary by.
+        """Perform a touch as a person does, with all that people vary by.
 
         Args:
             what: a gesture; a kind of contact that is none, such as `bump`; or `none`,
                 which draws one of those that happen by accident.
-            place: where; None draws one as in the training data, away from others.
-            person: who; None is this hand's own.
+            point: point on the skin; None draws one as in the training data, away from
+                other touches.
+            person: person who touches; None is this hand's own.
 
         Returns:
             Id of the touch.
@@ -188,43 +189,43 @@ class InteractiveHand:
         with self.planning:
             person = person or self.person
             gesture, kind = self.resolve_kind(what)
-            touch = self.draw_touch(gesture, kind, place, person)
+            touch = self.draw_touch(gesture, kind, point, person)
             for _ in range(PLACE_TRIES):
-                if place is not None or self.is_free(touch):
+                if point is not None or self.is_free(touch):
                     break
                 touch = self.draw_touch(gesture, kind, None, person)
             return self.add(self.make_interactive(touch))
 
-    def begin(self, place: LinkPoint, force: float, kind: str = DRAGGING_PADS) -> int:
-        """Land with some fingers, to be moved from outside.
+    def begin(self, point: LinkPoint, force: float, kind: str = DRAGGING_PADS) -> int:
+        """Land with some fingers, to be moved by calls.
 
         Args:
-            place: where.
-            force: to press with [N].
-            kind: which parts of the hand; of `eskin.sim.people.hand.GROUPS`.
+            point: point on the skin.
+            force: force to press with [N].
+            kind: pads of the hand; one of `eskin.sim.people.hand.PAD_GROUPS`.
 
         Returns:
             Id of the touch.
 
         Raises:
-            ValueError: there is no skin there, or no such part.
+            ValueError: there is no skin there, or no such pads.
         """
         check_requested(force=force)
         with self.planning:
-            site = build_site_at(place, self.env, self.q, self.person)
+            site = build_site_at(point, self.env, self.q, self.person)
             constants = self.env.constants
             sample = GestureSample(
                 kind, self.person, site, constants, self.rng, self.difficulty, "paper"
             )
             return self.add(DraggedTouch(sample, force, self.env))
 
-    def move(self, touch: int, place: LinkPoint) -> None:
-        """Drag a finger toward a place; nothing happens once it has left.
+    def move(self, touch: int, point: LinkPoint) -> None:
+        """Drag a finger toward a point; nothing happens once it has left.
 
         Raises:
-            ValueError: there is no skin there, or the touch is none that is dragged.
+            ValueError: there is no skin there, or the touch is not dragged.
         """
-        site = build_site_at(place, self.env, self.q, self.person)
+        site = build_site_at(point, self.env, self.q, self.person)
         with self.lock:
             dragged = self.get_dragged(touch)
             if dragged is not None:
@@ -234,7 +235,7 @@ class InteractiveHand:
         """Lift a dragged finger; nothing happens once it has left.
 
         Raises:
-            ValueError: the touch is none that is dragged.
+            ValueError: the touch is not dragged.
         """
         with self.lock:
             dragged = self.get_dragged(touch)
@@ -242,7 +243,7 @@ class InteractiveHand:
                 dragged.leave()
 
     def get_dragged(self, touch: int) -> DraggedTouch | None:
-        """A touch that is dragged; None once it is over."""
+        """Return a touch that is dragged; None once it is over."""
         if not 0 <= touch < self.count:
             raise ValueError(
                 f"touch {touch} has not begun; allowed are ids that `begin` gave"
@@ -255,11 +256,11 @@ class InteractiveHand:
         return found
 
     def perform_requested(
-        self, gesture: str, place: LinkPoint, requested: dict[str, float]
+        self, gesture: str, point: LinkPoint, requested: dict[str, float]
     ) -> int:
-        """Do a gesture, some of it as it is asked for."""
+        """Perform a gesture with some values as requested; return its id."""
         with self.planning:
-            site = build_site_at(place, self.env, self.q, self.person)
+            site = build_site_at(point, self.env, self.q, self.person)
             touch = perform(
                 *(gesture, None, self.person, site, self.env.constants, self.rng),
                 *(self.difficulty, "paper", requested),
@@ -267,18 +268,18 @@ class InteractiveHand:
             return self.add(self.make_interactive(touch))
 
     def draw_touch(
-        self, gesture: str, kind: str | None, place: LinkPoint | None, person: Person
+        self, gesture: str, kind: str | None, point: LinkPoint | None, person: Person
     ) -> TrueTouch:
-        """What a person does, still on the touch's own clock."""
+        """Draw the touch of a person, on the touch's own clock."""
         return perform(
-            *(gesture, kind, person, self.find_site(gesture, kind, place, person)),
+            *(gesture, kind, person, self.find_site(gesture, kind, point, person)),
             *(self.env.constants, self.rng, self.difficulty, None),
         )
 
     def find_site(
-        self, gesture: str, kind: str | None, place: LinkPoint | None, person: Person
+        self, gesture: str, kind: str | None, point: LinkPoint | None, person: Person
     ) -> ContactSite:
-        """Where it takes place."""
+        """Find or draw the site of a touch."""
         if kind == "self_contact":
             found = find_self_contact_sites(self.env, self.q)
             if not found:
@@ -287,12 +288,12 @@ class InteractiveHand:
                     "where one does; fold the arm first"
                 )
             return found[self.rng.integers(len(found))]
-        if place is not None:
-            return build_site_at(place, self.env, self.q, person)
+        if point is not None:
+            return build_site_at(point, self.env, self.q, person)
         return draw_site(self.env, self.q, person, gesture, self.rng, kind)
 
     def resolve_kind(self, what: str) -> tuple[str, str | None]:
-        """Gesture and kind of something that can be performed."""
+        """Return gesture and kind of something that can be performed."""
         if what == NONE:
             kinds = dict(self.env.constants.weights("stream.accidents"))
             if not find_self_contact_sites(self.env, self.q):
@@ -310,18 +311,18 @@ class InteractiveHand:
         return what, None
 
     def is_free(self, touch: TrueTouch) -> bool:
-        """Whether a touch would be apart from all others."""
+        """Tell whether a touch would be apart from all others."""
         with self.lock:
             others = [other.touch for other in self.active.values()]
         return all(are_apart(self.env, self.q, touch, other) for other in others)
 
     def make_interactive(self, touch: TrueTouch) -> PerformedTouch:
-        """A touch by a hand that follows the robot as late as it happens."""
+        """Return a touch by a hand that follows the robot with a random delay."""
         delay = self.env.constants.draw("motion.delay", self.rng)
         return PerformedTouch(touch, delay, self.env)
 
     def add(self, touch: InteractiveTouch) -> int:
-        """Begin a touch."""
+        """Begin a touch; return its id."""
         with self.lock:
             number = self.count
             self.count += 1
@@ -329,7 +330,7 @@ class InteractiveHand:
             return number
 
     def advance(self, span: MotionSpan) -> dict[int, TrueTouch]:
-        """What all touches do in the steps of a reading, by their ids."""
+        """Return what all touches do in the steps of a reading, by their ids."""
         with self.lock:
             self.q = span.q[-1]
             found = {
@@ -341,16 +342,16 @@ class InteractiveHand:
             return found
 
     def set_truths(self, truths: tuple[TruthRecord, ...]) -> None:
-        """Take down what truly pressed at the latest scan."""
+        """Set the true touches of the latest scan."""
         with self.lock:
             self.latest_truths = truths
 
 
 def check_requested(**wanted: float | None) -> dict[str, float]:
-    """What is asked for, by name.
+    """Return the requested values by name, without those that are None.
 
     Raises:
-        ValueError: it is not positive.
+        ValueError: a value is not positive.
     """
     for name, value in wanted.items():
         if value is not None and not (np.isfinite(value) and value > 0):

@@ -1,4 +1,4 @@
-"""A player simulates a person who touches a skin without end, as a device would measure it."""
+"""The player simulates a person who touches a skin without end, scan by scan."""
 
 import itertools
 from collections import deque
@@ -18,45 +18,46 @@ from eskin.touch import Scan
 from eskin.units import NS_PER_S
 
 PLAYER_ROLE = "device"
-"""Of its person, build and session; no set has one of that name."""
+"""Role of its person, build and session; no set has one of that name."""
 STRETCH_SECONDS = 15.0
-"""Made at a time: long enough for the longest touch [s]."""
+"""Length of a stretch, enough for the longest touch [s]."""
 LEAD_SECONDS = 2.0
-"""Without touch at first, so that a baseline can be found [s]."""
+"""Length of the first stretch, without touch, so that a baseline can be found [s]."""
 
 
 @dataclass(frozen=True, eq=False)
 class SampledScan:
-    """One scan, and what was really done during it."""
+    """A sampled scan holds one scan and the true touches during it."""
 
     scan: Scan
-    """What the sensor counts."""
+    """Scan of the sensor."""
     truths: tuple[TruthRecord, ...]
     """Every touch that presses."""
 
 
 @final
 class TouchPlayer:
-    """Plays one person on one fresh build of a skin, on an arm that stands still.
+    """A player plays one person on one fresh build of a skin, on an arm that stands
+    still.
 
     Neither person nor build nor session is of any set that recognisers are trained or
-    tested on. Stretches are made in a thread, ahead of what is played. All
+    tested on. Stretches are computed in a thread, ahead of what is played. All
     stretches share the pose and whatever is fixed of the sensor; its random walk, by
     about one count, and what touches leave behind begin anew with each, and each begins
     and ends without touch.
 
     Attributes:
-        generator: simulates.
-        build: the sensor that is touched.
-        rate: scans a second [1/s].
+        generator: clip generator of the skin.
+        build: sensor that is touched.
+        rate: scans per second [1/s].
     """
 
     def __init__(self, generator: ClipGenerator, seed: int = 0, start: int = 0) -> None:
-        """Prepare somebody.
+        """Create a player.
 
         Args:
-            generator: simulates a skin.
-            seed: decides everything that is drawn.
+            generator: clip generator of a skin.
+            seed: seed of everything that is drawn.
             start: stamp of the first scan [ns since the epoch].
 
         Raises:
@@ -79,11 +80,11 @@ class TouchPlayer:
         self.rate = NS_PER_S / self.period
 
     def scans(self) -> Iterator[Scan]:
-        """Scans without end."""
+        """Yield scans without end."""
         return (moment.scan for moment in self.sampled_scans())
 
     def sampled_scans(self) -> Iterator[SampledScan]:
-        """Scans without end, and what was really done; the same every time.
+        """Yield scans with their true touches without end, the same every time.
 
         Touches are numbered through all stretches.
         """
@@ -105,7 +106,7 @@ class TouchPlayer:
                 touches += len(clip.truths)
 
     def plan_stretch(self, number: int) -> ClipPlan:
-        """What is done in a stretch: nothing in the first, then all that people do."""
+        """Plan a stretch: no touch in the first, then all that people do."""
         person = Origin(
             f"{PLAYER_ROLE}-p{self.seed}",
             build_seed(f"person {PLAYER_ROLE}", 0, 0, self.seed),
@@ -136,7 +137,7 @@ class TouchPlayer:
     def build_scans(
         self, clip: SimulatedClip, start: int, first: int
     ) -> Iterator[SampledScan]:
-        """The scans of a clip, and its touches from a number on."""
+        """Yield the scans of a clip, with its touches numbered from `first`."""
         for reading in range(len(clip.counts)):
             stamp = start + reading * self.period
             truths = tuple(

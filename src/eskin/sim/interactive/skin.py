@@ -1,4 +1,4 @@
-"""An interactive skin is simulated reading by reading on an arm that is moved from outside."""
+"""An interactive skin simulates scans of a robot that is moved and touched by calls."""
 
 from functools import lru_cache
 from typing import Literal, final
@@ -34,15 +34,15 @@ PA_PER_KPA = 1000.0
 def compute_wrenches(
     pressure: Float[np.ndarray, "active"], taxels: Int[np.ndarray, "active"], skin: Skin
 ) -> tuple[Wrench, ...]:
-    """What pressure on taxels does to the links beneath them.
+    """Compute the wrenches that pressure on taxels exerts on their links.
 
-    It pushes along the inward normals alone: what drags along the skin, and what
-    presses beside all taxels, is not counted.
+    Pressure acts along the inward normals alone: neither friction nor pressure beside
+    all taxels is counted.
 
     Args:
-        pressure: on each of these taxels [kPa].
-        taxels: that are pressed.
-        skin: that they are of.
+        pressure: pressure on each of these taxels [kPa].
+        taxels: taxels that are pressed.
+        skin: skin of the taxels.
     """
     forces = PA_PER_KPA * pressure * skin.areas[taxels]
     forces_link = -forces[:, None] * skin.normals[taxels]
@@ -60,25 +60,25 @@ def compute_wrenches(
 
 
 DEMO_ROLE = "demo"
-"""Of its person and build; no set has one of that name."""
+"""Role of its person and build; no set has one of that name."""
 
 
 @final
 class InteractiveSkin:
-    """A skin that is scanned wherever the robot is, and touched on request.
+    """An interactive skin is scanned wherever the robot is, and touched on request.
 
     Contact, film and sensor are those that clips are made by, one reading at a time,
     each the sensor's period later than the last. Between two scans the robot moves
-    evenly. What is scanned of a patch later than at the scan itself, by jitter, is what
-    there is by then: nobody knows where the robot will go.
+    evenly. What jitter would scan of a patch after the scan itself is what there is by
+    then, since later motion is unknown.
 
     Attributes:
-        mounted: the skin on its robot.
-        robot_name: what `load_robot` calls the robot.
-        calibration: what the user of the build knows of it.
+        mounted: skin on its robot.
+        robot_name: name of the robot for `load_robot`.
+        calibration: calibration that the user of the build has.
         period: time between two scans [s].
-        hand: touches it.
-        wrenches: of touches on links at the latest scan; means over its time.
+        hand: hand that touches it.
+        wrenches: wrenches of touches on links at the latest scan, means over its time.
     """
 
     def __init__(
@@ -92,11 +92,11 @@ class InteractiveSkin:
         """Build a skin, of no set that recognisers are trained or tested on.
 
         Args:
-            name: of a preset skin.
-            seed: decides everything that is drawn.
-            build_kind: which laws the sensor is drawn from.
-            person: who touches it; of no such set either unless given.
-            loses: whether patches fall silent at times, as those of a real skin do;
+            name: name of a preset skin.
+            seed: seed of everything that is drawn.
+            build_kind: laws that the sensor is drawn from.
+            person: person who touches it; of no such set either unless given.
+            loses: whether patches are silent at times, as those of a real skin are;
                 else only where they are unplugged.
 
         Raises:
@@ -137,11 +137,11 @@ class InteractiveSkin:
         self.wrenches: tuple[Wrench, ...] = ()
 
     def scan(self, stamp: int, q: Float[np.ndarray, "joint"]) -> Scan:
-        """The next scan.
+        """Simulate the next scan.
 
         Args:
-            stamp: of the scan [ns since the epoch].
-            q: where the robot is by then [rad].
+            stamp: stamp of the scan [ns since the epoch].
+            q: joint positions by then [rad].
 
         Raises:
             ValueError: these are not the robot's joints.
@@ -165,7 +165,7 @@ class InteractiveSkin:
         return Scan(stamp, counts, received, q)
 
     def press_sensor(self, scene: Scene, numbers: list[int], stamp: int) -> None:
-        """Press on the sensor what takes place in a reading, and witness it."""
+        """Press the touches of a reading on the sensor, and record their truth."""
         touch_presses = compute_touch_presses(scene, self.env)
         skin = self.mounted.skin
         pressure, taxels = compute_scene_pressure(
@@ -182,7 +182,7 @@ class InteractiveSkin:
         self.hand.set_truths(build_truth_records(found, numbers, stamp))
 
     def unplug(self, patch: str) -> None:
-        """Pull a patch's cable: nothing of it is received.
+        """Unplug a patch's cable: nothing of it is received.
 
         Raises:
             ValueError: the skin has no such patch.
@@ -190,7 +190,7 @@ class InteractiveSkin:
         self.unplugged[self.find_patch(patch)] = True
 
     def plug(self, patch: str) -> None:
-        """Put a patch's cable back.
+        """Plug a patch's cable back in.
 
         Raises:
             ValueError: the skin has no such patch.
@@ -198,10 +198,10 @@ class InteractiveSkin:
         self.unplugged[self.find_patch(patch)] = False
 
     def kill(self, share: float) -> tuple[int, ...]:
-        """Let some of the taxels that still feel feel nothing from now on.
+        """Make some of the live taxels dead from now on.
 
         Args:
-            share: of all taxels; those that are dead already do not count.
+            share: share of all taxels; those that are dead already do not count.
 
         Returns:
             The taxels.
@@ -220,11 +220,11 @@ class InteractiveSkin:
         return tuple(chosen.tolist())
 
     def restore(self) -> None:
-        """Let all taxels feel again that were killed."""
+        """Restore all taxels that were killed."""
         self.sensor.readout.feels[:] = self.feels
 
     def find_patch(self, patch: str) -> int:
-        """Index of a patch of the skin."""
+        """Return the index of a patch of the skin."""
         ids = [each.id for each in self.mounted.skin.patches]
         if patch not in ids:
             raise ValueError(
@@ -235,20 +235,20 @@ class InteractiveSkin:
 
 @lru_cache(maxsize=4)
 def load_environment(name: str) -> SimEnvironment:
-    """A preset skin on its robot, kept."""
+    """Load a preset skin on its robot, cached."""
     preset = SKIN_PRESETS[name]
     mounted = MountedSkin(preset.build(), load_robot(preset.robot))
     return build_environment(mounted, load_constants())
 
 
 def build_rng(what: str, seed: int) -> np.random.Generator:
-    """A generator of its own for each thing that is drawn."""
+    """Build a generator of its own for each thing that is drawn."""
     words = build_seed(f"{what} {DEMO_ROLE}", 0, 0, seed)
     return np.random.default_rng(np.random.SeedSequence(words))
 
 
 def draw_demo_person(env: SimEnvironment, seed: int) -> Person:
-    """Somebody of no set: `demo-p0` and so on; the same one every time."""
+    """Draw a person of no set, `demo-p0` and so on; the same one every time."""
     origin = Origin(
         f"{DEMO_ROLE}-p{seed}", build_seed(f"person {DEMO_ROLE}", 0, 0, seed)
     )
@@ -258,7 +258,7 @@ def draw_demo_person(env: SimEnvironment, seed: int) -> Person:
 def build_truth_records(
     truths: tuple[TrueTouchSeries, ...], numbers: list[int], stamp: int
 ) -> tuple[TruthRecord, ...]:
-    """Of every touch that presses in a reading, what is kept of it."""
+    """Build the records of all touches that press in a reading."""
     return tuple(
         truth.to_record(numbers[truth.number], 0, stamp)
         for truth in truths

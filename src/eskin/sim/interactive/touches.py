@@ -1,4 +1,4 @@
-"""Interactive touches press on the skin from reading to reading while the robot moves."""
+"""Interactive touches press on the skin reading by reading while the robot moves."""
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, replace
@@ -18,40 +18,42 @@ Poses = Float[np.ndarray, "step joint"]
 
 @dataclass(frozen=True, eq=False)
 class MotionSpan:
-    """The steps of one reading."""
+    """A span holds the motion of the robot in the steps of one reading, and just
+    before."""
 
     first: int
-    """First of them since the beginning."""
+    """First of the steps since the beginning."""
     steps: int
-    """How many there are."""
+    """Number of steps."""
     past: Poses
-    """Joint positions at them, and before them as far as is kept [rad]."""
+    """Joint positions at the steps, and before them as far as is kept [rad]."""
 
     @property
     def q(self) -> Poses:
-        """Joint positions at the steps [rad]."""
+        """Return the joint positions at the steps [rad]."""
         return self.past[-self.steps :]
 
     @property
     def is_still(self) -> bool:
-        """Whether the robot has stood still as far as is kept."""
+        """Tell whether the robot has stood still as far as is kept."""
         return bool(np.all(self.past == self.past[-1]))
 
     def at(self, steps: Float[np.ndarray, "step"]) -> Poses:
-        """Joint positions at and between steps since the beginning [rad]."""
+        """Return joint positions at and between steps since the beginning [rad]."""
         oldest = self.first + self.steps - len(self.past)
         return interpolate_poses(self.past, np.maximum(steps - oldest, 0.0))
 
 
 @final
 class MotionTrack:
-    """The robot's way so far, as far as a hand that follows late needs it."""
+    """A track keeps the robot's motion as far back as a hand that follows late needs
+    it."""
 
     def __init__(self, steps: int, kept: int) -> None:
         """Begin before the first reading.
 
         Args:
-            steps: of a reading.
+            steps: steps of a reading.
             kept: steps before a reading that are kept.
         """
         self.steps, self.kept = steps, kept
@@ -76,10 +78,10 @@ class MotionTrack:
 
 
 class InteractiveTouch(ABC):
-    """One touch that takes place while the robot moves as it will.
+    """An interactive touch takes place while the robot moves as it will.
 
     Attributes:
-        touch: what is known of it so far, on a clock of its own.
+        touch: touch as far as it is known, on its own clock.
         over: whether it is over.
     """
 
@@ -88,24 +90,24 @@ class InteractiveTouch(ABC):
 
     @abstractmethod
     def advance(self, span: MotionSpan) -> TrueTouch:
-        """What it does in the steps of a reading, whose first is 0."""
+        """Return what it does in the steps of a reading, whose first is 0."""
 
 
 @final
 class PerformedTouch(InteractiveTouch):
-    """What a person has in mind from the start; it begins with the next reading.
+    """A performed touch is planned from its start, and begins with the next reading.
 
     As in clips, a hand follows the robot late, a cable hangs where it is, and a link
     that touches another stays with it.
     """
 
     def __init__(self, touch: TrueTouch, delay: float, env: SimEnvironment) -> None:
-        """Prepare.
+        """Create the touch.
 
         Args:
-            touch: on a clock of its own, from step 0.
-            delay: with which a hand follows [s].
-            env: the robot.
+            touch: touch on its own clock, from step 0.
+            delay: delay with which a hand follows [s].
+            env: robot in its skin.
         """
         self.touch = touch
         self.env = env
@@ -116,7 +118,7 @@ class PerformedTouch(InteractiveTouch):
         self.end = max((p.first + p.steps for p in touch.presses), default=0)
 
     def advance(self, span: MotionSpan) -> TrueTouch:
-        """What it does in the steps of a reading, whose first is 0."""
+        """Return what it does in the steps of a reading, whose first is 0."""
         if self.start is None:
             self.start = span.first
         since = span.first - self.start
@@ -127,7 +129,8 @@ class PerformedTouch(InteractiveTouch):
         return replace(here, presses=presses)
 
     def place_press(self, index: int, press: Press, span: MotionSpan) -> Press:
-        """The part of a press in a reading, its hand where it is by then."""
+        """Return the part of a press in a reading, with its hand where it is by
+        then."""
         now = press.first + np.arange(press.steps)
         if index not in self.landed:
             self.landed[index] = span.q[now[0]]
@@ -147,29 +150,29 @@ class PerformedTouch(InteractiveTouch):
 
 
 ARRIVAL_DISTANCE = 0.01
-"""So far from where it is led, a finger is there [m]."""
+"""Distance from its target within which a finger has arrived [m]."""
 NOISE_SECONDS = 20.0
-"""Time after which the noise of a force begins anew [s]."""
+"""Time after which the noise of a force repeats [s]."""
 
 
 @final
 class DraggedTouch(InteractiveTouch):
-    """Parts of a hand that slide after the places they are given.
+    """A dragged touch slides pads of a hand after the sites it is given.
 
-    They land softly, go no faster than people stroke, and ride on the link; whoever
-    leads them sees where the robot is, so they do not follow it late. They leave once
-    they have landed and are where they were led, however quickly that was asked for.
+    The pads land softly, go no faster than people stroke, and move with the link; the
+    caller sees where the robot is, so they do not follow it late. They leave once they
+    have landed and have arrived, however early that was asked for.
     """
 
     def __init__(
         self, sample: GestureSample, force: float, env: SimEnvironment
     ) -> None:
-        """Land at the site of an act, with the next reading.
+        """Land at the site of a sample, with the next reading.
 
         Args:
-            sample: whose hand, where, and which of its parts, as `kind`.
-            force: to press with [N].
-            env: the robot.
+            sample: gesture sample of a person and a site, with the pad group as `kind`.
+            force: force to press with [N].
+            env: robot in its skin.
         """
         value = env.constants.value
         self.step = value("time.step")
@@ -200,7 +203,7 @@ class DraggedTouch(InteractiveTouch):
         )
 
     def set_target(self, site: ContactSite) -> None:
-        """Go on toward the place of a site; onto another chart at once."""
+        """Slide toward a site from now on; move onto another chart at once."""
         target = np.array(site.centre)
         if site.chart != self.chart:
             self.chart, self.angle = site.chart, site.angle + self.turn
@@ -210,11 +213,11 @@ class DraggedTouch(InteractiveTouch):
         self.target = self.centre + away
 
     def leave(self) -> None:
-        """Lift off, as soon as it is where it was led."""
+        """Lift off, as soon as it has arrived."""
         self.told_to_leave = True
 
     def advance(self, span: MotionSpan) -> TrueTouch:
-        """What it does in the steps of a reading, whose first is 0."""
+        """Return what it does in the steps of a reading, whose first is 0."""
         force = np.zeros(span.steps)
         centre = np.zeros((span.steps, 2))
         for step in range(span.steps):
@@ -237,11 +240,11 @@ class DraggedTouch(InteractiveTouch):
 
     @property
     def is_there(self) -> bool:
-        """Whether it is about where it was led."""
+        """Tell whether it has arrived."""
         return float(np.linalg.norm(self.target - self.centre)) < ARRIVAL_DISTANCE
 
     def slide(self) -> bool:
-        """Go one step, as if on a damped spring to the target; whether it slides."""
+        """Go one step as on a damped spring to the target; tell whether it slides."""
         away, k = self.target - self.centre, self.stiff
         # Implicit in time, so that no step is too long for it.
         speed = (self.speed + self.step * k**2 * away) / (1.0 + k * self.step) ** 2
@@ -255,7 +258,7 @@ class DraggedTouch(InteractiveTouch):
         force: Float[np.ndarray, "time"],
         centre: Float[np.ndarray, "time 2"] | None = None,
     ) -> Press:
-        """The press of some steps."""
+        """Build the press of some steps."""
         if centre is None:
             centre = np.tile(self.centre, (len(force), 1))
         angle = np.full(len(force), self.angle)
@@ -267,5 +270,5 @@ SLIDING_SHARE = 0.02
 
 
 def smooth_step(level: float) -> float:
-    """A level between 0 and 1, without corners at either end."""
+    """Return a level between 0 and 1 smoothed at either end."""
     return level**3 * (10 - 15 * level + 6 * level**2)

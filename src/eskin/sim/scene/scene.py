@@ -222,17 +222,15 @@ def build_true_series(
     moment = np.zeros((steps, 3))
     loads: dict[str, float] = {}
     T_world_link = mounted.kinematics.poses(q)
-    for part in presses:
-        chart, touch_presses = charts[part.press.chart], part.field
-        force[part.span] += touch_presses.force
-        area[part.span] += touch_presses.area
-        p_link = chart.surface.wrap(touch_presses.centroid).positions
-        poses = T_world_link[part.span, mounted.robot.link_index(chart.link)]
+    for press in presses:
+        chart, field = charts[press.press.chart], press.field
+        force[press.span] += field.force
+        area[press.span] += field.area
+        p_link = chart.surface.wrap(field.centroid).positions
+        poses = T_world_link[press.span, mounted.robot.link_index(chart.link)]
         p_world = apply(poses, p_link)
-        moment[part.span] += touch_presses.force[:, None] * p_world
-        loads[chart.link] = loads.get(chart.link, 0.0) + float(
-            touch_presses.force.sum()
-        )
+        moment[press.span] += field.force[:, None] * p_world
+        loads[chart.link] = loads.get(chart.link, 0.0) + float(field.force.sum())
     first, end = find_contact_steps(touch)
     # Means over the steps of a reading: a bump may last one step alone.
     force, area, moment = (

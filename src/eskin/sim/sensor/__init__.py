@@ -1,1 +1,1 @@
-"""The sensor: from pressures to counts."""
+"""This package simulates the sensor, from pressure on taxels to counts."""

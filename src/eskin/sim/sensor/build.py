@@ -1,4 +1,4 @@
-"""A build is one sensor as it was made: its laminate, its readout and what is broken."""
+"""A build is one sensor as made: its laminate, its readout and its defects."""
 
 from dataclasses import dataclass
 from typing import Literal
@@ -6,7 +6,7 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Bool, Float
 
-from eskin.sim.constants import Constants
+from eskin.sim.constants import MM, Constants
 from eskin.sim.sensor.velostat import Velostat, build_nominal_velostat, draw_velostat
 from eskin.skin import Skin
 from eskin.touch import Calibration
@@ -14,12 +14,13 @@ from eskin.touch import Calibration
 
 @dataclass(frozen=True, eq=False)
 class Defects:
-    """Faults that stay: in taxels, in lines, and on the way to the computer."""
+    """Defects are lasting faults of taxels, of lines, and on the way to the
+    computer."""
 
     dead: Bool[np.ndarray, "taxel"]
-    """Taxels, alone or in a dead row or column, that no longer feel anything."""
+    """Taxels, alone or in a dead row or column, that no longer respond."""
     stuck: Float[np.ndarray, "taxel"]
-    """Reading by full scale of a taxel that is stuck, NaN of the others."""
+    """Reading of a stuck taxel, relative to full scale; NaN of the others."""
     lines: tuple[str, ...]
     """Dead rows and columns, such as `patch:row:3`."""
     dropped: float
@@ -29,7 +30,7 @@ class Defects:
 
 
 def build_intact_defects(skin: Skin, constants: Constants) -> Defects:
-    """Nothing is broken."""
+    """Return defects of a sensor in which nothing is broken."""
     whole = np.zeros(skin.count, dtype=bool)
     run = constants.value("sensor.dropped_run")
     return Defects(whole, np.full(skin.count, np.nan), (), 0.0, run)
@@ -38,7 +39,7 @@ def build_intact_defects(skin: Skin, constants: Constants) -> Defects:
 def draw_defects(
     kind: str, skin: Skin, constants: Constants, rng: np.random.Generator
 ) -> Defects:
-    """Draw what is broken in a build of a kind."""
+    """Draw the defects of a build of some kind."""
     share = constants.draw(f"sensor.defective.{kind}", rng)
     broken = rng.permutation(skin.count)[: round(share * skin.count)]
     is_stuck = rng.random(len(broken)) < constants.value("sensor.stuck")
@@ -77,7 +78,7 @@ def draw_line(index: int, skin: Skin, rng: np.random.Generator) -> str:
 
 
 def find_line_taxels(line: str, skin: Skin) -> Bool[np.ndarray, "taxel"]:
-    """The taxels of a line that is named as in `Defects.lines`."""
+    """Find the taxels of a line that is named as in `Defects.lines`."""
     patch, what, number = line.rsplit(":", 2)
     inside = np.zeros(skin.count, dtype=bool)
     inside[skin.find_taxels(patch)] = True
@@ -87,49 +88,50 @@ def find_line_taxels(line: str, skin: Skin) -> Bool[np.ndarray, "taxel"]:
 
 @dataclass(frozen=True, eq=False)
 class Electronics:
-    """What is fixed of the readout."""
+    """The electronics hold what is fixed of the readout."""
 
     bits: int
     """Resolution of the converter."""
     ghost: float
     """Part of each detour over three other taxels that a taxel reads."""
     ghost_least: float
-    """Ghosts weaker than this are left out."""
+    """Part below which ghosts are left out."""
     leak: float
     """Part of each other taxel of its row and column that a taxel reads."""
     base: Float[np.ndarray, "taxel"]
-    """Reading of a free taxel by full scale."""
+    """Reading of a free taxel, relative to full scale."""
     walk: float
     """Step of the baseline's random walk [counts]."""
     after: float
-    """Deviation of the baseline after a touch, by full scale."""
+    """Standard deviation of the baseline's shift after a touch, relative to full
+    scale."""
     after_whole: float
-    """Signal by full scale from which a touch leaves the whole of that."""
+    """Signal relative to full scale from which a touch leaves the whole shift."""
     after_time: Float[np.ndarray, "taxel"]
-    """Time in which that is forgotten [s]."""
+    """Time constant in which the shift decays [s]."""
     noise: float
-    """Deviation of a reading [counts]."""
+    """Standard deviation of a reading [counts]."""
     noise_relative: float
-    """Deviation by the reading itself; added as variances."""
+    """Standard deviation relative to the reading itself; variances add up."""
     phase: Float[np.ndarray, "patch"]
-    """Age of a patch's scan when a reading is put together [s]."""
+    """Age of a patch's scan when a reading is assembled [s]."""
     scan: float
     """Time to scan all rows of a patch [s]."""
     jitter: float
-    """Deviation of a scan's time [s]."""
+    """Standard deviation of a scan's time [s]."""
     period: float
     """Time between two readings [s]."""
     step: float
-    """Time between two values of the pressures that come in [s]."""
+    """Time between two values of the incoming pressure [s]."""
 
     @property
     def full_scale(self) -> int:
-        """Largest count of the converter."""
+        """Return the largest count of the converter."""
         return 2**self.bits - 1
 
 
 def build_nominal_electronics(skin: Skin, constants: Constants) -> Electronics:
-    """A readout without ghosts, drift and noise, all taxels at once."""
+    """Build a readout without ghosts, drift and noise that reads all taxels at once."""
     whole = constants.value("sensor.noise_bits")
     return Electronics(
         bits=round(whole),
@@ -154,7 +156,7 @@ def build_nominal_electronics(skin: Skin, constants: Constants) -> Electronics:
 def draw_electronics(
     kind: str, skin: Skin, constants: Constants, rng: np.random.Generator
 ) -> Electronics:
-    """Draw the readout of a build of a kind."""
+    """Draw the readout of a build of some kind."""
     bits = int(constants.choose(f"sensor.bits.{kind}", rng))
     coarser = 2.0 ** (bits - constants.value("sensor.noise_bits"))
     draw = constants.draw
@@ -182,29 +184,29 @@ def draw_electronics(
 
 @dataclass(frozen=True, eq=False)
 class SensorBuild:
-    """Everything fixed of the skin on one robot."""
+    """A build holds everything fixed of the skin on one robot."""
 
     name: str
     """Name of the build."""
     kind: str
     """`fresh` as in training, `shifted` with wider laws, or `nominal`."""
     velostat: Velostat
-    """From pressure to conductance."""
+    """Laminate, from pressure to conductance."""
     electronics: Electronics
-    """From conductance to counts."""
+    """Readout, from conductance to counts."""
     defects: Defects
-    """What is broken."""
+    """Defects of the build."""
     film_sigma: float
-    """Deviation of the film's spread of pressure, a Gaussian [m]."""
+    """Standard deviation of the film's Gaussian spread of pressure [m]."""
     nominal_exponent: float
-    """Exponent that its calibration supposes."""
+    """Exponent that its calibration assumes."""
     nominal_activation: float
-    """Pressure that its calibration supposes to close a taxel [kPa]."""
+    """Pressure that its calibration assumes to close a taxel [kPa]."""
     nominal_half: float
     """Pressure at which a nominal taxel reads half scale [kPa]."""
 
     def calibration(self, skin: Skin) -> Calibration:
-        """What its user knows: converter and nominal taxel, not each one's gain."""
+        """Return the calibration of its user: converter and nominal taxel, no gains."""
         full_scale = self.electronics.full_scale
         return Calibration(
             np.full(skin.count, self.nominal_half / full_scale),
@@ -231,7 +233,7 @@ def draw_build(
         velostat=velostat,
         electronics=draw_electronics(kind, skin, constants, rng),
         defects=draw_defects(kind, skin, constants, rng),
-        film_sigma=constants.draw("film.sigma", rng) * METRES,
+        film_sigma=constants.draw("film.sigma", rng) * MM,
         nominal_exponent=constants.value("sensor.nominal_exponent"),
         nominal_activation=constants.value("sensor.nominal_activation"),
         nominal_half=compute_nominal_half(velostat.half_pressure, constants),
@@ -239,7 +241,7 @@ def draw_build(
 
 
 def build_nominal_sensor(skin: Skin, constants: Constants) -> SensorBuild:
-    """A skin without scatter, noise and faults, to measure the chain with."""
+    """Build a skin without scatter, noise and faults, to measure the chain with."""
     velostat = build_nominal_velostat(skin, constants)
     return SensorBuild(
         name="nominal",
@@ -254,14 +256,11 @@ def build_nominal_sensor(skin: Skin, constants: Constants) -> SensorBuild:
     )
 
 
-METRES = 1e-3
-
-
 def compute_nominal_half(half_pressure: float, constants: Constants) -> float:
-    """The pressure that calibration takes for half scale [kPa].
+    """Return the pressure that calibration takes for half scale [kPa].
 
-    It makes a nominal taxel read rightly what is pressed for a time, with its play and
-    creep.
+    With it a nominal taxel reads the true value of what is pressed for a time, with its
+    play and creep.
     """
     seconds = constants.value("sensor.calibrated_at")
     exponent = constants.value("sensor.nominal_exponent")
@@ -270,12 +269,12 @@ def compute_nominal_half(half_pressure: float, constants: Constants) -> float:
 
 
 def compute_play_remainder(constants: Constants) -> float:
-    """What the play operators leave of a load that only grew."""
+    """Return the part of a load that only grew which the play operators pass on."""
     weights = constants.array("sensor.play_weights.fresh")
     return float(np.sum(weights * (1.0 - constants.array("sensor.play"))))
 
 
 def compute_creep(seconds: float, constants: Constants) -> float:
-    """Relative growth of conductance after a time under load."""
+    """Return the relative growth of conductance after a time under load."""
     risen = 1.0 - np.exp(-seconds / constants.array("sensor.creep_times"))
     return float(np.sum(constants.array("sensor.creep") * risen))

@@ -1,4 +1,4 @@
-"""Events in the readout that no touch made: connectors, interference."""
+"""This module adds electrical events that no touch made: connectors, interference."""
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -8,7 +8,8 @@ from eskin.sim.sensor.build import SensorBuild, draw_line, find_line_taxels
 from eskin.skin import Skin
 
 ELECTRICAL_EVENTS = ("line_step", "stuck_line", "dropout", "burst")
-"""A row or column jumps; reads full scale; a patch is not heard; a patch is noisy."""
+"""Kinds of events: a row or column jumps or reads full scale; a patch is silent or
+noisy."""
 
 Counts = Int[np.ndarray, "reading taxel"]
 Received = Bool[np.ndarray, "reading taxel"]
@@ -24,20 +25,20 @@ def add_electrical_event(
     constants: Constants | None = None,
     onset: int | None = None,
 ) -> tuple[Counts, Received, dict[str, float | str]]:
-    """Put one electrical event into counts, without changing those given.
+    """Add one electrical event to a copy of counts.
 
     Args:
         kind: one of `ELECTRICAL_EVENTS`.
-        counts: what the converter counted.
-        received: what of it arrives.
-        skin: its taxels.
-        build: the skin as built.
-        rng: to draw from.
-        constants: numbers of the world; those published unless given.
+        counts: counts of the converter.
+        received: whether each count arrives.
+        skin: skin of the taxels.
+        build: skin as built.
+        rng: random generator.
+        constants: constants of the simulation; the published ones unless given.
         onset: first reading of the event; drawn unless given.
 
     Returns:
-        The counts, what of them arrives, and what was drawn.
+        The counts, whether each arrives, and what was drawn.
 
     Raises:
         ValueError: there is no such kind.
@@ -87,14 +88,14 @@ EVENT_SIZES = {
 def draw_event_shape(
     kind: str, shape: tuple[int, int], rng: np.random.Generator
 ) -> Float[np.ndarray, "reading part"]:
-    """An event of size 1: a step, or noise."""
+    """Draw an event of size 1: a step, or noise."""
     return np.ones(shape) if kind == "line_step" else rng.standard_normal(shape)
 
 
 def draw_event_length(
     kind: str, build: SensorBuild, constants: Constants, rng: np.random.Generator
 ) -> int:
-    """How many readings an event lasts."""
+    """Draw how many readings an event lasts."""
     if kind == "dropout":
         return max(round(constants.draw("sensor.electrical.dropout", rng)), 1)
     name = "burst_hold" if kind == "burst" else "hold"

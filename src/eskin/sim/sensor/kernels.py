@@ -76,7 +76,7 @@ def read_array(
     leak: float,
     out: Float[np.ndarray, "row column"],
 ) -> None:
-    """What an array reads of its cells, all of it written to `out`."""
+    """Write to `out` what an array reads of its cells."""
     out[:] = conductance
     if ghost > 0.0:
         add_ghosts(conductance, ghost, out)
@@ -85,7 +85,7 @@ def read_array(
 
 
 class SensorLayer(NamedTuple):
-    """The laminate under the live taxels, as `update_conductance` wants it."""
+    """This tuple holds the laminate under the live taxels for `update_conductance`."""
 
     load: np.ndarray
     """Load of an untouched taxel less its activation, by half pressure; negative
@@ -97,7 +97,7 @@ class SensorLayer(NamedTuple):
     play_weights: np.ndarray
     play_min_load: float
     creep: np.ndarray
-    """(live, process)"""
+    """Relative growth under lasting load (live, process)."""
     creep_part: np.ndarray
     """Part of the way to full creep in one step (process)."""
     recovery_keep: np.ndarray
@@ -111,34 +111,34 @@ class SensorLayer(NamedTuple):
 
 
 class LayerState(NamedTuple):
-    """What the live taxels keep of the steps before, as `update_conductance` goes on with it."""
+    """This tuple holds what live taxels keep between calls of `update_conductance`."""
 
     play_positions: np.ndarray
-    """Places of the play operators (live, operator)."""
+    """Positions of the play operators (live, operator)."""
     creep: np.ndarray
     """Shares of full creep (live, process)."""
     slow_creep: np.ndarray
-    """The part of them that is slow to be forgotten after release (live, process)."""
+    """Share of creep that decays slowly after release (live, process)."""
     max_load: np.ndarray
     """Largest load of the touch (live)."""
     play_output: np.ndarray
-    """What the operators held at the last load (live)."""
+    """Output of the operators at the last load (live)."""
     power: np.ndarray
-    """That to the power of the exponent (live)."""
+    """Output of the operators to the power of the exponent (live)."""
     peak: np.ndarray
     """Largest signal of the touch, by full scale (live)."""
     baseline_shift: np.ndarray
     """Shift of the baseline, by full scale (live)."""
     touches: np.ndarray
-    """Touches that are over (live)."""
+    """Number of touches that are over (live)."""
     loaded: np.ndarray
-    """Whether it conducts (live)."""
+    """Whether the taxel conducts (live)."""
     touched: np.ndarray
-    """Whether it is touched (live)."""
+    """Whether the taxel is touched (live)."""
 
 
 MIN_STATE = 1e-30
-"""What is smaller is as good as nothing; ever smaller numbers would be slow."""
+"""Size below which state is set to zero, since denormal numbers are slow."""
 
 
 @compiled(error_model="numpy")
@@ -154,12 +154,12 @@ def update_conductance(
     """Write conductance and the shift of the baseline of each live taxel.
 
     Args:
-        pressure: of the active taxels [kPa].
-        column: of each live taxel in `pressure`, -1 if it is never touched.
-        layer: the laminate.
-        state: what it keeps of the steps before; carried on.
+        pressure: pressure of the active taxels [kPa].
+        column: column of each live taxel in `pressure`, -1 if it is never touched.
+        layer: laminate.
+        state: state after the steps before, updated in place.
         conductance: written; 1 is half scale.
-        shift: written, by full scale.
+        shift: written, relative to full scale.
     """
     steps, live = conductance.shape
     operators, processes = len(layer.play_widths), len(layer.creep_part)
@@ -242,18 +242,18 @@ def update_conductance(
 
 
 class TaxelArrays(NamedTuple):
-    """Where the live taxels lie in the arrays of their patches."""
+    """This tuple holds where the live taxels lie in the arrays of their patches."""
 
     starts: np.ndarray
     """First live taxel of each live patch, and one more (array_and_one)."""
     patch: np.ndarray
-    """The patch of each array (array)."""
+    """Patch of each array (array)."""
     row: np.ndarray
-    """Place in its array's rows (live)."""
+    """Row in its array (live)."""
     column: np.ndarray
-    """Place in its array's columns (live)."""
+    """Column in its array (live)."""
     age: np.ndarray
-    """When it is scanned, before the reading is put together [s] (live)."""
+    """Time of its scan before the reading is assembled [s] (live)."""
     taxel: np.ndarray
     """Taxel at each place, -1 where there is none (array, row, column)."""
     rows: np.ndarray
@@ -264,10 +264,10 @@ class TaxelArrays(NamedTuple):
 
 @compiled
 @no_type_check
-def at(
+def interpolate_series(
     series: Float[np.ndarray, "time live"], first: int, a: int, place: float
 ) -> float:
-    """A series whose first step is `first` between its steps, constant beyond them."""
+    """Interpolate a series that starts at step `first`, constant beyond its ends."""
     last = len(series) - 1
     if place <= first:
         return series[0, a]
@@ -295,17 +295,17 @@ def scan_arrays(
     level: Float[np.ndarray, "reading taxel"],
     shifts: Float[np.ndarray, "reading taxel"],
 ) -> None:
-    """Read all arrays: write the level of each taxel by full scale, and its shift.
+    """Read all arrays: write each taxel's level relative to full scale, and its shift.
 
     Args:
-        conductance: of the live taxels.
-        shift: of their baselines, by full scale.
-        arrays: where they are.
-        places: of each reading, in steps since the beginning.
-        late: how much later than usual a patch is scanned [s].
-        step: of the series [s].
-        ghost: part of detours.
-        leak: part of rows and columns.
+        conductance: conductance of the live taxels.
+        shift: shift of their baselines, relative to full scale.
+        arrays: positions of the taxels.
+        places: time of each reading, in steps since the beginning.
+        late: delay of a patch's scan beyond the usual [s].
+        step: step of the series [s].
+        ghost: part of detours that is read.
+        leak: part of rows and columns that is read.
         divide: whether there is a divider.
         first: step since the beginning at which the series start.
         level: zeros that are written to.
@@ -321,11 +321,13 @@ def scan_arrays(
             for a in range(begin, end):
                 delay = late[r, arrays.patch[m]] - arrays.age[a]
                 place = places[r] + delay / step
-                cell = np.float32(at(conductance, first, a, place))
+                cell = np.float32(interpolate_series(conductance, first, a, place))
                 row, column = arrays.row[a], arrays.column[a]
                 is_new = is_new or cell != cells[row, column]
                 cells[row, column] = cell
-                shifts[r, arrays.taxel[m, row, column]] = at(shift, first, a, place)
+                shifts[r, arrays.taxel[m, row, column]] = interpolate_series(
+                    shift, first, a, place
+                )
             if is_new:
                 read_array(cells, ghost, leak, read)
             for i in range(rows):
@@ -338,18 +340,18 @@ def scan_arrays(
 
 
 class Readout(NamedTuple):
-    """The converter, as `convert_to_counts` wants it."""
+    """This tuple holds the converter for `convert_to_counts`."""
 
     full: float
     base: np.ndarray
-    """[counts] (taxel)"""
+    """Baseline [counts] (taxel)."""
     walk: float
-    """[counts]"""
+    """Step of the random walk [counts]."""
     noise: float
-    """[counts]"""
+    """Standard deviation of a reading [counts]."""
     noise_relative: float
     feels: np.ndarray
-    """Whether a taxel feels anything: 1 or 0 (taxel)."""
+    """Sensitivity of a taxel: 1, or 0 if it is dead (taxel)."""
     stuck: np.ndarray
     """Counts of a stuck taxel, -1 of the others (taxel)."""
 
@@ -366,16 +368,16 @@ def convert_to_counts(
     readout: Readout,
     out: Int[np.ndarray, "reading taxel"],
 ) -> None:
-    """Turn levels into counts.
+    """Convert levels to counts.
 
     Args:
-        level: by full scale.
-        shifts: of the baseline, by full scale.
-        chances: from which noise is looked up in `quantiles`, all alike.
-        signs: random words of 64 bits, each the direction of one step of the walk.
-        quantiles: of the normal law.
-        drift: the random walk [counts], moved on by the readings.
-        readout: the converter.
+        level: level relative to full scale.
+        shifts: shift of the baseline, relative to full scale.
+        chances: uniform numbers by which noise is looked up in `quantiles`.
+        signs: random words of 64 bits, each bit the direction of one step of the walk.
+        quantiles: quantiles of the normal law.
+        drift: random walk [counts], updated in place.
+        readout: converter.
         out: counts, written.
     """
     full, walk = np.float32(readout.full), np.float32(readout.walk)

@@ -1,4 +1,4 @@
-"""This module prepares a build for the kernels: which stages work, what drifted, where taxels are read."""
+"""This module prepares a build for the kernels: stages, drift and scan times."""
 
 from dataclasses import dataclass
 
@@ -12,7 +12,7 @@ from eskin.skin import Skin
 
 @dataclass(frozen=True)
 class SensorStages:
-    """Which stages of the sensor work; one that does not passes on what it gets."""
+    """These flags select the stages of the sensor that work; others do nothing."""
 
     bending: bool = True
     """Bent laminate presses on itself."""
@@ -23,7 +23,7 @@ class SensorStages:
     power: bool = True
     """Conductance is a power of load."""
     creep: bool = True
-    """Conductance grows under lasting load and is slow to forget it."""
+    """Conductance grows under lasting load and recovers slowly."""
     gain: bool = True
     """Taxels, patches and sessions differ."""
     ghosting: bool = True
@@ -42,7 +42,7 @@ class SensorStages:
 
 @dataclass(frozen=True, eq=False)
 class SensorSession:
-    """One sitting: what has drifted since the build was calibrated."""
+    """A session holds what has drifted since the build was calibrated."""
 
     gain: Float[np.ndarray, "taxel"]
     """Factor on the conductance of each taxel."""
@@ -67,8 +67,8 @@ def build_taxel_arrays(
 
     Args:
         live: taxels of the skin that conduct at any time, sorted by patch.
-        ages: when each taxel is scanned before its reading is put together [s].
-        skin: all taxels.
+        ages: time of each taxel's scan before its reading is assembled [s].
+        skin: skin with all taxels.
     """
     patches, starts = np.unique(skin.patch_index[live], return_index=True)
     rows = max(patch.rows for patch in skin.patches)
@@ -94,7 +94,7 @@ def build_taxel_arrays(
 def compute_scan_ages(
     phase: Float[np.ndarray, "patch"], scan: float, skin: Skin
 ) -> Float[np.ndarray, "taxel"]:
-    """When each taxel is scanned before a reading is put together [s]."""
+    """Return when each taxel is scanned before a reading is assembled [s]."""
     rows = np.array([patch.rows for patch in skin.patches])[skin.patch_index]
     return phase[skin.patch_index] + scan * (1.0 - skin.rows / rows)
 
@@ -102,7 +102,7 @@ def compute_scan_ages(
 def compute_free_load(
     build: SensorBuild, stages: SensorStages
 ) -> Float[np.ndarray, "taxel"]:
-    """Load of free taxels less what closes the gap, by the half-scale pressure."""
+    """Return the load of free taxels less activation, by half-scale pressure."""
     velostat = build.velostat
     bend = velostat.bend * stages.bending
     return (bend - velostat.activation * stages.threshold) / velostat.half_pressure
@@ -115,7 +115,7 @@ def build_sensor_layer(
     stages: SensorStages,
     after: Float[np.ndarray, "touch taxel"],
 ) -> SensorLayer:
-    """The laminate under the live taxels, with the stages that work."""
+    """Build the laminate under the live taxels, with the stages that work."""
     velostat, electronics = build.velostat, build.electronics
     gain = np.ones(len(live))
     if stages.gain:
@@ -144,7 +144,7 @@ def build_sensor_layer(
 
 
 def build_readout(build: SensorBuild, stages: SensorStages) -> Readout:
-    """The converter, with the stages that work."""
+    """Build the converter, with the stages that work."""
     electronics, defects = build.electronics, build.defects
     full = electronics.full_scale
     stuck = np.where(np.isnan(defects.stuck), -1.0, np.round(full * defects.stuck))
@@ -161,7 +161,7 @@ def build_readout(build: SensorBuild, stages: SensorStages) -> Readout:
 
 
 def get_crosstalk(build: SensorBuild, stages: SensorStages) -> tuple[float, float]:
-    """Ghosts and leak that are worth computing."""
+    """Return the ghosts and leak that are strong enough to compute."""
     electronics = build.electronics
     parts = (electronics.ghost, electronics.leak)
     ghost, leak = (part * (part >= electronics.ghost_least) for part in parts)
@@ -171,14 +171,14 @@ def get_crosstalk(build: SensorBuild, stages: SensorStages) -> tuple[float, floa
 def compute_taxel_ages(
     build: SensorBuild, skin: Skin, stages: SensorStages
 ) -> Float[np.ndarray, "taxel"]:
-    """When taxels are scanned before their reading is put together [s]."""
+    """Return when taxels are scanned before their reading is assembled [s]."""
     if not stages.skew:
         return np.zeros(skin.count)
     return compute_scan_ages(build.electronics.phase, build.electronics.scan, skin)
 
 
 def build_layer_state(layer: SensorLayer) -> LayerState:
-    """A laminate that nobody has touched yet; what bends presses has crept already."""
+    """Build the state of an untouched laminate; bent taxels have crept already."""
     rest = np.maximum(layer.load, 0.0)
     live, operators, processes = (
         len(rest),

@@ -1,4 +1,4 @@
-"""This module draws the random numbers of every reading, and the readings that do not arrive."""
+"""This module draws the random numbers of readings, and which readings are lost."""
 
 from dataclasses import dataclass
 from typing import final
@@ -16,24 +16,24 @@ WORD_BITS = 64
 """Bits of a word of random steps."""
 
 NOISE_LEVELS = 2**16
-"""Values that normal noise is told apart in; the largest are 4.3 deviations."""
+"""Number of distinct values of normal noise; the largest are 4.3 deviations."""
 
 
 @dataclass(frozen=True, eq=False)
 class NoiseRows:
-    """The random numbers of some readings."""
+    """These rows hold the random numbers of some readings."""
 
     late: Float[np.ndarray, "reading patch"]
-    """How much later than usual a patch is scanned; standard normal."""
+    """Delay of a patch's scan beyond the usual; standard normal."""
     signs: UInt[np.ndarray, "reading word"]
-    """Each bit the direction of one step of a taxel's walk."""
+    """Words of which each bit is the direction of one step of a taxel's walk."""
     chances: UInt[np.ndarray, "reading taxel"]
-    """From which a taxel's noise is looked up, all alike."""
+    """Uniform numbers by which a taxel's noise is looked up."""
 
 
 @final
 class ReadingNoise:
-    """The same numbers however many readings are asked for at a time."""
+    """This class draws the same numbers however many readings a call asks for."""
 
     def __init__(
         self,
@@ -44,9 +44,9 @@ class ReadingNoise:
         """Begin before the first reading.
 
         Args:
-            patches: of the skin.
-            taxels: of the skin.
-            streams: to draw from: scan times, steps of walks, noise.
+            patches: number of patches of the skin.
+            taxels: number of taxels of the skin.
+            streams: random generators of scan times, steps of walks, and noise.
         """
         self.patches, self.taxels = patches, taxels
         self.streams = streams
@@ -55,11 +55,11 @@ class ReadingNoise:
 
     @property
     def remaining(self) -> int:
-        """Readings that may be asked for at a time."""
+        """Return how many readings may be asked for at a time."""
         return NOISE_BLOCK - self.given % NOISE_BLOCK
 
     def draw_rows(self, readings: int) -> NoiseRows:
-        """The numbers of the next readings, no more than are `left`."""
+        """Return the numbers of the next readings, no more than `remaining`."""
         within = self.given % NOISE_BLOCK
         if self.given and within == 0:
             self.drawn = self.draw()
@@ -89,7 +89,7 @@ Lost = Bool[np.ndarray, "reading patch"]
 
 @final
 class ReadingLosses:
-    """Readings of whole patches that get lost, in runs."""
+    """This class draws which readings of whole patches get lost, in runs."""
 
     def __init__(
         self,
@@ -101,10 +101,10 @@ class ReadingLosses:
         """Begin before the first reading.
 
         Args:
-            defects: how many get lost, and how long runs of them are.
-            patches: of the skin.
-            rng: to draw from.
-            stages: whether there are faults.
+            defects: share of readings that get lost, and length of runs.
+            patches: number of patches of the skin.
+            rng: random generator.
+            stages: flags that tell whether there are faults.
         """
         self.share, self.run = defects.dropped, defects.dropped_run
         self.works = stages.faults and self.share > 0.0
@@ -114,16 +114,16 @@ class ReadingLosses:
         self.has_begun = False
 
     def draw_all(self, readings: int) -> Lost:
-        """Which of so many readings get lost, where there are no more than those."""
+        """Draw which readings get lost among so many, after which there are no more."""
         chance = self.rng.random((readings + 1, self.patches))
         self.gone, self.has_begun = chance[-1] < self.share, True
         return self.draw_losses(chance[:-1])
 
     def draw_next(self) -> Lost:
-        """Which patches are lost in the next reading of a stream without end.
+        """Draw which patches are lost in the next reading of a stream without end.
 
-        The same law as of `draw_all`, and the same draws but for the state before the first
-        reading, which `draw_all` draws last.
+        The law is that of `draw_all`, and so are the draws but for the state before the
+        first reading, which `draw_all` draws last.
         """
         if not self.has_begun:
             self.gone = self.rng.spawn(1)[0].random(self.patches) < self.share
@@ -131,7 +131,7 @@ class ReadingLosses:
         return self.draw_losses(self.rng.random((1, self.patches)))
 
     def draw_losses(self, chance: Float[np.ndarray, "reading patch"]) -> Lost:
-        """Go on by some readings, for each of which a chance was drawn."""
+        """Advance by some readings, for each of which a chance was drawn."""
         lost = np.zeros(chance.shape, dtype=bool)
         if self.works:
             begin = self.share / (1.0 - self.share) / self.run

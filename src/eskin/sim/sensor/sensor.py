@@ -33,7 +33,7 @@ DRAWN_TOUCHES = 8
 """Touches of a taxel whose after-effects are drawn; later ones repeat them."""
 
 MAX_JITTER_DEVIATIONS = 6.0
-"""Deviations of a scan's time that never occur."""
+"""Deviations of a scan's time that are never exceeded."""
 
 MAX_DELAY_PERIODS = 2
 """Periods within which a reading must be read."""
@@ -41,15 +41,15 @@ MAX_DELAY_PERIODS = 2
 
 @final
 class Sensor:
-    """One build as it is pressed and read, step by step.
+    """A sensor is one build that is pressed and read step by step.
 
-    What is drawn does not depend on the pressures, nor on how many steps and readings
+    What is drawn does not depend on the pressure, nor on how many steps and readings
     are asked for at a time.
 
     Attributes:
-        losses: which readings do not arrive.
-        noise: of the readings to come.
-        readout: the converter.
+        losses: draws which readings do not arrive.
+        noise: draws the noise of the readings to come.
+        readout: converter.
     """
 
     def __init__(
@@ -64,11 +64,11 @@ class Sensor:
         """Begin before the first step, untouched.
 
         Args:
-            build: the skin as built.
-            skin: its taxels.
-            rng: to draw from.
-            stages: which stages work; all unless given.
-            session: what has drifted since calibration; drawn unless given.
+            build: skin as built.
+            skin: skin of the taxels.
+            rng: random generator.
+            stages: stages that work; all unless given.
+            session: drift since calibration; drawn unless given.
             live: taxels that may conduct, sorted by patch; all unless given.
         """
         stages = stages or SensorStages()
@@ -113,7 +113,7 @@ class Sensor:
 
     @property
     def steps(self) -> int:
-        """Steps since the beginning."""
+        """Return the steps since the beginning."""
         return self.first + len(self.conductance)
 
     def push(
@@ -121,11 +121,11 @@ class Sensor:
         pressure: Float[np.ndarray, "time active"],
         taxels: Int[np.ndarray, "active"],
     ) -> None:
-        """Let further steps pass.
+        """Simulate further steps.
 
         Args:
-            pressure: of the active taxels after the film [kPa].
-            taxels: the active ones, each once; all others are free.
+            pressure: pressure of the active taxels after the film [kPa].
+            taxels: active taxels, each once; all others are free.
         """
         column = np.full(self.count, -1, dtype=np.int64)
         column[taxels] = np.arange(len(taxels))
@@ -148,14 +148,14 @@ class Sensor:
     def read(
         self, places: Float[np.ndarray, "reading"]
     ) -> Int[np.ndarray, "reading taxel"]:
-        """Counts of the next readings, as many as `noise` has left at most.
+        """Return the counts of the next readings, no more than `noise.remaining`.
 
         Args:
-            places: steps since the beginning at which they are put together. What is
+            places: steps since the beginning at which readings are assembled. What is
                 scanned later than the last step there is, is scanned at that step.
 
         Raises:
-            ValueError: one of them is over so long that what was scanned is forgotten.
+            ValueError: a reading is so old that its scan is forgotten.
         """
         if self.first and places.min() - self.reach < self.first:
             raise ValueError(
@@ -180,20 +180,26 @@ class Sensor:
         )
         counts = np.zeros(shape, np.int32)
         convert_to_counts(
-            *(level, shifts, noise.chances, noise.signs, compute_normal_quantiles()),
-            *(self.drift, self.readout, counts),
+            level,
+            shifts,
+            noise.chances,
+            noise.signs,
+            compute_normal_quantiles(),
+            self.drift,
+            self.readout,
+            counts,
         )
         return counts
 
 
 def draw_seeds(rng: np.random.Generator) -> list[int]:
-    """A seed for each thing that is drawn."""
+    """Draw a seed for each thing that is random."""
     return [int(seed) for seed in rng.integers(2**63, size=6)]
 
 
 @lru_cache(maxsize=1)
 def compute_normal_quantiles() -> Float[np.ndarray, "chance"]:
-    """Equally likely values of the normal law."""
+    """Return equally likely values of the normal law, cached."""
     chances = (np.arange(NOISE_LEVELS) + 0.5) / NOISE_LEVELS
     return ndtri(chances).astype(np.float32)
 
@@ -208,23 +214,24 @@ def sense(
     session: SensorSession | None = None,
     lead: int = 0,
 ) -> tuple[Int[np.ndarray, "reading taxel"], Bool[np.ndarray, "reading taxel"]]:
-    """What the skin counts, and what of it arrives.
+    """Simulate what the skin counts, and which counts arrive.
 
-    The same numbers are drawn whatever the stages and the pressures, so two calls with
+    The same numbers are drawn whatever the stages and the pressure, so two calls with
     generators in the same state can be compared.
 
     Args:
-        pressure: of the active taxels after the film, at steps of `time.step` [kPa].
-        taxels: the active ones, as indices of the skin, each once.
-        build: the skin as built.
-        skin: its taxels.
-        rng: to draw from.
-        stages: which stages work; all unless given.
-        session: what has drifted since calibration; drawn unless given.
+        pressure: pressure of the active taxels after the film, at steps of `time.step`
+            [kPa].
+        taxels: active taxels, as indices of the skin, each once.
+        build: skin as built.
+        skin: skin of the taxels.
+        rng: random generator.
+        stages: stages that work; all unless given.
+        session: drift since calibration; drawn unless given.
         lead: steps before the first reading, in which creep builds up.
 
     Raises:
-        ValueError: pressures and taxels do not belong together.
+        ValueError: pressure and taxels do not belong together.
     """
     check_pressure(pressure, taxels, lead)
     stages = stages or SensorStages()
@@ -248,7 +255,7 @@ def check_pressure(
     taxels: Int[np.ndarray, "active"],
     lead: int,
 ) -> None:
-    """Refuse what does not belong together."""
+    """Refuse pressure, taxels and lead that do not belong together."""
     if pressure.ndim != 2 or pressure.shape[1] != len(taxels):
         raise ValueError(
             f"pressure has shape {pressure.shape} for {len(taxels)} taxels; allowed is "
@@ -277,7 +284,7 @@ def find_live_taxels(
     skin: Skin,
     stages: SensorStages,
 ) -> Int[np.ndarray, "live"]:
-    """Taxels that ever conduct, sorted by patch."""
+    """Find the taxels that ever conduct, sorted by patch."""
     conducts = compute_free_load(build, stages) > 0.0
     conducts[taxels[pressure.max(axis=0, initial=0.0) > 0.0]] = True
     live = np.flatnonzero(conducts)

@@ -1,4 +1,4 @@
-"""The sensing laminate of one build: from pressure to conductance."""
+"""This module draws the sensing laminate of a build, from pressure to conductance."""
 
 from dataclasses import dataclass
 
@@ -11,7 +11,7 @@ from eskin.skin import Skin
 
 @dataclass(frozen=True, eq=False)
 class Velostat:
-    """What is fixed of the laminate; conductance 1 is half scale of the readout."""
+    """This class holds the fixed laminate, whose conductance 1 reads half scale."""
 
     half_pressure: float
     """Pressure that gives conductance 1 at first touch, without play [kPa]."""
@@ -20,33 +20,33 @@ class Velostat:
     activation: Float[np.ndarray, "taxel"]
     """Pressure that closes the gap of the grid [kPa]."""
     play_widths: Float[np.ndarray, "operator"]
-    """Half widths of the play operators by the largest load of the touch."""
+    """Half widths of the play operators, relative to the largest load of the touch."""
     play_weights: Float[np.ndarray, "operator"]
     """Weights of the play operators."""
     play_min_load: float
-    """Least load that sets those widths, by `half_pressure`."""
+    """Least load that sets those widths, relative to `half_pressure`."""
     exponent: Float[np.ndarray, "taxel"]
-    """Growth of conductance with load."""
+    """Exponent of conductance over load."""
     creep: Float[np.ndarray, "taxel process"]
     """Relative growth of conductance under lasting load."""
     creep_times: Float[np.ndarray, "process"]
-    """Time constants of that growth [s]."""
+    """Time constants of creep [s]."""
     recovery_times: Float[np.ndarray, "two"]
-    """Time constants of losing it after release [s]."""
+    """Time constants of recovery after release [s]."""
     recovery_share: float
-    """Part that is lost with the first of them."""
+    """Part of creep that recovers with the first of them."""
     gain: Float[np.ndarray, "taxel"]
-    """Conductance by that of a nominal taxel."""
+    """Conductance relative to a nominal taxel."""
     session_gain: tuple[float, float]
-    """Mean and deviation of what a session adds to a taxel's ln gain."""
+    """Mean and standard deviation of what a session adds to a taxel's ln gain."""
     temperature: float
-    """Deviation of a session's temperature [K]."""
+    """Standard deviation of a session's temperature [K]."""
     temperature_gain: float
     """Relative growth of conductance with temperature [1/K]."""
 
 
 def build_nominal_velostat(skin: Skin, constants: Constants) -> Velostat:
-    """A laminate whose taxels are all as the maker means them to be."""
+    """Build a laminate whose taxels are all nominal."""
     same = np.ones(skin.count)
     law = constants.get_constant("sensor.half_pressure.fresh").spread
     half = law.median if law and law.median else 1.0
@@ -72,7 +72,7 @@ def build_nominal_velostat(skin: Skin, constants: Constants) -> Velostat:
 def draw_velostat(
     kind: str, skin: Skin, constants: Constants, rng: np.random.Generator
 ) -> Velostat:
-    """Draw the laminate of a build of a kind."""
+    """Draw the laminate of a build of some kind."""
     return Velostat(
         half_pressure=constants.draw(f"sensor.half_pressure.{kind}", rng),
         bend=draw_bend(kind, skin, constants, rng),
@@ -93,7 +93,7 @@ def draw_velostat(
 
 
 def get_normal_law(name: str, constants: Constants) -> tuple[float, float]:
-    """Mean and deviation of a constant that is drawn again in every session."""
+    """Return mean and deviation of a constant that is drawn again in every session."""
     law, factor = constants.get_constant(name).spread, constants.factors.get(name, 1.0)
     if law is None or law.mean is None or law.sd is None:
         raise ValueError(f"constant '{name}' has no normal law; give it mean and sd")
@@ -103,7 +103,7 @@ def get_normal_law(name: str, constants: Constants) -> tuple[float, float]:
 def draw_per_patch(
     name: str, skin: Skin, constants: Constants, rng: np.random.Generator
 ) -> Float[np.ndarray, "taxel"]:
-    """One draw of a constant a patch, given to all its taxels."""
+    """Draw a constant once a patch, for all its taxels."""
     drawn = np.array([constants.draw(name, rng) for _ in skin.patches])
     return drawn[skin.patch_index]
 
@@ -111,7 +111,7 @@ def draw_per_patch(
 def draw_exponent(
     kind: str, skin: Skin, constants: Constants, rng: np.random.Generator
 ) -> Float[np.ndarray, "taxel"]:
-    """Exponents about the mean of their patch."""
+    """Draw exponents about the mean of their patch."""
     mean = draw_per_patch(f"sensor.exponent.{kind}", skin, constants, rng)
     scatter = constants.value(f"sensor.exponent_scatter.{kind}")
     low, high = constants.array("sensor.exponent_limits")
@@ -121,7 +121,7 @@ def draw_exponent(
 def draw_gain(
     kind: str, skin: Skin, constants: Constants, rng: np.random.Generator
 ) -> Float[np.ndarray, "taxel"]:
-    """Gains about that of their patch."""
+    """Draw gains about that of their patch."""
     patches = rng.standard_normal(len(skin.patches))[skin.patch_index]
     taxels = rng.standard_normal(skin.count)
     between = constants.value(f"sensor.gain_patch.{kind}")
@@ -132,7 +132,7 @@ def draw_gain(
 def draw_activation(
     kind: str, skin: Skin, constants: Constants, rng: np.random.Generator
 ) -> Float[np.ndarray, "taxel"]:
-    """Pressures of activation about that of their patch."""
+    """Draw activation pressures about that of their patch."""
     mean = draw_per_patch(f"sensor.activation.{kind}", skin, constants, rng)
     scatter = np.log(constants.value("sensor.activation_scatter"))
     return mean * np.exp(scatter * rng.standard_normal(skin.count))
@@ -141,7 +141,7 @@ def draw_activation(
 def draw_bend(
     kind: str, skin: Skin, constants: Constants, rng: np.random.Generator
 ) -> Float[np.ndarray, "taxel"]:
-    """Preload of a share of the taxels, those nearest the edges of their patches."""
+    """Draw the preload of a share of the taxels, nearest the edges of their patches."""
     share = constants.draw(f"sensor.bent.{kind}", rng)
     rank = count_steps_from_edge(skin) + rng.random(skin.count)
     bent = np.argsort(rank)[: round(share * skin.count)]
@@ -151,7 +151,7 @@ def draw_bend(
 
 
 def count_steps_from_edge(skin: Skin) -> Int[np.ndarray, "taxel"]:
-    """How many rows or columns each taxel is from the nearest edge of its patch."""
+    """Count the rows or columns from each taxel to the nearest edge of its patch."""
     rows = np.array([patch.rows for patch in skin.patches])[skin.patch_index]
     columns = np.array([patch.columns for patch in skin.patches])[skin.patch_index]
     across = np.minimum(skin.rows, rows - 1 - skin.rows)
@@ -162,7 +162,7 @@ def count_steps_from_edge(skin: Skin) -> Int[np.ndarray, "taxel"]:
 def draw_creep(
     kind: str, skin: Skin, constants: Constants, rng: np.random.Generator
 ) -> Float[np.ndarray, "taxel process"]:
-    """Creep of each taxel, the same within a patch."""
+    """Draw the creep of each taxel, the same within a patch."""
     usual = constants.array("sensor.creep")
     scatter = np.log(constants.value(f"sensor.creep_scatter.{kind}"))
     drawn = rng.standard_normal((len(skin.patches), len(usual)))
