@@ -9,7 +9,7 @@ from torch.nn.functional import log_softmax
 
 from clip_scenes import generated
 from eskin.errors import RecordingError, SkinMismatchError
-from eskin.learn import scoring
+from eskin.learn import evaluation
 from eskin.learn.dataset import prepare
 from eskin.learn.evaluation import (
     check_fits,
@@ -50,8 +50,8 @@ def result(net, dataset):
 def test_embedding_each_reading_once_gives_what_whole_windows_give(
     net, dataset, monkeypatch
 ):
-    monkeypatch.setattr(scoring, "BATCH", 3)
-    monkeypatch.setattr(scoring, "READINGS", 7)
+    monkeypatch.setattr(evaluation, "BATCH", 3)
+    monkeypatch.setattr(evaluation, "READINGS", 7)
     ends = np.array([3, 60, 61, 100, 140, 200, 260])
     firsts = dataset.starts[ends]
     found = compute_log_probabilities(net, dataset, ends, firsts, 1.7)

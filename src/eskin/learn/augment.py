@@ -32,35 +32,25 @@ class AugmentConfig:
 
     gain: float = 0.4
     """Standard deviation of the logarithm of the force a person uses."""
-
     taxel_gain: float = 0.15
     """Standard deviation of the logarithm of each taxel's own gain."""
-
     dead: float = 0.1
     """Largest share of taxels that read zero in a window."""
-
     offset: float = 2.0
     """Largest pressure subtracted from every taxel [kPa]."""
-
     shear_gain: float = 0.3
     """Standard deviation of the logarithm of shear relative to pressure."""
-
     noise: float = 0.0
     """Standard deviation of noise on each taxel's readings, as a share of its
     pressure."""
-
     patch: float = 0.0
     """Share of windows in which one of several touched patches reads zero."""
-
     lost: float = 0.0
     """Largest share of the readings of a window that are lost."""
-
     halved: float = 0.0
     """Share of windows that keep only every other reading: half the rate."""
-
     stretch: float = 0.0
     """Standard deviation of the logarithm of the time a person takes."""
-
     crop: float = 0.7
     """Share of windows that hold nothing from before their gesture."""
 

@@ -63,32 +63,23 @@ class Dataset:
 
     recordings: tuple[Recording, ...]
     """Recordings that the rows come from; changed copies follow the originals."""
-
     graphs: GraphBatch
     """Contact graph of each row."""
-
     stamps: Int[np.ndarray, "row"]
     """Stamp of each row's reading [ns since the epoch]."""
-
     sequence: Int[np.ndarray, "row"]
     """Number of the sequence of each row, counted from 0; rows of one sequence are
     neighbours."""
-
     recording: Int[np.ndarray, "row"]
     """Index of each row's recording in `recordings`."""
-
     gestures: tuple[str, ...]
     """Gesture of each row, `none` where there was none."""
-
     segments: tuple[Segment, ...]
     """Segments of one gesture, in the order of the rows."""
-
     missed: tuple[MissedGesture, ...] = ()
     """Labelled gestures during which no touch was detected."""
-
     clips: tuple[tuple[Clip, ...], ...] = ()
     """Clips of each recording; empty for one that is not part of a set of clips."""
-
     copies: int = 1
     """Number of times that the recordings are repeated, each time changed by another
     transform."""

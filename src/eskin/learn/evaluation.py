@@ -1,4 +1,4 @@
-"""This module scores a trained recogniser on windows, segments, clips and recordings."""
+"""This module scores a trained recogniser on windows, segments and clips."""
 
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
@@ -215,17 +215,13 @@ class Evaluation:
     """Scores on whole gestures: the clips of a generated set, else labelled segments.
     The answer to an undetected gesture is `none`; where no label says `none`, it is not
     an answer otherwise."""
-
     interval: tuple[float, float]
     """95 % bootstrap confidence interval of that accuracy; whole people are drawn."""
-
     instants: ClassificationScore | None
     """Scores at every instant, `none` among the classes; None for clips, which end too
     soon to tell (streams do)."""
-
     per_subject: dict[str, float]
     """Accuracy on segments of each person, or session where people are not known."""
-
     reliability: Reliability
     """Accuracy of the answers by their confidence."""
 

@@ -150,16 +150,12 @@ class Segment:
 
     gesture: str
     """Gesture of the rows."""
-
     recording: int
     """Index into `Dataset.recordings`."""
-
     first: int
     """First row."""
-
     end: int
     """Row after the last one."""
-
     labelled: bool
     """Whether a label or the truth names the gesture; otherwise it is `none` for lack
     of a label."""
@@ -171,7 +167,6 @@ class MissedGesture:
 
     gesture: str
     """Gesture of the label."""
-
     recording: int
     """Index into `Dataset.recordings`."""
 

@@ -14,10 +14,8 @@ class Holdout:
 
     train: frozenset[int]
     """Recordings to train on."""
-
     held: frozenset[int]
     """Recordings to validate on."""
-
     wanted: int
     """Number of recordings that were to be held out."""
 

@@ -18,13 +18,10 @@ class ClassificationScore:
 
     accuracy: float
     """Share of correct predictions."""
-
     macro_f1: float
     """Mean F1 over the classes that occur in the truth."""
-
     per_class: dict[str, dict[str, float]]
     """Precision, recall, F1 and number of examples of each class."""
-
     confusion: Int[np.ndarray, "true predicted"]
     """Number of examples by true and by predicted class."""
 
@@ -69,10 +66,8 @@ class Reliability:
 
     count: Int[np.ndarray, "bin"]
     """Number of answers in each bin."""
-
     confidence: Float[np.ndarray, "bin"]
     """Mean confidence of each bin; zero where it is empty."""
-
     accuracy: Float[np.ndarray, "bin"]
     """Accuracy of each bin; zero where it is empty."""
 

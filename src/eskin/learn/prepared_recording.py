@@ -39,13 +39,10 @@ class PreparedRecording:
 
     graphs: GraphBatch
     """Contact graph of each row."""
-
     stamps: Int[np.ndarray, "row"]
     """Stamp of each row's reading [ns since the epoch]."""
-
     sequence: Int[np.ndarray, "row"]
     """Number of the sequence of each row, counted from 0."""
-
     touches: tuple[TouchLabel | None, ...] | None
     """True touch of each sequence, None for a sequence of no true touch; None as a
     whole where the recording does not hold the truth."""

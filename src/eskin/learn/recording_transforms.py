@@ -81,16 +81,12 @@ class AgingConfig:
 
     patch_gain: float = 0.4
     """Standard deviation of the logarithm of a patch's gain."""
-
     taxel_gain: float = 0.3
     """Standard deviation of the logarithm of a taxel's gain within its patch."""
-
     exponent: float = 0.15
     """Standard deviation of the logarithm of a patch's exponent of pressure."""
-
     unfelt: float = 5.0
     """Largest pressure that a patch loses on average [kPa]; its taxels differ."""
-
     noise: float = 0.001
     """Largest standard deviation of white noise, as a share of full scale."""
 

@@ -44,49 +44,35 @@ class TrainConfig:
 
     epochs: int = 10
     """Number of epochs of `steps` steps."""
-
     steps: int = 40
     """Steps in an epoch."""
-
     batch: int = 64
     """Windows in a step."""
-
     encoded: int = 32
     """Windows of a step whose graphs are encoded, which takes most of the time; the
     summary view uses all windows."""
-
     readings: int = 25
     """Readings of an encoded window whose graphs are encoded, drawn anew each time."""
-
     rate: float = 3e-3
     """Highest learning rate of the cycle."""
-
     decay: float = 0.3
     """Weight decay."""
-
     smoothing: float = 0.1
     """Label smoothing."""
-
     patience: int = 5
     """Epochs without a better validation loss that are tolerated; one more stops."""
-
     validation: float = 0.15
     """Share of the recordings held out to choose the epoch, in whole sessions; 0 trains
     to the end."""
-
     shear: bool = True
     """Whether shear is used where every skin measures it."""
-
     workers: int = 1
     """Threads that each build and differentiate a part of every batch, one a core; with
     dropout and more than one, no two trainings are equal to the bit."""
-
     graph: GraphConfig = field(default_factory=GraphConfig)
     """Settings of the contact graphs."""
-
     augment: AugmentConfig = field(default_factory=AugmentConfig)
     """Settings of the augmentation."""
-
     network: NetworkConfig = field(default_factory=NetworkConfig)
     """Sizes of the network."""
 

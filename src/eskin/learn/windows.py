@@ -21,14 +21,11 @@ class Windows:
 
     rows: Int[np.ndarray, "reading"]
     """Rows of the data set, oldest first in each window."""
-
     window: Int[np.ndarray, "reading"]
     """Number of the window of each row."""
-
     slot: Int[np.ndarray, "reading"]
     """Slot of each row on the clock of the temporal head; the last row of a window has
     the last slot."""
-
     count: int
     """Number of windows."""
 

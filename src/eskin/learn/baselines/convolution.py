@@ -35,7 +35,6 @@ class TaxelImage:
 
     shape: tuple[int, int, int]
     """Number of rows, columns and channels."""
-
     pixel: Int[np.ndarray, "taxel"]
     """Pixel of each taxel, counted through the channels, columns and rows."""
 

@@ -54,10 +54,8 @@ class Perceptron:
 
     hidden: tuple[int, ...] = (128, 64)
     """Sizes of its hidden layers."""
-
     decay: float = 1e-4
     """Weight decay."""
-
     epochs: int = 100
     """Largest number of epochs."""
 
@@ -93,7 +91,6 @@ class RandomForest:
 
     trees: int = 500
     """Number of trees."""
-
     leaf: int = 1
     """Smallest number of rows in a leaf."""
 
@@ -111,10 +108,8 @@ class GradientBoosting:
 
     trees: int = 100
     """Number of trees of each class."""
-
     leaves: int = 15
     """Largest number of leaves of a tree."""
-
     rate: float = 0.1
     """Learning rate: share of each tree that is added."""
 

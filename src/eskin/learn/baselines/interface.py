@@ -33,7 +33,6 @@ class SkinWindows:
 
     pressure: Float[np.ndarray, "clip 100 taxel"]
     """Pressure of each taxel [kPa] (float32, or float16 where there are many)."""
-
     q: Float[np.ndarray, "clip 100 joint"]
     """Joint positions [rad] (float32)."""
 

@@ -31,13 +31,10 @@ class FitConfig:
 
     epochs: int = 40
     """Number of times that each window is seen."""
-
     batch: int = 16
     """Windows in a step."""
-
     rate: float = 2e-3
     """Learning rate of Adam; the highest one of a cycle."""
-
     schedule: Schedule = "one-cycle"
     """Whether the rate goes through one cycle in all steps, or stays constant."""
 

@@ -33,13 +33,10 @@ class Examples:
 
     paths: tuple[Path, ...]
     """Paths of the recordings."""
-
     pack: Path
     """Folder that keeps what was prepared of them."""
-
     workers: int = 1
     """Number of processes that prepare them."""
-
     transform: RecordingTransform | None = None
     """Change of the recordings; None leaves them as they were recorded."""
 

@@ -127,10 +127,8 @@ class RecogniserMethod(Method):
 
     config: TrainConfig = FOR_SMALL_SETS
     """Settings of the training."""
-
     encoder: EncoderKind = "equivariant"
     """Encoder of the contact graphs."""
-
     skins: int = 0
     """Number of aged skins that record each clip besides."""
 

@@ -32,10 +32,8 @@ class AnsweredClips:
 
     truth: tuple[str, ...]
     """Gesture that each clip was generated for."""
-
     answer: tuple[str, ...]
     """Gesture that was answered."""
-
     people: tuple[str, ...]
     """Person of each clip."""
 
@@ -51,13 +49,10 @@ class MethodResult:
 
     method: str
     """Name of the method."""
-
     seed: int
     """Seed of its random draws."""
-
     seconds: float
     """Time that it took to learn and to answer [s]."""
-
     answered: Mapping[str, AnsweredClips]
     """Answers by the name of what was asked: `val`, and the tests."""
 
@@ -69,19 +64,14 @@ class TrainingTask:
 
     name: str
     """Name of the method."""
-
     method: Method
     """Method that learns."""
-
     train: Examples
     """Clips to learn from, apart from those held out for validation."""
-
     tests: Mapping[str, Examples]
     """Clips to answer, by name."""
-
     seed: int
     """Seed of all random draws."""
-
     share: float = 0.2
     """Share of the recordings held out."""
 

@@ -41,10 +41,8 @@ class Variant:
 
     network: StudyNetwork
     """Network that is varied."""
-
     k: int
     """Number of neighbours of a taxel inside its patch."""
-
     pool: Pooling
     """Pooling over the nodes of a reading."""
 
@@ -63,23 +61,17 @@ class VariantRow(Variant):
 
     runs: int
     """Number of times that it was trained."""
-
     val_accuracy: float | None
     """Mean accuracy on validation; None where nothing could be held out."""
-
     val_std: float
     """Standard deviation; 0 of a single run."""
-
     val_ahead: Lead | None
     """Lead of the first variant of this network; None for the first itself, and where
     nothing could be held out."""
-
     test_accuracy: float | None
     """Mean accuracy on the test; None where there is no test."""
-
     test_std: float
     """Standard deviation; 0 of a single run."""
-
     test_ahead: Lead | None
     """Lead of the first variant of this network on the test."""
 

@@ -23,11 +23,9 @@ class Lead:
 
     mean: float
     """Difference in accuracy."""
-
     low: float | None
     """Lower end of its paired 95 % bootstrap interval from whole people, None where all
     clips are of one."""
-
     high: float | None
     """Upper end of the interval."""
 
@@ -38,47 +36,33 @@ class ComparisonRow:
 
     name: str
     """Name of the method."""
-
     test: str
     """Name of the test."""
-
     runs: int
     """Number of times that it was trained."""
-
     val_accuracy: float | None
     """Mean accuracy on validation; None where nothing could be held out."""
-
     val_people: int
     """Number of people to validate on."""
-
     val_clips: int
     """Number of clips to validate on, of all draws together."""
-
     test_people: int
     """Number of people in the test."""
-
     test_clips: int
     """Number of clips in the test, of all draws together."""
-
     test_accuracy: float
     """Mean accuracy on the test."""
-
     std: float
     """Standard deviation of the accuracy on the test; 0 of a single run."""
-
     val_std: float
     """Standard deviation of the accuracy on validation; 0 of one run or none."""
-
     val_ahead: Lead | None
     """Lead of the first method on validation; None for the first itself, and where
     nothing could be held out."""
-
     test_ahead: Lead | None
     """Lead of the first method on the test; None for the first itself."""
-
     seconds: float
     """Mean time to learn and to answer [s]."""
-
     by_gesture: Mapping[str, float]
     """Accuracy on the test among the clips of each gesture."""
 

@@ -26,10 +26,8 @@ class Tally:
 
     matched: int = 0
     """Number of events with a matching detection."""
-
     missed: int = 0
     """Number of events without one."""
-
     false: int = 0
     """Number of detections of a gesture that match no event."""
 
@@ -65,7 +63,6 @@ class NonGestureTally:
 
     count: int = 0
     """Number of events."""
-
     mistaken: int = 0
     """Number of them that were detected as a gesture."""
 
@@ -85,7 +82,6 @@ class Delays:
 
     after_end: Float[np.ndarray, "match"]
     """Time since the true last contact; negative for a detection before it [s]."""
-
     after_onset: Float[np.ndarray, "match"]
     """Time since the true first contact [s]."""
 
@@ -148,36 +144,26 @@ class EventScore:
 
     hours: float
     """Total duration of the streams [h]."""
-
     per_gesture: dict[str, Tally]
     """Tally of each gesture of the vocabulary but `none`."""
-
     per_subject: dict[str, Tally]
     """Tally of all gestures in each person's streams."""
-
     simultaneous: Tally
     """Tally of events that overlap another one in time, of any gesture, and of the
     false detections meanwhile."""
-
     delays: dict[str, Delays]
     """Delays of the matching detections of each gesture."""
-
     unknown: dict[str, NonGestureTally]
     """Gestures that are not in the vocabulary, by their name."""
-
     none: dict[str, NonGestureTally]
     """Touches that are not a gesture, by their kind."""
-
     names: tuple[str, ...]
     """Rows and columns of `confusion`: gestures, `none`, `unknown`, `nothing`."""
-
     confusion: Int[np.ndarray, "true said"]
     """Number of events by true and by detected class; detections of no event are in the
     last row."""
-
     confidence: Float[np.ndarray, "detection"]
     """Confidence of every detection of a gesture."""
-
     correct: Bool[np.ndarray, "detection"]
     """Whether each of these matches an event."""
 

@@ -21,19 +21,14 @@ class TrueEvent:
 
     onset: int
     """Stamp of the first contact [ns since the epoch]."""
-
     end: int
     """Stamp of the last contact [ns since the epoch]."""
-
     gesture: str
     """Gesture of the vocabulary, `none`, or another one."""
-
     kind: str
     """Variant of the gesture; empty where it is not known."""
-
     stamps: Int[np.ndarray, "point"]
     """Stamp of each point of the path, increasing [ns since the epoch]."""
-
     path: Float[np.ndarray, "point 3"]
     """Centre of the force in the world at each stamp [m]; empty where it is not
     known."""
@@ -117,13 +112,10 @@ class ScoredStream:
 
     events: Sequence[TrueEvent]
     """Events that truly happened."""
-
     detections: Sequence[Detection]
     """Detections of the recogniser."""
-
     seconds: float
     """Duration [s]."""
-
     subject: str
     """Person who touched."""
 
@@ -138,10 +130,8 @@ class MatchConfig:
 
     late: float = 1.0
     """Longest time from the last contact to the detection [s]."""
-
     near: float = 0.1
     """Largest distance from the true path [m]."""
-
     around: float = 0.5
     """Part of the true path, which moves with its link, that counts before and after
     the detection's last contact [s]."""
@@ -154,7 +144,6 @@ class Matching:
     matched: dict[int, int]
     """Index of the matching detection of each recognised event, by the event's
     index."""
-
     assigned: dict[int, int]
     """Index of the event nearest to each other detection, by the detection's index;
     detections near no event are left out."""
@@ -239,10 +228,8 @@ class MatchedStream:
 
     stream: ScoredStream
     """Stream that was matched."""
-
     matching: Matching
     """Matching of its events and detections."""
-
     config: MatchConfig
     """Settings of the matching."""
 

@@ -39,16 +39,12 @@ class TraceStep:
 
     stamp: int
     """Stamp of the reading [ns since the epoch]."""
-
     touches: tuple[Touch, ...]
     """Touches that are open."""
-
     closed: tuple[Touch, ...]
     """Touches that closed with it."""
-
     logits: Float[np.ndarray, "touch class"]
     """Logits of the open touches."""
-
     directions: Float[np.ndarray, "touch 3"]
     """Direction of travel of each open touch in the world, a unit vector."""
 
@@ -59,16 +55,12 @@ class Trace:
 
     vocabulary: tuple[str, ...]
     """Classes in the order of the logits."""
-
     temperature: float
     """Temperature of the model's card."""
-
     decision: DecisionConfig
     """Decision settings of the model's card."""
-
     change_ends: bool
     """Whether touches end when another class is likelier (see `DecisionFilter`)."""
-
     steps: tuple[TraceStep, ...]
     """Steps in the order of time; nothing is decided at other readings."""
 
@@ -159,19 +151,14 @@ class TracedStream:
 
     path: Path
     """Path of the recording."""
-
     subject: str
     """Subject of the recording, or its session where that is not known."""
-
     seconds: float
     """Time from its first reading to its last [s]."""
-
     truncated: bool
     """Whether the end of the recording is missing."""
-
     events: tuple[TrueEvent, ...]
     """Events that truly happened."""
-
     trace: Trace
     """Trace of the recogniser."""
 

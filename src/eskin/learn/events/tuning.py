@@ -18,29 +18,21 @@ class TuningConfig:
     thresholds: tuple[float, ...] = (0.6, 0.7, 0.8, 0.85, 0.9, 0.95, 0.98, 1.1)
     """Thresholds of all gestures, then of each alone; the last one waits for contact to
     end."""
-
     lifteds: tuple[float, ...] = (0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.1)
     """Thresholds of all gestures without contact."""
-
     lifts: tuple[float, ...] = (0.1, 0.15, 0.2, 0.25, 0.3)
     """Times without contact [s]."""
-
     leasts: tuple[float, ...] = (0.3, 0.5, 0.6, 0.7, 0.8)
     """Probabilities below which a touch that closes is unknown."""
-
     holds: tuple[float, ...] = (0.06, 0.12, 0.2)
     """Times for which a gesture must stay above its threshold [s]."""
-
     each: bool = True
     """Whether each gesture gets a threshold of its own."""
-
     latency: float = 0.3
     """Largest median latency [s]."""
-
     accidents: float = 1.0
     """Loss of F1 that is accepted for detecting no accidental contact rather than
     all."""
-
     unknown: float = 0.1
     """Loss of F1 that is accepted for detecting no gesture outside the vocabulary
     rather than all."""
@@ -52,10 +44,8 @@ class Candidate:
 
     setting: str
     """Name of the setting of a `DecisionConfig`."""
-
     value: float
     """Value to try."""
-
     gesture: str = ""
     """Gesture that it is for, where each gesture has a value."""
 
