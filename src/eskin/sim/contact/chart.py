@@ -47,7 +47,7 @@ class Chart:
         low = self.unrolled.min(axis=0) - self.rim
         high = self.unrolled.max(axis=0) + self.rim
         off = (unrolled < low) | (unrolled > high)
-        # Round a tube there is no end.
+        # A tube has no end around it.
         return off[..., 1] if isinstance(self.surface, Tube) else off.any(axis=-1)
 
     def wrap_s(self, s: Float[np.ndarray, "*any"]) -> Float[np.ndarray, "*any"]:

@@ -73,7 +73,7 @@ def compute_relative_curvatures(
     """Return each pad's curvature against the surface, across and along it [1/m]."""
     own = np.broadcast_to(1.0 / pads.radii, long.shape)
     if isinstance(chart.surface, Tube):
-        # The long axis leans on the tube's roundness by its share of s.
+        # The long axis follows the tube's curvature by its share of s.
         return own + long[..., ::-1] ** 2 / chart.radius
     if isinstance(chart.surface, Dome):
         return own + 1.0 / chart.radius

@@ -1,1 +1,1 @@
-"""Datasets are simulated clips and streams with labels: plans, sets and files."""
+"""This package makes simulated clips and streams with labels: plans, sets and files."""

@@ -37,16 +37,16 @@ from eskin.sim.sensor.sensor import sense
 
 @dataclass(frozen=True, eq=False)
 class SimulatedClip:
-    """A clip or stream that was made."""
+    """A simulated clip holds what the sensor counted and what was really done."""
 
     counts: Int[np.ndarray, "reading taxel"]
-    """What the converter counted (int32), one row every reading of the sensor."""
+    """Counts of the converter (int32), one row for each reading of the sensor."""
     received: Bool[np.ndarray, "reading taxel"]
     """False where no fresh data came."""
     q: Float[np.ndarray, "reading joint"]
     """Joint positions [rad]."""
     truths: tuple[TrueTouchSeries, ...]
-    """What was really done, by number; empty where nothing touched."""
+    """True touches, by number; empty where nothing touched."""
     pose_group: int
     """Group of the pose at its start."""
     drawn: dict[str, float | str]
@@ -55,14 +55,14 @@ class SimulatedClip:
 
 @lru_cache(maxsize=16)
 def get_build(origin: BuildOrigin, env: SimEnvironment) -> SensorBuild:
-    """The build of an origin; the same one every time."""
+    """Return the build of an origin, the same one every time."""
     skin, constants = env.mounted.skin, env.constants
     return draw_build(origin.name, origin.kind, skin, constants, origin.rng())
 
 
 @lru_cache(maxsize=16)
 def get_session(origin: Origin, build: SensorBuild) -> SensorSession:
-    """The session of an origin; the same one every time."""
+    """Return the session of an origin, the same one every time."""
     return draw_session(build, origin.rng())
 
 
@@ -75,16 +75,16 @@ def simulate_clip(
     rng: np.random.Generator,
     stages: SensorStages | None = None,
 ) -> SimulatedClip:
-    """What the sensor counts of a scene, and what truly happened in it.
+    """Simulate the counts of a scene, and its ground truth.
 
     Args:
-        scene: what happens, from `lead` steps before the clip on.
+        scene: scene, from `lead` steps before the clip on.
         lead: steps before the clip, in which contacts and creep build up.
-        build: the skin as built.
-        session: what has drifted since calibration.
-        env: the robot in its skin.
-        rng: to draw noise from.
-        stages: which stages of the sensor work; all unless given.
+        build: skin as built.
+        session: drift since calibration.
+        env: robot in its skin.
+        rng: random generator of noise.
+        stages: stages of the sensor that work; all unless given.
     """
     skin = env.mounted.skin
     touch_presses = compute_touch_presses(scene, env)
@@ -107,40 +107,46 @@ def simulate_clip(
 
 
 HOUR = 3600.0
-"""[s]"""
+"""Length of an hour [s]."""
 
 
-def add_event_to_clip(clip: SimulatedClip, stage: ClipSetup) -> SimulatedClip:
-    """The same clip with an electrical event in it."""
-    return add_event(clip, stage, "electrical", None)
+def add_event_to_clip(clip: SimulatedClip, setup: ClipSetup) -> SimulatedClip:
+    """Return a clip with an electrical event in it."""
+    return add_event(clip, setup, "electrical", None)
 
 
-def add_events_to_stream(clip: SimulatedClip, stage: ClipSetup) -> SimulatedClip:
-    """The same stream with electrical events at any time, so many an hour."""
-    constants, rng = stage.env.constants, stage.rng
+def add_events_to_stream(clip: SimulatedClip, setup: ClipSetup) -> SimulatedClip:
+    """Return a stream with electrical events at random times, so many an hour."""
+    constants, rng = setup.env.constants, setup.rng
     rate = constants.value("stream.electrical") / HOUR
-    for number in range(rng.poisson(rate * stage.plan.seconds)):
+    for number in range(rng.poisson(rate * setup.plan.seconds)):
         onset = int(rng.integers(len(clip.counts)))
-        clip = add_event(clip, stage, f"electrical{number}", onset)
+        clip = add_event(clip, setup, f"electrical{number}", onset)
     return clip
 
 
 def add_event(
-    clip: SimulatedClip, stage: ClipSetup, name: str, onset: int | None
+    clip: SimulatedClip, setup: ClipSetup, name: str, onset: int | None
 ) -> SimulatedClip:
-    """The same clip with one more event.
+    """Return a clip with one more event.
 
     Args:
-        clip: what was counted.
-        stage: where.
-        name: under which it is written down.
+        clip: clip as simulated.
+        setup: setup of the clip.
+        name: name under which the event is recorded.
         onset: reading at which it begins; None draws it.
     """
-    event = ELECTRICAL_EVENTS[stage.rng.integers(len(ELECTRICAL_EVENTS))]
-    build = get_build(stage.plan.build, stage.env)
+    event = ELECTRICAL_EVENTS[setup.rng.integers(len(ELECTRICAL_EVENTS))]
+    build = get_build(setup.plan.build, setup.env)
     counts, received, drawn = add_electrical_event(
-        *(event, clip.counts, clip.received, stage.env.mounted.skin, build),
-        *(stage.rng, stage.env.constants, onset),
+        event,
+        clip.counts,
+        clip.received,
+        setup.env.mounted.skin,
+        build,
+        setup.rng,
+        setup.env.constants,
+        onset,
     )
     more = {f"{name}.{key}": value for key, value in drawn.items()}
     return replace(clip, counts=counts, received=received, drawn=clip.drawn | more)
@@ -161,45 +167,45 @@ def make_clip(plan: ClipPlan, env: SimEnvironment) -> SimulatedClip:
             kind = choose_kind(
                 plan.gesture, None, person, constants, rng, plan.difficulty
             )
-    stage = set_up_clip(plan, kind, env, rng)
+    setup = set_up_clip(plan, kind, env, rng)
     if plan.gesture is None:
-        touches = draw_stream(stage)
+        touches = draw_stream(setup)
     else:
-        touches = draw_touches(stage, plan.gesture, kind)
+        touches = draw_touches(setup, plan.gesture, kind)
     build = get_build(plan.build, env)
     session = get_session(plan.session, build)
-    clip = simulate_clip(Scene(stage.q, touches), stage.lead, build, session, env, rng)
+    clip = simulate_clip(Scene(setup.q, touches), setup.lead, build, session, env, rng)
     clip = replace(
         clip,
-        pose_group=compute_pose_group(env, stage.q[stage.lead]),
-        drawn=collect_drawn(stage, touches),
+        pose_group=compute_pose_group(env, setup.q[setup.lead]),
+        drawn=collect_drawn(setup, touches),
     )
     if kind == "electrical":
-        return add_event_to_clip(clip, stage)
-    return add_events_to_stream(clip, stage) if kind == QUIET else clip
+        return add_event_to_clip(clip, setup)
+    return add_events_to_stream(clip, setup) if kind == QUIET else clip
 
 
-def draw_touches(stage: ClipSetup, gesture: str, kind: str) -> tuple[TrueTouch, ...]:
-    """The touch that a clip is made for, and perhaps a smaller one beside it."""
-    person = get_person(stage.plan.person, stage.env)
-    touch = perform_at(stage, person, gesture, kind, stage.lead)
-    start = draw_start(touch, stage.steps, stage.env.constants, stage.rng)
-    touch = place_touch(stage, touch, stage.lead + start)
-    if touch.presses and stage.rng.random() < stage.plan.concurrent:
-        return (touch, *draw_second_touch(stage, touch))
+def draw_touches(setup: ClipSetup, gesture: str, kind: str) -> tuple[TrueTouch, ...]:
+    """Draw the touch that a clip is made for, and perhaps a smaller one beside it."""
+    person = get_person(setup.plan.person, setup.env)
+    touch = perform_at(setup, person, gesture, kind, setup.lead)
+    start = draw_start(touch, setup.steps, setup.env.constants, setup.rng)
+    touch = place_touch(setup, touch, setup.lead + start)
+    if touch.presses and setup.rng.random() < setup.plan.concurrent:
+        return (touch, *draw_second_touch(setup, touch))
     return (touch,)
 
 
 def collect_drawn(
-    stage: ClipSetup, touches: tuple[TrueTouch, ...]
+    setup: ClipSetup, touches: tuple[TrueTouch, ...]
 ) -> dict[str, float | str]:
-    """Every parameter of the clip, by name."""
-    joints = stage.env.mounted.robot.joint_names
-    start = stage.q[stage.lead].tolist()
+    """Collect every parameter of the clip, by name."""
+    joints = setup.env.mounted.robot.joint_names
+    start = setup.q[setup.lead].tolist()
     drawn: dict[str, float | str] = {
         f"q.{joint}": value for joint, value in zip(joints, start, strict=True)
     }
-    drawn["folded"] = float(stage.folded)
+    drawn["folded"] = float(setup.folded)
     for number, touch in enumerate(touches):
         drawn[f"touch{number}.kind"] = touch.kind
         drawn |= {f"touch{number}.{name}": each for name, each in touch.drawn.items()}

@@ -15,38 +15,38 @@ from eskin.touch import Calibration
 
 
 class ClipGenerator(ABC):
-    """Makes clips of one skin; the same plan gives the same clip every time."""
+    """A clip generator makes clips of one skin; the same plan gives the same clip."""
 
     mounted: MountedSkin
-    """The skin on its robot."""
+    """Skin on its robot."""
     robot_name: str
-    """What `load_robot` calls the robot."""
+    """Name of the robot for `load_robot`."""
 
     @abstractmethod
     def make(self, plan: ClipPlan) -> SimulatedClip:
-        """The clip of a plan, or the stream where the plan names no gesture."""
+        """Make the clip of a plan, or the stream of a plan without gesture."""
 
     @abstractmethod
     def calibration(self, build: BuildOrigin) -> Calibration:
-        """What the user of a build knows of it."""
+        """Return the calibration that the user of a build has."""
 
 
 def mount_preset(skin: str) -> MountedSkin:
-    """A preset skin on its robot."""
+    """Mount a preset skin on its robot."""
     preset = SKIN_PRESETS[skin]
     return MountedSkin(preset.build(), load_robot(preset.robot))
 
 
 @final
 class Simulator(ClipGenerator):
-    """Simulates people who touch a skin that comes with eskin."""
+    """The simulator makes clips of people who touch a preset skin."""
 
     def __init__(self, skin: str = "ur5", constants: Constants | None = None) -> None:
         """Prepare the skin.
 
         Args:
             skin: name of a preset.
-            constants: numbers of the world; those published unless given.
+            constants: constants of the simulation; the published ones unless given.
 
         Raises:
             GenerationError: there is no preset of that name.
@@ -62,11 +62,11 @@ class Simulator(ClipGenerator):
         self.env = build_environment(mounted, constants or load_constants())
 
     def make(self, plan: ClipPlan) -> SimulatedClip:
-        """The clip of a plan, or the stream where the plan names no gesture."""
+        """Make the clip of a plan, or the stream of a plan without gesture."""
         if plan.pair is not None:
             return make_pair_clip(plan, self.env)
         return make_clip(plan, self.env)
 
     def calibration(self, build: BuildOrigin) -> Calibration:
-        """What the user of a build knows of it."""
+        """Return the calibration that the user of a build has."""
         return get_build(build, self.env).calibration(self.mounted.skin)

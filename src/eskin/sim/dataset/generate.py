@@ -1,4 +1,4 @@
-"""This module generates sets of clips: files and their index, by any number of processes."""
+"""This module generates sets of clips with any number of processes."""
 
 import multiprocessing
 import os
@@ -28,19 +28,19 @@ from eskin.sim.dataset.settings import SETTINGS_NAME, GenerationSettings, claim_
 
 
 class SetFolder:
-    """Grows file by file in the order of the set; what is there is always whole."""
+    """A set folder grows file by file in the set's order, and files are whole."""
 
     def __init__(self, folder: Path, sessions: Sequence[SessionPlan]) -> None:
-        """Look at what an earlier generation left, without changing it."""
+        """Open the folder without changing what an earlier generation left."""
         self.folder = folder
         self.sessions = tuple(sessions)
         self.index = folder / INDEX_NAME
 
     def resume(self) -> int:
-        """Remove what is not whole; return how many files are.
+        """Remove incomplete files; return how many are complete.
 
-        Files count as far as each is there and has a line of the index for every clip,
-        in the order in which they were made.
+        Files count as far as each exists and has a line of the index for every clip, in
+        the order in which they were made.
         """
         kept = done = 0
         for session_plan in self.sessions:
@@ -60,7 +60,7 @@ class SetFolder:
         return done
 
     def find_size(self, session_plan: SessionPlan, start: int) -> int | None:
-        """Bytes of the lines of a file from `start` of the index on; None if cut."""
+        """Return the bytes of a file's lines in the index; None if they are cut."""
         if not (self.index.exists() and (self.folder / session_plan.file).exists()):
             return None
         begin = f'{{"file": "{session_plan.file}", "number": '.encode()
@@ -77,7 +77,7 @@ class SetFolder:
         return size
 
     def add(self, rows: Sequence[ClipRow]) -> None:
-        """Append the clips of the next file, which is there already."""
+        """Append the clips of the next file, which exists already."""
         with self.index.open("a", encoding="utf-8") as file:
             file.write(to_text(rows))
             file.flush()
@@ -85,18 +85,18 @@ class SetFolder:
 
 
 stop_events: list[Event] = []
-"""The event at which this process ends its work."""
+"""Event at which this process stops its work."""
 
 
 def start_worker(stop: Event) -> None:
-    """Prepare this process: it ends with its parent, which alone hears Ctrl-C."""
+    """Prepare this process: it ends with its parent, which alone handles Ctrl-C."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     stop_events[:] = [stop]
     threading.Thread(target=exit_with_parent, daemon=True).start()
 
 
 def exit_with_parent() -> None:
-    """Wait for the parent to be gone, then leave at once."""
+    """Wait for the parent to be gone, then exit at once."""
     parent = parent_process()
     if parent is not None:
         wait([parent.sentinel])
@@ -104,14 +104,14 @@ def exit_with_parent() -> None:
 
 
 def check_stopped() -> None:
-    """Stop where the parent says so."""
+    """Raise if the parent asked to stop."""
     if any(stop.is_set() for stop in stop_events):
         raise GenerationError("generation was stopped")
 
 
 @lru_cache(maxsize=1)
 def get_generator(factory: Callable[[str], ClipGenerator], skin: str) -> ClipGenerator:
-    """The maker of a skin, prepared once a process."""
+    """Return the clip generator of a skin, built once a process."""
     return factory(skin)
 
 
@@ -135,12 +135,12 @@ Rows = Generator[tuple[ClipRow, ...], None, None]
 
 @dataclass(frozen=True)
 class GenerationResult:
-    """What came of generating."""
+    """This result counts what was generated."""
 
     clips: int
     """Clips in the folder."""
     made: int
-    """Of these, clips that were not there before."""
+    """Clips among them that were not there before."""
     files: int
     """Recordings in the folder."""
     seconds: float
@@ -148,7 +148,7 @@ class GenerationResult:
 
     @property
     def clips_per_minute(self) -> float:
-        """Clips made in a minute."""
+        """Return the clips made in a minute."""
         return 60 * self.made / self.seconds if self.made else 0.0
 
 
@@ -159,17 +159,18 @@ def generate(
     factory: Callable[[str], ClipGenerator] = Simulator,
     on_progress: Callable[[int], None] = lambda done: None,
 ) -> GenerationResult:
-    """Make a set, or what is missing of it.
+    """Generate a set, or what is missing of it.
 
-    Whole files stay whatever happens, and are not made again. Neither recordings nor
+    Complete files stay whatever happens, and are not made again. Neither recordings nor
     index depend on the number of workers.
 
     Args:
-        folder: where to; made if it is missing.
-        settings: what to make.
-        workers: processes; 0 works in this one.
-        factory: gives the maker of a skin; must be found by name in other processes.
-        on_progress: called with the number of clips that are done.
+        folder: folder of the set; created if it is missing.
+        settings: settings of the set.
+        workers: number of processes; 0 works in this one.
+        factory: function that builds the clip generator of a skin; other processes must
+            find it by name.
+        on_progress: function that is called with the number of clips that are done.
 
     Raises:
         GenerationError: the folder holds something else, or a clip cannot be made.
@@ -192,7 +193,7 @@ def generate_missing(
     on_progress: Callable[[int], None],
     started: float,
 ) -> GenerationResult:
-    """Make what is missing in a folder."""
+    """Generate what is missing in a folder."""
     archive = SetFolder(folder, settings.sessions)
     done = archive.resume()
     kept = sum(session_plan.clips for session_plan in settings.sessions[:done])
@@ -216,10 +217,10 @@ def generate_missing(
 
 @contextmanager
 def lock_folder(folder: Path) -> Iterator[None]:
-    """Keep other generations out of a folder.
+    """Lock the folder against other generations.
 
     Raises:
-        GenerationError: another one is at work there.
+        GenerationError: another one is running there.
     """
     with (folder / SETTINGS_NAME).open() as file:
         try:
@@ -239,7 +240,7 @@ def write_sessions(
     workers: int,
     factory: Callable[[str], ClipGenerator],
 ) -> Rows:
-    """Rows of files, in order, as they are made."""
+    """Write the files of sessions; yield their rows in order."""
     workers = min(workers, len(sessions))
     if not workers:
         for session_plan in sessions:
@@ -255,7 +256,7 @@ def write_in_workers(
     workers: int,
     factory: Callable[[str], ClipGenerator],
 ) -> Rows:
-    """The same in other processes; a bounded number of files is in work at a time."""
+    """Write files in other processes, a bounded number at a time; yield their rows."""
     context = multiprocessing.get_context("spawn")
     stop = context.Event()
     left, waiting = deque(sessions), deque[Future]()
@@ -279,7 +280,7 @@ def write_in_workers(
 
 @contextmanager
 def limit_threads() -> Iterator[None]:
-    """Let new processes use one thread each: they are as many as the cores."""
+    """Limit new processes to one thread each, since they are as many as the cores."""
     before = {name: os.environ.get(name) for name in THREAD_VARIABLES}
     os.environ.update(dict.fromkeys(THREAD_VARIABLES, "1"))
     try:

@@ -17,34 +17,34 @@ INDEX_NAME = "clips.jsonl"
 
 @dataclass(frozen=True)
 class TouchRow:
-    """One true touch of a clip."""
+    """A touch row describes one true touch of a clip."""
 
     touch: int
-    """Its number in the file, as in `/eskin/truth`."""
+    """Number of the touch in the file, as in `/eskin/truth`."""
     gesture: str
-    """Of the vocabulary, `none`, or the name of an unknown gesture."""
+    """Gesture of the vocabulary, `none`, or the name of an unknown gesture."""
     kind: str
     """Variant of the gesture."""
     subject: str
-    """Who did it; empty where it was nobody."""
+    """Name of the person; empty where no person touched."""
     link: str
-    """Link that bears most of it."""
+    """Link that bears most of the force."""
     onset: float
-    """First contact since the start of the clip; negative where before [s]."""
+    """First contact since the start of the clip; negative if before it [s]."""
     end: float
     """Last contact since the start of the clip; may be after its end [s]."""
     impulse: float
-    """Force over the readings of the clip [N s]."""
+    """Force summed over the readings of the clip [N s]."""
 
 
 @dataclass(frozen=True)
 class ClipRow:
-    """One clip or stream of a set."""
+    """A clip row describes one clip or stream of a set."""
 
     file: str
     """Path of its recording below the folder of the set."""
     number: int
-    """Counts the clips of the file."""
+    """Number of the clip in the file."""
     start: int
     """Stamp of its first reading [ns since the epoch]."""
     skin: str
@@ -52,37 +52,37 @@ class ClipRow:
     pose_group: int
     """Group of the pose at its start."""
     regime: str
-    """How long touches last, as drawn; empty where nothing touched."""
+    """Law of durations as drawn; empty where nothing touched."""
     touches: tuple[TouchRow, ...]
-    """What was really done."""
+    """True touches of the clip."""
     drawn: dict[str, float | str]
     """Every parameter that was drawn for it, by name."""
     plan: ClipPlan
-    """What was decided before; the clip can be made again from it alone."""
+    """Plan of the clip, which can be made again from it alone."""
 
     @property
     def gesture(self) -> str:
-        """What the clip shows; empty for a stream."""
+        """Return the gesture that the clip shows; empty for a stream."""
         return self.plan.gesture or ""
 
     @property
     def kind(self) -> str:
-        """Variant of its gesture as drawn; empty where that is not known."""
+        """Return the variant of its gesture as drawn; empty where it is not known."""
         drawn = self.drawn.get("kind", self.drawn.get("touch0.kind", ""))
         return self.plan.kind or str(drawn)
 
     @property
     def subject(self) -> str:
-        """Who touches."""
+        """Return the name of the person."""
         return self.plan.person.name
 
     @property
     def build(self) -> str:
-        """Name of the sensor build."""
+        """Return the name of the sensor build."""
         return self.plan.build.name
 
     def to_line(self) -> str:
-        """As one line of JSON; what is asked for most comes first and by itself."""
+        """Return the row as one line of JSON, with what is most used at its start."""
         facts: dict[str, object] = {
             "file": self.file,
             "number": self.number,
@@ -104,7 +104,7 @@ class ClipRow:
 
     @classmethod
     def from_line(cls, line: str) -> "ClipRow":
-        """From such a line."""
+        """Parse such a line."""
         facts = json.loads(line)
         return cls(
             file=facts["file"],
@@ -120,7 +120,7 @@ class ClipRow:
 
 
 def parse_plan(facts: dict) -> ClipPlan:
-    """A plan as it stands in a line of the index."""
+    """Parse the plan in a line of the index."""
     others = {"company": None, "pose": None, "groups": tuple(facts["groups"])}
     if facts["company"] is not None:
         others["company"] = parse_origin(facts["company"])
@@ -142,7 +142,7 @@ def parse_plan(facts: dict) -> ClipPlan:
 
 
 def parse_origin(facts: dict) -> Origin:
-    """An origin as it stands in a line of the index."""
+    """Parse an origin in a line of the index."""
     return Origin(facts["name"], tuple(facts["seed"]))
 
 
@@ -156,17 +156,17 @@ def build_row(
     plan: ClipPlan,
     clip: SimulatedClip,
 ) -> ClipRow:
-    """The row of a clip that was made.
+    """Build the row of a clip.
 
     Args:
         file: path of its recording below the folder of the set.
-        number: counts the clips of the file.
+        number: number of the clip in the file.
         start: stamp of its first reading [ns since the epoch].
         skin: name of the skin.
         first: number of its first true touch in the file.
         period: time between two readings [s].
-        plan: what it was made from.
-        clip: what came of it.
+        plan: plan of the clip.
+        clip: clip as simulated.
     """
     touches = tuple(
         TouchRow(
@@ -188,14 +188,14 @@ def build_row(
 
 
 def to_json_value(value: float | str) -> float | str:
-    """A value that any reader of JSON understands."""
+    """Return a value that any reader of JSON understands."""
     if isinstance(value, str):
         return value
     return float(value) if np.isfinite(value) else str(value)
 
 
 def read_index(folder: Path | str) -> tuple[ClipRow, ...]:
-    """Every clip of the whole files of a set, in order.
+    """Read every clip of the complete files of a set, in order.
 
     Raises:
         GenerationError: there is no index, or it cannot be read.
@@ -211,7 +211,7 @@ def read_index(folder: Path | str) -> tuple[ClipRow, ...]:
 
 
 def parse_line(path: Path, number: int, line: str) -> ClipRow:
-    """One line of an index."""
+    """Parse one line of an index."""
     try:
         return ClipRow.from_line(line)
     except (ValueError, KeyError, TypeError) as error:
@@ -222,7 +222,7 @@ def parse_line(path: Path, number: int, line: str) -> ClipRow:
 
 
 def to_text(rows: Iterable[ClipRow]) -> str:
-    """Rows as lines."""
+    """Return rows as lines."""
     return "".join(row.to_line() + "\n" for row in rows)
 
 
@@ -230,11 +230,11 @@ def remake_clip(row: ClipRow, generator: ClipGenerator) -> SimulatedClip:
     """Make one clip of a set again, alone: the same counts as in its recording.
 
     Raises:
-        GenerationError: the maker is of another skin.
+        GenerationError: the clip generator is of another skin.
     """
     if generator.mounted.skin.name != row.skin:
         raise GenerationError(
-            f"clip {row.number} of {row.file} is of skin '{row.skin}', the maker of "
-            f"'{generator.mounted.skin.name}'; give a maker of that skin"
+            f"clip {row.number} of {row.file} is of skin '{row.skin}', the generator "
+            f"of '{generator.mounted.skin.name}'; give a clip generator of that skin"
         )
     return generator.make(row.plan)

@@ -13,15 +13,15 @@ from eskin.touch.calibration_kernels import PressureCurve, linearise_counts
 def find_largest_pressure(
     counts: np.ndarray, received: np.ndarray, rest: np.ndarray, curve: PressureCurve
 ) -> np.ndarray:
-    """Largest pressure of each reading for a gain of one, of taxels of one gain.
+    """Find the largest pressure of each reading, for taxels of gain one.
 
     Pressure grows with the counts above rest, so only the largest is looked up.
 
     Args:
-        counts: one row a reading (int32).
-        received: whether each is fresh.
+        counts: counts, one row for each reading (int32).
+        received: whether each count is fresh.
         rest: counts of each taxel untouched (int32).
-        curve: of the curve.
+        curve: curve from counts to pressure.
     """
     peaks = np.zeros(len(counts))
     for reading in range(len(counts)):

@@ -1,4 +1,8 @@
-"""This module makes pairs of clips whose counts are equal while their labels differ."""
+"""This module makes pairs of clips whose counts are equal while their labels differ.
+
+Only where the taxels are tells the two clips apart: bending and temporary merging, as
+in Fig. 7 of arXiv 2506.18256.
+"""
 
 from dataclasses import dataclass, replace
 from functools import lru_cache
@@ -48,20 +52,20 @@ from eskin.skin import SKIN_PRESETS, MountedSkin
 
 @dataclass(frozen=True, eq=False)
 class PairScenes:
-    """Two scenes that press the same taxels alike."""
+    """Pair scenes are two scenes that press the same taxels alike."""
 
     first: Scene
-    """With the gesture."""
+    """Scene with the gesture."""
     second: Scene
-    """With what is none."""
+    """Scene whose touches are none."""
     mounted: MountedSkin
-    """The skin of the second scene on its robot."""
+    """Skin of the second scene on its robot."""
     charts: tuple[Chart, ...]
-    """Its surfaces, unrolled as those of the first scene are."""
+    """Charts of that skin, unrolled as those of the first scene are."""
 
 
 def count_clip_steps(plan: ClipPlan, env: SimEnvironment) -> tuple[int, int]:
-    """Steps before the clip, and of all that is simulated."""
+    """Return the steps before the clip, and of all that is simulated."""
     step = env.constants.value("time.step")
     lead = round(env.constants.value("clip.before") / step)
     return lead, lead + round(plan.seconds / step)
@@ -70,16 +74,16 @@ def count_clip_steps(plan: ClipPlan, env: SimEnvironment) -> tuple[int, int]:
 def repeat_pose(
     q: Float[np.ndarray, "joint"], steps: int
 ) -> Float[np.ndarray, "time joint"]:
-    """A robot that stands in one pose."""
+    """Return the series of a robot that stands in one pose."""
     return np.tile(q, (steps, 1))
 
 
 def draw_onset(
     touch: TrueTouch, plan: ClipPlan, env: SimEnvironment, rng: np.random.Generator
 ) -> int:
-    """Step of the scene at which a touch's clock starts, all of it in the clip.
+    """Draw the step of the scene at which a touch's clock starts.
 
-    A touch that is longer than the clip is cut as in other clips.
+    All of the touch is in the clip; one that is longer is cut as in other clips.
     """
     lead, steps = count_clip_steps(plan, env)
     first, end = find_contact_steps(touch)
@@ -101,13 +105,13 @@ def draw_meeting_poses(
     person: Person,
     rng: np.random.Generator,
 ) -> tuple[Pose, Pose, Sites]:
-    """A pose in which two places meet, one in which they are far apart, and both.
+    """Draw a pose in which two sites meet, one with them far apart, and the sites.
 
     Args:
-        env: the robot.
-        groups: of poses, to take the one from in which they are apart.
-        person: who touches.
-        rng: to draw from.
+        env: robot in its skin.
+        groups: pose groups of the second pose.
+        person: person who touches.
+        rng: random generator.
 
     Raises:
         ValueError: no such poses were found.
@@ -136,9 +140,9 @@ def draw_meeting_poses(
 
 @lru_cache(maxsize=2)
 def find_meeting_poses(env: SimEnvironment) -> Float[np.ndarray, "pose joint"]:
-    """Poses with the elbow bent as far as it goes, in which such patches meet.
+    """Find poses with the elbow bent as far as it goes, in which such patches meet.
 
-    Always the same ones. Poses as others are drawn hardly ever bend it so far.
+    They are always the same. Other poses are hardly ever bent so far.
     """
     value, elbow = env.constants.value, env.joint_index(ELBOW)
     rng = np.random.default_rng(int(value("robot.pool_seed")))
@@ -154,7 +158,7 @@ def find_meeting_poses(env: SimEnvironment) -> Float[np.ndarray, "pose joint"]:
 
 
 def find_separable_pairs(env: SimEnvironment) -> Bool[np.ndarray, "pair"]:
-    """Which pairs of charts are far apart in some pose, middle from middle."""
+    """Tell which pairs of charts are far apart in some pose, middle from middle."""
     faces = sample_patches(env)
     charts = np.arange(len(env.charts))
     widest = np.zeros(len(faces.pairs))
@@ -167,7 +171,7 @@ def find_separable_pairs(env: SimEnvironment) -> Bool[np.ndarray, "pair"]:
 
 @lru_cache(maxsize=1)
 def build_flat_side() -> tuple[MountedSkin, tuple[Chart, ...]]:
-    """The patch laid flat, and its one chart."""
+    """Build the patch laid flat, and its one chart."""
     preset = SKIN_PRESETS["flat"]
     mounted = MountedSkin(preset.build(), load_robot(preset.robot))
     return mounted, build_charts(mounted)
@@ -176,7 +180,7 @@ def build_flat_side() -> tuple[MountedSkin, tuple[Chart, ...]]:
 def draw_bending(
     plan: ClipPlan, env: SimEnvironment, rng: np.random.Generator
 ) -> PairScenes:
-    """A grab of the patch round the tube, and the same on it as it lies flat."""
+    """Draw a grab of the patch round the tube, and the same on it as it lies flat."""
     _, steps = count_clip_steps(plan, env)
     q = np.zeros((steps, 0))
     grabs = () if plan.kind == "idle" else (draw_bending_grab(plan, env, rng),)
@@ -189,16 +193,22 @@ def draw_bending(
 def draw_bending_grab(
     plan: ClipPlan, env: SimEnvironment, rng: np.random.Generator
 ) -> TrueTouch:
-    """A grab somewhere on the patch, by the person's taste."""
+    """Draw a grab somewhere on the patch."""
     touch = perform(
-        *("grab", None, get_person(plan.person, env), draw_bending_site(env, rng)),
-        *(env.constants, rng, plan.difficulty, plan.regime),
+        "grab",
+        None,
+        get_person(plan.person, env),
+        draw_bending_site(env, rng),
+        env.constants,
+        rng,
+        plan.difficulty,
+        plan.regime,
     )
     return shift_touch(touch, draw_onset(touch, plan, env, rng))
 
 
 def draw_bending_site(env: SimEnvironment, rng: np.random.Generator) -> ContactSite:
-    """Near the middle of the patch, the hand round the tube either way."""
+    """Draw a site near the patch's middle, the hand round the tube either way."""
     chart = env.charts[0]
     off = env.constants.value("pairs.off") * MM
     s, t = rng.uniform(-off, off, 2)
@@ -210,7 +220,7 @@ def draw_bending_site(env: SimEnvironment, rng: np.random.Generator) -> ContactS
 def draw_merging(
     plan: ClipPlan, env: SimEnvironment, rng: np.random.Generator
 ) -> PairScenes:
-    """One gesture on two patches that meet, and two touches of them far apart.
+    """Draw one gesture on two patches that meet, and two touches of them far apart.
 
     Raises:
         ValueError: no poses or no touch were found.
@@ -229,7 +239,7 @@ def draw_merging(
 def draw_merging_touch(
     plan: ClipPlan, env: SimEnvironment, person: Person, rng: np.random.Generator
 ) -> tuple[Pose, Pose, tuple[TrueTouch, ...]]:
-    """Both poses and the gesture, which is felt on either patch."""
+    """Draw both poses and the gesture, which presses both patches."""
     for _ in range(int(env.constants.value("pairs.tries"))):
         groups = frozenset(plan.groups)
         folded, apart, sites = draw_meeting_poses(env, groups, person, rng)
@@ -243,7 +253,7 @@ def draw_merging_touch(
 
 
 def split_presses(touches: tuple[TrueTouch, ...]) -> list[TrueTouch]:
-    """Each press of a gesture as a touch of its own, which is none."""
+    """Split a gesture into one touch for each press, which is none."""
     return [
         replace(touch, gesture="none", kind=NONE_KINDS[touch.gesture], presses=(press,))
         for touch in touches
@@ -258,9 +268,9 @@ def draw_shared_touch(
     sites: Sites,
     rng: np.random.Generator,
 ) -> TrueTouch | None:
-    """One gesture that is done on two patches, a part of it felt on each.
+    """Draw one gesture on two patches, a part of it on each.
 
-    None where it hardly comes out so, as on a narrow patch or by a light hand.
+    It is None where a part is too weak, as on a narrow patch or by a light hand.
     """
     assert plan.pair is not None
     draw = draw_shared_pat if plan.pair.gesture == "double_pat" else draw_hook
@@ -273,7 +283,7 @@ def draw_shared_touch(
 
 
 def compute_peak_pressures(touch: TrueTouch, env: SimEnvironment) -> list[float]:
-    """Largest pressure of each press of a touch [kPa]."""
+    """Return the largest pressure of each press of a touch [kPa]."""
     return [
         float(
             compute_pressure_field(p, env.charts[p.chart], env.constants).pressure.max(
@@ -291,14 +301,20 @@ def draw_shared_pat(
     sites: Sites,
     rng: np.random.Generator,
 ) -> TrueTouch | None:
-    """A double pat whose second pat is on the other patch, by the palm again.
+    """Draw a double pat whose second pat is on the other patch, by the palm again.
 
-    None where the pats as drawn are too soon or too late after each other for it.
+    It is None where the pats as drawn are too close or too far in time.
     """
     low, high = env.constants.array("pairs.interval")
     touch = perform(
-        *("double_pat", None, person, sites[0], env.constants, rng),
-        *(plan.difficulty, plan.regime),
+        "double_pat",
+        None,
+        person,
+        sites[0],
+        env.constants,
+        rng,
+        plan.difficulty,
+        plan.regime,
     )
     if touch.drawn["stays"] or not low <= float(touch.drawn["interval"]) <= high:
         return None
@@ -308,7 +324,7 @@ def draw_shared_pat(
 def split_pats(
     press: Press, first: ContactSite, second: ContactSite
 ) -> tuple[Press, Press]:
-    """The first pat where it was and the second at another site."""
+    """Leave the first pat where it was and move the second to another site."""
     pressed = np.flatnonzero(press.force > 0)
     last = pressed[np.argmax(np.diff(pressed))]
     cut = int(last) + 1
@@ -327,7 +343,7 @@ def split_pats(
 
 
 def slice_press(press: Press, steps: slice) -> Press:
-    """Some steps of a press."""
+    """Return some steps of a press."""
     series = press.force[steps], press.centre[steps], press.angle[steps]
     force, centre, angle = series
     return replace(press, force=force, centre=centre, angle=angle)
@@ -340,13 +356,19 @@ def draw_hook(
     sites: Sites,
     rng: np.random.Generator,
 ) -> TrueTouch:
-    """A hand hooked between two patches: fingers on one, its back on the other.
+    """Draw a hand hooked between two patches: fingers on one, its back on the other.
 
     They press against each other, so either bears the same.
     """
     touch = perform(
-        *("grab", "full_hand", person, sites[0], env.constants, rng),
-        *(plan.difficulty, plan.regime),
+        "grab",
+        "full_hand",
+        person,
+        sites[0],
+        env.constants,
+        rng,
+        plan.difficulty,
+        plan.regime,
     )
     (press,) = touch.presses
     stiff = replace(touch, presses=(replace(press, tissue=person.tissue),))
@@ -362,18 +384,18 @@ PAIR_DRAWS = {"bending": draw_bending, "merging": draw_merging}
 
 @dataclass(frozen=True, eq=False)
 class ClipPair:
-    """Two clips with the same counts, of which only one shows a gesture."""
+    """A clip pair is two clips of the same counts; only one shows a gesture."""
 
     kind: PairKind
-    """What tells them apart: the shape of the skin, or the pose of the robot."""
+    """Difference between them: the shape of the skin, or the pose of the robot."""
     first: SimulatedClip
-    """With the gesture."""
+    """Clip with the gesture."""
     second: SimulatedClip
-    """With what is none."""
+    """Clip whose touches are none."""
     labels: tuple[str, str]
-    """What is done in either."""
+    """Labels of the two clips."""
     mounted: tuple[MountedSkin, MountedSkin]
-    """The skin of either on its robot."""
+    """Skins of the two clips on their robots."""
 
 
 def make_pair(
@@ -386,12 +408,13 @@ def make_pair(
 
     Args:
         kind: `bending` or `merging`.
-        seed: decides all that is drawn.
-        difficulty: how much touches vary; the published one unless given.
-        env: of the first clip; the patch round a tube or the UR5 unless given.
+        seed: seed of all that is drawn.
+        difficulty: difficulty of touches; the published one unless given.
+        env: environment of the first clip; the patch round a tube or the UR5 unless
+            given.
 
     Raises:
-        ValueError: there is no such kind, or patches of the world never meet.
+        ValueError: there is no such kind, or patches never meet in the environment.
     """
     chosen = parse_pair_kind(kind)
     env = env or load_environment(SIDE_SKINS.get(PAIR_SIDES[chosen][0], "ur5"))
@@ -402,18 +425,18 @@ def make_pair(
 
 @lru_cache(maxsize=2)
 def load_environment(skin: str) -> SimEnvironment:
-    """A preset skin on its robot, prepared for touching."""
+    """Load a preset skin on its robot, prepared for touching."""
     preset = SKIN_PRESETS[skin]
     mounted = MountedSkin(preset.build(), load_robot(preset.robot))
     return build_environment(mounted, load_constants())
 
 
 def simulate_pair(plan: ClipPlan, env: SimEnvironment) -> ClipPair:
-    """Both clips of the pair that a plan belongs to.
+    """Simulate both clips of the pair that a plan belongs to.
 
     Args:
-        plan: of either clip.
-        env: of the first.
+        plan: plan of either clip.
+        env: environment of the first clip.
     """
     assert plan.pair is not None
     rng, kind = plan.rng(), plan.pair.kind
@@ -431,7 +454,7 @@ def simulate_pair(plan: ClipPlan, env: SimEnvironment) -> ClipPair:
 
 
 def make_pair_clip(plan: ClipPlan, env: SimEnvironment) -> SimulatedClip:
-    """The clip of a plan that is of a pair."""
+    """Make the clip of a plan that is of a pair."""
     pair = simulate_pair(plan, env)
     assert plan.pair is not None
     return pair.second if plan.pair.is_second else pair.first
@@ -440,7 +463,7 @@ def make_pair_clip(plan: ClipPlan, env: SimEnvironment) -> SimulatedClip:
 def build_second_clip(
     first: SimulatedClip, twins: PairScenes, env: SimEnvironment, lead: int
 ) -> SimulatedClip:
-    """The same counts with the truth of the second scene."""
+    """Build a clip of the same counts with the truth of the second scene."""
     scene = twins.second
     touch_presses = compute_touch_presses(scene, env)
     truths = compute_true_series(
@@ -454,7 +477,7 @@ def build_second_clip(
 def describe_clip(
     clip: SimulatedClip, scene: Scene, plan: ClipPlan, env: SimEnvironment, lead: int
 ) -> SimulatedClip:
-    """The same clip with its group of poses and all that was drawn for it."""
+    """Return a clip with its pose group and all that was drawn for it."""
     assert plan.pair is not None
     start = scene.q[lead]
     joints = env.mounted.robot.joint_names

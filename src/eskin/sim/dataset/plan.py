@@ -12,7 +12,7 @@ PAIR_SIDES: dict[PairKind, tuple[Side, Side]] = {
     "bending": ("bent", "flat"),
     "merging": ("folded", "apart"),
 }
-"""The gesture is on the first side; on the second, the same counts are none."""
+"""Sides of each kind of pair: the first has the gesture; on the second it is none."""
 
 SIDES: tuple[Side, ...] = ("bent", "flat", "folded", "apart")
 """All sides; each has a folder of its own."""
@@ -21,7 +21,7 @@ SIDE_SKINS: dict[str, str] = {"bent": "bent", "flat": "flat"}
 """Presets of the sides that have a skin of their own."""
 
 SOURCE_SKINS = {"flat": "bent"}
-"""The preset that a side's counts are made on, where that is not its own."""
+"""Preset on which a side's counts are made, where that is not its own."""
 
 NONE_KINDS = {"grab": "press", "double_pat": "single_pat"}
 """Kind of `none` that has the counts of a gesture on the other side."""
@@ -29,28 +29,28 @@ NONE_KINDS = {"grab": "press", "double_pat": "single_pat"}
 
 @dataclass(frozen=True)
 class PairPlace:
-    """Where a clip stands among the pairs of its set."""
+    """This class tells where a clip stands among the pairs of its set."""
 
     number: int
-    """Which pair of its kind."""
+    """Number of the pair among those of its kind."""
     side: Side
-    """Which of the two clips."""
+    """Side of the pair."""
     gesture: str
-    """What the first clip of the pair shows."""
+    """Gesture of the pair's first clip."""
 
     @property
     def kind(self) -> PairKind:
-        """What tells the two clips apart."""
+        """Return the kind of pair."""
         return find_pair_kind(self.side)
 
     @property
     def is_second(self) -> bool:
-        """Whether it is the one that is `none`."""
+        """Tell whether the clip is the one labelled `none`."""
         return self.side == PAIR_SIDES[self.kind][1]
 
 
 def parse_pair_kind(name: str) -> PairKind:
-    """The kind of pair of that name.
+    """Return the kind of pair of a name.
 
     Raises:
         ValueError: there is none.
@@ -62,7 +62,7 @@ def parse_pair_kind(name: str) -> PairKind:
 
 
 def find_pair_kind(side: Side) -> PairKind:
-    """The kind of pair that a side is of."""
+    """Return the kind of pair that a side is of."""
     return "bending" if side in PAIR_SIDES["bending"] else "merging"
 
 
@@ -75,57 +75,57 @@ ACCIDENTS, QUIET = "accidents", "quiet"
 
 @dataclass(frozen=True)
 class Origin:
-    """Somebody or something that is drawn from a seed of its own."""
+    """An origin names something that is drawn from a seed of its own."""
 
     name: str
-    """How it is called in recordings."""
+    """Name in recordings."""
     seed: Seed
-    """What it is drawn from."""
+    """Seed that it is drawn from."""
 
     def rng(self) -> np.random.Generator:
-        """A fresh generator: drawing with it gives the same every time."""
+        """Return a fresh generator, which draws the same every time."""
         return np.random.default_rng(np.random.SeedSequence(self.seed))
 
 
 @dataclass(frozen=True)
 class BuildOrigin(Origin):
-    """A sensor build that is drawn from a seed of its own."""
+    """A build origin names a sensor build that is drawn from a seed of its own."""
 
     kind: Literal["fresh", "shifted"]
-    """Which laws it is drawn from."""
+    """Laws that it is drawn from."""
 
 
 @dataclass(frozen=True)
 class ClipPlan:
-    """Everything needed to make one clip, or one stream, alone."""
+    """A clip plan holds everything needed to make one clip or stream alone."""
 
     set_name: str
-    """The set it belongs to."""
+    """Name of the set."""
     seed: Seed
-    """Decides all that is drawn for this clip alone."""
+    """Seed of all that is drawn for this clip alone."""
     person: Origin
-    """Who touches."""
+    """Person who touches."""
     company: Origin | None
-    """Who else may touch at the same time; None where nobody else is there."""
+    """Person who may touch at the same time; None where there is no other."""
     build: BuildOrigin
-    """The sensor."""
+    """Build of the sensor."""
     session: Origin
-    """The sitting: decides what stays the same while the skin is attached once, such
-    as the drift of the gains since the build was made."""
+    """Origin of what stays the same while the skin is attached once, such as the drift
+    of the gains since the build was made."""
     at: float
-    """Start of the clip since that of the sitting [s]."""
+    """Start of the clip since that of the session [s]."""
     seconds: float
     """Length of the clip [s]."""
     gesture: str | None
-    """What is done: a gesture, `none` or an unknown gesture; None draws one after the
-    other, as in a stream."""
+    """Gesture, `none` or an unknown gesture; None draws one after the other, as in a
+    stream."""
     kind: str | None
     """Variant; None draws it. Of a stream, `ACCIDENTS` or `QUIET`; None is a stream of
     all that people do."""
     groups: tuple[int, ...]
-    """Pose groups to take the pose from."""
+    """Pose groups that the pose is drawn from."""
     pose: Seed | None
-    """Decides the pose, where clips share it; None draws it for this clip alone."""
+    """Seed of the pose, where clips share it; None draws it for this clip alone."""
     moving: bool
     """Whether the robot moves."""
     fold_share: float
@@ -133,12 +133,12 @@ class ClipPlan:
     concurrent: float
     """Chance of a second touch at the same time."""
     difficulty: float
-    """How far spreads are widened and rare ways preferred; 0 is the easiest."""
+    """Factor by which spreads widen and rare variants gain; 0 is the easiest."""
     regime: Literal["paper", "cost"] | None
-    """How long touches last; None draws it."""
+    """Law of durations; None draws it."""
     pair: PairPlace | None = None
-    """Where it stands among pairs with the same counts; None is of no pair."""
+    """Place among pairs with the same counts; None is of no pair."""
 
     def rng(self) -> np.random.Generator:
-        """A fresh generator of what is drawn for this clip alone."""
+        """Return a fresh generator of what is drawn for this clip alone."""
         return np.random.default_rng(np.random.SeedSequence(self.seed))

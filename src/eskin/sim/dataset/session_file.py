@@ -30,7 +30,7 @@ from eskin.units import NS_PER_S
 def build_true_labels(
     plan: ClipPlan, clip: SimulatedClip, start: int
 ) -> tuple[Label, ...]:
-    """From first to last contact: of the touch a clip is made for, or of a stream's.
+    """Build labels from first to last contact of a clip's touch or a stream's.
 
     Touches of a stream that overlap an earlier one have no label, since labels of one
     source follow each other; all are in `/eskin/truth`.
@@ -50,7 +50,7 @@ def build_true_labels(
 def build_pair_labels(
     plan: ClipPlan, clip: SimulatedClip, start: int
 ) -> tuple[Label, ...]:
-    """One label over all touches, so that either clip of a pair has it alike."""
+    """Build one label over all touches, so that either clip of a pair has the same."""
     if not clip.truths:
         return ()
     first = min(clip.truths, key=lambda truth: truth.onset)
@@ -60,7 +60,7 @@ def build_pair_labels(
 
 
 def build_label(truth: TrueTouchSeries, plan: ClipPlan, start: int) -> Label | None:
-    """The label of a touch as far as its clip shows it; None where it does not."""
+    """Build the label of a touch as far as its clip shows it, or None otherwise."""
     onset, end = np.clip([truth.onset, truth.end], 0.0, plan.seconds)
     first, last = (start + round(float(t) * NS_PER_S) for t in (onset, end))
     return Label(first, last, truth.gesture, "true") if last > first else None
@@ -69,11 +69,13 @@ def build_label(truth: TrueTouchSeries, plan: ClipPlan, start: int) -> Label | N
 def build_ranges(
     plan: ClipPlan, truth: Iterable[Label], start: int
 ) -> tuple[Label, ...]:
-    """Where a person would say that something was done: the clip, or parts of a stream.
+    """Build the ranges in which a person would say that something was done.
+
+    They are the clip, or parts of a stream.
 
     Args:
-        plan: of the clip.
-        truth: its true labels.
+        plan: plan of the clip.
+        truth: true labels of the clip.
         start: stamp of its first reading [ns since the epoch].
     """
     if plan.gesture is None:
@@ -83,13 +85,13 @@ def build_ranges(
 
 
 def compute_rest_counts(lead: SimulatedClip) -> Int[np.ndarray, "taxel"]:
-    """Counts of each taxel at rest: the median of a clip without touch.
+    """Return the counts of each taxel at rest: the median of a clip without touch.
 
-    A taxel that was never heard rests above anything it could count.
+    A taxel that was never received rests above anything it could count.
     """
-    heard = np.where(lead.received, lead.counts, np.nan)
-    heard[:, ~lead.received.any(axis=0)] = np.iinfo(np.int32).max
-    return np.rint(np.nanmedian(heard, axis=0)).astype(np.int32)
+    received_counts = np.where(lead.received, lead.counts, np.nan)
+    received_counts[:, ~lead.received.any(axis=0)] = np.iinfo(np.int32).max
+    return np.rint(np.nanmedian(received_counts, axis=0)).astype(np.int32)
 
 
 def compute_peak_pressures(
@@ -98,7 +100,7 @@ def compute_peak_pressures(
     rest: Int[np.ndarray, "taxel"],
     calibration: Calibration,
 ) -> Float[np.ndarray, "reading"]:
-    """Largest pressure of each reading [kPa]."""
+    """Return the largest pressure of each reading [kPa]."""
     bend = calibration.pressure_curve
     peaks = np.zeros(len(counts))
     for gain in np.unique(calibration.gain):
@@ -117,7 +119,7 @@ def build_auto_labels(
     peaks: Sequence[Float[np.ndarray, "reading"]],
     ranges: Iterable[Label],
 ) -> tuple[Label, ...]:
-    """What the paper's labeller finds in a file, one threshold for all of it."""
+    """Build the labels that the paper's labeller finds, one threshold for a file."""
     return label_automatically(np.concatenate(stamps), np.concatenate(peaks), ranges)
 
 
@@ -131,14 +133,14 @@ def write_session(
     generator: ClipGenerator,
     check_stopped: Callable[[], None] = lambda: None,
 ) -> tuple[ClipRow, ...]:
-    """Make the clips of a sitting and write its file; return their rows.
+    """Make the clips of a session and write its file; return their rows.
 
     Args:
-        folder: of the set.
-        settings: what the set is made with.
-        session_plan: one of the set's.
-        generator: makes the clips.
-        check_stopped: called before every clip; raises to stop.
+        folder: folder of the set.
+        settings: settings of the set.
+        session_plan: plan of the session.
+        generator: clip generator.
+        check_stopped: function that is called before every clip and raises to stop.
 
     Raises:
         GenerationError: a clip cannot be made; no file is left then.
@@ -170,7 +172,7 @@ def write_session(
 
 
 def build_metadata(settings: GenerationSettings, session_plan: SessionPlan) -> Metadata:
-    """Who and what was recorded."""
+    """Build the metadata of a recording."""
     notes = {
         "build": session_plan.build.name,
         "build_kind": session_plan.build.kind,
@@ -190,7 +192,7 @@ def build_metadata(settings: GenerationSettings, session_plan: SessionPlan) -> M
 def generate_clip(
     generator: ClipGenerator, plan: ClipPlan, number: int, session_plan: SessionPlan
 ) -> SimulatedClip:
-    """The clip of a plan, or an error that names it."""
+    """Generate the clip of a plan, or raise an error that names it."""
     where = "the lead-in" if number < 0 else f"clip {number}"
     try:
         clip = generator.make(plan)
@@ -203,14 +205,14 @@ def generate_clip(
     rows |= {len(truth.force) for truth in clip.truths}
     if len(rows) != 1:
         raise GenerationError(
-            f"{where} of {session_plan.file} ({plan.gesture}) has {sorted(rows)} readings; "
-            "allowed is one number"
+            f"{where} of {session_plan.file} ({plan.gesture}) has {sorted(rows)} "
+            "readings; allowed is one number"
         )
     return clip
 
 
 class SessionWriter:
-    """Writes clip after clip and keeps what is needed at the end of the file."""
+    """This class writes clip after clip and keeps what the end of the file needs."""
 
     def __init__(
         self,
@@ -222,7 +224,7 @@ class SessionWriter:
         """Start with nothing."""
         self.writer = writer
         self.calibration = calibration
-        self.sitting = session_plan
+        self.session_plan = session_plan
         self.period = settings.constants.value("sensor.period")
         self.rows: list[ClipRow] = []
         self.touches = 0
@@ -233,7 +235,7 @@ class SessionWriter:
 
     def add(self, number: int, plan: ClipPlan, clip: SimulatedClip) -> None:
         """Write a clip; the first one, number -1, is the lead-in."""
-        start = self.sitting.start + round(plan.at * NS_PER_S)
+        start = self.session_plan.start + round(plan.at * NS_PER_S)
         step = round(self.period * NS_PER_S)
         stamps = start + step * np.arange(len(clip.counts), dtype=np.int64)
         self.write(stamps, clip)
@@ -250,7 +252,7 @@ class SessionWriter:
                 clip.counts, clip.received, self.rest, self.calibration
             )
         )
-        place = (self.sitting.file, number, start, self.writer.skin.name)
+        place = (self.session_plan.file, number, start, self.writer.skin.name)
         self.rows.append(build_row(*place, self.touches, self.period, plan, clip))
         self.touches += len(clip.truths)
 

@@ -28,30 +28,30 @@ from eskin.units import NS_PER_S
 
 @dataclass(frozen=True)
 class SessionPlan:
-    """One file of a set: the skin is attached once, one person touches."""
+    """A session plan is one file of a set: one person touches a skin attached once."""
 
     file: str
     """Path of the recording below the folder of the set."""
     number: int
-    """Counts the files of the set."""
+    """Number of the file in the set."""
     first: int
     """Number of its first clip among those of its part."""
     clips: int
-    """How many clips it has."""
+    """Number of clips."""
     person: Origin
-    """Who touches."""
+    """Person who touches."""
     others: tuple[Origin, ...]
-    """Who else may touch at the same time."""
+    """People who may touch at the same time."""
     build: BuildOrigin
-    """The sensor."""
+    """Build of the sensor."""
     session: Origin
-    """What stays the same during the sitting."""
+    """Origin of what stays the same during the session."""
     start: int
-    """Its first stamp [ns since the epoch]."""
+    """First stamp [ns since the epoch]."""
 
 
 def build_seed(role: str, first: int, second: int, seed: int) -> Seed:
-    """The seed of something in a role; no two things share one.
+    """Build the seed of something in a role; no two things share one.
 
     The seed of the set comes last since it may take any number of words.
     """
@@ -61,7 +61,7 @@ def build_seed(role: str, first: int, second: int, seed: int) -> Seed:
 def plan_sessions(
     clip_set: ClipSet, seed: int, constants: Constants
 ) -> tuple[SessionPlan, ...]:
-    """The files of a set, in order."""
+    """Plan the files of a set, in order."""
     people = [
         Origin(
             f"{clip_set.people}-p{i}",
@@ -96,7 +96,7 @@ def plan_sessions(
 
 
 def plan_build(clip_set: ClipSet, subject: int, seed: int) -> BuildOrigin:
-    """The sensor that a person meets."""
+    """Return the sensor build that a person touches."""
     number = subject % clip_set.build_count
     role = f"build {clip_set.builds}"
     return BuildOrigin(
@@ -107,7 +107,7 @@ def plan_build(clip_set: ClipSet, subject: int, seed: int) -> BuildOrigin:
 
 
 def compute_start(number: int, constants: Constants) -> int:
-    """The first stamp of a file [ns since the epoch]."""
+    """Return the first stamp of a file [ns since the epoch]."""
     epoch, apart = constants.value("sets.epoch"), constants.value("sets.apart")
     return (int(epoch) + number * int(apart)) * NS_PER_S
 
@@ -115,7 +115,7 @@ def compute_start(number: int, constants: Constants) -> int:
 def split_clips(
     clip_set: ClipSet, clips: int, constants: Constants
 ) -> Iterator[tuple[int, int]]:
-    """Person and number of clips of each sitting of a part."""
+    """Split the clips of a part into sessions; yield person and number of clips."""
     most = int(constants.value("clip.most")) if clip_set.classes else 1
     for subject, share in enumerate(split_evenly(clips, clip_set.subjects)):
         for count in split_evenly(share, -(-share // most)):
@@ -123,7 +123,7 @@ def split_clips(
 
 
 def split_evenly(total: int, shares: int) -> list[int]:
-    """A number in so many shares that differ by one at most; none is empty."""
+    """Split a number into shares that differ by one at most; none is empty."""
     parts = [total * (i + 1) // shares - total * i // shares for i in range(shares)]
     return [part for part in parts if part]
 
@@ -139,14 +139,14 @@ def plan_clips(
     difficulty: float,
     constants: Constants,
 ) -> tuple[ClipPlan, ...]:
-    """The lead-in of a sitting, without touch, then its clips.
+    """Plan the lead-in of a session, without touch, then its clips.
 
     Args:
-        session_plan: one of the set's.
-        clip_set: the set.
-        seed: of the whole set.
-        difficulty: of all clips.
-        constants: numbers of the world.
+        session_plan: plan of the session.
+        clip_set: set of the session.
+        seed: seed of the whole set.
+        difficulty: difficulty of all clips.
+        constants: constants of the simulation.
     """
     rng = build_rng(build_seed(f"order {clip_set.name}", session_plan.number, 0, seed))
     lead = plan_lead_in(session_plan, clip_set, seed, difficulty, constants)
@@ -177,7 +177,7 @@ def plan_clips(
 
 
 def build_rng(seed: Seed) -> np.random.Generator:
-    """A fresh generator."""
+    """Build a fresh generator."""
     return np.random.default_rng(np.random.SeedSequence(seed))
 
 
@@ -188,7 +188,7 @@ def plan_lead_in(
     difficulty: float,
     constants: Constants,
 ) -> ClipPlan:
-    """What calibration begins with."""
+    """Plan the clip without touch that calibration begins with."""
     return ClipPlan(
         set_name=clip_set.name,
         seed=build_seed(f"lead {clip_set.name}", session_plan.number, 0, seed),
@@ -213,7 +213,7 @@ def plan_lead_in(
 def draw_gestures(
     session_plan: SessionPlan, clip_set: ClipSet, rng: np.random.Generator
 ) -> list[str | None]:
-    """What each clip shows: equally often in a part of a set, in any order."""
+    """Draw what each clip shows: equally often in a part of a set, in any order."""
     if not clip_set.classes:
         return [None] * session_plan.clips
     count = len(clip_set.classes)
@@ -224,7 +224,7 @@ def draw_gestures(
 def draw_seconds(
     session_plan: SessionPlan, clip_set: ClipSet, seed: int, constants: Constants
 ) -> float:
-    """Length of the clips of a sitting [s]; streams share a range evenly."""
+    """Draw the length of the clips of a session [s]; streams share a range evenly."""
     if clip_set.classes:
         return constants.value("clip.seconds")
     rng = build_rng(build_seed(f"lengths {clip_set.name}", 0, 0, seed))
@@ -238,7 +238,7 @@ def draw_seconds(
 def draw_companion(
     session_plan: SessionPlan, rng: np.random.Generator
 ) -> Origin | None:
-    """Somebody else of the set, where there is anybody."""
+    """Draw another person of the set, if there is one."""
     if not session_plan.others:
         return None
     return session_plan.others[int(rng.integers(len(session_plan.others)))]
@@ -247,7 +247,7 @@ def draw_companion(
 def draw_pose_seed(
     clip_set: ClipSet, seed: int, rng: np.random.Generator
 ) -> Seed | None:
-    """One of the poses of the set, where it has only some."""
+    """Draw one of the poses of the set, if it has only some."""
     if clip_set.poses is None:
         return None
     number = int(rng.integers(clip_set.poses))
@@ -257,7 +257,7 @@ def draw_pose_seed(
 def plan_pair_sessions(
     sessions: Sequence[SessionPlan], seed: int
 ) -> tuple[SessionPlan, ...]:
-    """Sittings of a set of pairs, those of either side of a kind in one session."""
+    """Give both sides of a kind of pairs the same session."""
     found = []
     for session_plan in sessions:
         kind = find_pair_kind(find_side(session_plan))
@@ -270,12 +270,12 @@ def plan_pair_sessions(
 
 
 def find_side(session_plan: SessionPlan) -> Side:
-    """The side that a sitting is of, which its folder is called by."""
+    """Return the side of a session, which is the name of its folder."""
     return cast(Side, PurePosixPath(session_plan.file).parent.name)
 
 
 def find_skin(session_plan: SessionPlan, skin: str) -> str:
-    """The preset that a sitting of a set of pairs is made with."""
+    """Return the preset of a session of a set of pairs."""
     return SIDE_SKINS.get(find_side(session_plan), skin)
 
 
@@ -286,7 +286,7 @@ def plan_pair_clips(
     difficulty: float,
     constants: Constants,
 ) -> tuple[ClipPlan, ...]:
-    """The lead-in of a sitting, without touch, then its side of each pair."""
+    """Plan the lead-in of a session, without touch, then its side of each pair."""
     side = find_side(session_plan)
     kind = find_pair_kind(side)
     usual = plan_lead_in(session_plan, clip_set, seed, difficulty, constants)
@@ -307,15 +307,15 @@ def plan_pair_clips(
 def plan_pair_clip(
     lead: ClipPlan, side: Side, number: int, at: float, seed: int, constants: Constants
 ) -> ClipPlan:
-    """One side of a pair; the other has the same seed.
+    """Plan one side of a pair; the other has the same seed.
 
     Args:
-        lead: the lead-in of its sitting.
-        side: which.
-        number: of the pair among those of its kind.
-        at: start of the clip since that of the sitting [s].
-        seed: of the set.
-        constants: numbers of the world.
+        lead: lead-in of its session.
+        side: side of the pair.
+        number: number of the pair among those of its kind.
+        at: start of the clip since that of the session [s].
+        seed: seed of the set.
+        constants: constants of the simulation.
     """
     kind = find_pair_kind(side)
     rng = np.random.default_rng(
@@ -337,7 +337,7 @@ def plan_pair_clip(
 def plan_single_pair(
     kind: PairKind, seed: int, difficulty: float, constants: Constants
 ) -> ClipPlan:
-    """The plan of the first clip of a pair whose person and sensor are its own."""
+    """Plan the first clip of a pair whose person and sensor are its own."""
 
     def origin(role: str) -> Origin:
         return Origin(f"pair-{role}", build_seed(f"pair {role}", 0, 0, seed))

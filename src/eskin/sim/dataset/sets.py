@@ -7,54 +7,54 @@ from eskin.sim.constants import Constants
 from eskin.sim.dataset.plan import ACCIDENTS, NONE_KINDS, PAIR_SIDES, QUIET, SIDES
 
 PAPER_GESTURES = ("poke", "double_pat", "grab", "stroke")
-"""The four of the paper."""
+"""Gestures of the paper."""
 
 CLASSES = (*PAPER_GESTURES, "none")
-"""With what is no gesture."""
+"""Gestures of the paper, and `none`."""
 
 
 @dataclass(frozen=True)
 class SetPart:
-    """Clips of a set that lie in a folder of their own."""
+    """A set part holds clips of a set that lie in a folder of their own."""
 
     folder: str
-    """Below that of the set; empty where the set has one part."""
+    """Folder below that of the set; empty where the set has one part."""
     clips: int
-    """How many."""
+    """Number of clips."""
 
 
 @dataclass(frozen=True)
 class ClipSet:
-    """A set of clips, or of streams."""
+    """A clip set defines the clips, or streams, of a data set."""
 
     name: str
-    """How it is called."""
+    """Name of the set."""
     people: str
     """Role that its people are drawn for; sets of the same role share them."""
     subjects: int
-    """How many people."""
+    """Number of people."""
     builds: str
     """Role that its sensor builds are drawn for."""
     build_count: int
-    """How many builds."""
+    """Number of builds."""
     build_kind: Literal["fresh", "shifted"]
     """Laws that the builds are drawn from."""
     groups: tuple[int, ...]
     """Pose groups."""
     poses: int | None
-    """How many poses it has; None draws one for every clip."""
+    """Number of poses; None draws one for every clip."""
     still: float
     """Share of clips in which the robot stands still."""
     classes: tuple[str, ...]
-    """What is done, equally often; empty in streams, which do one after the other."""
+    """Gestures, equally often; empty in streams, which do one after the other."""
     parts: tuple[SetPart, ...]
-    """Where its clips are."""
+    """Parts of the set."""
     stream: str | None = None
-    """Kind of its streams; None where people do all that they do, and for clips."""
+    """Kind of its streams; None for clips, and where people do all that they do."""
 
     @property
     def clips(self) -> int:
-        """Number of clips, or streams."""
+        """Return the number of clips, or streams."""
         return sum(part.clips for part in self.parts)
 
 
@@ -75,11 +75,11 @@ SETS = (
 """Names of all sets that recognisers are trained and tested on."""
 
 PAIRS = "pairs"
-"""A set of clips of which two have the same counts but not the same label."""
+"""Name of the set of pairs of clips with the same counts but not the same label."""
 
 
 def load_set(name: str, constants: Constants) -> ClipSet:
-    """A set as it is published.
+    """Load a set as it is published.
 
     Raises:
         ValueError: there is none of that name.
@@ -115,13 +115,16 @@ def load_set(name: str, constants: Constants) -> ClipSet:
 
 
 def get_pose_groups(constants: Constants, *which: str) -> tuple[int, ...]:
-    """Pose groups, known or new."""
+    """Return pose groups, known or new."""
     lists = (constants.array(f"sets.groups.{name}") for name in which)
     return tuple(int(group) for groups in lists for group in groups)
 
 
 def build_paper_set(name: str, constants: Constants) -> ClipSet:
-    """As small as the paper's; both variants have the same people, poses and build."""
+    """Build a set as small as the paper's.
+
+    Both variants share people, poses and build.
+    """
     train, test = constants.array("sets.clips.paper")
     return ClipSet(
         name=name,
@@ -139,7 +142,7 @@ def build_paper_set(name: str, constants: Constants) -> ClipSet:
 
 
 def build_stream_set(name: str, constants: Constants) -> ClipSet:
-    """Streams, on the builds of the tests or, `streams-fresh`, on those of training."""
+    """Build streams on the builds of the tests or, `streams-fresh`, of training."""
     kind = "fresh" if name == "streams-fresh" else "shifted"
     return ClipSet(
         name=name,
@@ -157,7 +160,7 @@ def build_stream_set(name: str, constants: Constants) -> ClipSet:
 
 
 def build_gestureless_set(name: str, constants: Constants) -> ClipSet:
-    """Streams without any gesture, people of their own, on the builds of the tests."""
+    """Build streams without any gesture, by other people, on builds of the tests."""
     return replace(
         build_stream_set("streams", constants),
         name=name,
@@ -169,7 +172,7 @@ def build_gestureless_set(name: str, constants: Constants) -> ClipSet:
 
 
 def build_pair_set(constants: Constants) -> ClipSet:
-    """Pairs of each kind, as many on either side."""
+    """Build pairs of each kind, as many on either side."""
     pairs = int(constants.value("pairs.pairs"))
     return ClipSet(
         name=PAIRS,
@@ -189,15 +192,15 @@ def build_pair_set(constants: Constants) -> ClipSet:
 def resize_set(
     clip_set: ClipSet, clips: int | None, subjects: int | None, constants: Constants
 ) -> ClipSet:
-    """The same set smaller or larger.
+    """Return the set smaller or larger.
 
     With few clips there are fewer people too, so that each still does everything.
 
     Args:
-        clip_set: the set as it is published.
-        clips: how many clips, or streams, over all parts; None keeps them.
-        subjects: how many people; None takes as many as suit the clips.
-        constants: say how many clips of a person are enough.
+        clip_set: set as it is published.
+        clips: number of clips, or streams, over all parts; None keeps it.
+        subjects: number of people; None takes as many as suit the clips.
+        constants: constants, which say how many clips of a person are enough.
 
     Raises:
         ValueError: a number is not positive, or some people would have no clip.
@@ -222,10 +225,10 @@ def resize_set(
 
 
 def count_pair_clips(clips: int) -> int:
-    """Clips of all kinds of pairs together, from those of each.
+    """Return the clips of all kinds of pairs together, from those of each.
 
     Raises:
-        ValueError: they are no pairs.
+        ValueError: the number is not even.
     """
     if clips < 2 or clips % 2:
         raise ValueError(
@@ -236,7 +239,7 @@ def count_pair_clips(clips: int) -> int:
 
 
 def resize_parts(clip_set: ClipSet, total: int) -> tuple[SetPart, ...]:
-    """The parts of a set of so many clips, in the same proportion."""
+    """Return the parts of a set of so many clips, in the same proportion."""
     first, *rest = clip_set.parts
     shares = [max(1, total * part.clips // clip_set.clips) for part in rest]
     clips = [total - sum(shares), *shares]

@@ -30,24 +30,24 @@ MAX_DIFFICULTY = 10.0
 
 @dataclass(frozen=True)
 class GenerationSettings:
-    """Which set is made, and all that decides what is in it."""
+    """Settings choose a set and all that decides what is in it."""
 
     set_name: str = "train"
     """One of `eskin.sim.dataset.sets.SETS`, or `PAIRS`."""
     skin: str = "ur5"
     """Name of a preset."""
     seed: int = 0
-    """Decides everything that is drawn."""
+    """Seed of everything that is drawn."""
     clips: int | None = None
-    """How many clips, streams, or clips of each kind of pair; None takes those of the
-    set."""
+    """Number of clips, of streams, or of clips of each kind of pair; None takes those
+    of the set."""
     subjects: int | None = None
-    """How many people; None takes as many as suit the clips."""
+    """Number of people; None takes as many as suit the clips."""
     difficulty: float | None = None
-    """None takes the published one."""
+    """Difficulty; None takes the published one."""
 
     def __post_init__(self) -> None:
-        """Refuse what no set can be made of."""
+        """Refuse settings that no set can be made of."""
         if self.seed < 0:
             raise ValueError(f"seed is {self.seed}; allowed are 0 and above; change it")
         if not 0 <= self.level <= MAX_DIFFICULTY:
@@ -65,20 +65,21 @@ class GenerationSettings:
 
     @property
     def constants(self) -> Constants:
-        """Numbers of the world."""
+        """Return the constants of the simulation."""
         return load_constants()
 
     @property
     def level(self) -> float:
-        """The difficulty."""
+        """Return the difficulty."""
         published = self.constants.value("sets.difficulty")
         return published if self.difficulty is None else self.difficulty
 
     @cached_property
     def clip_set(self) -> ClipSet:
-        """The set, as large as it was asked for.
+        """Return the set, as large as it was asked for.
 
-        Nobody grabs a robot without joints: it is wider than a hand closes round.
+        Grabs of a robot without joints are left out: it is wider than a hand closes
+        round.
         """
         whole = load_set(self.set_name, self.constants)
         if not has_joints(self.skin):
@@ -88,12 +89,12 @@ class GenerationSettings:
 
     @cached_property
     def sessions(self) -> tuple[SessionPlan, ...]:
-        """Its files."""
+        """Return the plans of its files."""
         found = plan_sessions(self.clip_set, self.seed, self.constants)
         return plan_pair_sessions(found, self.seed) if self.has_pairs else found
 
     def plan_clips(self, session_plan: SessionPlan) -> tuple[ClipPlan, ...]:
-        """The lead-in of a file and its clips."""
+        """Plan the lead-in of a file and its clips."""
         decide = plan_pair_clips if self.has_pairs else plan_clips
         return decide(
             session_plan, self.clip_set, self.seed, self.level, self.constants
@@ -101,15 +102,15 @@ class GenerationSettings:
 
     @property
     def has_pairs(self) -> bool:
-        """Whether its clips are pairs with the same counts."""
+        """Tell whether its clips are pairs with the same counts."""
         return self.set_name == PAIRS
 
     def find_skin(self, session_plan: SessionPlan) -> str:
-        """The preset that a file is made with; sides of pairs may have their own."""
+        """Return the preset of a file; sides of pairs may have their own."""
         return find_skin(session_plan, self.skin) if self.has_pairs else self.skin
 
     def to_json(self) -> dict[str, object]:
-        """As kept beside the recordings, with the numbers that they were made with."""
+        """Return the settings as stored, with a digest of the constants."""
         facts: dict[str, object] = {"version": VERSION, **asdict(self)}
         facts["clips"] = self.clip_set.clips
         facts["subjects"] = self.clip_set.subjects
@@ -119,13 +120,13 @@ class GenerationSettings:
 
 
 def has_joints(skin: str) -> bool:
-    """Whether a skin is on a robot with joints, as far as is known."""
+    """Tell whether a skin is on a robot with joints, as far as is known."""
     robot = load_robot_for_skin(skin)
     return robot is None or len(robot.joint_names) > 0
 
 
 def claim_folder(folder: Path, settings: GenerationSettings) -> None:
-    """Make a folder the place of a set, or make sure that it is.
+    """Claim a folder for a set, or check that it is.
 
     Raises:
         GenerationError: it holds another set or something else, or cannot be written.
@@ -152,7 +153,7 @@ def claim_folder(folder: Path, settings: GenerationSettings) -> None:
 
 
 def check_same_settings(path: Path, wanted: dict[str, object]) -> None:
-    """Refuse a folder that was made with other settings."""
+    """Refuse a folder that was generated with other settings."""
     try:
         found = json.loads(path.read_text())
         differing = [name for name in wanted if found.get(name) != wanted[name]]

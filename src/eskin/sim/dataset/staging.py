@@ -1,4 +1,8 @@
-"""This module draws what happens in a clip or stream: pose, motion and touches."""
+"""This module draws what happens in a clip or stream: pose, motion and touches.
+
+A stream is one touch after the other, with pauses, sometimes two at once. Its kind says
+what follows what: all that people do, `ACCIDENTS` alone, or nothing at all, `QUIET`.
+"""
 
 from dataclasses import dataclass, replace
 from functools import lru_cache
@@ -35,16 +39,16 @@ from eskin.sim.scene.validity import find_self_contact_sites
 def draw_start(
     touch: TrueTouch, steps: int, constants: Constants, rng: np.random.Generator
 ) -> int:
-    """Step of the clip at which the touch's clock starts.
+    """Draw the step of the clip at which the touch's clock starts.
 
-    Some touches are cut by an end of the clip on purpose, yet never more of them than
-    a share; one longer than the clip fills it, or begins or ends within it.
+    Some touches are cut by an end of the clip on purpose, yet never more of them than a
+    share; one longer than the clip fills it, or begins or ends within it.
 
     Args:
-        touch: what takes place.
+        touch: touch to place.
         steps: length of the clip.
-        constants: numbers of the world.
-        rng: to draw from.
+        constants: constants of the simulation.
+        rng: random generator.
     """
     first, end = find_contact_steps(touch)
     length = end - first
@@ -69,7 +73,7 @@ def draw_long_start(
     constants: Constants,
     rng: np.random.Generator,
 ) -> int:
-    """Step at which a touch longer than the clip makes contact.
+    """Draw the step at which a touch longer than the clip makes contact.
 
     What began before, if the program says so, is there all the time or ends in the
     clip; other touches begin in its first part as often as they end in its last.
@@ -82,12 +86,12 @@ def draw_long_start(
 
 @dataclass(frozen=True, eq=False)
 class ClipSetup:
-    """Where and when a clip takes place, before anybody touches."""
+    """A setup holds the pose and motion of a clip, before any touch."""
 
     plan: ClipPlan
-    """What was decided."""
+    """Plan of the clip."""
     env: SimEnvironment
-    """The robot in its skin."""
+    """Robot in its skin."""
     q: Float[np.ndarray, "time joint"]
     """Joint positions, from `lead` steps before the clip on [rad]."""
     lead: int
@@ -95,11 +99,11 @@ class ClipSetup:
     folded: bool
     """Whether patches of two links face each other at the start."""
     rng: np.random.Generator
-    """To draw from."""
+    """Random generator."""
 
     @property
     def steps(self) -> int:
-        """Length of the clip."""
+        """Return the length of the clip."""
         return len(self.q) - self.lead
 
 
@@ -132,7 +136,7 @@ def set_up_clip(
 def needs_touching_pose(
     plan: ClipPlan, kind: str, env: SimEnvironment, rng: np.random.Generator
 ) -> bool:
-    """Whether a clip needs a pose in which links of the robot all but touch."""
+    """Tell whether a clip needs a pose in which links of the robot all but touch."""
     if kind != ACCIDENTS:
         return kind == "self_contact"
     wanted = not plan.moving and rng.random() < env.constants.value("stream.touching")
@@ -141,75 +145,81 @@ def needs_touching_pose(
 
 @lru_cache(maxsize=128)
 def get_person(origin: Origin, env: SimEnvironment) -> Person:
-    """The person of an origin; the same one every time."""
+    """Return the person of an origin, the same one every time."""
     return draw_person(origin.name, env.constants, origin.rng())
 
 
-def draw_company(stage: ClipSetup) -> Person:
-    """Who makes a second touch: somebody else, or the same person's other hand."""
-    plan, env = stage.plan, stage.env
-    other = stage.rng.random() < env.constants.value("clip.company")
+def draw_company(setup: ClipSetup) -> Person:
+    """Draw who makes a second touch: somebody else, or the person's other hand."""
+    plan, env = setup.plan, setup.env
+    other = setup.rng.random() < env.constants.value("clip.company")
     company = plan.company if other and plan.company is not None else plan.person
     return get_person(company, env)
 
 
-def draw_kind(stage: ClipSetup, person: Person, gesture: str) -> str:
-    """A way of doing a gesture, to a person's taste."""
-    constants, difficulty = stage.env.constants, stage.plan.difficulty
-    return choose_kind(gesture, None, person, constants, stage.rng, difficulty)
+def draw_kind(setup: ClipSetup, person: Person, gesture: str) -> str:
+    """Draw a variant of a gesture, by a person's own weights."""
+    constants, difficulty = setup.env.constants, setup.plan.difficulty
+    return choose_kind(gesture, None, person, constants, setup.rng, difficulty)
 
 
 def perform_at(
-    stage: ClipSetup, person: Person, gesture: str, kind: str, at: int
+    setup: ClipSetup, person: Person, gesture: str, kind: str, at: int
 ) -> TrueTouch:
-    """What a person does at a step of the scene, still on the touch's own clock."""
-    q = stage.q[at]
-    first, second = draw_sites(stage, person, gesture, kind, q)
+    """Draw what a person does at a step of the scene, on the touch's own clock."""
+    q = setup.q[at]
+    first, second = draw_sites(setup, person, gesture, kind, q)
     touch = perform(
-        *(gesture, kind, person, first, stage.env.constants, stage.rng),
-        *(stage.plan.difficulty, stage.plan.regime),
+        gesture,
+        kind,
+        person,
+        first,
+        setup.env.constants,
+        setup.rng,
+        setup.plan.difficulty,
+        setup.plan.regime,
     )
     if second is None:
         return touch
     return press_both_sites(
-        touch, first, second, compute_fold_share(stage.env, q, first, second)
+        touch, first, second, compute_fold_share(setup.env, q, first, second)
     )
 
 
 def draw_sites(
-    stage: ClipSetup,
+    setup: ClipSetup,
     person: Person,
     gesture: str,
     kind: str,
     q: Float[np.ndarray, "joint"],
 ) -> tuple[ContactSite, ContactSite | None]:
-    """Where it takes place; on two links at once in some folded poses."""
-    env, rng = stage.env, stage.rng
+    """Draw the site of a touch; it is on two links at once in some folded poses."""
+    env, rng = setup.env, setup.rng
     if kind == "self_contact":
         found = find_self_contact_sites(env, q)
         return found[rng.integers(len(found))], None
-    if stage.folded and rng.random() < env.constants.value("fold.both"):
+    if setup.folded and rng.random() < env.constants.value("fold.both"):
         pairs = find_fold_sites(env, q, person)
         if pairs:
             return pairs[0]
     return draw_site(env, q, person, gesture, rng, kind), None
 
 
-def place_touch(stage: ClipSetup, touch: TrueTouch, start: int) -> TrueTouch:
-    """A touch with its clock started at a step, as the robot moves under it.
+def place_touch(setup: ClipSetup, touch: TrueTouch, start: int) -> TrueTouch:
+    """Return a touch with its clock started at a step, as the robot moves under it.
 
     A hand follows the robot late, a cable hangs where it is, and a link that touches
     another stays with it.
     """
     touch = shift_touch(touch, start)
-    if not stage.plan.moving or touch.kind == "self_contact":
+    if not setup.plan.moving or touch.kind == "self_contact":
         return touch
-    delay = stage.env.constants.draw("motion.delay", stage.rng)
-    inside = (crop_press(press, len(stage.q)) for press in touch.presses)
+    delay = setup.env.constants.draw("motion.delay", setup.rng)
+    inside = (crop_press(press, len(setup.q)) for press in touch.presses)
     presses = tuple(
-        hang_still(press, stage.env, stage.q)
+        hang_still(press, setup.env, setup.q)
         if touch.kind == "cable"
-        else follow_late(press, stage.env, stage.q, delay)
+        else follow_late(press, setup.env, setup.q, delay)
         for press in inside
         if press is not None
     )
@@ -223,111 +233,111 @@ NEVER_SECOND = ("self_contact", "electrical", "idle")
 """Kinds that do not come as a second touch."""
 
 
-def draw_second_touch(stage: ClipSetup, first: TrueTouch) -> tuple[TrueTouch, ...]:
-    """Another touch at the same time, smaller than the first; none where none is.
+def draw_second_touch(setup: ClipSetup, first: TrueTouch) -> tuple[TrueTouch, ...]:
+    """Draw another touch at the same time, smaller than the first, if one fits.
 
     The clip stands for its largest touch, so a larger one would make its label wrong,
     and so would a gesture beside a touch that is none.
     """
-    constants = stage.env.constants
+    constants = setup.env.constants
     for _ in range(SECOND_TOUCH_TRIES):
-        person = draw_company(stage)
-        gesture = constants.choose("clip.second", stage.rng)
+        person = draw_company(setup)
+        gesture = constants.choose("clip.second", setup.rng)
         gesture = gesture if first.gesture != NONE else NONE
-        kind = draw_kind(stage, person, gesture)
+        kind = draw_kind(setup, person, gesture)
         if kind in NEVER_SECOND:
             continue
-        touch = perform_at(stage, person, gesture, kind, stage.lead)
-        start = stage.lead + draw_start(touch, stage.steps, constants, stage.rng)
-        touch = place_touch(stage, touch, start)
-        if 0 < compute_impulse(stage, touch) < compute_impulse(stage, first):
-            if are_apart(stage.env, stage.q[stage.lead], touch, first):
+        touch = perform_at(setup, person, gesture, kind, setup.lead)
+        start = setup.lead + draw_start(touch, setup.steps, constants, setup.rng)
+        touch = place_touch(setup, touch, start)
+        if 0 < compute_impulse(setup, touch) < compute_impulse(setup, first):
+            if are_apart(setup.env, setup.q[setup.lead], touch, first):
                 return (touch,)
     return ()
 
 
-def compute_impulse(stage: ClipSetup, touch: TrueTouch) -> float:
-    """Force of a touch over the clip [N s]."""
-    step = stage.env.constants.value("time.step")
+def compute_impulse(setup: ClipSetup, touch: TrueTouch) -> float:
+    """Return the force of a touch summed over the clip [N s]."""
+    step = setup.env.constants.value("time.step")
     total = 0.0
     for press in touch.presses:
-        start = max(0, stage.lead - press.first)
-        end = max(0, len(stage.q) - press.first)
+        start = max(0, setup.lead - press.first)
+        end = max(0, len(setup.q) - press.first)
         total += float(press.force[start:end].sum()) * step
     return total
 
 
-def draw_stream(stage: ClipSetup) -> tuple[TrueTouch, ...]:
-    """All touches of a stream, by their onset."""
-    if stage.plan.kind == QUIET:
+def draw_stream(setup: ClipSetup) -> tuple[TrueTouch, ...]:
+    """Draw all touches of a stream, by their onset."""
+    if setup.plan.kind == QUIET:
         return ()
-    constants, rng = stage.env.constants, stage.rng
+    constants, rng = setup.env.constants, setup.rng
     step = constants.value("time.step")
-    person = get_person(stage.plan.person, stage.env)
+    person = get_person(setup.plan.person, setup.env)
     found: list[TrueTouch] = []
-    at = stage.lead + draw_pause(stage)
+    at = setup.lead + draw_pause(setup)
     while True:
-        touch = draw_next_touch(stage, person, at)
+        touch = draw_next_touch(setup, person, at)
         _, end = find_contact_steps(touch)
-        if end >= len(stage.q) - round(constants.value("stream.quiet") / step):
+        if end >= len(setup.q) - round(constants.value("stream.quiet") / step):
             return tuple(found)
         found.append(touch)
         if rng.random() < constants.value("stream.together"):
             other = draw_next_touch(
-                stage, draw_company(stage), at + draw_offset(stage, at, end)
+                setup, draw_company(setup), at + draw_offset(setup, at, end)
             )
-            if can_come_second(stage, touch, other, at):
+            if can_come_second(setup, touch, other, at):
                 found.append(other)
                 end = max(end, find_contact_steps(other)[1])
-        at = end + draw_pause(stage)
+        at = end + draw_pause(setup)
 
 
-def draw_next_touch(stage: ClipSetup, person: Person, at: int) -> TrueTouch:
-    """A touch whose contact begins at a step."""
-    at = min(at, len(stage.q) - 1)
-    if stage.plan.kind == ACCIDENTS:
-        gesture, kind = NONE, draw_accident(stage, at)
+def draw_next_touch(setup: ClipSetup, person: Person, at: int) -> TrueTouch:
+    """Draw a touch whose contact begins at a step."""
+    at = min(at, len(setup.q) - 1)
+    if setup.plan.kind == ACCIDENTS:
+        gesture, kind = NONE, draw_accident(setup, at)
     else:
-        gesture, kind = draw_gesture(stage, person)
-    touch = perform_at(stage, person, gesture, kind, at)
-    return place_touch(stage, touch, at - find_contact_steps(touch)[0])
+        gesture, kind = draw_gesture(setup, person)
+    touch = perform_at(setup, person, gesture, kind, at)
+    return place_touch(setup, touch, at - find_contact_steps(touch)[0])
 
 
-def draw_gesture(stage: ClipSetup, person: Person) -> tuple[str, str]:
-    """Something that people do, and the way they do it."""
-    gesture = stage.env.constants.choose("stream.gestures", stage.rng)
-    kind = draw_kind(stage, person, gesture)
+def draw_gesture(setup: ClipSetup, person: Person) -> tuple[str, str]:
+    """Draw something that people do, and its variant."""
+    gesture = setup.env.constants.choose("stream.gestures", setup.rng)
+    kind = draw_kind(setup, person, gesture)
     while kind in NEVER_SECOND:
-        kind = draw_kind(stage, person, gesture)
+        kind = draw_kind(setup, person, gesture)
     return gesture, kind
 
 
-def draw_accident(stage: ClipSetup, at: int) -> str:
-    """A contact that nobody means; of links, where they all but touch at a step."""
-    env = stage.env
-    touching = bool(find_self_contact_sites(env, stage.q[at]))
-    kind = env.constants.choose("stream.accidents", stage.rng)
+def draw_accident(setup: ClipSetup, at: int) -> str:
+    """Draw an accidental contact; of links only where they all but touch at a step."""
+    env = setup.env
+    touching = bool(find_self_contact_sites(env, setup.q[at]))
+    kind = env.constants.choose("stream.accidents", setup.rng)
     while kind == "self_contact" and not touching:
-        kind = env.constants.choose("stream.accidents", stage.rng)
+        kind = env.constants.choose("stream.accidents", setup.rng)
     return kind
 
 
-def draw_pause(stage: ClipSetup) -> int:
-    """Steps without contact until the next touch."""
-    seconds = stage.env.constants.draw("stream.pause", stage.rng)
-    return round(seconds / stage.env.constants.value("time.step"))
+def draw_pause(setup: ClipSetup) -> int:
+    """Draw the steps without contact until the next touch."""
+    seconds = setup.env.constants.draw("stream.pause", setup.rng)
+    return round(seconds / setup.env.constants.value("time.step"))
 
 
-def draw_offset(stage: ClipSetup, start: int, end: int) -> int:
-    """How much later than the first a second touch begins: while the first lasts."""
-    return int(stage.rng.integers(0, max(1, end - start)))
+def draw_offset(setup: ClipSetup, start: int, end: int) -> int:
+    """Draw how much later a second touch begins: while the first one lasts."""
+    return int(setup.rng.integers(0, max(1, end - start)))
 
 
 def can_come_second(
-    stage: ClipSetup, first: TrueTouch, other: TrueTouch, at: int
+    setup: ClipSetup, first: TrueTouch, other: TrueTouch, at: int
 ) -> bool:
-    """Whether a second touch is apart from the first and over before the stream is."""
-    quiet = stage.env.constants.value("stream.quiet")
-    last = len(stage.q) - round(quiet / stage.env.constants.value("time.step"))
+    """Tell whether a second touch is apart from the first and ends in the stream."""
+    quiet = setup.env.constants.value("stream.quiet")
+    last = len(setup.q) - round(quiet / setup.env.constants.value("time.step"))
     over = find_contact_steps(other)[1] < last
-    return over and are_apart(stage.env, stage.q[at], first, other)
+    return over and are_apart(setup.env, setup.q[at], first, other)

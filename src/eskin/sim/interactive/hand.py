@@ -108,7 +108,7 @@ class InteractiveHand:
         self.env, self.person, self.rng = env, person, rng
         self.difficulty = env.constants.value("sets.difficulty")
         self.q = np.zeros(len(env.mounted.robot.joint_names))
-        # Scans never wait for what is still being planned.
+        # Two locks, so that scans never wait for touches that are being planned.
         self.planning, self.lock = RLock(), RLock()
         self.active: dict[int, InteractiveTouch] = {}
         self.latest_truths: tuple[TruthRecord, ...] = ()
@@ -262,8 +262,15 @@ class InteractiveHand:
         with self.planning:
             site = build_site_at(point, self.env, self.q, self.person)
             touch = perform(
-                *(gesture, None, self.person, site, self.env.constants, self.rng),
-                *(self.difficulty, "paper", requested),
+                gesture,
+                None,
+                self.person,
+                site,
+                self.env.constants,
+                self.rng,
+                self.difficulty,
+                "paper",
+                requested,
             )
             return self.add(self.make_interactive(touch))
 
@@ -272,8 +279,14 @@ class InteractiveHand:
     ) -> TrueTouch:
         """Draw the touch of a person, on the touch's own clock."""
         return perform(
-            *(gesture, kind, person, self.find_site(gesture, kind, point, person)),
-            *(self.env.constants, self.rng, self.difficulty, None),
+            gesture,
+            kind,
+            person,
+            self.find_site(gesture, kind, point, person),
+            self.env.constants,
+            self.rng,
+            self.difficulty,
+            None,
         )
 
     def find_site(
@@ -305,7 +318,7 @@ class InteractiveHand:
         if what not in PERFORMABLE:
             kinds = [kind for kind in NONE_PROGRAMS if kind not in CONTACTLESS_KINDS]
             raise ValueError(
-                f"nobody performs '{what}'; allowed are {', '.join(PERFORMABLE)}, "
+                f"no gesture or contact '{what}'; allowed are {', '.join(PERFORMABLE)}, "
                 f"{', '.join(kinds)}; take one of them"
             )
         return what, None

@@ -37,8 +37,7 @@ class SampledScan:
 
 @final
 class TouchPlayer:
-    """A player plays one person on one fresh build of a skin, on an arm that stands
-    still.
+    """A player plays one person on a fresh build of a skin, on an arm at rest.
 
     Neither person nor build nor session is of any set that recognisers are trained or
     tested on. Stretches are computed in a thread, ahead of what is played. All
@@ -94,7 +93,7 @@ class TouchPlayer:
                 ahead.submit(self.generator.make, self.plan_stretch(number))
                 for number in (0, 1)
             )
-            # Nothing begins before all that the simulator compiles has been compiled.
+            # Wait for the simulator's kernels to compile before the first scan.
             coming[-1].result()
             for number in itertools.count(2):
                 clip = coming.popleft().result()

@@ -104,7 +104,8 @@ class InteractiveSkin:
         """
         if name not in SKIN_PRESETS:
             raise ValueError(
-                f"no skin '{name}'; allowed are {', '.join(SKIN_PRESETS)}; take one of them"
+                f"no skin '{name}'; allowed are {', '.join(SKIN_PRESETS)}; "
+                "take one of them"
             )
         if seed < 0:
             raise ValueError(f"seed is {seed}; allowed are 0 and above; change it")

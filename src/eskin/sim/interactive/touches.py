@@ -18,8 +18,7 @@ Poses = Float[np.ndarray, "step joint"]
 
 @dataclass(frozen=True, eq=False)
 class MotionSpan:
-    """A span holds the motion of the robot in the steps of one reading, and just
-    before."""
+    """A span holds the robot's motion in the steps of a reading and just before."""
 
     first: int
     """First of the steps since the beginning."""
@@ -46,8 +45,7 @@ class MotionSpan:
 
 @final
 class MotionTrack:
-    """A track keeps the robot's motion as far back as a hand that follows late needs
-    it."""
+    """A track keeps the robot's motion as far back as a late hand needs it."""
 
     def __init__(self, steps: int, kept: int) -> None:
         """Begin before the first reading.
@@ -64,14 +62,14 @@ class MotionTrack:
         """Move evenly to joint positions at the end of the next reading [rad]."""
         last = q if self.past is None else self.past[-1]
         share = np.arange(1, self.steps + 1)[:, None] / self.steps
-        # At rest the very same numbers: nothing is computed anew then.
-        way = (
+        # Exactly equal numbers at rest save computing everything again.
+        path = (
             last + share * (q - last)
             if np.any(q != last)
             else np.tile(q, (len(share), 1))
         )
-        before = way[:0] if self.past is None else self.past
-        self.past = np.concatenate([before, way])[-self.kept - self.steps :]
+        before = path[:0] if self.past is None else self.past
+        self.past = np.concatenate([before, path])[-self.kept - self.steps :]
         span = MotionSpan(self.next_step, self.steps, self.past)
         self.next_step += self.steps
         return span
@@ -129,8 +127,7 @@ class PerformedTouch(InteractiveTouch):
         return replace(here, presses=presses)
 
     def place_press(self, index: int, press: Press, span: MotionSpan) -> Press:
-        """Return the part of a press in a reading, with its hand where it is by
-        then."""
+        """Return the part of a press in a reading, with its hand where it is then."""
         now = press.first + np.arange(press.steps)
         if index not in self.landed:
             self.landed[index] = span.q[now[0]]
@@ -233,8 +230,11 @@ class DraggedTouch(InteractiveTouch):
         self.over = self.leaving and self.level == 0.0
         press = self.build_press(force, centre)
         self.touch = TrueTouch(
-            *(self.touch.gesture, self.touch.kind, self.touch.subject),
-            *((press,), self.touch.drawn),
+            self.touch.gesture,
+            self.touch.kind,
+            self.touch.subject,
+            (press,),
+            self.touch.drawn,
         )
         return self.touch
 
@@ -246,7 +246,7 @@ class DraggedTouch(InteractiveTouch):
     def slide(self) -> bool:
         """Go one step as on a damped spring to the target; tell whether it slides."""
         away, k = self.target - self.centre, self.stiff
-        # Implicit in time, so that no step is too long for it.
+        # The scheme is implicit in time, so it is stable at any step.
         speed = (self.speed + self.step * k**2 * away) / (1.0 + k * self.step) ** 2
         fast = float(np.linalg.norm(speed))
         self.speed = speed * min(1.0, self.max_speed / max(fast, self.max_speed))

@@ -116,11 +116,11 @@ def draw_pat_interval(sample: GestureSample) -> float:
 
 def shift_hand(sample: GestureSample, path: np.ndarray, leave: int, land: int) -> None:
     """Write the hand's path between two pats, and where it then stays."""
-    length, way = (
+    length, direction = (
         sample.draw("double_pat.shift"),
         sample.record("shift", sample.rng.uniform(0, 2 * np.pi)),
     )
-    shift = length * np.array([np.cos(way), np.sin(way)])
+    shift = length * np.array([np.cos(direction), np.sin(direction)])
     path[leave:land] += shift * build_minimum_jerk(max(land - leave, 1))[:, None]
     path[land:] += shift
 
@@ -202,14 +202,14 @@ def draw_stroke(sample: GestureSample) -> tuple[Press, ...]:
     force = draw_force(sample, law, "stroke")
     duration = draw_duration(sample, "stroke")
     steps = sample.count_steps(duration)
-    way = draw_stroke_direction(sample)
+    direction = draw_stroke_direction(sample)
     back = sample.draw_event("return", sample.constants.value("stroke.return"))
     legs = 2 if back else 1
     speed = sample.draw("stroke.speed")
-    start, length = fit_stroke(sample, way, speed * duration / legs)
+    start, length = fit_stroke(sample, direction, speed * duration / legs)
     sample.record("speed", legs * length / duration)
     along = start + length * build_travel(steps, back)
-    path = along[:, None] * way + sample.draw_wander(steps)
+    path = along[:, None] * direction + sample.draw_wander(steps)
     series = scale_to_peak(draw_sliding_force(sample, steps), force)
     tissue, angle = sample.draw_tissue(), sample.draw_angle()
     return (
@@ -225,19 +225,19 @@ def draw_stroke_direction(sample: GestureSample) -> Float[np.ndarray, "2"]:
     else:
         slant = np.pi / 2 if path == "around" else sample.draw("stroke.oblique")
     signs = sample.rng.choice([-1.0, 1.0], 2)
-    way = signs * np.array([np.sin(slant), np.cos(slant)])
-    sample.record("direction", float(np.arctan2(-way[0], way[1])))
-    return way
+    direction = signs * np.array([np.sin(slant), np.cos(slant)])
+    sample.record("direction", float(np.arctan2(-direction[0], direction[1])))
+    return direction
 
 
 def fit_stroke(
-    sample: GestureSample, way: Float[np.ndarray, "2"], wanted: float
+    sample: GestureSample, direction: Float[np.ndarray, "2"], wanted: float
 ) -> tuple[float, float]:
     """Draw where along its direction a stroke begins, and its length [m].
 
     It fits into the room there is and passes the site's centre.
     """
-    low, high = find_slide_limits(sample, way)
+    low, high = find_slide_limits(sample, direction)
     shortest = sample.constants.value("stroke.shortest")
     length = min(wanted, max(high - low, shortest))
     first, last = max(low, -length), min(0.0, high - length)
@@ -249,17 +249,17 @@ def fit_stroke(
 
 
 def find_slide_limits(
-    sample: GestureSample, way: Float[np.ndarray, "2"]
+    sample: GestureSample, direction: Float[np.ndarray, "2"]
 ) -> tuple[float, float]:
     """Return how far a hand may slide back and forth along a direction [m]."""
     low, high = sample.site.free_run
     arc = sample.constants.value("stroke.arc") * 2 * np.pi * sample.site.radius / 2
     limits = [(-np.inf, np.inf)]
-    if abs(way[0]) > 1e-9:
+    if abs(direction[0]) > 1e-9:
         arc = min(arc, high - low) if np.isinf(arc) else arc
-        limits.append((-arc / abs(way[0]), arc / abs(way[0])))
-    if abs(way[1]) > 1e-9:
-        both = sorted((low / way[1], high / way[1]))
+        limits.append((-arc / abs(direction[0]), arc / abs(direction[0])))
+    if abs(direction[1]) > 1e-9:
+        both = sorted((low / direction[1], high / direction[1]))
         limits.append((both[0], both[1]))
     return max(each[0] for each in limits), min(each[1] for each in limits)
 

@@ -203,9 +203,9 @@ def draw_slide(
     sample: GestureSample, speed: float, steps: int
 ) -> Float[np.ndarray, "time 2"]:
     """Draw a straight path at even speed [m/s] about the site [m]."""
-    way = sample.record("direction", sample.rng.uniform(-np.pi, np.pi))
+    direction = sample.record("direction", sample.rng.uniform(-np.pi, np.pi))
     along = speed * sample.step * (np.arange(steps) - (steps - 1) / 2)
-    return along[:, None] * np.array([-np.sin(way), np.cos(way)])
+    return along[:, None] * np.array([-np.sin(direction), np.cos(direction)])
 
 
 def draw_brush(sample: GestureSample) -> tuple[Press, ...]:

@@ -107,9 +107,9 @@ def perform(
     if difficulty < 0:
         raise ValueError(f"difficulty is {difficulty}; give 0 or more")
     chosen = regime or parse_regime(constants.choose("duration.regime", rng))
-    way = choose_kind(gesture, kind, person, constants, rng, difficulty)
+    variant = choose_kind(gesture, kind, person, constants, rng, difficulty)
     sample = GestureSample(
-        way,
+        variant,
         person,
         site,
         constants,
@@ -119,11 +119,13 @@ def perform(
         requested=requested or {},
     )
     sample.drawn["regime"] = chosen
-    program = find_program(gesture, way)
+    program = find_program(gesture, variant)
     presses = program(sample)
-    is_thing = gesture == "none" and way in NO_PERSON_KINDS
+    is_thing = gesture == "none" and variant in NO_PERSON_KINDS
     label = find_label(gesture, site, constants)
-    return TrueTouch(label, way, "" if is_thing else person.name, presses, sample.drawn)
+    return TrueTouch(
+        label, variant, "" if is_thing else person.name, presses, sample.drawn
+    )
 
 
 def find_label(gesture: str, site: ContactSite, constants: Constants) -> str:

@@ -39,7 +39,7 @@ class SpeedProfile:
         return self.length / self.speed + self.ramp
 
     def at(self, time: Float[np.ndarray, "time"]) -> Float[np.ndarray, "time"]:
-        """Return the way since the start [rad]; at rest before and after."""
+        """Return the distance since the start [rad]; at rest before and after."""
         t = np.clip(time, 0.0, self.duration)
         left = self.duration - t
         rising = self.acceleration * t**2 / 2
@@ -122,7 +122,7 @@ def move_press_on_link(
     T_now, T_then = env.poses(q_now)[:, link], env.poses(q_then)[:, link]
     was, s_then, t_then, _ = compute_surface_axes(chart, press.centre, T_then)
     here, s_now, t_now, _ = compute_surface_axes(chart, press.centre, T_now)
-    # Laid flat where the target is: a hand leaves a tube rather than dives into it.
+    # The way is flat at the target: a hand leaves a tube, it does not enter it.
     slid = [np.sum((was - here) * axis, axis=1) for axis in (s_now, t_now)]
     turned = compute_surface_angle(
         compute_surface_direction(press.angle, s_then, t_then), s_now, t_now

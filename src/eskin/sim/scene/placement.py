@@ -125,7 +125,7 @@ def draw_site(
     tries = int(env.constants.value("place.tries"))
     site = None
     for attempt in range(tries):
-        # Late tries let go of reach and facing, lest a pose have no place at all.
+        # Late tries ignore reach and facing, so that every pose has a place.
         index = draw_target(env, view, law, rng, strict=2 * attempt < tries)
         if index is not None:
             site = draw_site_on_target(env, view, index, rng)

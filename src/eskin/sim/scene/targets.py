@@ -86,7 +86,7 @@ def build_targets(
     wraps = [
         chart.surface.wrap(part[0]) for chart, part in zip(charts, parts, strict=True)
     ]
-    # A seam is chosen for itself, so any area will do that is even along it.
+    # Seams are chosen by kind, so any area that is even along them will do.
     areas = 4 * np.abs(np.linalg.det(half))
     return TouchTargets(
         chart=np.repeat(np.arange(len(charts)), counts),

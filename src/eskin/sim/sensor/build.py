@@ -14,8 +14,7 @@ from eskin.touch import Calibration
 
 @dataclass(frozen=True, eq=False)
 class Defects:
-    """Defects are lasting faults of taxels, of lines, and on the way to the
-    computer."""
+    """Defects are lasting faults of taxels and lines, and on the way to the host."""
 
     dead: Bool[np.ndarray, "taxel"]
     """Taxels, alone or in a dead row or column, that no longer respond."""
