@@ -389,7 +389,7 @@ def test_what_cannot_be_is_refused_in_one_line():
         hand.poke(LinkPoint("tool0", np.zeros(3)))
     with pytest.raises(ValueError, match="force is -1.0"):
         hand.poke(place, -1.0)
-    with pytest.raises(ValueError, match="nobody performs 'electrical'"):
+    with pytest.raises(ValueError, match="no gesture or contact 'electrical'"):
         hand.perform("electrical")
     with pytest.raises(ValueError, match="fold the arm first"):
         hand.perform("self_contact")

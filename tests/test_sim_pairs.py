@@ -289,7 +289,7 @@ def test_a_clip_of_a_pair_can_be_made_again_alone(whole):
     inside = (row.start <= arrays.pads) & (arrays.pads < row.start + 2 * SECOND)
     clip = remake_clip(row, small("flat"))
     assert clip.counts.tobytes() == arrays.counts[inside].tobytes()
-    with pytest.raises(GenerationError, match="is of skin 'flat', the maker of 'bent'"):
+    with pytest.raises(GenerationError, match="is of skin 'flat', the generator of 'bent'"):
         remake_clip(row, small("bent"))
 
 

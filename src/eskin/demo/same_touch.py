@@ -69,11 +69,6 @@ class SameTouch:
     period: int
     """Time between two readings [ns]."""
 
-    @property
-    def seconds(self) -> float:
-        """Duration of one playback [s]."""
-        return len(self.counts) * self.period / NS_PER_S
-
     def scans(self, side: int, begin: int, come_from: Pose | None) -> Iterator[Scan]:
         """Yield the scans of one playback.
 

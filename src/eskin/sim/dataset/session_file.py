@@ -252,8 +252,17 @@ class SessionWriter:
                 clip.counts, clip.received, self.rest, self.calibration
             )
         )
-        place = (self.session_plan.file, number, start, self.writer.skin.name)
-        self.rows.append(build_row(*place, self.touches, self.period, plan, clip))
+        row = build_row(
+            self.session_plan.file,
+            number,
+            start,
+            self.writer.skin.name,
+            self.touches,
+            self.period,
+            plan,
+            clip,
+        )
+        self.rows.append(row)
         self.touches += len(clip.truths)
 
     def write(self, stamps: Int[np.ndarray, "reading"], clip: SimulatedClip) -> None:

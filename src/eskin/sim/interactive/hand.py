@@ -318,8 +318,8 @@ class InteractiveHand:
         if what not in PERFORMABLE:
             kinds = [kind for kind in NONE_PROGRAMS if kind not in CONTACTLESS_KINDS]
             raise ValueError(
-                f"no gesture or contact '{what}'; allowed are {', '.join(PERFORMABLE)}, "
-                f"{', '.join(kinds)}; take one of them"
+                f"no gesture or contact '{what}'; allowed are "
+                f"{', '.join((*PERFORMABLE, *kinds))}; take one of them"
             )
         return what, None
 
