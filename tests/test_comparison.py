@@ -299,7 +299,9 @@ def test_what_cannot_be_compared_is_refused(folder, tmp_path, capsys, words, mes
 def test_a_study_has_a_row_a_variant_and_a_picture(
     folder, tmp_path, capsys, monkeypatch
 ):
-    monkeypatch.setattr(Variant, "method", lambda variant, epochs: Guess(variant.k - 4))
+    monkeypatch.setattr(
+        Variant, "build_method", lambda variant, epochs: Guess(variant.k - 4)
+    )
     for part, name in (("train", "a"), ("test", "b")):
         shutil.copytree(folder / name, tmp_path / "set" / part)
     picture = tmp_path / "study.png"

@@ -29,7 +29,6 @@ from eskin.learn.comparison import (
     TrainingTask,
     find_examples,
     methods,
-    touch_trees,
 )
 from eskin.learn.comparison.encoders import ENCODERS
 from eskin.learn.comparison.methods import build_touch_rows
@@ -197,7 +196,7 @@ def test_a_variant_of_the_papers_has_its_neighbours_and_pooling(examples, monkey
         neighbours = network.selector.table.shape[1]
         found.append((neighbours, network.pooling, baseline.config.epochs))
 
-    monkeypatch.setattr(PaperBaseline, "learn", learn)
+    monkeypatch.setattr(PaperBaseline, "fit_windows", learn)
     wanted = [(5, "mean", 3), (7, "max", 2)]
     for k, pool, epochs in wanted:
         Variant("paper", k, pool).build_method(epochs).fit(examples, 0)
@@ -210,11 +209,9 @@ def test_trees_on_a_touch_see_its_features_and_nothing_where_nothing_is_felt(
     rows = build_touch_rows(examples)
     assert len(rows) == len(examples.clips) and np.isfinite(rows).all()
     assert rows.any(axis=1).all() and len(np.unique(rows, axis=0)) == len(rows)
-    ends = list(
-        touch_trees.find_last_rows(examples.dataset(GraphConfig()), examples.clips)
-    )
+    ends = list(methods.find_last_rows(examples.dataset(GraphConfig()), examples.clips))
     ends[2] = -1
-    monkeypatch.setattr(touch_trees, "find_last_rows", lambda dataset, every: ends)
+    monkeypatch.setattr(methods, "find_last_rows", lambda dataset, every: ends)
     other = build_touch_rows(examples)
     assert not other[2].any()
     np.testing.assert_array_equal(np.delete(other, 2, 0), np.delete(rows, 2, 0))

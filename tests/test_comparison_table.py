@@ -156,7 +156,7 @@ def test_each_draw_is_harmed_in_a_way_of_its_own(tmp_path):
     tasks = robustness.tasks_of(command, "eskin")
     assert [task.seed for task in tasks] == [5, 6, 7]
     for task in tasks:
-        harms = [each.harm for each in task.tests.values() if each.harm]
+        harms = [each.transform for each in task.tests.values() if each.transform]
         assert len(harms) == len(robustness.AMOUNTS["dead"])
         assert {harm.seed for harm in harms} == {task.seed}
 

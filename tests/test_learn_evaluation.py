@@ -50,8 +50,8 @@ def result(net, dataset):
 def test_embedding_each_reading_once_gives_what_whole_windows_give(
     net, dataset, monkeypatch
 ):
-    monkeypatch.setattr(evaluation, "BATCH", 3)
-    monkeypatch.setattr(evaluation, "READINGS", 7)
+    monkeypatch.setattr(evaluation, "WINDOW_BATCH", 3)
+    monkeypatch.setattr(evaluation, "READING_BATCH", 7)
     ends = np.array([3, 60, 61, 100, 140, 200, 260])
     firsts = dataset.starts[ends]
     found = compute_log_probabilities(net, dataset, ends, firsts, 1.7)

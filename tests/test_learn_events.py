@@ -229,7 +229,7 @@ def test_people_have_tallies_of_their_own_and_an_interval_over_them():
     result = score_events(takes, VOCABULARY)
     assert result.hours == pytest.approx(2.0)
     assert result.per_subject == {"ann": Tally(2, 0, 0), "bob": Tally(1, 1, 1)}
-    assert result.bootstrap_f1 == pytest.approx((0.5, 1.0))
+    assert result.f1_interval == pytest.approx((0.5, 1.0))
 
 
 def test_one_person_tells_nothing_of_others():

@@ -289,7 +289,7 @@ def test_a_baseline_is_asked_where_the_taxels_are_believed_to_be(examples, monke
         seen.append(mounted.skin.positions)
         return baseline
 
-    monkeypatch.setattr(FlatBaseline, "on", on)
+    monkeypatch.setattr(FlatBaseline, "move_to", on)
     wrong = replace(examples, transform=Corruption("pose-mm", 20.0))
     METHODS["knn-max"].fit(examples, 0)(wrong)
     start = read_recording(examples.paths[0]).start
