@@ -125,7 +125,7 @@ def once(
     full = 0.9 * MotionConfig().speed
     while np.abs(stand_in.ask("qd")).max() < full:
         if arm.state().hold_reason is not None:
-            until(lambda: arm.trouble() is None)
+            until(lambda: arm.find_problem() is None)
             time.sleep(0.3)
             with suppress(ArmError):
                 arm.release()

@@ -91,7 +91,7 @@ def test_where_no_reading_came_a_window_shows_the_one_before(examples, monkeypat
     path = examples.paths[0]
     clip, taxels = read_clips(path)[0], examples.mounted.skin.count
 
-    def read_pressures(recording, harm):
+    def read_pressures(recording, transform):
         for slot in (10, 60):
             stamp = clip.start + slot * (clip.end - clip.start) // READINGS
             yield (

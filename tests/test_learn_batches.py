@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 import torch
 
+from eskin.graph import compute_summary
 from eskin.learn.augment import NO_AUGMENTATION, AugmentConfig
 from eskin.learn.batches import BatchBuilder, build_sampler
 from eskin.learn.dataset import prepare
-from eskin.nn import summary
 from learn_scenes import record, record_people
 
 SLOTS = 100
@@ -46,7 +46,7 @@ def test_a_batch_has_all_summaries_and_few_graphs(dataset, config):
 
 def test_unchanged_a_batch_holds_the_recorded_readings(dataset):
     batch = maker(dataset).build(8, 8, 1000, rng())
-    every = summary(dataset.graphs, False)
+    every = compute_summary(dataset.graphs, False)
     for row in batch.summary.numpy():
         assert (np.abs(every - row).max(axis=1) < 1e-4).any()
 

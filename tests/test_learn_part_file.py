@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from clip_scenes import generated
-from eskin.graph import GraphBatch, GraphConfig
+from eskin.graph import GraphBatch, GraphConfig, compute_summary
 from eskin.learn import prepared_recording
 from eskin.learn.dataset import Dataset, prepare
 from eskin.learn.ground_truth import TouchLabel
@@ -17,7 +17,6 @@ from eskin.learn.prepared_recording import (
     prepare_recording,
     save_prepared,
 )
-from eskin.nn import summary
 from eskin.recording import read_recording
 from eskin.touch import ContactConfig, PipelineConfig
 from learn_scenes import record
@@ -81,7 +80,7 @@ def test_packed_recordings_give_the_same_data_set_to_the_bit(paths, tmp_path):
     for packed in (made, found):
         assert_same_dataset(packed, plain)
     few = np.arange(0, plain.graphs.count, 7)
-    one, other = (summary(d.graphs.select(few), False) for d in (plain, found))
+    one, other = (compute_summary(d.graphs.select(few), False) for d in (plain, found))
     assert np.array_equal(one, other)
 
 

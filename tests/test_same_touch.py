@@ -26,7 +26,7 @@ from world_scenes import world
 def small_world():
     """The small pool of poses of the tests."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(same_touch, "world_of", lambda skin: world())
+        patch.setattr(same_touch, "load_environment", lambda skin: world())
         yield
 
 

@@ -112,9 +112,9 @@ def draw_touches(
             f"skin '{skin}' with seed {seed}; allowed are {', '.join(SKIN_PRESETS)} "
             "and seeds of 0 and above; change it"
         )
-    world = load_environment(skin)
-    level, own = world.constants.value("sets.difficulty"), seed * SEED_STRIDE
-    first = plan_single_pair("merging", own, level, world.constants)
+    environment = load_environment(skin)
+    level, own = environment.constants.value("sets.difficulty"), seed * SEED_STRIDE
+    first = plan_single_pair("merging", own, level, environment.constants)
     build = replace(first.build, kind=build_kind)
     found: list[SameTouch] = []
     for trial in count():
@@ -123,19 +123,19 @@ def draw_touches(
                 f"{len(found)} pairs of poses with free ways between them were found; "
                 f"wanted are {number}; ask for fewer, or give another --seed"
             )
-        plan = plan_single_pair("merging", own + trial, level, world.constants)
+        plan = plan_single_pair("merging", own + trial, level, environment.constants)
         plan = replace(plan, build=build, session=first.session)
-        touch = build_touch(plan, world)
+        touch = build_touch(plan, environment)
         before = [found[-1].poses[1]] if found else []
         last = [found[0].poses[0]] if found and len(found) == number - 1 else []
-        if is_path_free([*before, *touch.poses, *last], world):
+        if is_path_free([*before, *touch.poses, *last], environment):
             found.append(touch)
         if len(found) == number:
             return tuple(found)
     raise AssertionError
 
 
-def build_touch(plan: ClipPlan, world: SimEnvironment) -> SameTouch:
+def build_touch(plan: ClipPlan, environment: SimEnvironment) -> SameTouch:
     """Build the counts of the first side of a planned pair, with rest around them."""
     assert plan.pair is not None
     idle = replace(
@@ -146,23 +146,28 @@ def build_touch(plan: ClipPlan, world: SimEnvironment) -> SameTouch:
         seconds=REST_BEFORE + REST_AFTER,
         pair=replace(plan.pair, number=-1, gesture="none"),
     )
-    pair, rest = simulate_pair(plan, world), simulate_pair(idle, world).first
-    period = round(world.constants.value("sensor.period") * NS_PER_S)
+    pair, rest = (
+        simulate_pair(plan, environment),
+        simulate_pair(idle, environment).first,
+    )
+    period = round(environment.constants.value("sensor.period") * NS_PER_S)
     cut = round(REST_BEFORE * NS_PER_S / period)
     touched = pair.first
-    pressed = find_most_loaded(touched.counts, world.mounted)
+    pressed = find_most_loaded(touched.counts, environment.mounted)
     return SameTouch(
         counts=np.concatenate([rest.counts[:cut], touched.counts, rest.counts[cut:]]),
         received=np.concatenate(
             [rest.received[:cut], touched.received, rest.received[cut:]]
         ),
         poses=(
-            turn_to_camera(touched.q[0], pressed, world),
-            turn_to_camera(pair.second.q[0], pressed, world),
+            turn_to_camera(touched.q[0], pressed, environment),
+            turn_to_camera(pair.second.q[0], pressed, environment),
         ),
         labels=pair.labels,
-        mounted=world.mounted,
-        calibration=get_build(plan.build, world).calibration(world.mounted.skin),
+        mounted=environment.mounted,
+        calibration=get_build(plan.build, environment).calibration(
+            environment.mounted.skin
+        ),
         period=period,
     )
 
@@ -182,18 +187,18 @@ def find_most_loaded(
 
 
 def turn_to_camera(
-    pose: Pose, pressed: list[Int[np.ndarray, "few"]], world: SimEnvironment
+    pose: Pose, pressed: list[Int[np.ndarray, "few"]], environment: SimEnvironment
 ) -> Pose:
     """Turn the base of a pose so that the page shows all that is pressed.
 
     The arm turns as a whole, so nothing on it changes.
     """
-    low, high = (float(each[0]) for each in compute_joint_limits(world))
+    low, high = (float(each[0]) for each in compute_joint_limits(environment))
     poses = np.tile(pose, (BASE_ANGLES, 1))
     poses[:, 0] = np.linspace(low, high, BASE_ANGLES)
     seen = [
         [
-            float((world.mounted.place_taxels(q, taxels)[1] @ CAMERA).mean())
+            float((environment.mounted.place_taxels(q, taxels)[1] @ CAMERA).mean())
             for q in poses
         ]
         for taxels in pressed
@@ -201,12 +206,14 @@ def turn_to_camera(
     return poses[int(np.min(seen, axis=0).argmax())]
 
 
-def is_path_free(poses: list[Pose], world: SimEnvironment) -> bool:
+def is_path_free(poses: list[Pose], environment: SimEnvironment) -> bool:
     """Return whether the arm meets neither itself nor the table between the poses."""
     lines = [
         np.linspace(a, b, PATH_SAMPLES) for a, b in zip(poses, poses[1:], strict=False)
     ]
-    return bool(are_collision_free(world, world.poses(np.concatenate(lines))).all())
+    return bool(
+        are_collision_free(environment, environment.poses(np.concatenate(lines))).all()
+    )
 
 
 BLIND_MODEL = "ur5-blind"
