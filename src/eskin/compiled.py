@@ -29,10 +29,14 @@ def compiled(function: Any = None, /, **options: Any) -> Any:  # noqa: ANN401
     if function is None:
         return partial(compiled, **options)
     dispatcher = njit(cache=True, nogil=True, **options)(function)
-    # Numba has no public way to say what else a cached function depends on.
+    # Numba has no public way to say what else a cached function depends on. The digest
+    # is part of the names, so that no file of other sources is opened: it may refer to
+    # types whose modules have moved, which numba cannot read.
     file = dispatcher._cache._cache_file
-    digest = digest_sources(Path(function.__code__.co_filename))
-    file._source_stamp = (file._source_stamp, digest)
+    digest = digest_sources(Path(function.__code__.co_filename))[:16]
+    index = Path(file._index_path)
+    file._index_path = str(index.with_name(f"{index.stem}.{digest}.nbi"))
+    file._data_name_pattern = f"{index.stem}.{digest}.{{number:d}}.nbc"
     return dispatcher
 
 
