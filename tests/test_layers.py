@@ -57,7 +57,6 @@ INSIDE = {
         "dataset": ("scene", "sensor"),
         "interactive": ("dataset",),
     },
-    "viewer": {"": (), "timeline": ("",)},
 }
 TOP = {"cli", "app", "__init__"}
 HEAVY = {"torch", "sklearn", "matplotlib"}

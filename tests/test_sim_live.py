@@ -12,7 +12,7 @@ from eskin.sim.interactive.skin import InteractiveSkin
 from eskin.sim.interactive.touches import PerformedTouch
 from eskin.sim.people.perform import perform
 from eskin.sim.scene.motion import follow_late, hang_still
-from eskin.sim.scene.scene import Scene, compute_touch_presses
+from eskin.sim.scene.scene import TouchScene, compute_touch_presses
 from eskin.sim.sensor.build import draw_build
 from eskin.sim.sensor.model import SensorStages
 from eskin.sim.sensor.noise import NOISE_BLOCK, ReadingLosses, ReadingNoise
@@ -157,7 +157,7 @@ def test_a_touch_is_what_it_is_in_a_clip(gesture, way):
     q = np.stack([np.interp(between, at, each) for each in q.T], axis=1)
     carry = hang_still if gesture == "cable" else lambda *a: follow_late(*a, delay)
     presses = tuple(carry(press, world, q) for press in touch.presses)
-    scene = Scene(q, (replace(touch, presses=presses),))
+    scene = TouchScene(q, (replace(touch, presses=presses),))
     rng = np.random.default_rng(seed)
     clip = simulate_clip(scene, 1, live.build, session, world, rng, stages)
     counts = np.array([scan.counts for scan, _ in found[: len(clip.counts)]])
@@ -203,7 +203,9 @@ def test_taxels_bear_the_whole_force_inside_a_patch():
             *("poke", "one_tip", live.hand.person, site, world.constants, rng, 0.0),
             *("paper", asked),
         )
-        (part,) = compute_touch_presses(Scene(np.tile(Q, (60, 1)), (touch,)), world)[0]
+        (part,) = compute_touch_presses(
+            TouchScene(np.tile(Q, (60, 1)), (touch,)), world
+        )[0]
         forces = part.felt.pressure @ skin.areas[part.felt.taxels] * 1e3
         borne.append(forces.max())
     # Few points of a taxel lie under a fingertip: one place is off by up to 20 %.

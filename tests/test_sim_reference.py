@@ -4,7 +4,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from benchmarks.simulation.mujoco_contact import (
-    Scene,
+    MujocoScene,
     agreement,
     feel_in_mujoco,
     instant,
@@ -28,7 +28,7 @@ each_chart = pytest.mark.parametrize("name", CHARTS)
 
 
 def scene_of(touch, chart):
-    return Scene(touch, chart, sheet_about(touch, chart, CONSTANTS))
+    return MujocoScene(touch, chart, sheet_about(touch, chart, CONSTANTS))
 
 
 def reference(touch, chart):

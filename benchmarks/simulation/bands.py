@@ -21,7 +21,7 @@ from eskin.sim.people.perform import perform
 from eskin.sim.people.person import Person, draw_person
 from eskin.sim.scene.environment import SimEnvironment
 from eskin.sim.scene.scene import (
-    Scene,
+    TouchScene,
     compute_scene_presses,
     find_contact_steps,
     get_grid_neighbours,
@@ -260,8 +260,8 @@ def readings(
         first, last = find_contact_steps(touch)
         late = max(last - first - (steps - lead), 0)
         shown = shift_touch(touch, lead - first - int(rng.integers(0, late + 1)))
-        clip = simulate_clip(Scene(q, (shown,)), lead, build, session, world, rng)
-        quiet = simulate_clip(Scene(q, ()), lead, build, session, world, rng)
+        clip = simulate_clip(TouchScene(q, (shown,)), lead, build, session, world, rng)
+        quiet = simulate_clip(TouchScene(q, ()), lead, build, session, world, rng)
         rest = np.nan_to_num(compute_rest_counts(quiet), posinf=FULL)
         above = np.where(clip.received, clip.counts - rest, 0.0).max(axis=1)
         gain = float(calibration.gain[0])

@@ -50,7 +50,7 @@ class Sheet:
 
 
 @final
-class Scene:
+class MujocoScene:
     """A sheet of sensing points on a surface, and parts that are pushed into it.
 
     The body lies on the surface at the press's centre, bent as far as it conforms;
@@ -203,7 +203,7 @@ def feel_in_mujoco(press: Press, chart: Chart, constants: Constants) -> Pressure
     """
     press = instant(press, 0)
     sheet = sheet_about(press, chart, constants)
-    scene = Scene(press, chart, sheet)
+    scene = MujocoScene(press, chart, sheet)
     pressure = pressed(press, scene, constants)
     loads = pressure * scene.areas / KPA_PER_PA
     taxels, felt = on_taxels(pressure, sheet, chart, constants)
@@ -242,7 +242,7 @@ def sheet_about(press: Press, chart: Chart, constants: Constants) -> Sheet:
 
 
 def pressed(
-    press: Press, scene: Scene, constants: Constants
+    press: Press, scene: MujocoScene, constants: Constants
 ) -> Float[np.ndarray, "point"]:
     """Pressure at every point [kPa] once the parts carry the force together.
 
@@ -264,12 +264,14 @@ def pressed(
     return pressures(press, scene, high)
 
 
-def load(pressure: Float[np.ndarray, "point"], scene: Scene) -> float:
+def load(pressure: Float[np.ndarray, "point"], scene: MujocoScene) -> float:
     """Force of a field of pressure [N]."""
     return float(pressure @ scene.areas / KPA_PER_PA)
 
 
-def pressures(press: Press, scene: Scene, depth: float) -> Float[np.ndarray, "point"]:
+def pressures(
+    press: Press, scene: MujocoScene, depth: float
+) -> Float[np.ndarray, "point"]:
     """Pressure at every point [kPa] for parts that moved by a depth.
 
     p = k b / (2 pi R) (exp(m d) - 1), with R the mean radius of a part. Where two parts

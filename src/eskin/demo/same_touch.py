@@ -17,10 +17,10 @@ from eskin.live import Detection, Recognizer
 from eskin.model import Model, load_model
 from eskin.page.scene import CAMERA
 from eskin.sim.dataset.clip import get_build
-from eskin.sim.dataset.pairs import load_environment, simulate_pair
+from eskin.sim.dataset.pairs import simulate_pair
 from eskin.sim.dataset.plan import ClipPlan
 from eskin.sim.dataset.session_plan import build_seed, plan_single_pair
-from eskin.sim.scene.environment import SimEnvironment
+from eskin.sim.scene.environment import SimEnvironment, load_environment
 from eskin.sim.scene.validity import are_collision_free, compute_joint_limits
 from eskin.skin import SKIN_PRESETS, MountedSkin
 from eskin.touch import Calibration, Scan

@@ -288,9 +288,7 @@ def load_mesh(
         mesh = trimesh.load(path, force="mesh")
         vertices = np.asarray(mesh.vertices, dtype=np.float64) * np.array(scale)
         faces = np.asarray(mesh.faces, dtype=np.int64)
-    except (
-        Exception
-    ) as error:  # trimesh's readers raise anything.
+    except Exception as error:  # trimesh's readers raise anything.
         reason = " ".join(str(error).split()) or type(error).__name__
         raise RobotError(f"{place}: {path} is no mesh ({reason})") from None
     if not len(faces):

@@ -22,7 +22,7 @@ from eskin.sim.people.perform import choose_kind
 from eskin.sim.scene.environment import SimEnvironment
 from eskin.sim.scene.poses import can_touch_itself, compute_pose_group
 from eskin.sim.scene.scene import (
-    Scene,
+    TouchScene,
     TrueTouchSeries,
     compute_scene_pressure,
     compute_touch_presses,
@@ -67,7 +67,7 @@ def get_session(origin: Origin, build: SensorBuild) -> SensorSession:
 
 
 def simulate_clip(
-    scene: Scene,
+    scene: TouchScene,
     lead: int,
     build: SensorBuild,
     session: SensorSession,
@@ -174,7 +174,9 @@ def make_clip(plan: ClipPlan, env: SimEnvironment) -> SimulatedClip:
         touches = draw_touches(setup, plan.gesture, kind)
     build = get_build(plan.build, env)
     session = get_session(plan.session, build)
-    clip = simulate_clip(Scene(setup.q, touches), setup.lead, build, session, env, rng)
+    clip = simulate_clip(
+        TouchScene(setup.q, touches), setup.lead, build, session, env, rng
+    )
     clip = replace(
         clip,
         pose_group=compute_pose_group(env, setup.q[setup.lead]),

@@ -4,12 +4,11 @@ from abc import ABC, abstractmethod
 from typing import final
 
 from eskin.errors import GenerationError
-from eskin.robot import load_robot
 from eskin.sim.constants import Constants, load_constants
 from eskin.sim.dataset.clip import SimulatedClip, get_build, make_clip
 from eskin.sim.dataset.pairs import make_pair_clip
 from eskin.sim.dataset.plan import SOURCE_SKINS, BuildOrigin, ClipPlan
-from eskin.sim.scene.environment import build_environment
+from eskin.sim.scene.environment import build_environment, mount_preset
 from eskin.skin import SKIN_PRESETS, MountedSkin
 from eskin.touch import Calibration
 
@@ -29,12 +28,6 @@ class ClipGenerator(ABC):
     @abstractmethod
     def calibration(self, build: BuildOrigin) -> Calibration:
         """Return the calibration that the user of a build has."""
-
-
-def mount_preset(skin: str) -> MountedSkin:
-    """Mount a preset skin on its robot."""
-    preset = SKIN_PRESETS[skin]
-    return MountedSkin(preset.build(), load_robot(preset.robot))
 
 
 @final

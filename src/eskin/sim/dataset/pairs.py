@@ -10,8 +10,7 @@ from functools import lru_cache
 import numpy as np
 from jaxtyping import Bool, Float
 
-from eskin.robot import load_robot
-from eskin.sim.constants import MM, load_constants
+from eskin.sim.constants import MM
 from eskin.sim.contact.chart import Chart, build_charts
 from eskin.sim.contact.press import ContactSite, Press, TrueTouch
 from eskin.sim.contact.pressure import compute_pressure_field
@@ -25,11 +24,15 @@ from eskin.sim.dataset.plan import (
     parse_pair_kind,
 )
 from eskin.sim.dataset.session_plan import plan_single_pair
-from eskin.sim.dataset.staging import draw_start, get_person
+from eskin.sim.dataset.staging import count_clip_steps, draw_start, get_person
 from eskin.sim.people.hand import HAND_PADS, HEADS, HEEL, mirror_pads, select_pads
 from eskin.sim.people.perform import perform
 from eskin.sim.people.person import Person
-from eskin.sim.scene.environment import SimEnvironment, build_environment
+from eskin.sim.scene.environment import (
+    SimEnvironment,
+    load_environment,
+    mount_preset,
+)
 from eskin.sim.scene.folds import (
     compute_facing_gaps,
     compute_site_gap,
@@ -40,42 +43,28 @@ from eskin.sim.scene.folds import (
 )
 from eskin.sim.scene.poses import build_pose_pool, compute_pose_group, draw_pose
 from eskin.sim.scene.scene import (
-    Scene,
+    TouchScene,
     compute_touch_presses,
     compute_true_series,
     find_contact_steps,
     shift_touch,
 )
 from eskin.sim.scene.validity import are_poses_valid, compute_joint_limits
-from eskin.skin import SKIN_PRESETS, MountedSkin
+from eskin.skin import MountedSkin
 
 
 @dataclass(frozen=True, eq=False)
 class PairScenes:
     """Pair scenes are two scenes that press the same taxels alike."""
 
-    first: Scene
+    first: TouchScene
     """Scene with the gesture."""
-    second: Scene
+    second: TouchScene
     """Scene whose touches are none."""
     mounted: MountedSkin
     """Skin of the second scene on its robot."""
     charts: tuple[Chart, ...]
     """Charts of that skin, unrolled as those of the first scene are."""
-
-
-def count_clip_steps(plan: ClipPlan, env: SimEnvironment) -> tuple[int, int]:
-    """Return the steps before the clip, and of all that is simulated."""
-    step = env.constants.value("time.step")
-    lead = round(env.constants.value("clip.before") / step)
-    return lead, lead + round(plan.seconds / step)
-
-
-def repeat_pose(
-    q: Float[np.ndarray, "joint"], steps: int
-) -> Float[np.ndarray, "time joint"]:
-    """Return the series of a robot that stands in one pose."""
-    return np.tile(q, (steps, 1))
 
 
 def draw_onset(
@@ -172,8 +161,7 @@ def find_separable_pairs(env: SimEnvironment) -> Bool[np.ndarray, "pair"]:
 @lru_cache(maxsize=1)
 def build_flat_side() -> tuple[MountedSkin, tuple[Chart, ...]]:
     """Build the patch laid flat, and its one chart."""
-    preset = SKIN_PRESETS["flat"]
-    mounted = MountedSkin(preset.build(), load_robot(preset.robot))
+    mounted = mount_preset("flat")
     return mounted, build_charts(mounted)
 
 
@@ -187,7 +175,7 @@ def draw_bending(
     presses = tuple(
         replace(touch, gesture="none", kind=NONE_KINDS["grab"]) for touch in grabs
     )
-    return PairScenes(Scene(q, grabs), Scene(q, presses), *build_flat_side())
+    return PairScenes(TouchScene(q, grabs), TouchScene(q, presses), *build_flat_side())
 
 
 def draw_bending_grab(
@@ -229,8 +217,8 @@ def draw_merging(
     _, steps = count_clip_steps(plan, env)
     folded, apart, touches = draw_merging_touch(plan, env, person, rng)
     return PairScenes(
-        Scene(repeat_pose(folded, steps), touches),
-        Scene(repeat_pose(apart, steps), tuple(split_presses(touches))),
+        TouchScene(np.tile(folded, (steps, 1)), touches),
+        TouchScene(np.tile(apart, (steps, 1)), tuple(split_presses(touches))),
         env.mounted,
         env.charts,
     )
@@ -423,14 +411,6 @@ def make_pair(
     return simulate_pair(plan_single_pair(chosen, seed, level, env.constants), env)
 
 
-@lru_cache(maxsize=2)
-def load_environment(skin: str) -> SimEnvironment:
-    """Load a preset skin on its robot, prepared for touching."""
-    preset = SKIN_PRESETS[skin]
-    mounted = MountedSkin(preset.build(), load_robot(preset.robot))
-    return build_environment(mounted, load_constants())
-
-
 def simulate_pair(plan: ClipPlan, env: SimEnvironment) -> ClipPair:
     """Simulate both clips of the pair that a plan belongs to.
 
@@ -475,7 +455,11 @@ def build_second_clip(
 
 
 def describe_clip(
-    clip: SimulatedClip, scene: Scene, plan: ClipPlan, env: SimEnvironment, lead: int
+    clip: SimulatedClip,
+    scene: TouchScene,
+    plan: ClipPlan,
+    env: SimEnvironment,
+    lead: int,
 ) -> SimulatedClip:
     """Return a clip with its pose group and all that was drawn for it."""
     assert plan.pair is not None

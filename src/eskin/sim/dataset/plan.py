@@ -69,6 +69,12 @@ def find_pair_kind(side: Side) -> PairKind:
 Seed = tuple[int, ...]
 """Entropy of `np.random.SeedSequence`; no two of a set are the same."""
 
+
+def build_rng(seed: Seed) -> np.random.Generator:
+    """Build a fresh generator, which draws the same every time."""
+    return np.random.default_rng(np.random.SeedSequence(seed))
+
+
 ACCIDENTS, QUIET = "accidents", "quiet"
 """Kinds of streams: of nothing but accidental contacts, and without any contact."""
 
@@ -84,7 +90,7 @@ class Origin:
 
     def rng(self) -> np.random.Generator:
         """Return a fresh generator, which draws the same every time."""
-        return np.random.default_rng(np.random.SeedSequence(self.seed))
+        return build_rng(self.seed)
 
 
 @dataclass(frozen=True)
@@ -141,4 +147,4 @@ class ClipPlan:
 
     def rng(self) -> np.random.Generator:
         """Return a fresh generator of what is drawn for this clip alone."""
-        return np.random.default_rng(np.random.SeedSequence(self.seed))
+        return build_rng(self.seed)

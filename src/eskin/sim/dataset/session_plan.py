@@ -20,6 +20,7 @@ from eskin.sim.dataset.plan import (
     PairPlace,
     Seed,
     Side,
+    build_rng,
     find_pair_kind,
 )
 from eskin.sim.dataset.sets import ClipSet
@@ -176,11 +177,6 @@ def plan_clips(
     return tuple(plans)
 
 
-def build_rng(seed: Seed) -> np.random.Generator:
-    """Build a fresh generator."""
-    return np.random.default_rng(np.random.SeedSequence(seed))
-
-
 def plan_lead_in(
     session_plan: SessionPlan,
     clip_set: ClipSet,
@@ -318,9 +314,7 @@ def plan_pair_clip(
         constants: constants of the simulation.
     """
     kind = find_pair_kind(side)
-    rng = np.random.default_rng(
-        np.random.SeedSequence(build_seed(f"gesture pairs {kind}", number, 0, seed))
-    )
+    rng = build_rng(build_seed(f"gesture pairs {kind}", number, 0, seed))
     gesture = constants.choose(f"pairs.{kind}", rng)
     place = PairPlace(number, side, gesture)
     return replace(

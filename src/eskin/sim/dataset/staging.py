@@ -13,7 +13,7 @@ from jaxtyping import Float
 from eskin.recording import NONE
 from eskin.sim.constants import Constants
 from eskin.sim.contact.press import ContactSite, TrueTouch
-from eskin.sim.dataset.plan import ACCIDENTS, QUIET, ClipPlan, Origin
+from eskin.sim.dataset.plan import ACCIDENTS, QUIET, ClipPlan, Origin, build_rng
 from eskin.sim.people.perform import choose_kind, perform
 from eskin.sim.people.person import Person, draw_person
 from eskin.sim.scene.environment import SimEnvironment
@@ -107,23 +107,26 @@ class ClipSetup:
         return len(self.q) - self.lead
 
 
+def count_clip_steps(plan: ClipPlan, env: SimEnvironment) -> tuple[int, int]:
+    """Return the steps before the clip, and of all that is simulated."""
+    step = env.constants.value("time.step")
+    lead = round(env.constants.value("clip.before") / step)
+    return lead, lead + round(plan.seconds / step)
+
+
 def set_up_clip(
     plan: ClipPlan, kind: str, env: SimEnvironment, rng: np.random.Generator
 ) -> ClipSetup:
     """Draw pose and motion."""
-    step = env.constants.value("time.step")
-    lead = round(env.constants.value("clip.before") / step)
-    steps = lead + round(plan.seconds / step)
+    lead, steps = count_clip_steps(plan, env)
     groups = frozenset(plan.groups)
     folded = bool(rng.random() < plan.fold_share) and can_fold(env, groups)
-    pose_rng = rng
-    if plan.pose is not None:
-        pose_rng = np.random.default_rng(np.random.SeedSequence(plan.pose))
+    pose_rng = rng if plan.pose is None else build_rng(plan.pose)
     if needs_touching_pose(plan, kind, env, rng):
         q = draw_touching_pose(env, groups, pose_rng)
     else:
         q = draw_pose(env, groups, pose_rng, folded)
-    seconds = steps * step
+    seconds = steps * env.constants.value("time.step")
     if not (plan.moving and env.can_move):
         path = hold_pose(env, q, seconds)
     elif plan.gesture is None:

@@ -1,23 +1,21 @@
 """An interactive skin simulates scans of a robot that is moved and touched by calls."""
 
-from functools import lru_cache
 from typing import Literal, final
 
 import numpy as np
 from jaxtyping import Float, Int
 
 from eskin.recording import TruthRecord
-from eskin.robot import Wrench, load_robot
-from eskin.sim.constants import load_constants
+from eskin.robot import Wrench
 from eskin.sim.dataset.clip import get_build
-from eskin.sim.dataset.plan import BuildOrigin, Origin
+from eskin.sim.dataset.plan import BuildOrigin, Origin, build_rng
 from eskin.sim.dataset.session_plan import build_seed
 from eskin.sim.interactive.hand import InteractiveHand
 from eskin.sim.interactive.touches import MotionTrack
 from eskin.sim.people.person import Person, draw_person
-from eskin.sim.scene.environment import SimEnvironment, build_environment
+from eskin.sim.scene.environment import SimEnvironment, load_environment
 from eskin.sim.scene.scene import (
-    Scene,
+    TouchScene,
     TrueTouchSeries,
     compute_scene_pressure,
     compute_touch_presses,
@@ -25,7 +23,7 @@ from eskin.sim.scene.scene import (
     count_steps_per_reading,
 )
 from eskin.sim.sensor.sensor import Sensor
-from eskin.skin import SKIN_PRESETS, MountedSkin, Skin
+from eskin.skin import SKIN_PRESETS, Skin
 from eskin.touch import Scan
 
 PA_PER_KPA = 1000.0
@@ -122,9 +120,9 @@ class InteractiveSkin:
         skin = self.mounted.skin
         self.calibration = self.build.calibration(skin)
         self.period = constants.value("sensor.period")
-        self.sensor = Sensor(self.build, skin, build_rng("sensor", seed))
+        self.sensor = Sensor(self.build, skin, build_role_rng("sensor", seed))
         person = person or draw_demo_person(self.env, seed)
-        self.hand = InteractiveHand(self.env, person, build_rng("hand", seed))
+        self.hand = InteractiveHand(self.env, person, build_role_rng("hand", seed))
         delay = constants.get_constant("motion.delay").spread
         assert delay is not None
         step = constants.value("time.step")
@@ -134,7 +132,7 @@ class InteractiveSkin:
         self.loses = loses
         self.unplugged = np.zeros(len(skin.patches), dtype=bool)
         self.feels = self.sensor.readout.feels.copy()
-        self.rng = build_rng("kill", seed)
+        self.rng = build_role_rng("kill", seed)
         self.wrenches: tuple[Wrench, ...] = ()
 
     def scan(self, stamp: int, q: Float[np.ndarray, "joint"]) -> Scan:
@@ -156,7 +154,7 @@ class InteractiveSkin:
             )
         span = self.track.push(q)
         touches = self.hand.advance(span)
-        scene = Scene(span.q, tuple(touches.values()))
+        scene = TouchScene(span.q, tuple(touches.values()))
         self.press_sensor(scene, list(touches), stamp)
         counts = self.sensor.read(np.array([self.sensor.steps - 1.0]))[0]
         silent = self.sensor.losses.draw_next()[0] & self.loses
@@ -165,7 +163,7 @@ class InteractiveSkin:
         counts[~received] = 0
         return Scan(stamp, counts, received, q)
 
-    def press_sensor(self, scene: Scene, numbers: list[int], stamp: int) -> None:
+    def press_sensor(self, scene: TouchScene, numbers: list[int], stamp: int) -> None:
         """Press the touches of a reading on the sensor, and record their truth."""
         touch_presses = compute_touch_presses(scene, self.env)
         skin = self.mounted.skin
@@ -234,18 +232,10 @@ class InteractiveSkin:
         return ids.index(patch)
 
 
-@lru_cache(maxsize=4)
-def load_environment(name: str) -> SimEnvironment:
-    """Load a preset skin on its robot, cached."""
-    preset = SKIN_PRESETS[name]
-    mounted = MountedSkin(preset.build(), load_robot(preset.robot))
-    return build_environment(mounted, load_constants())
-
-
-def build_rng(what: str, seed: int) -> np.random.Generator:
+def build_role_rng(what: str, seed: int) -> np.random.Generator:
     """Build a generator of its own for each thing that is drawn."""
     words = build_seed(f"{what} {DEMO_ROLE}", 0, 0, seed)
-    return np.random.default_rng(np.random.SeedSequence(words))
+    return build_rng(words)
 
 
 def draw_demo_person(env: SimEnvironment, seed: int) -> Person:

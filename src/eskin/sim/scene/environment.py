@@ -1,16 +1,18 @@
 """The environment holds the robot in its skin, prepared for touching."""
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from jaxtyping import Float
 
-from eskin.sim.constants import MM, Constants
+from eskin.robot import load_robot
+from eskin.sim.constants import MM, Constants, load_constants
 from eskin.sim.contact.chart import Chart, build_charts
 from eskin.sim.contact.press import ContactSite
 from eskin.sim.scene.collision import CollisionModel, build_collision_model
 from eskin.sim.scene.targets import TouchTargets, build_targets
-from eskin.skin import MountedSkin
+from eskin.skin import SKIN_PRESETS, MountedSkin
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,6 +65,18 @@ def build_environment(mounted: MountedSkin, constants: Constants) -> SimEnvironm
     collision = build_collision_model(mounted.robot)
     spots = build_targets(mounted.skin, charts, constants)
     return SimEnvironment(mounted, charts, links, collision, spots, constants)
+
+
+def mount_preset(skin: str) -> MountedSkin:
+    """Mount a preset skin on its robot."""
+    preset = SKIN_PRESETS[skin]
+    return MountedSkin(preset.build(), load_robot(preset.robot))
+
+
+@lru_cache(maxsize=4)
+def load_environment(skin: str) -> SimEnvironment:
+    """Load a preset skin on its robot, prepared for touching, cached."""
+    return build_environment(mount_preset(skin), load_constants())
 
 
 def compute_surface_axes(

@@ -23,7 +23,7 @@ from eskin.transforms import apply
 
 
 @dataclass(frozen=True, eq=False)
-class Scene:
+class TouchScene:
     """A scene holds all that happens between two instants, on the simulator's clock."""
 
     q: Float[np.ndarray, "time joint"]
@@ -279,7 +279,7 @@ def count_steps_per_reading(env: SimEnvironment) -> int:
 
 
 def compute_true_series(
-    scene: Scene,
+    scene: TouchScene,
     touch_presses: list[list[ScenePress]],
     charts: tuple[Chart, ...],
     mounted: MountedSkin,
@@ -308,7 +308,9 @@ def compute_true_series(
     )
 
 
-def compute_touch_presses(scene: Scene, env: SimEnvironment) -> list[list[ScenePress]]:
+def compute_touch_presses(
+    scene: TouchScene, env: SimEnvironment
+) -> list[list[ScenePress]]:
     """Compute the presses of each touch of a scene."""
     return [
         compute_scene_presses(touch, scene.steps, env.charts, env.constants)
