@@ -39,7 +39,7 @@ ANSWERS = (900, 55, 1300, 445)
 
 @dataclass(frozen=True)
 class Command:
-    """LoadedRecording the picture."""
+    """Take the picture."""
 
     out: Path
     """Where it goes."""
@@ -79,7 +79,7 @@ def pictures_of(
     models = load_both_models(model)
     comparison = ComparisonListener([touch], models)
     setup = describe_scene(touch.mounted, models[0].card.vocabulary, compares=True)
-    packer, begin, highest = FrameEncoder(touch.mounted, 0), touch.period, []
+    encoder, begin, highest = FrameEncoder(touch.mounted, 0), touch.period, []
     for side in (0, 1):
         recognizer = Recognizer(models[0], touch.mounted, touch.calibration)
         shown: list[ViewUpdate] = []
@@ -88,7 +88,7 @@ def pictures_of(
             recognizer.push(scan)
             assert recognizer.state is not None
             moment = RecognitionState(recognizer.state, recognizer.probabilities, ())
-            shown.append(packer.picture(moment, 50.0, 0.0, 0.0, None))
+            shown.append(encoder.build_update(moment, 50.0, 0.0, 0.0, None))
         begin += touch.period * len(touch.counts)
         highest.append(most(shown))
     comparison.close()

@@ -16,8 +16,8 @@ from sim_scenes import Failing, StandIn
 def quick(monkeypatch):
     """The command with a stand-in for the simulator, in this process."""
 
-    def stand_in(folder, settings, workers, tell):
-        return generate(folder, settings, 0, StandIn, tell)
+    def stand_in(folder, settings, workers, on_progress):
+        return generate(folder, settings, 0, StandIn, on_progress)
 
     monkeypatch.setattr(command, "generate", stand_in)
 
@@ -86,8 +86,8 @@ def test_generate_with_other_settings_leaves_what_is_there(quick, tmp_path, caps
 
 
 def test_a_clip_that_cannot_be_made_is_one_line(monkeypatch, tmp_path, capsys):
-    def failing(folder, settings, workers, tell):
-        return generate(folder, settings, 0, Failing, tell)
+    def failing(folder, settings, workers, on_progress):
+        return generate(folder, settings, 0, Failing, on_progress)
 
     monkeypatch.setattr(command, "generate", failing)
     code, out, err = call(capsys, tmp_path / "out", "--clips", 12, "--subjects", 2)

@@ -32,7 +32,7 @@ def truth(touches=((7, LEFT), (3, RIGHT)), readings=5) -> TrueTouches:
         stamps=np.array([row[0] for row in rows]),
         touch=np.array([row[1] for row in rows]),
         p_world=np.array([row[2] for row in rows]),
-        names=NAMES,
+        labels=NAMES,
     )
 
 

@@ -89,7 +89,7 @@ def test_the_page_is_told_what_is_said_without_it(touches, answers):
     assert told is not None and told.done == touch.labels and told.playing == 1
     for (_, row), known in zip(told.rows, answers, strict=True):
         for shown, answer, label in zip(row, known, touch.labels, strict=True):
-            assert shown.said == answer.texts
+            assert shown.texts == answer.texts
             assert shown.right == answer.is_correct(label)
             np.testing.assert_allclose(
                 shown.probabilities, answer.probabilities, rtol=1e-6
@@ -98,7 +98,7 @@ def test_the_page_is_told_what_is_said_without_it(touches, answers):
         heard.on_message(scan)
     told = heard.board
     assert told is not None and told.playing == 0 and told.title.endswith("touch 2")
-    assert all(not answer.said for _, row in told.rows for answer in row)
+    assert all(not answer.texts for _, row in told.rows for answer in row)
 
 
 def test_an_answer_is_right_that_says_what_is_done_once_and_nothing_else():

@@ -308,8 +308,8 @@ def test_pairs_cannot_be_merged_on_a_patch_that_meets_no_other():
 
 
 def test_pairs_can_be_asked_for_on_the_command_line(monkeypatch, tmp_path, capsys):
-    def in_this_process(folder, settings, workers, tell):
-        return generate(folder, settings, 0, small, tell)
+    def in_this_process(folder, settings, workers, on_progress):
+        return generate(folder, settings, 0, small, on_progress)
 
     monkeypatch.setattr(command, "generate", in_this_process)
     argv = ["generate", str(tmp_path), "--set", "pairs", "--clips", "2", "--json"]

@@ -62,7 +62,7 @@ def test_a_label_is_set_mended_and_removed(recording):
     editing = LabelEditor(recording)
     added = editing.add("stroke", 4.5, 5.0)
     assert added in editing.labels and editing.changed
-    mended = editing.mend(added, "double_pat", 4.6, 5.1)
+    mended = editing.change(added, "double_pat", 4.6, 5.1)
     assert added not in editing.labels
     assert (mended.start, mended.end) == (stamp(4.6), stamp(5.1))
     editing.remove(mended)
@@ -81,7 +81,7 @@ def test_a_label_that_cannot_be_changes_nothing(recording, start, end):
 def test_saving_writes_the_labels_and_keeps_the_recording_as_it_was(recording):
     original = recording.path.read_bytes()
     editing = LabelEditor(recording)
-    editing.mend(editing.labels[0], "double_pat", 1.0, 1.5)
+    editing.change(editing.labels[0], "double_pat", 1.0, 1.5)
     kept = editing.save()
     assert kept.read_bytes() == original
     again = read_recording(recording.path)
@@ -99,7 +99,7 @@ def test_what_a_person_saves_is_true_and_other_labels_stay(tmp_path):
     auto = Label(stamp(1.0), stamp(1.4), "poke", "auto")
     path = write_recording(tmp_path / "a.mcap", PRESSES, labels=[auto])
     editing = LabelEditor(read_recording(path))
-    editing.mend(editing.labels[0], "poke", 1.0, 1.5)
+    editing.change(editing.labels[0], "poke", 1.0, 1.5)
     editing.save()
     labels = read_recording(path).labels
     assert auto in labels

@@ -11,7 +11,7 @@ from tests.viewer_scenes import mounted, picture, setup
 from eskin.errors import DeviceError
 from eskin.page import ColourScale, PageOrder, TouchOrder
 from eskin.page.colours import INVALID_COLOUR
-from eskin.page.hand import DOUBLE_CLICK, MIN_SECONDS, Hand, SurfacePoint
+from eskin.page.hand import DOUBLE_CLICK, MIN_SECONDS, MouseHand, SurfacePoint
 from eskin.page.port import free_port
 from eskin.viewer.appearance import build_link_meshes
 from eskin.viewer.process import MAX_IN_FLIGHT, MAX_ORDERS, PageProcess
@@ -108,7 +108,7 @@ def spot_of(taxel):
 
 def test_a_click_pokes_when_no_other_comes_and_two_are_a_double_pat():
     sent = []
-    hand = Hand(setup(), sent.append)
+    hand = MouseHand(setup(), sent.append)
     hand.click(spot_of(FOREARM), 10.0)
     hand.tick(10.0 + 0.9 * DOUBLE_CLICK)
     assert not sent
@@ -128,7 +128,7 @@ def test_a_click_pokes_when_no_other_comes_and_two_are_a_double_pat():
 @pytest.mark.parametrize(("mode", "least"), sorted(MIN_SECONDS.items()))
 def test_a_hand_takes_its_time_for_what_takes_time(mode, least):
     sent = []
-    hand = Hand(setup(), sent.append)
+    hand = MouseHand(setup(), sent.append)
     for hand.seconds in (0.1, 2.0):
         hand.click(spot_of(FOREARM), 0.0, mode.replace("_", "-"))
     assert [order.seconds for order in sent] == [least, 2.0]
@@ -137,7 +137,7 @@ def test_a_hand_takes_its_time_for_what_takes_time(mode, least):
 @pytest.mark.parametrize("taxel", [0, 400, 800, FOREARM, 1800, 2100])
 def test_an_order_carries_the_place_of_its_taxel(taxel):
     sent = []
-    hand = Hand(setup(), sent.append)
+    hand = MouseHand(setup(), sent.append)
     hand.force, hand.seconds = 13.0, 0.9
     hand.click(spot_of(taxel), 0.0, "grab")
     (order,) = sent
@@ -149,7 +149,7 @@ def test_an_order_carries_the_place_of_its_taxel(taxel):
 
 def test_clicks_far_from_each_other_are_two_pokes_however_fast():
     sent = []
-    hand = Hand(setup(), sent.append)
+    hand = MouseHand(setup(), sent.append)
     away = int(np.flatnonzero(mounted().taxel_link_index != spot_of(FOREARM).link)[0])
     hand.click(spot_of(FOREARM), 1.0)
     hand.click(spot_of(away), 1.1)
@@ -160,7 +160,7 @@ def test_clicks_far_from_each_other_are_two_pokes_however_fast():
 
 def test_a_new_drag_lifts_a_finger_that_was_never_lifted():
     sent = []
-    hand = Hand(setup(), sent.append)
+    hand = MouseHand(setup(), sent.append)
     for taxel in (FOREARM, FOREARM + 1):
         hand.drag("start", spot_of(taxel))
         hand.drag("update", spot_of(taxel + 1))
@@ -170,7 +170,7 @@ def test_a_new_drag_lifts_a_finger_that_was_never_lifted():
 
 def test_a_drag_begins_moves_and_ends_one_finger():
     sent = []
-    hand = Hand(setup(), sent.append)
+    hand = MouseHand(setup(), sent.append)
     hand.drag("start", spot_of(FOREARM))
     assert not sent
     hand.drag("update", spot_of(FOREARM + 1))
@@ -186,7 +186,7 @@ def test_a_drag_begins_moves_and_ends_one_finger():
 
 def test_a_drag_that_was_seen_only_where_it_began_and_ended_goes_all_the_way():
     sent = []
-    hand = Hand(setup(), sent.append)
+    hand = MouseHand(setup(), sent.append)
     hand.drag("start", spot_of(FOREARM))
     hand.drag("end", spot_of(FOREARM + 1))
     assert [order.kind for order in sent] == ["begin", "move", "end"]
@@ -197,7 +197,7 @@ def test_a_drag_that_was_seen_only_where_it_began_and_ended_goes_all_the_way():
 
 def test_a_stroke_by_click_runs_over_taxels_of_one_link_and_ends():
     sent = []
-    hand = Hand(setup(), sent.append)
+    hand = MouseHand(setup(), sent.append)
     hand.click(spot_of(FOREARM), 0.0, "stroke")
     hand.tick(5.0)
     kinds = [order.kind for order in sent]
@@ -263,18 +263,18 @@ def test_a_stalled_page_delays_nobody_and_misses_pictures_only(page):
     wait_until(lambda: page.wants())
     os.kill(page.process.pid, signal.SIGSTOP)
     try:
-        given, longest = page.pictures, 0.0
+        given, longest = page.updates, 0.0
         for index in range(500):
             began = time.monotonic()
             page.give(picture(index * 0.04))
             longest = max(longest, time.monotonic() - began)
-        assert page.pictures - given == 500
-        assert page.on_the_way <= MAX_IN_FLIGHT
+        assert page.updates - given == 500
+        assert page.in_flight <= MAX_IN_FLIGHT
         assert longest < 1.0
         before = page.shown
     finally:
         os.kill(page.process.pid, signal.SIGCONT)
-    wait_until(lambda: page.on_the_way == 0 and page.latest is None)
+    wait_until(lambda: page.in_flight == 0 and page.latest is None)
     assert page.shown - before <= MAX_IN_FLIGHT + 1
 
 

@@ -94,7 +94,7 @@ def test_a_stream_is_seen_with_its_touches_and_what_is_said_of_them(monkeypatch)
     recognizer = Recognizer(say_always("poke"), on, calibration_of(on.skin))
     recognition = Recognition(recognizer, drop="never")
     viewer, given = Viewer(recognition, ViewerConfig(0)), []
-    monkeypatch.setattr("eskin.viewer.viewer.PICTURES", 1e9)
+    monkeypatch.setattr("eskin.viewer.viewer.MAX_UPDATE_RATE", 1e9)
     monkeypatch.setattr("eskin.viewer.viewer.PageProcess", lambda *_: Kept(given))
     source = played(scans(on, two_hands(on), 50, 5.0))
     with Stream(source, [recognition, viewer]) as stream:

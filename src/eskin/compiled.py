@@ -32,7 +32,7 @@ def compiled(function: Any = None, /, **options: Any) -> Any:  # noqa: ANN401
     # Numba has no public way to say what else a cached function depends on. The digest
     # is part of the names, so that no file of other sources is opened: it may refer to
     # types whose modules have moved, which numba cannot read.
-    file = dispatcher._cache._cache_file
+    file = dispatcher._cache._cache_file  # type: ignore[attr-defined]
     digest = digest_sources(Path(function.__code__.co_filename))[:16]
     index = Path(file._index_path)
     file._index_path = str(index.with_name(f"{index.stem}.{digest}.nbi"))

@@ -1,4 +1,7 @@
-"""The page in the browser, in a process of its own: it needs no recogniser."""
+"""This package serves the page in the browser, in a process of its own.
+
+It imports no recogniser.
+"""
 
 from eskin.page.colours import ColourScale
 from eskin.page.messages import (

@@ -1,7 +1,8 @@
-"""The viewer's own process: `python -m eskin.page FD`, started by `eskin.viewer`.
+"""This module runs the page's process: `python -m eskin.page FD`.
 
-Over the socket FD come a setup, then pictures; back go the port, a word after each
-picture that was shown, and orders. It ends with the other end of the socket.
+`eskin.viewer` starts it. Over the socket FD it receives a scene description, then
+updates; it sends back the port, a message after each update shown, and orders. It
+ends when the other end of the socket is closed.
 """
 
 import os
@@ -11,36 +12,36 @@ from multiprocessing.connection import Connection
 from threading import Lock
 
 from eskin.errors import DeviceError
-from eskin.page.messages import ORDER, READY, REFUSED, SHOWN, Order, Word
+from eskin.page.messages import ORDER, READY, REFUSED, SHOWN, Order, MessageKind
 from eskin.page.page import Page
 from eskin.page.server import open_server
 
 TICK = 0.01
-"""How often touches that are due are sent [s]."""
+"""Interval between checks for touches that are due [s]."""
 
 
 def main(descriptor: int) -> None:
-    """Serve until the other end is closed."""
-    # Ctrl-C reaches the whole terminal; when to end, the other end says.
+    """Serve the page until the other end of the socket is closed."""
+    # Ctrl-C reaches every process of the terminal; the other end decides when to end.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     with Connection(descriptor) as connection:
         try:
             serve(connection)
         except (EOFError, OSError):
             pass
-    # Threads of the server must not keep the process.
+    # Threads of the server must not keep the process alive.
     os._exit(0)
 
 
 def serve(connection: Connection) -> None:
-    """Show what comes."""
+    """Serve the page and show each update received over a connection."""
     lock = Lock()
 
-    def send(kind: Word, value: object = None) -> None:
+    def send(kind: MessageKind, value: object = None) -> None:
         with lock:
             connection.send((kind, value))
 
-    def give(order: Order) -> None:
+    def send_order(order: Order) -> None:
         send(ORDER, order)
 
     port, setup = connection.recv()
@@ -49,7 +50,7 @@ def serve(connection: Connection) -> None:
     except DeviceError as error:
         send(REFUSED, str(error))
         return
-    page = Page(server, setup, give)
+    page = Page(server, setup, send_order)
     send(READY, server.get_port())
     while True:
         if connection.poll(TICK):

@@ -1,4 +1,4 @@
-"""Answers beside each other: the same counts in two poses, by two recognisers."""
+"""This module draws the answers of two recognisers to the same counts in two poses."""
 
 from html import escape
 from typing import final
@@ -14,28 +14,28 @@ DULL = "#b9c2cd"
 
 @final
 class ComparisonPanel:
-    """In place of the panel where two recognisers are compared."""
+    """Replaces the panel where two recognisers are compared."""
 
     def __init__(
         self, gui: GuiApi, setup: SceneDescription, scale: ColourScale
     ) -> None:
-        """Lay the panel out."""
+        """Lay out the panel."""
         self.setup = setup
         self.board = gui.add_html(board(None, setup.gestures))
         self.legend = gui.add_html(block(scale.legend()))
         with gui.add_tab_group().add_tab("View", Icon.PALETTE):
             add_scale(gui, scale, self.legend)
 
-    def take(self, picture: ViewUpdate) -> None:
-        """All that is shown stands in the picture that is drawn."""
+    def take(self, update: ViewUpdate) -> None:
+        """Ignore an update: `draw` needs only the update that it draws."""
 
-    def draw(self, picture: ViewUpdate) -> None:
-        """Draw what has changed."""
-        self.board.content = board(picture.board, self.setup.gestures)
+    def draw(self, update: ViewUpdate) -> None:
+        """Draw the board of an update."""
+        self.board.content = board(update.board, self.setup.gestures)
 
 
 def board(shown: ComparisonBoard | None, gestures: tuple[str, ...]) -> str:
-    """Two poses beside each other, one recogniser under the other."""
+    """Return the board as HTML: a column for each pose, a row for each recogniser."""
     if shown is None:
         return block("the arm goes to its first pose")
     heads = "".join(
@@ -43,9 +43,9 @@ def board(shown: ComparisonBoard | None, gestures: tuple[str, ...]) -> str:
         for number, (name, done) in enumerate(zip(shown.poses, shown.done, strict=True))
     )
     rows = "".join(
-        f'<div style="color:{PALE};margin:10px 0 2px">{escape(who)}</div>'
+        f'<div style="color:{PALE};margin:10px 0 2px">{escape(name)}</div>'
         + beside("".join(cell(answer, gestures) for answer in answers))
-        for who, answers in shown.rows
+        for name, answers in shown.rows
     )
     return block(
         f"<b>{escape(shown.title)}</b>{beside(heads)}{rows}"
@@ -54,12 +54,12 @@ def board(shown: ComparisonBoard | None, gestures: tuple[str, ...]) -> str:
 
 
 def beside(cells: str) -> str:
-    """Columns."""
+    """Return cells side by side as HTML."""
     return f'<div style="display:flex;gap:12px">{cells}</div>'
 
 
 def pose(name: str, done: str, is_on: bool) -> str:
-    """What a column is of, and what is truly done there."""
+    """Return the head of a column as HTML: the pose and its true label."""
     colour = AMBER if is_on else LINE
     return (
         f'<div style="flex:1;border-bottom:3px solid {colour};padding:4px 0">'
@@ -69,7 +69,7 @@ def pose(name: str, done: str, is_on: bool) -> str:
 
 
 def cell(answer: Answer, gestures: tuple[str, ...]) -> str:
-    """One answer: in words, then the probabilities of the strongest touch."""
+    """Return an answer as HTML: its text and the strongest touch's probabilities."""
     colour = DULL if answer.right is None else TEAL if answer.right else RED
     chances = answer.probabilities.tolist()
     best = max(chances, default=0.0)
@@ -77,15 +77,15 @@ def cell(answer: Answer, gestures: tuple[str, ...]) -> str:
         small_bar(name, chance, colour if chance == best > 0 else DULL)
         for name, chance in zip(gestures, chances, strict=True)
     )
-    said = "<br>".join(map(escape, answer.said))
+    texts = "<br>".join(map(escape, answer.texts))
     return (
         f'<div style="flex:1;min-width:0"><div style="font-weight:600;color:{colour};'
-        f'min-height:36px">{said}</div>{bars}</div>'
+        f'min-height:36px">{texts}</div>{bars}</div>'
     )
 
 
 def small_bar(gesture: str, chance: float, colour: str) -> str:
-    """One probability in half the width of the panel."""
+    """Return a probability as an HTML bar in half the width of the panel."""
     return (
         '<div style="display:flex;align-items:center;gap:5px;height:15px;'
         'font-size:11px"><span style="width:58px;white-space:nowrap">'

@@ -1,4 +1,4 @@
-"""Pressure as colour: lighter is more, for every kind of colour vision."""
+"""This module maps pressure to colour: lighter is more, for all colour vision."""
 
 from typing import final
 
@@ -29,23 +29,23 @@ VIRIDIS = np.array(
 )
 """Seventeen stops of viridis (van der Walt and Smith 2015), of even lightness."""
 STEPS = 64
-"""Colours in use: a taxel travels to the browser only when its colour changes."""
+"""Number of colours; a taxel is sent to the browser only when its colour changes."""
 INVALID_COLOUR = (205, 205, 210)
-"""Of a taxel that is not believed."""
+"""Colour of a taxel that is not valid: red, green and blue, each to 255."""
 QUIET = 0.5
 """Pressure below which a taxel is at rest [kPa]."""
 
 
 @final
 class ColourScale:
-    """Colours of pressures from 0 to a maximum, spread by the square root.
+    """Maps pressures from 0 to a maximum to colours, spread by the square root.
 
     Attributes:
         maximum: pressure of the lightest colour [kPa].
     """
 
     def __init__(self, maximum: float) -> None:
-        """Scale to a maximum [kPa]."""
+        """Create a scale up to a maximum pressure [kPa]."""
         self.maximum = maximum
         stops = np.linspace(0.0, 1.0, len(VIRIDIS))
         steps = np.linspace(0.0, 1.0, STEPS)
@@ -55,11 +55,11 @@ class ColourScale:
     def colours(
         self, pressure: Float[np.ndarray, "taxel"], valid: Bool[np.ndarray, "taxel"]
     ) -> UInt8[np.ndarray, "taxel 3"]:
-        """Red, green and blue of each taxel.
+        """Return red, green and blue of each taxel.
 
         Args:
-            pressure: of the taxels [kPa].
-            valid: whether it is believed.
+            pressure: pressure of the taxels [kPa].
+            valid: whether each taxel is valid.
         """
         share = np.sqrt(np.clip(pressure / self.maximum, 0.0, 1.0))
         share[pressure < QUIET] = 0.0
@@ -68,7 +68,7 @@ class ColourScale:
         return colours
 
     def legend(self, ticks: int = 5) -> str:
-        """The scale as HTML: a bar with its pressures."""
+        """Return the scale as HTML: a bar with its pressures."""
         shares = np.linspace(0.0, 1.0, ticks)
         stops = ", ".join(f"rgb({r},{g},{b})" for r, g, b in self.table[::7].tolist())
         values = [f"{self.maximum * s * s:.3g}" for s in shares.tolist()]

@@ -14,45 +14,45 @@ from eskin.page.messages import Order, SceneDescription, TouchKind, TouchOrder
 from eskin.page.scene import Scene
 
 REACH = 0.015
-"""How far from a taxel's centre a ray may pass it [m]."""
+"""Greatest distance between a ray and the centre of a taxel that it meets [m]."""
 
 
 @dataclass(frozen=True, eq=False)
 class SurfacePoint:
-    """A place on the skin."""
+    """Describes a point on the skin."""
 
     taxel: int
-    """The nearest taxel."""
+    """Index of the nearest taxel."""
 
     link: int
-    """Index of its link."""
+    """Index of the link of that taxel."""
 
     p_link: Float[np.ndarray, "3"]
-    """The place itself, in the frame of the link [m]."""
+    """Position of the point in the frame of the link [m]."""
 
 
 @final
 class Pointing:
-    """Finds spots on the skin where it is now."""
+    """Finds points on the skin in its current pose."""
 
     def __init__(self, scene: Scene) -> None:
-        """Look at a scene."""
+        """Find points on the skin of a scene."""
         self.scene = scene
         self.links = scene.setup.taxel_link
 
     def of_taxel(self, taxel: int) -> SurfacePoint:
-        """The centre of a taxel."""
+        """Return the centre of a taxel."""
         link = int(self.links[taxel])
         return SurfacePoint(taxel, link, self.scene.setup.positions[taxel])
 
     def along(
         self, origin: Float[np.ndarray, "3"], direction: Float[np.ndarray, "3"]
     ) -> SurfacePoint | None:
-        """The foremost spot that a ray meets; None where it misses the skin.
+        """Return the foremost point that a ray meets; None where it misses the skin.
 
         Args:
-            origin: of the ray in the world [m].
-            direction: of the ray, of any length.
+            origin: origin of the ray in the world frame [m].
+            direction: direction of the ray in the world frame, of any length.
         """
         direction = direction / np.linalg.norm(direction)
         positions, normals = self.scene.world()
@@ -64,7 +64,7 @@ class Pointing:
         front = met & (depth < depth[met].min() + 2 * REACH)
         taxel = int(np.argmin(np.where(front, aside, np.inf)))
         normal = normals[taxel]
-        # Where the ray passes the plane of the taxel, but no further from its centre.
+        # The point where the ray meets the plane of the taxel, limited to its radius.
         step = ((positions[taxel] - origin) @ normal) / (direction @ normal)
         offset = origin + step * direction - positions[taxel]
         offset *= min(1.0, self.size(taxel) / max(float(np.linalg.norm(offset)), 1e-9))
@@ -74,46 +74,48 @@ class Pointing:
         )
 
     def size(self, taxel: int) -> float:
-        """Radius of a circle of a taxel's area [m]."""
+        """Return the radius of a circle of a taxel's area [m]."""
         return float(np.sqrt(self.scene.setup.areas[taxel] / np.pi))
 
 
-Mode = Literal["poke", "double-pat", "grab", "stroke"]
+TouchMode = Literal["poke", "double-pat", "grab", "stroke"]
 DOUBLE_CLICK = 0.35
-"""A click so soon after another makes a double pat of both [s]."""
+"""Longest time between two clicks that make a double pat [s]."""
 CLOSE = 0.05
-"""How near to the first click the second one of a double pat is [m]."""
+"""Greatest distance between the two clicks of a double pat [m]."""
 MIN_SECONDS: dict[TouchKind, float] = {"grab": 0.8, "double_pat": 0.4}
-"""How long a hand takes for these, though a poke is set to be shorter [s]."""
+"""Shortest duration of these touches, even where a shorter one is set [s]."""
 STROKE_LENGTH = 0.12
-"""Of the stroke that a click makes in that mode [m]."""
+"""Length of the stroke that a click makes in the mode `stroke` [m]."""
 STROKE_TICK = 0.05
-"""Between its moves [s]."""
+"""Interval between the moves of that stroke [s]."""
 
 
 @final
-class Hand:
-    """Makes orders of what the mouse does, each at its time.
+class MouseHand:
+    """Turns actions of the mouse into touch orders, each sent at its time.
 
-    A click pokes once it is too late for a second one. That would make a double pat of
-    both: a fingertip that pokes twice is felt as a poke, and has commanded by then.
+    A click pokes only once it is too late for a second click. Two clicks make a double
+    pat instead of two pokes, because the first poke would be recognised, and would have
+    issued its command, before the second.
 
     Attributes:
-        mode: what a click does.
-        force: of what is begun next [N].
-        seconds: how long it lasts; a grab or double pat takes its time [s].
+        mode: kind of touch that a click makes.
+        force: force of the next touch [N].
+        seconds: duration of the next touch; grabs and double pats last at least
+            `MIN_SECONDS` [s].
     """
 
     def __init__(self, setup: SceneDescription, send: Callable[[Order], None]) -> None:
-        """Touch nothing yet.
+        """Start without touches.
 
         Args:
-            setup: the skin.
-            send: is given each order; may be called from any thread.
+            setup: description of the skin.
+            send: function called with each order, from any thread.
         """
         self.setup = setup
         self.send = send
-        self.mode: Mode = "poke"
+        self.mode: TouchMode = "poke"
         self.force = 12.0
         self.seconds = 0.3
         self.keys = count(1)
@@ -122,13 +124,15 @@ class Hand:
         self.dragged: TouchOrder | None = None
         self.lock = RLock()
 
-    def click(self, spot: SurfacePoint, now: float, mode: Mode | None = None) -> None:
-        """Touch a spot in the mode that is set, or in another.
+    def click(
+        self, spot: SurfacePoint, now: float, mode: TouchMode | None = None
+    ) -> None:
+        """Touch a point in the mode that is set, or in another.
 
         Args:
-            spot: where.
-            now: any clock that runs on [s].
-            mode: in place of `self.mode`.
+            spot: point on the skin.
+            now: time of any monotonic clock [s].
+            mode: mode used instead of `self.mode`.
         """
         mode = mode or self.mode
         if mode == "stroke":
@@ -141,7 +145,7 @@ class Hand:
         self.tick(now)
 
     def poke(self, spot: SurfacePoint, now: float) -> None:
-        """Poke soon, or pat twice if a poke was about to begin."""
+        """Schedule a poke, or a double pat if a poke was already scheduled."""
         with self.lock:
             self.tick(now)
             first = None if self.once is None else self.once[1]
@@ -154,7 +158,7 @@ class Hand:
             self.once = (now + DOUBLE_CLICK, spot)
 
     def stroke(self, spot: SurfacePoint, now: float) -> None:
-        """Stroke along the patch from a spot on, over taxels of the same link."""
+        """Schedule a stroke along the patch from a point, over taxels of its link."""
         key = next(self.keys)
         path = self.path(spot)
         for number, place in enumerate(path):
@@ -164,7 +168,7 @@ class Hand:
         self.at(end, self.order("end", path[-1], key))
 
     def path(self, spot: SurfacePoint) -> list[SurfacePoint]:
-        """Spots from one end of a stroke to the other."""
+        """Return the points from one end of a stroke to the other."""
         setup = self.setup
         patch = np.flatnonzero(setup.patch_index == setup.patch_index[spot.taxel])
         positions = setup.positions[patch]
@@ -180,14 +184,15 @@ class Hand:
     def drag(
         self, phase: Literal["start", "update", "end"], spot: SurfacePoint | None
     ) -> None:
-        """Drag a finger; where there is no skin it stays where it last was.
+        """Drag a finger; where the mouse is off the skin, the finger stays in place.
 
-        It lands when it begins to move: a browser that draws slowly tells of the one
-        long after the other, and a finger that rests before it moves is no stroke.
+        The finger lands only when it begins to move. A browser that draws slowly
+        reports the move long after the press, and a finger that rests before it moves
+        makes no stroke.
 
         Args:
-            phase: of the drag.
-            spot: where the mouse is on the skin.
+            phase: phase of the drag.
+            spot: point on the skin under the mouse; None where there is none.
         """
         finger = self.dragged
         if finger is not None and phase == "start":
@@ -211,19 +216,19 @@ class Hand:
         spot: SurfacePoint,
         key: int,
     ) -> TouchOrder:
-        """An order for a spot with the force and duration that are set."""
+        """Return an order for a point with the force and duration that are set."""
         x, y, z = spot.p_link.tolist()
         link = self.setup.links[spot.link]
         seconds = max(self.seconds, MIN_SECONDS.get(kind, 0.0))
         return TouchOrder(kind, link, (x, y, z), self.force, seconds, key)
 
     def at(self, when: float, order: TouchOrder) -> None:
-        """Send an order later."""
+        """Schedule an order for a time [s]."""
         with self.lock:
             heapq.heappush(self.later, (when, next(self.keys), order))
 
     def tick(self, now: float) -> None:
-        """Send what is due."""
+        """Send the orders that are due."""
         with self.lock:
             if self.once is not None and self.once[0] <= now:
                 self.at(now, self.order("poke", self.once[1], next(self.keys)))
@@ -233,6 +238,6 @@ class Hand:
 
 
 def are_near(one: SurfacePoint, other: SurfacePoint) -> bool:
-    """Whether two clicks are on the same place, as far as a hand cares."""
+    """Return whether two clicks are near enough for a double pat."""
     away = np.linalg.norm(one.p_link - other.p_link)
     return one.link == other.link and bool(away <= CLOSE)

@@ -1,4 +1,4 @@
-"""This module defines what the page and its viewer send each other."""
+"""This module defines the messages between the page and its viewer."""
 
 from dataclasses import dataclass
 from typing import Literal
@@ -9,228 +9,231 @@ from jaxtyping import Float, Float16, Float32, Int, UInt8
 
 @dataclass(frozen=True, eq=False)
 class ContactMarker:
-    """Where something touches."""
+    """Describes the place of a contact."""
 
     link: int
     """Index of the link."""
 
     p_link: Float[np.ndarray, "3"]
-    """Centre in its frame [m]."""
+    """Centre of the contact in the frame of its link [m]."""
 
     n_link: Float[np.ndarray, "3"]
-    """Outward normal there."""
+    """Outward unit normal at the centre, in the frame of its link."""
 
     radius: float
-    """Of a circle of the same area [m]."""
+    """Radius of a circle of the area of the contact [m]."""
 
 
 @dataclass(frozen=True, eq=False)
 class OpenTouch:
-    """An open touch and what is thought of it."""
+    """Describes an open touch and its class probabilities."""
 
     id: int
-    """Its number."""
+    """Number of the touch."""
 
     link: str
-    """Where it is."""
+    """Name of the link that is touched."""
 
     force: float
-    """Of its strongest contact [N]."""
+    """Force of its strongest contact [N]."""
 
     probabilities: Float32[np.ndarray, "class"]
-    """Of the vocabulary."""
+    """Probability of each class of the vocabulary."""
 
 
 @dataclass(frozen=True)
 class LogEntry:
-    """A line of the log."""
+    """Describes a line of the log."""
 
     seconds: float
-    """Since the stream began [s]."""
+    """Time since the stream began [s]."""
 
     kind: Literal["detection", "command", "refused", "event"]
-    """What it is; a command may have been refused."""
+    """Kind of the entry; `refused` marks a command that was not accepted."""
 
     text: str
-    """What is written."""
+    """Text of the line."""
 
     gesture: str = ""
-    """Of a detection."""
+    """Gesture of a detection; empty for other entries."""
 
     link: int = -1
-    """Index of the link of a detection; -1 of others."""
+    """Index of the link of a detection; -1 for other entries."""
 
     p_link: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    """Where on that link [m]."""
+    """Position of a detection in the frame of its link [m]."""
 
 
 @dataclass(frozen=True)
 class ArmSummary:
-    """What an arm does, in words and numbers."""
+    """Summarises the state of an arm."""
 
     state: Literal["running", "paused", "held", "stopped", "waiting"]
-    """`paused`: a person asked for it; `held`: stopped without being asked; `stopped`:
-    protective stop or no connection; `waiting`: at rest in its program."""
+    """State of the arm.
+
+    `paused`: a person requested it; `held`: stopped without a request; `stopped`:
+    protective stop or no connection; `waiting`: at rest in its program.
+    """
 
     why: str
-    """Of `held` and `stopped`."""
+    """Reason for `held` or `stopped`; empty otherwise."""
 
     speed: float
-    """Share of full speed."""
+    """Speed as a share of full speed."""
 
     gripper: str
-    """`open` or `closed`."""
+    """State of the gripper: `open` or `closed`."""
 
     target: str
-    """Where it goes."""
+    """Name of the target of the motion."""
 
 
 @dataclass(frozen=True, eq=False)
 class Answer:
-    """What a recogniser says of what is played in one pose."""
+    """Holds the answer of a recogniser to the counts played in one pose."""
 
-    said: tuple[str, ...]
-    """In words, one line a touch."""
+    texts: tuple[str, ...]
+    """Text of the answer, one line per touch."""
 
     right: bool | None
-    """Whether that is what is truly done; None before all is said."""
+    """Whether the answer matches the true label; None before it is complete."""
 
     probabilities: Float32[np.ndarray, "class"]
-    """Of the strongest touch."""
+    """Probability of each class for the strongest touch."""
 
 
 @dataclass(frozen=True)
 class ComparisonBoard:
-    """What two recognisers say of the same counts in two poses."""
+    """Compares the answers of two recognisers to the same counts in two poses."""
 
     title: str
-    """What is compared."""
+    """Title of the comparison."""
 
     poses: tuple[str, ...]
-    """Names."""
+    """Names of the poses."""
 
     done: tuple[str, ...]
-    """What is truly done in each."""
+    """True label in each pose."""
 
     playing: int
-    """The pose that the arm is in."""
+    """Index of the current pose of the arm."""
 
     rows: tuple[tuple[str, tuple[Answer, ...]], ...]
-    """What each recogniser is, and its answers, one a pose."""
+    """Name of each recogniser with its answers, one per pose."""
 
 
 @dataclass(frozen=True, eq=False)
 class ViewUpdate:
-    """One instant as the page shows it."""
+    """Holds the state of one instant as the page shows it."""
 
     seconds: float
-    """Since the stream began [s]."""
+    """Time since the stream began [s]."""
 
     poses: Float32[np.ndarray, "link 7"]
-    """wxyz and position [m] of every link in the world."""
+    """Quaternion wxyz and position [m] of every link in the world frame."""
 
     pressure: Float16[np.ndarray, "taxel"]
-    """[kPa]"""
+    """Pressure of each taxel [kPa]."""
 
     valid: UInt8[np.ndarray, "byte"]
-    """Which taxels are believed, packed into bits."""
+    """Validity of each taxel, packed into bits."""
 
     contacts: tuple[ContactMarker, ...]
-    """Strongest first."""
+    """Contacts, strongest first."""
 
     touches: tuple[OpenTouch, ...]
-    """Strongest first."""
+    """Open touches, strongest first."""
 
     force: float
-    """Of all contacts [N]."""
+    """Sum of the forces of all contacts [N]."""
 
     peak: float
     """Greatest pressure [kPa]."""
 
     log_entries: tuple[LogEntry, ...]
-    """What was said since the last picture."""
+    """Log entries since the last update."""
 
     faults: int
-    """How many are known."""
+    """Number of known faults."""
 
     rate: float
-    """Readings a second [1/s]."""
+    """Rate of readings [1/s]."""
 
     step: float
-    """What recognising one reading takes, median [s]."""
+    """Median time to recognise one reading [s]."""
 
     age: float
-    """How old the reading was when all was said of it [s]."""
+    """Age of the reading when its processing was complete [s]."""
 
     arm: ArmSummary | None = None
-    """Where there is an arm."""
+    """Summary of the arm; None without an arm."""
 
     board: ComparisonBoard | None = None
-    """Where recognisers are compared."""
+    """Comparison of recognisers; None where none are compared."""
 
 
 @dataclass(frozen=True, eq=False)
 class LinkMesh:
-    """A part of the robot as it looks: a closed mesh in the frame of its link."""
+    """Describes the look of a part of the robot: a closed mesh in its link's frame."""
 
     link: int
-    """Index of its link."""
+    """Index of the link."""
 
     vertices: Float[np.ndarray, "vertex 3"]
-    """[m]"""
+    """Positions of the vertices in the frame of the link [m]."""
 
     faces: Int[np.ndarray, "face 3"]
-    """Counter-clockwise when seen from outside."""
+    """Vertex indices of each face, counter-clockwise seen from outside."""
 
     colour: tuple[int, int, int]
-    """Red, green and blue, each to 255."""
+    """Red, green and blue, each from 0 to 255."""
 
 
 @dataclass(frozen=True, eq=False)
 class SceneDescription:
-    """A skin on its robot, and what people may do with it."""
+    """Describes a skin on its robot and the actions that the page offers."""
 
     title: str
-    """What is seen: robot, skin and source."""
+    """Title of the page: robot, skin and source."""
 
     links: tuple[str, ...]
-    """Of the robot."""
+    """Names of the links of the robot."""
 
     solids: tuple[LinkMesh, ...]
-    """What the robot looks like."""
+    """Meshes of the robot."""
 
     taxel_link: Int[np.ndarray, "taxel"]
-    """Index of each taxel's link."""
+    """Index of the link of each taxel."""
 
     positions: Float[np.ndarray, "taxel 3"]
-    """Of the taxels in the frames of their links [m]."""
+    """Positions of the taxels in the frames of their links [m]."""
 
     normals: Float[np.ndarray, "taxel 3"]
-    """Outward, unit, in the same frames."""
+    """Outward unit normals of the taxels in the frames of their links."""
 
     areas: Float[np.ndarray, "taxel"]
-    """[m2]"""
+    """Areas of the taxels [m2]."""
 
     patches: tuple[str, ...]
-    """Names."""
+    """Names of the patches."""
 
     patch_index: Int[np.ndarray, "taxel"]
-    """The patch of each taxel."""
+    """Index of the patch of each taxel."""
 
     gestures: tuple[str, ...]
-    """The vocabulary, in the order of the probabilities."""
+    """Vocabulary, in the order of the probabilities."""
 
     touchable: bool
-    """Whether touches and other orders are taken from the page."""
+    """Whether the page may send touches and other orders."""
 
     skins: tuple[str, ...] = ()
-    """Skins that can be chosen instead; the first is on."""
+    """Skins offered for selection; the first is the current one."""
 
     is_arm: bool = False
-    """Whether an arm's state is told."""
+    """Whether updates include the state of an arm."""
 
     compares: bool = False
-    """Whether recognisers are compared, in place of all else beside the scene."""
+    """Whether a comparison of recognisers replaces the panel beside the scene."""
 
 
 TouchKind = Literal["poke", "double_pat", "grab", "begin", "move", "end"]
@@ -249,46 +252,46 @@ PageKind = Literal[
 
 @dataclass(frozen=True)
 class TouchOrder:
-    """A finger or hand that is to touch the simulated skin."""
+    """Requests a touch of the simulated skin by a finger or hand."""
 
     kind: TouchKind
-    """`begin`, `move` and `end` are of a finger that is dragged over the skin."""
+    """Kind of touch; `begin`, `move` and `end` belong to a dragged finger."""
 
     link: str
-    """Link of the taxel that was pointed at."""
+    """Name of the link of the selected taxel."""
 
     p_link: tuple[float, float, float]
-    """The point on the skin, in the frame of the link [m]."""
+    """Point on the skin in the frame of the link [m]."""
 
     force: float
-    """How hard [N]."""
+    """Force of the touch [N]."""
 
     seconds: float
-    """How long; without meaning for a finger that is dragged [s]."""
+    """Duration of the touch; unused for a dragged finger [s]."""
 
     key: int
-    """Tells touches apart: `begin`, `move` and `end` of one finger share it."""
+    """Identifier of the touch, shared by `begin`, `move` and `end` of one finger."""
 
 
 @dataclass(frozen=True)
 class PageOrder:
-    """Something else that a person asked for."""
+    """Requests an action other than a touch."""
 
     kind: PageKind
-    """What to do."""
+    """Action."""
 
     value: str | float | None = None
-    """With what: a patch to pull or plug in, the share of taxels to kill, a skin."""
+    """Argument: a patch to unplug or plug in, a share of taxels to kill, or a skin."""
 
 
 Order = TouchOrder | PageOrder
 
-Word = Literal["ready", "refused", "shown", "order"]
-READY: Word = "ready"
-"""The page is served; the value is its port."""
-REFUSED: Word = "refused"
-"""It cannot be served; the value says why."""
-SHOWN: Word = "shown"
-"""A picture has been shown: another may come."""
-ORDER: Word = "order"
-"""A person ordered something."""
+MessageKind = Literal["ready", "refused", "shown", "order"]
+READY: MessageKind = "ready"
+"""Message sent when the page is served; its value is the port."""
+REFUSED: MessageKind = "refused"
+"""Message sent when the page cannot be served; its value is the reason."""
+SHOWN: MessageKind = "shown"
+"""Message sent after an update was shown, so that another may be sent."""
+ORDER: MessageKind = "order"
+"""Message that carries an order; its value is the order."""

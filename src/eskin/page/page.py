@@ -1,4 +1,4 @@
-"""The page as a whole: what it is shown goes in, what people order comes out."""
+"""This module assembles the page: it shows updates and sends orders."""
 
 from collections.abc import Callable
 from time import monotonic
@@ -14,26 +14,27 @@ from viser import (
 
 from eskin.page.board import ComparisonPanel
 from eskin.page.colours import ColourScale
-from eskin.page.hand import Hand, Mode, Pointing
+from eskin.page.hand import MouseHand, TouchMode, Pointing
 from eskin.page.messages import Order, SceneDescription, ViewUpdate
 from eskin.page.panel import Panel
 from eskin.page.scene import GripperModel, Marks, Scene
 
 SCALE = 60.0
-"""Pressure of the lightest colour until somebody changes it [kPa]."""
+"""Initial pressure of the lightest colour [kPa]."""
 DRAW = 0.1
-"""Between two drawings of the panel [s]."""
+"""Interval between two drawings of the panel [s]."""
 WIDTH, WIDER = 320, 400
-"""Of the panel, and of one with two columns [px]."""
+"""Width of the panel, and of a panel with two columns [px]."""
 MIDDLE = np.array([0.05, 0.0, 0.3])
-"""What the camera looks at, and how far it is [m]."""
+"""Point that the camera looks at, in the world frame [m]."""
 DISTANCE = 1.75
+"""Distance of the camera from that point [m]."""
 BRAND = (31, 120, 137)
 
 
 @final
 class Page:
-    """Scene and panel of one server."""
+    """Shows the scene and the panel of one server."""
 
     def __init__(
         self,
@@ -44,9 +45,9 @@ class Page:
         """Lay out the page.
 
         Args:
-            server: that serves it.
-            setup: what it shows.
-            send: is given every order, unless the page is not touchable.
+            server: server of the page.
+            setup: description of the scene.
+            send: function called with every order; unused if the page is not touchable.
         """
         self.server = server
         gui = server.gui
@@ -59,7 +60,7 @@ class Page:
         self.scene.look(MIDDLE, DISTANCE)
         self.marks = Marks(server, self.scene)
         self.gripper = GripperModel(server, setup) if setup.is_arm else None
-        self.hand = Hand(setup, send)
+        self.hand = MouseHand(setup, send)
         self.panel = (
             ComparisonPanel(gui, setup, self.scale)
             if setup.compares
@@ -69,15 +70,15 @@ class Page:
         self.drawn = 0.0
         if setup.touchable:
             for link, discs in self.scene.discs.items():
-                self.hear(link, discs)
-                self.hear(link, self.scene.add_pads(link))
+                self.register_events(link, discs)
+                self.register_events(link, self.scene.add_pads(link))
             server.on_client_disconnect(lambda _: self.hand.drag("end", None))
 
-    def hear(self, link: int, discs: BatchedMeshHandle) -> None:
-        """Make touches of clicks and drags on the discs or pads of a link."""
+    def register_events(self, link: int, discs: BatchedMeshHandle) -> None:
+        """Turn clicks and drags on the discs or pads of a link into touches."""
         taxels, hand = self.scene.taxels[link], self.hand
 
-        def click(event: SceneNodePointerEvent, mode: Mode | None) -> None:
+        def click(event: SceneNodePointerEvent, mode: TouchMode | None) -> None:
             if event.instance_index is not None:
                 spot = self.pointing.of_taxel(int(taxels[event.instance_index]))
                 hand.click(spot, monotonic(), mode)
@@ -99,17 +100,17 @@ class Page:
                 spot = self.pointing.along(eye, np.asarray(event.end_position) - eye)
             hand.drag(event.phase, spot)
 
-    def show(self, picture: ViewUpdate) -> None:
-        """Show one picture."""
+    def show(self, update: ViewUpdate) -> None:
+        """Show one update."""
         with self.server.atomic():
-            self.scene.show(picture)
-            self.marks.show(picture)
-            if self.gripper is not None and picture.arm is not None:
-                self.gripper.show(picture.arm.gripper)
-            self.panel.take(picture)
-            if picture.seconds - self.drawn >= DRAW or picture.seconds < self.drawn:
-                self.drawn = picture.seconds
-                self.panel.draw(picture)
+            self.scene.show(update)
+            self.marks.show(update)
+            if self.gripper is not None and update.arm is not None:
+                self.gripper.show(update.arm.gripper)
+            self.panel.take(update)
+            if update.seconds - self.drawn >= DRAW or update.seconds < self.drawn:
+                self.drawn = update.seconds
+                self.panel.draw(update)
 
     def tick(self) -> None:
         """Send the touches that are due."""

@@ -10,7 +10,7 @@ from jaxtyping import Bool, Float
 from viser import GuiApi, GuiEvent, GuiHtmlHandle, Icon
 
 from eskin.page.colours import ColourScale
-from eskin.page.hand import Hand, Mode
+from eskin.page.hand import MouseHand, TouchMode
 from eskin.page.messages import (
     ArmSummary,
     LogEntry,
@@ -35,24 +35,24 @@ FONT = f"font:12px/1.45 system-ui,sans-serif;color:{INK};padding:0 14px"
 
 
 def block(inside: str) -> str:
-    """A part of the panel."""
+    """Return a part of the panel as HTML."""
     return f'<div style="{FONT}">{inside}</div>'
 
 
-def status(picture: ViewUpdate) -> str:
-    """How fast, how old, what is wrong; and what the arm does."""
-    wrong = f"{picture.faults} fault{'s' * (picture.faults != 1)}"
-    colour = RED if picture.faults else TEAL
+def status(update: ViewUpdate) -> str:
+    """Return rate, latency, faults and the state of the arm as HTML."""
+    wrong = f"{update.faults} fault{'s' * (update.faults != 1)}"
+    colour = RED if update.faults else TEAL
     return numbers(
-        ("readings/s", f"{picture.rate:.0f}"),
-        ("step", f"{1e3 * picture.step:.2f} ms"),
-        ("age", f"{1e3 * picture.age:.1f} ms"),
+        ("readings/s", f"{update.rate:.0f}"),
+        ("step", f"{1e3 * update.step:.2f} ms"),
+        ("age", f"{1e3 * update.age:.1f} ms"),
         ("skin", f'<span style="color:{colour}">{wrong}</span>'),
-    ) + (block(arm(picture.arm)) if picture.arm else "")
+    ) + (block(arm(update.arm)) if update.arm else "")
 
 
 def numbers(*pairs: tuple[str, str]) -> str:
-    """Names with their values beside each other."""
+    """Return names with their values side by side as HTML."""
     cells = "".join(
         f'<div><div style="color:{PALE};font-size:10px">{name}</div>'
         f'<div style="font-weight:600;font-variant-numeric:tabular-nums">{value}</div>'
@@ -65,16 +65,16 @@ def numbers(*pairs: tuple[str, str]) -> str:
 
 
 def plain(text: str) -> str:
-    """Text as it is, harmless."""
+    """Return a text escaped for HTML."""
     return escape(text)
 
 
 def comparison(rows: Sequence[tuple[float, str, str, bool]], right: int) -> str:
-    """What was done beside what was said.
+    """Return labels beside detections as HTML.
 
     Args:
         rows: time [s], label, detection, and whether they agree.
-        right: how many do.
+        right: number of rows that agree.
     """
     head = f'<div style="color:{PALE}">{right} of {len(rows)} as labelled</div>'
     body = "".join(
@@ -82,14 +82,14 @@ def comparison(rows: Sequence[tuple[float, str, str, bool]], right: int) -> str:
         f'<span style="color:{PALE};width:52px;text-align:right">{seconds:.1f} s</span>'
         f'<span style="flex:1">{escape(word(label))}</span>'
         f'<span style="flex:1;color:{TEAL if is_right else RED}">'
-        f"{escape(word(said))}</span></div>"
-        for seconds, label, said, is_right in rows
+        f"{escape(word(detection))}</span></div>"
+        for seconds, label, detection, is_right in rows
     )
     return block(head + body)
 
 
 def arm(line: ArmSummary) -> str:
-    """The arm's state in one line."""
+    """Return the state of the arm as HTML."""
     word = line.state + (f": {line.why}" if line.why else "")
     rest = f"{line.speed:.0%} speed, gripper {line.gripper}, to {line.target or '-'}"
     return (
@@ -100,7 +100,7 @@ def arm(line: ArmSummary) -> str:
 
 
 def bars(touches: Sequence[OpenTouch], gestures: Sequence[str]) -> str:
-    """Probabilities of the strongest touch."""
+    """Return the probabilities of the strongest touch as HTML bars."""
     first = touches[0] if touches else None
     head = "no touch"
     if first is not None:
@@ -115,7 +115,7 @@ def bars(touches: Sequence[OpenTouch], gestures: Sequence[str]) -> str:
 
 
 def bar(gesture: str, chance: float, is_best: bool) -> str:
-    """One probability."""
+    """Return one probability as an HTML bar."""
     colour = TEAL if is_best else "#b9c2cd"
     weight = 600 if is_best else 400
     return (
@@ -130,20 +130,20 @@ def bar(gesture: str, chance: float, is_best: bool) -> str:
 
 
 def log(log_entries: Sequence[LogEntry]) -> str:
-    """Detections, commands and events, newest first."""
+    """Return detections, commands and events as HTML, newest first."""
     rows = "".join(
         f'<div style="display:flex;gap:8px;border-bottom:1px solid {LINE};'
         'padding:1px 0">'
         f'<span style="color:{PALE};width:46px;flex:none;text-align:right;'
-        f'font-variant-numeric:tabular-nums">{saying.seconds:.1f} s</span>'
-        f'<span style="color:{KINDS[saying.kind]}">{escape(saying.text)}</span></div>'
-        for saying in log_entries
+        f'font-variant-numeric:tabular-nums">{entry.seconds:.1f} s</span>'
+        f'<span style="color:{KINDS[entry.kind]}">{escape(entry.text)}</span></div>'
+        for entry in log_entries
     )
     return block(rows or f'<span style="color:{PALE}">nothing yet</span>')
 
 
 def patches(setup: SceneDescription, valid: Bool[np.ndarray, "taxel"]) -> str:
-    """How much of each patch is believed."""
+    """Return how many taxels of each patch are not valid, as HTML."""
     sizes = np.bincount(setup.patch_index, minlength=len(setup.patches))
     good = np.bincount(setup.patch_index, valid, minlength=len(setup.patches))
     cells = "".join(
@@ -154,7 +154,7 @@ def patches(setup: SceneDescription, valid: Bool[np.ndarray, "taxel"]) -> str:
 
 
 def chip(patch: str, out: int, size: int) -> str:
-    """The state of one patch."""
+    """Return the state of one patch as HTML."""
     colour, note = TEAL, ""
     if out:
         colour, note = (RED, " silent") if out == size else (AMBER, f" {out} out")
@@ -166,27 +166,31 @@ def chip(patch: str, out: int, size: int) -> str:
 
 
 def word(name: str) -> str:
-    """A name without underscores."""
+    """Return a name with spaces in place of underscores."""
     return name.replace("_", " ")
 
 
 SECONDS = 10.0
+"""Duration of the plot [s]."""
 PERIOD = 0.1
-"""Between two points [s]."""
+"""Interval between two points [s]."""
 COUNT = round(SECONDS / PERIOD)
 HIGH, OUTSIDE = 0.93, -9.0
-"""Where marks are drawn, as a share of the height; the plot knows no missing values."""
+"""Heights of visible and hidden marks as shares of the height of the plot.
+
+The plot has no missing values, so hidden marks are drawn outside it.
+"""
 
 
 @final
 class HistoryPlot:
-    """A plot that moves on ten times a second, with what was said marked in it."""
+    """Plots force and peak pressure ten times a second, and marks detections."""
 
     def __init__(self, gui: GuiApi) -> None:
-        """Start with nothing felt."""
+        """Start with an empty plot."""
         self.points: deque[tuple[float, float, float]] = deque(maxlen=COUNT)
         self.force = self.peak = 0.0
-        self.said = False
+        self.detected = False
         self.plot = gui.add_uplot(
             self.data(),
             (
@@ -199,10 +203,10 @@ class HistoryPlot:
                     "scale": "kPa",
                 },
                 {
-                    "label": "said",
+                    "label": "detection",
                     "stroke": "#d55e00",
                     "width": 0,
-                    "scale": "said",
+                    "scale": "detection",
                     "points": {"show": True, "size": 9, "fill": "#d55e00"},
                 },
             ),
@@ -210,7 +214,7 @@ class HistoryPlot:
                 "x": {"time": False, "range": (-SECONDS, 0.0)},
                 "N": {"auto": True},
                 "kPa": {"auto": True},
-                "said": {"range": (0.0, 1.0)},
+                "detection": {"range": (0.0, 1.0)},
             },
             axes=(
                 {"scale": "x", "size": 24, "font": "10px system-ui"},
@@ -229,21 +233,21 @@ class HistoryPlot:
             padding=(6, 0, 0, 0),
         )
 
-    def take(self, picture: ViewUpdate) -> None:
-        """Keep the greatest of what comes between two points."""
-        self.force = max(self.force, picture.force)
-        self.peak = max(self.peak, picture.peak)
-        self.said |= any(saying.kind == "detection" for saying in picture.log_entries)
+    def take(self, update: ViewUpdate) -> None:
+        """Store the greatest values between two points."""
+        self.force = max(self.force, update.force)
+        self.peak = max(self.peak, update.peak)
+        self.detected |= any(entry.kind == "detection" for entry in update.log_entries)
 
     def draw(self) -> None:
-        """Move on by one point."""
-        mark = HIGH if self.said else OUTSIDE
+        """Advance the plot by one point."""
+        mark = HIGH if self.detected else OUTSIDE
         self.points.append((self.force, self.peak, mark))
-        self.force, self.peak, self.said = 0.0, 0.0, False
+        self.force, self.peak, self.detected = 0.0, 0.0, False
         self.plot.data = self.data()
 
     def data(self) -> tuple[Float[np.ndarray, "time"], ...]:
-        """Seconds before now, force [N], peak [kPa], and where words were said."""
+        """Return times before now [s], forces [N], peaks [kPa] and detection marks."""
         columns = np.zeros((4, COUNT))
         columns[3] = OUTSIDE
         columns[0] = np.linspace(-SECONDS + PERIOD, 0.0, COUNT)
@@ -253,26 +257,27 @@ class HistoryPlot:
 
 
 LINES = 8
-"""Of the log."""
+"""Number of lines of the log."""
 MODES = ("poke", "double-pat", "grab", "stroke")
 KILL = 0.1
-"""Share of the taxels that a press of the button takes."""
+"""Share of the taxels that one press of the button kills."""
 
 
 @final
 class Panel:
-    """Everything beside the scene; drawn anew ten times a second where it changed."""
+    """Draws everything beside the scene, ten times a second where it changed."""
 
     def __init__(
-        self, gui: GuiApi, setup: SceneDescription, scale: ColourScale, hand: Hand
+        self, gui: GuiApi, setup: SceneDescription, scale: ColourScale, hand: MouseHand
     ) -> None:
-        """Lay the panel out.
+        """Lay out the panel.
 
         Args:
-            gui: of the server.
-            setup: the skin.
-            scale: its maximum can be changed.
-            hand: takes mode, force and duration; other orders are sent as it sends.
+            gui: interface of the server.
+            setup: description of the scene.
+            scale: colour scale, whose maximum the panel can change.
+            hand: hand that receives mode, force and duration; other orders are sent
+                through its `send`.
         """
         self.gui = gui
         self.setup = setup
@@ -296,7 +301,7 @@ class Panel:
         self.log = gui.add_html(log(()))
 
     def add_touch(self) -> None:
-        """What a click does, how hard and how long."""
+        """Add the controls of touches: mode, force and duration."""
         gui, hand = self.gui, self.hand
         mode = gui.add_dropdown(
             "click is a",
@@ -316,7 +321,7 @@ class Panel:
 
         @mode.on_update
         async def _(event: GuiEvent) -> None:
-            hand.mode = cast(Mode, event.target.value)
+            hand.mode = cast(TouchMode, event.target.value)
 
         @force.on_update
         async def _(event: GuiEvent) -> None:
@@ -327,7 +332,7 @@ class Panel:
             hand.seconds = float(event.target.value)
 
     def add_task(self) -> None:
-        """Pause what the arm does, and go on."""
+        """Add the buttons that pause and resume the task of the arm."""
         task = self.gui.add_button_group("task", ("pause", "resume"))
 
         @task.on_click
@@ -336,7 +341,7 @@ class Panel:
             self.order("pause_task" if is_pause else "resume_task")
 
     def add_trouble(self) -> None:
-        """Cables to pull, taxels to kill, skins to choose, recording."""
+        """Add the controls of cables, dead taxels, skins and recording."""
         gui, setup = self.gui, self.setup
         patch = gui.add_dropdown("patch", setup.patches)
         cable = gui.add_button_group("its cable", ("unplug", "plug in"))
@@ -369,27 +374,27 @@ class Panel:
                 self.order("skin", event.target.value)
 
     def order(self, kind: PageKind, value: str | float | None = None) -> None:
-        """Send what is not a touch."""
+        """Send an order other than a touch."""
         self.hand.send(PageOrder(kind, value))
 
-    def take(self, picture: ViewUpdate) -> None:
-        """Keep what a picture tells."""
-        self.strip.take(picture)
-        self.log_entries.extendleft(picture.log_entries)
+    def take(self, update: ViewUpdate) -> None:
+        """Store the values and log entries of an update."""
+        self.strip.take(update)
+        self.log_entries.extendleft(update.log_entries)
 
-    def draw(self, picture: ViewUpdate) -> None:
-        """Draw what has changed."""
+    def draw(self, update: ViewUpdate) -> None:
+        """Draw an update."""
         self.strip.draw()
-        self.status.content = status(picture)
-        self.bars.content = bars(picture.touches, self.setup.gestures)
+        self.status.content = status(update)
+        self.bars.content = bars(update.touches, self.setup.gestures)
         self.log.content = log(tuple(self.log_entries))
         count = self.setup.patch_index.size
-        valid = np.unpackbits(picture.valid, count=count).astype(bool)
+        valid = np.unpackbits(update.valid, count=count).astype(bool)
         self.patches.content = patches(self.setup, valid)
 
 
 def add_scale(gui: GuiApi, scale: ColourScale, legend: GuiHtmlHandle) -> None:
-    """Let the maximum of the colour scale be changed."""
+    """Add a slider that changes the maximum of the colour scale."""
     slider = gui.add_slider(
         "scale to [kPa]", min=5, max=200, step=5, initial_value=int(scale.maximum)
     )

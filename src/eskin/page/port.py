@@ -1,18 +1,21 @@
-"""The port of the page."""
+"""This module finds the port of the page."""
 
 import socket
 
 from eskin.errors import DeviceError
 
 HOST = "127.0.0.1"
-"""Nobody else can reach this address: viser would listen on every one."""
+"""Address of the page, which other computers cannot reach.
+
+By default viser would listen on every address.
+"""
 
 
 def free_port(port: int) -> int:
-    """The port itself, or one that is free where it is 0.
+    """Return the port itself, or a free one where it is 0.
 
     Raises:
-        DeviceError: it is taken, or no port.
+        DeviceError: the port is taken, or out of range.
     """
     if not 0 <= port < 65536:
         raise DeviceError(

@@ -12,37 +12,38 @@ from eskin.page.messages import ContactMarker, LogEntry, SceneDescription, ViewU
 from eskin.transforms import quaternion_to_matrix
 
 CORNERS = 12
+"""Number of corners of a disc."""
 LIFT = 0.0012
-"""How far discs stand off the surface [m]."""
+"""Distance of the discs from the surface [m]."""
 COVER = 0.86
-"""Radius of a disc, as a share of that of a circle of the taxel's area."""
+"""Radius of a disc as a share of the radius of a circle of the taxel's area."""
 WHOLE = 1.26
-"""Radius of a pad, as such a share: a circle round the square of that area."""
+"""Radius of a pad as such a share: the circle around the square of that area."""
 PAD = (196, 200, 206)
-"""Of what the taxels are on."""
+"""Colour of the surface under the taxels: red, green and blue, each to 255."""
 LINEAR = np.round(255 * (np.arange(256) / 255) ** 2.2).astype(np.uint8)
-"""Light of each step of a screen: viser takes colours of instances as light."""
+"""Linear intensity of each sRGB step: viser expects linear colours for instances."""
 FIELD = 0.7
-"""Of view of the camera, from top to bottom [rad]."""
+"""Vertical field of view of the camera [rad]."""
 CAMERA = np.array([0.82, -0.80, 0.42])
-"""From what the camera looks at towards it, about of length 1."""
+"""Direction in the world frame to the camera from its target, of about unit length."""
 STILL = 1e-5
-"""Change of a pose that is not shown [1 or m]."""
+"""Greatest change of a pose that is not drawn [1 or m]."""
 
 
 @final
 class Scene:
-    """Robot, taxels and ground; changes travel, what stays the same does not.
+    """Draws the robot, its taxels and the ground, and sends only changes.
 
     Attributes:
-        discs: the taxels of each link that has some, by the link's index.
-        taxels: which taxels those are.
+        discs: discs of the taxels of each link that has any, by index of the link.
+        taxels: indices of those taxels, by index of the link.
     """
 
     def __init__(
         self, server: ViserServer, setup: SceneDescription, scale: ColourScale
     ) -> None:
-        """Draw what does not change."""
+        """Draw the parts that do not change."""
         self.server = server
         self.setup = setup
         self.scale = scale
@@ -66,7 +67,7 @@ class Scene:
         self.discs = {link: self.add_discs(link) for link in links}
 
     def ground(self) -> None:
-        """A grid to stand on under a pale sky, and light that keeps colours true."""
+        """Add a grid as ground, a pale sky, and lights that preserve the colours."""
         scene = self.server.scene
         scene.add_grid(
             "/ground",
@@ -98,11 +99,11 @@ class Scene:
         )
 
     def look(self, middle: Float[np.ndarray, "3"], distance: float) -> None:
-        """Place the camera of those who open the page.
+        """Set the initial camera of the page.
 
         Args:
-            middle: what it looks at [m].
-            distance: from it [m].
+            middle: point that the camera looks at, in the world frame [m].
+            distance: distance of the camera from that point [m].
         """
         camera = self.server.initial_camera
         camera.fov = FIELD
@@ -110,13 +111,13 @@ class Scene:
         camera.position = middle + distance * CAMERA
 
     def add_discs(self, link: int) -> BatchedMeshHandle:
-        """One disc a taxel, in the frame of their link."""
+        """Add one disc per taxel, in the frame of their link."""
         count = len(self.taxels[link])
         colours = self.scale.colours(np.zeros(count), np.ones(count, dtype=bool))
         return self.add_rounds("taxels", link, LIFT, COVER, LINEAR[colours])
 
     def add_pads(self, link: int) -> BatchedMeshHandle:
-        """What is seen between the discs of a link, so that it can be touched there."""
+        """Add pads between the discs of a link, so that it can be touched there."""
         colour = tuple(LINEAR[list(PAD)].tolist())
         return self.add_rounds("pads", link, LIFT / 2, WHOLE, colour)
 
@@ -128,14 +129,14 @@ class Scene:
         share: float,
         colours: UInt8[np.ndarray, "taxel 3"] | tuple[int, int, int],
     ) -> BatchedMeshHandle:
-        """Something round on each taxel of a link, in the frame of the link.
+        """Add a disc on each taxel of a link, in the frame of the link.
 
         Args:
-            name: of all of them in the scene.
+            name: name of the discs in the scene.
             link: index of the link.
-            lift: how far they stand off the surface [m].
-            share: their radius, as a share of that of a circle of the taxel's area.
-            colours: of each, or of all.
+            lift: distance of the discs from the surface [m].
+            share: radius as a share of the radius of a circle of the taxel's area.
+            colours: colour of each disc, or of all.
         """
         setup, taxels = self.setup, self.taxels[link]
         vertices, faces = disc()
@@ -153,12 +154,12 @@ class Scene:
             receive_shadow=False,
         )
 
-    def show(self, picture: ViewUpdate) -> None:
+    def show(self, update: ViewUpdate) -> None:
         """Move the links and colour the taxels that have changed."""
         for link, frame in enumerate(self.frames):
-            move(frame, self.poses[link], picture.poses[link])
-        pressure = picture.pressure.astype(np.float64)
-        valid = np.unpackbits(picture.valid, count=len(pressure)).astype(bool)
+            move(frame, self.poses[link], update.poses[link])
+        pressure = update.pressure.astype(np.float64)
+        valid = np.unpackbits(update.valid, count=len(pressure)).astype(bool)
         colours = LINEAR[self.scale.colours(pressure, valid)]
         for link, discs in self.discs.items():
             discs.batched_colors = colours[self.taxels[link]]
@@ -166,7 +167,7 @@ class Scene:
     def world(
         self,
     ) -> tuple[Float[np.ndarray, "taxel 3"], Float[np.ndarray, "taxel 3"]]:
-        """Positions [m] and normals of the taxels as shown."""
+        """Return positions [m] and normals of the taxels in the world, as shown."""
         rotations = quaternion_to_matrix(self.poses[:, :4].astype(np.float64))
         turn = rotations[self.setup.taxel_link]
         origin = self.poses[self.setup.taxel_link, 4:]
@@ -176,7 +177,7 @@ class Scene:
     def to_link(
         self, link: int, p_world: Float[np.ndarray, "3"]
     ) -> Float[np.ndarray, "3"]:
-        """A point in the frame of a link as shown [m]."""
+        """Return a point of the world in the frame of a link as shown [m]."""
         rotation = quaternion_to_matrix(self.poses[link, :4].astype(np.float64))
         return rotation.T @ (p_world - self.poses[link, 4:])
 
@@ -184,7 +185,7 @@ class Scene:
 def move(
     frame: FrameHandle, shown: Float32[np.ndarray, "7"], pose: Float32[np.ndarray, "7"]
 ) -> None:
-    """Move a frame, if its pose has changed; `shown` is set to it then."""
+    """Move a frame if its pose has changed, and store the pose in `shown`."""
     if np.abs(shown - pose).max() > STILL:
         shown[:] = pose
         frame.wxyz = pose[:4]
@@ -192,7 +193,7 @@ def move(
 
 
 def disc() -> tuple[Float32[np.ndarray, "vertex 3"], np.ndarray]:
-    """Vertices and faces of a flat disc of radius 1 that faces z."""
+    """Return vertices and faces of a flat disc of radius 1 that faces z."""
     angle = np.arange(CORNERS) * 2 * np.pi / CORNERS
     rim = np.stack([np.cos(angle), np.sin(angle), np.zeros(CORNERS)], axis=-1)
     vertices = np.concatenate([np.zeros((1, 3)), rim]).astype(np.float32)
@@ -202,7 +203,7 @@ def disc() -> tuple[Float32[np.ndarray, "vertex 3"], np.ndarray]:
 
 
 def turned_to(normals: Float[np.ndarray, "point 3"]) -> Float[np.ndarray, "point 4"]:
-    """Quaternions wxyz that turn z to each normal, the short way."""
+    """Return the quaternions wxyz of the shortest rotations from z to each normal."""
     x, y, z = np.asarray(normals, np.float64).T
     wxyz = np.stack([1.0 + z, -y, x, np.zeros(len(x))], axis=-1)
     wxyz[1.0 + z < 1e-9] = (0.0, 1.0, 0.0, 0.0)
@@ -211,15 +212,15 @@ def turned_to(normals: Float[np.ndarray, "point 3"]) -> Float[np.ndarray, "point
 
 METAL, RUBBER = (206, 209, 214), (52, 56, 64)
 WIDE = {"open": 0.042, "closed": 0.011}
-"""Of a finger from the middle [m]."""
+"""Distance of a finger from the middle of the gripper, by state [m]."""
 
 
 @final
 class GripperModel:
-    """Drawn on the last link of the robot; only fingers move."""
+    """Draws a gripper on the last link of the robot; only its fingers move."""
 
     def __init__(self, server: ViserServer, setup: SceneDescription) -> None:
-        """Draw it open."""
+        """Draw the gripper open."""
         at = f"/robot/{setup.links[-1]}/gripper"
         scene = server.scene
         scene.add_cylinder(
@@ -243,7 +244,7 @@ class GripperModel:
         self.shown = "open"
 
     def show(self, state: str) -> None:
-        """Open or close it.
+        """Open or close the gripper.
 
         Args:
             state: `open` or `closed`.
@@ -255,23 +256,24 @@ class GripperModel:
 
 
 ROOM = 4
-"""Contacts on one link that get a ring."""
+"""Greatest number of rings on one link."""
 HIDDEN = 1e-6
 """Radius of a ring that is not in use [m]."""
 HIGH = 0.006
-"""How far rings are above the skin [m]."""
+"""Distance of the rings from the skin [m]."""
 SEGMENTS = 40
+"""Number of segments of a ring."""
 RING = (213, 94, 0)
-"""Vermilion, which stands out from the whole colour scale (Okabe and Ito 2008)."""
+"""Vermilion, distinct from the whole colour scale (Okabe and Ito 2008)."""
 WIDER = 0.008
-"""How much a ring is wider than the contact [m]."""
+"""Difference between the radii of a ring and its contact [m]."""
 LASTS = 2.0
-"""How long words float [s]."""
+"""Time that a floating label is shown [s]."""
 
 
 @final
 class Marks:
-    """Rings around contacts and words at detections."""
+    """Draws rings around contacts and labels at detections."""
 
     def __init__(self, server: ViserServer, scene: Scene) -> None:
         """Start without touches."""
@@ -279,11 +281,11 @@ class Marks:
         self.scene = scene
         self.ringed: set[int] = set()
         self.count = 0
-        self.words: deque[tuple[float, LabelHandle]] = deque()
+        self.labels: deque[tuple[float, LabelHandle]] = deque()
         self.rings = {link: self.add_rings(link) for link in scene.discs}
 
     def add_rings(self, link: int) -> BatchedMeshHandle:
-        """Rings on a link, too small to see until they are used."""
+        """Add the rings of a link, too small to see until they are used."""
         vertices, faces = ring()
         return self.server.scene.add_batched_meshes_simple(
             f"/robot/{self.scene.setup.links[link]}/contacts",
@@ -299,17 +301,17 @@ class Marks:
             receive_shadow=False,
         )
 
-    def show(self, picture: ViewUpdate) -> None:
-        """Draw what a picture tells, and take away words that are old."""
-        self.outline(picture.contacts)
-        for saying in picture.log_entries:
-            if saying.kind == "detection":
-                self.say(saying)
-        while self.words and picture.seconds - self.words[0][0] > LASTS:
-            self.words.popleft()[1].remove()
+    def show(self, update: ViewUpdate) -> None:
+        """Draw the contacts and detections of an update, and remove old labels."""
+        self.outline(update.contacts)
+        for entry in update.log_entries:
+            if entry.kind == "detection":
+                self.add_label(entry)
+        while self.labels and update.seconds - self.labels[0][0] > LASTS:
+            self.labels.popleft()[1].remove()
 
     def outline(self, contacts: tuple[ContactMarker, ...]) -> None:
-        """One ring a contact; those left over are too small to see."""
+        """Draw one ring per contact; unused rings are too small to see."""
         for link in self.ringed | {contact.link for contact in contacts}:
             here = [contact for contact in contacts if contact.link == link][:ROOM]
             wxyz = np.tile(np.array([1, 0, 0, 0], np.float32), (ROOM, 1))
@@ -325,24 +327,24 @@ class Marks:
             rings.batched_scales = radii
         self.ringed = {contact.link for contact in contacts}
 
-    def say(self, saying: LogEntry) -> None:
-        """Let words float where a touch was recognised."""
-        if saying.link < 0:
+    def add_label(self, entry: LogEntry) -> None:
+        """Add a floating label where a touch was recognised."""
+        if entry.link < 0:
             return
         self.count += 1
-        link = self.scene.setup.links[saying.link]
+        link = self.scene.setup.links[entry.link]
         label = self.server.scene.add_label(
-            f"/robot/{link}/said_{self.count}",
-            saying.text.partition(",")[0],
-            position=saying.p_link,
+            f"/robot/{link}/detection_{self.count}",
+            entry.text.partition(",")[0],
+            position=entry.p_link,
             font_screen_scale=1.25,
             anchor="bottom-center",
         )
-        self.words.append((saying.seconds, label))
+        self.labels.append((entry.seconds, label))
 
 
 def ring() -> tuple[Float32[np.ndarray, "vertex 3"], np.ndarray]:
-    """Vertices and faces of a flat ring of radius 1 across z."""
+    """Return vertices and faces of a flat ring of radius 1 across z."""
     angle = np.arange(SEGMENTS) * 2 * np.pi / SEGMENTS
     circle = np.stack([np.cos(angle), np.sin(angle), np.zeros(SEGMENTS)], axis=-1)
     vertices = np.concatenate([0.84 * circle, circle]).astype(np.float32)

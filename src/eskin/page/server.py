@@ -1,4 +1,4 @@
-"""The web server of the page: on this computer only, for pages of its own."""
+"""This module runs the web server of the page, for this computer only."""
 
 import contextlib
 import logging
@@ -15,17 +15,17 @@ from eskin.page.port import HOST, free_port
 LOCAL = ("127.0.0.1", "localhost", "::1")
 """Names of this computer in the address of a page."""
 FOREIGN = 1008
-"""WebSocket's code for what a policy forbids."""
+"""WebSocket close code for a violation of policy."""
 
 
 def open_server(port: int) -> ViserServer:
-    """A server on a port, or on any free one where that is 0.
+    """Open a server on a port, or on any free one where that is 0.
 
     Raises:
         DeviceError: the port is taken.
     """
     port = free_port(port)
-    # A browser that opens a connection and drops it is no news.
+    # A browser that opens a connection and drops it needs no log entry.
     logging.getLogger("websockets.server").setLevel(logging.CRITICAL)
     with open(os.devnull, "w") as nowhere, contextlib.redirect_stdout(nowhere):
         server = ViserServer(HOST, port, label="eskin", verbose=False)
@@ -35,7 +35,7 @@ def open_server(port: int) -> ViserServer:
             f"port {port} of {HOST} was taken just now; allowed is a free one; give "
             "another with --port"
         )
-    # Nobody may open a tunnel to the outside, or connect from another site's page.
+    # Tunnels to the outside and connections from pages of other sites are refused.
     for message in (ShareUrlRequest, ShareUrlDisconnect):
         server._websock_server.unregister_handler(message)
     refuse_foreign_pages(server)
@@ -56,5 +56,8 @@ def refuse_foreign_pages(server: ViserServer) -> None:
 
 
 def is_local(origin: str | None) -> bool:
-    """Whether a page came from this computer; programs without a page are taken so."""
+    """Return whether a page came from this computer.
+
+    A program sends no origin and counts as local.
+    """
     return origin is None or urlsplit(origin).hostname in LOCAL

@@ -1,4 +1,4 @@
-"""The browser view: what is felt, thought and done; and touching with the mouse."""
+"""This package shows a stream in the browser and accepts touches by the mouse."""
 
 from eskin.page import PageOrder, TouchOrder
 from eskin.viewer.viewer import Viewer, ViewerConfig

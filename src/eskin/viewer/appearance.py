@@ -1,4 +1,4 @@
-"""This module builds the meshes that a robot is shown by."""
+"""This module builds the meshes that show a robot."""
 
 import numpy as np
 from jaxtyping import Float
@@ -17,16 +17,17 @@ from eskin.skin import MountedSkin
 from eskin.transforms import apply, invert
 
 SEGMENTS = 48
+"""Number of segments around a turned part."""
 ROUND = 0.007
 """Radius of the edge of a turned part [m]."""
 ARC = 5
-"""Rings of a rounded edge."""
+"""Number of rings of a rounded edge."""
 BEYOND = 0.006
-"""What lies so far beyond an end closes it [m]."""
+"""Greatest distance between an end and the part or taxel that closes it [m]."""
 LID = 0.005
-"""How far a lid stands out [m]."""
+"""Height of a lid [m]."""
 BODY, TUBE, COVER = (214, 217, 221), (196, 200, 206), (96, 143, 178)
-"""Aluminium, its tubes, and lids in the blue-grey of a UR."""
+"""Colours of aluminium, of its tubes, and of lids in the blue-grey of a UR."""
 
 
 def describe_scene(
@@ -37,7 +38,10 @@ def describe_scene(
     is_arm: bool = False,
     compares: bool = False,
 ) -> SceneDescription:
-    """What a page is told of a skin on its robot; the rest as `SceneDescription` has it."""
+    """Return the description of a skin on its robot.
+
+    The other arguments are fields of `SceneDescription`.
+    """
     skin = mounted.skin
     return SceneDescription(
         title=f"{mounted.robot.name} in skin '{skin.name}', {skin.count} taxels",
@@ -58,10 +62,10 @@ def describe_scene(
 
 
 def build_link_meshes(mounted: MountedSkin) -> tuple[LinkMesh, ...]:
-    """The robot under its skin, part by part.
+    """Return the meshes of the robot under its skin, part by part.
 
-    Cylinders are turned parts with rounded edges; bare ends get a lid. Other shapes
-    are as they are.
+    Cylinders get rounded edges, and a lid on each bare end. Other shapes stay
+    unchanged.
     """
     robot = mounted.robot
     T_world_link = mounted.kinematics.poses(np.zeros(len(robot.joint_names)))
@@ -80,13 +84,13 @@ def build_link_meshes(mounted: MountedSkin) -> tuple[LinkMesh, ...]:
 
 
 def is_slender(body: Geom) -> bool:
-    """Whether a body is a tube rather than the housing of a joint."""
+    """Return whether a body is a tube rather than the housing of a joint."""
     shape = body.shape
     return isinstance(shape, Cylinder) and shape.length > 3.5 * shape.radius
 
 
 def rounded(body: Geom) -> TriangleMesh:
-    """A cylinder with rounded edges, in its link's frame."""
+    """Return a cylinder with rounded edges, in the frame of its link."""
     shape = body.shape
     assert isinstance(shape, Cylinder)
     radius, height = shape.radius, shape.length / 2
@@ -99,14 +103,14 @@ def rounded(body: Geom) -> TriangleMesh:
     rim = np.array([[radius - edge - 0.001, height]])
     upper = np.concatenate([arc, rim])
     profile = np.concatenate([upper[::-1] * (1, -1), upper])
-    return placed(revolve_profile(profile, height, SEGMENTS), body.T_link_shape)
+    return transform_mesh(revolve_profile(profile, height, SEGMENTS), body.T_link_shape)
 
 
 def lid(body: Geom, end: int) -> TriangleMesh:
-    """A low dome on an end of a cylinder, in the frame of its link.
+    """Return a low dome on an end of a cylinder, in the frame of its link.
 
     Args:
-        body: the cylinder.
+        body: cylinder.
         end: 1 for the end at its greatest z, -1 for the other.
     """
     shape = body.shape
@@ -121,11 +125,11 @@ def lid(body: Geom, end: int) -> TriangleMesh:
     mesh = revolve_profile(profile, LID, SEGMENTS)
     T_shape_end = np.diag([1.0, end, end, 1.0])
     T_shape_end[2, 3] = end * shape.length / 2
-    return placed(mesh, body.T_link_shape @ T_shape_end)
+    return transform_mesh(mesh, body.T_link_shape @ T_shape_end)
 
 
-def placed(mesh: TriangleMesh, T: Float[np.ndarray, "4 4"]) -> TriangleMesh:
-    """A mesh, moved."""
+def transform_mesh(mesh: TriangleMesh, T: Float[np.ndarray, "4 4"]) -> TriangleMesh:
+    """Return a mesh transformed by a matrix."""
     return TriangleMesh(apply(T, mesh.vertices), mesh.faces)
 
 
@@ -135,7 +139,7 @@ def bare_ends(
     link: int,
     body: Geom,
 ) -> list[int]:
-    """Ends of a cylinder, 1 or -1, that nothing closes and no taxel lies on."""
+    """Return the ends of a cylinder, 1 or -1, that no part and no taxel covers."""
     if not isinstance(body.shape, Cylinder):
         return []
     bare = []
@@ -155,7 +159,7 @@ def is_covered(
     T_world_link: Float[np.ndarray, "link 4 4"],
     p_world: Float[np.ndarray, "3"],
 ) -> bool:
-    """Whether a point lies in some part of the robot."""
+    """Return whether a point of the world lies in some part of the robot."""
     return any(
         compute_surface_distance(link, apply(invert(T), p_world)[None])[0][0] < 0
         for link, T in zip(robot.links, T_world_link, strict=True)
@@ -164,7 +168,7 @@ def is_covered(
 
 
 def has_taxels(mounted: MountedSkin, link: int, body: Geom, height: float) -> bool:
-    """Whether taxels lie on the flat end at a height of a cylinder [m]."""
+    """Return whether taxels lie on the end of a cylinder at a height [m]."""
     assert isinstance(body.shape, Cylinder)
     on_link = mounted.skin.positions[mounted.taxel_link_index == link]
     local = apply(invert(body.T_link_shape), on_link)

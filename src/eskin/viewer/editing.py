@@ -1,4 +1,4 @@
-"""This module holds a recording that a person labels, and compares detections with labels."""
+"""This module edits the labels of a recording and compares them with detections."""
 
 import os
 import shutil
@@ -28,86 +28,87 @@ from eskin.units import NS_PER_S
 
 @final
 class LabelEditor:
-    """The labels of a recording, edited; nothing is written before `save`.
+    """Edits the labels of a recording; nothing is written before `save`.
 
-    Begins with the true labels, or the best others there are. What is saved is true,
-    since a person has seen it; labels of other sources stay as they are.
+    The editor begins with the true labels, or with the best others available. Saved
+    labels are marked as true, because a person has checked them; labels of other
+    sources stay unchanged.
 
     Attributes:
-        recording: what is labelled.
-        labels: as they are now, by start.
-        changed: whether there is something to save.
+        recording: recording to label.
+        labels: current labels, by start.
+        changed: whether there are unsaved changes.
     """
 
     def __init__(self, recording: Recording) -> None:
-        """Begin with the labels in the file."""
+        """Start with the labels in the file."""
         self.recording = recording
         self.labels = select_labels(recording.labels)
         self.changed = False
 
     def stamp(self, seconds: float) -> int:
-        """A time of the recording as a stamp [ns since the epoch]."""
+        """Return a time since the first reading [s] as a stamp [ns since the epoch]."""
         return self.recording.start + round(seconds * NS_PER_S)
 
     def seconds(self, stamp: int) -> float:
-        """A stamp as a time of the recording [s]."""
+        """Return a stamp [ns since the epoch] as a time since the first reading [s]."""
         return (stamp - self.recording.start) / NS_PER_S
 
     def add(self, gesture: str, start: float, end: float) -> Label:
-        """Label a time.
+        """Add a label.
 
         Args:
-            gesture: its name.
-            start: since the first reading [s].
-            end: first instant after it [s].
+            gesture: name of the gesture.
+            start: start since the first reading [s].
+            end: first instant after the gesture, since the first reading [s].
 
         Raises:
-            RecordingError: it ends before it starts, or another label is there.
+            RecordingError: the label ends before it starts, or overlaps another.
         """
         label = Label(self.stamp(start), self.stamp(end), gesture)
-        self.put((*self.labels, label))
+        self.replace_all((*self.labels, label))
         return label
 
-    def mend(self, old: Label, gesture: str, start: float, end: float) -> Label:
+    def change(self, old: Label, gesture: str, start: float, end: float) -> Label:
         """Change a label.
 
         Args:
-            old: one of `labels`.
-            gesture: its name from now on.
-            start: since the first reading [s].
-            end: first instant after it [s].
+            old: label to change, one of `labels`.
+            gesture: new name of the gesture.
+            start: new start since the first reading [s].
+            end: first instant after the gesture, since the first reading [s].
 
         Raises:
-            RecordingError: it would end before it starts, or another label is there.
+            RecordingError: the label would end before it starts, or overlap another.
         """
         label = Label(self.stamp(start), self.stamp(end), gesture)
-        self.put((*(other for other in self.labels if other != old), label))
+        self.replace_all((*(other for other in self.labels if other != old), label))
         return label
 
     def remove(self, label: Label) -> None:
-        """LoadedRecording a label away."""
-        self.put(tuple(other for other in self.labels if other != label))
+        """Remove a label."""
+        self.replace_all(tuple(other for other in self.labels if other != label))
 
-    def put(self, labels: tuple[Label, ...]) -> None:
-        """LoadedRecording these labels in place of all, if none overlap."""
+    def replace_all(self, labels: tuple[Label, ...]) -> None:
+        """Replace all labels, unless some of the new ones overlap."""
         found = sort_labels(replace(label, source="true") for label in labels)
         check_no_overlap(found)
         self.labels, self.changed = found, True
 
     def save(self) -> Path:
-        """Write the recording with these labels; where the one before it is kept.
+        """Write the recording with these labels and return the path of the original.
 
-        The first recording of all is kept beside it as `NAME.original.mcap`. The new
-        one takes its place once it is whole.
+        The first version stays beside it as `NAME.original.mcap`. The new file
+        replaces the recording once it is complete.
 
         Raises:
-            RecordingError: it is cut short, so that a copy would be less.
+            RecordingError: the recording is truncated, so a copy would lose data.
         """
         path = self.recording.path
         kept = path.with_name(f"{path.stem}.original{path.suffix}")
         others = [label for label in self.recording.labels if label.source != "true"]
         if not self.recording.truncated and not kept.exists():
-            keep(path, kept)
+            link_or_copy(path, kept)
         mine = (replace(label, source="true") for label in self.labels)
         rewrite_recording(self.recording, labels=sort_labels([*others, *mine]))
         self.recording = read_recording(path)
@@ -115,8 +116,8 @@ class LabelEditor:
         return kept
 
 
-def keep(path: Path, kept: Path) -> None:
-    """Have a file under a second name, whatever becomes of the first."""
+def link_or_copy(path: Path, kept: Path) -> None:
+    """Preserve a file under a second name, by a hard link or a copy."""
     try:
         os.link(path, kept)
     except OSError:
@@ -124,22 +125,22 @@ def keep(path: Path, kept: Path) -> None:
 
 
 LATE = 1_000_000_000
-"""How long after its end a touch may still be spoken of [ns]."""
+"""Longest time between the end of a touch and its detection [ns]."""
 
 
 @dataclass(frozen=True)
 class Pair:
-    """A label and what was said of it; one of them may lack the other."""
+    """Pairs a label with its detection; one of them may be missing."""
 
     label: Label | None
-    """What was done; None where something was said of nothing."""
+    """Label; None for a detection without a touch."""
 
     detection: DetectionRecord | None
-    """What was said; None where nothing was."""
+    """Detection; None for a touch without a detection."""
 
     @property
     def is_right(self) -> bool:
-        """Whether the gesture that was made was said."""
+        """Whether the detection has the gesture of the label."""
         if self.label is None or self.detection is None:
             return False
         return self.label.gesture == self.detection.gesture
@@ -150,32 +151,34 @@ def compare(
 ) -> tuple[Pair, ...]:
     """Pair labels with detections one to one, by time.
 
-    A detection belongs to a label if it was said between the label's start and one
-    second after its end; one of the same gesture is preferred. `none` counts on
-    neither side.
+    A detection belongs to a label if its stamp lies between the label's start and one
+    second after its end; one of the same gesture is preferred. `none` is ignored on
+    both sides.
 
     Args:
-        labels: what was done.
-        detections: what was said.
+        labels: labels of the recording.
+        detections: detections in the recording.
     """
     left = [found for found in detections if found.gesture != NONE]
     pairs = []
     for label in sorted(labels):
         if label.gesture == NONE:
             continue
-        heard = [x for x in left if label.start <= x.stamp < label.end + LATE]
+        candidates = [x for x in left if label.start <= x.stamp < label.end + LATE]
         best = min(
-            heard, key=lambda x: (x.gesture != label.gesture, x.stamp), default=None
+            candidates,
+            key=lambda x: (x.gesture != label.gesture, x.stamp),
+            default=None,
         )
         if best is not None:
             left.remove(best)
         pairs.append(Pair(label, best))
     pairs += [Pair(None, found) for found in left]
-    return tuple(sorted(pairs, key=time_of))
+    return tuple(sorted(pairs, key=find_time))
 
 
-def time_of(pair: Pair) -> int:
-    """When it happened [ns since the epoch]."""
+def find_time(pair: Pair) -> int:
+    """Return the time of a pair [ns since the epoch]."""
     if pair.label is not None:
         return pair.label.start
     return 0 if pair.detection is None else pair.detection.onset
@@ -183,28 +186,28 @@ def time_of(pair: Pair) -> int:
 
 @dataclass(frozen=True, eq=False)
 class LoadedRecording:
-    """Every reading of a recording."""
+    """Holds every reading of a recording."""
 
     seconds: Float[np.ndarray, "reading"]
-    """Since the first reading [s]."""
+    """Time of each reading since the first [s]."""
 
     pressure: Float16[np.ndarray, "reading taxel"]
-    """[kPa]; zero where it is not believed."""
+    """Pressure of each taxel [kPa]; zero where it is not valid."""
 
     valid: Bool[np.ndarray, "reading taxel"]
-    """Which taxels are believed."""
+    """Validity of each taxel."""
 
     q: Float[np.ndarray, "reading joint"]
     """Joint positions [rad]."""
 
     force: Float[np.ndarray, "reading"]
-    """Of the whole skin [N]."""
+    """Force on the whole skin [N]."""
 
     peak: Float[np.ndarray, "reading"]
     """Greatest pressure [kPa]."""
 
     def at(self, seconds: float) -> int:
-        """The latest reading at a time [s]; the first where there is none yet."""
+        """Return the index of the latest reading at a time [s], at least the first."""
         return max(int(np.searchsorted(self.seconds, seconds, "right")) - 1, 0)
 
 
@@ -212,7 +215,7 @@ def load_replayed(recording: Recording) -> LoadedRecording:
     """Read and calibrate every scan.
 
     Raises:
-        RecordingError: there is none.
+        RecordingError: the recording holds no scans.
     """
     if not recording.count:
         raise RecordingError(
@@ -242,7 +245,7 @@ def load_replayed(recording: Recording) -> LoadedRecording:
 def envelope(
     values: Float[np.ndarray, "reading"], bins: int
 ) -> Float[np.ndarray, "bin"]:
-    """The greatest value of each of equal parts; as many as there are, at most."""
+    """Return the greatest value of each of `bins` equal parts, or all if fewer."""
     bins = min(bins, len(values))
     edges: Int[np.ndarray, bin] = np.linspace(0, len(values), bins, endpoint=False)
     return np.maximum.reduceat(values, edges.astype(np.int64))

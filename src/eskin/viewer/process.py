@@ -1,4 +1,4 @@
-"""The page's process, and the bounded ways to it and back."""
+"""This module starts the page's process and exchanges messages with it."""
 
 import logging
 import os
@@ -20,27 +20,28 @@ from eskin.page.messages import ORDER, READY, REFUSED, SHOWN
 from eskin.page.port import free_port
 
 MAX_IN_FLIGHT = 2
-"""Pictures that may be under way; another is sent when one has been shown."""
+"""Greatest number of updates that are sent and not yet shown."""
 MAX_ORDERS = 64
-"""Orders that wait to be obeyed; what comes while so many do is dropped."""
+"""Greatest number of orders that wait for execution; further ones are dropped."""
 PATIENCE = 3.0
-"""How long the process has to end [s]."""
+"""Time that the process has to end [s]."""
 
 logger = logging.getLogger(__name__)
 
 
 @final
 class PageProcess:
-    """Serves the page in a process of its own; never makes anybody wait.
+    """Serves the page in a process of its own, without blocking the caller.
 
-    Of pictures the latest is kept until the page has shown those before it, so one that
-    is stalled sees fewer, and none that is old. The process ends when this one does,
+    Only the latest update waits until the page has shown those before it, so a stalled
+    page skips updates and never shows an old one. The process ends when this one does,
     however that happens.
 
     Attributes:
-        pictures: that were given.
-        shown: that the page says it has shown.
-        dropped: orders that were not obeyed: too many, or from a page that may not.
+        updates: number of updates given.
+        shown: number of updates that the page has confirmed as shown.
+        dropped: number of orders not executed, because too many waited or the page may
+            not send any.
     """
 
     def __init__(
@@ -52,18 +53,19 @@ class PageProcess:
         """Start the process; it serves a second or two later.
 
         Args:
-            setup: what the page shows.
-            port: of 127.0.0.1; 0 for any free one.
-            on_order: is called with each order on a thread of its own; None takes none.
+            setup: description of the scene.
+            port: port of 127.0.0.1; 0 for any free one.
+            on_order: function called with each order on a thread of its own; None
+                accepts no orders.
 
         Raises:
-            DeviceError: the port cannot be had.
+            DeviceError: the port is not available.
         """
         port = free_port(port)
         self.on_order = on_order if setup.touchable else None
         self.changed = Condition()
         self.latest: ViewUpdate | None = None
-        self.on_the_way = self.pictures = self.shown = self.dropped = 0
+        self.in_flight = self.updates = self.shown = self.dropped = 0
         self.port: int | None = None
         self.failure: str | None = None
         self.ending = False
@@ -73,7 +75,7 @@ class PageProcess:
             self.process = subprocess.Popen(
                 [sys.executable, "-m", "eskin.page", str(theirs.fileno())],
                 pass_fds=[theirs.fileno()],
-                env=environment(),
+                env=build_environment(),
                 stdin=subprocess.DEVNULL,
             )
         self.connection = Connection(ours.detach())
@@ -81,36 +83,36 @@ class PageProcess:
             Thread(target=run, name=f"eskin page {name}", daemon=True)
             for name, run in (
                 ("sender", lambda: self.send((port, setup))),
-                ("hearer", self.hear),
-                ("orders", self.carry_out),
+                ("receiver", self.receive),
+                ("orders", self.execute_orders),
             )
         ]
         for thread in self.threads:
             thread.start()
 
-    def give(self, picture: ViewUpdate) -> None:
-        """Show a picture as soon as the page is ready for it, unless a later one is."""
+    def give(self, update: ViewUpdate) -> None:
+        """Show an update once the page is ready, unless a later one replaces it."""
         with self.changed:
-            self.pictures += 1
+            self.updates += 1
             before = self.latest
             if before is not None and before.log_entries:
-                picture = with_sayings(picture, before)
-            self.latest = picture
+                update = merge_log_entries(update, before)
+            self.latest = update
             self.changed.notify_all()
 
     def wants(self) -> bool:
-        """Whether a picture given now would be on its way at once."""
+        """Return whether an update given now would be sent at once."""
         with self.changed:
-            return self.port is not None and self.on_the_way < MAX_IN_FLIGHT
+            return self.port is not None and self.in_flight < MAX_IN_FLIGHT
 
     def wait_ready(self, timeout: float) -> int:
-        """Wait until the page is served; its port.
+        """Wait until the page is served and return its port.
 
         Args:
-            timeout: how long at most [s].
+            timeout: longest time to wait [s].
 
         Raises:
-            DeviceError: it cannot be served, or is not in time.
+            DeviceError: the page cannot be served, or is not served in time.
         """
         with self.changed:
             self.changed.wait_for(
@@ -125,46 +127,46 @@ class PageProcess:
         )
 
     def send(self, first: object) -> None:
-        """Send the setup, then pictures, until the end."""
+        """Send the setup, then updates, until the process is closed."""
         try:
             self.connection.send(first)
             while True:
                 with self.changed:
                     self.changed.wait_for(self.may_send)
-                    picture, self.latest = self.latest, None
-                    if self.ending or picture is None:
+                    update, self.latest = self.latest, None
+                    if self.ending or update is None:
                         return
-                    self.on_the_way += 1
-                self.connection.send(picture)
+                    self.in_flight += 1
+                self.connection.send(update)
         except OSError:
-            self.lost()
+            self.report_lost()
 
     def may_send(self) -> bool:
-        """Whether there is something to do for the sender."""
-        can = self.latest is not None and self.on_the_way < MAX_IN_FLIGHT
+        """Return whether the sender has an update to send, or has to end."""
+        can = self.latest is not None and self.in_flight < MAX_IN_FLIGHT
         return self.ending or (can and self.port is not None)
 
-    def hear(self) -> None:
-        """LoadedRecording in what the page says, until it ends."""
+    def receive(self) -> None:
+        """Receive the messages of the page until it ends."""
         try:
             while True:
-                word, value = self.connection.recv()
-                if word == ORDER:
+                kind, value = self.connection.recv()
+                if kind == ORDER:
                     self.take_order(value)
                 with self.changed:
-                    if word == READY:
+                    if kind == READY:
                         self.port = value
-                    elif word == REFUSED:
+                    elif kind == REFUSED:
                         self.failure = value
-                    elif word == SHOWN:
-                        self.on_the_way -= 1
+                    elif kind == SHOWN:
+                        self.in_flight -= 1
                         self.shown += 1
                     self.changed.notify_all()
         except (EOFError, OSError):
-            self.lost()
+            self.report_lost()
 
     def take_order(self, order: object) -> None:
-        """Pass an order on, if orders are taken and not too many wait."""
+        """Queue an order, if orders are accepted and the queue is not full."""
         if self.on_order is None or not isinstance(order, TouchOrder | PageOrder):
             self.dropped += 1
             return
@@ -173,8 +175,8 @@ class PageProcess:
         except Full:
             self.dropped += 1
 
-    def carry_out(self) -> None:
-        """Obey orders one after the other."""
+    def execute_orders(self) -> None:
+        """Execute orders one after the other."""
         while (order := self.orders.get()) is not None:
             if self.on_order is None:
                 continue
@@ -183,8 +185,8 @@ class PageProcess:
             except Exception:
                 logger.exception("%s cannot be carried out", order)
 
-    def lost(self) -> None:
-        """Say once that the page has ended by itself."""
+    def report_lost(self) -> None:
+        """Log once that the page's process has ended by itself."""
         with self.changed:
             if not self.ending and self.failure is None:
                 self.failure = "the page's process has ended; start anew to see it"
@@ -192,7 +194,7 @@ class PageProcess:
             self.changed.notify_all()
 
     def close(self) -> None:
-        """End the process, and come back when it has ended."""
+        """End the process and wait until it has ended."""
         with self.changed:
             self.ending = True
             self.changed.notify_all()
@@ -200,7 +202,7 @@ class PageProcess:
         try:
             self.process.wait(PATIENCE)
         except subprocess.TimeoutExpired:
-            # One that is stopped cannot end by itself.
+            # A process that is stopped by a signal cannot end by itself.
             self.process.kill()
             self.process.wait(PATIENCE)
         self.make_room()
@@ -209,7 +211,7 @@ class PageProcess:
         self.connection.close()
 
     def make_room(self) -> None:
-        """Drop the orders that wait, and end the thread that obeys."""
+        """Drop the orders that wait, and end the thread that executes them."""
         try:
             while True:
                 self.orders.get_nowait()
@@ -217,15 +219,15 @@ class PageProcess:
             self.orders.put_nowait(None)
 
 
-def with_sayings(picture: ViewUpdate, before: ViewUpdate) -> ViewUpdate:
-    """A picture that also says what one before it would have said."""
+def merge_log_entries(update: ViewUpdate, before: ViewUpdate) -> ViewUpdate:
+    """Return an update with the log entries of one before it as well."""
     return replace(
-        picture, log_entries=(*before.log_entries, *picture.log_entries)[-MAX_ORDERS:]
+        update, log_entries=(*before.log_entries, *update.log_entries)[-MAX_ORDERS:]
     )
 
 
-def environment() -> dict[str, str]:
-    """This process's, so that the same eskin is found."""
+def build_environment() -> dict[str, str]:
+    """Return the environment of this process, with a path to the same eskin."""
     source = str(Path(eskin.__file__).parents[1])
     paths = [source, *filter(None, [os.environ.get("PYTHONPATH")])]
     return os.environ | {"PYTHONPATH": os.pathsep.join(paths)}

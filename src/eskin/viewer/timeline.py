@@ -1,4 +1,4 @@
-"""This module shows a recording in the browser, on a timeline to label it on."""
+"""This module shows a recording in the browser, on a timeline for labelling."""
 
 from collections.abc import Callable
 from threading import RLock
@@ -21,24 +21,24 @@ from eskin.viewer.viewer import pack_poses
 
 @final
 class PlaybackClock:
-    """A place on a timeline that moves on while it is played.
+    """Holds a position on a timeline that advances during playback.
 
     Attributes:
-        length: of the recording [s].
-        seconds: where it is [s].
-        speed: seconds of the recording in a second.
-        is_on: whether it moves on.
+        length: length of the recording [s].
+        seconds: position since the first reading [s].
+        speed: speed of playback as a multiple of real time.
+        is_on: whether the recording is played.
     """
 
     def __init__(self, length: float) -> None:
-        """Stand at the beginning."""
+        """Start at the beginning of a recording of a length [s]."""
         self.length = length
         self.seconds = 0.0
         self.speed = 1.0
         self.is_on = False
 
     def seek(self, seconds: float) -> None:
-        """Go somewhere [s]; not beyond either end."""
+        """Move to a time [s], within the recording."""
         self.seconds = min(max(seconds, 0.0), self.length)
 
     def toggle(self) -> None:
@@ -48,7 +48,7 @@ class PlaybackClock:
         self.is_on = not self.is_on
 
     def advance(self, elapsed: float) -> bool:
-        """Let time pass [s]; whether the place has changed."""
+        """Advance by a time [s] and return whether the position has changed."""
         if not self.is_on:
             return False
         self.seek(self.seconds + elapsed * self.speed)
@@ -57,21 +57,22 @@ class PlaybackClock:
 
 
 BINS = 500
+"""Greatest number of points of the plot."""
 OUTSIDE = -9.0
-"""Of marks that are not there; the plot knows no missing values."""
+"""Height of hidden marks, outside the plot, which has no missing values."""
 
 
 @final
 class Overview:
-    """Draws the recording anew when labels change or the place does."""
+    """Draws the recording again when the labels or the position change."""
 
     def __init__(
-        self, gui: GuiApi, take: LoadedRecording, editing: LabelEditor
+        self, gui: GuiApi, loaded: LoadedRecording, editing: LabelEditor
     ) -> None:
-        """Draw the beginning."""
+        """Draw the recording with the position at its beginning."""
         self.editing = editing
-        self.peak = envelope(take.peak, BINS)
-        self.length = float(take.seconds[-1])
+        self.peak = envelope(loaded.peak, BINS)
+        self.length = float(loaded.seconds[-1])
         self.times = np.linspace(0.0, self.length, len(self.peak))
         self.plot = gui.add_uplot(
             self.data(0.0),
@@ -90,7 +91,7 @@ class Overview:
                     "width": 1,
                 },
                 {
-                    "label": "said",
+                    "label": "detection",
                     "scale": "mark",
                     "width": 0,
                     "points": {"show": True, "size": 7, "fill": "#d55e00"},
@@ -113,23 +114,23 @@ class Overview:
         )
 
     def draw(self, seconds: float) -> None:
-        """Draw labels and detections as they are, and the place [s]."""
+        """Draw the current labels and detections, and the position [s]."""
         self.plot.data = self.data(seconds)
 
     def data(self, seconds: float) -> tuple[Float[np.ndarray, "bin"], ...]:
-        """Times [s], labels, peak [kPa], detections, and the place."""
+        """Return times [s], labels, peaks [kPa], detections and the position."""
         editing, times = self.editing, self.times
-        labelled, said, here = np.full((3, len(times)), OUTSIDE)
+        labelled, detected, here = np.full((3, len(times)), OUTSIDE)
         for label in editing.labels:
             start, end = editing.seconds(label.start), editing.seconds(label.end)
             labelled[(times >= start) & (times < end)] = 0.94
         for found in editing.recording.detections:
-            said[self.bin_at(editing.seconds(found.stamp))] = 0.9
+            detected[self.bin_at(editing.seconds(found.stamp))] = 0.9
         here[self.bin_at(seconds)] = 1.0
-        return times, labelled, self.peak, said, here
+        return times, labelled, self.peak, detected, here
 
     def bin_at(self, seconds: float) -> int:
-        """The place of a time in the plot."""
+        """Return the index of a time [s] in the plot."""
         share = seconds / self.length if self.length else 0.0
         return int(
             np.clip(round(share * (len(self.times) - 1)), 0, len(self.times) - 1)
@@ -140,30 +141,30 @@ GESTURES = ("poke", "double_pat", "grab", "stroke")
 NEW = "new label"
 SPEEDS = ("0.1", "0.25", "0.5", "1", "2", "4")
 STEP = 0.01
-"""Of the slider [s]."""
+"""Step of the slider [s]."""
 
 
 @final
 class Timeline:
-    """Scene and panel of a recording; `tick` moves it on.
+    """Shows the scene and the panel of a recording; `tick` advances it.
 
     Attributes:
-        playing: where it is.
-        editing: its labels.
+        playing: clock of the playback.
+        editing: editor of the labels.
     """
 
     def __init__(
         self,
         server: ViserServer,
         mounted: MountedSkin,
-        take: LoadedRecording,
+        loaded: LoadedRecording,
         editing: LabelEditor,
     ) -> None:
         """Show the first reading."""
-        self.server, self.mounted, self.take = server, mounted, take
+        self.server, self.mounted, self.loaded = server, mounted, loaded
         self.editing = editing
         self.lock = RLock()
-        self.playing = PlaybackClock(float(take.seconds[-1]))
+        self.playing = PlaybackClock(float(loaded.seconds[-1]))
         self.shown = -1
         gui = server.gui
         gui.configure_theme(show_logo=False, show_share_button=False, brand_color=BRAND)
@@ -174,7 +175,7 @@ class Timeline:
         self.scene = Scene(server, describe_scene(mounted, GESTURES), self.scale)
         self.scene.look(MIDDLE, DISTANCE)
         self.status = gui.add_html("")
-        self.overview = Overview(gui, take, editing)
+        self.overview = Overview(gui, loaded, editing)
         self.legend = gui.add_html(panel.block(self.scale.legend()))
         self.add_transport()
         tabs = gui.add_tab_group()
@@ -186,7 +187,7 @@ class Timeline:
         self.list_labels()
 
     def add_transport(self) -> None:
-        """Play, scrub, speed, and from touch to touch."""
+        """Add the controls of the playback: time, speed, previous and next label."""
         gui, playing = self.server.gui, self.playing
         self.slider = gui.add_slider(
             "time [s]",
@@ -200,7 +201,7 @@ class Timeline:
 
         @self.slider.on_update
         async def _(event: GuiEvent) -> None:
-            # What is set here by `tick` comes from nobody.
+            # A change made by `tick` has no client.
             if event.client_id is not None:
                 with self.lock:
                     playing.seek(float(event.target.value))
@@ -218,7 +219,7 @@ class Timeline:
             playing.speed = float(event.target.value)
 
     def add_label(self) -> None:
-        """Pick a label; its gesture, start and end; add, mend, remove, save."""
+        """Add the controls that select, add, change, remove and save labels."""
         gui = self.server.gui
         names: list[str] = [NEW]
         self.pick = gui.add_dropdown("label", names)
@@ -250,22 +251,22 @@ class Timeline:
             self.attempt(self.save)
 
     def gestures(self) -> tuple[str, ...]:
-        """Those of the recording, then the usual ones."""
+        """Return the gestures of the recording, then the common ones."""
         known = [label.gesture for label in self.editing.labels]
         return tuple(dict.fromkeys([*known, *GESTURES, NONE]))
 
     def name_of(self, label: Label) -> str:
-        """A label in the list of labels."""
+        """Return the name of a label in the list of labels."""
         start, end = (self.editing.seconds(x) for x in (label.start, label.end))
         return f"{start:.2f} to {end:.2f} s: {label.gesture}"
 
     def picked(self) -> Label | None:
-        """The label that is picked; None for a new one."""
+        """Return the selected label; None for a new one."""
         found = {self.name_of(label): label for label in self.editing.labels}
         return found.get(self.pick.value)
 
     def show_label(self, label: Label | None) -> None:
-        """Fill the fields in, and go to where it begins."""
+        """Show a label in the fields and move to its start."""
         if label is not None:
             self.gesture.value = label.gesture
             self.start.value = round(self.editing.seconds(label.start), 3)
@@ -273,7 +274,7 @@ class Timeline:
             self.playing.seek(self.editing.seconds(label.start))
 
     def pick_beside(self, step: int) -> None:
-        """Pick the label before or after the place where it is."""
+        """Select the label before or after the current position."""
         now = self.editing.stamp(self.playing.seconds)
         labels = self.editing.labels
         after = [label for label in labels if label.start > now]
@@ -284,19 +285,19 @@ class Timeline:
             self.show_label(label)
 
     def set_label(self) -> str:
-        """Mend the label that is picked, or add a new one; what was done."""
+        """Change the selected label or add a new one, and return a message."""
         fields = self.gesture.value, float(self.start.value), float(self.end.value)
         old = self.picked()
         label = (
             self.editing.add(*fields)
             if old is None
-            else self.editing.mend(old, *fields)
+            else self.editing.change(old, *fields)
         )
         self.list_labels(label)
         return f"{self.name_of(label)}; not saved yet"
 
     def remove_label(self) -> str:
-        """Remove the label that is picked; what was done."""
+        """Remove the selected label and return a message."""
         label = self.picked()
         if label is None:
             return "no label is picked"
@@ -305,12 +306,12 @@ class Timeline:
         return f"removed {self.name_of(label)}; not saved yet"
 
     def save(self) -> str:
-        """Write the recording; what was done."""
+        """Write the recording and return a message."""
         kept = self.editing.save()
         return f"saved; the recording as it was is {kept.name}"
 
     def attempt(self, action: Callable[[], str]) -> None:
-        """Do something, and say what was done or why it could not be."""
+        """Perform an action and show its message, or its error."""
         with self.lock:
             try:
                 text = action()
@@ -319,7 +320,7 @@ class Timeline:
             self.note.content = panel.block(panel.plain(text))
 
     def list_labels(self, chosen: Label | None = None) -> None:
-        """Show the labels as they are now, here and in the plot."""
+        """Show the current labels in the list, the plot and the comparison."""
         names = [self.name_of(label) for label in self.editing.labels]
         self.pick.options = (NEW, *names)
         self.pick.value = NEW if chosen is None else self.name_of(chosen)
@@ -328,7 +329,7 @@ class Timeline:
         self.table.content = self.table_of(pairs)
 
     def table_of(self, pairs: tuple[Pair, ...]) -> str:
-        """Labels beside detections as HTML."""
+        """Return labels beside detections as HTML."""
         right = sum(pair.is_right for pair in pairs)
         rows = [
             (
@@ -348,40 +349,40 @@ class Timeline:
         return panel.comparison(rows, right)
 
     def tick(self, elapsed: float) -> None:
-        """Let time pass [s] and show what is there then."""
+        """Advance by a time [s] and show the reading at the new position."""
         with self.lock, self.server.atomic():
             if self.playing.advance(elapsed):
                 self.slider.value = round(self.playing.seconds, 2)
-            row = self.take.at(self.playing.seconds)
+            row = self.loaded.at(self.playing.seconds)
             if row != self.shown:
                 self.shown = row
-                self.scene.show(self.picture(row))
+                self.scene.show(self.build_update(row))
                 self.status.content = self.status_of(row)
                 self.overview.draw(self.playing.seconds)
 
     def status_of(self, row: int) -> str:
-        """Where it is and what is labelled there."""
-        now = self.editing.recording.start + round(self.take.seconds[row] * 1e9)
+        """Return time, force, peak and label of a reading as HTML."""
+        now = self.editing.recording.start + round(self.loaded.seconds[row] * 1e9)
         here = [x.gesture for x in self.editing.labels if x.start <= now < x.end]
         return panel.numbers(
-            ("time", f"{self.take.seconds[row]:.2f} s"),
-            ("force", f"{self.take.force[row]:.1f} N"),
-            ("peak", f"{self.take.peak[row]:.0f} kPa"),
+            ("time", f"{self.loaded.seconds[row]:.2f} s"),
+            ("force", f"{self.loaded.force[row]:.1f} N"),
+            ("peak", f"{self.loaded.peak[row]:.0f} kPa"),
             ("label", panel.word(here[-1]) if here else "-"),
         )
 
-    def picture(self, row: int) -> ViewUpdate:
-        """One reading as a page shows it."""
-        take = self.take
+    def build_update(self, row: int) -> ViewUpdate:
+        """Return the update for one reading."""
+        loaded = self.loaded
         return ViewUpdate(
-            seconds=float(take.seconds[row]),
-            poses=pack_poses(self.mounted.kinematics.poses(take.q[row])),
-            pressure=take.pressure[row],
-            valid=np.packbits(take.valid[row]),
+            seconds=float(loaded.seconds[row]),
+            poses=pack_poses(self.mounted.kinematics.poses(loaded.q[row])),
+            pressure=loaded.pressure[row],
+            valid=np.packbits(loaded.valid[row]),
             contacts=(),
             touches=(),
-            force=float(take.force[row]),
-            peak=float(take.peak[row]),
+            force=float(loaded.force[row]),
+            peak=float(loaded.peak[row]),
             log_entries=(),
             faults=0,
             rate=0.0,

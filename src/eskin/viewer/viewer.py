@@ -40,13 +40,14 @@ from eskin.viewer.appearance import describe_scene
 from eskin.viewer.process import PageProcess
 
 MAX_LOG_ENTRIES = 32
-"""Lines of the log that wait for a picture; older ones are dropped."""
+"""Greatest number of log entries that wait for an update; older ones are dropped."""
 MAX_CONTACTS = 8
+"""Greatest number of contacts in an update."""
 
 
 @runtime_checkable
 class ArmStatus(Protocol):
-    """An arm's state, as far as the page shows it."""
+    """Declares the part of an arm's state that the page shows."""
 
     @property
     def moving(self) -> bool:
@@ -55,27 +56,27 @@ class ArmStatus(Protocol):
 
     @property
     def paused(self) -> bool:
-        """Whether a person asked it to pause."""
+        """Whether a person requested a pause."""
         ...
 
     @property
     def hold_reason(self) -> str | None:
-        """Why it was stopped without being asked."""
+        """Reason for a stop without a request; None otherwise."""
         ...
 
     @property
     def speed(self) -> float:
-        """Share of full speed."""
+        """Speed as a share of full speed."""
         ...
 
     @property
     def gripper(self) -> str:
-        """`open` or `closed`."""
+        """State of the gripper: `open` or `closed`."""
         ...
 
     @property
     def target(self) -> str:
-        """Where it goes."""
+        """Name of the target of the motion."""
         ...
 
     @property
@@ -85,42 +86,43 @@ class ArmStatus(Protocol):
 
     @property
     def connected(self) -> bool:
-        """Whether the robot is heard."""
+        """Whether the robot is connected."""
         ...
 
 
 @final
 class FrameEncoder:
-    """Makes pictures; holds what is said until the next one."""
+    """Builds updates, and holds log entries until the next one."""
 
     def __init__(self, mounted: MountedSkin, begin: int) -> None:
-        """Start with nothing said.
+        """Start with an empty log.
 
         Args:
-            mounted: the skin on its robot.
-            begin: stamp from which time is counted [ns since the epoch].
+            mounted: skin on its robot.
+            begin: stamp of time zero [ns since the epoch].
         """
         self.mounted = mounted
         self.begin = begin
         self.log_entries: deque[LogEntry] = deque(maxlen=MAX_LOG_ENTRIES)
-        self.told: Event | None = None
+        self.last_event: Event | None = None
         robot = mounted.robot
         q = np.zeros(len(robot.joint_names))
         self.T_world_link = mounted.kinematics.poses(q)
 
     def seconds(self, stamp: int) -> float:
-        """Since the beginning [s]."""
+        """Return the time of a stamp since `begin` [s]."""
         return (stamp - self.begin) / NS_PER_S
 
     def note(self, item: object) -> None:
-        """Keep a detection, an event or what was made of a touch for the log."""
+        """Add a detection, an event or a command to the log."""
         match item:
             case Detection():
                 self.log_entries.append(self.detection(item))
-            case Event() if found_at_once(self.told, item):
-                pass  # of many faults found together one is told; their number is shown
+            case Event() if found_at_once(self.last_event, item):
+                # Of faults found together one is logged; the page shows their number.
+                pass
             case Event():
-                self.told = item
+                self.last_event = item
                 self.log_entries.append(
                     LogEntry(self.seconds(item.stamp), "event", item.text)
                 )
@@ -130,7 +132,7 @@ class FrameEncoder:
                 self.log_entries.append(LogEntry(self.seconds(item.stamp), kind, text))
 
     def detection(self, detection: Detection) -> LogEntry:
-        """A detection with its place on its link."""
+        """Return the log entry of a detection, with its position on its link."""
         link = self.mounted.robot.link_index(detection.link)
         x, y, z = apply(invert(self.T_world_link[link]), detection.p_world).tolist()
         name = detection.gesture.replace("_", "-")
@@ -144,7 +146,7 @@ class FrameEncoder:
             (x, y, z),
         )
 
-    def picture(
+    def build_update(
         self,
         moment: RecognitionState,
         rate: float,
@@ -152,21 +154,21 @@ class FrameEncoder:
         age: float,
         arm: ArmSummary | None,
     ) -> ViewUpdate:
-        """Everything of one moment that the page shows.
+        """Return the update of one moment.
 
         Args:
-            moment: what is known.
-            rate: readings a second [1/s].
-            step: what recognising one takes [s].
-            age: how old it was when all was said [s].
-            arm: where there is one.
+            moment: state of the recognition.
+            rate: rate of readings [1/s].
+            step: median time to recognise one reading [s].
+            age: age of the reading when its processing was complete [s].
+            arm: summary of the arm; None without an arm.
         """
         state = moment.state
         reading = state.reading
         self.T_world_link = self.mounted.kinematics.poses(reading.q)
         contacts = sorted(state.contacts, key=lambda contact: -contact.force)
-        said = tuple(self.log_entries)
-        for _ in said:
+        entries = tuple(self.log_entries)
+        for _ in entries:
             self.log_entries.popleft()
         return ViewUpdate(
             seconds=self.seconds(reading.stamp),
@@ -177,7 +179,7 @@ class FrameEncoder:
             touches=self.touches(moment),
             force=sum((contact.force for contact in contacts), 0.0),
             peak=max((contact.peak for contact in contacts), default=0.0),
-            log_entries=said,
+            log_entries=entries,
             faults=len(state.faults),
             rate=rate,
             step=step,
@@ -186,14 +188,14 @@ class FrameEncoder:
         )
 
     def mark(self, contact: Contact) -> ContactMarker:
-        """A contact in the frame of its link."""
+        """Return the marker of a contact, in the frame of its link."""
         link = self.mounted.robot.link_index(contact.link)
         n_link = rotate(invert(self.T_world_link[link]), contact.n_world)
         radius = float(np.sqrt(contact.area / np.pi))
         return ContactMarker(link, contact.p_link, n_link, radius)
 
     def touches(self, moment: RecognitionState) -> tuple[OpenTouch, ...]:
-        """Open touches with what is thought of them, strongest first."""
+        """Return the open touches with their probabilities, strongest first."""
         found = [
             OpenTouch(
                 touch.id,
@@ -210,13 +212,13 @@ class FrameEncoder:
 def pack_poses(
     T_world_link: Float[np.ndarray, "link 4 4"],
 ) -> Float[np.ndarray, "link 7"]:
-    """Quaternion and position of each link, in single precision."""
+    """Return quaternion wxyz and position [m] of each link, in single precision."""
     wxyz = matrix_to_quaternion(T_world_link[:, :3, :3])
     return np.concatenate([wxyz, T_world_link[:, :3, 3]], axis=1).astype(np.float32)
 
 
 def describe_arm(arm: ArmStatus) -> ArmSummary:
-    """An arm's state in one word, with the reason."""
+    """Return the summary of an arm's state, with the reason for a stop."""
     speed, gripper, target = arm.speed, arm.gripper, arm.target
     if not arm.connected:
         return ArmSummary("stopped", "lost connection", speed, gripper, target)
@@ -230,43 +232,45 @@ def describe_arm(arm: ArmStatus) -> ArmSummary:
     return ArmSummary(state, "", speed, gripper, target)
 
 
-PICTURES = 25.0
-"""A second, at most [1/s]."""
+MAX_UPDATE_RATE = 25.0
+"""Greatest rate of updates [1/s]."""
 
 
 @runtime_checkable
 class ReportsState(Protocol):
-    """An arm, as far as the page needs one."""
+    """Declares the part of an arm that the page needs."""
 
     def state(self) -> ArmStatus:
-        """How it is now."""
+        """Return the current state."""
         ...
 
 
 @dataclass(frozen=True)
 class ViewerConfig:
-    """How the page is served, and what people may do in it."""
+    """Configures the port of the page and the actions that it offers."""
 
     port: int = 8080
-    """Of 127.0.0.1; 0 for any free one."""
+    """Port of 127.0.0.1; 0 for any free one."""
 
     touchable: bool = False
-    """Whether touches and other orders are taken from the page. Never with a real
-    robot, unless its owner says so."""
+    """Whether the page may send touches and other orders.
+
+    Never set it with a real robot, unless its owner permits it.
+    """
 
     skins: tuple[str, ...] = ()
-    """Skins that can be chosen; the first is on."""
+    """Skins offered for selection; the first is the current one."""
 
 
 @final
 class Viewer(Listener):
-    """Shows a stream in the browser, and gives back what people do there.
+    """Shows a stream in the browser and forwards the orders given there.
 
-    The page lives in a process of its own. This one only packs a picture 25 times a
-    second, and not even that while the page has not shown those before.
+    The page runs in a process of its own. This process only builds an update 25 times
+    a second, and skips it while the page has not shown those before.
 
     Attributes:
-        page: the process; None before the start and after the end.
+        page: process of the page; None before the start and after the end.
     """
 
     name = "viewer"
@@ -282,15 +286,15 @@ class Viewer(Listener):
         arm: ReportsState | None = None,
         board: Callable[[], ComparisonBoard | None] | None = None,
     ) -> None:
-        """Nothing is started before the stream is.
+        """Prepare the viewer; the page starts with the stream.
 
         Args:
-            recognition: that tells the moments.
-            config: how the page is served.
-            on_order: is called on a thread of its own with each order that people give.
-            arm: whose state is shown.
-            board: tells what recognisers that are compared say, which is then shown
-                in place of all else beside the scene.
+            recognition: recognition that publishes the states to show.
+            config: configuration of the page.
+            on_order: function called with each order, on a thread of its own.
+            arm: arm to show the state of.
+            board: function that returns the comparison of recognisers, which then
+                replaces everything else beside the scene.
         """
         self.recognition = recognition
         self.config = config or ViewerConfig()
@@ -303,21 +307,21 @@ class Viewer(Listener):
 
     @property
     def mounted(self) -> MountedSkin:
-        """The skin that is seen."""
+        """Skin that the page shows, on its robot."""
         return self.recognition.recognizer.mounted
 
     def start(self, context: Context) -> None:
         """Start the page's process.
 
         Raises:
-            DeviceError: the port cannot be had.
+            DeviceError: the port is not available.
         """
         self.context = context
-        self.packer = FrameEncoder(self.mounted, context.clock.now())
+        self.encoder = FrameEncoder(self.mounted, context.clock.now())
         self.page = PageProcess(self.setup(), self.config.port, self.on_order)
 
     def setup(self) -> SceneDescription:
-        """What the page is told once."""
+        """Return the description of the scene, which is sent once."""
         return describe_scene(
             self.mounted,
             self.recognition.recognizer.model.card.vocabulary,
@@ -328,21 +332,21 @@ class Viewer(Listener):
         )
 
     def on_message(self, item: Message) -> None:
-        """Keep what is said; of moments show one in 40 ms."""
+        """Add a message to the log; show a recognition state once in 40 ms."""
         if not isinstance(item, RecognitionState):
-            self.packer.note(item)
+            self.encoder.note(item)
             return
         now = monotonic()
         self.count_up(self.context.clock.now() / NS_PER_S)
         if now < self.due or self.page is None or not self.page.wants():
             return
-        self.due = max(self.due + 1 / PICTURES, now)
+        self.due = max(self.due + 1 / MAX_UPDATE_RATE, now)
         step, stamp = self.recognition.step.quantile(0.5), item.state.reading.stamp
         arm = None if self.arm is None else describe_arm(self.arm.state())
         age = self.context.age(stamp)
-        picture = self.packer.picture(item, self.rate, step, age, arm)
+        update = self.encoder.build_update(item, self.rate, step, age, arm)
         board = None if self.board is None else self.board()
-        self.page.give(replace(picture, board=board))
+        self.page.give(replace(update, board=board))
 
     def count_up(self, now: float) -> None:
         """Measure the rate of readings once a second."""
@@ -353,13 +357,15 @@ class Viewer(Listener):
             self.count, self.counted_from = 0, now
 
     def wait_ready(self, timeout: float) -> int:
-        """Wait until the page is served, once the stream has started; its port.
+        """Wait until the page is served and return its port.
+
+        The stream must have been started.
 
         Args:
-            timeout: how long at most [s].
+            timeout: longest time to wait [s].
 
         Raises:
-            DeviceError: it is not served.
+            DeviceError: the page is not served.
         """
         if self.page is None:
             raise DeviceError(
