@@ -12,7 +12,7 @@ from multiprocessing.connection import Connection
 from threading import Lock
 
 from eskin.errors import DeviceError
-from eskin.page.messages import ORDER, READY, REFUSED, SHOWN, Order, MessageKind
+from eskin.page.messages import ORDER, READY, REFUSED, SHOWN, MessageKind, Order
 from eskin.page.page import Page
 from eskin.page.server import open_server
 

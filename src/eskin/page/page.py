@@ -14,7 +14,7 @@ from viser import (
 
 from eskin.page.board import ComparisonPanel
 from eskin.page.colours import ColourScale
-from eskin.page.hand import MouseHand, TouchMode, Pointing
+from eskin.page.hand import MouseHand, Pointing, TouchMode
 from eskin.page.messages import Order, SceneDescription, ViewUpdate
 from eskin.page.panel import Panel
 from eskin.page.scene import GripperModel, Marks, Scene
