@@ -114,7 +114,7 @@ def test_other_bytes_or_settings_are_another_part(paths):
 
 def test_a_part_that_cannot_be_written_leaves_nothing(paths, tmp_path, monkeypatch):
     def full(file, **arrays) -> None:
-        file.write(b"half")
+        file.write_bytes(b"half")
         raise OSError("no space left")
 
     monkeypatch.setattr(np, "savez", full)

@@ -16,7 +16,7 @@ def digest_code(module: str) -> str:
     packages. Data files are not read.
 
     Args:
-        module: dotted name, such as `eskin.learn.parts`.
+        module: dotted name, such as `eskin.learn.dataset`.
 
     Raises:
         ValueError: there is no such module in eskin.

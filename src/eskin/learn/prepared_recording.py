@@ -163,7 +163,6 @@ def pack_recording(
     """
     target = folder / f"{compute_pack_key(path, pipeline, graph, transform)}.npz"
     if not target.exists():
-        folder.mkdir(parents=True, exist_ok=True)
         save_prepared(
             target, prepare_recording(read_recording(path), pipeline, graph, transform)
         )

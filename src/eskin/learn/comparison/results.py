@@ -98,7 +98,6 @@ class TrainingTask:
         if path.exists():
             return read_result(path)
         result = self.run()
-        folder.mkdir(parents=True, exist_ok=True)
         write_result(path, result)
         return result
 

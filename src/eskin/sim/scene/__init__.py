@@ -1,1 +1,16 @@
 """This package holds a robot in its skin: its poses, its motion, sites and scenes."""
+
+from eskin.sim.scene.environment import (
+    SimEnvironment,
+    build_environment,
+    load_environment,
+)
+from eskin.sim.scene.validity import are_collision_free, compute_joint_limits
+
+__all__ = [
+    "SimEnvironment",
+    "are_collision_free",
+    "build_environment",
+    "compute_joint_limits",
+    "load_environment",
+]
