@@ -12,7 +12,7 @@ import numpy as np
 from eskin.command import DynamicPlant, SimulatedArm
 from eskin.drivers import ManualClock
 from eskin.robot import Wrench
-from eskin.sim.interactive.skin import InteractiveSkin
+from eskin.sim.interactive import InteractiveSkin
 
 STEP = 0.002
 STANDS = 0.01

@@ -22,8 +22,7 @@ from eskin.learn.events.matching import ScoredStream, build_events
 from eskin.live import Detection, Recognizer
 from eskin.model import Model, load_model
 from eskin.recording import NONE, TruthRecord
-from eskin.sim.interactive.hand import LinkPoint
-from eskin.sim.interactive.skin import InteractiveSkin
+from eskin.sim.interactive import InteractiveSkin, LinkPoint
 from eskin.sim.people.gesture_sample import build_minimum_jerk
 from eskin.sim.scene.motion import compute_max_speed
 from eskin.sim.scene.poses import POSE_GROUPS, draw_pose

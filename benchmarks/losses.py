@@ -25,9 +25,7 @@ from eskin.learn.evaluation import find_last_rows
 from eskin.learn.ground_truth import find_runs
 from eskin.recording import NONE, find_recordings
 from eskin.sim.constants import load_constants
-from eskin.sim.dataset.clip_generator import Simulator
-from eskin.sim.dataset.generate import generate
-from eskin.sim.dataset.settings import GenerationSettings
+from eskin.sim.dataset import GenerationSettings, Simulator, generate
 
 NEARLY_NOTHING = 1e-3
 """Factor on a constant that is to be as good as zero."""

@@ -23,9 +23,7 @@ from eskin.learn.evaluation import predict_clips
 from eskin.model import Model, load_model
 from eskin.recording import find_recordings
 from eskin.sim.constants import load_constants
-from eskin.sim.dataset.clip_generator import Simulator
-from eskin.sim.dataset.generate import generate
-from eskin.sim.dataset.settings import GenerationSettings
+from eskin.sim.dataset import GenerationSettings, Simulator, generate
 
 NEARLY_NOTHING = 1e-3
 """Factor on a constant that is to be as good as zero."""

@@ -2,8 +2,7 @@
 
 from pathlib import Path
 
-from eskin.sim.dataset.generate import generate
-from eskin.sim.dataset.settings import GenerationSettings
+from eskin.sim.dataset import GenerationSettings, generate
 
 
 def made_set(

@@ -32,6 +32,7 @@ from jaxtyping import Float
 from eskin import Detection, Model, Recognizer, load_model
 from eskin.recording import NONE
 from eskin.recording import socialtouch as social
+from eskin.recording.conversion import find_files
 from eskin.robot import load_robot
 from eskin.skin import MountedSkin, build_grid_skin
 from eskin.touch import Calibration, Scan, TouchState
@@ -251,7 +252,7 @@ def trials_of(public: PublicSet, folder: Path) -> list[Trial]:
 
 def socialtouch_trials(folder: Path) -> Iterator[Trial]:
     """Repetitions of the SocialTouch set."""
-    for path in social.socialtouch_files(folder):
+    for path in find_files(folder, "touch_*", social.SUFFIXES):
         for found in social.read_repetitions(path):
             share = found.counts / social.FULL_SCALE
             yield Trial(f"P{found.person}", found.gesture, found.seconds, share)

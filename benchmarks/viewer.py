@@ -27,8 +27,8 @@ import eskin
 from benchmarks.browser import CHROMIUM, FLAGS
 from eskin.drivers import PlayedSource, SourceInfo
 from eskin.live import warm_up
-from eskin.sim.dataset.clip_generator import Simulator
-from eskin.sim.interactive.player import TouchPlayer
+from eskin.sim.dataset import Simulator
+from eskin.sim.interactive import TouchPlayer
 from eskin.stream import Recognition, Stream
 from eskin.touch import Scan
 from eskin.viewer import Viewer, ViewerConfig

@@ -8,8 +8,7 @@ import numpy as np
 from eskin.graph import HISTORY, GraphBatch
 from eskin.learn.dataset import Dataset
 from eskin.learn.ground_truth import Clip
-from eskin.sim.dataset.generate import generate
-from eskin.sim.dataset.settings import GenerationSettings
+from eskin.sim.dataset import GenerationSettings, generate
 from eskin.skin import MountedSkin
 from sim_scenes import StandIn
 

@@ -6,8 +6,8 @@ import time
 import numpy as np
 
 from eskin.robot import load_robot
+from eskin.sim.dataset import ClipGenerator
 from eskin.sim.dataset.clip import SimulatedClip
-from eskin.sim.dataset.clip_generator import ClipGenerator
 from eskin.sim.scene.scene import TrueTouchSeries
 from eskin.skin import MountedSkin, build_grid_skin
 from eskin.touch import Calibration

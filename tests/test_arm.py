@@ -82,7 +82,7 @@ def test_every_pose_on_the_way_is_free_and_the_tool_points_down():
     lines = [np.linspace(a, b, 100) for a in ways for b in ways]
     q = np.concatenate(lines)
     T_world_link = kinematics.poses(q)
-    gap, height = solids.clearance(T_world_link, 0.1).T
+    gap, height = solids.compute_clearance(T_world_link, 0.1).T
     assert gap.min() >= constants.value("robot.clearance") / 1000
     assert height.min() >= constants.value("robot.table_clearance") / 1000
     tool = T_world_link[:, -1]

@@ -19,7 +19,7 @@ from eskin.demo import (
 from eskin.demo.browser import PageCommandHandler
 from eskin.drivers import ManualClock
 from eskin.page import PageOrder, TouchOrder
-from eskin.sim.interactive.skin import InteractiveSkin
+from eskin.sim.interactive import InteractiveSkin
 from eskin.stream import CommandEvent
 
 SECOND = 1_000_000_000

@@ -21,8 +21,8 @@ from eskin.cli.main import run
 from eskin.drivers import Data, decode_packet
 from eskin.recording import Metadata, RecordingWriter
 from eskin.robot import load_robot
+from eskin.sim.dataset import ClipGenerator
 from eskin.sim.dataset.clip import SimulatedClip
-from eskin.sim.dataset.clip_generator import ClipGenerator
 from eskin.skin import MountedSkin, build_grid_skin, save_skin
 from eskin.touch import Calibration
 

@@ -23,8 +23,8 @@ from eskin.errors import ArmError, ExtraError, RobotError
 from eskin.page import PageOrder
 from eskin.robot import Dynamics, Kinematics, ServoConfig, Wrench, load_robot
 from eskin.robot.presets import read_preset_urdf
-from eskin.sim.interactive.hand import LinkPoint
-from eskin.sim.interactive.skin import InteractiveSkin, compute_wrenches
+from eskin.sim.interactive import InteractiveSkin, LinkPoint
+from eskin.sim.interactive.skin import compute_wrenches
 from eskin.transforms import apply
 
 mujoco = pytest.importorskip("mujoco", reason="needs the extra sim")

@@ -7,7 +7,7 @@ import pytest
 import eskin.cli.generate as command
 from eskin.cli.main import run
 from eskin.sim.constants import load_constants
-from eskin.sim.dataset.generate import generate
+from eskin.sim.dataset import generate
 from eskin.sim.dataset.sets import SETS, load_set
 from sim_scenes import Failing, StandIn
 

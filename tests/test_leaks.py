@@ -9,8 +9,7 @@ from eskin.learn.baselines.interface import TOUCHED, SkinWindows
 from eskin.learn.comparison import find_examples
 from eskin.learn.evaluation import ClipPredictions
 from eskin.recording import NONE
-from eskin.sim.dataset.generate import generate
-from eskin.sim.dataset.settings import GenerationSettings
+from eskin.sim.dataset import GenerationSettings, generate
 
 
 @pytest.fixture(scope="module")

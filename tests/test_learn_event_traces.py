@@ -18,8 +18,7 @@ from eskin.learn.events import (
 from eskin.live import Recognizer
 from eskin.model import DecisionConfig
 from eskin.recording import read_recording
-from eskin.sim.dataset.generate import generate
-from eskin.sim.dataset.settings import GenerationSettings
+from eskin.sim.dataset import GenerationSettings, generate
 from live_scenes import (
     SECOND,
     START,

@@ -6,7 +6,7 @@ from benchmarks.results import OF_581, Command, spent, task_of
 from clip_scenes import generated
 from eskin.learn.comparison import METHODS, MethodResult
 from eskin.learn.comparison.results import write_result
-from eskin.sim.dataset.settings import GenerationSettings
+from eskin.sim.dataset import GenerationSettings
 
 
 @pytest.mark.parametrize(("learned", "clips"), OF_581.items())

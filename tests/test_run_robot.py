@@ -13,8 +13,7 @@ from eskin.drivers import ManualClock
 from eskin.errors import ArmError, DeviceError, EskinError
 from eskin.live import Recognizer
 from eskin.recording import Metadata, RecordingWriter
-from eskin.sim.interactive.hand import LinkPoint
-from eskin.sim.interactive.skin import InteractiveSkin
+from eskin.sim.interactive import InteractiveSkin, LinkPoint
 from eskin.stream import Recognition
 from eskin.viewer import Viewer
 from live_scenes import write_all

@@ -18,7 +18,7 @@ from eskin.demo.same_touch import (
 from eskin.page import Answer as Shown
 from eskin.page import ComparisonBoard
 from eskin.page.board import board
-from eskin.sim.scene.validity import are_collision_free
+from eskin.sim.scene import are_collision_free
 from world_scenes import world
 
 

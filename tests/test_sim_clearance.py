@@ -7,12 +7,9 @@ import pytest
 
 from eskin.robot import Box, Geom, Link, Robot, compute_surface_distance, load_robot
 from eskin.sim.constants import MM
+from eskin.sim.scene import are_collision_free, compute_joint_limits
 from eskin.sim.scene.collision import build_collision_model
-from eskin.sim.scene.validity import (
-    are_collision_free,
-    are_poses_valid,
-    compute_joint_limits,
-)
+from eskin.sim.scene.validity import are_poses_valid
 from eskin.transforms import apply, invert
 from world_scenes import poses, surface_points, world
 

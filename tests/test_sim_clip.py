@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 
 from eskin.sim.contact.press import ContactPads, Press, SoftTissue, TrueTouch
-from eskin.sim.dataset.clip import get_build, make_clip
-from eskin.sim.dataset.plan import BuildOrigin, ClipPlan, Origin
+from eskin.sim.dataset import ClipPlan, get_build
+from eskin.sim.dataset.clip import make_clip
+from eskin.sim.dataset.plan import BuildOrigin, Origin
 from eskin.sim.dataset.staging import draw_accident, draw_start, set_up_clip
 from eskin.sim.scene.scene import find_contact_steps, shift_touch
 from eskin.sim.scene.validity import find_self_contact_sites

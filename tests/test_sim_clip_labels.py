@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 from eskin.recording import Label
+from eskin.sim.dataset import GenerationSettings
 from eskin.sim.dataset.session_file import (
     build_ranges,
     build_true_labels,
     compute_peak_pressures,
     compute_rest_counts,
 )
-from eskin.sim.dataset.settings import GenerationSettings
 from eskin.touch import Calibration
 from sim_scenes import FULL_SCALE, StandIn
 

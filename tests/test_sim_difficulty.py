@@ -10,7 +10,7 @@ from benchmarks.simulation.leakage import over_people
 from benchmarks.simulation.remains import EDGES, histogram_of
 from benchmarks.simulation.true_features import runs, true_features
 
-from eskin.sim.dataset.settings import GenerationSettings
+from eskin.sim.dataset import GenerationSettings
 from eskin.touch import Calibration
 
 

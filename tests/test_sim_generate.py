@@ -12,8 +12,7 @@ import pytest
 
 from eskin.errors import GenerationError
 from eskin.recording import find_recordings, read_recording
-from eskin.sim.dataset.generate import generate
-from eskin.sim.dataset.settings import GenerationSettings
+from eskin.sim.dataset import GenerationSettings, generate
 from eskin.touch import Calibrator
 from sim_scenes import Dying, Failing, Slow, StandIn
 

@@ -7,10 +7,14 @@ import pytest
 
 from eskin.errors import GenerationError
 from eskin.recording import read_recording
-from eskin.sim.dataset.clip_generator import Simulator
-from eskin.sim.dataset.generate import generate
-from eskin.sim.dataset.index import ClipRow, read_index, remake_clip
-from eskin.sim.dataset.settings import GenerationSettings
+from eskin.sim.dataset import (
+    ClipRow,
+    GenerationSettings,
+    Simulator,
+    generate,
+    read_index,
+    remake_clip,
+)
 from sim_scenes import StandIn
 
 SMALL = GenerationSettings("train", "square", seed=3, clips=23, subjects=4)

@@ -7,8 +7,7 @@ import pytest
 
 from eskin.sim.dataset.clip import get_session, simulate_clip
 from eskin.sim.dataset.plan import Origin
-from eskin.sim.interactive.hand import LinkPoint
-from eskin.sim.interactive.skin import InteractiveSkin
+from eskin.sim.interactive import InteractiveSkin, LinkPoint
 from eskin.sim.interactive.touches import PerformedTouch
 from eskin.sim.people.perform import perform
 from eskin.sim.scene.motion import follow_late, hang_still
@@ -96,7 +95,7 @@ def test_readings_get_lost_by_the_same_draws_but_for_the_first_state():
         for seed in (4, 4)
     )
     at_once = one.draw_all(4000)
-    one_by_one = np.concatenate([two.advance() for _ in range(4000)])
+    one_by_one = np.concatenate([two.draw_next() for _ in range(4000)])
     assert one_by_one.mean() == pytest.approx(0.2, abs=0.03)
     met = np.flatnonzero((at_once == one_by_one).all(axis=1))[0]
     np.testing.assert_array_equal(at_once[met:], one_by_one[met:])
@@ -118,7 +117,7 @@ def test_a_hand_lands_on_its_target_though_the_arm_moves_and_then_falls_behind()
     live = InteractiveSkin()
     run(live, 50, swaying)
     place = place_of(live, "forearm_back", 300)
-    site = live.hand.site("poke", None, place, live.hand.person)
+    site = live.hand.find_site("poke", None, place, live.hand.person)
     rng, asked = np.random.default_rng(0), {"force": 5.0, "duration": 0.6}
     touch = perform(
         *("poke", "one_tip", live.hand.person, site, CONSTANTS, rng, 0.0),
@@ -143,7 +142,7 @@ def test_a_touch_is_what_it_is_in_a_clip(gesture, way):
     stages = SensorStages(skew=False, faults=False)
     rng, skin = np.random.default_rng(seed), live.mounted.skin
     live.sensor = Sensor(live.build, skin, rng, stages, session)
-    site = live.hand.site(
+    site = live.hand.find_site(
         "stroke", None, place_of(live, "forearm_back"), live.hand.person
     )
     what = ("none", "cable") if gesture == "cable" else (gesture, None)
@@ -192,7 +191,7 @@ def test_taxels_bear_the_whole_force_inside_a_patch():
     world, skin = live.env, live.mounted.skin
     asked = {"force": 5.0, "duration": 0.4}
     rng = np.random.default_rng(0)
-    on_a_taxel = live.hand.site(
+    on_a_taxel = live.hand.find_site(
         "poke", None, place_of(live, "upper_arm_back", 200), live.hand.person
     )
     borne = []
@@ -318,7 +317,7 @@ def test_a_dragged_finger_goes_from_link_to_link():
 
 def test_an_unplugged_patch_is_not_received_and_the_others_feel_no_difference():
     one, other = InteractiveSkin(seed=1), InteractiveSkin(seed=1)
-    out = one.mounted.skin.patch_index == one.index_of("forearm_back")
+    out = one.mounted.skin.patch_index == one.find_patch("forearm_back")
     for live in (one, other):
         live.hand.grab(place_of(live, "forearm_back", 90), 20.0, 0.5)
     one.unplug("forearm_back")

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from eskin.sim.contact.press import ContactPads, Press, SoftTissue
+from eskin.sim.scene import are_collision_free
 from eskin.sim.scene.motion import (
     build_speed_profile,
     draw_motion,
@@ -16,7 +17,6 @@ from eskin.sim.scene.motion import (
 )
 from eskin.sim.scene.placement import draw_site
 from eskin.sim.scene.poses import compute_pose_group, draw_touching_pose
-from eskin.sim.scene.validity import are_collision_free
 from world_scenes import EVERY, people, poses, world
 
 STEP = 0.01

@@ -13,15 +13,19 @@ from eskin.errors import GenerationError
 from eskin.recording import find_recordings, read_recording
 from eskin.robot import load_robot
 from eskin.sim.constants import load_constants
-from eskin.sim.dataset.clip_generator import Simulator
-from eskin.sim.dataset.generate import generate
-from eskin.sim.dataset.index import read_index, remake_clip
-from eskin.sim.dataset.pairs import draw_meeting_poses, draw_shared_pat, make_pair
+from eskin.sim.dataset import (
+    GenerationSettings,
+    Simulator,
+    generate,
+    make_pair,
+    plan_single_pair,
+    read_index,
+    remake_clip,
+)
+from eskin.sim.dataset.pairs import draw_meeting_poses, draw_shared_pat
 from eskin.sim.dataset.plan import PAIR_SIDES, SIDES
-from eskin.sim.dataset.session_plan import plan_single_pair
-from eskin.sim.dataset.settings import GenerationSettings
 from eskin.sim.people.person import draw_person
-from eskin.sim.scene.environment import load_environment
+from eskin.sim.scene import load_environment
 from eskin.skin import SKIN_PRESETS, MountedSkin, load_skin
 from eskin.touch import TouchPipeline
 from world_scenes import world
@@ -282,7 +286,7 @@ def test_a_clip_of_a_pair_can_be_made_again_alone(whole):
     row = rows_of(whole)["flat", 2]
     recording = read_recording(whole / row.file)
     arrays = recording.arrays()
-    inside = (row.start <= arrays.pads) & (arrays.pads < row.start + 2 * SECOND)
+    inside = (row.start <= arrays.stamps) & (arrays.stamps < row.start + 2 * SECOND)
     clip = remake_clip(row, small("flat"))
     assert clip.counts.tobytes() == arrays.counts[inside].tobytes()
     with pytest.raises(

@@ -5,8 +5,9 @@ import itertools
 import numpy as np
 import pytest
 
-from eskin.sim.dataset.clip_generator import Simulator
-from eskin.sim.interactive.player import LEAD_SECONDS, STRETCH_SECONDS, TouchPlayer
+from eskin.sim.dataset import Simulator
+from eskin.sim.interactive import TouchPlayer
+from eskin.sim.interactive.player import LEAD_SECONDS, STRETCH_SECONDS
 from eskin.touch import Calibrator, ContactConfig
 from sim_scenes import StandIn
 
@@ -55,14 +56,14 @@ def test_touches_are_numbered_through_and_pressed_where_they_are_said():
 
 def test_person_and_build_are_of_no_set():
     player = TouchPlayer(StandIn("small"), 7)
-    plan = player.plan(1)
+    plan = player.plan_stretch(1)
     names = {plan.person.name, plan.build.name, plan.session.name, plan.set_name}
     assert all(name.startswith("device") for name in names)
     assert plan.build.kind == "fresh"
-    assert plan.seed != player.plan(2).seed
+    assert plan.seed != player.plan_stretch(2).seed
     assert (plan.person, plan.build, plan.session, plan.pose) == (
-        *(player.plan(2).person, player.plan(2).build),
-        *(player.plan(2).session, player.plan(2).pose),
+        *(player.plan_stretch(2).person, player.plan_stretch(2).build),
+        *(player.plan_stretch(2).session, player.plan_stretch(2).pose),
     )
 
 

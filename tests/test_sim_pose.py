@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from eskin.sim.scene.environment import build_environment
+from eskin.sim.scene import build_environment, compute_joint_limits
 from eskin.sim.scene.folds import find_fold_sites
 from eskin.sim.scene.poses import (
     build_pose_pool,
@@ -12,11 +12,7 @@ from eskin.sim.scene.poses import (
     draw_pose,
     draw_touching_pose,
 )
-from eskin.sim.scene.validity import (
-    are_poses_valid,
-    compute_joint_limits,
-    find_self_contact_sites,
-)
+from eskin.sim.scene.validity import are_poses_valid, find_self_contact_sites
 from world_scenes import EVERY, people, poses, world
 
 

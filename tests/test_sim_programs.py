@@ -232,5 +232,5 @@ def test_gestures_work_on_a_plane_and_where_there_is_no_room(people, gesture):
 
 
 def test_a_site_must_hold_its_own_centre():
-    with pytest.raises(ValueError, match="does not hold the centre"):
+    with pytest.raises(ValueError, match="does not contain the centre"):
         ContactSite(0, (0.0, 0.0), 0.04, (0.05, 0.1), 0.0)

@@ -45,7 +45,7 @@ def without(build, stage):
     changes = {
         "bending": {"bend": none},
         "threshold": {"activation": none},
-        "hysteresis": {"play": np.zeros(4)},
+        "hysteresis": {"play_widths": np.zeros(4)},
         "power": {"exponent": one},
         "creep": {"creep": np.zeros((SKIN.count, 3))},
         "gain": {"gain": one, "session_gain": (0.0, 0.0)},

@@ -9,9 +9,8 @@ import pytest
 
 from eskin.cli.generate import SkinName
 from eskin.sim.constants import load_constants
-from eskin.sim.dataset.clip_generator import Simulator
+from eskin.sim.dataset import GenerationSettings, Simulator
 from eskin.sim.dataset.sets import CLASSES
-from eskin.sim.dataset.settings import GenerationSettings
 from eskin.sim.dataset.staging import set_up_clip
 from eskin.sim.scene.poses import (
     POSE_GROUPS,

@@ -7,7 +7,7 @@ import numpy as np
 from eskin.robot import load_robot
 from eskin.sim.constants import load_constants
 from eskin.sim.people.person import draw_person
-from eskin.sim.scene.environment import build_environment
+from eskin.sim.scene import build_environment
 from eskin.sim.scene.poses import POSE_GROUPS, draw_pose
 from eskin.skin import MountedSkin
 from eskin.skin.presets import build_ur5_skin

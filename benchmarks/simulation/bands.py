@@ -12,14 +12,14 @@ from eskin.sim.constants import Constants
 from eskin.sim.contact.chart import Chart
 from eskin.sim.contact.press import ContactSite, TrueTouch
 from eskin.sim.contact.pressure import compute_leak_share, spread_through_film
-from eskin.sim.dataset.clip import get_build, get_session, simulate_clip
-from eskin.sim.dataset.clip_generator import Simulator
+from eskin.sim.dataset import Simulator, get_build
+from eskin.sim.dataset.clip import get_session, simulate_clip
 from eskin.sim.dataset.plan import BuildOrigin, Origin
 from eskin.sim.dataset.session_file import compute_rest_counts
 from eskin.sim.people.gesture_sample import Regime
 from eskin.sim.people.perform import perform
 from eskin.sim.people.person import Person, draw_person
-from eskin.sim.scene.environment import SimEnvironment
+from eskin.sim.scene import SimEnvironment
 from eskin.sim.scene.scene import (
     TouchScene,
     compute_scene_presses,

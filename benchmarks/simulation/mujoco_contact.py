@@ -1,4 +1,9 @@
-"""This module computes contact independently: rigid ellipsoids in MuJoCo under a Winkler law."""
+"""This module computes contact independently: ellipsoids in MuJoCo, a Winkler law.
+
+Nothing of it is used to make clips. It shares with `eskin.sim.contact` what a body is
+and how stiff: not the areas of its pads, nor the shape of the pressure, nor how
+curvatures and gaps are computed.
+"""
 
 from dataclasses import dataclass, replace
 from typing import final

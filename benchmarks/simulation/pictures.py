@@ -15,9 +15,9 @@ from matplotlib.axes import Axes
 from matplotlib.collections import PolyCollection
 
 from eskin.sim.contact.chart import Chart
-from eskin.sim.dataset.clip import SimulatedClip, get_build, make_clip
-from eskin.sim.dataset.clip_generator import Simulator
-from eskin.sim.dataset.plan import BuildOrigin, ClipPlan, Origin
+from eskin.sim.dataset import ClipPlan, Simulator, get_build
+from eskin.sim.dataset.clip import SimulatedClip, make_clip
+from eskin.sim.dataset.plan import BuildOrigin, Origin
 from eskin.touch import Calibration
 
 GESTURES = ("poke", "double_pat", "grab", "stroke", "none")

@@ -5,8 +5,7 @@ import tempfile
 from pathlib import Path
 
 from benchmarks.simulation.check import Check, at_least, at_most
-from eskin.sim.dataset.generate import generate
-from eskin.sim.dataset.settings import GenerationSettings
+from eskin.sim.dataset import GenerationSettings, generate
 
 WANTED = 6000.0
 WORKERS = 2

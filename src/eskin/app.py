@@ -255,8 +255,8 @@ def nominal_calibration(skin: Skin) -> Calibration:
 
 def open_simulation(skin: str, config: SourceConfig, clock: Clock) -> Source:
     """Open a simulation of a person in no training set, who touches without end."""
-    from eskin.sim.dataset.clip_generator import Simulator
-    from eskin.sim.interactive.player import TouchPlayer
+    from eskin.sim.dataset import Simulator
+    from eskin.sim.interactive import TouchPlayer
 
     player = TouchPlayer(Simulator(skin), config.seed)
     generator = player.generator

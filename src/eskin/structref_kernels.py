@@ -15,7 +15,7 @@ from eskin.compiled import compiled
 @no_type_check
 @structref.register
 class PackedType(types.StructRef):
-    """Numba's type of `Packed`, one for each type of tuple."""
+    """Describes `Packed` to numba, once for each type of tuple."""
 
     def preprocess_fields(self, fields: Any) -> Any:  # noqa: ANN401
         """Return the fields with literal types replaced by the types they are of."""

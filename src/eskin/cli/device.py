@@ -135,8 +135,8 @@ def load_played(
     from eskin.recording import read_recording
 
     if command.play == SIM:
-        from eskin.sim.dataset.clip_generator import Simulator
-        from eskin.sim.interactive.player import TouchPlayer
+        from eskin.sim.dataset import Simulator
+        from eskin.sim.interactive import TouchPlayer
 
         player = TouchPlayer(Simulator(command.skin), command.seed)
         print("a person who touches the skin is simulated", flush=True)

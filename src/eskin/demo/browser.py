@@ -29,8 +29,7 @@ from eskin.model import load_model
 from eskin.page import Order, PageOrder, TouchOrder
 from eskin.page.port import free_port
 from eskin.recording import Metadata
-from eskin.sim.interactive.hand import LinkPoint
-from eskin.sim.interactive.skin import InteractiveSkin
+from eskin.sim.interactive import InteractiveSkin, LinkPoint
 from eskin.stream import (
     Context,
     Listener,

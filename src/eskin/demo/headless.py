@@ -18,7 +18,7 @@ from eskin.demo.simulated_user import CommandScore, SimulatedUser, SimulatedUser
 from eskin.drivers import Clock, ManualClock
 from eskin.live import Detection, Recognizer
 from eskin.model import load_model
-from eskin.sim.interactive.skin import InteractiveSkin
+from eskin.sim.interactive import InteractiveSkin
 from eskin.stream import CommandEvent, Context, Listener, Message, Recognition
 from eskin.units import NS_PER_S
 

@@ -4,7 +4,7 @@ from collections.abc import Callable
 from typing import final
 
 from eskin.drivers import Clock, Event, JointSource, Source, SourceInfo
-from eskin.sim.interactive.skin import InteractiveSkin
+from eskin.sim.interactive import InteractiveSkin
 from eskin.touch import Scan
 from eskin.units import NS_PER_S
 

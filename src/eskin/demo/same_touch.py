@@ -16,12 +16,19 @@ from eskin.demo.headless import DemoConfig
 from eskin.live import Detection, Recognizer
 from eskin.model import Model, load_model
 from eskin.page.scene import CAMERA
-from eskin.sim.dataset.clip import get_build
-from eskin.sim.dataset.pairs import simulate_pair
-from eskin.sim.dataset.plan import ClipPlan
-from eskin.sim.dataset.session_plan import build_seed, plan_single_pair
-from eskin.sim.scene.environment import SimEnvironment, load_environment
-from eskin.sim.scene.validity import are_collision_free, compute_joint_limits
+from eskin.sim.dataset import (
+    ClipPlan,
+    build_seed,
+    get_build,
+    plan_single_pair,
+    simulate_pair,
+)
+from eskin.sim.scene import (
+    SimEnvironment,
+    are_collision_free,
+    compute_joint_limits,
+    load_environment,
+)
 from eskin.skin import SKIN_PRESETS, MountedSkin
 from eskin.touch import Calibration, Scan
 from eskin.units import NS_PER_S

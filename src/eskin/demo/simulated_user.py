@@ -11,7 +11,7 @@ import numpy as np
 from eskin.command import ArmState, CommandMap, SimulatedArm, resolve_action
 from eskin.live import Detection
 from eskin.recording import NONE
-from eskin.sim.interactive.skin import InteractiveSkin, draw_demo_person
+from eskin.sim.interactive import InteractiveSkin, draw_demo_person
 from eskin.stream import CommandEvent
 from eskin.units import NS_PER_S
 
