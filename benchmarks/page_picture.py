@@ -81,7 +81,7 @@ class Film:
         self.shots.append(Shot(stamp, shot.convert("RGB")))
 
     def run(self, seconds: float, until: Callable[[], bool] = lambda: False) -> None:
-        """LoadedRecording shots for a time by the demonstration's clock, or until something."""
+        """Take shots for a time by the demonstration's clock, or until something."""
         end = self.visit.demo.state["stamp"] + 1e9 * seconds
         while self.visit.demo.state["stamp"] < end and not until():
             self.take()

@@ -42,7 +42,7 @@ def test_a_recording_is_played_anew_with_its_own_skin_and_calibration(tmp_path):
 
 
 def test_a_simulation_has_the_electronics_of_its_build(monkeypatch):
-    monkeypatch.setattr("eskin.sim.dataset.clip_generator.Simulator", StillSimulator)
+    monkeypatch.setattr("eskin.sim.dataset.Simulator", StillSimulator)
     with open_source("sim:ur5", config=SourceConfig(pace=np.inf, seed=3)) as source:
         assert source.info.uri == "sim:ur5" and source.info.robot_name == "table"
         assert source.info.calibration.full_scale == 4095

@@ -295,7 +295,9 @@ def test_nothing_is_felt_where_no_part_reaches():
 
 def felt_without_culling(touch, chart, pairs):
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("eskin.sim.contact.pressure.find_reachable_pairs", lambda *_: pairs)
+        patch.setattr(
+            "eskin.sim.contact.pressure.find_reachable_pairs", lambda *_: pairs
+        )
         return felt_field(touch, chart)
 
 

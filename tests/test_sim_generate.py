@@ -160,9 +160,9 @@ SCRIPT = """
 from pathlib import Path
 from sim_scenes import Slow
 from eskin.sim.dataset.generate import generate
-from eskin.sim.dataset.settings import Settings
+from eskin.sim.dataset.settings import GenerationSettings
 if __name__ == "__main__":
-    settings = Settings("train", "square", seed=3, clips=23, subjects=4)
+    settings = GenerationSettings("train", "square", seed=3, clips=23, subjects=4)
     generate(Path({folder!r}), settings, {workers}, Slow)
 """
 

@@ -205,7 +205,7 @@ def test_taxels_bear_the_whole_force_inside_a_patch():
         (part,) = compute_touch_presses(
             TouchScene(np.tile(Q, (60, 1)), (touch,)), world
         )[0]
-        forces = part.felt.pressure @ skin.areas[part.felt.taxels] * 1e3
+        forces = part.field.pressure @ skin.areas[part.field.taxels] * 1e3
         borne.append(forces.max())
     # Few points of a taxel lie under a fingertip: one place is off by up to 20 %.
     assert np.median(borne) == pytest.approx(5.0, rel=0.1)
