@@ -47,7 +47,7 @@ ARROW = """() => {
 
 @dataclass(frozen=True)
 class Command:
-    """LoadedRecording the picture."""
+    """Take the picture."""
 
     out: Path
     """Where it goes: a .webp."""
@@ -75,7 +75,7 @@ class Film:
         self.shots: list[Shot] = []
 
     def take(self) -> None:
-        """LoadedRecording one."""
+        """Take one."""
         stamp = self.visit.demo.state["stamp"]
         shot = Image.open(io.BytesIO(self.visit.tab.screenshot()))
         self.shots.append(Shot(stamp, shot.convert("RGB")))

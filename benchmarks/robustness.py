@@ -3,9 +3,9 @@
 python -m benchmarks.robustness --train DIR ... --test DIR ... [--methods ...]
 [--kinds ...] [--picture FILE]: each method is trained once on the clips of each --train
 as recorded; those of its --test are then answered as recorded, and with every kind and
-amount of corruption (`benchmarks.corruption`). Results are kept, so the same command goes
-on where it was cut. Prints a table of the shares of all clips together and how far the first method
-is ahead, and draws the shares.
+amount of corruption (`benchmarks.corruption`). Results are kept, so the same command
+goes on where it was cut. Prints a table of the accuracies of all clips together and how
+far the first method is ahead, and draws them.
 """
 
 import math

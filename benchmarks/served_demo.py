@@ -111,7 +111,7 @@ class ServedDemo:
         return self.process.poll() is not None
 
     def read(self) -> None:
-        """LoadedRecording in what it tells, until it ends."""
+        """Read what it prints, until it ends."""
         assert self.process.stdout is not None
         with self.process.stdout as lines:
             for line in lines:
