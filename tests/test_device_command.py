@@ -117,7 +117,7 @@ class StillSimulator(ClipGenerator):
 
 
 def test_a_simulated_person_plays_until_it_is_time(recorded, capsys, monkeypatch):
-    monkeypatch.setattr("eskin.sim.dataset.clip_generator.Simulator", StillSimulator)
+    monkeypatch.setattr("eskin.sim.dataset.Simulator", StillSimulator)
     skin, _ = recorded
     words = ["device", str(skin), "--pty", "--ports", "3", "--seconds", "0.1", "--json"]
     assert run(words) == 0
@@ -131,7 +131,7 @@ def test_a_simulated_person_plays_until_it_is_time(recorded, capsys, monkeypatch
 def test_what_its_electronics_are_is_written_before_anything_is_sent(
     recorded, capsys, monkeypatch, tmp_path
 ):
-    monkeypatch.setattr("eskin.sim.dataset.clip_generator.Simulator", StillSimulator)
+    monkeypatch.setattr("eskin.sim.dataset.Simulator", StillSimulator)
     skin, path = recorded
     kept = tmp_path / "calibration.json"
     words = ["device", str(skin), "--seconds", "0.05", "--calibration", str(kept)]

@@ -59,7 +59,7 @@ def test_what_is_streamed_is_recorded_with_its_detections(touched, capsys, tmp_p
 
 
 def test_a_simulated_person_plays_until_it_is_time(capsys, monkeypatch):
-    monkeypatch.setattr("eskin.sim.dataset.clip_generator.Simulator", StillSimulator)
+    monkeypatch.setattr("eskin.sim.dataset.Simulator", StillSimulator)
     code, out, _ = call(capsys, "--source", "sim:ur5", "--seconds", 0.5, "--json")
     result = json.loads(out.splitlines()[-1])
     assert code == 0 and 10 <= result["readings"] <= 60 and result["detections"] == 0
