@@ -8,6 +8,7 @@ import pytest
 
 from eskin import compiled
 
+MODULES = ("eskin.caller_kernels", "eskin.callee_kernels", "eskin.constants")
 CALLER = """
 from eskin.compiled import compiled
 from eskin.callee_kernels import double
@@ -18,10 +19,11 @@ def quadruple(x):
 """
 CALLEE = """
 from eskin.compiled import compiled
+from eskin.constants import FACTOR
 
 @compiled
 def double(x):
-    return {} * x
+    return {} * FACTOR * x
 """
 
 
@@ -31,10 +33,12 @@ def load(tmp_path, monkeypatch):
     monkeypatch.setattr(compiled, "PACKAGE", tmp_path)
     monkeypatch.setattr(sys.modules["eskin"], "__path__", [str(tmp_path)])
 
-    def load(factor):
+    def load(factor, constant=1):
+        (tmp_path / "compiled.py").touch()
+        (tmp_path / "constants.py").write_text(f"FACTOR = {constant}")
         (tmp_path / "caller_kernels.py").write_text(CALLER)
         (tmp_path / "callee_kernels.py").write_text(CALLEE.format(factor))
-        for name in ("eskin.caller_kernels", "eskin.callee_kernels"):
+        for name in MODULES:
             sys.modules.pop(name, None)
         compiled.digest_sources.cache_clear()
         importlib.invalidate_caches()
@@ -42,7 +46,7 @@ def load(tmp_path, monkeypatch):
         return module.quadruple(1), sum(module.quadruple.stats.cache_hits.values())
 
     yield load
-    for name in ("eskin.caller_kernels", "eskin.callee_kernels"):
+    for name in MODULES:
         sys.modules.pop(name, None)
     compiled.digest_sources.cache_clear()
 
@@ -53,12 +57,17 @@ def test_compiled_function_is_kept_until_a_callee_changes(load):
     assert load("(1 + 2)") == (9, 0)
 
 
+def test_compiled_function_is_kept_until_a_constant_changes(load):
+    assert load("2") == (4, 0)
+    assert load("2", constant=(1 + 4)) == (100, 0)
+
+
 def test_compiled_functions_are_in_modules_of_kernels_and_call_only_those():
     for path in compiled.PACKAGE.rglob("*.py"):
         text = path.read_text()
         if path.name != "compiled.py" and "@compiled" in text:
             assert path.name.endswith("kernels.py"), path
-            seen = set(compiled.KERNELS.findall(text))
+            seen = set(compiled.IMPORTS.findall(text))
             for node in ast.walk(ast.parse(text)):
                 if isinstance(node, ast.ImportFrom) and "kernels" in node.module:
                     assert node.module.removeprefix("eskin.") in seen

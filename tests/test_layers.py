@@ -27,7 +27,7 @@ BELOW = {
     "recording": ("touch",),
     "model": ("graph", "recording"),
     "nn": ("model",),
-    "learn": ("nn", "live"),
+    "learn": ("nn", "live", "code_digest"),
     "drivers": ("recording", "closing"),
     "live": ("model", "recording"),
     "stream": ("live", "drivers"),

@@ -1,8 +1,9 @@
 """This module compiles functions with numba, and keeps what was compiled on disk.
 
 Numba compiles a kept function again only when its own source file has changed; a
-change in a file that it calls into goes unnoticed. Here every kept function carries a
-digest of its module and of all modules of kernels that this one imports.
+change in a file that it calls into, or takes a constant from, goes unnoticed. Here
+every kept function carries a digest of its module, of all modules of eskin that this
+one imports, and of those that imported kernels import, at any depth.
 """
 
 import hashlib
@@ -14,8 +15,9 @@ from typing import Any, TypeVar
 from numba import njit
 
 PACKAGE = Path(__file__).parent
-KERNELS = re.compile(r"^from eskin\.([\w.]*kernels) import", re.MULTILINE)
-"""How a module imports compiled functions."""
+IMPORTS = re.compile(r"^from eskin\.([\w.]+) import", re.MULTILINE)
+"""How a module of kernels imports others; never a package, whose file defines
+nothing."""
 
 Parameters = TypeVar("Parameters", bound=tuple)
 
@@ -42,12 +44,15 @@ def compiled(function: Any = None, /, **options: Any) -> Any:  # noqa: ANN401
 
 @cache
 def digest_sources(path: Path) -> str:
-    """Return a digest of a module and of the kernels that it imports, at any depth."""
+    """Return a digest of a module of kernels and of the modules that it imports."""
     text = path.read_text(encoding="utf-8")
     digest = hashlib.sha256(text.encode())
-    for name in KERNELS.findall(text):
+    for name in IMPORTS.findall(text):
         imported = PACKAGE.joinpath(*name.split(".")).with_suffix(".py")
-        digest.update(digest_sources(imported).encode())
+        if name.endswith("kernels"):
+            digest.update(digest_sources(imported).encode())
+        else:
+            digest.update(imported.read_bytes())
     return digest.hexdigest()
 
 

@@ -1,6 +1,6 @@
 """This module loads YAML files that hold plain data, within limits on their size."""
 
-from collections.abc import Hashable
+from collections.abc import Hashable, Sequence
 from typing import Annotated
 
 import yaml
@@ -90,6 +90,15 @@ def describe_yaml_error(error: yaml.YAMLError) -> str:
     where = f" line {mark.line + 1}, column {mark.column + 1}" if mark else ""
     why = getattr(error, "problem", None) or str(error)
     return f"{where}: not plain YAML: {' '.join(str(why).split())}"
+
+
+def format_entry_path(steps: Sequence[int | str]) -> str:
+    """Return the path of an entry in a file, such as `patches[2].rows`."""
+    path = ""
+    for step in steps:
+        plain = str(step) if str(step).isidentifier() else shorten(step)
+        path += f"[{step}]" if isinstance(step, int) else f".{plain}"
+    return path.lstrip(".")
 
 
 def shorten(value: object) -> str:

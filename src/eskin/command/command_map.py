@@ -16,7 +16,7 @@ from eskin.command.actions import (
     Action,
 )
 from eskin.errors import CommandError
-from eskin.plain_yaml import Name, load_plain_yaml, shorten
+from eskin.plain_yaml import Name, format_entry_path, load_plain_yaml, shorten
 from eskin.skin import Skin
 
 MAX_BYTES = 1 << 18
@@ -204,11 +204,7 @@ def parse_commands(text: str, file: str) -> CommandMap:
 
 def describe_entry_error(detail: ErrorDetails) -> str:
     """Describe which entry is wrong, what was got and what is allowed."""
-    path = ""
-    for step in detail["loc"]:
-        plain = str(step) if str(step).isidentifier() else shorten(step)
-        path += f"[{step}]" if isinstance(step, int) else f".{plain}"
-    path = path.lstrip(".")
+    path = format_entry_path(detail["loc"])
     got = shorten(detail["input"])
     match detail["type"]:
         case "missing":

@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float, Int
 
+from eskin.code_digest import digest_code
 from eskin.files import atomic_path
 from eskin.graph import (
     GraphBatch,
@@ -143,7 +144,6 @@ def find_contact_centres(
     }
 
 
-FORMAT = 4
 SHEAR = ("shear", "shear_before")
 SMALL = {"taxels": np.int32, "neighbours": np.int16}
 """Fields stored in fewer bytes than they are computed with."""
@@ -158,8 +158,8 @@ def pack_recording(
 ) -> Path:
     """Return the file of a prepared recording, and write it if it is missing.
 
-    Its name is drawn from the recording's bytes and the settings, so that a file
-    which is there is always the right one.
+    Its name is drawn from the recording's bytes, the settings and the code, so that a
+    file which is there is always the right one.
     """
     target = folder / f"{compute_pack_key(path, pipeline, graph, transform)}.npz"
     if not target.exists():
@@ -178,7 +178,7 @@ def compute_pack_key(
     """Return the name of a recording prepared with some settings."""
     with path.open("rb") as file:
         content = hashlib.file_digest(file, "sha256").hexdigest()
-    facts = f"{FORMAT} {content} {pipeline} {graph}"
+    facts = f"{digest_code(__name__)} {content} {pipeline} {graph}"
     facts += f" {transform}" if transform else ""
     return hashlib.sha256(facts.encode()).hexdigest()[:32]
 

@@ -23,7 +23,7 @@ from eskin.live.kernels import (
     sigmoid,
     silu,
 )
-from eskin.model import LENGTH_CM
+from eskin.model.config import LENGTH_CM
 
 PER_LENGTH = np.float32(1.0 / LENGTH_CM)
 ONE, TWO = np.float32(1.0), np.float32(2.0)

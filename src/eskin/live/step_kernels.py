@@ -19,7 +19,7 @@ from eskin.graph.builder_kernels import (
 from eskin.graph.summary_kernels import summarise
 from eskin.live.encoder_kernels import EncoderWeights, EncoderWorkspace, encode
 from eskin.live.head_kernels import HeadState, HeadWeights, classify
-from eskin.model import MAX_DEVIATIONS
+from eskin.model.config import MAX_DEVIATIONS
 from eskin.structref_kernels import Packed
 
 CLIP = np.float32(MAX_DEVIATIONS)

@@ -7,7 +7,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from pydantic_core import ErrorDetails
 
 from eskin.errors import SkinError
-from eskin.plain_yaml import Name, load_plain_yaml, shorten
+from eskin.plain_yaml import Name, format_entry_path, load_plain_yaml, shorten
 from eskin.skin.skin import Patch, Skin
 
 Extent = Annotated[int, Field(ge=1, le=65535)]
@@ -77,11 +77,7 @@ def format_manifest(skin: Skin) -> str:
 
 def describe_entry_error(detail: ErrorDetails) -> str:
     """Describe which entry is wrong, what was got and what is allowed."""
-    path = ""
-    for step in detail["loc"]:
-        plain = str(step) if str(step).isidentifier() else shorten(step)
-        path += f"[{step}]" if isinstance(step, int) else f".{plain}"
-    path = path.lstrip(".")
+    path = format_entry_path(detail["loc"])
     if detail["type"] == "missing":
         return f"{path} is missing; add it"
     if detail["type"] == "extra_forbidden":

@@ -11,6 +11,7 @@ import numpy as np
 from jaxtyping import Float, Int
 from joblib import Parallel, delayed
 
+from eskin.code_digest import digest_code
 from eskin.errors import RecordingError
 from eskin.files import atomic_path
 from eskin.graph import GraphConfig
@@ -22,9 +23,6 @@ from eskin.recording import Recording, find_recordings, read_recording
 from eskin.robot import load_recorded_robot
 from eskin.skin import MountedSkin
 from eskin.touch import PipelineConfig, TouchPipeline
-
-FORMAT = 1
-"""Format of the files that keep windows."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -149,7 +147,7 @@ def load_windows(
     """Return the windows of a recording's clips, cut unless they are on disk."""
     with path.open("rb") as file:
         content = hashlib.file_digest(file, "sha256").hexdigest()
-    facts = f"{FORMAT} {content} {PipelineConfig()}" + (
+    facts = f"{digest_code(__name__)} {content} {PipelineConfig()}" + (
         f" {transform}" if transform else ""
     )
     target = pack / f"{hashlib.sha256(facts.encode()).hexdigest()[:32]}.windows.npz"
