@@ -2,17 +2,18 @@
 
 python -m benchmarks.results [PART] --sets FOLDER [--form short]: PART is one of table,
 large, clips, robustness, study, leaks or all. Sets that FOLDER does not hold yet are
-generated there. What each method answered is kept, so that whatever is there already is
-not trained again, and a run that was cut goes on: that of the long form in
+generated there. What each method answered is kept in one file a table, so that nothing
+is trained twice and a run that was cut goes on: that of the long form in
 `benchmarks/kept`, its pictures in `docs/pictures`; that of the short form, which only
-shows that all of it runs, beside the sets. The short form takes a quarter of an hour,
-the long one about a night on two cores.
+shows that all of it runs, beside the sets. Answers of other code, settings or clips are
+told and made again.
 """
 
 import math
 import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import chain
 from pathlib import Path
 from typing import Literal
 
@@ -32,9 +33,8 @@ from eskin.learn.comparison import (
     RunKey,
     TrainingTask,
     find_examples,
-    run_tasks,
+    read_results,
 )
-from eskin.learn.comparison.results import read_result
 from eskin.learn.comparison.study import COLOURS, plot_shares
 from eskin.learn.comparison.table import compute_accuracies, compute_mean, compute_std
 from eskin.learn.plots import save_figure
@@ -142,11 +142,10 @@ class Command:
         short = self.form == "short"
         return self.sets / "pictures" if short else Path("docs/pictures")
 
-    @property
-    def common(self) -> dict[str, object]:
-        """What is said to every comparison."""
+    def options(self, table: str) -> dict[str, object]:
+        """What is said to the comparison of a table."""
         return {
-            "results": self.results,
+            "results": self.results / f"{table}.jsonl",
             "pack": self.sets / "pack",
             "workers": self.workers,
             "minutes": self.minutes,
@@ -165,7 +164,8 @@ def main() -> None:
 
 def spent(results: Path) -> str:
     """How many trainings are kept in a folder, and how long they took together."""
-    seconds = [read_result(path).seconds for path in results.glob("*.json")]
+    files = [read_results(path) for path in results.glob("*.jsonl")]
+    seconds = [kept.result.seconds for kept in chain(*map(dict.values, files))]
     hours = sum(seconds) / 3600
     return f"{len(seconds)} trainings kept, of {hours:.1f} hours on one core together"
 
@@ -207,7 +207,12 @@ def show_compared(
     """Compare methods on some draws."""
     trains, tests = parts_of(draws)
     compare.run_compare(
-        compare.CompareCommand(trains, tests, methods=methods, **command.common)  # type: ignore
+        compare.CompareCommand(
+            trains,
+            tests,
+            methods=methods,
+            **command.options("table"),  # type: ignore
+        )
     )
 
 
@@ -219,7 +224,12 @@ def large(command: Command, form: Form) -> None:
         made_set(sets, name, clips=form.test, workers=workers) for name in TESTS
     )
     compare.run_compare(
-        compare.CompareCommand((train,), tests, methods=form.large, **command.common)  # type: ignore
+        compare.CompareCommand(
+            (train,),
+            tests,
+            methods=form.large,
+            **command.options("large"),  # type: ignore
+        )
     )
 
 
@@ -236,7 +246,8 @@ def clips(command: Command, form: Form) -> None:
                 task = task_of(command, name, method, train, test, draw)
                 asked[name, size, (draw, draw)] = task
     tasks = list(asked.values())
-    done = run_tasks(tasks, command.results, command.workers, 60 * command.minutes)
+    results = command.results / "clips.jsonl"
+    done = compare.train_all(tasks, results, command.workers, command.minutes)
     found: dict[int, dict[str, dict[RunKey, MethodResult]]] = {}
     for (name, size, place), result in zip(asked, done, strict=True):
         if result is not None:
@@ -248,9 +259,6 @@ def clips(command: Command, form: Form) -> None:
         for size, by_name in found.items()
         if sum(map(len, by_name.values())) == len(methods) * len(tests)
     }
-    left = done.count(None)
-    if left:
-        print(f"{left} of {len(done)} trainings are left; the same command goes on")
     if whole:
         rows = [(str(size), "test", by_name) for size, by_name in whole.items()]
         print(robustness.ahead_table("clips learned", rows))
@@ -297,9 +305,7 @@ def task_of(
     """One training of a method, with nothing held out."""
     pack = command.sets / "pack"
     learned, asked = (find_examples([place], pack) for place in (train, test))
-    return TrainingTask(
-        name.replace(" ", "-"), method, learned, {"test": asked}, seed, share=0.0
-    )
+    return TrainingTask(name, method, learned, {"test": asked}, seed, share=0.0)
 
 
 def harmed(command: Command, form: Form) -> None:
@@ -309,7 +315,7 @@ def harmed(command: Command, form: Form) -> None:
         robustness.Command(
             *(trains, tests, form.harmed, form.kinds),
             picture=command.pictures / "robustness.png",
-            **command.common,  # type: ignore
+            **command.options("robustness"),  # type: ignore
         )
     )
 
@@ -322,7 +328,7 @@ def show_study(command: Command, form: Form) -> None:
         chosen = tyro.cli(
             compare.StudyCommand, args=[*data, *words, "--picture", picture]
         )
-        changed = {**vars(chosen), **command.common}
+        changed = {**vars(chosen), **command.options("study")}
         print(f"On {draws} of the sets:\n")
         compare.run_study(compare.StudyCommand(**changed))
         print()

@@ -19,13 +19,13 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from benchmarks.corruption import KINDS, Corruption, Kind
+from eskin.cli.compare import train_all
 from eskin.learn.comparison import (
     METHODS,
     MethodResult,
     RunKey,
     TrainingTask,
     find_examples,
-    run_tasks,
 )
 from eskin.learn.comparison.study import COLOURS
 from eskin.learn.comparison.table import compute_lead, format_lead
@@ -83,8 +83,8 @@ class Command:
     seed: int = 0
     """Decides what is drawn, of training and of harm; each further set has the next."""
 
-    results: Path = Path("results")
-    """Folder that keeps results."""
+    results: Path = Path("results.jsonl")
+    """File that keeps results."""
 
     pack: Path = Path("pack")
     """Folder that keeps prepared clips; each harm of a set needs as much as the set."""
@@ -116,16 +116,12 @@ class Command:
 def main(command: Command) -> None:
     """Train, answer, print and draw."""
     tasks = [task for name in command.methods for task in tasks_of(command, name)]
-    seconds = 60 * command.minutes
-    done = run_tasks(tasks, command.results, command.workers, seconds)
+    done = train_all(tasks, command.results, command.workers, command.minutes)
     found: dict[str, dict[RunKey, MethodResult]] = {}
     for result in done:
         if result is not None:
             place = result.seed - command.seed, result.seed
             found.setdefault(result.method, {})[place] = result
-    left = done.count(None)
-    if left:
-        print(f"{left} of {len(done)} trainings are left; the same command goes on")
     # Methods are compared on the same sets only.
     whole = {name: rs for name, rs in found.items() if len(rs) == len(command.train)}
     if whole:

@@ -17,6 +17,7 @@ import tyro
 
 from benchmarks.crossvalidation import Standardised
 from benchmarks.simulated_sets import made_set
+from eskin.cli.compare import train_all
 from eskin.learn.augment import AugmentConfig
 from eskin.learn.baselines import NETWORKS, FitConfig
 from eskin.learn.baselines.estimators import (
@@ -37,7 +38,6 @@ from eskin.learn.comparison import (
     RecogniserMethod,
     TrainingTask,
     find_examples,
-    run_tasks,
 )
 from eskin.learn.comparison.methods import (
     FOR_SMALL_SETS,
@@ -47,7 +47,7 @@ from eskin.learn.comparison.methods import (
 from eskin.model import NetworkConfig
 
 SEEDS = (100, 101)
-RESULTS = Path("benchmarks/kept/tuning")
+RESULTS = Path("benchmarks/kept/tuning.jsonl")
 GENTLE = AugmentConfig(
     gain=0.15,
     taxel_gain=0.05,
@@ -193,11 +193,11 @@ def table(
 ) -> str:
     """A row a setting."""
     tasks = [
-        TrainingTask(name, method, draw, {}, 0)
-        for method in settings.values()
+        TrainingTask(f"{name} of {words}", method, draw, {}, 0)
+        for words, method in settings.items()
         for draw in draws
     ]
-    done = run_tasks(tasks, RESULTS, command.workers)
+    done = train_all(tasks, RESULTS, command.workers)
     shares = [r.answered["val"].correct.mean() for r in done if r is not None]
     means = np.reshape(shares, (len(settings), len(draws))).mean(axis=1)
     rows = zip(settings, means.tolist(), strict=True)

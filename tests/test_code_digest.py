@@ -15,7 +15,8 @@ FILES = {
 @pytest.fixture
 def digest(tmp_path, monkeypatch):
     """The digest of `eskin.top` after files are changed."""
-    monkeypatch.setattr(code_digest, "PACKAGE", tmp_path)
+    places = {"eskin": tmp_path}
+    monkeypatch.setattr(code_digest, "find_top_level", places.get)
     for name, text in FILES.items():
         (tmp_path / name).write_text(text)
 

@@ -20,6 +20,8 @@ from eskin.learn.comparison import (
     MethodResult,
     TrainingTask,
     find_examples,
+    find_stale,
+    read_results,
     run_tasks,
 )
 from eskin.learn.comparison.encoders import ENCODERS
@@ -156,10 +158,10 @@ def test_what_is_held_out_is_not_learned_from(folder, tmp_path):
 
 
 def test_a_training_is_done_once_and_again_where_anything_differs(folder, tmp_path):
-    log, kept = tmp_path / "log", tmp_path / "results"
+    log, kept = tmp_path / "log", tmp_path / "results.jsonl"
     a, b = (find_examples([folder / name], tmp_path) for name in "ab")
     task = TrainingTask("guess", Guess(0, str(log)), a, {"test": b}, 0)
-    first, again = task.load_or_run(kept), task.load_or_run(kept)
+    first, again = (run_tasks([task], kept) for _ in range(2))
     assert first == again and log.read_text() == "x"
     others = (
         replace(task, seed=1),
@@ -169,15 +171,33 @@ def test_a_training_is_done_once_and_again_where_anything_differs(folder, tmp_pa
         replace(task, share=0.5),
     )
     for other in others:
-        other.load_or_run(kept)
+        run_tasks([other], kept)
     assert log.read_text() == "xxxxxx"
+
+
+def test_a_result_of_other_settings_is_stale_until_it_is_made_again(folder, tmp_path):
+    a = find_examples([folder / "a"], tmp_path)
+    before, now = (TrainingTask("guess", Guess(n), a, {}, 0) for n in range(2))
+    path = tmp_path / "results.jsonl"
+    run_tasks([before], path)
+    assert find_stale([before], path) == []
+    assert find_stale([now], path) == [now.label]
+    run_tasks([now], path)
+    assert find_stale([now], path) == [] and path.read_text().count("\n") == 1
+
+
+def test_tasks_of_one_name_are_refused(folder, tmp_path):
+    a = find_examples([folder / "a"], tmp_path)
+    tasks = [TrainingTask("guess", Guess(n), a, {}, 0) for n in range(2)]
+    with pytest.raises(EskinError, match="several trainings are named 'guess, seed 0"):
+        run_tasks(tasks, tmp_path / "results.jsonl")
 
 
 def test_what_is_not_begun_in_time_is_left_and_what_is_done_is_not(folder, tmp_path):
     a = find_examples([folder / "a"], tmp_path)
     tasks = [TrainingTask("guess", Guess(), a, {}, seed) for seed in range(2)]
-    tasks[1].load_or_run(tmp_path / "r")
-    found = run_tasks(tasks, tmp_path / "r", seconds=-1.0)
+    run_tasks(tasks[1:], tmp_path / "r.jsonl")
+    found = run_tasks(tasks, tmp_path / "r.jsonl", seconds=-1.0)
     assert found[0] is None and found[1] is not None
 
 
@@ -234,10 +254,8 @@ def test_every_draw_is_learned_with_a_seed_of_its_own(folder, tmp_path, capsys):
     words += ["--test", folder / "b", folder / "a", "--methods", "knn-max"]
     words += ["--pack", tmp_path / "pack", "--results", tmp_path / "results"]
     assert call(capsys, *words)[0] == 0
-    names = sorted(path.name for path in (tmp_path / "results").iterdir())
-    assert [name[: len("knn-max-0")] for name in names] == [
-        f"knn-max-{seed}" for seed in range(4)
-    ]
+    kept = read_results(tmp_path / "results")
+    assert sorted(each.result.seed for each in kept.values()) == [0, 1, 2, 3]
 
 
 def test_the_table_has_a_row_a_method_and_a_cut_comparison_goes_on(
@@ -284,7 +302,7 @@ def test_what_is_cut_before_its_first_training_says_what_is_left(
         (["--seeds", "0"], "seeds is 0; allowed is from 1"),
         (["--train", "x", "y", "z"], "--train names 3 and --test 2; allowed are as"),
         (["--test", "a/x", "b/x"], "--test names folders x, x; allowed is each name"),
-        (["--results", "pyproject.toml"], "pyproject.toml is no folder that can be"),
+        (["--results", "tests"], "is a folder; give the path of a file"),
         (["--pack", "pyproject.toml"], "pyproject.toml is no folder that can be"),
         ([], "1 recordings of --test a, such as "),
     ],
@@ -323,7 +341,7 @@ def test_a_study_has_a_row_a_variant_and_a_picture(
     [
         ([], "no set of clips is named; allowed is one or more"),
         (["a", "--picture", "study.gif"], "allowed are .png, .svg, .pdf; change its"),
-        (["a", "--results", "pyproject.toml"], "pyproject.toml is no folder that can"),
+        (["a", "--results", "tests"], "is a folder; give the path of a file"),
     ],
 )
 def test_what_cannot_be_studied_is_refused(folder, capsys, words, message):
@@ -332,15 +350,14 @@ def test_what_cannot_be_studied_is_refused(folder, capsys, words, message):
     assert code == 2 and err.count("\n") == 1 and message in err
 
 
-@pytest.mark.parametrize("kept", ["", "{", "[]", '{"method": "x"}'])
+@pytest.mark.parametrize("kept", ["\n", "{", "[]", '{"method": "x"}'])
 def test_a_damaged_result_is_named_and_left_alone(folder, tmp_path, kept):
     a, b = (find_examples([folder / name], tmp_path / "pack") for name in ("a", "b"))
     task = TrainingTask("guess", Guess(0), a, {"test": b}, 0)
-    task.load_or_run(tmp_path)
-    path = task.find_file(tmp_path)
+    path = tmp_path / "results.jsonl"
     path.write_text(kept)
-    with pytest.raises(EskinError, match=f"{path.name} is no result .*; delete it"):
-        task.load_or_run(tmp_path)
+    with pytest.raises(EskinError, match="results.jsonl is no file of results .*; del"):
+        run_tasks([task], path)
     assert path.read_text() == kept
 
 

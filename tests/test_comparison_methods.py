@@ -72,7 +72,7 @@ def untrained(monkeypatch):
 
 
 def key(method, examples):
-    return TrainingTask("a", method, examples, {"test": examples}, 0).key
+    return TrainingTask("a", method, examples, {"test": examples}, 0).digest
 
 
 def test_a_method_prints_as_all_its_settings_and_no_address():

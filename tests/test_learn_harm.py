@@ -325,7 +325,7 @@ def test_a_harmed_test_is_another_test(examples):
     tests = [replace(examples, transform=harm) for harm in harms]
     assert len({each.digest for each in tests}) == len(harms)
     keys = {
-        TrainingTask("a", METHODS["eskin"], examples, {"test": each}, 0).key
+        TrainingTask("a", METHODS["eskin"], examples, {"test": each}, 0).digest
         for each in tests
     }
     assert len(keys) == len(harms)

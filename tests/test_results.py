@@ -5,7 +5,7 @@ from benchmarks.results import OF_581, Command, spent, task_of
 
 from clip_scenes import generated
 from eskin.learn.comparison import METHODS, MethodResult
-from eskin.learn.comparison.results import write_result
+from eskin.learn.comparison.results import KeptResult, keep_result
 from eskin.sim.dataset import GenerationSettings
 
 
@@ -20,10 +20,11 @@ def test_in_the_curve_nothing_is_held_out(tmp_path):
     generated(tmp_path / "a", clips=1)
     places = (tmp_path / "a", tmp_path / "a")
     task = task_of(Command(sets=tmp_path), "a b", METHODS["eskin"], *places, 3)
-    assert (task.name, task.seed, task.share) == ("a-b", 3, 0.0)
+    assert (task.name, task.seed, task.share) == ("a b", 3, 0.0)
 
 
 def test_what_trainings_took_is_added_up(tmp_path):
     for n, seconds in enumerate((1800.0, 5400.0)):
-        write_result(tmp_path / f"{n}.json", MethodResult("a", n, seconds, {}))
+        result = MethodResult("a", n, seconds, {})
+        keep_result(tmp_path / "a.jsonl", KeptResult(f"a{n}", "0", result))
     assert spent(tmp_path) == "2 trainings kept, of 2.0 hours on one core together"

@@ -3,23 +3,23 @@
 import ast
 import hashlib
 from functools import cache
+from importlib.util import find_spec
 from pathlib import Path
-
-PACKAGE = Path(__file__).parent
 
 
 @cache
 def digest_code(module: str) -> str:
-    """Return a digest of a module of eskin and of all that it imports from eskin.
+    """Return a digest of a module and of all that it imports from eskin.
 
-    Comments, docstrings and layout do not count, nor what is imported from other
-    packages. Data files are not read.
+    A module of another package counts with what it imports from that package as well.
+    Comments, docstrings and layout do not count, nor what is imported from elsewhere.
+    Data files are not read.
 
     Args:
         module: dotted name, such as `eskin.learn.dataset`.
 
     Raises:
-        ValueError: there is no such module in eskin.
+        ValueError: there is no such module.
     """
     digest = hashlib.sha256()
     for name in sorted(imported_modules(module)):
@@ -28,19 +28,21 @@ def digest_code(module: str) -> str:
 
 
 def imported_modules(module: str) -> set[str]:
-    """Return a module and the modules of eskin that it imports, at any depth."""
+    """Return a module and those of its package and of eskin that it imports."""
+    packages = {"eskin", module.split(".", 1)[0]}
     found, waiting = set(), [module]
     while waiting:
         name = waiting.pop()
         if name not in found:
             found.add(name)
-            waiting += direct_imports(name)
+            imports = direct_imports(name)
+            waiting += [each for each in imports if each.split(".", 1)[0] in packages]
     return found
 
 
 @cache
 def direct_imports(module: str) -> tuple[str, ...]:
-    """Return the modules of eskin that one imports itself."""
+    """Return the modules that one imports itself, of packages whose code is found."""
     names = []
     for node in ast.walk(parse_module(module)):
         if isinstance(node, ast.ImportFrom) and node.module:
@@ -73,20 +75,33 @@ def is_text(statement: ast.AST) -> bool:
 
 
 def parse_module(module: str) -> ast.Module:
-    """Return the syntax tree of a module of eskin."""
+    """Return the syntax tree of a module."""
     path = find_source(module)
     if path is None:
-        raise ValueError(f"no module '{module}'; allowed are modules of eskin")
+        raise ValueError(f"no module '{module}'; allowed are modules with Python code")
     return ast.parse(path.read_bytes())
 
 
 def find_source(module: str) -> Path | None:
-    """Return the file of a module of eskin; None for any other name."""
+    """Return the file of a module; None if there is none."""
     first, *rest = module.split(".")
-    if first != "eskin":
+    place = find_top_level(first)
+    if place is None:
         return None
-    place = PACKAGE.joinpath(*rest)
+    place = place.joinpath(*rest)
     for path in (place.with_suffix(".py"), place / "__init__.py"):
         if path.is_file():
             return path
     return None
+
+
+@cache
+def find_top_level(name: str) -> Path | None:
+    """Return the folder of a package, or the path of a module without its suffix."""
+    spec = find_spec(name)
+    if spec is None:
+        return None
+    if spec.submodule_search_locations:
+        return Path(spec.submodule_search_locations[0])
+    origin = spec.origin if spec.has_location else None
+    return Path(origin).with_suffix("") if origin else None

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import tyro
 
-from eskin.cli.checks import check_folder, check_picture
+from eskin.cli.checks import check_folder, check_picture, check_writable
 from eskin.errors import EskinError
 from eskin.learn.baselines import Pooling
 from eskin.learn.comparison import (
@@ -20,6 +20,7 @@ from eskin.learn.comparison import (
     TrainingTask,
     build_rows,
     find_examples,
+    find_stale,
     format_gesture_tables,
     format_tables,
     run_tasks,
@@ -50,8 +51,8 @@ class CompareCommand:
     methods: tuple[str, ...] = tuple(METHODS)
     """Methods to compare; the others are compared with the first."""
 
-    results: Path = Path("results")
-    """Folder that keeps each result, so that an interrupted comparison can go on."""
+    results: Path = Path("results.jsonl")
+    """File that keeps each result, so that an interrupted comparison can go on."""
 
     pack: Path = Path("pack")
     """Folder that keeps prepared clips."""
@@ -87,7 +88,7 @@ class CompareCommand:
 
 def run_compare(command: CompareCommand) -> dict[str, object]:
     """Train and test all methods, print the tables, and return their rows."""
-    check_folder(command.results)
+    check_writable(command.results)
     check_folder(command.pack)
     draws = load_draws(command)
     for train, tests in draws:
@@ -98,7 +99,7 @@ def run_compare(command: CompareCommand) -> dict[str, object]:
         TrainingTask(name, METHODS[name], *draws[draw], draw * command.seeds + seed)
         for name, (draw, seed) in wanted
     ]
-    results = train_all(command, tasks)
+    results = train_all(tasks, command.results, command.workers, command.minutes)
     found = group_results(command.methods, wanted, results)
     rows = build_rows(found) if found else []
     if rows:
@@ -107,11 +108,27 @@ def run_compare(command: CompareCommand) -> dict[str, object]:
 
 
 def train_all(
-    command: "CompareCommand | StudyCommand", tasks: list[TrainingTask]
+    tasks: Sequence[TrainingTask],
+    path: Path,
+    workers: int = 1,
+    minutes: float = math.inf,
 ) -> list[MethodResult | None]:
-    """Run all trainings that are not done yet; print how many are left."""
-    seconds = 60 * command.minutes
-    results = run_tasks(tasks, command.results, command.workers, seconds)
+    """Run tasks; print which of their results were stale, and how many are left.
+
+    Args:
+        tasks: tasks to run.
+        path: file that keeps results.
+        workers: number of processes.
+        minutes: time after which no further task is begun [min].
+    """
+    stale = find_stale(tasks, path)
+    if stale:
+        print(
+            f"{len(stale)} of {len(tasks)} results in {path} are stale, of other code, "
+            "settings or clips, and are made again:"
+        )
+        print("\n".join(f"  {label}" for label in stale), flush=True)
+    results = run_tasks(tasks, path, workers, 60 * minutes)
     left = sum(result is None for result in results)
     if left:
         print(f"{left} of {len(results)} trainings are left; the same command goes on")
@@ -194,8 +211,8 @@ class StudyCommand:
     picture: Path | None = None
     """Path of a plot of the accuracies (.png)."""
 
-    results: Path = Path("results")
-    """Folder that keeps each result, so that an interrupted study can go on."""
+    results: Path = Path("results.jsonl")
+    """File that keeps each result, so that an interrupted study can go on."""
 
     pack: Path = Path("pack")
     """Folder that keeps prepared clips."""
@@ -224,7 +241,7 @@ class StudyCommand:
 
 def run_study(command: StudyCommand) -> dict[str, object]:
     """Train all variants, print the table, and draw it if asked to."""
-    check_folder(command.results)
+    check_writable(command.results)
     check_folder(command.pack)
     if command.picture is not None:
         check_picture(command.picture)
@@ -239,7 +256,8 @@ def run_study(command: StudyCommand) -> dict[str, object]:
     ]
     tasks = [build_study_task(command, variant, *run) for variant, run in wanted]
     found: dict[Variant, dict[RunKey, MethodResult]] = {each: {} for each in variants}
-    for (variant, run), result in zip(wanted, train_all(command, tasks), strict=True):
+    results = train_all(tasks, command.results, command.workers, command.minutes)
+    for (variant, run), result in zip(wanted, results, strict=True):
         if result is not None:
             found[variant][run] = result
     rows = build_study_rows(found)

@@ -179,7 +179,7 @@ def compute_pack_key(
     with path.open("rb") as file:
         content = hashlib.file_digest(file, "sha256").hexdigest()
     facts = f"{digest_code(__name__)} {content} {pipeline} {graph}"
-    facts += f" {transform}" if transform else ""
+    facts += f" {transform.key}" if transform else ""
     return hashlib.sha256(facts.encode()).hexdigest()[:32]
 
 

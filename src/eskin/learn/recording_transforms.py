@@ -9,6 +9,7 @@ from typing import final
 import numpy as np
 from jaxtyping import Float
 
+from eskin.code_digest import digest_code
 from eskin.model import check_limits
 from eskin.recording import Recording
 from eskin.skin import Skin
@@ -21,8 +22,13 @@ REST_READINGS = 50
 class RecordingTransform(ABC):
     """A recording transform changes the scans of a recording, or its skin.
 
-    Its `repr` names it, also in the names of files.
+    Its `repr` shows all of its settings.
     """
+
+    @property
+    def key(self) -> str:
+        """Return its settings and a digest of its code, for what is kept in files."""
+        return f"{self} {digest_code(type(self).__module__)}"
 
     @property
     def moves_taxels(self) -> bool:

@@ -12,6 +12,8 @@ from eskin.learn.comparison.results import (
     AnsweredClips,
     MethodResult,
     TrainingTask,
+    find_stale,
+    read_results,
     run_tasks,
 )
 from eskin.learn.comparison.table import (
@@ -36,8 +38,10 @@ __all__ = [
     "MethodResult",
     "ComparisonRow",
     "TrainingTask",
+    "read_results",
     "run_tasks",
     "find_examples",
+    "find_stale",
     "format_gesture_tables",
     "format_tables",
     "build_rows",

@@ -1,6 +1,7 @@
 """This module gives every method the same clips of generated sets."""
 
 import hashlib
+import os
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -66,12 +67,18 @@ class Examples:
         first = read_recording(self.paths[0])
         return MountedSkin(first.skin, load_recorded_robot(first.robot_name))
 
+    @property
+    def place(self) -> str:
+        """Return the last two names of the folder that holds all recordings."""
+        folder = os.path.commonpath([path.resolve().parent for path in self.paths])
+        return "/".join(Path(folder).parts[-2:])
+
     @cached_property
     def digest(self) -> str:
-        """Return a name of recordings, clips and transform, wherever they are."""
+        """Return a digest of recordings, clips and transform, wherever they are."""
         hashes = [hashlib.sha256(path.read_bytes()).hexdigest() for path in self.paths]
         hashes += [str(self.clips)]
-        hashes += [str(self.transform)] if self.transform else []
+        hashes += [self.transform.key] if self.transform else []
         return hashlib.sha256("".join(hashes).encode()).hexdigest()[:16]
 
     def truth(self, vocabulary: Sequence[str]) -> Int[np.ndarray, "clip"]:
@@ -147,9 +154,8 @@ def load_windows(
     """Return the windows of a recording's clips, cut unless they are on disk."""
     with path.open("rb") as file:
         content = hashlib.file_digest(file, "sha256").hexdigest()
-    facts = f"{digest_code(__name__)} {content} {PipelineConfig()}" + (
-        f" {transform}" if transform else ""
-    )
+    facts = f"{digest_code(__name__)} {content} {PipelineConfig()}"
+    facts += f" {transform.key}" if transform else ""
     target = pack / f"{hashlib.sha256(facts.encode()).hexdigest()[:32]}.windows.npz"
     if not target.exists():
         pressure, q = cut_clip_windows(path, transform)

@@ -1,4 +1,4 @@
-"""This module trains methods and keeps their answers in files, each once only."""
+"""This module trains methods and keeps their answers in a file, each once only."""
 
 import hashlib
 import json
@@ -13,6 +13,7 @@ import torch
 from jaxtyping import Bool
 from joblib import Parallel, delayed
 
+from eskin.code_digest import digest_code
 from eskin.errors import EskinError
 from eskin.files import atomic_path
 from eskin.learn.comparison.examples import Examples
@@ -20,10 +21,6 @@ from eskin.learn.comparison.methods import Method
 from eskin.learn.dataset import track_progress
 from eskin.learn.holdout import hold_out
 from eskin.touch import PipelineConfig
-
-FORMAT = 2
-"""Format of results, raised whenever a method changes in a way that its settings do not
-show."""
 
 
 @dataclass(frozen=True)
@@ -76,30 +73,25 @@ class TrainingTask:
     """Share of the recordings held out."""
 
     @property
-    def key(self) -> str:
-        """Return a name of all that decides the result: the name of its file."""
+    def label(self) -> str:
+        """Return a name of the task: its method, its seed and its folders of clips."""
+        places = dict.fromkeys(each.place for each in self.tests.values())
+        tested = ", ".join(places) or "the clips held out"
+        held = f" less {self.share:.0%}" if self.share else ""
+        return (
+            f"{self.name}, seed {self.seed}: {self.train.place}{held}, tested on "
+            f"{tested}"
+        )
+
+    @property
+    def digest(self) -> str:
+        """Return a digest of all that decides the result: code, settings and clips."""
         tests = {name: each.digest for name, each in self.tests.items()}
-        facts = f"{FORMAT} {PipelineConfig()} {self.method} {self.train.digest} "
-        facts += f"{tests} {self.seed} {self.share}"
-        short = hashlib.sha256(facts.encode()).hexdigest()[:12]
-        return f"{self.name}-{self.seed}-{short}"
-
-    def is_done(self, folder: Path) -> bool:
-        """Tell whether there is a file of the result."""
-        return self.find_file(folder).exists()
-
-    def find_file(self, folder: Path) -> Path:
-        """Return the path of the result's file."""
-        return folder / f"{self.key}.json"
-
-    def load_or_run(self, folder: Path) -> MethodResult:
-        """Return the result from its file, which is written if it is missing."""
-        path = self.find_file(folder)
-        if path.exists():
-            return read_result(path)
-        result = self.run()
-        write_result(path, result)
-        return result
+        facts = (
+            f"{digest_code(__name__)} {PipelineConfig()} {self.method} "
+            f"{self.train.digest} {tests} {self.seed} {self.share}"
+        )
+        return hashlib.sha256(facts.encode()).hexdigest()[:16]
 
     def run(self) -> MethodResult:
         """Learn and answer."""
@@ -120,35 +112,83 @@ class TrainingTask:
         return MethodResult(self.name, self.seed, seconds, answered)
 
 
+@dataclass(frozen=True)
+class KeptResult:
+    """A kept result is a result with the name and the digest of its task."""
+
+    label: str
+    """Name of the task."""
+    digest: str
+    """Digest of the code, settings and clips that the result was made with."""
+    result: MethodResult
+    """The result."""
+
+
+def find_stale(tasks: Sequence[TrainingTask], path: Path) -> list[str]:
+    """Return the names of tasks whose results other code, settings or clips gave.
+
+    Args:
+        tasks: tasks to look for.
+        path: file that keeps results.
+
+    Raises:
+        EskinError: if the file is damaged.
+    """
+    kept = read_results(path)
+    known = ((task, kept.get(task.label)) for task in tasks)
+    return [task.label for task, each in known if each and each.digest != task.digest]
+
+
 def run_tasks(
     tasks: Sequence[TrainingTask],
-    folder: Path,
+    path: Path,
     workers: int = 1,
     seconds: float = np.inf,
 ) -> list[MethodResult | None]:
-    """Return the results of tasks, in their order; what has a file is not run again.
+    """Return the results of tasks, in their order; what the file holds is not run.
+
+    A stale result (see `find_stale`) is replaced by that of the task as it is now.
 
     Args:
         tasks: tasks to run, in this order.
-        folder: folder that keeps results.
+        path: file that keeps results, one a line (JSON Lines).
         workers: number of processes.
         seconds: time after which no further task is begun [s].
 
     Returns:
         The results, None for tasks that were not begun.
+
+    Raises:
+        EskinError: if the file is damaged, or two tasks have the same name.
     """
     end = time.monotonic() + seconds
-    jobs = (delayed(run_before)(task, folder, end) for task in tasks)
-    found: Any = Parallel(n_jobs=workers, return_as="generator")(jobs)
-    return list(track_progress(found, "Comparing", len(tasks)))
+    digests = {task.label: task.digest for task in tasks}
+    unclear = [task.label for task in tasks if digests[task.label] != task.digest]
+    if unclear:
+        raise EskinError(
+            f"several trainings are named '{unclear[0]}'; allowed is each name once; "
+            "rename the folder of one"
+        )
+    kept = {
+        (each.label, each.digest): each.result for each in read_results(path).values()
+    }
+    found = [kept.get((task.label, task.digest)) for task in tasks]
+    missing = [n for n, result in enumerate(found) if result is None]
+    jobs = (delayed(run_before)(n, tasks[n], end) for n in missing)
+    run: Any = Parallel(n_jobs=workers, return_as="generator_unordered")(jobs)
+    for n, result in track_progress(run, "Comparing", len(missing)):
+        if result is not None:
+            found[n] = result
+            keep_result(path, KeptResult(tasks[n].label, tasks[n].digest, result))
+    return found
 
 
-def run_before(task: TrainingTask, folder: Path, end: float) -> MethodResult | None:
+def run_before(
+    number: int, task: TrainingTask, end: float
+) -> tuple[int, MethodResult | None]:
     """Return the result of a task, if it can begin before a time on this machine."""
     torch.set_num_threads(1)
-    if not task.is_done(folder) and time.monotonic() > end:
-        return None
-    return task.load_or_run(folder)
+    return number, None if time.monotonic() > end else task.run()
 
 
 def split_examples(examples: Examples, share: float) -> tuple[Examples, Examples]:
@@ -165,37 +205,54 @@ def split_examples(examples: Examples, share: float) -> tuple[Examples, Examples
     return examples.select(found.train), examples.select(found.held)
 
 
-def write_result(path: Path, result: MethodResult) -> None:
-    """Write a result as JSON, whole or not at all."""
-    facts = asdict(result)
-    facts["answered"] = {
-        name: {key: " ".join(values) for key, values in asdict(each).items()}
-        for name, each in result.answered.items()
-    }
+def keep_result(path: Path, kept: KeptResult) -> None:
+    """Write a result into a file, in the place of the one of the same name."""
+    results = {**read_results(path), kept.label: kept}
     with atomic_path(path) as part:
-        part.write_text(json.dumps(facts, indent=1) + "\n", encoding="utf-8")
+        part.write_text(
+            "".join(f"{format_result(each)}\n" for each in results.values()),
+            encoding="utf-8",
+        )
 
 
-def read_result(path: Path) -> MethodResult:
-    """Read a result from its file.
+def read_results(path: Path) -> dict[str, KeptResult]:
+    """Return the results in a file by the names of their tasks; none without a file.
 
     Raises:
         EskinError: if the file is damaged.
     """
+    if not path.exists():
+        return {}
     try:
-        return parse_result(path.read_text(encoding="utf-8"))
+        lines = path.read_text(encoding="utf-8").splitlines()
+        return {kept.label: kept for kept in map(parse_result, lines)}
     except (ValueError, LookupError, TypeError, AttributeError) as error:
         raise EskinError(
-            f"{path} is no result ({error!r}); allowed are files that eskin compare "
-            "and eskin study keep; delete it, and it is made again"
+            f"{path} is no file of results ({error!r}); allowed are files that eskin "
+            "compare and eskin study keep; delete it, and its results are made again"
         ) from None
 
 
-def parse_result(text: str) -> MethodResult:
-    """Return the result that a text holds."""
-    facts = json.loads(text)
+def format_result(kept: KeptResult) -> str:
+    """Return a result as a line of JSON."""
+    facts = asdict(kept)
+    facts["result"]["answered"] = {
+        name: {key: " ".join(values) for key, values in each.items()}
+        for name, each in facts["result"]["answered"].items()
+    }
+    return json.dumps(facts)
+
+
+def parse_result(line: str) -> KeptResult:
+    """Return the result that a line of JSON holds."""
+    facts = json.loads(line)
+    result = facts["result"]
     answered = {
         name: AnsweredClips(**{key: tuple(text.split()) for key, text in each.items()})
-        for name, each in facts["answered"].items()
+        for name, each in result["answered"].items()
     }
-    return MethodResult(facts["method"], facts["seed"], facts["seconds"], answered)
+    return KeptResult(
+        facts["label"],
+        facts["digest"],
+        MethodResult(result["method"], result["seed"], result["seconds"], answered),
+    )
