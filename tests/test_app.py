@@ -7,7 +7,6 @@ import sys
 import numpy as np
 import pytest
 
-from device_scenes import small_skin
 from eskin.app import CALIBRATION, SourceConfig, nominal_calibration, open_source
 from eskin.drivers import DeviceSource, PlayedSource, SerialTransport, UdpTransport
 from eskin.drivers.virtual import PtyPort
@@ -16,7 +15,8 @@ from eskin.sim.constants import load_constants
 from eskin.sim.sensor.build import build_nominal_sensor
 from eskin.skin import SKIN_PRESETS, load_skin, save_skin
 from eskin.touch import Calibration
-from live_scenes import mounted, record, scans
+from helpers.devices import small_skin
+from helpers.live import mounted, record, scans
 from test_device_command import StillSimulator
 
 RATE = 50.0

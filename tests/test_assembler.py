@@ -7,8 +7,8 @@ import pytest
 from eskin.drivers import Data, Status
 from eskin.drivers.module_registry import HOLD_TIME
 from eskin.drivers.timeline import PeriodGrid
-from module_scenes import MS, PATCHES, SKIN, TAXELS, Module, World, check, tagged
-from touch_scenes import SECOND, START, build_grid_skin
+from helpers.modules import MS, PATCHES, SKIN, TAXELS, Module, World, check, tagged
+from helpers.touch import SECOND, START, build_grid_skin
 
 SETTLED = 0.2
 

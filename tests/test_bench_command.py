@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from benchmarks.scaling import time_sizes
 
-from baseline_scenes import UR5
 from eskin.bench import BenchScene, large_skin
 from eskin.bench.latency import (
     LatencyRow,
@@ -23,6 +22,7 @@ from eskin.live import Recognizer
 from eskin.model import load_model
 from eskin.robot import load_robot
 from eskin.skin import MountedSkin, check_skin
+from helpers.baselines import UR5
 
 KEYS = {"name", "p50_ms", "p99_ms", "max_ms", "taxels", "active", "steps", "ratio"}
 

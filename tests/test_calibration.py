@@ -12,7 +12,7 @@ from eskin.touch import (
     ContactConfig,
     Scan,
 )
-from touch_scenes import (
+from helpers.touch import (
     REST,
     SECOND,
     START,

@@ -4,7 +4,6 @@ from pathlib import Path
 
 import pytest
 
-from command_scenes import PATCH, SKIN, VOCABULARY, Scene
 from eskin.command import load_commands, parse_commands
 from eskin.command.actions import (
     ACTIONS,
@@ -13,6 +12,7 @@ from eskin.command.actions import (
     resolve_action,
 )
 from eskin.errors import CommandError
+from helpers.commands import PATCH, SKIN, VOCABULARY, Scene
 
 HEAD = "commands:\n"
 POKE = "  - {gesture: poke, action: pause}\n"

@@ -9,7 +9,6 @@ import pytest
 import torch
 from matplotlib.figure import Figure
 
-from clip_scenes import generated
 from eskin.cli.main import run
 from eskin.errors import EskinError, RecordingError
 from eskin.learn.baselines import READINGS
@@ -32,8 +31,9 @@ from eskin.model import LENGTH_CM, NetworkConfig
 from eskin.nn import build_graph_tensors
 from eskin.recording import read_recording
 from eskin.touch import TouchPipeline
-from graph_scenes import orthogonal, random_graph, turned
-from learn_scenes import record_people
+from helpers.clips import generated
+from helpers.graphs import orthogonal, random_graph, turned
+from helpers.learning import record_people
 
 SECOND = 1_000_000_000
 

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from benchmarks.crossvalidation import Standardised
 
-from clip_scenes import generated
 from eskin.graph import GraphConfig
 from eskin.learn.baselines import PaperBaseline
 from eskin.learn.baselines.estimators import (
@@ -36,8 +35,9 @@ from eskin.learn.comparison.study import Variant
 from eskin.learn.evaluation import ClipPredictions
 from eskin.learn.training import Trainer
 from eskin.nn import build_graph_tensors
-from graph_scenes import random_graph
-from learn_scenes import TINY
+from helpers.clips import generated
+from helpers.graphs import random_graph
+from helpers.learning import TINY
 
 ESTIMATORS = (
     SupportVectors(),

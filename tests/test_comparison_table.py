@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from benchmarks import robustness
 
-from clip_scenes import generated
 from eskin.cli.compare import group_results
 from eskin.learn.comparison import (
     AnsweredClips,
@@ -14,6 +13,7 @@ from eskin.learn.comparison import (
     format_gesture_tables,
     format_tables,
 )
+from helpers.clips import generated
 
 
 def answered(right):

@@ -4,7 +4,7 @@ import pytest
 from eskin.errors import ReadingError
 from eskin.skin import MountedSkin
 from eskin.touch import ContactConfig
-from touch_scenes import (
+from helpers.touch import (
     build_grid_skin,
     hinged_skin,
     mounted_grid,

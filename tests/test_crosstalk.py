@@ -12,7 +12,7 @@ from eskin.sim.sensor.kernels import read_array
 from eskin.skin import build_grid_skin
 from eskin.touch import Calibration, CrosstalkCompensator, Reading, TouchPipeline
 from eskin.touch.calibration_kernels import LEAK
-from touch_scenes import REST, calibration_of, mounted_grid, pressed, scan_at
+from helpers.touch import REST, calibration_of, mounted_grid, pressed, scan_at
 
 ROWS, COLUMNS = 12, 14
 SKIN = build_grid_skin(ROWS, COLUMNS)

@@ -9,13 +9,6 @@ import numpy as np
 import pytest
 from serial import Serial
 
-from device_scenes import (
-    PATIENCE,
-    listening,
-    read_packets,
-    scans_of,
-    small_skin,
-)
 from eskin.cli import device as command
 from eskin.cli.main import run
 from eskin.drivers import Data, decode_packet
@@ -25,6 +18,13 @@ from eskin.sim.dataset import ClipGenerator
 from eskin.sim.dataset.clip import SimulatedClip
 from eskin.skin import MountedSkin, build_grid_skin, save_skin
 from eskin.touch import Calibration
+from helpers.devices import (
+    PATIENCE,
+    listening,
+    read_packets,
+    scans_of,
+    small_skin,
+)
 
 SCANS = 30
 

@@ -23,8 +23,8 @@ from eskin.drivers import (
 )
 from eskin.errors import DeviceError, SkinMismatchError
 from eskin.skin import MountedSkin
-from module_scenes import MS, PATCHES, SKIN, Module, Script, true_times
-from touch_scenes import SECOND, START, build_grid_skin, calibration_of, one_link_robot
+from helpers.modules import MS, PATCHES, SKIN, Module, Script, true_times
+from helpers.touch import SECOND, START, build_grid_skin, calibration_of, one_link_robot
 
 MOUNTED = MountedSkin(SKIN, one_link_robot())
 PERIOD = 20 * MS

@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 
 from eskin.drivers.clock_sync import ClockOffsetEstimator, DeviceClock, ScanNumberWindow
-from module_scenes import MS
-from touch_scenes import SECOND, START
+from helpers.modules import MS
+from helpers.touch import SECOND, START
 
 
 def heard(true, delays=0.001, start=0, drift=0.0, clock=None, first=0):

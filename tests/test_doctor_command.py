@@ -4,13 +4,13 @@ import json
 
 import pytest
 
-from device_scenes import playing, scans_of, small_skin, udp_skin
 from eskin.cli import doctor
 from eskin.cli.main import run
 from eskin.drivers import HostClock, SerialPortInfo, UdpTransport
 from eskin.drivers.virtual import parse_fault
 from eskin.errors import ModelError
 from eskin.skin import save_skin
+from helpers.devices import playing, scans_of, small_skin, udp_skin
 
 
 def test_a_whole_installation_is_well(capsys):

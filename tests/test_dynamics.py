@@ -6,7 +6,6 @@ import sys
 import numpy as np
 import pytest
 
-from command_scenes import VOCABULARY
 from eskin.cli.main import run
 from eskin.command import (
     FRAME_TASK,
@@ -26,6 +25,7 @@ from eskin.robot.presets import read_preset_urdf
 from eskin.sim.interactive import InteractiveSkin, LinkPoint
 from eskin.sim.interactive.skin import compute_wrenches
 from eskin.transforms import apply
+from helpers.commands import VOCABULARY
 
 mujoco = pytest.importorskip("mujoco", reason="needs the extra sim")
 

@@ -11,8 +11,8 @@ from eskin.cli.evaluate import CLIP_KEYS, summarise_people
 from eskin.cli.main import run
 from eskin.model import save_model
 from eskin.recording import RecordingWriter, read_recording, write_all
-from learn_scenes import SECOND, START, record, record_people
-from live_scenes import model_of, network
+from helpers.learning import SECOND, START, record, record_people
+from helpers.live import model_of, network
 
 VOCABULARY = ("none", "hold", "tap")
 

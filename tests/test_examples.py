@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from eskin.learn.training import TrainConfig
-from learn_scenes import FLAGS
+from helpers.learning import FLAGS
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
 REAL_TOUCHES = "01_real_touches.py"

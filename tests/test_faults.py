@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from eskin.touch import Calibrator, FaultDetector
-from touch_scenes import SECOND, START, build_grid_skin, calibration_of, scan_at
+from helpers.touch import SECOND, START, build_grid_skin, calibration_of, scan_at
 
 SKIN = build_grid_skin(rows=6, columns=6, patches=2)
 COUNT = SKIN.count

@@ -12,7 +12,6 @@ import numpy as np
 import pytest
 from benchmarks.soak.cable import Cable
 
-from device_scenes import PATIENCE, PERIOD, RATE, playing, small_skin
 from eskin.drivers import (
     DeviceSource,
     Event,
@@ -29,7 +28,8 @@ from eskin.robot import load_robot
 from eskin.skin import MountedSkin
 from eskin.stream import Recognition, Stream
 from eskin.touch import Calibration, Scan
-from stream_scenes import Ear
+from helpers.devices import PATIENCE, PERIOD, RATE, playing, small_skin
+from helpers.streams import Ear
 
 SKIN = small_skin()
 MOUNTED = MountedSkin(SKIN, load_robot("table"))

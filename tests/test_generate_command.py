@@ -9,7 +9,7 @@ from eskin.cli.main import run
 from eskin.sim.constants import load_constants
 from eskin.sim.dataset import generate
 from eskin.sim.dataset.sets import SETS, load_set
-from sim_scenes import Failing, StandIn
+from helpers.simulation import Failing, StandIn
 
 
 @pytest.fixture

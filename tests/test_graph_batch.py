@@ -10,7 +10,7 @@ from eskin.graph import (
     create_empty_batch,
     join_graphs,
 )
-from graph_scenes import assert_same, pressure_summary, random_graph, shear_summary
+from helpers.graphs import assert_same, pressure_summary, random_graph, shear_summary
 
 SIZES = [(4, 1, 7), (0, 5, 0, 0, 3, 0), (0,), (0, 0, 0), (6,), (5, 0), (0, 5)]
 of_any_sizes = pytest.mark.parametrize("sizes", SIZES)

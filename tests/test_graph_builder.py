@@ -11,7 +11,7 @@ from eskin.graph import (
     compute_node_scalars,
     join_graphs,
 )
-from graph_scenes import (
+from helpers.graphs import (
     FOLDED,
     SCENES,
     Scene,

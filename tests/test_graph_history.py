@@ -7,7 +7,7 @@ import pytest
 
 from eskin.graph import HISTORY, NO_HISTORY, GraphStream, join_graphs
 from eskin.touch import Calibration, TouchPipeline
-from graph_scenes import (
+from helpers.graphs import (
     Scene,
     bump,
     flat,

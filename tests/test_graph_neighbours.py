@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from eskin.graph import FixedNeighbours, find_live_neighbours
-from graph_scenes import FOLDED, Scene, book, flat, motion, renumbered, rolled, ur5
+from helpers.graphs import FOLDED, Scene, book, flat, motion, renumbered, rolled, ur5
 
 SKINS = {
     "flat": lambda: flat(rows=5, columns=6, patches=2),

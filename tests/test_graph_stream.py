@@ -5,7 +5,7 @@ import pytest
 
 from eskin.graph import WHOLE_SKIN, GraphStream
 from eskin.touch import Calibration, TouchPipeline
-from graph_scenes import bump, flat, pressure_summary, reading_at
+from helpers.graphs import bump, flat, pressure_summary, reading_at
 
 STEP = 0.05
 

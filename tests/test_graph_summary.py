@@ -13,7 +13,7 @@ from eskin.graph import (
     compute_node_scalars,
 )
 from eskin.graph.summary_kernels import AREA, FORCE, HISTORY_FLOORS, RATE, SPEED
-from graph_scenes import (
+from helpers.graphs import (
     SCENES,
     book,
     bump,

@@ -23,7 +23,7 @@ from eskin.recording.shearsense import (
 )
 from eskin.recording.socialtouch import GESTURES
 from eskin.skin import load_skin
-from socialtouch_scenes import HEADER, pressed, text_of, write_socialtouch
+from helpers.socialtouch import HEADER, pressed, text_of, write_socialtouch
 
 SECOND = 1_000_000_000
 

@@ -5,12 +5,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from command_scenes import WAY, Scene
 from eskin.command import CommandMap, MotionConfig, Rule, SimulatedArm, UrArm
 from eskin.command.task import JOG_SPEED
 from eskin.drivers import ManualClock
 from eskin.errors import ArmError, JogError
 from eskin.robot import DampedLeastSquaresIK, Kinematics, load_robot
+from helpers.commands import WAY, Scene
 from test_ur_arm import ToldLink
 
 CONFIG = MotionConfig()

@@ -8,8 +8,8 @@ import pytest
 from eskin.graph import HISTORY, join_graphs
 from eskin.learn.augment import NO_AUGMENTATION, AugmentConfig, augment
 from eskin.learn.dataset import prepare
-from graph_scenes import random_graph
-from learn_scenes import AS_RECORDED, record
+from helpers.graphs import random_graph
+from helpers.learning import AS_RECORDED, record
 
 CHANGED = {"pressure", "before", "shear", "shear_before"}
 STILL = {"taxel_gain": 0.0, "dead": 0.0, "offset": 0.0, "shear_gain": 0.0}

@@ -6,7 +6,6 @@ from functools import cache
 import numpy as np
 import pytest
 
-from baseline_scenes import UR5, toy
 from eskin.errors import SkinMismatchError
 from eskin.learn.baselines import (
     BASELINES,
@@ -17,7 +16,8 @@ from eskin.learn.baselines import (
     build_baseline,
 )
 from eskin.learn.baselines.interface import RollingWindow
-from live_scenes import mounted
+from helpers.baselines import UR5, toy
+from helpers.live import mounted
 
 NAMES = (*BASELINES, *NETWORKS)
 QUICK = FitConfig(epochs=12, batch=6, rate=5e-3)

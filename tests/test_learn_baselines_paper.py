@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 import torch
 
-from baseline_scenes import UR5
 from eskin.graph import find_live_neighbours
 from eskin.learn.baselines.paper import LAYERS, NodeSelector, PaperNetwork
-from graph_scenes import FOLDED
+from helpers.baselines import UR5
+from helpers.graphs import FOLDED
 
 
 def network(pooling="max", k=8):

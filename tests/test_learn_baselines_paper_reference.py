@@ -9,7 +9,7 @@ import torch
 
 from eskin.learn.baselines.paper import PaperNetwork
 from eskin.skin import MountedSkin
-from graph_scenes import book
+from helpers.graphs import book
 
 KPA, LEAST = 10.0, 0.5  # unit of pressure, and what is read as zero [kPa]
 LENGTH = 0.03  # unit of length [m]

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 import torch
 
-from baseline_scenes import UR5
 from eskin.learn.baselines.convolution import (
     PIXEL_HEIGHT,
     PIXELS_AROUND,
@@ -17,7 +16,8 @@ from eskin.learn.baselines.convolution import (
 )
 from eskin.learn.baselines.flat import PRESSURE_UNIT, TIME_BINS, compute_bins
 from eskin.skin import Patch, Plane, TaxelGrid, Tube, build_skin, load_skin
-from graph_scenes import motion
+from helpers.baselines import UR5
+from helpers.graphs import motion
 
 GAP = 0.0103  # between taxels of a patch that is laid here [m]
 CAPS = "elbow_cap", "wrist_1_cap"

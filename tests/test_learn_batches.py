@@ -10,7 +10,7 @@ from eskin.graph import compute_summary
 from eskin.learn.augment import NO_AUGMENTATION, AugmentConfig
 from eskin.learn.batches import BatchBuilder, build_sampler
 from eskin.learn.dataset import prepare
-from learn_scenes import record, record_people
+from helpers.learning import record, record_people
 
 SLOTS = 100
 VARIED = AugmentConfig(noise=0.1, patch=0.5, lost=0.3, halved=0.5, stretch=0.3)

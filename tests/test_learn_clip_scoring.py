@@ -3,14 +3,14 @@
 import numpy as np
 import pytest
 
-from clip_scenes import clip_at, generated, loaded
 from eskin.learn.dataset import prepare
 from eskin.learn.evaluation import (
     compute_log_probabilities,
     find_last_rows,
     predict_clips,
 )
-from live_scenes import network
+from helpers.clips import clip_at, generated, loaded
+from helpers.live import network
 
 VOCABULARY = ("poke", "none", "stroke")
 

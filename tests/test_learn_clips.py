@@ -4,12 +4,12 @@ import json
 
 import pytest
 
-from clip_scenes import START, generated
 from eskin.errors import RecordingError
 from eskin.learn.ground_truth import INDEX_NAME, Clip, read_clips
 from eskin.recording import read_recording
 from eskin.sim.dataset import read_index
 from eskin.sim.dataset.index import INDEX_NAME as WRITTEN_NAME
+from helpers.clips import START, generated
 
 
 def line(file="a.mcap", start: int | str = START, **others) -> str:

@@ -20,7 +20,7 @@ from eskin.learn.baselines.estimators import RandomForest
 from eskin.learn.baselines.hand import compute_features
 from eskin.learn.dataset import prepare
 from eskin.learn.training import Trainer
-from learn_scenes import AS_RECORDED, TINY, record_people
+from helpers.learning import AS_RECORDED, TINY, record_people
 
 PEOPLE = ("ann", "bob", "cleo")
 FOUR = ("hold", "tap", "tap", "hold")

@@ -5,7 +5,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from clip_scenes import Elsewhere, Placed, generated
 from eskin.errors import RecordingError
 from eskin.graph import GraphConfig
 from eskin.learn.dataset import hash_recordings, prepare
@@ -17,7 +16,8 @@ from eskin.learn.ground_truth import (
 )
 from eskin.recording import read_recording
 from eskin.touch import ContactConfig, PipelineConfig
-from learn_scenes import (
+from helpers.clips import Elsewhere, Placed, generated
+from helpers.learning import (
     LASTS,
     SECOND,
     START,

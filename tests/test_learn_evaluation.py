@@ -7,7 +7,6 @@ import pytest
 import torch
 from torch.nn.functional import log_softmax
 
-from clip_scenes import generated
 from eskin.errors import RecordingError, SkinMismatchError
 from eskin.learn import evaluation
 from eskin.learn.dataset import prepare
@@ -25,8 +24,9 @@ from eskin.learn.ground_truth import MissedGesture, Segment
 from eskin.learn.plots import draw_confusion
 from eskin.learn.windows import build_network_input, cut_windows
 from eskin.model import ModelCard
-from learn_scenes import NETWORK, START, bare, record_people
-from live_scenes import network
+from helpers.clips import generated
+from helpers.learning import NETWORK, START, bare, record_people
+from helpers.live import network
 
 VOCABULARY = ("none", "hold", "tap")
 CARD = ModelCard(VOCABULARY, network=NETWORK, temperature=1.7)

@@ -19,7 +19,7 @@ from eskin.live import Recognizer
 from eskin.model import DecisionConfig
 from eskin.recording import read_recording
 from eskin.sim.dataset import GenerationSettings, generate
-from live_scenes import (
+from helpers.live import (
     SECOND,
     START,
     VOCABULARY,
@@ -33,7 +33,7 @@ from live_scenes import (
     scans,
     two_hands,
 )
-from sim_scenes import StandIn
+from helpers.simulation import StandIn
 
 DECISIONS = [
     DecisionConfig(),

@@ -11,7 +11,7 @@ from eskin.learn.events import MatchConfig, Tally, match_events, score_events
 from eskin.learn.events.event_scoring import bootstrap_f1
 from eskin.learn.events.matching import build_events, build_label_event
 from eskin.recording import Label, TruthRecord
-from event_scenes import (
+from helpers.events import (
     SECOND,
     START,
     VOCABULARY,

@@ -6,7 +6,7 @@ from benchmarks.crossvalidation import compute_segment_features
 
 from eskin.learn.baselines.hand import BANDS, compute_band_powers, compute_features
 from eskin.learn.dataset import prepare
-from learn_scenes import record
+from helpers.learning import record
 
 
 @pytest.fixture(scope="module")

@@ -6,8 +6,6 @@ import numpy as np
 import pytest
 from benchmarks.corruption import DRIFT_SECONDS, DRIFT_START, KINDS, Corruption
 
-from baseline_scenes import UR5, toy
-from clip_scenes import generated
 from eskin.graph import GraphBatch, GraphConfig
 from eskin.learn.baselines import FitConfig, build_baseline
 from eskin.learn.baselines.flat import FlatBaseline
@@ -15,6 +13,8 @@ from eskin.learn.comparison import METHODS, TrainingTask, find_examples
 from eskin.recording import Metadata, RecordingWriter, read_recording, write_all
 from eskin.skin import MountedSkin
 from eskin.touch import Calibration, Scan
+from helpers.baselines import UR5, toy
+from helpers.clips import generated
 
 SECOND = 1_000_000_000
 START = 1_700_000_000 * SECOND

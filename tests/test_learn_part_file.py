@@ -5,7 +5,6 @@ from dataclasses import fields, replace
 import numpy as np
 import pytest
 
-from clip_scenes import generated
 from eskin.graph import GraphBatch, GraphConfig, compute_summary
 from eskin.learn import prepared_recording
 from eskin.learn.dataset import Dataset, prepare
@@ -19,7 +18,8 @@ from eskin.learn.prepared_recording import (
 )
 from eskin.recording import read_recording
 from eskin.touch import ContactConfig, PipelineConfig
-from learn_scenes import record
+from helpers.clips import generated
+from helpers.learning import record
 
 PIPELINE, GRAPH = PipelineConfig(), GraphConfig()
 

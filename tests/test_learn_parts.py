@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from clip_scenes import Elsewhere, generated
 from eskin.graph import GraphConfig, GraphStream, join_graphs
 from eskin.learn.ground_truth import find_runs, read_clips
 from eskin.learn.prepared_recording import PreparedRecording, prepare_recording
@@ -11,10 +10,11 @@ from eskin.recording import read_recording
 from eskin.robot import load_robot
 from eskin.skin import MountedSkin
 from eskin.touch import PipelineConfig, TouchPipeline
-from graph_scenes import assert_same
-from learn_scenes import record
-from live_scenes import Press, mounted, scans
-from live_scenes import record as record_scans
+from helpers.clips import Elsewhere, generated
+from helpers.graphs import assert_same
+from helpers.learning import record
+from helpers.live import Press, mounted, scans
+from helpers.live import record as record_scans
 
 GRAPH = GraphConfig(fixed=5, live=2)
 

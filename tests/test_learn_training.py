@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 import torch
 
-from clip_scenes import generated
 from eskin.errors import ModelError, RecordingError
 from eskin.learn import training
 from eskin.learn.batches import Sampler, build_sampler
@@ -15,7 +14,8 @@ from eskin.learn.dataset import prepare
 from eskin.learn.evaluation import predict_clips, score_instants, score_segments
 from eskin.learn.training import TEMPERATURES, TrainConfig, Trainer
 from eskin.model import SLOT_NS, Model, ModelCard
-from learn_scenes import AS_RECORDED, TINY, record, record_people
+from helpers.clips import generated
+from helpers.learning import AS_RECORDED, TINY, record, record_people
 
 VOCABULARY = ("none", "hold", "tap")
 PEOPLE = ("ann", "bob", "cleo", "dan")

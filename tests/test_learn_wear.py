@@ -5,7 +5,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from clip_scenes import generated
 from eskin.graph import GraphConfig
 from eskin.learn.dataset import prepare
 from eskin.learn.prepared_recording import compute_pack_key
@@ -13,7 +12,8 @@ from eskin.learn.recording_transforms import Aging, AgingConfig
 from eskin.learn.training import Trainer
 from eskin.recording import read_recording
 from eskin.touch import PipelineConfig
-from learn_scenes import TINY, record, record_people
+from helpers.clips import generated
+from helpers.learning import TINY, record, record_people
 
 AS_IT_WAS = AgingConfig(
     patch_gain=0.0, taxel_gain=0.0, exponent=0.0, unfelt=0.0, noise=0.0

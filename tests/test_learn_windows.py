@@ -15,8 +15,8 @@ from eskin.learn.windows import (
     subsample_readings,
 )
 from eskin.model import SLOT_NS
-from graph_scenes import assert_same, pressure_summary, random_graph
-from learn_scenes import START, bare
+from helpers.graphs import assert_same, pressure_summary, random_graph
+from helpers.learning import START, bare
 
 SLOTS = 100
 SEEDS = range(4)

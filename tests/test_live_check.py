@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 import eskin.app
-from device_scenes import PERIOD, small_skin
 from eskin.cli.main import run
 from eskin.cli.skin import TARE_S, tare
 from eskin.drivers import STEPPED, ManualClock, PlayedSource, SourceInfo
@@ -14,6 +13,7 @@ from eskin.robot import load_robot
 from eskin.skin import MountedSkin, save_skin
 from eskin.skin.wiring import choose_press_targets
 from eskin.touch import Calibration, Scan, TouchPipeline
+from helpers.devices import PERIOD, small_skin
 
 REST, PRESSED = 200, 1200
 BETWEEN, LENGTH = 40, 20

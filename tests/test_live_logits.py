@@ -14,7 +14,7 @@ from eskin.live import Network, Recognizer, compute_probabilities
 from eskin.live.logits import SEQUENCES, LogitStream
 from eskin.live.step_kernels import step
 from eskin.touch import Reading
-from live_scenes import (
+from helpers.live import (
     calibration_of,
     label,
     model_of,

@@ -21,9 +21,9 @@ from eskin.live.network import NODES
 from eskin.model import SLOT_NS, Model
 from eskin.model.file import network_shapes
 from eskin.nn import build_graph_tensors
-from graph_scenes import network_input, with_bystanders
-from live_scenes import VOCABULARY, model_of, network
-from summary_reference import reference_summary
+from helpers.graphs import network_input, with_bystanders
+from helpers.live import VOCABULARY, model_of, network
+from helpers.summary_reference import reference_summary
 
 SIZES = [
     {},

@@ -10,7 +10,7 @@ from eskin.errors import ModelError, ReadingError, SkinMismatchError
 from eskin.live import Recognizer
 from eskin.model import DecisionConfig, save_model
 from eskin.touch import TouchPipeline
-from live_scenes import (
+from helpers.live import (
     SECOND,
     START,
     VOCABULARY,

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from eskin.live import Network
 from eskin.model import SLOT_NS
 from eskin.nn import SlotIndex
-from live_scenes import model_of, network
+from helpers.live import model_of, network
 
 SLOTS = (25, 26, 30, 41)
 NETS = {slots: network(slots=slots, channels=6, width=4) for slots in SLOTS}

@@ -23,8 +23,8 @@ from eskin.model import (
     save_model,
 )
 from eskin.touch import ContactConfig, PipelineConfig
-from graph_scenes import logits, press_on_seam
-from live_scenes import model_of, network
+from helpers.graphs import logits, press_on_seam
+from helpers.live import model_of, network
 
 FEATURES = len(PRESSURE_SUMMARY)
 CARD = ModelCard(

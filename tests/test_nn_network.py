@@ -10,7 +10,7 @@ from torch.nn.functional import cross_entropy
 from eskin.graph import join_graphs
 from eskin.model import NetworkConfig
 from eskin.nn import RecogniserNetwork, build_graph_tensors
-from graph_scenes import (
+from helpers.graphs import (
     double,
     flat,
     logits,
@@ -24,7 +24,7 @@ from graph_scenes import (
     stroke_on_grid,
     window_of,
 )
-from live_scenes import network
+from helpers.live import network
 
 
 def embedding(net, batch) -> np.ndarray:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import torch
 
-from graph_scenes import (
+from helpers.graphs import (
     SCENES,
     double,
     logits,
@@ -23,7 +23,7 @@ from graph_scenes import (
     window_of,
     with_bystanders,
 )
-from live_scenes import network
+from helpers.live import network
 
 everywhere = pytest.mark.parametrize("name", SCENES)
 with_and_without = pytest.mark.parametrize("shear", [False, True])

@@ -7,7 +7,7 @@ import pytest
 from eskin.drivers import STEPPED, HostClock, ManualClock, replay_source
 from eskin.errors import RecordingError
 from eskin.recording import RecordingWriter, write_all
-from stream_scenes import (
+from helpers.streams import (
     INFO,
     JOINTS,
     METADATA,

@@ -8,7 +8,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from command_scenes import (
+from eskin.command import CommandMap, Policy, Rule, SimulatedArm, command_function
+from eskin.drivers import HostClock, ManualClock
+from eskin.errors import ArmError
+from eskin.stream import Context
+from helpers.commands import (
     INFO,
     PATCH,
     SECOND,
@@ -17,10 +21,6 @@ from command_scenes import (
     Scene,
     ToldArm,
 )
-from eskin.command import CommandMap, Policy, Rule, SimulatedArm, command_function
-from eskin.drivers import HostClock, ManualClock
-from eskin.errors import ArmError
-from eskin.stream import Context
 
 STARTING_ACTIONS = {"resume", "release"}
 

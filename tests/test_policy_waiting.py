@@ -2,9 +2,9 @@
 
 import pytest
 
-from command_scenes import PATCH, SKIN, Scene
 from eskin.command import CommandMap, Rule, SkinMonitorConfig
 from eskin.touch import TouchStatus
+from helpers.commands import PATCH, SKIN, Scene
 
 ELSEWHERE = SKIN.patches[1]
 

@@ -12,8 +12,8 @@ from eskin.model import load_model
 from eskin.model.file import read_card
 from eskin.recording import read_recording
 from eskin.touch import PipelineConfig
-from graph_scenes import FOLDED, assert_same
-from live_scenes import Press, calibration_of, mounted, record, scans
+from helpers.graphs import FOLDED, assert_same
+from helpers.live import Press, calibration_of, mounted, record, scans
 
 BLIND = GraphConfig(posed=False)
 OPEN = np.array([0.4, -1.3, 1.1, -0.7, 0.9, 0.2])

@@ -3,7 +3,7 @@
 import numpy as np
 
 from eskin.touch import PressDetector, TouchPipeline
-from touch_scenes import calibration_of, mounted_grid, pressed, reading_at
+from helpers.touch import calibration_of, mounted_grid, pressed, reading_at
 
 MOUNTED = mounted_grid(rows=8, columns=8)
 SPOT = 3 * 8 + 5

@@ -17,7 +17,7 @@ from eskin.recording import EventRecord, read_recording, rewrite_recording
 from eskin.recording.messages import pack_event, unpack_event
 from eskin.stream import Recorder, RecorderConfig, Stream
 from eskin.touch import Scan
-from stream_scenes import (
+from helpers.streams import (
     INFO,
     METADATA,
     SECOND,

@@ -9,7 +9,7 @@ import pytest
 from eskin.cli.main import run
 from eskin.model import save_model
 from eskin.recording import read_recording
-from live_scenes import (
+from helpers.live import (
     label,
     model_of,
     mounted,

@@ -3,10 +3,10 @@
 import pytest
 from benchmarks.results import OF_581, Command, spent, task_of
 
-from clip_scenes import generated
 from eskin.learn.comparison import METHODS, MethodResult
 from eskin.learn.comparison.results import KeptResult, keep_result
 from eskin.sim.dataset import GenerationSettings
+from helpers.clips import generated
 
 
 @pytest.mark.parametrize(("learned", "clips"), OF_581.items())

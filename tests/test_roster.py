@@ -5,8 +5,8 @@ import pytest
 from eskin.drivers import EventLog
 from eskin.drivers.module_registry import HOLD_TIME, ModuleRegistry
 from eskin.errors import SkinError
-from module_scenes import SKIN, TAXELS, Module
-from touch_scenes import SECOND, START
+from helpers.modules import SKIN, TAXELS, Module
+from helpers.touch import SECOND, START
 
 FIRST, OTHER = Module(serial=1), Module(serial=2)
 

@@ -9,13 +9,13 @@ import time
 
 import pytest
 
-from device_scenes import PATIENCE, RATE, playing, scans_of, small_skin, udp_skin
 from eskin.cli.main import run
 from eskin.drivers import HostClock, PlayedSource
 from eskin.errors import DeviceError
 from eskin.recording import read_recording
 from eskin.skin import save_skin
-from live_scenes import Press, mounted, record, scans
+from helpers.devices import PATIENCE, RATE, playing, scans_of, small_skin, udp_skin
+from helpers.live import Press, mounted, record, scans
 from test_device_command import StillSimulator
 
 KEYS = {"readings", "dropped", "detections", "commands"}

@@ -16,7 +16,7 @@ from eskin.recording import Metadata, RecordingWriter
 from eskin.sim.interactive import InteractiveSkin, LinkPoint
 from eskin.stream import Recognition
 from eskin.viewer import Viewer
-from live_scenes import write_all
+from helpers.live import write_all
 
 PAUSING = "version: 1\ncommands:\n  - gesture: poke\n    action: pause\n"
 SECOND = 1_000_000_000

@@ -19,7 +19,7 @@ from eskin.page import Answer as Shown
 from eskin.page import ComparisonBoard
 from eskin.page.board import board
 from eskin.sim.scene import are_collision_free
-from world_scenes import world
+from helpers.worlds import world
 
 
 @pytest.fixture(scope="module", autouse=True)

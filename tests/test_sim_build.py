@@ -9,7 +9,7 @@ from eskin.sim.constants import load_constants
 from eskin.sim.sensor.build import build_nominal_sensor, draw_build, find_line_taxels
 from eskin.sim.sensor.velostat import count_steps_from_edge
 from eskin.touch import Calibration
-from touch_scenes import build_grid_skin
+from helpers.touch import build_grid_skin
 
 CONSTANTS = load_constants()
 SKIN = build_grid_skin(12, 12, patches=6)

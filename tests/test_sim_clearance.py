@@ -11,7 +11,7 @@ from eskin.sim.scene import are_collision_free, compute_joint_limits
 from eskin.sim.scene.collision import build_collision_model
 from eskin.sim.scene.validity import are_poses_valid
 from eskin.transforms import apply, invert
-from world_scenes import poses, surface_points, world
+from helpers.worlds import poses, surface_points, world
 
 ROBOT = load_robot("ur5")
 

@@ -13,7 +13,7 @@ from eskin.sim.dataset.plan import BuildOrigin, Origin
 from eskin.sim.dataset.staging import draw_accident, draw_start, set_up_clip
 from eskin.sim.scene.scene import find_contact_steps, shift_touch
 from eskin.sim.scene.validity import find_self_contact_sites
-from world_scenes import world
+from helpers.worlds import world
 
 PLAN = ClipPlan(
     set_name="test",

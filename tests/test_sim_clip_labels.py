@@ -14,7 +14,7 @@ from eskin.sim.dataset.session_file import (
     compute_rest_counts,
 )
 from eskin.touch import Calibration
-from sim_scenes import FULL_SCALE, StandIn
+from helpers.simulation import FULL_SCALE, StandIn
 
 START = 1_750_000_000_000_000_000
 MAKER = StandIn("square")

@@ -5,19 +5,6 @@ import pytest
 from benchmarks.skin_distance import surface_distances
 from scipy.spatial import cKDTree
 
-from contact_scenes import (
-    DOME,
-    FINGERS,
-    FLAT,
-    TIP,
-    TUBE,
-    WIDE_TUBE,
-    chart_of,
-    field,
-    force_on,
-    press,
-    stamps,
-)
 from eskin.robot import load_robot
 from eskin.sim import build_charts, load_constants
 from eskin.sim.contact.pressure import (
@@ -35,6 +22,19 @@ from eskin.sim.contact.pressure import (
 )
 from eskin.skin import MountedSkin, Plane, Tube
 from eskin.skin.presets import build_ur5_skin
+from helpers.contacts import (
+    DOME,
+    FINGERS,
+    FLAT,
+    TIP,
+    TUBE,
+    WIDE_TUBE,
+    chart_of,
+    field,
+    force_on,
+    press,
+    stamps,
+)
 
 CONSTANTS = load_constants()
 CHARTS = {"flat": FLAT, "tube": TUBE, "wide tube": WIDE_TUBE, "dome": DOME}

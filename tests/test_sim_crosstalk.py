@@ -9,7 +9,7 @@ from eskin.sim.sensor.build import draw_build
 from eskin.sim.sensor.kernels import read_array
 from eskin.sim.sensor.model import SensorStages
 from eskin.sim.sensor.sensor import sense
-from sensor_scenes import CONSTANTS, NONE, SKIN, same_session
+from helpers.sensors import CONSTANTS, NONE, SKIN, same_session
 
 
 def network(g, i, j):

@@ -6,7 +6,7 @@ import pytest
 from eskin.sim.constants import load_constants
 from eskin.sim.sensor.build import draw_build, find_line_taxels
 from eskin.sim.sensor.electrical import ELECTRICAL_EVENTS, add_electrical_event
-from touch_scenes import build_grid_skin
+from helpers.touch import build_grid_skin
 
 CONSTANTS = load_constants()
 SKIN = build_grid_skin(6, 6, patches=2)

@@ -17,7 +17,7 @@ from eskin.sim.scene.folds import (
 )
 from eskin.sim.scene.poses import build_pose_pool, draw_touching_pose
 from eskin.sim.scene.validity import find_self_contact_sites
-from world_scenes import EVERY, people, poses, world
+from helpers.worlds import EVERY, people, poses, world
 
 
 def pairs(count, seed=0):

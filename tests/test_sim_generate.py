@@ -14,7 +14,7 @@ from eskin.errors import GenerationError
 from eskin.recording import find_recordings, read_recording
 from eskin.sim.dataset import GenerationSettings, generate
 from eskin.touch import Calibrator
-from sim_scenes import Dying, Failing, Slow, StandIn
+from helpers.simulation import Dying, Failing, Slow, StandIn
 
 SECOND = 1_000_000_000
 SMALL = GenerationSettings("train", "square", seed=3, clips=23, subjects=4)
@@ -158,7 +158,7 @@ def test_a_worker_that_dies_ends_it_in_one_line(tmp_path):
 
 SCRIPT = """
 from pathlib import Path
-from sim_scenes import Slow
+from helpers.simulation import Slow
 from eskin.sim.dataset.generate import generate
 from eskin.sim.dataset.settings import GenerationSettings
 if __name__ == "__main__":

@@ -15,7 +15,7 @@ from eskin.sim.dataset import (
     read_index,
     remake_clip,
 )
-from sim_scenes import StandIn
+from helpers.simulation import StandIn
 
 SMALL = GenerationSettings("train", "square", seed=3, clips=23, subjects=4)
 SECOND = 1_000_000_000

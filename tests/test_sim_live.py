@@ -18,8 +18,8 @@ from eskin.sim.sensor.noise import NOISE_BLOCK, ReadingLosses, ReadingNoise
 from eskin.sim.sensor.sensor import Sensor, sense
 from eskin.touch import Calibrator, ContactConfig
 from eskin.transforms import apply
-from sensor_scenes import CONSTANTS
-from touch_scenes import build_grid_skin
+from helpers.sensors import CONSTANTS
+from helpers.touch import build_grid_skin
 
 Q = np.array([0.3, -1.2, 1.0, -1.0, -1.5, 0.2])
 SWAY = np.array([0.1, 0.05, -0.1, 0.2, 0.0, 0.1])

@@ -17,7 +17,7 @@ from eskin.sim.scene.motion import (
 )
 from eskin.sim.scene.placement import draw_site
 from eskin.sim.scene.poses import compute_pose_group, draw_touching_pose
-from world_scenes import EVERY, people, poses, world
+from helpers.worlds import EVERY, people, poses, world
 
 STEP = 0.01
 ROBOT = world().mounted.robot

@@ -28,7 +28,7 @@ from eskin.sim.people.person import draw_person
 from eskin.sim.scene import load_environment
 from eskin.skin import SKIN_PRESETS, MountedSkin, load_skin
 from eskin.touch import TouchPipeline
-from world_scenes import world
+from helpers.worlds import world
 
 SECOND = 1_000_000_000
 SEEDS = range(8)

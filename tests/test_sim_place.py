@@ -18,7 +18,7 @@ from eskin.sim.scene.placement import (
 )
 from eskin.sim.scene.targets import EDGE, INNER, REGIONS, SEAM, compute_edge_distance
 from eskin.skin import Tube
-from world_scenes import people, poses, world
+from helpers.worlds import people, poses, world
 
 COUNT = 120
 

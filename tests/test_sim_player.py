@@ -9,7 +9,7 @@ from eskin.sim.dataset import Simulator
 from eskin.sim.interactive import TouchPlayer
 from eskin.sim.interactive.player import LEAD_SECONDS, STRETCH_SECONDS
 from eskin.touch import Calibrator, ContactConfig
-from sim_scenes import StandIn
+from helpers.simulation import StandIn
 
 RATE = 50
 READINGS = round(RATE * STRETCH_SECONDS)

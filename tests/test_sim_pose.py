@@ -13,7 +13,7 @@ from eskin.sim.scene.poses import (
     draw_touching_pose,
 )
 from eskin.sim.scene.validity import are_poses_valid, find_self_contact_sites
-from world_scenes import EVERY, people, poses, world
+from helpers.worlds import EVERY, people, poses, world
 
 
 def test_every_pose_has_one_group_of_twelve():

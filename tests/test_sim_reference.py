@@ -14,10 +14,10 @@ from benchmarks.simulation.mujoco_contact import (
     sheet_about,
 )
 
-from contact_scenes import DOME, FINGERS, FLAT, TIP, TUBE, WIDE_TUBE, field, press
 from eskin.errors import ExtraError
 from eskin.sim import load_constants
 from eskin.sim.contact.pressure import compute_pressure_field
+from helpers.contacts import DOME, FINGERS, FLAT, TIP, TUBE, WIDE_TUBE, field, press
 
 pytest.importorskip("mujoco", reason="the reference needs MuJoCo, extra `sim`")
 

@@ -9,7 +9,7 @@ from eskin.sim.sensor.build import draw_build
 from eskin.sim.sensor.model import SensorStages
 from eskin.sim.sensor.noise import NOISE_BLOCK
 from eskin.sim.sensor.sensor import sense
-from sensor_scenes import (
+from helpers.sensors import (
     CONSTANTS,
     ELEMENT,
     NONE,

@@ -9,7 +9,7 @@ from eskin.sim.sensor.build import build_nominal_sensor, draw_build
 from eskin.sim.sensor.model import SensorStages, draw_session
 from eskin.sim.sensor.sensor import sense
 from eskin.touch import Calibrator
-from sensor_scenes import (
+from helpers.sensors import (
     CONSTANTS,
     ELEMENT,
     SKIN,
@@ -20,7 +20,7 @@ from sensor_scenes import (
     same_session,
     step_load,
 )
-from touch_scenes import build_grid_skin, scan_at
+from helpers.touch import build_grid_skin, scan_at
 
 ONSET = 5
 PERIOD = 0.02

@@ -7,7 +7,6 @@ import numpy as np
 from benchmarks.fuzz.mutation import mutate
 from benchmarks.soak.stream import stream_simulated
 
-from device_scenes import RATE, Listener, scans_of, small_skin
 from eskin.drivers import (
     DeviceSource,
     FixedJoints,
@@ -20,6 +19,7 @@ from eskin.drivers.virtual import VirtualSkin
 from eskin.robot import load_robot
 from eskin.skin import MountedSkin
 from eskin.touch import Calibration
+from helpers.devices import RATE, Listener, scans_of, small_skin
 
 FATES = (
     "used duplicate late superseded incomplete damaged unknown foreign held hello "

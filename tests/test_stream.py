@@ -26,8 +26,8 @@ from eskin.stream import (
     stop_on_signals,
 )
 from eskin.touch import Fault, Scan
-from live_scenes import calibration_of, model_of, mounted, network, scans, two_hands
-from stream_scenes import INFO, START, Ear, make_scans, played, same_scans
+from helpers.live import calibration_of, model_of, mounted, network, scans, two_hands
+from helpers.streams import INFO, START, Ear, make_scans, played, same_scans
 
 SCANS = make_scans(200)
 EVENT = Event(START, "appeared", "patch 'a' is there")
@@ -414,7 +414,7 @@ STREAMING = """
     sys.path.insert(0, sys.argv[3])
     from eskin.drivers import HostClock
     from eskin.stream import Recorder, Stream, stop_on_signals, RecorderConfig
-    from stream_scenes import METADATA, Ear, make_scans, played
+    from helpers.streams import METADATA, Ear, make_scans, played
     hang = (lambda scan: time.sleep(60)) if sys.argv[2] == "hang" else None
     source = played(make_scans(5000), 1.0, HostClock())
     recorder = Recorder(sys.argv[1], METADATA, RecorderConfig(least_free=0))

@@ -1,12 +1,12 @@
 import numpy as np
 import pytest
-from tests.timeline_scenes import said, stamp, write_recording
 
 from eskin.cli.main import run
 from eskin.errors import RecordingError
 from eskin.recording import Label, read_recording
 from eskin.viewer.editing import LabelEditor, compare, envelope, load_replayed
 from eskin.viewer.timeline import PlaybackClock
+from helpers.timelines import said, stamp, write_recording
 
 PRESSES = (("poke", 1.0, 1.4), ("grab", 3.0, 4.0))
 

@@ -8,7 +8,7 @@ from scipy.spatial.distance import cdist
 from eskin.errors import ReadingError
 from eskin.touch import TOUCH, Adjacency, TouchRecord
 from eskin.touch.contact_kernels import find_candidates
-from touch_scenes import (
+from helpers.touch import (
     START,
     hinged_skin,
     mounted_grid,

@@ -6,7 +6,7 @@ import pytest
 from eskin.errors import ReadingError
 from eskin.skin import MountedSkin
 from eskin.touch import PipelineConfig, TouchConfig, TouchPipeline
-from touch_scenes import (
+from helpers.touch import (
     calibration_of,
     hinged_skin,
     mounted_grid,

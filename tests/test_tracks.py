@@ -3,7 +3,7 @@ import pytest
 
 from eskin.errors import ReadingError
 from eskin.skin import MountedSkin
-from touch_scenes import (
+from helpers.touch import (
     hinged_skin,
     mounted_grid,
     moved,

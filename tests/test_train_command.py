@@ -14,7 +14,7 @@ from eskin.learn.dataset import hash_recordings
 from eskin.learn.recording_transforms import AgingConfig
 from eskin.learn.training import Trainer
 from eskin.model import load_model
-from learn_scenes import FLAGS, label, record, record_people
+from helpers.learning import FLAGS, label, record, record_people
 
 KEYS = ["val_accuracy", "test_accuracy", "epochs", "seconds"]
 

@@ -10,7 +10,7 @@ from benchmarks.transfer import SETS, Answer, Group, Setting, Trial
 
 from eskin import load_model
 from eskin.recording.socialtouch import GESTURES
-from socialtouch_scenes import pressed, text_of, write_socialtouch
+from helpers.socialtouch import pressed, text_of, write_socialtouch
 
 SOCIAL = SETS["socialtouch"]
 SETTING = Setting(4.0, 40.0, 50.0)

@@ -15,8 +15,8 @@ from eskin.drivers import HostClock, encode_frame, encode_packet
 from eskin.drivers.serial_transport import SerialPort, SerialTransport
 from eskin.drivers.udp_transport import PEER_TIMEOUT, PeerAddressFilter, UdpTransport
 from eskin.errors import DeviceError
-from module_scenes import MS, START, Module
-from touch_scenes import SECOND
+from helpers.modules import MS, START, Module
+from helpers.touch import SECOND
 
 PATIENCE = 20.0
 HELLO = encode_packet(Module(0).hello(START))

@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 from benchmarks.ur_stand_in import StandIn
 
-from command_scenes import INFO, VOCABULARY, Scene
 from eskin.app import open_arm
 from eskin.command import FRAME_TASK, MotionConfig, Policy, PolicyConfig, UrArm
 from eskin.drivers import ManualClock
 from eskin.errors import ArmError
 from eskin.stream import Context
 from eskin.ur import PERIOD, ControllerLink, UrLink, UrStatus
+from helpers.commands import INFO, VOCABULARY, Scene
 
 SECOND = 1_000_000_000
 START = np.array(FRAME_TASK.waypoints[0].q) + (1.5, 0, 0, 0, 0, 0)

@@ -1,12 +1,13 @@
 import os
 import signal
 import socket
+import subprocess
+import sys
 import threading
 import time
 
 import numpy as np
 import pytest
-from tests.viewer_scenes import mounted, picture, setup
 
 from eskin.errors import DeviceError
 from eskin.page import ColourScale, PageOrder, TouchOrder
@@ -16,6 +17,7 @@ from eskin.page.port import free_port
 from eskin.viewer.appearance import build_link_meshes
 from eskin.viewer.process import MAX_IN_FLIGHT, MAX_ORDERS, PageProcess
 from eskin.viewer.viewer import describe_arm
+from helpers.viewer import mounted, picture, setup
 
 FOREARM = 1200
 
@@ -313,18 +315,18 @@ def test_orders_that_nobody_obeys_in_time_are_dropped_and_counted():
 def test_the_process_ends_with_its_parent_even_when_that_is_killed():
     code = (
         "import time\n"
-        "from tests.viewer_scenes import setup\n"
+        "from helpers.viewer import setup\n"
         "from eskin.viewer.process import PageProcess\n"
         "page = PageProcess(setup(), 0, None)\n"
         "page.wait_ready(60)\n"
         "print(page.process.pid, flush=True)\n"
         "time.sleep(60)\n"
     )
-    import subprocess
-    import sys
-
     parent = subprocess.Popen(
-        [sys.executable, "-c", code], stdout=subprocess.PIPE, text=True
+        [sys.executable, "-c", code],
+        cwd=Path(__file__).parent,
+        stdout=subprocess.PIPE,
+        text=True,
     )
     with parent:
         child = int(parent.stdout.readline())

@@ -6,10 +6,10 @@ import time
 
 import numpy as np
 import pytest
-from tests.viewer_scenes import Q, mounted, picture, setup
 
 from eskin.page import ArmSummary, LogEntry
 from eskin.viewer.process import PageProcess
+from helpers.viewer import Q, mounted, picture, setup
 
 pytest.importorskip(
     "playwright.sync_api", reason="no playwright; pip install 'eskin[dev]'"

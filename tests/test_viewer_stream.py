@@ -2,8 +2,6 @@ import logging
 
 import numpy as np
 import pytest
-from tests.live_scenes import START, calibration_of, say_always, scans, two_hands
-from tests.viewer_scenes import Q, mounted, picture, setup
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
 
@@ -16,6 +14,8 @@ from eskin.transforms import apply
 from eskin.viewer import Viewer, ViewerConfig
 from eskin.viewer.process import PageProcess
 from eskin.viewer.viewer import MAX_LOG_ENTRIES, FrameEncoder
+from helpers.live import START, calibration_of, say_always, scans, two_hands
+from helpers.viewer import Q, mounted, picture, setup
 
 
 def detection(p_world):

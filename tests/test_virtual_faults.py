@@ -7,7 +7,10 @@ import numpy as np
 import pytest
 import serial
 
-from device_scenes import (
+from eskin.drivers import Data, Deframer, Hello, HostClock, ManualClock, decode_packet
+from eskin.drivers.virtual import FAULT_KINDS, PtyPort, VirtualSkin, parse_fault
+from eskin.errors import PacketError
+from helpers.devices import (
     PATIENCE,
     RATE,
     Listener,
@@ -17,9 +20,6 @@ from device_scenes import (
     scans_of,
     small_skin,
 )
-from eskin.drivers import Data, Deframer, Hello, HostClock, ManualClock, decode_packet
-from eskin.drivers.virtual import FAULT_KINDS, PtyPort, VirtualSkin, parse_fault
-from eskin.errors import PacketError
 
 
 def counts_of(packets, address):

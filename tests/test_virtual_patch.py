@@ -9,19 +9,6 @@ import time
 import numpy as np
 import pytest
 
-from device_scenes import (
-    RATE,
-    Listener,
-    heard_with,
-    listening,
-    opened,
-    playing,
-    pty_skin,
-    read_packets,
-    scans_of,
-    small_skin,
-    udp_skin,
-)
 from eskin.drivers import (
     Data,
     Deframer,
@@ -42,6 +29,19 @@ from eskin.drivers.virtual import (
 from eskin.errors import DeviceError
 from eskin.skin import build_grid_skin, load_skin
 from eskin.touch import Scan
+from helpers.devices import (
+    RATE,
+    Listener,
+    heard_with,
+    listening,
+    opened,
+    playing,
+    pty_skin,
+    read_packets,
+    scans_of,
+    small_skin,
+    udp_skin,
+)
 
 SECOND = 1_000_000_000
 

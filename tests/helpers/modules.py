@@ -12,7 +12,7 @@ from eskin.drivers import (
     ReceivedPacket,
     Transport,
 )
-from touch_scenes import SECOND, START, build_grid_skin
+from helpers.touch import SECOND, START, build_grid_skin
 
 MS = SECOND // 1000
 ROWS, COLUMNS = 2, 3

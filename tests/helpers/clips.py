@@ -10,7 +10,7 @@ from eskin.learn.dataset import Dataset
 from eskin.learn.ground_truth import Clip
 from eskin.sim.dataset import GenerationSettings, generate
 from eskin.skin import MountedSkin
-from sim_scenes import StandIn
+from helpers.simulation import StandIn
 
 SECOND = 1_000_000_000
 START = 1_700_000_000 * SECOND

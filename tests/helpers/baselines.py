@@ -6,7 +6,7 @@ import numpy as np
 
 from eskin.learn.baselines import READINGS, SkinWindows
 from eskin.skin import MountedSkin
-from live_scenes import mounted
+from helpers.live import mounted
 
 UR5: MountedSkin = mounted("ur5")
 RESTS = 20  # readings before the touch

@@ -8,7 +8,7 @@ from eskin.sim.constants import load_constants
 from eskin.sim.sensor.build import build_nominal_sensor
 from eskin.sim.sensor.model import SensorSession, SensorStages
 from eskin.sim.sensor.sensor import sense
-from touch_scenes import build_grid_skin
+from helpers.touch import build_grid_skin
 
 CONSTANTS = load_constants()
 SKIN = build_grid_skin(6, 6, patches=2)
