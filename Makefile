@@ -6,7 +6,7 @@ SOCIALTOUCH ?= ../shared/data/socialtouch
 BIN := .venv/bin
 READY := .venv/.ready
 
-.PHONY: demo touches test check format docs bench results validate soak fuzz clean
+.PHONY: demo touches test test-fast check format docs bench results validate soak fuzz clean
 
 demo: $(READY)
 	$(BIN)/eskin demo
@@ -16,6 +16,10 @@ touches: $(READY)
 
 test: $(READY)
 	$(BIN)/pytest
+
+# Those that take less than a second each, for everyday work.
+test-fast: $(READY)
+	$(BIN)/pytest -m "not slow"
 
 check: $(READY)
 	$(BIN)/ruff format --check .
@@ -38,10 +42,10 @@ bench: $(READY)
 	$(BIN)/python -m benchmarks.limit
 	$(BIN)/python -m benchmarks.network_step
 
-# The tables of docs/comparison.md: simulated people, a night on two cores; those of real
-# recordings in docs/results.md, half an hour. What was answered is kept in
-# benchmarks/kept, so that a run that was cut goes on. FORM=short shows in a quarter of an
-# hour that all of it runs.
+# The tables of docs/comparison.md: simulated people, some hours on two cores; those of
+# real recordings in docs/results.md, half an hour. What was answered is kept in
+# benchmarks/kept, so that a run that was cut goes on. FORM=short shows in two minutes
+# that all of it runs.
 FORM ?= long
 SETS ?= sets
 results: $(READY)

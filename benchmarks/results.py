@@ -12,7 +12,7 @@ told and made again.
 import math
 import os
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import chain
 from pathlib import Path
 from typing import Literal
@@ -30,6 +30,7 @@ from eskin.learn.comparison import (
     METHODS,
     Method,
     MethodResult,
+    RecogniserMethod,
     RunKey,
     TrainingTask,
     find_examples,
@@ -74,22 +75,44 @@ class Form:
     studies: Mapping[str, tuple[int, tuple[str, ...]]]
     """Of neighbours and pooling, by the name of its picture: on how many paper-size
     sets, and what else is said to it."""
+    steps: int | None = None
+    """Steps that our network is trained for; as many as it should be where None."""
+
+    @property
+    def methods(self) -> dict[str, Method]:
+        """Return all methods by name, those that lack something among them."""
+        return {
+            name: self.shorten(method) for name, method in (METHODS | ABLATIONS).items()
+        }
+
+    def shorten(self, method: Method) -> Method:
+        """Return a method with fewer steps, if it trains our network."""
+        if self.steps is None or not isinstance(method, RecogniserMethod):
+            return method
+        config = replace(method.config, epochs=1, steps=self.steps)
+        return replace(method, config=config)
 
 
 FORMS = {
     "short": Form(
         draws=1,
-        clips=67,
+        clips=33,
         network_draws=0,
-        train=100,
-        test=50,
+        train=40,
+        test=16,
         large=("eskin", "gradient-boosting"),
         sizes=(29,),
         curve_draws=1,
         leak_draws=1,
         harmed=("eskin", "random-forest"),
         kinds=("dead",),
-        studies={"study": (1, ("--networks", "eskin", "--k", "8", "--seeds", "1"))},
+        studies={
+            "study": (
+                1,
+                ("--networks", "paper", "--k", "8", "--epochs", "1", "--seeds", "1"),
+            )
+        },
+        steps=10,
     ),
     "long": Form(
         draws=10,
@@ -195,14 +218,15 @@ def table(command: Command, form: Form) -> None:
     """Every method on paper-size sets (Table III)."""
     draws = paper_sets(command, form.draws)
     fast = tuple(name for name in METHODS if name not in NETWORKS)
-    show_compared(command, draws, fast)
+    show_compared(command, form, draws, fast)
     if form.network_draws:
         print("\nNetworks of others on the first of these:\n")
-        show_compared(command, draws[: form.network_draws], ("eskin", *NETWORKS))
+        networks = ("eskin", *NETWORKS)
+        show_compared(command, form, draws[: form.network_draws], networks)
 
 
 def show_compared(
-    command: Command, draws: Sequence[Path], methods: tuple[str, ...]
+    command: Command, form: Form, draws: Sequence[Path], methods: tuple[str, ...]
 ) -> None:
     """Compare methods on some draws."""
     trains, tests = parts_of(draws)
@@ -235,8 +259,8 @@ def large(command: Command, form: Form) -> None:
 
 def clips(command: Command, form: Form) -> None:
     """Accuracy against the number of clips learned, ours and what lacks something."""
-    names = ("eskin", "boosting-on-touch", "random-forest")
-    methods = {**{name: METHODS[name] for name in names}, **ABLATIONS}
+    names = ("eskin", "boosting-on-touch", "random-forest", *ABLATIONS)
+    methods = {name: form.methods[name] for name in names}
     tests = [draw / "test" for draw in paper_sets(command, form.curve_draws)]
     asked: dict[tuple[str, int, RunKey], TrainingTask] = {}
     for size in form.sizes:
@@ -316,7 +340,8 @@ def harmed(command: Command, form: Form) -> None:
             *(trains, tests, form.harmed, form.kinds),
             picture=command.pictures / "robustness.png",
             **command.options("robustness"),  # type: ignore
-        )
+        ),
+        form.methods,
     )
 
 

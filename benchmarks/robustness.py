@@ -22,6 +22,7 @@ from benchmarks.corruption import KINDS, Corruption, Kind
 from eskin.cli.compare import train_all
 from eskin.learn.comparison import (
     METHODS,
+    Method,
     MethodResult,
     RunKey,
     TrainingTask,
@@ -113,9 +114,16 @@ class Command:
             )
 
 
-def main(command: Command) -> None:
-    """Train, answer, print and draw."""
-    tasks = [task for name in command.methods for task in tasks_of(command, name)]
+def main(command: Command, methods: Mapping[str, Method] = METHODS) -> None:
+    """Train, answer, print and draw.
+
+    Args:
+        command: what is asked for.
+        methods: methods by name.
+    """
+    tasks = [
+        task for name in command.methods for task in tasks_of(command, name, methods)
+    ]
     done = train_all(tasks, command.results, command.workers, command.minutes)
     found: dict[str, dict[RunKey, MethodResult]] = {}
     for result in done:
@@ -130,7 +138,9 @@ def main(command: Command) -> None:
             draw(whole, command.kinds, command.picture)
 
 
-def tasks_of(command: Command, name: str) -> list[TrainingTask]:
+def tasks_of(
+    command: Command, name: str, methods: Mapping[str, Method]
+) -> list[TrainingTask]:
     """The trainings of a method, each of which is asked its test in every version."""
     tasks = []
     for n, places in enumerate(zip(command.train, command.test, strict=True)):
@@ -141,7 +151,7 @@ def tasks_of(command: Command, name: str) -> list[TrainingTask]:
             Corruption(kind, a, seed) for kind in command.kinds for a in AMOUNTS[kind]
         ]
         tests = {UNHARMED: test, **{h.name: replace(test, transform=h) for h in harms}}
-        tasks.append(TrainingTask(name, METHODS[name], train, tests, seed))
+        tasks.append(TrainingTask(name, methods[name], train, tests, seed))
     return tasks
 
 

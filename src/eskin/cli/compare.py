@@ -15,6 +15,7 @@ from eskin.learn.baselines import Pooling
 from eskin.learn.comparison import (
     METHODS,
     Examples,
+    Method,
     MethodResult,
     RunKey,
     TrainingTask,
@@ -86,8 +87,15 @@ class CompareCommand:
             )
 
 
-def run_compare(command: CompareCommand) -> dict[str, object]:
-    """Train and test all methods, print the tables, and return their rows."""
+def run_compare(
+    command: CompareCommand, methods: Mapping[str, Method] = METHODS
+) -> dict[str, object]:
+    """Train and test all methods, print the tables, and return their rows.
+
+    Args:
+        command: the command.
+        methods: methods by name.
+    """
     check_writable(command.results)
     check_folder(command.pack)
     draws = load_draws(command)
@@ -96,7 +104,7 @@ def run_compare(command: CompareCommand) -> dict[str, object]:
     runs = list(product(range(len(draws)), range(command.seeds)))
     wanted = [(name, run) for run in runs for name in command.methods]
     tasks = [
-        TrainingTask(name, METHODS[name], *draws[draw], draw * command.seeds + seed)
+        TrainingTask(name, methods[name], *draws[draw], draw * command.seeds + seed)
         for name, (draw, seed) in wanted
     ]
     results = train_all(tasks, command.results, command.workers, command.minutes)
