@@ -17,8 +17,7 @@ import numpy as np
 import torch
 import tyro
 
-from eskin.cli.generate import Command as Generate
-from eskin.cli.generate import SkinName, run
+from eskin.cli.generate import GenerateCommand, SkinName, run
 from eskin.learn.checkpoint import to_network
 from eskin.learn.dataset import prepare
 from eskin.learn.windows import build_network_input, cut_windows
@@ -103,7 +102,7 @@ def main() -> None:
     for skin in get_args(SkinName):
         clips = command.clips if skin == USUAL else command.clips // 10
         folder = command.sets / f"exact-{skin}-{clips}"
-        run(Generate(folder, skin=skin, set="test-m", clips=clips))
+        run(GenerateCommand(folder, skin=skin, set="test-m", clips=clips))
         paths = find_recordings([folder])
         for name, stream in STREAMS.items() if skin == USUAL else FIRST:
             some = (

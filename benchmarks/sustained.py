@@ -128,7 +128,7 @@ def watched() -> Iterator[Causes]:
         else:
             causes.collector.append((opened[0], time.perf_counter()))
 
-    class Listener(event.Listener):
+    class CompilationListener(event.Listener):
         def on_start(self, happened: Any) -> None:  # noqa: ANN401
             self.begun = time.perf_counter()
 
@@ -136,7 +136,7 @@ def watched() -> Iterator[Causes]:
             causes.compiler.append((self.begun, time.perf_counter()))
 
     gc.callbacks.append(collected)
-    with event.install_listener("numba:compile", Listener()):
+    with event.install_listener("numba:compile", CompilationListener()):
         yield causes
     gc.callbacks.remove(collected)
 

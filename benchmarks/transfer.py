@@ -129,7 +129,7 @@ class PublicSet:
 
 
 @dataclass(frozen=True)
-class Setting:
+class TransferSetting:
     """What a set does not state."""
 
     pitch_mm: float
@@ -146,7 +146,7 @@ class Setting:
 
 
 @dataclass(frozen=True)
-class Answer:
+class TrialAnswer:
     """What the recogniser makes of one trial."""
 
     subject: str
@@ -216,7 +216,7 @@ def main() -> None:
     public, model = SETS[command.dataset], load_model(command.model)
     if command.headline:
         public = replace(public, groups=headline_of(public))
-    setting = Setting(
+    setting = TransferSetting(
         command.pitch_mm, command.full_scale_kpa, command.rate, command.floor
     )
     trials = trials_of(public, command.data or public.folder)
@@ -259,8 +259,8 @@ def socialtouch_trials(folder: Path) -> Iterator[Trial]:
 
 
 def answer_trials(
-    trials: Iterable[Trial], public: PublicSet, model: Model, setting: Setting
-) -> list[Answer]:
+    trials: Iterable[Trial], public: PublicSet, model: Model, setting: TransferSetting
+) -> list[TrialAnswer]:
     """Play every trial to a fresh recogniser."""
     pitch = setting.pitch_mm / 1000
     skin = build_grid_skin(public.rows, public.columns, pitch, calibrated=True)
@@ -275,7 +275,7 @@ def answer_trials(
     ]
 
 
-def answer(trial: Trial, recognizer: Recognizer, rate: float) -> Answer:
+def answer(trial: Trial, recognizer: Recognizer, rate: float) -> TrialAnswer:
     """Play one trial."""
     touches = TouchTraces(recognizer)
     for scan in scans_of(trial, rate):
@@ -284,7 +284,7 @@ def answer(trial: Trial, recognizer: Recognizer, rate: float) -> Answer:
     said = {detection.gesture for detection in touches.detections} - {NONE}
     touch = touches.largest()
     seconds = touched_seconds(trial)
-    found = Answer(
+    found = TrialAnswer(
         trial.subject, trial.gesture, NONE, NONE, tuple(sorted(said)), seconds
     )
     if touch is None:
@@ -326,7 +326,7 @@ def scans_of(trial: Trial, rate: float) -> Iterator[Scan]:
 
 
 @dataclass(eq=False)
-class Trace:
+class TouchTrace:
     """The probabilities of one touch at each reading while it is open."""
 
     onset: int
@@ -368,7 +368,7 @@ class TouchTraces:
     def __init__(self, recognizer: Recognizer) -> None:
         """Start before the first scan."""
         self.recognizer = recognizer
-        self.traces: dict[int, Trace] = {}
+        self.traces: dict[int, TouchTrace] = {}
         self.merged: set[int] = set()
         self.detections: list[Detection] = []
 
@@ -378,7 +378,7 @@ class TouchTraces:
         state = self.recognizer.state
         assert state is not None
         for touch in state.open:
-            trace = self.traces.setdefault(touch.id, Trace(touch.onset, 0, [], []))
+            trace = self.traces.setdefault(touch.id, TouchTrace(touch.onset, 0, [], []))
             trace.last = touch.last
             trace.stamps.append(scan.stamp)
             trace.probabilities.append(self.recognizer.probabilities[touch.id])
@@ -399,13 +399,13 @@ class TouchTraces:
             if row.merged_into:
                 self.merged.add(row.id)
 
-    def largest(self) -> Trace | None:
+    def largest(self) -> TouchTrace | None:
         """The touch of largest impulse; None where nothing was felt."""
         whole = [self.traces[key] for key in self.traces.keys() - self.merged]
         return max(whole, key=lambda trace: trace.impulse, default=None)
 
 
-def members(answers: Iterable[Answer], group: Group) -> list[Answer]:
+def members(answers: Iterable[TrialAnswer], group: Group) -> list[TrialAnswer]:
     """The answers that count for a group."""
     return [
         answer
@@ -415,7 +415,9 @@ def members(answers: Iterable[Answer], group: Group) -> list[Answer]:
     ]
 
 
-def figures(answers: Sequence[Answer], group: Group, model: Model) -> dict[str, object]:
+def figures(
+    answers: Sequence[TrialAnswer], group: Group, model: Model
+) -> dict[str, object]:
     """All figures of a group, and of each person in it."""
     inside = members(answers, group)
     people = sorted({answer.subject for answer in inside})
@@ -434,7 +436,7 @@ def figures(answers: Sequence[Answer], group: Group, model: Model) -> dict[str, 
 
 
 def gesture_figures(
-    answers: Sequence[Answer], public: PublicSet, model: Model
+    answers: Sequence[TrialAnswer], public: PublicSet, model: Model
 ) -> dict[str, dict[str, object]]:
     """The figures of every gesture of the set on its own, however long it lasts."""
     return {
@@ -447,7 +449,7 @@ def gesture_figures(
 
 
 def shares(
-    answers: Sequence[Answer], truth: str | None, model: Model
+    answers: Sequence[TrialAnswer], truth: str | None, model: Model
 ) -> dict[str, object]:
     """What share of trials was answered how; of what is right only where that is known.
 
@@ -515,7 +517,7 @@ def rows_of(
 
 
 def sweep(
-    trials: Sequence[Trial], public: PublicSet, model: Model, usual: Setting
+    trials: Sequence[Trial], public: PublicSet, model: Model, usual: TransferSetting
 ) -> list[dict[str, Any]]:
     """The share of right forced choices of each headline group, setting by setting."""
     groups = headline_of(public)

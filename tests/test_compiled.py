@@ -1,4 +1,7 @@
-"""What numba keeps on disk follows a change in any kernel that a module imports."""
+"""Tests of what is kept between runs: it follows the code that it was made of.
+
+These are compiled functions, digests of code, and files that are written as a whole.
+"""
 
 import ast
 import importlib
@@ -6,60 +9,69 @@ import sys
 
 import pytest
 
-from eskin import compiled
+from eskin import code_digest, compiled
+from eskin.files import atomic_path
 
-MODULES = ("eskin.caller_kernels", "eskin.callee_kernels", "eskin.constants")
-CALLER = """
+KERNEL_MODULES = {
+    "caller_kernels": """
 from eskin.compiled import compiled
 from eskin.callee_kernels import double
 
 @compiled
 def quadruple(x):
     return double(double(x))
-"""
-CALLEE = """
+""",
+    "callee_kernels": """
 from eskin.compiled import compiled
 from eskin.constants import FACTOR
 
 @compiled
 def double(x):
     return {} * FACTOR * x
-"""
+""",
+    "constants": "FACTOR = {}",
+}
+DIGESTED_MODULES = {
+    "__init__": "",
+    "top": '"""Top."""\nfrom eskin.low import f\nimport numpy\n',
+    "low": 'def f():\n    """Low."""\n    return 1  # one\n',
+    "aside": "X = 1\n",
+}
 
 
 @pytest.fixture
-def load(tmp_path, monkeypatch):
-    """Import the two modules anew; returns the result and the hits of the cache."""
+def call_kernel(tmp_path, monkeypatch):
+    """Return a function that imports the kernels anew and calls them.
+
+    Its result is that of the call, and how often the cache on disk was used.
+    """
     monkeypatch.setattr(compiled, "PACKAGE", tmp_path)
     monkeypatch.setattr(sys.modules["eskin"], "__path__", [str(tmp_path)])
+    (tmp_path / "compiled.py").touch()
 
-    def load(factor, constant=1):
-        (tmp_path / "compiled.py").touch()
-        (tmp_path / "constants.py").write_text(f"FACTOR = {constant}")
-        (tmp_path / "caller_kernels.py").write_text(CALLER)
-        (tmp_path / "callee_kernels.py").write_text(CALLEE.format(factor))
-        for name in MODULES:
-            sys.modules.pop(name, None)
+    def forget():
+        for name in KERNEL_MODULES:
+            sys.modules.pop(f"eskin.{name}", None)
         compiled.digest_sources.cache_clear()
         importlib.invalidate_caches()
+
+    def call_kernel(factor, constant=1):
+        values = {"callee_kernels": factor, "constants": constant}
+        for name, text in KERNEL_MODULES.items():
+            (tmp_path / f"{name}.py").write_text(text.format(values.get(name)))
+        forget()
         module = importlib.import_module("eskin.caller_kernels")
         return module.quadruple(1), sum(module.quadruple.stats.cache_hits.values())
 
-    yield load
-    for name in MODULES:
-        sys.modules.pop(name, None)
-    compiled.digest_sources.cache_clear()
+    yield call_kernel
+    forget()
 
 
-def test_compiled_function_is_kept_until_a_callee_changes(load):
-    assert load("2") == (4, 0)
-    assert load("2") == (4, 1)
-    assert load("(1 + 2)") == (9, 0)
-
-
-def test_compiled_function_is_kept_until_a_constant_changes(load):
-    assert load("2") == (4, 0)
-    assert load("2", constant=(1 + 4)) == (100, 0)
+def test_compiled_function_is_kept_until_a_callee_or_constant_changes(call_kernel):
+    assert call_kernel("2") == (4, 0)
+    assert call_kernel("2") == (4, 1)
+    assert call_kernel("(1 + 2)") == (9, 0)
+    assert call_kernel("2", constant=(1 + 4)) == (100, 0)
 
 
 def test_compiled_functions_are_in_modules_of_kernels_and_call_only_those():
@@ -71,3 +83,61 @@ def test_compiled_functions_are_in_modules_of_kernels_and_call_only_those():
             for node in ast.walk(ast.parse(text)):
                 if isinstance(node, ast.ImportFrom) and "kernels" in node.module:
                     assert node.module.removeprefix("eskin.") in seen
+
+
+@pytest.fixture
+def digest(tmp_path, monkeypatch):
+    """Return a function that computes the digest of a module after some changes."""
+    monkeypatch.setattr(code_digest, "find_top_level", {"eskin": tmp_path}.get)
+    names = "digest_code", "digest_source", "direct_imports"
+    kept = [getattr(code_digest, name) for name in names]
+
+    def digest(**changes):
+        for name, text in (DIGESTED_MODULES | changes).items():
+            (tmp_path / f"{name}.py").write_text(text)
+        for function in kept:
+            function.cache_clear()
+        return code_digest.digest_code("eskin.top")
+
+    yield digest
+    for function in kept:
+        function.cache_clear()
+
+
+@pytest.mark.parametrize(
+    ("changes", "is_same"),
+    [
+        ({"aside": "X = 2\n"}, True),
+        ({"low": 'def f():\n    """Another text."""\n\n    return 1\n'}, True),
+        ({"low": "def f():\n    return 2\n"}, False),
+        ({"top": "from eskin.low import f\n"}, False),
+    ],
+)
+def test_digest_changes_only_with_the_code_that_a_module_runs(digest, changes, is_same):
+    assert (digest() == digest(**changes)) == is_same
+
+
+def test_unknown_module_is_refused():
+    with pytest.raises(ValueError, match=r"eskin\.nothing"):
+        code_digest.digest_code("eskin.nothing")
+
+
+@pytest.mark.parametrize("durable", [False, True])
+def test_file_takes_its_place_at_the_end_of_the_block(tmp_path, durable):
+    path = tmp_path / "new" / "a.txt"
+    with atomic_path(path, durable) as part:
+        part.write_text("new")
+        assert not path.exists()
+        assert part.suffix == path.suffix
+    assert path.read_text() == "new"
+    assert list(path.parent.iterdir()) == [path]
+
+
+def test_exception_leaves_the_file_as_it_was(tmp_path):
+    path = tmp_path / "a.txt"
+    path.write_text("old")
+    with pytest.raises(RuntimeError), atomic_path(path) as part:
+        part.write_text("half")
+        raise RuntimeError
+    assert path.read_text() == "old"
+    assert list(tmp_path.iterdir()) == [path]

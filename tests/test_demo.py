@@ -1,4 +1,4 @@
-"""The demonstration: what counts as obeyed, and that it is the same every time."""
+"""Tests of the demonstration: scores, simulated users, and its command."""
 
 import json
 
@@ -11,6 +11,7 @@ from eskin.demo import (
     Attempt,
     CommandScore,
     DemoConfig,
+    DemoResult,
     LiveSource,
     SimulatedUser,
     SimulatedUserConfig,
@@ -26,127 +27,121 @@ SECOND = 1_000_000_000
 VOCABULARY = ("none", "double_pat", "grab", "poke", "stroke")
 
 
-def told(seconds, action="pause", accepted=True, touch=1):
-    return CommandEvent(round(seconds * SECOND), action, touch, "poke", accepted, "")
+def command(seconds, action="pause", accepted=True, touch=1, why=""):
+    return CommandEvent(round(seconds * SECOND), action, touch, "poke", accepted, why)
 
 
-def tried(begin, end, wanted="pause"):
-    return Attempt("poke", wanted, round(begin * SECOND), round(end * SECOND))
-
-
-def scored(tries, commands):
-    score = CommandScore(attempts=list(tries))
-    for command in commands:
-        score.add_command(command)
+def score_of(*commands):
+    """Return the score of commands after a poke from 1.0 to 1.4 s that is to pause."""
+    attempt = Attempt("poke", "pause", SECOND, round(1.4 * SECOND))
+    score = CommandScore(attempts=[attempt])
+    for each in commands:
+        score.add_command(each)
     return score
 
 
-def test_a_command_within_a_second_of_its_touch_counts_for_it():
-    score = scored([tried(1.0, 1.4)], [told(2.3)])
+def test_command_within_second_of_touch_counts_for_it():
+    score = score_of(command(2.3))
     assert (score.count("correct"), score.false_alarms) == (1, [])
     assert score.delays() == pytest.approx([0.9])
 
 
-@pytest.mark.parametrize("when", [0.9, 2.5])
-def test_a_command_at_another_time_is_one_that_nobody_gave(when):
-    score = scored([tried(1.0, 1.4)], [told(when)])
+@pytest.mark.parametrize("seconds", [0.9, 2.5])
+def test_command_at_another_time_is_false_alarm(seconds):
+    score = score_of(command(seconds))
     assert (score.count("missed"), len(score.false_alarms)) == (1, 1)
 
 
-def test_another_command_than_was_wanted_is_wrong_and_a_second_one_false():
-    score = scored([tried(1.0, 1.4)], [told(1.5, "slow"), told(1.6)])
+def test_other_action_is_wrong_and_second_command_false_alarm():
+    score = score_of(command(1.5, "slow"), command(1.6))
     assert score.count("wrong") == 1
     assert [command.action for command in score.false_alarms] == ["pause"]
 
 
-def test_what_was_refused_is_no_command_and_a_hold_is_not_one_either():
-    commands = [told(1.5, accepted=False), told(1.6, "hold", touch=None)]
-    score = scored([tried(1.0, 1.4)], commands)
+def test_refusals_and_holds_are_no_commands():
+    score = score_of(command(1.5, accepted=False), command(1.6, "hold", touch=None))
     assert (score.commands, score.holds, score.count("missed")) == (0, 1, 1)
     assert len(score.attempts[0].refusals) == 1
 
 
-def refused(why):
-    return CommandEvent(round(1.5 * SECOND), "pause", 1, "poke", False, why)
-
-
 @pytest.mark.parametrize(
-    ("said", "commands", "why"),
+    ("recognised", "commands", "failure"),
     [
-        (["poke"], [told(1.5)], ""),
-        (["poke"], [refused("confidence 0.94 is below 0.95")], "confidence"),
-        (["poke"], [refused("the arm is held: bump; pause it")], "the arm is held"),
+        (["poke"], [command(1.5)], ""),
+        (["poke"], [command(1.5, accepted=False, why="doubt 0.94 below")], "doubt"),
+        (["poke"], [command(1.5, accepted=False, why="held: bump; pause")], "held"),
         (["unknown"], [], "said to be unknown"),
-        (["stroke"], [told(1.5, "slow")], "said to be stroke"),
-        (["poke"], [told(1.5, "resume")], "the arm had changed meanwhile"),
+        (["stroke"], [command(1.5, "slow")], "said to be stroke"),
+        (["poke"], [command(1.5, "resume")], "the arm had changed meanwhile"),
         ([], [], "nothing was said"),
     ],
 )
-def test_a_touch_that_is_lost_has_a_reason(said, commands, why):
-    score = scored([tried(1.0, 1.4)], commands)
-    score.attempts[0].recognised += said
-    assert score.attempts[0].failure == why
-    assert score.count_failures() == ({why: 1} if why else {})
+def test_failed_attempt_has_reason(recognised, commands, failure):
+    score = score_of(*commands)
+    score.attempts[0].recognised += recognised
+    assert score.attempts[0].failure == failure
+    assert score.count_failures() == ({failure: 1} if failure else {})
 
 
-def test_nobody_touches_an_arm_that_has_just_been_paused():
-    clock = ManualClock(SECOND)
-    arm, skin = SimulatedArm(clock=clock), InteractiveSkin()
-    config = SimulatedUserConfig(first=0.1)
-    user = SimulatedUser(
-        skin, arm, load_commands(None, VOCABULARY, skin.mounted.skin), 0, config
-    )
+def test_user_leaves_paused_arm_alone_for_second():
+    arm, skin = SimulatedArm(clock=ManualClock(SECOND)), InteractiveSkin()
+    commands = load_commands(None, VOCABULARY, skin.mounted.skin)
+    user = SimulatedUser(skin, arm, commands, 0, SimulatedUserConfig(first=0.1))
     arm.pause()
     stamps = SECOND + np.arange(0, 2 * SECOND, SECOND // 50)
-    begun = [user.update(int(s)) or bool(skin.hand.touching) for s in stamps]
-    assert stamps[begun.index(True)] == 2 * SECOND
+    touching = [user.update(int(s)) or bool(skin.hand.touching) for s in stamps]
+    assert stamps[touching.index(True)] == 2 * SECOND
 
 
-def test_a_touch_under_way_at_the_end_is_waited_for():
-    whole = run_headless(10.0, DemoConfig(seed=3)).score.attempts[0]
-    seconds = whole.begin / SECOND - 1.0 + 0.04
-    (cut,) = run_headless(seconds, DemoConfig(seed=3)).score.attempts
-    assert (cut.begin, cut.end, cut.recognised) == (
-        whole.begin,
-        whole.end,
-        whole.recognised,
-    )
-    assert cut.outcome == whole.outcome
+CONFIG = DemoConfig(seed=3, user=SimulatedUserConfig(first=1.0, accidents=0.1))
 
 
-@pytest.mark.parametrize("pause", [("2", "1"), ("-1", "1"), ("1", "inf")])
-def test_pauses_that_make_no_sense_are_refused_in_a_line(pause, capsys):
-    assert run(["demo", "--headless", "--pause", *pause]) == 2
-    assert "--pause is" in capsys.readouterr().err
+@pytest.mark.slow
+def test_demonstration_adds_up_repeats_and_waits_for_last_touch():
+    score = run_headless(10.0, CONFIG).score
+    counts = [score.count(outcome) for outcome in ("correct", "wrong", "missed")]
+    assert sum(counts) == len(score.attempts) > 2 and counts[0] > 0
+    assert score.commands == counts[0] + counts[1] + len(score.false_alarms)
+    first = score.attempts[0]
+    seconds = first.begin / SECOND - 1.0 + 0.04
+    (same,) = run_headless(seconds, CONFIG).score.attempts
+    assert same == first and same.begin < same.end
 
 
-def test_touches_and_commands_add_up_and_are_the_same_every_time():
-    """The arm works, somebody touches it, on a clock that waits for nobody."""
-    first, second = (run_headless(25.0, DemoConfig(seed=3)) for _ in range(2))
-    score = first.score
-    verdicts = [score.count(verdict) for verdict in ("correct", "wrong", "missed")]
-    assert sum(verdicts) == len(score.attempts) > 2
-    assert score.commands == verdicts[0] + verdicts[1] + len(score.false_alarms)
-    key = [(t.gesture, t.expected, t.begin, t.end, t.outcome) for t in score.attempts]
-    again = second.score.attempts
-    assert key == [(t.gesture, t.expected, t.begin, t.end, t.outcome) for t in again]
+def test_demo_command_prints_result(monkeypatch, capsys):
+    result = DemoResult(score_of(command(2.3)), 8.0, 1, 0, 2, (3.0, 4.0))
+    monkeypatch.setattr("eskin.demo.run_headless", lambda seconds, config: result)
+    assert run(["demo", "--headless", "--json"]) == 0
+    out = capsys.readouterr().out
+    printed = json.loads(out.splitlines()[-1])
+    keys = {"touches", "correct", "wrong", "missed", "false_alarms", "commands"}
+    assert keys | {"step_ms_p50", "step_ms_p99"} <= set(printed)
+    assert printed["delay_s_p50"] == pytest.approx(0.9) and "p50 0.90 s" in out
 
 
-def test_the_command_prints_what_the_contract_says(capsys):
-    assert run(["demo", "--headless", "--seconds", "8", "--json"]) == 0
-    told = json.loads(capsys.readouterr().out.splitlines()[-1])
-    wanted = {"touches", "correct", "wrong", "missed", "false_alarms", "commands"}
-    assert wanted | {"step_ms_p50", "step_ms_p99"} <= set(told)
+def test_demo_command_without_commands_prints_no_delay(capsys):
+    assert run(["demo", "--headless", "--seconds", "0.5", "--json"]) == 0
+    printed = json.loads(capsys.readouterr().out.splitlines()[-1])
+    assert (printed["correct"], printed["delay_s_p50"]) == (0, None)
 
 
-def test_where_nothing_was_obeyed_no_delay_is_told(capsys):
-    assert run(["demo", "--headless", "--seconds", "1", "--json"]) == 0
-    *_, said, told = capsys.readouterr().out.splitlines()
-    assert said.startswith("no touch was obeyed in that time")
-    assert (json.loads(told)["correct"], json.loads(told)["delay_s_p50"]) == (0, None)
+@pytest.mark.parametrize(
+    ("words", "part"),
+    [
+        ("--headless --pause 2 1", "--pause is 2 1"),
+        ("--headless --pause -1 1", "--pause is -1 1"),
+        ("--headless --pause 1 inf", "--pause is 1 inf"),
+        ("--headless --seconds 0", "--seconds is 0"),
+        ("--same-touch --dynamics", "dynamics on"),
+    ],
+)
+def test_invalid_option_is_refused_in_one_line(words, part, capsys):
+    assert run(["demo", *words.split()]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert part in line
 
 
-def test_scans_come_period_by_period_where_the_arm_is():
+def test_live_source_scans_skin_where_arm_is():
     clock = ManualClock()
     with SimulatedArm(clock=clock) as arm:
         source = LiveSource(InteractiveSkin(), arm, clock)
@@ -157,9 +152,8 @@ def test_scans_come_period_by_period_where_the_arm_is():
         np.testing.assert_array_equal(scan.q, arm.q_at(scan.stamp))
 
 
-def test_orders_of_the_page_touch_the_skin_and_pause_the_arm():
-    clock = ManualClock()
-    arm, skin, others = SimulatedArm(clock=clock), InteractiveSkin(), []
+def test_orders_of_page_touch_skin_and_pause_arm():
+    arm, skin, others = SimulatedArm(clock=ManualClock()), InteractiveSkin(), []
     handler = PageCommandHandler(skin, arm, others.append)
     taxel = int(skin.mounted.skin.find_taxels("forearm_front")[200])
     place = tuple(skin.mounted.skin.positions[taxel].tolist())
@@ -168,10 +162,9 @@ def test_orders_of_the_page_touch_the_skin_and_pause_the_arm():
     handler.handle(TouchOrder("begin", "forearm_link", place, 3.0, 0.0, 2))
     handler.handle(TouchOrder("move", "forearm_link", place, 3.0, 0.0, 2))
     assert len(skin.hand.touching) == 2
-    handler.handle(PageOrder("pause_task"))
-    assert arm.state().paused
-    handler.handle(PageOrder("resume_task"))
-    assert not arm.state().paused
+    for kind in ("pause_task", "resume_task"):
+        handler.handle(PageOrder(kind))
+        assert arm.state().paused == (kind == "pause_task")
     handler.handle(PageOrder("unplug", "wrist_1"))
     scan = skin.scan(SECOND, arm.q_at(SECOND))
     assert not scan.received[skin.mounted.skin.find_taxels("wrist_1")].any()

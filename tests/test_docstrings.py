@@ -1,4 +1,4 @@
-"""Every docstring is a sentence that stands on its own.
+"""Tests of names and docstrings: exports exist, and docstrings are sentences.
 
 Functions begin with an imperative, which ruff checks (D401). Modules, classes and
 properties have a finite verb in their first sentence. Docstrings of fields are noun
@@ -6,13 +6,22 @@ phrases, but never begin in the middle of one.
 """
 
 import ast
+import importlib
+import pkgutil
 import re
-from pathlib import Path
+import subprocess
+import sys
 
 import pytest
 
-SOURCE = Path(__file__).parents[1] / "src" / "eskin"
+import eskin
+from helpers.source import MODULES, SOURCE, parse_module
 
+PACKAGES = ["eskin"] + [
+    f"eskin.{module.name}"
+    for module in pkgutil.iter_modules(eskin.__path__)
+    if module.ispkg and module.name != "cli"
+]
 VERBS = set(
     """
     accept accumulate act add adjust advance aggregate agree align allocate allow answer
@@ -52,6 +61,19 @@ IRREGULAR = {"does", "goes", "passes", "presses", "tries", "applies", "carries"}
 FRAGMENTS = {"of", "by", "whom", "whose", "as", "from", "to", "with", "than", "that"}
 
 
+@pytest.mark.slow
+def test_exported_names_exist_and_are_documented():
+    for package in PACKAGES:
+        module = importlib.import_module(package)
+        for name in module.__all__:
+            assert getattr(module, name).__doc__, f"{package}.{name}"
+
+
+def test_importing_eskin_does_not_import_torch():
+    code = "import sys, eskin; assert not {'torch', 'sklearn'} & set(sys.modules)"
+    subprocess.run([sys.executable, "-c", code], check=True)
+
+
 def is_verb(word):
     """Tell whether a word is a finite verb of the list."""
     word = word.lower()
@@ -61,50 +83,41 @@ def is_verb(word):
     return word in IRREGULAR or bool(bases & VERBS)
 
 
-def first_sentence(text):
+def get_first_sentence(text):
     """Return a docstring up to its first full stop or blank line."""
     paragraph = text.strip().split("\n\n")[0]
     return re.split(r"(?<=[a-z0-9`)\]])[.:](?:\s|$)", paragraph)[0]
 
 
-def documented(path):
-    """Yield the name and docstring of modules, classes and properties."""
-    tree = ast.parse(path.read_text())
-    for node in ast.walk(tree):
-        if isinstance(node, ast.Module | ast.ClassDef):
-            name = getattr(node, "name", "module")
-            if ast.get_docstring(node):
-                yield name, ast.get_docstring(node)
-
-
-def fields(path):
-    """Yield the docstrings under fields and constants."""
-    for node in ast.walk(ast.parse(path.read_text())):
+def find_field_docstrings(path):
+    """Yield the docstrings under fields and constants of a module."""
+    for node in parse_module(path):
         body = getattr(node, "body", None)
-        if not isinstance(body, list):
-            continue
-        for before, after in zip(body, body[1:], strict=False):
+        pairs = zip(body, body[1:], strict=False) if isinstance(body, list) else ()
+        for before, after in pairs:
             text = getattr(getattr(after, "value", None), "value", None)
             is_field = isinstance(before, ast.AnnAssign | ast.Assign)
             if is_field and isinstance(after, ast.Expr) and isinstance(text, str):
-                yield ast.unparse(before).split(":")[0].split(" =")[0], text
+                yield text
 
 
-@pytest.mark.parametrize("path", sorted(SOURCE.rglob("*.py")), ids=str)
-def test_docstring_is_a_sentence(path):
-    without = [
-        f"{name}: {text.splitlines()[0]}"
-        for name, text in documented(path)
-        if not any(map(is_verb, re.findall(r"[A-Za-z]+", first_sentence(text))))
-    ]
-    assert not without, without
-
-
-@pytest.mark.parametrize("path", sorted(SOURCE.rglob("*.py")), ids=str)
-def test_docstring_of_a_field_does_not_begin_in_the_middle(path):
+def test_docstrings_of_modules_and_classes_are_sentences():
     wrong = [
-        f"{name}: {text.splitlines()[0]}"
-        for name, text in fields(path)
-        if re.findall(r"[A-Za-z]+", text)[0].lower() in FRAGMENTS
+        f"{path.relative_to(SOURCE)}: {text.splitlines()[0]}"
+        for path in MODULES
+        for node in parse_module(path)
+        if isinstance(node, ast.Module | ast.ClassDef)
+        and (text := ast.get_docstring(node))
+        and not any(map(is_verb, re.findall("[A-Za-z]+", get_first_sentence(text))))
     ]
-    assert not wrong, wrong
+    assert not wrong
+
+
+def test_docstrings_of_fields_do_not_begin_in_the_middle():
+    wrong = [
+        f"{path.relative_to(SOURCE)}: {text.splitlines()[0]}"
+        for path in MODULES
+        for text in find_field_docstrings(path)
+        if re.findall("[A-Za-z]+", text)[0].lower() in FRAGMENTS
+    ]
+    assert not wrong

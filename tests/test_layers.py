@@ -1,12 +1,11 @@
-"""Dependencies between the packages point one way, read from the imports."""
+"""Tests of dependencies: packages import one way, and nothing reads code as data."""
 
 import ast
 from graphlib import TopologicalSorter
-from pathlib import Path
 
 import pytest
 
-SOURCE = Path(__file__).parents[1] / "src" / "eskin"
+from helpers.source import MODULES, SOURCE, parse_module
 
 # What each package may import, nearest first; what those may import is allowed too.
 BELOW = {
@@ -61,20 +60,21 @@ INSIDE = {
 TOP = {"cli", "app", "__init__"}
 HEAVY = {"torch", "sklearn", "matplotlib"}
 CORE = set(BELOW) - {"nn", "learn", "bench"}
+# Modules and calls by which bytes of others become code.
+UNSAFE_MODULES = {"pickle", "marshal", "shelve", "dill", "cloudpickle"}
+UNSAFE_CALLS = {"yaml.unsafe_load", "yaml.full_load", "joblib.load", "eval", "exec"}
+SAFE_WITH = {"torch.load": "weights_only=True", "yaml.load": "PlainLoader"}
 
 
-def modules():
-    return sorted(SOURCE.rglob("*.py"))
-
-
-def package_of(path):
+def get_package(path):
+    """Return the package of a module, or the name of one at the root."""
     return path.relative_to(SOURCE).parts[0].removesuffix(".py")
 
 
-def imports_of(path, toplevel_only=False):
-    """Full dotted names of everything the module imports."""
-    tree = ast.parse(path.read_text())
-    for node in tree.body if toplevel_only else ast.walk(tree):
+def find_imports(path, toplevel_only=False):
+    """Yield the full dotted names of all that a module imports."""
+    module, *nodes = parse_module(path)
+    for node in module.body if toplevel_only else nodes:
         if isinstance(node, ast.Import):
             yield from (alias.name for alias in node.names)
         elif isinstance(node, ast.ImportFrom):
@@ -82,98 +82,88 @@ def imports_of(path, toplevel_only=False):
             yield node.module
 
 
-def eskin_packages(path):
-    parts = (name.split(".") for name in imports_of(path))
-    return {p[1] for p in parts if p[0] == "eskin" and len(p) > 1}
-
-
-def reachable(order, name):
-    """Everything below a name in an order, however far."""
+def find_below(order, name):
+    """Return all that lies below a name in an order, however far."""
     below = set(order[name])
-    return below.union(*(reachable(order, other) for other in below))
+    return below.union(*(find_below(order, other) for other in below))
 
 
-def allowed(package):
-    return reachable(BELOW, package) | {"errors"}
-
-
-def subpackage_of(package, parts):
-    """The subpackage that the parts of a dotted name lie in; "" at the root."""
+def get_subpackage(package, parts):
+    """Return the subpackage of the parts of a dotted name; "" is the root."""
     is_folder = parts and (SOURCE / package / parts[0]).is_dir()
     return parts[0] if is_folder else ""
 
 
-def subpackage_imports(package, path):
-    """Subpackages that a module imports, and `__init__` for the package itself."""
-    for name in imports_of(path):
+def find_subpackage_imports(package, path):
+    """Yield subpackages that a module imports, `__init__` for the package itself."""
+    for name in find_imports(path):
         _, *parts = name.split(".")
         if name.startswith("eskin.") and parts[0] == package:
-            yield subpackage_of(package, parts[1:]) if parts[1:] else "__init__"
+            yield get_subpackage(package, parts[1:]) if parts[1:] else "__init__"
 
 
 def test_every_package_has_its_place_in_the_order():
-    assert {package_of(path) for path in modules()} <= set(BELOW) | TOP
-
-
-@pytest.mark.parametrize("package", sorted(BELOW))
-def test_a_package_imports_only_what_lies_below_it(package):
-    for path in modules():
-        if package_of(path) == package:
-            wrong = eskin_packages(path) - allowed(package) - {package}
-            assert not wrong, f"{path.relative_to(SOURCE)} imports {sorted(wrong)}"
-
-
-@pytest.mark.parametrize("package", sorted(INSIDE))
-def test_a_subpackage_imports_only_what_lies_below_it(package):
-    order = INSIDE[package]
-    wrong = []
-    for path in sorted((SOURCE / package).rglob("*.py")):
-        parts = path.relative_to(SOURCE / package).parts
-        if parts == ("__init__.py",):
-            continue
-        own = subpackage_of(package, parts)
-        assert own in order, f"{package}/{own} has no place in the order"
-        found = set(subpackage_imports(package, path))
-        beyond = found - reachable(order, own) - {own}
-        wrong += [
-            f"{path.relative_to(SOURCE)} imports {b or 'the root'}" for b in beyond
-        ]
-    assert not wrong, wrong
-
-
-def test_every_package_with_subpackages_states_their_order():
+    assert {get_package(path) for path in MODULES} <= set(BELOW) | TOP
     nested = SOURCE.glob("*/*/**/*.py")
     assert {path.relative_to(SOURCE).parts[0] for path in nested} == set(INSIDE)
 
 
+@pytest.mark.parametrize("package", sorted(BELOW))
+def test_package_imports_only_what_lies_below_it(package):
+    allowed = find_below(BELOW, package) | {"errors", package}
+    for path in MODULES:
+        if get_package(path) == package:
+            names = [name.split(".") for name in find_imports(path)]
+            found = {parts[1] for parts in names if parts[0] == "eskin" and parts[1:]}
+            assert found <= allowed, path
+
+
+@pytest.mark.parametrize("package", sorted(INSIDE))
+def test_subpackage_imports_only_what_lies_below_it(package):
+    for path in sorted((SOURCE / package).rglob("*.py")):
+        parts = path.relative_to(SOURCE / package).parts
+        if parts != ("__init__.py",):
+            own = get_subpackage(package, parts)
+            allowed = find_below(INSIDE[package], own) | {own}
+            assert set(find_subpackage_imports(package, path)) <= allowed, path
+
+
 def test_modules_form_no_import_cycle():
     graph = {}
-    for path in modules():
+    for path in MODULES:
         name = ".".join(("eskin", *path.relative_to(SOURCE).with_suffix("").parts))
         if path.name != "__init__.py":
-            graph[name] = set(imports_of(path, toplevel_only=True))
+            graph[name] = set(find_imports(path, toplevel_only=True))
     TopologicalSorter(graph).prepare()
 
 
-def test_the_core_never_imports_what_only_training_needs():
-    for path in modules():
-        if package_of(path) in CORE:
-            heavy = {n.split(".")[0] for n in imports_of(path, True)} & HEAVY
-            assert not heavy, f"{path.relative_to(SOURCE)} imports {sorted(heavy)}"
+def test_core_imports_no_package_of_training():
+    for path in MODULES:
+        if get_package(path) in CORE:
+            names = {name.split(".")[0] for name in find_imports(path, True)}
+            assert not names & HEAVY, path
 
 
-# Modules and calls by which bytes of others become code.
-UNSAFE_MODULES = {"pickle", "marshal", "shelve", "dill", "cloudpickle"}
-UNSAFE_CALLS = {"yaml.unsafe_load", "yaml.full_load", "joblib.load", "eval", "exec"}
-SAFE_WITH = {"torch.load": "weights_only=True", "yaml.load": "PlainLoader"}
+def test_no_module_runs_code_that_it_reads():
+    for path in MODULES:
+        names = {name.split(".")[0] for name in find_imports(path)}
+        assert not names & UNSAFE_MODULES, path
+        for node in parse_module(path):
+            if isinstance(node, ast.Call):
+                name, text = ast.unparse(node.func), ast.unparse(node)
+                assert name not in UNSAFE_CALLS, path
+                assert SAFE_WITH.get(name, "") in text, path
+                assert "allow_pickle=True" not in text, path
 
 
-@pytest.mark.parametrize("path", modules(), ids=lambda path: path.stem)
-def test_nothing_reads_what_could_run_code(path):
-    nodes = list(ast.walk(ast.parse(path.read_text())))
-    assert not UNSAFE_MODULES & {name.split(".")[0] for name in imports_of(path)}
-    for call in (node for node in nodes if isinstance(node, ast.Call)):
-        name, text = ast.unparse(call.func), ast.unparse(call)
-        assert name not in UNSAFE_CALLS
-        assert SAFE_WITH.get(name, "") in text
-        assert "allow_pickle=True" not in text
+def find_classes(paths):
+    """Return the names of all classes in some modules."""
+    nodes = (node for path in paths for node in parse_module(path))
+    return [node.name for node in nodes if isinstance(node, ast.ClassDef)]
+
+
+def test_no_class_name_stands_for_two_things():
+    names = find_classes(MODULES)
+    assert len(set(names)) == len(names)
+    benchmarks = SOURCE.parents[1] / "benchmarks"
+    assert not set(names) & set(find_classes(benchmarks.rglob("*.py")))

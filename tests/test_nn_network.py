@@ -1,4 +1,4 @@
-"""The network as a whole: skins of any density, windows of any kind, learning."""
+"""Tests of the network: encoder, temporal heads, and what it learns."""
 
 from dataclasses import replace
 
@@ -8,178 +8,144 @@ import torch
 from torch.nn.functional import cross_entropy
 
 from eskin.graph import join_graphs
-from eskin.model import NetworkConfig
-from eskin.nn import RecogniserNetwork, build_graph_tensors
+from eskin.model import MIN_SLOTS, NetworkConfig
+from eskin.nn import RecogniserNetwork, SlotIndex, TemporalHead
 from helpers.graphs import (
-    double,
+    embed,
     flat,
     logits,
+    make_scene,
     network_input,
     press_on_grid,
     press_on_seam,
     pressure_summary,
     random_graph,
+    random_graphs,
     rolled,
-    scene,
+    split_graphs,
     stroke_on_grid,
-    window_of,
+    window_input,
 )
 from helpers.live import network
 
-
-def embedding(net, batch) -> np.ndarray:
-    """What the encoder makes of each graph."""
-    with torch.no_grad():
-        return net.encoder(window_of(net, batch).graphs).numpy()
-
-
-# Half axes [m] of a finger's tip, its side and a palm.
-SHAPES = {"tip": (0.022, 0.022), "side": (0.018, 0.05), "palm": (0.05, 0.04)}
-
+# Half axes [m] of a fingertip and a palm.
+SHAPES = (0.022, 0.022), (0.05, 0.04)
 # Pressure [kPa] and place [m] at each reading.
 COURSES = {
     "tap": ((20, 60, 80), (0.0,) * 3),
     "release": ((80, 60, 25), (0.0,) * 3),
-    "hold": ((40,) * 20, (0.0,) * 20),
-    "stroke": ((15,) * 8, tuple(0.01 * n - 0.04 for n in range(8))),
-    "whisper": ((2, 4, 6), (0.0,) * 3),
+    "light": ((2, 4, 6), (0.0,) * 3),
+    "stroke": ((15,) * 4, (-0.01, 0.0, 0.01, 0.02)),
 }
 
 
-def unrolled(skin):
-    """Where each taxel lies on the sheet that the skin was [m]."""
-    x, y, z = skin.positions.T
-    return (0.03 * np.arctan2(y, x), z) if skin.name == "rolled" else (x, y)
-
-
-def touches(mounted):
-    """The last graph of every course of every shape: one field on any skin."""
-    across, along = unrolled(mounted.skin)
+def make_touches(mounted):
+    """Return the last graph of each course of each shape."""
+    across, along, z = mounted.skin.positions.T
+    if mounted.skin.name == "rolled":
+        across, along = 0.03 * np.arctan2(along, across), z
     last = []
-    for width, height in SHAPES.values():
-        for kpa, places in COURSES.values():
-            squared = [
-                ((across - x) / width) ** 2 + (along / height) ** 2 for x in places
+    for width, height in SHAPES:
+        for course in COURSES.values():
+            loads = [
+                kpa
+                * np.maximum(1 - ((across - x) / width) ** 2 - (along / height) ** 2, 0)
+                for kpa, x in zip(*course, strict=True)
             ]
-            field = [
-                k * np.maximum(1 - r, 0) for k, r in zip(kpa, squared, strict=True)
-            ]
-            graphs = scene(mounted, field, step=0.04).graphs()
-            last.append(graphs.select(np.array([graphs.count - 1])))
+            last.append(
+                split_graphs(make_scene(mounted, loads, step=0.04).graphs())[-1]
+            )
     return join_graphs(last)
 
 
-def against_other_touches(coarse, dense):
-    """Mean distance of each touch to itself over that to others."""
+def compare_distances(coarse, dense):
+    """Return the mean distance between equal touches over that between others."""
     gap = np.linalg.norm(dense[:, None] - coarse[None], axis=2)
-    itself = np.eye(len(gap), dtype=bool)
-    return gap[itself].mean() / gap[~itself].mean()
+    equal = np.eye(len(gap), dtype=bool)
+    return gap[equal].mean() / gap[~equal].mean()
 
 
-@pytest.mark.parametrize("make", [flat, rolled])
-def test_the_same_touch_on_twice_the_density_is_nearly_the_same(make):
-    coarse = touches(make(rows=16, columns=18, pitch=0.01))
-    dense = touches(make(rows=32, columns=36, pitch=0.005))
+@pytest.mark.parametrize("make_skin", [flat, rolled])
+def test_twice_the_density_hardly_changes_embeddings(make_skin):
+    coarse = make_touches(make_skin(rows=16, columns=18, pitch=0.01))
+    dense = make_touches(make_skin(rows=32, columns=36, pitch=0.005))
     assert dense.sizes.sum() > 2.5 * coarse.sizes.sum()
     spread = pressure_summary(coarse).std(axis=0) + 0.05
     summaries = [pressure_summary(batch) / spread for batch in (coarse, dense)]
-    assert against_other_touches(*summaries) < 0.1
+    assert compare_distances(*summaries) < 0.1
     for seed in range(3):
         net = network(seed=seed)
-        embeddings = [embedding(net, batch) for batch in (coarse, dense)]
-        assert against_other_touches(*embeddings) < 0.1
+        assert compare_distances(embed(net, coarse), embed(net, dense)) < 0.1
 
 
-def test_the_same_image_of_pressure_on_another_shape_is_another_embedding():
-    """The deformation that an image of pressures cannot tell (the paper)."""
-    sheet, tube = flat(rows=9, columns=15), rolled()
-    image = np.where(abs(sheet.skin.positions[:, 1]) < 0.025, 20.0, 0.0)
-    laid, wrapped = (scene(m, [image]).graphs() for m in (sheet, tube))
-    net = network()
-    gap = np.abs(embedding(net, laid) - embedding(net, wrapped)).max()
-    again = np.abs(embedding(net, laid) - embedding(net, double(laid))).max()
-    assert gap > 1e-3 > 1e-5 > again
-
-
-def test_a_reading_without_contact_is_embedded_as_zeros():
+def test_reading_without_contact_is_embedded_as_zeros():
     rng, net = np.random.default_rng(0), network("shear")
     released = replace(random_graph(rng, 9), pressure=np.zeros(9, np.float32))
     batch = join_graphs([random_graph(rng, 0), random_graph(rng, 9), released])
-    assert embedding(net, batch).any(axis=1).tolist() == [False, True, False]
+    assert embed(net, batch).any(axis=1).tolist() == [False, True, False]
 
 
-def test_the_embedding_of_a_graph_does_not_depend_on_what_else_is_in_the_batch():
-    rng, net = np.random.default_rng(1), network("shear")
-    graphs = [random_graph(rng, n) for n in (5, 0, 30, 1, 0)]
-    alone = np.concatenate([embedding(net, graph) for graph in graphs])
-    np.testing.assert_allclose(embedding(net, join_graphs(graphs)), alone, atol=1e-5)
-
-
-def test_windows_without_contact_nodes_or_readings_have_finite_logits_and_gradients():
+def test_windows_without_contact_or_readings_have_finite_logits_and_gradients():
     rng, net = np.random.default_rng(2), network("shear").train()
-    empty = [random_graph(rng, 0)] * 3
-    full = [random_graph(rng, 8) for _ in range(3)]
-    released = replace(full[0], pressure=np.zeros(8, np.float32))
-    batch = join_graphs([*empty, *full, released])
-    window = np.array([0, 0, 0, 1, 1, 1, 2])
-    slot = np.array([0, 5, 99, 0, 5, 99, 99])
+    released = replace(random_graph(rng, 8), pressure=np.zeros(8, np.float32))
+    batch = join_graphs([random_graphs(rng, (0, 0, 0, 8, 8, 8)), released])
+    window, slot = np.array([0, 0, 0, 1, 1, 1, 2]), np.array([0, 5, 99, 0, 5, 99, 99])
     found = net(network_input(batch, window, slot, 4, True))
     assert found.shape == (4, 4)
-    assert torch.isfinite(found).all()
     found.square().sum().backward()
-    gradients = [p.grad for p in net.parameters() if p.grad is not None]
-    assert len(gradients) == len(list(net.parameters()))
-    assert all(torch.isfinite(g).all() for g in gradients)
-    nothing = network_input(
-        batch.select(np.array([], np.int64)), window[:0], slot[:0], 2, True
-    )
-    assert torch.isfinite(net(nothing)).all()
+    gradients = [parameter.grad for parameter in net.parameters()]
+    assert all(grad is not None and torch.isfinite(grad).all() for grad in gradients)
+    assert torch.isfinite(found).all()
+    none = network_input(batch.select(window[:0]), window[:0], slot[:0], 2, True)
+    assert torch.isfinite(net(none)).all()
 
 
-def test_the_order_of_readings_in_the_batch_does_not_matter():
+@torch.no_grad()
+def test_logits_do_not_depend_on_the_batch_nor_its_order():
     rng, net = np.random.default_rng(3), network("shear")
-    batch = join_graphs([random_graph(rng, n) for n in (5, 0, 12, 7, 3, 20)])
+    batch = random_graphs(rng, (5, 0, 12, 7, 3, 20))
     window, slot = np.array([0, 0, 0, 1, 1, 1]), np.array([3, 50, 50, 98, 99, 99])
-    with torch.no_grad():
-        want = net(network_input(batch, window, slot, 2, True))
-        order = rng.permutation(6)
-        inputs = batch.select(order), window[order], slot[order]
-        found = net(network_input(*inputs, 2, True))
-    torch.testing.assert_close(found, want, rtol=1e-4, atol=1e-5)
+
+    def classify(rows, windows):
+        order = window[rows] % windows, slot[rows]
+        return net(network_input(batch.select(rows), *order, windows, True))
+
+    want = classify(np.arange(6), 2)
+    alone = torch.cat([classify(np.arange(3), 1), classify(np.arange(3, 6), 1)])
+    for found in (classify(rng.permutation(6), 2), alone):
+        torch.testing.assert_close(found, want, rtol=1e-4, atol=1e-5)
 
 
-def test_a_network_for_pressure_takes_no_notice_of_shear():
-    net = network("pressure")
+@torch.no_grad()
+def test_readings_in_one_slot_count_as_their_maximum():
+    net = network()
+    e = torch.randn(4, 26 + 2 * net.config.width)
+    window, slot = torch.tensor([0, 0, 0, 1]), torch.tensor([2, 2, 0, 1])
+    pooled = torch.stack([e[:2].amax(dim=0), e[2], e[3]])
+    found = net.classify(e, SlotIndex(window, slot, 2))
+    want = net.classify(pooled, SlotIndex(window[1:], slot[1:], 2))
+    assert torch.equal(found, want)
+
+
+def test_network_for_pressure_ignores_shear():
     with_shear, without = (press_on_seam(shear).graphs() for shear in (True, False))
-    assert np.array_equal(logits(net, with_shear), logits(net, without))
-    net = network("shear")
-    assert np.abs(logits(net, with_shear) - logits(net, without)).max() > 1e-2
+    pressure, shear = network("pressure"), network("shear")
+    assert np.array_equal(logits(pressure, with_shear), logits(pressure, without))
+    assert np.abs(logits(shear, with_shear) - logits(shear, without)).max() > 1e-2
 
 
-def test_embedding_readings_once_and_placing_them_later_gives_the_same_logits():
+@torch.no_grad()
+def test_logits_are_the_mean_of_two_views():
+    """Readings may be embedded first, and classified later."""
     net, batch = network(), press_on_grid().graphs()
-    inputs = window_of(net, batch)
-    with torch.no_grad():
-        e = torch.cat(
-            [
-                net.embed(build_graph_tensors(batch.select(np.array([n])), net.shear))
-                for n in range(batch.count)
-            ]
-        )
-        found = net.classify(e, inputs.slot_index).mean(dim=0)
-        torch.testing.assert_close(found, net(inputs), rtol=1e-5, atol=1e-5)
-
-
-def test_logits_are_the_mean_of_both_views():
-    net, batch = network(), press_on_grid().graphs()
-    with torch.no_grad():
-        views = net.views(window_of(net, batch))
+    inputs = window_input(net, batch)
+    views = net.classify(net.embed(inputs.graphs), inputs.slot_index)
     assert views.shape == (2, 1, 4)
     np.testing.assert_allclose(logits(net, batch), views.mean(dim=0)[0], atol=1e-6)
     assert (views[0] - views[1]).abs().max() > 0.1
 
 
-def test_standardised_features_have_mean_zero_and_spread_one():
+def test_standardised_features_have_mean_zero_and_scale_one():
     net = RecogniserNetwork(NetworkConfig(), 3, shear=True)
     summary = torch.randn(500, len(net.summary_mean)) * 7 + 30
     net.fit_summary(summary)
@@ -188,30 +154,27 @@ def test_standardised_features_have_mean_zero_and_spread_one():
     np.testing.assert_allclose(centred.std(dim=0), 1.0, atol=1e-2)
 
 
-def test_one_absurd_reading_moves_no_feature_without_bound():
+def test_extreme_pressure_has_bounded_logits():
     net, batch = network(), stroke_on_grid().graphs()
     loud = replace(batch, pressure=1e6 * batch.pressure)
-    assert np.isfinite(logits(net, loud)).all()
     assert np.abs(logits(net, loud)).max() < 100
 
 
 @pytest.mark.parametrize("shear", [False, True])
-def test_the_network_overfits_eight_windows(shear):
-    """By the contact graphs alone: the summary is taken away."""
+def test_network_overfits_eight_windows(shear):
+    """The contact graphs suffice: the summary is set to zero."""
     rng = np.random.default_rng(4)
-    graphs = join_graphs(
-        [random_graph(rng, int(rng.integers(4, 12))) for _ in range(24)]
-    )
+    graphs = random_graphs(rng, rng.integers(4, 12, 24))
     window, slot = np.repeat(np.arange(8), 3), np.tile([97, 98, 99], 8)
     inputs = network_input(graphs, window, slot, 8, shear)
-    blind = torch.zeros_like(inputs.graphs.summary)
-    inputs = replace(inputs, graphs=replace(inputs.graphs, summary=blind))
+    zeros = torch.zeros_like(inputs.graphs.summary)
+    inputs = replace(inputs, graphs=replace(inputs.graphs, summary=zeros))
     labels = torch.tensor([0, 1, 2, 3, 3, 2, 1, 0])
     torch.manual_seed(0)
     net = RecogniserNetwork(NetworkConfig(dropout=0.0), 4, shear)
-    optimiser = torch.optim.Adam(net.parameters(), lr=5e-3)
+    optimiser = torch.optim.Adam(net.parameters(), lr=2e-2)
     losses = []
-    for _ in range(60):
+    for _ in range(20):
         optimiser.zero_grad()
         loss = cross_entropy(net(inputs), labels)
         loss.backward()
@@ -219,3 +182,69 @@ def test_the_network_overfits_eight_windows(shear):
         losses.append(loss.item())
     assert losses[0] > 1.0 > 0.1 > losses[-1]
     assert torch.equal(net(inputs).argmax(dim=1), labels)
+
+
+SLOTS, INPUTS, CHANNELS = 100, 6, 8
+
+
+def make_head(classes=4) -> TemporalHead:
+    torch.manual_seed(0)
+    head = TemporalHead(INPUTS, CHANNELS, classes, dropout=0.5).eval()
+    with torch.no_grad():
+        for parameter in head.parameters():
+            parameter += 0.1 * torch.randn_like(parameter)
+    return head
+
+
+def compute_statistics(head, e, present):
+    """Return mean, deviation, maximum and integral at each of three time scales."""
+    with torch.no_grad():
+        head.classify.weight.copy_(torch.eye(12 * CHANNELS))
+        head.classify.bias.zero_()
+        return head(e, present).view(len(e), 3, 4, CHANNELS)
+
+
+@torch.no_grad()
+@pytest.mark.parametrize("share", [0.0, 0.05, 0.6])
+def test_slots_without_a_reading_do_not_matter(share):
+    head, e = make_head(), torch.randn(5, SLOTS, INPUTS)
+    present = (torch.rand(5, SLOTS) < share).float()
+    other = torch.where(present[:, :, None] > 0, e, 1e3 * torch.randn_like(e))
+    torch.testing.assert_close(head(other, present), head(e, present))
+
+
+@pytest.mark.parametrize("slots", range(MIN_SLOTS, MIN_SLOTS + 8))
+def test_every_slot_matters_and_the_newest_at_every_scale(slots):
+    """Where the slots do not fit the strides, the oldest ones are left out."""
+    head = make_head(12 * CHANNELS)
+    e = torch.randn(1, slots, INPUTS).expand(slots + 1, -1, -1).clone()
+    e[range(slots), range(slots)] += 5.0
+    *changed, want = compute_statistics(head, e, torch.ones(slots + 1, slots))
+    gaps = torch.stack(changed).sub(want).abs().amax(dim=(2, 3))
+    assert (gaps[:, 0] > 1e-4).all()
+    assert (gaps[-1] > 1e-4).all()
+
+
+def test_window_shorter_than_the_convolutions_is_refused():
+    with pytest.raises(RuntimeError):
+        make_head()(torch.zeros(1, MIN_SLOTS - 1, INPUTS), torch.ones(1, MIN_SLOTS - 1))
+
+
+def test_statistics_of_a_steady_touch_do_not_depend_on_the_rate():
+    """Only the integral knows its duration (partial convolutions, Liu et al. 2018)."""
+    head = make_head(12 * CHANNELS)
+    for layer in (head.short, head.long):
+        weight = layer.conv.weight.data
+        weight.copy_(weight.mean(dim=2, keepdim=True).expand_as(weight))
+    e, present = torch.randn(INPUTS).expand(4, SLOTS, INPUTS), torch.zeros(4, SLOTS)
+    for mask, slots in zip(
+        present, (range(20, 100), range(60, 100), range(20, 100, 5), ()), strict=True
+    ):
+        mask[list(slots)] = 1.0
+    long, short, slow, none = compute_statistics(head, e, present)
+    for other in (short, slow):
+        torch.testing.assert_close(other[:, :3], long[:, :3])
+    torch.testing.assert_close(long[:, 3], 0.8 * long[:, 0])
+    torch.testing.assert_close(short[:, 3], 0.4 * long[:, 0])
+    torch.testing.assert_close(slow[:, 3], long[:, 3])
+    assert not none[:, [0, 2, 3]].any()

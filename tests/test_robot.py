@@ -1,4 +1,4 @@
-"""A robot is one tree of links, and the presets have the sizes they were made to."""
+"""Tests of robots: each is one tree of links, and presets have the published sizes."""
 
 import numpy as np
 import pytest
@@ -7,7 +7,6 @@ from eskin.errors import RobotError
 from eskin.robot import (
     ROBOT_PRESETS,
     Box,
-    Cylinder,
     Joint,
     Kinematics,
     Link,
@@ -15,49 +14,9 @@ from eskin.robot import (
     Robot,
     load_robot,
 )
+from eskin.transforms import exp_so3, make_transform
 
-HERE = np.eye(4)
-X = np.array([1.0, 0.0, 0.0])
-
-
-def hinge(name, parent, child, **more):
-    return Joint(name, "revolute", parent, child, HERE, X, **more)
-
-
-def robot_of(links, *joints):
-    return Robot("toy", tuple(Link(name) for name in links), joints)
-
-
-@pytest.mark.parametrize("name", ROBOT_PRESETS)
-def test_every_preset_loads_by_its_name(name):
-    assert load_robot(name).name == name
-
-
-def test_the_ur5_has_the_usual_names_and_the_published_limits():
-    ur5 = load_robot("ur5")
-    assert ur5.link_names == (
-        "base_link",
-        "shoulder_link",
-        "upper_arm_link",
-        "forearm_link",
-        "wrist_1_link",
-        "wrist_2_link",
-        "wrist_3_link",
-        "tool0",
-    )
-    assert ur5.joint_names == (
-        "shoulder_pan_joint",
-        "shoulder_lift_joint",
-        "elbow_joint",
-        "wrist_1_joint",
-        "wrist_2_joint",
-        "wrist_3_joint",
-    )
-    np.testing.assert_array_equal(ur5.velocity, [3.15] * 3 + [3.2] * 3)
-    np.testing.assert_allclose(ur5.upper, np.pi * np.array([2, 2, 1, 2, 2, 2]))
-    np.testing.assert_array_equal(ur5.lower, -ur5.upper)
-
-
+X, _, Z = np.eye(3)
 UR10_DH = [
     (0.1273, 0.0, np.pi / 2),
     (0.0, -0.612, 0.0),
@@ -69,146 +28,100 @@ UR10_DH = [
 """d [m], a [m] and alpha [rad] of each joint, as published by the maker."""
 
 
-def test_the_ur10_moves_its_tool_as_the_published_dimensions_say():
+def build_robot(links, *joints):
+    """Build a robot of links with names of one letter."""
+    return Robot("toy", tuple(map(Link, links)), joints)
+
+
+def build_joint(name, parent, child, kind="revolute", **more):
+    """Build a joint about x."""
+    return Joint(name, kind, parent, child, np.eye(4), X, **more)
+
+
+@pytest.mark.parametrize("name", ROBOT_PRESETS)
+def test_preset_is_loaded_by_its_name(name):
+    assert load_robot(name).name == name
+
+
+def test_ur5_has_the_usual_names_and_the_published_limits():
+    ur5 = load_robot("ur5")
+    links = "base shoulder upper_arm forearm wrist_1 wrist_2 wrist_3".split()
+    assert ur5.link_names == (*(f"{name}_link" for name in links), "tool0")
+    joints = "shoulder_pan shoulder_lift elbow wrist_1 wrist_2 wrist_3".split()
+    assert ur5.joint_names == tuple(f"{name}_joint" for name in joints)
+    assert load_robot("ur10").joint_names == ur5.joint_names
+    np.testing.assert_array_equal(ur5.velocity, [3.15] * 3 + [3.2] * 3)
+    np.testing.assert_allclose(ur5.upper, np.pi * np.array([2, 2, 1, 2, 2, 2]))
+    np.testing.assert_array_equal(ur5.lower, -ur5.upper)
+
+
+def test_ur10_moves_its_tool_by_the_published_dimensions():
     ur10, rng = load_robot("ur10"), np.random.default_rng(0)
-    assert ur10.joint_names == load_robot("ur5").joint_names
     tool = ur10.link_index("tool0")
     for q in rng.uniform(-np.pi, np.pi, (5, 6)):
         # The published frame looks the other way.
         T_base_tool = np.diag([-1.0, -1.0, 1.0, 1.0])
         for angle, (d, a, alpha) in zip(q, UR10_DH, strict=True):
-            turn, lean = np.eye(4), np.eye(4)
-            turn[:2, :2] = rotation(angle)
-            lean[1:3, 1:3] = rotation(alpha)
-            turn[2, 3], lean[0, 3] = d, a
-            T_base_tool = T_base_tool @ turn @ lean
+            turn = make_transform(exp_so3(angle * Z), d * Z)
+            T_base_tool = T_base_tool @ turn @ make_transform(exp_so3(alpha * X), a * X)
         got = Kinematics(ur10).poses(q)[tool]
         np.testing.assert_allclose(got[:3, 3], T_base_tool[:3, 3], atol=1e-9)
 
 
-def rotation(angle):
-    """In the plane."""
-    return np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+def test_top_of_the_table_is_at_zero():
+    ((geom,),) = (link.geoms for link in load_robot("table").links)
+    assert geom.shape == Box((1.0, 1.0, 0.05))
+    assert geom.T_link_shape[2, 3] + 0.05 / 2 == 0
 
 
-@pytest.mark.parametrize(
-    "link, radius, low, high",
-    [
-        ("upper_arm_link", 0.0505, 0.09, 0.335),
-        ("forearm_link", 0.0375, 0.075, 0.355),
-    ],
-)
-def test_the_ur5_has_tubes_of_the_measured_size_along_z(link, radius, low, high):
-    ur5 = load_robot("ur5")
-    tubes = [
-        (body.T_link_shape[2, 3], body.shape)
-        for body in ur5.links[ur5.link_index(link)].geoms
-        if isinstance(body.shape, Cylinder) and body.shape.radius == radius
-    ]
-    ((centre, tube),) = tubes
-    np.testing.assert_allclose(
-        centre + tube.length * np.array([-0.5, 0.5]), [low, high]
-    )
-
-
-def test_the_table_is_a_box_with_its_top_at_zero():
-    ((body,),) = (link.geoms for link in load_robot("table").links)
-    assert isinstance(body.shape, Box)
-    assert body.shape.size == (1.0, 1.0, 0.05)
-    assert body.T_link_shape[2, 3] + 0.05 / 2 == 0
-
-
-def test_the_values_of_q_are_the_joints_that_move_by_themselves():
-    robot = robot_of(
+def test_q_consists_of_the_joints_that_move_by_themselves():
+    robot = build_robot(
         "abcd",
-        Joint("weld", "fixed", "a", "b", HERE, X),
-        hinge("lead", "b", "c", lower=-1.0, upper=2.0, velocity=3.0),
-        hinge("follow", "b", "d", mimic=Mimic("lead")),
+        build_joint("weld", "a", "b", "fixed"),
+        build_joint("lead", "b", "c", lower=-1.0, upper=2.0, velocity=3.0),
+        build_joint("follow", "b", "d", mimic=Mimic("lead")),
     )
     assert robot.joint_names == ("lead",)
     assert [*robot.lower, *robot.upper, *robot.velocity] == [-1, 2, 3]
     assert [robot.link_index(name) for name in "abcd"] == [0, 1, 2, 3]
 
 
-def refusal(make):
-    with pytest.raises(RobotError) as caught:
-        make()
-    message = str(caught.value)
-    assert "\n" not in message
-    return message
-
-
 @pytest.mark.parametrize(
-    "links, joints, message",
+    ("links", "joints", "texts"),
     [
-        ("", [], "robot 'toy' has no links; at least one is needed"),
-        ("aa", [], "robot 'toy' has link 'a' twice; rename one"),
-        (
-            "abc",
-            [("j", "a", "b"), ("j", "b", "c")],
-            "robot 'toy' has joint 'j' twice; rename one",
-        ),
-        (
-            "ab",
-            [("j", "x", "b")],
-            "robot 'toy': joint 'j' has unknown parent link 'x'; allowed: a, b",
-        ),
-        (
-            "ab",
-            [("j", "a", "x")],
-            "robot 'toy': joint 'j' has unknown child link 'x'; allowed: a, b",
-        ),
-        (
-            "abc",
-            [("j", "a", "c"), ("k", "b", "c")],
-            "robot 'toy': link 'c' hangs from several joints (j, k); allowed: one",
-        ),
-        (
-            "abc",
-            [("j", "a", "c")],
-            "robot 'toy' has several roots (a, b); join them with fixed joints "
-            "to leave one",
-        ),
-        (
-            "abc",
-            [("j", "b", "c"), ("k", "c", "b")],
-            "robot 'toy': links b, c hang in a cycle; remove the joint that closes it",
-        ),
-        (
-            "a",
-            [("j", "a", "a")],
-            "robot 'toy': links a hang in a cycle; remove the joint that closes it",
-        ),
+        ("", [], ["no links"]),
+        ("aa", [], ["'a' twice"]),
+        ("abc", [("j", "a", "b"), ("j", "b", "c")], ["'j' twice"]),
+        ("ab", [("j", "x", "b")], ["'j'", "parent link 'x'", "a, b"]),
+        ("ab", [("j", "a", "x")], ["'j'", "child link 'x'", "a, b"]),
+        ("abc", [("j", "a", "c"), ("k", "b", "c")], ["'c'", "(j, k)"]),
+        ("abc", [("j", "a", "c")], ["several roots (a, b)"]),
+        ("abc", [("j", "b", "c"), ("k", "c", "b")], ["links b, c", "cycle"]),
+        ("a", [("j", "a", "a")], ["links a", "cycle"]),
     ],
 )
-def test_what_is_not_one_tree_is_refused(links, joints, message):
-    assert refusal(lambda: robot_of(links, *(hinge(*j) for j in joints))) == message
+def test_links_that_are_not_one_tree_are_refused(links, joints, texts):
+    with pytest.raises(RobotError) as error:
+        build_robot(links, *(build_joint(*joint) for joint in joints))
+    assert str(error.value).startswith("robot 'toy'")
+    assert all(text in str(error.value) for text in texts)
+    assert "\n" not in str(error.value)
 
 
 @pytest.mark.parametrize("leader", ["weld", "follow", "nobody"])
-def test_a_joint_follows_only_one_with_a_value_of_its_own(leader):
-    message = refusal(
-        lambda: robot_of(
-            "abcd",
-            Joint("weld", "fixed", "a", "b", HERE, X),
-            hinge("lead", "a", "c"),
-            hinge("follow", "a", "d", mimic=Mimic(leader)),
-        )
+def test_joint_follows_only_one_that_moves_by_itself(leader):
+    joints = (
+        build_joint("weld", "a", "b", "fixed"),
+        build_joint("lead", "a", "c"),
+        build_joint("follow", "a", "d", mimic=Mimic(leader)),
     )
-    assert message == (
-        f"robot 'toy': joint 'follow' follows '{leader}', which is no moving joint "
-        "with a value of its own; allowed: lead"
-    )
+    with pytest.raises(RobotError, match=f"'follow'.*'{leader}'.*lead$"):
+        build_robot("abcd", *joints)
 
 
-def test_an_unknown_link_is_answered_with_the_known_ones():
-    robot = robot_of("ab", hinge("j", "a", "b"))
-    message = refusal(lambda: robot.link_index("hand"))
-    assert message == "robot 'toy' has no link 'hand'; allowed: a, b"
-
-
-def test_an_unknown_robot_is_answered_with_the_known_ones():
-    assert refusal(lambda: load_robot("ur6")) == (
-        "no robot 'ur6'; allowed: ur5, ur10, base, post, table, tube, "
-        "or the path of a .urdf file"
-    )
+def test_unknown_names_are_refused_with_the_known_ones():
+    robot = build_robot("ab", build_joint("j", "a", "b"))
+    with pytest.raises(RobotError, match="'toy'.*'hand'.*a, b$"):
+        robot.link_index("hand")
+    with pytest.raises(RobotError, match=f"'ur6'.*{', '.join(ROBOT_PRESETS)}.*urdf"):
+        load_robot("ur6")

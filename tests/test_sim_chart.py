@@ -1,15 +1,17 @@
+"""These tests check charts: surfaces unrolled, with the cells of their taxels."""
+
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from eskin.robot import load_robot
-from eskin.sim.contact.chart import build_charts
+from eskin.sim import build_charts
 from eskin.skin import (
     Dome,
     MountedSkin,
     Patch,
     Plane,
-    Surface,
-    SurfacePoints,
     TaxelGrid,
     Tube,
     build_skin,
@@ -17,37 +19,14 @@ from eskin.skin import (
 from eskin.skin.presets import build_ur5_skin
 from eskin.transforms import make_transform
 
-LINK = "forearm_link"
 
-
-class Turned(Surface):
-    """A surface on which a grid's columns run along t."""
-
-    def __init__(self, surface, shift):
-        self.surface = surface
-        self.shift = shift
-
-    def wrap(self, unrolled):
-        at = unrolled[:, ::-1] * [-1.0, 1.0] + self.shift
-        wrapped = self.surface.wrap(at)
-        t_axis = np.cross(wrapped.normals, wrapped.tangents)
-        return SurfacePoints(
-            wrapped.positions, wrapped.normals, t_axis, wrapped.area_scale
-        )
-
-    def unroll(self, positions):
-        raise NotImplementedError
-
-    def fit_errors(self, positions, normals):
-        raise NotImplementedError
-
-
-def mounted(*laid):
-    pieces = [
-        (Patch(f"p{i}", LINK, i + 1, grid.rows, grid.columns), grid, surface)
-        for i, (grid, surface) in enumerate(laid)
+def mount(*pairs):
+    """Mount a skin with a patch of each pair of grid and surface on a UR5's forearm."""
+    patches = [
+        (Patch(f"p{i}", "forearm_link", i + 1, grid.rows, grid.columns), grid, surface)
+        for i, (grid, surface) in enumerate(pairs)
     ]
-    return MountedSkin(build_skin("made", pieces), load_robot("ur5"))
+    return MountedSkin(build_skin("made", patches), load_robot("ur5"))
 
 
 @pytest.fixture(scope="module")
@@ -55,92 +34,77 @@ def ur5():
     return MountedSkin(build_ur5_skin(), load_robot("ur5"))
 
 
-def test_every_taxel_lies_on_one_chart(ur5):
-    taxels = np.concatenate([chart.taxels for chart in build_charts(ur5)])
+@pytest.fixture(scope="module")
+def charts(ur5):
+    return build_charts(ur5)
+
+
+def test_charts_hold_every_taxel_once_with_its_position_and_area(ur5, charts):
+    taxels = np.concatenate([chart.taxels for chart in charts])
     assert np.array_equal(np.sort(taxels), np.arange(ur5.skin.count))
+    for chart in charts:
+        wrapped = chart.surface.wrap(chart.unrolled)
+        assert np.allclose(wrapped.positions, ur5.skin.positions[chart.taxels])
+        areas = 4 * np.abs(np.linalg.det(chart.cells))
+        assert np.allclose(areas, ur5.skin.areas[chart.taxels])
 
 
-def test_both_shells_of_a_tube_share_a_chart(ur5):
-    charts = build_charts(ur5)
-    patches = [set(ur5.skin.patch_index[c.taxels].tolist()) for c in charts]
+def test_both_half_shells_of_a_tube_share_a_chart(ur5, charts):
+    patches = [set(ur5.skin.patch_index[chart.taxels].tolist()) for chart in charts]
     assert patches[0] == {0, 1}
     assert {3, 4} in patches
     assert len(charts) == 7
 
 
-def test_a_chart_lays_its_taxels_where_the_skin_has_them(ur5):
-    for chart in build_charts(ur5):
-        wrapped = chart.surface.wrap(chart.unrolled)
-        assert np.allclose(wrapped.positions, ur5.skin.positions[chart.taxels])
+def test_neighbouring_cells_of_a_row_touch(ur5, charts):
+    skin = ur5.skin
+    for chart in charts:
+        grid = [each[chart.taxels] for each in (skin.patch_index, skin.rows)]
+        # Taxels follow each other along the rows of their patch.
+        same_row = np.all([each[1:] == each[:-1] for each in grid], axis=0)
+        assert same_row.any()
+        step = np.diff(chart.unrolled, axis=0)
+        step[:, 0] = chart.wrap_s(step[:, 0])
+        reach = chart.cells[:-1, 0] + chart.cells[1:, 0]
+        assert np.allclose(step[same_row], reach[same_row])
 
 
-def test_cells_have_the_taxels_areas(ur5):
-    for chart in build_charts(ur5):
-        areas = 4 * np.abs(np.linalg.det(chart.cells))
-        assert np.allclose(areas, ur5.skin.areas[chart.taxels])
+def test_cells_of_rows_across_the_seam_of_a_tube_are_aligned():
+    grid = TaxelGrid(6, 2, row_pitch=0.007, column_pitch=0.008)
+    behind = make_transform(np.diag([-1.0, -1.0, 1.0]), np.zeros(3))
+    mounted = mount((grid, Tube(0.04, np.eye(4))), (grid, Tube(0.04, behind)))
+    skin = mounted.skin
+    turned = skin.patch_index == 1
+    turned_skin = replace(
+        skin,
+        rows=np.where(turned, skin.columns, skin.rows),
+        columns=np.where(turned, skin.rows, skin.columns),
+        tangents=np.where(
+            turned[:, None], np.cross(skin.normals, skin.tangents), skin.tangents
+        ),
+    )
+    (chart,) = build_charts(MountedSkin(turned_skin, mounted.robot))
+    assert np.ptp(chart.unrolled[turned, 0]) > 0.2
+    assert np.allclose(np.abs(chart.cells[turned, 0, 1]), 0.0035)
+    assert np.allclose(np.abs(chart.cells[turned, 1, 0]), 0.004)
 
 
-def test_cells_of_a_grid_meet_without_gap(ur5):
-    for chart in build_charts(ur5):
-        key = {
-            (p, r, c): i
-            for i, (p, r, c) in enumerate(
-                zip(
-                    ur5.skin.patch_index[chart.taxels],
-                    ur5.skin.rows[chart.taxels],
-                    ur5.skin.columns[chart.taxels],
-                    strict=True,
-                )
-            )
-        }
-        for (p, r, c), i in key.items():
-            if (j := key.get((p, r, c + 1))) is not None:
-                step = chart.unrolled[j] - chart.unrolled[i]
-                step[:1] = chart.wrap_s(step[:1])
-                assert np.allclose(step, chart.cells[i, 0] + chart.cells[j, 0])
-
-
-def test_cells_lie_right_where_rows_run_across_the_seam_of_a_tube():
-    grid = TaxelGrid(2, 6, row_pitch=0.007, column_pitch=0.008)
-    seam = np.array([np.pi * 0.04, 0.0])
-    tube = Tube(0.04, np.eye(4))
-    world = mounted((grid, tube), (grid, Turned(tube, seam)))
-    (chart,) = build_charts(world)
-    turned = world.skin.patch_index[chart.taxels] == 1
-    assert np.allclose(np.abs(chart.cells[turned, 0, 1]), 0.004)
-    assert np.allclose(np.abs(chart.cells[turned, 1, 0]), 0.0035)
-
-
-def test_a_dome_draws_its_cells_flat():
-    world = mounted((TaxelGrid(7, 7, 0.008, 0.008), Dome(0.06, np.eye(4))))
-    (chart,) = build_charts(world)
+def test_cells_on_a_dome_have_their_area_unrolled():
+    (chart,) = build_charts(
+        mount((TaxelGrid(7, 7, 0.008, 0.008), Dome(0.06, np.eye(4))))
+    )
     assert np.allclose(np.abs(np.linalg.det(chart.cells)), 0.004**2, rtol=1e-6)
 
 
-def test_only_a_tube_comes_round():
-    def lift(z):
-        return make_transform(np.eye(3), np.array([0.0, 0.0, z]))
-
-    grid = TaxelGrid(3, 3, 0.008, 0.008)
-    laid = [(grid, Plane(lift(1.0))), (grid, Tube(0.05, lift(0.0)))]
-    plane, tube = build_charts(mounted(*laid))
-    whole = 2 * np.pi * 0.05
-    assert tube.wrap_s(np.array([0.6, -0.6]) * whole) == pytest.approx(
-        np.array([-0.4, 0.4]) * whole
-    )
-    assert plane.wrap_s(np.array([3.0])) == pytest.approx([3.0])
-    assert np.isinf(plane.radius)
+def test_patch_on_no_known_surface_is_refused():
+    mounted = mount((TaxelGrid(4, 4, 0.008, 0.008), Plane(np.eye(4))))
+    positions = mounted.skin.positions
+    positions[:, 2] = 0.01 * np.sin(500 * positions[:, 0])
+    with pytest.raises(ValueError, match="'p0'.*plane, tube or dome"):
+        build_charts(mounted)
 
 
-def test_a_patch_on_no_known_surface_is_refused():
-    world = mounted((TaxelGrid(4, 4, 0.008, 0.008), Plane(np.eye(4))))
-    skin = world.skin
-    skin.positions[:, 2] = 0.01 * np.sin(500 * skin.positions[:, 0])
-    with pytest.raises(ValueError, match="'p0' lies on no plane, tube or dome"):
-        build_charts(world)
-
-
-def test_a_surface_ends_a_rim_beyond_its_taxels_but_not_round_a_tube(ur5):
+def test_surface_ends_at_its_rim_but_not_around_a_tube(ur5, charts):
     for chart in build_charts(ur5, 0.01):
         low, high = chart.unrolled.min(axis=0), chart.unrolled.max(axis=0)
         s, t = (low + high) / 2
@@ -150,4 +114,4 @@ def test_a_surface_ends_a_rim_beyond_its_taxels_but_not_round_a_tube(ur5):
         (aside,) = chart.is_beyond(np.array([[high[0] + 0.011, t]]))
         assert aside != isinstance(chart.surface, Tube)
     far = np.array([[9.0, 9.0]])
-    assert not any(chart.is_beyond(far).any() for chart in build_charts(ur5))
+    assert not any(chart.is_beyond(far).any() for chart in charts)

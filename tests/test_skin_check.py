@@ -1,6 +1,7 @@
-"""The check finds each fault that is planted, and says in which patch and taxel."""
+"""Tests of `eskin skin` and its checks: each planted problem is found and named."""
 
 import json
+import sys
 from dataclasses import replace
 
 import numpy as np
@@ -9,225 +10,214 @@ import pytest
 from eskin.cli.main import run
 from eskin.robot import load_robot
 from eskin.skin import check_skin, load_skin, save_skin
+from eskin.skin.wiring import PressResponse, check_wiring, choose_press_targets
 
 SKIN = load_skin("ur5")
 ROBOT = load_robot("ur5")
-VICTIM = int(SKIN.find_taxels("wrist_1")[17])
+TAXEL = int(SKIN.find_taxels("wrist_1")[17])
+PLACE, NORMAL = SKIN.positions[TAXEL], SKIN.normals[TAXEL]
+WRIST_2 = SKIN.find_taxels("wrist_2")
 
 
-def with_value(name, value, taxel=VICTIM):
-    array = getattr(SKIN, name).copy()
-    array[taxel] = value
-    return replace(SKIN, **{name: array})
+def change_taxel(taxel=TAXEL, **values):
+    """Return the skin with other values of one taxel, or of several."""
+    arrays = {name: getattr(SKIN, name).copy() for name in values}
+    for name, value in values.items():
+        arrays[name][taxel] = value
+    return replace(SKIN, **arrays)
 
 
-def with_patch(number, **changes):
-    patches = list(SKIN.patches)
-    patches[number] = replace(patches[number], **changes)
-    return replace(SKIN, patches=tuple(patches))
-
-
-def one_problem(skin, robot=ROBOT):
-    problems = check_skin(skin, robot)
-    assert len(problems) == 1, [str(p) for p in problems]
-    assert "\n" not in str(problems[0])
-    return problems[0]
-
-
-@pytest.mark.parametrize(
-    ("field", "value", "text"),
-    [
-        ("normals", 0.5 * SKIN.normals[VICTIM], "normal has length 0.5, allowed 1 +-"),
-        ("tangents", 2 * SKIN.tangents[VICTIM], "tangent has length 2, allowed 1 +-"),
-        ("tangents", SKIN.normals[VICTIM], "tangent is not at a right angle to the n"),
-        ("areas", 100 * SKIN.areas[VICTIM], "has an area of 4489 mm2, allowed 8.9"),
-        ("areas", 0.01 * SKIN.areas[VICTIM], "has an area of 0.4489 mm2, allowed 8.9"),
-        ("areas", np.nan, "has an area of nan mm2"),
-        ("areas", -1e-6, "has an area of -1 mm2"),
-    ],
-)
-def test_a_wrong_taxel_is_named(field, value, text):
-    problem = one_problem(with_value(field, value))
-    assert (problem.patch, problem.taxel) == ("wrist_1", VICTIM)
-    assert text in str(problem)
-    assert str(problem).startswith(f"patch 'wrist_1', taxel {VICTIM}: ")
-
-
-@pytest.mark.parametrize(
-    ("field", "value", "text"),
-    [
-        ("rows", 9, "lies in row 9, column"),
-        ("columns", -1, "column -1; allowed rows 0 to 8, columns 0 to 11"),
-    ],
-)
-def test_a_taxel_in_no_cell_of_its_patch_is_named(field, value, text):
-    problem = check_skin(with_value(field, value), ROBOT)[0]
-    assert (problem.patch, problem.taxel) == ("wrist_1", VICTIM)
-    assert text in problem.text
-
-
-def test_a_normal_turned_inward_is_found_with_and_without_a_robot():
-    skin = with_value("normals", -SKIN.normals[VICTIM])
-    assert "against its neighbours" in str(one_problem(skin, None))
-    texts = [p.text for p in check_skin(skin, ROBOT)]
-    assert any("does not point out of link 'wrist_1_link'" in text for text in texts)
-
-
-def test_a_whole_patch_turned_inside_out_is_found_on_the_robot():
-    normals = SKIN.normals.copy()
-    normals[SKIN.find_taxels("wrist_2")] *= -1
-    problems = check_skin(replace(SKIN, normals=normals), ROBOT)
-    assert [p.taxel for p in problems] == SKIN.find_taxels("wrist_2").tolist()
-
-
-@pytest.mark.parametrize(("offset", "side"), [(0.008, "off"), (-0.008, "below")])
-def test_a_taxel_off_its_links_surface_is_found(offset, side):
-    place = SKIN.positions[VICTIM] + offset * SKIN.normals[VICTIM]
-    skin = with_value("positions", place)
-    said = str(one_problem(skin))
-    assert (
-        f"lies 8 mm {side} the surface of link 'wrist_1_link', allowed up to 5" in said
-    )
-    assert check_skin(skin) == []
-
-
-def test_a_patch_in_millimetres_is_found():
-    positions = SKIN.positions.copy()
-    positions[SKIN.find_taxels("wrist_2")] *= 1000
-    problems = check_skin(replace(SKIN, positions=positions), ROBOT)
-    off = {p.taxel for p in problems if "off the surface" in p.text}
-    assert off == set(SKIN.find_taxels("wrist_2").tolist())
-
-
-def test_taxels_on_one_another_are_found():
-    other = VICTIM - 1
-    skin = with_value("positions", SKIN.positions[other])
-    texts = [str(p) for p in check_skin(skin, ROBOT)]
-    wanted = f"taxel {VICTIM}: lies 0 mm from taxel {other} of patch 'wrist_1'"
-    assert any(wanted in text for text in texts)
-
-
-def test_two_taxels_in_one_cell_are_found():
-    skin = with_value("columns", SKIN.columns[VICTIM - 1])
-    texts = [str(p) for p in check_skin(skin, ROBOT)]
-    assert any(
-        f"taxel {VICTIM}: lies in row" in t and "where taxel" in t for t in texts
+def change_last_patch(**changes):
+    """Return the skin with another last patch, which is `wrist_3`."""
+    return replace(
+        SKIN, patches=(*SKIN.patches[:-1], replace(SKIN.patches[-1], **changes))
     )
 
 
-def test_a_position_that_is_no_number_is_found():
-    problems = check_skin(with_value("positions", np.nan), ROBOT)
-    assert any(p.taxel == VICTIM and "position" in p.text for p in problems)
+@pytest.mark.parametrize(
+    ("field", "value", "texts", "others"),
+    [
+        ("normals", 0.5 * NORMAL, ["normal", "length 0.5"], 0),
+        ("normals", -NORMAL, ["does not point out of link 'wrist_1_link'"], 1),
+        ("normals", -NORMAL, ["against its neighbours"], 1),
+        ("tangents", 2 * SKIN.tangents[TAXEL], ["tangent", "length 2"], 0),
+        ("tangents", NORMAL, ["tangent", "right angle"], 0),
+        ("areas", 100 * SKIN.areas[TAXEL], ["area", "4489 mm2"], 0),
+        ("areas", 0.01 * SKIN.areas[TAXEL], ["area", "0.4489 mm2"], 0),
+        ("areas", np.nan, ["area", "nan mm2"], 0),
+        ("areas", -1e-6, ["area", "-1 mm2"], 0),
+        ("rows", 9, ["row 9", "rows 0 to 8"], 3),
+        ("columns", -1, ["column -1", "columns 0 to 11"], 3),
+        ("columns", SKIN.columns[TAXEL - 1], [f"where taxel {TAXEL - 1} is"], 3),
+        ("positions", PLACE + 0.008 * NORMAL, ["8 mm off the surface", "5 mm"], 0),
+        ("positions", PLACE - 0.008 * NORMAL, ["8 mm below the surface"], 0),
+        ("positions", SKIN.positions[TAXEL - 1], ["0 mm from", f"{TAXEL - 1}"], 3),
+        ("positions", np.nan, ["position", "nan"], 3),
+    ],
+)
+def test_problem_of_a_taxel_is_named(field, value, texts, others):
+    problems = check_skin(change_taxel(**{field: value}), ROBOT)
+    assert len(problems) <= 1 + others
+    [problem] = [p for p in problems if all(text in p.text for text in texts)]
+    assert (problem.patch, problem.taxel) == ("wrist_1", TAXEL)
+    assert str(problem) == f"patch 'wrist_1', taxel {TAXEL}: {problem.text}"
+    assert "\n" not in problem.text
+
+
+def test_check_without_a_robot_finds_all_but_surface_problems():
+    lifted = change_taxel(positions=PLACE + 0.008 * NORMAL)
+    assert check_skin(lifted) == []
+    [problem] = check_skin(change_taxel(normals=-NORMAL))
+    assert "against its neighbours" in problem.text
 
 
 @pytest.mark.parametrize(
     ("changes", "text"),
     [
-        ({"id": "wrist_1"}, "2 patches have this id, allowed one"),
-        ({"address": 1}, "address 1 is that of patch 'upper_arm_front' too"),
-        (
-            {"link": "tail"},
-            "link 'tail', which robot 'ur5' does not have; allowed base",
-        ),
+        ({"normals": -SKIN.normals[WRIST_2]}, "does not point out"),
+        ({"positions": 1000 * SKIN.positions[WRIST_2]}, "off the surface"),
+    ],
+    ids=["inside out", "in millimetres"],
+)
+def test_every_taxel_of_a_wrong_patch_is_named(changes, text):
+    problems = check_skin(change_taxel(WRIST_2, **changes), ROBOT)
+    assert {p.taxel for p in problems if text in p.text} == set(WRIST_2.tolist())
+
+
+@pytest.mark.parametrize(
+    ("changes", "texts"),
+    [
+        ({"id": "wrist_1"}, ["2 patches"]),
+        ({"address": 1}, ["address 1", "upper_arm_front"]),
+        ({"link": "tail"}, ["tail", "ur5", "base"]),
     ],
 )
-def test_a_wrong_patch_is_named(changes, text):
-    problems = check_skin(with_patch(8, **changes), ROBOT)
-    here = changes.get("id", "wrist_3")
-    assert {(p.patch, p.taxel) for p in problems} == {(here, None)}
-    assert all(text in p.text for p in problems)
+def test_wrong_patch_is_named(changes, texts):
+    problems = check_skin(change_last_patch(**changes), ROBOT)
+    patch = changes.get("id", "wrist_3")
+    assert {(p.patch, p.taxel) for p in problems} == {(patch, None)}
+    assert all(text in p.text for p in problems for text in texts)
 
 
-def test_a_patch_without_taxels_is_found():
+def test_all_problems_are_listed():
+    skin = change_last_patch(address=1, link="tail")
+    areas = np.where(np.arange(skin.count) < 3, 1.0, skin.areas)
     empty = replace(SKIN.patches[0], id="empty", address=50)
-    skin = replace(SKIN, patches=(*SKIN.patches, empty))
-    assert str(one_problem(skin)) == "patch 'empty': has no taxels, allowed one or more"
+    skin = replace(skin, areas=areas, patches=(*skin.patches, empty))
+    problems = check_skin(skin, ROBOT)
+    assert sorted((p.patch, p.taxel or 0) for p in problems) == [
+        *(("empty", 0), ("upper_arm_front", 0), ("upper_arm_front", 1)),
+        *(("upper_arm_front", 2), ("wrist_3", 0), ("wrist_3", 0)),
+    ]
 
 
-def test_several_faults_are_all_listed():
-    skin = with_patch(8, address=1, link="tail")
-    skin = replace(skin, areas=np.where(np.arange(skin.count) < 3, 1.0, skin.areas))
-    assert len(check_skin(skin, ROBOT)) == 5
-
-
-def spoil(folder):
-    """Plant one fault that cannot be read, and one that can, under other ids."""
-    save_skin(SKIN, folder)
-    table = folder / "taxels.csv"
-    lines = table.read_text().splitlines()
-    lines[1] = lines[1].replace("upper_arm_front,0", "nowhere,0")
-    cells = lines[1 + VICTIM].split(",")
-    cells[10] = "9999"
-    lines[1 + VICTIM] = ",".join(cells)
-    table.write_text("\n".join(lines))
-
-
-def test_the_command_lists_every_problem_of_a_folder_and_exits_with_2(tmp_path, capsys):
-    spoil(tmp_path)
+def test_check_command_lists_problems_of_files_and_of_the_skin(tmp_path, capsys):
+    save_skin(change_taxel(areas=9999e-6), tmp_path)
+    table = tmp_path / "taxels.csv"
+    text = table.read_text()
+    table.write_text(text.replace("upper_arm_front,0", "nowhere,0", 1))
     assert run(["skin", "check", str(tmp_path), "--robot", "ur5"]) == 2
     out, err = capsys.readouterr()
     unread, wrong = out.splitlines()
     assert unread.startswith("patch 'nowhere', taxel 0: ")
-    assert "taxels.csv line 2, column patch: got 'nowhere'" in unread
-    assert wrong.startswith(f"patch 'wrist_1', taxel {VICTIM}: has an area of 9999 mm2")
-    assert err.count("\n") == 1 and "has 2 problems" in err
+    assert "line 2, column patch" in unread
+    assert wrong.startswith(f"patch 'wrist_1', taxel {TAXEL}: ") and "9999" in wrong
+    assert err.count("\n") == 1 and "2 problems" in err
 
 
-def test_the_command_says_that_a_good_skin_has_no_problems(tmp_path, capsys):
+def test_check_command_finds_nothing_wrong_with_a_good_skin(tmp_path, capsys):
     assert run(["skin", "check", "ur5", "--json"]) == 0
-    *said, last = capsys.readouterr().out.splitlines()
-    assert json.loads(last) == {"problems": []}
-    assert said == ["skin ur5: no problems, checked on robot ur5"]
+    text, result = capsys.readouterr().out.splitlines()
+    assert json.loads(result) == {"problems": []}
+    assert "no problems" in text and "robot ur5" in text
     save_skin(load_skin("sleeve"), tmp_path)
     assert run(["skin", "check", str(tmp_path)]) == 0
-    assert "without a robot's surface" in capsys.readouterr().out
+    assert "without a robot" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(
     ("argv", "expected"),
     [
-        (["check", "nothing"], "skin.yaml does not exist"),
-        (["check", "ur5", "--robot", "nothing"], "no robot 'nothing'"),
-        (["show", "nothing"], "no skin 'nothing'; allowed a preset (ur5, ur5-half"),
-        (["show", "ur5", "--out", "a.foo"], "no picture format '.foo' for a.foo; all"),
-        (["show", "ur5", "--out", "no/a.png"], "no folder no for a.png; make it first"),
-        (["show", "ur5", "--out", "a.png", "--robot", "table"], "lies on links that"),
+        (["check", "nothing"], "skin.yaml"),
+        (["check", "ur5", "--robot", "nothing"], "'nothing'"),
+        (["show", "nothing"], "(ur5, ur5-half"),
+        (["show", "ur5", "--out", "a.foo"], "'.foo'"),
+        (["show", "ur5", "--out", "no/a.png"], "no folder no"),
+        (["show", "ur5", "--out", "a.png", "--robot", "table"], "links"),
     ],
 )
-def test_bad_input_to_the_commands_is_one_line(
+def test_invalid_input_is_refused_in_one_line(
     argv, expected, tmp_path, monkeypatch, capsys
 ):
     monkeypatch.chdir(tmp_path)
     assert run(["skin", *argv]) == 2
     err = capsys.readouterr().err
     assert expected in err and err.count("\n") == 1
-    assert list(tmp_path.iterdir()) == [], "nothing half-written"
+    assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.parametrize("name", ["ur5", "shearsense"])
-def test_the_command_shows_a_skin_and_draws_it(name, tmp_path, capsys):
+@pytest.mark.slow
+def test_show_command_prints_and_draws_a_skin(tmp_path, capsys):
     picture = tmp_path / "skin.png"
-    assert run(["skin", "show", name, "--out", str(picture), "--json"]) == 0
+    assert run(["skin", "show", "ur5", "--out", str(picture), "--json"]) == 0
     shown = json.loads(capsys.readouterr().out.splitlines()[-1])
-    skin = load_skin(name)
-    assert shown["taxels"] == skin.count == sum(p["taxels"] for p in shown["patches"])
-    assert shown["area_cm2"] == pytest.approx(1e4 * skin.areas.sum(), abs=1e-3)
-    assert shown["calibrated"] == skin.calibrated
+    assert shown["taxels"] == 2112 == sum(p["taxels"] for p in shown["patches"])
+    assert shown["area_cm2"] == pytest.approx(1e4 * SKIN.areas.sum(), abs=1e-3)
+    assert shown["calibrated"]
     assert picture.read_bytes().startswith(b"\x89PNG")
-    assert [path.name for path in tmp_path.iterdir()] == ["skin.png"]
+    assert list(tmp_path.iterdir()) == [picture]
 
 
-def test_a_skin_without_its_robot_is_drawn_rolled_out_only(tmp_path):
-    save_skin(SKIN, tmp_path / "own")
-    own = str(tmp_path / "own")
-    assert run(["skin", "show", own, "--out", str(tmp_path / "a.svg")]) == 0
-    assert (tmp_path / "a.svg").stat().st_size > 10_000
+def test_show_command_draws_a_nominal_skin_without_its_robot(tmp_path, capsys):
+    save_skin(load_skin("shearsense"), tmp_path / "own")
+    own, picture = str(tmp_path / "own"), tmp_path / "a.svg"
+    assert run(["skin", "show", own, "--out", str(picture), "--json"]) == 0
+    assert not json.loads(capsys.readouterr().out.splitlines()[-1])["calibrated"]
+    assert picture.stat().st_size > 5_000
 
 
-def test_without_matplotlib_the_picture_names_the_extra_to_install(
-    monkeypatch, tmp_path, capsys
-):
-    monkeypatch.setitem(__import__("sys").modules, "matplotlib", None)
+def test_picture_without_matplotlib_names_the_extra(monkeypatch, tmp_path, capsys):
+    monkeypatch.setitem(sys.modules, "matplotlib", None)
     assert run(["skin", "show", "ur5", "--out", str(tmp_path / "a.png")]) == 2
     err = capsys.readouterr().err
     assert "eskin[train]" in err and "matplotlib" in err and err.count("\n") == 1
+
+
+def check_responses(move):
+    """Check the wiring when a press at row and column is felt at `move(row, column)`.
+
+    Rows and columns are shares of the patch's grid; None is no response.
+    """
+    responses = []
+    for target in choose_press_targets(SKIN):
+        taxels = SKIN.find_taxels(target.patch)
+        cells = np.column_stack([SKIN.rows, SKIN.columns])
+        last = cells[taxels].max(axis=0)
+        moved = move(*(cells[target.taxel] / last))
+        taxel = None
+        if moved is not None:
+            distances = np.linalg.norm(cells[taxels] - np.array(moved) * last, axis=1)
+            taxel = int(taxels[np.argmin(distances)])
+        responses.append(PressResponse(target, taxel))
+    return check_wiring(SKIN, responses)
+
+
+def test_response_at_or_beside_the_target_is_right():
+    assert check_responses(lambda row, column: (row, column)) == []
+    assert check_responses(lambda row, column: (row + 0.05, column - 0.05)) == []
+
+
+@pytest.mark.parametrize(
+    ("move", "text"),
+    [
+        (lambda row, column: (1 - row, column), "has rows reversed;"),
+        (lambda row, column: (row, 1 - column), "has columns reversed;"),
+        (lambda row, column: (1 - row, 1 - column), "rows reversed and columns rev"),
+        (lambda row, column: (column, row), "has rows and columns exchanged;"),
+        (lambda row, column: (0.5, 0.5), "responded elsewhere"),
+        (lambda row, column: None, "did not respond at 3 of 3"),
+    ],
+)
+def test_wrong_wiring_of_a_patch_is_named(move, text):
+    for patch, line in zip(SKIN.patches, check_responses(move), strict=True):
+        assert f"'{patch.id}'" in line and text in line

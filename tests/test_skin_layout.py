@@ -1,4 +1,4 @@
-"""Surfaces keep lengths and areas, and are found again from the taxels on them."""
+"""Tests of surfaces and grids: surfaces keep lengths and areas, and can be fitted."""
 
 import numpy as np
 import pytest
@@ -16,131 +16,106 @@ from eskin.skin import (
 )
 from eskin.transforms import apply, make_transform, random_rotation, rotate
 
-
-def surfaces():
-    rng = np.random.default_rng(3)
-    T_link_surface = make_transform(random_rotation(rng), rng.standard_normal(3))
-    return [
-        Plane(T_link_surface),
-        Tube(0.05, T_link_surface),
-        Dome(0.06, T_link_surface),
-    ]
+RNG = np.random.default_rng(3)
+T_LINK_SURFACE = make_transform(random_rotation(RNG), RNG.standard_normal(3))
+FLAT = [Plane(T_LINK_SURFACE), Tube(0.05, T_LINK_SURFACE)]
+SURFACES = pytest.mark.parametrize(
+    "surface", [*FLAT, Dome(0.06, T_LINK_SURFACE)], ids=lambda s: type(s).__name__
+)
+STEP = 1e-6
 
 
-KINDS = pytest.mark.parametrize("surface", surfaces(), ids=lambda s: type(s).__name__)
+def random_unrolled(seed=0, reach=0.05):
+    """Return random points (s, t) of an unrolled surface [m]."""
+    return np.random.default_rng(seed).uniform(-reach, reach, (40, 2))
 
 
-def drawing(seed=0, count=40, reach=0.05):
-    return np.random.default_rng(seed).uniform(-reach, reach, (count, 2))
+def differentiate(surface, unrolled, step):
+    """Return the derivative of positions in the direction of a step."""
+    ahead, behind = surface.wrap(unrolled + step), surface.wrap(unrolled - step)
+    return (ahead.positions - behind.positions) / (2 * STEP)
 
 
-@KINDS
+def straight_distances(points):
+    """Return the distance of each pair of points in space."""
+    return np.linalg.norm(points[:, None] - points, axis=-1)
+
+
+@SURFACES
 def test_unrolling_undoes_wrapping(surface):
-    unrolled = drawing()
-    assert np.allclose(surface.unroll(surface.wrap(unrolled).positions), unrolled)
-
-
-@KINDS
-def test_directions_are_unit_and_at_right_angles(surface):
-    wrapped = surface.wrap(drawing())
-    for directions in (wrapped.normals, wrapped.tangents):
-        assert np.allclose(np.linalg.norm(directions, axis=1), 1)
-    assert np.allclose(np.sum(wrapped.normals * wrapped.tangents, axis=1), 0)
-
-
-@KINDS
-def test_normal_and_stretch_are_those_of_finite_differences(surface):
-    unrolled, h = drawing(), 1e-6
-    by_s, by_t = (
-        (
-            surface.wrap(unrolled + step).positions
-            - surface.wrap(unrolled - step).positions
-        )
-        / (2 * h)
-        for step in h * np.eye(2)
+    unrolled = random_unrolled()
+    np.testing.assert_allclose(
+        surface.unroll(surface.wrap(unrolled).positions), unrolled, atol=1e-12
     )
+
+
+@SURFACES
+def test_normals_tangents_and_areas_agree_with_finite_differences(surface):
+    unrolled = random_unrolled()
     wrapped = surface.wrap(unrolled)
-    area = np.cross(by_s, by_t)
-    assert np.allclose(area, wrapped.area_scale[:, None] * wrapped.normals, atol=1e-7)
+    along_s, along_t = (
+        differentiate(surface, unrolled, step) for step in STEP * np.eye(2)
+    )
+    for directions in (wrapped.normals, wrapped.tangents):
+        np.testing.assert_allclose(np.linalg.norm(directions, axis=1), 1)
+    np.testing.assert_allclose(
+        np.cross(along_s, along_t),
+        wrapped.area_scale[:, None] * wrapped.normals,
+        atol=1e-7,
+    )
+    across = np.sum(wrapped.normals * wrapped.tangents, axis=1)
+    np.testing.assert_allclose(across, 0, atol=1e-12)
+    if surface in FLAT:
+        np.testing.assert_allclose(along_s, wrapped.tangents, atol=1e-7)
 
 
-@pytest.mark.parametrize("surface", surfaces()[:2], ids=["Plane", "Tube"])
-def test_the_tangent_is_the_way_in_which_s_grows(surface):
-    unrolled, h = drawing(), 1e-6
-    ahead = surface.wrap(unrolled + [h, 0]).positions
-    behind = surface.wrap(unrolled - [h, 0]).positions
-    assert np.allclose((ahead - behind) / (2 * h), surface.wrap(unrolled).tangents)
-
-
-@KINDS
-def test_distances_are_a_metric_no_shorter_than_straight_lines(surface):
-    points = surface.wrap(drawing()).positions
+@SURFACES
+def test_surface_distances_are_a_metric_no_shorter_than_straight_lines(surface):
+    points = surface.wrap(random_unrolled()).positions
     far = surface_distances(surface, points, points)
-    straight = np.linalg.norm(points[:, None] - points[None], axis=-1)
-    assert np.allclose(far, far.T) and np.allclose(np.diag(far), 0, atol=1e-8)
-    assert np.all(far >= straight - 1e-12)
+    np.testing.assert_allclose(far, far.T)
+    np.testing.assert_allclose(np.diag(far), 0, atol=1e-8)
+    assert np.all(far >= straight_distances(points) - 1e-12)
     assert np.all(far[:, :, None] + far[None] >= far[:, None] - 1e-9)
+    points = surface.wrap(random_unrolled(reach=1e-5)).positions
+    near = surface_distances(surface, points, points)
+    np.testing.assert_allclose(near, straight_distances(points), rtol=1e-5, atol=1e-8)
 
 
-@KINDS
-def test_small_distances_are_straight(surface):
-    unrolled = drawing(reach=1e-5)
-    points = surface.wrap(unrolled).positions
-    straight = np.linalg.norm(points[:, None] - points[None], axis=-1)
-    assert np.allclose(surface_distances(surface, points, points), straight, rtol=1e-5)
-
-
-def test_the_way_round_a_tube_is_the_shorter_one():
+def test_distance_around_a_tube_is_that_of_the_shorter_way():
     tube = Tube(0.05, np.eye(4))
-    whole = 2 * np.pi * 0.05
-    ends = tube.wrap(np.array([[-0.49 * whole, 0.0], [0.49 * whole, 0.03]]))
+    around = 2 * np.pi * 0.05
+    ends = tube.wrap(np.array([[-0.49 * around, 0.0], [0.49 * around, 0.03]]))
     far = surface_distances(tube, ends.positions[:1], ends.positions[1:])
-    assert np.allclose(far, np.hypot(0.02 * whole, 0.03))
+    np.testing.assert_allclose(far, np.hypot(0.02 * around, 0.03))
 
 
-@KINDS
-def test_the_surface_is_found_again_from_its_taxels(surface):
-    wrapped = surface.wrap(drawing())
-    found = fit_surface(wrapped.positions, wrapped.normals)
-    assert type(found) is type(surface)
-    assert getattr(found, "radius", None) == pytest.approx(
-        getattr(surface, "radius", None)
-    )
-    other = surface.wrap(drawing(seed=1))
-    assert np.max(found.fit_errors(other.positions, other.normals)) < 1e-9
-    assert np.allclose(
-        surface_distances(found, wrapped.positions, other.positions),
-        surface_distances(surface, wrapped.positions, other.positions),
-    )
-
-
-def test_no_surface_is_found_where_there_is_none():
-    wrapped = Dome(0.06, np.eye(4)).wrap(drawing())
-    squeezed = wrapped.positions * [1.0, 0.8, 1.0]
-    assert fit_surface(squeezed, wrapped.normals) is None
-    assert fit_surface(np.zeros((0, 3)), np.zeros((0, 3))) is None
-    inward = Tube(0.05, np.eye(4)).wrap(drawing())
-    assert fit_surface(inward.positions, -inward.normals) is None
-
-
-def test_the_found_surface_moves_with_the_link():
+@SURFACES
+def test_surface_is_fitted_to_its_taxels_in_any_pose(surface):
+    wrapped = surface.wrap(random_unrolled())
+    other = surface.wrap(random_unrolled(seed=1))
     T = make_transform(random_rotation(np.random.default_rng(5)), np.ones(3))
-    for surface in surfaces():
-        wrapped = surface.wrap(drawing())
-        moved = fit_surface(apply(T, wrapped.positions), rotate(T, wrapped.normals))
-        assert np.allclose(
-            surface_distances(moved, *2 * (apply(T, wrapped.positions),)),
-            surface_distances(surface, *2 * (wrapped.positions,)),
-        )
+    expected = surface_distances(surface, wrapped.positions, other.positions)
+    for pose in (np.eye(4), T):
+        points, others = apply(pose, wrapped.positions), apply(pose, other.positions)
+        fitted = fit_surface(points, rotate(pose, wrapped.normals))
+        assert type(fitted) is type(surface)
+        if not isinstance(fitted, Plane):
+            assert fitted.radius == pytest.approx(surface.radius)
+        assert fitted.fit_errors(others, rotate(pose, other.normals)).max() < 1e-9
+        np.testing.assert_allclose(surface_distances(fitted, points, others), expected)
 
 
-def test_a_grid_of_a_tube_covers_the_area_that_it_unrolls_to():
-    grid = TaxelGrid(6, 10, 0.004, 0.005)
-    assert grid.areas().sum() == pytest.approx(60 * 0.004 * 0.005)
-    assert np.allclose(grid.unrolled().mean(axis=0), 0)
+def test_no_surface_is_fitted_to_other_points():
+    dome, tube = Dome(0.06, np.eye(4)), Tube(0.05, np.eye(4))
+    on_dome, on_tube = (surface.wrap(random_unrolled()) for surface in (dome, tube))
+    squeezed = on_dome.positions * [1.0, 0.8, 1.0]
+    assert fit_surface(squeezed, on_dome.normals) is None
+    assert fit_surface(np.zeros((0, 3)), np.zeros((0, 3))) is None
+    assert fit_surface(on_tube.positions, -on_tube.normals) is None
 
 
-def test_taxels_on_a_dome_cover_the_area_of_the_dome_below_them():
+def test_taxels_on_a_dome_cover_the_area_of_the_dome():
     # A square drawn flat, its side 2a, as a fine sum over the sphere (r sin u = rho).
     radius, pitch, count = 0.06, 0.005, 12
     patch = Patch("cap", "arm", 1, count, count)
@@ -152,17 +127,16 @@ def test_taxels_on_a_dome_cover_the_area_of_the_dome_below_them():
     assert skin.areas.sum() == pytest.approx(exact, rel=1e-3)
 
 
-def test_a_taper_draws_the_last_row_together():
+def test_grid_is_centred_and_its_taper_narrows_the_last_row():
     grid = TaxelGrid(3, 5, 0.01, 0.01, taper=0.5)
     s, t = grid.unrolled().T
-    assert [np.ptp(s[t == level]) for level in np.unique(t)] == pytest.approx(
-        [0.04, 0.03, 0.02]
-    )
+    widths = [np.ptp(s[t == level]) for level in np.unique(t)]
+    assert widths == pytest.approx([0.04, 0.03, 0.02])
+    assert (s.mean(), t.mean()) == pytest.approx((0, 0))
     assert grid.areas()[[0, 5, 10]] == pytest.approx([1e-4, 0.75e-4, 0.5e-4])
 
 
 def test_cut_corners_are_staircases():
-    present = cut_corners(5, 6, (1, 2, 3, 0))
-    assert (~present).sum() == 1 + 3 + 6
-    assert not present[0, 0] and not present[0, 4] and not present[1, 5]
-    assert not present[2, 0] and not present[4, 2] and present[4, 5]
+    rows = ["-###--", "#####-", "-#####", "--####", "---###"]
+    expected = [[cell == "#" for cell in row] for row in rows]
+    np.testing.assert_array_equal(cut_corners(5, 6, (1, 2, 3, 0)), expected)

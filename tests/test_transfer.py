@@ -6,14 +6,14 @@ from collections import Counter
 import numpy as np
 import pytest
 from benchmarks import transfer
-from benchmarks.transfer import SETS, Answer, Group, Setting, Trial
+from benchmarks.transfer import SETS, Group, TransferSetting, Trial, TrialAnswer
 
 from eskin import load_model
 from eskin.recording.socialtouch import GESTURES
 from helpers.socialtouch import pressed, text_of, write_socialtouch
 
 SOCIAL = SETS["socialtouch"]
-SETTING = Setting(4.0, 40.0, 50.0)
+SETTING = TransferSetting(4.0, 40.0, 50.0)
 
 
 def trial_of(counts, period=0.08):
@@ -76,11 +76,11 @@ def test_the_largest_touch_is_answered_after_its_last_contact():
 def test_figures_say_what_is_right_and_wrong():
     model = load_model("ur5")
     answers = [
-        Answer("P0", "a", "poke", "poke", ("poke",), 1.0),
-        Answer("P0", "a", "none", "poke", ("grab", "poke"), 1.0),
-        Answer("P1", "a", "none", "none", ("unknown",), 1.0),
-        Answer("P1", "a", "none", "none", (), 0.1),
-        Answer("P1", "b", "poke", "none", (), 1.0),
+        TrialAnswer("P0", "a", "poke", "poke", ("poke",), 1.0),
+        TrialAnswer("P0", "a", "none", "poke", ("grab", "poke"), 1.0),
+        TrialAnswer("P1", "a", "none", "none", ("unknown",), 1.0),
+        TrialAnswer("P1", "a", "none", "none", (), 0.1),
+        TrialAnswer("P1", "b", "poke", "none", (), 1.0),
     ]
     group = Group("pokes", ("a",), "poke", bar=0.6, longer=0.5)
     found = transfer.figures(answers, group, model)

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from benchmarks.simulation.check import Check, at_least, within
+from benchmarks.simulation.check import BandCheck, at_least, within
 from benchmarks.simulation.physics import FOREARM
 from eskin.sim.constants import Constants
 from eskin.sim.contact.chart import Chart
@@ -71,7 +71,7 @@ class Forearm:
         return self.world.charts[self.index]
 
 
-def band_checks(constants: Constants, people: int, seed: int) -> list[Check]:
+def band_checks(constants: Constants, people: int, seed: int) -> list[BandCheck]:
     """Bands, durations, spectra and pulses."""
     forearm = forearm_of(constants)
     return [
@@ -128,7 +128,7 @@ def touches(
             )
 
 
-def size_checks(forearm: Forearm, people: int, seed: int) -> list[Check]:
+def size_checks(forearm: Forearm, people: int, seed: int) -> list[BandCheck]:
     """Percentiles of four sizes of each gesture, beside the prototype's."""
     checks = []
     for gesture, bands in BANDS.items():
@@ -149,9 +149,9 @@ def size_checks(forearm: Forearm, people: int, seed: int) -> list[Check]:
 
 def band_check(
     name: str, band: tuple[int, int, int], found: Float[np.ndarray, "3"]
-) -> Check:
+) -> BandCheck:
     """Met where the median lies between the prototype's outer percentiles."""
-    return Check(
+    return BandCheck(
         f"{name}, 10/50/90 %",
         f"median within {band[0]}-{band[2]} (prototype {'/'.join(map(str, band))})",
         "regression band of the prototype",
@@ -192,7 +192,7 @@ def pressed(
     ], force
 
 
-def length_checks(forearm: Forearm, people: int, seed: int) -> list[Check]:
+def length_checks(forearm: Forearm, people: int, seed: int) -> list[BandCheck]:
     """How many touches are short enough for the paper."""
     step = forearm.world.constants.value("time.step")
     checks, every = [], []
@@ -212,7 +212,7 @@ def length_checks(forearm: Forearm, people: int, seed: int) -> list[Check]:
     return [*checks, at_least("all gestures: share under 2 s", mean, 0.97, PAPER)]
 
 
-def spectrum_checks(forearm: Forearm, people: int, seed: int) -> list[Check]:
+def spectrum_checks(forearm: Forearm, people: int, seed: int) -> list[BandCheck]:
     """Where the largest reading of the skin has its power."""
     checks = []
     for kind in ("resting_hand", "lean"):
@@ -286,7 +286,7 @@ def second_peak(series: Series) -> float | None:
     return float(rates[start + power[start:].argmax()])
 
 
-def stroke_check(forearm: Forearm, people: int, seed: int) -> Check:
+def stroke_check(forearm: Forearm, people: int, seed: int) -> BandCheck:
     """How long after its neighbour a taxel is pressed, by the speed of the stroke."""
     step = forearm.world.constants.value("time.step")
     found, lags = [], []
@@ -297,7 +297,7 @@ def stroke_check(forearm: Forearm, people: int, seed: int) -> Check:
             found += lag_ratios(forearm.chart, pressure, press.centre[:, 1], step, lags)
     ratio = float(np.median(found))
     low, half, high = 1e3 * np.percentile(lags, [10, 50, 90])
-    return Check(
+    return BandCheck(
         "stroke: lag of neighbouring taxels by pitch / speed, median",
         "0.8 to 1.25 (8 mm at 14 cm/s: 57 ms)",
         "pitch / speed",

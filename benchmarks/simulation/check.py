@@ -7,7 +7,7 @@ import numpy as np
 
 
 @dataclass(frozen=True)
-class Check:
+class BandCheck:
     """A property that was measured."""
 
     name: str
@@ -29,17 +29,19 @@ def within(
     high: float,
     source: str,
     unit: str = "",
-) -> Check:
+) -> BandCheck:
     """A number that should lie between two others."""
     target = f"{low:.3g} to {high:.3g} {unit}".strip()
     measured = f"{value:.3g} {unit}".strip()
-    return Check(name, target, source, measured, bool(low <= value <= high))
+    return BandCheck(name, target, source, measured, bool(low <= value <= high))
 
 
-def at_most(name: str, value: float, high: float, source: str, unit: str = "") -> Check:
+def at_most(
+    name: str, value: float, high: float, source: str, unit: str = ""
+) -> BandCheck:
     """A number that should not pass another."""
     measured = f"{value:.3g} {unit}".strip()
-    return Check(
+    return BandCheck(
         name,
         f"at most {high:.3g} {unit}".strip(),
         source,
@@ -48,19 +50,21 @@ def at_most(name: str, value: float, high: float, source: str, unit: str = "") -
     )
 
 
-def at_least(name: str, value: float, low: float, source: str, unit: str = "") -> Check:
+def at_least(
+    name: str, value: float, low: float, source: str, unit: str = ""
+) -> BandCheck:
     """A number that should reach another."""
     measured = f"{value:.3g} {unit}".strip()
-    return Check(
+    return BandCheck(
         name, f"at least {low:.3g} {unit}".strip(), source, measured, bool(value >= low)
     )
 
 
-def ordered(name: str, values: dict[str, float], source: str, unit: str) -> Check:
+def ordered(name: str, values: dict[str, float], source: str, unit: str) -> BandCheck:
     """Numbers that should rise in the order in which they are given."""
     numbers = np.array(list(values.values()))
     measured = ", ".join(f"{key} {value:.3g}" for key, value in values.items())
-    return Check(
+    return BandCheck(
         name,
         " < ".join(values),
         source,
@@ -69,7 +73,7 @@ def ordered(name: str, values: dict[str, float], source: str, unit: str) -> Chec
     )
 
 
-def as_table(title: str, checks: Iterable[Check]) -> str:
+def as_table(title: str, checks: Iterable[BandCheck]) -> str:
     """The checks as a table in Markdown."""
     rows = [
         f"\n**{title}**\n",

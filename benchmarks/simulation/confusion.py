@@ -9,7 +9,7 @@ from sklearn.model_selection import GroupKFold, cross_val_predict
 from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import StandardScaler
 
-from benchmarks.simulation.check import Check, at_most, within
+from benchmarks.simulation.check import BandCheck, at_most, within
 from benchmarks.simulation.clips import TAP, Made, simulate
 from benchmarks.simulation.features import NAMES
 from benchmarks.simulation.forest import (
@@ -33,7 +33,7 @@ PLAIN = ("seconds", "peak force", "most taxels")
 """Features of the linear probe."""
 
 
-def confusion_tables(clips: int, seed: int) -> tuple[str, list[Check]]:
+def confusion_tables(clips: int, seed: int) -> tuple[str, list[BandCheck]]:
     """Two tables of confusions at the published difficulty, and what they should show.
 
     Args:
@@ -54,7 +54,7 @@ def confusion_tables(clips: int, seed: int) -> tuple[str, list[Check]]:
     return "\n".join(tables), checks
 
 
-def expected(labels: Shaped[np.ndarray, "clip"], guess: np.ndarray) -> list[Check]:
+def expected(labels: Shaped[np.ndarray, "clip"], guess: np.ndarray) -> list[BandCheck]:
     """Where no gesture goes, and which gestures are lost most and least."""
     counts = counted(labels, guess)
     names = sorted(set(labels))
@@ -65,18 +65,18 @@ def expected(labels: Shaped[np.ndarray, "clip"], guess: np.ndarray) -> list[Chec
     ranks = [name for name in sorted(recall, key=lambda n: recall[n]) if name != "none"]
     said = ", ".join(f"{name} {recall[name]:.1%}" for name in ranks)
     return [
-        Check(
+        BandCheck(
             *("no gesture is lost most to", "poke and double_pat", SOURCE),
             *(" and ".join(order), set(order) == {"poke", "double_pat"}),
         ),
-        Check(
+        BandCheck(
             *("gestures by recall", "double_pat and poke least, grab most", SOURCE),
             *(said, set(ranks[:2]) == {"double_pat", "poke"} and ranks[-1] == "grab"),
         ),
     ]
 
 
-def per_person(made: Sequence[Made], guess: np.ndarray) -> Check:
+def per_person(made: Sequence[Made], guess: np.ndarray) -> BandCheck:
     """How differently people are understood."""
     found = spread_of(guess == labels_of(made), people_of(made))
     name = f"SD between people ({100 * found.beyond:.1f} beyond counting)"
@@ -94,7 +94,7 @@ def probe(made: Sequence[Made]) -> float:
     return float(np.mean(guess == labels_of(made)))
 
 
-def pairs_check(labels: Shaped[np.ndarray, "clip"], guess: np.ndarray) -> Check:
+def pairs_check(labels: Shaped[np.ndarray, "clip"], guess: np.ndarray) -> BandCheck:
     """The pairs taken for each other most often, both ways, of gestures."""
     counts = counted(labels, guess)
     names = sorted(set(labels))
@@ -108,7 +108,7 @@ def pairs_check(labels: Shaped[np.ndarray, "clip"], guess: np.ndarray) -> Check:
     measured = ", ".join(f"{a}-{b} {both[a, b]}" for a, b in top)
     met = all(set(pair) in PAIRS for pair in top[:3])
     wanted = "grab-squeeze, stroke-rub, double_pat-tap"
-    return Check("pairs of gestures confused most", wanted, COST, measured, met)
+    return BandCheck("pairs of gestures confused most", wanted, COST, measured, met)
 
 
 def counted(

@@ -6,7 +6,7 @@ from functools import partial
 import numpy as np
 from jaxtyping import Float
 
-from benchmarks.simulation.check import Check, at_most, within
+from benchmarks.simulation.check import BandCheck, at_most, within
 from benchmarks.simulation.physics import ur5
 from eskin.sim.constants import Constants
 from eskin.sim.sensor.build import SensorBuild, build_nominal_sensor, draw_build
@@ -34,7 +34,7 @@ Series = Float[np.ndarray, "time"]
 
 def element_checks(
     constants: Constants, seed: int, repeats: int = REPEATS
-) -> list[Check]:
+) -> list[BandCheck]:
     """One element against the logs; what scatters is drawn `repeats` times."""
     skin = ur5()[0].skin
     build = element_of(skin, constants)
@@ -81,7 +81,7 @@ def stepped(seconds: float, step: float, after: float = 0.0) -> Series:
 
 def exponent_checks(
     skin: Skin, constants: Constants, seed: int, repeats: int
-) -> list[Check]:
+) -> list[BandCheck]:
     """Exponents of plateaus of the element, and of the taxels of builds.
 
     The mean should lie within the logged deviation, 0.16, of the logged one, and the
@@ -108,7 +108,7 @@ def exponent_checks(
     ]
 
 
-def creep_checks(play: partial, constants: Constants) -> list[Check]:
+def creep_checks(play: partial, constants: Constants) -> list[BandCheck]:
     """Creep of presses and of long holds."""
     step, period = constants.value("time.step"), constants.value("sensor.period")
     short = play(stepped(1.5, step))
@@ -136,7 +136,7 @@ def creep_checks(play: partial, constants: Constants) -> list[Check]:
     return [*press, *hold]
 
 
-def release_check(play: partial, constants: Constants) -> Check:
+def release_check(play: partial, constants: Constants) -> BandCheck:
     """Time from the end of the load to no conductance."""
     step, period = constants.value("time.step"), constants.value("sensor.period")
     read = play(stepped(1.0, step, after=0.3))
@@ -146,7 +146,9 @@ def release_check(play: partial, constants: Constants) -> Check:
     return at_most("release: conducts for, after the load", late, 20, LOGS, "ms")
 
 
-def repeat_check(skin: Skin, constants: Constants, seed: int, repeats: int) -> Check:
+def repeat_check(
+    skin: Skin, constants: Constants, seed: int, repeats: int
+) -> BandCheck:
     """How presses of the same point repeat in another session."""
     rng = np.random.default_rng([seed, 65])
     build = draw_build("r", "fresh", skin, constants, rng)
@@ -155,7 +157,7 @@ def repeat_check(skin: Skin, constants: Constants, seed: int, repeats: int) -> C
     return within("press: SD of ln conductance, repeated", deviation, 0.03, 0.08, LOGS)
 
 
-def loop_checks(play: partial, constants: Constants) -> list[Check]:
+def loop_checks(play: partial, constants: Constants) -> list[BandCheck]:
     """How wide the loop of a ramp up and down is."""
     step = constants.value("time.step")
     checks = []
@@ -174,7 +176,7 @@ def loop_checks(play: partial, constants: Constants) -> list[Check]:
 
 def noise_checks(
     skin: Skin, constants: Constants, seed: int, repeats: int
-) -> list[Check]:
+) -> list[BandCheck]:
     """Noise of idle taxels, as an element that idles at half scale would show it."""
     quiet = np.zeros((400, 0)), np.zeros(0, dtype=np.int64)
     stages = SensorStages(drift=False, faults=False)
@@ -191,7 +193,7 @@ def noise_checks(
 
 def ghost_checks(
     skin: Skin, constants: Constants, seed: int, repeats: int
-) -> list[Check]:
+) -> list[BandCheck]:
     """What the row and column of one pressed taxel read of it."""
     rows = (
         ("fresh", 4.0, "Castro et al. 2018"),

@@ -8,7 +8,7 @@ from sklearn.ensemble import RandomForestClassifier
 from sklearn.metrics import recall_score
 from sklearn.model_selection import GroupKFold
 
-from benchmarks.simulation.check import Check
+from benchmarks.simulation.check import BandCheck
 from benchmarks.simulation.clips import PROCESSES, Made, simulate
 from benchmarks.simulation.forest import (
     FOLDS,
@@ -32,7 +32,7 @@ STATED = ("electrical", "self_contact")
 touch only in poses where they are near each other."""
 
 
-def leakage_checks(clips: int, seed: int) -> list[Check]:
+def leakage_checks(clips: int, seed: int) -> list[BandCheck]:
     """What forests make of all that is not the touch itself.
 
     Args:
@@ -50,12 +50,12 @@ def leakage_checks(clips: int, seed: int) -> list[Check]:
         at_chance(f"{len(early)} clips, readings before contact", before, early, seed),
         at_chance("joint positions", poses_of(plain), plain, seed),
         at_chance("pose group, build, moving, folds", facts_of(plain), plain, seed),
-        Check(
+        BandCheck(
             *("link and height of the site", "near chance but for grabs: tubes"),
             *("design", said(*balanced(places_of(touched), touched, seed))),
             bool(balanced(places_of(touched), touched, seed)[0] < 2 * CHANCE),
         ),
-        Check(
+        BandCheck(
             *("shuffled histogram of pressures", f"< features - {BELOW:.0%}", "design"),
             *(f"{said(*shuffled)}; features {hand:.1%}", shuffled[0] < hand - BELOW),
         ),
@@ -64,11 +64,13 @@ def leakage_checks(clips: int, seed: int) -> list[Check]:
 
 def at_chance(
     name: str, features: Float[np.ndarray, "clip f"], made: Sequence[Made], seed: int
-) -> Check:
+) -> BandCheck:
     """Whether a forest is at chance, within the interval of its score."""
     score, low, high = balanced(features, made, seed)
     target = f"chance, {CHANCE:.0%}, in the interval"
-    return Check(name, target, "design", said(score, low, high), low <= CHANCE <= high)
+    return BandCheck(
+        name, target, "design", said(score, low, high), low <= CHANCE <= high
+    )
 
 
 def said(score: float, low: float, high: float) -> str:

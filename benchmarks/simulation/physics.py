@@ -5,7 +5,7 @@ from collections.abc import Iterable
 import numpy as np
 from jaxtyping import Float
 
-from benchmarks.simulation.check import Check, within
+from benchmarks.simulation.check import BandCheck, within
 from eskin.robot import load_robot
 from eskin.sim.constants import MM, Constants
 from eskin.sim.contact.chart import Chart, build_charts
@@ -32,7 +32,7 @@ SAMPLED = 0.083
 """Time between two readings of SocialTouch [s]."""
 
 
-def physics_checks(constants: Constants, people: int, seed: int) -> list[Check]:
+def physics_checks(constants: Constants, people: int, seed: int) -> list[BandCheck]:
     """Of one average fingertip, then of people."""
     return [
         *fingertip_checks(constants),
@@ -42,7 +42,7 @@ def physics_checks(constants: Constants, people: int, seed: int) -> list[Check]:
     ]
 
 
-def fingertip_checks(constants: Constants) -> list[Check]:
+def fingertip_checks(constants: Constants) -> list[BandCheck]:
     """Area, its growth, and the peak of pressure of the average fingertip."""
     forces = np.array(list(FINGERTIP))
     areas = tip_areas(constants, forces)
@@ -141,7 +141,7 @@ def ur5() -> tuple[MountedSkin, Chart]:
     return mounted, max(charts, key=lambda chart: len(chart.taxels))
 
 
-def people_checks(constants: Constants, people: int, seed: int) -> list[Check]:
+def people_checks(constants: Constants, people: int, seed: int) -> list[BandCheck]:
     """Forces that taxels feel, and the true area of a firm grab."""
     mounted, chart = ur5()
     rng = np.random.default_rng([seed, 61])
@@ -154,7 +154,7 @@ def people_checks(constants: Constants, people: int, seed: int) -> list[Check]:
         ]
         low, half, high = np.percentile(ratios, [10, 50, 90])
         checks.append(
-            Check(
+            BandCheck(
                 f"force felt by force given, {group} at {force:g} N inside a patch",
                 "10th, 50th and 90th percentile within 0.95 to 1.05",
                 "design",
@@ -205,7 +205,7 @@ def grab_area(
     return float(compute_pressure_field(press, chart, constants).area[0] * 1e4)
 
 
-def time_checks(constants: Constants, people: int, seed: int) -> list[Check]:
+def time_checks(constants: Constants, people: int, seed: int) -> list[BandCheck]:
     """How long bumps and pats are in contact."""
     rng = np.random.default_rng([seed, 62])
     site = ContactSite(0, (0.0, 0.0), 0.0375, (-0.1, 0.1), 0.0)
@@ -224,7 +224,7 @@ def time_checks(constants: Constants, people: int, seed: int) -> list[Check]:
     ]
 
 
-def wander_checks(constants: Constants, people: int, seed: int) -> list[Check]:
+def wander_checks(constants: Constants, people: int, seed: int) -> list[BandCheck]:
     """How far the centre of a touch moves where the hand stays in place."""
     rng = np.random.default_rng([seed, 63])
     site = ContactSite(0, (0.0, 0.0), 0.0375, (-0.1, 0.1), 0.0)
@@ -252,10 +252,12 @@ def wander_checks(constants: Constants, people: int, seed: int) -> list[Check]:
     return checks
 
 
-def times(name: str, found: list[float], low: float, high: float, source: str) -> Check:
+def times(
+    name: str, found: list[float], low: float, high: float, source: str
+) -> BandCheck:
     """Whether the median of some times is as it should be, with the spread [ms]."""
     least, half, most = np.percentile(found, [10, 50, 90])
-    return Check(
+    return BandCheck(
         f"{name}, 10/50/90 %",
         f"median {low:g} to {high:g} ms",
         source,

@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.ndimage import gaussian_filter
 
-from benchmarks.simulation.check import Check, ordered, within
+from benchmarks.simulation.check import BandCheck, ordered, within
 from eskin.sim.constants import Constants
 from eskin.sim.contact.chart import Chart
 from eskin.sim.contact.press import ContactSite
@@ -66,7 +66,7 @@ class Captures:
 
 def rig_checks(
     constants: Constants, people: int, repeats: int, difficulty: float, seed: int
-) -> list[Check]:
+) -> list[BandCheck]:
     """Areas, durations and ratios of six gestures beside those of CoST."""
     found = {
         name: captures(name, constants, people, repeats, difficulty, seed)
@@ -101,10 +101,10 @@ def rig_checks(
     ]
 
 
-def stroke_by_pat(peaks: dict[str, float], plain: dict[str, float]) -> Check:
+def stroke_by_pat(peaks: dict[str, float], plain: dict[str, float]) -> BandCheck:
     """The peak of strokes by that of pats, which are alike in CoST."""
     ratio, pressed = (each["stroke"] / each["pat"] for each in (peaks, plain))
-    return Check(
+    return BandCheck(
         "stroke / pat, peak reading",
         "0.7 to 1.4",
         SOURCE,

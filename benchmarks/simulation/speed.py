@@ -4,7 +4,7 @@ import resource
 import tempfile
 from pathlib import Path
 
-from benchmarks.simulation.check import Check, at_least, at_most
+from benchmarks.simulation.check import BandCheck, at_least, at_most
 from eskin.sim.dataset import GenerationSettings, generate
 
 WANTED = 6000.0
@@ -14,7 +14,7 @@ FEW = 60
 """Clips that are made twice, with one process and with more."""
 
 
-def speed_checks(clips: int, seed: int) -> list[Check]:
+def speed_checks(clips: int, seed: int) -> list[BandCheck]:
     """Clips of `train` a minute, their start included, memory, and the same bytes.
 
     The memory is that of the largest process started so far, of whatever part.
@@ -31,7 +31,7 @@ def speed_checks(clips: int, seed: int) -> list[Check]:
     ]
 
 
-def same_bytes(seed: int) -> Check:
+def same_bytes(seed: int) -> BandCheck:
     """Whether recordings and index depend on the number of processes."""
     one, more = made(1, seed), made(WORKERS, seed)
     differ = sum(one[name] != more[name] for name in one) + len(

@@ -7,7 +7,7 @@ from jaxtyping import Float, Int
 
 from benchmarks.textbook.draws import CLIP
 from benchmarks.textbook.skins import GAIN, NOISE, REST, Site
-from benchmarks.textbook.touches import Touch
+from benchmarks.textbook.touches import TextbookTouch
 from eskin.live import UNKNOWN, Recognizer
 from eskin.model import Model
 from eskin.recording import NONE
@@ -21,7 +21,7 @@ START = 1_700_000_000_000_000_000
 
 
 @dataclass(frozen=True)
-class Answer:
+class ClipAnswer:
     """What a recogniser says of one clip."""
 
     forced: str
@@ -32,7 +32,7 @@ class Answer:
 
 
 @dataclass(frozen=True, eq=False)
-class Clip:
+class TextbookClip:
     """Scans before, in and after the two seconds that are answered."""
 
     times: Float[np.ndarray, "scan"]
@@ -49,7 +49,9 @@ class Clip:
         return Scan(stamp, self.counts[index], received, self.site.q)
 
 
-def scans_of(touch: Touch, site: Site, rate: float, rng: np.random.Generator) -> Clip:
+def scans_of(
+    touch: TextbookTouch, site: Site, rate: float, rng: np.random.Generator
+) -> TextbookClip:
     """The scans of a touch.
 
     Args:
@@ -66,10 +68,10 @@ def scans_of(touch: Touch, site: Site, rate: float, rng: np.random.Generator) ->
         pressure[on] = site.pressure(touch, times[on])
     pressure += NOISE * rng.standard_normal(pressure.shape, np.float32)
     counts = np.rint(REST + pressure / GAIN).astype(np.int32)
-    return Clip(times, counts, site)
+    return TextbookClip(times, counts, site)
 
 
-def answer(model: Model, clip: Clip) -> Answer:
+def answer(model: Model, clip: TextbookClip) -> ClipAnswer:
     """What a model says of a clip, scan by scan as live."""
     site = clip.site
     recognizer = Recognizer(model, site.mounted, site.calibration)
@@ -82,7 +84,7 @@ def answer(model: Model, clip: Clip) -> Answer:
             felt |= words(recognizer)
     said += recognizer.finish()
     gestures = [d.gesture for d in said if d.gesture not in (NONE, UNKNOWN)]
-    return Answer(
+    return ClipAnswer(
         forced=max(felt.values(), default=(0.0, NONE))[1],
         said=next(iter(gestures), NONE),
     )

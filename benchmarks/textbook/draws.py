@@ -10,7 +10,7 @@ from benchmarks.textbook.skins import Site, SurfaceName
 from benchmarks.textbook.touches import (
     Place,
     Spot,
-    Touch,
+    TextbookTouch,
     axes_of,
     fingertips,
     flat_hand,
@@ -42,7 +42,7 @@ TRIES = 1000
 
 
 @dataclass(frozen=True)
-class Setting:
+class TouchSetting:
     """The factors of a touch."""
 
     force: float
@@ -70,67 +70,69 @@ class Setting:
 Rng = np.random.Generator
 
 
-def poke(setting: Setting, rng: Rng) -> Touch:
+def poke(setting: TouchSetting, rng: Rng) -> TextbookTouch:
     """One fingertip that comes and goes."""
     return one_tip("poke", setting, setting.duration, rng)
 
 
-def press(setting: Setting, rng: Rng) -> Touch:
+def press(setting: TouchSetting, rng: Rng) -> TextbookTouch:
     """One fingertip that stays longer than a poke."""
     return one_tip("press", setting, setting.press, rng)
 
 
-def one_tip(name: str, setting: Setting, seconds: float, rng: Rng) -> Touch:
+def one_tip(
+    name: str, setting: TouchSetting, seconds: float, rng: Rng
+) -> TextbookTouch:
     """One fingertip for so long [s]."""
     tip = Spot((0.0, 0.0), axes_of(setting.area), setting.force)
-    return Touch(name, (tip,), (span(seconds, rng),), setting.ramp)
+    return TextbookTouch(name, (tip,), (span(seconds, rng),), setting.ramp)
 
 
-def one_pat(setting: Setting, rng: Rng) -> Touch:
+def one_pat(setting: TouchSetting, rng: Rng) -> TextbookTouch:
     """One pat of a hand, and no second one for as long as it might come."""
     hand, seconds = patting(setting, rng), rng.uniform(*PAT)
     lifted = NO_SECOND - seconds, LIFTED[1]
-    return Touch("one pat", hand, (span(seconds, rng, lifted),), setting.ramp)
+    return TextbookTouch("one pat", hand, (span(seconds, rng, lifted),), setting.ramp)
 
 
-def double_pat(setting: Setting, rng: Rng) -> Touch:
+def double_pat(setting: TouchSetting, rng: Rng) -> TextbookTouch:
     """Two pats of a hand in the same place."""
     hand = patting(setting, rng)
     seconds = min(rng.uniform(*PAT), PAT_SHARE * setting.gap)
     first, end = span(setting.gap + seconds, rng)
     contacts = (first, first + seconds), (end - seconds, end)
-    return Touch("double_pat", hand, contacts, setting.ramp)
+    return TextbookTouch("double_pat", hand, contacts, setting.ramp)
 
 
-def patting(setting: Setting, rng: Rng) -> tuple[Spot, ...]:
+def patting(setting: TouchSetting, rng: Rng) -> tuple[Spot, ...]:
     """Four fingertips or a flat hand, as often."""
     if rng.random() < 0.5:
         return fingertips(4, setting.force, setting.area)
     return flat_hand(setting.force, setting.area)
 
 
-def stroke(setting: Setting, rng: Rng) -> Touch:
+def stroke(setting: TouchSetting, rng: Rng) -> TextbookTouch:
     """One to four fingertips side by side that move at a constant speed along t."""
     tips = fingertips(int(rng.integers(1, 5)), setting.force, setting.area)
     seconds = min(rng.uniform(*STROKE), LONGEST_STROKE / setting.speed)
     contact = (span(seconds, rng),)
-    return Touch("stroke", tips, contact, setting.ramp, (0.0, setting.speed))
+    return TextbookTouch("stroke", tips, contact, setting.ramp, (0.0, setting.speed))
 
 
-def grab(setting: Setting, rng: Rng) -> Touch:
+def grab(setting: TouchSetting, rng: Rng) -> TextbookTouch:
     """A hand that closes round a tube and opens."""
     contact = span(rng.uniform(*GRAB), rng)
-    return Touch("grab", grip(setting.force), (contact,), setting.ramp)
+    return TextbookTouch("grab", grip(setting.force), (contact,), setting.ramp)
 
 
-def resting_hand(setting: Setting, rng: Rng) -> Touch:
+def resting_hand(setting: TouchSetting, rng: Rng) -> TextbookTouch:
     """A flat hand that lies still until after the clip."""
     hand = flat_hand(setting.force, setting.area)
     contact = rng.uniform(*RESTING), STAYS
-    return Touch("resting hand", hand, (contact,), rng.uniform(*RESTING_RAMP))
+    return TextbookTouch("resting hand", hand, (contact,), rng.uniform(*RESTING_RAMP))
 
 
-TOUCHES: dict[str, Callable[[Setting, Rng], Touch]] = {
+TOUCHES: dict[str, Callable[[TouchSetting, Rng], TextbookTouch]] = {
     "poke": poke,
     "double_pat": double_pat,
     "stroke": stroke,
@@ -163,7 +165,7 @@ def span(
     return end - seconds, end
 
 
-def draw_touch(name: str, setting: Setting, site: Site, rng: Rng) -> Touch:
+def draw_touch(name: str, setting: TouchSetting, site: Site, rng: Rng) -> TextbookTouch:
     """A touch of that name somewhere on a site, away from its edges.
 
     Args:
@@ -177,7 +179,7 @@ def draw_touch(name: str, setting: Setting, site: Site, rng: Rng) -> Touch:
     return placed(touch, site, placing)
 
 
-def placed(touch: Touch, site: Site, rng: Rng) -> Touch:
+def placed(touch: TextbookTouch, site: Site, rng: Rng) -> TextbookTouch:
     """The touch at a place and in a direction drawn until it lies inside.
 
     Raises:

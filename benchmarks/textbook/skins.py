@@ -8,7 +8,7 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Float, Int
 
-from benchmarks.textbook.touches import Spot, Touch, path_ends
+from benchmarks.textbook.touches import Spot, TextbookTouch, path_ends
 from eskin.robot import load_robot
 from eskin.skin import (
     MountedSkin,
@@ -76,7 +76,7 @@ class Site:
         )
 
     def pressure(
-        self, touch: Touch, times: Float[np.ndarray, "step"]
+        self, touch: TextbookTouch, times: Float[np.ndarray, "step"]
     ) -> Float[np.ndarray, "step taxel"]:
         """Mean pressure on each taxel at each time [kPa]."""
         share = touch.share(times)

@@ -15,7 +15,7 @@ from typing import get_args
 import numpy as np
 
 from benchmarks.textbook.clips import answer, scans_of
-from benchmarks.textbook.draws import TOUCHES, Setting, draw_touch, truth_of
+from benchmarks.textbook.draws import TOUCHES, TouchSetting, draw_touch, truth_of
 from benchmarks.textbook.skins import SurfaceName, site_of
 from eskin.model import Model, load_model
 
@@ -33,7 +33,7 @@ class Factor:
     """One of the numbers of a setting, its range, and what it says something about."""
 
     name: str
-    """Of the field of `Setting`."""
+    """Of the field of `TouchSetting`."""
     low: float
     high: float
     scale: float
@@ -189,7 +189,7 @@ def point(
 
 def draw_setting(
     touch: str, rng: np.random.Generator, given: dict[str, float | str]
-) -> Setting:
+) -> TouchSetting:
     """Factors drawn from the middle halves of their ranges.
 
     Args:
@@ -208,4 +208,4 @@ def draw_setting(
     drawn[SURFACE] = "round" if touch == "grab" else surface
     drawn |= given
     scaled = {one.name: float(drawn[one.name]) * one.scale for one in FACTORS}
-    return Setting(**scaled, surface=drawn[SURFACE])  # type: ignore[arg-type]
+    return TouchSetting(**scaled, surface=drawn[SURFACE])  # type: ignore[arg-type]

@@ -64,7 +64,7 @@ class Spot:
 
 
 @dataclass(frozen=True)
-class Touch:
+class TextbookTouch:
     """Spots that are pressed in one or more contacts, and may move."""
 
     name: str

@@ -1,8 +1,19 @@
-"""An arm that does as it is told and remembers it, and touches for a policy."""
+"""Arms that record their orders, and a policy on one of them, with touches."""
+
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from eskin.command import Arm, ArmState, CommandMap, Policy, PolicyConfig, Rule
+from eskin.command import (
+    FRAME_TASK,
+    Arm,
+    ArmState,
+    CommandMap,
+    Policy,
+    PolicyConfig,
+    Rule,
+    UrArm,
+)
 from eskin.drivers import ManualClock, SourceInfo
 from eskin.errors import ArmError
 from eskin.live import Detection
@@ -20,12 +31,15 @@ from eskin.touch import (
     TouchStatus,
     TrackingResult,
 )
+from eskin.ur import PERIOD as UR_PERIOD
+from eskin.ur import ControllerLink, UrStatus
 
 SECOND = 1_000_000_000
 PERIOD = SECOND // 50
 VOCABULARY = ("none", "double_pat", "grab", "poke", "stroke")
 SKIN = load_skin("ur5")
 PATCH = SKIN.patches[4]
+OTHER_PATCH = SKIN.patches[1]
 MOUNTED = MountedSkin(SKIN, load_robot("ur5"))
 Q = np.zeros(6)
 INFO = SourceInfo(
@@ -36,36 +50,46 @@ INFO = SourceInfo(
     calibration=Calibration.uniform(SKIN.count, 4095, 100.0),
     rate=50.0,
 )
-WAY = np.array([0.6, 0.0, 0.8])
-"""Where strokes go: a unit vector in the world."""
-DEFAULT = CommandMap(
-    commands=[
-        Rule(gesture="poke", action="toggle_pause"),
-        Rule(gesture="double_pat", action="next_waypoint"),
-        Rule(gesture="grab", action="toggle_gripper"),
-        Rule(gesture="stroke", action="toggle_speed"),
-    ]
+DIRECTION = np.array([0.6, 0.0, 0.8])
+"""Direction of strokes: a unit vector in the world."""
+
+
+def make_map(**actions):
+    """Return a command map of one rule a gesture."""
+    rules = [Rule(gesture=gesture, action=done) for gesture, done in actions.items()]
+    return CommandMap(commands=rules)
+
+
+DEFAULT = make_map(
+    poke="toggle_pause",
+    double_pat="next_waypoint",
+    grab="toggle_gripper",
+    stroke="toggle_speed",
 )
 
 
-class ToldArm(Arm):
-    """Does what it is told at once; what is wrong with it is set from outside."""
+def make_order(name, **changes):
+    """Return a method of an arm that records an order and changes attributes."""
+
+    def execute(arm):
+        arm.record(name)
+        for key, value in changes.items():
+            setattr(arm, key, value)
+
+    return execute
+
+
+class RecordingArm(Arm):
+    """An arm that executes every order at once, and records it."""
 
     name = "ur5"
     joint_names = MOUNTED.robot.joint_names
 
     def __init__(self, clock):
-        self.clock = clock
-        self.told = []
-        self.paused, self.hold_reason, self.speed, self.gripper = (
-            False,
-            None,
-            1.0,
-            "open",
-        )
-        self.protective_stop, self.connected, self.broken = False, True, None
-        self.working = True
-        self.jogging, self.steps = False, []
+        self.clock, self.orders, self.steps = clock, [], []
+        self.paused, self.hold_reason, self.jogging = False, None, False
+        self.speed, self.gripper, self.at_work = 1.0, "open", True
+        self.protective_stop, self.connected, self.error = False, True, None
 
     def q_at(self, stamp):
         return Q
@@ -73,177 +97,258 @@ class ToldArm(Arm):
     def state(self):
         stopped = self.paused or self.hold_reason is not None or self.protective_stop
         return ArmState(
-            self.clock.now(),
-            Q,
-            self.working and not stopped,
-            self.paused,
-            self.hold_reason,
-            self.speed,
-            self.gripper,
-            "rack",
-            self.protective_stop,
-            self.connected,
+            stamp=self.clock.now(),
+            q=Q,
+            moving=self.at_work and not stopped,
+            paused=self.paused,
+            hold_reason=self.hold_reason,
+            speed=self.speed,
+            gripper=self.gripper,
+            target="rack",
+            protective_stop=self.protective_stop,
+            connected=self.connected,
             jogging=self.jogging,
-            pause_count=self.told.count("pause"),
+            pause_count=self.orders.count("pause"),
         )
 
-    def tell(self, what):
-        self.told.append(what)
-        if self.broken is not None and what != "hold":
-            raise self.broken
+    def record(self, order):
+        self.orders.append(order)
+        if self.error is not None and order != "hold":
+            raise self.error
 
-    def pause(self):
-        self.tell("pause")
-        self.paused, self.jogging = True, False
+    pause = make_order("pause", paused=True, jogging=False)
+    resume = make_order("resume", paused=False)
+    next_waypoint = make_order("next_waypoint")
+    previous_waypoint = make_order("previous_waypoint")
+    open_gripper = make_order("open_gripper", gripper="open")
+    close_gripper = make_order("close_gripper", gripper="closed")
 
-    def resume(self):
-        self.tell("resume")
-        self.paused = False
-
-    def hold(self, why):
-        self.tell("hold")
-        self.hold_reason = self.hold_reason or why
+    def hold(self, reason):
+        self.record("hold")
+        self.hold_reason = self.hold_reason or reason
 
     def release(self):
         if self.protective_stop or not self.connected:
             raise ArmError("the arm stays held; allowed is later; wait")
-        self.tell("release")
+        self.record("release")
         self.hold_reason = None
 
-    def next_waypoint(self):
-        self.tell("next_waypoint")
-
-    def previous_waypoint(self):
-        self.tell("previous_waypoint")
-
     def jog(self, step_world):
-        self.tell("jog")
+        self.record("jog")
         self.steps.append(step_world)
         self.jogging = True
 
-    def open_gripper(self):
-        self.tell("open_gripper")
-        self.gripper = "open"
-
-    def close_gripper(self):
-        self.tell("close_gripper")
-        self.gripper = "closed"
-
     def set_speed(self, share):
-        self.tell("set_speed")
+        self.record("set_speed")
         self.speed = share
 
     def close(self):
         self.hold("closed")
 
 
+@dataclass
+class SceneTouch:
+    """A touch of a scene, which a test may change while it goes on."""
+
+    onset: int
+    last: int
+    gesture: str
+    confidence: float
+    force: float
+    pressed: bool = True
+    direction: np.ndarray = field(default_factory=lambda: np.zeros(3))
+
+    def probabilities(self):
+        rest = (1 - self.confidence) / (len(VOCABULARY) - 1)
+        probabilities = np.full(len(VOCABULARY), rest)
+        probabilities[VOCABULARY.index(self.gesture)] = self.confidence
+        return probabilities
+
+
 class Scene:
-    """A policy on a clock that goes on as it is told, and touches on the skin."""
+    """A policy on a manual clock, an arm, and touches on its skin.
+
+    Attributes:
+        events: what the policy has published.
+        touches: open touches by their id.
+        faulty_patches: ids of patches that are reported as faulty.
+        silent_patches: ids of patches without valid taxels.
+    """
 
     def __init__(self, commands=DEFAULT, **config):
         self.clock = ManualClock()
-        self.arm = ToldArm(self.clock)
-        self.said = []
+        self.arm = RecordingArm(self.clock)
+        self.events = []
         config = PolicyConfig(check_period=None, **config)
         self.policy = Policy(self.arm, commands, VOCABULARY, config)
-        self.policy.start(Context(INFO, self.clock, self.said.append))
+        self.policy.start(Context(INFO, self.clock, self.events.append))
         self.touches = {}
         self.count = 0
-        self.out = ()
-        self.silent = ()
+        self.faulty_patches = self.silent_patches = ()
 
-    def moment(self, over=()):
-        """The next reading of the skin."""
+    @property
+    def accepted(self):
+        """Actions that were executed, holds by the policy among them."""
+        return [event.action for event in self.events if event.accepted]
+
+    @property
+    def last_reason(self):
+        """Reason of the last decision."""
+        return self.events[-1].why
+
+    def step(self, closed=()):
+        """Give the next reading of the skin."""
         self.clock.sleep(PERIOD / SECOND)
         now = self.clock.now()
-        for touch in self.touches.values():
-            touch["last"] = now if touch["felt"] else touch["last"]
         rows = np.zeros(len(self.touches), TOUCH)
         for row, (number, touch) in zip(rows, self.touches.items(), strict=True):
-            row["id"], row["onset"], row["last"] = number, touch["onset"], touch["last"]
-            row["force"] = touch["force"]
-        going = tuple(
-            TouchStatus(number, touch["onset"], touch["last"], 0, 0)
-            for number, touch in self.touches.items()
+            touch.last = now if touch.pressed else touch.last
+            row["id"], row["onset"], row["last"] = number, touch.onset, touch.last
+            row["force"] = touch.force
+        going = tuple(self.status(number) for number in self.touches)
+        faults = tuple(
+            Fault("patch", patch, None, None, None, now)
+            for patch in self.faulty_patches
         )
-        faults = tuple(Fault("patch", p, None, None, None, now) for p in self.out)
-        valid = np.ones(SKIN.count, np.bool_)
-        names = [patch.id for patch in SKIN.patches]
-        for patch in self.silent:
-            valid[np.asarray(SKIN.patch_index) == names.index(patch)] = False
+        names = np.array([patch.id for patch in SKIN.patches])
+        valid = ~np.isin(names, self.silent_patches)[np.asarray(SKIN.patch_index)]
         reading = Reading(now, np.zeros(SKIN.count, np.float32), valid, Q)
         packed = pack(NO_TOUCHES._replace(touches=rows))
-        state = TouchState(
-            reading, faults, TrackingResult(packed, going, over), MOUNTED
-        )
-        chances = {n: self.chances(t) for n, t in self.touches.items()}
-        self.policy.on_message(RecognitionState(state, chances, ()))
+        tracking = TrackingResult(packed, going, closed)
+        state = TouchState(reading, faults, tracking, MOUNTED)
+        probabilities = {n: touch.probabilities() for n, touch in self.touches.items()}
+        self.policy.on_message(RecognitionState(state, probabilities, ()))
 
-    @staticmethod
-    def chances(touch):
-        chances = np.full(len(VOCABULARY), (1 - touch["sure"]) / 4)
-        chances[VOCABULARY.index(touch["gesture"])] = touch["sure"]
-        return chances
+    def status(self, number, heir=0, contacts=0):
+        """Return the status of a touch; `heir` is the touch that it merged into."""
+        touch = self.touches[number]
+        return TouchStatus(number, touch.onset, touch.last, heir, contacts)
 
-    def rest(self, seconds):
+    def wait(self, seconds):
+        """Give readings for a time [s]."""
         for _ in range(round(seconds * SECOND / PERIOD)):
-            self.moment()
+            self.step()
 
-    def touch(self, gesture="poke", sure=0.99, force=5.0, number=None):
-        """Begin to touch; the id of the touch."""
+    def begin(self, gesture="poke", confidence=0.99, force=5.0):
+        """Begin a touch and return its id."""
         self.count += 1
-        number = self.count if number is None else number
-        self.touches[number] = {
-            "onset": self.clock.now() + PERIOD,
-            "last": self.clock.now() + PERIOD,
-            "felt": True,
-            "force": force,
-            "gesture": gesture,
-            "sure": sure,
-            "way": np.zeros(3) if gesture != "stroke" else WAY,
-        }
+        onset = self.clock.now() + PERIOD
+        touch = SceneTouch(onset, onset, gesture, confidence, force)
+        touch.direction = DIRECTION if gesture == "stroke" else touch.direction
+        self.touches[self.count] = touch
+        return self.count
+
+    def begin_detected(
+        self, gesture="poke", confidence=0.99, seconds=0.2, force=5.0, **detection
+    ):
+        """Begin a touch that is detected after a time [s], and return its id."""
+        number = self.begin(gesture, confidence, force)
+        self.wait(seconds)
+        self.detect(number, **detection)
         return number
 
     def lift(self, number):
-        self.touches[number]["felt"] = False
+        """Lift the finger; the touch closes later."""
+        self.touches[number].pressed = False
 
     def close(self, number, heir=0):
-        touch = self.touches.pop(number)
-        self.moment((TouchStatus(number, touch["onset"], touch["last"], heir, 1),))
+        """Close a touch, or merge it into its heir."""
+        status = self.status(number, heir, 1)
+        del self.touches[number]
+        self.step((status,))
 
     def detect(
-        self, number, age=0.0, sure=None, patch=PATCH, gesture=None, likeliest=""
+        self, number, age=0.0, patch=PATCH, gesture=None, confidence=None, likeliest=""
     ):
-        """Say what a touch is; the decisions that follow at once."""
-        touch, before = self.touches[number], len(self.said)
-        stamp = self.clock.now() - round(age * SECOND)
+        """Detect a touch and return the decisions that follow at once."""
+        touch, before = self.touches[number], len(self.events)
         self.policy.on_message(
             Detection(
-                stamp=stamp,
+                stamp=self.clock.now() - round(age * SECOND),
                 touch=number,
-                gesture=gesture or touch["gesture"],
-                confidence=touch["sure"] if sure is None else sure,
-                onset=touch["onset"],
-                end=touch["last"],
+                gesture=gesture or touch.gesture,
+                confidence=touch.confidence if confidence is None else confidence,
+                onset=touch.onset,
+                end=touch.last,
                 link=patch.link,
                 patch=patch.id,
                 p_world=np.zeros(3),
                 n_world=np.zeros(3),
-                direction_world=touch["way"],
-                peak_force=touch["force"],
+                direction_world=touch.direction,
+                peak_force=touch.force,
                 likeliest=likeliest,
             )
         )
-        return self.said[before:]
+        return self.events[before:]
 
-    def whole(self, gesture="poke", sure=0.99, seconds=0.3, force=5.0):
-        """A touch from its beginning to its closing; the decisions on the way."""
-        before = len(self.said)
-        number = self.touch(gesture, sure, force)
-        self.rest(seconds)
-        self.detect(number)
-        self.rest(0.1)
+    def touch(self, gesture="poke", confidence=0.99):
+        """Touch from beginning to closing and return the decisions on the way."""
+        before = len(self.events)
+        number = self.begin_detected(gesture, confidence, 0.3)
+        self.wait(0.1)
         self.lift(number)
-        self.rest(0.5)
+        self.wait(0.5)
         self.close(number)
-        return self.said[before:]
+        return self.events[before:]
+
+
+def make_paused_scene(commands=DEFAULT, **config):
+    """Build a scene whose arm a poke has paused more than a second ago."""
+    scene = Scene(commands, **config)
+    scene.touch()
+    scene.wait(1.0)
+    assert scene.arm.paused
+    return scene
+
+
+WELL = UrStatus(
+    q=tuple(np.array(FRAME_TASK.waypoints[0].q) + (1.5, 0, 0, 0, 0, 0)),
+    running=True,
+    protective_stop=False,
+    emergency_stop=False,
+    scaling=1.0,
+    gripper_closed=False,
+)
+"""Status of a UR that works, some way from its first waypoint."""
+
+
+class StubLink(ControllerLink):
+    """A link to a robot that is at once where it is sent, and records its commands."""
+
+    def __init__(self, status=WELL, problem="", follows=True):
+        self.status, self.problem, self.follows = status, problem, follows
+        self.commands, self.closed = [], False
+
+    def exchange(self, command):
+        self.commands.append(command)
+        if self.status is None:
+            return None
+        if command.q is not None and self.status.running and self.follows:
+            self.status = replace(self.status, q=command.q)
+        if command.gripper_closed is not None:
+            self.status = replace(self.status, gripper_closed=command.gripper_closed)
+        return self.status
+
+    def close(self):
+        self.closed = True
+
+
+def make_ur_arm(release=True, **link):
+    """Return a UR arm without a thread, released a second ago, and its link."""
+    link = StubLink(**link)
+    arm = UrArm(link, clock=ManualClock(), threaded=False)
+    pass_ur_time(arm, 0.1)
+    if release:
+        arm.release()
+        pass_ur_time(arm, 1.0)
+    return arm, link
+
+
+def pass_ur_time(arm, seconds):
+    """Update a UR arm for a time [s] and return its positions."""
+    positions = []
+    for _ in range(round(seconds / UR_PERIOD)):
+        arm.clock.sleep(UR_PERIOD)
+        arm.update()
+        positions.append(np.array(arm.status.q))
+    return np.array(positions)

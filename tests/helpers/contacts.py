@@ -1,4 +1,4 @@
-"""Bodies and even charts for tests of contact."""
+"""These helpers build presses, bodies and charts full of taxels."""
 
 from dataclasses import replace
 
@@ -7,13 +7,13 @@ import numpy as np
 from eskin.sim import Chart, ContactPads, Press, SoftTissue
 from eskin.skin import Dome, Plane, Tube
 
-FLESH = SoftTissue(
+TISSUE = SoftTissue(
     b=190.0, m=2100.0, area_scale=1.0, area_exponent=0.42, conformity=0.75
 )
 
 
-def stamps(*rows):
-    """Parts from rows of x, y, R1, R2 [mm], area, most [mm2], stiffness."""
+def build_pads(*rows):
+    """Build pads from rows of x, y, R1, R2 [mm], area, most [mm2], stiffness."""
     table = np.array(rows, dtype=float)
     return ContactPads(
         centres=table[:, :2] * 1e-3,
@@ -25,8 +25,8 @@ def stamps(*rows):
     )
 
 
-TIP = stamps((0, 0, 8, 20, 90, 220, 1))
-FINGERS = stamps(
+TIP = build_pads((0, 0, 8, 20, 90, 220, 1))
+FINGERS = build_pads(
     *((x, 0, 9, 45, 210, 420, 0.9) for x in (30, 10, -10, -29)),
     *((x, 25, 8.5, 35, 156, 350, 0.8) for x in (30, 10, -10, -29)),
     *((x, 45, 8, 20, 90, 220, 1) for x in (30, 10, -10, -29)),
@@ -35,8 +35,8 @@ FINGERS = stamps(
 )
 
 
-def chart_of(surface, pitch=0.004, s=0.06, t=0.06):
-    """A chart full of square taxels; a tube is covered all round."""
+def build_full_chart(surface, pitch=0.004, s=0.06, t=0.06):
+    """Build a chart full of square taxels; a tube is covered all round."""
     if isinstance(surface, Tube):
         count = round(2 * np.pi * surface.radius / pitch)
         width = 2 * np.pi * surface.radius / count
@@ -50,35 +50,36 @@ def chart_of(surface, pitch=0.004, s=0.06, t=0.06):
     return Chart("link", surface, np.arange(len(unrolled)), unrolled, cells)
 
 
-FLAT = chart_of(Plane(np.eye(4)), s=0.1, t=0.1)
-TUBE = chart_of(Tube(0.0375, np.eye(4)), t=0.12)
-WIDE_TUBE = chart_of(Tube(0.0505, np.eye(4)), t=0.12)
-DOME = chart_of(Dome(0.0575, np.eye(4)))
+FLAT = build_full_chart(Plane(np.eye(4)), s=0.1, t=0.1)
+TUBE = build_full_chart(Tube(0.0375, np.eye(4)), t=0.12)
+WIDE_TUBE = build_full_chart(Tube(0.0505, np.eye(4)), t=0.12)
+DOME = build_full_chart(Dome(0.0575, np.eye(4)))
+CHARTS = {"flat": FLAT, "tube": TUBE, "wide tube": WIDE_TUBE, "dome": DOME}
 
 
-def press(body, force, centre=(0.001, 0.002), angle=0.3, **flesh):
-    """A press that holds still; `force` is a number or a series [N]."""
+def press(pads, force, centre=(0.001, 0.002), angle=0.3, **tissue):
+    """Build a press that keeps its place; `force` is a number or a series [N]."""
     series = np.atleast_1d(np.asarray(force, dtype=float))
     return Press(
         chart=0,
         first=0,
-        pads=body,
-        tissue=replace(FLESH, **flesh),
+        pads=pads,
+        tissue=replace(TISSUE, **tissue),
         force=series,
         centre=np.tile(np.asarray(centre, dtype=float), (len(series), 1)),
         angle=np.full(len(series), float(angle)),
     )
 
 
-def field(felt, chart):
-    """Pressure of every taxel of a chart at the first step."""
-    whole = np.zeros(len(chart.taxels))
-    whole[np.searchsorted(chart.taxels, felt.taxels)] = felt.pressure[0]
-    return whole
+def field(felt, chart, step=0):
+    """Return the pressure of every taxel of a chart at one step [kPa]."""
+    pressure = np.zeros(len(chart.taxels))
+    pressure[np.searchsorted(chart.taxels, felt.taxels)] = felt.pressure[step]
+    return pressure
 
 
 def force_on(felt, chart):
-    """Force on the taxels at every step [N]."""
+    """Return the force on the taxels at every step [N]."""
     areas = 4 * np.abs(np.linalg.det(chart.cells))
     areas = areas * chart.surface.wrap(chart.unrolled).area_scale
     return 1e3 * felt.pressure @ areas[np.searchsorted(chart.taxels, felt.taxels)]

@@ -1,22 +1,20 @@
-"""A small skin on a cable: virtual patches, and somebody who listens to them."""
+"""A small skin, virtual patches that send its scans, and the other ends of ports."""
 
 import socket
 import threading
 from contextlib import contextmanager
+from functools import cache
 
 import numpy as np
 import serial
 
-from eskin.drivers import Deframer, ManualClock, decode_packet
-from eskin.drivers.virtual import (
-    PtyPort,
-    UdpPort,
-    VirtualPort,
-    VirtualSkin,
-    parse_fault,
-)
-from eskin.skin import Patch, Plane, TaxelGrid, build_skin
-from eskin.touch import Scan
+from eskin.drivers import Data, Deframer, ManualClock, decode_packet
+from eskin.drivers.virtual import UdpPort, VirtualPort, VirtualSkin, parse_fault
+from eskin.robot import load_robot
+from eskin.sim.dataset import ClipGenerator
+from eskin.sim.dataset.clip import SimulatedClip
+from eskin.skin import MountedSkin, Patch, Plane, TaxelGrid, build_skin
+from eskin.touch import Calibration, Scan
 
 PERIOD = 20_000_000
 RATE = 50.0
@@ -24,8 +22,9 @@ PATIENCE = 10.0
 """How long a test waits for what must come [s]."""
 
 
+@cache
 def small_skin():
-    """Three patches on a table: the first and the last are alike, the second is not."""
+    """Build three patches on a table: the first and the last are alike."""
     sizes = {"left": (3, 4), "middle": (5, 2), "right": (3, 4)}
     laid = []
     for number, (name, (rows, columns)) in enumerate(sizes.items()):
@@ -36,8 +35,16 @@ def small_skin():
     return build_skin("small", laid)
 
 
+def mounted_small():
+    return MountedSkin(small_skin(), load_robot("table"))
+
+
+def calibration_of(skin):
+    return Calibration.uniform(skin.count, 4095, 100.0)
+
+
 def scans_of(skin, count, seed=0, received=None):
-    """Scans of any counts, of a robot without joints."""
+    """Yield scans of random counts, of a robot without joints."""
     rng = np.random.default_rng(seed)
     if received is None:
         received = np.ones(skin.count, dtype=bool)
@@ -46,52 +53,71 @@ def scans_of(skin, count, seed=0, received=None):
         yield Scan(PERIOD * (number + 1), counts, received, np.zeros(0))
 
 
-class Listener(VirtualPort):
-    """A port that keeps what is sent, in memory."""
+class StillSimulator(ClipGenerator):
+    """Simulates somebody who only rests, on a small skin."""
+
+    def __init__(self, name):
+        self.robot_name = "table"
+        self.mounted = mounted_small()
+
+    def calibration(self, build):
+        return calibration_of(self.mounted.skin)
+
+    def make(self, plan):
+        counts = np.full((50, self.mounted.skin.count), 7, np.int32)
+        received = np.ones(counts.shape, dtype=bool)
+        return SimulatedClip(counts, received, np.zeros((50, 0)), (), 0, {})
+
+
+class MemoryPort(VirtualPort):
+    """Keeps what is sent, in memory."""
 
     framed = False
 
     def __init__(self, framed=False):
         super().__init__()
         self.framed = framed
-        self.heard = []
-        self.plugged = True
-        self.closed = False
+        self.sent = []
 
     @property
     def uri(self):
         return "memory:"
 
     def send(self, chunks):
-        self.heard += chunks
+        self.sent += chunks
         self.bytes += sum(len(chunk) for chunk in chunks)
 
     def flush(self):
         pass
 
     def unplug(self):
-        self.plugged = False
+        pass
 
     def plug(self):
-        self.plugged = True
+        pass
 
     def close(self):
-        self.closed = True
+        pass
 
 
-def heard_with(*faults, skin=None, count=100, ports=1, framed=False, scans=None):
-    """All that a skin with faults says, and the skin, which was played to its end."""
+def send_scans(*faults, skin=None, count=100, framed=False, scans=None):
+    """Return all that a skin with faults sends, and the virtual skin."""
     skin = skin or small_skin()
-    listeners = [Listener(framed) for _ in range(ports)]
+    port = MemoryPort(framed)
     made = [parse_fault(text, skin, seed) for seed, text in enumerate(faults)]
-    device = VirtualSkin(skin, listeners, RATE, made)
+    device = VirtualSkin(skin, [port], RATE, made)
     device.play(scans or scans_of(skin, count), ManualClock())
-    return [data for port in listeners for data in port.heard], device
+    return port.sent, device
+
+
+def select_data(packets, address):
+    """Return the data packets of one patch."""
+    return [p for p in packets if isinstance(p, Data) and p.address == address]
 
 
 @contextmanager
 def playing(device, scans, clock):
-    """A virtual skin that plays in a thread; stopped and closed at the end."""
+    """Play scans on a virtual skin in a thread; stop and close it at the end."""
     failed = []
 
     def play():
@@ -113,33 +139,26 @@ def playing(device, scans, clock):
 
 
 @contextmanager
-def listening():
-    """A UDP socket on loopback and the port to give to `UdpPort`."""
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as heard:
-        heard.bind(("127.0.0.1", 0))
-        heard.settimeout(PATIENCE)
-        yield heard, heard.getsockname()[1]
+def open_receiver():
+    """Give a UDP socket on loopback, and its port."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as receiver:
+        receiver.bind(("127.0.0.1", 0))
+        receiver.settimeout(PATIENCE)
+        yield receiver, receiver.getsockname()[1]
 
 
 def udp_skin(skin, port, **options):
-    """A virtual skin that sends to a port on loopback."""
+    """Return a virtual skin that sends to a port on loopback."""
     return VirtualSkin(skin, [UdpPort("127.0.0.1", port)], RATE, **options)
 
 
-def pty_skin(skin, **options):
-    """A virtual skin on one pseudo-terminal."""
-    return VirtualSkin(skin, [PtyPort()], RATE, **options)
-
-
-@contextmanager
-def opened(port):
-    """A pseudo-terminal as the host opens it."""
-    with serial.Serial(port.uri.removeprefix("serial:"), timeout=PATIENCE) as line:
-        yield line
+def open_line(port):
+    """Open a pseudo-terminal as the host does."""
+    return serial.Serial(port.uri.removeprefix("serial:"), timeout=PATIENCE)
 
 
 def read_packets(line, count):
-    """The next packets on a line, decoded."""
+    """Return the next packets on a line, decoded."""
     deframer, found = Deframer(), []
     while len(found) < count:
         found += deframer.push(line.read(max(1, line.in_waiting)))

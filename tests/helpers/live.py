@@ -1,5 +1,6 @@
-"""Moving hands on small skins and on the ur5, and models with random weights."""
+"""These helpers simulate moving hands on skins, and build models of random weights."""
 
+from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
@@ -26,18 +27,21 @@ def mounted(name="grid", calibrated=True, kind="pressure") -> MountedSkin:
 
 
 def calibration_of(skin: Skin) -> Calibration:
-    """One count is 0.1 kPa, of pressure and of shear."""
+    """Return a calibration by which one count is 0.1 kPa, of pressure and of shear."""
     gain = np.full(skin.count, 0.1)
     return Calibration(gain, 4000, shear_gain=0.1, shear_rest=500)
 
 
+@dataclass(frozen=True)
 class Press:
-    """A round load that moves from one taxel to another of its link."""
+    """A round load moves from one taxel to another of its link."""
 
-    def __init__(self, begin, end, source, target, kpa=30.0, radius=0.02):
-        self.begin, self.end = begin, end
-        self.source, self.target = source, target
-        self.kpa, self.radius = kpa, radius
+    begin: float
+    end: float
+    source: int
+    target: int
+    kpa: float = 30.0
+    radius: float = 0.02
 
     def pressure(self, skin: Skin, seconds: float) -> np.ndarray:
         if not self.begin <= seconds < self.end:
@@ -52,7 +56,7 @@ class Press:
 
 
 def scans(mounted, presses, rate, seconds, dropped=(), moving=True):
-    """The scans of some presses; `dropped` are indices that never come."""
+    """Return the scans of some presses without those whose index is `dropped`."""
     rng = np.random.default_rng(0)
     skin, joints = mounted.skin, len(mounted.robot.joint_names)
     result = []
@@ -75,16 +79,14 @@ def scans(mounted, presses, rate, seconds, dropped=(), moving=True):
 
 
 def two_hands(mounted):
-    """A stroke and a poke at once far apart, then a second poke by the first."""
+    """Return a stroke and a poke at once, then a poke beside each of them."""
     count = mounted.skin.count
+    a, b, c, d = 65, 72, count - 3, count - 4
     if mounted.robot.name == "ur5":
         patches = [patch.id for patch in mounted.skin.patches]
         arm = mounted.skin.find_taxels(patches[0])
         hand = mounted.skin.find_taxels(patches[-1])
-        places = arm[10], arm[len(arm) // 2], hand[3], hand[8]
-    else:
-        places = 65, 72, count - 3, count - 4
-    a, b, c, d = places
+        a, b, c, d = arm[10], arm[len(arm) // 2], hand[3], hand[8]
     return [
         Press(2.3, 3.2, a, b),
         Press(2.6, 2.9, c, c, 40.0),
@@ -94,7 +96,7 @@ def two_hands(mounted):
 
 
 def network(kind="pressure", seed=0, vocabulary=VOCABULARY, **sizes):
-    """A network with random weights whose logits are of order one to ten."""
+    """Build a network of random weights whose logits are of order one to ten."""
     torch.manual_seed(seed)
     config = NetworkConfig(**sizes)
     net = RecogniserNetwork(config, len(vocabulary), kind == "shear").eval()
@@ -116,7 +118,7 @@ def model_of(net, vocabulary=VOCABULARY, **entries) -> Model:
 
 
 def say_always(name) -> Model:
-    """A model that is sure of one class whatever it sees."""
+    """Build a model that is certain of one class whatever the input."""
     model = model_of(network())
     weights = dict(model.weights)
     for head in ("summary_head", "graph_head"):
@@ -129,13 +131,9 @@ def say_always(name) -> Model:
 def record(path, mounted, stream, labels=()):
     """Write a recording of scans."""
     metadata = Metadata(dataset="scene", session="one")
-    with RecordingWriter(
-        path,
-        mounted.robot.name,
-        mounted.skin,
-        calibration_of(mounted.skin),
-        metadata,
-    ) as writer:
+    skin, calibration = mounted.skin, calibration_of(mounted.skin)
+    writer = RecordingWriter(path, mounted.robot.name, skin, calibration, metadata)
+    with writer:
         write_all(writer, stream, labels)
     return path
 

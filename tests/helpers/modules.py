@@ -1,4 +1,7 @@
-"""Modules of skin whose counts tell the time at which they were truly taken."""
+"""Skin modules whose counts tell when they were taken, and what assembles them."""
+
+from collections import deque
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -11,95 +14,98 @@ from eskin.drivers import (
     ManualClock,
     ReceivedPacket,
     Transport,
+    encode_packet,
 )
 from helpers.touch import SECOND, START, build_grid_skin
 
 MS = SECOND // 1000
-ROWS, COLUMNS = 2, 3
+ROWS, COLUMNS, PATCHES = 2, 3, 3
 TAXELS = ROWS * COLUMNS
-PATCHES = 3
 SKIN = build_grid_skin(ROWS, COLUMNS, PATCHES)
-Q = np.zeros(0)
 
 
-def tagged(true, address, taxels=TAXELS):
-    """Counts that say when they were taken [0.1 ms since START], and by whom."""
-    tick = (true - START) // (MS // 10)
-    rest = (tick * 31 + np.arange(taxels) * 7 + address * 1000) & 0xFFFF
-    rest[:2] = tick & 0xFFFF, tick >> 16
-    return rest.astype(np.uint16)
+def make_counts(taken, address, taxels=TAXELS):
+    """Return counts that tell when they were taken [0.1 ms since START], and where."""
+    tick = (taken - START) // (MS // 10)
+    counts = (tick * 31 + np.arange(taxels) * 7 + address * 1000) & 0xFFFF
+    counts[:2] = tick & 0xFFFF, tick >> 16
+    return counts.astype(np.uint16)
 
 
+@dataclass
 class Module:
     """A patch's electronics, with a clock and scan numbers of its own."""
 
-    def __init__(self, address=0, serial=1, rate=50, boot=START, drift=0.0, **more):
-        self.address, self.serial, self.rate = address, serial, rate
-        self.drift = drift
-        self.taxels = more.get("taxels", TAXELS)
-        self.shape = more.get("shape", (ROWS, COLUMNS))
-        self.start = more.get("start", 0)
-        self.scan = more.get("scan", 0)
-        self.boot = boot
+    address: int = 0
+    serial: int = 1
+    rate: int = 50
+    boot: int = START
+    drift: float = 0.0
+    taxels: int = TAXELS
+    shape: tuple[int, int] = (ROWS, COLUMNS)
+    clock_start: int = 0
+    scan: int = 0
 
     def device_time(self, now):
-        """Its clock [us], modulo 2**32."""
+        """Return its clock [us], modulo 2**32."""
         elapsed = (now - self.boot) * (1 + self.drift) / 1000
-        return (self.start + round(elapsed)) % 2**32
+        return (self.clock_start + round(elapsed)) % 2**32
 
     def hello(self, now):
+        numbers = self.address, self.scan % 2**16, self.device_time(now)
         return Hello(
-            self.address,
-            self.scan % 2**16,
-            self.device_time(now),
-            *self.shape,
-            self.taxels,
-            self.rate,
-            self.serial,
-            "test 1",
+            *numbers, *self.shape, self.taxels, self.rate, self.serial, "test 1"
         )
 
     def data(self, now, parts=1):
-        """The packets of one scan."""
+        """Return the packets of one scan."""
         self.scan += 1
-        counts = tagged(now, self.address, self.taxels)
+        counts = make_counts(now, self.address, self.taxels)
+        numbers = self.address, self.scan % 2**16, self.device_time(now)
         return [
-            Data(
-                self.address,
-                self.scan % 2**16,
-                self.device_time(now),
-                int(places[0]),
-                counts[places],
-            )
+            Data(*numbers, int(places[0]), counts[places])
             for places in np.array_split(np.arange(self.taxels), parts)
         ]
 
     def reboot(self, now):
-        self.boot, self.start, self.scan = now, 0, 0
+        self.boot, self.clock_start, self.scan = now, 0, 0
 
     def stream(self, begin, end, port="a", delay=0.001, phase=0.0, parts=1):
-        """What arrives while it runs from begin to end [s]: a hello a second, scans."""
+        """Return what arrives from begin to end [s]: a hello a second, and scans."""
         arrivals = []
         lag = round(delay * SECOND)
         first = START + round(begin * SECOND)
         for n in range(round((end - begin) * self.rate)):
-            true = first + round((n + phase) * SECOND / self.rate)
-            if n % self.rate == 0:
-                arrivals.append((true + lag, port, self.hello(true)))
-            arrivals += [
-                (true + lag, port, packet) for packet in self.data(true, parts)
-            ]
+            taken = first + round((n + phase) * SECOND / self.rate)
+            packets = [self.hello(taken)] if n % self.rate == 0 else []
+            packets += self.data(taken, parts)
+            arrivals += [(taken + lag, port, packet) for packet in packets]
         return arrivals
 
 
-class World:
+def stream_all(begin, end, parts=1, **options):
+    """Return what arrives of all patches, each with a phase and a clock of its own."""
+    return [
+        arrival
+        for n in range(PATCHES)
+        for arrival in Module(
+            n, serial=10 + n, boot=START - 7 * SECOND * n, **options
+        ).stream(begin, end, phase=0.3 * n, parts=parts)
+    ]
+
+
+def encode_arrivals(arrivals):
+    return [(when, port, encode_packet(packet)) for when, port, packet in arrivals]
+
+
+class AssemblerRun:
     """An assembler on a clock of its own, and everything that it gave."""
 
-    def __init__(self, skin=SKIN, rate=50.0, grace=None):
+    def __init__(self, skin=SKIN, rate=50.0):
         self.log = EventLog()
-        self.assembler = Assembler(skin, FixedJoints(Q), self.log)
-        self.assembler.start(START, float(rate), grace)
-        self.period = self.assembler.timeline.grid.period
+        self.assembler = Assembler(skin, FixedJoints(np.zeros(0)), self.log)
+        self.assembler.start(START, float(rate))
+        self.period = round(SECOND / rate)
         self.scans, self.events, self.pushed = [], [], 0
         self.now = START
 
@@ -107,15 +113,18 @@ class World:
         """Let packets arrive and time pass until then [s]."""
         for arrived, port, packet in sorted(arrivals, key=lambda item: item[0]):
             self.wait(arrived)
-            self.assembler.push(packet, arrived, port)
-            self.pushed += 1
+            self.push(packet, arrived, port)
             self.poll(arrived)
         self.wait(START + round(until * SECOND))
         return self
 
+    def push(self, packet, arrived, port):
+        self.assembler.push(packet, arrived, port)
+        self.pushed += 1
+
     def wait(self, time):
-        while self.assembler.next_deadline() <= time:
-            self.poll(self.assembler.next_deadline())
+        while (deadline := self.assembler.next_deadline()) <= time:
+            self.poll(deadline)
         self.poll(time)
 
     def poll(self, now):
@@ -126,56 +135,61 @@ class World:
 
     @property
     def counts(self):
+        """How many packets had which outcome."""
         return self.assembler.outcomes.counts
 
     def kinds(self, *unwanted):
         return [event.kind for event in self.events if event.kind not in unwanted]
 
-    def said(self, kind):
+    def find_events(self, kind):
         return [event for event in self.events if event.kind == kind]
 
     def received(self, address, begin=0.0, end=1e9):
-        """Which scans between two times [s] have a patch."""
-        return [
-            bool(scan.received[address * TAXELS])
-            for scan in self.scans
-            if begin * SECOND <= scan.stamp - START < end * SECOND
-        ]
+        """Return in which share of the scans between two times [s] a patch is."""
+        return np.mean(
+            [
+                scan.received[address * TAXELS]
+                for scan in self.scans
+                if begin * SECOND <= scan.stamp - START < end * SECOND
+            ]
+        )
+
+    def check(self, slack=0.003):
+        """Check the laws that always hold; return when received scans were taken."""
+        assert sum(self.counts.values()) == self.pushed
+        assert min(self.counts.values()) >= 0
+        return check_scans(self.scans, self.period, slack)
 
 
-def true_times(scans, period, slack=0.003):
-    """True times of all that was received; each within its period, each only once."""
+def check_scans(scans, period, slack=0.003):
+    """Check that no scan is old or given twice; return when they were taken.
+
+    A scan may have been taken by `slack` [s] later than its period [ns].
+    """
     times = {address: [] for address in range(PATCHES)}
     for scan in scans:
         for address, known in times.items():
             part = slice(address * TAXELS, (address + 1) * TAXELS)
-            got = scan.received[part]
-            assert got.all() or not got.any()
-            if got.any():
+            received = scan.received[part]
+            assert received.all() == received.any()
+            if received[0]:
                 counts = scan.counts[part]
-                true = START + int(counts[0] + (counts[1] << 16)) * MS // 10
-                np.testing.assert_array_equal(counts, tagged(true, address))
-                assert -0.25 * period - MS <= true - scan.stamp
-                assert true - scan.stamp <= 1.25 * period + slack * SECOND
-                assert not known or true > known[-1]
-                known.append(true)
+                taken = START + int(counts[0] + (counts[1] << 16)) * MS // 10
+                assert counts.tolist() == make_counts(taken, address).tolist()
+                assert -0.25 * period - MS <= taken - scan.stamp
+                assert taken - scan.stamp <= 1.25 * period + slack * SECOND
+                assert not known or taken > known[-1]
+                known.append(taken)
     assert (np.diff([scan.stamp for scan in scans]) > 0).all()
     return times
 
 
-def check(world, slack=0.003):
-    """The laws that hold whatever comes; true times of what was received."""
-    assert sum(world.counts.values()) == world.pushed
-    assert min(world.counts.values()) >= 0
-    return true_times(world.scans, world.period, slack)
-
-
-class Script(Transport):
-    """Brings what arrives at given times, on a clock that waits for nobody."""
+class ScriptedTransport(Transport):
+    """Brings what arrives at given times, on a clock that it advances itself."""
 
     def __init__(self, clock: ManualClock, arrivals):
         self.clock = clock
-        self.coming = sorted(arrivals, key=lambda item: item[0])
+        self.coming = deque(sorted(arrivals, key=lambda item: item[0]))
         self.closed = 0
 
     def read(self, timeout: float) -> list[ReceivedPacket]:
@@ -184,9 +198,11 @@ class Script(Transport):
             end = max(self.coming[0][0], self.clock.now())
         self.clock.sleep((end - self.clock.now()) / SECOND)
         now = self.clock.now()
-        there = [item for item in self.coming if item[0] <= now]
-        self.coming = self.coming[len(there) :]
-        return [ReceivedPacket(port, now, data) for _, port, data in there]
+        packets = []
+        while self.coming and self.coming[0][0] <= now:
+            _, port, data = self.coming.popleft()
+            packets.append(ReceivedPacket(port, now, data))
+        return packets
 
     def take_events(self, now: int) -> list:
         return []

@@ -1,20 +1,68 @@
-"""A stand-in for the simulator: quick, and found by name in other processes."""
+"""These helpers make clips quickly: a stand-in for the simulator, and a small one.
+
+Other processes find the generators by name.
+"""
 
 import os
 import time
+from functools import lru_cache
 
 import numpy as np
 
 from eskin.robot import load_robot
-from eskin.sim.dataset import ClipGenerator
+from eskin.sim import load_constants
+from eskin.sim.contact.press import ContactSite
+from eskin.sim.dataset import ClipGenerator, Simulator
 from eskin.sim.dataset.clip import SimulatedClip
+from eskin.sim.people.perform import perform
+from eskin.sim.people.person import draw_person
 from eskin.sim.scene.scene import TrueTouchSeries
 from eskin.skin import MountedSkin, build_grid_skin
 from eskin.touch import Calibration
+from helpers.worlds import SMALL_POOL
 
 RATE = 50
 REST, NOISE, HIGH = 100, 2, 900
 FULL_SCALE, PRESSURE = 4095, 100.0
+
+
+@lru_cache
+def build_small_simulator(skin):
+    """Build the simulator of a preset skin with a small pool of poses, once."""
+    return Simulator(skin, load_constants().scaled(SMALL_POOL))
+
+
+def read_files(folder):
+    """Return the bytes of every file by its path below the folder."""
+    return {
+        str(path.relative_to(folder)): path.read_bytes()
+        for path in sorted(folder.rglob("*"))
+        if path.is_file()
+    }
+
+
+CONSTANTS = load_constants()
+SITE = ContactSite(0, (0.1, 0.15), 0.0375, (-0.12, 0.1), 0.4)
+"""Site on a tube as thick as the forearm of the UR5."""
+
+
+@lru_cache
+def draw_people(count=1000):
+    """Draw people, always the same ones."""
+    rng = np.random.default_rng(5)
+    return [draw_person(f"p{index}", CONSTANTS, rng) for index in range(count)]
+
+
+@lru_cache
+def perform_many(
+    gesture, kind=None, difficulty=0.0, regime="paper", count=200, site=SITE
+):
+    """Draw one touch by each of some people."""
+    rng = np.random.default_rng(11)
+    return [
+        perform(gesture, kind, person, site, CONSTANTS, rng, difficulty, regime)
+        for person in draw_people()[:count]
+    ]
 
 
 class StandIn(ClipGenerator):
@@ -71,26 +119,27 @@ class StandIn(ClipGenerator):
 
 
 class Failing(StandIn):
-    """Cannot make the clip that begins 12 s after its file, of the second person."""
+    """Fails at the clip that begins 12 s after its file, of the second person."""
 
     def make(self, plan):
         if plan.at == 12.0 and plan.person.name.endswith("p1"):
-            raise ZeroDivisionError("no force")
+            self.fail()
         return super().make(plan)
+
+    def fail(self):
+        raise ZeroDivisionError("no force")
+
+
+class Dying(Failing):
+    """Ends its process at that clip."""
+
+    def fail(self):
+        os._exit(9)
 
 
 class Slow(StandIn):
-    """Takes its time."""
+    """Sleeps before every clip."""
 
     def make(self, plan):
         time.sleep(0.02)
-        return super().make(plan)
-
-
-class Dying(StandIn):
-    """Ends its process at the same clip."""
-
-    def make(self, plan):
-        if plan.at == 12.0 and plan.person.name.endswith("p1"):
-            os._exit(9)
         return super().make(plan)

@@ -1,4 +1,4 @@
-"""Short streams on a small skin, and listeners that do as they are told."""
+"""Short streams on a small skin, and a listener that keeps what it gets."""
 
 import threading
 
@@ -43,17 +43,13 @@ def played(scans, pace=STEPPED, clock=None, restamp=False):
 
 
 class Ear(Listener):
-    """Keeps what it hears; what it does besides is given to it."""
+    """Keeps what it gets; what else it does is given to it."""
 
     def __init__(
         self, name="ear", size=1000, drop="never", message_types=(Scan,), do=None
     ):
-        self.name, self.size, self.drop, self.message_types = (
-            name,
-            size,
-            drop,
-            message_types,
-        )
+        self.name, self.size, self.drop = name, size, drop
+        self.message_types = message_types
         self.do = do or (lambda item: None)
         self.heard = []
         self.log = None

@@ -1,4 +1,4 @@
-"""A recording of presses on a small skin, with labels and detections."""
+"""Recordings of presses on a small skin, with labels and detections."""
 
 import numpy as np
 
@@ -15,21 +15,27 @@ from eskin.touch import Calibration, Scan
 SECOND = 1_000_000_000
 START = 1_700_000_000 * SECOND
 RATE = 50
+SKIN = build_grid_skin(6, 8)
+COUNTS_PER_KPA = 10
 
 
-def stamp(seconds):
+def to_stamp(seconds):
     return START + round(seconds * SECOND)
 
 
-def said(gesture, onset, at):
-    """A detection of a gesture that began at a time and was said at another [s]."""
+def make_label(gesture, start, end, source="true"):
+    return Label(to_stamp(start), to_stamp(end), gesture, source)
+
+
+def make_detection(gesture, onset, stamp):
+    """Return a detection of a gesture by its onset and its time [s]."""
     zero = (0.0, 0.0, 0.0)
     return DetectionRecord(
-        stamp=stamp(at),
+        stamp=to_stamp(stamp),
         gesture=gesture,
         confidence=0.9,
-        onset=stamp(onset),
-        end=stamp(at),
+        onset=to_stamp(onset),
+        end=to_stamp(stamp),
         link="table",
         patch="grid",
         p_world=zero,
@@ -39,23 +45,16 @@ def said(gesture, onset, at):
     )
 
 
-def write_recording(path, presses, detections=(), labels=None, seconds=6.0):
-    """Presses are (gesture, start, end) [s]; each loads ten taxels by 20 kPa."""
-    skin = build_grid_skin(6, 8)
-    calibration = Calibration(np.full(skin.count, 0.1), 4000)
-    scans = []
-    for index in range(round(seconds * RATE)):
-        now = index / RATE
-        counts = np.full(skin.count, 100, np.int32)
-        if any(start <= now < end for _, start, end in presses):
-            counts[:10] = 300
-        every = np.ones(skin.count, bool)
-        scans.append(Scan(stamp(now), counts, every, np.zeros(0)))
-    if labels is None:
-        labels = [Label(stamp(a), stamp(b), name) for name, a, b in presses]
-    writer = RecordingWriter(
-        path, "table", skin, calibration, Metadata("set", "P1", "one"), ()
-    )
-    with writer:
+def write_recording(path, labels, detections=(), seconds=6.0):
+    """Write a recording in which ten taxels are loaded by 20 kPa during each label."""
+    received, scans = np.ones(SKIN.count, bool), []
+    for stamp in (to_stamp(index / RATE) for index in range(round(seconds * RATE))):
+        counts = np.full(SKIN.count, 100, np.int32)
+        if any(label.start <= stamp < label.end for label in labels):
+            counts[:10] += 20 * COUNTS_PER_KPA
+        scans.append(Scan(stamp, counts, received, np.zeros(0)))
+    calibration = Calibration(np.full(SKIN.count, 1 / COUNTS_PER_KPA), 4000)
+    metadata = Metadata("set", "P1", "one")
+    with RecordingWriter(path, "table", SKIN, calibration, metadata, ()) as writer:
         write_all(writer, scans, labels, detections)
     return path

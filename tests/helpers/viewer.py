@@ -1,4 +1,4 @@
-"""A UR5 in its skin as the page is told of it, and pictures of touches on it."""
+"""Descriptions of a UR5 in its skin for the page, and updates of touches on it."""
 
 from functools import cache
 
@@ -20,12 +20,12 @@ def mounted():
 
 
 @cache
-def setup(touchable=True, is_arm=True):
+def make_setup(touchable=True, is_arm=True):
     return describe_scene(mounted(), GESTURES, touchable, ("ur5", "ur5-shapes"), is_arm)
 
 
-def picture(seconds=0.0, taxel=None, q=Q, log_entries=(), arm=None):
-    """One instant; with a taxel, something presses there."""
+def make_update(seconds=0.0, taxel=None, q=Q, log_entries=(), arm=None):
+    """Return an update of the page; with a taxel, something presses there."""
     skin = mounted().skin
     pressure = np.zeros(skin.count, np.float16)
     contacts = touches = ()
@@ -37,7 +37,7 @@ def picture(seconds=0.0, taxel=None, q=Q, log_entries=(), arm=None):
         mark = ContactMarker(link, skin.positions[taxel], skin.normals[taxel], 0.015)
         chances = np.array([0.01, 0.9, 0.05, 0.01, 0.03], np.float32)
         contacts = (mark,)
-        touches = (OpenTouch(3, setup().links[link], 7.5, chances),)
+        touches = (OpenTouch(3, make_setup().links[link], 7.5, chances),)
     return ViewUpdate(
         seconds=seconds,
         poses=pack_poses(mounted().kinematics.poses(q)),

@@ -20,7 +20,7 @@ UR5_TAXELS = 2112
 
 
 @dataclass(frozen=True)
-class Command:
+class LatencyCommand:
     """Time one step of the engine and of every baseline, on one core, in turn.
 
     The scene is a touch of the ur5's forearm while the arm moves. Baselines are fitted
@@ -34,7 +34,7 @@ class Command:
     are timed, and none on larger skins."""
 
 
-def run(command: Command) -> dict[str, object]:
+def run(command: LatencyCommand) -> dict[str, object]:
     """Time all methods, print a table, and return its rows."""
     config, names = command.config, command.baselines
     if names is None:

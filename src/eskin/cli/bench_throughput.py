@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Command:
+class ThroughputCommand:
     """Receive a skin's bytes at a rate, recognise every reading, and count the drops.
 
     Another process simulates the ur5's skin: touches come and go, and the arm swings.
@@ -25,7 +25,7 @@ class Command:
     config: Annotated[ThroughputConfig, tyro.conf.arg(name="")]
 
 
-def run(command: Command) -> dict[str, object]:
+def run(command: ThroughputCommand) -> dict[str, object]:
     """Measure each transport in turn, print a table, and return its rows."""
     from eskin.bench.throughput import find_limit, measure_throughput
 

@@ -14,7 +14,7 @@ HEADLESS_SECONDS = 60.0
 
 
 @dataclass(frozen=True)
-class Command:
+class DemoCommand:
     """Watch a simulated UR5 bring parts, and command it by touch.
 
     In the browser, the mouse is the hand, and a click is a poke. Poke to pause and to
@@ -66,7 +66,7 @@ class Command:
     """Number of touches that `--same-touch` plays in turn."""
 
 
-def run(command: Command) -> dict[str, object]:
+def run(command: DemoCommand) -> dict[str, object]:
     """Run the demonstration and return its result."""
     from eskin.demo import DemoConfig, SimulatedUserConfig
 
@@ -142,7 +142,7 @@ def run_headless_demo(seconds: float, config: "DemoConfig") -> dict[str, object]
     }
 
 
-def run_same_touch(command: Command, config: "DemoConfig") -> dict[str, object]:
+def run_same_touch(command: DemoCommand, config: "DemoConfig") -> dict[str, object]:
     """Play the same counts in two poses to two recognisers."""
     from eskin.demo.comparison import serve_same_touch
     from eskin.demo.same_touch import compare_models
@@ -181,7 +181,7 @@ def run_same_touch(command: Command, config: "DemoConfig") -> dict[str, object]:
     return {**counts, "pairs": rows}
 
 
-def run_in_browser(command: Command, config: "DemoConfig") -> dict[str, object]:
+def run_in_browser(command: DemoCommand, config: "DemoConfig") -> dict[str, object]:
     """Serve the page until the end; return the counts."""
     from eskin.demo.browser import serve
 

@@ -24,7 +24,7 @@ SIM = "sim"
 
 
 @dataclass(frozen=True)
-class Command:
+class DeviceCommand:
     """Act as a skin: its patches send the touches of a simulated person or a recording.
 
     Each patch sends its scans over a real transport, as the hardware does.
@@ -68,7 +68,7 @@ class Command:
     """Random seed."""
 
 
-def run(command: Command) -> dict[str, object]:
+def run(command: DeviceCommand) -> dict[str, object]:
     """Send until the end or until stopped; return the counts of what was sent."""
     from eskin.drivers import HostClock
     from eskin.drivers.virtual import VirtualSkin, parse_fault, resample_scans
@@ -105,7 +105,7 @@ def run(command: Command) -> dict[str, object]:
     return result
 
 
-def check_options(command: Command) -> None:
+def check_options(command: DeviceCommand) -> None:
     """Raise if an option is out of range, or if two options exclude each other."""
     if command.udp is not None and (command.pty or command.link is not None):
         raise ValueError(
@@ -124,7 +124,7 @@ def check_options(command: Command) -> None:
 
 
 def load_played(
-    command: Command, skin: "Skin"
+    command: DeviceCommand, skin: "Skin"
 ) -> "tuple[Iterator[Scan], float, Calibration]":
     """Load the scans to play, their rate [1/s] and the calibration.
 
@@ -157,7 +157,9 @@ def load_played(
     return recording.scans(), 1e9 / recording.period, recording.calibration
 
 
-def open_ports(command: Command, count: int, stack: ExitStack) -> "list[VirtualPort]":
+def open_ports(
+    command: DeviceCommand, count: int, stack: ExitStack
+) -> "list[VirtualPort]":
     """Open the ports; the stack closes them.
 
     Raises:

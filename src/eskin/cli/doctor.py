@@ -29,7 +29,7 @@ MIN_RATE_SHARE = 0.8
 
 
 @dataclass(frozen=True)
-class Command:
+class DoctorCommand:
     """Check the installation, and compile all code that the recogniser needs.
 
     Compiled code is kept on disk, so that later no program waits for the compiler. With
@@ -61,7 +61,7 @@ class Check:
     """Description of what was found, with a remedy if the check failed."""
 
 
-def run(command: Command) -> dict[str, object]:
+def run(command: DoctorCommand) -> dict[str, object]:
     """Run all checks and print one line for each; raise if any check fails."""
     checks = []
     for check in chain(run_checks(), check_patches(command)):
@@ -96,7 +96,7 @@ def check_ports(ports: Sequence[SerialPortInfo]) -> Iterator[Check]:
         yield Check(f"serial port {port.path}", port.usable, found)
 
 
-def check_patches(command: Command) -> Iterator[Check]:
+def check_patches(command: DoctorCommand) -> Iterator[Check]:
     """Check rate and age of the scans of the patches that were asked about."""
     if not command.source:
         return

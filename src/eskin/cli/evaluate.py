@@ -150,7 +150,7 @@ CLIP_KEYS = (
 
 
 @dataclass(frozen=True)
-class Command:
+class EvaluateCommand:
     """Score a model on labelled recordings.
 
     Simulated clips are scored one by one and simulated streams by their events. Other
@@ -183,7 +183,7 @@ class Command:
     """Number of processes that replay streams; by default one for each core."""
 
 
-def run(command: Command) -> dict[str, object]:
+def run(command: EvaluateCommand) -> dict[str, object]:
     """Score the model, print tables, and draw the plots asked for."""
     for picture in list_pictures(command):
         check_picture(picture)
@@ -224,7 +224,7 @@ def split_by_scoring(
     return clips, streams
 
 
-def list_pictures(command: Command) -> list[Path]:
+def list_pictures(command: EvaluateCommand) -> list[Path]:
     """List the paths of all plots that are asked for."""
     pictures = (
         command.picture,
@@ -236,7 +236,7 @@ def list_pictures(command: Command) -> list[Path]:
 
 
 def check_pictures(
-    command: Command, clips: Sequence[Path], streams: Sequence[Path]
+    command: EvaluateCommand, clips: Sequence[Path], streams: Sequence[Path]
 ) -> None:
     """Raise if a plot is asked for without recordings to draw it of."""
     for picture, things, name in (
@@ -253,7 +253,7 @@ def check_pictures(
 
 
 def score_clips(
-    command: Command, model: Model, paths: Sequence[Path]
+    command: EvaluateCommand, model: Model, paths: Sequence[Path]
 ) -> dict[str, object]:
     """Score recordings gesture by gesture."""
     dataset = prepare(paths, model.card.pipeline, model.card.graph_used)
@@ -287,7 +287,7 @@ def score_clips(
 
 
 def score_streams(
-    command: Command, model: Model, paths: Sequence[Path], workers: int
+    command: EvaluateCommand, model: Model, paths: Sequence[Path], workers: int
 ) -> dict[str, object]:
     """Score recordings by their events, with the detections that are made live."""
     decided = []
@@ -303,7 +303,7 @@ def score_streams(
     return build_event_result(score)
 
 
-def draw_event_pictures(command: Command, score: EventScore) -> None:
+def draw_event_pictures(command: EvaluateCommand, score: EventScore) -> None:
     """Draw the plots of streams that are asked for."""
     if command.event_picture is not None:
         title = f"{score.confusion[:-1].sum()} events, F1 {score.total.f1:.3f}"

@@ -44,7 +44,7 @@ SkinName = Literal[
 
 
 @dataclass(frozen=True)
-class Command:
+class GenerateCommand:
     """Simulate people who touch a skin, and record them."""
 
     out: tyro.conf.Positional[Path]
@@ -74,7 +74,7 @@ class Command:
     """Width of the spreads, where 0 is the easiest; by default the published one."""
 
 
-def run(command: Command) -> dict[str, object]:
+def run(command: GenerateCommand) -> dict[str, object]:
     """Generate recordings; return the number of clips and the time taken."""
     workers = os.cpu_count() or 1 if command.workers is None else command.workers
     if workers < 1:

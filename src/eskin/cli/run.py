@@ -24,7 +24,7 @@ DEFAULT_PORT = 8080
 
 
 @dataclass(frozen=True)
-class Command:
+class RunCommand:
     """Recognise live: from patches on a cable, a recording or a simulated person.
 
     The command ends with its source, after --seconds, or by Ctrl-C, which finishes the
@@ -94,7 +94,7 @@ class Command:
     """TCP port of the page on this computer, 8080 by default; 0 takes any free one."""
 
 
-def run(command: Command) -> dict[str, object]:
+def run(command: RunCommand) -> dict[str, object]:
     """Stream until the end; print detections and events as they come."""
     from eskin.app import SourceConfig, open_source
     from eskin.drivers import HostClock
@@ -151,7 +151,7 @@ def run(command: Command) -> dict[str, object]:
     return summarise(source, stream, recognition, commands)
 
 
-def choose_drop_policy(command: Command) -> "Drop":
+def choose_drop_policy(command: RunCommand) -> "Drop":
     """Choose what is dropped when scans come faster than they are recognised.
 
     A recording that is read as fast as possible waits; a live source does not.
@@ -159,7 +159,7 @@ def choose_drop_policy(command: Command) -> "Drop":
     return "never" if math.isinf(command.pace) else "oldest"
 
 
-def check_options(command: Command) -> None:
+def check_options(command: RunCommand) -> None:
     """Raise if an option is out of range or needs another one.
 
     Raises:
@@ -194,7 +194,7 @@ def check_options(command: Command) -> None:
         check_senders(command)
 
 
-def check_senders(command: Command) -> None:
+def check_senders(command: RunCommand) -> None:
     """Raise if other computers could move a real robot, unless that is allowed.
 
     Raises:
@@ -208,7 +208,7 @@ def check_senders(command: Command) -> None:
             check_udp_host(parse_udp_address(uri)[0], command.allow_remote)
 
 
-def open_command_arm(command: Command, clock: "Clock") -> "Arm | None":
+def open_command_arm(command: RunCommand, clock: "Clock") -> "Arm | None":
     """Open the arm that touches command; return None without one."""
     from eskin.app import open_arm
 
@@ -216,7 +216,7 @@ def open_command_arm(command: Command, clock: "Clock") -> "Arm | None":
 
 
 def build_policy(
-    command: Command, arm: "Arm", model: "Model", source: "Source"
+    command: RunCommand, arm: "Arm", model: "Model", source: "Source"
 ) -> "Policy":
     """Build the policy that commands the arm.
 
@@ -231,7 +231,7 @@ def build_policy(
 
 
 def build_listeners(
-    command: Command, source: "Source", recognition: "Recognition", arm: "Arm | None"
+    command: RunCommand, source: "Source", recognition: "Recognition", arm: "Arm | None"
 ) -> "list[Listener]":
     """Build the other listeners: the terminal's, and recorder and viewer if asked."""
     from eskin.cli.terminal import TerminalPrinter

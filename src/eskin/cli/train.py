@@ -25,7 +25,7 @@ SIZES = ("width", "layers", "channels")
 
 
 @dataclass(frozen=True)
-class Command:
+class TrainCommand:
     """Train the recogniser on recordings."""
 
     data: tyro.conf.Positional[tuple[Path, ...]]
@@ -72,7 +72,7 @@ class Command:
         check_limits(self, {"skins": (0, np.inf)})
 
 
-def run(command: Command) -> dict[str, object]:
+def run(command: TrainCommand) -> dict[str, object]:
     """Train, write the model, and score it if test recordings are given.
 
     An interrupted training leaves its state beside the model, from which the same
@@ -132,7 +132,7 @@ def run(command: Command) -> dict[str, object]:
     return result
 
 
-def load_start(command: Command) -> Model | None:
+def load_start(command: TrainCommand) -> Model | None:
     """Load the model to start from; return None if none is named.
 
     Raises:
@@ -160,7 +160,7 @@ def format_sizes(sizes: Mapping[str, int]) -> str:
     return ", ".join(f"{size} {number}" for size, number in sizes.items())
 
 
-def build_card(command: Command, trainer: Trainer, content: str) -> ModelCard:
+def build_card(command: TrainCommand, trainer: Trainer, content: str) -> ModelCard:
     """Build the card of a model before it is trained."""
     return ModelCard(
         vocabulary=trainer.vocabulary,
@@ -172,14 +172,14 @@ def build_card(command: Command, trainer: Trainer, content: str) -> ModelCard:
     )
 
 
-def describe_command(command: Command) -> dict[str, str]:
+def describe_command(command: TrainCommand) -> dict[str, str]:
     """Return the options of the command that the card stores besides the training."""
     facts = {"seed": str(command.seed), "skins": str(command.skins)}
     facts |= {"start": str(command.start)} if command.start else {}
     return facts | (flatten(asdict(command.wear), "wear.") if command.skins else {})
 
 
-def set_decision(model: Model, command: Command) -> Model:
+def set_decision(model: Model, command: TrainCommand) -> Model:
     """Return the model with the decision that scores best on the streams given."""
     if not command.streams:
         return model
@@ -192,7 +192,7 @@ def set_decision(model: Model, command: Command) -> Model:
 
 
 def prepare_dataset(
-    command: Command,
+    command: TrainCommand,
     paths: tuple[Path, ...],
     graph: GraphConfig,
     skins: tuple[Aging, ...] = (),
@@ -205,7 +205,7 @@ def prepare_dataset(
     )
 
 
-def select_graph(command: Command, dataset: Dataset) -> GraphConfig:
+def select_graph(command: TrainCommand, dataset: Dataset) -> GraphConfig:
     """Return the graph configuration that the network takes."""
     shear = command.train.shear and dataset.has_shear
     return command.train.graph if shear else command.train.graph.without_shear()

@@ -1,0 +1,183 @@
+"""Tests of what all commands share: help, one line of JSON, one line of error."""
+
+import json
+import sys
+from dataclasses import fields
+
+import pytest
+
+from eskin.cli.main import COMMANDS, format_one_line, load_command, main, run
+
+ARGUMENTS = {
+    "convert": "sleeve in out",
+    "generate": "out",
+    "label": "a.mcap",
+    "train": "a.mcap --out m",
+    "evaluate": "m a.mcap",
+    "compare": "--train a --test b",
+    "study": "a",
+    "run": "--source replay:a.mcap",
+    "device": "gone --play a.mcap",
+    "view": "a.mcap",
+    "demo": "--headless",
+    "replay": "a.mcap --model m",
+    "skin show": "gone",
+    "skin check": "gone",
+    "bench latency": "--steps 10",
+    "bench throughput": "--seconds 1",
+    "doctor": "",
+}
+"""Arguments of each command that are valid but for paths that do not exist."""
+WITHOUT_PATH = {"generate", "demo", "bench latency", "bench throughput", "doctor"}
+NESTED = {"train", "config"}
+"""Fields that are configurations of their own."""
+
+
+def call(capsys, words):
+    code = run(words.split())
+    out, err = capsys.readouterr()
+    return code, out, err
+
+
+@pytest.fixture
+def refuse(tmp_path, monkeypatch, capsys):
+    """Call a command that must be refused in one line and leave nothing."""
+    monkeypatch.chdir(tmp_path)
+
+    def refuse(words, *parts):
+        code, out, err = call(capsys, words)
+        assert (code, out) == (2, ""), err
+        assert err.startswith("error: ") and err.count("\n") == 1
+        assert all(part in err for part in parts), err
+        assert list(tmp_path.iterdir()) == []
+
+    return refuse
+
+
+@pytest.mark.parametrize("words", ["", "-h", "--help"])
+def test_overview_lists_commands(words, capsys):
+    code, out, err = call(capsys, words)
+    assert (code, err) == (0, "")
+    for name in COMMANDS:
+        assert f"eskin {name}\n" in out
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_help_describes_command_and_names_every_option(name, capsys):
+    _, command_type = load_command(name)
+    with pytest.raises(SystemExit) as stop:
+        run([*name.split(), "--help"])
+    assert stop.value.code == 0
+    words = " ".join(capsys.readouterr().out.replace("│", " ").split())
+    assert command_type.__doc__.splitlines()[0] in words
+    assert "--json" in words
+    for field in fields(command_type):
+        if "Positional" not in str(field.type) and field.name not in NESTED:
+            assert "--" + field.name.replace("_", "-") in words
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_unknown_option_is_refused(name, refuse):
+    words = f"{name} {ARGUMENTS[name]} --colour red"
+    refuse(words, f"eskin {name}: Unrecognized options: --colour, red")
+
+
+@pytest.mark.parametrize("name", ["convert", "generate", "evaluate", "run", "train"])
+def test_missing_argument_is_refused(name, refuse):
+    refuse(name, f"eskin {name}: ")
+
+
+@pytest.mark.parametrize("name", sorted(set(COMMANDS) - WITHOUT_PATH))
+def test_missing_path_is_refused(name, refuse):
+    refuse(f"{name} {ARGUMENTS[name]}")
+
+
+@pytest.mark.parametrize(
+    ("words", "parts"),
+    [
+        ("dance", ("'dance'", "convert, label, train")),
+        ("skin", ("'skin'", "skin show, skin check")),
+        ("skin paint", ("'skin'",)),
+        ("--json train", ("'--json'",)),
+        ("convert glove in out", ("'glove'", "'dataset'")),
+        ("train a --out m --seed x", ("--seed",)),
+        ("train a --out m --train.epochs 0", ("epochs is 0",)),
+        ("train a --out", ("--out",)),
+        ("label a --threshold much", ("--threshold",)),
+        ("skin check sleeve --tolerance much", ("--tolerance",)),
+        ("run --source sim:a --record b --piece-mb inf", ("finite",)),
+    ],
+)
+def test_invalid_word_is_refused_and_named(words, parts, refuse):
+    refuse(words, *parts)
+
+
+@pytest.mark.parametrize(
+    ("error", "message"),
+    [
+        (ValueError("first\n  second"), "first second"),
+        (
+            ModuleNotFoundError("No module named 'torch'", name="torch"),
+            "torch is missing; install it: pip install 'eskin[train]'",
+        ),
+    ],
+)
+def test_error_becomes_one_line(error, message, fail_check, capsys):
+    fail_check(error)
+    assert call(capsys, "skin check sleeve") == (2, "", f"error: {message}\n")
+
+
+def test_bug_is_not_taken_for_bad_input(fail_check):
+    fail_check(ZeroDivisionError())
+    with pytest.raises(ZeroDivisionError):
+        run(["skin", "check", "sleeve"])
+
+
+@pytest.fixture
+def fail_check(monkeypatch):
+    """Make `eskin skin check` raise an error."""
+    from eskin.cli import skin
+
+    def replace(error):
+        def fail(command: skin.CheckCommand) -> None:
+            raise error
+
+        monkeypatch.setattr(skin, "run_check", fail)
+
+    return replace
+
+
+@pytest.mark.parametrize(("word", "code"), [("sleeve", 0), ("gone", 2)])
+def test_program_exits_with_code(word, code, monkeypatch):
+    monkeypatch.setattr(sys, "argv", ["eskin", "skin", "check", word])
+    with pytest.raises(SystemExit) as stop:
+        main()
+    assert stop.value.code == code
+
+
+def test_json_is_last_line_where_asked(capsys):
+    _, out, _ = call(capsys, "skin show sleeve --json")
+    keys = {"name", "taxels", "area_cm2", "density_per_cm2", "calibrated", "patches"}
+    assert set(json.loads(out.splitlines()[-1])) == keys | {"picture"}
+    _, out, _ = call(capsys, "skin show sleeve")
+    assert "{" not in out
+    _, out, _ = call(capsys, "skin check sleeve --json")
+    assert json.loads(out.splitlines()[-1]) == {"problems": []}
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        (
+            "╭─ Parsing error ──╮\n│ two words │\n├───┤\n│ help │\n╰───╯\n",
+            "two words help",
+        ),
+        ("-----------\ntwo words\n-----------\nhelp\n", "two words help"),
+        (
+            "for argument '0.dataset': 0.5, 10.x and a.0.b are not 1.json",
+            "for argument 'dataset': 0.5, 10.x and a.0.b are not json",
+        ),
+    ],
+)
+def test_error_of_parser_is_reduced_to_its_words(text, expected):
+    assert format_one_line(text, "train") == f"eskin train: {expected}"

@@ -1,0 +1,210 @@
+"""Tests of `eskin run`, from bytes or files to its last line, with and without arm."""
+
+import json
+import signal
+import socket
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+
+import eskin.app
+from eskin.cli.main import run
+from eskin.cli.run import RunCommand, build_listeners, check_options
+from eskin.command import SimulatedArm
+from eskin.drivers import HostClock, ManualClock, PlayedSource
+from eskin.errors import DeviceError
+from eskin.live import Recognizer
+from eskin.recording import Metadata, RecordingWriter, read_recording, write_all
+from eskin.sim.interactive import InteractiveSkin, LinkPoint
+from eskin.skin import save_skin
+from eskin.stream import Recognition
+from eskin.viewer import Viewer
+from helpers.devices import (
+    PATIENCE,
+    RATE,
+    StillSimulator,
+    playing,
+    scans_of,
+    small_skin,
+    udp_skin,
+)
+from helpers.live import Press, mounted, record, scans
+
+PAUSING = "version: 1\ncommands:\n  - gesture: poke\n    action: pause\n"
+SECOND = 1_000_000_000
+
+
+def call(capsys, *words):
+    """Return exit code, printed text and error of `eskin run`."""
+    code = run(["run", *map(str, words)])
+    out, err = capsys.readouterr()
+    return code, out, err
+
+
+def call_json(capsys, *words):
+    """Return the last line of a call that succeeds, and what was printed before."""
+    code, out, err = call(capsys, *words, "--json")
+    assert (code, err) == (0, "")
+    return json.loads(out.splitlines()[-1]), out
+
+
+@pytest.fixture(scope="module")
+def recording(tmp_path_factory):
+    """The path of a recording of one press, and its number of scans."""
+    path = tmp_path_factory.mktemp("run") / "touched.mcap"
+    stream = scans(mounted(), [Press(2.3, 2.7, 65, 65)], 50, 3.5)
+    return record(path, mounted(), stream), len(stream)
+
+
+@pytest.mark.slow
+def test_recording_is_recognised_counted_and_recorded(recording, tmp_path, capsys):
+    path, count = recording
+    words = ["--source", f"replay:{path}", "--pace", 10]
+    result, out = call_json(capsys, *words, "--record", tmp_path / "kept.mcap")
+    assert (result["readings"], result["dropped"], result["commands"]) == (count, 0, 0)
+    assert result["detections"] == 1
+    assert "where" in out and f"{count} readings, 0 dropped" in out
+    assert result["source"] == {"readings": count}
+    assert result["queues"]["recognition"]["taken"] == count
+    kept = read_recording(tmp_path / "kept.mcap")
+    assert kept.count == count and not kept.truncated
+    assert len(kept.detections) == 1 and kept.metadata.session == f"replay:{path}"
+
+
+@pytest.mark.slow
+def test_simulation_runs_for_given_time(capsys, monkeypatch):
+    monkeypatch.setattr("eskin.sim.dataset.Simulator", StillSimulator)
+    result, _ = call_json(capsys, "--source", "sim:ur5", "--seconds", 0.5)
+    assert 10 <= result["readings"] <= 60 and result["detections"] == 0
+
+
+@pytest.mark.slow
+def test_patches_are_received_over_udp(capsys, tmp_path):
+    skin = small_skin()
+    save_skin(skin, tmp_path / "skin")
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
+    words = ["--skin", tmp_path / "skin", "--robot-urdf", "table", "--seconds", 1]
+    with playing(udp_skin(skin, port), scans_of(skin, 10_000), HostClock()):
+        result, _ = call_json(capsys, "--source", f"udp://127.0.0.1:{port}", *words)
+    assert result["source"]["datagrams"] > RATE and result["source"]["used"] > 0
+
+
+@pytest.mark.slow
+def test_interrupt_finishes_recording(recording, tmp_path):
+    path, count = recording
+    kept = tmp_path / "kept.mcap"
+    words = ["run", "--source", f"replay:{path}", "--pace", "0.5", "--json"]
+    with subprocess.Popen(
+        [sys.executable, "-m", "eskin.cli.main", *words, "--record", str(kept)],
+        stdout=subprocess.PIPE,
+        text=True,
+    ) as process:
+        assert process.stdout is not None
+        while "where" not in process.stdout.readline():
+            assert process.poll() is None
+        time.sleep(1.0)
+        process.send_signal(signal.SIGINT)
+        *_, last = process.stdout.read().splitlines()
+        assert process.wait(PATIENCE) == 0
+    result = json.loads(last)
+    assert 0 < result["readings"] < count
+    finished = read_recording(kept)
+    assert finished.count == result["readings"] and not finished.truncated
+
+
+def test_failing_stream_is_one_line_and_exit_code_1(recording, capsys, monkeypatch):
+    def fail(source, timeout=None):
+        raise DeviceError("port is lost\nfor good")
+
+    monkeypatch.setattr(PlayedSource, "read", fail)
+    code, _, err = call(capsys, "--source", f"replay:{recording[0]}")
+    assert code == 1
+    assert "port is lost for good" in err and err.count("\n") == 1
+
+
+@pytest.mark.parametrize(
+    ("words", "parts"),
+    [
+        ("--source replay:nowhere.mcap", ("nowhere.mcap",)),
+        ("--source udp://127.0.0.1:9750", ("without a skin",)),
+        ("--source can:0", ("serial:PATH",)),
+        ("--source sim:nose", ("nose",)),
+        ("--source sim:ur5 --model nose", ("nose",)),
+        ("--source sim:ur5 --seconds 0", ("--seconds is 0.0",)),
+        ("--source sim:ur5 --pace nan", ("--pace is nan",)),
+        ("--source sim:ur5 --piece-mb 1", ("--piece-mb", "--record")),
+        ("--source sim:ur5 --commands a.yaml", ("--commands", "--robot")),
+        ("--source sim:ur5 --port 8081", ("--port", "--view")),
+        ("--source sim:ur5 --robot sim:ur5 --q 0 0 0 0 0 0", ("--q", "--robot")),
+        ("--source udp://0.0.0.0:9 --robot ur://127.0.0.1", ("remote",)),
+        ("", ("--source",)),
+    ],
+)
+def test_invalid_option_is_one_line_and_exit_code_2(words, parts, capsys):
+    code, out, err = call(capsys, *words.split())
+    assert (code, out) == (2, "") and err.count("\n") == 1
+    assert all(part in err for part in parts)
+
+
+def test_recording_that_cannot_be_written_is_refused(recording, capsys, tmp_path):
+    words = ["--source", f"replay:{recording[0]}", "--record", tmp_path / "no/a.mcap"]
+    code, _, err = call(capsys, *words)
+    assert code == 2 and err.count("\n") == 1
+
+
+@pytest.mark.parametrize(
+    ("source", "allowed"), [("udp://0.0.0.0:9750", True), ("udp://127.0.0.1:9", False)]
+)
+def test_remote_senders_move_robot_only_where_allowed(source, allowed):
+    robot = "ur://127.0.0.1"
+    check_options(RunCommand((source,), robot=robot, allow_remote=allowed, skin="ur5"))
+
+
+@pytest.fixture
+def pokes(tmp_path):
+    """The path of a recording of a hand that pokes the forearm four times."""
+    live = InteractiveSkin(seed=4)
+    skin = live.mounted.skin
+    place = skin.positions[skin.find_taxels("forearm_back")[100]].astype(float)
+    stream = []
+    for number in range(300):
+        if number in (120, 165, 210, 255):
+            live.hand.poke(LinkPoint("forearm_link", place), 12.0, 0.3)
+        stream.append(live.scan(SECOND + number * SECOND // 50, np.zeros(6)))
+    path, metadata = tmp_path / "poked.mcap", Metadata(dataset="scene", session="one")
+    with RecordingWriter(path, "ur5", skin, live.calibration, metadata) as writer:
+        write_all(writer, stream, ())
+    return path
+
+
+@pytest.mark.slow
+def test_pokes_of_recording_pause_arm(pokes, tmp_path, monkeypatch, capsys):
+    arms, open_arm = [], eskin.app.open_arm
+
+    def open_and_keep(*arguments, **options):
+        arms.append(open_arm(*arguments, **options))
+        return arms[-1]
+
+    monkeypatch.setattr(eskin.app, "open_arm", open_and_keep)
+    (tmp_path / "pausing.yaml").write_text(PAUSING)
+    words = ["--source", f"replay:{pokes}", "--robot", "sim:ur5"]
+    result, out = call_json(capsys, *words, "--commands", tmp_path / "pausing.yaml")
+    (arm,) = arms
+    assert arm.state().paused
+    assert result["readings"] == 300 and result["detections"] >= result["commands"] >= 1
+    assert "done: poke on forearm_back" in out
+
+
+def test_page_of_run_shows_its_arm_and_takes_no_touches():
+    recognition = Recognition(Recognizer.load("ur5"))
+    command = RunCommand(("sim:ur5",), view=True, port=0)
+    for arm in (SimulatedArm(clock=ManualClock()), None):
+        viewer = build_listeners(command, None, recognition, arm)[-1]
+        assert isinstance(viewer, Viewer) and viewer.arm is arm
+        setup = viewer.setup()
+        assert setup.is_arm == (arm is not None) and not setup.touchable

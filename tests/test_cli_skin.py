@@ -1,0 +1,101 @@
+"""Tests of `eskin skin check --live`: presses asked for, and the answers to them."""
+
+from importlib import resources
+
+import numpy as np
+import pytest
+
+import eskin.app
+from eskin.cli.main import run
+from eskin.cli.skin import TARE_S, tare
+from eskin.drivers import STEPPED, ManualClock, PlayedSource, SourceInfo
+from eskin.robot import load_robot
+from eskin.skin import save_skin
+from eskin.skin.wiring import choose_press_targets
+from eskin.touch import Calibration, Scan, TouchPipeline
+from helpers.devices import PERIOD, RATE, mounted_small, small_skin
+
+SKIN = small_skin()
+LEFT, MIDDLE, RIGHT = (
+    SKIN.find_taxels(name).tolist() for name in ("left", "middle", "right")
+)
+CALIBRATION = Calibration.uniform(SKIN.count, 4095, 400.0)
+REST, PRESSED = 200, 1200
+UNTOUCHED = 155
+"""Scans before the first press, for taring."""
+INTERVAL, LENGTH = 36, 8
+"""Scans from press to press, and of each."""
+
+
+def make_scans(respond=int):
+    """Press every target as it is asked for; `respond` gives the taxel that answers."""
+    taxels = [respond(target.taxel) for target in choose_press_targets(SKIN)]
+    for number in range(UNTOUCHED + INTERVAL * (len(taxels) + 1)):
+        counts = REST + (np.arange(SKIN.count, dtype=np.int32) + number) % 2
+        press, phase = divmod(number - UNTOUCHED, INTERVAL)
+        if 0 <= press < len(taxels) and phase < LENGTH:
+            counts[taxels[press]] = PRESSED
+        received = np.ones(SKIN.count, bool)
+        yield Scan(PERIOD * (number + 1), counts, received, np.zeros(0))
+
+
+def play(scans, robot="table"):
+    info = SourceInfo("test:", robot, (), SKIN, CALIBRATION, RATE)
+    return PlayedSource(info, scans, STEPPED, ManualClock())
+
+
+@pytest.fixture
+def check(tmp_path, monkeypatch, capsys):
+    """Run the command on a skin, and return its exit code and output."""
+    save_skin(SKIN, tmp_path)
+
+    def check(respond=int, robot="table"):
+        source = play(make_scans(respond), load_robot(robot).name)
+        monkeypatch.setattr(eskin.app, "open_source", lambda *_, **__: source)
+        arguments = ["--robot", str(robot), "--live", "--source", "test:"]
+        code = run(["skin", "check", str(tmp_path), *arguments])
+        return code, *capsys.readouterr()
+
+    return check
+
+
+def test_skin_wired_as_its_file_says_passes(check, tmp_path):
+    """Also on a robot that has a file of its own."""
+    table = resources.files("eskin.robot") / "presets" / "table.urdf"
+    robot = tmp_path / "mine.urdf"
+    robot.write_text(table.read_text().replace('name="table"', 'name="mine"', 1))
+    code, out, _ = check(robot=robot)
+    assert code == 0
+    assert out.count("felt at") == 9
+    assert "every patch answered" in out
+
+
+@pytest.mark.parametrize(
+    ("answers", "wrong"),
+    [
+        (
+            dict(zip(LEFT + RIGHT, RIGHT + LEFT, strict=True)),
+            [("left", "right"), ("right", "left")],
+        ),
+        (dict.fromkeys(MIDDLE, RIGHT[-1]), [("middle", "right")]),
+    ],
+    ids=["exchanged plugs", "patch that answers for another"],
+)
+def test_wrong_wiring_is_named(check, answers, wrong):
+    code, out, err = check(lambda taxel: answers.get(taxel, taxel))
+    assert code == 2
+    for pressed, responded in wrong:
+        assert f"'{pressed}' was pressed, '{responded}' responded" in out
+    assert err.count("\n") == 1
+
+
+def test_touch_does_not_end_taring():
+    source = play(list(make_scans())[UNTOUCHED - 60 :])
+    tare(source, TouchPipeline(mounted_small(), CALIBRATION))
+    assert source.counters()["readings"] == TARE_S * RATE + 1
+
+
+def test_live_check_needs_a_source(tmp_path, capsys):
+    save_skin(SKIN, tmp_path)
+    assert run(["skin", "check", str(tmp_path), "--robot", "table", "--live"]) == 2
+    assert "--source" in capsys.readouterr().err

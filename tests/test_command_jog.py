@@ -1,0 +1,239 @@
+"""Tests of jogs: a stroke moves the tool of a paused arm by a step."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from eskin.command import CommandMap, MotionConfig, Rule, SimulatedArm
+from eskin.command.task import JOG_SPEED
+from eskin.drivers import ManualClock
+from eskin.errors import ArmError, JogError
+from eskin.robot import DampedLeastSquaresIK, Kinematics, load_robot
+from helpers.commands import (
+    DIRECTION,
+    Scene,
+    make_map,
+    make_paused_scene,
+    make_ur_arm,
+    pass_ur_time,
+)
+
+CONFIG = MotionConfig()
+UR5 = load_robot("ur5")
+KINEMATICS = Kinematics(UR5)
+JOG = CommandMap(
+    commands=[
+        *make_map(poke="toggle_pause", stroke="jog").commands,
+        Rule(gesture="stroke", action="jog", link="forearm_link", step=0.02),
+    ]
+)
+STEP = np.array([0.02, 0.0, 0.0])
+
+
+def tool_pose(q):
+    return KINEMATICS.poses(np.asarray(q))[..., -1, :, :]
+
+
+def draw_direction(rng):
+    direction = rng.standard_normal(3)
+    return direction / np.linalg.norm(direction)
+
+
+def pass_time(arm, seconds):
+    """Return the states of an arm, simulated or UR, while time passes."""
+    states, step = [], 0.01 if isinstance(arm, SimulatedArm) else 0.008
+    for _ in range(round(seconds / step)):
+        if isinstance(arm, SimulatedArm):
+            arm.clock.sleep(step)
+        else:
+            pass_ur_time(arm, step)
+        states.append(arm.state())
+    return states
+
+
+@pytest.fixture(params=["sim", "ur"])
+def arm(request):
+    return make_paused_arm(request.param)
+
+
+def make_paused_arm(kind="sim"):
+    """Return an arm that was paused on its way and stands."""
+    arm = SimulatedArm(clock=ManualClock()) if kind == "sim" else make_ur_arm()[0]
+    pass_time(arm, 4.0)
+    arm.pause()
+    pass_time(arm, 0.5)
+    assert arm.state().paused and not arm.state().moving
+    return arm
+
+
+def test_jog_moves_tool_straight_by_step_and_arm_stays_paused(arm):
+    rng, target = np.random.default_rng(0), arm.state().target
+    for _ in range(4):
+        before = tool_pose(arm.state().q)
+        step = 0.03 * draw_direction(rng)
+        arm.jog(step)
+        states = pass_time(arm, 2.0)
+        assert all(state.paused for state in states) and states[5].jogging
+        assert not states[-1].moving and not states[-1].jogging
+        poses = tool_pose([state.q for state in states])
+        path = poses[:, :3, 3] - before[:3, 3]
+        np.testing.assert_allclose(path[-1], step, atol=1e-4)
+        np.testing.assert_allclose(poses[-1, :3, :3], before[:3, :3], atol=1e-3)
+        aside = path - np.outer(path @ step, step) / (step @ step)
+        assert np.linalg.norm(aside, axis=1).max() < 2e-3
+        assert states[-1].target == target
+    arm.resume()
+    states = pass_time(arm, 6.0)
+    assert any(state.moving for state in states)
+    assert any(state.target != target for state in states)
+
+
+@settings(max_examples=8, deadline=None)
+@given(
+    st.integers(0, 2**32 - 1),
+    st.lists(
+        st.tuples(
+            st.sampled_from(("jog", "pause", "resume", "hold", "release", "next")),
+            st.floats(0.0, 1.5),
+        ),
+        max_size=8,
+    ),
+)
+def test_jogs_keep_limits_of_motion(seed, orders):
+    rng = np.random.default_rng(seed)
+    arm = make_paused_arm()
+    execute = {
+        "jog": lambda: arm.jog(0.1 * draw_direction(rng)),
+        "hold": lambda: arm.hold("test"),
+        "next": arm.next_waypoint,
+    }
+    q = [arm.state().q]
+    for name, seconds in orders:
+        try:
+            execute.get(name, getattr(arm, name, None))()
+        except JogError:
+            continue
+        states = pass_time(arm, seconds)
+        q += [state.q for state in states]
+        jogged = np.array([state.q for state in states if state.jogging])
+        speed = np.abs(np.diff(jogged, axis=0)).max(initial=0) / 0.01
+        assert speed <= JOG_SPEED * CONFIG.speed * (1 + 1e-6)
+    speeds = np.diff(q, axis=0) / 0.01
+    assert np.abs(speeds).max(initial=0) <= CONFIG.speed * (1 + 1e-6)
+    changes = np.abs(np.diff(speeds, axis=0)) / 0.01
+    assert changes.max(initial=0) <= CONFIG.max_acceleration * (1 + 1e-6)
+
+
+@pytest.mark.parametrize("stop", ["hold", "pause"])
+def test_stop_ends_jog_for_good(arm, stop):
+    arm.jog(2 * STEP)
+    pass_time(arm, 0.4)
+    assert arm.state().moving
+    arm.hold("test") if stop == "hold" else arm.pause()
+    assert not arm.state().jogging
+    pass_time(arm, CONFIG.brake_seconds + 0.02)
+    stood = arm.state().q
+    arm.release()
+    assert not any(state.moving for state in pass_time(arm, 1.0))
+    np.testing.assert_array_equal(arm.state().q, stood)
+
+
+def test_only_paused_standing_arm_jogs(arm):
+    arm.jog(STEP)
+    with pytest.raises(JogError, match="moves"):
+        arm.jog(STEP)
+    pass_time(arm, 2.0)
+    arm.hold("test")
+    with pytest.raises(JogError, match="held: test"):
+        arm.jog(STEP)
+    arm.release()
+    arm.resume()
+    with pytest.raises(JogError, match="not paused"):
+        arm.jog(STEP)
+
+
+@pytest.mark.parametrize("direction", ["outward", "down"])
+def test_jog_out_of_reach_is_refused(direction):
+    arm = make_paused_arm()
+    axis = np.array([0.0, 0.0, -1.0])
+    if direction == "outward":
+        axis = tool_pose(arm.state().q)[:3, 3] * [1, 1, 0]
+    with pytest.raises(JogError, match="out of reach or below 0.1 m"):
+        for _ in range(30):
+            before = arm.state().q
+            arm.jog(0.1 * axis / np.linalg.norm(axis))
+            pass_time(arm, 4.0)
+    assert not any(state.moving for state in pass_time(arm, 1.0))
+    np.testing.assert_array_equal(arm.state().q, before)
+    assert tool_pose(before)[2, 3] >= 0.1
+
+
+@settings(max_examples=50, deadline=None)
+@given(st.integers(0, 2**32 - 1))
+def test_inverse_kinematics_solves_step_within_joint_limits(seed):
+    rng = np.random.default_rng(seed)
+    q, step = rng.uniform(-3, 3, 6), 0.05 * draw_direction(rng)
+    found = DampedLeastSquaresIK(UR5, "tool0").solve_step(q, step)
+    if found is None:
+        return
+    wanted = tool_pose(q)
+    wanted[:3, 3] += step
+    np.testing.assert_allclose(tool_pose(found)[:3, 3], wanted[:3, 3], atol=2e-5)
+    np.testing.assert_allclose(tool_pose(found)[:3, :3], wanted[:3, :3], atol=1e-4)
+    assert np.abs(found - q).max() <= 0.5
+    assert (found >= UR5.lower).all() and (found <= UR5.upper).all()
+
+
+def test_stroke_jogs_paused_arm_once_it_has_ended():
+    scene = make_paused_scene(JOG)
+    number = scene.begin_detected("stroke")
+    scene.wait(0.5)
+    assert "jog" not in scene.arm.orders
+    scene.lift(number)
+    scene.wait(0.2)
+    assert scene.accepted == ["pause", "jog"] and scene.arm.paused
+    np.testing.assert_allclose(scene.arm.steps, [0.02 * DIRECTION])
+
+
+@pytest.mark.parametrize("gesture", ["poke", "stroke"])
+def test_touch_stops_jog(gesture):
+    scene = make_paused_scene(JOG)
+    scene.touch("stroke")
+    assert scene.arm.jogging
+    scene.wait(0.6)
+    first, second = scene.touch(gesture)
+    assert not scene.arm.jogging and scene.arm.paused
+    assert first.action == "pause" and first.accepted
+    assert not second.accepted and "before the pause" in second.why
+
+
+def test_stroke_that_does_not_meet_conditions_never_jogs():
+    scene = Scene(JOG)
+    (moving,) = scene.touch("stroke")
+    scene = make_paused_scene(JOG)
+    (doubtful,) = scene.touch("stroke", confidence=0.94)
+    scene.arm.hold("test")
+    (held,) = scene.touch("stroke")
+    scene.arm.hold_reason = None
+    number = scene.begin("stroke")
+    scene.step()
+    (late,) = scene.detect(number, age=0.12)
+    scene.touches[number].direction = np.zeros(3)
+    (still,) = scene.detect(number)
+    events = moving, doubtful, held, late, still
+    reasons = "nobody has paused", "0.94", "held: test", "120 ms", "did not travel"
+    for event, reason in zip(events, reasons, strict=True):
+        assert not event.accepted and reason in event.why
+    assert "jog" not in scene.arm.orders
+
+
+@pytest.mark.parametrize(
+    ("error", "held"), [(JogError("no jog"), False), (ArmError("lost"), True)]
+)
+def test_only_failing_arm_is_held_by_jog(error, held):
+    scene = make_paused_scene(JOG)
+    scene.arm.error = error
+    scene.touch("stroke")
+    assert "jog" not in scene.accepted and scene.last_reason == str(error)
+    assert (scene.arm.hold_reason is not None) == held

@@ -1,0 +1,207 @@
+"""Tests of commands that wait: until a touch has ended, or until it is confident."""
+
+import pytest
+
+from eskin.command import CommandMap, Rule, SkinMonitorConfig
+from helpers.commands import (
+    OTHER_PATCH,
+    PATCH,
+    Scene,
+    make_map,
+    make_paused_scene,
+)
+
+WAYPOINT = CommandMap(
+    commands=[Rule(gesture="stroke", action="next_waypoint", confidence=0.9)]
+)
+
+
+def ask_to_resume(confidence=0.99, **config):
+    """Return a paused scene, and a detected touch of it that asks to resume."""
+    scene = make_paused_scene(**config)
+    number = scene.begin_detected(confidence=confidence, seconds=0.3)
+    assert scene.arm.paused
+    return scene, number
+
+
+def ask_to_open():
+    """Return a scene with a closed gripper, and a doubtful touch that opens it."""
+    scene = Scene()
+    scene.arm.gripper = "closed"
+    return scene, scene.begin_detected("grab", confidence=0.8)
+
+
+def test_poke_resumes_paused_arm_once_it_has_ended():
+    scene, number = ask_to_resume()
+    scene.wait(0.5)
+    assert scene.arm.paused
+    scene.lift(number)
+    scene.wait(0.08)
+    assert scene.arm.paused
+    scene.wait(0.1)
+    assert not scene.arm.paused and scene.accepted == ["pause", "resume"]
+
+
+def test_pause_lasts_one_second_at_least():
+    scene = Scene()
+    scene.lift(scene.begin_detected(seconds=0.1))
+    scene.wait(0.9)
+    number = scene.begin()
+    scene.step()
+    (event,) = scene.detect(number)
+    assert not event.accepted and "only 0.9 s" in event.why and scene.arm.paused
+
+
+def test_touch_before_pause_does_not_resume():
+    scene = Scene()
+    early = scene.begin()
+    scene.wait(0.1)
+    scene.begin_detected(seconds=0.02)
+    scene.wait(1.5)
+    (event,) = scene.detect(early)
+    assert "before the pause" in event.why and scene.arm.paused
+
+
+def test_lasting_touch_does_not_resume():
+    scene, number = ask_to_resume()
+    scene.wait(2.5)
+    assert "went on" in scene.last_reason
+    scene.lift(number)
+    scene.wait(1.0)
+    assert scene.arm.paused
+
+
+@pytest.mark.parametrize(("last", "resumed"), [(0.96, True), (0.94, False)])
+def test_lifted_touch_may_become_confident_until_it_closes(last, resumed):
+    scene, number = ask_to_resume(0.9)
+    scene.lift(number)
+    scene.wait(0.4)
+    assert scene.accepted == ["pause"]
+    scene.touches[number].confidence = last
+    scene.step()
+    assert scene.arm.paused == (not resumed)
+    if not resumed:
+        scene.close(number)
+        assert "0.94" in scene.last_reason and "0.95" in scene.last_reason
+        scene.touch(confidence=0.5)
+        assert scene.arm.paused
+
+
+@pytest.mark.parametrize(("seconds", "accepted"), [(0.2, ["next_waypoint"]), (2.1, [])])
+def test_doubtful_touch_has_two_seconds_to_become_confident(seconds, accepted):
+    scene = Scene(WAYPOINT)
+    number = scene.begin_detected("stroke", 0.85)
+    assert scene.events == []
+    scene.wait(seconds)
+    scene.touches[number].confidence = 0.92
+    scene.wait(0.5)
+    assert scene.accepted == accepted and len(scene.events) == 1
+    assert accepted or "0.85" in scene.last_reason
+
+
+def test_heir_of_pending_touch_becomes_pending():
+    scene, number = ask_to_resume(0.9)
+    scene.lift(number)
+    heir = scene.begin(confidence=0.97)
+    scene.lift(heir)
+    scene.close(number, heir)
+    scene.wait(0.2)
+    assert scene.accepted == ["pause", "resume"]
+
+
+def test_heir_that_has_commanded_does_not_become_pending():
+    scene = make_paused_scene()
+    heir, number = scene.begin("double_pat"), scene.begin(confidence=0.9)
+    scene.wait(0.2)
+    scene.detect(heir)
+    scene.detect(number)
+    scene.touches[heir].gesture = "poke"
+    scene.close(number, heir)
+    assert "commanded already" in scene.last_reason
+    scene.lift(heir)
+    scene.wait(0.5)
+    assert scene.arm.paused
+
+
+def test_pending_touch_that_inherits_commanding_touch_is_refused():
+    scene, older = ask_to_open()
+    younger = scene.begin_detected("double_pat", patch=OTHER_PATCH)
+    scene.wait(0.1)
+    scene.close(younger, heir=older)
+    scene.touches[older].confidence = 0.95
+    scene.wait(0.2)
+    assert scene.accepted == ["next_waypoint"]
+
+
+def test_chain_of_merged_touches_commands_once():
+    scene = Scene()
+    scene.arm.gripper = "closed"
+    last, middle = scene.begin("none"), scene.begin("double_pat")
+    first = scene.begin("grab", confidence=0.8)
+    scene.wait(0.2)
+    scene.detect(middle, patch=OTHER_PATCH)
+    scene.detect(first)
+    scene.wait(0.1)
+    closed = scene.status(first, middle), scene.status(middle, last)
+    del scene.touches[first], scene.touches[middle]
+    scene.touches[last].gesture, scene.touches[last].confidence = "grab", 0.95
+    scene.step(closed)
+    scene.wait(0.2)
+    assert scene.accepted == ["next_waypoint"]
+
+
+def test_stale_skin_refuses_pending_command():
+    scene, number = ask_to_resume(0.9)
+    scene.clock.sleep(0.12)
+    scene.policy.check_skin()
+    assert [event.why for event in scene.events if not event.accepted] == [
+        scene.arm.hold_reason
+    ]
+    scene.touches[number].confidence = 0.99
+    scene.lift(number)
+    scene.wait(0.5)
+    assert scene.arm.paused
+
+
+@pytest.mark.parametrize("stop", ["grab", "hold", "pause"])
+def test_touch_before_second_stop_does_not_resume(stop):
+    commands = make_map(poke="toggle_pause", grab="hold")
+    scene, number = ask_to_resume(commands=commands)
+    if stop == "grab":
+        scene.lift(scene.begin_detected("grab", patch=OTHER_PATCH))
+    elif stop == "hold":
+        scene.arm.hold("emergency stop")
+    else:
+        scene.arm.resume()
+        scene.arm.pause()
+    scene.wait(0.2)
+    scene.lift(number)
+    scene.wait(1.5)
+    assert scene.arm.paused and "resume" not in scene.accepted
+    assert (scene.arm.hold_reason is None) == (stop == "pause")
+
+
+@pytest.mark.parametrize("max_age", [0.1, 0.4])
+def test_touch_on_silent_patch_has_not_ended(max_age):
+    scene, number = ask_to_resume(monitor=SkinMonitorConfig(max_age=max_age))
+    scene.lift(number)
+    scene.silent_patches = (PATCH.id,)
+    scene.wait(0.5)
+    assert scene.arm.paused
+
+
+def test_toggle_that_would_do_opposite_meanwhile_is_refused():
+    scene, number = ask_to_open()
+    scene.arm.gripper = "open"
+    scene.wait(0.3)
+    scene.arm.gripper = "closed"
+    scene.touches[number].confidence = 0.95
+    scene.wait(0.3)
+    assert scene.accepted == []
+
+
+def test_end_of_stream_holds_arm_and_drops_pending_commands():
+    scene, _ = ask_to_open()
+    scene.policy.close()
+    assert scene.arm.hold_reason == "the stream has ended"
+    assert scene.arm.gripper == "closed" and scene.accepted == []

@@ -1,0 +1,275 @@
+"""Tests of the UR arm, on a stub of its link and through the real client."""
+
+import time
+from dataclasses import replace
+from importlib.util import find_spec
+
+import numpy as np
+import pytest
+from benchmarks.ur_stand_in import StandIn
+
+from eskin.app import open_arm
+from eskin.command import MotionConfig, Policy, PolicyConfig, UrArm
+from eskin.drivers import ManualClock
+from eskin.errors import ArmError
+from eskin.stream import Context
+from eskin.ur import PERIOD, UrLink
+from helpers.commands import (
+    DEFAULT,
+    INFO,
+    SECOND,
+    VOCABULARY,
+    WELL,
+    StubLink,
+    make_ur_arm,
+    pass_ur_time,
+)
+
+LIMIT = MotionConfig().speed
+
+
+def start_policy(arm, **config):
+    policy = Policy(arm, DEFAULT, VOCABULARY, PolicyConfig(**config))
+    policy.start(Context(INFO, arm.clock, lambda item: None))
+    return policy
+
+
+def test_arm_begins_held_where_robot_stands():
+    arm, _ = make_ur_arm(release=False)
+    assert arm.state().hold_reason == "not started"
+    assert (pass_ur_time(arm, 1.0) == WELL.q).all()
+    arm.release()
+    assert np.abs(pass_ur_time(arm, 1.0)[-1] - WELL.q).max() > 0.1
+
+
+def test_robot_keeps_part_in_its_gripper():
+    status = replace(WELL, gripper_closed=True)
+    arm, link = make_ur_arm(release=False, status=status)
+    assert arm.state().gripper == "closed"
+    assert all(command.gripper_closed is None for command in link.commands)
+
+
+@pytest.mark.parametrize(
+    ("reason", "fault"),
+    [
+        ("lost connection", None),
+        ("protective stop", {"protective_stop": True}),
+        ("emergency stop", {"emergency_stop": True}),
+        ("the robot's program has ended", {"running": False}),
+        ("speed slider at zero", {"scaling": 0.0}),
+    ],
+)
+def test_fault_holds_arm_until_release(reason, fault):
+    arm, link = make_ur_arm()
+    before = link.status
+    assert arm.state().moving
+    link.status = None if fault is None else replace(before, **fault)
+    pass_ur_time(arm, PERIOD)
+    assert arm.state().hold_reason == reason
+    pass_ur_time(arm, 0.15 - PERIOD)
+    assert not arm.state().moving
+    last = link.commands[-1].q
+    assert last is None or reason in ("speed slider at zero", "lost connection")
+    pass_ur_time(arm, 1.0)
+    assert link.commands[-1].q == last and not arm.state().moving
+    with pytest.raises(ArmError, match=reason):
+        arm.release()
+    link.status = replace(before, q=last or before.q)
+    stood = pass_ur_time(arm, 1.0)
+    assert (stood == stood[0]).all() and arm.state().hold_reason == reason
+    arm.release()
+    arm.resume()
+    steps = np.abs(np.diff(pass_ur_time(arm, 1.0), axis=0))
+    assert 0 < steps.max() <= LIMIT * PERIOD * 1.001
+    assert arm.state().hold_reason is None
+
+
+def test_robot_moved_by_others_continues_from_there():
+    arm, link = make_ur_arm()
+    link.status = replace(link.status, protective_stop=True)
+    pass_ur_time(arm, 0.2)
+    moved = tuple(np.array(link.status.q) + 0.5)
+    link.status = replace(link.status, protective_stop=False, q=moved)
+    pass_ur_time(arm, 0.2)
+    assert np.allclose(link.status.q, moved)
+    arm.release()
+    assert np.abs(pass_ur_time(arm, 0.5)[0] - moved).max() < 0.01
+
+
+def test_task_runs_no_faster_than_slowed_robot():
+    arm, link = make_ur_arm()
+    link.status = replace(link.status, scaling=0.25)
+    pass_ur_time(arm, 0.2)
+    step = np.abs(np.diff(pass_ur_time(arm, 0.1), axis=0)).max()
+    assert np.isclose(step, LIMIT * PERIOD / 4, rtol=0.01)
+
+
+def test_missed_time_is_not_made_up_for():
+    arm, link = make_ur_arm()
+    before = np.array(link.commands[-1].q)
+    arm.clock.sleep(5.0)
+    arm.update()
+    pass_ur_time(arm, PERIOD)
+    assert np.abs(np.array(link.commands[-1].q) - before).max() <= LIMIT * 4 * PERIOD
+
+
+def test_robot_that_does_not_follow_is_held():
+    arm, _ = make_ur_arm(follows=False)
+    pass_ur_time(arm, 1.0)
+    assert arm.state().hold_reason == "the robot does not follow"
+
+
+def test_stale_skin_holds_arm_within_150_ms():
+    arm, _ = make_ur_arm()
+    policy = start_policy(arm, check_period=None)
+    began = arm.clock.now()
+    while not arm.state().hold_reason:
+        pass_ur_time(arm, PERIOD)
+        policy.check_skin()
+    assert arm.clock.now() - began <= 0.12 * SECOND
+    pass_ur_time(arm, 0.144)
+    assert not arm.state().moving
+
+
+def test_unreachable_robot_is_refused():
+    link = StubLink(None, problem="no answer")
+    with pytest.raises(ArmError, match="no answer.*UR"):
+        UrArm(link, clock=ManualClock())
+    assert link.closed
+
+
+def test_failure_of_thread_holds_arm_for_good(caplog):
+    link = StubLink()
+    arm = UrArm(link)
+    link.exchange = None
+    arm.thread.join(5)
+    assert arm.state().hold_reason and link.closed
+    with pytest.raises(ArmError, match="loop failed"):
+        arm.release()
+    arm.close()
+
+
+@pytest.mark.skipif(find_spec("rtde_control") is not None, reason="ur_rtde is there")
+def test_missing_driver_is_refused():
+    with pytest.raises(ArmError, match="pip install 'eskin.ur.'"):
+        open_arm("ur://127.0.0.1")
+
+
+@pytest.fixture(scope="module")
+def robot():
+    if find_spec("rtde_control") is None:
+        pytest.skip("no ur_rtde; pip install 'eskin[ur]'")
+    with StandIn(list(WELL.q)) as stand_in:
+        # How fast a fault is seen is measured in benchmarks, on a quiet machine.
+        with UrArm(UrLink(stand_in.host, 0, time_factor=20.0)) as arm:
+            yield stand_in, arm
+
+
+@pytest.fixture
+def working(robot):
+    """The stand-in of a controller and its arm, which moves."""
+    stand_in, arm = robot
+    stand_in.order("protective", False)
+    stand_in.order("slider", 1.0)
+    wait_until(lambda: arm.state().connected and not arm.state().protective_stop)
+    wait_until(lambda: arm.status.scaling == 1 and not arm.state().moving)
+    arm.set_speed(1.0)
+    arm.release()
+    arm.resume()
+    wait_until(lambda: measure_speed(stand_in) > 0.2)
+    return stand_in, arm
+
+
+def wait_until(condition, seconds=15.0):
+    end = time.monotonic() + seconds
+    while not condition():
+        assert time.monotonic() < end, "too late"
+        time.sleep(0.005)
+
+
+def measure_speed(stand_in):
+    return np.abs(stand_in.ask("qd")).max()
+
+
+def stands(stand_in):
+    """Return whether the robot comes to stand and remains where it is."""
+    wait_until(lambda: measure_speed(stand_in) < 0.01)
+    before = stand_in.ask("q")
+    time.sleep(0.2)
+    return np.abs(stand_in.ask("q") - before).max() < 0.01
+
+
+@pytest.mark.slow
+def test_client_executes_every_action(working):
+    stand_in, arm = working
+    arm.pause()
+    assert stands(stand_in)
+    arm.close_gripper()
+    wait_until(lambda: arm.state().gripper == "closed" and stand_in.ask("outputs") & 1)
+    arm.open_gripper()
+    wait_until(
+        lambda: arm.state().gripper == "open" and not stand_in.ask("outputs") & 1
+    )
+    target = arm.state().target
+    arm.next_waypoint()
+    assert arm.state().target != target and stands(stand_in)
+    arm.previous_waypoint()
+    assert arm.state().target == target
+    arm.set_speed(0.1)
+    arm.resume()
+    wait_until(lambda: measure_speed(stand_in) > 0.02)
+    assert stand_in.ask("slider") == 1.0
+    assert np.abs(arm.q_at(arm.clock.now()) - stand_in.ask("q")).max() < 0.1
+    arm.hold("test")
+    assert stands(stand_in) and arm.state().hold_reason == "test"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("fault", "end", "reason"),
+    [
+        (("protective", True), ("protective", False), "protective stop"),
+        (("slider", 0.0), ("slider", 0.5), "speed slider at zero"),
+        (("hang_up",), ("come_back",), "lost connection"),
+    ],
+)
+def test_client_is_held_by_fault_until_release(working, fault, end, reason):
+    stand_in, arm = working
+    stand_in.order(*fault)
+    wait_until(lambda: arm.state().hold_reason == reason)
+    assert stands(stand_in)
+    with pytest.raises(ArmError, match=reason):
+        arm.release()
+    stand_in.order(*end)
+    wait_until(lambda: arm.state().connected)
+    assert stands(stand_in) and arm.state().hold_reason == reason
+
+
+@pytest.mark.slow
+def test_client_is_held_by_stale_skin(working):
+    stand_in, arm = working
+    policy = start_policy(arm)
+    wait_until(lambda: (arm.state().hold_reason or "").startswith("stale skin"))
+    assert stands(stand_in)
+    policy.close()
+
+
+@pytest.mark.slow
+def test_watchdog_of_robot_stops_it_without_commands(working):
+    stand_in, arm = working
+    stand_in.order("mute", True)
+    wait_until(lambda: not stand_in.ask("running"))
+    wait_until(lambda: arm.state().hold_reason)
+    assert stands(stand_in)
+    stand_in.order("mute", False)
+    wait_until(lambda: arm.state().connected)
+    assert stands(stand_in) and arm.state().hold_reason
+
+
+@pytest.mark.slow
+def test_client_process_that_dies_is_lost_connection(working):
+    stand_in, arm = working
+    arm.link.process.kill()
+    wait_until(lambda: arm.state().hold_reason == "lost connection")
+    assert stands(stand_in)
+    wait_until(lambda: arm.state().connected)

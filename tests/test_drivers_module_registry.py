@@ -1,0 +1,104 @@
+"""Tests of which module has an address, and of the events that report it."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from eskin.drivers import Assembler, EventLog, FixedJoints
+from eskin.errors import SkinError
+from helpers.modules import SKIN, TAXELS, AssemblerRun, Module
+from helpers.touch import SECOND, START
+
+FIRST, OTHER = Module(serial=1), Module(serial=2)
+MISSHAPEN, TOO_SMALL = Module(serial=1, shape=(9, 9)), Module(taxels=TAXELS - 1)
+
+
+def send_hellos(hellos, before=()):
+    """Return a run to which modules send hellos from ports at some times [s]."""
+    arrivals = [
+        (START + round(seconds * SECOND), port, module.hello(START))
+        for seconds, module, port in hellos
+    ]
+    return AssemblerRun().play([*before, *arrivals], hellos[-1][0] + 0.1)
+
+
+@pytest.mark.parametrize(
+    ("hellos", "kinds", "port", "serial"),
+    [
+        ([(4, FIRST, "b")], ["moved"], "b", 1),
+        ([(4, OTHER, "a")], ["replaced"], "a", 2),
+        ([(4, OTHER, "a"), (6, FIRST, "a")], ["replaced", "replaced"], "a", 1),
+        ([(3, MISSHAPEN, "a"), (4, TOO_SMALL, "a")], ["misfit"], None, 1),
+        ([(3, MISSHAPEN, "a"), (4, FIRST, "a")], ["misfit", "returned"], "a", 1),
+        # Two modules that both send, until one of them is silent for three seconds.
+        ([(2, OTHER, "a"), (2.5, FIRST, "a"), (4, OTHER, "a")], ["conflict"], None, 1),
+        ([(2, FIRST, "b"), (2.5, FIRST, "a"), (4, FIRST, "b")], ["conflict"], None, 1),
+        (
+            [(2, OTHER, "a"), (3, FIRST, "a"), (4, FIRST, "a"), (5.1, FIRST, "a")],
+            ["conflict", "returned"],
+            *("a", 1),
+        ),
+        (
+            [(2, OTHER, "a"), (2.5, FIRST, "a"), (4, OTHER, "a"), (5.6, OTHER, "a")],
+            ["conflict", "replaced"],
+            *("a", 2),
+        ),
+        ([(2, OTHER, "a"), (3, OTHER, "a"), (5, OTHER, "a")], ["replaced"], "a", 2),
+    ],
+)
+def test_hellos_decide_which_module_has_an_address(hellos, kinds, port, serial):
+    run = send_hellos(hellos, before=Module(serial=1).stream(0, 2))
+    slot = run.assembler.registry.slots[0]
+    assert run.kinds("silent") == ["appeared", *kinds]
+    assert (slot.port, slot.module.serial_number) == (port, serial)
+
+
+def test_silence_and_return_are_reported_once_each():
+    module = Module()
+    run = AssemblerRun().play(module.stream(0, 2) + module.stream(4, 5), 5)
+    assert run.kinds() == ["appeared", "silent", "returned"]
+
+
+@pytest.mark.parametrize("module", [MISSHAPEN, TOO_SMALL])
+def test_module_of_another_shape_is_reported_once_and_refused(module):
+    run = send_hellos([(second, module, "a") for second in range(5)])
+    assert run.kinds() == ["misfit"]
+    assert run.assembler.registry.slots[0].port is None
+    assert run.counts["foreign"] == 5
+
+
+def test_unknown_addresses_are_reported_once_each_and_not_for_ever():
+    run = send_hellos([(second, Module(address=77), "a") for second in range(3)])
+    (event,) = run.events
+    assert event.kind == "misfit" and "77" in event.text and "0, 1, 2" in event.text
+    run = send_hellos([(0, Module(address=n), "a") for n in range(1000, 1100)])
+    assert len(run.events) == 64
+
+
+def test_claims_of_many_modules_are_bounded():
+    run = send_hellos([(n / 1000, Module(serial=n), "a") for n in range(300)])
+    slot = run.assembler.registry.slots[0]
+    assert len(slot.claims) <= 8 and slot.port is None
+
+
+def test_skin_with_two_patches_at_one_address_is_refused():
+    patches = (SKIN.patches[0], replace(SKIN.patches[1], address=0), SKIN.patches[2])
+    with pytest.raises(SkinError, match="3 patches at 2 addresses"):
+        Assembler(replace(SKIN, patches=patches), FixedJoints(np.zeros(0)), EventLog())
+
+
+def test_repeated_event_is_reported_every_ten_seconds_with_its_count():
+    log = EventLog()
+    for second in range(25):
+        log.count("lost", "scans", 3)
+        log.flush_counts(START + second * SECOND)
+    assert [event.text for event in log.take()] == ["3 scans", "30 scans", "30 scans"]
+
+
+def test_events_that_nobody_takes_are_bounded():
+    log = EventLog()
+    for n in range(3000):
+        log.add(START + n, "moved", "it moved")
+        log.count("damaged", f"packets at port {n}")
+    assert len(log.take()) == 1000 and len(log.repeated) == 256

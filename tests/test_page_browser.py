@@ -1,0 +1,260 @@
+"""Tests of the pages in headless Chromium, which draws WebGL by software."""
+
+import io
+import threading
+import time
+
+import numpy as np
+import pytest
+
+from eskin.page import ArmSummary, LogEntry
+from eskin.viewer.process import PageProcess
+from helpers.viewer import Q, make_setup, make_update, mounted
+
+pytest.importorskip(
+    "playwright.sync_api", reason="no playwright; pip install 'eskin[dev]'"
+)
+pytest.importorskip("PIL.Image", reason="no pillow; pip install 'eskin[dev]'")
+
+from benchmarks.browser import CHROMIUM, EYE, PATIENCE, Canvas, chromium, new_tab, see
+from benchmarks.served_demo import ServedDemo
+from benchmarks.visit import Visit, becomes
+from PIL import Image
+
+if not CHROMIUM.exists():
+    pytest.skip(f"no {CHROMIUM}; apt-get install chromium", allow_module_level=True)
+
+pytestmark = pytest.mark.slow
+
+RESTING, RING = (55, 15, 70), (213, 94, 0)
+"""Colours of taxels at rest, and of the ring around a contact."""
+PACE = 0.5
+"""Half as fast as life: software draws slowly."""
+TRIES = 6
+WAIT = 8.0
+"""How long a touch may take to be obeyed [s]."""
+
+
+class FedPage:
+    """A page that gets updates, with its orders and the errors of its browser."""
+
+    def __init__(self, browser, touchable=True):
+        self.orders, self.errors, self.content = [], [], {}
+        self.ending = threading.Event()
+        self.process = PageProcess(make_setup(touchable), 0, self.orders.append)
+        self.feeder = threading.Thread(target=self.feed)
+        self.port = self.process.wait_ready(PATIENCE)
+        self.feeder.start()
+        self.tab = new_tab(browser)
+        self.tab.on("console", self.note)
+        self.tab.on("pageerror", lambda error: self.errors.append(str(error)))
+        see(self.tab, self.port)
+
+    def note(self, message):
+        if message.type == "error":
+            self.errors.append(message.text)
+
+    def feed(self):
+        """Give updates; each log entry only once."""
+        began, sent = time.monotonic(), None
+        while not self.ending.wait(0.04):
+            content = dict(self.content)
+            entries = content.pop("log_entries", ())
+            if entries is not sent:
+                content["log_entries"] = sent = entries
+            self.process.give(make_update(time.monotonic() - began, **content))
+
+    def close(self):
+        self.tab.close()
+        self.ending.set()
+        self.feeder.join()
+        self.process.close()
+
+    def pixels(self):
+        shot = Image.open(io.BytesIO(self.tab.screenshot()))
+        return np.asarray(shot.convert("RGB"), dtype=int)[:, :940]
+
+    def find(self, colour, tolerance):
+        """Return where the scene is drawn in about a colour, as (x, y)."""
+        scene = self.pixels()
+        scene[:160, :330] = 255
+        near = np.abs(scene - np.array(colour)).max(axis=-1) < tolerance
+        return np.argwhere(near)[:, ::-1]
+
+    def place(self, taxel):
+        """Return where a taxel is drawn in the page [px]."""
+        p_world, _ = mounted().place_taxels(Q, np.array([taxel]))
+        return Canvas.of(self.tab).drawn_at(p_world[0])
+
+    def shows_skin(self):
+        return becomes(lambda: len(self.find(RESTING, 30)) > 200, PATIENCE)
+
+
+def becomes_after(action, condition):
+    """Repeat an action until it has its effect: the browser is slow."""
+    return any(action() or becomes(condition, 5.0) for _ in range(6))
+
+
+def find_facing_taxel(patch):
+    """Return the taxel of a patch that faces the camera most."""
+    taxels = mounted().skin.find_taxels(patch)
+    p_world, n_world = mounted().place_taxels(Q, taxels)
+    return int(taxels[np.argmax(np.einsum("ti,ti->t", n_world, EYE - p_world))])
+
+
+TARGET = find_facing_taxel("forearm_back")
+
+
+@pytest.fixture(scope="module")
+def browser():
+    with chromium() as browser:
+        yield browser
+
+
+@pytest.fixture(scope="module")
+def page(browser):
+    page = FedPage(browser)
+    yield page
+    page.close()
+
+
+def test_page_draws_robot_in_skin_without_errors(page):
+    assert page.shows_skin()
+    assert np.ptp(page.pixels()) > 150
+    assert not page.errors
+
+
+def test_pressed_taxel_is_ringed(page):
+    page.content = {"taxel": TARGET}
+    try:
+        assert becomes(lambda: len(page.find(RING, 45)) > 20, PATIENCE)
+        ring = page.find(RING, 45).mean(axis=0)
+        assert np.linalg.norm(ring - page.place(TARGET)) < 25
+        page.tab.wait_for_selector("text=touch 3 on forearm_link")
+    finally:
+        page.content = {}
+
+
+def test_click_on_forearm_touches_forearm(page):
+    def click():
+        page.tab.mouse.click(*page.place(TARGET))
+
+    assert becomes_after(click, lambda: page.orders)
+    order = page.orders[0]
+    assert (order.kind, order.link) == ("poke", "forearm_link")
+    place = mounted().skin.positions[TARGET]
+    assert np.linalg.norm(np.array(order.p_link) - place) < 0.02
+
+
+def test_drag_on_skin_moves_finger(page):
+    page.orders.clear()
+    x, y = page.place(TARGET)
+
+    def drag():
+        page.tab.mouse.move(x, y)
+        page.tab.mouse.down()
+        for step in range(8):
+            page.tab.mouse.move(x - 5 * step, y - 3 * step)
+            time.sleep(0.1)
+        page.tab.mouse.up()
+
+    def has_ended():
+        return any(order.kind == "end" for order in page.orders)
+
+    assert becomes_after(drag, has_ended)
+    finger = [order for order in page.orders if order.kind != "poke"]
+    kinds = [order.kind for order in finger]
+    assert kinds[0] == "begin" and "move" in kinds
+    assert {order.link for order in finger} == {"forearm_link"}
+
+
+def test_page_shows_log_and_reason_of_hold(page):
+    page.content = {
+        "log_entries": (LogEntry(1.0, "command", "next <b>"),),
+        "arm": ArmSummary("held", "stale skin", 0.5, "open", "rack"),
+    }
+    page.tab.wait_for_selector("text=held: stale skin")
+    page.tab.wait_for_selector("text=next <b>")
+    page.content = {}
+
+
+def test_page_that_may_not_touch_has_no_controls(browser, page):
+    page.tab.goto("about:blank")  # Two pages at once draw four times as slowly.
+    page = FedPage(browser, touchable=False)
+    try:
+        assert page.shows_skin()
+        page.tab.mouse.click(*page.place(TARGET))
+        time.sleep(1.0)
+        assert page.tab.locator("text=force [N]").count() == 0
+        assert not page.orders and not page.process.dropped
+    finally:
+        page.close()
+
+
+@pytest.fixture
+def visit(browser):
+    with ServedDemo(4, PACE) as demo:
+        tab = new_tab(browser, scale=0.5)
+        see(tab, demo.port)
+        yield Visit(tab, demo)
+        tab.close()
+
+
+def touch_until_executed(visit, touch, line, condition):
+    """Touch until the arm executes it and the page logs it: recognition may fail."""
+    for _ in range(TRIES):
+        visit.let_go()
+        visit.wait_calm()
+        before, count = visit.demo.state, visit.text().count(line)
+        touch()
+        if becomes(
+            lambda before=before, count=count: (
+                condition(before, visit.demo.state) and visit.text().count(line) > count
+            ),
+            WAIT,
+        ):
+            return
+        visit.come_anew()
+    pytest.fail(f"no '{line}' in {TRIES} touches; {visit.demo.state}; {visit.text()}")
+
+
+def scene_moves(visit):
+    before = visit.scene()
+    return np.abs(visit.scene() - before).max() > 60
+
+
+def test_mouse_commands_arm_of_demonstration(visit):
+    def execute(touch, line, condition, shown):
+        touch_until_executed(visit, touch, f"{line} on forearm", condition)
+        assert becomes(lambda: shown(visit.demo.state) in visit.text(), PATIENCE)
+
+    q = visit.demo.state["q"]
+    assert becomes(lambda: scene_moves(visit), PATIENCE)
+    assert not np.allclose(visit.demo.state["q"], q)
+
+    def is_paused(before, now):
+        return now["paused"] and not before["paused"]
+
+    execute(visit.click, "pause: poke", is_paused, lambda state: "paused\n")
+    assert becomes(lambda: not visit.demo.state["moving"], PATIENCE)
+    assert becomes(lambda: not scene_moves(visit), PATIENCE)
+    q = visit.demo.state["q"]
+    visit.demo.wait(1.2 / PACE)
+    assert visit.demo.state["q"] == q
+
+    def is_resumed(before, now):
+        return is_paused(now, before)
+
+    execute(visit.click, "resume: poke", is_resumed, lambda state: "running\n")
+    assert becomes(lambda: scene_moves(visit), PATIENCE)
+    for touch, line, key, shown in (
+        (visit.double_click, "next_waypoint: double_pat", "target", "to {}"),
+        (visit.drag, "slow: stroke", "speed", "{:.0%} speed"),
+        (visit.grab, "_gripper: grab", "gripper", "gripper {}"),
+    ):
+        execute(
+            touch,
+            line,
+            lambda before, now, key=key: now[key] != before[key],
+            lambda state, key=key, shown=shown: shown.format(state[key]),
+        )

@@ -1,0 +1,163 @@
+"""Tests of what the page is made of: colours, the mouse as a hand, and its server."""
+
+import numpy as np
+import pytest
+
+from eskin.page import ColourScale
+from eskin.page.colours import INVALID_COLOUR
+from eskin.page.hand import DOUBLE_CLICK, MIN_SECONDS, MouseHand, SurfacePoint
+from eskin.page.server import is_local
+from helpers.viewer import make_setup, mounted
+
+FOREARM = 1200
+FAST = 0.9 * DOUBLE_CLICK
+
+VISION = {
+    "all cones": np.eye(3),
+    "no red": [
+        (0.152286, 1.052583, -0.204868),
+        (0.114503, 0.786281, 0.099216),
+        (-0.003882, -0.048116, 1.051998),
+    ],
+    "no green": [
+        (0.367322, 0.860646, -0.227968),
+        (0.280085, 0.672501, 0.047413),
+        (-0.011820, 0.042940, 0.968881),
+    ],
+}
+"""How people see linear colours (Machado et al. 2009)."""
+
+
+@pytest.mark.parametrize("vision", VISION)
+def test_luminance_rises_with_pressure_for_every_colour_vision(vision):
+    colours = ColourScale(60.0).colours(np.linspace(0, 60, 500), np.ones(500, bool))
+    share = np.asarray(colours, float) / 255
+    linear = np.where(share <= 0.04045, share / 12.92, ((share + 0.055) / 1.055) ** 2.4)
+    seen = np.clip(linear @ np.transpose(VISION[vision]), 0, 1)
+    luminance = seen @ (0.2126, 0.7152, 0.0722)  # WCAG 2.1.
+    assert (np.diff(luminance) > -2e-3).all()
+    assert luminance[-1] - luminance[0] > 0.6
+
+
+def test_resting_and_invalid_taxels_have_their_own_colours():
+    scale, valid = ColourScale(60.0), np.array([True, True, True, False])
+    colours = scale.colours(np.array([0.0, 0.3, 200.0, 40.0]), valid)
+    assert np.array_equal(colours[0], colours[1])
+    assert np.array_equal(colours[2], scale.table[-1])
+    assert tuple(colours[3]) == INVALID_COLOUR
+
+
+def point(taxel=FOREARM):
+    """Return the centre of a taxel."""
+    link = int(mounted().taxel_link_index[taxel])
+    return SurfacePoint(taxel, link, mounted().skin.positions[taxel])
+
+
+@pytest.fixture
+def hand():
+    """A hand that keeps its orders in `sent`."""
+    sent = []
+    hand = MouseHand(make_setup(), sent.append)
+    hand.sent = sent
+    return hand
+
+
+def kinds(hand):
+    return [order.kind for order in hand.sent]
+
+
+def test_click_pokes_when_no_other_follows(hand):
+    hand.click(point(), 10.0)
+    hand.tick(10.0 + FAST)
+    assert not hand.sent
+    hand.tick(10.0 + DOUBLE_CLICK)
+    assert kinds(hand) == ["poke"]
+
+
+OTHER_LINK = int(np.flatnonzero(mounted().taxel_link_index != point().link)[0])
+
+
+@pytest.mark.parametrize(
+    ("second", "delay", "expected"),
+    [
+        (FOREARM + 1, FAST, ["double_pat"]),
+        (FOREARM, DOUBLE_CLICK, ["poke", "poke"]),
+        (OTHER_LINK, 0.1, ["poke", "poke"]),
+    ],
+)
+def test_two_clicks_near_and_fast_are_double_pat(hand, second, delay, expected):
+    hand.click(point(), 1.0)
+    hand.click(point(second), 1.0 + delay)
+    hand.tick(9.0)
+    assert kinds(hand) == expected
+    assert len({order.key for order in hand.sent}) == len(expected)
+    assert hand.sent[-1].link == mounted().robot.link_names[point(second).link]
+
+
+@pytest.mark.parametrize(("mode", "least"), sorted(MIN_SECONDS.items()))
+def test_slow_touches_last_least_time(hand, mode, least):
+    for hand.seconds in (0.1, 2.0):
+        hand.click(point(), 0.0, mode.replace("_", "-"))
+    assert [order.seconds for order in hand.sent] == [least, 2.0]
+
+
+@pytest.mark.parametrize("taxel", [0, 800, FOREARM, 2100])
+def test_order_has_place_force_and_seconds(hand, taxel):
+    hand.force, hand.seconds = 13.0, 0.9
+    hand.click(point(taxel), 0.0, "grab")
+    (order,) = hand.sent
+    patch = mounted().skin.patches[mounted().skin.patch_index[taxel]]
+    assert (order.kind, order.link) == ("grab", patch.link)
+    assert order.p_link == tuple(mounted().skin.positions[taxel].tolist())
+    assert (order.force, order.seconds) == (13.0, 0.9)
+
+
+@pytest.mark.parametrize(
+    ("phases", "expected"),
+    [
+        (["start"], []),
+        (["start", "update", "off", "end off"], ["begin", "move", "end"]),
+        (["start", "end"], ["begin", "move", "end"]),
+        (["end off", "end"], []),
+        (
+            ["start", "update", "start", "update"],
+            ["begin", "move", "end", "begin", "move"],
+        ),
+    ],
+)
+def test_drag_moves_one_finger(hand, phases, expected):
+    for number, phase in enumerate(phases):
+        spot = None if "off" in phase else point(FOREARM + number)
+        hand.drag(phase.removesuffix("off").strip() or "update", spot)
+    assert kinds(hand) == expected
+    fingers = expected.count("begin")
+    assert len({order.key for order in hand.sent}) == fingers
+    if fingers == 1:
+        first, last = point(FOREARM).p_link, point(FOREARM + 1).p_link
+        assert hand.sent[0].p_link == tuple(first.tolist())
+        assert hand.sent[1].p_link == hand.sent[2].p_link == tuple(last.tolist())
+
+
+def test_stroke_by_click_runs_along_one_link(hand):
+    hand.click(point(), 0.0, "stroke")
+    hand.tick(5.0)
+    first, *between, last = kinds(hand)
+    assert (first, set(between), last) == ("begin", {"move"}, "end")
+    places = np.array([order.p_link for order in hand.sent])
+    assert np.linalg.norm(places[-1] - places[0]) > 0.06
+    assert {order.link for order in hand.sent} == {"forearm_link"}
+
+
+@pytest.mark.parametrize(
+    ("origin", "local"),
+    [
+        (None, True),
+        ("http://127.0.0.1:8080", True),
+        ("http://localhost:9999", True),
+        ("http://evil.example", False),
+        ("http://127.0.0.1.evil.example:8080", False),
+        ("null", False),
+    ],
+)
+def test_only_pages_of_this_computer_are_local(origin, local):
+    assert is_local(origin) is local

@@ -1,0 +1,226 @@
+"""These tests check what each gesture does: its forces, places and peaks in time."""
+
+import numpy as np
+import pytest
+
+from eskin.sim.contact.press import ContactSite
+from eskin.sim.people.gesture_sample import (
+    build_minimum_jerk,
+    draw_slow_noise,
+)
+from eskin.sim.people.perform import PERFORMABLE, perform
+from helpers.simulation import CONSTANTS, SITE, draw_people, perform_many
+
+STEP = CONSTANTS.value("time.step")
+KINDS = [
+    (gesture, kind)
+    for gesture in PERFORMABLE
+    for kind in (CONSTANTS.weights("none.kinds") if gesture == "none" else [None])
+]
+
+
+def count_peaks(force, share):
+    """Return how often a force rises above a share of its largest value."""
+    above = force > share * force.max()
+    return int(np.sum(above[1:] & ~above[:-1]))
+
+
+def get_force(touch):
+    return touch.presses[0].force
+
+
+@pytest.mark.parametrize(("gesture", "kind"), KINDS)
+@pytest.mark.parametrize("difficulty", [0.0, 2.0])
+def test_forces_are_positive_between_zeros_and_all_that_varies_is_recorded(
+    gesture, kind, difficulty
+):
+    for touch in perform_many(gesture, kind, difficulty, None, 20):
+        for press in touch.presses:
+            assert press.first == 0
+            assert press.force[0] == 0 == press.force[-1]
+            assert press.force.min() >= 0 < press.force.max()
+            assert press.centre.shape == (press.steps, 2)
+            assert press.angle.shape == (press.steps,)
+            assert np.isfinite(press.centre).all()
+        assert touch.drawn["regime"] in ("paper", "cost")
+        assert all(isinstance(value, float | str) for value in touch.drawn.values())
+        touches_nothing = kind in ("idle", "electrical")
+        assert (not touch.presses) == touches_nothing
+        assert touch.subject == "" or not touches_nothing
+
+
+@pytest.mark.parametrize("gesture", ["poke", "grab", "stroke"])
+def test_recorded_force_is_the_largest_of_the_touch(gesture):
+    for touch in perform_many(gesture, count=100):
+        assert get_force(touch).max() == pytest.approx(touch.drawn["force"])
+
+
+@pytest.mark.parametrize("gesture", ["poke", "double_pat", "grab"])
+def test_touch_begins_on_its_target(gesture):
+    for touch in perform_many(gesture, None, 1.5, count=100):
+        np.testing.assert_allclose(touch.presses[0].centre[0], SITE.centre)
+
+
+def find_middle(force):
+    """Return the middle of the steps in which a force is above half its maximum."""
+    return np.flatnonzero(force > force.max() / 2)[[0, -1]].mean()
+
+
+def test_double_pat_has_two_peaks_at_the_recorded_interval():
+    left = []
+    for touch in perform_many("double_pat", None, 1.0):
+        if touch.drawn["more"]:
+            continue
+        force = get_force(touch)
+        half = len(force) // 2
+        first, second = np.argmax(force[:half]), half + np.argmax(force[half:])
+        weaker = min(force[first], force[second])
+        assert force[first : second + 1].min() <= weaker / 2 * (1 + 1e-9)
+        left.append(np.any(force[1:-1] == 0))
+        # A push that rises faster than it falls has its middle earlier than its mate.
+        apart = 0.02 + 0.15 * touch.drawn["contact"]
+        between = half + find_middle(force[half:]) - find_middle(force[:half])
+        assert between * STEP == pytest.approx(touch.drawn["interval"], abs=apart)
+        assert 0.15 <= touch.drawn["interval"] <= 0.7
+    assert np.mean(left) == pytest.approx(0.85, abs=0.06)
+
+
+def test_taps_and_single_pats_have_as_many_peaks_as_recorded():
+    for touch in perform_many("tap_many", count=50):
+        assert (touch.gesture, touch.kind) == ("double_pat", "tap_many")
+        taps = int(touch.drawn["unknown.taps"])
+        assert taps >= 3 and count_peaks(get_force(touch), 0.02) == taps
+    for touch in perform_many("none", "single_pat", count=50):
+        assert count_peaks(get_force(touch), 0.3) == 1
+
+
+@pytest.mark.parametrize(("radius", "share"), [(0.0375, 1.02), (0.0505, 0.6)])
+def test_grab_wraps_across_the_tube_and_is_weaker_on_wider_tubes(radius, share):
+    site = ContactSite(0, (0.1, 0.15), radius, (-0.12, 0.1), 0.4)
+    touches = perform_many("grab", None, 2.0, count=100, site=site)
+    for touch, person in zip(touches, draw_people(), strict=False):
+        assert touch.drawn["largest"] <= share * person.grip
+        assert get_force(touch).max() <= touch.drawn["largest"] * (1 + 1e-9)
+        press = touch.presses[0]
+        assert press.tissue.conformity >= 0.95
+        assert abs(np.cos(press.angle[0])) <= np.sin(np.deg2rad(17.3))
+        assert np.sin(press.angle[0]) > 0
+
+
+def test_stroke_passes_its_target_within_its_room_at_the_speed_of_a_hand():
+    speeds, returns, slow = [], [], []
+    for touch in perform_many("stroke"):
+        drawn, press = touch.drawn, touch.presses[0]
+        slip = 8 * drawn["hand.wander"]
+        away = press.centre - SITE.centre
+        assert away[:, 1].min() >= SITE.free_run[0] - slip
+        assert away[:, 1].max() <= SITE.free_run[1] + slip
+        assert np.ptp(away[:, 0]) <= np.pi * SITE.radius + 2 * slip
+        assert np.linalg.norm(away, axis=1).min() <= slip + drawn["length"] / 4
+        speeds.append(drawn["speed"])
+        returns.append(drawn["return"])
+        first, last = np.flatnonzero(press.force > press.force.max() / 2)[[0, -1]]
+        if press.steps > 40 and drawn["stroke.fall"] > 0.3:
+            slow.append(press.steps - last > first)
+    assert max(speeds) <= 0.4 and min(speeds) > 0.01
+    assert np.median(speeds) == pytest.approx(0.11, abs=0.02)
+    # Three standard errors of 200 touches.
+    assert np.mean(returns) == pytest.approx(0.2, abs=0.085)
+    # The hand lifts off slowly, but for a ripple that raises the end of a few.
+    assert np.mean(slow) > 0.9
+
+
+def test_bump_is_a_mass_on_a_spring():
+    for touch in perform_many("none", "bump", count=100):
+        drawn = touch.drawn
+        mass, stiffness = drawn["none.bump.mass"], drawn["none.bump.stiffness"] * 1e3
+        speed = drawn["none.bump.speed"]
+        top = get_force(touch).max()
+        assert top == pytest.approx(speed * np.sqrt(mass * stiffness))
+        assert drawn["duration"] == pytest.approx(np.pi * np.sqrt(mass / stiffness))
+        assert count_peaks(get_force(touch), 0.1) == 1 + drawn["rebound"]
+
+
+def test_two_hands_guide_and_share_the_force():
+    for touch in perform_many("none", "guiding", count=50):
+        first, second = touch.presses
+        assert second.centre[0, 1] > first.centre[0, 1]
+        total = first.force.max() + second.force.max()
+        assert total == pytest.approx(touch.drawn["none.guiding.force"])
+
+
+def test_scaled_constant_scales_the_force():
+    one, two = (
+        perform(
+            "poke",
+            "one_tip",
+            draw_people()[0],
+            SITE,
+            CONSTANTS.scaled({"poke.force": factor}),
+            np.random.default_rng(1),
+            0.0,
+            "paper",
+        )
+        for factor in (1.0, 2.0)
+    )
+    assert get_force(two).max() == pytest.approx(2 * get_force(one).max())
+
+
+@pytest.mark.parametrize(
+    ("radius", "free_run"), [(np.inf, (-0.1, 0.1)), (0.05, (0.0, 0.0))]
+)
+@pytest.mark.parametrize(
+    ("gesture", "kind"),
+    [
+        ("poke", None),
+        ("stroke", None),
+        ("rub", None),
+        ("none", "guiding"),
+        ("none", "brush"),
+    ],
+)
+def test_gestures_fit_a_plane_and_a_site_without_room(gesture, kind, radius, free_run):
+    site = ContactSite(2, (0.0, 0.0), radius, free_run, -2.0)
+    for touch in perform_many(gesture, kind, 1.5, None, 20, site):
+        for press in touch.presses:
+            assert press.chart == 2
+            assert np.abs(press.centre).max() < 0.5
+            assert np.isfinite(press.force).all()
+
+
+@pytest.mark.parametrize(
+    ("gesture", "kind", "difficulty", "part"),
+    [
+        ("wave", None, 0.0, "'wave'"),
+        ("poke", "elbow", 0.0, "'elbow' of poke"),
+        ("rub", "elbow", 0.0, "'elbow' of rub"),
+        ("poke", None, -1.0, "difficulty is -1.0"),
+    ],
+)
+def test_unknown_gesture_kind_or_difficulty_is_refused(gesture, kind, difficulty, part):
+    with pytest.raises(ValueError, match=part):
+        perform_many(gesture, kind, difficulty)
+
+
+def test_site_outside_its_free_run_is_refused():
+    with pytest.raises(ValueError, match="centre"):
+        ContactSite(0, (0.0, 0.0), 0.04, (0.05, 0.1), 0.0)
+
+
+def test_minimum_jerk_starts_and_ends_at_rest_with_the_known_top_speed():
+    path = build_minimum_jerk(1001)
+    speed = np.gradient(path, 1e-3)
+    assert path[0] == 0 and path[-1] == 1
+    assert abs(speed[0]) < 1e-4 and abs(speed[-1]) < 1e-4
+    assert speed.max() == pytest.approx(1.875, rel=1e-3)
+
+
+def test_slow_noise_has_mean_square_one_and_stays_in_its_band():
+    rng = np.random.default_rng(0)
+    noise = np.array(
+        [draw_slow_noise(2000, 0.01, (0.5, 3.0), 6, rng) for _ in range(50)]
+    )
+    assert np.mean(noise**2) == pytest.approx(1.0, abs=0.05)
+    power = np.abs(np.fft.rfft(noise, axis=1)) ** 2
+    rates = np.fft.rfftfreq(2000, 0.01)
+    assert power[:, rates < 4].sum() > 0.99 * power.sum()

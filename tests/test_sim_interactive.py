@@ -1,0 +1,392 @@
+"""These tests check the interactive skin, the hand that touches it, and the player."""
+
+from dataclasses import replace
+from itertools import islice
+
+import numpy as np
+import pytest
+
+from eskin.sim.dataset.clip import get_session, simulate_clip
+from eskin.sim.dataset.plan import Origin
+from eskin.sim.interactive import InteractiveSkin, LinkPoint, TouchPlayer
+from eskin.sim.interactive.player import LEAD_SECONDS, STRETCH_SECONDS
+from eskin.sim.interactive.touches import PerformedTouch
+from eskin.sim.people.perform import perform
+from eskin.sim.scene.motion import follow_late, hang_still
+from eskin.sim.scene.scene import TouchScene
+from eskin.sim.sensor.build import draw_build
+from eskin.sim.sensor.model import SensorStages
+from eskin.sim.sensor.noise import NOISE_BLOCK, ReadingLosses
+from eskin.sim.sensor.sensor import Sensor, sense
+from eskin.touch import Calibrator, ContactConfig
+from eskin.transforms import apply
+from helpers.sensors import CONSTANTS
+from helpers.simulation import RATE, StandIn, build_small_simulator
+from helpers.touch import build_grid_skin
+
+Q = np.array([0.3, -1.2, 1.0, -1.0, -1.5, 0.2])
+SWAY = np.array([0.1, 0.05, -0.1, 0.2, 0.0, 0.1])
+PERIOD = 1_000_000_000 // RATE
+STRETCH, LEAD = round(RATE * STRETCH_SECONDS), round(RATE * LEAD_SECONDS)
+
+
+def stand(_):
+    return Q
+
+
+def sway(reading):
+    return Q + SWAY * np.sin(0.05 * reading)
+
+
+def find_point(live, patch, number=40):
+    """Return the place of one taxel of a patch."""
+    skin = live.mounted.skin
+    taxel = skin.find_taxels(patch)[number]
+    link = skin.patches[skin.patch_index[taxel]].link
+    return LinkPoint(link, skin.positions[taxel].astype(float))
+
+
+def find_forearm_ends(live):
+    """Return two points on the forearm, far apart along it."""
+    skin = live.mounted.skin
+    row = skin.find_taxels("forearm_back")
+    ends = row[skin.columns[row] == 8][[3, -4]]
+    return [LinkPoint("forearm_link", skin.positions[i].astype(float)) for i in ends]
+
+
+def scan_many(live, readings, motion=stand):
+    """Return scans and the true touches of each."""
+    found = []
+    for reading in range(readings):
+        scan = live.scan(PERIOD * (reading + 1), motion(reading))
+        found.append((scan, live.hand.truths()))
+    return found
+
+
+def sum_forces(found):
+    return np.array([sum(truth.force for truth in truths) for _, truths in found])
+
+
+def locate_force(live, truth, q):
+    """Return where the force of a touch acts, in its link's frame [m]."""
+    T = live.mounted.kinematics.poses(q)[live.mounted.robot.link_index(truth.link)]
+    return apply(np.linalg.inv(T), np.array(truth.p_world)[None])[0]
+
+
+@pytest.mark.parametrize(
+    ("kind", "shape", "patches"), [("fresh", (5, 5), 1), ("shifted", (6, 6), 2)]
+)
+def test_sensor_counts_the_same_step_by_step_as_at_once(kind, shape, patches):
+    skin = build_grid_skin(*shape, patches=patches)
+    build = draw_build("b", kind, skin, CONSTANTS, np.random.default_rng(5))
+    taxels, steps = np.array([7, 8, 13]), 2 * NOISE_BLOCK + 60
+    push = np.clip(np.sin(np.linspace(-1, 40, steps)), 0, 1)[:, None]
+    pressure = push * np.array([4.0, 12.0, 60.0])
+    stages = SensorStages(faults=False)
+    expected, _ = sense(pressure, taxels, build, skin, np.random.default_rng(3), stages)
+    sensor = Sensor(build, skin, np.random.default_rng(3), stages)
+    counts, step = [], 0
+    for reading in range(len(expected)):
+        # A patch may be scanned a little after the reading, up to a step or two.
+        while step < min(2 * reading + 4, steps):
+            size = 1 + step % 3
+            sensor.push(pressure[step : step + size], taxels)
+            step = min(step + size, steps)
+        counts.append(sensor.read(np.array([2.0 * reading]))[0])
+    np.testing.assert_array_equal(np.array(counts), expected)
+    assert len(sensor.conductance) < 20
+    with pytest.raises(ValueError, match="read more often"):
+        sensor.read(np.array([steps - 20.0]))
+
+
+def test_losses_are_the_same_one_by_one_as_at_once_but_for_the_first_state():
+    skin = build_grid_skin(6, 6, patches=2)
+    build = draw_build("b", "shifted", skin, CONSTANTS, np.random.default_rng(5))
+    defects = replace(build.defects, dropped=0.2)
+    one, two = (
+        ReadingLosses(defects, 2, np.random.default_rng(4), SensorStages())
+        for _ in range(2)
+    )
+    at_once = one.draw_all(4000)
+    one_by_one = np.concatenate([two.draw_next() for _ in range(4000)])
+    assert one_by_one.mean() == pytest.approx(0.2, abs=0.03)
+    met = np.flatnonzero((at_once == one_by_one).all(axis=1))[0]
+    np.testing.assert_array_equal(at_once[met:], one_by_one[met:])
+
+
+@pytest.mark.parametrize(
+    ("gesture", "kind", "motion"),
+    [("grab", None, stand), ("stroke", None, sway), ("none", "cable", sway)],
+)
+def test_touch_gives_the_counts_and_truth_of_a_clip(gesture, kind, motion):
+    live = InteractiveSkin(seed=2)
+    env, steps, delay = live.env, 200, 0.2
+    session = get_session(Origin("s", (1,)), live.build)
+    stages = SensorStages(skew=False, faults=False)
+    skin, person = live.mounted.skin, live.hand.person
+    live.sensor = Sensor(live.build, skin, np.random.default_rng(8), stages, session)
+    site = live.hand.find_site("stroke", None, find_point(live, "forearm_back"), person)
+    rng = np.random.default_rng(0)
+    touch = perform(gesture, kind, person, site, env.constants, rng, 1.5, None)
+    live.hand.add(PerformedTouch(touch, delay, env))
+    found = scan_many(live, steps // 2, motion)
+    at = np.arange(-1, steps // 2)
+    q = np.array([motion(max(reading, 0)) for reading in at])
+    between = np.arange(steps) / 2 - 0.5
+    q = np.stack([np.interp(between, at, each) for each in q.T], axis=1)
+    presses = tuple(
+        hang_still(press, env, q) if kind else follow_late(press, env, q, delay)
+        for press in touch.presses
+    )
+    scene = TouchScene(q, (replace(touch, presses=presses),))
+    clip, exact = (
+        simulate_clip(
+            scene, lead, live.build, session, env, np.random.default_rng(8), stages
+        )
+        for lead in (1, 0)
+    )
+    counts = np.array([scan.counts for scan, _ in found[: len(clip.counts)]])
+    assert np.abs(counts - clip.counts).max() <= 1
+    assert (counts != clip.counts).mean() < 1e-5
+    assert (clip.counts != clip.counts[0]).any()
+    np.testing.assert_allclose(sum_forces(found), exact.truths[0].force, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("what", "force", "seconds"),
+    [("poke", 6.0, 0.6), ("double_pat", 8.0, 0.6), ("grab", 30.0, 0.8)],
+)
+def test_touch_has_the_requested_force_and_duration(what, force, seconds):
+    live = InteractiveSkin()
+    getattr(live.hand, what)(find_point(live, "forearm_back", 90), force, seconds)
+    forces = sum_forces(scan_many(live, 60))
+    assert forces.max() == pytest.approx(force, rel=0.03)
+    assert np.ptp(np.flatnonzero(forces)) * 0.02 == pytest.approx(seconds, abs=0.05)
+    assert live.hand.touching == ()
+
+
+def test_grab_is_no_firmer_than_the_person_can():
+    live = InteractiveSkin()
+    live.hand.grab(find_point(live, "forearm_back", 90), 900.0, 0.8)
+    assert 40.0 < sum_forces(scan_many(live, 60)).max() < 400.0
+
+
+@pytest.mark.parametrize(
+    ("patch", "motion"),
+    [("forearm_back", stand), ("upper_arm_back", sway), ("wrist_1", sway)],
+)
+def test_poke_is_felt_at_its_place_and_nothing_without_it(patch, motion):
+    live = InteractiveSkin()
+    calibrator = Calibrator(live.mounted.skin, live.calibration)
+    for reading, (scan, truths) in enumerate(scan_many(live, 200, motion)):
+        made = calibrator.push(scan)
+        assert truths == ()
+        np.testing.assert_array_equal(scan.q, motion(reading))
+        assert reading < 100 or made.pressure[made.valid].max() < ContactConfig().on
+    point = find_point(live, patch, 30)
+    live.hand.poke(point, 8.0, 0.4)
+    readings = [
+        calibrator.push(live.scan(PERIOD * reading, motion(reading)))
+        for reading in range(201, 241)
+    ]
+    pressure = np.array([np.where(made.valid, made.pressure, 0) for made in readings])
+    taxel = pressure.max(axis=0).argmax()
+    assert pressure.max() > ContactConfig().on
+    link = live.mounted.robot.link_index(point.link)
+    assert live.mounted.taxel_link_index[taxel] == link
+    assert np.linalg.norm(live.mounted.skin.positions[taxel] - point.p_link) < 0.03
+
+
+def test_dragged_finger_follows_its_target_at_limited_speed():
+    live = InteractiveSkin()
+    begin, end = find_forearm_ends(live)
+    touch = live.hand.begin(begin, 4.0)
+    places = []
+    for reading in range(120):
+        share = np.clip((reading - 20) / 80, 0, 1)
+        p_link = begin.p_link + share * (end.p_link - begin.p_link)
+        live.hand.move(touch, LinkPoint("forearm_link", p_link))
+        live.scan(PERIOD * (reading + 1), sway(reading))
+        (truth,) = live.hand.truths()
+        assert truth.touch == touch
+        places.append(locate_force(live, truth, sway(reading)))
+    places = np.array(places)
+    # A hand of several parts bears its load about its middle.
+    assert np.linalg.norm(places[10] - begin.p_link) < 0.025
+    assert np.linalg.norm(places[-1] - end.p_link) < 0.025
+    most = 1.3 * 0.4 * 0.02
+    assert np.linalg.norm(np.diff(places[5:], axis=0), axis=1).max() < most
+    assert truth.force == pytest.approx(4.0, rel=0.5)
+    live.hand.move(touch, begin)
+    jumped = [locate_force(live, truths[0], Q) for _, truths in scan_many(live, 4)]
+    assert 0.01 < np.linalg.norm(jumped[-1] - jumped[0]) < 4 * most
+    live.hand.move(touch, find_point(live, "wrist_1", 20))
+    assert scan_many(live, 3)[-1][1][0].link == "wrist_1_link"
+    live.hand.end(touch)
+    scan_many(live, 40)
+    assert live.hand.touching == ()
+    live.hand.move(touch, end)
+    live.hand.end(touch)
+
+
+def test_finger_that_is_ended_at_once_lands_and_arrives_first():
+    live = InteractiveSkin()
+    begin, end = find_forearm_ends(live)
+    touch = live.hand.begin(begin, 4.0)
+    live.hand.move(touch, end)
+    live.hand.end(touch)
+    felt = [truths[0] for _, truths in scan_many(live, 60) if truths]
+    assert live.hand.touching == ()
+    assert max(truth.force for truth in felt) == pytest.approx(4.0, rel=0.5)
+    first, last = (locate_force(live, felt[i], Q) for i in (0, -1))
+    assert np.linalg.norm(first - begin.p_link) < 0.03
+    assert np.linalg.norm(last - end.p_link) < 0.03
+
+
+def test_unplugged_patch_is_not_received_and_the_others_are_unchanged():
+    one, other = InteractiveSkin(seed=1), InteractiveSkin(seed=1)
+    out = one.mounted.skin.patch_index == one.find_patch("forearm_back")
+    for live in (one, other):
+        live.hand.grab(find_point(live, "forearm_back", 90), 20.0, 0.5)
+    one.unplug("forearm_back")
+    pairs = zip(scan_many(one, 30), scan_many(other, 30), strict=True)
+    for (scan, _), (expected, _) in pairs:
+        assert not scan.received[out].any() and not scan.counts[out].any()
+        np.testing.assert_array_equal(scan.counts[~out], expected.counts[~out])
+        np.testing.assert_array_equal(scan.received[~out], expected.received[~out])
+    one.plug("forearm_back")
+    (scan, _), (expected, _) = scan_many(one, 1)[0], scan_many(other, 1)[0]
+    np.testing.assert_array_equal(scan.counts, expected.counts)
+
+
+@pytest.mark.parametrize("loses", [True, False])
+def test_patch_is_silent_by_chance_only_where_the_skin_loses_readings(loses):
+    live = InteractiveSkin(loses=loses)
+    silent = np.ones((1, len(live.unplugged)), dtype=bool)
+    live.sensor.losses.draw_next = lambda: silent
+    received = live.scan(PERIOD, Q).received
+    assert not received.any() if loses else received.all()
+
+
+def test_killed_taxels_feel_nothing():
+    live, healthy = InteractiveSkin(seed=1), InteractiveSkin(seed=1)
+    killed = np.array(live.kill(0.5))
+    assert len(killed) == round(0.5 * live.mounted.skin.count)
+    rest = [scan.counts[killed] for scan, _ in scan_many(live, 20)]
+    scan_many(healthy, 20)
+    high = np.max(rest, axis=0) + 20
+    for skin in (live, healthy):
+        skin.hand.grab(find_point(skin, "forearm_back", 90), 60.0, 0.6)
+        counts = np.array([scan.counts[killed] for scan, _ in scan_many(skin, 40)])
+        assert (counts > high).any() == (skin is healthy)
+    assert not set(live.kill(0.2)) & set(killed.tolist())
+
+
+def test_seed_decides_the_interactive_skin():
+    def read_counts(seed):
+        live = InteractiveSkin(seed=seed)
+        live.hand.perform("poke")
+        return np.array([scan.counts for scan, _ in scan_many(live, 40)])
+
+    once = read_counts(3)
+    np.testing.assert_array_equal(once, read_counts(3))
+    assert (once != read_counts(4)).any()
+
+
+@pytest.mark.parametrize(
+    "what", ["poke", "stroke", "rub", "bump", "lean", "cable", "guiding", "none"]
+)
+def test_hand_performs_any_touch_where_there_is_room(what):
+    live = InteractiveSkin()
+    scan_many(live, 1)
+    number = live.hand.perform(what)
+    assert live.hand.touching == (number,)
+    truths = [truth for _, found in scan_many(live, 50, sway) for truth in found]
+    gesture = what if what in ("poke", "stroke", "rub") else "none"
+    assert {(truth.gesture, truth.touch) for truth in truths} == {(gesture, number)}
+
+
+def test_simultaneous_touches_have_their_own_numbers():
+    live = InteractiveSkin()
+    first = live.hand.grab(find_point(live, "forearm_back", 90), 20.0, 0.5)
+    second = live.hand.poke(find_point(live, "upper_arm_back", 90), 4.0, 0.3)
+    _, truths = scan_many(live, 8)[-1]
+    links = {truth.touch: truth.link for truth in truths}
+    assert links == {first: "forearm_link", second: "upper_arm_link"}
+
+
+@pytest.mark.parametrize(
+    ("call", "part"),
+    [
+        (lambda live, _: live.hand.poke(LinkPoint("tool0", np.zeros(3))), "'tool0'"),
+        (lambda live, point: live.hand.poke(point, -1.0), "force is -1.0"),
+        (lambda live, _: live.hand.perform("electrical"), "'electrical'"),
+        (lambda live, _: live.hand.perform("self_contact"), "fold the arm"),
+        (lambda live, _: live.hand.end(9), "touch 9 has not begun"),
+        (lambda live, p: live.hand.move(live.hand.poke(p), p), "0 is not dragged"),
+        (lambda live, _: live.scan(1, np.zeros(5)), "6 finite numbers"),
+        (lambda live, _: live.unplug("x"), "no patch 'x'"),
+        (lambda live, _: live.kill(2.0), "share is 2"),
+        (lambda *_: InteractiveSkin("x"), "no skin 'x'"),
+        (lambda *_: TouchPlayer(StandIn("small"), -1), "seed is -1"),
+    ],
+)
+def test_bad_argument_is_refused_in_one_line(call, part):
+    live = InteractiveSkin()
+    with pytest.raises(ValueError, match=part) as caught:
+        call(live, find_point(live, "forearm_back"))
+    assert "\n" not in str(caught.value)
+
+
+def play(generator, count, seed=0):
+    return list(islice(TouchPlayer(generator, seed, start=5).sampled_scans(), count))
+
+
+def test_player_plays_one_stream_with_numbered_touches():
+    played = play(StandIn("small"), LEAD + 2 * STRETCH)
+    stamps = np.array([sample.scan.stamp for sample in played])
+    assert stamps[0] == 5 and (np.diff(stamps) == PERIOD).all()
+    again, other = (play(StandIn("small"), 900, seed) for seed in (0, 4))
+    same, different = (
+        [
+            np.array_equal(a.scan.counts, b.scan.counts)
+            for a, b in zip(played, each, strict=False)
+        ]
+        for each in (again, other)
+    )
+    assert all(same) and not all(different)
+    numbers = [truth.touch for sample in played for truth in sample.truths]
+    assert numbers == sorted(numbers)
+    assert set(numbers) == set(range(numbers[-1] + 1))
+    for sample in played:
+        pressed = (sample.scan.counts[sample.scan.received] > 500).any()
+        assert not pressed or sample.truths
+        assert all(truth.stamp == sample.scan.stamp for truth in sample.truths)
+
+
+def test_player_keeps_one_person_and_build_that_are_of_no_set():
+    player = TouchPlayer(StandIn("small"), 7)
+    one, other = player.plan_stretch(1), player.plan_stretch(2)
+    names = {one.person.name, one.build.name, one.session.name, one.set_name}
+    assert all(name.startswith("device") for name in names)
+    assert one.build.kind == "fresh"
+    assert replace(one, seed=other.seed) == other != one
+
+
+@pytest.mark.slow
+def test_player_makes_no_contact_where_stretches_meet():
+    simulator = build_small_simulator("ur5")
+    build = TouchPlayer(simulator).build
+    calibrator = Calibrator(simulator.mounted.skin, simulator.calibration(build))
+    played = play(simulator, LEAD + 2 * STRETCH)
+    nearby, peaks = RATE // 2, []
+    for number, sample in enumerate(played):
+        reading = calibrator.push(sample.scan)
+        since = (number - LEAD + nearby) % STRETCH
+        if number > LEAD + nearby and since < 2 * nearby:
+            assert not sample.truths
+            peaks.append(reading.pressure[reading.valid].max())
+    assert len(peaks) > nearby
+    assert max(peaks) < ContactConfig().on
+    assert len({tuple(sample.scan.q) for sample in played}) == 1
+    assert any(sample.truths for sample in played)

@@ -1,0 +1,320 @@
+"""Tests of calibration: counts become pressure, and baselines follow the rest level."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from eskin.errors import ReadingError, RecordingError, SkinMismatchError
+from eskin.touch import (
+    Calibration,
+    CalibrationConfig,
+    Calibrator,
+    ContactConfig,
+)
+from helpers.touch import (
+    REST,
+    SECOND,
+    START,
+    build_grid_skin,
+    calibration_of,
+    press_pad,
+    reading_at,
+    reorder_taxels,
+    scan_at,
+)
+
+SKIN = build_grid_skin()
+TOUCHED = press_pad(SKIN, (0.02, 0.02)) > 0
+DISTANCE = np.linalg.norm(SKIN.positions[:, :2] - (0.02, 0.02), axis=1)
+MIDDLE = DISTANCE < 1e-6
+RIM = TOUCHED & ~MIDDLE
+LINEAR = calibration_of(SKIN)
+DIVIDER = Calibration(
+    np.full(SKIN.count, 40.0 / 4095), 4095, curve="divider", exponent=0.8
+)
+CLOSING = replace(DIVIDER, unfelt=2.0)
+
+
+def push_signal(signal, seconds, rate=50, calibrator=None, start=0.0):
+    """Push `signal(t)` as counts; return the times and the pressures."""
+    calibrator = calibrator or Calibrator(SKIN, LINEAR)
+    times = start + np.arange(round(seconds * rate)) / rate
+    pressures = [calibrator.push(scan_at(t, signal(t))).pressure for t in times]
+    return times, np.array(pressures)
+
+
+def touch(start, end, counts, kept=0, trembling=0):
+    """Return the signal of a touch of the middle taxels; some counts stay after it."""
+
+    def signal(t):
+        above = counts + np.round(trembling * np.sin(5 * t))
+        return REST + TOUCHED * (above if start <= t < end else kept * (t >= end))
+
+    return signal
+
+
+def rest(t):
+    """Return the counts of an untouched skin."""
+    return np.full(SKIN.count, REST)
+
+
+def divider_counts(kpa):
+    """Compute the counts above rest of a divider at half scale at 40 kPa."""
+    conductance = (kpa / 40.0) ** 0.8
+    return round(4095 * conductance / (1 + conductance))
+
+
+@pytest.mark.parametrize(
+    ("calibration", "counts", "kpa", "rate"),
+    [(LINEAR, 200, 20.0, rate) for rate in (10, 100, 500)]
+    + [(DIVIDER, divider_counts(kpa), kpa, 50) for kpa in (1.6, 5.0, 40.0, 150.0)]
+    + [(CLOSING, divider_counts(kpa), kpa + 2.0, 50) for kpa in (5.0, 40.0)],
+)
+def test_touch_is_measured_above_rest(calibration, counts, kpa, rate):
+    calibrator = Calibrator(SKIN, calibration)
+    _, pressure = push_signal(touch(3.0, 4.0, counts), 4.0, rate, calibrator)
+    np.testing.assert_allclose(pressure[-1][TOUCHED], kpa, rtol=2e-3)
+    assert not pressure[-1][~TOUCHED].any()
+
+
+@pytest.mark.parametrize(
+    ("signal", "seconds", "rate", "kpa", "tolerance"),
+    [
+        (touch(3.0, 63.0, 200), 63.0, 10, 20.0, 0.1),
+        (touch(3.0, 63.0, 200), 63.0, 25, 20.0, 0.1),
+        (touch(0.4, 2.5, 200), 2.5, 50, 20.0, 0.1),
+        (touch(3.0, 30.0, 40, trembling=8), 30.0, 50, 4.0, 1.0),
+        (
+            lambda t: touch(3.0, 29.0, 40)(t) + MIDDLE * touch(3, 29, 100, 0, 40)(t),
+            *(29.0, 50, 4.0, 0.3),
+        ),
+    ],
+    ids=["minute", "minute", "during the tare", "light trembling", "steady rim"],
+)
+def test_touch_is_not_learned(signal, seconds, rate, kpa, tolerance):
+    _, pressure = push_signal(signal, seconds, rate)
+    np.testing.assert_allclose(pressure[-1][RIM], kpa, atol=tolerance)
+
+
+@pytest.mark.parametrize(
+    ("signal", "seconds", "config"),
+    [
+        (lambda t: rest(t) + round(0.5 * t), 120.0, CalibrationConfig()),
+        (touch(3.0, 1e9, 100), 60.0, CalibrationConfig(longest_seconds=20.0)),
+    ],
+    ids=["drift", "very long change"],
+)
+@pytest.mark.parametrize("rate", [10, 25])
+def test_change_of_the_rest_level_is_learned(signal, seconds, config, rate):
+    calibrator = Calibrator(SKIN, LINEAR, config)
+    _, pressure = push_signal(signal, seconds, rate, calibrator)
+    assert pressure[-1].max() < 0.9
+
+
+@pytest.mark.parametrize(
+    ("calibration", "counts", "kpa", "kept", "end", "seconds", "rate"),
+    [(LINEAR, 300, 30.0, 50, 5.0, 8.0, rate) for rate in (10, 50, 200)]
+    + [
+        (LINEAR, 500, 50.0, 40, 20.0, 40.0, 20),
+        (DIVIDER, divider_counts(50.0), 50.0, 150, 20.0, 40.0, 20),
+    ],
+)
+def test_residual_after_a_touch_is_learned_but_not_the_touch(
+    calibration, counts, kpa, kept, end, seconds, rate
+):
+    signal = touch(3.0, end, counts, kept)
+    calibrator = Calibrator(SKIN, calibration)
+    times, pressure = push_signal(signal, seconds, rate, calibrator)
+    assert pressure[times < end - 1e-6][-1].max() == pytest.approx(kpa, rel=0.01)
+    after = pressure[(times > end) & (times < end + 0.2)][:, TOUCHED]
+    kept_kpa = calibration.compute_pressure(np.full(SKIN.count, float(kept))).max()
+    assert after.min() > 0.8 * kept_kpa
+    assert pressure[-1].max() < 0.5
+
+
+def test_drift_beside_a_touch_is_learned_after_the_touch():
+    def signal(t):
+        return touch(3.0, 8.0, 200)(t) + 10 * (t > 4.0)
+
+    times, pressure = push_signal(signal, 60.0)
+    beside = (DISTANCE < 0.023) & ~TOUCHED
+    during = pressure[times < 8.0][-1]
+    np.testing.assert_allclose(during[beside], 1.0, atol=0.05)
+    assert pressure[-1].max() < 0.1
+
+
+def test_rest_is_found_after_a_touch_from_the_start():
+    calibrator = Calibrator(SKIN, LINEAR)
+    times, pressure = push_signal(touch(-1.0, 6.0, 200), 9.0, calibrator=calibrator)
+    assert pressure[times < 6.0].max() == 0.0
+    _, pressure = push_signal(touch(9.0, 10.0, 200), 1.0, 50, calibrator, start=9.0)
+    np.testing.assert_allclose(pressure[-1][TOUCHED], 20.0, atol=0.2)
+
+
+@pytest.mark.parametrize("zeros", [(0.0, 0.05), (4.0, 4.01)])
+def test_zeros_at_the_start_or_once_do_not_move_the_baseline(zeros):
+    begin, end = zeros
+    times, pressure = push_signal(lambda t: rest(t) * (not begin <= t <= end), 5.0)
+    assert pressure[times > max(end, 2.0)].max() == 0.0
+
+
+def test_patch_silent_for_long_is_tared_again():
+    calibrator = Calibrator(SKIN, LINEAR)
+    push_signal(rest, 3.0, calibrator=calibrator)
+    none = np.zeros(SKIN.count, bool)
+    calibrator.push(scan_at(4.0, np.zeros(SKIN.count), received=none))
+    assert not calibrator.push(scan_at(30.0, np.full(SKIN.count, 600))).pressure.any()
+
+
+def test_readings_do_not_depend_on_the_order_of_taxels():
+    rng = np.random.default_rng(2)
+    order = rng.permutation(SKIN.count)
+    one = Calibrator(SKIN, LINEAR)
+    other = Calibrator(reorder_taxels(SKIN, order), LINEAR)
+    for step in range(200):
+        counts = REST + rng.integers(-30, 60, SKIN.count)
+        expected = one.push(scan_at(step / 20, counts)).pressure[order]
+        got = other.push(scan_at(step / 20, counts[order])).pressure
+        np.testing.assert_array_equal(got, expected)
+
+
+def test_missing_and_faulty_taxels_are_not_valid_and_not_learned_from():
+    calibrator = Calibrator(SKIN, LINEAR)
+    push_signal(rest, 3.0, calibrator=calibrator)
+    taxel = np.arange(SKIN.count)
+    counts = np.where((taxel == 3) | (taxel == 4), -1000, REST)
+    for step in range(50):
+        scan = scan_at(3.0 + step / 50, counts, received=taxel != 3)
+        reading = calibrator.push(scan, taxel == 4)
+    assert np.flatnonzero(~reading.valid).tolist() == [3, 4]
+    reading = calibrator.push(scan_at(5.0, rest(5.0)))
+    assert reading.valid.all() and not reading.pressure.any()
+
+
+def test_shear_is_measured_from_rest_and_not_learned_during_a_touch():
+    calibration = Calibration(np.full(SKIN.count, 0.1), 1000, 0.5, 128)
+    calibrator = Calibrator(SKIN, calibration)
+    signal = touch(10.0, 30.0, 100)
+    for t in np.arange(0, 30, 0.05):
+        shear = np.full((SKIN.count, 2), 130, np.int32)
+        shear[TOUCHED] += np.array((40, -20), np.int32) * (t >= 10.0)
+        reading = calibrator.push(scan_at(t, signal(t), shear=shear))
+    assert reading.shear is not None and reading.shear.dtype == np.float32
+    expected = np.tile([20.0, -10.0], (TOUCHED.sum(), 1))
+    np.testing.assert_allclose(reading.shear[TOUCHED], expected, atol=0.6)
+
+
+def test_saturated_divider_reads_finite_increasing_pressure():
+    calibrator = Calibrator(SKIN, DIVIDER)
+    push_signal(rest, 3.0, calibrator=calibrator)
+    counts = np.linspace(REST - 50, 5000, SKIN.count).astype(int)
+    pressure = calibrator.push(scan_at(3.0, counts)).pressure
+    assert np.isfinite(pressure).all() and (np.diff(pressure) >= 0).all()
+    assert pressure[-1] > 1000.0
+
+
+@pytest.mark.parametrize("calibration", [LINEAR, DIVIDER, CLOSING])
+@pytest.mark.parametrize(("factor", "is_learned"), [(0.9, True), (1.1, False)])
+def test_margin_is_the_same_pressure_for_every_curve(calibration, factor, is_learned):
+    at_margin = calibration.compute_counts(1.5)
+    high = np.round(factor * at_margin).astype(int)
+    low = high - np.round(0.4 * at_margin).astype(int)
+
+    def signal(t):
+        return REST + np.where(round(t) % 2, high, low) * (t > 3.0)
+
+    calibrator = Calibrator(SKIN, calibration)
+    times, pressure = push_signal(signal, 60.0, 10, calibrator)
+    assert (pressure[times > 58.0].max() < 0.7) == is_learned
+
+
+@pytest.mark.parametrize("calibration", [LINEAR, DIVIDER, CLOSING])
+def test_pressure_of_the_counts_of_a_pressure_is_that_pressure(calibration):
+    above = calibration.compute_counts(30.0)
+    np.testing.assert_allclose(calibration.compute_pressure(above), 30.0)
+
+
+def test_unfelt_pressure_is_added_but_never_more_than_was_measured():
+    above = np.linspace(0.0, 500.0, SKIN.count)
+    felt = DIVIDER.compute_pressure(above)
+    expected = felt + np.minimum(felt, 2.0)
+    np.testing.assert_allclose(CLOSING.compute_pressure(above), expected)
+
+
+@pytest.mark.parametrize(
+    "calibration",
+    [Calibration(np.array([0.1, 1 / 3]), 4095, 0.25, 128, 3.0), LINEAR, CLOSING]
+    + [replace(DIVIDER, matrix=True)],
+)
+def test_calibration_survives_its_bytes(calibration):
+    again = Calibration.from_bytes(calibration.to_bytes())
+    assert vars(again) == vars(calibration) | {"gain": again.gain}
+    np.testing.assert_array_equal(again.gain, calibration.gain)
+
+
+def test_calibration_without_a_curve_is_linear():
+    content = json.loads(CLOSING.to_bytes())
+    for name in ("curve", "exponent", "unfelt", "matrix"):
+        del content[name]
+    old = Calibration.from_bytes(json.dumps(content).encode())
+    assert (old.curve, old.exponent, old.unfelt) == ("linear", 1.0, 0.0)
+    assert not old.matrix
+
+
+def encode(**changes):
+    """Encode a calibration with other values of some fields."""
+    return json.dumps(json.loads(DIVIDER.to_bytes()) | changes).encode()
+
+
+@pytest.mark.parametrize(
+    "data",
+    [b"", b"[]", b"{}", b'{"version": 1}', b"\xff"]
+    + [encode(curve="round"), encode(exponent=0.0), encode(version=2)],
+)
+def test_invalid_bytes_of_a_calibration_are_refused_in_one_line(data):
+    with pytest.raises(RecordingError, match="calibration .*allowed") as error:
+        Calibration.from_bytes(data)
+    assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("field", "value"),
+    [("gain", np.array([0.1, np.nan])), ("exponent", np.inf), ("full_scale", 0)],
+)
+def test_impossible_constants_are_refused(field, value):
+    with pytest.raises(ValueError, match=field):
+        replace(DIVIDER, **{field: value})
+
+
+def test_calibration_of_another_skin_is_refused():
+    with pytest.raises(SkinMismatchError, match="5 taxels.*36"):
+        Calibrator(SKIN, Calibration.uniform(5, 1000, 100.0))
+
+
+@pytest.mark.parametrize(
+    ("changes", "text"),
+    [
+        ({"counts": np.array([1.0, np.nan, 2.0])}, "counts is float64"),
+        ({"received": np.ones(2, bool)}, r"received has shape \(2,\)"),
+        ({"stamp": START / SECOND}, "stamp is float"),
+        ({"q": np.array([0.0, np.nan])}, "q of joint 1 is nan"),
+    ],
+)
+def test_scan_of_invalid_arrays_is_refused(changes, text):
+    with pytest.raises(ReadingError, match=text):
+        replace(scan_at(0.0, np.zeros(3)), **changes)
+
+
+def test_pressure_of_a_valid_taxel_must_be_finite():
+    with pytest.raises(ReadingError, match="pressure of taxel 1 is nan"):
+        reading_at(0.0, [1.0, np.nan, 2.0])
+    reading_at(0.0, [1.0, np.nan, 2.0], valid=np.array([True, False, True]))
+
+
+def test_floor_raises_both_thresholds_of_contact():
+    config = ContactConfig(on=3.0, off=2.0)
+    assert config.with_floor(0.0) == config
+    raised = config.with_floor(12.0)
+    assert (raised.on, raised.off) == (12.0, 8.0)

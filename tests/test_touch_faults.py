@@ -1,0 +1,184 @@
+"""Tests of faults: a planted fault is found and named, and a sound skin has none."""
+
+import numpy as np
+import pytest
+
+from eskin.touch import Calibrator, FaultDetector
+from helpers.touch import SECOND, START, build_grid_skin, calibration_of, scan_at
+
+SKIN = build_grid_skin(patches=2)
+TAXEL = 7 + 36
+PLACE = ("p1", 1, 1, TAXEL)
+PALM = (SKIN.patch_index == 0) & (SKIN.rows < 4) & (SKIN.columns < 4)
+AROUND = np.linalg.norm(SKIN.positions - SKIN.positions[TAXEL], axis=1) < 0.03
+
+
+def find_faults(change, seconds=12.0, rate=50, noise=2.0, rest=200):
+    """Push noisy counts at rest, changed by `change`; return time, mask and faults."""
+    rng = np.random.default_rng(3)
+    calibration = calibration_of(SKIN)
+    calibrator = Calibrator(SKIN, calibration)
+    detector = FaultDetector(SKIN, calibration)
+    found = []
+    for t in np.arange(round(seconds * rate)) / rate:
+        counts = np.round(rest + noise * rng.standard_normal(SKIN.count)).astype(int)
+        received = np.ones(SKIN.count, bool)
+        change(t, counts, received)
+        scan = scan_at(t, np.clip(counts, -1, 1000), received)
+        mask, faults = detector.push(scan, calibrator.push(scan).pressure)
+        found.append((t, mask.copy(), faults))
+    return found
+
+
+def set_counts(taxels, value, start=3.0, end=np.inf):
+    """Return the change that sets counts of some taxels for a time."""
+
+    def change(t, counts, received):
+        if start <= t < end:
+            counts[taxels] = value
+
+    return change
+
+
+def add_counts(taxels, signal, start=3.0):
+    """Return the change that adds `signal(t)` to the counts of some taxels."""
+
+    def change(t, counts, received):
+        if t >= start:
+            counts[taxels] += round(signal(t))
+
+    return change
+
+
+NO_CHANGE = add_counts(TAXEL, lambda t: 0)
+
+
+def describe(found):
+    """Return kind and place of the last faults."""
+    return [(f.kind, f.patch, f.row, f.column, f.taxel) for f in found[-1][2]]
+
+
+def first_time(found):
+    """Return the time of the first fault [s]."""
+    return next(t for t, _, faults in found if faults)
+
+
+@pytest.mark.parametrize(
+    ("change", "options"),
+    [
+        (NO_CHANGE, {}),
+        (NO_CHANGE, {"noise": 0.0, "seconds": 30.0, "rate": 20}),
+        (NO_CHANGE, {"noise": 0.0, "rest": 5}),
+        (
+            lambda t, counts, _: np.maximum(counts, 0, out=counts),
+            {"noise": 3.0, "rest": -2, "seconds": 30.0, "rate": 20},
+        ),
+        (
+            set_counts(np.arange(12), 1000, end=40.0),
+            {"seconds": 45.0, "rate": 10},
+        ),
+        (add_counts(SKIN.columns < 3, lambda t: 300), {"noise": 0.0, "rest": 5}),
+        (add_counts(PALM, lambda t: 300 + 80 * np.sin(18 * np.pi * t)), {}),
+        (add_counts(TAXEL, lambda t: 150 + 150 * np.sin(6 * np.pi * t)), {}),
+    ],
+    ids=[
+        *("noise", "quiet", "quiet near zero", "clipped at zero", "long saturation"),
+        *("steady press", "shaking palm", "rubbing finger"),
+    ],
+)
+def test_sound_skin_has_no_faults(change, options):
+    found = find_faults(change, **options)
+    assert not any(faults or mask.any() for _, mask, faults in found)
+
+
+@pytest.mark.parametrize(
+    ("kind", "value", "start", "within", "options"),
+    [
+        ("stuck", 300, 3.0, 5.5, {}),
+        ("dead", 0, 3.0, 5.5, {}),
+        ("negative", -1, 3.0, 0.2, {}),
+        ("saturated", 1000, 0.0, 5.5, {}),
+        ("saturated", 1000, 3.0, 60.3, {"seconds": 66.0, "rate": 10}),
+    ],
+)
+def test_fault_of_a_taxel_is_found_with_its_place_and_time(
+    kind, value, start, within, options
+):
+    found = find_faults(set_counts(TAXEL, value, start), **options)
+    assert describe(found) == [(kind, *PLACE)]
+    _, mask, [fault] = found[-1]
+    # A taxel was below full scale until one scan before.
+    assert abs(fault.since - (START + start * SECOND)) <= 0.1 * SECOND
+    assert np.flatnonzero(mask).tolist() == [TAXEL]
+    assert start <= first_time(found) < start + within
+    assert value != 1000 or first_time(found) > start + 0.9 * within
+
+
+def test_negative_counts_are_masked_at_once():
+    for t, mask, _ in find_faults(set_counts(TAXEL, -1, start=3.01), seconds=4.0):
+        assert mask[TAXEL] == (t >= 3.01)
+
+
+def test_quiet_taxel_that_ignores_presses_around_it_is_dead():
+    def change(t, counts, received):
+        counts[AROUND] += 300 * (t % 4.0 > 2.0)
+        counts[TAXEL] = 0
+
+    found = find_faults(change, noise=0.0, rest=0, seconds=9.0)
+    assert describe(found) == [("dead", *PLACE)]
+
+
+def test_taxel_that_jumps_alone_is_noisy_until_it_stops():
+    rng = np.random.default_rng(5)
+
+    def change(t, counts, received):
+        if 3.0 <= t < 12.0:
+            counts[TAXEL] += round(80 * rng.standard_normal())
+
+    found = find_faults(change, seconds=18.0)
+    [fault] = next(faults for t, _, faults in found if t >= 11.9)
+    assert (fault.kind, fault.taxel) == ("noisy", TAXEL)
+    assert 0 <= fault.since - (START + 3 * SECOND) < 2 * SECOND
+    assert first_time(found) >= 6.0 and not found[-1][2]
+
+
+@pytest.mark.parametrize(
+    ("kind", "patch", "row", "column", "value", "seconds"),
+    [
+        ("row", "p1", 2, None, 0, 5.0),
+        ("column", "p1", None, 4, 0, 5.0),
+        ("row", "p0", 5, None, 250 + np.arange(6), 12.0),
+    ],
+)
+def test_line_out_is_one_fault(kind, patch, row, column, value, seconds):
+    line = SKIN.rows == row if column is None else SKIN.columns == column
+    line = line & (SKIN.patch_index == int(patch[1]))
+    found = find_faults(set_counts(line, value), seconds)
+    assert describe(found) == [(kind, patch, row, column, None)]
+    np.testing.assert_array_equal(found[-1][1], line)
+
+
+def test_silent_patch_is_one_fault():
+    def change(t, counts, received):
+        received[36:] = t < 3.0
+
+    found = find_faults(change, seconds=5.0)
+    assert describe(found) == [("patch", "p1", None, None, None)]
+    assert found[-1][2][0].since == START + round(2.98 * SECOND)
+
+
+@pytest.mark.parametrize("value", [300, 0, -1])
+def test_taxel_is_trusted_again_some_time_after_its_fault(value):
+    found = find_faults(set_counts(TAXEL, value, end=12.0), seconds=15.0)
+    assert all(mask[TAXEL] for t, mask, _ in found if 11.0 < t < 12.5)
+    assert not any(mask[TAXEL] for t, mask, _ in found if t > 14.0)
+    assert not found[-1][2]
+
+
+def test_faults_do_not_depend_on_the_rate():
+    def change(t, counts, received):
+        set_counts(TAXEL, 300)(t, counts, received)
+        counts[:6] = -1
+
+    slow, fast = (describe(find_faults(change, 12.0, rate)) for rate in (10, 50))
+    assert len(slow) == 2 and slow == fast

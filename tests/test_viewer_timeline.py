@@ -1,0 +1,126 @@
+"""Tests of `eskin view`: the timeline of a recording, and its labels."""
+
+import numpy as np
+import pytest
+
+from eskin.cli.main import run
+from eskin.errors import RecordingError
+from eskin.recording import read_recording
+from eskin.viewer.editing import LabelEditor, compare, envelope, load_replayed
+from eskin.viewer.timeline import PlaybackClock
+from helpers.timelines import make_detection, make_label, to_stamp, write_recording
+
+LABELS = (make_label("poke", 1.0, 1.4), make_label("grab", 3.0, 4.0))
+DETECTIONS = (
+    make_detection("poke", 1.0, 1.6),
+    make_detection("stroke", 3.0, 4.2),
+    make_detection("poke", 5.0, 5.2),
+)
+
+
+@pytest.fixture
+def path(tmp_path):
+    return write_recording(tmp_path / "a.mcap", LABELS, DETECTIONS)
+
+
+@pytest.fixture
+def editor(path):
+    return LabelEditor(read_recording(path))
+
+
+def gestures(path):
+    return [label.gesture for label in read_recording(path).labels]
+
+
+def test_loaded_recording_has_pressure_of_every_reading(path):
+    recording = read_recording(path)
+    loaded = load_replayed(recording)
+    assert len(loaded.seconds) == recording.count == 300
+    pressed, free = loaded.at(1.2), loaded.at(2.5)
+    assert loaded.pressure[pressed, :10].min() > 10 and loaded.pressure[free].max() < 1
+    force = loaded.pressure[pressed].astype(float) @ (1e3 * recording.skin.areas)
+    assert loaded.force[pressed] == pytest.approx(force, rel=1e-3)
+    assert loaded.peak[free] < 1 < loaded.peak[pressed]
+    times = -1.0, 1.0, 1.019, 1.021, 1e9
+    assert [loaded.at(seconds) for seconds in times] == [0, 50, 50, 51, 299]
+
+
+@pytest.mark.parametrize("bins", [1, 3, 500, 1000, 5000])
+def test_envelope_keeps_peaks(bins):
+    values = np.zeros(1000)
+    values[777] = 5.0
+    assert envelope(values, bins).max() == 5.0
+    assert len(envelope(values, bins)) == min(bins, 1000)
+
+
+def test_playback_advances_at_its_speed_and_stops_at_end():
+    clock = PlaybackClock(10.0)
+    assert not clock.advance(1.0) and clock.seconds == 0.0
+    clock.toggle()
+    clock.speed = 2.0
+    assert clock.advance(1.5) and clock.seconds == 3.0
+    clock.advance(100.0)
+    assert clock.seconds == 10.0 and not clock.is_on
+    clock.toggle()
+    assert clock.seconds == 0.0 and clock.is_on
+    clock.seek(-5.0)
+    assert clock.seconds == 0.0
+
+
+def test_editor_adds_changes_and_removes_label(editor):
+    added = editor.add("stroke", 4.5, 5.0)
+    assert added in editor.labels and editor.changed
+    changed = editor.change(added, "double_pat", 4.6, 5.1)
+    assert added not in editor.labels
+    assert (changed.start, changed.end) == (to_stamp(4.6), to_stamp(5.1))
+    editor.remove(changed)
+    assert tuple(editor.labels) == LABELS
+
+
+@pytest.mark.parametrize(("start", "end"), [(1.2, 2.0), (5.0, 5.0), (0.5, 3.5)])
+def test_invalid_label_changes_nothing(editor, start, end):
+    with pytest.raises(RecordingError):
+        editor.add("stroke", start, end)
+    assert tuple(editor.labels) == LABELS and not editor.changed
+
+
+def test_saving_writes_labels_and_keeps_original(path, editor):
+    original = path.read_bytes()
+    editor.change(editor.labels[0], "double_pat", 1.0, 1.5)
+    kept = editor.save()
+    assert gestures(path) == ["double_pat", "grab"] and not editor.changed
+    saved, before = read_recording(path), read_recording(kept)
+    assert (saved.count, saved.detections) == (before.count, before.detections)
+    editor.remove(editor.labels[0])
+    assert editor.save() == kept and kept.read_bytes() == original
+    assert gestures(path) == ["grab"]
+
+
+def test_saved_label_becomes_true_beside_automatic_one(tmp_path):
+    automatic = make_label("poke", 1.0, 1.4, "auto")
+    path = write_recording(tmp_path / "a.mcap", [automatic], seconds=2.0)
+    editor = LabelEditor(read_recording(path))
+    editor.change(editor.labels[0], "poke", 1.0, 1.5)
+    editor.save()
+    labels = read_recording(path).labels
+    assert automatic in labels and make_label("poke", 1.0, 1.5) in labels
+
+
+def test_labels_are_compared_with_their_detections():
+    missed = make_label("grab", 8.0, 8.2)
+    said_none = make_detection("none", 8.0, 8.3)
+    pairs = compare((*LABELS, missed), (*DETECTIONS, said_none))
+    assert [(pair.label, pair.detection, pair.is_right) for pair in pairs] == [
+        (LABELS[0], DETECTIONS[0], True),
+        (LABELS[1], DETECTIONS[1], False),
+        (None, DETECTIONS[2], False),
+        (missed, None, False),
+    ]
+
+
+@pytest.mark.slow
+def test_view_command_serves_recording_and_leaves_it_alone(path, capsys):
+    before = path.read_bytes()
+    assert run(["view", str(path), "--port", "0", "--seconds", "0.3", "--json"]) == 0
+    assert "http://127.0.0.1:" in capsys.readouterr().out
+    assert path.read_bytes() == before and list(path.parent.iterdir()) == [path]
