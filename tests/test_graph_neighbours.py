@@ -6,13 +6,23 @@ import numpy as np
 import pytest
 
 from eskin.graph import FixedNeighbours, find_live_neighbours
-from helpers.graphs import FOLDED, book, flat, motion, rolled, ur5
+from helpers.graphs import (
+    FOLDED,
+    Scene,
+    book,
+    flat,
+    motion,
+    renumber_scene,
+    rolled,
+    ur5,
+)
 
 SKINS = {
     "flat": lambda: flat(rows=5, columns=6, patches=2),
     "rolled": rolled,
     "book": book,
     "ur5": ur5,
+    "renumbered ur5": lambda: renumber_scene(Scene(ur5(), ())).mounted,
 }
 
 

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 import torch
 from benchmarks.live_parts import SequenceWindow, compute_features
-from numba.core.runtime.nrt import rtsys
 from numba.core.runtime._nrt_python import memsys_disable_stats, memsys_enable_stats
+from numba.core.runtime.nrt import rtsys
 
 from eskin.graph import NO_HISTORY, GraphBuilder, TouchNodes, pack_touch_nodes
 from eskin.learn.dataset import prepare

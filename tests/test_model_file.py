@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -20,6 +21,7 @@ from eskin.model import (
     Model,
     ModelCard,
     NetworkConfig,
+    check_limits,
     load_model,
     save_model,
 )
@@ -193,6 +195,12 @@ def test_invalid_card_is_refused(path, text):
 def test_invalid_size_of_a_network_is_refused(entry, value):
     with pytest.raises(ValueError, match=f"{entry} is {value}"):
         NetworkConfig(**{entry: value})
+
+
+@pytest.mark.parametrize("value", [float("inf"), float("nan"), -0.1])
+def test_setting_must_be_finite_and_within_its_limits(value):
+    with pytest.raises(ValueError, match=f"gain is {value}.*from 0"):
+        check_limits(SimpleNamespace(gain=value), {"gain": (0.0, np.inf)})
 
 
 def test_interrupted_save_keeps_the_old_model(saved, monkeypatch):
