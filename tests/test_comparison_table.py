@@ -6,6 +6,7 @@ from benchmarks import robustness
 
 from eskin.cli.compare import group_results
 from eskin.learn.comparison import (
+    METHODS,
     AnsweredClips,
     Lead,
     MethodResult,
@@ -153,7 +154,7 @@ def test_each_draw_is_harmed_in_a_way_of_its_own(tmp_path):
     generated(tmp_path / "a", clips=1)
     sets = (tmp_path / "a",) * 3
     command = robustness.Command(sets, sets, kinds=("dead",), seed=5)
-    tasks = robustness.tasks_of(command, "eskin")
+    tasks = robustness.tasks_of(command, "eskin", METHODS)
     assert [task.seed for task in tasks] == [5, 6, 7]
     for task in tasks:
         harms = [each.transform for each in task.tests.values() if each.transform]

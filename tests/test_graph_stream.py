@@ -92,9 +92,13 @@ def test_skin_without_calibration_has_one_sequence_without_history():
     graphs = push_loads(mounted, 0 * LEFT, LEFT + RIGHT, LEFT, *[0 * LEFT] * 15)
     assert all(list(found) == [WHOLE_SKIN] for found in graphs)
     batch = join_graphs([found[WHOLE_SKIN] for found in graphs])
-    active = np.bincount(batch.graph_index[batch.targets], minlength=len(graphs))
+    active, before = (
+        np.bincount(batch.graph_index[loads > 0], minlength=len(graphs))
+        for loads in (batch.pressure, batch.before)
+    )
     assert active[0] == active[-1] == 0
     assert active[1] == 2 * active[2] > 0
+    assert np.array_equal(before[1:], active[:-1])
     assert not batch.history.any()
 
 

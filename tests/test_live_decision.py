@@ -95,7 +95,7 @@ def test_two_slow_readings_suffice():
 RUN = st.tuples(st.integers(1, 6), st.sampled_from(VOCABULARY), st.floats(0.4, 1.0))
 
 
-@settings(deadline=None, max_examples=50)
+@settings(deadline=None, max_examples=30)
 @given(st.lists(RUN, min_size=1, max_size=15), st.integers(1, 120))
 def test_every_touch_has_exactly_one_decision(runs, step):
     text = ", ".join(" ".join(map(str, run)) for run in runs)
