@@ -78,6 +78,7 @@ def test_command_fails_in_one_line_and_keeps_files(call_generate, tmp_path):
     assert read_files(tmp_path) == before
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", SETS)
 def test_command_makes_every_set(call_generate, tmp_path, name):
     clips = 5 if load_set(name, load_constants()).classes else 1

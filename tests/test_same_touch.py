@@ -40,6 +40,7 @@ def results(touches):
     return [[recognise_touch(touches[0], side, m) for side in (0, 1)] for m in models]
 
 
+@pytest.mark.slow
 def test_both_playbacks_have_equal_counts_and_different_poses(touches):
     for touch in touches:
         for one, other in zip(
@@ -52,6 +53,7 @@ def test_both_playbacks_have_equal_counts_and_different_poses(touches):
     assert touches[0].counts.tobytes() != touches[1].counts.tobytes()
 
 
+@pytest.mark.slow
 def test_only_the_model_with_pose_tells_the_poses_apart(results):
     posed, blind = results
     assert blind[0].detected == blind[1].detected and blind[0].detected
@@ -61,6 +63,7 @@ def test_only_the_model_with_pose_tells_the_poses_apart(results):
         assert max(result.probabilities) in [sure for _, sure in result.detected]
 
 
+@pytest.mark.slow
 def test_arm_moves_between_poses_without_jump_or_collision(touches):
     period, length = touches[0].period, len(touches[0].counts)
     scans = list(islice(play_touches(touches), 5 * length))
@@ -72,6 +75,7 @@ def test_arm_moves_between_poses_without_jump_or_collision(touches):
     assert are_collision_free(world(), world().poses(q)).all()
 
 
+@pytest.mark.slow
 def test_listener_shows_the_results_on_its_board(touches, results):
     listener, touch = ComparisonListener(touches, load_both_models("ur5")), touches[0]
     length = len(touch.counts)

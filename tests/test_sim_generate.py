@@ -32,8 +32,8 @@ from helpers.simulation import (
 SMALL_SET = GenerationSettings("train", "square", seed=3, clips=23, subjects=4)
 
 
-def make_set(folder, settings=SMALL_SET, **options):
-    generate(folder, settings, **({"factory": StandIn} | options))
+def make_set(folder, settings=SMALL_SET, factory=StandIn, **options):
+    generate(folder, settings, factory=factory, **options)
     return folder
 
 
@@ -85,8 +85,9 @@ def test_every_touch_has_a_true_and_an_automatic_label(small_set, tmp_path):
             assert {truth.gesture for truth in inside} == {label.gesture}
             assert len({truth.touch for truth in inside}) == 1
         assert {truth.touch for truth in truths} == set(range(len(true)))
-    assert 66 <= (recording.end - recording.start) / NS_PER_S <= 126
-    assert len(true) > 10
+        if path.parent == tmp_path:
+            assert 66 <= (recording.end - recording.start) / NS_PER_S <= 126
+            assert len(true) > 10
 
 
 def test_complete_set_is_not_made_again(small_set, copied_set):

@@ -47,7 +47,7 @@ def compute_gsd(numbers):
 )
 def test_bodies_have_the_measured_means(sex, means):
     people = select_sex(sex)
-    assert len(people) == pytest.approx(500, abs=40)
+    assert len(people) == pytest.approx(1000, abs=80)
     names = ("hand_length", "hand_breadth", "palm_length", "acromion_height")
     for name, mean in zip(names, means, strict=True):
         assert get_values(people, name).mean() == pytest.approx(mean, rel=0.006)
@@ -60,7 +60,7 @@ def test_sizes_of_a_body_have_the_measured_spread_and_correlations():
     wanted = {"hand_breadth": 0.58, "palm_length": 0.79, "acromion_height": 0.67}
     for name, expected in wanted.items():
         found = np.corrcoef(length, get_values(men, name))[0, 1]
-        assert found == pytest.approx(expected, abs=0.08)
+        assert found == pytest.approx(expected, abs=0.06)
 
 
 def test_habits_and_tissue_have_their_medians_and_spreads():
@@ -116,7 +116,7 @@ def test_seed_decides_the_person_and_unknown_pads_are_refused():
 def draw_samples(difficulty=0.0, same_person=False):
     """Draw a gesture sample of each person, or as many of one person."""
     rng = np.random.default_rng(11)
-    people = draw_people()[:1] * 1000 if same_person else draw_people()
+    people = draw_people()[:1] * 2000 if same_person else draw_people()
     for person in people:
         yield GestureSample("", person, SITE, CONSTANTS, rng, difficulty, "paper")
 
@@ -157,6 +157,7 @@ def test_difficulty_spreads_the_touches_of_one_person_and_of_all():
     assert compute_gsd(all_hard) > 1.08 * compute_gsd(all_easy)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("difficulty", [0.0, 1.5])
 def test_touches_are_as_short_as_published(difficulty):
     poke, grab, stroke = (
@@ -220,7 +221,7 @@ def test_kinds_are_as_frequent_as_stated_and_rare_ones_more_at_a_higher_difficul
     if name in STYLE_CONSTANTS:
         common = max(weights, key=lambda kind: weights[kind])
         expected = weights[common] * 0.7
-        assert hard.count(common) / len(hard) == pytest.approx(expected, abs=0.05)
+        assert hard.count(common) / len(hard) == pytest.approx(expected, abs=0.03)
 
 
 def split_smooth(series):

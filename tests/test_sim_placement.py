@@ -29,7 +29,7 @@ from eskin.sim.scene.validity import are_poses_valid, find_self_contact_sites
 from eskin.skin import Tube
 from helpers.worlds import EVERY, people, poses, world
 
-COUNT = 120
+COUNT = 80
 
 
 def get_length(name):
@@ -210,6 +210,7 @@ def test_targets_cover_the_skin_once_and_seams_lie_between_patches():
         assert away.max() <= get_length("place.seam_gap") / 2 + 1e-6
 
 
+@pytest.mark.slow
 def test_contacts_without_a_law_of_places_take_those_of_the_gestures_evenly():
     rng = np.random.default_rng(0)
     for gesture, kind, law in (

@@ -57,6 +57,7 @@ def test_check_is_met_between_its_bounds_only():
     assert rows[-1] == "| a | 1 to 2 s | 3 s | NO | b |"
 
 
+@pytest.mark.slow
 def test_fingertip_element_and_strokes_meet_their_checks():
     failures = list_failures(physics_checks(CONSTANTS, people=4, seed=0))
     assert not [name for name in failures if name.startswith("fingertip")]
@@ -64,6 +65,7 @@ def test_fingertip_element_and_strokes_meet_their_checks():
     assert list_failures([stroke_check(get_forearm(), people=12, seed=0)]) == []
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("check", "count"),
     [

@@ -47,7 +47,7 @@ SITE = ContactSite(0, (0.1, 0.15), 0.0375, (-0.12, 0.1), 0.4)
 
 
 @lru_cache
-def draw_people(count=1000):
+def draw_people(count=2000):
     """Draw people, always the same ones."""
     rng = np.random.default_rng(5)
     return [draw_person(f"p{index}", CONSTANTS, rng) for index in range(count)]

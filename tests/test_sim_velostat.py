@@ -1,0 +1,118 @@
+"""Tests of one simulated element under the loads of the public velostat logs."""
+
+import numpy as np
+import pytest
+
+from eskin.sim.sensor.build import draw_build
+from eskin.sim.sensor.model import SensorStages, draw_session
+from eskin.sim.sensor.sensor import sense
+from helpers.sensors import (
+    CONSTANTS,
+    NEUTRAL_SESSION,
+    SKIN,
+    STEP,
+    read_conductance,
+    step_load,
+)
+from helpers.touch import build_grid_skin
+
+ONSET = 5
+PERIOD = 0.02
+
+
+def get_index(seconds):
+    """Return the index of the reading so many seconds after the onset."""
+    return ONSET + round(seconds / PERIOD)
+
+
+def build_ramp(pressure, seconds):
+    """Return a series of pressures [kPa] up and down, each in so many seconds."""
+    up = np.linspace(0.0, pressure, round(seconds / STEP) + 1)
+    return np.concatenate([up, up[-2::-1], [0.0]])
+
+
+def test_press_creeps_as_the_logged_ones():
+    g = read_conductance(step_load(20.0, 1.5))
+    logged = {0.1: -0.303, 0.2: -0.223, 0.4: -0.114, 1.2: 0.051}
+    for seconds, expected in logged.items():
+        found = np.log(g[get_index(seconds)] / g[get_index(0.8)])
+        assert found == pytest.approx(expected, abs=0.01)
+
+
+def test_hold_creeps_as_the_logged_ones():
+    g = read_conductance(step_load(20.0, 62.0))
+    # The weight was put on about 1 s before the logged start.
+    logged = {0.5: 0.905, 1: 0.925, 2: 0.955, 10: 1.035, 20: 1.085, 40: 1.17, 60: 1.21}
+    for seconds, expected in logged.items():
+        found = g[get_index(seconds + 1)] / g[get_index(6)]
+        assert found == pytest.approx(expected, abs=0.04)
+
+
+def test_exponent_is_recovered_from_plateaus():
+    pressures = np.array([5.0, 10.0, 20.0, 40.0])
+    plateaus = [read_conductance(step_load(p, 1.0))[-1] for p in pressures]
+    slope = np.polyfit(np.log(pressures), np.log(plateaus), 1)[0]
+    assert slope == pytest.approx(0.76, abs=0.005)
+
+
+def test_exponents_of_builds_lie_about_the_measured_one():
+    rng = np.random.default_rng(1)
+    means = [
+        draw_build("b", "fresh", SKIN, CONSTANTS, rng).velostat.exponent.mean()
+        for _ in range(40)
+    ]
+    assert all(0.76 - 0.16 < mean < 0.76 + 0.32 for mean in means)
+    assert np.mean(means) == pytest.approx(0.85, abs=0.03)
+
+
+def test_conductance_is_zero_one_reading_after_release():
+    g = read_conductance(step_load(20.0, 1.0, after=0.2))
+    released = round(1.1 / PERIOD)
+    assert g[released - 1] > 0.5 and not g[released:].any()
+
+
+@pytest.mark.parametrize(
+    ("seconds", "least", "most"), [(0.5, 0.15, 0.35), (20, 0.07, 0.2)]
+)
+def test_loop_of_a_ramp_is_as_wide_as_measured(seconds, least, most):
+    series = build_ramp(30.0, seconds)
+    g, pressure = read_conductance(series), series[::2]
+    top = len(g) // 2
+    up, down = g[: top + 1], g[top:][::-1]
+    back = np.interp(pressure[: top + 1], pressure[top:][::-1], down)
+    assert least < (back - up).max() / g.max() < most
+
+
+def test_pat_reads_a_quarter_less_than_a_press_of_the_same_force():
+    pat = 20.0 * np.clip(np.sin(np.pi * np.arange(14) / 13), 0.0, 1.0) ** 1.5
+    short = read_conductance(np.concatenate([np.zeros(10), pat, np.zeros(20)])).max()
+    long = read_conductance(step_load(20.0, 0.8)).max()
+    assert short / long == pytest.approx(0.725, abs=0.03)
+
+
+def test_second_of_two_equal_pats_reads_more():
+    series = np.concatenate([step_load(20.0, 0.13), np.zeros(15), np.full(13, 20.0)])
+    g = read_conductance(np.append(series, np.zeros(10)))
+    assert 1.05 < g[19:].max() / g[:19].max() < 1.10
+
+
+def test_presses_of_two_sessions_repeat_as_the_logged_ones():
+    rng = np.random.default_rng(2)
+    build = draw_build("b", "fresh", build_grid_skin(20, 20), CONSTANTS, rng)
+    one, two = (np.log(draw_session(build, rng).gain) for _ in range(2))
+    assert 0.03 < (one - two).std() < 0.08
+    assert 0.0 < one.mean() < 0.09
+
+
+def test_idle_noise_is_that_of_the_logged_elements():
+    quiet = np.zeros((400, 0)), np.zeros(0, int)
+    noises = []
+    for seed in range(12):
+        rng = np.random.default_rng(seed)
+        build = draw_build("b", "fresh", SKIN, CONSTANTS, rng)
+        stages = SensorStages(drift=False, faults=False)
+        counts, _ = sense(*quiet, build, SKIN, rng, stages, NEUTRAL_SESSION)
+        # At half scale, where those elements idled, a count is 4 / full scale of R.
+        noises.append(counts.std(axis=0).mean() * 4 / build.electronics.full_scale)
+    assert 0.001 < np.mean(noises) < 0.0025
+    assert 0.0009 < min(noises) and max(noises) < 0.0035
