@@ -1,4 +1,4 @@
-"""A recogniser's scores on recordings."""
+"""Tests of scoring a recogniser on windows, segments and clips."""
 
 from dataclasses import replace
 
@@ -11,25 +11,27 @@ from eskin.errors import RecordingError, SkinMismatchError
 from eskin.learn import evaluation
 from eskin.learn.dataset import prepare
 from eskin.learn.evaluation import (
-    check_fits,
-    compute_confidence,
     compute_log_probabilities,
     evaluate,
-    find_window_ends,
+    find_last_rows,
     predict_clips,
-    score_instants,
     score_segments,
 )
-from eskin.learn.ground_truth import MissedGesture, Segment
-from eskin.learn.plots import draw_confusion
+from eskin.learn.ground_truth import MissedGesture
 from eskin.learn.windows import build_network_input, cut_windows
 from eskin.model import ModelCard
-from helpers.clips import generated
-from helpers.learning import NETWORK, START, bare, record_people
+from helpers.clips import clip_at, generated, loaded
+from helpers.learning import NETWORK, record_people
 from helpers.live import network
 
 VOCABULARY = ("none", "hold", "tap")
 CARD = ModelCard(VOCABULARY, network=NETWORK, temperature=1.7)
+WORDS = ("poke", "none", "stroke")
+"""Vocabulary of made-up clips."""
+
+
+def make_network(vocabulary=VOCABULARY):
+    return network(vocabulary=vocabulary, width=4, layers=1, channels=8)
 
 
 @pytest.fixture(scope="module")
@@ -39,7 +41,7 @@ def dataset(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def net():
-    return network(vocabulary=VOCABULARY, width=4, layers=1, channels=8)
+    return make_network()
 
 
 @pytest.fixture(scope="module")
@@ -47,7 +49,16 @@ def result(net, dataset):
     return evaluate(net, CARD, dataset)
 
 
-def test_embedding_each_reading_once_gives_what_whole_windows_give(
+@pytest.fixture(scope="module")
+def clips(tmp_path_factory):
+    """Return a generated set of clips, the card of a model for it, and its network."""
+    dataset = prepare(generated(tmp_path_factory.mktemp("clips"), clips=4))
+    gestures = {clip.gesture for clips in dataset.clips for clip in clips}
+    card = replace(CARD, vocabulary=("none", *sorted(gestures - {"none"})))
+    return dataset, card, make_network(card.vocabulary)
+
+
+def test_readings_embedded_once_give_the_scores_of_whole_windows(
     net, dataset, monkeypatch
 ):
     monkeypatch.setattr(evaluation, "WINDOW_BATCH", 3)
@@ -56,56 +67,32 @@ def test_embedding_each_reading_once_gives_what_whole_windows_give(
     firsts = dataset.starts[ends]
     found = compute_log_probabilities(net, dataset, ends, firsts, 1.7)
     windows = cut_windows(dataset, ends, firsts, 100)
+    graphs = dataset.graphs.select(windows.rows)
     with torch.no_grad():
-        logits = net(
-            build_network_input(dataset.graphs.select(windows.rows), windows, False)
-        )
+        logits = net(build_network_input(graphs, windows, False))
     expected = log_softmax(logits / 1.7, dim=1).numpy()
     np.testing.assert_allclose(found, expected, atol=1e-5)
 
 
-def test_an_instants_answer_does_not_depend_on_what_comes_after(net, dataset):
-    both = score_instants(net, dataset, np.array([60, 130]))
-    alone = score_instants(net, dataset, np.array([60]))
-    np.testing.assert_allclose(both[:1], alone, atol=1e-5)
-
-
-def test_windows_of_a_segment_end_every_half_second_and_with_its_end():
-    stamps = START + np.arange(100) * 50_000_000
-    dataset = bare(stamps, np.zeros(100, np.int64))
-
-    def ends(first, end):
-        return find_window_ends(dataset, Segment("hold", 0, first, end, True)).tolist()
-
-    assert ends(0, 100) == [40, 50, 60, 70, 80, 90, 99]
-    assert ends(10, 61) == [50, 60]
-    assert ends(10, 40) == [39]
-    assert ends(10, 11) == [10]
-
-
-def test_a_segment_is_scored_by_itself(net, dataset):
+def test_score_of_a_segment_depends_on_its_rows_alone(net, dataset):
     segments = dataset.labelled
     together = score_segments(net, dataset, segments)
-    for index, segment in enumerate(segments):
-        alone = score_segments(net, dataset, [segment])
+    for index, one in enumerate(segments):
+        rows = np.arange(one.first, one.end)
+        only = replace(
+            dataset,
+            graphs=dataset.graphs.select(rows),
+            stamps=dataset.stamps[rows],
+            sequence=np.zeros(len(rows), np.int64),
+            recording=dataset.recording[rows],
+            gestures=dataset.gestures[one.first : one.end],
+        )
+        moved = replace(one, first=0, end=len(rows))
+        alone = score_segments(net, only, [moved])
         np.testing.assert_allclose(together[index], alone[0], atol=1e-5)
-    last = segments[-1]
-    rows = slice(last.first, last.end)
-    only = replace(
-        dataset,
-        graphs=dataset.graphs.select(np.arange(last.first, last.end)),
-        stamps=dataset.stamps[rows],
-        sequence=np.zeros(last.end - last.first, np.int64),
-        recording=dataset.recording[rows],
-        gestures=dataset.gestures[rows],
-    )
-    moved = replace(last, first=0, end=last.end - last.first)
-    np.testing.assert_allclose(
-        score_segments(net, only, [moved])[0], together[-1], atol=1e-5
-    )
 
 
-def test_the_counts_are_those_of_the_recordings(result, dataset):
+def test_every_segment_and_instant_is_counted_once(result, dataset):
     assert result.segments.confusion.sum() == len(dataset.labelled) == 4
     assert result.instants.confusion.sum() == len(dataset.stamps)
     assert [row["count"] for row in result.segments.per_class.values()] == [0, 2, 2]
@@ -115,90 +102,122 @@ def test_the_counts_are_those_of_the_recordings(result, dataset):
     assert mean == pytest.approx(result.segments.accuracy)
 
 
-def test_none_is_answered_only_where_a_label_says_it(net, result, dataset):
+def test_none_is_an_answer_only_where_it_is_labelled(net, result, dataset):
+    """Scores are by session where people are unknown."""
     assert result.segments.confusion[:, 0].sum() == 0
     silence = [s for s in dataset.segments if s.gesture == "none"]
-    spoken = replace(
+    changed = replace(
         dataset,
-        segments=tuple(
-            replace(s, labelled=True) if s in silence else s for s in dataset.segments
+        segments=tuple(replace(s, labelled=True) for s in dataset.segments),
+        recordings=tuple(
+            replace(r, metadata=replace(r.metadata, subject=""))
+            for r in dataset.recordings
         ),
     )
-    counts = evaluate(net, CARD, spoken).segments.confusion.sum(axis=1)
-    assert counts.tolist() == [len(silence), 2, 2]
+    labelled = evaluate(net, CARD, changed)
+    assert labelled.segments.confusion.sum(axis=1).tolist() == [len(silence), 2, 2]
+    assert set(labelled.per_subject) == {"day-0", "day-1"}
 
 
-def test_a_gesture_that_was_missed_counts_as_none_for_its_person(net, result, dataset):
+def test_missed_gesture_counts_as_certain_none_for_its_person(net, result, dataset):
     missed = (MissedGesture("tap", 1), MissedGesture("tap", 1))
     found = evaluate(net, CARD, replace(dataset, missed=missed))
     change = found.segments.confusion - result.segments.confusion
     assert change.tolist() == [[0, 0, 0], [0, 0, 0], [2, 0, 0]]
-    # `none` was certain.
     assert found.ece == pytest.approx((4 * result.ece + 2) / 6)
     assert found.per_subject["ann"] == result.per_subject["ann"]
     assert found.per_subject["bob"] == pytest.approx(result.per_subject["bob"] / 2)
     silent = tuple(s for s in dataset.segments if not s.labelled)
     only = evaluate(net, CARD, replace(dataset, segments=silent, missed=missed))
     assert (only.segments.accuracy, only.ece) == (0.0, 1.0)
-    unknown = replace(dataset, missed=(MissedGesture("soft", 0),))
-    with pytest.raises(SkinMismatchError, match="hold soft, which the model does not"):
-        check_fits(CARD, unknown)
 
 
-def test_of_a_generated_set_whole_clips_are_scored(tmp_path):
-    dataset = prepare(generated(tmp_path))
-    [clips] = dataset.clips
-    vocabulary = ("none", *sorted({clip.gesture for clip in clips} - {"none"}))
-    card = ModelCard(vocabulary, network=NETWORK, temperature=1.7)
-    net = network(vocabulary=vocabulary, width=4, layers=1, channels=8)
-    found = evaluate(net, card, dataset)
-    answers = predict_clips(net, dataset, vocabulary, 1.7)
-    right = answers.predicted == answers.truth
-    assert found.segments.confusion.sum() == len(clips)
-    assert found.instants is None
-    assert found.segments.accuracy == pytest.approx(right.mean())
-    low, high = found.interval
-    assert low <= found.segments.accuracy <= high
-    # Also where nothing was felt of a gesture that the model does not know.
-    soft = replace(clips[0], gesture="soft", start=0, end=1)
-    unknown = replace(dataset, clips=((*clips, soft),))
-    with pytest.raises(SkinMismatchError, match="hold soft, which the model does not"):
-        evaluate(net, card, unknown)
-
-
-def test_without_people_scores_are_by_session(net, dataset):
-    recordings = tuple(
-        replace(r, metadata=replace(r.metadata, subject="")) for r in dataset.recordings
-    )
-    nameless = evaluate(net, CARD, replace(dataset, recordings=recordings))
-    assert set(nameless.per_subject) == {"day-0", "day-1"}
-
-
-def test_confidence_is_the_share_of_the_winner():
-    probabilities = np.array([[0.2, 0.7, 0.1], [0.5, 0.25, 0.25]])
-    np.testing.assert_allclose(compute_confidence(np.log(probabilities)), [0.7, 0.5])
-    with np.errstate(divide="ignore"):
-        without_none = np.log([[0.0, 0.3, 0.1]])
-    np.testing.assert_allclose(compute_confidence(without_none), [0.75])
-
-
-def test_recordings_that_do_not_fit_the_model_are_refused(dataset):
-    other = replace(CARD, vocabulary=("none", "hold", "grab"))
-    with pytest.raises(SkinMismatchError, match="hold tap, which the model does not"):
-        check_fits(other, dataset)
-    with pytest.raises(SkinMismatchError, match="needs shear.*--train.no-shear"):
-        check_fits(replace(CARD, kind="shear"), dataset)
+def test_recordings_that_do_not_fit_the_model_are_refused(net, dataset, clips):
     silent = tuple(s for s in dataset.segments if not s.labelled)
-    with pytest.raises(RecordingError, match="no labels; scoring needs them"):
-        check_fits(CARD, replace(dataset, segments=silent))
+    soft = replace(clips[0], clips=((clip_at(-9.0, "soft"),),))
+    grab = replace(CARD, vocabulary=("none", "hold", "grab"))
+    for card, data, parts in (
+        (grab, dataset, "tap.*none, hold"),
+        (CARD, replace(dataset, missed=(MissedGesture("soft", 0),)), "hold soft"),
+        (clips[1], soft, "hold soft"),
+        (replace(CARD, kind="shear"), dataset, "shear.*--train.no-shear"),
+    ):
+        with pytest.raises(SkinMismatchError, match=parts):
+            evaluate(net, card, data)
+    with pytest.raises(RecordingError, match="no labels.*eskin label"):
+        evaluate(net, CARD, replace(dataset, segments=silent))
 
 
-def test_confusions_are_drawn_whole_or_not_at_all(tmp_path):
-    picture = tmp_path / "made" / "a.png"
-    confusion = np.array([[3, 1], [0, 2]])
-    draw_confusion(confusion, ("none", "hold"), picture, "title")
-    assert picture.read_bytes().startswith(b"\x89PNG")
-    assert list(picture.parent.iterdir()) == [picture]
-    with pytest.raises(ValueError, match="foo"):
-        draw_confusion(confusion, ("none", "hold"), tmp_path / "b" / "a.foo", "title")
-    assert not list(tmp_path.rglob("*.foo"))
+def test_clip_is_answered_at_the_last_reading_of_its_touch(clips):
+    dataset, card, net = clips
+    [made] = dataset.clips
+    found = predict_clips(net, dataset, card.vocabulary, 1.7)
+    assert found.clips == made
+    assert [card.vocabulary[n] for n in found.truth] == [c.gesture for c in made]
+    rows = np.array(list(find_last_rows(dataset, [(0, clip) for clip in made])))
+    assert (np.diff(dataset.sequence[rows]) > 0).all()
+    following = np.append(dataset.sequence, -1)[rows + 1]
+    assert (following != dataset.sequence[rows]).all()
+    firsts = dataset.starts[rows]
+    expected = compute_log_probabilities(net, dataset, rows, firsts, 1.7)
+    np.testing.assert_allclose(found.log_probabilities, expected, atol=1e-6)
+    scored = evaluate(net, card, dataset)
+    accuracy = np.mean(found.predicted == found.truth)
+    assert scored.segments.confusion.sum() == len(made)
+    assert scored.segments.accuracy == pytest.approx(accuracy)
+    assert scored.interval[0] <= accuracy <= scored.interval[1]
+    assert scored.instants is None
+
+
+@pytest.mark.parametrize(
+    ("times", "sequence", "forces", "begins", "expected"),
+    [
+        # The largest impulse counts, not the largest force.
+        ([0, 0.05, 0.1, 0.4, 0.45], [0, 0, 0, 1, 1], [2, 2, 2, 2.5, 2.5], [0], [2]),
+        ([0, 0.05, 0.1, 0.4, 0.45], [0, 0, 0, 1, 1], [2, 2, 2, 6, 6], [0], [4]),
+        # Whatever came before.
+        ([0, 0.1, 0.2, 0.3], [0, 0, 1, 1], [3, 3, 2, 2], [0, 10], [1, -1]),
+        ([0, 5, 20, 20.1, 20.2], [0, 0, 1, 1, 2], [50, 50, 3, 3, 2], [20, 30], [3, -1]),
+        # A touch belongs to the clip in which it began.
+        (
+            [0, 0.1, 2, 3.9, 4.1],
+            [0, 0, 1, 2, 2],
+            [1, 1, 1, 2, 2],
+            [0, 2, 4],
+            [1, 4, -1],
+        ),
+    ],
+)
+def test_touch_of_largest_impulse_answers_for_a_clip(
+    times, sequence, forces, begins, expected
+):
+    made = tuple(clip_at(begin) for begin in begins)
+    dataset = loaded(times, sequence, forces, (made,))
+    assert list(find_last_rows(dataset, [(0, clip) for clip in made])) == expected
+
+
+def test_touch_belongs_to_its_own_recording():
+    clips = ((clip_at(0.0, "stroke"),), (clip_at(0.0), clip_at(2.0)))
+    times, sequence = [0.0, 0.1, 0.0, 0.1], [0, 0, 1, 1]
+    dataset = loaded(times, sequence, [9.0, 9.0, 1.0, 1.0], clips, [0, 0, 1, 1])
+    every = [(n, clip) for n, made in enumerate(clips) for clip in made]
+    assert list(find_last_rows(dataset, every)) == [1, 3, -1]
+    found = predict_clips(make_network(WORDS), dataset, WORDS)
+    some = predict_clips(make_network(WORDS), dataset, WORDS, recordings={1})
+    assert (found.recording.tolist(), some.recording.tolist()) == ([0, 1, 1], [1, 1])
+    np.testing.assert_allclose(
+        some.log_probabilities, found.log_probabilities[1:], atol=1e-6
+    )
+
+
+def test_clip_of_an_unknown_gesture_is_skipped_and_one_without_touch_is_none():
+    clips = ((clip_at(0.0, "wave"), clip_at(2.0), clip_at(4.0, "stroke")), ())
+    dataset = loaded([0.1, 2.1, 2.2], [0, 1, 1], [1.0, 1.0, 1.0], clips)
+    found = predict_clips(make_network(WORDS), dataset, WORDS)
+    assert [clip.gesture for clip in found.clips] == ["poke", "stroke"]
+    assert (found.recording.tolist(), found.truth.tolist()) == ([0, 0], [0, 2])
+    assert 0 < np.exp(found.log_probabilities[0]).min() < 1
+    np.testing.assert_array_equal(np.exp(found.log_probabilities[1]), [0, 1, 0])
+    untouched = loaded([], np.zeros(0, int), [], clips)
+    nothing = predict_clips(make_network(WORDS), untouched, WORDS)
+    assert nothing.predicted.tolist() == [1, 1]

@@ -4,6 +4,15 @@ import numpy as np
 
 from eskin.learn.events import ScoredStream, TrueEvent
 from eskin.live import Detection
+from eskin.recording import (
+    Metadata,
+    RecordingWriter,
+    TruthRecord,
+    read_recording,
+    write_all,
+)
+from eskin.skin import build_grid_skin
+from eskin.touch import Calibration, Scan
 
 SECOND = 1_000_000_000
 START = 1_700_000_000 * SECOND
@@ -14,8 +23,8 @@ def stamp(seconds) -> int:
     return START + round(seconds * SECOND)
 
 
-def event(onset, end, gesture="poke", x=0.0, to=None, kind="") -> TrueEvent:
-    """A touch that goes from one place to another at 50 Hz."""
+def make_event(onset, end, gesture="poke", x=0.0, to=None, kind="") -> TrueEvent:
+    """Return a touch that moves from one place to another, sampled at 50 Hz."""
     times = np.arange(onset, end + 0.01, 0.02)
     path = np.zeros((len(times), 3))
     path[:, 0] = np.linspace(x, x if to is None else to, len(times))
@@ -23,19 +32,15 @@ def event(onset, end, gesture="poke", x=0.0, to=None, kind="") -> TrueEvent:
     return TrueEvent(stamp(onset), stamp(end), gesture, kind, stamps, path)
 
 
-def nowhere(onset, end, gesture="poke") -> TrueEvent:
-    """A touch of which the place is not known, as from a label."""
-    none = np.empty(0, np.int64), np.empty((0, 3))
-    return TrueEvent(stamp(onset), stamp(end), gesture, "", *none)
-
-
-def said(at, gesture="poke", x=0.0, onset=None, end=None, sure=0.9) -> Detection:
-    """A detection said at a time, of a touch that began a moment before."""
+def make_detection(
+    at, gesture="poke", x=0.0, onset=None, end=None, confidence=0.9
+) -> Detection:
+    """Return a detection made at a time, of a touch that began a moment before."""
     return Detection(
         stamp=stamp(at),
         touch=1,
         gesture=gesture,
-        confidence=sure,
+        confidence=confidence,
         onset=stamp(at - 0.2 if onset is None else onset),
         end=stamp(at if end is None else end),
         link="table",
@@ -47,19 +52,38 @@ def said(at, gesture="poke", x=0.0, onset=None, end=None, sure=0.9) -> Detection
     )
 
 
-def take(events, detections, seconds=3600.0, subject="ann") -> ScoredStream:
+def make_stream(events, detections, seconds=3600.0, subject="ann") -> ScoredStream:
     return ScoredStream(tuple(events), list(detections), seconds, subject)
 
 
-def answers(events, gestures=None) -> list[Detection]:
-    """One detection at the end of each event, of its gesture or another."""
+def detect_each(events, gestures=None) -> list[Detection]:
+    """Return a detection at the end of each event, of its gesture or another one."""
     return [
-        said(
-            (e.end - START) / SECOND + 0.1,
-            e.gesture if gestures is None else gestures[i],
-            e.path[-1, 0],
-            (e.onset - START) / SECOND,
-            (e.end - START) / SECOND,
+        make_detection(
+            (event.end - START) / SECOND + 0.1,
+            event.gesture if gestures is None else gestures[index],
+            event.path[-1, 0],
+            (event.onset - START) / SECOND,
+            (event.end - START) / SECOND,
         )
-        for i, e in enumerate(events)
+        for index, event in enumerate(events)
     ]
+
+
+def make_truth(seconds, touch, gesture="poke", p_world=(0.0, 0.0, 0.0), kind="tip"):
+    """Return the record of a true touch at a time."""
+    place = tuple(map(float, p_world))
+    return TruthRecord(stamp(seconds), touch, gesture, kind, "table", 1.0, 1e-4, place)
+
+
+def record_events(path, truths=(), labels=(), simulated=True):
+    """Write a recording of one scan with true touches and labels; read it."""
+    skin = build_grid_skin(2, 2)
+    metadata = Metadata("scene", notes={"simulated": "true"} if simulated else {})
+    calibration = Calibration.uniform(skin.count, 4095, 100.0)
+    counts, received = np.zeros(skin.count, np.int32), np.ones(skin.count, bool)
+    with RecordingWriter(path, "table", skin, calibration, metadata) as writer:
+        write_all(writer, [Scan(START, counts, received, np.zeros(0))], labels)
+        for truth in truths:
+            writer.write_truth(truth)
+    return read_recording(path)

@@ -1,4 +1,4 @@
-"""Small recordings of two gestures that differ clearly, and settings to learn fast."""
+"""Small recordings of two distinct gestures, and settings to learn fast."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -30,12 +30,12 @@ FLAGS = tuple(
 
 
 def onset(index: int) -> float:
-    """When the gesture of that index begins [s since the first scan]."""
+    """Return when the gesture of an index begins [s since the first scan]."""
     return FIRST + EVERY * index
 
 
 def label(begin, end, gesture, source="true") -> Label:
-    """A label by seconds since the first scan."""
+    """Return a label by seconds since the first scan."""
     start, stop = (START + round(s * SECOND) for s in (begin, end))
     return Label(start, stop, gesture, source)
 
@@ -45,7 +45,7 @@ def labels_for(gestures) -> list[Label]:
 
 
 def pressure(skin, gesture, seconds) -> np.ndarray:
-    """Pressure [kPa] of a broad steady `hold`, or a small `tap` again and again."""
+    """Return the pressure [kPa] of a broad steady `hold`, or of small repeated taps."""
     if gesture == "hold":
         centre, radius, kpa = (0.0, 0.0), 0.03, 40.0
     else:
@@ -95,7 +95,7 @@ def record(
 
 
 def record_people(folder, names=("ann", "bob", "cleo"), **options) -> list[Path]:
-    """One recording of each person, each pressing as hard as their turn."""
+    """Write one recording of each person, each pressing harder than the last."""
     folder.mkdir(parents=True, exist_ok=True)
     return [
         record(
@@ -110,7 +110,7 @@ def record_people(folder, names=("ann", "bob", "cleo"), **options) -> list[Path]
 
 
 def bare(stamps, sequence) -> Dataset:
-    """A data set of empty graphs at some stamps [ns]."""
+    """Return a data set of empty graphs at some stamps [ns]."""
     n = len(stamps)
     graphs = replace(
         create_empty_batch(4),

@@ -1,4 +1,4 @@
-"""Files as in the SocialTouch set, small and made up."""
+"""These helpers write small files in the format of the SocialTouch set."""
 
 import gzip
 
@@ -12,14 +12,14 @@ HEADER = ",".join(
 
 
 def pressed(readings=(2, 3), length=6, rows=slice(8, 10), columns=slice(10, 12)):
-    """Counts of a repetition that is touched in some of its readings."""
+    """Return counts of a repetition that is touched in some of its readings."""
     counts = np.zeros((length, 19, 24), int)
     counts[slice(*readings), rows, columns] = 200
     return counts.reshape(length, TAXELS)
 
 
 def text_of(repetitions, person=0, gesture=6, period=83):
-    """A file's text; repetitions are counts (reading taxel)."""
+    """Return a file's text; repetitions are counts (reading taxel)."""
     lines = [HEADER]
     for number, counts in enumerate(repetitions):
         for frame, values in enumerate(counts):
@@ -31,7 +31,7 @@ def text_of(repetitions, person=0, gesture=6, period=83):
 def write_socialtouch(
     folder, name="touch_p0_g6-20_4_17h_5m_23s.csv.gz", text=None, **facts
 ):
-    """Write a file; gzipped where its name says so."""
+    """Write a file; gzipped where its name ends with .gz."""
     data = (text_of([pressed()], **facts) if text is None else text).encode()
     path = folder / name
     path.parent.mkdir(parents=True, exist_ok=True)

@@ -105,10 +105,10 @@ def read_shearsense_file(path: Path) -> ImportedClip:
 def load_counts(path: Path) -> list[Int[np.ndarray, "reading taxel"]]:
     """Load pressure, shear x and shear y of one file, as counts."""
     try:
-        content = np.load(path, allow_pickle=False)
-        if isinstance(content, np.ndarray):
-            raise ValueError("it is one array alone")
-        with content:
+        with path.open("rb") as file:
+            content = np.load(file, allow_pickle=False)
+            if isinstance(content, np.ndarray):
+                raise ValueError("it is one array alone")
             arrays = [content[f"arr_{index}"] for index in range(3)]
     except ARCHIVE_ERRORS as error:
         raise ImportSourceError(

@@ -1,0 +1,190 @@
+"""Tests of `eskin evaluate`: scores of clips and of streams, plots and refusals."""
+
+from dataclasses import replace
+from functools import partial
+
+import pytest
+
+from eskin.cli.evaluate import CLIP_KEYS, summarise_people
+from eskin.model import save_model
+from eskin.recording import RecordingWriter, read_recording, write_all
+from helpers.cli import assert_refused, call_json
+from helpers.learning import SECOND, START, record, record_people
+from helpers.live import model_of, network
+
+VOCABULARY = ("none", "hold", "tap")
+PLOTS = ("picture", "reliability", "event-picture", "event-reliability")
+
+
+def make_model(vocabulary=VOCABULARY, kind="pressure"):
+    net = network(kind, vocabulary=vocabulary, width=4, layers=1, channels=8)
+    return model_of(net, vocabulary)
+
+
+@pytest.fixture(scope="module")
+def data(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("data")
+    record_people(folder, ("ann", "bob"))
+    return folder
+
+
+@pytest.fixture(scope="module")
+def ann(data):
+    return data / "ann.mcap"
+
+
+@pytest.fixture(scope="module")
+def model(tmp_path_factory):
+    path = tmp_path_factory.mktemp("model") / "m.safetensors"
+    save_model(path, make_model())
+    return path
+
+
+@pytest.fixture
+def evaluate(capsys):
+    """Return a function that runs the command and returns its result and output."""
+    return partial(call_json, capsys, "evaluate", "--workers", "1")
+
+
+@pytest.fixture
+def refuse(capsys):
+    """Return a function that checks that the command refuses its input."""
+    return partial(assert_refused, capsys, "evaluate", "--workers", "1")
+
+
+@pytest.mark.slow
+def test_real_recordings_are_scored_by_clips_and_by_events(
+    model, data, ann, tmp_path, evaluate
+):
+    plots = {f"--{name}": tmp_path / "plots" / f"{name}.png" for name in PLOTS}
+    options = [word for pair in plots.items() for word in pair]
+    result, out = evaluate(model, data, *options)
+    assert list(result) == [*CLIP_KEYS, "events"]
+    assert set(result["per_class"]) == set(VOCABULARY)
+    for scores in result["per_class"].values():
+        assert set(scores) == {"precision", "recall", "f1", "count"}
+    assert set(result["per_subject"]) == {"ann", "bob", "mean", "sd", "worst"}
+    assert set(result["instants"]) == {"accuracy", "macro_f1"}
+    low, high = result["accuracy_interval"]
+    assert low <= result["accuracy"] <= high
+    assert all(0 <= result[key] <= 1 for key in ("accuracy", "macro_f1", "ece"))
+    assert f"segments: accuracy {result['accuracy']:.3f}" in out
+    assert "hold" in out and "ann" in out
+    events = result["events"]
+    shares = ("precision", "recall", "f1")
+    assert {*shares, "false_per_hour", "latency_ms_p50"} <= set(events)
+    assert all(events[key] is None or 0 <= events[key] <= 1 for key in shares)
+    assert events["events"] == 4
+    counts = {name: row["count"] for name, row in events["per_gesture"].items()}
+    assert counts == {"hold": 2, "tap": 2}
+    assert events["simultaneous_f1"] is None
+    names, counts = events["confusion"]["names"], events["confusion"]["counts"]
+    assert len(counts) == len(names) and sum(map(sum, counts[:-1])) == 4
+    assert "false an hour" in out
+    for plot in plots.values():
+        assert plot.read_bytes().startswith(b"\x89PNG")
+    paths = (data / "bob.mcap", ann)
+    assert evaluate(model, *paths)[0] == result, "order does not matter"
+
+
+def test_scores_of_people_are_summarised():
+    """A person with the name of a summary keeps a name of their own."""
+    found = summarise_people({"mean": 0.5, "ann": 0.7})
+    summary = {"mean": 0.6, "sd": pytest.approx(0.1414), "worst": 0.5}
+    assert found == {"person mean": 0.5, "ann": 0.7, **summary}
+    alone = {"ann": 0.7, "mean": 0.7, "sd": 0.0, "worst": 0.7}
+    assert summarise_people({"ann": 0.7}) == alone
+
+
+def record_simulated(path, gestures, clips, **options):
+    """Write a recording as if generated, as one stream or cut into clips."""
+    whole = read_recording(record(path, gestures, **options))
+    metadata = replace(whole.metadata, notes={"simulated": "true"})
+    kept = [
+        scan
+        for scan in whole.scans()
+        if not clips or (scan.stamp - START) % (2 * SECOND) < 0.5 * SECOND
+    ]
+    made = whole.skin, whole.calibration, metadata
+    with RecordingWriter(path, whole.robot_name, *made) as writer:
+        write_all(writer, kept, [] if clips else whole.labels)
+    return path
+
+
+def test_simulated_streams_are_scored_by_their_events_alone(
+    model, tmp_path, evaluate, refuse
+):
+    gestures = ("hold", "rub", "tap", "hold", "tap")
+    path = record_simulated(tmp_path / "s.mcap", gestures, clips=False, subject="ann")
+    result, _ = evaluate(model, path)
+    assert all(result[key] is None for key in CLIP_KEYS)
+    assert result["events"]["unknown"]["rub"]["count"] == 1
+    assert result["events"]["unknown_abstained"] in (0.0, 1.0)
+    assert set(result["events"]["per_subject"]) == {"ann", "mean", "sd", "worst"}
+    refuse(model, path, "--picture", tmp_path / "p.png", part="no clips")
+    refuse(model, path, "--events", "none", part="--events none")
+
+
+@pytest.mark.slow
+def test_events_of_simulated_clips_are_scored_on_request(
+    model, ann, tmp_path, evaluate
+):
+    clips = record_simulated(tmp_path / "c.mcap", ("hold",) * 6, clips=True)
+    words = (model, ann, clips, "--events")
+    streams, every, none = (
+        evaluate(*words, which)[0]["events"] for which in ("streams", "all", "none")
+    )
+    assert streams["events"] == 2
+    assert every["hours"] > streams["hours"]
+    assert none is None
+
+
+def test_truncated_recording_is_scored_up_to_the_cut_and_named(
+    model, ann, tmp_path, evaluate
+):
+    half, data = tmp_path / "half.mcap", ann.read_bytes()
+    half.write_bytes(data[: len(data) * 3 // 4])
+    result, out = evaluate(model, half)
+    assert "half.mcap is cut or damaged" in " ".join(out.split())
+    assert 0 < sum(row["count"] for row in result["per_class"].values()) <= 2
+
+
+@pytest.mark.slow
+def test_invalid_input_is_refused_and_nothing_is_written(
+    model, data, ann, tmp_path, refuse
+):
+    start, damaged = tmp_path / "start.mcap", tmp_path / "damaged.safetensors"
+    damaged.write_bytes(model.read_bytes()[:200])
+    start.write_bytes(ann.read_bytes()[:200])
+    shear, other, wrong = (tmp_path / name for name in ("shear", "other", "wrong"))
+    save_model(shear, make_model(kind="shear"))
+    save_model(other, make_model(("none", "hold", "grab")))
+    card = replace(make_model().card, vocabulary=(*VOCABULARY, "wave"))
+    save_model(wrong, replace(make_model(), card=card))
+    silent = record(tmp_path / "silent.mcap", labels=[])
+    gone, picture = tmp_path / "gone", tmp_path / "new" / "a.png"
+    no_events = ("--events", "none", "--event-picture", picture)
+    files = set(tmp_path.rglob("*"))
+    for words, part in (
+        ((model, gone), "no recording at"),
+        ((gone, data), "no such model"),
+        ((damaged, data), "is no model file"),
+        ((ann, data), "is no model file"),
+        ((model, model), "recording made by eskin"),
+        ((shear, data), "needs shear"),
+        ((other, data), "hold tap"),
+        ((wrong, data), "4 classes"),
+        ((model, start), "is cut before its"),
+        ((model, silent), "eskin label"),
+        ((model,), "no recording given"),
+        ((), "model"),
+        ((model, data, "--picture", tmp_path), "is a folder"),
+        ((model, data, "--event-picture", tmp_path), "is a folder"),
+        ((model, data, "--picture", model / "a.png"), "is no folder"),
+        ((model, data, "--picture", picture.with_suffix(".foo")), ".png, .svg, .pdf"),
+        ((model, data, *no_events), "no streams"),
+        ((model, data, "--threshold", "1"), "--threshold"),
+        ((model, data, "--workers", "0"), "--workers is 0"),
+    ):
+        refuse(*words, part=part)
+        assert set(tmp_path.rglob("*")) == files

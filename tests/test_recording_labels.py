@@ -1,0 +1,258 @@
+"""Tests of labels, and of automatic labelling against the truth."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from eskin.errors import RecordingError
+from eskin.recording import (
+    AutoLabelConfig,
+    Label,
+    LabelAgreement,
+    Metadata,
+    RecordingWriter,
+    build_labels,
+    build_rough_ranges,
+    check_no_overlap,
+    label_automatically,
+    label_instants,
+    label_recording,
+    load_ranges,
+    read_recording,
+    select_labels,
+    sort_labels,
+    write_all,
+)
+from eskin.skin import build_grid_skin
+from eskin.touch import Calibration, Scan
+
+SECOND = 1_000_000_000
+PERIOD = SECOND // 50
+GESTURES = ["none", "poke", "double_pat", "stroke"]
+
+
+def make_label(start, end, gesture="poke", source="true"):
+    """Return a label by seconds."""
+    return Label(round(start * SECOND), round(end * SECOND), gesture, source)
+
+
+def make_range(start, end, gesture="poke"):
+    return make_label(start, end, gesture, "range")
+
+
+def make_stamps(duration):
+    """Return the stamps of readings at 50 Hz [ns]."""
+    return np.arange(round(duration * 50)) * PERIOD
+
+
+def spans_of(labels):
+    """Return start [s], end [s] and gesture of each label."""
+    return [
+        (round(x.start / SECOND, 3), round(x.end / SECOND, 3), x.gesture)
+        for x in labels
+    ]
+
+
+def test_label_ends_after_its_start_and_has_a_gesture():
+    for end, gesture, part in ((1, "poke", "after its start"), (2, "", "no gesture")):
+        with pytest.raises(RecordingError, match=part):
+            make_label(1, end, gesture)
+
+
+def test_labels_of_one_source_do_not_overlap():
+    check_no_overlap([make_label(1, 2), make_label(2, 3), make_range(1, 3)])
+    with pytest.raises(RecordingError, match="'stroke' from 1500000000 ns overlap"):
+        check_no_overlap([make_label(1.5, 3, "stroke"), make_label(1, 2)])
+
+
+def test_labels_are_sorted_and_selected_by_source():
+    true, auto = make_label(3, 4), make_label(1, 2, source="auto")
+    rough, first = make_range(1, 2), make_label(0, 1)
+    assert sort_labels([true, auto, first]) == (first, auto, true)
+    assert sort_labels([true, auto, first], "auto") == (auto,)
+    assert select_labels([rough, auto, true, first]) == (first, true)
+    assert select_labels([rough, auto]) == (auto,)
+    assert select_labels([rough]) == (rough,)
+    assert select_labels([]) == ()
+
+
+def test_label_holds_from_its_start_until_just_before_its_end():
+    stamps = make_stamps(0.2)
+    found = label_instants([make_label(0.04, 0.1)], stamps, GESTURES)
+    np.testing.assert_array_equal(found, [0, 0, 1, 1, 1, 0, 0, 0, 0, 0])
+    unknown = label_instants([make_label(0.04, 0.1, "hug")], stamps, ["poke"])
+    assert (unknown == -1).all()
+
+
+@settings(deadline=None)
+@given(st.lists(st.sampled_from(range(4)), min_size=1, max_size=40))
+def test_labels_made_from_instants_give_the_instants_back(indices):
+    stamps = 10**18 + np.arange(len(indices)) * PERIOD
+    labels = build_labels(stamps, [GESTURES[i] for i in indices], PERIOD)
+    np.testing.assert_array_equal(label_instants(labels, stamps, GESTURES), indices)
+    check_no_overlap(labels)
+
+
+def test_ranges_are_labels_widened_and_joined_by_gesture():
+    """Those of different gestures meet half way; only true gestures count."""
+    truth = [
+        make_label(5, 6),
+        make_label(7.5, 8),
+        make_label(9, 10, "stroke"),
+        make_label(20, 21, "none"),
+        make_label(30, 31, "stroke", "auto"),
+    ]
+    ranges = build_rough_ranges(truth, margin=1.0)
+    assert spans_of(ranges) == [(4, 8.5, "poke"), (8.5, 11, "stroke")]
+    assert {label.source for label in ranges} == {"range"}
+    check_no_overlap(ranges)
+
+
+POKE, STROKE = make_range(0.5, 6), make_range(6, 9, "stroke")
+FIRST, LATER, LAST = (2, 2.2), (2.7, 2.9), (7, 7.4)
+FLICKER, AFTER = (3.8, 3.84), (4, 4.2)
+
+
+@pytest.mark.parametrize(
+    ("pulses", "ranges", "options", "expected"),
+    [
+        ([FIRST, LAST], [POKE, STROKE], {}, [(*FIRST, "poke"), (*LAST, "stroke")]),
+        ([FIRST, LAST], [STROKE], {}, [(*LAST, "stroke")]),
+        ([FIRST, (2.3, 2.5)], [POKE], {}, [(2, 2.5, "poke")]),
+        ([FIRST, (2.68, 2.9)], [POKE], {}, [(2, 2.9, "poke")]),
+        ([FIRST, LATER], [POKE], {}, [(*FIRST, "poke"), (*LATER, "poke")]),
+        ([FIRST, LATER], [POKE], {"min_window": 0.52}, [(2, 2.9, "poke")]),
+        ([FIRST, FLICKER], [POKE], {}, [(*FIRST, "poke")]),
+        ([FLICKER, AFTER], [POKE], {}, [(3.8, 4.2, "poke")]),
+        ([FIRST], [POKE], {"threshold": 10.0}, [(*FIRST, "poke")]),
+        ([FIRST], [POKE], {"threshold": 30.0}, []),
+        ([], [POKE], {}, []),
+        ([FIRST], [], {}, []),
+    ],
+)
+def test_touches_are_labelled_within_their_ranges(pulses, ranges, options, expected):
+    """Shorter pauses than the window join touches; flickers alone are noise."""
+    stamps = make_stamps(10)
+    peaks = np.random.default_rng(3).uniform(0.1, 0.3, len(stamps))
+    for start, end in pulses:
+        peaks[(stamps >= start * SECOND) & (stamps < end * SECOND)] += 20.0
+    found = label_automatically(stamps, peaks, ranges, AutoLabelConfig(**options))
+    assert spans_of(found) == expected
+    assert {label.source for label in found} <= {"auto"}
+
+
+@given(st.floats(2, 50), st.floats(0.05, 0.95), st.integers(0, 2**16))
+@settings(max_examples=40, deadline=None)
+def test_threshold_separates_two_groups_of_any_size_and_distance(ratio, share, seed):
+    rng = np.random.default_rng(seed)
+    high = rng.uniform(1.0, 1.2, max(2, int(400 * share))) * 3 * ratio
+    low = rng.uniform(1.0, 1.2, (2, 200))
+    stamps = np.arange(400 + len(high)) * PERIOD
+    peaks = np.concatenate([low[0], high, low[1]])
+    config = AutoLabelConfig(min_threshold=0.0, min_touch=0.0)
+    [found] = label_automatically(stamps, peaks, [make_range(0, 99)], config)
+    assert (found.start, found.end) == (stamps[200], stamps[200 + len(high)])
+
+
+def score_agreement(truth, found):
+    agreement = LabelAgreement()
+    agreement.add(truth, found, make_stamps(5))
+    return agreement.summary()
+
+
+def test_agreement_is_perfect_with_the_truth_and_zero_without_labels():
+    truth = [make_label(1, 2), make_label(3, 4, "stroke")]
+    perfect, nothing = score_agreement(truth, truth), score_agreement(truth, [])
+    ones = ("accuracy", "balanced_accuracy", "event_iou")
+    assert [perfect[name] for name in ones] == [1, 1, 1]
+    assert (perfect["event_recall"], perfect["event_precision"]) == (1, 1)
+    assert (perfect["onset_error_s"], perfect["events_found"]) == (0, 2)
+    assert [nothing[name] for name in ones] == [pytest.approx(0.6), 0.5, 0.0]
+    assert (nothing["event_precision"], nothing["onset_error_s"]) == (None, None)
+
+
+def test_agreement_counts_overlap_and_delay_of_matched_labels():
+    """A label that is found matches one event at most."""
+    truth = [make_label(1, 2)]
+    found = [make_label(1.25, 2.25), make_label(1, 2, "stroke"), make_label(3, 3.1)]
+    scores = score_agreement(truth, found)
+    assert scores["event_iou"] == pytest.approx(0.6)
+    assert scores["onset_bias_s"] == pytest.approx(0.25)
+    assert scores["event_precision"] == pytest.approx(1 / 3)
+    scores = score_agreement([*truth, make_label(3, 4)], [make_label(1, 4)])
+    assert scores["event_iou"] == pytest.approx(1 / 6)
+    assert (scores["event_recall"], scores["onset_bias_s"]) == (0, 0)
+
+
+def record(path, labels):
+    """Write a recording of two touches, from 4 to 4.5 s and from 8 to 8.6 s."""
+    skin = build_grid_skin(2, 2, name="square")
+    calibration = Calibration.uniform(4, 1000, 100.0)
+    scans = []
+    for stamp in make_stamps(10).tolist():
+        counts, seconds = np.full(4, 50, np.int32), stamp / SECOND
+        counts[1] += 200 * (4 <= seconds < 4.5 or 8 <= seconds < 8.6)
+        scans.append(Scan(stamp, counts, np.ones(4, bool), np.empty(0)))
+    with RecordingWriter(path, "table", skin, calibration, Metadata(), ()) as writer:
+        write_all(writer, scans, labels)
+    return read_recording(path)
+
+
+@pytest.mark.parametrize(
+    ("labels", "expected"),
+    [
+        (
+            [make_label(4, 4.5), make_label(8, 8.6, "stroke")],
+            [(4, 4.5, "poke"), (8, 8.6, "stroke")],
+        ),
+        ([make_label(4, 4.5), make_range(7, 9.5, "stroke")], [(8, 8.6, "stroke")]),
+    ],
+    ids=["truth", "ranges before truth"],
+)
+def test_recording_is_labelled_by_its_labels_and_its_pressure(
+    tmp_path, labels, expected
+):
+    found = label_recording(record(tmp_path / "a.mcap", labels)).found
+    assert spans_of(found) == expected
+
+
+def test_recording_without_ranges_and_gestures_is_refused(tmp_path):
+    recording = record(tmp_path / "a.mcap", [make_label(1, 2, "none")])
+    with pytest.raises(RecordingError, match="--ranges FILE"):
+        label_recording(recording)
+
+
+def test_ranges_are_loaded_in_seconds_since_the_first_reading(tmp_path):
+    path = tmp_path / "ranges.yaml"
+    path.write_text(
+        "- {start_s: 6, end_s: 9.5, gesture: Stroke}\n"
+        "- start_s: 1\n  end_s: 2\n  gesture: poke\n"
+    )
+    ranges = load_ranges(path, 10 * SECOND)
+    assert spans_of(ranges) == [(11, 12, "poke"), (16, 19.5, "stroke")]
+    assert {label.source for label in ranges} == {"range"}
+
+
+@pytest.mark.parametrize(
+    ("text", "part"),
+    [
+        ("", "no list"),
+        ("start_s: 1", "no list"),
+        ("- {start_s: 1", "not YAML"),
+        ("- {start_s: 1, end_s: 2}", "range 1 is"),
+        ("- {start_s: 2, end_s: 1, gesture: poke}", "range 1 ends at 1 s"),
+        ("- {start_s: x, end_s: 1, gesture: poke}", "seconds"),
+        ("- {start_s: .nan, end_s: 1, gesture: poke}", "seconds"),
+        ("- {start_s: 1, end_s: 2, gesture: 3}", "gesture's name"),
+        ("- {start_s: 1, end_s: 2, gesture: ''}", "no gesture"),
+    ],
+)
+def test_invalid_ranges_are_named_in_one_line(tmp_path, text, part):
+    path = tmp_path / "ranges.yaml"
+    path.write_text(text)
+    with pytest.raises(RecordingError, match=part) as caught:
+        load_ranges(path, 0)
+    assert "\n" not in str(caught.value)
+    with pytest.raises(RecordingError, match="no ranges at .*gone.yaml"):
+        load_ranges(tmp_path / "gone.yaml", 0)
