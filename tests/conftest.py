@@ -9,28 +9,22 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 import pytest
 from jaxtyping import install_import_hook
 
-# Modules named kernels.py hold numba code, which the hook would break.
-CHECKED = [
-    "eskin.transforms",
-    "eskin.robot",
-    "eskin.skin",
-    "eskin.touch",
-    "eskin.recording",
-    "eskin.graph",
-    "eskin.model",
-    "eskin.nn",
-    "eskin.learn",
-    "eskin.live",
-    "eskin.drivers",
-    "eskin.stream",
-    "eskin.command",
-    "eskin.ur",
-    "eskin.sim",
-    "eskin.demo",
-    "eskin.page",
-    "eskin.viewer",
-]
-install_import_hook(CHECKED, "beartype.beartype")
+from helpers.source import MODULES, SOURCE
+
+# The hook would break compiled code, so it skips modules whose names end in kernels.
+CHECKED = """
+    transforms robot skin touch recording graph model nn learn live drivers stream
+    command ur sim demo page viewer
+""".split()
+install_import_hook(
+    [
+        ".".join(("eskin", *path.relative_to(SOURCE).with_suffix("").parts))
+        for path in MODULES
+        if path.relative_to(SOURCE).with_suffix("").parts[0] in CHECKED
+        and not path.stem.endswith(("kernels", "__init__"))
+    ],
+    "beartype.beartype",
+)
 
 SHARED = Path(os.environ.get("ESKIN_SHARED", Path(__file__).parents[2] / "shared"))
 

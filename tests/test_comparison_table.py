@@ -57,8 +57,8 @@ def test_a_table_tells_of_how_many_people_it_is():
     people = 2 * len(set(asked["test"].people))
     assert (row.val_people, row.val_clips) == (2, 2)
     assert (row.test_people, row.test_clips) == (people, 80)
-    said = f"80 clips of {people} people asked, 2 of 2 held out of the training"
-    assert f"\n\n{said} to validate on.\n\n" in format_tables([row])
+    said = f"Tested on 80 clips of {people} people, validated on 2 of 2."
+    assert f"\n\n{said}\n\n" in format_tables([row])
 
 
 def test_what_the_first_method_has_not_answered_is_not_compared():

@@ -11,7 +11,7 @@ from eskin.graph import NO_HISTORY, GraphBuilder, TouchNodes, pack_touch_nodes
 from eskin.learn.dataset import prepare
 from eskin.learn.windows import build_network_input, cut_windows
 from eskin.live import Network, Recognizer, compute_probabilities
-from eskin.live.logits import SEQUENCES, LogitStream
+from eskin.live.logits import INITIAL_SEQUENCES, LogitStream
 from eskin.live.step_kernels import step
 from eskin.touch import Reading
 from helpers.live import (
@@ -132,11 +132,11 @@ def test_step_allocates_no_memory():
 def test_sequences_do_not_depend_on_others_at_once_or_before():
     """Also where more begin than there is memory for, or one ends and begins again."""
     on, rng = mounted(), np.random.default_rng(2)
-    model, count = model_of(network()), 2 * SEQUENCES + 1
+    model, count = model_of(network()), 2 * INITIAL_SEQUENCES + 1
     together = LogitStream(model, GraphBuilder(on))
     alone = {key: LogitStream(model, GraphBuilder(on)) for key in range(1, count + 1)}
     results = []
-    for n, most in enumerate((3, SEQUENCES, count, 2, 0, 2, SEQUENCES)):
+    for n, most in enumerate((3, INITIAL_SEQUENCES, count, 2, 0, 2, INITIAL_SEQUENCES)):
         keys = rng.permutation(np.arange(1, most + 1)).tolist()
         nodes = choose_nodes(on, keys, rng)
         reading = make_reading(on, n, np.arange(on.skin.count), rng)

@@ -8,7 +8,7 @@ from benchmarks.fuzz.mutation import mutate
 from benchmarks.fuzz.target import Target, check_refusal
 from eskin.errors import SkinError
 from eskin.skin import Skin, build_grid_skin, load_skin, skin_from_bytes, skin_to_bytes
-from eskin.skin.manifest import format_manifest
+from eskin.skin.files import format_manifest
 from eskin.skin.taxel_table import format_taxels
 
 BETWEEN = b"\n...\n"

@@ -18,29 +18,20 @@ if TYPE_CHECKING:
     from eskin.stream import Stream
     from eskin.touch import Calibration, Reading, Scan
 
-HOMES = {
-    "Calibration": "touch",
-    "DecisionConfig": "model",
-    "Detection": "live",
-    "EskinError": "errors",
-    "Model": "model",
-    "ModelCard": "model",
-    "MountedSkin": "skin",
-    "Reading": "touch",
-    "Recognizer": "live",
-    "Recording": "recording",
-    "RecordingWriter": "recording",
-    "Robot": "robot",
-    "Scan": "touch",
-    "Skin": "skin",
-    "Source": "drivers",
-    "SourceConfig": "app",
-    "Stream": "stream",
-    "load_model": "model",
-    "load_robot": "robot",
-    "load_skin": "skin",
-    "open_source": "app",
-    "read_recording": "recording",
+EXPORTS = {
+    "app": "SourceConfig open_source",
+    "drivers": "Source",
+    "errors": "EskinError",
+    "live": "Detection Recognizer",
+    "model": "DecisionConfig Model ModelCard load_model",
+    "recording": "Recording RecordingWriter read_recording",
+    "robot": "Robot load_robot",
+    "skin": "MountedSkin Skin load_skin",
+    "stream": "Stream",
+    "touch": "Calibration Reading Scan",
+}
+PACKAGES = {
+    name: package for package, names in EXPORTS.items() for name in names.split()
 }
 
 __all__ = [
@@ -70,14 +61,14 @@ __all__ = [
 
 
 def __getattr__(name: str) -> object:
-    """Import a name from its package when it is first asked for."""
-    if name not in HOMES:
+    """Import a name from its package when it is first used."""
+    if name not in PACKAGES:
         raise AttributeError(f"module 'eskin' has no attribute '{name}'")
-    found = getattr(importlib.import_module(f"eskin.{HOMES[name]}"), name)
-    globals()[name] = found
-    return found
+    value = getattr(importlib.import_module(f"eskin.{PACKAGES[name]}"), name)
+    globals()[name] = value
+    return value
 
 
 def __dir__() -> list[str]:
-    """The names that can be had."""
+    """Return all names, whether or not they have been imported."""
     return sorted([*globals(), *__all__])

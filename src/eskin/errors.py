@@ -23,7 +23,7 @@ remedy. The command line prints that line and exits with code 2.
 
 
 class EskinError(Exception):
-    """An error of eskin that callers may want to handle is raised as this class."""
+    """This is the base class of all errors that callers of eskin may handle."""
 
 
 class RobotError(EskinError, ValueError):

@@ -1,4 +1,4 @@
-"""This module writes files so that readers find each one whole or not at all."""
+"""This module writes files atomically: readers see the whole file or none."""
 
 import os
 from collections.abc import Iterator
@@ -8,7 +8,7 @@ from pathlib import Path
 
 @contextmanager
 def atomic_path(path: Path, durable: bool = False) -> Iterator[Path]:
-    """Yield a temporary path whose file takes the place of `path` at the end.
+    """Yield a temporary path whose file replaces `path` at the end of the block.
 
     The temporary file lies in the same folder and keeps the suffix, by which some
     libraries choose a format. If the block raises, it is deleted and `path` stays as it

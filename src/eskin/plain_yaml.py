@@ -10,7 +10,7 @@ MAX_SHOWN = 40
 """Number of characters of a value that messages show."""
 MAX_DEPTH = 20
 """Largest depth of nested collections in a file."""
-# No spaces at the ends, no control characters, one line.
+# One line without control characters, and without spaces at its ends.
 NAME = r"^[^\s\p{Cc}]([^\p{Cc}\p{Zl}\p{Zp}]*[^\s\p{Cc}])?$"
 Name = Annotated[str, Field(pattern=NAME, max_length=200)]
 
@@ -19,8 +19,8 @@ def load_plain_yaml(text: str) -> object:
     """Load the data of a YAML text.
 
     Raises:
-        ValueError: The text is no plain YAML. The message says where and why, in one
-            line that continues the name of the file.
+        ValueError: The text is not plain YAML. The message is one line that says where
+            and why, to follow the name of the file.
     """
     try:
         check_yaml_size(text)
@@ -32,7 +32,7 @@ def load_plain_yaml(text: str) -> object:
 
 
 class PlainLoader(yaml.SafeLoader):
-    """This loader reads plain data: only YAML's own tags, and no repeated keys."""
+    """Loads plain data: only YAML's own tags are allowed, and no repeated keys."""
 
     def construct_object(self, node: yaml.Node, deep: bool = False) -> object:
         """Construct a value; raise a YAML error where it does not match its tag."""
@@ -56,7 +56,7 @@ class PlainLoader(yaml.SafeLoader):
                 )
             if key.value in seen:
                 raise yaml.MarkedYAMLError(
-                    problem=f"the key {shorten(key.value)} stands twice",
+                    problem=f"the key {shorten(key.value)} is repeated",
                     problem_mark=key.start_mark,
                 )
             seen.add(key.value)
@@ -64,7 +64,7 @@ class PlainLoader(yaml.SafeLoader):
 
 
 def check_yaml_size(text: str) -> None:
-    """Raise where a short text would take hours to read.
+    """Raise where a short text would take hours to load.
 
     A few aliases can expand to billions of values, and the time to read nested
     collections grows with the square of their depth.
@@ -79,7 +79,7 @@ def check_yaml_size(text: str) -> None:
             )
         if depth > MAX_DEPTH:
             raise yaml.MarkedYAMLError(
-                problem=f"more than {MAX_DEPTH} collections lie in each other",
+                problem=f"more than {MAX_DEPTH} nested collections",
                 problem_mark=event.start_mark,
             )
 

@@ -7,26 +7,11 @@ so that subscripts cancel: `T_a_c = compose(T_a_b, T_b_c)`. Quaternions are `wxy
 import numpy as np
 from jaxtyping import Float
 
-__all__ = [
-    "apply",
-    "compose",
-    "exp_so3",
-    "invert",
-    "log_so3",
-    "make_transform",
-    "matrix_to_quaternion",
-    "quaternion_to_matrix",
-    "random_rotation",
-    "rotate",
-    "rpy_to_matrix",
-    "skew",
-]
-
 
 def quaternion_to_matrix(
     wxyz: Float[np.ndarray, "*batch 4"],
 ) -> Float[np.ndarray, "*batch 3 3"]:
-    """Return the rotation matrix of a quaternion of any length but zero.
+    """Return the rotation matrix of a quaternion, which need not be normalised.
 
     Raises:
         ValueError: A quaternion is zero or not finite.
@@ -48,8 +33,8 @@ def matrix_to_quaternion(
 ) -> Float[np.ndarray, "*batch 4"]:
     """Return the unit quaternion `wxyz` of a rotation matrix, with w >= 0.
 
-    Of the four columns of 4 q q^T, which follow from the matrix without a root, the
-    longest is taken, so that half turns do not lose precision (Shepperd 1978).
+    The longest of the four columns of 4 q q^T is normalised, so that half turns do not
+    lose precision (Shepperd 1978).
     """
     m = np.moveaxis(rotation, (-2, -1), (0, 1))
     trace = m[0, 0] + m[1, 1] + m[2, 2]

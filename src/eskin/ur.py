@@ -1,9 +1,9 @@
 """This module connects to a UR controller, through `ur_rtde` in a process of its own.
 
-The client of `ur_rtde` holds the interpreter while it waits, tries to connect again
-when it likes, and ends its process where a connection breaks at the wrong moment. None
-of this may reach the process that monitors the skin. The module imports little, so that
-the client's process starts quickly.
+The client of `ur_rtde` holds the GIL while it waits, reconnects at any time, and ends
+its process where a connection breaks at the wrong moment. None of this may affect the
+process that monitors the skin. The module imports little, so that the client's process
+starts quickly.
 """
 
 import os
@@ -25,32 +25,23 @@ GAIN = 300.0
 WATCHDOG_RATE = 10.0
 """Rate of inputs below which the controller ends its program [1/s]."""
 ANSWER_TIMEOUT = 0.05
-"""How long the controller may take to answer [s]."""
+"""Longest time that the controller may take to answer [s]."""
 CONNECT_TIMEOUT = 20.0
-"""How long the controller may take to connect [s]."""
+"""Longest time that the controller may take to connect [s]."""
 RETRY_PERIOD = 1.0
-"""Time until the next try to connect [s]."""
-VARIABLES = [
-    "timestamp",
-    "actual_q",
-    "robot_mode",
-    "safety_mode",
-    "safety_status_bits",
-    "robot_status_bits",
-    "runtime_state",
-    "speed_scaling",
-    "target_speed_fraction",
-    "actual_digital_output_bits",
-]
+"""Time between two attempts to connect [s]."""
+VARIABLES = """
+    timestamp actual_q robot_mode safety_mode safety_status_bits robot_status_bits
+    runtime_state speed_scaling target_speed_fraction actual_digital_output_bits
+""".split()
 
 
 @dataclass(frozen=True)
 class UrCommand:
-    """A command tells a controller what to do until the next one."""
+    """A command that a controller carries out until the next one."""
 
     q: tuple[float, ...] | None
     """Joint set-points [rad]; None moves nothing."""
-
     gripper_closed: bool | None
     """Whether the gripper is to be closed; None leaves it as it is."""
 
@@ -61,57 +52,49 @@ class UrStatus:
 
     q: tuple[float, ...]
     """Measured joint positions [rad]."""
-
     running: bool
     """Whether the program that executes commands runs."""
-
     protective_stop: bool
     """Whether the robot's safety functions have stopped it."""
-
     emergency_stop: bool
-    """Whether somebody has pressed the emergency stop."""
-
+    """Whether the emergency stop is pressed."""
     scaling: float
-    """Share of speed that slider and controller allow, 0 to 1."""
-
+    """Fraction of the speed that slider and controller allow, 0 to 1."""
     gripper_closed: bool
-    """Whether the output of the gripper is on."""
+    """Whether the digital output of the gripper is on."""
 
 
 class ControllerLink(ABC):
-    """A link reaches one controller; where it is lost, it connects again by itself.
-
-    Attributes:
-        problem: why the link was last lost; empty before.
-    """
+    """Connects to one controller, and again by itself when the connection is lost."""
 
     problem: str
+    """Why the connection was last lost; empty before."""
 
     @abstractmethod
     def exchange(self, command: UrCommand) -> UrStatus | None:
         """Send a command; return the robot's status, or None without an answer.
 
-        Takes no more than a few hundredths of a second, whatever happens.
+        It never takes longer than a few hundredths of a second.
         """
 
     @abstractmethod
     def close(self) -> None:
-        """Disconnect from the robot; its program ends."""
+        """Disconnect from the robot, whose program ends."""
 
 
 def run_client(host: str, output: int, time_factor: float, pipe: Connection) -> None:
-    """Run the client of a controller until commands end or something breaks.
+    """Run the client of a controller until commands end or it fails.
 
     Args:
         host: address of the controller.
         output: standard digital output that closes the gripper.
         time_factor: factor on all timeouts.
-        pipe: receives `UrCommand`s; sends `UrStatus`es, or a text that says what broke.
+        pipe: receives `UrCommand`s; sends `UrStatus`es, or a text about what failed.
     """
-    # The client prints where it likes; the terminal belongs to others.
+    # The client prints to stdout and stderr, which belong to the main process.
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     os.dup2(1, 2)
-    # Ctrl-C is for the other process, which stops the robot in good order.
+    # Ctrl-C is for the main process, which stops the robot in an orderly way.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     try:
         controller = RtdeController(host, output, time_factor)
@@ -125,7 +108,7 @@ def run_client(host: str, output: int, time_factor: float, pipe: Connection) -> 
     except BaseException as error:
         pipe.send(" ".join(f"{error}".split()) or type(error).__name__)
     finally:
-        # The client's own end may hang or abort.
+        # The client's own shutdown may hang or abort.
         os._exit(0)
 
 
@@ -149,7 +132,7 @@ class RtdeController:
         self.last_answer = monotonic()
 
     def execute(self, command: UrCommand) -> None:
-        """Send a command; nothing is sent to a program that does not run."""
+        """Send a command, unless the program does not run."""
         if not self.control.isProgramRunning():
             return
         if command.gripper_closed is not None:
@@ -160,18 +143,14 @@ class RtdeController:
             self.control.servoJ(list(command.q), 0, 0, PERIOD, LOOKAHEAD, GAIN)
 
     def status(self) -> UrStatus:
-        """Return the controller's status.
-
-        Raises:
-            ConnectionError: the controller does not answer any more.
-        """
+        """Return the status; raise a ConnectionError if the controller is silent."""
         receive, now = self.receive, monotonic()
         timestamp = receive.getTimestamp()
         if timestamp != self.timestamp:
             self.timestamp, self.last_answer = timestamp, now
         connected = receive.isConnected() and self.control.isConnected()
         if not connected or now - self.last_answer > self.timeout:
-            raise ConnectionError("the robot's controller is not heard any more")
+            raise ConnectionError("the robot's controller has stopped sending")
         return UrStatus(
             q=tuple(receive.getActualQ()),
             running=self.control.isProgramRunning(),
@@ -189,7 +168,7 @@ class RtdeController:
 
 @final
 class UrLink(ControllerLink):
-    """A UR link starts the client's process, and a new one whenever that has ended."""
+    """Starts the client's process, and a new one whenever that has ended."""
 
     def __init__(self, host: str, output: int, time_factor: float = 1.0) -> None:
         """Start nothing before the first `exchange`.
@@ -198,8 +177,8 @@ class UrLink(ControllerLink):
             host: address of the controller.
             output: standard digital output that closes the gripper.
             time_factor: factor on how long the controller may be silent, and the
-                computer before the robot's watchdog stops it; above 1 where neither
-                keeps time, as in tests.
+                computer before the robot's watchdog stops it; above 1 where both are
+                slow, as in tests.
         """
         self.host = host
         self.output = output
@@ -208,7 +187,7 @@ class UrLink(ControllerLink):
         self.context = get_context("spawn")
         self.process = None
         self.ready = False
-        self.since = -RETRY_PERIOD
+        self.changed_at = -RETRY_PERIOD
 
     def exchange(self, command: UrCommand) -> UrStatus | None:
         """Send a command; return the robot's status, or None without an answer."""
@@ -227,9 +206,9 @@ class UrLink(ControllerLink):
 
     def start_client(self) -> None:
         """Start a client, unless one was started just now."""
-        if monotonic() - self.since < RETRY_PERIOD:
+        if monotonic() - self.changed_at < RETRY_PERIOD:
             return
-        self.since = monotonic()
+        self.changed_at = monotonic()
         self.pipe, theirs = self.context.Pipe()
         values = (self.host, self.output, self.time_factor, theirs)
         self.process = self.context.Process(target=run_client, args=values, daemon=True)
@@ -242,7 +221,7 @@ class UrLink(ControllerLink):
             status = self.receive()
             self.ready = status is not None
             return status
-        if monotonic() - self.since > CONNECT_TIMEOUT:
+        if monotonic() - self.changed_at > CONNECT_TIMEOUT:
             return self.disconnect("the robot's controller cannot be reached")
         return None
 
@@ -253,7 +232,7 @@ class UrLink(ControllerLink):
 
     def disconnect(self, problem: str) -> None:
         """End the client; the robot's own watchdog stops the robot."""
-        self.problem, self.ready, self.since = problem, False, monotonic()
+        self.problem, self.ready, self.changed_at = problem, False, monotonic()
         if self.process is not None:
             self.pipe.close()
             self.process.kill()
@@ -262,7 +241,7 @@ class UrLink(ControllerLink):
             self.process = None
 
     def close(self) -> None:
-        """Disconnect from the robot; its program ends."""
+        """Disconnect from the robot, whose program ends."""
         if self.process is not None and self.ready:
             try:
                 self.pipe.send(None)

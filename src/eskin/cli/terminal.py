@@ -4,7 +4,7 @@ from typing import final
 
 from eskin.drivers import Event
 from eskin.live import Detection
-from eskin.stream import CommandEvent, Context, Listener, Message, found_at_once
+from eskin.stream import CommandEvent, Context, Listener, Message, found_together
 from eskin.stream.listener import Drop
 from eskin.units import NS_PER_S
 
@@ -32,7 +32,7 @@ class TerminalPrinter(Listener):
         """Print a message, unless it is one of many faults found together."""
         if not isinstance(item, Detection | Event | CommandEvent):
             return
-        if isinstance(item, Event) and found_at_once(self.fault, item):
+        if isinstance(item, Event) and found_together(self.fault, item):
             self.more += 1
             return
         self.close()

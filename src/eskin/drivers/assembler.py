@@ -28,22 +28,22 @@ CHECK_INTERVAL = NS_PER_S // 50
 
 @final
 class Assembler:
-    """Puts the scans of all patches on the skin's grid of periods and gives them out.
+    """Assembles the scans of all patches into one scan of the skin a period.
 
-    It has no input, no output and no thread: packets and times come in, scans go out.
-    What has not arrived by a period's deadline is marked as not received; no data is
-    given out twice.
+    It does no input or output and has no thread: packets and times are passed in, scans
+    are returned. What has not arrived by a period's deadline is marked as not received;
+    no data is emitted twice.
 
     Attributes:
         registry: which module is at which address.
         streams: state of each patch's data, by its address.
         outcomes: how many packets had which outcome.
-        timeline: scans that are not yet given out; None before `start`.
-        given: number of scans that were given out.
+        timeline: scans that are not yet emitted; None before `start`.
+        emitted: number of scans that were emitted.
     """
 
     def __init__(self, skin: Skin, joints: JointSource, log: EventLog) -> None:
-        """Start without data; `start` begins to give out scans."""
+        """Start without data; scans are emitted after `start`."""
         self.skin = skin
         self.joints = joints
         self.log = log
@@ -54,29 +54,23 @@ class Assembler:
         }
         self.outcomes = PacketCounts()
         self.timeline: ScanTimeline | None = None
-        self.given = 0
+        self.emitted = 0
         self.checked_at = 0
 
     def start(self, now: int, rate: float, grace: float | None = None) -> None:
-        """Give out scans from now on.
+        """Emit scans from now on.
 
         Args:
             now: start of the first period [ns].
             rate: rate of the skin's scans [1/s].
-            grace: how long after its end a period waits for late packets [s]; half a
-                period but at least 20 ms where None.
+            grace: wait for late packets after the end of a period [s]; None waits half
+                a period, at least 20 ms.
         """
         grid = PeriodGrid(now, rate, grace)
         self.timeline = ScanTimeline(grid, self.skin.count, self.streams, self.outcomes)
 
     def push(self, packet: Packet, arrived: int, port: str) -> None:
-        """Process a packet.
-
-        Args:
-            packet: decoded packet.
-            arrived: when it arrived, by the host's clock [ns].
-            port: port or network address that it came from.
-        """
+        """Process a packet that arrived at a time [ns] from a port or address."""
         if isinstance(packet, Data):
             outcome = self.handle_data(packet, arrived, port)
         elif isinstance(packet, Hello):
@@ -102,16 +96,8 @@ class Assembler:
         stream = self.streams.get(status.address)
         if stream is None or stream.slot.port != port:
             return "foreign"
-        skipped = stream.update_skipped(status.skipped)
-        if skipped:
-            patch = stream.slot.patch.id
-            self.log.count(
-                "lost",
-                f"scans of patch '{patch}' were left out by the patch itself, which "
-                "had no time; lower its rate or use a faster line",
-                skipped,
-                patch,
-            )
+        text = "were skipped by the patch; lower its rate or use a faster line"
+        self.count_lost(stream, stream.update_skipped(status.skipped), "scans", text)
         return "status"
 
     def restart_stream(self, slot: AddressSlot) -> None:
@@ -131,12 +117,9 @@ class Assembler:
             return "foreign"
         size = len(data.counts)
         if size == 0 or data.first + size > slot.taxels:
-            self.log.count(
-                "damaged",
-                f"packets hold taxels that patch '{slot.patch.id}' has not; check "
-                "its address and firmware",
-                patch=slot.patch.id,
-            )
+            patch = slot.patch.id
+            text = f"packets hold taxels that patch '{patch}' does not have; check its "
+            self.log.count("damaged", text + "address and firmware", patch=patch)
             return "damaged"
         clock = stream.clock
         known = clock.epoch is not None
@@ -146,9 +129,8 @@ class Assembler:
         slot.note_data(arrived)
         if clock.reboots != stream.reboots:
             slot.report(arrived, "rebooted", "its clock started over")
-        if not stream.clock_matches():
-            return "held"
-        if arrived < slot.hold_until or self.timeline is None:
+        is_held = not stream.clock_matches() or arrived < slot.hold_until
+        if is_held or self.timeline is None:
             return "held"
         slot.note_used(arrived)
         return self.add_data(stream, data, scan_time, arrived)
@@ -206,10 +188,9 @@ class Assembler:
         stream.slot.report(arrived, change, text)
 
     def poll(self, now: int) -> list[Scan]:
-        """Return scans that are complete or due.
+        """Return scans that are complete or due at a time [ns].
 
-        Args:
-            now: the time [ns]; all that arrived before it must have been pushed.
+        All packets that arrived before that time must have been pushed.
         """
         if now - self.checked_at >= CHECK_INTERVAL:
             self.checked_at = now
@@ -220,8 +201,8 @@ class Assembler:
         return [self.build_scan(stamp, period) for stamp, period in periods]
 
     def build_scan(self, stamp: int, period: PeriodScans) -> Scan:
-        """Build the scan of a period that is over."""
-        self.given += 1
+        """Build the scan of a period and drop what is too late for it."""
+        self.emitted += 1
         for stream in self.streams.values():
             if stream.partial:
                 self.drop_partial(stream, stamp)
@@ -231,42 +212,34 @@ class Assembler:
         """Drop scans that are still incomplete, and report them."""
         packets = stream.drop_partial(before)
         self.outcomes.settle("incomplete", packets)
-        if packets:
-            patch = stream.slot.patch.id
-            self.log.count(
-                "lost",
-                f"packets of patch '{patch}' are of scans that arrived only in part "
-                "and do not count; check its line",
-                packets,
-                patch,
-            )
+        text = "are of scans that arrived only in part and do not count; check its line"
+        self.count_lost(stream, packets, "packets", text)
 
     def report_lost(self, now: int) -> None:
         """Report scans that are lost for good, and flush the log's counts."""
         for stream in self.streams.values():
             lost = stream.numbers.gone - stream.lost_reported
-            if lost:
-                stream.lost_reported += lost
-                patch = stream.slot.patch.id
-                self.log.count(
-                    "lost",
-                    f"scans of patch '{patch}' did not arrive; check its line",
-                    lost,
-                    patch,
-                )
+            stream.lost_reported += lost
+            self.count_lost(stream, lost, "scans", "did not arrive; check its line")
         self.log.flush_counts(now)
 
+    def count_lost(self, stream: PatchStream, count: int, what: str, text: str) -> None:
+        """Count lost scans or packets of a patch in the log, unless there are none."""
+        if count:
+            patch = stream.slot.patch.id
+            self.log.count("lost", f"{what} of patch '{patch}' {text}", count, patch)
+
     def next_deadline(self) -> int | None:
-        """Return when the next scan is given out at the latest [ns]."""
+        """Return by when the next scan is emitted [ns]; None before `start`."""
         line = self.timeline
-        return None if line is None else line.grid.deadline(line.next)
+        return None if line is None else line.grid.deadline(line.next_period)
 
     def ages(self, now: int) -> dict[str, float]:
         """Return the age of each patch's newest data [s]; infinite without data."""
+        newest = {s.slot.patch.id: s.newest_in_time for s in self.streams.values()}
         return {
-            stream.slot.patch.id: inf if newest is None else (now - newest) / NS_PER_S
-            for stream in self.streams.values()
-            for newest in (stream.newest_in_time,)
+            patch: inf if stamp is None else (now - stamp) / NS_PER_S
+            for patch, stamp in newest.items()
         }
 
     def skews(self) -> dict[str, float]:
@@ -282,5 +255,5 @@ class Assembler:
         """Return readings, packets by outcome, lost scans and skipped periods."""
         lost = sum(stream.numbers.lost for stream in self.streams.values())
         skipped = 0 if self.timeline is None else self.timeline.skipped
-        counts = {"readings": self.given, "lost": lost, "skipped": skipped}
-        return {**counts, **self.outcomes.counts}
+        own = {"readings": self.emitted, "lost": lost, "skipped": skipped}
+        return {**own, **self.outcomes.counts}

@@ -8,18 +8,18 @@ from eskin.drivers.packet import DEVICE_TIME_SPAN, SCAN_NUMBER_SPAN
 from eskin.units import NS_PER_S
 
 BUCKET = NS_PER_S
-"""Length of the intervals of which the fastest packet is kept [ns]."""
+"""Length of an interval, of which the least delayed packet is kept [ns]."""
 BUCKETS = 10
 """Number of intervals that are kept."""
 MIN_DRIFT_BUCKETS = 5
-"""Fewest intervals from which drift is estimated."""
+"""Smallest number of intervals from which drift is estimated."""
 DRIFT_GAIN = 0.3
 """Weight of a new drift estimate."""
 MAX_DRIFT = 0.01
 """Drift of the worst microcontroller clock, one without a crystal."""
 JUMP = 50_000_000
-"""How much faster than any before a packet must be to prove that all before lay in some
-buffer, or that the device's clock was set [ns]."""
+"""A packet that is less delayed than all before by more than this shows that those lay
+in a buffer, or that the device's clock was set [ns]."""
 
 SCAN_WINDOW = 64
 """Number of scans that are tracked one by one."""
@@ -28,16 +28,17 @@ ALL_SEEN = (1 << SCAN_WINDOW) - 1
 NS_PER_US = 1000
 US_PER_S = 1_000_000
 MAX_REORDERING = US_PER_S // 2
-"""How much longer than a later packet one may be on its way [us]."""
+"""Largest delay of a packet relative to one that was sent later [us]."""
 UNAMBIGUOUS = 5 * US_PER_S
-"""Time over which scan numbers are unambiguous at any rate up to 6 kHz [us]; also how
-much further than the host's a device's clock may seem to have gone, after a delay."""
+"""Time over which scan numbers are unambiguous at any rate up to 6 kHz [us]; also the
+largest time by which a device's clock may seem to outrun the host's, after a delay."""
 MAX_SILENCE = 600 * NS_PER_S
-"""Silence after which a clock starts over: half a wrap is not yet over [ns]."""
+"""Silence after which a clock starts over, less than half a wrap [ns]."""
 MAX_EARLY = NS_PER_S // 20
-"""How much before its sending a packet of the same clock may seem to arrive [ns]."""
+"""Largest time by which a packet of the same clock may seem to arrive before it was
+sent [ns]."""
 MAX_LATE = NS_PER_S
-"""How late a packet of the same clock may seem to arrive [ns]."""
+"""Largest delay of a packet of the same clock [ns]."""
 SETTLE_TIME = NS_PER_S // 10
 """How long a new clock is observed before it is accepted [ns]."""
 SETTLE_SCANS = 3
@@ -49,12 +50,13 @@ Novelty = Literal["new", "again", "old"]
 class ClockOffsetEstimator:
     """Maps device time to host time; offset and drift follow the least delayed packets.
 
-    Delays only ever make packets late, so the smallest arrival minus device time of an
-    interval is nearest to the truth. Only intervals in which the device sent are kept:
-    after a pause of any length, packets that lay in a buffer keep their true spacing.
+    A delay only ever makes a packet late, so the smallest difference of arrival and
+    device time in an interval is the most accurate one. Only intervals in which the
+    device sent are kept: after a pause of any length, packets that lay in a buffer keep
+    their true spacing.
 
     Attributes:
-        drift: what the device's clock loses against the host's, as a part of time.
+        drift: rate at which the device's clock falls behind the host's [s/s].
     """
 
     def __init__(self, device: int, arrived: int) -> None:
@@ -65,11 +67,11 @@ class ClockOffsetEstimator:
         self.min_residual = 0.0
         self.restart(0, 0, arrived)
 
-    def restart(self, elapsed: int, extra: int, arrived: int) -> None:
+    def restart(self, elapsed: int, offset: int, arrived: int) -> None:
         """Forget all but one packet."""
         self.past: list[tuple[int, int]] = []
-        self.best = (elapsed, extra)
-        self.best_residual = extra - self.drift * elapsed
+        self.best = (elapsed, offset)
+        self.best_residual = offset - self.drift * elapsed
         self.bucket_end = arrived + BUCKET
 
     def push(self, device: int, arrived: int) -> int:
@@ -80,16 +82,16 @@ class ClockOffsetEstimator:
             arrived: arrival by the host's clock [ns].
         """
         elapsed = (device - self.device) * NS_PER_US
-        extra = arrived - self.arrived - elapsed
-        residual = extra - self.drift * elapsed
+        offset = arrived - self.arrived - elapsed
+        residual = offset - self.drift * elapsed
         if residual < self.min_residual:
             if residual < self.min_residual - JUMP:
-                self.restart(elapsed, extra, arrived)
+                self.restart(elapsed, offset, arrived)
             self.min_residual = residual
         if arrived >= self.bucket_end:
-            self.close_bucket(elapsed, extra, arrived)
+            self.close_bucket(elapsed, offset, arrived)
         elif residual < self.best_residual:
-            self.best, self.best_residual = (elapsed, extra), residual
+            self.best, self.best_residual = (elapsed, offset), residual
         return min(self.to_host(device), arrived)
 
     def to_host(self, device: int) -> int:
@@ -98,8 +100,8 @@ class ClockOffsetEstimator:
         delay = self.min_residual + self.drift * elapsed
         return self.arrived + elapsed + int(delay // 1)
 
-    def close_bucket(self, elapsed: int, extra: int, arrived: int) -> None:
-        """Keep the fastest packet of an interval, update the drift, start another."""
+    def close_bucket(self, elapsed: int, offset: int, arrived: int) -> None:
+        """Keep the least delayed packet of an interval and update the drift."""
         self.past = [*self.past, self.best][-BUCKETS:]
         if len(self.past) >= MIN_DRIFT_BUCKETS:
             slopes = [
@@ -109,8 +111,8 @@ class ClockOffsetEstimator:
             ]
             found = min(max(median(slopes or [0.0]), -MAX_DRIFT), MAX_DRIFT)
             self.drift += DRIFT_GAIN * (found - self.drift)
-        self.best = (elapsed, extra)
-        self.best_residual = extra - self.drift * elapsed
+        self.best = (elapsed, offset)
+        self.best_residual = offset - self.drift * elapsed
         self.min_residual = min(y - self.drift * x for x, y in [*self.past, self.best])
         self.bucket_end = arrived + BUCKET
 
@@ -120,7 +122,7 @@ class ScanNumberWindow:
     """Tracks which of the latest scan numbers have arrived, in whatever order.
 
     Attributes:
-        gone: numbers that were passed over and no longer count if they arrive.
+        gone: how many numbers left the window without having arrived.
     """
 
     def __init__(self) -> None:
@@ -200,10 +202,10 @@ class ClockEpoch:
     def compute_step(
         self, device_time: int, scan: int, arrived: int
     ) -> tuple[int, int] | None:
-        """Return how much later than the latest packet one is: time [us] and scans.
+        """Return time [us] and scans from the latest packet to this one.
 
-        None where it cannot be of this clock: time and scan number do not go the same
-        way, it is further behind than reordering explains, or ahead of its time.
+        None if the packet cannot be of this clock: time and scan number have different
+        signs, it is too old even for reordering, or it is ahead of the host's clock.
         """
         silence = arrived - self.arrived
         time = wrap_difference(device_time - self.device, DEVICE_TIME_SPAN)
@@ -238,9 +240,9 @@ class ClockEpoch:
 class DeviceClock:
     """Follows the clock of one patch through wraps, drift, delays and reboots.
 
-    A packet that does not fit the clock is rejected, and starts another clock only when
-    those that follow fit it and none fits the old one: so neither a packet that was
-    delayed for long nor another module is taken for a reboot.
+    A packet that does not fit the clock is rejected. It starts another clock only when
+    the packets that follow fit it and none fits the old one, so neither a packet with a
+    long delay nor another module is mistaken for a reboot.
 
     Attributes:
         epoch: the clock that is accepted.
@@ -275,9 +277,7 @@ class DeviceClock:
     def update_candidate(self, device_time: int, scan: int, arrived: int) -> None:
         """Let a packet that does not fit the clock start or continue another one."""
         other = self.candidate
-        step = None
-        if other is not None:
-            step = other.compute_step(device_time, scan, arrived)
+        step = other and other.compute_step(device_time, scan, arrived)
         if other is None or step is None:
             self.candidate = ClockEpoch(device_time, scan, arrived)
             return
@@ -289,12 +289,7 @@ class DeviceClock:
             self.epoch, self.candidate = other, None
 
     def matches(self, device_time: int, arrived: int) -> bool:
-        """Return whether a packet that arrived at some time is of the accepted clock.
-
-        Args:
-            device_time: device time in the packet [us], modulo 2**32.
-            arrived: arrival by the host's clock [ns].
-        """
+        """Return whether a packet fits the accepted clock; arguments as for `push`."""
         epoch = self.epoch
         if epoch is None:
             return False
@@ -304,7 +299,7 @@ class DeviceClock:
 
     @property
     def drift(self) -> float:
-        """What the patch's clock loses against the host's, as a part of time."""
+        """Rate at which the patch's clock falls behind the host's [s/s]."""
         return 0.0 if self.epoch is None else self.epoch.offset.drift
 
 

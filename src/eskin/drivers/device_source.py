@@ -18,7 +18,7 @@ from eskin.units import NS_PER_S
 DEFAULT_RATE = 50.0
 """Scan rate of a skin whose patches do not specify theirs [1/s]."""
 HELLO_TIMEOUT = 1.2
-"""How long hellos are awaited, which come once a second [s]."""
+"""Longest wait for hellos, which modules send once a second [s]."""
 MAX_WAIT = 0.1
 """Longest time between two checks for silent patches [s]."""
 
@@ -28,8 +28,6 @@ class DeviceSource(Source):
     """Receives the patches of a skin over a transport and never ends by itself.
 
     Attributes:
-        info: what is known before the first scan.
-        clock: clock that stamps the scans.
         assembler: state of every patch, with ages and skews.
     """
 
@@ -53,10 +51,10 @@ class DeviceSource(Source):
             joints: source of the robot's joint positions.
             clock: clock that stamps everything.
             uri: URI that the source was opened with.
-            rate: scan rate [1/s]; where None, hellos are awaited for 1.2 s and the
-                highest nominal rate is taken, 50 without any.
-            grace: how long after its end a period waits for late packets [s]; half a
-                period but at least 20 ms where None.
+            rate: scan rate [1/s]; None waits 1.2 s for hellos and takes the highest
+                nominal rate, or 50 without any.
+            grace: wait for late packets after the end of a period [s]; None waits half
+                a period, at least 20 ms.
 
         Raises:
             SkinError: two patches have the same address.
@@ -96,7 +94,8 @@ class DeviceSource(Source):
         registry = self.assembler.registry
         end = self.clock.now() + round(HELLO_TIMEOUT * NS_PER_S)
         while (now := self.clock.now()) < end:
-            self.decode(self.transport.read(min(MAX_WAIT, (end - now) / NS_PER_S)))
+            wait = min(MAX_WAIT, (end - now) / NS_PER_S)
+            self.push_packets(self.transport.read(wait))
             if all(slot.module for slot in registry.slots.values()):
                 break
         return float(registry.highest_rate or DEFAULT_RATE)
@@ -112,24 +111,21 @@ class DeviceSource(Source):
         return self.ready.popleft() if self.ready else None
 
     def receive(self, now: int, end: int | None) -> None:
-        """Read the transport until a scan is due at the latest, and assemble scans.
+        """Read the transport, no longer than until a scan is due, and assemble scans.
 
-        All that the system buffers is read before a period is given up: the assembler
-        is polled at the time of the first packet of a read, or of the end of a wait.
+        All that the system buffers is read before a period is emitted: the assembler is
+        polled with the time of the first packet of a read, or of the end of a wait.
         """
-        times = [
-            now + round(MAX_WAIT * NS_PER_S),
-            self.assembler.next_deadline(),
-            end,
-        ]
+        longest = now + round(MAX_WAIT * NS_PER_S)
+        times = [longest, self.assembler.next_deadline(), end]
         until = max(now, min(time for time in times if time is not None))
         packets = self.transport.read((until - now) / NS_PER_S)
-        self.decode(packets)
+        self.push_packets(packets)
         arrived = packets[0].arrived if packets else until
         self.ready += self.assembler.poll(min(arrived, self.clock.now()))
 
-    def decode(self, packets: list[ReceivedPacket]) -> None:
-        """Decode packets and push them; invalid ones are only counted."""
+    def push_packets(self, packets: list[ReceivedPacket]) -> None:
+        """Decode packets and assemble them; invalid ones are only counted."""
         for port, arrived, data in packets:
             try:
                 packet = decode_packet(data)
@@ -149,7 +145,7 @@ class DeviceSource(Source):
 
     @property
     def ended(self) -> bool:
-        """Whether it was closed and all was read; devices never end."""
+        """Whether it was closed and all scans were read; a device never ends."""
         return self.closed and not self.ready
 
     def take_events(self) -> list[Event]:
@@ -169,7 +165,7 @@ class DeviceSource(Source):
 
     @property
     def unread(self) -> int:
-        """How many scans are ready, or were when the source was closed."""
+        """Number of scans that are ready, or were when the source was closed."""
         return self.left_unread or len(self.ready)
 
     def close(self) -> None:

@@ -11,6 +11,7 @@ REPORT_INTERVAL = 10_000_000_000
 MAX_EVENTS = 1000
 """Largest number of events that are kept until they are taken."""
 MAX_REPEATED = 256
+"""Largest number of repeated events that are counted apart."""
 
 EventKind = Literal[
     "appeared",
@@ -36,30 +37,24 @@ class Event:
     """An event describes what happened to the skin or a part of it."""
 
     stamp: int
-    """When it was noticed [ns since the epoch]."""
-
+    """Time at which it was noticed [ns since the epoch]."""
     kind: EventKind
     """What happened. `appeared`: a patch sends for the first time; `silent`: it no
     longer sends; `returned`: it sends again; `replaced`: another module is at its
     address; `moved`: it sends from another port or network address; `rebooted`: its
     clock started over; `misfit`: it is not of this skin; `conflict`: two modules share
-    an address; `slow`: fewer scans arrive than its nominal rate; `on_rate`: no longer;
-    `damaged`: packets arrive broken; `lost`: scans do not arrive; `fault`: something of
-    the skin is out of order; `mended`: no longer; `unrecorded`: recording has stopped,
-    the rest goes on."""
-
+    an address; `slow`: fewer scans arrive than its nominal rate; `on_rate`: no longer
+    slow; `damaged`: packets arrive broken; `lost`: scans do not arrive; `fault`: a
+    taxel, line or patch is faulty; `mended`: no longer; `unrecorded`: recording has
+    stopped, the rest goes on."""
     text: str
     """The same as a sentence, with the remedy where there is one."""
-
     patch: str | None = None
     """Name of the patch, where the event concerns one."""
-
     row: int | None = None
     """Row in the patch, where the event concerns a row or taxel."""
-
     column: int | None = None
     """Column in the patch, where the event concerns a column or taxel."""
-
     taxel: int | None = None
     """Index in the skin, where the event concerns one taxel."""
 
@@ -68,14 +63,14 @@ class Event:
         return EventRecord(**asdict(self))
 
 
-@final
+@dataclass
 class RepeatedEvent:
     """Counts an event that happens again and again at one place."""
 
-    def __init__(self) -> None:
-        """Start at zero."""
-        self.count = 0
-        self.reported: int | None = None
+    count: int = 0
+    """Number of times since the last report."""
+    reported: int | None = None
+    """Time of the last report [ns]; None before the first."""
 
 
 @final
@@ -98,19 +93,12 @@ class EventLog:
     ) -> None:
         """Count an event that may happen often; it is reported at most every 10 s.
 
-        Args:
-            kind: kind of the event.
-            text: what happened, to follow the number of times.
-            count: how often it happened.
-            patch: name of the patch, if it concerns one.
+        The report is the number of times, then `text`.
         """
         key = (kind, text, patch)
-        event = self.repeated.get(key)
-        if event is None:
-            if len(self.repeated) >= MAX_REPEATED:
-                del self.repeated[next(iter(self.repeated))]
-            event = self.repeated[key] = RepeatedEvent()
-        event.count += count
+        if key not in self.repeated and len(self.repeated) >= MAX_REPEATED:
+            del self.repeated[next(iter(self.repeated))]
+        self.repeated.setdefault(key, RepeatedEvent()).count += count
 
     def flush_counts(self, now: int) -> None:
         """Add events for what has been counted and is due."""

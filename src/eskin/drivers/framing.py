@@ -1,8 +1,8 @@
 """This module encodes packets as frames on a serial line, and decodes them.
 
-A frame is COBS (Cheshire and Baker 1999), then one zero byte. A zero stands nowhere but
-between frames, so a receiver that starts anywhere, or receives garbage, is in step
-again at the next zero.
+A frame is a packet in COBS (Cheshire and Baker 1999), then one zero byte. A zero occurs
+only between frames, so a receiver that starts anywhere, or receives garbage, is
+synchronised again at the next zero.
 """
 
 from typing import final
@@ -13,7 +13,7 @@ from eskin.drivers.packet import MAX_PACKET_BYTES
 
 END = b"\0"
 COBS_BLOCK = 254
-"""Number of nonzero bytes that COBS adds one byte for."""
+"""Number of nonzero bytes for which COBS adds one byte."""
 MAX_FRAME_BYTES = MAX_PACKET_BYTES + -(-MAX_PACKET_BYTES // COBS_BLOCK)
 """Size of the longest frame, without its zero."""
 
@@ -27,7 +27,7 @@ def encode_frame(packet: bytes) -> bytes:
 class Deframer:
     """Finds the packets in the bytes of a line, however they are cut into chunks.
 
-    Garbage costs at most the frame that it touches. No more than one frame is kept.
+    Garbage destroys at most the frame that it touches. At most one frame is buffered.
 
     Attributes:
         bytes: number of bytes pushed so far.
@@ -38,9 +38,11 @@ class Deframer:
 
     def __init__(self) -> None:
         """Start between two frames."""
-        self.bytes = 0
-        self.frames = 0
-        self.broken = 0
+        self.bytes = self.frames = self.broken = 0
+        self.reset()
+
+    def reset(self) -> None:
+        """Discard the open frame; the counters go on."""
         self.open = bytearray()
         self.skipping = False
 

@@ -21,17 +21,18 @@ MAX_SCAN_RATE = 10_000
 MAX_UNKNOWN_ADDRESSES = 64
 """Number of unknown addresses that are reported; more are taken for garbage."""
 SILENCE_TIMEOUT = NS_PER_S // 2
-"""After how long without data a patch is taken to be gone [ns]."""
+"""Time without data after which a patch counts as silent [ns]."""
 SILENCE_SCANS = 4
 """The same timeout in scans, for a slow patch."""
 CONFLICT_TIMEOUT = 3 * NS_PER_S
-"""How long only one module must send until a conflict is over [ns]."""
+"""Time for which only one module must send until a conflict is over [ns]."""
 CONFLICT_REORDERING = NS_PER_S // 20
-"""How long after another module appeared the first must send to count as alive [ns]."""
+"""A module that sends this long after another one appeared is still there [ns]."""
 HOLD_TIME = round((CalibrationConfig().silence_seconds + 0.5) * NS_PER_S)
-"""How long the data of a replacement module is held back [ns]: after that long without
-data of its taxels, the calibrator tares them again."""
+"""Time for which the data of a replacement module is held back [ns]: after that long
+without data of its taxels, the calibrator tares them again."""
 MAX_CLAIMS = 8
+"""Largest number of modules that are tracked at one address."""
 
 PacketOutcome = Literal[
     "used",
@@ -55,21 +56,20 @@ class PacketCounts:
     """Counts packets by their outcome; the sum is how many were received.
 
     Attributes:
-        counts: by outcome. `used`: in a scan that was given out; `duplicate`: was there
-            already; `late`: its period was over, or it fits no clock; `superseded`:
-            another scan of its patch stands for its period; `incomplete`: other packets
-            of its scan did not come; `damaged`: wrong CRC, length or content;
-            `unknown`: another version or kind; `foreign`: of an unknown address, a
-            module of another shape, a conflict or another port; `held`: its module,
-            clock or rate was not yet known, or it waits to be tared; `hello`; `status`;
-            `waiting`: its scan is not yet complete or not yet given out.
+        counts: by outcome. `used`: in a scan that was emitted; `duplicate`: received
+            before; `late`: its period was over, or it fits no clock; `superseded`: its
+            period has another scan of the patch; `incomplete`: other packets of its
+            scan did not arrive; `damaged`: wrong CRC, length or content; `unknown`:
+            another version or kind; `foreign`: of an unknown address, a module of
+            another shape, a conflict or another port; `held`: its module, clock or rate
+            was not yet known, or it waits to be tared; `hello`; `status`; `waiting`:
+            its scan is not yet complete or not yet emitted.
     """
 
     def __init__(self) -> None:
         """Start without packets."""
-        self.counts: dict[PacketOutcome, int] = dict.fromkeys(
-            get_args(PacketOutcome), 0
-        )
+        outcomes: tuple[PacketOutcome, ...] = get_args(PacketOutcome)
+        self.counts = dict.fromkeys(outcomes, 0)
 
     def add(self, outcome: PacketOutcome, packets: int = 1) -> None:
         """Count new packets under an outcome."""
@@ -83,7 +83,7 @@ class PacketCounts:
 
 @dataclass
 class ModuleClaim:
-    """A claim records a module that sends under an address."""
+    """A module that sends under an address, which other modules may claim as well."""
 
     serial_number: int
     """Serial number of the module."""
@@ -113,8 +113,8 @@ class AddressSlot:
     """Selects the one module at an address, or none where two cannot be told apart.
 
     Attributes:
-        port: where data is accepted from; None while none is.
         module: the module that has the address.
+        port: port or network address whose data is accepted; None accepts none.
         hold_until: time before which its data is not used [ns].
         disputed: whether more than one module claims the address.
         silent: whether the module sends no scans.
@@ -147,7 +147,7 @@ class AddressSlot:
         return got == (self.patch.rows, self.patch.columns, self.taxels)
 
     def handle_hello(self, hello: Hello, arrived: int, port: str) -> bool:
-        """Handle a hello; return whether the address has another module from now on."""
+        """Handle a hello; return whether another module has the address from now on."""
         changed = self.expire_claims(arrived)
         key = (hello.serial_number, port)
         claim = self.claims.get(key)
@@ -176,19 +176,19 @@ class AddressSlot:
 
     def update_claim(self, claim: ModuleClaim, hello: Hello, arrived: int) -> None:
         """Update a claim by another hello; its firmware may have changed."""
-        fits = self.fits(hello)
-        other, claim.fits = fits != claim.fits, fits
+        fits, fitted = self.fits(hello), claim.fits
+        claim.fits = fits
         claim.last_seen = claim.hello_at = arrived
         claim.device_time, claim.rate = hello.device_time, hello.rate
         self.check_conflict(arrived)
-        if not other:
+        if fits == fitted:
             return
         if not fits:
             self.report_misfit(claim, hello, arrived)
         if claim is self.module and not self.disputed:
             self.assign(claim, arrived)
             if fits:
-                self.report(arrived, "returned", f"{claim.name} is of this skin now")
+                self.report(arrived, "returned", f"{claim.name} fits this skin now")
 
     def report_misfit(self, claim: ModuleClaim, hello: Hello, arrived: int) -> None:
         """Report that a module has another shape than the patch."""
@@ -202,14 +202,14 @@ class AddressSlot:
         )
 
     def assign(self, claim: ModuleClaim, arrived: int) -> bool:
-        """Give the address to a module; return whether it is another than before."""
+        """Give the address to a module; return whether the module has changed."""
         old, self.module = self.module, claim
-        again = self.conflict_reported and old is claim
+        won_conflict = self.conflict_reported and old is claim
         self.disputed = self.conflict_reported = self.silent = False
         self.data_at = arrived
         self.port = claim.port if claim.fits else None
-        other = self.known_serial not in (None, claim.serial_number)
-        self.hold_until = self.used_at + HOLD_TIME if other else 0
+        is_replacement = self.known_serial not in (None, claim.serial_number)
+        self.hold_until = self.used_at + HOLD_TIME if is_replacement else 0
         changed = old is None or old.serial_number != claim.serial_number
         if not claim.fits:
             return changed
@@ -221,10 +221,9 @@ class AddressSlot:
             self.report(arrived, "replaced", f"{text}; it is used in {wait:.1f} s")
         elif old.port != claim.port:
             self.report(arrived, "moved", f"{claim.name} was at {old.port} before")
-        elif again:
-            self.report(
-                arrived, "returned", f"{claim.name} is the only one again and used"
-            )
+        elif won_conflict:
+            text = f"{claim.name} is the only one again and used"
+            self.report(arrived, "returned", text)
         return changed
 
     def is_gone(self, now: int) -> bool:
@@ -233,9 +232,9 @@ class AddressSlot:
 
     @property
     def timeout(self) -> int:
-        """How long the module may send nothing [ns]."""
-        rate = (self.module and self.module.rate) or NS_PER_S
-        return max(SILENCE_TIMEOUT, SILENCE_SCANS * NS_PER_S // rate)
+        """Time for which the module may send nothing [ns]."""
+        rate = self.module.rate if self.module else 0
+        return max(SILENCE_TIMEOUT, SILENCE_SCANS * NS_PER_S // rate if rate else 0)
 
     def note_data(self, arrived: int) -> None:
         """Note that data of the module arrived, from its port and by its clock."""
@@ -253,14 +252,14 @@ class AddressSlot:
             self.known_serial = self.module.serial_number
 
     def note_rejected_data(self, arrived: int, port: str) -> None:
-        """Note unused data: if one module alone claims its port, that one is alive."""
+        """Note unused data: where one module alone claims its port, it is there."""
         claims = [claim for claim in self.claims.values() if claim.port == port]
         if self.disputed and len(claims) == 1:
             claims[0].last_seen = arrived
             self.check_conflict(arrived)
 
     def check_conflict(self, now: int) -> None:
-        """Report once that two modules are known to be alive at the same time."""
+        """Report once that two modules are known to be there at the same time."""
         if not self.disputed or self.conflict_reported:
             return
         began = max(claim.first_seen for claim in self.claims.values())
@@ -269,12 +268,8 @@ class AddressSlot:
         if any(claim.first_seen < began for claim in alive):
             self.conflict_reported = True
             names = " and ".join(claim.name for claim in self.claims.values())
-            self.report(
-                now,
-                "conflict",
-                f"{names} both have address {self.patch.address}; neither is used; "
-                "unplug one or give it another address",
-            )
+            text = f"{names} both have address {self.patch.address}; neither is used; "
+            self.report(now, "conflict", text + "unplug one or change its address")
 
     def expire_claims(self, now: int) -> bool:
         """Drop silent claims of a conflict; return whether the module has changed."""
@@ -295,32 +290,22 @@ class AddressSlot:
         return self.assign(next(iter(alive.values())), now)
 
     def poll(self, now: int) -> bool:
-        """Detect silence; return whether the address has another module from now on."""
+        """Detect silence; return whether another module has the address from now on."""
         changed = self.expire_claims(now)
         quiet = now - self.data_at >= self.timeout
         if self.port is not None and quiet and not self.silent:
             self.silent = True
-            self.report(
-                now, "silent", "no scans arrive any more; check cable and power"
-            )
+            text = "no scans arrive any more; check cable and power"
+            self.report(now, "silent", text)
         return changed
 
 
 @final
 class ModuleRegistry:
-    """Holds the addresses of a skin and the modules that claim them.
-
-    Attributes:
-        slots: by address.
-        log: of what happens to them.
-    """
+    """Holds the slots of a skin's addresses and reports unknown addresses."""
 
     def __init__(self, skin: Skin, log: EventLog) -> None:
-        """Start without modules, for the patches of a skin.
-
-        Raises:
-            SkinError: two patches have the same address.
-        """
+        """Start without modules; raise a SkinError if two patches share an address."""
         self.log = log
         counts = np.bincount(skin.patch_index, minlength=len(skin.patches))
         self.slots = {
@@ -336,7 +321,7 @@ class ModuleRegistry:
             )
 
     def handle_hello(self, hello: Hello, arrived: int, port: str) -> AddressSlot | None:
-        """Handle a hello; return the slot if it has another module from now on."""
+        """Handle a hello; return its slot if another module has it from now on."""
         slot = self.slots.get(hello.address)
         if slot is None:
             self.report_unknown_address(hello.address, arrived, port)
@@ -344,7 +329,7 @@ class ModuleRegistry:
         return slot if slot.handle_hello(hello, arrived, port) else None
 
     def report_unknown_address(self, address: int, arrived: int, port: str) -> None:
-        """Report once that an address is not of this skin."""
+        """Report once that no patch of this skin has an address."""
         unknown = self.unknown_addresses
         if address in unknown or len(unknown) >= MAX_UNKNOWN_ADDRESSES:
             return
@@ -358,7 +343,7 @@ class ModuleRegistry:
         )
 
     def poll(self, now: int) -> list[AddressSlot]:
-        """Detect silence; return the slots that have another module from now on."""
+        """Detect silence; return the slots whose module has changed."""
         return [slot for slot in self.slots.values() if slot.poll(now)]
 
     @property

@@ -33,9 +33,9 @@ MAX_COUNT = 2**16 - 1
 """Largest count that a packet can hold."""
 MAX_ADDRESS = 2**16 - 1
 SCAN_NUMBER_SPAN = 1 << 16
-"""How many scan numbers there are before they wrap."""
+"""Number of scan numbers before they wrap."""
 DEVICE_TIME_SPAN = 1 << 32
-"""After how long device time wraps [us]."""
+"""Period after which device time wraps [us]."""
 
 
 @dataclass(frozen=True)
@@ -117,7 +117,7 @@ def encode_packet(packet: Packet) -> bytes:
         shown = " ".join(repr(packet).split())
         raise PacketError(
             f"a number of {shown:.200} does not fit its field ({error}); allowed are "
-            "the ranges of protocol version 1; wrap what counts upwards",
+            "the ranges of protocol version 1; let counters wrap",
             "content",
         ) from error
     return header + body + CRC.pack(zlib.crc32(body, zlib.crc32(header)))
@@ -149,7 +149,7 @@ def encode_firmware(firmware: str) -> bytes:
     except UnicodeEncodeError as error:
         raise PacketError(
             f"firmware {firmware!r:.60} is no text ({error.reason}); allowed is what "
-            "UTF-8 can write; leave out surrogates",
+            "UTF-8 can encode; leave out surrogates",
             "content",
         ) from error
     if len(text) > MAX_FIRMWARE_BYTES:
@@ -162,7 +162,7 @@ def encode_firmware(firmware: str) -> bytes:
 
 
 def encode_counts(counts: UInt16[np.ndarray, "count"]) -> bytes:
-    """Return counts as bytes; refuse counts of another type, which would wrap."""
+    """Return counts as bytes; other types are refused, since they would wrap."""
     if counts.dtype.type is not np.uint16 or counts.ndim != 1:
         raise PacketError(
             f"counts are {counts.dtype} of shape {counts.shape}; allowed are uint16 "
@@ -179,7 +179,7 @@ def encode_counts(counts: UInt16[np.ndarray, "count"]) -> bytes:
 
 
 def decode_packet(data: bytes | bytearray | memoryview) -> Packet:
-    """Return the packet that consists of exactly these bytes, copied.
+    """Return the packet that consists of exactly these bytes, which are copied.
 
     Raises:
         PacketError: they are no packet; `reason` is the first check that failed.
@@ -210,7 +210,7 @@ def decode_packet(data: bytes | bytearray | memoryview) -> Packet:
     if kind == HELLO:
         return decode_hello(common, data)
     if kind == STATUS:
-        check_size("status", data, STATUS_BODY.size)
+        check_body_size("status", data, STATUS_BODY.size)
         return Status(*common, *STATUS_BODY.unpack_from(data, HEADER.size))
     raise PacketError(
         f"packet is of kind {kind}; allowed are {HELLO} (hello), {DATA} (data) and "
@@ -221,46 +221,37 @@ def decode_packet(data: bytes | bytearray | memoryview) -> Packet:
 
 def decode_data(common: tuple[int, int, int], data: bytes) -> Data:
     """Return the data packet with that header; its counts are read-only."""
-    check_min_size("data", data, DATA_BODY.size)
+    check_body_size("data", data, DATA_BODY.size, at_least=True)
     first, count = DATA_BODY.unpack_from(data, HEADER.size)
-    check_size("data", data, DATA_BODY.size + count * COUNT_TYPE.itemsize)
+    check_body_size("data", data, DATA_BODY.size + count * COUNT_TYPE.itemsize)
     start = HEADER.size + DATA_BODY.size
     return Data(*common, first, np.frombuffer(data, COUNT_TYPE, count, start))
 
 
 def decode_hello(common: tuple[int, int, int], data: bytes) -> Hello:
     """Return the hello packet with that header."""
-    check_min_size("hello", data, HELLO_BODY.size)
+    check_body_size("hello", data, HELLO_BODY.size, at_least=True)
     *numbers, length = HELLO_BODY.unpack_from(data, HEADER.size)
-    check_size("hello", data, HELLO_BODY.size + length)
+    check_body_size("hello", data, HELLO_BODY.size + length)
     try:
         firmware = data[HEADER.size + HELLO_BODY.size : -CRC.size].decode()
     except UnicodeDecodeError as error:
         raise PacketError(
-            f"firmware of a hello is no text ({error}); allowed is UTF-8; mend the "
-            "device's program",
+            f"firmware of a hello is no text ({error}); allowed is UTF-8; correct the "
+            "device's firmware",
             "content",
         ) from error
     rows, columns, taxels, rate, serial_number = numbers
     return Hello(*common, rows, columns, taxels, rate, serial_number, firmware)
 
 
-def check_min_size(kind: str, data: bytes, size: int) -> None:
-    """Refuse a packet whose body is shorter than the fixed part of its kind."""
-    if len(data) - MIN_PACKET_BYTES < size:
-        raise build_size_error(kind, data, f"at least {size}")
-
-
-def check_size(kind: str, data: bytes, size: int) -> None:
-    """Refuse a packet whose body has another length than its fields require."""
-    if len(data) - MIN_PACKET_BYTES != size:
-        raise build_size_error(kind, data, str(size))
-
-
-def build_size_error(kind: str, data: bytes, allowed: str) -> PacketError:
-    """Build the error of a packet whose body has the wrong length."""
-    return PacketError(
-        f"body of a {kind} packet has {len(data) - MIN_PACKET_BYTES} bytes; allowed "
-        f"are {allowed}; mend the device's program",
-        "content",
-    )
+def check_body_size(kind: str, data: bytes, size: int, at_least: bool = False) -> None:
+    """Refuse a packet whose body does not have the size that its fields require."""
+    got = len(data) - MIN_PACKET_BYTES
+    if got < size or (got > size and not at_least):
+        allowed = f"at least {size}" if at_least else f"{size}"
+        raise PacketError(
+            f"body of a {kind} packet has {got} bytes; allowed are {allowed}; correct "
+            "the device's firmware",
+            "content",
+        )

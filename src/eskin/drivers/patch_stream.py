@@ -12,9 +12,9 @@ from eskin.drivers.packet import Data
 from eskin.units import NS_PER_S
 
 MIN_RATE_SCANS = 10
-"""Fewest scans from which a rate is measured."""
+"""Smallest number of scans from which a rate is measured."""
 SLOW_RATE = 0.8
-"""Part of the nominal rate below which a patch is slow."""
+"""Fraction of the nominal rate below which a patch is slow."""
 MAX_PARTIAL_SCANS = 4
 """Largest number of incomplete scans; more are dropped."""
 
@@ -23,7 +23,7 @@ RateChange = Literal["slow", "on_rate"]
 
 @final
 class ScanRateMeter:
-    """Measures the scan rate of a patch by the scans' own stamps, free of delays.
+    """Measures the scan rate of a patch by the scans' stamps, so delays have no effect.
 
     Attributes:
         nominal: nominal scan rate [1/s]; 0 where it is not known.
@@ -46,12 +46,12 @@ class ScanRateMeter:
 
     @property
     def window(self) -> int:
-        """How long scans are counted for [ns]."""
+        """Duration over which scans are counted [ns]."""
         nominal = self.nominal or NS_PER_S
         return max(NS_PER_S, MIN_RATE_SCANS * NS_PER_S // nominal)
 
     def push(self, stamp: int) -> RateChange | None:
-        """Count a scan that began at a time [ns]; return what has changed, if any."""
+        """Count a scan that began at a time [ns]; return a change of `slow`, if any."""
         start = self.start
         if start is None or not 0 <= stamp - start < 2 * self.window:
             self.start, self.scans = stamp, 0
@@ -85,14 +85,16 @@ class PartialScan:
 
 @final
 class PatchStream:
-    """Holds the state of one patch's data; `Assembler` decides what is done with it.
+    """Holds the state of one patch's data, on which `Assembler` decides.
 
     Attributes:
+        numbers: numbers of the scans of which any packet has arrived.
+        complete: numbers of the scans that have arrived in several packets.
         clock_matched: whether a hello of the module agrees with the clock.
         newest: start of the newest complete scan [ns].
         period: period that this scan belongs to.
         newest_in_time: start of the newest scan that came in time [ns].
-        used_period: latest period of which a scan was given out.
+        used_period: latest period of which a scan was emitted.
     """
 
     def __init__(self, slot: AddressSlot, taxels: Int[np.ndarray, "part"]) -> None:
@@ -114,7 +116,7 @@ class PatchStream:
         self.used_period = -1
 
     def restart(self) -> int:
-        """Start over with another module; return how many packets are dropped."""
+        """Start over with another module; return the number of dropped packets."""
         packets = sum(scan.packets for scan in self.partial.values())
         self.partial.clear()
         self.clock = DeviceClock()
@@ -126,19 +128,15 @@ class PatchStream:
         return packets
 
     def update_skipped(self, skipped: int) -> int:
-        """Return how many scans the patch has skipped since the last status.
-
-        Args:
-            skipped: skipped scans since power-up; starts over with the patch.
-        """
+        """Return the scans skipped since the last status, from those since power-up."""
         before, self.skipped = self.skipped, skipped
         return 0 if before is None else max(0, skipped - before)
 
     def clock_matches(self) -> bool:
         """Return whether the module's hello agrees with the clock of its data.
 
-        Data names its sender by the address alone; the clock tells whether that is
-        still the module that sent the hello.
+        A data packet identifies its sender by the address only; its clock shows whether
+        that is still the module that sent the hello.
         """
         if self.reboots != self.clock.reboots:
             self.reboots, self.clock_matched = self.clock.reboots, False
@@ -148,7 +146,7 @@ class PatchStream:
         return self.clock_matched
 
     def add_part(self, number: int, stamp: int, data: Data) -> PartialScan | None:
-        """Add a packet to its scan; return None where it was there already."""
+        """Add a packet to its scan; return the scan, or None for a duplicate."""
         scan = self.partial.get(number)
         if scan is None:
             size = self.slot.taxels
@@ -163,7 +161,7 @@ class PatchStream:
         return scan
 
     def drop_partial(self, before: int) -> int:
-        """Drop partial scans older than a time [ns], or too many; count packets."""
+        """Drop partial scans before a time [ns], and too many; return their packets."""
         packets = 0
         while self.partial:
             number = min(self.partial)

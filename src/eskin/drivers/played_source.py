@@ -13,23 +13,20 @@ from eskin.recording import read_recording
 from eskin.touch import Scan
 from eskin.units import NS_PER_S
 
+STEPPED = math.inf
+"""Pace at which each scan is returned as soon as it is read."""
+
 
 @final
 class PlayedClock(Clock):
     """Tells the time in a recording that is played, at any pace.
 
-    It stays at the first stamp until playing begins. By this clock a scan is as old as
-    if it were measured now.
+    It stays at the first stamp until playing begins. By this clock the age of a scan is
+    the same as on a device.
     """
 
     def __init__(self, host: Clock, pace: float, start: int | None) -> None:
-        """Wait for the first scan.
-
-        Args:
-            host: clock that times the playback.
-            pace: seconds played per second; infinite steps from stamp to stamp.
-            start: start time of playing [ns since the epoch]; the host's where None.
-        """
+        """Start at a time [ns since the epoch], or the host's where `start` is None."""
         self.host = host
         self.pace = pace
         self.start = start
@@ -44,10 +41,6 @@ class PlayedClock(Clock):
             self.reached, self.began = self.start, self.host.now()
         return self.start
 
-    def set_reached(self, stamp: int) -> None:
-        """Set the latest stamp given [ns since the epoch]."""
-        self.reached = stamp
-
     def now(self) -> int:
         """Return the time in the recording [ns since the epoch]."""
         if self.start is None:
@@ -59,7 +52,7 @@ class PlayedClock(Clock):
         return self.start + round((self.host.now() - self.began) * self.pace)
 
     def time_until(self, stamp: int) -> float:
-        """Return how long until a stamp is due, by the host's clock [s]."""
+        """Return the time until a stamp is due, by the host's clock [s]."""
         return (stamp - self.now()) / NS_PER_S / self.pace
 
     def sleep(self, seconds: float) -> None:
@@ -67,13 +60,9 @@ class PlayedClock(Clock):
         self.host.sleep(seconds / self.pace)
 
 
-STEPPED = math.inf
-"""Pace at which each scan is given as soon as it is read."""
-
-
 @final
 class PlayedSource(Source):
-    """Gives scans of a recording or a simulation at a pace and ends after the last."""
+    """Returns scans of a recording or simulation at a pace and ends after the last."""
 
     def __init__(
         self,
@@ -88,12 +77,12 @@ class PlayedSource(Source):
         Args:
             info: source info of the scans.
             scans: scans in the order of their stamps; the first is fetched at once.
-            pace: seconds played per second: 1 is real time, `STEPPED` (infinite) gives
-                each scan as soon as it is read.
+            pace: seconds played per second: 1 is real time, `STEPPED` (infinite)
+                returns each scan as soon as it is read.
             clock: clock that times the playback; None takes this computer's.
             restamp: whether stamps are shifted so that the first is the clock's now;
-                else the scans keep their own. `Source.clock` tells the same time as
-                the stamps either way.
+                else the scans keep their own. `Source.clock` follows the stamps either
+                way.
 
         Raises:
             ValueError: the pace is not positive.
@@ -106,45 +95,45 @@ class PlayedSource(Source):
         self.info = info
         self.host = clock or HostClock()
         self.scans = iter(scans)
-        self.next = next(self.scans, None)
-        self.first = self.next.stamp if self.next is not None else 0
+        self.next_scan = next(self.scans, None)
+        self.first = 0 if self.next_scan is None else self.next_scan.stamp
         self.played = PlayedClock(self.host, pace, None if restamp else self.first)
         self.clock = self.played
         self.given = 0
 
     def read(self, timeout: float | None = None) -> Scan | None:
         """Return the next scan when it is due; None if not in time, or at the end."""
-        if self.next is None:
+        if self.next_scan is None:
             return None
         shift = self.played.begin() - self.first
-        stamp = self.next.stamp + shift
+        stamp = self.next_scan.stamp + shift
         wait = self.played.time_until(stamp)
         if timeout is not None and wait > timeout:
             self.host.sleep(timeout)
             return None
         self.host.sleep(wait)
-        scan = replace(self.next, stamp=stamp) if shift else self.next
-        self.played.set_reached(stamp)
+        scan = replace(self.next_scan, stamp=stamp) if shift else self.next_scan
+        self.played.reached = stamp
         self.given += 1
-        self.next = next(self.scans, None)
+        self.next_scan = next(self.scans, None)
         return scan
 
     @property
     def ended(self) -> bool:
-        """Whether the last scan has been given, or the source is closed."""
-        return self.next is None
+        """Whether the last scan has been returned, or the source is closed."""
+        return self.next_scan is None
 
     def take_events(self) -> list[Event]:
         """Return no events."""
         return []
 
     def counters(self) -> dict[str, int]:
-        """Return the number of `readings` given."""
+        """Return the number of `readings` returned."""
         return {"readings": self.given}
 
     def close(self) -> None:
-        """Give no more scans and close the recording."""
-        self.next = None
+        """Return no more scans and close the recording."""
+        self.next_scan = None
         if isinstance(self.scans, Generator):
             self.scans.close()
 

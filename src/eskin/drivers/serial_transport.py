@@ -21,7 +21,7 @@ from eskin.units import NS_PER_S
 MAX_READ_BYTES = 1 << 16
 """Largest read of one port."""
 FULL_CHUNK = 4095
-"""What Linux returns of a serial line at once when there is more [bytes]."""
+"""Size of what Linux returns of a serial line when there is more to read [bytes]."""
 RETRY_INTERVAL = 250_000_000
 """Time between two attempts to open a port that is gone [ns]."""
 
@@ -32,23 +32,16 @@ class SerialPort:
 
     Attributes:
         path: path of its device file.
-        deframer: finds packets in its bytes; replaced at every opening.
-        bytes: number of bytes read so far.
-        frames: number of valid frames so far.
-        broken: number of broken frames so far.
+        line: the open device file; None while the port is gone.
+        deframer: finds packets in its bytes and counts them.
     """
 
     def __init__(self, path: str, baud: int) -> None:
-        """Open the port.
-
-        Raises:
-            DeviceError: it does not exist, is used by others, or must not be read.
-        """
+        """Open the port; raise a DeviceError if it is missing, busy or not readable."""
         self.path = path
         self.baud = baud
         self.line: serial.Serial | None = None
         self.deframer = Deframer()
-        self.bytes = self.frames = self.broken = 0
         self.tried = 0
         try:
             self.open()
@@ -62,7 +55,7 @@ class SerialPort:
         except (termios.error, ValueError) as error:
             # pyserial: unplugged while it was opened, or an unsupported baud rate.
             raise OSError(str(error)) from error
-        self.deframer = Deframer()
+        self.deframer.reset()
 
     def retry(self, now: int) -> bool:
         """Reopen the port if it is gone, not too often; return whether it is back."""
@@ -85,12 +78,7 @@ class SerialPort:
         except OSError:
             self.close()
             return None
-        before = self.deframer.broken
-        packets = self.deframer.push(chunk)
-        self.bytes += len(chunk)
-        self.frames += len(packets)
-        self.broken += self.deframer.broken - before
-        return packets
+        return self.deframer.push(chunk)
 
     def close(self) -> None:
         """Close the device file."""
@@ -102,7 +90,7 @@ class SerialPort:
 def read_available(file: int) -> bytes:
     """Return all that can be read without waiting, up to 64 kB.
 
-    pyserial makes five system calls for what is one.
+    pyserial would make five system calls instead of one.
 
     Raises:
         OSError: the device is gone.
@@ -139,14 +127,12 @@ def build_open_error(path: str, error: OSError) -> DeviceError:
 
 @dataclass(frozen=True)
 class SerialPortInfo:
-    """A serial port info describes a serial port of this computer."""
+    """A serial port of this computer, as it is listed."""
 
     path: str
     """Path of the device file."""
-
     description: str
     """Description that the device gives of itself."""
-
     usable: bool
     """Whether this user may read and write it."""
 
@@ -166,7 +152,7 @@ def list_serial_ports() -> list[SerialPortInfo]:
 
 @final
 class SerialTransport(Transport):
-    """Reads serial ports in one thread; one that vanishes is reopened when it is back.
+    """Reads serial ports in one thread; a port that vanishes is reopened later.
 
     Attributes:
         ports: serial ports by their paths.
@@ -219,8 +205,8 @@ class SerialTransport(Transport):
             if found is None:
                 text = f"port {port.path} is gone; plug it in again"
                 self.log.add(arrived, "silent", text)
-                continue
-            packets += [ReceivedPacket(port.path, arrived, packet) for packet in found]
+            for packet in found or ():
+                packets.append(ReceivedPacket(port.path, arrived, packet))
         return packets
 
     def wait_readable(
@@ -239,11 +225,11 @@ class SerialTransport(Transport):
 
     def counters(self) -> dict[str, int]:
         """Return bytes, valid frames and broken frames of all ports."""
-        ports = self.ports.values()
+        deframers = [port.deframer for port in self.ports.values()]
         return {
-            "bytes": sum(port.bytes for port in ports),
-            "frames": sum(port.frames for port in ports),
-            "broken": sum(port.broken for port in ports),
+            "bytes": sum(deframer.bytes for deframer in deframers),
+            "frames": sum(deframer.frames for deframer in deframers),
+            "broken": sum(deframer.broken for deframer in deframers),
         }
 
     def close(self) -> None:

@@ -38,7 +38,7 @@ class FixedJoints(JointSource):
 
 @dataclass(frozen=True)
 class SourceInfo:
-    """A source info holds what is known of a source before its first scan."""
+    """Describes a source before its first scan."""
 
     uri: str
     """URI that the source was opened with."""
@@ -55,24 +55,22 @@ class SourceInfo:
 
 
 class Source(Closing):
-    """Gives scans one after the other, in the order of their stamps.
+    """Returns scans one after the other, in the order of their stamps.
 
-    Everything it holds is closed at the end of `with`. One thread reads it.
-
-    Attributes:
-        info: what is known before the first scan.
-        clock: clock that stamps the scans.
+    Everything it holds is closed at the end of `with`. Only one thread may read it.
     """
 
     info: SourceInfo
+    """Description that is known before the first scan."""
     clock: Clock
+    """Clock that stamps the scans."""
 
     @abstractmethod
     def read(self, timeout: float | None = None) -> Scan | None:
         """Return the next scan; None where none came in time or the source has ended.
 
         Args:
-            timeout: how long to wait [s]; None waits until there is one or the end.
+            timeout: longest wait [s]; None waits for a scan or the end.
 
         Raises:
             DeviceError: the transport is lost and will not come back.
@@ -89,7 +87,7 @@ class Source(Closing):
 
     @abstractmethod
     def counters(self) -> dict[str, int]:
-        """Return counters: `readings` given, and more by the kind of source."""
+        """Return counters: `readings` returned, and more by the kind of source."""
 
     def __iter__(self) -> Iterator[Scan]:
         """Iterate over scans until there are no more."""

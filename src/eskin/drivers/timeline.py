@@ -11,12 +11,12 @@ from eskin.drivers.patch_stream import PatchStream
 from eskin.units import NS_PER_S
 
 MIN_GRACE = 20_000_000
-"""Shortest time that a period waits after its end for late packets [ns]: USB serial
+"""Shortest default wait for late packets after the end of a period [ns]: USB serial
 chips hold bytes back for up to 16 ms, and a busy computer as long."""
 RATE_TOLERANCE = 0.2
-"""Part by which a patch's rate may differ from the skin's to keep its phase."""
+"""Relative difference to the skin's rate up to which a patch keeps its phase."""
 MAX_DELAY = NS_PER_S // 2
-"""How late readings may be given out after a stall [ns]; older periods are skipped."""
+"""How late scans may be emitted after a stall [ns]; older periods are skipped."""
 
 
 @final
@@ -25,23 +25,23 @@ class PeriodGrid:
 
     Attributes:
         period: length [ns].
-        grace: how long after its end a period waits [ns].
+        grace: wait for late packets after the end of a period [ns].
     """
 
     def __init__(self, start: int, rate: float, grace: float | None = None) -> None:
-        """Start at a time [ns] with a rate [1/s] and a grace [s], or half a period."""
+        """Start at a time [ns]; rate [1/s] and grace [s] as for `Assembler.start`."""
         self.origin = start
         self.rate = rate
         self.period = round(NS_PER_S / rate)
-        half = max(self.period // 2, MIN_GRACE)
-        self.grace = half if grace is None else round(grace * NS_PER_S)
+        default = max(self.period // 2, MIN_GRACE)
+        self.grace = default if grace is None else round(grace * NS_PER_S)
 
     def start(self, k: int) -> int:
         """Return when a period begins [ns]."""
         return self.origin + k * self.period
 
     def deadline(self, k: int) -> int:
-        """Return when a period is given out at the latest [ns]."""
+        """Return the time by which a period is emitted [ns]."""
         return self.start(k + 1) + self.grace
 
     def find(self, stamp: int) -> int:
@@ -77,13 +77,12 @@ class PeriodScans:
 
 @final
 class ScanTimeline:
-    """Waits for the scans of each period and gives each period out once.
+    """Waits for the scans of each period and emits each period once.
 
     Attributes:
-        grid: the periods.
-        outcomes: counts of packets by outcome.
-        skipped: periods that were never given out, since `poll` was called too late.
-        next: the period that is given out next.
+        pending: periods of which scans have arrived, by their number.
+        next_period: number of the period that is emitted next.
+        skipped: periods that were never emitted, since `poll` was called too late.
     """
 
     def __init__(
@@ -99,7 +98,7 @@ class ScanTimeline:
         self.streams = streams
         self.outcomes = outcomes
         self.pending: dict[int, PeriodScans] = {}
-        self.next = 0
+        self.next_period = 0
         self.skipped = 0
 
     def place(
@@ -110,18 +109,10 @@ class ScanTimeline:
         packets: int,
         arrived: int,
     ) -> PacketOutcome:
-        """Place a complete scan in its period; return its packets' outcome so far.
-
-        Args:
-            stream: stream of its patch.
-            scan_time: number and start of the scan.
-            counts: counts of the patch's taxels.
-            packets: number of packets that it came in.
-            arrived: when the last of them arrived [ns].
-        """
+        """Place a complete scan in its period; return its packets' outcome so far."""
         number, stamp = scan_time
         k = self.find_period(stream, stamp)
-        if k < self.next:
+        if k < self.next_period:
             return "superseded" if k == stream.used_period else "late"
         if arrived - self.grid.deadline(k) > MAX_DELAY:
             return "late"
@@ -159,12 +150,12 @@ class ScanTimeline:
     def poll(self, now: int) -> list[tuple[int, PeriodScans]]:
         """Return stamps and scans of the periods that are complete or due."""
         grid, ready = self.grid, []
-        if now - grid.deadline(self.next) > MAX_DELAY:
+        if now - grid.deadline(self.next_period) > MAX_DELAY:
             self.skip_to(grid.find(now - MAX_DELAY - grid.grace))
-        while now >= grid.start(self.next) and (
-            now >= grid.deadline(self.next) or self.is_complete(self.next)
+        while now >= grid.start(k := self.next_period) and (
+            now >= grid.deadline(k) or self.is_complete(k)
         ):
-            ready.append((grid.start(self.next), self.pop_next()))
+            ready.append((grid.start(k), self.pop_next()))
         return ready
 
     def is_complete(self, k: int) -> bool:
@@ -188,8 +179,8 @@ class ScanTimeline:
 
     def pop_next(self) -> PeriodScans:
         """Return the scans of the next period and move on."""
-        k = self.next
-        self.next += 1
+        k = self.next_period
+        self.next_period += 1
         period = self.pending.pop(k, None) or PeriodScans(self.taxels)
         for address, (_, packets) in period.scans.items():
             self.outcomes.settle("used", packets)
@@ -197,9 +188,9 @@ class ScanTimeline:
         return period
 
     def skip_to(self, k: int) -> None:
-        """Skip to a later period, since `poll` was called too late for those before."""
+        """Skip the periods before one, for which `poll` was called too late."""
         for old in [old for old in self.pending if old < k]:
             for _, packets in self.pending.pop(old).scans.values():
                 self.outcomes.settle("late", packets)
-        self.skipped += k - self.next
-        self.next = k
+        self.skipped += k - self.next_period
+        self.next_period = k

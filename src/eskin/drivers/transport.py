@@ -8,12 +8,12 @@ from eskin.drivers.events import Event
 
 
 class ReceivedPacket(NamedTuple):
-    """A received packet holds bytes that are not yet decoded."""
+    """Bytes that were received as one packet and are not yet decoded."""
 
     port: str
     """Port or network address that the bytes came from."""
     arrived: int
-    """When they were read [ns since the epoch]."""
+    """Time at which they were read [ns since the epoch]."""
     packet: bytes
     """Header to CRC, not yet checked."""
 
@@ -26,7 +26,7 @@ class Transport(Closing):
         """Return what has arrived, in bounded time and memory.
 
         Args:
-            timeout: how long to wait for the first packet [s].
+            timeout: longest wait for the first packet [s].
 
         Raises:
             DeviceError: the transport is lost and will not come back.

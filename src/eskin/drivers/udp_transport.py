@@ -3,6 +3,7 @@
 import ipaddress
 import select
 import socket
+from contextlib import suppress
 from typing import final
 
 from eskin.drivers.clock import Clock
@@ -10,54 +11,10 @@ from eskin.drivers.events import Event, EventLog
 from eskin.drivers.packet import HEADER, HELLO, MAX_PACKET_BYTES, decode_packet
 from eskin.drivers.transport import ReceivedPacket, Transport
 from eskin.errors import DeviceError, PacketError
+from eskin.units import NS_PER_S
 
-PEER_TIMEOUT = 2_000_000_000
+PEER_TIMEOUT = 2 * NS_PER_S
 """Silence after which a patch may move to another network address [ns]."""
-
-
-@final
-class PeerAddressFilter:
-    """Binds each patch address to the network address of its first valid hello.
-
-    UDP does not authenticate senders; so no other sender is accepted for a patch while
-    the first one goes on.
-    """
-
-    def __init__(self) -> None:
-        """Start without addresses."""
-        self.peers: dict[int, tuple[str, int]] = {}
-
-    def admit(self, packet: bytes, peer: str, now: int) -> bool:
-        """Return whether a datagram may come from its patch, by its network address.
-
-        Args:
-            packet: bytes of the datagram.
-            peer: network address that it came from.
-            now: the time [ns].
-        """
-        if len(packet) < HEADER.size:
-            return True
-        _, kind, address, _, _ = HEADER.unpack_from(packet)
-        bound, last_seen = self.peers.get(address, ("", 0))
-        if bound == peer:
-            self.peers[address] = (peer, now)
-            return True
-        if bound and now - last_seen < PEER_TIMEOUT:
-            return False
-        if kind == HELLO and is_valid_packet(packet):
-            self.peers[address] = (peer, now)
-        return True
-
-
-def is_valid_packet(data: bytes) -> bool:
-    """Return whether bytes are a packet of a known version."""
-    try:
-        decode_packet(data)
-    except PacketError:
-        return False
-    return True
-
-
 RECEIVE_BUFFER = 8 << 20
 """Requested size of the receive buffer [bytes]; the system may give less."""
 MAX_DATAGRAMS = 2048
@@ -67,12 +24,38 @@ MAX_PEERS = 4096
 
 
 @final
-class UdpTransport(Transport):
-    """Receives packets on one UDP port, by default from this computer only.
+class PeerAddressFilter:
+    """Binds each patch address to the network address of its first valid hello.
 
-    Attributes:
-        port: number of the port that it is bound to.
+    UDP does not authenticate senders, so no other sender is accepted for a patch while
+    the first one continues.
     """
+
+    def __init__(self) -> None:
+        """Start without addresses."""
+        self.peers: dict[int, tuple[str, int]] = {}
+
+    def admit(self, packet: bytes, peer: str, now: int) -> bool:
+        """Return whether a datagram of a network address is accepted at a time [ns]."""
+        if len(packet) < HEADER.size:
+            return True
+        _, kind, address, _, _ = HEADER.unpack_from(packet)
+        bound, last_seen = self.peers.get(address, ("", 0))
+        if bound == peer:
+            self.peers[address] = (peer, now)
+            return True
+        if bound and now - last_seen < PEER_TIMEOUT:
+            return False
+        if kind == HELLO:
+            with suppress(PacketError):
+                decode_packet(packet)
+                self.peers[address] = (peer, now)
+        return True
+
+
+@final
+class UdpTransport(Transport):
+    """Receives packets on one UDP port, by default only from this computer."""
 
     def __init__(
         self,
@@ -86,12 +69,11 @@ class UdpTransport(Transport):
         Args:
             clock: clock that stamps arrivals.
             host: IP address of this computer to listen on.
-            port: port number; any free one where 0.
+            port: port number; 0 takes any free one.
             allow_remote: whether packets of other computers are accepted.
 
         Raises:
-            DeviceError: the address is not loopback, is not of this computer, or the
-                port is taken.
+            DeviceError: the port cannot be bound, or the address is not loopback.
         """
         check_udp_host(host, allow_remote)
         family = socket.AF_INET6 if ":" in host else socket.AF_INET
@@ -158,11 +140,8 @@ class UdpTransport(Transport):
 
     def counters(self) -> dict[str, int]:
         """Return datagrams, their bytes, and datagrams refused for their sender."""
-        return {
-            "datagrams": self.datagrams,
-            "bytes": self.bytes,
-            "refused": self.refused,
-        }
+        counts = {"datagrams": self.datagrams, "bytes": self.bytes}
+        return {**counts, "refused": self.refused}
 
     def close(self) -> None:
         """Close the socket."""

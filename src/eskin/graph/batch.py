@@ -9,26 +9,17 @@ from jaxtyping import Float, Int
 
 from eskin.graph.builder_kernels import GraphArrays
 
-HISTORY = (
-    "age",
-    "pause",
-    "contacts",
-    "travel",
-    "farthest",
-    "impulse",
-    "peak force",
-)
-"""Columns of the history of a touch, which its contact graph does not show: time since
-onset [s], time since the last contact [s], number of contacts, distance from where it
-began, now and at most [cm], force integrated over time [N s], greatest force [N]. On a
-skin that is not calibrated all are zero."""
+HISTORY = ("age", "pause", "contacts", "travel", "farthest", "impulse", "peak force")
+"""Columns of the history of a touch: time since onset [s], time since the last contact
+[s], number of contacts, distance from its start, now and at most [cm], force integrated
+over time [N s], greatest force [N]. On a skin that is not calibrated all are zero."""
 
 NO_HISTORY = np.zeros(len(HISTORY))
 
 
 @dataclass(frozen=True)
 class GraphBatch:
-    """A batch holds contact graphs laid end to end, from which features are computed.
+    """A batch holds contact graphs laid end to end.
 
     A node is an active taxel of the touch, now or one reading ago, or a fixed neighbour
     of one. One touch at one reading is a batch of one graph.
@@ -36,40 +27,28 @@ class GraphBatch:
 
     taxels: Int[np.ndarray, "node"]
     """Index in the skin of the taxel of each node."""
-
     pressure: Float[np.ndarray, "node"]
     """Pressure [kPa]; zero where the taxel is not active."""
-
     before: Float[np.ndarray, "node"]
     """Pressure one reading earlier [kPa]."""
-
     age: Float[np.ndarray, "node"]
     """Time since the taxel became active [s]; zero where it is not."""
-
     areas: Float[np.ndarray, "node"]
     """Area of the taxel [cm2]."""
-
     positions: Float[np.ndarray, "node 3"]
     """Position relative to the mean of the graph, in the axes of the world [cm]."""
-
     normals: Float[np.ndarray, "node 3"]
     """Outward unit normal in the world."""
-
     shear: Float[np.ndarray, "node 3"]
     """Shear traction in the world [kPa]; zero where not active or not measured."""
-
     shear_before: Float[np.ndarray, "node 3"]
     """Shear one reading earlier, rotated with the taxel since [kPa]."""
-
     neighbours: Int[np.ndarray, "node k"]
     """Sources j of the edges j -> i to each node i, as nodes of its graph, or -1."""
-
     offsets: Int[np.ndarray, "bound"]
     """First node of each graph, and after the last one the number of nodes."""
-
     seconds: Float[np.ndarray, "graph"]
     """Time since the previous reading [s]."""
-
     history: Float[np.ndarray, "graph column"]
     """History of the touch so far, with the columns `HISTORY`."""
 
@@ -122,9 +101,8 @@ class GraphBatch:
         offsets = np.concatenate([[0], np.cumsum(sizes)]).astype(np.int64)
         within = np.arange(offsets[-1]) - np.repeat(offsets[:-1], sizes)
         nodes = np.repeat(self.offsets[graphs], sizes) + within
-        selected = {name: getattr(self, name)[nodes] for name in NODE_FIELDS}
         return GraphBatch(
-            **selected,
+            **{name: getattr(self, name)[nodes] for name in NODE_FIELDS},
             offsets=offsets,
             seconds=self.seconds[graphs],
             history=self.history[graphs],
@@ -134,9 +112,8 @@ class GraphBatch:
         self, values: Float[np.ndarray, "node *axes"]
     ) -> Float[np.ndarray, "graph *axes"]:
         """Return the sum over the nodes of each graph; zero for a graph without any."""
-        padded = np.concatenate(
-            [values, np.zeros_like(values[:1], shape=(1, *values.shape[1:]))]
-        )
+        nothing = np.zeros_like(values[:1], shape=(1, *values.shape[1:]))
+        padded = np.concatenate([values, nothing])
         sums = np.add.reduceat(padded, self.offsets[:-1], axis=0)
         sums[self.sizes == 0] = 0.0  # where `reduceat` gives the next node
         return sums
@@ -157,21 +134,18 @@ def join_graphs(batches: Sequence[GraphBatch]) -> GraphBatch:
     """
     if not batches:
         raise ValueError("no graphs to join; give at least one batch")
-    sizes = np.concatenate([batch.sizes for batch in batches])
-    nodes = {
-        name: np.concatenate([getattr(batch, name) for batch in batches])
-        for name in NODE_FIELDS
-    }
+
+    def join(name: str) -> np.ndarray:
+        return np.concatenate([getattr(batch, name) for batch in batches])
+
     return GraphBatch(
-        **nodes,
-        offsets=np.concatenate([[0], np.cumsum(sizes)]).astype(np.int64),
-        seconds=np.concatenate([batch.seconds for batch in batches]),
-        history=np.concatenate([batch.history for batch in batches]),
+        **{name: join(name) for name in (*NODE_FIELDS, "seconds", "history")},
+        offsets=np.concatenate([[0], np.cumsum(join("sizes"))]).astype(np.int64),
     )
 
 
 def create_empty_batch(neighbours: int) -> GraphBatch:
-    """Return a batch without graphs, for nodes with so many neighbours."""
+    """Return a batch without graphs; `neighbours` is the width of its table."""
     return GraphBatch(*allocate_graphs(0, 0, neighbours))
 
 

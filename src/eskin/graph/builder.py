@@ -22,9 +22,9 @@ from eskin.touch import LinkPoseCache, Reading
 
 MAX_STEP = 0.5  # [s] between readings from which a rate is computed
 MIN_STEP = 1e-4  # [s]
-LONG_AGO = -1_000_000_000  # [ns], so that no first reading has a previous one
-NEVER = -2  # number of a reading before the one before the first
-NODES = 256  # nodes that there is memory for at first
+LONG_AGO = -1_000_000_000  # [ns] stamp before the first reading, too old for a rate
+NEVER = -2  # number of the reading of a taxel that has not been active yet
+INITIAL_NODES = 256  # that there is memory for
 NO_SHEAR = np.zeros((0, 2), np.float32)
 CM2_PER_M2 = 1e4
 
@@ -36,17 +36,13 @@ class GraphConfig:
     fixed: int = 8
     """Number of nearest taxels of the same patch that each taxel is joined to (the
     paper's K)."""
-
     live: int = 4
     """Number of nearest taxels of other patches, searched for at every reading."""
-
     live_reach: float = 0.03
     """Largest distance at which a taxel of another patch is joined [m]."""
-
     shear_on: float = 1.5
     """On a skin that is not calibrated: shear from which a taxel belongs to the graph
     even where its pressure is too low for a contact [kPa]."""
-
     posed: bool = True
     """Whether the robot's pose is used. Without it every joint is taken to be at 0, so
     that the same counts are the same touch in every pose."""
@@ -60,8 +56,8 @@ class GraphConfig:
 class GraphBuilder:
     """A builder makes the graphs of one stream of readings, oldest first.
 
-    It remembers one reading and since when each taxel has been active, so `advance`
-    must be called once for every reading, before `build`.
+    It keeps the previous reading and since when each taxel has been active, so
+    `advance` must be called once for every reading, before `build`.
 
     Attributes:
         geometry: geometry of the skin.
@@ -91,7 +87,7 @@ class GraphBuilder:
         self.taxel_history = create_taxel_history(mounted.skin.count)
         self.time_step = TimeStep(0, LONG_AGO, MAX_STEP, False)
         self.T_world_link = np.empty((0, 4, 4))
-        self.workspace = allocate_workspace(NODES, self.geometry)
+        self.workspace = allocate_workspace(INITIAL_NODES, self.geometry)
 
     def advance(self, reading: Reading, active: Int[np.ndarray, "active"]) -> None:
         """Store the loads of the next reading.
@@ -106,14 +102,11 @@ class GraphBuilder:
         )
 
     def start_step(self, reading: Reading) -> Float[np.ndarray, "taxel_or_none 2"]:
-        """Go on to the next reading without its loads; return its shear, if any."""
+        """Store time and pose of the next reading; return its shear, if any."""
         step = (reading.stamp - self.time_step.stamp) * 1e-9
-        self.time_step = TimeStep(
-            self.time_step.reading + 1,
-            reading.stamp,
-            min(max(step, MIN_STEP), MAX_STEP),
-            step <= MAX_STEP,
-        )
+        seconds = min(max(step, MIN_STEP), MAX_STEP)
+        number = self.time_step.reading + 1
+        self.time_step = TimeStep(number, reading.stamp, seconds, step <= MAX_STEP)
         self.T_world_link = self.poses.get(reading.q)
         return NO_SHEAR if reading.shear is None else reading.shear
 
@@ -161,22 +154,15 @@ class GraphBuilder:
 def build_skin_geometry(mounted: MountedSkin, config: GraphConfig) -> SkinGeometry:
     """Find the fixed neighbours of a skin, and lay out its geometry for kernels."""
     skin, fixed = mounted.skin, FixedNeighbours(mounted.skin, config.fixed)
-    x, z = skin.tangents, skin.normals
-
-    def real(values: np.ndarray) -> np.ndarray:
-        return np.ascontiguousarray(values, np.float64)
-
-    def whole(values: np.ndarray) -> np.ndarray:
-        return np.ascontiguousarray(values, np.int64)
-
+    tangents = np.stack([skin.tangents, np.cross(skin.normals, skin.tangents)])
     return SkinGeometry(
-        positions=real(skin.positions),
-        normals=real(skin.normals),
-        tangents=real(np.stack([x, np.cross(z, x)])),
+        positions=np.ascontiguousarray(skin.positions, np.float64),
+        normals=np.ascontiguousarray(skin.normals, np.float64),
+        tangents=np.ascontiguousarray(tangents, np.float64),
         areas=(skin.areas * CM2_PER_M2).astype(np.float32),
-        links=whole(mounted.taxel_link_index),
-        patch=whole(skin.patch_index),
-        rank=whole(fixed.rank),
+        links=np.ascontiguousarray(mounted.taxel_link_index, np.int64),
+        patch=np.ascontiguousarray(skin.patch_index, np.int64),
+        rank=np.ascontiguousarray(fixed.rank, np.int64),
         fixed_neighbours=fixed.table,
         reach=config.live_reach,
         live=config.live,
@@ -201,10 +187,10 @@ def allocate_workspace(nodes: int, geometry: SkinGeometry) -> GraphWorkspace:
     return GraphWorkspace(
         graph=allocate_graphs(1, nodes, fixed + geometry.live),
         p_world=np.zeros((nodes, 3)),
-        middle=np.zeros(3),
+        position_sum=np.zeros(3),
         patch=np.zeros(nodes, np.int64),
         rank=np.zeros(nodes, np.int64),
         search=allocate_search(nodes, geometry.live),
-        node=np.zeros(taxels, np.int64),
+        taxel_node=np.zeros(taxels, np.int64),
         marks=np.zeros(taxels // 64 + 1, np.uint64),
     )

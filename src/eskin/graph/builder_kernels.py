@@ -1,51 +1,42 @@
-"""Compiled kernels that build one contact graph, at a cost that follows the contact.
+"""Compiled kernels that build one contact graph, in time proportional to its size."""
 
-`no_type_check` keeps the tests' type checks off compiled code.
-"""
-
-from typing import NamedTuple, no_type_check
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float, Int
 
 from eskin.compiled import compiled
-from eskin.graph.neighbour_kernels import NO_NODE, NeighbourWorkspace, find_nearest
+from eskin.graph.neighbour_kernels import (
+    NO_NODE,
+    NeighbourWorkspace,
+    write_live_neighbours,
+)
 
 CM_PER_M = 100.0
 ZERO = np.float32(0.0)
 WORD = 64  # bits
-# Multiplying a single bit by this brings another six bits to the top for each position.
+# A single bit times this de Bruijn number has another top six bits for each position.
 DE_BRUIJN = np.uint64(0x03F79D71B4CB0A89)
-TOP = np.uint64(58)
-LOWEST = np.zeros(WORD, np.int64)
+TOP_SIX = np.uint64(58)  # bits to shift by
+BIT_POSITION = np.zeros(WORD, np.int64)
 for place in range(WORD):
-    LOWEST[((int(DE_BRUIJN) << place) & (2**WORD - 1)) >> 58] = place
-ONE, NONE = np.uint64(1), np.uint64(0)
+    BIT_POSITION[((int(DE_BRUIJN) << place) & (2**WORD - 1)) >> 58] = place
+ONE, NO_BITS = np.uint64(1), np.uint64(0)
 
 
 class SkinGeometry(NamedTuple):
-    """A geometry holds the properties of a skin on its robot that never change."""
+    """A geometry holds what never changes of a skin, in the frames of its links."""
 
-    positions: np.ndarray
-    """(taxel, 3) in the frame of its link [m]"""
-    normals: np.ndarray
-    """(taxel, 3) in the frame of its link"""
-    tangents: np.ndarray
-    """(2, taxel, 3) tangents x and y in the frame of its link"""
-    areas: np.ndarray
-    """(taxel) float32 [cm2]"""
-    links: np.ndarray
-    """(taxel) as indices into the robot's links"""
-    patch: np.ndarray
-    """(taxel) index of its patch"""
-    rank: np.ndarray
-    """(taxel) order that breaks ties of distance"""
-    fixed_neighbours: np.ndarray
-    """(taxel, fixed) nearest taxels of the same patch, or -1"""
-    reach: float
-    """Largest distance to a neighbour of another patch [m]."""
-    live: int
-    """Largest number of neighbours of other patches."""
+    positions: Float[np.ndarray, "taxel 3"]  # [m]
+    normals: Float[np.ndarray, "taxel 3"]
+    tangents: Float[np.ndarray, "2 taxel 3"]  # x, then y
+    areas: Float[np.ndarray, "taxel"]  # [cm2], float32
+    links: Int[np.ndarray, "taxel"]  # index of the link of the robot
+    patch: Int[np.ndarray, "taxel"]  # index of the patch
+    rank: Int[np.ndarray, "taxel"]  # breaks ties of distance
+    fixed_neighbours: Int[np.ndarray, "taxel k"]  # nearest of the same patch, or -1
+    reach: float  # largest distance to a neighbour of another patch [m]
+    live: int  # largest number of neighbours of other patches
 
 
 class TaxelHistory(NamedTuple):
@@ -55,31 +46,21 @@ class TaxelHistory(NamedTuple):
     ever cleared, so a reading costs only what is active in it.
     """
 
-    reading: np.ndarray
-    """(taxel) number of the latest reading in which it was active"""
-    onset: np.ndarray
-    """(taxel) when it became active [ns since the epoch]"""
-    pressure: np.ndarray
-    """(taxel) at that reading [kPa]"""
-    before: np.ndarray
-    """(taxel) one reading earlier [kPa]"""
-    shear: np.ndarray
-    """(taxel, 2) at that reading, along its tangents [kPa]"""
-    shear_before: np.ndarray
-    """(taxel, 2) one reading earlier [kPa]"""
+    reading: Int[np.ndarray, "taxel"]  # number of the latest reading where it is active
+    onset: Int[np.ndarray, "taxel"]  # when it became active [ns since the epoch]
+    pressure: Float[np.ndarray, "taxel"]  # at that reading [kPa]
+    before: Float[np.ndarray, "taxel"]  # one reading earlier [kPa]
+    shear: Float[np.ndarray, "taxel 2"]  # at that reading, along its tangents [kPa]
+    shear_before: Float[np.ndarray, "taxel 2"]  # one reading earlier [kPa]
 
 
 class TimeStep(NamedTuple):
     """A time step tells the number and time of one reading."""
 
-    reading: int
-    """Number of the reading."""
-    stamp: int
-    """Time of the reading [ns since the epoch]."""
-    seconds: float
-    """Time since the previous reading, clipped to a range [s]."""
-    has_previous: bool
-    """Whether the previous reading is recent enough for a rate."""
+    reading: int  # number of the reading
+    stamp: int  # [ns since the epoch]
+    seconds: float  # time since the previous reading, clipped to a range [s]
+    has_previous: bool  # whether the previous reading is recent enough for a rate
 
 
 class GraphArrays(NamedTuple):
@@ -106,26 +87,17 @@ class GraphArrays(NamedTuple):
 class GraphWorkspace(NamedTuple):
     """A workspace is memory in which one graph is built, whatever it held before."""
 
-    graph: GraphArrays
-    """The graph, a batch of one."""
-    p_world: np.ndarray
-    """(node, 3) positions in the world [m]"""
-    middle: np.ndarray
-    """(3) sum of those [m]"""
-    patch: np.ndarray
-    """(node) index of the patch"""
-    rank: np.ndarray
-    """(node) order that breaks ties of distance"""
+    graph: GraphArrays  # a batch of one
+    p_world: Float[np.ndarray, "node 3"]  # positions in the world [m]
+    position_sum: Float[np.ndarray, "3"]  # sum of those [m]
+    patch: Int[np.ndarray, "node"]  # index of the patch
+    rank: Int[np.ndarray, "node"]  # breaks ties of distance
     search: NeighbourWorkspace
-    """Memory for the search for neighbours of other patches."""
-    node: np.ndarray
-    """(taxel) its node; valid only if that node is of this taxel"""
-    marks: np.ndarray
-    """(taxel / 64) one bit per taxel; all zero between graphs"""
+    taxel_node: Int[np.ndarray, "taxel"]  # valid only if that node is of this taxel
+    marks: Int[np.ndarray, "word"]  # one bit per taxel, all zero between graphs
 
 
 @compiled
-@no_type_check
 def update_taxel_history(
     active: Int[np.ndarray, "active"],
     pressure: Float[np.ndarray, "taxel"],
@@ -161,7 +133,6 @@ def update_taxel_history(
 
 
 @compiled
-@no_type_check
 def build_graph(
     taxels: Int[np.ndarray, "active"],
     earlier: Int[np.ndarray, "earlier"],
@@ -186,7 +157,7 @@ def build_graph(
     """
     graph, table = workspace.graph, geometry.fixed_neighbours
     nodes = find_support(
-        taxels, earlier, table, workspace.marks, graph.taxels, workspace.node
+        taxels, earlier, table, workspace.marks, graph.taxels, workspace.taxel_node
     )
     write_geometry(nodes, T_world_link, geometry, workspace)
     write_loads(
@@ -194,9 +165,9 @@ def build_graph(
     )
     fixed = table.shape[1]
     write_fixed_neighbours(
-        graph.taxels[:nodes], table, workspace.node, graph.neighbours[:, :fixed]
+        graph.taxels[:nodes], table, workspace.taxel_node, graph.neighbours[:, :fixed]
     )
-    find_nearest(
+    write_live_neighbours(
         workspace.p_world[:nodes],
         workspace.patch[:nodes],
         workspace.rank[:nodes],
@@ -212,31 +183,22 @@ def build_graph(
 
 
 @compiled
-@no_type_check
 def find_support(
     taxels: Int[np.ndarray, "active"],
     earlier: Int[np.ndarray, "earlier"],
     table: Int[np.ndarray, "taxel k"],
     marks: Int[np.ndarray, "word"],
-    nodes: Int[np.ndarray, "node"],
-    node: Int[np.ndarray, "taxel"],
+    node_taxel: Int[np.ndarray, "node"],
+    taxel_node: Int[np.ndarray, "taxel"],
 ) -> int:
     """Find the nodes of a graph: taxels active now or before and fixed neighbours.
 
-    Args:
-        taxels: taxels active now.
-        earlier: taxels active one reading ago.
-        table: fixed neighbours of each taxel, or -1.
-        marks: one bit per taxel, all zero before and after.
-        nodes: output, the taxel of each node.
-        node: output, the node of each of those taxels.
-
-    Returns:
-        The number of nodes.
+    Write the taxel of each node and the node of each of those taxels; return the number
+    of nodes. Nodes are in the order of their taxels.
     """
     first, last = len(marks), -1
-    for those in (taxels, earlier):
-        for taxel in those:
+    for active in (taxels, earlier):
+        for taxel in active:
             word = taxel // WORD
             marks[word] |= ONE << np.uint64(taxel % WORD)
             first, last = min(first, word), max(last, word)
@@ -249,47 +211,38 @@ def find_support(
     count = 0
     for word in range(first, last + 1):
         bits = marks[word]
-        marks[word] = NONE
-        while bits != NONE:
-            rest = bits & (bits - ONE)
-            taxel = WORD * word + LOWEST[((bits ^ rest) * DE_BRUIJN) >> TOP]
-            nodes[count] = taxel
-            node[taxel] = count
+        marks[word] = NO_BITS
+        while bits != NO_BITS:
+            others = bits & (bits - ONE)
+            lowest = bits ^ others
+            taxel = WORD * word + BIT_POSITION[(lowest * DE_BRUIJN) >> TOP_SIX]
+            node_taxel[count] = taxel
+            taxel_node[taxel] = count
             count += 1
-            bits = rest
+            bits = others
     return count
 
 
 @compiled
-@no_type_check
 def write_fixed_neighbours(
-    nodes: Int[np.ndarray, "node"],
+    node_taxel: Int[np.ndarray, "node"],
     table: Int[np.ndarray, "taxel k"],
-    node: Int[np.ndarray, "taxel"],
+    taxel_node: Int[np.ndarray, "taxel"],
     out: Int[np.ndarray, "row k"],
 ) -> None:
-    """Write the fixed neighbours that are in the graph, as nodes, or -1.
-
-    Args:
-        nodes: the taxel of each node.
-        table: fixed neighbours of each taxel, or -1.
-        node: node of each taxel of the graph; arbitrary for other taxels.
-        out: output, the neighbours of each node.
-    """
-    count = len(nodes)
+    """Write the fixed neighbours that are in the graph, as nodes, or -1."""
+    count = len(node_taxel)
     for n in range(count):
-        taxel = nodes[n]
         for k in range(table.shape[1]):
-            neighbour = table[taxel, k]
+            neighbour = table[node_taxel[n], k]
             out[n, k] = NO_NODE
             if neighbour != NO_NODE:
-                m = node[neighbour]
-                if m < count and nodes[m] == neighbour:
+                m = taxel_node[neighbour]
+                if m < count and node_taxel[m] == neighbour:
                     out[n, k] = m
 
 
 @compiled
-@no_type_check
 def write_geometry(
     nodes: int,
     T_world_link: Float[np.ndarray, "link 4 4"],
@@ -298,31 +251,28 @@ def write_geometry(
 ) -> None:
     """Write position, normal, area, patch and rank of the nodes."""
     graph = workspace.graph
-    p_world, members, links = workspace.p_world, graph.taxels, geometry.links
+    p_world, node_taxel = workspace.p_world, graph.taxels
     positions, normals, areas = graph.positions, graph.normals, graph.areas
     p_link, n_link, taxel_areas = geometry.positions, geometry.normals, geometry.areas
-    middle = workspace.middle
-    middle[:] = 0.0
+    position_sum, patch, rank = workspace.position_sum, workspace.patch, workspace.rank
+    position_sum[:] = 0.0
     for n in range(nodes):
-        taxel = members[n]
-        link = links[taxel]
+        taxel = node_taxel[n]
+        link = geometry.links[taxel]
         for d in range(3):
             p_world[n, d] = T_world_link[link, d, 3] + rotate_axis(
                 d, link, T_world_link, taxel, p_link
             )
             normals[n, d] = rotate_axis(d, link, T_world_link, taxel, n_link)
-            middle[d] += p_world[n, d]
-        areas[n] = taxel_areas[taxel]
+            position_sum[d] += p_world[n, d]
+        areas[n], patch[n] = taxel_areas[taxel], geometry.patch[taxel]
+        rank[n] = geometry.rank[taxel]
     for n in range(nodes):
         for d in range(3):
-            positions[n, d] = (p_world[n, d] - middle[d] / nodes) * CM_PER_M
-    patch, rank = workspace.patch, workspace.rank
-    for n in range(nodes):
-        patch[n], rank[n] = geometry.patch[members[n]], geometry.rank[members[n]]
+            positions[n, d] = (p_world[n, d] - position_sum[d] / nodes) * CM_PER_M
 
 
 @compiled
-@no_type_check
 def write_loads(
     nodes: int,
     taxels: Int[np.ndarray, "active"],
@@ -338,7 +288,7 @@ def write_loads(
     Loads of taxels that belong to other touches are zero.
     """
     graph = workspace.graph
-    node, links, tangents = workspace.node, geometry.links, geometry.tangents
+    node, links, tangents = workspace.taxel_node, geometry.links, geometry.tangents
     pressure, before, age = graph.pressure, graph.before, graph.age
     shear, shear_before = graph.shear, graph.shear_before
     pressure[:nodes], before[:nodes], age[:nodes] = ZERO, ZERO, ZERO
@@ -364,7 +314,6 @@ def write_loads(
 
 
 @compiled
-@no_type_check
 def write_shear(
     taxel: int,
     links: Int[np.ndarray, "taxel"],
@@ -374,7 +323,7 @@ def write_shear(
     n: int,
     out: Float[np.ndarray, "node 3"],
 ) -> None:
-    """Write a taxel's shear in the world frame to row `n` [kPa], unless it is zero."""
+    """Write a taxel's shear in the world [kPa] to row `n`, unless it is zero."""
     if shear[taxel, 0] == 0.0 and shear[taxel, 1] == 0.0:
         return
     link = links[taxel]
@@ -385,7 +334,6 @@ def write_shear(
 
 
 @compiled
-@no_type_check
 def rotate_axis(
     d: int,
     link: int,

@@ -4,7 +4,7 @@ import numpy as np
 from jaxtyping import Float
 
 from eskin.graph.batch import HISTORY, GraphBatch
-from eskin.graph.summary_kernels import LEVELS, measure_motion, summarise_all
+from eskin.graph.summary_kernels import LEVELS, summarise_all, write_load_motions
 
 NODE_SCALARS = ("active", "pressure", "rate", "age", "shear")
 """Columns of `compute_node_scalars`, each of order one."""
@@ -34,8 +34,8 @@ PRESSURE_SUMMARY = (
 """First columns of `compute_summary`: features of the pressure, then the history.
 
 Length, breadth and depth are the standard deviations of the load along its principal
-axes [cm]; the agreement of normals is 1 where all the load presses one way and 0 where
-it presses from all around."""
+axes [cm]; the agreement of normals is 1 where all the load presses in one direction and
+0 where it presses from all sides."""
 
 SHEAR_SUMMARY = (
     "shear force",
@@ -57,8 +57,8 @@ SHEAR_SUMMARY = (
 def compute_node_scalars(batch: GraphBatch) -> Float[np.ndarray, "node scalar"]:
     """Return the columns `NODE_SCALARS`, zero on inactive nodes except for the rate.
 
-    Force is left out on purpose: it would depend on the size of a taxel, which pooling
-    and aggregation take into account, so that skins of any density look alike.
+    Force is no column, since it depends on the size of a taxel. Areas weigh pooling and
+    aggregation instead, so that skins of any density give the same.
     """
     rate = (batch.pressure - batch.before) / batch.seconds[batch.graph_index]
     columns = [
@@ -100,5 +100,5 @@ def compute_load_motion(
     The centre is zero where there is no load, the velocity at first contact.
     """
     centres, velocities = np.empty((2, batch.count, 3))
-    measure_motion(batch.arrays, centres, velocities)
+    write_load_motions(batch.arrays, centres, velocities)
     return centres, velocities

@@ -1,6 +1,6 @@
 """Compiled kernels that find the nearest nodes of other patches."""
 
-from typing import NamedTuple, no_type_check
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -14,19 +14,14 @@ NO_NODE = -1
 class NeighbourWorkspace(NamedTuple):
     """A workspace is the memory of a search for neighbours of other patches."""
 
-    boxes: np.ndarray
-    """(box, 2, 3) smallest and largest coordinates of each patch [m]"""
-    patches: np.ndarray
-    """(box) index of its patch"""
-    near: np.ndarray
-    """(node) nodes near other patches"""
-    lengths: np.ndarray
-    """(neighbour) distances of the nearest nodes so far [um]"""
+    boxes: Float[np.ndarray, "box 2 3"]  # least and greatest coordinates of a patch [m]
+    patches: Int[np.ndarray, "box"]  # patch of each box
+    candidates: Int[np.ndarray, "node"]  # nodes near other patches
+    lengths: Float[np.ndarray, "neighbour"]  # distances of the nearest so far [um]
 
 
 @compiled
-@no_type_check
-def find_nearest(
+def write_live_neighbours(
     p_world: Float[np.ndarray, "node 3"],
     patch: Int[np.ndarray, "node"],
     rank: Int[np.ndarray, "node"],
@@ -34,47 +29,36 @@ def find_nearest(
     workspace: NeighbourWorkspace,
     out: Int[np.ndarray, "node k"],
 ) -> None:
-    """Write the nearest nodes of other patches, nearest first, or -1.
-
-    Distances are compared in whole micrometres; see `find_live_neighbours`.
-
-    Args:
-        p_world: positions in the world [m].
-        patch: the patch of each node.
-        rank: rank of each node, which breaks ties.
-        reach: largest distance to a neighbour [m].
-        workspace: working memory.
-        out: output, the neighbours of each node.
-    """
+    """Write the neighbours of each node; see `find_live_neighbours` for arguments."""
     out[:] = NO_NODE
-    farthest = np.rint(reach * MICROMETRES)
-    widest = (farthest + 1.0) / MICROMETRES
-    count, near = find_candidates(p_world, patch, widest, workspace), workspace.near
-    lengths, last = workspace.lengths, out.shape[1] - 1
+    max_length = np.rint(reach * MICROMETRES)
+    search_radius = (max_length + 1.0) / MICROMETRES
+    count = find_candidates(p_world, patch, search_radius, workspace)
+    candidates, lengths = workspace.candidates, workspace.lengths
+    last = out.shape[1] - 1
     if last < 0:
         return
     for a in range(count):
-        n = near[a]
+        n = candidates[a]
         lengths[:] = np.inf
-        within = widest  # distance of the last of the nearest so far, or the reach
+        radius = search_radius  # shrinks to the distance of the last of the nearest
         for b in range(count):
-            m = near[b]
+            m = candidates[b]
             if patch[m] == patch[n]:
                 continue
             x = p_world[n, 0] - p_world[m, 0]
             y = p_world[n, 1] - p_world[m, 1]
             z = p_world[n, 2] - p_world[m, 2]
             squared = x * x + y * y + z * z
-            if squared > within * within:
+            if squared > radius * radius:
                 continue
             length = np.rint(np.sqrt(squared) * MICROMETRES)
-            if length <= farthest:
+            if length <= max_length:
                 insert_neighbour(m, length, rank, lengths, n, out)
-                within = min(widest, (lengths[last] + 1.0) / MICROMETRES)
+                radius = min(search_radius, (lengths[last] + 1.0) / MICROMETRES)
 
 
 @compiled
-@no_type_check
 def find_candidates(
     p_world: Float[np.ndarray, "node 3"],
     patch: Int[np.ndarray, "node"],
@@ -83,30 +67,29 @@ def find_candidates(
 ) -> int:
     """List the nodes within reach of the box around another patch; return their number.
 
-    Most nodes are not; only the listed ones are compared with each other.
+    Only these, few of all nodes, are compared with each other.
     """
-    boxes = find_boxes(p_world, patch, workspace)
-    count, box, patches, near = 0, workspace.boxes, workspace.patches, workspace.near
-    if boxes < 2:
+    box_count = write_boxes(p_world, patch, workspace)
+    count, boxes, patches = 0, workspace.boxes, workspace.patches
+    if box_count < 2:
         return count
     for n in range(len(patch)):
-        for b in range(boxes):
+        for b in range(box_count):
             if patches[b] == patch[n]:
                 continue
             gap = 0.0
             for d in range(3):
-                low, high = box[b, 0, d], box[b, 1, d]
+                low, high = boxes[b, 0, d], boxes[b, 1, d]
                 gap = max(gap, low - p_world[n, d], p_world[n, d] - high)
             if gap <= reach:
-                near[count] = n
+                workspace.candidates[count] = n
                 count += 1
                 break
     return count
 
 
 @compiled
-@no_type_check
-def find_boxes(
+def write_boxes(
     p_world: Float[np.ndarray, "node 3"],
     patch: Int[np.ndarray, "node"],
     workspace: NeighbourWorkspace,
@@ -115,9 +98,7 @@ def find_boxes(
     boxes, patches = workspace.boxes, workspace.patches
     count, b = 0, 0
     for n in range(len(patch)):
-        if (
-            count == 0 or patches[b] != patch[n]
-        ):  # else it is the box of the previous node
+        if count == 0 or patches[b] != patch[n]:  # not in the box of the previous node
             b = 0
             while b < count and patches[b] != patch[n]:
                 b += 1
@@ -133,7 +114,6 @@ def find_boxes(
 
 
 @compiled
-@no_type_check
 def insert_neighbour(
     node: int,
     length: float,
@@ -154,7 +134,6 @@ def insert_neighbour(
 
 
 @compiled
-@no_type_check
 def is_nearer(
     one: int,
     length: float,

@@ -14,23 +14,25 @@ from eskin.graph.neighbour_kernels import (
     MICROMETRES,
     NO_NODE,
     NeighbourWorkspace,
-    find_nearest,
+    write_live_neighbours,
 )
 from eskin.skin import Skin
 
 
 class FixedNeighbours:
-    """A table holds the K nearest taxels of the same patch, computed once for a skin.
+    """Fixed neighbours are the nearest taxels of the same patch, found once for a skin.
 
     Attributes:
-        table: the neighbours of each taxel, nearest first, or -1.
+        table: (taxel, k) neighbours of each taxel, nearest first; -1 fills up.
         rank: rank of each taxel when sorted by (patch, row, column).
     """
 
     def __init__(self, skin: Skin, k: int) -> None:
         """Find the `k` nearest neighbours of every taxel of a skin."""
         ids = np.array([patch.id for patch in skin.patches])[skin.patch_index]
-        self.rank = compute_ranks(np.lexsort((skin.columns, skin.rows, ids)))
+        order = np.lexsort((skin.columns, skin.rows, ids))
+        self.rank = np.empty_like(order)
+        self.rank[order] = np.arange(skin.count)
         self.table = np.full((skin.count, k), NO_NODE, dtype=np.int64)
         for patch in range(len(skin.patches)):
             taxels = np.flatnonzero(skin.patch_index == patch)
@@ -49,16 +51,9 @@ def allocate_search(nodes: int, k: int) -> NeighbourWorkspace:
     return NeighbourWorkspace(
         boxes=np.zeros((nodes, 2, 3)),
         patches=np.zeros(nodes, np.int64),
-        near=np.zeros(nodes, np.int64),
+        candidates=np.zeros(nodes, np.int64),
         lengths=np.zeros(k),
     )
-
-
-def compute_ranks(order: Int[np.ndarray, "taxel"]) -> Int[np.ndarray, "taxel"]:
-    """Return the rank of each entry in a sorting order."""
-    ranks = np.empty_like(order)
-    ranks[order] = np.arange(len(order))
-    return ranks
 
 
 def find_nearest_in_patch(
@@ -72,9 +67,9 @@ def find_nearest_in_patch(
     Squared distances are whole numbers of square micrometres, so equal ones are equal
     to the last bit, however the patch lies.
     """
-    whole = np.rint(positions * MICROMETRES).astype(np.int64)
-    one, other = find_close_pairs(whole, k)
-    squared = ((whole[one] - whole[other]) ** 2).sum(axis=1)
+    points = np.rint(positions * MICROMETRES).astype(np.int64)
+    one, other = find_close_pairs(points, k)
+    squared = ((points[one] - points[other]) ** 2).sum(axis=1)
     order = np.lexsort((rank[taxels[other]], squared, one))
     one, other = one[order], other[order]
     place = np.arange(len(one)) - np.searchsorted(one, one)
@@ -85,21 +80,21 @@ def find_nearest_in_patch(
 
 
 def find_close_pairs(
-    whole: Int[np.ndarray, "part 3"], k: int
+    points: Int[np.ndarray, "part 3"], k: int
 ) -> tuple[Int[np.ndarray, "pair"], Int[np.ndarray, "pair"]]:
     """Return pairs of each point with all others no farther than its `k`-th nearest.
 
-    All that tie with the `k`-th nearest are among them, so that ranks can break ties.
+    All that tie with the `k`-th nearest are included, so that ranks can break ties.
     """
-    tree = KDTree(whole)
-    nearest = np.asarray(tree.query(whole, k=min(k + 1, len(whole)))[0])
-    farthest = nearest.reshape(len(whole), -1)[:, -1]
+    tree = KDTree(points)
+    distances = np.asarray(tree.query(points, k=min(k + 1, len(points)))[0])
+    radius = distances.reshape(len(points), -1)[:, -1]
     # Half a micrometre more, against rounding errors; surplus points are dropped later.
-    near = tree.query_ball_point(whole, farthest + 0.5)
-    one = np.repeat(np.arange(len(whole)), [len(others) for others in near])
+    near = tree.query_ball_point(points, radius + 0.5)
+    one = np.repeat(np.arange(len(points)), [len(others) for others in near])
     other = np.fromiter(chain.from_iterable(near), np.int64, len(one))
-    apart = one != other
-    return one[apart], other[apart]
+    different = one != other
+    return one[different], other[different]
 
 
 def find_live_neighbours(
@@ -122,5 +117,6 @@ def find_live_neighbours(
         reach: largest distance to a neighbour [m].
     """
     nearest = np.empty((len(p_world), k), np.int32)
-    find_nearest(p_world, patch, rank, reach, allocate_search(len(patch), k), nearest)
+    workspace = allocate_search(len(patch), k)
+    write_live_neighbours(p_world, patch, rank, reach, workspace, nearest)
     return nearest

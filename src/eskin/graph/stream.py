@@ -11,7 +11,7 @@ from eskin.graph.builder import GraphBuilder, GraphConfig
 from eskin.graph.touch_node_kernels import TouchNodeArrays, collect_touch_nodes
 from eskin.skin import MountedSkin
 from eskin.structref_kernels import Packed, pack, unpack
-from eskin.touch import LinkPoseCache, Reading, TouchState
+from eskin.touch import LinkPoseCache, TouchState
 
 WHOLE_SKIN = 0
 """Key of the one sequence of a skin that is not calibrated; ids of touches start at
@@ -21,24 +21,22 @@ NO_TAXELS = np.empty(0, dtype=np.int64)
 
 
 class TouchNodes(NamedTuple):
-    """These are the taxels and the history from which a sequence's graph is built."""
+    """Touch nodes are the taxels and the history of a sequence at one reading."""
 
     taxels: Int[np.ndarray, "active"]
     """Active taxels now."""
-
     earlier: Int[np.ndarray, "earlier"]
     """Active taxels one reading ago."""
-
     history: Float[np.ndarray, "column"]
     """History of the touch so far, with the columns `HISTORY`."""
 
 
 class PackedTouchNodes(NamedTuple):
-    """These are the taxels of all sequences at one reading, packed for kernels."""
+    """This tuple holds the touch nodes of all sequences, packed for kernels."""
 
     keys: list[int]
     """Keys of the sequences."""
-    most: int
+    max_taxels: int
     """Largest number of taxels of a sequence, now and one reading ago together."""
     packed: Packed
     """Packed `TouchNodeArrays`."""
@@ -46,10 +44,10 @@ class PackedTouchNodes(NamedTuple):
 
 @final
 class GraphStream:
-    """A stream builds the graph of every open touch at every reading.
+    """A graph stream builds the graph of every open touch at every reading.
 
-    On a skin that is not calibrated there is one sequence of graphs for the whole
-    skin, which continues whether or not anything touches it.
+    The graphs of a touch are one sequence. On a skin that is not calibrated there is
+    one sequence for the whole skin, which goes on even while nothing touches it.
     """
 
     def __init__(
@@ -81,57 +79,47 @@ class GraphStream:
         """
         nodes: TouchNodeArrays = unpack(self.find_touch_nodes(state).packed)
         self.builder.advance(state.reading, nodes.active)
+        spans = zip(nodes.keys, nodes.active_spans, nodes.earlier_spans, strict=True)
         return {
             int(key): self.builder.build(
                 nodes.active[slice(*now)], nodes.earlier[slice(*before)], history
             )
-            for key, now, before, history in zip(
-                nodes.keys,
-                nodes.now,
-                nodes.before,
-                nodes.histories,
-                strict=True,
-            )
+            for (key, now, before), history in zip(spans, nodes.histories, strict=True)
         }
 
     def find_touch_nodes(self, state: TouchState) -> PackedTouchNodes:
         """Return the taxels and the history of each sequence at the next reading."""
         if not self.calibrated:
-            taxels, earlier = self.find_active_taxels(state), self.earlier
-            self.earlier = taxels
-            nodes = TouchNodes(taxels, earlier, NO_HISTORY)
+            nodes = TouchNodes(self.find_active_taxels(state), self.earlier, NO_HISTORY)
+            self.earlier = nodes.taxels
             return pack_touch_nodes({WHOLE_SKIN: nodes})
         if not state.open:
             return self.no_nodes
-        packed, most = collect_touch_nodes(state.tracking.packed, state.reading.stamp)
-        return PackedTouchNodes([touch.id for touch in state.open], most, packed)
+        packed, max_taxels = collect_touch_nodes(
+            state.tracking.packed, state.reading.stamp
+        )
+        return PackedTouchNodes([touch.id for touch in state.open], max_taxels, packed)
 
     def find_active_taxels(self, state: TouchState) -> Int[np.ndarray, "active"]:
         """Return all taxels in contact or under shear, whatever their touch."""
-        parts = [contact.taxels for contact in state.contacts]
-        sheared = self.find_sheared_taxels(state.reading)
-        return np.unique(np.concatenate([*parts, sheared]))
-
-    def find_sheared_taxels(self, reading: Reading) -> Int[np.ndarray, "sheared"]:
-        """Return the taxels whose shear shows a touch, whatever their pressure."""
-        if reading.shear is None:
-            return NO_TAXELS
-        size = np.linalg.norm(reading.shear, axis=1)
-        enough = size >= self.builder.config.shear_on
-        return np.flatnonzero(enough & reading.valid)
+        parts, reading = [contact.taxels for contact in state.contacts], state.reading
+        if reading.shear is not None:
+            size = np.linalg.norm(reading.shear, axis=1)
+            sheared = size >= self.builder.config.shear_on
+            parts.append(np.flatnonzero(sheared & reading.valid))
+        return np.unique(np.concatenate([NO_TAXELS, *parts]))
 
 
 def pack_touch_nodes(nodes: Mapping[int, TouchNodes]) -> PackedTouchNodes:
     """Pack the taxels and histories of sequences, given by key, for compiled code."""
-    every, keys = list(nodes.values()), list(nodes)
-    active, now = concatenate([each.taxels for each in every])
-    earlier, before = concatenate([each.earlier for each in every])
-    histories = np.empty((len(every), len(HISTORY)))
-    for n, each in enumerate(every):
-        histories[n] = each.history
-    numbers = np.array(keys, np.int64)
-    packed = pack(TouchNodeArrays(numbers, active, earlier, now, before, histories))
-    sizes = [len(each.taxels) + len(each.earlier) for each in every]
+    values, keys = list(nodes.values()), list(nodes)
+    active, now = concatenate([each.taxels for each in values])
+    earlier, before = concatenate([each.earlier for each in values])
+    rows = np.array([each.history for each in values], np.float64)
+    histories = rows.reshape(-1, len(HISTORY))
+    key_array = np.array(keys, np.int64)
+    packed = pack(TouchNodeArrays(key_array, active, earlier, now, before, histories))
+    sizes = [len(each.taxels) + len(each.earlier) for each in values]
     return PackedTouchNodes(keys, max(sizes, default=0), packed)
 
 

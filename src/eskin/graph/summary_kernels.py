@@ -1,13 +1,12 @@
-"""Compiled kernels that summarise the touch that each contact graph shows.
+"""Compiled kernels that compute the summary of each contact graph.
 
-Sums are taken in float64, one node after the other. Every feature is invariant to
+Sums are in float64, over one node after the other. Every feature is invariant to
 motions and mirror images of the whole robot, depends on forces and areas rather than on
 taxels, so that density does not matter, and is logarithmic where people differ by
 factors.
 """
 
 import math
-from typing import no_type_check
 
 import numpy as np
 from jaxtyping import Float
@@ -18,20 +17,20 @@ from eskin.graph.builder_kernels import GraphArrays
 LEVELS = (20.0, 50.0, 90.0)
 """Pressures above which the area is measured [kPa]."""
 
-# Scales below which values are not told apart: the scatter of sensors and hands.
+# Scales below which differences are noise of sensors and hands.
 FORCE = 0.3  # [N]
 RATE = 3.0  # [N/s]
 SPEED = 0.5  # [cm/s]
 AREA = 1.0  # [cm2]
 PRESSURE = 1.0  # [kPa]
-FLAT = 0.01  # [cm], so that rounding gives a flat patch no depth
-NEAR = 0.3  # [cm] from the centre, where outward is no clear direction
+FLAT = 0.01  # [cm], so that rounding errors give a flat patch no depth
+NEAR = 0.3  # [cm] from the centre, where the outward direction is ill-defined
 HISTORY_FLOORS = (0.5, 0.2, 1.0, 1.0, 1.0, FORCE, FORCE)
 """The same scales for the columns of `eskin.graph.HISTORY`, in their units."""
 
 N_PER_KPA_CM2 = 0.1
 MIN_WEIGHT = 1e-6
-"""Weight below which a load has no centre [kPa cm2]."""
+"""Load below which its centre is not defined [kPa cm2]."""
 SWEEPS = 5
 """Sweeps of Jacobi's method; four bring 3x3 matrices to float64's last digit."""
 
@@ -39,7 +38,6 @@ Vector = tuple[float, float, float]
 
 
 @compiled_fastmath
-@no_type_check
 def summarise_all(
     graphs: GraphArrays, shear: bool, out: Float[np.ndarray, "graph feature"]
 ) -> None:
@@ -49,33 +47,28 @@ def summarise_all(
 
 
 @compiled_fastmath
-@no_type_check
 def summarise(
-    graphs: GraphArrays,
-    index: int,
-    shear: bool,
-    out: Float[np.ndarray, "feature"],
+    graphs: GraphArrays, index: int, shear: bool, out: Float[np.ndarray, "feature"]
 ) -> None:
-    """Write the columns of `PRESSURE_SUMMARY`, then those of `SHEAR_SUMMARY`.
+    """Write the columns of `PRESSURE_SUMMARY`, and with shear those of `SHEAR_SUMMARY`.
 
     Args:
         graphs: batch of graphs.
-        index: which of them.
+        index: index of the graph to summarise.
         shear: whether to write the summary of the shear.
         out: output, the summary.
     """
     force, centre, velocity = compute_load_motion(graphs, index)
-    at = summarise_pressure(graphs, index, force, centre, velocity, out)
+    column = summarise_pressure(graphs, index, force, centre, velocity, out)
     for k in range(len(HISTORY_FLOORS)):
-        out[at + k] = log(graphs.history[index, k], HISTORY_FLOORS[k])
+        out[column + k] = log(graphs.history[index, k], HISTORY_FLOORS[k])
     if shear:
-        at += len(HISTORY_FLOORS)
-        summarise_shear(graphs, index, force, centre, velocity, out[at:])
+        column += len(HISTORY_FLOORS)
+        summarise_shear(graphs, index, force, centre, velocity, out[column:])
 
 
 @compiled_fastmath
-@no_type_check
-def measure_motion(
+def write_load_motions(
     graphs: GraphArrays,
     centres: Float[np.ndarray, "graph 3"],
     velocities: Float[np.ndarray, "graph 3"],
@@ -88,7 +81,6 @@ def measure_motion(
 
 
 @compiled_fastmath
-@no_type_check
 def compute_load_motion(
     graphs: GraphArrays, index: int
 ) -> tuple[float, Vector, Vector]:
@@ -117,20 +109,19 @@ def compute_load_motion(
         x_before += weight_before * positions[i, 0]
         y_before += weight_before * positions[i, 1]
         z_before += weight_before * positions[i, 2]
-    heavy, heavy_before = max(now, MIN_WEIGHT), max(before, MIN_WEIGHT)
-    centre = (x / heavy, y / heavy, z / heavy)
+    divisor, divisor_before = max(now, MIN_WEIGHT), max(before, MIN_WEIGHT)
+    centre = (x / divisor, y / divisor, z / divisor)
     velocity = (0.0, 0.0, 0.0)
     if now > 0.0 and before > 0.0:
         velocity = (
-            (centre[0] - x_before / heavy_before) / seconds,
-            (centre[1] - y_before / heavy_before) / seconds,
-            (centre[2] - z_before / heavy_before) / seconds,
+            (centre[0] - x_before / divisor_before) / seconds,
+            (centre[1] - y_before / divisor_before) / seconds,
+            (centre[2] - z_before / divisor_before) / seconds,
         )
     return now * N_PER_KPA_CM2, centre, velocity
 
 
 @compiled_fastmath
-@no_type_check
 def summarise_pressure(
     graphs: GraphArrays,
     index: int,
@@ -172,15 +163,15 @@ def summarise_pressure(
         xx, yy, zz = xx + weight * x * x, yy + weight * y * y, zz + weight * z * z
         xy, xz, yz = xy + weight * x * y, xz + weight * x * z, yz + weight * y * z
     total = force / N_PER_KPA_CM2
-    heavy = max(total, MIN_WEIGHT)
-    spreads = compute_eigenvalues(
-        xx / heavy, yy / heavy, zz / heavy, xy / heavy, xz / heavy, yz / heavy
+    div = max(total, MIN_WEIGHT)
+    variances = compute_eigenvalues(
+        xx / div, yy / div, zz / div, xy / div, xz / div, yz / div
     )
     loading, unloading = loading / seconds, unloading / seconds
     mean, square = total / (area + AREA), squares / (area + AREA)
-    length, breadth = compute_extent(spreads[0]), compute_extent(spreads[1])
+    length, breadth = compute_extent(variances[0]), compute_extent(variances[1])
     speed = norm(velocity[0], velocity[1], velocity[2])
-    pressed = square * area * N_PER_KPA_CM2**2
+    concentration = square * area * N_PER_KPA_CM2**2
     columns = (
         log(force, FORCE),
         log(peak, PRESSURE),
@@ -190,16 +181,16 @@ def summarise_pressure(
         log(high, AREA),
         length,
         breadth,
-        compute_extent(spreads[2]),
+        compute_extent(variances[2]),
         breadth / (length + 0.1),
-        norm(nx, ny, nz) / heavy,
+        norm(nx, ny, nz) / div,
         log(loading, RATE),
         log(unloading, RATE),
         log(loading + unloading, RATE) - log(force, FORCE),
         log(speed, SPEED),
         mean / 50.0,
         math.sqrt(max(square - mean * mean, 0.0)) / 50.0,
-        log(pressed, FORCE * 0.1) - 2.0 * log(force, FORCE),
+        log(concentration, FORCE * 0.1) - 2.0 * log(force, FORCE),
         log(area, AREA) - log(high, AREA),
     )
     for k in range(len(columns)):
@@ -208,7 +199,6 @@ def summarise_pressure(
 
 
 @compiled_fastmath
-@no_type_check
 def summarise_shear(
     graphs: GraphArrays,
     index: int,
@@ -267,28 +257,24 @@ def summarise_shear(
 
 
 @compiled_fastmath
-@no_type_check
 def log(value: float, floor: float) -> float:
     """Return a logarithm that is zero at zero and grows slowly below `floor`."""
     return math.log1p(value / floor)
 
 
 @compiled_fastmath
-@no_type_check
 def norm(x: float, y: float, z: float) -> float:
     """Return the Euclidean norm of a vector."""
     return math.sqrt(x * x + y * y + z * z)
 
 
 @compiled_fastmath
-@no_type_check
 def compute_extent(variance: float) -> float:
     """Return the standard deviation along a principal axis [cm]."""
     return math.sqrt(max(variance, 0.0) + FLAT**2) - FLAT
 
 
 @compiled_fastmath
-@no_type_check
 def compute_eigenvalues(
     xx: float, yy: float, zz: float, xy: float, xz: float, yz: float
 ) -> tuple[float, float, float]:
@@ -305,18 +291,12 @@ def compute_eigenvalues(
 
 
 @compiled_fastmath
-@no_type_check
 def rotate(
     pp: float, qq: float, pq: float, rp: float, rq: float
 ) -> tuple[float, float, float, float, float]:
-    """Rotate in the plane of p and q so that the element between them is zero.
+    """Rotate a matrix in the plane of p and q so that its element pq is zero.
 
-    Args:
-        pp: diagonal element of axis p.
-        qq: diagonal element of axis q.
-        pq: the element between them.
-        rp: element between p and the third axis.
-        rq: element between q and the third axis.
+    Arguments are its elements; r is the third axis, whose diagonal does not change.
     """
     if pq == 0.0:
         return pp, qq, pq, rp, rq

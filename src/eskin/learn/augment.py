@@ -1,4 +1,4 @@
-"""This module augments training windows: other people, other sensors, other timing."""
+"""This module augments training windows: forces of other people, other sensors."""
 
 from dataclasses import dataclass, replace
 
@@ -31,7 +31,7 @@ class AugmentConfig:
     """These settings limit how far a training window differs from the recorded one."""
 
     gain: float = 0.4
-    """Standard deviation of the logarithm of the force a person uses."""
+    """Standard deviation of the logarithm of a person's force."""
     taxel_gain: float = 0.15
     """Standard deviation of the logarithm of each taxel's own gain."""
     dead: float = 0.1
@@ -50,7 +50,7 @@ class AugmentConfig:
     halved: float = 0.0
     """Share of windows that keep only every other reading: half the rate."""
     stretch: float = 0.0
-    """Standard deviation of the logarithm of the time a person takes."""
+    """Standard deviation of the logarithm of a person's duration of a gesture."""
     crop: float = 0.7
     """Share of windows that hold nothing from before their gesture."""
 
@@ -72,40 +72,33 @@ def augment(
     config: AugmentConfig,
     patch_index: Int[np.ndarray, "taxel"] | None = None,
 ) -> GraphBatch:
-    """Change pressure and shear: each window is another person on another skin.
+    """Augment pressure and shear: each window is of another person on another skin.
 
     Args:
         graphs: graphs of the windows.
         window: number of the window of each graph.
         rng: source of the random draws.
         config: limits of the changes.
-        patch_index: patch of each taxel, where a patch may read zero.
+        patch_index: patch of each taxel; None if no patch may read zero.
     """
     windows = int(window.max(initial=-1)) + 1
     node_window = window[graphs.graph_index]
     person = np.exp(config.gain * rng.standard_normal(windows))
-    gain = person[node_window]
-    taxel_gains = draw_taxel_gains(graphs, node_window, windows, rng, config)
+    taxel_gains = draw_taxel_gains(graphs, windows, rng, config)
     if patch_index is not None and config.patch > 0:
-        silence_patches(
-            taxel_gains,
-            graphs,
-            node_window,
-            patch_index,
-            rng.random(windows),
-            config,
-            rng,
-        )
-    gain = (gain * taxel_gains[node_window, graphs.taxels]).astype(np.float32)
+        silence_patches(taxel_gains, graphs, node_window, patch_index, config, rng)
+    gain = person[node_window] * taxel_gains[node_window, graphs.taxels]
+    gain = gain.astype(np.float32)
     offset = (config.offset * rng.random(windows))[node_window].astype(np.float32)
     shear_gain = np.exp(config.shear_gain * rng.standard_normal(windows))[node_window]
-    turn = (gain * shear_gain)[:, None].astype(np.float32)
-    now, before = (
-        gain
-        if config.noise == 0
-        else gain * draw_noise_factors(len(gain), config.noise, rng)
-        for _ in range(2)
-    )
+    shear_factor = (gain * shear_gain)[:, None].astype(np.float32)
+    now = before = gain
+    if config.noise > 0:
+        now, before = (
+            gain
+            * (1 + config.noise * rng.standard_normal(len(gain))).astype(np.float32)
+            for _ in range(2)
+        )
     history = graphs.history.copy()
     history[:, FORCE_COLUMNS] *= person[window, None].astype(np.float32)
     return replace(
@@ -113,17 +106,13 @@ def augment(
         history=history,
         pressure=np.maximum(graphs.pressure * now - offset, 0.0),
         before=np.maximum(graphs.before * before - offset, 0.0),
-        shear=graphs.shear * turn,
-        shear_before=graphs.shear_before * turn,
+        shear=graphs.shear * shear_factor,
+        shear_before=graphs.shear_before * shear_factor,
     )
 
 
 def draw_taxel_gains(
-    graphs: GraphBatch,
-    node_window: Int[np.ndarray, "node"],
-    windows: int,
-    rng: np.random.Generator,
-    config: AugmentConfig,
+    graphs: GraphBatch, windows: int, rng: np.random.Generator, config: AugmentConfig
 ) -> Float[np.ndarray, "window taxel"]:
     """Draw the gain of each taxel in each window; zero for dead ones."""
     taxels = int(graphs.taxels.max(initial=-1)) + 1
@@ -137,21 +126,13 @@ def silence_patches(
     graphs: GraphBatch,
     node_window: Int[np.ndarray, "node"],
     patch_index: Int[np.ndarray, "every"],
-    draws: Float[np.ndarray, "window"],
     config: AugmentConfig,
     rng: np.random.Generator,
 ) -> None:
     """Set the gains of one patch to zero, in some windows that touch several."""
     pressed = graphs.pressure > 0
-    for window in np.flatnonzero(draws < config.patch):
+    for window in np.flatnonzero(rng.random(len(gains)) < config.patch):
         here = graphs.taxels[pressed & (node_window == window)]
         patches = np.unique(patch_index[here])
         if len(patches) > 1:
             gains[window, patch_index[: gains.shape[1]] == rng.choice(patches)] = 0.0
-
-
-def draw_noise_factors(
-    count: int, spread: float, rng: np.random.Generator
-) -> Float[np.ndarray, "node"]:
-    """Draw factors with mean one."""
-    return (1 + spread * rng.standard_normal(count)).astype(np.float32)

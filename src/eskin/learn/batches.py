@@ -29,22 +29,26 @@ WHOLE_SHARE = 0.5
 """Share of windows that hold all of their gesture, or as much as fits."""
 
 EARLIEST_NS = 100_000_000
-"""Time after the onset from which a window may end [ns]."""
+"""Time from the onset to the earliest end of a window [ns]."""
 
 
 @dataclass(frozen=True)
 class Sampler:
-    """A sampler draws windows so that gestures, then segments, are equally frequent.
+    """A sampler draws windows: a class, one of its segments, the end of the window.
 
-    Half of the windows hold as much of their gesture as fits; the others end anywhere
-    from 0.1 s after its onset, as they do live.
+    Classes, and segments within a class, are equally frequent. Half of the windows hold
+    as much of their gesture as fits; the others end at any time from 0.1 s after its
+    onset, as they do live.
     """
 
     dataset: Dataset
+    """Data set to draw from."""
     classes: dict[int, list[Segment]]
     """Segments of each class."""
     slots: int
+    """Length of a window on the clock of the temporal head."""
     crop: float
+    """Share of windows that hold nothing from before their gesture."""
 
     def draw(
         self, count: int, rng: np.random.Generator
@@ -67,7 +71,7 @@ class Sampler:
         return segments[rng.integers(len(segments))]
 
     def draw_end(self, segment: Segment, after: int, rng: np.random.Generator) -> int:
-        """Draw a row of a segment later than `after` [ns], or take its last one."""
+        """Draw a row from `after` [ns] into a segment on, or its last row."""
         stamps = self.dataset.stamps[segment.first : segment.end]
         low = np.searchsorted(stamps, stamps[0] + after)
         return segment.first + int(rng.integers(min(low, len(stamps) - 1), len(stamps)))
@@ -80,15 +84,7 @@ def build_sampler(
     slots: int,
     crop: float,
 ) -> Sampler:
-    """Return a sampler of windows of some of the recordings.
-
-    Args:
-        dataset: data set to draw from.
-        vocabulary: gestures to draw; others are skipped.
-        recordings: indices of the recordings to draw from.
-        slots: length of a window on the clock of the temporal head.
-        crop: share of windows that hold nothing from before their gesture.
-    """
+    """Return a `Sampler` of some recordings and of the gestures of a vocabulary."""
     classes: dict[int, list[Segment]] = {}
     for segment in dataset.segments:
         if segment.recording in recordings and segment.gesture in vocabulary:
@@ -98,11 +94,7 @@ def build_sampler(
 
 
 def check_classes(sampler: Sampler, vocabulary: tuple[str, ...]) -> None:
-    """Reject a sampler with fewer than two classes.
-
-    Raises:
-        RecordingError: if the sampler has fewer than two classes.
-    """
+    """Raise a `RecordingError` if a sampler has fewer than two classes."""
     if len(sampler.classes) < 2:
         found = ", ".join(vocabulary[label] for label in sampler.classes)
         raise RecordingError(
@@ -142,7 +134,7 @@ class BatchBuilder:
 
     @cached_property
     def patch_index(self) -> Int[np.ndarray, "taxel"] | None:
-        """Return the patch of each taxel; None where recordings differ in skin."""
+        """Return the patch of each taxel; None if recordings are of different skins."""
         patches = [r.skin.patch_index for r in self.dataset.recordings]
         same = all(np.array_equal(each, patches[0]) for each in patches)
         return patches[0] if patches and same else None
@@ -161,9 +153,8 @@ class BatchBuilder:
         config, (ends, firsts, labels) = self.config, self.sampler.draw(count, rng)
         windows = cut_windows(self.dataset, ends, firsts, self.slots)
         if config.lost > 0 or config.halved > 0:
-            windows = windows.select(
-                drop_readings(windows, config.lost, config.halved, rng)
-            )
+            kept = drop_readings(windows, config.lost, config.halved, rng)
+            windows = windows.select(kept)
         graphs = self.dataset.graphs.select(windows.rows)
         if config.stretch > 0:
             windows, graphs = stretch_time(
@@ -171,11 +162,11 @@ class BatchBuilder:
             )
         if config != NO_AUGMENTATION:
             graphs = augment(graphs, windows.window, rng, config, self.patch_index)
-        places = replace(windows, rows=np.arange(len(windows.rows)))
-        kept = subsample_readings(places.first(encoded), readings, rng)
+        numbered = replace(windows, rows=np.arange(len(windows.rows)))
+        part = subsample_readings(numbered.first(encoded), readings, rng)
         return Batch(
             summary=torch.as_tensor(compute_summary(graphs, self.shear)),
             slot_index=build_slot_index(windows),
-            encoded=build_network_input(graphs.select(kept.rows), kept, self.shear),
+            encoded=build_network_input(graphs.select(part.rows), part, self.shear),
             labels=torch.tensor(labels),
         )

@@ -42,7 +42,7 @@ def to_network(model: Model) -> RecogniserNetwork:
 
 @dataclass(frozen=True)
 class Checkpoint:
-    """A checkpoint holds all that interrupted training needs to resume."""
+    """A checkpoint holds the state from which interrupted training resumes."""
 
     facts: str
     """Description of the data and the settings."""
@@ -76,8 +76,8 @@ def load_checkpoint(path: Path, facts: str) -> Checkpoint | None:
         checkpoint = Checkpoint(**torch.load(path, weights_only=True))
     except Exception as error:
         raise ModelError(
-            f"{path} cannot be read ({type(error).__name__}); allowed is what the same "
-            "training left there when it was cut; remove it to start anew"
+            f"{path} cannot be read ({type(error).__name__}); allowed is a checkpoint "
+            "of the same training; remove it to start anew"
         ) from error
     if checkpoint.facts != facts:
         raise ModelError(
@@ -102,7 +102,7 @@ class EarlyStopping:
         return self.waited > self.patience
 
     def update(self, network: nn.Module, loss: float) -> bool:
-        """Take in the loss of an epoch, and tell whether to stop."""
+        """Compare the loss of an epoch with the best; tell whether to stop."""
         if loss < self.loss:
             self.loss, self.waited = loss, 0
             self.weights = {k: v.clone() for k, v in network.state_dict().items()}

@@ -40,17 +40,11 @@ T = TypeVar("T")
 
 
 def track_progress(items: Iterable[T], what: str, total: int) -> Iterator[T]:
-    """Yield the items, and show a progress bar if a terminal is there.
-
-    Args:
-        items: items to pass on, as they become ready.
-        what: description of the work.
-        total: number of items.
-    """
+    """Yield the items, and show a progress bar named `what` on a terminal."""
     console = Console(stderr=True)
-    silent = not console.is_terminal
+    disable = not console.is_terminal
     yield from track(
-        items, what, total, console=console, transient=True, disable=silent
+        items, what, total, console=console, transient=True, disable=disable
     )
 
 
@@ -62,7 +56,7 @@ class Dataset:
     """
 
     recordings: tuple[Recording, ...]
-    """Recordings that the rows come from; changed copies follow the originals."""
+    """Recordings that the rows come from; transformed copies follow the originals."""
     graphs: GraphBatch
     """Contact graph of each row."""
     stamps: Int[np.ndarray, "row"]
@@ -81,20 +75,17 @@ class Dataset:
     clips: tuple[tuple[Clip, ...], ...] = ()
     """Clips of each recording; empty for one that is not part of a set of clips."""
     copies: int = 1
-    """Number of times that the recordings are repeated, each time changed by another
-    transform."""
+    """Number of times that the recordings are repeated, each by another transform."""
 
     @property
     def original_count(self) -> int:
-        """Return the number of recordings without their changed copies."""
+        """Return the number of recordings without their transformed copies."""
         return len(self.recordings) // self.copies
 
     def with_copies(self, recordings: Collection[int]) -> frozenset[int]:
         """Return the indices of some recordings and of all their copies."""
-        every = range(len(self.recordings))
-        return frozenset(
-            index for index in every if index % self.original_count in recordings
-        )
+        indices, originals = range(len(self.recordings)), self.original_count
+        return frozenset(n for n in indices if n % originals in recordings)
 
     @property
     def vocabulary(self) -> tuple[str, ...]:
@@ -103,7 +94,7 @@ class Dataset:
 
     @property
     def labelled(self) -> tuple[Segment, ...]:
-        """Return the segments that a label or the truth names: those to score."""
+        """Return the segments whose gesture is labelled: those to score."""
         return tuple(segment for segment in self.segments if segment.labelled)
 
     @property
@@ -125,10 +116,9 @@ def prepare(
     workers: int = 1,
     transforms: Sequence[RecordingTransform | None] = (None,),
 ) -> Dataset:
-    """Replay recordings by the same calibration, contacts and graphs as live.
+    """Replay recordings through the same calibration, contacts and graphs as live.
 
     Where one of them has no shear, that of the others is not used.
-
 
     Args:
         paths: paths of the recordings.
@@ -136,7 +126,7 @@ def prepare(
         graph: how touches become graphs.
         pack: folder that keeps prepared recordings, to be prepared once only.
         workers: how many processes prepare them; more than one needs `pack`.
-        transforms: changes of the recordings, one copy each; None leaves them alone.
+        transforms: transforms, one copy of the recordings each; None changes nothing.
 
     Raises:
         RecordingError: if there is nothing to learn from.
@@ -149,21 +139,20 @@ def prepare(
         graph = graph.without_shear()
     total = len(recordings) * len(transforms)
     if pack is None:
-        made = (
+        prepared = (
             prepare_recording(r, pipeline, graph, t)
             for t in transforms
             for r in recordings
         )
-        parts = list(track_progress(made, "Reading", total))
+        parts = list(track_progress(prepared, "Reading", total))
     else:
-        make = delayed(pack_recording)
         jobs = (
-            make(path, pack, pipeline, graph, t) for t in transforms for path in paths
+            delayed(pack_recording)(path, pack, pipeline, graph, t)
+            for t in transforms
+            for path in paths
         )
         files: Any = Parallel(n_jobs=workers, return_as="generator")(jobs)
-        parts = [
-            load_prepared(file) for file in track_progress(files, "Packing", total)
-        ]
+        parts = [load_prepared(f) for f in track_progress(files, "Packing", total)]
     if not any(len(part.stamps) for part in parts):
         raise RecordingError(
             f"no touch in {len(paths)} recordings; allowed are recordings of touches; "
@@ -177,26 +166,20 @@ def concatenate_recordings(
     parts: Sequence[PreparedRecording],
     copies: int = 1,
 ) -> Dataset:
-    """Join prepared recordings into one data set.
-
-    Args:
-        recordings: what was prepared, the same again for every version.
-        parts: what was prepared of each of them.
-        copies: number of transforms.
-    """
+    """Join prepared recordings into one data set; all of them again for every copy."""
     gestures: list[str] = []
     segments: list[Segment] = []
     missed: list[MissedGesture] = []
     sequences: list[np.ndarray] = []
-    begun = 0
+    sequence_count = 0
     for index, (recording, part) in enumerate(zip(recordings, parts, strict=True)):
         offset = len(gestures)
         if part.touches is not None:
-            found = build_true_segments(part.sequence, part.touches, index, offset)
+            added = build_true_segments(part.sequence, part.touches, index, offset)
         else:
             labels = extend_labels(recording)
             label_index = find_label_indices(labels, part.stamps)
-            found = build_labelled_segments(
+            added = build_labelled_segments(
                 labels, label_index, part.sequence, index, offset
             )
             detected = set(label_index.tolist())
@@ -204,10 +187,10 @@ def concatenate_recordings(
                 MissedGesture(gesture, index)
                 for gesture in find_missed_gestures(recording, labels, detected)
             ]
-        segments += found
-        gestures += [s.gesture for s in found for _ in range(s.first, s.end)]
-        sequences.append(part.sequence + begun)
-        begun += int(part.sequence.max(initial=-1)) + 1
+        segments += added
+        gestures += [s.gesture for s in added for _ in range(s.first, s.end)]
+        sequences.append(part.sequence + sequence_count)
+        sequence_count += int(part.sequence.max(initial=-1)) + 1
     return Dataset(
         recordings=recordings,
         graphs=join_graphs([part.graphs for part in parts]),

@@ -1,4 +1,4 @@
-"""This module scores a trained recogniser on windows, segments and clips."""
+"""This module evaluates a recogniser on windows, segments and clips."""
 
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
@@ -33,7 +33,7 @@ WINDOW_BATCH = 256
 READING_BATCH = 512
 """Number of readings embedded at once."""
 
-HOP = 0.5  # [s] between the windows of a segment
+HOP = 0.5  # [s] between the ends of a segment's windows
 WINDOW = 2.0  # [s]
 
 
@@ -46,7 +46,7 @@ def compute_log_probabilities(
 ) -> Float[np.ndarray, "window class"]:
     """Return log-probabilities of the windows that end with the rows `ends`.
 
-    Each reading is embedded once, however many windows hold it, as live.
+    As live, each reading is embedded only once, however many windows hold it.
     """
     windows = cut_windows(dataset, ends, firsts, network.config.slots)
     rows, place = np.unique(windows.rows, return_inverse=True)
@@ -69,15 +69,11 @@ def compute_log_probabilities(
 def embed_rows(
     network: RecogniserNetwork, dataset: Dataset, rows: Int[np.ndarray, "row"]
 ) -> Float[Tensor, "row feature"]:
-    """Return the embedding of each row on its own."""
-    parts = [
-        network.embed(
-            build_graph_tensors(
-                dataset.graphs.select(rows[low : low + READING_BATCH]), network.shear
-            )
-        )
-        for low in range(0, len(rows), READING_BATCH)
-    ]
+    """Return the features of each row, summary and embedding."""
+    parts = []
+    for low in range(0, len(rows), READING_BATCH):
+        graphs = dataset.graphs.select(rows[low : low + READING_BATCH])
+        parts.append(network.embed(build_graph_tensors(graphs, network.shear)))
     return torch.cat(parts)
 
 
@@ -89,8 +85,8 @@ def score_segments(
 ) -> Float[np.ndarray, "segment class"]:
     """Return mean log-probabilities over the windows of each segment.
 
-    Windows end every half second, first when the segment is as long as a window, and
-    with its last reading. They hold nothing from outside the segment.
+    Windows end every half second, from two seconds into the segment, and with its last
+    reading. They hold nothing from outside the segment.
     """
     if not segments:
         return np.zeros((0, network.graph_head.classify.out_features))
@@ -119,7 +115,7 @@ def score_instants(
     rows: Int[np.ndarray, "row"],
     temperature: float = 1.0,
 ) -> Float[np.ndarray, "row class"]:
-    """Return log-probabilities at every row, from the two seconds before it."""
+    """Return log-probabilities at each row, from the two seconds before it."""
     return compute_log_probabilities(
         network, dataset, rows, dataset.starts[rows], temperature
     )
@@ -127,7 +123,7 @@ def score_instants(
 
 @dataclass(frozen=True, eq=False)
 class ClipPredictions:
-    """Clip predictions hold the recogniser's answer to every clip of a data set."""
+    """Clip predictions hold the recogniser's prediction for each clip."""
 
     clips: tuple[Clip, ...]
     """Clips in the order of the recordings."""
@@ -136,7 +132,7 @@ class ClipPredictions:
     truth: Int[np.ndarray, "clip"]
     """True class of each clip, as an index into the vocabulary."""
     log_probabilities: Float[np.ndarray, "clip class"]
-    """Log-probabilities of each clip; `none` is certain where nothing was detected."""
+    """Log-probabilities of each clip; that of `none` is 0 where there is no touch."""
 
     @property
     def predicted(self) -> Int[np.ndarray, "clip"]:
@@ -160,15 +156,11 @@ def predict_clips(
         dataset: data set that holds the clips.
         vocabulary: classes of the network; clips of others are skipped.
         temperature: divisor of the logits.
-        recordings: indices of the recordings whose clips count; all where None.
+        recordings: indices of the recordings whose clips are used; all where None.
     """
     chosen = range(len(dataset.clips)) if recordings is None else sorted(recordings)
-    clips = [
-        (n, clip)
-        for n in chosen
-        for clip in dataset.clips[n]
-        if clip.gesture in vocabulary
-    ]
+    every = [(n, clip) for n in chosen for clip in dataset.clips[n]]
+    clips = [(n, clip) for n, clip in every if clip.gesture in vocabulary]
     ends = np.array(list(find_last_rows(dataset, clips)), dtype=np.int64)
     touched = ends >= 0
     certainly_none = np.where(np.array(vocabulary) == NONE, 0.0, -np.inf)
@@ -190,16 +182,14 @@ def find_last_rows(
 ) -> Iterator[int]:
     """Yield the last row of each clip's touch of largest impulse, -1 without one.
 
-    Args:
-        dataset: data set that holds the clips.
-        clips: clips, each with the index of its recording.
+    `clips` come with the index of their recording.
     """
     graphs = dataset.graphs
     force = graphs.sum_nodes(graphs.pressure * graphs.areas) * N_PER_KPA_CM2
     runs = np.array(find_runs(dataset.sequence[:, None]), dtype=np.int64).reshape(-1, 2)
     firsts, ends = runs.T
-    work = np.concatenate([[0.0], np.cumsum(force * graphs.seconds, dtype=np.float64)])
-    impulse = work[ends] - work[firsts]
+    total = np.concatenate([[0.0], np.cumsum(force * graphs.seconds, dtype=np.float64)])
+    impulse = total[ends] - total[firsts]
     recording, start = dataset.recording[firsts], dataset.stamps[firsts]
     for number, clip in clips:
         inside = (start >= clip.start) & (start < clip.end)
@@ -209,21 +199,21 @@ def find_last_rows(
 
 @dataclass(frozen=True)
 class Evaluation:
-    """An evaluation says how well a recogniser does on some recordings."""
+    """An evaluation holds the scores of a recogniser on some recordings."""
 
     segments: ClassificationScore
     """Scores on whole gestures: the clips of a generated set, else labelled segments.
-    The answer to an undetected gesture is `none`; where no label says `none`, it is not
-    an answer otherwise."""
+    An undetected gesture counts as `none`; where no label is `none`, no other
+    prediction is."""
     interval: tuple[float, float]
-    """95 % bootstrap confidence interval of that accuracy; whole people are drawn."""
+    """95 % bootstrap confidence interval of that accuracy, over people."""
     instants: ClassificationScore | None
-    """Scores at every instant, `none` among the classes; None for clips, which end too
-    soon to tell (streams do)."""
+    """Scores at every instant, `none` among the classes; None for clips, which are too
+    short."""
     per_subject: dict[str, float]
     """Accuracy on segments of each person, or session where people are not known."""
     reliability: Reliability
-    """Accuracy of the answers by their confidence."""
+    """Accuracy of the predictions by their confidence."""
 
     @property
     def ece(self) -> float:
@@ -232,7 +222,7 @@ class Evaluation:
 
 
 class Predictions(NamedTuple):
-    """Predictions hold the answers to examples of a data set."""
+    """Predictions hold true and predicted class, confidence and recording."""
 
     truth: Int[np.ndarray, "example"]
     predicted: Int[np.ndarray, "example"]
@@ -251,18 +241,17 @@ def evaluate(
             gestures that it does not know.
     """
     check_fits(card, dataset)
-    vocabulary = list(card.vocabulary)
-    found = (classify_clips if any(dataset.clips) else classify_labelled)(
-        network, card, dataset
-    )
+    if any(dataset.clips):
+        found, instants = classify_clips(network, card, dataset), None
+    else:
+        found = classify_labelled(network, card, dataset)
+        instants = evaluate_instants(network, card, dataset)
     people = [find_person(dataset, recording) for recording in found.recording.tolist()]
     correct = found.predicted == found.truth
     return Evaluation(
-        segments=score_predictions(found.truth, found.predicted, vocabulary),
+        segments=score_predictions(found.truth, found.predicted, card.vocabulary),
         interval=bootstrap_accuracy(correct, cluster=people),
-        instants=None
-        if any(dataset.clips)
-        else evaluate_instants(network, card, dataset),
+        instants=instants,
         per_subject=compute_group_accuracies(correct, people),
         reliability=compute_reliability(found.confidence, correct),
     )
@@ -271,28 +260,27 @@ def evaluate(
 def evaluate_instants(
     network: RecogniserNetwork, card: ModelCard, dataset: Dataset
 ) -> ClassificationScore:
-    """Score the answers at every row."""
+    """Score the predictions at every row."""
     rows = np.arange(len(dataset.stamps))
     scores = score_instants(network, dataset, rows, card.temperature)
-    now = np.array([card.vocabulary.index(gesture) for gesture in dataset.gestures])
-    return score_predictions(now, scores.argmax(axis=1), card.vocabulary)
+    truth = np.array([card.vocabulary.index(gesture) for gesture in dataset.gestures])
+    return score_predictions(truth, scores.argmax(axis=1), card.vocabulary)
 
 
 def classify_clips(
     network: RecogniserNetwork, card: ModelCard, dataset: Dataset
 ) -> Predictions:
-    """Return the answers to the clips of generated sets."""
-    answers = predict_clips(network, dataset, card.vocabulary, card.temperature)
-    confidence = np.exp(answers.log_probabilities.max(axis=1))
-    return Predictions(answers.truth, answers.predicted, confidence, answers.recording)
+    """Return the predictions for the clips of generated sets."""
+    found = predict_clips(network, dataset, card.vocabulary, card.temperature)
+    confidence = np.exp(found.log_probabilities.max(axis=1))
+    return Predictions(found.truth, found.predicted, confidence, found.recording)
 
 
 def classify_labelled(
     network: RecogniserNetwork, card: ModelCard, dataset: Dataset
 ) -> Predictions:
-    """Return the answers to labelled gestures; `none` for undetected ones."""
-    vocabulary = list(card.vocabulary)
-    segments = dataset.labelled
+    """Return the predictions for labelled gestures; `none` for undetected ones."""
+    vocabulary, segments = card.vocabulary, dataset.labelled
     examples = [*segments, *dataset.missed]
     scores = score_segments(network, dataset, segments, card.temperature)
     if not any(segment.gesture == NONE for segment in segments):
@@ -318,9 +306,9 @@ def check_fits(card: ModelCard, dataset: Dataset) -> None:
             "the model needs shear, which these recordings do not have; allowed are "
             "recordings of skins with shear; train a model with --train.no-shear"
         )
-    made = {*dataset.gestures, *(example.gesture for example in dataset.missed)}
-    made |= {clip.gesture for clips in dataset.clips for clip in clips}
-    unknown = sorted(made - set(card.vocabulary))
+    gestures = {*dataset.gestures, *(example.gesture for example in dataset.missed)}
+    gestures |= {clip.gesture for clips in dataset.clips for clip in clips}
+    unknown = sorted(gestures - set(card.vocabulary))
     if unknown:
         raise SkinMismatchError(
             f"the recordings hold {', '.join(unknown)}, which the model does not know; "

@@ -1,4 +1,4 @@
-"""This module reads what truly happened in a recording: clips, true touches, labels."""
+"""This module reads the ground truth of a recording: clips, true touches, labels."""
 
 import json
 from collections.abc import Sequence
@@ -32,7 +32,7 @@ class Clip:
 
 
 def read_clips(path: Path) -> tuple[Clip, ...]:
-    """Return the clips of a recording in order; none outside a set of clips.
+    """Return the clips of a recording in order; none if it is of no set of clips.
 
     Raises:
         RecordingError: there is an index that cannot be read.
@@ -54,12 +54,8 @@ def read_clip_index(index: Path) -> dict[str, tuple[Clip, ...]]:
             facts = json.loads(line)
             if facts["gesture"]:
                 start, seconds = int(facts["start"]), float(facts["plan"]["seconds"])
-                clip = Clip(
-                    start,
-                    start + round(seconds * NS_PER_S),
-                    str(facts["gesture"]),
-                    str(facts["kind"]),
-                )
+                end = start + round(seconds * NS_PER_S)
+                clip = Clip(start, end, str(facts["gesture"]), str(facts["kind"]))
                 found.setdefault(str(facts["file"]), []).append(clip)
         except (ValueError, KeyError, TypeError) as error:
             raise RecordingError(
@@ -74,7 +70,7 @@ MAX_DISTANCE = 0.1
 
 
 class TouchLabel(NamedTuple):
-    """A touch label says which true touch a sequence belongs to."""
+    """A touch label names the true touch that a sequence belongs to."""
 
     touch: int
     """Number of the touch in its recording."""
@@ -86,14 +82,14 @@ class TouchLabel(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class TrueTouches:
-    """This table holds every true touch at every reading at which it presses."""
+    """True touches are a table of every true touch at every reading with contact."""
 
     stamps: Int[np.ndarray, "truth"]
     """Stamp of each entry, ascending [ns since the epoch]."""
     touch: Int[np.ndarray, "truth"]
-    """Number of the touch of each entry."""
+    """Number of the touch."""
     p_world: Float[np.ndarray, "truth 3"]
-    """Centre of the force of each entry, in the world [m]."""
+    """Centre of the force [m]."""
     labels: dict[int, TouchLabel]
     """Label of each touch, by its number."""
 
@@ -103,11 +99,11 @@ class TrueTouches:
         centres: Float[np.ndarray, "row 3"],
         forces: Float[np.ndarray, "row"],
     ) -> TouchLabel | None:
-        """Return the true touch that carries most of the force of a sequence.
+        """Return the true touch nearest to most of the force of a sequence.
 
         Args:
             stamps: stamps of the sequence's readings [ns since the epoch].
-            centres: centres of its contacts [m]; NaN without contact.
+            centres: centres of its contacts in the world [m]; NaN without contact.
             forces: forces of these contacts [N].
         """
         votes: dict[int, float] = {}
@@ -138,10 +134,10 @@ def read_true_touches(recording: Recording) -> TrueTouches | None:
 
 
 LINGER_NS = 600_000_000
-"""Time by which a label on a calibrated skin is extended at most [ns]."""
+"""Largest extension of a label on a calibrated skin [ns]."""
 
 LAST_STAMP = 2**63 - 1
-"""A stamp later than all others [ns]."""
+"""Largest stamp [ns]."""
 
 
 @dataclass(frozen=True)
@@ -157,8 +153,7 @@ class Segment:
     end: int
     """Row after the last one."""
     labelled: bool
-    """Whether a label or the truth names the gesture; otherwise it is `none` for lack
-    of a label."""
+    """Whether the gesture is labelled; without a label it is `none`."""
 
 
 @dataclass(frozen=True)
@@ -172,18 +167,17 @@ class MissedGesture:
 
 
 def extend_labels(recording: Recording) -> list[Label]:
-    """Return the best labels of a recording, each until its touches end.
+    """Return the best labels of a recording, extended to when their touches close.
 
-    On a calibrated skin a label lasts 0.6 s longer, or until the next one: a touch
-    keeps its gesture until it closes.
+    On a calibrated skin a label is extended by 0.6 s, or up to the next one.
     """
-    truth = select_labels(recording.labels)
-    if not truth or not recording.skin.calibrated:
-        return list(truth)
-    nexts = [label.start for label in truth[1:]] + [LAST_STAMP]
+    labels = select_labels(recording.labels)
+    if not labels or not recording.skin.calibrated:
+        return list(labels)
+    nexts = [label.start for label in labels[1:]] + [LAST_STAMP]
     return [
         replace(label, end=max(label.end, min(label.end + LINGER_NS, start)))
-        for label, start in zip(truth, nexts, strict=True)
+        for label, start in zip(labels, nexts, strict=True)
     ]
 
 
@@ -195,13 +189,6 @@ def find_label_indices(
     for index, label in enumerate(labels):
         label_index[(stamps >= label.start) & (stamps < label.end)] = index
     return label_index
-
-
-def look_up_gestures(
-    labels: list[Label], label_index: Int[np.ndarray, "row"]
-) -> list[str]:
-    """Return the gesture of each row, `none` without a label."""
-    return [labels[n].gesture if n >= 0 else NONE for n in label_index]
 
 
 def build_labelled_segments(
@@ -220,17 +207,12 @@ def build_labelled_segments(
         recording: index of the recording of the rows.
         offset: row of the data set at which these rows begin.
     """
-    names = look_up_gestures(labels, label_index)
-    return [
-        Segment(
-            names[first],
-            recording,
-            offset + first,
-            offset + end,
-            bool(label_index[first] >= 0),
-        )
-        for first, end in find_runs(np.stack([label_index, sequence], axis=1))
-    ]
+    segments = []
+    for first, end in find_runs(np.stack([label_index, sequence], axis=1)):
+        n = int(label_index[first])
+        name = labels[n].gesture if n >= 0 else NONE
+        segments.append(Segment(name, recording, offset + first, offset + end, n >= 0))
+    return segments
 
 
 def build_true_segments(
@@ -241,18 +223,14 @@ def build_true_segments(
 ) -> list[Segment]:
     """Return one segment for each sequence; those of no true touch are `none`.
 
-    Args:
-        sequence: number of the sequence of each row.
-        touches: true touch of each sequence.
-        recording: index of the recording of the rows.
-        offset: row of the data set at which these rows begin.
+    Args are as in `build_labelled_segments`; `touches` holds that of each sequence.
     """
-    found = []
+    segments = []
     for first, end in find_runs(sequence[:, None]):
         touch = touches[sequence[first]]
-        gesture = touch.gesture if touch else NONE
-        found.append(Segment(gesture, recording, offset + first, offset + end, True))
-    return found
+        name = touch.gesture if touch else NONE
+        segments.append(Segment(name, recording, offset + first, offset + end, True))
+    return segments
 
 
 def find_runs(values: Int[np.ndarray, "row value"]) -> list[tuple[int, int]]:
@@ -269,12 +247,12 @@ def find_missed_gestures(
 ) -> list[str]:
     """Return the labelled gestures during which no touch was detected.
 
-    Only a calibrated skin can miss one: others see what is there at every reading.
+    Only a calibrated skin can miss one: others have a graph at every reading.
 
     Args:
         recording: the recording.
         labels: its labels.
-        detected: indices of the labels during which something was detected.
+        detected: indices of the labels during which a touch was detected.
     """
     if not recording.skin.calibrated:
         return []

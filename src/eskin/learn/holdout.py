@@ -17,17 +17,17 @@ class Holdout:
     held: frozenset[int]
     """Recordings to validate on."""
     wanted: int
-    """Number of recordings that were to be held out."""
+    """Number of recordings that should be held out."""
 
     def __str__(self) -> str:
-        """Return what is held out, and why it may differ from what was asked for."""
+        """Return the number held out, and why it may differ from the one asked for."""
         count = len(self.train) + len(self.held)
         text = f"{len(self.held)} of {count} recordings held out for validation"
         if len(self.held) == self.wanted:
             return text
         return (
             f"{text}, {self.wanted} asked for: sessions are held out whole, at most "
-            "half of all, and no gesture altogether"
+            "half of all recordings, and training keeps every gesture"
         )
 
 
@@ -42,7 +42,7 @@ def hold_out(
     Every class keeps recordings to train on.
 
     Args:
-        sessions: person and session of each recording to divide, by its index.
+        sessions: person and session of each recording, by its index.
         gestures: classes that each recording has examples of.
         share: share of the recordings to hold out.
         rng: source of the random order.
@@ -83,14 +83,15 @@ def find_sessions(
     dataset: Dataset, recordings: list[int]
 ) -> dict[int, tuple[str, str]]:
     """Return person and session of some recordings."""
-    metadata = {index: dataset.recordings[index].metadata for index in recordings}
-    return {index: (facts.subject, facts.session) for index, facts in metadata.items()}
+    metadata = [dataset.recordings[index].metadata for index in recordings]
+    pairs = [(each.subject, each.session) for each in metadata]
+    return dict(zip(recordings, pairs, strict=True))
 
 
 def find_gestures(dataset: Dataset, vocabulary: tuple[str, ...]) -> dict[int, set[str]]:
     """Return the classes that each recording has examples of."""
-    made: dict[int, set[str]] = {}
+    gestures: dict[int, set[str]] = {}
     for segment in dataset.segments:
         if segment.gesture in vocabulary:
-            made.setdefault(segment.recording, set()).add(segment.gesture)
-    return made
+            gestures.setdefault(segment.recording, set()).add(segment.gesture)
+    return gestures

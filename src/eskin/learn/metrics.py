@@ -62,10 +62,10 @@ def compute_group_accuracies(
 
 @dataclass(frozen=True, eq=False)
 class Reliability:
-    """Reliability holds the accuracy of answers in 15 equal bins of confidence."""
+    """Reliability holds the accuracy of predictions in 15 equal bins of confidence."""
 
     count: Int[np.ndarray, "bin"]
-    """Number of answers in each bin."""
+    """Number of predictions in each bin."""
     confidence: Float[np.ndarray, "bin"]
     """Mean confidence of each bin; zero where it is empty."""
     accuracy: Float[np.ndarray, "bin"]
@@ -81,7 +81,7 @@ class Reliability:
 def compute_reliability(
     confidence: Float[np.ndarray, "example"], correct: Bool[np.ndarray, "example"]
 ) -> Reliability:
-    """Return the accuracy of answers by their confidence."""
+    """Return the accuracy of predictions by their confidence."""
     bins = np.minimum(
         (confidence * RELIABILITY_BINS).astype(np.int64), RELIABILITY_BINS - 1
     )
@@ -100,14 +100,14 @@ def bootstrap_difference(
     seed: int = 0,
     cluster: Sequence[int] | Sequence[str] | None = None,
 ) -> tuple[float, float]:
-    """Return a 95 % interval of the difference in accuracy on the same examples.
+    """Return a 95 % confidence interval of the difference in accuracy, paired.
 
     Args:
         ours: which examples one method classified correctly.
-        theirs: which the other one did.
+        theirs: which of the same examples the other one did.
         seed: seed of the draws.
-        cluster: cluster of each example, such as its recording, where examples of one
-            are not independent; whole clusters are drawn.
+        cluster: cluster of each example, such as its recording, where examples of a
+            cluster are not independent; whole clusters are drawn.
     """
     difference = ours.astype(np.float64) - theirs
     members = np.arange(len(difference)) if cluster is None else np.asarray(cluster)
@@ -117,7 +117,7 @@ def bootstrap_difference(
 def bootstrap_accuracy(
     correct: Bool[np.ndarray, "example"], cluster: Sequence[str], seed: int = 0
 ) -> tuple[float, float]:
-    """Return a 95 % interval of an accuracy, for other people than these.
+    """Return a 95 % confidence interval of an accuracy, from clusters drawn anew.
 
     Args:
         correct: which examples were classified correctly.
@@ -132,7 +132,7 @@ def bootstrap_mean(
     members: Shaped[np.ndarray, "example"],
     seed: int,
 ) -> tuple[float, float]:
-    """Return a 95 % interval of a mean, from whole clusters drawn anew."""
+    """Return a 95 % bootstrap interval of a mean; whole clusters are drawn."""
     _, index, counts = np.unique(members, return_inverse=True, return_counts=True)
     sums = np.stack([np.bincount(index, values), counts.astype(np.float64)], axis=1)
     total, count = resample_clusters(sums, seed).T

@@ -1,4 +1,4 @@
-"""This module draws scores and writes the figures to files."""
+"""This module draws scores as figures in files."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -23,25 +23,21 @@ def draw_confusion(
     axes = figure.add_subplot()
     shares = confusion / np.maximum(confusion.sum(axis=1, keepdims=True), 1)
     axes.imshow(shares, cmap="cividis", vmin=0, vmax=1)
-    for (true, said), count in np.ndenumerate(confusion):
+    for (true, predicted), count in np.ndenumerate(confusion):
         if count:
-            colour = "black" if shares[true, said] > 0.6 else "white"
-            axes.text(said, true, str(count), ha="center", va="center", color=colour)
+            color = "black" if shares[true, predicted] > 0.6 else "white"
+            axes.text(
+                predicted, true, str(count), ha="center", va="center", color=color
+            )
     ticks = range(len(vocabulary))
     axes.set_xticks(ticks, vocabulary, rotation=60, ha="right")
     axes.set_yticks(ticks, vocabulary)
-    axes.set(xlabel="recognised", ylabel="made", title=title)
+    axes.set(xlabel="predicted", ylabel="true", title=title)
     save_figure(figure, path)
 
 
 def draw_reliability(found: Reliability, path: Path, title: str) -> None:
-    """Draw the accuracy of answers by their confidence, and how many there are.
-
-    Args:
-        found: reliability to draw.
-        path: path of the picture.
-        title: title, to which the calibration error is added.
-    """
+    """Draw accuracy and number of predictions by their confidence."""
     figure = Figure(figsize=(4.2, 4.8), dpi=120, layout="constrained")
     upper, lower = figure.subplots(2, sharex=True, height_ratios=(3, 1))
     edges = np.linspace(0, 1, len(found.count) + 1)
@@ -53,11 +49,11 @@ def draw_reliability(found: Reliability, path: Path, title: str) -> None:
         align="edge",
         color="tab:blue",
         edgecolor="white",
-        label="right",
+        label="accuracy",
     )
     upper.plot(found.confidence[some], found.accuracy[some], "o", color="black", ms=3)
-    upper.plot([0, 1], [0, 1], "--", color="gray", label="as sure as right")
-    upper.set(xlim=(0, 1), ylim=(0, 1), ylabel="share that is right")
+    upper.plot([0, 1], [0, 1], "--", color="gray", label="perfect calibration")
+    upper.set(xlim=(0, 1), ylim=(0, 1), ylabel="accuracy")
     upper.set_title(f"{title}, ECE {found.error:.3f}")
     upper.legend(loc="upper left", frameon=False)
     lower.bar(edges[:-1], found.count, width, align="edge", color="gray")
@@ -65,7 +61,7 @@ def draw_reliability(found: Reliability, path: Path, title: str) -> None:
         if count:
             place = edge + width / 2, count
             lower.annotate(str(count), place, ha="center", va="bottom", fontsize=6)
-    lower.set(xlabel="confidence", ylabel="answers")
+    lower.set(xlabel="confidence", ylabel="predictions")
     lower.margins(y=0.25)
     save_figure(figure, path)
 

@@ -45,8 +45,8 @@ class PreparedRecording:
     sequence: Int[np.ndarray, "row"]
     """Number of the sequence of each row, counted from 0."""
     touches: tuple[TouchLabel | None, ...] | None
-    """True touch of each sequence, None for a sequence of no true touch; None as a
-    whole where the recording does not hold the truth."""
+    """True touch of each sequence, None for one of no true touch; None instead of the
+    tuple where the recording does not hold the truth."""
 
 
 def prepare_recording(
@@ -61,26 +61,23 @@ def prepare_recording(
         recording: recording to replay.
         pipeline: how counts become touches.
         graph: how touches become graphs.
-        transform: change of the recording; None leaves it as it was recorded.
+        transform: transform of the recording; None leaves it as it was recorded.
     """
     sequences = gather_sequences(recording, pipeline, graph, transform)
     truth = read_true_touches(recording) if recording.skin.calibrated else None
-    lengths = [len(one.stamps) for one in sequences]
-    return PreparedRecording(
-        graphs=join_graphs(
-            [
-                create_empty_batch(graph.fixed + graph.live),
-                *(g for one in sequences for g in one.graphs),
-            ]
-        ),
-        stamps=np.array([s for one in sequences for s in one.stamps], dtype=np.int64),
-        sequence=np.repeat(np.arange(len(sequences)), lengths),
-        touches=None
-        if truth is None
-        else tuple(
+    touches = None
+    if truth is not None:
+        touches = tuple(
             truth.identify(np.array(s.stamps), np.array(s.centres), np.array(s.forces))
             for s in sequences
-        ),
+        )
+    empty = create_empty_batch(graph.fixed + graph.live)
+    lengths = [len(s.stamps) for s in sequences]
+    return PreparedRecording(
+        graphs=join_graphs([empty, *(g for s in sequences for g in s.graphs)]),
+        stamps=np.array([n for s in sequences for n in s.stamps], dtype=np.int64),
+        sequence=np.repeat(np.arange(len(sequences)), lengths),
+        touches=touches,
     )
 
 
@@ -108,17 +105,16 @@ def gather_sequences(
     poses = LinkPoseCache(mounted, graph.posed)
     touches = TouchPipeline(mounted, recording.calibration, pipeline, poses)
     stream = GraphStream(mounted, graph, poses)
-    found: list[TouchSequence] = []
+    sequences: list[TouchSequence] = []
     open_now: dict[int, TouchSequence] = {}
-    for scan in (
-        transform.transform_scans(recording) if transform else recording.scans()
-    ):
+    scans = transform.transform_scans(recording) if transform else recording.scans()
+    for scan in scans:
         state = touches.push(scan)
         graphs = stream.push(state)
         centres = find_contact_centres(state)
         for key in sorted(graphs.keys() - open_now.keys()):
             open_now[key] = TouchSequence()
-            found.append(open_now[key])
+            sequences.append(open_now[key])
         open_now = {key: open_now[key] for key in graphs}
         for key, batch in graphs.items():
             sequence = open_now[key]
@@ -127,7 +123,7 @@ def gather_sequences(
             sequence.stamps.append(scan.stamp)
             sequence.centres.append(centre)
             sequence.forces.append(force)
-    return found
+    return sequences
 
 
 def find_contact_centres(
@@ -146,7 +142,7 @@ def find_contact_centres(
 
 SHEAR = ("shear", "shear_before")
 SMALL = {"taxels": np.int32, "neighbours": np.int16}
-"""Fields stored in fewer bytes than they are computed with."""
+"""Fields that are stored as smaller integers."""
 
 
 def pack_recording(
@@ -158,14 +154,13 @@ def pack_recording(
 ) -> Path:
     """Return the file of a prepared recording, and write it if it is missing.
 
-    Its name is drawn from the recording's bytes, the settings and the code, so that a
-    file which is there is always the right one.
+    Its name is a digest of the recording's bytes, the settings and the code, so an
+    existing file is always up to date.
     """
     target = folder / f"{compute_pack_key(path, pipeline, graph, transform)}.npz"
     if not target.exists():
-        save_prepared(
-            target, prepare_recording(read_recording(path), pipeline, graph, transform)
-        )
+        recording = read_recording(path)
+        save_prepared(target, prepare_recording(recording, pipeline, graph, transform))
     return target
 
 
@@ -175,12 +170,19 @@ def compute_pack_key(
     graph: GraphConfig,
     transform: RecordingTransform | None = None,
 ) -> str:
-    """Return the name of a recording prepared with some settings."""
+    """Return the file name, without suffix, of a recording prepared with settings."""
+    return compute_file_key(__name__, path, f"{pipeline} {graph}", transform)
+
+
+def compute_file_key(
+    module: str, path: Path, settings: str, transform: RecordingTransform | None
+) -> str:
+    """Return a digest of a recording, a module's code, settings and a transform."""
     with path.open("rb") as file:
         content = hashlib.file_digest(file, "sha256").hexdigest()
-    facts = f"{digest_code(__name__)} {content} {pipeline} {graph}"
-    facts += f" {transform.key}" if transform else ""
-    return hashlib.sha256(facts.encode()).hexdigest()[:32]
+    text = f"{digest_code(module)} {content} {settings}"
+    text += f" {transform.key}" if transform else ""
+    return hashlib.sha256(text.encode()).hexdigest()[:32]
 
 
 def save_prepared(target: Path, prepared: PreparedRecording) -> None:
@@ -192,15 +194,10 @@ def save_prepared(target: Path, prepared: PreparedRecording) -> None:
         if shear or each.name not in SHEAR
     }
     arrays |= {name: arrays[name].astype(dtype) for name, dtype in SMALL.items()}
+    arrays |= {"stamps": prepared.stamps, "sequence": prepared.sequence}
     touches = np.frombuffer(json.dumps(prepared.touches).encode(), np.uint8)
-    with atomic_path(target) as scratch:
-        np.savez(
-            scratch,
-            stamps=prepared.stamps,
-            sequence=prepared.sequence,
-            fits=touches,
-            **arrays,
-        )
+    with atomic_path(target) as part:
+        np.savez(part, fits=touches, **arrays)
 
 
 def load_prepared(path: Path) -> PreparedRecording:
@@ -209,13 +206,8 @@ def load_prepared(path: Path) -> PreparedRecording:
         arrays = {name: file[name] for name in file.files}
     stamps, sequence = arrays.pop("stamps"), arrays.pop("sequence")
     touches = json.loads(arrays.pop("fits").tobytes())
+    if touches is not None:
+        touches = tuple(each and TouchLabel(*each) for each in touches)
     nothing = np.broadcast_to(np.float32(0), arrays["positions"].shape)
     shear = {name: arrays.pop(name, nothing) for name in SHEAR}
-    return PreparedRecording(
-        graphs=GraphBatch(**arrays, **shear),
-        stamps=stamps,
-        sequence=sequence,
-        touches=None
-        if touches is None
-        else tuple(each and TouchLabel(*each) for each in touches),
-    )
+    return PreparedRecording(GraphBatch(**arrays, **shear), stamps, sequence, touches)

@@ -1,4 +1,4 @@
-"""This module changes recordings into what another skin would have recorded."""
+"""This module transforms recordings into those that another skin would have made."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
@@ -16,7 +16,7 @@ from eskin.skin import Skin
 from eskin.touch import Calibration, Scan
 
 REST_READINGS = 50
-"""Number of first readings whose median is taken for the counts at rest."""
+"""Number of first readings whose median estimates the counts at rest."""
 
 
 class RecordingTransform(ABC):
@@ -27,17 +27,17 @@ class RecordingTransform(ABC):
 
     @property
     def key(self) -> str:
-        """Return its settings and a digest of its code, for what is kept in files."""
+        """Return its settings and a digest of its code, for the names of files."""
         return f"{self} {digest_code(type(self).__module__)}"
 
     @property
     def moves_taxels(self) -> bool:
-        """Tell whether it moves taxels on the skin, and leaves scans as they are."""
+        """Tell whether it changes only the positions of taxels, and no scan."""
         return False
 
     @abstractmethod
     def transform_scans(self, recording: Recording) -> Iterator[Scan]:
-        """Yield the scans of a recording, changed."""
+        """Yield the transformed scans of a recording."""
 
     def transform_skin(self, skin: Skin, start: int) -> Skin:
         """Return the skin that recognition assumes; the true one unless overridden.
@@ -51,18 +51,17 @@ class RecordingTransform(ABC):
 
 def estimate_rest_counts(recording: Recording) -> Float[np.ndarray, "taxel"]:
     """Return the counts of each taxel while nothing touches it."""
-    return np.median(
-        [s.counts for s in islice(recording.scans(), REST_READINGS)], axis=0
-    )
+    first = islice(recording.scans(), REST_READINGS)
+    return np.median([scan.counts for scan in first], axis=0)
 
 
 def replace_counts(
     scan: Scan, counts: Float[np.ndarray, "taxel"], full_scale: int
 ) -> Scan:
     """Return a scan with other counts, rounded and clipped, where it was received."""
-    whole = np.clip(np.rint(counts), 0, full_scale)
-    kept = np.where(scan.received, whole, scan.counts)
-    return replace(scan, counts=kept.astype(scan.counts.dtype))
+    rounded = np.clip(np.rint(counts), 0, full_scale)
+    merged = np.where(scan.received, rounded, scan.counts)
+    return replace(scan, counts=merged.astype(scan.counts.dtype))
 
 
 LIMITS = {
@@ -78,7 +77,7 @@ UNFELT_SCATTER = 0.2
 """Standard deviation of the logarithm of `unfelt` within a patch."""
 
 REFERENCE = 30.0
-"""Pressure that a change of the exponent leaves as it is [kPa]."""
+"""Pressure that does not depend on the exponent [kPa]."""
 
 
 @dataclass(frozen=True)
@@ -104,9 +103,9 @@ class AgingConfig:
 @final
 @dataclass(frozen=True)
 class Aging(RecordingTransform):
-    """This transform records as an aged skin: weaker, less even, with more noise.
+    """This transform simulates an aged skin: weaker, less even, with more noise.
 
-    The same configuration and number give a recording the same skin.
+    The same configuration and number give a recording the same aged skin.
     """
 
     config: AgingConfig
@@ -142,19 +141,19 @@ class AgedSkin:
         self, above: Float[np.ndarray, "taxel"], calibration: Calibration
     ) -> Float[np.ndarray, "taxel"]:
         """Return the counts above rest where the original skin gave `above`."""
-        left = np.maximum(calibration.compute_pressure(above) - self.unfelt, 0.0)
-        bent = self.gain * REFERENCE * (left / REFERENCE) ** self.exponent
-        return calibration.compute_counts(bent)
+        felt = np.maximum(calibration.compute_pressure(above) - self.unfelt, 0.0)
+        pressure = self.gain * REFERENCE * (felt / REFERENCE) ** self.exponent
+        return calibration.compute_counts(pressure)
 
 
 def draw_aged_skin(
     skin: Skin, config: AgingConfig, rng: np.random.Generator
 ) -> AgedSkin:
     """Draw an aged skin of the same layout."""
-    patch, patches, drawn = skin.patch_index, len(skin.patches), rng.standard_normal
-    gain = (config.patch_gain * drawn(patches))[patch]
-    gain += config.taxel_gain * drawn(skin.count)
+    patch, patches, draw = skin.patch_index, len(skin.patches), rng.standard_normal
+    log_gain = (config.patch_gain * draw(patches))[patch]
+    log_gain += config.taxel_gain * draw(skin.count)
     unfelt = (config.unfelt * rng.random(patches))[patch]
-    unfelt *= np.exp(UNFELT_SCATTER * drawn(skin.count))
-    exponent = np.exp(config.exponent * drawn(patches))[patch]
-    return AgedSkin(np.exp(gain), exponent, unfelt)
+    unfelt *= np.exp(UNFELT_SCATTER * draw(skin.count))
+    exponent = np.exp(config.exponent * draw(patches))[patch]
+    return AgedSkin(np.exp(log_gain), exponent, unfelt)

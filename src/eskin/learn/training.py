@@ -40,7 +40,7 @@ LIMITS = {
 
 @dataclass(frozen=True)
 class TrainConfig:
-    """These settings say how the recogniser is trained."""
+    """These settings determine how the recogniser is trained."""
 
     epochs: int = 10
     """Number of epochs of `steps` steps."""
@@ -49,10 +49,10 @@ class TrainConfig:
     batch: int = 64
     """Windows in a step."""
     encoded: int = 32
-    """Windows of a step whose graphs are encoded, which takes most of the time; the
-    summary view uses all windows."""
+    """Windows of a step whose graphs are encoded, the slowest part; the summary view
+    uses all windows."""
     readings: int = 25
-    """Readings of an encoded window whose graphs are encoded, drawn anew each time."""
+    """Readings of an encoded window whose graphs are encoded, drawn at random."""
     rate: float = 3e-3
     """Highest learning rate of the cycle."""
     decay: float = 0.3
@@ -60,15 +60,15 @@ class TrainConfig:
     smoothing: float = 0.1
     """Label smoothing."""
     patience: int = 5
-    """Epochs without a better validation loss that are tolerated; one more stops."""
+    """Epochs without a lower validation loss after which one more stops training."""
     validation: float = 0.15
     """Share of the recordings held out to choose the epoch, in whole sessions; 0 trains
     to the end."""
     shear: bool = True
     """Whether shear is used where every skin measures it."""
     workers: int = 1
-    """Threads that each build and differentiate a part of every batch, one a core; with
-    dropout and more than one, no two trainings are equal to the bit."""
+    """Threads, one a core, that share the gradients of every batch; with dropout and
+    more than one, results are not reproducible to the bit."""
     graph: GraphConfig = field(default_factory=GraphConfig)
     """Settings of the contact graphs."""
     augment: AugmentConfig = field(default_factory=AugmentConfig)
@@ -86,17 +86,10 @@ class TrainConfig:
         check_limits(self, LIMITS)
 
 
-SAVE_PERIOD = 30.0
-"""Time between two checkpoints [s]."""
-
+SAVE_PERIOD = 30.0  # [s] between two checkpoints
 VALIDATION_WINDOWS = 256
-"""Number of windows to validate on."""
-
-MIN_LOG_PROBABILITY = -30.0
-"""Log-probability used in place of minus infinity."""
-
-TEMPERATURES = np.geomspace(0.3, 5.0, 57)
-"""Temperatures that are tried."""
+MIN_LOG_PROBABILITY = -30.0  # in place of minus infinity
+TEMPERATURES = np.geomspace(0.3, 5.0, 57)  # candidates
 
 
 class Trainer:
@@ -126,27 +119,26 @@ class Trainer:
         self.config, self.vocabulary, self.seed = config, vocabulary, seed
         torch.manual_seed(seed)
         self.rngs = build_generators(seed, config.workers)
-        chosen = (
-            list(range(dataset.original_count)) if recordings is None else recordings
-        )
+        if recordings is None:
+            recordings = list(range(dataset.original_count))
         self.holdout = hold_out(
-            find_sessions(dataset, chosen),
+            find_sessions(dataset, recordings),
             find_gestures(dataset, vocabulary),
             0.0 if validation else config.validation,
             self.rngs[0],
         )
         self.shear = config.shear and dataset.has_shear
         self.graph = config.graph if self.shear else config.graph.without_shear()
-        learned = dataset.with_copies(self.holdout.train)
-        self.batches = self.build_batches(dataset, learned, config.augment)
+        trained = dataset.with_copies(self.holdout.train)
+        self.batches = self.build_batches(dataset, trained, config.augment)
         check_classes(self.batches.sampler, vocabulary)
-        source, held = dataset, self.holdout.held
+        self.held_recordings = self.holdout.held
         if validation is not None:
-            source = validation
-            held = frozenset(range(len(validation.recordings)))
-        self.held_recordings = held
-        held_maker = self.build_batches(source, held, NO_AUGMENTATION)
-        self.held_out = held_maker if held_maker.sampler.classes else None
+            self.held_recordings = frozenset(range(len(validation.recordings)))
+        held_out = self.build_batches(
+            validation or dataset, self.held_recordings, NO_AUGMENTATION
+        )
+        self.held_out = held_out if held_out.sampler.classes else None
         self.network = RecogniserNetwork(config.network, len(vocabulary), self.shear)
         if start is not None:
             copy_matching_weights(self.network, start)
@@ -156,8 +148,7 @@ class Trainer:
         self, dataset: Dataset, recordings: frozenset[int], augment: AugmentConfig
     ) -> BatchBuilder:
         """Return a batch builder for some of the recordings."""
-        slots = self.config.network.slots
-        crop = self.config.augment.crop
+        slots, crop = self.config.network.slots, self.config.augment.crop
         sampler = build_sampler(dataset, self.vocabulary, recordings, slots, crop)
         return BatchBuilder(dataset, sampler, augment, slots, self.shear)
 
@@ -168,7 +159,8 @@ class Trainer:
 
         Args:
             quiet: whether to hide the progress bar.
-            checkpoint: file to resume interrupted training from; the caller removes it.
+            checkpoint: file that interrupted training is resumed from; the caller
+                removes it.
             facts: description of data and settings, stored in that file.
         """
         config, network = self.config, self.network
@@ -197,23 +189,19 @@ class Trainer:
                 schedule.step()
                 progress.advance(task)
                 self.epochs, within = divmod(step + 1, config.steps)
-                over = within == 0 and self.end_epoch(best)
-                if checkpoint and (over or time.monotonic() - saved > SAVE_PERIOD):
+                stop = False
+                if within == 0 and self.held_out is not None:
+                    stop = best.update(network, self.validation_loss())
+                if checkpoint and (stop or time.monotonic() - saved > SAVE_PERIOD):
                     state.save(checkpoint, facts, step + 1)
                     saved = time.monotonic()
-                if over:
+                if stop:
                     break
         best.restore(network)
         return network.eval()
 
-    def end_epoch(self, best: EarlyStopping) -> bool:
-        """Validate at the end of an epoch, and tell whether to stop."""
-        return self.held_out is not None and best.update(
-            self.network, self.validation_loss()
-        )
-
     def step(self, optimiser: torch.optim.Optimizer, pool: ThreadPoolExecutor) -> None:
-        """Take one step; every worker differentiates a part of the batch."""
+        """Take one step by the mean gradient of all workers' parts of a batch."""
         parameters = list(self.network.parameters())
         parts = list(pool.map(self.compute_gradients, self.rngs))
         for parameter, *gradients in zip(parameters, *parts, strict=True):
@@ -235,21 +223,20 @@ class Trainer:
         )
 
     def compute_loss(self, batch: Batch) -> Float[Tensor, ""]:
-        """Return the cross entropy of each view and of both together."""
-        network, smoothing = self.network, self.config.smoothing
+        """Return the cross entropy of both views together, plus the mean of each's."""
+        network = self.network
+
+        def loss(logits: Float[Tensor, "window class"]) -> Float[Tensor, ""]:
+            labels = batch.labels[: len(logits)]
+            smoothing = self.config.smoothing
+            return cross_entropy(logits, labels, label_smoothing=smoothing)
+
         standardised = network.standardise(batch.summary)
         by_summary = network.summary_view(standardised, batch.slot_index)
-        by_graph = network.graph_view(
-            network.embed(batch.encoded.graphs), batch.encoded.slot_index
-        )
+        embedded = network.embed(batch.encoded.graphs)
+        by_graph = network.graph_view(embedded, batch.encoded.slot_index)
         both = (by_summary[: len(by_graph)] + by_graph) / 2
-        together, summary_alone, graph_alone = (
-            cross_entropy(
-                logits, batch.labels[: len(logits)], label_smoothing=smoothing
-            )
-            for logits in (both, by_summary, by_graph)
-        )
-        return together + (summary_alone + graph_alone) / 2
+        return loss(both) + (loss(by_summary) + loss(by_graph)) / 2
 
     def validation_loss(self) -> float:
         """Return the loss on windows of the held-out recordings, always the same."""
@@ -264,11 +251,11 @@ class Trainer:
         return float((logits.argmax(dim=1) == labels).double().mean())
 
     def fit_temperature(self) -> float:
-        """Return what to divide logits by to calibrate them (Guo et al. 2017)."""
+        """Return the temperature that calibrates the logits (Guo et al. 2017)."""
         if self.held_out is None:
             return 1.0
         logits, labels = self.predict_held_out()
-        # Without a detected touch the answer is `none`, whatever the network says.
+        # Clips without a detected touch are `none` whatever the temperature.
         touched = (logits > MIN_LOG_PROBABILITY).sum(dim=1) > 1
         if not touched.any():
             return 1.0
@@ -284,12 +271,8 @@ class Trainer:
         if not any(self.held_out.dataset.clips):
             return self.predict_validation_windows()
         self.network.eval()
-        found = predict_clips(
-            self.network,
-            self.held_out.dataset,
-            self.vocabulary,
-            recordings=self.held_recordings,
-        )
+        dataset, held = self.held_out.dataset, self.held_recordings
+        found = predict_clips(self.network, dataset, self.vocabulary, recordings=held)
         logits = np.maximum(found.log_probabilities, MIN_LOG_PROBABILITY)
         return torch.as_tensor(logits), torch.as_tensor(found.truth)
 
@@ -299,16 +282,15 @@ class Trainer:
         """Return logits and classes of windows of the held-out recordings."""
         assert self.held_out is not None
         self.network.eval()
-        every = self.config.network.slots
-        batch = self.held_out.build(
-            VALIDATION_WINDOWS, VALIDATION_WINDOWS, every, np.random.default_rng(0)
-        )
+        count, readings = VALIDATION_WINDOWS, self.config.network.slots
+        rng = np.random.default_rng(0)
+        batch = self.held_out.build(count, count, readings, rng)
         with torch.no_grad():
             return self.network(batch.encoded), batch.labels
 
 
 def copy_matching_weights(network: RecogniserNetwork, model: Model) -> None:
-    """Copy a model's weights wherever the network has one of that name and shape."""
+    """Copy those weights of a model that the network has by name and shape."""
     own = network.state_dict()
     fitting = {
         name: torch.as_tensor(weight)
@@ -319,6 +301,6 @@ def copy_matching_weights(network: RecogniserNetwork, model: Model) -> None:
 
 
 def build_generators(seed: int, workers: int) -> list[np.random.Generator]:
-    """Return one generator a worker; the first is that of the seed itself."""
+    """Return one generator for each worker; the first is that of the seed itself."""
     first = np.random.default_rng(seed)
     return [first, *(np.random.default_rng([seed, n]) for n in range(1, workers))]

@@ -1,4 +1,4 @@
-"""This module cuts windows, the two seconds that end at a reading, and varies them."""
+"""This module cuts windows, the two seconds before a reading, and augments them."""
 
 from dataclasses import dataclass, replace
 
@@ -12,7 +12,7 @@ from eskin.model import SLOT_NS
 from eskin.nn import NetworkInput, SlotIndex, build_graph_tensors
 
 TIME_COLUMNS = [HISTORY.index(name) for name in ("age", "pause", "impulse")]
-"""Columns of a history that grow with the time a person takes."""
+"""Columns of a history that are proportional to the duration of a touch."""
 
 
 @dataclass(frozen=True)
@@ -24,8 +24,7 @@ class Windows:
     window: Int[np.ndarray, "reading"]
     """Number of the window of each row."""
     slot: Int[np.ndarray, "reading"]
-    """Slot of each row on the clock of the temporal head; the last row of a window has
-    the last slot."""
+    """Slot of each row in its window; the last row has the last slot."""
     count: int
     """Number of windows."""
 
@@ -35,13 +34,8 @@ class Windows:
 
     def first(self, count: int) -> "Windows":
         """Return the first `count` windows, or all where there are fewer."""
-        kept = self.window < count
-        return Windows(
-            self.rows[kept],
-            self.window[kept],
-            self.slot[kept],
-            min(count, self.count),
-        )
+        kept = np.flatnonzero(self.window < count)
+        return replace(self.select(kept), count=min(count, self.count))
 
 
 def cut_windows(
@@ -60,13 +54,11 @@ def cut_windows(
     """
     now = dataset.stamps[ends] // SLOT_NS
     oldest = (now - slots + 1) * SLOT_NS
-    lows = np.array(
-        [
-            low + np.searchsorted(dataset.stamps[low : end + 1], stamp)
-            for low, end, stamp in zip(firsts, ends, oldest, strict=True)
-        ],
-        dtype=np.int64,
+    first_rows = (
+        first + np.searchsorted(dataset.stamps[first : end + 1], stamp)
+        for first, end, stamp in zip(firsts, ends, oldest, strict=True)
     )
+    lows = np.fromiter(first_rows, np.int64, len(ends))
     lengths = ends + 1 - lows
     window = np.repeat(np.arange(len(ends)), lengths)
     starts = np.cumsum(lengths) - lengths
@@ -82,12 +74,12 @@ def stretch_time(
     slots: int,
     rng: np.random.Generator,
 ) -> tuple[Windows, GraphBatch]:
-    """Make each window as if its person had been faster or slower.
+    """Stretch or compress each window in time, as by a slower or faster person.
 
     Rows that fall out of a window are left out.
 
     Args:
-        windows: what to change.
+        windows: windows to change.
         graphs: graphs of their rows.
         spread: standard deviation of the logarithm of the factor on time.
         slots: length of a window on the clock of the temporal head.
@@ -96,18 +88,17 @@ def stretch_time(
     factor = np.exp(spread * rng.standard_normal(windows.count))[windows.window]
     ago = (slots - 1 - windows.slot) * factor
     kept = np.flatnonzero(ago <= slots - 1)
-    times = factor.astype(np.float32)
+    factor = factor.astype(np.float32)
     history = graphs.history.copy()
-    history[:, TIME_COLUMNS] *= times[:, None]
-    slower = replace(
+    history[:, TIME_COLUMNS] *= factor[:, None]
+    stretched = replace(
         graphs,
         history=history,
-        seconds=graphs.seconds * times,
-        age=graphs.age * times[graphs.graph_index],
+        seconds=graphs.seconds * factor,
+        age=graphs.age * factor[graphs.graph_index],
     )
     slot = slots - 1 - np.rint(ago[kept]).astype(np.int64)
-    changed = Windows(windows.rows[kept], windows.window[kept], slot, windows.count)
-    return changed, slower.select(kept)
+    return replace(windows.select(kept), slot=slot), stretched.select(kept)
 
 
 def drop_readings(
@@ -123,23 +114,23 @@ def drop_readings(
         halved: share of windows that keep only every other reading.
         rng: source of the random draws.
     """
-    each = share * rng.random(windows.count)
-    odd = rng.random(windows.count) < halved
+    loss = share * rng.random(windows.count)
+    is_halved = rng.random(windows.count) < halved
     last = np.append(windows.window[1:] != windows.window[:-1], True)
-    ends = np.flatnonzero(last)
-    ago = ends[np.searchsorted(ends, np.arange(len(last)))] - np.arange(len(last))
-    came = rng.random(len(last)) >= each[windows.window]
-    came &= ~(odd[windows.window] & (ago % 2 == 1))
-    return np.flatnonzero(came | last)
+    ends, rows = np.flatnonzero(last), np.arange(len(last))
+    rows_to_end = ends[np.searchsorted(ends, rows)] - rows
+    kept = rng.random(len(last)) >= loss[windows.window]
+    kept &= ~(is_halved[windows.window] & (rows_to_end % 2 == 1))
+    return np.flatnonzero(kept | last)
 
 
 def subsample_readings(
-    windows: Windows, most: int, rng: np.random.Generator
+    windows: Windows, limit: int, rng: np.random.Generator
 ) -> Windows:
-    """Return windows of at most `most` readings each, drawn at random."""
+    """Return windows of at most `limit` readings each, drawn at random."""
     order = np.lexsort((rng.random(len(windows.rows)), windows.window))
     starts = np.searchsorted(windows.window, np.arange(windows.count))
-    kept = np.sort(order[np.arange(len(order)) - starts[windows.window] < most])
+    kept = np.sort(order[np.arange(len(order)) - starts[windows.window] < limit])
     return windows.select(kept)
 
 

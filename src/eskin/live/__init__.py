@@ -4,12 +4,7 @@ from eskin.live.decision import UNKNOWN, Decision, DecisionFilter
 from eskin.live.detection import Detection
 from eskin.live.logits import compute_probabilities
 from eskin.live.network import Network
-from eskin.live.recognizer import (
-    Recognizer,
-    build_detection,
-    mount_skin,
-    warm_up,
-)
+from eskin.live.recognizer import Recognizer, build_detection, mount_skin, warm_up
 
 __all__ = [
     "UNKNOWN",

@@ -1,4 +1,4 @@
-"""This module decides what to report of a touch, and when.
+"""This module decides which gesture of a touch to report, and when.
 
 Each touch is reported once: as soon as a gesture is certain, at closing at the latest.
 """
@@ -16,12 +16,12 @@ from eskin.recording.labels import NONE
 from eskin.units import NS_PER_S
 
 UNKNOWN = "unknown"
-"""Gesture reported of a touch that is like nothing in the vocabulary."""
+"""Gesture reported where no class is probable enough."""
 
 
 @runtime_checkable
 class TouchLike(Protocol):
-    """An object like this tells when a touch happened, such as a `Touch`."""
+    """An object like this tells when a touch happens, as a `Touch` does."""
 
     @property
     def id(self) -> int:
@@ -40,26 +40,22 @@ class TouchLike(Protocol):
 
     @property
     def merged_into(self) -> int | None:
-        """Id of the touch that it turned out to be a part of; None or 0 if of none."""
+        """Id of the touch that it was merged into; None or 0 if it was not."""
         ...
 
 
 @dataclass(frozen=True, eq=False)
 class Decision:
-    """A decision holds what to report of a touch now."""
+    """A decision holds what is reported of a touch."""
 
     touch: int
     """Id of the touch."""
-
     gesture: str
     """One of the vocabulary, or `unknown`."""
-
     confidence: float
     """Calibrated probability of the likeliest gesture."""
-
     onset: int
     """When it began [ns since the epoch]."""
-
     likeliest: str = ""
     """The likeliest gesture where it is unknown."""
 
@@ -73,13 +69,13 @@ class TouchEvidence:
     gesture: str | None = None
     """Gesture that was reported, if any."""
     leader: int = -1
-    """Class above its threshold, or -1."""
+    """Likeliest class while it is above its threshold, or -1."""
     since: int = 0
-    """Since when that is the leader [ns since the epoch]."""
+    """Stamp since which it is the leader [ns since the epoch]."""
     other_since: int | None = None
-    """Since when a class other than the reported one is likeliest."""
+    """Stamp since which a class other than the reported one is likeliest."""
     latest: list[float] | None = None
-    """Probabilities that decide at closing."""
+    """Probabilities for the decision at closing."""
 
 
 @final
@@ -90,13 +86,12 @@ class DecisionFilter:
        probability has been above its threshold for the whole of `hold_seconds`; the
        threshold may be lower without contact.
     2. When it closes and nothing has been reported, the likeliest class at its last
-       reading is reported, even `none`; or `unknown` where that is below `least`. By
-       then it is known that no further contact came.
+       reading is reported, even `none`; or `unknown` where that is below `least`.
     3. A touch that merges into another counts as reported if either was reported.
-    4. On a skin that is not calibrated, contact may never end, under a tight sleeve
-       for example. There a touch ends once another class than the reported one, or
-       `none`, has been likeliest for the whole of `hold_seconds`; another touch begins
-       only with contact after that. The decision at closing uses its last contact,
+    4. On a skin that is not calibrated, contact may never end, as under a tight sleeve.
+       There a touch ends once another class than the reported one, or `none`, has been
+       likeliest for the whole of `hold_seconds`; another touch begins only with contact
+       after that. The decision at closing uses the probabilities at its last contact,
        since later readings may belong to the next touch.
     """
 
@@ -120,8 +115,8 @@ class DecisionFilter:
         self.config = config or DecisionConfig()
         self.thresholds = build_thresholds(vocabulary, self.config)
         self.lifted = [
-            every if math.isinf(every) else min(every, self.config.lifted)
-            for every in self.thresholds
+            threshold if math.isinf(threshold) else min(threshold, self.config.lifted)
+            for threshold in self.thresholds
         ]
         self.lift = round(self.config.lift_seconds * NS_PER_S)
         self.hold = round(self.config.hold_seconds * NS_PER_S)
@@ -148,11 +143,11 @@ class DecisionFilter:
             evidence = self.evidence.get(touch.id)
             if evidence is None:
                 evidence = self.evidence[touch.id] = TouchEvidence(touch.onset)
-            # Plain numbers, since short arrays are slower to read one by one.
-            chances: list[float] = probabilities[touch.id].tolist()
-            if self.change_ends and self.has_changed(evidence, stamp, chances):
+            # A list, since reading single elements of an array is slower.
+            by_class: list[float] = probabilities[touch.id].tolist()
+            if self.change_ends and self.has_changed(evidence, stamp, by_class):
                 reset_evidence(evidence, touch, stamp)
-            decision = self.update(evidence, touch, stamp, chances)
+            decision = self.update(evidence, touch, stamp, by_class)
             if decision is not None:
                 decisions.append(decision)
         return decisions
@@ -201,8 +196,8 @@ class DecisionFilter:
             evidence = self.evidence.pop(touch.id, TouchEvidence(touch.onset))
             if touch.merged_into:
                 new = TouchEvidence(touch.onset)
-                heir = self.evidence.setdefault(touch.merged_into, new)
-                heir.gesture = heir.gesture or evidence.gesture
+                target = self.evidence.setdefault(touch.merged_into, new)
+                target.gesture = target.gesture or evidence.gesture
             elif evidence.gesture is None and evidence.latest is not None:
                 decisions.append(self.decide(touch, evidence.onset, evidence.latest))
         return decisions
@@ -212,8 +207,7 @@ class DecisionFilter:
     ) -> Decision:
         """Return the decision about a touch at closing."""
         leader = find_likeliest(probabilities)
-        confidence = probabilities[leader]
-        gesture = self.vocabulary[leader]
+        confidence, gesture = probabilities[leader], self.vocabulary[leader]
         if confidence >= self.config.least:
             return Decision(touch.id, gesture, confidence, onset)
         return Decision(touch.id, UNKNOWN, confidence, onset, gesture)
@@ -237,12 +231,12 @@ def build_thresholds(
     vocabulary: tuple[str, ...], config: DecisionConfig
 ) -> list[float]:
     """Return the threshold of each class while a touch is open; infinity for `none`."""
-    strange = sorted(set(config.thresholds) - set(vocabulary))
-    if strange:
+    unknown = sorted(set(config.thresholds) - set(vocabulary))
+    if unknown:
         raise ValueError(
-            f"threshold of '{strange[0]}', which the model does not know; allowed are "
+            f"threshold of '{unknown[0]}', which the model does not know; allowed are "
             f"{', '.join(vocabulary)}; correct the name"
         )
-    every = dict.fromkeys(vocabulary, config.threshold) | dict(config.thresholds)
-    every[NONE] = math.inf
-    return [every[name] for name in vocabulary]
+    thresholds = dict.fromkeys(vocabulary, config.threshold) | dict(config.thresholds)
+    thresholds[NONE] = math.inf
+    return [thresholds[name] for name in vocabulary]

@@ -17,44 +17,31 @@ class Detection:
 
     stamp: int
     """When it was reported: the stamp of the latest reading [ns since the epoch]."""
-
     touch: int
     """Id of the touch."""
-
     gesture: str
     """One of the model's vocabulary, or `unknown`."""
-
     confidence: float
-    """Calibrated probability of the gesture; of the likeliest where it is unknown."""
-
+    """Calibrated probability of the gesture; if unknown, of the likeliest."""
     onset: int
     """First contact [ns since the epoch]."""
-
     end: int
     """Latest contact by `stamp` [ns since the epoch]."""
-
     link: str
     """Link of the most loaded taxel at `end`."""
-
     patch: str
     """Patch of that taxel."""
-
     p_world: Float[np.ndarray, "3"]
     """Force-weighted centre of the strongest contact at `end` [m]."""
-
     n_world: Float[np.ndarray, "3"]
     """Mean outward normal of that contact."""
-
     direction_world: Float[np.ndarray, "3"]
     """Unit vector of travel at `end`, without the robot's own motion; zero where the
     touch stayed in its place."""
-
     peak_force: float
     """Greatest force until `stamp` [N]."""
-
     likeliest: str = ""
-    """Likeliest gesture of a touch that is unknown, perhaps `none`; empty where it is
-    known."""
+    """Likeliest class where the gesture is `unknown`, perhaps `none`; else empty."""
 
     def record(self) -> DetectionRecord:
         """Return the row that a recording keeps of it."""
@@ -81,9 +68,9 @@ def to_tuple(array: Float[np.ndarray, "3"]) -> tuple[float, float, float]:
 
 @final
 class DirectionTracker:
-    """A tracker keeps every open touch as it was at its latest contact.
+    """A tracker keeps the state of every open touch at its latest contact.
 
-    Directions are asked for rarely, so they are computed only then.
+    Directions are needed rarely, so they are computed on request.
     """
 
     def __init__(self, poses: LinkPoseCache, still: float) -> None:

@@ -4,7 +4,7 @@ Products of matrices go through BLAS, everything else is loops along channels.
 """
 
 import math
-from typing import NamedTuple, no_type_check
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -64,52 +64,31 @@ class EncoderWorkspace(NamedTuple):
     at rest, whose features are equal.
     """
 
-    x: np.ndarray
-    """(node, 3) coordinates in units of `LENGTH_CM`."""
-    shear: np.ndarray
-    """(node, 3) compressed shear."""
-    row: np.ndarray
-    """(node) the row of each active node or source."""
-    nodes: np.ndarray
-    """(row) the node of each row."""
-    first_edge: np.ndarray
-    """(row and one) first edge to each active node."""
-    sources: np.ndarray
-    """(edge) source node."""
-    source_rows: np.ndarray
-    """(edge) its row."""
-    edge_weights: np.ndarray
-    """(edge) share of the source in the area of all sources of its target."""
-    scalars: np.ndarray
-    """(row, scalar) columns of `eskin.graph.NODE_SCALARS`."""
-    v: np.ndarray
-    """(row, width) features."""
-    u: np.ndarray
-    """(row, width) normalised features."""
-    of_source: np.ndarray
-    """(row, width) contribution of each source to its messages."""
-    of_target: np.ndarray
-    """(row, width) contribution of each target to its messages."""
-    messages: np.ndarray
-    """(row, width) aggregated messages."""
-    coord_update: np.ndarray
-    """(row, 3) update of the coordinates."""
-    r: np.ndarray
-    """(block, 3) vector from source to target of the edges to a few targets."""
-    edge_features: np.ndarray
-    """(block, edge scalar) invariants of those edges."""
-    hidden: np.ndarray
-    """(block, width) first layer of their messages."""
-    edge_messages: np.ndarray
-    """(block, width) their messages."""
-    coord_weights: np.ndarray
-    """(block) weight of each `r` in the update of its target."""
-    pooled: np.ndarray
-    """(1, 2 width) maximum and mean over the active nodes."""
+    x: Float[np.ndarray, "node 3"]  # coordinates in units of `LENGTH_CM`
+    shear: Float[np.ndarray, "node 3"]  # compressed shear
+    row: Int[np.ndarray, "node"]  # row of each active node or source
+    nodes: Int[np.ndarray, "row"]  # node of each row
+    first_edge: Int[np.ndarray, "row+1"]  # first edge to each active node
+    sources: Int[np.ndarray, "edge"]  # node
+    source_rows: Int[np.ndarray, "edge"]  # row
+    edge_weights: Float[np.ndarray, "edge"]  # share in the area of the target's sources
+    scalars: Float[np.ndarray, "row scalar"]  # columns `eskin.graph.NODE_SCALARS`
+    v: Float[np.ndarray, "row width"]  # features
+    u: Float[np.ndarray, "row width"]  # normalised features
+    of_source: Float[np.ndarray, "row width"]  # contribution of a source to messages
+    of_target: Float[np.ndarray, "row width"]  # contribution of a target to messages
+    messages: Float[np.ndarray, "row width"]  # aggregated messages
+    coord_update: Float[np.ndarray, "row 3"]  # update of the coordinates
+    # For a block of edges, to a few targets:
+    r: Float[np.ndarray, "block 3"]  # vector from source to target
+    edge_features: Float[np.ndarray, "block scalar"]  # invariants
+    hidden: Float[np.ndarray, "block width"]  # first layer of the messages
+    edge_messages: Float[np.ndarray, "block width"]  # messages
+    coord_weights: Float[np.ndarray, "block"]  # weight of `r` in the coordinate update
+    pooled: Float[np.ndarray, "1 channel"]  # maximum and mean over the active nodes
 
 
 @compiled_fastmath
-@no_type_check
 def encode(
     graph: GraphArrays,
     shear: bool,
@@ -117,15 +96,7 @@ def encode(
     workspace: EncoderWorkspace,
     out: Float[np.ndarray, "embedding"],
 ) -> None:
-    """Write the embedding of a graph; zeros where nothing is active.
-
-    Args:
-        graph: batch of one graph.
-        shear: whether the network uses shear.
-        weights: weights of the encoder.
-        workspace: memory with room for the graph.
-        out: output, the embedding.
-    """
+    """Write the embedding of a batch of one graph; zeros where nothing is active."""
     targets = find_targets(graph, workspace)
     if targets == 0:
         out[:] = np.float32(0.0)
@@ -139,7 +110,6 @@ def encode(
 
 
 @compiled_fastmath
-@no_type_check
 def find_targets(graph: GraphArrays, workspace: EncoderWorkspace) -> int:
     """List the active nodes, the targets, and return their number."""
     targets = 0
@@ -153,7 +123,6 @@ def find_targets(graph: GraphArrays, workspace: EncoderWorkspace) -> int:
 
 
 @compiled_fastmath
-@no_type_check
 def find_edges(graph: GraphArrays, targets: int, workspace: EncoderWorkspace) -> int:
     """List the sources of each target, and return the number of edges."""
     sources, edge_weights = workspace.sources, workspace.edge_weights
@@ -176,7 +145,6 @@ def find_edges(graph: GraphArrays, targets: int, workspace: EncoderWorkspace) ->
 
 
 @compiled_fastmath
-@no_type_check
 def write_coordinates(
     graph: GraphArrays, shear: bool, workspace: EncoderWorkspace
 ) -> None:
@@ -192,7 +160,6 @@ def write_coordinates(
 
 
 @compiled_fastmath
-@no_type_check
 def embed_nodes(
     graph: GraphArrays,
     targets: int,
@@ -221,7 +188,6 @@ def embed_nodes(
 
 
 @compiled_fastmath
-@no_type_check
 def write_node_features(
     graph: GraphArrays, node: int, row: int, workspace: EncoderWorkspace
 ) -> bool:
@@ -242,7 +208,6 @@ def write_node_features(
 
 
 @compiled_fastmath
-@no_type_check
 def run_layer(
     layer: int,
     graph: GraphArrays,
@@ -280,7 +245,6 @@ def run_layer(
 
 
 @compiled_fastmath
-@no_type_check
 def aggregate(
     layer: int,
     graph: GraphArrays,
@@ -289,7 +253,7 @@ def aggregate(
     weights: EncoderWeights,
     workspace: EncoderWorkspace,
 ) -> None:
-    """Aggregate the messages to every target, about a block of edges at a time."""
+    """Aggregate the messages to every target, in blocks of about `BLOCK` edges."""
     begin = 0
     while begin < targets:
         end, first = begin + 1, workspace.first_edge[begin]
@@ -300,7 +264,6 @@ def aggregate(
 
 
 @compiled_fastmath
-@no_type_check
 def aggregate_block(
     layer: int,
     graph: GraphArrays,
@@ -319,11 +282,7 @@ def aggregate_block(
     write_edge_features(graph, shear, begin, end, workspace)
     np.dot(workspace.edge_features[:edges], weights.of_edge_weight[layer], hidden)
     add_node_terms(
-        first_edge,
-        sources,
-        workspace.of_target[begin:end],
-        workspace.of_source,
-        hidden,
+        first_edge, sources, workspace.of_target[begin:end], workspace.of_source, hidden
     )
     np.dot(hidden, weights.message_weight[layer], messages)
     sum_messages(
@@ -346,7 +305,6 @@ def aggregate_block(
 
 
 @compiled_fastmath
-@no_type_check
 def add_node_terms(
     first_edge: Int[np.ndarray, "target_and_one"],
     sources: Int[np.ndarray, "edge"],
@@ -366,7 +324,6 @@ def add_node_terms(
 
 
 @compiled_fastmath
-@no_type_check
 def sum_messages(
     first_edge: Int[np.ndarray, "target_and_one"],
     edge_weights: Float[np.ndarray, "edge"],
@@ -387,7 +344,6 @@ def sum_messages(
 
 
 @compiled_fastmath
-@no_type_check
 def sum_coord_updates(
     first_edge: Int[np.ndarray, "target_and_one"],
     edge_weights: Float[np.ndarray, "edge"],
@@ -408,19 +364,12 @@ def sum_coord_updates(
 
 
 @compiled_fastmath
-@no_type_check
 def write_edge_features(
     graph: GraphArrays, shear: bool, begin: int, end: int, workspace: EncoderWorkspace
 ) -> None:
-    """Write |r|^2, n_i.n_j, n_i.r, n_j.r, s_i.r, s_j.r of edges; r = x_i - x_j."""
-    x, n, s, r, edge = (
-        workspace.x,
-        graph.normals,
-        workspace.shear,
-        workspace.r,
-        workspace.edge_features,
-    )
-    first = workspace.first_edge[begin]
+    """Write |r|^2, n_i.n_j, n_i.r, n_j.r, s_i.r, s_j.r of edges, r = x_i - x_j."""
+    x, n, s, r = workspace.x, graph.normals, workspace.shear, workspace.r
+    edge, first = workspace.edge_features, workspace.first_edge[begin]
     for target in range(begin, end):
         i = workspace.nodes[target]
         for e in range(workspace.first_edge[target], workspace.first_edge[target + 1]):
@@ -439,7 +388,6 @@ def write_edge_features(
 
 
 @compiled_fastmath
-@no_type_check
 def pool_nodes(
     graph: GraphArrays,
     targets: int,
@@ -469,7 +417,6 @@ def pool_nodes(
 
 
 @compiled_fastmath
-@no_type_check
 def arcsinh(x: float) -> float:
     """Return the inverse of sinh; numpy's own is several times slower for scalars."""
     size = abs(x)
@@ -477,7 +424,6 @@ def arcsinh(x: float) -> float:
 
 
 @compiled_fastmath
-@no_type_check
 def squared_norm(vector: Float[np.ndarray, "3"]) -> float:
     """Return the squared norm of a vector."""
     return vector[0] * vector[0] + vector[1] * vector[1] + vector[2] * vector[2]

@@ -1,6 +1,6 @@
 """Compiled kernels that update the temporal heads by what a new reading changes."""
 
-from typing import NamedTuple, no_type_check
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -25,53 +25,36 @@ class HeadWeights(NamedTuple):
     Inputs that a head does not take have zeros for weights.
     """
 
-    project_weight: np.ndarray
-    """(input, track)"""
-    project_bias: np.ndarray
-    """(track)"""
-    short_weight: np.ndarray
-    """(view, tap and channel, channel)"""
-    short_bias: np.ndarray
-    """(track)"""
-    long_weight: np.ndarray
-    """(view, tap and channel, channel)"""
-    long_bias: np.ndarray
-    """(track)"""
-    classify_weight: np.ndarray
-    """(class, statistic of each scale and track), halved: the views are averaged."""
-    classify_bias: np.ndarray
-    """(class)"""
+    project_weight: Float[np.ndarray, "input track"]
+    project_bias: Float[np.ndarray, "track"]
+    short_weight: Float[np.ndarray, "view tap*channel channel"]
+    short_bias: Float[np.ndarray, "track"]
+    long_weight: Float[np.ndarray, "view tap*channel channel"]
+    long_bias: Float[np.ndarray, "track"]
+    classify_weight: Float[np.ndarray, "class scale*statistic*track"]  # halved: a mean
+    classify_bias: Float[np.ndarray, "class"]
 
 
 class HeadState(NamedTuple):
     """A state holds the ring buffers of one sequence; slot n is at n modulo the slots.
 
-    An output of a convolution is stored at its last tap, whether or not the window that
-    ends now uses it: each is computed once and used every fourth or eighth slot.
+    An output of a convolution is stored at the slot of its last tap, whether or not the
+    window that ends now uses it: it is computed once, and used every fourth or eighth
+    slot. `..._seen` tells whether an output covers a reading.
     """
 
-    newest: np.ndarray
-    """(input) features of the newest slot."""
-    fine_seen: np.ndarray
-    """(slot) whether the slot holds a reading."""
-    fine: np.ndarray
-    """(slot, track) projection of the features."""
-    short_seen: np.ndarray
-    """(slot) whether the short convolution that ends there covers a reading."""
-    short: np.ndarray
-    """(slot, track) output of the short convolution."""
-    long_seen: np.ndarray
-    """(slot) whether the long convolution that ends there covers a reading."""
-    long: np.ndarray
-    """(slot, track) output of the long convolution."""
-    indices: np.ndarray
-    """(slot) indices of the outputs that enter the statistics."""
-    statistics: np.ndarray
-    """(statistic of each scale, track) statistics of the window"""
+    newest: Float[np.ndarray, "input"]  # features of the newest slot
+    fine_seen: Bool[np.ndarray, "slot"]
+    fine: Float[np.ndarray, "slot track"]  # projection of the features
+    short_seen: Bool[np.ndarray, "slot"]
+    short: Float[np.ndarray, "slot track"]  # output of the short convolution
+    long_seen: Bool[np.ndarray, "slot"]
+    long: Float[np.ndarray, "slot track"]  # output of the long convolution
+    indices: Int[np.ndarray, "slot"]  # indices of the outputs that statistics are over
+    statistics: Float[np.ndarray, "scale*statistic track"]  # of the window
 
 
 @compiled_fastmath
-@no_type_check
 def classify(
     features: Float[np.ndarray, "input"],
     before: int,
@@ -111,15 +94,14 @@ def classify(
     activate_scaled(fine, np.float32(1.0), weights.project_bias)
     convolve(now, weights, state)
     update_statistics(now, state)
-    found = state.statistics.reshape(state.statistics.size)
+    flat = state.statistics.reshape(state.statistics.size)
     for k in range(len(logits)):
-        logits[k] = weights.classify_bias[k] + dot(found, weights.classify_weight[k])
+        logits[k] = weights.classify_bias[k] + dot(flat, weights.classify_weight[k])
 
 
 @compiled_fastmath
-@no_type_check
 def convolve(slot: int, weights: HeadWeights, state: HeadState) -> None:
-    """Compute the convolutions whose last tap is a slot."""
+    """Compute the outputs of both convolutions whose last tap is a slot."""
     convolve_taps(
         slot,
         SHORT_TAPS,
@@ -145,7 +127,6 @@ def convolve(slot: int, weights: HeadWeights, state: HeadState) -> None:
 
 
 @compiled_fastmath
-@no_type_check
 def convolve_taps(
     slot: int,
     kernel: int,
@@ -157,7 +138,7 @@ def convolve_taps(
     out_seen: Bool[np.ndarray, "slot"],
     out: Float[np.ndarray, "slot track"],
 ) -> None:
-    """Compute a partial convolution at one slot, its last tap; see `eskin.nn`.
+    """Compute the output of a partial convolution whose last tap is a slot.
 
     Args:
         slot: number of the slot.
@@ -193,7 +174,6 @@ def convolve_taps(
 
 
 @compiled_fastmath
-@no_type_check
 def activate_scaled(
     x: Float[np.ndarray, "track"], scale: float, bias: Float[np.ndarray, "track"]
 ) -> None:
@@ -203,29 +183,22 @@ def activate_scaled(
 
 
 @compiled_fastmath
-@no_type_check
 def update_statistics(now: int, state: HeadState) -> None:
     """Update the statistics of the window that ends now, at all three scales."""
-    slots, statistics = len(state.fine_seen), state.statistics
+    slots, n = len(state.fine_seen), STATISTICS
+    out, indices = state.statistics, state.indices
     shorts = (slots - SHORT_TAPS) // SHORT_STRIDE + 1
     longs = (shorts - LONG_TAPS) // LONG_STRIDE + 1
     share = np.float32(count_covered(now, state.fine_seen) / slots)
-    fine, short, long = (
-        statistics[:STATISTICS],
-        statistics[STATISTICS : 2 * STATISTICS],
-        statistics[2 * STATISTICS :],
-    )
-    indices = state.indices
     count = find_outputs(now, 1, slots, state.fine_seen, indices)
-    compute_statistics(state.fine, indices[:count], share, fine)
+    compute_statistics(state.fine, indices[:count], share, out[:n])
     count = find_outputs(now, SHORT_STRIDE, shorts, state.short_seen, indices)
-    compute_statistics(state.short, indices[:count], share, short)
+    compute_statistics(state.short, indices[:count], share, out[n : 2 * n])
     count = find_outputs(now, LONG_SPACING, longs, state.long_seen, indices)
-    compute_statistics(state.long, indices[:count], share, long)
+    compute_statistics(state.long, indices[:count], share, out[2 * n :])
 
 
 @compiled_fastmath
-@no_type_check
 def count_covered(now: int, seen: Bool[np.ndarray, "slot"]) -> int:
     """Return the number of slots of the window since its first reading."""
     slots = len(seen)
@@ -236,7 +209,6 @@ def count_covered(now: int, seen: Bool[np.ndarray, "slot"]) -> int:
 
 
 @compiled_fastmath
-@no_type_check
 def find_outputs(
     now: int,
     spacing: int,
@@ -244,14 +216,9 @@ def find_outputs(
     seen: Bool[np.ndarray, "slot"],
     indices: Int[np.ndarray, "slot"],
 ) -> int:
-    """List the outputs that cover a reading, and return their number.
+    """List the outputs that cover a reading, newest first; return their number.
 
-    Args:
-        now: newest slot, that of the last output.
-        spacing: slots between outputs.
-        outputs: number of outputs in the window.
-        seen: which of them cover a reading; the last one always does.
-        indices: output, their indices, the last one first.
+    The newest slot is `now`; it always covers one.
     """
     count = 0
     for k in range(outputs):
@@ -263,7 +230,6 @@ def find_outputs(
 
 
 @compiled_fastmath
-@no_type_check
 def compute_statistics(
     x: Float[np.ndarray, "slot track"],
     indices: Int[np.ndarray, "output"],
@@ -272,13 +238,8 @@ def compute_statistics(
 ) -> None:
     """Compute mean, spread, maximum and integral over some outputs, in one pass.
 
-    Sums are of differences from the first output, which keeps them small.
-
-    Args:
-        x: outputs of all slots.
-        indices: indices of the outputs to use.
-        share: share of the window since its first reading.
-        out: output, the statistics.
+    Sums are of differences from the first output, which keeps them small. `share` is
+    that of the window since its first reading.
     """
     count, first = len(indices), x[indices[0]]
     mean, spread, largest, integral = out[0], out[1], out[2], out[3]
@@ -298,7 +259,6 @@ def compute_statistics(
 
 
 @compiled_fastmath
-@no_type_check
 def accumulate(
     x: Float[np.ndarray, "track"],
     first: Float[np.ndarray, "track"],
@@ -315,7 +275,6 @@ def accumulate(
 
 
 @compiled_fastmath
-@no_type_check
 def accumulate_four(
     x: Float[np.ndarray, "slot track"],
     indices: Int[np.ndarray, "4"],
@@ -327,12 +286,8 @@ def accumulate_four(
     """Accumulate four outputs at once, with a quarter of the writes."""
     x0, x1, x2, x3 = x[indices[0]], x[indices[1]], x[indices[2]], x[indices[3]]
     for c in range(len(first)):
-        a0, a1, a2, a3 = (
-            x0[c] - first[c],
-            x1[c] - first[c],
-            x2[c] - first[c],
-            x3[c] - first[c],
-        )
+        f = first[c]
+        a0, a1, a2, a3 = x0[c] - f, x1[c] - f, x2[c] - f, x3[c] - f
         total[c] += (a0 + a1) + (a2 + a3)
         squares[c] += (a0 * a0 + a1 * a1) + (a2 * a2 + a3 * a3)
         highest = max(max(x0[c], x1[c]), max(x2[c], x3[c]))

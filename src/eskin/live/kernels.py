@@ -1,9 +1,4 @@
-"""Compiled kernels that do arithmetic in float32 for the other kernels.
-
-`no_type_check` keeps the tests' type checks off compiled code.
-"""
-
-from typing import no_type_check
+"""Compiled kernels for float32 arithmetic: activations, products, normalisation."""
 
 import numpy as np
 from jaxtyping import Float
@@ -11,13 +6,13 @@ from jaxtyping import Float
 from eskin.compiled import compiled, compiled_fastmath
 
 BLOCK = 256
-"""Rows multiplied at once: they and their products fit a near cache, and BLAS does not
-split so few among threads, which would take longer than the product."""
+"""Rows multiplied at once: few enough that they and their products fit in the cache and
+that BLAS uses one thread, which is faster."""
 
 EPSILON = np.float32(1e-5)
 """Added to the variance in a normalisation, as in torch."""
 
-# exp2 by a polynomial over half a unit about zero: 2e-7 of the value.
+# exp2 by a polynomial on [-0.5, 0.5], to a relative error of 2e-7.
 LOG2_E = np.float32(1.4426950408889634)
 MAX_EXPONENT = np.float32(80.0)  # where exp is still a float32 on both sides
 ONE = np.float32(1.0)
@@ -27,14 +22,13 @@ E2 = np.float32(0.2402210749)
 E3 = np.float32(0.05550357114)
 E4 = np.float32(0.009676031918)
 E5 = np.float32(0.001339086336)
-# Added to a small number, it leaves the nearest whole one in the lowest bits.
+# Adding this to a small number rounds it to a whole one, in the lowest bits.
 ROUNDER = np.float32(1.5 * 2**23)
 EXPONENT_SHIFT = np.int32(23)
 
 
 @compiled(fastmath={"contract", "nsz"})
-@no_type_check
-def exp_negative(x: float) -> float:
+def exp_negative(x: float) -> np.float32:
     """Return exp(-x) without a library call, so that loops over it are vectorised.
 
     Its sums must not be reordered: it rounds by adding and subtracting `ROUNDER`.
@@ -48,21 +42,18 @@ def exp_negative(x: float) -> float:
 
 
 @compiled_fastmath(inline="always")
-@no_type_check
 def sigmoid(x: float) -> float:
     """Return 1 / (1 + exp(-x))."""
     return ONE / (ONE + exp_negative(x))
 
 
 @compiled_fastmath(inline="always")
-@no_type_check
 def silu(x: float) -> float:
     """Return the product of x and its sigmoid."""
     return x / (ONE + exp_negative(x))
 
 
 @compiled_fastmath
-@no_type_check
 def matmul(
     x: Float[np.ndarray, "row input"],
     weight: Float[np.ndarray, "input output"],
@@ -75,7 +66,6 @@ def matmul(
 
 
 @compiled_fastmath
-@no_type_check
 def add_vecmat(
     x: Float[np.ndarray, "input"],
     weight: Float[np.ndarray, "input output"],
@@ -95,8 +85,9 @@ def add_vecmat(
 
 
 @compiled_fastmath
-@no_type_check
-def dot(x: Float[np.ndarray, "input"], weight: Float[np.ndarray, "input"]) -> float:
+def dot(
+    x: Float[np.ndarray, "input"], weight: Float[np.ndarray, "input"]
+) -> np.float32:
     """Return the sum of products, for short vectors faster than BLAS."""
     total = np.float32(0.0)
     for c in range(len(x)):
@@ -105,7 +96,6 @@ def dot(x: Float[np.ndarray, "input"], weight: Float[np.ndarray, "input"]) -> fl
 
 
 @compiled_fastmath
-@no_type_check
 def add_bias(
     x: Float[np.ndarray, "row channel"], bias: Float[np.ndarray, "channel"]
 ) -> None:
@@ -116,7 +106,6 @@ def add_bias(
 
 
 @compiled_fastmath
-@no_type_check
 def add(
     x: Float[np.ndarray, "row channel"], out: Float[np.ndarray, "row channel"]
 ) -> None:
@@ -127,7 +116,6 @@ def add(
 
 
 @compiled_fastmath
-@no_type_check
 def activate(
     x: Float[np.ndarray, "row channel"], bias: Float[np.ndarray, "channel"]
 ) -> None:
@@ -138,7 +126,6 @@ def activate(
 
 
 @compiled_fastmath
-@no_type_check
 def layer_norm(
     x: Float[np.ndarray, "row channel"],
     scale: Float[np.ndarray, "channel"],

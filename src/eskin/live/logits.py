@@ -14,13 +14,13 @@ from eskin.touch import Reading
 
 PerClass = Float[np.ndarray, "class"]
 
-SEQUENCES = 8
+INITIAL_SEQUENCES = 8
 """Number of sequences that there is memory for at first."""
 
 
 @final
 class LogitStream:
-    """A stream encodes each graph once and keeps its features for 2 s.
+    """A logit stream classifies the graphs of readings, each encoded only once.
 
     Attributes:
         network: the network.
@@ -43,7 +43,9 @@ class LogitStream:
         self.probabilities: dict[int, PerClass] = {}
         self.workspace = builder.workspace
         self.parts = self.pack_parts()
-        self.pool = create_pool(self.network.heads, self.network.slots, SEQUENCES)
+        self.pool = create_pool(
+            self.network.heads, self.network.slots, INITIAL_SEQUENCES
+        )
         self.packed_pool = pack(self.pool)
 
     def push(self, reading: Reading, nodes: PackedTouchNodes) -> None:
@@ -80,7 +82,7 @@ class LogitStream:
 
     def reserve(self, nodes: PackedTouchNodes) -> None:
         """Allocate more memory where a graph or the number of sequences needs it."""
-        workspace = self.builder.reserve(nodes.most)
+        workspace = self.builder.reserve(nodes.max_taxels)
         if workspace is not self.workspace:
             self.workspace, self.parts = workspace, self.pack_parts()
         count = len(nodes.keys)
@@ -92,18 +94,19 @@ class LogitStream:
         """Pack everything that a step needs, again whenever memory has grown."""
         builder, network = self.builder, self.network
         network.reserve(*builder.workspace.graph.neighbours.shape)
-        parts = StepParts(
-            geometry=builder.geometry,
-            history=builder.taxel_history,
-            workspace=builder.workspace,
-            shear=network.shear,
-            weights=network.weights,
-            encoder=network.workspace,
-            features=network.features,
-            heads=network.heads,
-            temperature=self.temperature,
+        return pack(
+            StepParts(
+                geometry=builder.geometry,
+                history=builder.taxel_history,
+                workspace=builder.workspace,
+                shear=network.shear,
+                weights=network.weights,
+                encoder=network.workspace,
+                features=network.features,
+                heads=network.heads,
+                temperature=self.temperature,
+            )
         )
-        return pack(parts)
 
 
 def compute_probabilities(logits: PerClass, temperature: float) -> PerClass:

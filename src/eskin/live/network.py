@@ -16,7 +16,7 @@ from eskin.model.file import EDGE_SCALARS, check_weights, layer_shapes
 Weights = Mapping[str, np.ndarray]
 """Parameters by name, as in the state of the torch network."""
 
-NODES, NEIGHBOURS = 256, 16
+INITIAL_NODES, INITIAL_NEIGHBOURS = 256, 16
 """Size of the graphs that there is memory for at first."""
 
 VIEWS = ("summary", "graph")
@@ -28,8 +28,8 @@ alone, the second also the embedding."""
 class Network:
     """A network holds a model's weights and the memory in which compiled code works.
 
-    It computes what `eskin.nn.RecogniserNetwork` does, without torch. Its
-    memory serves one thread at a time.
+    It computes what `eskin.nn.RecogniserNetwork` does, without torch. Its memory serves
+    one thread at a time.
     """
 
     def __init__(self, model: Model) -> None:
@@ -47,7 +47,7 @@ class Network:
             build_encoder_weights(weights, config.layers),
         )
         self.heads = build_head_weights(weights)
-        self.workspace = allocate_encoder(NODES, NEIGHBOURS, self.width)
+        self.workspace = allocate_encoder(INITIAL_NODES, INITIAL_NEIGHBOURS, self.width)
         self.channels = len(self.weights.summary_mean) + 2 * self.width
         self.features = np.empty(self.channels, np.float32)
 
@@ -123,16 +123,12 @@ def build_head_weights(weights: Weights) -> HeadWeights:
         turned = [weight.transpose(2, 1, 0) for weight in both(name)]
         return np.stack([weight.reshape(-1, weight.shape[2]) for weight in turned])
 
-    inputs = both("project.weight")[-1].shape[1]
+    inputs, channels = both("project.weight")[-1].shape[1], len(both("project.bias")[0])
     project = [
         np.pad(weight, [(0, 0), (0, inputs - weight.shape[1])])
         for weight in both("project.weight")
     ]
-    tracks = len(project) * len(project[0])
-    classify = [
-        weight.reshape(len(weight), -1, tracks // 2)
-        for weight in both("classify.weight")
-    ]
+    classify = [w.reshape(len(w), -1, channels) for w in both("classify.weight")]
     classify_weight = np.concatenate(classify, axis=2) / np.float32(2.0)
     return HeadWeights(
         project_weight=np.ascontiguousarray(np.concatenate(project).T),
@@ -147,7 +143,7 @@ def build_head_weights(weights: Weights) -> HeadWeights:
 
 
 def create_head_state(weights: HeadWeights, slots: int, *pool: int) -> HeadState:
-    """Return the state of a sequence before its first reading, or of a pool of them."""
+    """Return the state of one sequence, or of a pool, before the first reading."""
     inputs, tracks = weights.project_weight.shape
 
     def ring() -> np.ndarray:

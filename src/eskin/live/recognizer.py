@@ -38,29 +38,21 @@ def mount_skin(
     Raises:
         SkinMismatchError: if the robot of the skin is not known.
     """
-    known = (
-        load_robot_for_skin(str(skin))
-        if isinstance(skin, str) and robot is None
-        else None
-    )
-    found = skin if isinstance(skin, Skin) else load_skin(skin)
+    if isinstance(skin, str) and robot is None:
+        robot = load_robot_for_skin(skin)
+    skin = skin if isinstance(skin, Skin) else load_skin(skin)
     if isinstance(robot, str | Path):
         robot = load_robot(robot)
-    robot = robot or known
     if robot is None:
         raise SkinMismatchError(
-            f"skin '{found.name}' is given without a robot; allowed are a robot's "
+            f"skin '{skin.name}' is given without a robot; allowed are a robot's "
             "name, a URDF or a Robot; give the robot that it is on"
         )
-    return MountedSkin(found, robot)
+    return MountedSkin(skin, robot)
 
 
 def check_sensor_kind(card: ModelCard, skin: Skin) -> None:
-    """Refuse a skin that does not measure what a model needs.
-
-    Raises:
-        SkinMismatchError: if the skin does not measure shear and the model needs it.
-    """
+    """Refuse a skin that does not measure shear for a model that needs it."""
     if card.kind == "shear" and not skin.has_shear:
         raise SkinMismatchError(
             f"model needs shear, skin '{skin.name}' measures only pressure; allowed is "
@@ -70,10 +62,10 @@ def check_sensor_kind(card: ModelCard, skin: Skin) -> None:
 
 @final
 class Recognizer:
-    """A recogniser finds gestures in a stream of scans; it is stateful, without torch.
+    """A recogniser finds gestures in a stream of scans or readings, without torch.
 
-    Every reading of every touch is encoded once; the logits equal those of the whole
-    window computed offline.
+    It is stateful: every reading of every touch is encoded once; the logits equal those
+    of the whole window computed offline.
 
     With a model that does not use the pose (`GraphConfig.posed`), only the positions
     and directions of detections depend on the pose.
@@ -112,11 +104,10 @@ class Recognizer:
         self.model = model
         self.mounted = mounted
         self.has_calibration = calibration is not None
-        unused = Calibration.uniform(mounted.skin.count, 1, 1.0)
+        # Never used: without a calibration, scans are refused.
+        calibration = calibration or Calibration.uniform(mounted.skin.count, 1, 1.0)
         poses = LinkPoseCache(mounted, card.graph.posed)
-        self.touches = TouchPipeline(
-            mounted, calibration or unused, card.pipeline, poses
-        )
+        self.touches = TouchPipeline(mounted, calibration, card.pipeline, poses)
         self.graphs = GraphStream(mounted, card.graph_used, poses)
         self.stream = LogitStream(model, self.graphs.builder)
         self.decision_filter = DecisionFilter(
@@ -124,9 +115,9 @@ class Recognizer:
             decision or card.decision,
             change_ends=not mounted.skin.calibrated,
         )
-        true_poses = poses if poses.posed else LinkPoseCache(mounted)
         self.directions = DirectionTracker(
-            true_poses, self.decision_filter.config.still
+            poses if poses.posed else LinkPoseCache(mounted),
+            self.decision_filter.config.still,
         )
         self.state: TouchState | None = None
         self.logits: dict[int, Float[np.ndarray, "class"]] = {}
@@ -177,7 +168,6 @@ class Recognizer:
         else:
             state = self.touches.push_reading(sample)
         self.state = state
-        stamp = state.reading.stamp
         self.stream.push(state.reading, self.graphs.find_touch_nodes(state))
         self.logits = self.stream.logits
         self.probabilities = {
@@ -186,35 +176,34 @@ class Recognizer:
         }
         self.directions.update(state)
         decisions = self.decision_filter.push(
-            stamp, state.open, state.closed, self.probabilities
+            state.reading.stamp, state.open, state.closed, self.probabilities
         )
         detections = []
-        if decisions:
-            detections = self.build_detections(
-                decisions, (*state.touches, *state.closed_touches)
-            )
+        if decisions:  # else the touches, which are costly to unpack, are not needed
+            touches = (*state.touches, *state.closed_touches)
+            detections = self.build_detections(decisions, touches)
         self.directions.forget(state.closed)
         return detections
 
     def finish(self) -> list[Detection]:
         """Close the touches still open, as at the end of a recording."""
         closed = self.touches.finish()
-        found = self.build_detections(self.decision_filter.close(closed), closed)
+        detections = self.build_detections(self.decision_filter.close(closed), closed)
         self.directions.forget(closed)
         self.probabilities = {}
-        return found
+        return detections
 
     def build_detections(
         self, decisions: Sequence[Decision], touches: Sequence[Touch]
     ) -> list[Detection]:
-        """Return detections for the decisions at the latest reading."""
+        """Return the detections that report decisions at the latest reading."""
         if self.state is None:
             return []
-        stamp, known = self.state.reading.stamp, {touch.id: touch for touch in touches}
+        stamp, by_id = self.state.reading.stamp, {touch.id: touch for touch in touches}
         return [
             build_detection(
                 decision,
-                known[decision.touch],
+                by_id[decision.touch],
                 stamp,
                 self.directions.compute_direction(decision.touch),
             )
@@ -267,30 +256,30 @@ def build_detection(
     )
 
 
-PERIOD = 20_000_000
+WARM_UP_PERIOD = 20_000_000
 """Time between readings of `warm_up` [ns]."""
 
 
 def warm_up(recognizer: Recognizer) -> None:
     """Load all compiled code that a recogniser of this kind needs.
 
-    Others like it process a poke of one patch, as readings and as scans of a matrix
-    behind a divider; the recogniser itself does not change.
+    Two others like it process a poke of one patch, one as readings, one as scans of a
+    matrix behind a divider; the recogniser itself does not change.
     """
     model, mounted = recognizer.model, recognizer.mounted
     skin, robot = mounted.skin, mounted.robot
     pressed = np.arange(skin.count) < 4
-    everywhere, q = np.ones(skin.count, bool), np.zeros(len(robot.joint_names))
+    valid, q = np.ones(skin.count, bool), np.zeros(len(robot.joint_names))
     calibration = Calibration(
         np.full(skin.count, 0.1), 4000, curve="divider", exponent=0.8, matrix=True
     )
-    of_readings = Recognizer(model, mounted, None)
-    of_scans = Recognizer(model, mounted, calibration)
+    reading_recognizer = Recognizer(model, mounted, None)
+    scan_recognizer = Recognizer(model, mounted, calibration)
     shear = np.zeros((skin.count, 2), np.float32) if skin.has_shear else None
     shear_counts = None if shear is None else shear.astype(np.int32)
     for number in range(150):
-        stamp, down = number * PERIOD, 120 <= number < 135
-        pressure = np.where(pressed & down, 30.0, 0.0).astype(np.float32)
-        of_readings.push(Reading(stamp, pressure, everywhere, q, shear))
-        counts = np.where(pressed & down, 300, 20).astype(np.int32)
-        of_scans.push(Scan(stamp, counts, everywhere, q, shear_counts))
+        stamp, touched = number * WARM_UP_PERIOD, pressed & (120 <= number < 135)
+        pressure = np.where(touched, 30.0, 0.0).astype(np.float32)
+        reading_recognizer.push(Reading(stamp, pressure, valid, q, shear))
+        counts = np.where(touched, 300, 20).astype(np.int32)
+        scan_recognizer.push(Scan(stamp, counts, valid, q, shear_counts))

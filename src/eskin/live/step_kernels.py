@@ -1,7 +1,10 @@
 """Compiled kernels that compute probabilities from the taxels of touches."""
 
+# pyright: reportAttributeAccessIssue=false
+# Parts of packed tuples are known to numba only.
+
 import math
-from typing import NamedTuple, no_type_check
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -34,50 +37,34 @@ NO_SLOT = -(2**62)
 class FeatureWeights(NamedTuple):
     """These weights determine the features of a graph."""
 
-    summary_mean: np.ndarray
-    """(feature) mean over the training readings."""
-    summary_scale: np.ndarray
-    """(feature) inverse of the standard deviation."""
+    summary_mean: Float[np.ndarray, "feature"]  # over the training readings
+    summary_scale: Float[np.ndarray, "feature"]  # inverse of the standard deviation
     encoder: EncoderWeights
-    """Parameters of the encoder."""
 
 
 class SequencePool(NamedTuple):
     """A pool holds the states of all sequences of a stream, one row for each."""
 
-    keys: np.ndarray
-    """(row) key of the sequence that uses the row, or `FREE_ROW`."""
-    slots: np.ndarray
-    """(row) slot of its latest reading."""
-    state: HeadState
-    """(row, ...) state of its heads."""
+    keys: Int[np.ndarray, "row"]  # key of the sequence that uses the row, or `FREE_ROW`
+    slots: Int[np.ndarray, "row"]  # slot of its latest reading
+    state: HeadState  # arrays with a further first axis, the row
 
 
 class StepParts(NamedTuple):
     """These parts of a step are the same for all touches."""
 
     geometry: SkinGeometry
-    """Geometry of the skin."""
     history: TaxelHistory
-    """Loads of each taxel when it was last active."""
     workspace: GraphWorkspace
-    """Memory in which graphs are built."""
-    shear: bool
-    """Whether the network uses shear."""
+    shear: bool  # whether the network uses shear
     weights: FeatureWeights
-    """Weights of the network up to the features."""
-    encoder: EncoderWorkspace
-    """Memory with room for every graph that `workspace` has room for."""
-    features: np.ndarray
-    """(channel) memory for the features of a graph"""
+    encoder: EncoderWorkspace  # with room for every graph that `workspace` holds
+    features: Float[np.ndarray, "channel"]  # memory for the features of a graph
     heads: HeadWeights
-    """Weights of the heads."""
-    temperature: float
-    """Divisor of the logits."""
+    temperature: float  # divisor of the logits
 
 
 @compiled_fastmath
-@no_type_check
 def step(
     packed_parts: Packed,
     packed_pool: Packed,
@@ -103,7 +90,7 @@ def step(
         out: output, logits and probabilities.
     """
     nodes, pool = packed_nodes.parts, packed_pool.parts
-    keys, now, before = nodes.keys, nodes.now, nodes.before
+    keys, now, before = nodes.keys, nodes.active_spans, nodes.earlier_spans
     update_taxel_history(
         nodes.active, pressure, shear, time_step, packed_parts.parts.history
     )
@@ -126,7 +113,6 @@ def step(
 
 
 @compiled_fastmath
-@no_type_check
 def step_sequence(
     packed_parts: Packed,
     taxels: Int[np.ndarray, "active"],
@@ -141,17 +127,8 @@ def step_sequence(
 ) -> None:
     """Write logits and probabilities of one sequence.
 
-    Args:
-        packed_parts: packed `StepParts`, with room for the graph.
-        taxels: active taxels now.
-        earlier: active taxels one reading ago.
-        history: history of the touch so far.
-        T_world_link: pose of every link of the robot.
-        time_step: number and time of the reading.
-        before: slot of the previous reading; `NO_SLOT` for the first.
-        slot: slot of the reading, the same or later.
-        state: state of the sequence.
-        out: output, logits and probabilities.
+    Arguments are those of `build_graph` and `classify`: `before` is the slot of the
+    sequence's previous reading.
     """
     parts = packed_parts.parts
     build_graph(
@@ -165,18 +142,13 @@ def step_sequence(
         parts.workspace,
     )
     compute_features(
-        parts.workspace.graph,
-        parts.shear,
-        parts.weights,
-        parts.encoder,
-        parts.features,
+        parts.workspace.graph, parts.shear, parts.weights, parts.encoder, parts.features
     )
     classify(parts.features, before, slot, parts.heads, state, out[0])
     write_probabilities(out[0], parts.temperature, out[1])
 
 
 @compiled_fastmath
-@no_type_check
 def compute_features(
     graph: GraphArrays,
     shear: bool,
@@ -184,15 +156,7 @@ def compute_features(
     workspace: EncoderWorkspace,
     out: Float[np.ndarray, "channel"],
 ) -> None:
-    """Write the standardised summary and the embedding of a graph.
-
-    Args:
-        graph: batch of one graph.
-        shear: whether the network uses shear.
-        weights: weights of the network.
-        workspace: memory with room for the graph.
-        out: output, the features.
-    """
+    """Write the standardised summary and the embedding of a batch of one graph."""
     mean, scale = weights.summary_mean, weights.summary_scale
     summarise(graph, 0, shear, out)
     for k in range(len(mean)):
@@ -202,11 +166,10 @@ def compute_features(
 
 
 @compiled_fastmath
-@no_type_check
 def free_ended_rows(
     keys: Int[np.ndarray, "sequence"], rows: Int[np.ndarray, "row"]
 ) -> None:
-    """Free the rows of sequences that are not among the keys: they have ended."""
+    """Free the rows of ended sequences, those that are not among the keys."""
     for row in range(len(rows)):
         ended = True
         for key in keys:
@@ -216,11 +179,10 @@ def free_ended_rows(
 
 
 @compiled_fastmath
-@no_type_check
 def find_row(
     key: int, rows: Int[np.ndarray, "row"], slots: Int[np.ndarray, "row"]
 ) -> int:
-    """Return the row of a sequence; a new one gets a free row and starts empty."""
+    """Return the row of a sequence; a new sequence gets a free row."""
     free = FREE_ROW
     for row in range(len(rows)):
         if rows[row] == key:
@@ -232,7 +194,6 @@ def find_row(
 
 
 @compiled_fastmath
-@no_type_check
 def select_row(row: int, state: HeadState) -> HeadState:
     """Return the state in one row of a pool."""
     return HeadState(
@@ -249,19 +210,12 @@ def select_row(row: int, state: HeadState) -> HeadState:
 
 
 @compiled_fastmath
-@no_type_check
 def write_probabilities(
     logits: Float[np.ndarray, "class"],
     temperature: float,
     out: Float[np.ndarray, "class"],
 ) -> None:
-    """Write the softmax of logits divided by a temperature.
-
-    Args:
-        logits: logits of the heads.
-        temperature: divisor of the logits.
-        out: output, the probabilities.
-    """
+    """Write the softmax of logits divided by a temperature."""
     highest, total = max(logits), 0.0
     for k in range(len(logits)):
         total += math.exp((logits[k] - highest) / temperature)

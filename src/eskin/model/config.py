@@ -32,27 +32,21 @@ class DecisionConfig:
 
     threshold: float = 0.8
     """Probability from which a gesture is reported while the touch is open."""
-
     thresholds: Mapping[str, float] = field(default_factory=dict)
     """Thresholds of single gestures, in place of `threshold`; above 1 waits for the
     touch to close."""
-
     lifted: float = 1.1
     """Threshold once there has been no contact for `lift_seconds`, if it is lower: most
     of the evidence has been seen by then."""
-
     lift_seconds: float = 0.2
     """Time without contact after which `lifted` applies [s]; a second pat may still
     come."""
-
     hold_seconds: float = 0.06
     """Time that a probability must stay above its threshold; on a skin that is not
     calibrated also the time that another class must be likeliest to count as another
     touch [s]."""
-
     least: float = 0.3
     """Probability below which a touch is unknown when it closes; 0 never abstains."""
-
     still: float = 0.02
     """Travel below which a touch has no direction [m]."""
 
@@ -77,7 +71,7 @@ LIMITS = {
     "dropout": (0.0, 0.9),
     "slots": (MIN_SLOTS, np.inf),
 }
-"""Smallest and largest values of the settings."""
+"""Smallest and largest values of the settings of `NetworkConfig`."""
 
 
 @dataclass(frozen=True)
@@ -86,16 +80,12 @@ class NetworkConfig:
 
     width: int = 8
     """Number of channels of a node."""
-
     layers: int = 2
     """Number of equivariant layers."""
-
     channels: int = 32
     """Number of channels of the temporal head."""
-
     dropout: float = 0.3
     """Share of features dropped in training."""
-
     slots: int = 100
     """Number of slots of 20 ms in a window; 100 are 2 s."""
 
@@ -113,34 +103,24 @@ class ModelCard:
 
     vocabulary: tuple[str, ...]
     """Classes in the order of the logits; `none` is one of them."""
-
     kind: Literal["pressure", "shear"] = "pressure"
     """Quantity that the skin must measure."""
-
     network: NetworkConfig = field(default_factory=NetworkConfig)
     """Size of the network."""
-
     graph: GraphConfig = field(default_factory=GraphConfig)
     """Settings of the contact graphs."""
-
     pipeline: PipelineConfig = field(default_factory=PipelineConfig)
     """Settings of the pipeline from counts to contacts."""
-
     decision: DecisionConfig = field(default_factory=DecisionConfig)
     """Settings that determine when a gesture is reported."""
-
     temperature: float = 1.0
     """Divisor of the logits that calibrates the probabilities."""
-
     training: dict[str, str] = field(default_factory=dict)
     """The training configuration, as text."""
-
     data_digest: str = ""
     """SHA-256 of the recordings trained on."""
-
     metrics: dict[str, float] = field(default_factory=dict)
     """Metrics measured at the end of training."""
-
     format: Literal["eskin-model-1"] = FORMAT
     """Version of this card."""
 

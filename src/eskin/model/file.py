@@ -24,7 +24,7 @@ SUFFIX = ".safetensors"
 MODELS = {"ur5": "ur5", "ur5-blind": "ur5"}
 """Names that `load_model` knows, each with the preset skin that it was trained on. The
 second does not use the pose, for comparison."""
-CARDS = TypeAdapter(ModelCard)
+CARD_ADAPTER = TypeAdapter(ModelCard)
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,17 +33,16 @@ class Model:
 
     weights: Mapping[str, np.ndarray]
     """Weights by the names of the network's parameters."""
-
     card: ModelCard
     """Settings and origin of the weights."""
 
     @property
     def digest(self) -> str:
         """SHA-256 of the weights in the order of their names."""
-        every = hashlib.sha256()
+        digest = hashlib.sha256()
         for name in sorted(self.weights):
-            every.update(name.encode() + self.weights[name].tobytes())
-        return every.hexdigest()
+            digest.update(name.encode() + self.weights[name].tobytes())
+        return digest.hexdigest()
 
 
 def save_model(path: Path, model: Model) -> None:
@@ -98,7 +97,7 @@ def read_card(text: str | None, path: Path) -> ModelCard:
             "by eskin train; train it again"
         )
     try:
-        return CARDS.validate_json(text)
+        return CARD_ADAPTER.validate_json(text)
     except ValidationError as error:
         first = error.errors()[0]
         place = ".".join(str(part) for part in first["loc"])
@@ -193,7 +192,7 @@ def norm_shapes(name: str, size: int) -> Shapes:
 
 
 def check_weights(model: Model) -> Weights:
-    """Return the weights in float32 after checking that they fit the card.
+    """Return the weights in float32, if they fit the card.
 
     Raises:
         ModelError: naming the first parameter that does not fit.

@@ -17,7 +17,7 @@ from eskin.graph import (
 
 @dataclass(frozen=True)
 class GraphTensors:
-    """These tensors hold the features of contact graphs, one graph per reading."""
+    """Graph tensors hold the features of contact graphs, one graph per reading."""
 
     scalars: Float[Tensor, "node scalar"]
     """Columns `eskin.graph.NODE_SCALARS`."""
@@ -81,6 +81,9 @@ def build_graph_tensors(
     def real(values: np.ndarray) -> Tensor:
         return torch.as_tensor(np.ascontiguousarray(values), dtype=dtype)
 
+    def indices(values: np.ndarray) -> Tensor:
+        return torch.as_tensor(values.astype(np.int64))
+
     return GraphTensors(
         scalars=real(scalars),
         positions=real(batch.positions),
@@ -88,13 +91,8 @@ def build_graph_tensors(
         shear=real(vectors),
         forces=real(batch.pressure * batch.areas),
         areas=real(batch.areas),
-        targets=to_indices(batch.targets),
-        sources=to_indices(batch.sources),
-        graph_index=to_indices(batch.graph_index),
+        targets=indices(batch.targets),
+        sources=indices(batch.sources),
+        graph_index=indices(batch.graph_index),
         summary=real(compute_summary(batch, shear)),
     )
-
-
-def to_indices(values: np.ndarray) -> Tensor:
-    """Return indices as a tensor."""
-    return torch.as_tensor(values.astype(np.int64))

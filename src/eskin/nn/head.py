@@ -1,11 +1,12 @@
 """This module defines the temporal head: embeddings of two seconds to logits."""
 
 import torch
-from jaxtyping import Float, Int
+from jaxtyping import Float
 from torch import Tensor, nn
 from torch.nn.functional import conv1d, silu
 
 from eskin.model.file import LONG_STRIDE, LONG_TAPS, SHORT_STRIDE, SHORT_TAPS
+from eskin.nn.batch import SlotIndex
 
 Sequence = Float[Tensor, "window channel slot"]
 Mask = Float[Tensor, "window 1 slot"]
@@ -27,7 +28,7 @@ class PartialConvolution(nn.Module):
         self.ones = nn.Buffer(torch.ones(1, 1, kernel), persistent=False)
 
     def forward(self, x: Sequence, present: Mask) -> Shorter:
-        """Filter, and return a mask of the outputs that cover any reading too.
+        """Return the filtered sequence, and a mask of the outputs that cover a reading.
 
         The last output ends with the last slot; surplus slots are cut at the start.
         """
@@ -43,9 +44,9 @@ class PartialConvolution(nn.Module):
 class TemporalHead(nn.Module):
     """A head computes logits from statistics of embeddings over time.
 
-    Mean, spread, maximum and integral over the window are taken of the embeddings
-    (20 ms) and of the output of each of two partial convolutions (0.18 s and 0.5 s);
-    one linear layer follows.
+    The statistics are mean, spread, maximum and integral over the window, of the
+    embeddings (20 ms) and of the output of each of two partial convolutions (0.18 s and
+    0.5 s); one linear layer follows.
     """
 
     def __init__(
@@ -69,24 +70,11 @@ class TemporalHead(nn.Module):
         fine = silu(self.project(e)).transpose(1, 2) * mask
         short, short_mask = self.short(fine, mask)
         long, long_mask = self.long(short, short_mask)
-        share = compute_elapsed_share(present)
-        features = torch.cat(
-            [
-                compute_statistics(fine, mask, share),
-                compute_statistics(short, short_mask, share),
-                compute_statistics(long, long_mask, share),
-            ],
-            dim=1,
-        )
-        return self.classify(self.dropout(features))
-
-
-def compute_elapsed_share(
-    present: Float[Tensor, "window slot"],
-) -> Float[Tensor, "window 1"]:
-    """Return the share of the window since its first reading, the time of touch."""
-    since = present.cummax(dim=1).values
-    return since.mean(dim=1, keepdim=True)
+        # Share of the window since its first reading.
+        share = present.cummax(dim=1).values.mean(dim=1, keepdim=True)
+        scales = (fine, mask), (short, short_mask), (long, long_mask)
+        statistics = [compute_statistics(x, seen, share) for x, seen in scales]
+        return self.classify(self.dropout(torch.cat(statistics, dim=1)))
 
 
 def compute_statistics(
@@ -94,8 +82,8 @@ def compute_statistics(
 ) -> Float[Tensor, "window feature"]:
     """Return mean, standard deviation, maximum and integral over the present slots.
 
-    All are zero without any. The integral, the mean times the elapsed share of the
-    window, measures how long something lasted, at any rate of readings.
+    All are zero without any. The integral, the mean times the share of the window since
+    its first reading, measures how long something lasted, at any rate of readings.
     """
     count = mask.sum(dim=2).clamp(min=1.0)
     mean = x.sum(dim=2) / count
@@ -107,18 +95,18 @@ def compute_statistics(
 
 
 def scatter_to_slots(
-    e: Float[Tensor, "reading channel"],
-    window: Int[Tensor, "reading"],
-    slot: Int[Tensor, "reading"],
-    windows: int,
-    slots: int,
+    e: Float[Tensor, "reading channel"], slot_index: SlotIndex, slots: int
 ) -> tuple[Float[Tensor, "window slot channel"], Float[Tensor, "window slot"]]:
-    """Scatter readings to time slots; several in one slot give their maximum."""
-    place = window * slots + slot
-    index = place[:, None].expand_as(e)
-    empty = torch.full((windows * slots, e.shape[1]), -torch.inf, dtype=e.dtype)
-    filled = empty.scatter_reduce(0, index, e, "amax")
-    present = torch.zeros(windows * slots, dtype=e.dtype)
-    present = present.index_fill(0, place, 1.0)
+    """Scatter readings to time slots; several in one slot give their maximum.
+
+    Returns:
+        Features by time slot, and a mask that is 1 for slots with a reading.
+    """
+    total = slot_index.windows * slots
+    place = slot_index.window * slots + slot_index.slot
+    empty = torch.full((total, e.shape[1]), -torch.inf, dtype=e.dtype)
+    filled = empty.scatter_reduce(0, place[:, None].expand_as(e), e, "amax")
+    present = torch.zeros(total, dtype=e.dtype).index_fill(0, place, 1.0)
     filled = torch.where(present[:, None] > 0, filled, 0.0)
-    return filled.view(windows, slots, -1), present.view(windows, slots)
+    shape = slot_index.windows, slots
+    return filled.view(*shape, -1), present.view(shape)

@@ -14,9 +14,8 @@ from eskin.nn.head import TemporalHead, scatter_to_slots
 class RecogniserNetwork(nn.Module):
     """A network averages the logits of two views of a touch, each with its own head.
 
-    The *graph* view takes the learned embedding of the contact graph beside the
-    summary; the *summary* view takes only the summary, and is accurate with few
-    examples.
+    The *graph* view takes the summary and the learned embedding of the contact graph;
+    the *summary* view takes only the summary, and is the better one with few examples.
     """
 
     def __init__(self, config: NetworkConfig, classes: int, shear: bool) -> None:
@@ -73,18 +72,11 @@ class RecogniserNetwork(nn.Module):
         self, summary: Float[Tensor, "reading summary"], slot_index: SlotIndex
     ) -> Float[Tensor, "window class"]:
         """Return the logits from the standardised summary alone."""
-        return self.summary_head(*self.to_slots(summary, slot_index))
+        slots = scatter_to_slots(summary, slot_index, self.config.slots)
+        return self.summary_head(*slots)
 
     def graph_view(
         self, e: Float[Tensor, "reading feature"], slot_index: SlotIndex
     ) -> Float[Tensor, "window class"]:
         """Return the logits from summary and embedding."""
-        return self.graph_head(*self.to_slots(e, slot_index))
-
-    def to_slots(
-        self, e: Float[Tensor, "reading channel"], slot_index: SlotIndex
-    ) -> tuple[Float[Tensor, "window slot channel"], Float[Tensor, "window slot"]]:
-        """Return the features by time slot, and a mask of the slots with any."""
-        return scatter_to_slots(
-            e, slot_index.window, slot_index.slot, slot_index.windows, self.config.slots
-        )
+        return self.graph_head(*scatter_to_slots(e, slot_index, self.config.slots))

@@ -18,6 +18,8 @@ from eskin.touch import Calibrator
 from eskin.units import NS_PER_S
 
 HISTOGRAM_BINS = 128
+MIN_IOU = 0.5
+"""Intersection over union from which a found label counts as a true one."""
 
 
 @dataclass(frozen=True)
@@ -27,14 +29,11 @@ class AutoLabelConfig:
     threshold: float | None = None
     """Peak pressure from which the skin counts as touched [kPa]; None finds the value
     that separates touched from untouched best in each recording (Otsu 1979)."""
-
     min_threshold: float = 1.0
     """Lower limit of a threshold that is found [kPa]; below it there is only noise."""
-
     min_window: float = 0.5
-    """Longest gap inside a touch [s]. The default is the pause after which a touch is
-    over everywhere in eskin, so that both pats of a double-pat are one."""
-
+    """Longest gap inside a touch [s]. The default is the pause after which eskin closes
+    a touch, so both pats of a double-pat are one touch."""
     min_touch: float = 0.05
     """Shortest touch [s]; anything shorter is noise. A tap takes about as long."""
 
@@ -90,18 +89,15 @@ def merge_spans(
             merged[-1] = (merged[-1][0], end)
         else:
             merged.append((start, end))
-    return [
-        (start, end)
-        for start, end in merged
-        if end - start >= config.min_touch * NS_PER_S
-    ]
+    shortest = config.min_touch * NS_PER_S
+    return [(start, end) for start, end in merged if end - start >= shortest]
 
 
 def compute_otsu_threshold(peaks: Float[np.ndarray, "instant"]) -> float:
     """Return the pressure [kPa] that separates the peaks into two groups.
 
-    It maximises the variance between the groups (Otsu 1979). It is taken on the
-    logarithm, since touches differ by factors, not by amounts.
+    It maximises the variance between the groups (Otsu 1979) of the logarithm, since the
+    pressures of touches differ by factors.
     """
     logs = np.log1p(np.maximum(peaks, 0.0))
     if not len(logs) or logs.max() == logs.min():
@@ -118,13 +114,9 @@ def compute_otsu_threshold(peaks: Float[np.ndarray, "instant"]) -> float:
     return float(np.expm1(edges[1 + best].mean()))
 
 
-MIN_IOU = 0.5
-"""Intersection over union from which a label found counts as the true one."""
-
-
 @dataclass
 class LabelAgreement:
-    """A score of found labels against true ones, summed over recordings."""
+    """Scores found labels against true ones, summed over recordings."""
 
     confusion: Int[np.ndarray, "2 2"] = field(
         default_factory=lambda: np.zeros((2, 2), np.int64)
@@ -139,7 +131,7 @@ class LabelAgreement:
 
     @property
     def instants(self) -> int:
-        """Return the number of readings scored."""
+        """Number of readings scored."""
         return int(self.confusion.sum())
 
     def add(
@@ -162,8 +154,7 @@ class LabelAgreement:
     def summary(self) -> dict[str, float | int | None]:
         """Return the scores by name; None where there is nothing to score.
 
-        Instants (readings) are scored as touched or not, since the gesture comes from
-        the range.
+        Readings are scored as touched or not, since the gesture comes from the range.
         """
         (rest, extra), (missed, hit) = self.confusion.tolist()
         recall = divide_or_none(hit, hit + missed)
@@ -188,7 +179,7 @@ class LabelAgreement:
 def find_touched(
     labels: Sequence[Label], stamps: Int[np.ndarray, "reading"]
 ) -> Bool[np.ndarray, "reading"]:
-    """Tell for each stamp whether any gesture is made."""
+    """Return for each stamp whether any gesture is made."""
     inside = np.zeros(len(stamps), dtype=np.bool_)
     for label in labels:
         if label.gesture != NONE:
@@ -222,7 +213,7 @@ def compute_iou(one: Label, other: Label) -> float:
 
 
 def divide_or_none(part: int, whole: int) -> float | None:
-    """Return a share; None if the whole is 0."""
+    """Return a ratio; None if the whole is 0."""
     return part / whole if whole else None
 
 
@@ -239,7 +230,7 @@ def median_or_none(values: Sequence[float]) -> float | None:
 
 @dataclass(frozen=True)
 class AutoLabelResult:
-    """The labels found in one recording, with the readings and ranges they rest on."""
+    """The labels found in one recording, with their stamps and rough ranges."""
 
     stamps: Int[np.ndarray, "reading"]
     """Stamps of the readings [ns since the epoch]."""
@@ -263,7 +254,7 @@ def label_recording(
         config: parameters that decide what is a touch.
 
     Raises:
-        RecordingError: when there are neither ranges nor true gestures.
+        RecordingError: there are neither ranges nor true gestures.
     """
     if ranges is None:
         ranges = sort_labels(recording.labels, "range")

@@ -1,8 +1,8 @@
 """This module encodes CDR, the byte layout of ROS 2 messages (OMG DDSI-RTPS 10).
 
 Little-endian plain CDR has four bytes of encapsulation, then fields aligned to their
-own size, counted from the end of the encapsulation. An empty sequence is its count
-alone.
+own size, counted from the end of the encapsulation. An empty sequence consists of its
+count only.
 """
 
 import struct
@@ -18,7 +18,7 @@ LATEST_STAMP = 2**31 * NS_PER_S
 
 
 class CdrPacker:
-    """An encoder that appends fields to a message in the order of its definition."""
+    """Encodes a message field by field, in the order of its definition."""
 
     def __init__(self) -> None:
         """Start an empty message."""
@@ -57,6 +57,11 @@ class CdrPacker:
         self.align(4)
         self.buffer += struct.pack("<iI", *divmod(stamp, NS_PER_S))
 
+    def header(self, stamp: int, frame_id: str) -> None:
+        """Append a `std_msgs/Header` with a stamp [ns since the epoch]."""
+        self.stamp(stamp)
+        self.string(frame_id)
+
     def string(self, text: str) -> None:
         """Append a string: count with its closing zero, UTF-8 bytes, zero."""
         data = text.encode()
@@ -78,7 +83,7 @@ class CdrPacker:
 
 
 class CdrUnpacker:
-    """A decoder that takes fields from a message in the order of its definition."""
+    """Decodes a message field by field, in the order of its definition."""
 
     def __init__(self, data: bytes) -> None:
         """Start at the first field; raise unless it is little-endian plain CDR."""
@@ -117,6 +122,12 @@ class CdrUnpacker:
         """Take a `builtin_interfaces/Time` as a stamp [ns since the epoch]."""
         seconds, nanoseconds = self.take("iI", 4)
         return seconds * NS_PER_S + nanoseconds
+
+    def header(self) -> int:
+        """Take a `std_msgs/Header`; return its stamp [ns since the epoch]."""
+        stamp = self.stamp()
+        self.string()
+        return stamp
 
     def string(self) -> str:
         """Take a string."""

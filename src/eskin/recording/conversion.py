@@ -22,7 +22,7 @@ FULL_SCALE_KPA = 100.0
 
 @dataclass(frozen=True)
 class ImportedClip:
-    """A recording of a public dataset, read into memory."""
+    """A recording of a public dataset that has been read into memory."""
 
     name: str
     """Name of its file, without suffix."""
@@ -54,10 +54,10 @@ def write_clips(
     skin: Skin,
     calibration: Calibration,
 ) -> ConversionResult:
-    """Write each clip to `<folder>/<name>.mcap` once all of them could be read.
+    """Write each clip to `<folder>/<name>.mcap`; write none if any cannot be read.
 
     Raises:
-        ImportSourceError: when two clips have one name or the folder cannot be made.
+        ImportSourceError: two clips have one name, or the folder cannot be made.
     """
     folder = Path(folder)
     recordings = readings = labels = 0
@@ -70,9 +70,8 @@ def write_clips(
                 raise ImportSourceError(
                     f"two source files would become {path.name}; keep one of them"
                 )
-            with RecordingWriter(
-                path, ROBOT, skin, calibration, clip.metadata, ()
-            ) as writer:
+            writer = RecordingWriter(path, ROBOT, skin, calibration, clip.metadata, ())
+            with writer:
                 readings += write_all(writer, clip.scans, clip.labels)
             recordings += 1
             labels += len(clip.labels)
@@ -99,10 +98,7 @@ def make_work_folder(folder: Path) -> Path:
 def find_files(source: Path, pattern: str, suffixes: tuple[str, ...]) -> list[Path]:
     """Find the files below a folder that match a pattern and a suffix, sorted.
 
-    A single file is returned as it is.
-
-    Raises:
-        ImportSourceError: when there is no such folder.
+    A single file is returned as it is; a missing folder raises an ImportSourceError.
     """
     if source.is_file():
         return [source]
@@ -116,7 +112,7 @@ def read_decompressed(path: Path) -> bytes:
     """Read a file; decompress it if its name ends with .gz.
 
     Raises:
-        ValueError: when it cannot be read or decompressed.
+        ValueError: it cannot be read or decompressed.
     """
     try:
         data = path.read_bytes()

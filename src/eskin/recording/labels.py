@@ -1,4 +1,4 @@
-"""This module defines gesture labels, and the rough ranges that a person marks."""
+"""This module defines gesture labels, and rough ranges that a person marks."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
@@ -13,6 +13,10 @@ from eskin.errors import RecordingError
 from eskin.units import NS_PER_S
 
 NONE = "none"
+RANGE_MARGIN_S = 1.0
+"""Margin of a rough range: half of the two seconds that the paper leaves between
+gestures."""
+EXAMPLE_RANGE = "{start_s: 1.5, end_s: 4.0, gesture: poke}"
 
 
 @dataclass(frozen=True, order=True)
@@ -54,11 +58,7 @@ def select_labels(labels: Iterable[Label]) -> tuple[Label, ...]:
 
 
 def check_no_overlap(labels: Iterable[Label]) -> None:
-    """Raise if two labels of one source overlap.
-
-    Raises:
-        RecordingError: naming the first two that do.
-    """
+    """Raise a RecordingError if two labels of one source overlap."""
     last: dict[str, Label] = {}
     for label in sort_labels(labels):
         before = last.get(label.source)
@@ -79,8 +79,8 @@ def label_instants(
     """Return the index into `gestures` of the gesture made at each stamp.
 
     Without a label, or with a gesture that is not in `gestures`, it is the index of
-    `none`, or -1 if that is not in `gestures`. Where labels overlap, the one that
-    started last wins.
+    `none`, or -1 if that is not in `gestures`. Of overlapping labels, the one that
+    starts last counts.
     """
     known = {gesture: index for index, gesture in enumerate(gestures)}
     none = known.get(NONE, -1)
@@ -116,11 +116,6 @@ def build_labels(
     )
 
 
-# The paper leaves two seconds between gestures: a range reaches half way.
-RANGE_MARGIN_S = 1.0
-EXAMPLE_RANGE = "{start_s: 1.5, end_s: 4.0, gesture: poke}"
-
-
 def load_ranges(path: Path | str, start: int) -> tuple[Label, ...]:
     """Load ranges from a YAML list of `{start_s, end_s, gesture}`.
 
@@ -129,7 +124,7 @@ def load_ranges(path: Path | str, start: int) -> tuple[Label, ...]:
         start: stamp from which the seconds count, the recording's first [ns].
 
     Raises:
-        RecordingError: naming the entry that cannot be used.
+        RecordingError: the file or an entry cannot be used.
     """
     try:
         entries = yaml.safe_load(Path(path).read_text(encoding="utf-8"))
@@ -171,8 +166,8 @@ def build_rough_ranges(
 ) -> tuple[Label, ...]:
     """Widen and join true labels into ranges such as a person would mark.
 
-    Neighbours of one gesture become one range where they meet; neighbours of different
-    gestures meet in the middle of the gap between them.
+    Widened labels of one gesture that meet become one range; those of different
+    gestures are cut in the middle between the labels.
 
     Args:
         truth: labels, of which those of source `true` are used.

@@ -1,9 +1,9 @@
 """This module reads and writes MCAP files, whatever they hold.
 
-Reading goes front to back and needs no index, so a file that is cut anywhere still
-gives all its whole records. Writing uses zstd chunks and puts an index at the end. The
-records are those of the `mcap` package; messages and chunks, nearly all of a file, are
-encoded here, several times as fast as by that package's own writer.
+A file is read front to back without its index, so all whole records of a truncated
+file can be read. Writing uses zstd chunks and puts an index at the end. The records are
+those of the `mcap` package; messages and chunks, nearly all of a file, are encoded
+here, several times as fast as by that package's own writer.
 """
 
 import struct
@@ -39,15 +39,26 @@ from eskin.errors import RecordingError
 MAGIC = b"\x89MCAP0\r\n"
 RECORD_HEADER = struct.Struct("<BQ")
 MESSAGE_HEADER = struct.Struct("<HIQQ")
+MESSAGE_INDEX = struct.Struct("<HI")
+RECORD_AND_MESSAGE = struct.Struct(
+    RECORD_HEADER.format + MESSAGE_HEADER.format.lstrip("<")
+)
+FOOTER = struct.Struct("<BQQQ")
+FOOTER_BYTES = 20
 MAX_CHUNK_BYTES = 64 << 20
-"""Largest chunk that is read, before compression [bytes]; ours have about 1e6."""
+"""Largest chunk that is read, before compression [bytes]."""
+CHUNK_BYTES = 1 << 20
+"""Size above which a chunk is written, before compression [bytes]."""
+ZSTD_LEVEL = 1
+"""Compression level: counts are mostly noise, so a higher level saves 4 % at most and
+takes twice the time."""
 
 
 class DamageError(Exception):
-    """The error raised for a record whose bytes are not those that were written."""
+    """A record is damaged: its bytes are not those that were written."""
 
 
-# A length beyond what an index can hold overflows in the mcap library.
+# The mcap package raises OverflowError for lengths that an index cannot hold.
 DAMAGE_ERRORS = (
     DamageError,
     McapError,
@@ -69,9 +80,10 @@ McapItem = Header | Metadata | Attachment | TopicMessage
 
 
 class McapReader:
-    """An iterable that reads an MCAP file; `truncated` is valid at its end.
+    """Reads an MCAP file from its start at every iteration.
 
-    Every iteration reads the file again from its start.
+    Attributes:
+        truncated: whether the file is cut or damaged; known after an iteration.
     """
 
     def __init__(self, path: Path) -> None:
@@ -93,7 +105,12 @@ class McapReader:
     def read_items(self, file: BinaryIO) -> Iterator[McapItem]:
         """Yield items up to the closing magic, a cut or a damaged record."""
         size = self.path.stat().st_size
-        self.check_magic(file.read(len(MAGIC)))
+        start = file.read(len(MAGIC))
+        if start != MAGIC[: len(start)]:
+            raise RecordingError(
+                f"{self.path} starts with {start!r}, not with the MCAP magic; "
+                "give a recording made by eskin"
+            )
         while len(head := file.read(RECORD_HEADER.size)) == RECORD_HEADER.size:
             opcode, length = RECORD_HEADER.unpack(head)
             if file.tell() + length > size:
@@ -110,14 +127,6 @@ class McapReader:
             except DAMAGE_ERRORS:
                 return
             yield from items
-
-    def check_magic(self, start: bytes) -> None:
-        """Raise if the file does not start with the MCAP magic."""
-        if start != MAGIC[: len(start)]:
-            raise RecordingError(
-                f"{self.path} starts with {start!r}, not with the MCAP magic; "
-                "give a recording made by eskin"
-            )
 
     def parse_record(self, opcode: int, body: bytes) -> Iterator[McapItem]:
         """Yield the items of one record outside chunks."""
@@ -175,12 +184,9 @@ class McapReader:
                     topic = self.topics[channel]
                     yield TopicMessage(topic, log_time, body[MESSAGE_HEADER.size :])
             elif opcode == Opcode.CHANNEL:
-                self.add_channel(Channel.read(ReadDataStream(BytesIO(body))))
-
-    def add_channel(self, channel: Channel) -> None:
-        """Remember the topic of a channel if its messages can be read."""
-        if channel.message_encoding == "cdr":
-            self.topics[channel.id] = channel.topic
+                found = Channel.read(ReadDataStream(BytesIO(body)))
+                if found.message_encoding == "cdr":
+                    self.topics[found.id] = found.topic
 
 
 def check_attachment(body: bytes) -> None:
@@ -188,19 +194,6 @@ def check_attachment(body: bytes) -> None:
     (crc,) = struct.unpack("<I", body[-4:])
     if crc not in (0, zlib.crc32(body[:-4])):
         raise DamageError
-
-
-CHUNK_BYTES = 1 << 20
-ZSTD_LEVEL = 1
-"""Compression level: counts are mostly noise, a higher one takes twice the time for
-4 %."""
-
-FOOTER = struct.Struct("<BQQQ")
-FOOTER_BYTES = 20
-RECORD_AND_MESSAGE = struct.Struct(
-    RECORD_HEADER.format + MESSAGE_HEADER.format.lstrip("<")
-)
-MESSAGE_INDEX = struct.Struct("<HI")
 
 
 def encode_records(records: Iterable[McapRecord]) -> bytes:
@@ -212,7 +205,7 @@ def encode_records(records: Iterable[McapRecord]) -> bytes:
 
 
 class McapWriter:
-    """A writer that fills one MCAP file front to back."""
+    """Writes one MCAP file front to back."""
 
     def __init__(self, file: BinaryIO, profile: str, library: str) -> None:
         """Write the header."""
@@ -263,10 +256,7 @@ class McapWriter:
         self.attachments.append(index)
 
     def add_channel(self, topic: str, type_name: str, definition: str) -> int:
-        """Declare a topic of CDR messages and return its channel number.
-
-        The definition has the encoding `ros2msg`.
-        """
+        """Declare a topic of CDR messages, defined in `ros2msg`; return its channel."""
         number = len(self.channels) + 1
         schema = Schema(
             id=number, data=definition.encode(), encoding="ros2msg", name=type_name
@@ -332,16 +322,14 @@ class McapWriter:
         self.begin_chunk()
 
     def write_message_index(self, chunk: ChunkIndex) -> None:
-        """Write where the messages of each channel are in the chunk."""
+        """Write the positions of each channel's messages in the chunk."""
         start = self.file.tell()
         for channel, entries in self.message_index.items():
             chunk.message_index_offsets[channel] = self.file.tell()
             body = struct.pack(f"<{len(entries)}Q", *entries)
             head = MESSAGE_INDEX.pack(channel, len(body))
-            size = len(head) + len(body)
-            self.file.write(
-                RECORD_HEADER.pack(Opcode.MESSAGE_INDEX, size) + head + body
-            )
+            record = RECORD_HEADER.pack(Opcode.MESSAGE_INDEX, len(head) + len(body))
+            self.file.write(record + head + body)
             self.counts[channel] = self.counts.get(channel, 0) + len(entries) // 2
         chunk.message_index_length = self.file.tell() - start
 
@@ -374,6 +362,8 @@ class McapWriter:
 
     def build_statistics(self) -> Statistics:
         """Return the numbers of records in the file and its span of time."""
+        starts = [chunk.message_start_time for chunk in self.chunks]
+        ends = [chunk.message_end_time for chunk in self.chunks]
         return Statistics(
             attachment_count=len(self.attachments),
             channel_count=len(self.channels),
@@ -381,9 +371,7 @@ class McapWriter:
             chunk_count=len(self.chunks),
             message_count=sum(self.counts.values()),
             metadata_count=len(self.metadata),
-            message_start_time=min(
-                (c.message_start_time for c in self.chunks), default=0
-            ),
-            message_end_time=max((c.message_end_time for c in self.chunks), default=0),
+            message_start_time=min(starts, default=0),
+            message_end_time=max(ends, default=0),
             schema_count=len(self.schemas),
         )

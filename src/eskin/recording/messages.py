@@ -28,12 +28,12 @@ class Topic:
     """Definition of that type, with those of all types that it refers to."""
 
 
-def join_definitions(own: str, *others: tuple[str, str]) -> str:
-    """Join a definition and those that it refers to, as rosbag2 stores them."""
+def define_topic(name: str, kind: str, own: str, *others: tuple[str, str]) -> Topic:
+    """Define a topic; its definition and those of `others` are joined as by rosbag2."""
     rule = "=" * 80
     parts = [own.strip()]
     parts += [f"{rule}\nMSG: {name}\n{text.strip()}" for name, text in others]
-    return "\n".join(parts) + "\n"
+    return Topic(name, kind, "\n".join(parts) + "\n")
 
 
 TIME = ("builtin_interfaces/Time", "int32 sec\nuint32 nanosec")
@@ -41,11 +41,10 @@ HEADER = ("std_msgs/Header", "builtin_interfaces/Time stamp\nstring frame_id")
 POINT = ("geometry_msgs/Point", "float64 x\nfloat64 y\nfloat64 z")
 VECTOR = ("geometry_msgs/Vector3", "float64 x\nfloat64 y\nfloat64 z")
 
-READING = Topic(
+READING = define_topic(
     "/eskin/reading",
     "eskin_msgs/msg/Reading",
-    join_definitions(
-        """
+    """
 # One instant of the whole skin, before calibration. frame_id is the skin's name.
 std_msgs/Header header
 # One count a taxel, in the order of the attached skin.
@@ -55,47 +54,41 @@ bool[] received
 # Counts along each taxel's tangent x and y in turn; empty where shear is not measured.
 int16[] shear
 """,
-        HEADER,
-        TIME,
-    ),
+    HEADER,
+    TIME,
 )
 
-JOINT_STATES = Topic(
+JOINT_STATES = define_topic(
     "/joint_states",
     "sensor_msgs/msg/JointState",
-    join_definitions(
-        """
+    """
 std_msgs/Header header
 string[] name
 float64[] position
 float64[] velocity
 float64[] effort
 """,
-        HEADER,
-        TIME,
-    ),
+    HEADER,
+    TIME,
 )
 
-LABEL = Topic(
+LABEL = define_topic(
     "/eskin/label",
     "eskin_msgs/msg/Label",
-    join_definitions(
-        """
+    """
 # One gesture from start until just before end. source: true, range or auto.
 builtin_interfaces/Time start
 builtin_interfaces/Time end
 string gesture
 string source
 """,
-        TIME,
-    ),
+    TIME,
 )
 
-DETECTION = Topic(
+DETECTION = define_topic(
     "/eskin/detection",
     "eskin_msgs/msg/Detection",
-    join_definitions(
-        """
+    """
 # What was recognised of one touch, when it was said. frame_id is world.
 std_msgs/Header header
 string gesture
@@ -111,18 +104,16 @@ geometry_msgs/Vector3 direction
 # Largest force of the touch [N].
 float32 peak_force
 """,
-        HEADER,
-        TIME,
-        POINT,
-        VECTOR,
-    ),
+    HEADER,
+    TIME,
+    POINT,
+    VECTOR,
 )
 
-TRUTH = Topic(
+TRUTH = define_topic(
     "/eskin/truth",
     "eskin_msgs/msg/Truth",
-    join_definitions(
-        """
+    """
 # What one touch really was at one reading, while in contact; known where the skin is
 # simulated. frame_id is world.
 std_msgs/Header header
@@ -140,17 +131,15 @@ float64 area
 # Centre of the force [m].
 geometry_msgs/Point centroid
 """,
-        HEADER,
-        TIME,
-        POINT,
-    ),
+    HEADER,
+    TIME,
+    POINT,
 )
 
-EVENT = Topic(
+EVENT = define_topic(
     "/eskin/event",
     "eskin_msgs/msg/Event",
-    join_definitions(
-        """
+    """
 # Something that happened to the skin. frame_id is the skin's name.
 std_msgs/Header header
 string kind
@@ -163,23 +152,21 @@ int32 row
 int32 column
 int32 taxel
 """,
-        HEADER,
-        TIME,
-    ),
+    HEADER,
+    TIME,
 )
 
 TOPICS = (READING, JOINT_STATES, LABEL, DETECTION)
-"""Topics of every recording; `TRUTH` and `EVENT` are declared with their first one."""
+"""Topics of every recording; `TRUTH` and `EVENT` are declared when first used."""
 
 WORLD_FRAME = "world"
 NOT_GIVEN = -1
-TRUTH_NUMBER_COUNT = 5
-TRUTH_NUMBERS = Struct(f"<{TRUTH_NUMBER_COUNT}d")
+TRUTH_NUMBERS = Struct("<5d")
 
 
 @dataclass(frozen=True)
 class ReadingMessage:
-    """A message of `/eskin/reading` holds a scan without the joint positions."""
+    """A message of `/eskin/reading`, which is a scan without joint positions."""
 
     stamp: int
     """Time of the scan [ns since the epoch]."""
@@ -198,8 +185,7 @@ def pack_reading(scan: Scan, frame_id: str) -> bytes:
         RecordingError: when a count does not fit into 16 bits.
     """
     packer = CdrPacker()
-    packer.stamp(scan.stamp)
-    packer.string(frame_id)
+    packer.header(scan.stamp, frame_id)
     packer.sequence(to_16_bits(scan.counts, np.dtype("<u2"), "counts"))
     packer.sequence(scan.received)
     shear = np.empty(0, np.int64) if scan.shear is None else scan.shear.reshape(-1)
@@ -223,8 +209,7 @@ def to_16_bits(
 def unpack_reading(data: bytes) -> ReadingMessage:
     """Decode a message of `/eskin/reading`."""
     unpacker = CdrUnpacker(data)
-    stamp = unpacker.stamp()
-    unpacker.string()
+    stamp = unpacker.header()
     counts = unpacker.sequence("<u2").astype(np.int32)
     received = unpacker.sequence("u1") != 0
     shear = unpacker.sequence("<i2").astype(np.int32)
@@ -242,8 +227,7 @@ def pack_joint_state(
 ) -> bytes:
     """Encode a message of `/joint_states` with positions [rad] and nothing else."""
     packer = CdrPacker()
-    packer.stamp(stamp)
-    packer.string("")
+    packer.header(stamp, "")
     packer.strings(names)
     packer.sequence(q.astype(np.float64))
     packer.unsigned(0)
@@ -256,8 +240,7 @@ def unpack_joint_state(
 ) -> tuple[int, tuple[str, ...], Float[np.ndarray, "joint"]]:
     """Decode a message of `/joint_states`: stamp [ns], joint names, positions [rad]."""
     unpacker = CdrUnpacker(data)
-    stamp = unpacker.stamp()
-    unpacker.string()
+    stamp = unpacker.header()
     names = unpacker.strings()
     return stamp, names, unpacker.sequence("<f8").astype(np.float64)
 
@@ -287,8 +270,7 @@ def unpack_label(data: bytes) -> Label:
 def pack_detection(record: DetectionRecord) -> bytes:
     """Encode a message of `/eskin/detection`."""
     packer = CdrPacker()
-    packer.stamp(record.stamp)
-    packer.string(WORLD_FRAME)
+    packer.header(record.stamp, WORLD_FRAME)
     packer.string(record.gesture)
     packer.number(record.confidence, "f")
     packer.stamp(record.onset)
@@ -305,27 +287,15 @@ def pack_detection(record: DetectionRecord) -> bytes:
 def unpack_detection(data: bytes) -> DetectionRecord:
     """Decode a message of `/eskin/detection`."""
     unpacker = CdrUnpacker(data)
-    stamp = unpacker.stamp()
-    unpacker.string()
+    stamp = unpacker.header()
     gesture, confidence = unpacker.string(), unpacker.number("f")
     onset, end = unpacker.stamp(), unpacker.stamp()
     link, patch = unpacker.string(), unpacker.string()
-    point, normal, direction = (
+    vectors = [
         cast(Vector, tuple(unpacker.number() for _ in range(3))) for _ in range(3)
-    )
-    return DetectionRecord(
-        stamp,
-        gesture,
-        confidence,
-        onset,
-        end,
-        link,
-        patch,
-        point,
-        normal,
-        direction,
-        unpacker.number("f"),
-    )
+    ]
+    head = (stamp, gesture, confidence, onset, end, link, patch)
+    return DetectionRecord(*head, *vectors, peak_force=unpacker.number("f"))
 
 
 def pack_truth(record: TruthRecord) -> bytes:
@@ -347,15 +317,14 @@ def pack_truth_text(touch: int, gesture: str, kind: str, link: str) -> bytes:
     packer.unsigned(touch)
     for text in (gesture, kind, link):
         packer.string(text)
-    packer.align(TRUTH_NUMBERS.size // TRUTH_NUMBER_COUNT)
+    packer.align(np.dtype("<f8").itemsize)
     return packer.bytes()[before:]
 
 
 def unpack_truth(data: bytes) -> TruthRecord:
     """Decode a message of `/eskin/truth`."""
     unpacker = CdrUnpacker(data)
-    stamp = unpacker.stamp()
-    unpacker.string()
+    stamp = unpacker.header()
     touch = unpacker.unsigned()
     gesture, kind, link = (unpacker.string() for _ in range(3))
     force, area, *point = (unpacker.number() for _ in range(5))
@@ -367,8 +336,8 @@ def unpack_truth(data: bytes) -> TruthRecord:
 def pack_event(record: EventRecord, frame_id: str) -> bytes:
     """Encode a message of `/eskin/event`."""
     packer = CdrPacker()
-    packer.stamp(record.stamp)
-    for text in (frame_id, record.kind, record.text, record.patch or ""):
+    packer.header(record.stamp, frame_id)
+    for text in (record.kind, record.text, record.patch or ""):
         packer.string(text)
     for index in (record.row, record.column, record.taxel):
         packer.signed(NOT_GIVEN if index is None else index)
@@ -378,8 +347,7 @@ def pack_event(record: EventRecord, frame_id: str) -> bytes:
 def unpack_event(data: bytes) -> EventRecord:
     """Decode a message of `/eskin/event`."""
     unpacker = CdrUnpacker(data)
-    stamp = unpacker.stamp()
-    unpacker.string()
+    stamp = unpacker.header()
     kind, text, patch = (unpacker.string() for _ in range(3))
     indices = (unpacker.signed() for _ in range(3))
     row, column, taxel = (None if n == NOT_GIVEN else n for n in indices)
@@ -387,23 +355,23 @@ def unpack_event(data: bytes) -> EventRecord:
 
 
 Field = tuple[str, str] | tuple[str, str, int]
-"""Name, type and, for an array, length of a field."""
+"""Name and type of a field, and its length where it is an array."""
 
 
 def build_message_dtype(*fields: Field) -> np.dtype:
     """Build the dtype of a message; fields align to their own size unless empty.
 
-    All messages of one skin have the same length, so that many of them are the rows of
-    one array, which is several times as fast as encoding them one by one.
+    All messages of one skin have the same length, so many of them form the rows of one
+    array, which is several times as fast as encoding them one by one.
     """
     names, formats, offsets = ["encapsulation"], [np.dtype("S4")], [0]
     end = len(ENCAPSULATION)
-    for name, code, *many in fields:
-        single = np.dtype(code)
-        aligned = 1 if single.kind == "S" or many == [0] else single.itemsize
-        end += -(end - len(ENCAPSULATION)) % aligned
+    for name, code, *length in fields:
+        item = np.dtype(code)
+        alignment = 1 if item.kind == "S" or length == [0] else item.itemsize
+        end += -(end - len(ENCAPSULATION)) % alignment
         names.append(name)
-        formats.append(np.dtype((code, tuple(many))) if many else single)
+        formats.append(np.dtype((code, tuple(length))) if length else item)
         offsets.append(end)
         end += formats[-1].itemsize
     return np.dtype(
@@ -441,12 +409,11 @@ def build_reading_template(frame_id: str, taxels: int) -> np.ndarray:
 @lru_cache(maxsize=8)
 def build_joint_state_template(names: tuple[str, ...]) -> np.ndarray:
     """Build one message of `/joint_states` without values."""
-    each = [string_fields(f"name{i}", name) for i, name in enumerate(names)]
     message = build_message_dtype(
         *STAMP,
         *string_fields("frame", ""),
         ("names_length", "<u4"),
-        *(field for fields in each for field in fields),
+        *(f for i, name in enumerate(names) for f in string_fields(f"name{i}", name)),
         ("positions_length", "<u4"),
         ("positions", "<f8", len(names)),
         ("velocities_length", "<u4"),

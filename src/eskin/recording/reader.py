@@ -1,4 +1,4 @@
-"""This module finds recordings on disk and reads them, whole or cut."""
+"""This module finds recordings on disk and reads them, also truncated ones."""
 
 import json
 from collections.abc import Iterable, Iterator
@@ -42,12 +42,15 @@ from eskin.recording.records import (
 from eskin.skin import Skin, skin_from_bytes
 from eskin.touch import Calibration, Scan
 
+parse_shared_skin = lru_cache(maxsize=8)(skin_from_bytes)
+"""Parse the skin of an attachment; equal attachments share one object."""
+
 
 def find_recordings(places: Iterable[Path | str]) -> tuple[Path, ...]:
     """Find the files given, and all `.mcap` files below the folders given, sorted.
 
     Raises:
-        RecordingError: when a place does not exist or a folder holds no recording.
+        RecordingError: a place does not exist, or a folder holds no recording.
     """
     found: list[Path] = []
     for place in map(Path, places):
@@ -72,7 +75,7 @@ def find_recordings(places: Iterable[Path | str]) -> tuple[Path, ...]:
 
 @dataclass(frozen=True)
 class ScanArrays:
-    """All scans of a recording as arrays, of which each row holds one scan."""
+    """Holds all scans of a recording as arrays with one row a scan."""
 
     stamps: Int[np.ndarray, "reading"]
     """Times of the scans [ns since the epoch]."""
@@ -88,7 +91,7 @@ class ScanArrays:
 
 @dataclass(frozen=True)
 class Recording:
-    """A recording on disk, of which everything but the scans is held in memory."""
+    """A recording on disk, whose scans are read when needed; the rest is in memory."""
 
     path: Path
     """Path of the file."""
@@ -137,7 +140,7 @@ class Recording:
                 raise unusable_message(self.path, message, error) from error
 
     def truths(self) -> Iterator[TruthRecord]:
-        """Read the ground truth of all touches from disk, where there is any."""
+        """Read the ground truth of all touches from disk, if there is any."""
         for message in McapReader(self.path):
             if isinstance(message, TopicMessage) and message.topic == TRUTH.name:
                 try:
@@ -172,13 +175,13 @@ class Recording:
         scans = list(self.scans())
         shears = [scan.shear for scan in scans if scan.shear is not None]
         taxels, joints = self.skin.count, len(self.joint_names)
-        everywhere = bool(scans) and len(shears) == len(scans)
+        has_shear = bool(scans) and len(shears) == len(scans)
         return ScanArrays(
             np.array([scan.stamp for scan in scans], dtype=np.int64),
             stack_rows([scan.counts for scan in scans], (taxels,), np.int32),
             stack_rows([scan.received for scan in scans], (taxels,), np.bool_),
             stack_rows([scan.q for scan in scans], (joints,), np.float64),
-            stack_rows(shears, (taxels, 2), np.int32) if everywhere else None,
+            stack_rows(shears, (taxels, 2), np.int32) if has_shear else None,
         )
 
 
@@ -203,7 +206,7 @@ def read_recording(path: Path | str) -> Recording:
     """Read everything but the scans, which `Recording.scans` reads.
 
     Raises:
-        RecordingError: when there is no such file or nothing in it can be used.
+        RecordingError: there is no such file, or nothing in it can be used.
     """
     path = Path(path)
     if not path.is_file():
@@ -215,14 +218,8 @@ def read_recording(path: Path | str) -> Recording:
     return parser.build_recording(stream.truncated)
 
 
-@lru_cache(maxsize=8)
-def parse_shared_skin(data: bytes) -> Skin:
-    """Parse the skin of an attachment; equal attachments share one object."""
-    return skin_from_bytes(data)
-
-
 class RecordingParser:
-    """A parser that collects the items of one file and builds its recording."""
+    """Collects the items of one file and builds its recording."""
 
     def __init__(self, path: Path) -> None:
         """Start without any item."""
@@ -260,7 +257,7 @@ class RecordingParser:
             self.events.append(unpack_event(message.data))
 
     def build_recording(self, truncated: bool) -> Recording:
-        """Build the recording; raise unless its header is complete."""
+        """Build the recording; raise a RecordingError unless its header is complete."""
         if self.facts and self.facts.get("format") != FORMAT:
             raise RecordingError(
                 f"{self.path} has recording format {self.facts.get('format')!r:.40}; "
@@ -317,7 +314,7 @@ class RecordingParser:
             ) from error
 
     def find_attachment(self, name: str, truncated: bool) -> bytes:
-        """Return an attachment, or raise an error that says why it is missing."""
+        """Return an attachment; raise a RecordingError where it is missing."""
         if self.facts and name in self.attachments:
             return self.attachments[name]
         missing = f"its {name}" if self.facts else "its eskin metadata"

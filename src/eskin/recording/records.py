@@ -11,7 +11,7 @@ NOTE = "note."
 
 @dataclass(frozen=True)
 class Metadata:
-    """Metadata tell where a recording comes from; empty text means unknown."""
+    """Metadata describe the origin of a recording; empty text means unknown."""
 
     dataset: str = ""
     """Name of the dataset that the recording belongs to."""
@@ -26,7 +26,7 @@ class Metadata:
 
     @property
     def simulated(self) -> bool:
-        """Tell whether `eskin generate` made the recording, so that truth is known."""
+        """Whether `eskin generate` made the recording, so that its truth is known."""
         return self.notes.get("simulated") == "true"
 
     def to_record(self) -> dict[str, str]:
@@ -37,18 +37,9 @@ class Metadata:
     @classmethod
     def from_record(cls, record: dict[str, str]) -> "Metadata":
         """Build metadata from such a map; ignore other keys."""
-        notes = {
-            key.removeprefix(NOTE): value
-            for key, value in record.items()
-            if key.startswith(NOTE)
-        }
-        return cls(
-            record.get("dataset", ""),
-            record.get("subject", ""),
-            record.get("session", ""),
-            record.get("gesture_set", ""),
-            notes,
-        )
+        keys = ("dataset", "subject", "session", "gesture_set")
+        notes = {k.removeprefix(NOTE): record[k] for k in record if k.startswith(NOTE)}
+        return cls(*(record.get(key, "") for key in keys), notes=notes)
 
 
 Vector = tuple[float, float, float]

@@ -1,8 +1,8 @@
 """This module converts the ShearSense dataset (github ubcspin/uuLab-sensor-TGL-model).
 
 Its files state neither units nor geometry, and values were scaled per participant. The
-conversion assumes a flat grid of 10 mm and 256 = 100 kPa for pressure and shear (both
-nominal).
+conversion assumes a flat grid of 10 mm, and 256 counts = 100 kPa for pressure and shear
+(both nominal).
 """
 
 import re
@@ -35,7 +35,7 @@ YEAR = 2023
 UNKNOWN = "UNKNOWN"
 NO_TOUCH = "no"
 
-# Errors that numpy raises for an archive that is cut, damaged or something else.
+# Errors that numpy raises for a file that is truncated, damaged or no archive.
 ARCHIVE_ERRORS = (
     OSError,
     EOFError,
@@ -51,7 +51,7 @@ def convert_shearsense(source: Path | str, folder: Path | str) -> ConversionResu
     """Convert every file of the ShearSense dataset to recordings in `folder`.
 
     Raises:
-        ImportSourceError: naming the file that cannot be converted.
+        ImportSourceError: a file cannot be converted.
     """
     skin = load_skin("shearsense")
     calibration = Calibration(
@@ -66,15 +66,11 @@ def convert_shearsense(source: Path | str, folder: Path | str) -> ConversionResu
 
 def find_shearsense_files(source: Path) -> list[Path]:
     """Find the dataset's files below a folder, sorted by gesture and name."""
-    if not source.is_dir():
-        raise ImportSourceError(
-            f"no folder {source}; give the folder that holds one folder a gesture"
-        )
-    files = sorted(source.rglob("*.npz"))
+    files = sorted(source.rglob("*.npz")) if source.is_dir() else []
     if not files:
+        missing = f".npz file below {source}" if source.is_dir() else f"folder {source}"
         raise ImportSourceError(
-            f"no .npz file below {source}; give the folder that holds one folder a "
-            "gesture"
+            f"no {missing}; give the folder that holds one folder a gesture"
         )
     return files
 
@@ -153,20 +149,20 @@ def parse_participant(path: Path, rest: str) -> str:
 
 
 def parse_support(rest: str) -> str:
-    """Return what the sensor lay on, FLAT or PILLOW, from a file name."""
+    """Return the sensor's support, FLAT or PILLOW, from a file name."""
     found = re.search(r"flat|pillow", rest, re.IGNORECASE)
     return found[0].upper() if found else UNKNOWN
 
 
 def parse_recording_time(rest: str) -> datetime:
-    """Return when a recording started, from a file name; the year's start if unknown.
+    """Return the start of a recording from a file name; that of the year if unknown.
 
-    Time of day is taken as if it were UTC, and the year as 2023 if it is missing.
+    The time of day is taken as UTC, and a missing year as 2023.
     """
     day = re.search(r"([A-Z][a-z]{2})(\d{1,2})(?:(?:st|nd|rd|th)(\d{4}))?", rest)
     clock = re.search(r"(?<!\d)(\d{2})_(\d{2})_(\d{2})(?!\d)", rest)
-    parts = [*(day.groups(str(YEAR)) if day else ("Jan", "1", str(YEAR)))]
-    parts += clock.groups() if clock else ("0", "0", "0")
+    date = day.groups(str(YEAR)) if day else ("Jan", "1", str(YEAR))
+    parts = (*date, *(clock.groups() if clock else ("0", "0", "0")))
     try:
         time = datetime.strptime(" ".join(parts), "%b %d %Y %H %M %S")
     except ValueError:

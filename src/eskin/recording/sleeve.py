@@ -1,10 +1,11 @@
 """This module converts the sleeve dataset (github mdethmers/Social-Touch-Research).
 
 Its files state neither rate, units, geometry nor people. The conversion assumes 10 Hz,
-a flat grid of 10 mm, 255 = 100 kPa (all nominal) and stamps as if local time were UTC.
+a flat grid of 10 mm, 255 counts = 100 kPa (all nominal), and that local time is UTC.
 """
 
 import contextlib
+import itertools
 import json
 import re
 from collections.abc import Sequence
@@ -45,7 +46,7 @@ def convert_sleeve(source: Path | str, folder: Path | str) -> ConversionResult:
     """Convert every file of the sleeve dataset in `source` to recordings in `folder`.
 
     Raises:
-        ImportSourceError: naming the file that cannot be converted.
+        ImportSourceError: a file cannot be converted.
     """
     skin = load_skin("sleeve")
     calibration = Calibration.uniform(skin.count, FULL_SCALE, FULL_SCALE_KPA, FLOOR_KPA)
@@ -60,7 +61,7 @@ def convert_sleeve(source: Path | str, folder: Path | str) -> ConversionResult:
 
 
 def find_start(path: Path) -> datetime:
-    """Find when a recording started: 14 digits in its name, else in its content."""
+    """Find the start of a recording: 14 digits in its name, else in its content."""
     for source in (lambda: path.name, lambda: read_timestamp(path)):
         for digits in re.findall(r"(?<!\d)\d{14}(?!\d)", source()):
             with contextlib.suppress(ValueError):
@@ -83,14 +84,10 @@ def name_sessions(times: Sequence[datetime]) -> list[str]:
     A session starts with a new day or after more than ten minutes without a file. Its
     name is the date and minute of its first file.
     """
-    names: list[str] = []
-    for index, time in enumerate(times):
-        before = times[index - 1] if index else None
-        together = before is not None and time.date() == before.date()
-        if before is not None and together and time - before <= SAME_SESSION:
-            names.append(names[-1])
-        else:
-            names.append(time.strftime("%Y%m%d-%H%M"))
+    names = [time.strftime("%Y%m%d-%H%M") for time in times]
+    for i, (before, time) in enumerate(itertools.pairwise(times)):
+        if time.date() == before.date() and time - before <= SAME_SESSION:
+            names[i + 1] = names[i]
     return names
 
 
@@ -127,7 +124,7 @@ def load_json(path: Path) -> object:
 
 
 def parse_frame(path: Path, index: int, frame: object) -> Int[np.ndarray, "taxel"]:
-    """Return the counts of one frame; the dataset stores them in steps of 1.5."""
+    """Return the counts of one scan; the dataset stores them in steps of 1.5."""
     try:
         values = np.asarray(frame["data"], dtype=np.float64)  # type: ignore[index]
     except (KeyError, TypeError, ValueError) as error:
@@ -139,11 +136,11 @@ def parse_frame(path: Path, index: int, frame: object) -> Int[np.ndarray, "taxel
             f"{path}: frame {index} has shape {values.shape}; allowed is "
             f"({ROWS}, {COLUMNS}); leave other sensors out"
         )
-    if not ((values >= 0) & (values <= FULL_SCALE * STEP)).all():
-        wrong = values[~((values >= 0) & (values <= FULL_SCALE * STEP))][0]
+    wrong = values[~((values >= 0) & (values <= FULL_SCALE * STEP))]
+    if len(wrong):
         raise ImportSourceError(
-            f"{path}: frame {index} holds {wrong}; allowed are 0 to 255; "
-            "leave the file out"
+            f"{path}: frame {index} holds {wrong[0]}; allowed are 0 to 255; leave the "
+            "file out"
         )
     return np.rint(values.reshape(-1) / STEP).astype(np.int32)
 

@@ -1,8 +1,8 @@
 """This module converts the SocialTouch dataset (github yliess86/SocialTouch).
 
 Its files state neither units nor geometry nor the year. The conversion assumes a flat
-grid of 10 mm, 255 = 100 kPa (both nominal), stamps as if local time were UTC, and the
-year 2022, the first in which the dataset's own software could run.
+grid of 10 mm, 255 counts = 100 kPa (both nominal), that local time is UTC, and the year
+2022, the first in which the dataset's own software could run.
 """
 
 import re
@@ -35,49 +35,26 @@ FULL_SCALE = 255
 YEAR = 2022
 PERIOD_NS = 83_000_000
 GAP_NS = 2_000_000_000
-"""Time from the last reading of one repetition to the first of the next: as long as the
-recogniser's window, so that no window holds two repetitions."""
+"""Gap between two repetitions: as long as the recogniser's window, so that no window
+holds two repetitions."""
 TOUCHED_COUNTS = 26
 """Counts from which a reading is touched: a tenth of full scale, which three in four
-readings exceed; taxels at rest show less."""
+readings exceed and taxels at rest do not reach."""
 SUFFIXES = (".csv", ".csv.gz")
 HEAD = ("participantID", "gesture", "repetition", "frameID", "time")
 WIDTH = len(HEAD) + ROWS * COLUMNS
 HEADER = ",".join((*HEAD, *(f"pixel{n}" for n in range(ROWS * COLUMNS))))
 
-GESTURES = (
-    "contact_one_hand",
-    "contact_two_hands",
-    "finger_touch_short_light",
-    "finger_touch_short_strong",
-    "finger_touch_long_light",
-    "finger_touch_long_strong",
-    "poke_short",
-    "poke_strong",
-    "pat_short",
-    "pat_long",
-    "pinch_vertical",
-    "pinch_horizontal",
-    "tap_light",
-    "tap_multiple",
-    "slap_strong",
-    "slap_mid",
-    "hit_side",
-    "hit_top",
-    "stroke_leftright",
-    "stroke_topdown",
-    "stroke_two_once",
-    "caress_prolonged",
-    "tickle_one_fix",
-    "tickle_two_fix",
-    "tickle_everywhere",
-    "arm_full_everywhere",
-    "arms_full_everywhere",
-    "finger_stroke_surface_slow",
-    "finger_stroke_surface_fast",
-    "tap_tam_tam",
-    "caress_prolonged_twohands",
-    "face_hug",
+GESTURES = tuple(
+    """
+    contact_one_hand contact_two_hands finger_touch_short_light
+    finger_touch_short_strong finger_touch_long_light finger_touch_long_strong
+    poke_short poke_strong pat_short pat_long pinch_vertical pinch_horizontal tap_light
+    tap_multiple slap_strong slap_mid hit_side hit_top stroke_leftright stroke_topdown
+    stroke_two_once caress_prolonged tickle_one_fix tickle_two_fix tickle_everywhere
+    arm_full_everywhere arms_full_everywhere finger_stroke_surface_slow
+    finger_stroke_surface_fast tap_tam_tam caress_prolonged_twohands face_hug
+    """.split()
 )
 """Names by the dataset's numbers, as in `GesturesRated.csv` except for the spelling of
 caress."""
@@ -85,7 +62,7 @@ caress."""
 
 @dataclass(frozen=True, eq=False)
 class Repetition:
-    """A repetition is one recording of one gesture by one person."""
+    """One performance of a gesture by a person; a file holds several repetitions."""
 
     person: int
     """Number of the participant."""
@@ -112,7 +89,7 @@ def convert_socialtouch(
         full_scale_kpa: nominal pressure at full scale [kPa].
 
     Raises:
-        ImportSourceError: naming the file that cannot be converted.
+        ImportSourceError: a file cannot be converted.
     """
     skin = build_grid_skin(ROWS, COLUMNS, pitch, name="socialtouch")
     calibration = Calibration.uniform(skin.count, FULL_SCALE, full_scale_kpa)
@@ -147,7 +124,7 @@ def read_socialtouch_file(path: Path) -> ImportedClip:
 
 
 def parse_start(path: Path) -> datetime:
-    """Return when a file was begun, from day, month and time in its name."""
+    """Return the start of a file, from day, month and time in its name."""
     found = re.search(r"-(\d+)_(\d+)_(\d+)h_(\d+)m_(\d+)s\.csv", path.name)
     try:
         day, month, *clock = [int(n) for n in found.groups()] if found else []
@@ -180,11 +157,7 @@ def label_touched(repetition: Repetition, scans: list[Scan]) -> list[Label]:
 
 
 def read_repetitions(path: Path) -> Iterator[Repetition]:
-    """Read the repetitions of one file, in order.
-
-    Raises:
-        ImportSourceError: when the file's format is not that of the dataset.
-    """
+    """Read the repetitions of one file, in order."""
     rows = load_rows(path)
     breaks = np.flatnonzero(np.diff(rows[:, 2])) + 1
     for part in np.split(rows, breaks):
@@ -208,8 +181,8 @@ def load_rows(path: Path) -> Int[np.ndarray, "reading column"]:
         rows = np.loadtxt(body.splitlines(), np.int64, None, ",", ndmin=2)
     except ValueError as error:
         raise ImportSourceError(
-            f"{path}: not whole numbers in {WIDTH} columns "
-            f"({error}); copy it again from the set"
+            f"{path}: not whole numbers in {WIDTH} columns ({error}); copy it again "
+            "from the set"
         ) from error
     check_rows(path, rows)
     return rows
@@ -226,7 +199,7 @@ def load_text(path: Path) -> str:
 
 
 def check_rows(path: Path, rows: Int[np.ndarray, "reading column"]) -> None:
-    """Raise if a file's rows are not those of one person and one gesture."""
+    """Raise unless a file's rows are valid and of one person and one gesture."""
     if rows.shape[1] != WIDTH:
         raise ImportSourceError(
             f"{path}: rows have {rows.shape[1]} columns; allowed are {WIDTH}; copy it "
@@ -251,8 +224,7 @@ def check_range(
     wrong = values[(values < 0) | (values > limit)]
     if len(wrong):
         raise ImportSourceError(
-            f"{path}: {name} is {wrong[0]}; allowed are 0 to {limit}; "
-            "leave the file out"
+            f"{path}: {name} is {wrong[0]}; allowed are 0 to {limit}; leave it out"
         )
 
 

@@ -1,7 +1,7 @@
 """This module writes recordings: MCAP, profile ros2, CDR, zstd chunks of less than 1 s.
 
-Name, skin, calibration and metadata come first, then chunks, so that a file that is cut
-anywhere can be used up to its last whole chunk.
+Name, skin, calibration and metadata come first, then chunks, so a truncated file can be
+used up to its last whole chunk.
 """
 
 import json
@@ -9,7 +9,6 @@ import os
 from collections.abc import Iterable
 from functools import lru_cache
 from pathlib import Path
-from types import TracebackType
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -53,9 +52,12 @@ from eskin.units import NS_PER_S
 
 Annotation = Label | DetectionRecord | EventRecord
 
+encode_skin = lru_cache(maxsize=8)(skin_to_bytes)
+"""Encode a skin; cached, since many recordings share one skin."""
+
 
 class RecordingWriter:
-    """A writer that fills `<path>.part` and renames it to `path` when it is closed.
+    """Writes `<path>.part` and renames it to `path` when it is closed.
 
     After an exception inside `with`, the `.part` file stays and can be read up to the
     last scan that was written.
@@ -131,8 +133,8 @@ class RecordingWriter:
         """Append one scan; stamps must increase.
 
         Raises:
-            RecordingError: when it fits neither the skin nor the robot, or is not
-                later than the scan before.
+            RecordingError: it does not fit the skin or the robot, or is not later than
+                the scan before.
         """
         self.check_next_scan(scan.counts.shape, scan.q.shape, scan.stamp)
         reading = pack_reading(scan, self.skin.name)
@@ -146,9 +148,7 @@ class RecordingWriter:
         received: Bool[np.ndarray, "reading taxel"],
         q: Float[np.ndarray, "reading joint"],
     ) -> None:
-        """Append many scans without shear at once.
-
-        The file is the same as if they were written one by one, which takes longer.
+        """Append many scans without shear at once, faster than one by one.
 
         Raises:
             RecordingError: as for `write`; then none of them is written.
@@ -171,8 +171,8 @@ class RecordingWriter:
             self.mcap.end_chunk()
             self.chunk_start = stamp
         if self.joint_names:
-            self.append_message(JOINT_STATES.name, stamp, state)
-        self.append_message(READING.name, stamp, reading)
+            self.append_message(JOINT_STATES, stamp, state)
+        self.append_message(READING, stamp, reading)
         self.last_stamp = stamp
 
     def check_next_scan(
@@ -197,33 +197,31 @@ class RecordingWriter:
 
     def write_label(self, label: Label) -> None:
         """Append a label; its log time is that of the latest scan."""
-        self.append_message(LABEL.name, self.log_time(label.start), pack_label(label))
+        self.append_message(LABEL, self.log_time(label.start), pack_label(label))
 
     def write_detection(self, record: DetectionRecord) -> None:
         """Append a detection; its log time is that of the latest scan."""
         stamp = self.log_time(record.stamp)
-        self.append_message(DETECTION.name, stamp, pack_detection(record))
+        self.append_message(DETECTION, stamp, pack_detection(record))
 
     def write_truth(self, record: TruthRecord) -> None:
-        """Append the ground truth of one touch; the first one declares the topic."""
-        if TRUTH.name not in self.channels:
-            self.declare_topic(TRUTH)
-        self.append_message(TRUTH.name, record.stamp, pack_truth(record))
+        """Append the ground truth of one touch."""
+        self.append_message(TRUTH, record.stamp, pack_truth(record))
 
     def write_event(self, record: EventRecord) -> None:
         """Append an event; its log time is that of the latest scan."""
-        if EVENT.name not in self.channels:
-            self.declare_topic(EVENT)
         data = pack_event(record, self.skin.name)
-        self.append_message(EVENT.name, self.log_time(record.stamp), data)
+        self.append_message(EVENT, self.log_time(record.stamp), data)
 
     def log_time(self, default: int) -> int:
         """Return the stamp of the latest scan [ns], or `default` before the first."""
         return default if self.last_stamp is None else self.last_stamp
 
-    def append_message(self, topic: str, stamp: int, data: bytes) -> None:
-        """Append one message to the chunk."""
-        self.mcap.add_message(self.channels[topic], stamp, data)
+    def append_message(self, topic: Topic, stamp: int, data: bytes) -> None:
+        """Append one message to the chunk, after declaring its topic if needed."""
+        if topic.name not in self.channels:
+            self.declare_topic(topic)
+        self.mcap.add_message(self.channels[topic.name], stamp, data)
 
     def sync(self) -> None:
         """End the chunk and wait until everything so far is on the disk."""
@@ -250,23 +248,12 @@ class RecordingWriter:
         """Return the writer itself."""
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
         """Close the file, or keep the `.part` file after an exception."""
         if kind is None:
             self.close()
         else:
             self.abandon()
-
-
-@lru_cache(maxsize=8)
-def encode_skin(skin: Skin) -> bytes:
-    """Return the attachment of a skin; cached, since many recordings share one skin."""
-    return skin_to_bytes(skin)
 
 
 def write_all(
@@ -277,10 +264,10 @@ def write_all(
     truths: Iterable[TruthRecord] = (),
     events: Iterable[EventRecord] = (),
 ) -> int:
-    """Write scans, and everything known about them, in the order of time.
+    """Write scans and their annotations in the order of time; return the scan count.
 
     A label comes after its last scan, so that no part of a file says more about a touch
-    than was known by then. Truths keep their order. Returns the number of scans.
+    than was known by then. Truths keep their order.
     """
     annotations: list[tuple[int, Annotation]] = [
         *((label.end, label) for label in sort_labels(labels)),
@@ -332,7 +319,7 @@ def rewrite_recording(
         detections: all detections of the copy; None keeps the recording's.
 
     Raises:
-        RecordingError: when a truncated recording would be replaced.
+        RecordingError: a truncated recording would be replaced.
     """
     target = recording.path if path is None else Path(path)
     check_not_overwritten(recording, target)
@@ -360,7 +347,7 @@ def rewrite_recording(
 
 
 def check_not_overwritten(recording: Recording, target: Path) -> None:
-    """Raise if a truncated recording would be replaced by what can be read of it."""
+    """Raise if a truncated recording would be replaced by its readable part."""
     if recording.truncated and target.resolve() == recording.path.resolve():
         raise RecordingError(
             f"{recording.path} is cut short and would be replaced by what is left; "

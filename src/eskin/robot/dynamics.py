@@ -17,7 +17,6 @@ class Wrench:
     """A wrench is a force and a torque that act on a link, in the link's frame."""
 
     link: str
-    """Name of the link."""
     force_link: Float[np.ndarray, "3"]
     """Force [N]."""
     torque_link: Float[np.ndarray, "3"]
@@ -25,37 +24,32 @@ class Wrench:
 
 
 BRAKE_IMPEDANCE = 0.9999
-"""Largest impedance of MuJoCo's constraints (`solimp`), with the least creep."""
+"""Impedance of the brakes' constraints (`solimp`), the largest that MuJoCo allows: it
+makes them creep least."""
 
 
 @dataclass(frozen=True)
 class ServoConfig:
-    """The configuration of servos and payload has defaults that suit a UR5.
+    """A configuration describes servos and payload; the defaults suit a UR5.
 
-    UR does not publish its gains. The stiffness is chosen such that 100 N, to which a
-    UR5 yields without a stop, turn no joint of a stretched arm by 0.05 rad. The damping
-    is about critical in a bent arm. The rotors are those of the UR5e of MuJoCo
-    Menagerie.
+    UR does not publish its gains. The stiffness is chosen such that 100 N on a
+    stretched arm, which a UR5 withstands without a stop, deflect no joint by 0.05 rad.
+    The damping is about critical in a bent arm. The rotor inertia is that of the UR5e
+    in MuJoCo Menagerie.
     """
 
     stiffness: tuple[float, ...] = (2000.0, 2000.0, 2000.0, 500.0, 500.0, 500.0)
     """Stiffness of each joint [Nm/rad]."""
-
     damping: tuple[float, ...] = (120.0, 120.0, 120.0, 15.0, 15.0, 15.0)
     """Damping of each joint [Nm s/rad]."""
-
     rotor_inertia: float = 0.1
     """Inertia of a joint's rotor on the output side of the gear [kg m2]."""
-
     tool: str = "tool0"
     """Link that carries the gripper."""
-
     payload: float = 0.9
     """Mass of the gripper, such as a Robotiq 2F-85, without load [kg]."""
-
     payload_offset: float = 0.06
     """Distance of the gripper's centre of mass from the flange [m]."""
-
     step: float = 0.002
     """Time step of physics and servos [s]."""
 
@@ -64,8 +58,8 @@ class ServoConfig:
 class Dynamics:
     """Dynamics simulate a robot with position servos and gravity compensation.
 
-    The joints' torques stay within the efforts of the URDF. There are no contacts and
-    no friction but that of the brakes, which slip above the effort of their joint.
+    Joint torques are limited by the efforts of the URDF. There are no contacts, and no
+    friction but that of the brakes, which slip above the effort of their joint.
 
     Attributes:
         config: configuration of servos and payload.
@@ -95,7 +89,8 @@ class Dynamics:
         self.data = self.mujoco.MjData(self.model)
         self.data.qpos[:] = q
         self.effort = np.array(self.model.jnt_actfrcrange[:, 1])
-        self.lead = np.divide(self.config.damping, self.config.stiffness)
+        # With this feedforward, the servos damp only the error of the velocity.
+        self.feedforward = np.divide(self.config.damping, self.config.stiffness)
         self.mujoco.mj_forward(self.model, self.data)
 
     def build_model(self, robot_name: str) -> Any:  # noqa: ANN401 (a type of MuJoCo)
@@ -118,8 +113,9 @@ class Dynamics:
         tool.inertia = np.full(3, config.payload * config.payload_offset**2 / 3)
         tool.explicitinertial = True
         names = load_robot(robot_name).joint_names
-        gains = zip(names, config.stiffness, config.damping, strict=True)
-        for name, stiffness, damping in gains:
+        for name, stiffness, damping in zip(
+            names, config.stiffness, config.damping, strict=True
+        ):
             joint = spec.joint(name)
             joint.armature, joint.actgravcomp = config.rotor_inertia, True
             servo = spec.add_actuator(name=name, target=name)
@@ -146,19 +142,17 @@ class Dynamics:
         return self.data.qfrc_actuator.copy()
 
     def step(
-        self,
-        q: Float[np.ndarray, "joint"],
-        velocity: Float[np.ndarray, "joint"],
+        self, q: Float[np.ndarray, "joint"], velocity: Float[np.ndarray, "joint"]
     ) -> None:
-        """Advance one step toward positions [rad] that move at velocities [rad/s]."""
-        self.data.ctrl[:] = q + self.lead * velocity
+        """Advance one step with target positions [rad] and velocities [rad/s]."""
+        self.data.ctrl[:] = q + self.feedforward * velocity
         self.mujoco.mj_step(self.model, self.data)
 
     def apply_wrenches(self, wrenches: Sequence[Wrench]) -> None:
         """Apply these wrenches, and no others, until the next call.
 
-        Each keeps its direction and its lever arm about the centre of mass in the
-        world, however the link moves meanwhile.
+        Until then each keeps its direction and its lever arm about the centre of mass
+        in the world while the link moves.
         """
         data = self.data
         data.xfrc_applied[:] = 0.0

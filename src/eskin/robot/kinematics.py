@@ -13,14 +13,14 @@ from eskin.transforms import log_so3, skew
 
 @final
 class Kinematics:
-    """Forward kinematics map one `q`, or a batch, to poses of all links in float64.
+    """Forward kinematics compute the poses of all links from one `q` or a batch.
 
-    A joint's motion is linear in sin q, 1 - cos q and q (Rodrigues), so the constant
-    matrices of all joints are multiplied once, at construction.
+    The transform of a joint is linear in sin q, 1 - cos q and q (Rodrigues); the
+    constant matrices of these terms are computed once, at construction.
     """
 
     def __init__(self, robot: Robot) -> None:
-        """Compute the constant matrices of every joint."""
+        """Compute the constant matrices of every joint of a robot."""
         self.robot = robot
         self.order = sort_links(robot)
         links = len(robot.links)
@@ -37,9 +37,7 @@ class Kinematics:
     def poses(
         self, q: Float[np.ndarray, "*batch joint"]
     ) -> Float[np.ndarray, "*batch link 4 4"]:
-        """Return T_world_link of every link, in the order of `robot.links`.
-
-        The world is the frame of the root link.
+        """Return T_world_link of every link (float64), in the order of `robot.links`.
 
         Args:
             q: values of the joints in `robot.joint_names` [rad] or [m].
@@ -61,7 +59,7 @@ class Kinematics:
 
 
 def compute_motion_terms(joint: Joint) -> list[Float[np.ndarray, "4 4"]]:
-    """Return the constant term of a joint's motion and those of sin q, 1 - cos q, q."""
+    """Return a joint's constant matrix and those of sin q, 1 - cos q and q."""
     sine, versine, slide = np.zeros((3, 4, 4))
     if joint.kind == "prismatic":
         slide[:3, 3] = joint.axis
@@ -72,9 +70,10 @@ def compute_motion_terms(joint: Joint) -> list[Float[np.ndarray, "4 4"]]:
 
 
 def sort_links(robot: Robot) -> Int[np.ndarray, "link 3"]:
-    """Return link, parent and index in `q` (or -1), parents before children.
+    """Return each link's index, that of its parent, and that of its joint in `q`.
 
-    A joint that follows another has the index of that one; a fixed joint has -1.
+    Parents come before children. A joint that follows another has the index of that
+    one; a fixed joint, and a missing parent, is -1.
     """
     indices = {name: index for index, name in enumerate(robot.joint_names)}
     rows = {
@@ -96,23 +95,23 @@ MAX_ITERATIONS = 50
 DAMPING = 0.01
 """Damping that limits joint steps near a singularity [m], [rad]."""
 TOLERANCE = 1e-5
-"""Largest remaining error of the link's pose [m], [rad]."""
+"""Error of the link's pose below which the iteration has converged [m], [rad]."""
 JACOBIAN_STEP = 1e-6
 """Joint step of the finite differences of the Jacobian [rad]."""
 MAX_JOINT_STEP = 0.5
-"""Largest change of a joint for a small step; more means a singularity [rad]."""
+"""Largest change of a joint in a solution; larger ones are near singularities [rad]."""
 
 
 @final
 class DampedLeastSquaresIK:
-    """Damped least squares find joint positions that move one link by a small step.
+    """This solver finds joint positions that translate one link by a small step.
 
-    The link keeps its orientation. The iteration (Wampler 1986) begins at the current
-    joint positions.
+    The link keeps its orientation. Damped least squares (Wampler 1986) are iterated
+    from the current joint positions.
     """
 
     def __init__(self, robot: Robot, link: str) -> None:
-        """Prepare the kinematics of one link of a robot."""
+        """Build the kinematics, and compile them before the first step."""
         self.robot = robot
         self.link = robot.link_index(link)
         self.kinematics = Kinematics(robot)
@@ -125,7 +124,7 @@ class DampedLeastSquaresIK:
     def solve_step(
         self, q: Float[np.ndarray, "joint"], step_world: Float[np.ndarray, "3"]
     ) -> Float[np.ndarray, "joint"] | None:
-        """Return joint positions that move the link; None where it cannot get there.
+        """Return joint positions that translate the link; None where there are none.
 
         Args:
             q: current joint positions [rad].
@@ -133,30 +132,29 @@ class DampedLeastSquaresIK:
         """
         goal = self.poses(q[None])[0]
         goal[:3, 3] += step_world
-        found = q.astype(np.float64)
+        solution = q.astype(np.float64)
         for _ in range(MAX_ITERATIONS):
-            nudged = np.vstack([found, found + JACOBIAN_STEP * np.eye(len(q))])
-            T = self.poses(nudged)
+            shifted = solution + JACOBIAN_STEP * np.eye(len(q))
+            T = self.poses(np.vstack([solution, shifted]))
             error = compute_pose_error(goal[None], T[:1])[0]
             if np.abs(error).max() < TOLERANCE:
-                return found if self.is_allowed(found, q) else None
+                return solution if self.is_allowed(solution, q) else None
             J = compute_pose_error(T[1:], T[:1]).T / JACOBIAN_STEP
-            found = found + J.T @ np.linalg.solve(
-                J @ J.T + DAMPING**2 * np.eye(len(J)), error
-            )
+            damped = J @ J.T + DAMPING**2 * np.eye(len(J))
+            solution = solution + J.T @ np.linalg.solve(damped, error)
         return None
 
     def is_allowed(
-        self, found: Float[np.ndarray, "joint"], q: Float[np.ndarray, "joint"]
+        self, solution: Float[np.ndarray, "joint"], q: Float[np.ndarray, "joint"]
     ) -> bool:
-        """Return whether joints are within their limits and near the current `q`."""
-        inside = (found >= self.robot.lower) & (found <= self.robot.upper)
-        return bool(inside.all() and np.abs(found - q).max() <= MAX_JOINT_STEP)
+        """Return whether a solution is within the joint limits and near `q`."""
+        inside = (solution >= self.robot.lower) & (solution <= self.robot.upper)
+        return bool(inside.all() and np.abs(solution - q).max() <= MAX_JOINT_STEP)
 
 
 def compute_pose_error(
     T_to: Float[np.ndarray, "n 4 4"], T_from: Float[np.ndarray, "1 4 4"]
 ) -> Float[np.ndarray, "n 6"]:
     """Return translation [m] and rotation [rad] in the world from a pose to others."""
-    turn = T_to[:, :3, :3] @ T_from[:, :3, :3].swapaxes(1, 2)
-    return np.concatenate([T_to[:, :3, 3] - T_from[:, :3, 3], log_so3(turn)], axis=1)
+    R = T_to[:, :3, :3] @ T_from[:, :3, :3].swapaxes(1, 2)
+    return np.concatenate([T_to[:, :3, 3] - T_from[:, :3, 3], log_so3(R)], axis=1)

@@ -1,4 +1,4 @@
-"""This module holds the compiled kernels of forward kinematics."""
+"""This module computes forward kinematics in compiled code."""
 
 import math
 from typing import no_type_check
@@ -22,12 +22,12 @@ def compute_link_poses(
 
     Args:
         q: values of the joints [rad] or [m].
-        order: parents before children: a link, its parent and the index in `q` of the
-            joint between them; -1 where there is none, or where it does not move.
+        order: a link, its parent and the index in `q` of the joint between them, with
+            parents before children; -1 for no parent or a fixed joint.
         mimic: multiplier and offset that turn a value of `q` into the joint's value.
-        motion: matrices of each link without their last row: the constant term of the
-            joint's motion, then those of sin q, 1 - cos q and q.
-        out: the poses that are written.
+        motion: matrices of each joint without their last row: the constant one, then
+            those of sin q, 1 - cos q and q.
+        out: the poses, which are written.
     """
     for n in range(len(q)):
         for i in range(len(order)):
@@ -37,9 +37,7 @@ def compute_link_poses(
             T[3, :3], T[3, 3] = 0.0, 1.0
             if source >= 0:
                 value = q[n, source] * mimic[link, 0] + mimic[link, 1]
-                add_joint_motion(
-                    math.sin(value), math.sin(0.5 * value), value, motion[link], T
-                )
+                add_joint_motion(value, motion[link], T)
             if parent >= 0:
                 transform_to_world(out[n, parent], T)
 
@@ -47,21 +45,10 @@ def compute_link_poses(
 @compiled
 @no_type_check
 def add_joint_motion(
-    sine: float,
-    half: float,
-    value: float,
-    motion: Float[np.ndarray, "4 3 4"],
-    T: Float[np.ndarray, "4 4"],
+    value: float, motion: Float[np.ndarray, "4 3 4"], T: Float[np.ndarray, "4 4"]
 ) -> None:
-    """Add a joint's motion to its frame at joint value 0.
-
-    Args:
-        sine: sine of the value.
-        half: sine of half the value.
-        value: value of the joint [rad] or [m].
-        motion: matrices of the link, as in `compute_link_poses`.
-        T: the frame, which is changed in place.
-    """
+    """Add the motion of a joint at a value [rad] or [m] to its frame at value 0."""
+    sine, half = math.sin(value), math.sin(0.5 * value)
     versine = 2.0 * half * half
     for r in range(3):
         for c in range(4):

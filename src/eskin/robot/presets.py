@@ -1,4 +1,4 @@
-"""This module loads robots that come with eskin, and those of other URDF files."""
+"""This module loads robots by the name of a preset or the path of a URDF file."""
 
 from importlib import resources
 from pathlib import Path
@@ -47,11 +47,11 @@ def read_preset_urdf(name: str) -> str:
 
 
 def load_recorded_robot(name: str, urdf: str | Path | None = None) -> Robot:
-    """Load the robot of a recording, whose name is never taken for a path.
+    """Load the robot of a recording; the recorded name is never used as a path.
 
     Args:
         name: name of the robot in the recording.
-        urdf: robot that the user gives instead: one of `ROBOT_PRESETS` or a URDF file.
+        urdf: robot to load instead: one of `ROBOT_PRESETS` or a URDF file.
 
     Raises:
         RobotError: There is no robot of that name, or the file cannot be used.

@@ -1,7 +1,7 @@
 """This module describes a robot: a tree of links connected by joints."""
 
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Literal
@@ -30,7 +30,7 @@ class Mimic:
     """A mimic rule sets a joint's value to multiplier * other's value + offset."""
 
     joint: str
-    """Name of the joint that is followed."""
+    """Name of the other joint."""
     multiplier: float = 1.0
     """Factor of the other joint's value."""
     offset: float = 0.0
@@ -75,7 +75,6 @@ class Robot:
     """
 
     name: str
-    """Name of the robot."""
     links: tuple[Link, ...]
     """Links, in the order in which poses are computed."""
     joints: tuple[Joint, ...]
@@ -83,17 +82,13 @@ class Robot:
 
     def __post_init__(self) -> None:
         """Check that links and joints form one tree."""
-        check_tree(
-            self.name,
-            [link.name for link in self.links],
-            [(joint.name, joint.parent, joint.child) for joint in self.joints],
-        )
+        check_tree(self)
         for joint in self.joints:
             if joint.mimic and joint.mimic.joint not in self.joint_names:
                 raise RobotError(
                     f"robot '{self.name}': joint '{joint.name}' follows "
-                    f"'{joint.mimic.joint}', which is no moving joint with a value of "
-                    f"its own; allowed: {', '.join(self.joint_names) or 'none'}"
+                    f"'{joint.mimic.joint}', which has no value of its own; "
+                    f"allowed: {', '.join(self.joint_names) or 'none'}"
                 )
 
     @cached_property
@@ -140,65 +135,49 @@ class Robot:
         return self.link_names.index(name)
 
 
-JointTriple = tuple[str, str, str]
-
-
-def check_tree(robot: str, links: Sequence[str], joints: Sequence[JointTriple]) -> None:
-    """Raise unless links and joints (name, parent, child) form one tree.
-
-    Raises:
-        RobotError: A name is repeated, a link is unknown or has two parents, or there
-            are several roots or a cycle.
-    """
-    if not links:
-        raise RobotError(f"robot '{robot}' has no links; at least one is needed")
-    for kind, names in (("link", links), ("joint", [name for name, _, _ in joints])):
+def check_tree(robot: Robot) -> None:
+    """Raise unless the links and joints of a robot form one tree."""
+    if not robot.links:
+        raise RobotError(f"robot '{robot.name}' has no links; at least one is needed")
+    joint_names = [joint.name for joint in robot.joints]
+    for kind, names in (("link", robot.link_names), ("joint", joint_names)):
         if duplicate := find_duplicate(names):
             raise RobotError(
-                f"robot '{robot}' has {kind} '{duplicate}' twice; rename one"
+                f"robot '{robot.name}' has {kind} '{duplicate}' twice; rename one"
             )
-    check_link_references(robot, set(links), joints)
-    if child := find_duplicate([child for _, _, child in joints]):
-        parents = sorted(name for name, _, c in joints if c == child)
-        raise RobotError(
-            f"robot '{robot}': link '{child}' hangs from several joints "
-            f"({', '.join(parents)}); allowed: one"
-        )
-    check_connected(robot, links, joints)
-
-
-def check_link_references(
-    robot: str, links: set[str], joints: Sequence[JointTriple]
-) -> None:
-    """Raise where the parent or child of a joint is not a link."""
-    for name, parent, child in joints:
-        for end, link in (("parent", parent), ("child", child)):
-            if link not in links:
+    for joint in robot.joints:
+        for end, link in (("parent", joint.parent), ("child", joint.child)):
+            if link not in robot.link_names:
                 raise RobotError(
-                    f"robot '{robot}': joint '{name}' has unknown {end} link "
-                    f"'{link}'; allowed: {', '.join(sorted(links))}"
+                    f"robot '{robot.name}': joint '{joint.name}' has unknown {end} "
+                    f"link '{link}'; allowed: {', '.join(sorted(robot.link_names))}"
                 )
+    if child := find_duplicate(joint.child for joint in robot.joints):
+        joints = sorted(joint.name for joint in robot.joints if joint.child == child)
+        raise RobotError(
+            f"robot '{robot.name}': link '{child}' is the child of several joints "
+            f"({', '.join(joints)}); allowed: one"
+        )
+    check_connected(robot)
 
 
-def check_connected(
-    robot: str, links: Sequence[str], joints: Sequence[JointTriple]
-) -> None:
+def check_connected(robot: Robot) -> None:
     """Raise where there are several roots, or links form a cycle."""
-    parent_of = {child: parent for _, parent, child in joints}
-    roots = [link for link in links if link not in parent_of]
+    parent_of = {joint.child: joint.parent for joint in robot.joints}
+    roots = [link for link in robot.link_names if link not in parent_of]
     if len(roots) > 1:
         raise RobotError(
-            f"robot '{robot}' has several roots ({', '.join(roots)}); "
+            f"robot '{robot.name}' has several roots ({', '.join(roots)}); "
             "join them with fixed joints to leave one"
         )
     reached = set(roots)
-    left = [link for link in links if link not in reached]
+    left = [link for link in robot.link_names if link not in reached]
     while new := {link for link in left if parent_of[link] in reached}:
         reached |= new
         left = [link for link in left if link not in new]
     if left:
         raise RobotError(
-            f"robot '{robot}': links {', '.join(left)} hang in a cycle; "
+            f"robot '{robot.name}': links {', '.join(left)} form a cycle; "
             "remove the joint that closes it"
         )
 

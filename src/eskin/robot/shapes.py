@@ -52,7 +52,6 @@ class Geom:
     """A geom places one collision shape on a link."""
 
     shape: Shape
-    """The shape, in its own frame."""
     T_link_shape: Float[np.ndarray, "4 4"]
     """Pose of the shape's own frame in the link's frame [m]."""
 
@@ -80,9 +79,8 @@ def build_shape_mesh(shape: Shape, segments: int = 48) -> TriangleMesh:
             return build_box_mesh(shape)
         case Cylinder():
             radius, height = shape.radius, shape.length / 2
-            return revolve_profile(
-                np.array([[radius, -height], [radius, height]]), height, segments
-            )
+            profile = np.array([[radius, -height], [radius, height]])
+            return revolve_profile(profile, height, segments)
         case Sphere():
             angle = np.linspace(-np.pi / 2, np.pi / 2, max(segments // 2, 2) + 1)[1:-1]
             profile = shape.radius * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
@@ -94,16 +92,9 @@ def build_shape_mesh(shape: Shape, segments: int = 48) -> TriangleMesh:
 def build_box_mesh(box: Box) -> TriangleMesh:
     """Build the eight corners and twelve triangles of a box."""
     signs = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
-    # Corner 4x + 2y + z; each side counter-clockwise as seen from outside.
-    sides = [
-        [0, 1, 3, 2],
-        [4, 6, 7, 5],
-        [0, 4, 5, 1],
-        [2, 3, 7, 6],
-        [0, 2, 6, 4],
-        [1, 5, 7, 3],
-    ]
-    quads = np.array(sides)
+    # Each digit is a corner 4x + 2y + z; sides are counter-clockwise from outside.
+    sides = ("0132", "4675", "0451", "2376", "0264", "1573")
+    quads = np.array([[int(corner) for corner in side] for side in sides])
     faces = np.concatenate([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]])
     return TriangleMesh(signs * np.array(box.size) / 2, faces)
 
@@ -115,7 +106,7 @@ def revolve_profile(
 
     Args:
         profile: rings from the lowest to the highest [m].
-        height: the end points are at z = -height and z = height [m].
+        height: distance of the end points from z = 0 [m].
         segments: number of corners of a ring.
     """
     angle = np.arange(segments) * 2 * np.pi / segments

@@ -13,19 +13,20 @@ from eskin.robot.shapes import Box, Cylinder, Geom, Sphere, TriangleMesh
 from eskin.transforms import apply, invert, rotate
 
 Points = Float[np.ndarray, "point 3"]
+Triangles = Float[np.ndarray, "face 3 3"]
 Distances = tuple[Float[np.ndarray, "point"], Float[np.ndarray, "point 3"]]
 
 PAIRS_AT_ONCE = 200_000
-"""Largest number of pairs of points and triangles that are held in memory."""
+"""Number of pairs of points and triangles that are processed at once."""
 ON_SURFACE = 1e-7
-"""Distance below which the nearest triangle's own normal is taken [m]."""
+"""Distance below which the normal is that of the nearest triangle [m]."""
 
 
 def compute_surface_distance(link: Link, p_link: Points) -> Distances:
     """Compute distance and normal from points to the union of a link's geoms.
 
-    The distance is exact outside and on the surface. Inside, where geoms overlap, it is
-    that of the geom the point is deepest in, which is no deeper than the union.
+    The distance is exact outside and on the surface. Inside overlapping geoms it is
+    that of the geom in which the point is deepest, a lower bound of the depth.
 
     Args:
         link: the link, which must have geoms.
@@ -100,10 +101,10 @@ def split_length(vectors: Points) -> Distances:
 def compute_corner_distance(
     beyond: Float[np.ndarray, "point side"],
 ) -> tuple[Float[np.ndarray, "point"], Float[np.ndarray, "point side"]]:
-    """Compute distance and normal of a corner of flat sides at right angles.
+    """Compute distance and normal of a corner of perpendicular sides.
 
     Args:
-        beyond: distance of each point from each side, negative inside [m].
+        beyond: signed distance of each point from each side, negative inside [m].
     """
     outside = np.maximum(beyond, 0.0)
     length = np.linalg.norm(outside, axis=-1)
@@ -138,7 +139,7 @@ def compute_mesh_distance(mesh: TriangleMesh, points: Points) -> Distances:
 
 
 def compute_winding_number(
-    corners: Float[np.ndarray, "face 3 3"], points: Points
+    corners: Triangles, points: Points
 ) -> Float[np.ndarray, "point"]:
     """Compute the winding number of triangles: 1 inside a closed mesh, 0 outside.
 
@@ -153,7 +154,7 @@ def compute_winding_number(
 
 
 def find_nearest_triangle(
-    corners: Float[np.ndarray, "face 3 3"], points: Points
+    corners: Triangles, points: Points
 ) -> tuple[Int[np.ndarray, "point"], Points]:
     """Return for each point the nearest triangle, and the nearest point on it."""
     candidates = find_nearest_points(corners[None], points[:, None])
@@ -198,9 +199,7 @@ def are_inside_edges(
     return inside
 
 
-def compute_triangle_normals(
-    corners: Float[np.ndarray, "face 3 3"],
-) -> Float[np.ndarray, "face 3"]:
+def compute_triangle_normals(corners: Triangles) -> Float[np.ndarray, "face 3"]:
     """Compute unit normals, which are zero for triangles without area."""
     a, b, c = np.moveaxis(corners, 1, 0)
     normal = np.cross(b - a, c - a)

@@ -28,20 +28,19 @@ def load_urdf(path: str | Path, *, meshes: bool = True) -> Robot:
     Args:
         path: the file. Meshes given as `package://` are looked up in its folder and in
             every folder above.
-        meshes: whether to read `<mesh>` geoms, which needs the extra `models`; without
-            them a robot is good for kinematics only.
+        meshes: whether to read `<mesh>` geoms, which needs the extra `models`. Links
+            without them have no surface; kinematics do not need one.
 
     Raises:
         RobotError: The file is missing or is no URDF that can be used.
     """
     path = Path(path)
     root = parse_urdf(path)
-    name = root.get("name") or path.stem
     folder = path.resolve().parent if meshes else None
     try:
         links = tuple(read_link(element, folder) for element in root.findall("link"))
         joints = tuple(read_joint(element) for element in root.findall("joint"))
-        return Robot(name, links, joints)
+        return Robot(root.get("name") or path.stem, links, joints)
     except RobotError as error:
         raise RobotError(f"{path}: {error}") from None
 
@@ -166,7 +165,7 @@ def read_limits(
 
 
 def read_mimic(element: Element, kind: JointKind, place: str) -> Mimic | None:
-    """Read which joint this one follows, if any."""
+    """Read the rule by which a joint follows another, if there is one."""
     found = element.find("mimic")
     if found is None or kind == "fixed":
         return None
@@ -176,11 +175,7 @@ def read_mimic(element: Element, kind: JointKind, place: str) -> Mimic | None:
 
 
 def find_child(element: Element, tag: str, place: str) -> Element:
-    """Return the first child with a tag.
-
-    Raises:
-        RobotError: There is none.
-    """
+    """Return the first child with a tag; raise where there is none."""
     found = element.find(tag)
     if found is None:
         raise RobotError(f"{place} has no <{tag}>; add one")
@@ -188,11 +183,7 @@ def find_child(element: Element, tag: str, place: str) -> Element:
 
 
 def read_text(element: Element, attribute: str, place: str) -> str:
-    """Read an attribute that is required.
-
-    Raises:
-        RobotError: It is missing or empty.
-    """
+    """Read an attribute; raise where it is missing or empty."""
     value = element.get(attribute, "").strip()
     if not value:
         raise RobotError(f"{place}: <{element.tag}> has no '{attribute}'; add it")
@@ -206,11 +197,7 @@ def read_numbers(
     count: int,
     default: Sequence[float] | None = None,
 ) -> tuple[float, ...]:
-    """Read a given count of finite numbers from an attribute.
-
-    Raises:
-        RobotError: They are missing and have no default, or their count is another.
-    """
+    """Read a given count of finite numbers from an attribute, which may be required."""
     if default is not None and element.get(attribute) is None:
         return tuple(default)
     given = read_text(element, attribute, place)
@@ -233,13 +220,9 @@ def read_number(
     default: float | None = None,
     above: float = -np.inf,
 ) -> float:
-    """Read one finite number from an attribute.
-
-    Raises:
-        RobotError: It is missing, no number, or not above the given bound.
-    """
-    default_values = None if default is None else (default,)
-    (value,) = read_numbers(element, attribute, place, 1, default_values)
+    """Read one finite number above a bound from an attribute."""
+    defaults = None if default is None else (default,)
+    (value,) = read_numbers(element, attribute, place, 1, defaults)
     if value <= above:
         raise RobotError(
             f"{place}: <{element.tag}> {attribute} is {value:g}; "
@@ -249,11 +232,7 @@ def read_number(
 
 
 def read_origin(element: Element, place: str) -> Float[np.ndarray, "4 4"]:
-    """Read the pose in an element's <origin>, which is the identity without one [m].
-
-    Raises:
-        RobotError: The xyz or rpy are not three numbers.
-    """
+    """Read the pose of an element's <origin> [m]; without one it is the identity."""
     found = element.find("origin")
     if found is None:
         return np.eye(4)
@@ -265,17 +244,7 @@ def read_origin(element: Element, place: str) -> Float[np.ndarray, "4 4"]:
 def load_mesh(
     uri: str, folder: Path, scale: tuple[float, ...], place: str
 ) -> TriangleMesh:
-    """Read a mesh file with trimesh, which the extra `models` installs.
-
-    Args:
-        uri: a path, `file://` or `package://` address, as in the URDF.
-        folder: the URDF's folder.
-        scale: factors along x, y and z.
-        place: element of the URDF that names the mesh, for messages.
-
-    Raises:
-        RobotError: The package trimesh or the file is missing, or the file is no mesh.
-    """
+    """Read a mesh file, scaled along x, y and z, with trimesh (extra `models`)."""
     path = resolve_mesh_path(uri, folder, place)
     try:
         trimesh = importlib.import_module("trimesh")
@@ -298,7 +267,7 @@ def load_mesh(
 
 
 def resolve_mesh_path(uri: str, folder: Path, place: str) -> Path:
-    """Return the file that an address in a URDF refers to."""
+    """Return the file of a path, `file://` or `package://` address in a URDF."""
     if uri.startswith("package://"):
         relative = uri.removeprefix("package://")
         # A package's folder may have another name than the package.

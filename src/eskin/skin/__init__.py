@@ -10,9 +10,8 @@ from eskin.skin.files import (
     skin_to_bytes,
 )
 from eskin.skin.layout import TaxelGrid, build_grid_skin, build_skin, cut_corners
-from eskin.skin.mounted_skin import MountedSkin
 from eskin.skin.presets import SKIN_PRESETS, SkinPreset, load_robot_for_skin
-from eskin.skin.skin import Patch, Skin
+from eskin.skin.skin import MountedSkin, Patch, Skin
 from eskin.skin.surfaces import Dome, Plane, Surface, SurfacePoints, Tube, fit_surface
 
 __all__ = [

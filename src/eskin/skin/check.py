@@ -1,6 +1,7 @@
 """This module finds everything that is wrong with a skin, patch by patch."""
 
 from collections import Counter
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,13 +17,9 @@ class SkinProblem:
     """A problem says one thing that is wrong with a skin, and where."""
 
     text: str
-    """Description: what is wrong, what was got and what is allowed."""
-
+    """What is wrong, what was got and what is allowed."""
     patch: str | None = None
-    """Id of the patch, where it is known."""
-
     taxel: int | None = None
-    """Id of the taxel, where it is known."""
 
     def __str__(self) -> str:
         """Return one line that names the patch and taxel."""
@@ -34,33 +31,18 @@ class SkinProblem:
         return f"{', '.join(where)}: {self.text}" if where else self.text
 
 
-@dataclass(frozen=True, eq=False)
-class Spacing:
-    """The spacing holds what the neighbouring cells of each taxel say about it."""
-
-    cell_areas: Float[np.ndarray, "taxel"]
-    """Distance to the next in the row times that in the column, or NaN [m2]."""
-
-    neighbour_normals: Float[np.ndarray, "taxel 3"]
-    """Sum of the normals of the neighbouring cells; zero where there are none."""
-
-
 @dataclass(frozen=True)
 class CheckConfig:
-    """The configuration of the check holds its tolerances."""
+    """A configuration holds the tolerances of the check."""
 
     max_surface_distance: float = 0.005
     """Largest distance of a taxel from its link's surface [m]."""
-
     min_taxel_distance: float = 0.0002
     """Smallest distance of two taxels of a link [m]."""
-
     min_fill: float = 0.2
-    """Smallest area of a taxel over that of its cell between the neighbours."""
-
+    """Smallest area of a taxel over that of the cell between its neighbours."""
     max_fill: float = 1.5
     """Largest area of a taxel over that of its cell."""
-
     min_cosine: float = 0.5
     """Smallest cosine between a taxel's normal and its surface's."""
 
@@ -76,15 +58,15 @@ def check_skin(
         config: tolerances of the check.
     """
     config = config or CheckConfig()
-    spacing = measure_spacing(skin)
+    cell_areas, neighbour_normals = compare_neighbours(skin)
     problems = [
         *find_patch_problems(skin),
         *find_cell_problems(skin),
         *find_position_problems(skin),
         *find_direction_problems(skin),
         *find_coincident_problems(skin, config),
-        *find_area_problems(skin, spacing, config),
-        *find_flipped_problems(skin, spacing),
+        *find_area_problems(skin, cell_areas, config),
+        *find_flipped_problems(skin, neighbour_normals),
     ]
     if robot is not None:
         problems += find_link_problems(skin, robot)
@@ -92,68 +74,54 @@ def check_skin(
     return problems
 
 
-def find_patch_problems(skin: Skin) -> list[SkinProblem]:
+def find_patch_problems(skin: Skin) -> Iterator[SkinProblem]:
     """Find repeated patch ids and addresses, and patches without taxels."""
-    found = []
     ids = Counter(patch.id for patch in skin.patches)
     addresses: dict[int, str] = {}
     filled = set(skin.patch_index.tolist())
     for number, patch in enumerate(skin.patches):
         if ids[patch.id] > 1:
             text = f"{ids[patch.id]} patches have this id, allowed one"
-            found.append(SkinProblem(text, patch.id))
+            yield SkinProblem(text, patch.id)
         if patch.address in addresses:
+            other = addresses[patch.address]
             text = (
-                f"address {patch.address} is that of patch "
-                f"'{addresses[patch.address]}' too, allowed once in a skin"
+                f"address {patch.address} is that of patch '{other}' too, allowed once"
             )
-            found.append(SkinProblem(text, patch.id))
+            yield SkinProblem(f"{text} in a skin", patch.id)
         addresses.setdefault(patch.address, patch.id)
         if number not in filled:
-            found.append(SkinProblem("has no taxels, allowed one or more", patch.id))
-    return found
+            yield SkinProblem("has no taxels, allowed one or more", patch.id)
 
 
-def find_cell_problems(skin: Skin) -> list[SkinProblem]:
+def find_cell_problems(skin: Skin) -> Iterator[SkinProblem]:
     """Find cells outside the patch, and cells that hold two taxels."""
-    found = []
     seen: dict[tuple[int, int, int], int] = {}
     places = zip(skin.patch_index, skin.rows, skin.columns, strict=True)
     for taxel, (number, row, column) in enumerate(places):
         patch = skin.patches[number]
         cell = (int(number), int(row), int(column))
+        text = f"lies in row {row}, column {column}"
         if not (0 <= row < patch.rows and 0 <= column < patch.columns):
-            text = (
-                f"lies in row {row}, column {column}; allowed rows 0 to "
-                f"{patch.rows - 1}, columns 0 to {patch.columns - 1}"
-            )
-            found.append(SkinProblem(text, patch.id, taxel))
+            end = f"{patch.rows - 1}, columns 0 to {patch.columns - 1}"
+            yield SkinProblem(f"{text}; allowed rows 0 to {end}", patch.id, taxel)
         elif cell in seen:
-            text = (
-                f"lies in row {row}, column {column}, where taxel {seen[cell]} is; "
-                "allowed one taxel a cell"
-            )
-            found.append(SkinProblem(text, patch.id, taxel))
+            text += f", where taxel {seen[cell]} is; allowed one taxel a cell"
+            yield SkinProblem(text, patch.id, taxel)
         seen.setdefault(cell, taxel)
-    return found
 
 
-def find_position_problems(skin: Skin) -> list[SkinProblem]:
+def find_position_problems(skin: Skin) -> Iterator[SkinProblem]:
     """Find positions that are not finite."""
     bad = ~np.isfinite(skin.positions).all(axis=1)
-    return [
-        SkinProblem(
-            f"its position is {skin.positions[taxel].tolist()}, allowed finite numbers",
-            get_patch_id(skin, taxel),
-            taxel,
-        )
-        for taxel in np.flatnonzero(bad).tolist()
-    ]
+    for taxel in np.flatnonzero(bad).tolist():
+        position = skin.positions[taxel].tolist()
+        text = f"its position is {position}, allowed finite numbers"
+        yield SkinProblem(text, get_patch_id(skin, taxel), taxel)
 
 
-def find_coincident_problems(skin: Skin, config: CheckConfig) -> list[SkinProblem]:
+def find_coincident_problems(skin: Skin, config: CheckConfig) -> Iterator[SkinProblem]:
     """Find taxels of one link that coincide."""
-    found = []
     links = np.array(skin.link_names)[skin.patch_index]
     finite = np.flatnonzero(np.isfinite(skin.positions).all(axis=1))
     near = KDTree(skin.positions[finite]).query_pairs(
@@ -167,59 +135,49 @@ def find_coincident_problems(skin: Skin, config: CheckConfig) -> list[SkinProble
                 f"'{get_patch_id(skin, first)}', allowed "
                 f"{1e3 * config.min_taxel_distance:g} mm or more"
             )
-            found.append(SkinProblem(text, get_patch_id(skin, second), second))
-    return found
+            yield SkinProblem(text, get_patch_id(skin, second), second)
 
 
 def find_area_problems(
-    skin: Skin, spacing: Spacing, config: CheckConfig
-) -> list[SkinProblem]:
+    skin: Skin, cell_areas: Float[np.ndarray, "taxel"], config: CheckConfig
+) -> Iterator[SkinProblem]:
     """Find areas that are not positive, or do not fit between the neighbours."""
-    fill = skin.areas / spacing.cell_areas
-    within = (fill >= config.min_fill) & (fill <= config.max_fill)
+    fill = skin.areas / cell_areas
+    fits = (fill >= config.min_fill) & (fill <= config.max_fill)
     bad = ~(np.isfinite(skin.areas) & (skin.areas > 0))
-    found = []
-    for taxel in np.flatnonzero(bad | (np.isfinite(fill) & ~within)).tolist():
-        cell = 1e6 * spacing.cell_areas[taxel]
-        allowed = f"{config.min_fill * cell:.4g} to {config.max_fill * cell:.4g} mm2"
-        text = f"has an area of {1e6 * skin.areas[taxel]:.4g} mm2, allowed " + (
-            f"{allowed} at this spacing" if np.isfinite(cell) else "more than 0"
-        )
-        found.append(SkinProblem(text, get_patch_id(skin, taxel), taxel))
-    return found
+    for taxel in np.flatnonzero(bad | (np.isfinite(fill) & ~fits)).tolist():
+        cell = 1e6 * cell_areas[taxel]
+        limits = f"{config.min_fill * cell:.4g} to {config.max_fill * cell:.4g} mm2"
+        allowed = f"{limits} at this spacing" if np.isfinite(cell) else "more than 0"
+        text = f"has an area of {1e6 * skin.areas[taxel]:.4g} mm2, allowed {allowed}"
+        yield SkinProblem(text, get_patch_id(skin, taxel), taxel)
 
 
-def find_flipped_problems(skin: Skin, spacing: Spacing) -> list[SkinProblem]:
+def find_flipped_problems(
+    skin: Skin, neighbour_normals: Float[np.ndarray, "taxel 3"]
+) -> Iterator[SkinProblem]:
     """Find normals that point against those of the neighbours."""
-    along = np.sum(skin.normals * spacing.neighbour_normals, axis=1)
-    return [
-        SkinProblem(
-            "its normal points against its neighbours' normals, allowed outward",
-            get_patch_id(skin, taxel),
-            taxel,
-        )
-        for taxel in np.flatnonzero(along < 0).tolist()
-    ]
+    product = np.sum(skin.normals * neighbour_normals, axis=1)
+    text = "its normal points against its neighbours' normals, allowed outward"
+    for taxel in np.flatnonzero(product < 0).tolist():
+        yield SkinProblem(text, get_patch_id(skin, taxel), taxel)
 
 
-def find_link_problems(skin: Skin, robot: Robot) -> list[SkinProblem]:
+def find_link_problems(skin: Skin, robot: Robot) -> Iterator[SkinProblem]:
     """Find patches on links that the robot does not have."""
-    return [
-        SkinProblem(
-            f"lies on link '{patch.link}', which robot '{robot.name}' does not have; "
-            f"allowed {', '.join(robot.link_names)}",
-            patch.id,
-        )
-        for patch in skin.patches
-        if patch.link not in robot.link_names
-    ]
+    for patch in skin.patches:
+        if patch.link not in robot.link_names:
+            yield SkinProblem(
+                f"lies on link '{patch.link}', which robot '{robot.name}' does not "
+                f"have; allowed {', '.join(robot.link_names)}",
+                patch.id,
+            )
 
 
 def find_surface_problems(
     skin: Skin, robot: Robot, config: CheckConfig
-) -> list[SkinProblem]:
+) -> Iterator[SkinProblem]:
     """Find taxels off their link's surface, and normals that do not point outward."""
-    found = []
     for number, patch in enumerate(skin.patches):
         finite = np.isfinite(skin.positions).all(axis=1)
         taxels = np.flatnonzero((skin.patch_index == number) & finite)
@@ -232,17 +190,16 @@ def find_surface_problems(
         cosines = np.sum(outward * skin.normals[taxels], axis=1)
         off = ~(np.abs(distances) <= config.max_surface_distance)
         for taxel, distance in zip(taxels[off], distances[off], strict=True):
+            side = "off" if distance > 0 else "below"
+            limit = f"{1e3 * config.max_surface_distance:g} mm"
             text = (
-                f"lies {1e3 * abs(distance):.3g} mm "
-                f"{'off' if distance > 0 else 'below'} the surface of "
-                f"link '{patch.link}', allowed up to "
-                f"{1e3 * config.max_surface_distance:g} mm"
+                f"lies {1e3 * abs(distance):.3g} mm {side} the surface of link "
+                f"'{patch.link}', allowed up to {limit}"
             )
-            found.append(SkinProblem(text, patch.id, int(taxel)))
+            yield SkinProblem(text, patch.id, int(taxel))
         for taxel in taxels[~off & ~(cosines >= config.min_cosine)]:
             text = f"its normal does not point out of link '{patch.link}'"
-            found.append(SkinProblem(text, patch.id, int(taxel)))
-    return found
+            yield SkinProblem(text, patch.id, int(taxel))
 
 
 def get_patch_id(skin: Skin, taxel: int) -> str:
@@ -250,15 +207,21 @@ def get_patch_id(skin: Skin, taxel: int) -> str:
     return skin.patches[skin.patch_index[taxel]].id
 
 
-def measure_spacing(skin: Skin) -> Spacing:
-    """Measure the spacing of all taxels."""
+def compare_neighbours(
+    skin: Skin,
+) -> tuple[Float[np.ndarray, "taxel"], Float[np.ndarray, "taxel 3"]]:
+    """Compute the cell of each taxel between its neighbours, and their normals.
+
+    Returns:
+        The distance to the next taxel in the row times that in the column, NaN where
+        unknown [m2]; and the sum of the neighbours' normals.
+    """
     steps = np.full((2, skin.count), np.inf)
     normals = np.zeros((skin.count, 3))
     for row_step, column_step in ((0, 1), (0, -1), (1, 0), (-1, 0)):
         beside = find_neighbours(skin, row_step, column_step)
-        known = np.flatnonzero(beside >= 0)
+        known, axis = np.flatnonzero(beside >= 0), abs(row_step)
         other = beside[known]
-        axis = abs(row_step)
         gap = np.linalg.norm(skin.positions[known] - skin.positions[other], axis=1)
         steps[axis, known] = np.minimum(steps[axis, known], gap)
         normals[known] += skin.normals[other]
@@ -266,7 +229,7 @@ def measure_spacing(skin: Skin) -> Spacing:
     first = np.where(np.isfinite(steps[0]), steps[0], steps[1])
     second = np.where(np.isfinite(steps[1]), steps[1], steps[0])
     areas = first * second
-    return Spacing(np.where(np.isfinite(areas) & (areas > 0), areas, np.nan), normals)
+    return np.where(np.isfinite(areas) & (areas > 0), areas, np.nan), normals
 
 
 def find_neighbours(
@@ -275,8 +238,8 @@ def find_neighbours(
     """Return the taxel at an offset of rows and columns in the same patch, or -1."""
     if skin.count == 0:
         return np.zeros(0, dtype=np.int64)
-    width = int(skin.columns.max()) + 3
-    height = int(skin.rows.max()) + 3
+    # Keys have a margin of one cell all round, so that no neighbour wraps around.
+    height, width = int(skin.rows.max()) + 3, int(skin.columns.max()) + 3
 
     def keys(rows: np.ndarray, columns: np.ndarray) -> np.ndarray:
         return (skin.patch_index * height + rows + 1) * width + columns + 1
@@ -290,7 +253,7 @@ def find_neighbours(
 
 
 DIRECTION_TOLERANCE = 1e-3
-"""Largest error of the length of a normal or tangent, and of their product."""
+"""Largest error of the lengths of normal and tangent, and of their inner product."""
 
 
 @np.errstate(over="ignore", invalid="ignore")
@@ -300,26 +263,23 @@ def find_direction_problems(skin: Skin) -> list[SkinProblem]:
     spans = np.linalg.norm(skin.tangents, axis=1)
     units = ~is_not_unit(lengths) & ~is_not_unit(spans)
     products = np.abs(np.sum(skin.normals * skin.tangents, axis=1))
-    allowed = f"allowed 1 +- {DIRECTION_TOLERANCE:g}"
-    lean_allowed = f"allowed up to {DIRECTION_TOLERANCE:g}"
-    found: list[SkinProblem] = []
-    for what, got, wrong, bounds in (
-        ("normal has length", lengths, is_not_unit(lengths), allowed),
-        ("tangent has length", spans, is_not_unit(spans), allowed),
-        (
-            "tangent is not at a right angle to the normal: their product is",
-            products,
-            ~(products <= DIRECTION_TOLERANCE) & units,
-            lean_allowed,
-        ),
-    ):
-        for taxel in np.flatnonzero(wrong):
-            patch = skin.patches[skin.patch_index[taxel]].id
-            text = f"{what} {got[taxel]:.6g}, {bounds}"
-            found.append(SkinProblem(text, patch, int(taxel)))
-    return found
+    right_angle = "tangent is not at a right angle to the normal: their product is"
+    skewed = ~(products <= DIRECTION_TOLERANCE) & units
+    return [
+        SkinProblem(
+            f"{what} {got[taxel]:.6g}, allowed {allowed} {DIRECTION_TOLERANCE:g}",
+            get_patch_id(skin, taxel),
+            taxel,
+        )
+        for what, got, wrong, allowed in (
+            ("normal has length", lengths, is_not_unit(lengths), "1 +-"),
+            ("tangent has length", spans, is_not_unit(spans), "1 +-"),
+            (right_angle, products, skewed, "up to"),
+        )
+        for taxel in np.flatnonzero(wrong).tolist()
+    ]
 
 
 def is_not_unit(lengths: Float[np.ndarray, "taxel"]) -> np.ndarray:
-    """Return where a length is not one, or NaN."""
+    """Return where a length is not 1; NaN is not."""
     return ~(np.abs(lengths - 1.0) <= DIRECTION_TOLERANCE)

@@ -1,35 +1,63 @@
 """This module reads and writes skins, as folders or as bytes."""
 
-from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated, Literal
 
 import numpy as np
+import yaml
 from jaxtyping import Float, Int
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic_core import ErrorDetails
 
 from eskin.errors import SkinError
 from eskin.files import atomic_path
+from eskin.plain_yaml import Name, format_entry_path, load_plain_yaml, shorten
 from eskin.skin.check import SkinProblem, find_direction_problems
-from eskin.skin.manifest import SkinManifest, format_manifest, parse_manifest
 from eskin.skin.presets import SKIN_PRESETS
-from eskin.skin.skin import Skin
+from eskin.skin.skin import Patch, Skin
 from eskin.skin.taxel_table import TaxelTable, format_taxels, parse_taxels
 
 MANIFEST = "skin.yaml"
 END = "...\n"
-"""YAML's mark for the end of a document, after which the taxels follow."""
+"""End of the YAML document; the taxels follow."""
+Extent = Annotated[int, Field(ge=1, le=65535)]
+
+
+class PatchEntry(BaseModel):
+    """An entry describes one patch in `skin.yaml`."""
+
+    model_config = ConfigDict(extra="forbid", strict=True)
+
+    id: Name
+    link: Name
+    address: Annotated[int, Field(ge=0, le=65535)]
+    rows: Extent
+    columns: Extent
+    kind: Literal["pressure", "shear"] = "pressure"
+    units: Name = "kPa"
+
+
+class SkinManifest(BaseModel):
+    """A manifest holds the content of `skin.yaml`."""
+
+    model_config = ConfigDict(extra="forbid", strict=True)
+
+    version: Literal[1] = 1
+    name: Name
+    calibrated: bool = True
+    taxels: Name = "taxels.csv"
+    patches: Annotated[list[PatchEntry], Field(min_length=1)]
 
 
 @dataclass(frozen=True, eq=False)
 class ParsedSkin:
-    """A parsed skin holds the readable taxels of its files, and every problem."""
+    """A parsed skin holds the readable taxels of its files, and all problems."""
 
     skin: Skin
     """Skin of the rows that could be read, sorted by id."""
-
     ids: Int[np.ndarray, "taxel"]
     """Id of each taxel in the file."""
-
     problems: tuple[SkinProblem, ...]
     """Problems of the rows that could not be read, and of the ids."""
 
@@ -41,7 +69,7 @@ def load_skin(name_or_path: str | Path) -> Skin:
         name_or_path: a name in `SKIN_PRESETS`, a folder with `skin.yaml`, or that file.
 
     Raises:
-        SkinError: It names the first problem, and how many more there are.
+        SkinError: The skin does not exist or has problems; the message has the first.
     """
     name = str(name_or_path)
     if name in SKIN_PRESETS:
@@ -59,17 +87,16 @@ def load_skin(name_or_path: str | Path) -> Skin:
 def save_skin(skin: Skin, folder: str | Path) -> None:
     """Write a skin into a folder, which is created where it does not exist."""
     folder = Path(folder)
-    texts = {"taxels.csv": format_taxels(skin), MANIFEST: format_manifest(skin)}
-    with ExitStack() as stack:
-        parts = {
-            name: stack.enter_context(atomic_path(folder / name)) for name in texts
-        }
-        for name, text in texts.items():
-            parts[name].write_text(text, encoding="utf-8", newline="\n")
+    with (
+        atomic_path(folder / "taxels.csv") as taxels,
+        atomic_path(folder / MANIFEST) as manifest,
+    ):
+        taxels.write_text(format_taxels(skin), encoding="utf-8", newline="\n")
+        manifest.write_text(format_manifest(skin), encoding="utf-8", newline="\n")
 
 
 def skin_to_bytes(skin: Skin) -> bytes:
-    """Return the whole skin as one text; reading it gives the same bits."""
+    """Return the whole skin as one text, without loss of precision."""
     return (format_manifest(skin) + END + format_taxels(skin)).encode()
 
 
@@ -78,10 +105,10 @@ def skin_from_bytes(data: bytes, source: str = "skin") -> Skin:
 
     Args:
         data: the text.
-        source: name for messages, such as the recording that it came from.
+        source: where the text comes from, for messages.
 
     Raises:
-        SkinError: It names the first problem, and how many more there are.
+        SkinError: The skin has problems; the message has the first.
     """
     try:
         text = data.decode()
@@ -96,7 +123,7 @@ def skin_from_bytes(data: bytes, source: str = "skin") -> Skin:
 
 
 def require_valid(parsed: ParsedSkin, remedy: str) -> Skin:
-    """Return a parsed skin; raise where it has problems."""
+    """Return the skin of a parsed skin; raise where it has problems."""
     problems = list(parsed.problems) or find_direction_problems(parsed.skin)
     if problems:
         more = f" (and {len(problems) - 1} more; {remedy})" if problems[1:] else ""
@@ -108,7 +135,7 @@ def parse_skin_folder(path: Path) -> ParsedSkin:
     """Read a folder with `skin.yaml` and its taxels, and list the problems.
 
     Raises:
-        SkinError: There is no such folder, or its files are no skin files.
+        SkinError: A file is missing, or is no file of a skin.
     """
     file = path if path.name == MANIFEST else path / MANIFEST
     manifest = parse_manifest(read_text(file), str(file))
@@ -117,20 +144,13 @@ def parse_skin_folder(path: Path) -> ParsedSkin:
 
 
 def parse_skin(manifest: SkinManifest, table_text: str, file: str) -> ParsedSkin:
-    """Build a skin of a manifest and the text of its taxels, and list the problems."""
-    patches = manifest.build_patches()
+    """Build a skin from a manifest and the text of its taxels; list the problems."""
+    patches = tuple(Patch(**entry.model_dump()) for entry in manifest.patches)
     table, problems = parse_taxels(table_text, patches, file)
-    problems = [
-        *find_repeated_patches(manifest),
-        *problems,
-        *find_id_problems(table, problems, file),
-    ]
+    ids_wrong = find_id_problems(table, problems, file)
+    problems = [*find_repeated_patches(manifest), *problems, *ids_wrong]
     order = np.argsort(table.ids, kind="stable")
-    normals = table.normals[order]
-    if table.tangents is None:
-        tangents = compute_default_tangents(normals)
-    else:
-        tangents = table.tangents[order]
+    normals, tangents = table.normals[order], table.tangents
     skin = Skin(
         name=manifest.name,
         patches=patches,
@@ -140,7 +160,9 @@ def parse_skin(manifest: SkinManifest, table_text: str, file: str) -> ParsedSkin
         positions=table.positions[order],
         normals=normals,
         areas=table.areas[order],
-        tangents=tangents,
+        tangents=(
+            compute_default_tangents(normals) if tangents is None else tangents[order]
+        ),
         calibrated=manifest.calibrated,
     )
     return ParsedSkin(skin, table.ids[order], tuple(problems))
@@ -186,7 +208,7 @@ def resolve_inside(folder: Path, name: str, file: str) -> Path:
 
 
 def read_text(file: Path) -> str:
-    """Read a text file, or raise an error of one line."""
+    """Read a text file, and turn exceptions into a `SkinError`."""
     try:
         return file.read_text(encoding="utf-8-sig")
     except FileNotFoundError:
@@ -204,10 +226,59 @@ def read_text(file: Path) -> str:
 def compute_default_tangents(
     normals: Float[np.ndarray, "taxel 3"],
 ) -> Float[np.ndarray, "taxel 3"]:
-    """Compute local x axes for taxels that have none: the link's x axis, projected.
+    """Compute local x axes by projecting the link's x axis onto the tangent planes.
 
     Where the normal is nearly along x, the link's y axis is projected instead.
     """
     seed = np.where(np.abs(normals[:, :1]) < 0.9, [1.0, 0.0, 0.0], [0.0, 1.0, 0.0])
     across = seed - np.sum(seed * normals, axis=1, keepdims=True) * normals
     return across / np.linalg.norm(across, axis=1, keepdims=True)
+
+
+def parse_manifest(text: str, file: str) -> SkinManifest:
+    """Read the text of a `skin.yaml`.
+
+    Raises:
+        SkinError: The message names the file and every wrong entry, in one line.
+    """
+    try:
+        data = load_plain_yaml(text)
+    except ValueError as error:
+        raise SkinError(f"{file}{error}") from None
+    if not isinstance(data, dict):
+        raise SkinError(
+            f"{file}: got {shorten(data)}, allowed a mapping with the keys "
+            f"{', '.join(SkinManifest.model_fields)}"
+        )
+    try:
+        return SkinManifest.model_validate(data)
+    except ValidationError as error:
+        lines = "; ".join(describe_entry_error(detail) for detail in error.errors())
+        raise SkinError(f"{file}: {lines}") from None
+
+
+def format_manifest(skin: Skin) -> str:
+    """Return the text of a skin's `skin.yaml`."""
+    manifest = SkinManifest(
+        name=skin.name,
+        calibrated=bool(skin.calibrated),
+        patches=[PatchEntry(**vars(patch)) for patch in skin.patches],
+    )
+    return yaml.safe_dump(manifest.model_dump(), sort_keys=False, allow_unicode=True)
+
+
+def describe_entry_error(detail: ErrorDetails) -> str:
+    """Describe a wrong entry: what was got and what is allowed."""
+    path = format_entry_path(detail["loc"])
+    if detail["type"] == "missing":
+        return f"{path} is missing; add it"
+    if detail["type"] == "extra_forbidden":
+        allowed = PatchEntry if "[" in path else SkinManifest
+        return f"{path} is not known, allowed {', '.join(allowed.model_fields)}"
+    if detail["type"] == "string_pattern_mismatch":
+        return (
+            f"{path}: got {shorten(detail['input'])}, allowed one line of text without "
+            "spaces at its ends"
+        )
+    wanted = detail["msg"].removeprefix("Input ").removeprefix("should ")
+    return f"{path}: got {shorten(detail['input'])}, {wanted}"

@@ -1,4 +1,4 @@
-"""This module lays grids of taxels on surfaces and builds skins of them."""
+"""This module builds skins from grids of taxels on surfaces."""
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -20,14 +20,12 @@ BACK, DOWN = (-1.0, 0.0, 0.0), (0.0, 0.0, -1.0)
 class TaxelGrid:
     """A grid holds the cells of an unrolled patch, centred on (s, t) = (0, 0).
 
-    Columns run along s and rows along t. A taper makes a trapezoid: every row keeps
-    its number of columns, and their pitch changes linearly from row to row.
+    Columns are counted along s and rows along t. A taper makes a trapezoid: the column
+    pitch changes linearly from row to row, while all rows have as many columns.
     """
 
     rows: int
-    """Number of rows."""
     columns: int
-    """Number of columns."""
     row_pitch: float
     """Distance of rows along t [m]."""
     column_pitch: float
@@ -62,29 +60,24 @@ class TaxelGrid:
 def cut_corners(
     rows: int, columns: int, cuts: tuple[int, int, int, int]
 ) -> Bool[np.ndarray, "row column"]:
-    """Return the mask of a full grid without a staircase triangle at each corner.
+    """Return the mask of a grid without a triangle of cells at each corner.
 
     Args:
         rows: number of rows of the grid.
         columns: number of columns of the grid.
-        cuts: cells missing along the edge at the first row's first and last column,
+        cuts: length of the triangles [cells] at the first row's first and last column,
             then at the last row's first and last column.
     """
     row, column = np.mgrid[:rows, :columns]
-    up, left = rows - 1 - row, columns - 1 - column
-    first, first_last, last, last_last = cuts
-    return (
-        (row + column >= first)
-        & (row + left >= first_last)
-        & (up + column >= last)
-        & (up + left >= last_last)
-    )
+    from_end, from_right = rows - 1 - row, columns - 1 - column
+    corners = (row + column, row + from_right, from_end + column, from_end + from_right)
+    return np.all([d >= cut for d, cut in zip(corners, cuts, strict=True)], axis=0)
 
 
 def build_skin(
     name: str, placed: list[tuple[Patch, TaxelGrid, Surface]], calibrated: bool = True
 ) -> Skin:
-    """Build a skin of patches, with taxels numbered patch by patch and row by row.
+    """Build a skin of patches; its taxels are ordered by patch, row and column.
 
     Args:
         name: name of the skin.
@@ -120,9 +113,10 @@ def build_grid_skin(
     name: str = "grid",
     calibrated: bool = False,
 ) -> Skin:
-    """Build a flat full grid in the plane z = 0 of link `table`, facing up.
+    """Build a skin of one flat, full grid in the plane z = 0 of link `table`.
 
-    Columns run along x, rows along y; the middle of the grid is the link's origin.
+    Columns are counted along x, rows along y; normals are +z; the centre of the grid is
+    the link's origin.
 
     Args:
         rows: number of rows.
@@ -130,7 +124,7 @@ def build_grid_skin(
         pitch: distance of neighbouring taxels [m].
         kind: what the taxels measure.
         name: name of the skin.
-        calibrated: False where the pitch or the units are only nominal.
+        calibrated: False where pitch and units are nominal.
     """
     if rows < 1 or columns < 1 or not pitch > 0:
         raise ValueError(
@@ -144,12 +138,11 @@ def build_grid_skin(
 
 @dataclass(frozen=True)
 class LinkPart:
-    """A part of a link is a straight tube or a flat end that can hold patches."""
+    """A part is a straight tube, or a flat end, of a link on which patches can lie."""
 
     link: str
-    """Name of the link."""
     centre: Vector
-    """Point at the middle of a patch, on the axis of a tube [m]."""
+    """Centre of the part, on the axis of a tube [m]; patches are offset from it."""
     axis: Vector
     """Direction along a tube, or outward from a flat end."""
     length: float
@@ -163,7 +156,7 @@ class LinkPart:
         return self.length if isinf(self.radius) else 2 * pi * self.radius
 
     def surface(self, front: Vector, offset: float) -> Surface:
-        """Return the surface with s = 0 toward `front` and t = 0 at `offset` [m]."""
+        """Return the surface with t = 0 at `offset` [m]; for `front` see an outline."""
         z, x = np.array(self.axis), np.array(front)
         t_axis = np.cross(z, x) if isinf(self.radius) else z
         rotation = np.column_stack([x, np.cross(z, x), z])
@@ -180,12 +173,10 @@ class PatchOutline:
     part: str
     """Name of the part that it is laid on."""
     front: Vector
-    """Direction in the link's frame that the middle of its columns faces; on a flat
-    end, direction along the columns."""
+    """Direction of s = 0 from the axis of a tube, or of s on a flat end, in the link's
+    frame."""
     rows: int
-    """Number of rows."""
     columns: int
-    """Number of columns."""
     row_pitch: float
     """Distance of rows [m]."""
     column_pitch: float
@@ -210,7 +201,7 @@ class PatchOutline:
 
 
 def scale_density(outline: PatchOutline, factor: float) -> PatchOutline:
-    """Return an outline with `factor` times the taxels, as near as whole rows allow."""
+    """Return an outline with about `factor` times the taxels, in whole rows."""
     rows = round(outline.rows * sqrt(factor))
     columns = round(outline.rows * outline.columns * factor / rows)
     first, first_last, last, last_last = (
@@ -230,13 +221,14 @@ def fit_to_part(
     outline: PatchOutline, drawn_for: LinkPart, part: LinkPart
 ) -> PatchOutline:
     """Return the outline for a part of another size, with the same pitches."""
-    longer, wider = part.length / drawn_for.length, part.width / drawn_for.width
+    length_ratio = part.length / drawn_for.length
+    width_ratio = part.width / drawn_for.width
     # Rounded down, so that the patch fits; exact ratios do not lose a row.
     return replace(
         outline,
-        rows=floor(outline.rows * longer + 1e-9),
-        columns=floor(outline.columns * wider + 1e-9),
-        offset=outline.offset * longer,
+        rows=floor(outline.rows * length_ratio + 1e-9),
+        columns=floor(outline.columns * width_ratio + 1e-9),
+        offset=outline.offset * length_ratio,
     )
 
 
@@ -246,7 +238,7 @@ def build_outline_skin(
     parts: Mapping[str, LinkPart],
     missing: Collection[str] = (),
 ) -> Skin:
-    """Build a skin of outlines on parts.
+    """Build a skin of outlines on parts of links.
 
     Args:
         name: name of the skin.
@@ -255,7 +247,7 @@ def build_outline_skin(
         missing: patches to leave out; their addresses stay unused.
 
     Raises:
-        ValueError: A patch that should be missing is not among the outlines.
+        ValueError: A patch in `missing` is not among the outlines.
     """
     names = [outline.name for outline in outlines]
     if not set(missing) <= set(names):
@@ -268,6 +260,5 @@ def build_outline_skin(
         part, grid = parts[outline.part], outline.grid()
         patch = Patch(outline.name, part.link, number, grid.rows, grid.columns)
         if outline.name not in missing:
-            surface = part.surface(outline.front, outline.offset)
-            placed.append((patch, grid, surface))
+            placed.append((patch, grid, part.surface(outline.front, outline.offset)))
     return build_skin(name, placed)

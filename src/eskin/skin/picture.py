@@ -1,4 +1,4 @@
-"""This module draws a skin into a file: its unrolled patches, and the robot in it."""
+"""This module draws the unrolled patches of a skin, and a robot that wears it."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -8,14 +8,12 @@ from jaxtyping import Float
 
 from eskin.files import atomic_path
 from eskin.robot import Kinematics, Robot, build_geom_mesh
-from eskin.skin.mounted_skin import MountedSkin
-from eskin.skin.skin import Skin
+from eskin.skin.skin import MountedSkin, Skin
 from eskin.skin.surfaces import fit_surface
 from eskin.transforms import apply
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 COLOURS = (
     "#3b6fb6 #e08a2e #4a9b5c #c94f4f #8a63b8 #8c6a4f "
@@ -29,6 +27,15 @@ LABEL_WIDTH = 0.075
 """Space for the label of an unrolled patch [m]."""
 BAR = 0.05
 """Length of the scale bar [m]."""
+ROBOT_COLOUR = "#d8dade"
+SKIN_LIFT = 0.004
+"""Distance by which taxels are drawn in front of the robot's surface [m]."""
+MAX_EDGE = 0.02
+"""Largest edge of the triangles of which the robot is drawn [m]."""
+MARGIN = 0.25
+"""Width of the robot that is drawn around the skin [m]."""
+CORNERS = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
+"""Corners of a square of side 2."""
 
 
 def draw_skin(
@@ -44,6 +51,9 @@ def draw_skin(
         path: the file, whose suffix gives the format.
         robot: the robot with the skin; without one only the unrolled patches are drawn.
         q: joint values [rad]; None for zero, clipped to the joint limits.
+
+    Raises:
+        ValueError: The folder does not exist, or matplotlib does not know the format.
     """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
@@ -60,12 +70,15 @@ def draw_skin(
             f"{', '.join('.' + name for name in sorted(formats))}"
         )
     colours = [COLOURS[i % len(COLOURS)] for i in range(len(skin.patches))]
-    flat, views = create_axes(figure, robot is not None)
-    draw_unrolled(flat, skin, colours)
-    if robot is not None:
+    if robot is None:
+        draw_unrolled(figure.subplots(), skin, colours)
+    else:
+        grid = figure.add_gridspec(2, 2, width_ratios=(1.2, 1.0))
+        draw_unrolled(figure.add_subplot(grid[:, 0]), skin, colours)
         mounted = MountedSkin(skin, robot)
         pose = np.clip(0.0, robot.lower, robot.upper) if q is None else q
-        for panel, view in zip(views, VIEWS, strict=True):
+        for row, view in enumerate(VIEWS):
+            panel = figure.add_subplot(grid[row, 1])
             draw_robot(panel, mounted, pose, colours, view)
     area = 1e4 * skin.areas.sum()
     figure.suptitle(
@@ -77,20 +90,12 @@ def draw_skin(
         figure.savefig(part, dpi=110)
 
 
-def create_axes(figure: "Figure", has_views: bool) -> tuple["Axes", list["Axes"]]:
-    """Create the axes of the patches, and those of the views where there are any."""
-    if not has_views:
-        return figure.subplots(), []
-    grid = figure.add_gridspec(2, 2, width_ratios=(1.2, 1.0))
-    return figure.add_subplot(grid[:, 0]), [
-        figure.add_subplot(grid[row, 1]) for row in range(2)
-    ]
-
-
 def draw_unrolled(panel: "Axes", skin: Skin, colours: list[str]) -> None:
     """Draw all unrolled patches to one scale, in rows from the top."""
     from matplotlib.collections import PolyCollection
 
+    # With rows of this width the drawing is about square.
+    row_width = max(1.45 * np.sqrt(skin.areas.sum()), 0.1)
     left, top, low = 0.0, 0.0, 0.0
     for number, patch in enumerate(skin.patches):
         taxels = np.flatnonzero(skin.patch_index == number)
@@ -98,7 +103,7 @@ def draw_unrolled(panel: "Axes", skin: Skin, colours: list[str]) -> None:
             continue
         squares = build_unrolled_squares(skin, taxels)
         size = np.ptp(squares.reshape(-1, 2), axis=0)
-        if left > 0 and left + size[0] > compute_row_width(skin):
+        if left > 0 and left + size[0] > row_width:
             left, top = 0.0, low - 3 * SPACE
         corner = squares.reshape(-1, 2).min(axis=0)
         squares = squares - corner + [left, top - size[1]]
@@ -118,11 +123,6 @@ def draw_unrolled(panel: "Axes", skin: Skin, colours: list[str]) -> None:
     panel.axis("off")
 
 
-def compute_row_width(skin: Skin) -> float:
-    """Compute a width of the rows that makes the drawing about square [m]."""
-    return float(max(1.45 * np.sqrt(skin.areas.sum()), 0.1))
-
-
 def build_unrolled_squares(
     skin: Skin, taxels: np.ndarray
 ) -> Float[np.ndarray, "part 4 2"]:
@@ -134,19 +134,7 @@ def build_unrolled_squares(
     else:
         cells = np.column_stack([skin.columns[taxels], skin.rows[taxels]])
         centres = cells * side.mean()
-    corners = 0.44 * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
-    return centres[:, None] + side[:, None, None] * corners
-
-
-ROBOT_COLOUR = "#d8dade"
-SKIN_LIFT = 0.004
-"""Distance by which taxels are drawn in front of the robot's surface [m]."""
-MAX_EDGE = 0.02
-"""Largest edge of the triangles that the robot is drawn with [m]."""
-MARGIN = 0.25
-"""Width of the robot that is drawn around the skin [m]."""
-CORNERS = 0.46 * np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
-"""Corners of the square that is drawn for a taxel, over the taxel's side."""
+    return centres[:, None] + side[:, None, None] * (0.44 * CORNERS)
 
 
 def draw_robot(
@@ -156,14 +144,9 @@ def draw_robot(
     colours: list[str],
     view: tuple[float, float],
 ) -> None:
-    """Draw the robot at q with its taxels in the colours of their patches.
+    """Draw the robot at q, seen from an azimuth and elevation [deg].
 
-    Args:
-        panel: the axes to draw into.
-        mounted: the skin on the robot.
-        q: joint values [rad].
-        colours: colour of each patch.
-        view: azimuth from x and elevation of the camera [deg]; z is up.
+    Taxels have the colours of their patches.
     """
     from matplotlib.collections import PolyCollection
     from matplotlib.colors import to_rgb
@@ -197,7 +180,7 @@ def draw_robot(
 
 
 def build_camera_rotation(azimuth: float, elevation: float) -> Float[np.ndarray, "3 3"]:
-    """Build the rotation whose rows are right, up and toward the camera."""
+    """Build the rotation with rows right, up and toward the camera."""
     a, e = np.deg2rad([azimuth, elevation])
     toward = np.array([np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)])
     right = np.array([-np.sin(a), np.cos(a), 0.0])
@@ -220,9 +203,9 @@ def build_robot_triangles(
 def subdivide(
     triangles: Float[np.ndarray, "face 3 3"],
 ) -> Float[np.ndarray, "piece 3 3"]:
-    """Halve triangles across their longest edge until all edges are short.
+    """Halve triangles at their longest edge until all edges are short.
 
-    Polygons are sorted by the depth of their centres, which suits small ones only.
+    Sorting polygons by the depth of their centres needs small ones.
     """
     done = []
     while len(triangles):
@@ -247,10 +230,8 @@ def build_taxel_quads(
     p_world, _ = mounted.place_taxels(q)
     x_axis, y_axis, _ = np.moveaxis(mounted.compute_frames(q), -1, 0)
     side = np.sqrt(mounted.skin.areas)[:, None, None]
-    spread = (
-        CORNERS[:, 0, None] * x_axis[:, None] + CORNERS[:, 1, None] * y_axis[:, None]
-    )
-    return p_world[:, None] + side * spread
+    x, y = 0.46 * CORNERS.T[:, :, None]
+    return p_world[:, None] + side * (x * x_axis[:, None] + y * y_axis[:, None])
 
 
 def shade_polygons(

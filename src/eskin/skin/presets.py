@@ -1,13 +1,13 @@
 """This module builds the skins that come with eskin.
 
-The skin `ur5` has 2112 taxels in nine patches, denser toward the tool. Grids and
-pitches are our own, chosen to fit the arm's straight tubes and flat ends: half shells
-with cut corners leave strips of 4 to 5 mm, the two on the forearm are trapezoids that
-fit into each other, and the ring on wrist 3 nearly closes.
+The skin `ur5` has 2112 taxels in nine patches, denser toward the tool. Its grids are
+designed for the straight tubes and flat ends of the arm: half shells with cut corners
+leave gaps of 4 to 5 mm, those on the forearm are complementary trapezoids, and the ring
+on wrist 3 nearly closes.
 
-The skin `ur5-shapes` is as dense, with seams in other places: rings whose seams face
-different ways, hexagons with free wedges between them, two triangles that fit into each
-other, and a ring on wrist 3 in two slanted halves.
+The skin `ur5-shapes` is as dense, with seams in other places: rings with seams on
+different sides, hexagons with gaps between them, two complementary triangles, and a
+ring on wrist 3 in two slanted halves.
 """
 
 from collections.abc import Callable, Collection
@@ -167,11 +167,6 @@ def build_ur5_skin(
     return build_outline_skin(name, outlines, UR5_PARTS, missing)
 
 
-def build_ur5_shapes_skin() -> Skin:
-    """Build the skin of rings, hexagons and triangles on `load_robot("ur5")`."""
-    return build_outline_skin("ur5-shapes", UR5_SHAPES_OUTLINES, UR5_PARTS)
-
-
 def build_ur10_skin() -> Skin:
     """Build the patches of `ur5`, fitted to the links of `load_robot("ur10")`."""
     outlines = [
@@ -190,7 +185,7 @@ MIN_LID_RADIUS = 0.23
 def build_drum_skin(
     name: str, link: str, radius: float, height: float, ring: int
 ) -> Skin:
-    """Build the patches of an upright drum that stands on its link's origin.
+    """Build the skin of an upright drum that stands on its link's origin.
 
     Args:
         name: name of the skin.
@@ -208,7 +203,7 @@ def build_drum_skin(
         outline(
             f"side_{number + 1}",
             "side",
-            front=compute_front(number, ring),
+            front=(cos(2 * pi * number / ring), sin(2 * pi * number / ring), 0.0),
             rows=20,
             columns=32,
             cuts=(3, 5, 5, 3) if number % 2 else (6, 2, 2, 6),
@@ -223,27 +218,11 @@ def build_drum_skin(
     return build_outline_skin(name, outlines, parts)
 
 
-def compute_front(number: int, ring: int) -> tuple[float, float, float]:
-    """Compute the direction that a patch on the side of a drum faces."""
-    angle = 2 * pi * number / ring
-    return cos(angle), sin(angle), 0.0
-
-
-def build_flat_skin() -> Skin:
-    """Build the sheet in the plane z = 0 of link `table`, with columns along x."""
-    return build_sheet_skin("flat", "table", Plane(np.eye(4)))
-
-
-def build_bent_skin() -> Skin:
-    """Build the sheet on link `tube`, with columns around z.
-
-    Between its ends 43 mm of the tube stay uncovered.
-    """
-    return build_sheet_skin("bent", "tube", Tube(0.0375, np.eye(4)))
-
-
 def build_sheet_skin(name: str, link: str, surface: Surface) -> Skin:
-    """Build a skin of one patch, 16 x 24 taxels with cut corners, on a surface."""
+    """Build a skin of one patch, 16 x 24 taxels with cut corners, on a surface.
+
+    Around the preset tube, it leaves 43 mm uncovered.
+    """
     grid = TaxelGrid(16, 24, 0.008, 0.008, present=cut_corners(16, 24, (3, 3, 3, 3)))
     patch = Patch("sheet", link, 1, grid.rows, grid.columns)
     return build_skin(name, [(patch, grid, surface)])
@@ -265,7 +244,9 @@ SKIN_PRESETS = {
     "ur5-double": SkinPreset(partial(build_ur5_skin, "ur5-double", density=2.0), "ur5"),
     "ur5-sparse": SkinPreset(partial(build_ur5_skin, "ur5-sparse", density=0.7), "ur5"),
     "ur5-dense": SkinPreset(partial(build_ur5_skin, "ur5-dense", density=1.4), "ur5"),
-    "ur5-shapes": SkinPreset(build_ur5_shapes_skin, "ur5"),
+    "ur5-shapes": SkinPreset(
+        partial(build_outline_skin, "ur5-shapes", UR5_SHAPES_OUTLINES, UR5_PARTS), "ur5"
+    ),
     "ur5-missing": SkinPreset(
         partial(build_ur5_skin, "ur5-missing", missing=("forearm_back",)), "ur5"
     ),
@@ -283,15 +264,19 @@ SKIN_PRESETS = {
     "socialtouch": SkinPreset(
         partial(build_grid_skin, 19, 24, name="socialtouch"), "table"
     ),
-    "bent": SkinPreset(build_bent_skin, "tube"),
-    "flat": SkinPreset(build_flat_skin, "table"),
+    "bent": SkinPreset(
+        partial(build_sheet_skin, "bent", "tube", Tube(0.0375, np.eye(4))), "tube"
+    ),
+    "flat": SkinPreset(
+        partial(build_sheet_skin, "flat", "table", Plane(np.eye(4))), "table"
+    ),
 }
 """Skins that `load_skin` knows by name; those of public data sets have a nominal
 pitch."""
 
 
 def load_robot_for_skin(skin_name: str, robot_name: str | None = None) -> Robot | None:
-    """Load the robot of the given name, else that of a preset skin, else None."""
+    """Load a robot by its name, else that of a preset skin; return None for neither."""
     if robot_name is None and skin_name in SKIN_PRESETS:
         robot_name = SKIN_PRESETS[skin_name].robot
     return None if robot_name is None else load_robot(robot_name)

@@ -13,20 +13,23 @@ from jaxtyping import Float
 
 from eskin.transforms import apply, invert, make_transform, rotate
 
-# Files are rounded to micrometres at least; a normal may be rounded as well.
+Points = Float[np.ndarray, "point 3"]
+Unrolled = Float[np.ndarray, "point 2"]
+
 TOLERANCE = 1e-4
-"""Largest error of a taxel on a fitted surface [m], plus that of its normal [rad]."""
+"""Largest error of a taxel on a fitted surface [m] plus that of its normal [rad]; files
+may round positions to micrometres, and normals too."""
 
 
 @dataclass(frozen=True, eq=False)
 class SurfacePoints:
-    """Points that were laid on a surface are given in the link's frame."""
+    """These points lie on a surface; they are given in the frame of its link."""
 
-    positions: Float[np.ndarray, "point 3"]
+    positions: Points
     """Positions [m]."""
-    normals: Float[np.ndarray, "point 3"]
+    normals: Points
     """Outward unit normals."""
-    tangents: Float[np.ndarray, "point 3"]
+    tangents: Points
     """Unit directions of increasing s."""
     area_scale: Float[np.ndarray, "point"]
     """Area on the surface over unrolled area."""
@@ -38,26 +41,20 @@ class Surface(ABC):
     T_link_surface: Float[np.ndarray, "4 4"]
 
     @abstractmethod
-    def wrap(self, unrolled: Float[np.ndarray, "point 2"]) -> SurfacePoints:
+    def wrap(self, unrolled: Unrolled) -> SurfacePoints:
         """Lay unrolled points (s, t) [m] on the surface."""
 
     @abstractmethod
-    def unroll(
-        self, positions: Float[np.ndarray, "point 3"]
-    ) -> Float[np.ndarray, "point 2"]:
+    def unroll(self, positions: Points) -> Unrolled:
         """Return the unrolled coordinates (s, t) [m] of points on the surface [m]."""
 
     @abstractmethod
     def fit_errors(
-        self,
-        positions: Float[np.ndarray, "point 3"],
-        normals: Float[np.ndarray, "point 3"],
+        self, positions: Points, normals: Points
     ) -> Float[np.ndarray, "point"]:
-        """Return how far points [m] plus normals [rad] are from the surface's."""
+        """Return the distances of points [m] plus the errors of normals [rad]."""
 
-    def to_surface_frame(
-        self, positions: Float[np.ndarray, "point 3"]
-    ) -> Float[np.ndarray, "point 3"]:
+    def to_surface_frame(self, positions: Points) -> Points:
         """Return points of the link in the surface's own frame [m]."""
         return apply(invert(self.T_link_surface), positions)
 
@@ -70,7 +67,7 @@ class Plane(Surface):
     T_link_surface: Float[np.ndarray, "4 4"]
     """Pose of the surface's frame in the link's frame."""
 
-    def wrap(self, unrolled: Float[np.ndarray, "point 2"]) -> SurfacePoints:
+    def wrap(self, unrolled: Unrolled) -> SurfacePoints:
         """Lay unrolled points (s, t) [m] on the plane."""
         count = len(unrolled)
         points = np.column_stack([unrolled, np.zeros(count)])
@@ -82,18 +79,14 @@ class Plane(Surface):
             area_scale=np.ones(count),
         )
 
-    def unroll(
-        self, positions: Float[np.ndarray, "point 3"]
-    ) -> Float[np.ndarray, "point 2"]:
+    def unroll(self, positions: Points) -> Unrolled:
         """Return the coordinates x and y in the plane [m]."""
         return self.to_surface_frame(positions)[:, :2]
 
     def fit_errors(
-        self,
-        positions: Float[np.ndarray, "point 3"],
-        normals: Float[np.ndarray, "point 3"],
+        self, positions: Points, normals: Points
     ) -> Float[np.ndarray, "point"]:
-        """Return the height above or below the plane [m] plus the normals' error."""
+        """Return the distances from the plane [m] plus the errors of normals [rad]."""
         lean = np.linalg.norm(normals - self.T_link_surface[:3, 2], axis=1)
         return np.abs(self.to_surface_frame(positions)[:, 2]) + lean
 
@@ -112,7 +105,7 @@ class Tube(Surface):
     T_link_surface: Float[np.ndarray, "4 4"]
     """Pose of the surface's frame in the link's frame."""
 
-    def wrap(self, unrolled: Float[np.ndarray, "point 2"]) -> SurfacePoints:
+    def wrap(self, unrolled: Unrolled) -> SurfacePoints:
         """Lay unrolled points (s, t) [m] around the tube."""
         angle = unrolled[:, 0] / self.radius
         zeros = np.zeros_like(angle)
@@ -126,29 +119,25 @@ class Tube(Surface):
             area_scale=np.ones_like(angle),
         )
 
-    def unroll(
-        self, positions: Float[np.ndarray, "point 3"]
-    ) -> Float[np.ndarray, "point 2"]:
-        """Return the arc from the x axis and the height [m]."""
+    def unroll(self, positions: Points) -> Unrolled:
+        """Return the arcs from the x axis and the heights [m]."""
         x, y, z = self.to_surface_frame(positions).T
         return np.column_stack([self.radius * np.arctan2(y, x), z])
 
     def fit_errors(
-        self,
-        positions: Float[np.ndarray, "point 3"],
-        normals: Float[np.ndarray, "point 3"],
+        self, positions: Points, normals: Points
     ) -> Float[np.ndarray, "point"]:
-        """Return the distance from the wall [m] plus the normals' error."""
-        return compute_errors(self.wrap(self.unroll(positions)), positions, normals)
+        """Return the distances from the tube [m] plus the errors of normals [rad]."""
+        return compute_errors(self, positions, normals)
 
 
 @final
 @dataclass(frozen=True, eq=False)
 class Dome(Surface):
-    """A dome is a sphere about the origin of its frame, unrolled from its pole on z.
+    """A dome is a sphere about the origin of its frame, unrolled from its pole on +z.
 
-    (s, t) are polar coordinates about the pole: a point lies |(s, t)| from the pole
-    along the surface, in the direction of (s, t) from x to y.
+    (s, t) are azimuthal equidistant coordinates: their length is the arc from the pole
+    to the point [m], their direction its azimuth from x to y.
     """
 
     radius: float
@@ -156,15 +145,14 @@ class Dome(Surface):
     T_link_surface: Float[np.ndarray, "4 4"]
     """Pose of the surface's frame in the link's frame."""
 
-    def wrap(self, unrolled: Float[np.ndarray, "point 2"]) -> SurfacePoints:
+    def wrap(self, unrolled: Unrolled) -> SurfacePoints:
         """Lay unrolled points (s, t) [m] over the dome."""
         angle = np.linalg.norm(unrolled, axis=1) / self.radius
         spread = np.sinc(angle / np.pi)
         flat = unrolled / self.radius
         outward = np.column_stack([spread[:, None] * flat, np.cos(angle)])
         # The x axis, transported from the pole to the point along a great circle.
-        pole = np.array([0.0, 0.0, 1.0])
-        half = outward + pole
+        half = outward + np.array([0.0, 0.0, 1.0])
         transported = np.eye(3)[0] - (outward[:, 0] / half[:, 2])[:, None] * half
         return SurfacePoints(
             positions=apply(self.T_link_surface, self.radius * outward),
@@ -173,38 +161,31 @@ class Dome(Surface):
             area_scale=spread,
         )
 
-    def unroll(
-        self, positions: Float[np.ndarray, "point 3"]
-    ) -> Float[np.ndarray, "point 2"]:
-        """Return the arc from the pole, in its direction as seen from above [m]."""
+    def unroll(self, positions: Points) -> Unrolled:
+        """Return the arcs from the pole, as vectors seen from above [m]."""
         local = self.to_surface_frame(positions)
         across = np.linalg.norm(local[:, :2], axis=1)
         arc = self.radius * np.arctan2(across, local[:, 2])
         return local[:, :2] * (arc / np.where(across > 0, across, 1.0))[:, None]
 
     def fit_errors(
-        self,
-        positions: Float[np.ndarray, "point 3"],
-        normals: Float[np.ndarray, "point 3"],
+        self, positions: Points, normals: Points
     ) -> Float[np.ndarray, "point"]:
-        """Return the distance from the sphere [m] plus the normals' error."""
-        return compute_errors(self.wrap(self.unroll(positions)), positions, normals)
+        """Return the distances from the dome [m] plus the errors of normals [rad]."""
+        return compute_errors(self, positions, normals)
 
 
 def compute_errors(
-    wrapped: SurfacePoints,
-    positions: Float[np.ndarray, "point 3"],
-    normals: Float[np.ndarray, "point 3"],
+    surface: Surface, positions: Points, normals: Points
 ) -> Float[np.ndarray, "point"]:
-    """Compute the error of points [m] plus that of normals [rad]."""
+    """Compute the errors of points [m] plus those of normals [rad]."""
+    wrapped = surface.wrap(surface.unroll(positions))
     return np.linalg.norm(wrapped.positions - positions, axis=1) + np.linalg.norm(
         wrapped.normals - normals, axis=1
     )
 
 
-def fit_surface(
-    positions: Float[np.ndarray, "taxel 3"], normals: Float[np.ndarray, "taxel 3"]
-) -> Surface | None:
+def fit_surface(positions: Points, normals: Points) -> Surface | None:
     """Fit a plane, else a tube, else a dome through all taxels; None where none fits.
 
     The middle of the taxels lies near (s, t) = (0, 0).
@@ -213,28 +194,18 @@ def fit_surface(
         return None
     for fit in (fit_plane, fit_tube, fit_dome):
         surface = fit(positions, normals)
-        if surface is None:
-            continue
-        if np.max(surface.fit_errors(positions, normals)) < TOLERANCE:
+        if surface and np.max(surface.fit_errors(positions, normals)) < TOLERANCE:
             return surface
     return None
 
 
-def fit_plane(
-    positions: Float[np.ndarray, "taxel 3"], normals: Float[np.ndarray, "taxel 3"]
-) -> Plane:
+def fit_plane(positions: Points, normals: Points) -> Plane:
     """Fit the plane through the mean taxel, perpendicular to the mean normal."""
     return Plane(build_frame(normals.mean(axis=0), positions.mean(axis=0)))
 
 
-def fit_tube(
-    positions: Float[np.ndarray, "taxel 3"], normals: Float[np.ndarray, "taxel 3"]
-) -> Tube | None:
-    """Fit the tube whose axis is perpendicular to all normals.
-
-    p - r n lies on the axis for every taxel, which is linear in the radius r and the
-    point c where the axis meets the plane perpendicular to it.
-    """
+def fit_tube(positions: Points, normals: Points) -> Tube | None:
+    """Fit the tube with the axis to which all normals are perpendicular."""
     axis = np.linalg.eigh(normals.T @ normals)[1][:, 0]
     axis = axis if axis[np.argmax(np.abs(axis))] > 0 else -axis
     x_axis = find_perpendicular(axis, normals.mean(axis=0))
@@ -247,10 +218,8 @@ def fit_tube(
     return Tube(radius, make_transform(rotation, middle))
 
 
-def fit_dome(
-    positions: Float[np.ndarray, "taxel 3"], normals: Float[np.ndarray, "taxel 3"]
-) -> Dome | None:
-    """Fit the sphere whose centre all normals point away from, its pole amid taxels."""
+def fit_dome(positions: Points, normals: Points) -> Dome | None:
+    """Fit the sphere from whose centre all normals point, its pole amid the taxels."""
     radius, centre = fit_centre(positions, normals)
     if not radius > 0:
         return None
@@ -260,7 +229,10 @@ def fit_dome(
 def fit_centre(
     points: Float[np.ndarray, "taxel dim"], normals: Float[np.ndarray, "taxel dim"]
 ) -> tuple[float, Float[np.ndarray, "dim"]]:
-    """Fit the radius r and centre c of p - r n = c by least squares."""
+    """Fit radius r and centre c such that p - r n = c, by least squares.
+
+    The radius is 0 where all normals are parallel.
+    """
     from_middle = points - points.mean(axis=0)
     spread = normals - normals.mean(axis=0)
     power = np.sum(spread**2)
@@ -273,9 +245,9 @@ def fit_centre(
 def build_frame(
     z_axis: Float[np.ndarray, "3"], origin: Float[np.ndarray, "3"]
 ) -> Float[np.ndarray, "4 4"]:
-    """Build T_link_surface with the given z axis, and x nearest to the link's x axis.
+    """Build T_link_surface with a given z axis, and x nearest to the link's x axis.
 
-    Where z is along the link's x axis, x is nearest to the link's y axis.
+    Where z lies along the link's x axis, x is nearest to its y axis.
     """
     length = np.linalg.norm(z_axis)
     z_axis = z_axis / length if length > TOLERANCE else np.array([0.0, 0.0, 1.0])

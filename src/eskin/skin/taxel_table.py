@@ -5,13 +5,14 @@ import io
 from collections.abc import Iterator
 from dataclasses import dataclass
 from decimal import Decimal
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float, Int
 
 from eskin.errors import SkinError
+from eskin.plain_yaml import shorten
 from eskin.skin.check import SkinProblem
-from eskin.skin.manifest import shorten
 from eskin.skin.skin import Patch, Skin
 
 VECTORS = ("x", "y", "z", "nx", "ny", "nz")
@@ -19,6 +20,21 @@ COLUMNS = ("id", "patch", "row", "column", *VECTORS, "area_mm2")
 TANGENT = ("tx", "ty", "tz")
 SQUARE_MM_EXPONENT = 6
 """Power of ten of mm2 in one m2."""
+
+
+class TaxelRow(NamedTuple):
+    """A row holds one taxel of a `taxels.csv`."""
+
+    id: int
+    patch: int
+    row: int
+    column: int
+    vectors: tuple[float, ...]
+    """Position [m] and normal."""
+    area: float
+    """Area [m2]."""
+    tangent: tuple[float, ...]
+    """Local x axis; empty where the file has none."""
 
 
 @dataclass(frozen=True)
@@ -30,9 +46,7 @@ class TaxelTable:
     patch_index: Int[np.ndarray, "taxel"]
     """Index of each taxel's patch in the manifest."""
     rows: Int[np.ndarray, "taxel"]
-    """Row of each taxel in its patch."""
     columns: Int[np.ndarray, "taxel"]
-    """Column of each taxel in its patch."""
     positions: Float[np.ndarray, "taxel 3"]
     """Centres in the links' frames [m]."""
     normals: Float[np.ndarray, "taxel 3"]
@@ -50,7 +64,7 @@ class BadCellError(ValueError):
 def parse_taxels(
     text: str, patches: tuple[Patch, ...], file: str
 ) -> tuple[TaxelTable, list[SkinProblem]]:
-    """Read the rows that can be read and list what is wrong with the others.
+    """Read the valid rows, and list what is wrong with the others.
 
     Raises:
         SkinError: The header is not that of a `taxels.csv`, or the text is no CSV.
@@ -59,7 +73,7 @@ def parse_taxels(
     header = [name.strip() for name in next(lines, (1, []))[1]]
     check_header(header, file)
     index = {patch.id: i for i, patch in enumerate(patches)}
-    kept: list[tuple] = []
+    taxels: list[TaxelRow] = []
     problems: list[SkinProblem] = []
     lines_of: dict[int, int] = {}
     for line, cells in lines:
@@ -72,22 +86,22 @@ def parse_taxels(
                 raise BadCellError(
                     f"{where}: got {len(cells)} cells, allowed {len(header)}"
                 )
-            taxel = read_row(row, header, patches, index, where)
-            if taxel[0] in lines_of:
+            taxel = read_row(row, patches, index, where)
+            if taxel.id in lines_of:
                 raise BadCellError(
-                    f"{where}, column id: got {taxel[0]}, which line "
-                    f"{lines_of[taxel[0]]} has too; allowed every id once"
+                    f"{where}, column id: got {taxel.id}, which line "
+                    f"{lines_of[taxel.id]} has too; allowed every id once"
                 )
         except BadCellError as error:
             problems.append(build_problem(error, row))
             continue
-        lines_of[taxel[0]] = line
-        kept.append(taxel)
-    return build_table(kept), problems
+        lines_of[taxel.id] = line
+        taxels.append(taxel)
+    return build_table(taxels), problems
 
 
 def iterate_rows(text: str, file: str) -> Iterator[tuple[int, list[str]]]:
-    """Yield the cells of every row, with the number of the line that it ends on."""
+    """Yield the number of the last line of every row, and its cells."""
     rows = csv.reader(io.StringIO(text, newline=None))
     try:
         for cells in rows:
@@ -100,19 +114,20 @@ def iterate_rows(text: str, file: str) -> Iterator[tuple[int, list[str]]]:
 
 
 def format_taxels(skin: Skin) -> str:
-    """Return the text of a skin's `taxels.csv`; reading it gives the same bits."""
+    """Return the text of a skin's `taxels.csv`, without loss of precision."""
     out = io.StringIO()
     write = csv.writer(out, lineterminator="\n").writerow
     write((*COLUMNS, *TANGENT))
     ids = [patch.id for patch in skin.patches]
     for i in range(skin.count):
-        numbers = (*skin.positions[i], *skin.normals[i])
         area = Decimal(repr(float(skin.areas[i]))).scaleb(SQUARE_MM_EXPONENT)
         write(
-            (i, ids[skin.patch_index[i]], int(skin.rows[i]), int(skin.columns[i]))
-            + tuple(repr(float(number)) for number in numbers)
-            + (f"{area:f}",)
-            + tuple(repr(float(number)) for number in skin.tangents[i])
+            (
+                *(i, ids[skin.patch_index[i]], int(skin.rows[i]), int(skin.columns[i])),
+                *map(repr, skin.positions[i].tolist() + skin.normals[i].tolist()),
+                f"{area:f}",
+                *map(repr, skin.tangents[i].tolist()),
+            )
         )
     return out.getvalue()
 
@@ -138,42 +153,39 @@ def check_header(header: list[str], file: str) -> None:
 
 
 def read_row(
-    row: dict[str, str],
-    header: list[str],
-    patches: tuple[Patch, ...],
-    index: dict[str, int],
-    where: str,
-) -> tuple:
-    """Read one taxel: id, patch, row, column, vectors, area [m2], tangent or ()."""
+    row: dict[str, str], patches: tuple[Patch, ...], index: dict[str, int], where: str
+) -> TaxelRow:
+    """Read one taxel from the cells of a row."""
     number = read_integer(row, "id", where, None)
     name = row["patch"].strip()
     if name not in index:
-        raise BadCellError(
-            f"{where}, column patch: got {shorten(name)}, allowed the patches of "
-            f"skin.yaml: {', '.join(index)}"
-        )
+        allowed = f"the patches of skin.yaml: {', '.join(index)}"
+        raise BadCellError(describe_cell(where, "patch", name, allowed))
     patch = patches[index[name]]
-    return (
+    return TaxelRow(
         number,
         index[name],
         read_integer(row, "row", where, patch.rows),
         read_integer(row, "column", where, patch.columns),
         tuple(read_float(row, column, where) for column in VECTORS),
         read_area(row, where),
-        tuple(read_float(row, column, where) for column in TANGENT if column in header),
+        tuple(read_float(row, column, where) for column in TANGENT if column in row),
     )
 
 
 def read_integer(row: dict[str, str], column: str, where: str, end: int | None) -> int:
     """Read an integer from 0 to the end, which is excluded."""
     allowed = "an integer from 0" + ("" if end is None else f" to {end - 1}")
-    text = row[column].strip()
-    value = int(text) if text.isascii() and text.isdigit() and len(text) < 19 else -1
-    if value < 0 or (end is not None and value >= end):
-        raise BadCellError(
-            f"{where}, column {column}: got {shorten(row[column])}, allowed {allowed}"
-        )
+    value = parse_integer(row[column])
+    if value is None or (end is not None and value >= end):
+        raise BadCellError(describe_cell(where, column, row[column], allowed))
     return value
+
+
+def parse_integer(text: str) -> int | None:
+    """Return the integer of a text with up to 18 digits, else None."""
+    text = text.strip()
+    return int(text) if text.isascii() and text.isdigit() and len(text) < 19 else None
 
 
 def read_float(row: dict[str, str], column: str, where: str) -> float:
@@ -183,50 +195,46 @@ def read_float(row: dict[str, str], column: str, where: str) -> float:
     except ValueError:
         value = np.nan
     if not np.isfinite(value):
-        raise BadCellError(
-            f"{where}, column {column}: got {shorten(row[column])}, "
-            "allowed a finite number"
-        )
+        text = describe_cell(where, column, row[column], "a finite number")
+        raise BadCellError(text)
     return value
 
 
 def read_area(row: dict[str, str], where: str) -> float:
-    """Read an area in mm2 and return it in m2; moving the decimal point is exact."""
+    """Read an area in mm2 and return it in m2, exactly, by a shift of the point."""
     try:
         value = float(Decimal(row["area_mm2"].strip()).scaleb(-SQUARE_MM_EXPONENT))
     except ArithmeticError:
         value = np.nan
     if not (np.isfinite(value) and value > 0):
-        raise BadCellError(
-            f"{where}, column area_mm2: got {shorten(row['area_mm2'])}, "
-            "allowed a finite number above 0"
-        )
+        allowed = "a finite number above 0"
+        raise BadCellError(describe_cell(where, "area_mm2", row["area_mm2"], allowed))
     return value
 
 
+def describe_cell(where: str, column: str, text: str, allowed: str) -> str:
+    """Describe a wrong cell: what was got and what is allowed."""
+    return f"{where}, column {column}: got {shorten(text)}, allowed {allowed}"
+
+
 def build_problem(error: BadCellError, row: dict[str, str]) -> SkinProblem:
-    """Build the problem of a bad cell, with patch and taxel where they are readable."""
-    taxel = row.get("id", "").strip()
-    known = taxel.isascii() and taxel.isdigit() and len(taxel) < 19
-    patch = row.get("patch", "").strip()
-    return SkinProblem(str(error), patch or None, int(taxel) if known else None)
+    """Build the problem of a bad cell, with patch and taxel where they can be read."""
+    patch, taxel = row.get("patch", "").strip(), parse_integer(row.get("id", ""))
+    return SkinProblem(str(error), patch or None, taxel)
 
 
-def build_table(kept: list[tuple]) -> TaxelTable:
-    """Build arrays of the rows that could be read."""
-
-    def integers(field: int) -> Int[np.ndarray, "taxel"]:
-        return np.array([taxel[field] for taxel in kept], dtype=np.int64)
-
-    vectors = np.array([taxel[4] for taxel in kept], dtype=float).reshape(-1, 6)
-    has_tangent = bool(kept) and len(kept[0][6]) == 3
+def build_table(taxels: list[TaxelRow]) -> TaxelTable:
+    """Build the arrays of all taxels."""
+    fields = zip(*taxels, strict=True) if taxels else [()] * len(TaxelRow._fields)
+    ids, patches, rows, columns, vectors, areas, tangents = fields
+    vectors = np.array(vectors, dtype=float).reshape(-1, 6)
     return TaxelTable(
-        ids=integers(0),
-        patch_index=integers(1),
-        rows=integers(2),
-        columns=integers(3),
+        ids=np.array(ids, dtype=np.int64),
+        patch_index=np.array(patches, dtype=np.int64),
+        rows=np.array(rows, dtype=np.int64),
+        columns=np.array(columns, dtype=np.int64),
         positions=vectors[:, :3].copy(),
         normals=vectors[:, 3:].copy(),
-        areas=np.array([taxel[5] for taxel in kept], dtype=float),
-        tangents=np.array([taxel[6] for taxel in kept]) if has_tangent else None,
+        areas=np.array(areas, dtype=float),
+        tangents=np.array(tangents) if tangents and tangents[0] else None,
     )

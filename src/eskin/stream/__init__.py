@@ -9,7 +9,7 @@ from eskin.stream.listener import (
     QueueCount,
     RecognitionState,
 )
-from eskin.stream.recognition import FaultReporter, Recognition, found_at_once
+from eskin.stream.recognition import FaultReporter, Recognition, found_together
 from eskin.stream.recorder import Recorder, RecorderConfig
 from eskin.stream.stream import Stream, stop_on_signals
 from eskin.stream.timing import DurationHistogram, short_switch_interval
@@ -28,7 +28,7 @@ __all__ = [
     "Recorder",
     "RecorderConfig",
     "Stream",
-    "found_at_once",
+    "found_together",
     "short_switch_interval",
     "stop_on_signals",
 ]

@@ -22,12 +22,10 @@ class RecognitionState:
 
     state: TouchState
     """The calibrated reading with its faults, contacts and touches."""
-
     probabilities: dict[int, Float[np.ndarray, "class"]]
     """Calibrated probabilities of the model's vocabulary, for each open touch by id."""
-
     detections: tuple[Detection, ...]
-    """Detections of this scan; each is published by itself as well, before."""
+    """Detections of this scan; each has been published by itself before."""
 
 
 @dataclass(frozen=True)
@@ -36,19 +34,14 @@ class CommandEvent:
 
     stamp: int
     """Time of the decision [ns since the epoch]."""
-
     action: str
-    """Action decided on."""
-
+    """Action that the decision is about."""
     touch: int | None
     """Id of the touch that led to it; None where a fault did."""
-
     gesture: str | None
     """Gesture recognised in that touch, if any."""
-
     accepted: bool
     """Whether the action was carried out."""
-
     why: str
     """Reason why it was, or was not."""
 
@@ -57,7 +50,7 @@ Message = Scan | RecognitionState | Detection | Event | CommandEvent
 """Scans and recognition states come at the rate of the skin; the others are rare."""
 
 RARE = (Detection, Event, CommandEvent)
-"""Messages that a full queue drops last."""
+"""Messages that a full queue drops only where it holds no others."""
 
 Drop = Literal["oldest", "newest", "never"]
 
@@ -67,33 +60,28 @@ class QueueCount:
     """Counters of a queue, for which given = taken + dropped + waiting always holds."""
 
     given: int
-    """Messages put in, whether kept or not."""
+    """Number of messages put in, whether kept or not."""
     taken: int
-    """Messages that the listener has taken out."""
+    """Number of messages that the listener has taken out."""
     dropped: int
-    """Messages that the listener will never get."""
+    """Number of messages that were dropped."""
     waiting: int
-    """Messages in it now."""
+    """Number of messages in the queue now."""
     longest: int
-    """Largest number of messages that was ever in it."""
+    """Largest number of messages that the queue has held."""
 
 
 @final
 class BoundedQueue:
-    """Holds the messages that wait for a listener; safe between threads.
+    """Holds the messages that wait for a listener; it is thread-safe.
 
-    When it is full, it drops its oldest scan or state (`oldest`) or the one that comes
-    (`newest`), or blocks until there is room (`never`). Rare messages are only dropped
-    where it holds nothing else.
+    When it is full, it drops its oldest scan or state (`oldest`) or the new one
+    (`newest`), or blocks until there is room (`never`). Rare messages are dropped only
+    where it holds no others.
     """
 
     def __init__(self, size: int, drop: Drop) -> None:
-        """Create an empty queue.
-
-        Args:
-            size: capacity.
-            drop: policy when it is full.
-        """
+        """Create an empty queue with a capacity and a policy for when it is full."""
         if size < 1:
             raise ValueError(f"queue of size {size}; allowed is 1 or more; give one")
         self.size = size
@@ -104,7 +92,7 @@ class BoundedQueue:
         self.given = self.taken = self.dropped = self.longest = 0
 
     def put(self, item: Message) -> None:
-        """Put a message in; block for room only where nothing may be dropped."""
+        """Put a message in; wait for room only where nothing may be dropped."""
         with self.changed:
             self.given += 1
             if self.drop == "never":
@@ -117,11 +105,11 @@ class BoundedQueue:
             self.changed.notify_all()
 
     def has_room(self) -> bool:
-        """Tell whether there is room for a message."""
+        """Return whether there is room for a message."""
         return len(self.items) < self.size
 
     def make_room(self, item: Message) -> bool:
-        """Drop a message that matters less than `item`; False where there is none."""
+        """Drop a message in favour of `item`; return whether that is allowed."""
         rare = isinstance(item, RARE)
         if self.drop == "newest":
             places = range(self.size - 1, -1, -1) if rare else ()
@@ -150,13 +138,13 @@ class BoundedQueue:
             return item
 
     def end(self) -> None:
-        """Accept no more messages; those that wait can still be taken."""
+        """Accept no more messages; those in the queue can still be taken."""
         with self.changed:
             self.ending = True
             self.changed.notify_all()
 
     def close(self) -> None:
-        """Accept no more messages, and drop those that wait."""
+        """Accept no more messages, and drop those in the queue."""
         with self.changed:
             self.ending = True
             self.dropped += len(self.items)
@@ -173,7 +161,7 @@ class BoundedQueue:
 
 @dataclass(frozen=True)
 class Context:
-    """Access that the listeners of a stream have to it."""
+    """What a listener can access of its stream."""
 
     info: SourceInfo
     """Description of the source."""
@@ -197,9 +185,9 @@ class Listener(ABC):
             `Detection`.
         size: capacity of its queue.
         drop: policy of a full queue. `oldest` drops the oldest message, for listeners
-            to which old data are of no use; `newest` drops the one that comes; `never`
-            blocks the publisher, so that a recording is read no faster than the
-            listener works, while a device goes on and counts what it loses.
+            that need the latest data; `newest` drops the new one; `never` blocks the
+            publisher, so that a recording is read no faster than it is processed, while
+            a device continues and counts what is lost.
     """
 
     name: str

@@ -11,7 +11,7 @@ from eskin.stream.listener import Context, Drop, Listener, Message, RecognitionS
 from eskin.stream.timing import DurationHistogram
 from eskin.touch import Fault, Scan
 
-WRONG = {
+FAULT_TEXTS = {
     "stuck": "is frozen at one count",
     "dead": "is frozen at zero",
     "negative": "counts below zero",
@@ -25,21 +25,17 @@ WRONG = {
 
 @final
 class FaultReporter:
-    """Turns the list of current faults into events as faults come and go."""
+    """Turns lists of current faults into events of faults that begin and end."""
 
     def __init__(self) -> None:
         """Start with a skin without faults."""
         self.known: tuple[Fault, ...] = ()
 
     def push(self, stamp: int, faults: Sequence[Fault]) -> list[Event]:
-        """Return the events of a reading.
+        """Return the events of a reading with some stamp [ns] and faults.
 
-        A fault that becomes part of a larger one, as a taxel whose row goes out, does
+        A fault that becomes part of a larger one, such as a taxel whose row fails, does
         not count as over.
-
-        Args:
-            stamp: stamp of the reading [ns since the epoch].
-            faults: faults known at that reading.
         """
         faults = tuple(faults)
         if faults == self.known:
@@ -58,8 +54,8 @@ class FaultReporter:
         ]
 
 
-def found_at_once(last: Event | None, event: Event) -> bool:
-    """Tell whether an event is a fault found at the same reading as the last one."""
+def found_together(last: Event | None, event: Event) -> bool:
+    """Return whether two events are faults found at the same reading."""
     return (
         last is not None
         and event.kind == last.kind == "fault"
@@ -76,7 +72,7 @@ def faults_by_place(faults: Sequence[Fault]) -> dict[tuple[object, ...], Fault]:
 
 
 def covers(fault: Fault, other: Fault) -> bool:
-    """Tell whether a fault of a line or patch includes another."""
+    """Return whether a fault of a line or patch includes another."""
     if fault.patch != other.patch:
         return False
     if fault.kind in ("row", "column"):
@@ -86,14 +82,14 @@ def covers(fault: Fault, other: Fault) -> bool:
 
 
 def fault_event(stamp: int, fault: Fault, over: bool) -> Event:
-    """Return the event that a fault has come, or is over."""
+    """Return the event of a fault that has begun, or is over."""
     what = f"patch '{fault.patch}'"
     if fault.taxel is not None:
         what = f"taxel {fault.taxel} (row {fault.row}, column {fault.column}) of {what}"
     elif fault.row is not None or fault.column is not None:
         number = fault.column if fault.row is None else fault.row
         what = f"{fault.kind} {number} of {what}"
-    text = f"{what} {WRONG[fault.kind]} and is left out; check its lines and plug"
+    text = f"{what} {FAULT_TEXTS[fault.kind]} and is left out; check its lines and plug"
     return Event(
         stamp,
         "mended" if over else "fault",
@@ -109,8 +105,8 @@ def fault_event(stamp: int, fault: Fault, over: bool) -> Event:
 class Recognition(Listener):
     """Pushes every scan through a recogniser and publishes what it finds.
 
-    It publishes detections first, then faults that have come or gone, then the
-    recognition state. Touches still open when the stream ends are closed, and their
+    It publishes detections first, then faults that have begun or ended, then the
+    recognition state. Touches that are open when the stream ends are closed, and their
     detections published.
 
     Attributes:
@@ -125,13 +121,7 @@ class Recognition(Listener):
     def __init__(
         self, recognizer: Recognizer, size: int = 512, drop: Drop = "oldest"
     ) -> None:
-        """Wrap a recogniser that has got no scan yet.
-
-        Args:
-            recognizer: a recogniser for the skin of the source.
-            size: capacity of the queue of scans.
-            drop: policy of a full queue; live, fresh scans count most.
-        """
+        """Wrap a recogniser for the skin of the source, without any scan so far."""
         self.recognizer = recognizer
         self.size = size
         self.drop = drop
@@ -141,19 +131,15 @@ class Recognition(Listener):
         self.detections = 0
 
     def start(self, context: Context) -> None:
-        """Check that the source has the recogniser's skin.
-
-        Raises:
-            SkinMismatchError: the recogniser is for another skin or robot.
-        """
+        """Raise a SkinMismatchError if the source has another skin or robot."""
         mounted, info = self.recognizer.mounted, context.info
-        ours = mounted.skin.count, tuple(mounted.robot.joint_names)
-        theirs = info.skin.count, info.joint_names
-        if ours != theirs:
+        own = mounted.skin.count, tuple(mounted.robot.joint_names)
+        given = info.skin.count, info.joint_names
+        if own != given:
             raise SkinMismatchError(
-                f"source {info.uri} is of skin '{info.skin.name}' with {theirs[0]} "
-                f"taxels and {len(theirs[1])} joints, the recogniser of "
-                f"'{mounted.skin.name}' with {ours[0]} and {len(ours[1])}; allowed is "
+                f"source {info.uri} is of skin '{info.skin.name}' with {given[0]} "
+                f"taxels and {len(given[1])} joints, the recogniser of "
+                f"'{mounted.skin.name}' with {own[0]} and {len(own[1])}; allowed is "
                 "one skin and robot; give both the same"
             )
         self.context = context
@@ -171,10 +157,10 @@ class Recognition(Listener):
         if state is not None:
             for event in self.faults.push(item.stamp, state.faults):
                 self.context.publish(event)
-            moment = RecognitionState(
-                state, self.recognizer.probabilities, tuple(detections)
+            probabilities = self.recognizer.probabilities
+            self.context.publish(
+                RecognitionState(state, probabilities, tuple(detections))
             )
-            self.context.publish(moment)
 
     def close(self) -> None:
         """Close the touches that are still open."""

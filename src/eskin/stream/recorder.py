@@ -20,6 +20,10 @@ from eskin.stream.timing import DurationHistogram
 from eskin.touch import Scan
 from eskin.units import NS_PER_S
 
+DISK_FULL_ERRORS = (errno.ENOSPC, errno.EDQUOT)
+
+logger = logging.getLogger(__name__)
+
 
 @final
 class RecordingFiles:
@@ -31,14 +35,7 @@ class RecordingFiles:
     """
 
     def __init__(self, path: Path, metadata: Metadata, piece_bytes: int | None) -> None:
-        """Store the settings; nothing is opened yet.
-
-        Args:
-            path: path of the recording; pieces of `name.mcap` are `name-0001.mcap`
-                and on.
-            metadata: metadata of all files; each piece has its number as a note.
-            piece_bytes: size from which a file is finished [bytes]; None writes one.
-        """
+        """Store the settings, see `Recorder` and `RecorderConfig`; open nothing yet."""
         self.path = path
         self.metadata = metadata
         self.piece_bytes = piece_bytes
@@ -47,11 +44,7 @@ class RecordingFiles:
         self.files: list[Path] = []
 
     def check(self) -> None:
-        """Refuse to overwrite a recording.
-
-        Raises:
-            RecordingError: a recording of that name exists, whole or cut.
-        """
+        """Raise a RecordingError if a recording of that name exists, whole or cut."""
         stem, suffix = escape(self.path.stem), escape(self.path.suffix)
         for name in (stem + suffix, f"{stem}-[0-9][0-9][0-9][0-9]{suffix}"):
             for pattern in (name, f"{name}.part"):
@@ -62,11 +55,7 @@ class RecordingFiles:
                     )
 
     def begin(self, info: SourceInfo) -> None:
-        """Open the next file.
-
-        Raises:
-            RecordingError: it cannot be written.
-        """
+        """Open the next file; raise a RecordingError if it cannot be written."""
         self.count += 1
         path, metadata = self.path, self.metadata
         if self.piece_bytes is not None:
@@ -83,8 +72,8 @@ class RecordingFiles:
         )
 
     @property
-    def large(self) -> bool:
-        """Whether the open file has reached its size."""
+    def is_full(self) -> bool:
+        """Whether the open file has reached the size of a piece."""
         return (
             self.piece_bytes is not None
             and self.writer is not None
@@ -93,23 +82,17 @@ class RecordingFiles:
 
     def finish(self) -> None:
         """Finish the open file, if there is one."""
-        writer = self.writer
-        if writer is not None:
-            writer.close()
-            self.files.append(writer.path)
+        if self.writer is not None:
+            self.writer.close()
+            self.files.append(self.writer.path)
             self.writer = None
 
-    def break_off(self) -> None:
-        """Close the file as it is, on a full disk; it keeps its name `.part`."""
+    def abandon(self) -> None:
+        """Close the file as it is, since the disk is full; it stays a `.part` file."""
         if self.writer is not None:
             with suppress(OSError):
                 self.writer.file.close()
             self.writer = None
-
-
-FULL = (errno.ENOSPC, errno.EDQUOT)
-
-logger = logging.getLogger(__name__)
 
 
 def free_bytes(folder: Path) -> int:
@@ -123,27 +106,25 @@ class RecorderConfig:
 
     chunk_seconds: float = 0.5
     """Duration of the scans in one chunk [s]."""
-
     least_free: int = 500_000_000
     """Free space of the disk below which recording stops [bytes]."""
-
     piece_bytes: int | None = None
-    """Size from which a new file is begun [bytes]; None writes one file."""
+    """Size above which a new file is begun [bytes]; None writes one file."""
 
 
 @final
 class Recorder(Listener):
     """Writes scans, detections and events; the stream goes on when the disk is full.
 
-    Every half second of scans is one chunk, which is written and then fsynced, on this
-    listener's own thread, before more is written. A process that is killed and a
-    computer that loses power lose the last half second of scans and the messages in the
-    queue. The file is `<path>.part` until it is closed and renamed; a computer that
-    loses power just then may keep it under that name.
+    Every half second of scans is one chunk, which is written and fsynced on this
+    listener's own thread before more is written. If the process is killed or power
+    fails, the last half second of scans and the queued messages are lost. The file is
+    `<path>.part` until it is closed and renamed; if power fails just then, it may keep
+    that name.
 
-    When less than `least_free` would be left on the disk, the recording is finished and
-    an event published. The same happens when the disk is full all the same; a `.part`
-    file stays then. Any other error of the disk stops the stream.
+    When less than `least_free` is left on the disk, the recording is finished and an
+    event published. If the disk is full before that, the event is published and a
+    `.part` file stays. Any other error of the disk stops the stream.
 
     Attributes:
         pieces: the files.
@@ -166,8 +147,9 @@ class Recorder(Listener):
         """Store the settings; nothing is written before the stream starts.
 
         Args:
-            path: path of the recording; pieces of `name.mcap` are `name-0001.mcap`
-                and on, each a recording with all metadata and its number as a note.
+            path: path of the recording; the pieces of `name.mcap` are named
+                `name-0001.mcap` and so on, each a recording with all metadata and its
+                number as a note.
             metadata: metadata of the recording.
             config: how to write.
             size: capacity of the queue.
@@ -185,17 +167,12 @@ class Recorder(Listener):
         self.sync = DurationHistogram()
 
     def start(self, context: Context) -> None:
-        """Open the first file.
-
-        Raises:
-            RecordingError: it cannot be written, exists already, or the disk is full.
-        """
+        """Open the first file; raise a RecordingError if it cannot be written."""
         self.context = context
         self.pieces.check()
         if self.path.parent.is_dir() and self.disk_full():
-            raise RecordingError(
-                f"cannot record to {self.path}: {self.describe_space()}"
-            )
+            text = f"cannot record to {self.path}: {self.describe_space()}"
+            raise RecordingError(text)
         self.pieces.begin(context.info)
 
     def on_message(self, item: Message) -> None:
@@ -205,9 +182,9 @@ class Recorder(Listener):
                 self.end_chunk(item.stamp)
             self.write(item)
         except OSError as error:
-            if error.errno not in FULL:
+            if error.errno not in DISK_FULL_ERRORS:
                 raise
-            self.pieces.break_off()
+            self.pieces.abandon()
             self.unrecorded += isinstance(item, Scan)
             self.report_stop("its disk is full; free some space")
 
@@ -224,7 +201,7 @@ class Recorder(Listener):
             writer.write_event(item.record())
 
     def end_chunk(self, stamp: int) -> None:
-        """Sync the file, where a scan with that stamp begins a chunk."""
+        """Sync the file if a scan with this stamp begins a new chunk."""
         if self.chunk is None:
             self.chunk = stamp
         passed = (stamp - self.chunk) / NS_PER_S
@@ -237,12 +214,12 @@ class Recorder(Listener):
         if self.disk_full():
             self.pieces.finish()
             self.report_stop(self.describe_space())
-        elif self.pieces.large:
+        elif self.pieces.is_full:
             self.pieces.finish()
             self.begin_piece()
 
     def begin_piece(self) -> None:
-        """Open the next file; a full disk raises OSError."""
+        """Open the next file; raise an OSError where the disk is full."""
         try:
             self.pieces.begin(self.context.info)
         except RecordingError as error:
@@ -251,7 +228,7 @@ class Recorder(Listener):
             raise
 
     def disk_full(self) -> bool:
-        """Tell whether less space is free than required."""
+        """Return whether less space is free than required."""
         return self.free(self.path.parent) < self.config.least_free
 
     def describe_space(self) -> str:
@@ -273,4 +250,4 @@ class Recorder(Listener):
         try:
             self.pieces.finish()
         finally:
-            self.pieces.break_off()
+            self.pieces.abandon()

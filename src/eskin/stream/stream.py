@@ -9,14 +9,19 @@ from functools import partial
 from threading import Event as Flag
 from threading import Lock, Thread
 from time import monotonic
-from types import FrameType, TracebackType
+from types import FrameType
 from typing import final
 
 from eskin.drivers import Source
 from eskin.errors import StreamError
 from eskin.stream.listener import BoundedQueue, Context, Listener, Message, QueueCount
 
+POLL_INTERVAL = 0.05
+"""Interval at which a waiting thread checks whether to go on [s]."""
+SIGNALS = (signal.SIGINT, signal.SIGTERM)
 Fail = Callable[[str, BaseException], None]
+
+logger = logging.getLogger(__name__)
 
 
 @final
@@ -24,12 +29,7 @@ class ListenerThread:
     """Runs one listener with its queue on a thread."""
 
     def __init__(self, listener: Listener, fail: Fail) -> None:
-        """Set up queue and thread; nothing runs yet.
-
-        Args:
-            listener: the listener.
-            fail: called with a title and the exception that the listener raised.
-        """
+        """Set up queue and thread; `fail` gets what the listener raises."""
         self.listener = listener
         self.title = f"listener '{listener.name}'"
         self.fail = fail
@@ -42,15 +42,12 @@ class ListenerThread:
             self.queue.put(item)
 
     def run(self) -> None:
-        """Pass messages to the listener until no more will come."""
+        """Pass messages to the listener until the queue has ended."""
         try:
             while (item := self.queue.take()) is not None:
                 self.listener.on_message(item)
         except BaseException as error:
             self.fail(self.title, error)
-
-
-SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
 
 @contextmanager
@@ -68,22 +65,16 @@ def stop_on_signals(stop: Callable[[], None]) -> Iterator[None]:
         return
 
     def on_signal(number: int, frame: FrameType | None) -> None:
-        for one in SIGNALS:
-            signal.signal(one, signal.SIG_DFL)
+        for each in SIGNALS:
+            signal.signal(each, signal.SIG_DFL)
         stop()
 
-    before = {one: signal.signal(one, on_signal) for one in SIGNALS}
+    before = {each: signal.signal(each, on_signal) for each in SIGNALS}
     try:
         yield
     finally:
-        for one, handler in before.items():
-            signal.signal(one, signal.SIG_DFL if handler is None else handler)
-
-
-SLICE = 0.05
-"""Interval at which a waiting thread checks whether to go on [s]."""
-
-logger = logging.getLogger(__name__)
+        for each, handler in before.items():
+            signal.signal(each, signal.SIG_DFL if handler is None else handler)
 
 
 @final
@@ -91,10 +82,10 @@ class Stream:
     """Reads a source and publishes its scans to listeners, until it ends or is stopped.
 
     One thread reads, and one runs for each listener; queues between them are bounded.
-    When the source ends, or `stop` is called, the listeners get the messages that wait
-    for them and are closed one after the other. When the source or a listener raises,
-    no more messages are delivered, all are closed, and `wait` and the end of `with`
-    raise the error.
+    When the source ends, or `stop` is called, the listeners get the messages in their
+    queues and are closed one after the other. When the source or a listener raises, no
+    more messages are delivered, all are closed, and `wait` and the end of `with` raise
+    the error.
 
     Attributes:
         source: the source that is read; the stream closes it.
@@ -110,8 +101,8 @@ class Stream:
             source: the source to read.
             listeners: in the order in which they are started and closed. A listener
                 that publishes comes before those that receive its messages.
-            patience: time that each listener has to finish once the stream is to stop
-                [s]; one that hangs for longer is abandoned, which is a failure.
+            patience: time that each listener has to finish when the stream stops [s];
+                one that takes longer is abandoned, which is a failure.
 
         Raises:
             ValueError: two listeners have one name.
@@ -153,13 +144,8 @@ class Stream:
         self.reader.start()
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        """Stop and close; raise what stopped the stream, unless something else is."""
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
+        """Stop and close; raise what stopped the stream, unless the block raises."""
         self.close()
         if kind is None and self.failure is not None:
             raise self.failure
@@ -168,13 +154,13 @@ class Stream:
         """Wait until the stream is over; return whether it is.
 
         Args:
-            timeout: longest wait [s]; None waits for as long as it takes.
+            timeout: longest wait [s]; None waits without a limit.
 
         Raises:
             StreamError: the source or a listener failed; everything is closed then.
         """
         until = None if timeout is None else monotonic() + timeout
-        while self.failure is None and not self.over.wait(SLICE):
+        while self.failure is None and not self.over.wait(POLL_INTERVAL):
             if until is not None and monotonic() >= until:
                 return False
         if self.failure is not None:
@@ -206,9 +192,9 @@ class Stream:
         self.finish_all()
 
     def read(self) -> None:
-        """Publish scans and events of the source as they come."""
+        """Publish scans and events of the source as they arrive."""
         while not (self.stopping or self.source.ended):
-            scan = self.source.read(SLICE)
+            scan = self.source.read(POLL_INTERVAL)
             for event in self.source.take_events():
                 self.publish(None, event)
             if scan is not None:
@@ -221,7 +207,7 @@ class Stream:
                 worker.put(item)
 
     def finish_all(self) -> None:
-        """Finish and close every listener, then the source; once."""
+        """Finish and close every listener, then the source; only once."""
         if not self.closing.acquire(blocking=False):
             return
         for worker in self.workers:
@@ -230,12 +216,12 @@ class Stream:
         self.over.set()
 
     def finish(self, worker: ListenerThread) -> None:
-        """Let a listener process the messages that wait for it, then close it."""
+        """Let a listener process the messages in its queue, then close it."""
         worker.queue.end()
         waited = 0.0
         while worker.thread.is_alive():
-            worker.thread.join(SLICE)
-            waited += SLICE if self.stopping else 0.0
+            worker.thread.join(POLL_INTERVAL)
+            waited += POLL_INTERVAL if self.stopping else 0.0
             if waited > self.patience:
                 raise self.timed_out()
         worker.listener.close()
@@ -250,7 +236,7 @@ class Stream:
             self.fail(title, error)
 
     def fail(self, title: str, error: BaseException) -> None:
-        """Stop because of an error; the first one is the one that is raised."""
+        """Stop because of an error; the first one is raised at the end."""
         reason = " ".join(f"{type(error).__name__}: {error}".split())
         failure = StreamError(
             f"{title} failed and the stream has stopped ({reason}); fix it or leave it "
@@ -265,7 +251,7 @@ class Stream:
             worker.queue.close()
 
     def find_blocker(self) -> str:
-        """Return the title of what blocks the reader: a full queue, else the source."""
+        """Return the title of what blocks the reader: a full queue, or the source."""
         for worker in self.workers:
             if worker.queue.drop == "never" and worker.queue.count().waiting:
                 return worker.title

@@ -8,17 +8,20 @@ from typing import final
 
 import numpy as np
 
-LEAST = 1e-6
-"""Shortest duration that is told apart [s]."""
-RATIO = 1.02
+MIN_DURATION = 1e-6
+"""Upper edge of the first bin [s]."""
+BIN_RATIO = 1.02
 """Ratio of neighbouring bin edges: a quantile is at most 2 % too long."""
 BINS = 1100
 """Number of bins; they reach 2,800 s, and longer durations count in the last."""
+SWITCH_INTERVAL = 0.0005
+"""Time after which Python switches threads [s]; its default of 5 ms is five readings
+at 1 kHz."""
 
 
 @final
 class DurationHistogram:
-    """Counts durations in logarithmic bins, in 9 kB for any number of them.
+    """Counts durations in logarithmic bins, which take 9 kB for any number of them.
 
     Attributes:
         count: number of durations.
@@ -33,8 +36,9 @@ class DurationHistogram:
 
     def add(self, seconds: float) -> None:
         """Count a duration [s]; one below 1 us counts as 1 us."""
-        place = math.log(max(seconds, LEAST) / LEAST) / math.log(RATIO)
-        self.bins[min(math.ceil(place), BINS - 1)] += 1
+        ratio = max(seconds, MIN_DURATION) / MIN_DURATION
+        index = math.ceil(math.log(ratio) / math.log(BIN_RATIO))
+        self.bins[min(index, BINS - 1)] += 1
         self.count += 1
         self.longest = max(self.longest, seconds)
 
@@ -47,13 +51,9 @@ class DurationHistogram:
         sums = np.cumsum(self.bins)
         if not sums[-1]:
             return 0.0
-        place = int(np.searchsorted(sums, max(share * sums[-1], 1)))
-        return min(LEAST * RATIO**place, max(self.longest, LEAST))
-
-
-SWITCH_INTERVAL = 0.0005
-"""Time after which Python switches threads [s]; its default of 5 ms is five readings
-at 1 kHz."""
+        index = int(np.searchsorted(sums, max(share * sums[-1], 1)))
+        edge = MIN_DURATION * BIN_RATIO**index
+        return min(edge, max(self.longest, MIN_DURATION))
 
 
 @contextmanager

@@ -1,4 +1,4 @@
-"""This package turns counts into touches: calibration, faults, contacts, tracks."""
+"""This package computes touches from counts: calibration, faults, contacts, tracks."""
 
 from eskin.touch.adjacency import Adjacency
 from eskin.touch.calibration import Calibration

@@ -10,27 +10,24 @@ from eskin.skin import Skin
 
 MICROMETRE = 1e-6
 SPACING_RANK = 3
-"""Which nearest taxel defines the local spacing."""
+"""Rank of the neighbour whose distance is the local spacing."""
 
 
 @dataclass(frozen=True, eq=False)
 class Adjacency:
-    """A table holds the neighbours of each taxel on its own link, whatever the pose.
+    """A table holds the neighbours of each taxel on its own link, in any pose.
 
     The neighbours of taxel i are `neighbours[starts[i] : starts[i + 1]]`, ascending.
     """
 
     starts: Int[np.ndarray, "taxel_and_one"]
     """Index of each taxel's first neighbour; the last entry ends the last taxel."""
-
     neighbours: Int[np.ndarray, "pair"]
     """Indices of neighbouring taxels."""
-
     reach: Float[np.ndarray, "taxel"]
-    """Reach of each taxel [m]; two taxels are neighbours within the larger reach."""
-
+    """Reach of each taxel [m]; two are neighbours within the larger of their two."""
     link_index: Int[np.ndarray, "taxel"]
-    """Link of each taxel, numbered in order of appearance."""
+    """Link of each taxel, numbered in order of appearance in the patches."""
 
     @classmethod
     def build(
@@ -41,7 +38,9 @@ class Adjacency:
         Coordinates are rounded to 1 um, so that equal distances are equal.
         """
         points = np.round(skin.positions, 6)
-        links = number_links(skin)
+        names = list(dict.fromkeys(skin.link_names))
+        numbers = np.array([names.index(name) for name in skin.link_names], np.int32)
+        links = numbers[np.asarray(skin.patch_index)]
         reach = np.maximum(factor * compute_spacing(skin), min_reach) + MICROMETRE
         pairs = [find_pairs(points, reach, links == n) for n in np.unique(links)]
         source, target = np.concatenate([np.empty((2, 0), np.int64), *pairs], axis=1)
@@ -52,18 +51,11 @@ class Adjacency:
         )
 
 
-def number_links(skin: Skin) -> Int[np.ndarray, "taxel"]:
-    """Assign numbers to the links of taxels in order of appearance in the patches."""
-    names = list(dict.fromkeys(skin.link_names))
-    numbers = np.array([names.index(name) for name in skin.link_names], np.int32)
-    return numbers[np.asarray(skin.patch_index)]
-
-
 def compute_spacing(skin: Skin) -> Float[np.ndarray, "taxel"]:
     """Return the distance from each taxel to the third nearest of its patch [m].
 
-    On a rectangular grid that is the longer of the two pitches. A patch of fewer taxels
-    takes the farthest, and a lone taxel the side of the square of its area.
+    On a rectangular grid that is the larger of the two pitches. In a smaller patch it
+    is the farthest taxel; for a single taxel the square root of its area.
     """
     points = np.round(skin.positions, 6)
     result = np.sqrt(np.asarray(skin.areas, np.float64))
@@ -81,15 +73,13 @@ def find_pairs(
     reach: Float[np.ndarray, "taxel"],
     is_member: np.ndarray,
 ) -> Int[np.ndarray, "2 pair"]:
-    """Find the ordered pairs of members within the larger reach of the two."""
+    """Find the pairs of members within the larger reach of the two, in both orders."""
     members = np.flatnonzero(is_member)
     tree = KDTree(points[members])
     pairs = tree.query_pairs(reach[members].max(), output_type="ndarray")
-    a, b = members[pairs[:, 0]], members[pairs[:, 1]]
-    near = np.linalg.norm(points[a] - points[b], axis=1) <= np.maximum(
-        reach[a], reach[b]
-    )
-    a, b = a[near], b[near]
+    a, b = members[pairs].T
+    distances = np.linalg.norm(points[a] - points[b], axis=1)
+    a, b = members[pairs[distances <= np.maximum(reach[a], reach[b])]].T
     return np.stack([np.concatenate([a, b]), np.concatenate([b, a])])
 
 
@@ -99,30 +89,19 @@ class TaxelGroups:
 
     group_index: Int[np.ndarray, "taxel"]
     """Group of each taxel."""
-
     sizes: Int[np.ndarray, "group"]
-    """Number of taxels in each group."""
-
     patches: Int[np.ndarray, "group"]
-    """Patch of each group."""
-
     numbers: Int[np.ndarray, "group"]
     """Row or column number of each group; for a patch its index."""
 
     @classmethod
     def build(cls, skin: Skin, numbers: Int[np.ndarray, "taxel"]) -> "TaxelGroups":
-        """Group the taxels of each patch by a number: row, column or patch index."""
+        """Group the taxels of each patch by a number, such as their row."""
         keys = np.stack([np.asarray(skin.patch_index), np.asarray(numbers)])
         kinds, index, sizes = np.unique(
             keys, axis=1, return_inverse=True, return_counts=True
         )
         return cls(index.reshape(-1), sizes, kinds[0], kinds[1])
-
-    def all_flagged(
-        self, flags: Bool[np.ndarray, "taxel"]
-    ) -> Bool[np.ndarray, "group"]:
-        """Return which groups have all of their taxels flagged."""
-        return self.flagged_share(flags) == 1.0
 
     def flagged_share(
         self, flags: Bool[np.ndarray, "taxel"]

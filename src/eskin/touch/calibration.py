@@ -1,8 +1,8 @@
-"""This module defines the calibration of a skin: how its counts mean pressure."""
+"""This module defines the calibration of a skin, which converts counts to pressure."""
 
 import json
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, get_args
 
 import numpy as np
 from jaxtyping import Float
@@ -11,22 +11,14 @@ from eskin.errors import RecordingError
 from eskin.touch.calibration_kernels import MAX_SCALE_SHARE, PressureCurve
 
 VERSION = 1
-
 PARSE_ERRORS = (LookupError, OverflowError, RecursionError, TypeError, ValueError)
 """Exceptions that JSON of another structure raises."""
-
 Curve = Literal["linear", "divider"]
-
-CURVES: tuple[Curve, ...] = ("linear", "divider")
 
 
 def parse_curve(name: object) -> Curve:
-    """Return the curve of that name.
-
-    Raises:
-        ValueError: there is none.
-    """
-    for curve in CURVES:
+    """Return the curve of a name; raise `ValueError` where there is none."""
+    for curve in get_args(Curve):
         if name == curve:
             return curve
     raise ValueError(
@@ -36,47 +28,38 @@ def parse_curve(name: object) -> Curve:
 
 @dataclass(frozen=True, eq=False)
 class Calibration:
-    """A calibration holds the constants of one skin's electronics.
+    """A calibration holds the constants of a skin's electronics.
 
     It is stored in every recording.
     """
 
     gain: Float[np.ndarray, "taxel"]
-    """Pressure of one count [kPa/count]; behind a divider, gain times full scale is
-    the pressure at half scale."""
-
+    """Pressure of one count [kPa/count]. Where `curve` is "divider", gain times full
+    scale is the pressure at half scale."""
     full_scale: int
     """Counts at which the converter saturates."""
-
     shear_gain: float = 1.0
-    """Shear of one count [kPa/count]; without meaning where no shear is measured."""
-
+    """Shear of one count [kPa/count]; unused where no shear is measured."""
     shear_rest: int = 0
     """Nominal counts of a shear channel at rest."""
-
     floor: float = 0.0
-    """Pressure below which this device's signal does not distinguish a touch from rest,
-    as under a sleeve worn tight [kPa]; raises the thresholds of contact."""
-
+    """Pressure below which the signal does not distinguish a touch from rest, such as
+    that of a tight sleeve [kPa]; the thresholds of contact rise with it."""
     curve: Curve = "linear"
-    """Shape of counts over pressure: proportional, or that of a resistor in a voltage
-    divider whose conductance is a power of pressure."""
-
+    """Counts over pressure: proportional, or those of a voltage divider with a resistor
+    whose conductance is a power of the pressure."""
     exponent: float = 1.0
-    """Exponent of that power; without meaning where the curve is linear."""
-
+    """Exponent of that power; unused where the curve is linear."""
     unfelt: float = 0.0
-    """Pressure that it takes to close the sensor, which does not show in the counts
-    [kPa]. It is added to the measured pressure, but never more than was measured, so
-    that noise stays noise."""
-
+    """Pressure that closes the layers of the sensor without a change of the counts
+    [kPa]. It is added to the measured pressure, which it at most doubles, so that noise
+    stays small."""
     matrix: bool = False
-    """Whether taxels are read out by rows and columns that leak into each other; the
-    leakage is then estimated from the readings and subtracted, see
-    `CrosstalkCompensator`."""
+    """Whether taxels are read out by rows and columns, with crosstalk between them that
+    `CrosstalkCompensator` estimates and subtracts."""
 
     def __post_init__(self) -> None:
-        """Refuse constants that no electronics have."""
+        """Refuse constants that are not finite or not positive."""
         gain = np.asarray(self.gain)
         if gain.ndim != 1 or not (np.isfinite(gain).all() and (gain > 0).all()):
             raise ValueError(
@@ -107,7 +90,7 @@ class Calibration:
 
     @property
     def pressure_curve(self) -> PressureCurve:
-        """The curve as compiled code takes it."""
+        """The parameters of the curve for compiled code."""
         if self.curve == "linear":
             return PressureCurve(np.inf, 1.0, self.unfelt)
         return PressureCurve(float(self.full_scale), self.exponent, self.unfelt)
@@ -115,7 +98,7 @@ class Calibration:
     def compute_counts(
         self, pressure: float | Float[np.ndarray, "*batch taxel"]
     ) -> Float[np.ndarray, "*batch taxel"]:
-        """Compute the counts above rest at a pressure [kPa], one or one per taxel."""
+        """Compute the counts above rest at a pressure [kPa], or at one a taxel."""
         conductance = self.compute_conductance(pressure)
         if self.curve == "linear":
             return self.full_scale * conductance
@@ -145,34 +128,22 @@ class Calibration:
     def invert_conductance(
         self, conductance: Float[np.ndarray, "*batch taxel"]
     ) -> Float[np.ndarray, "*batch taxel"]:
-        """Compute the pressure [kPa] of a conductance; undoes `compute_conductance`."""
+        """Compute the pressure [kPa] at a conductance of `compute_conductance`."""
         power = 1.0 if self.curve == "linear" else 1.0 / self.exponent
         felt = conductance**power * self.gain * self.full_scale
         return felt + np.minimum(felt, self.unfelt)
 
     def to_bytes(self) -> bytes:
         """Encode the constants as JSON text."""
-        return json.dumps(
-            {
-                "version": VERSION,
-                "gain": [float(gain) for gain in self.gain],
-                "full_scale": self.full_scale,
-                "shear_gain": self.shear_gain,
-                "shear_rest": self.shear_rest,
-                "floor": self.floor,
-                "curve": self.curve,
-                "exponent": self.exponent,
-                "unfelt": self.unfelt,
-                "matrix": self.matrix,
-            }
-        ).encode()
+        gain = [float(gain) for gain in self.gain]
+        return json.dumps({"version": VERSION, **vars(self), "gain": gain}).encode()
 
     @classmethod
     def from_bytes(cls, data: bytes) -> "Calibration":
         """Decode what `to_bytes` encoded.
 
         Raises:
-            RecordingError: the bytes are no calibration of a known version.
+            RecordingError: The bytes are no calibration of a known version.
         """
         try:
             content = json.loads(data)

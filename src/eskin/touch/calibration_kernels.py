@@ -1,4 +1,4 @@
-"""Compiled kernels that turn counts into pressure and subtract crosstalk.
+"""Compiled kernels that convert counts to pressure and subtract crosstalk.
 
 `no_type_check` keeps the type checks of the tests off compiled functions.
 """
@@ -12,18 +12,18 @@ from eskin.compiled import compiled
 
 
 class PressureCurve(NamedTuple):
-    """A curve tells how pressure grows with counts; see `Calibration`."""
+    """A curve holds the relation of pressure and counts; see `Calibration`."""
 
     full_scale: float
-    """Counts at which a divider saturates; infinite where there is none."""
+    """Counts at which a divider saturates; infinite for a linear device."""
     exponent: float
     """Exponent of conductance over pressure; 1 for a linear device."""
     unfelt: float
-    """Pressure that it takes to close the sensor [kPa]."""
+    """Pressure that closes the sensor without a change of the counts [kPa]."""
 
 
 class BaselineParameters(NamedTuple):
-    """Parameters of `calibrate` have the names and values of `CalibrationConfig`."""
+    """Parameters of `calibrate` are fields of `CalibrationConfig`."""
 
     tare_seconds: float
     tare_samples: int
@@ -44,40 +44,36 @@ class BaselineParameters(NamedTuple):
 
 
 class BaselineState(NamedTuple):
-    """Arrays that hold what `calibrate` remembers of each taxel, in counts and seconds.
-
-    All have the shape (taxel) but `samples`.
-    """
+    """Arrays (taxel) hold the state of the baselines, in counts and seconds."""
 
     baseline: np.ndarray
     """Counts at rest."""
     peak: np.ndarray
-    """Greatest recent counts above the baseline, which fade."""
+    """Recent peak of the counts above the baseline, which decays."""
     low: np.ndarray
-    """Counts of the last scan if they were too low, else infinite."""
+    """Counts of the last scan where they were below the baseline, else infinite."""
     last_received: np.ndarray
     """Time at which the taxel was last received."""
     touched_since: np.ndarray
-    """Time at which it began to be touched, infinite while it is not."""
+    """Time from which it is touched; infinite while it is not."""
     last_touched: np.ndarray
     """Time at which it or a neighbour was last touched."""
     steady_level: np.ndarray
-    """Counts near which it has stayed."""
+    """Counts near which the latest ones have stayed."""
     steady_since: np.ndarray
-    """Time since which it has stayed near `steady_level`."""
+    """Time from which they have stayed near `steady_level`."""
     next_sample: np.ndarray
     """Time at which the next sample of the tare is taken."""
     sample_count: np.ndarray
-    """Number of samples that the tare has."""
+    """Number of samples taken for the tare."""
     samples: np.ndarray
     """(taxel, sample) samples of the tare, ascending."""
 
 
-SURE_SAMPLES = 4
-"""Number of samples from which one above the margin does not raise the tare."""
-
+MIN_TARE_SAMPLES = 4
+"""Number of samples from which one above the margin no longer raises the tare."""
 MAX_SCALE_SHARE = 0.999
-"""Part of a divider's full scale above which pressures are indistinguishable."""
+"""Fraction of a divider's full scale above which pressures are indistinguishable."""
 
 
 @compiled
@@ -108,8 +104,12 @@ def calibrate(
     parameters: BaselineParameters,
     out: Float[np.ndarray, "taxel"],
 ) -> None:
-    """Update the baselines with one scan and write the pressures [kPa] to `out`."""
-    # Arrays are taken out of the tuples first: the compiled loops are faster so.
+    """Update the baselines with one scan and write the pressures [kPa] to `out`.
+
+    `starts` and `neighbours` are those of `Adjacency`; taxels with `use` False are not
+    received or faulty; `margin` is in counts.
+    """
+    # Local references to the arrays make the compiled loops faster.
     baseline, peak = state.baseline, state.peak
     last_received, sample_count = state.last_received, state.sample_count
     touched_since, last_touched = state.touched_since, state.last_touched
@@ -146,7 +146,7 @@ def update_tare(
     state: BaselineState,
     parameters: BaselineParameters,
 ) -> None:
-    """Take a sample for the tare if one is due; start anew after long silence."""
+    """Take a sample of the tare if one is due, and restart it after a long silence."""
     if now - state.last_received[i] > parameters.silence_seconds:
         state.sample_count[i] = 0
         state.next_sample[i] = now
@@ -157,7 +157,7 @@ def update_tare(
     if now < state.next_sample[i]:
         return
     sample = float(count)
-    if size >= SURE_SAMPLES and sample > state.baseline[i] + margin:
+    if size >= MIN_TARE_SAMPLES and sample > state.baseline[i] + margin:
         sample = state.baseline[i]
     k = size
     while k > 0 and state.samples[i, k - 1] > sample:
@@ -166,8 +166,7 @@ def update_tare(
     state.samples[i, k] = sample
     state.sample_count[i] = size + 1
     state.baseline[i] = state.samples[i, int(parameters.tare_rank * (size + 1))]
-    step = parameters.tare_seconds / parameters.tare_samples
-    state.next_sample[i] = now + step
+    state.next_sample[i] = now + parameters.tare_seconds / parameters.tare_samples
 
 
 @compiled
@@ -180,7 +179,7 @@ def is_residual(
     state: BaselineState,
     parameters: BaselineParameters,
 ) -> bool:
-    """Return whether counts show the residual of an earlier touch, and none now."""
+    """Return whether counts above the baseline are steady, and may be a residual."""
     if now - state.steady_since[i] <= parameters.steady_seconds:
         return False
     return parameters.still * margin[i] < above < parameters.kept * margin[i]
@@ -196,7 +195,7 @@ def update_baselines(
     state: BaselineState,
     parameters: BaselineParameters,
 ) -> None:
-    """Let each baseline follow the counts as far as the taxel is untouched."""
+    """Move each baseline towards the counts while the taxel is untouched."""
     baseline, peak, low = state.baseline, state.peak, state.low
     last_received, sample_count = state.last_received, state.sample_count
     touched_since, last_touched = state.touched_since, state.last_touched
@@ -209,7 +208,7 @@ def update_baselines(
         if not use[i]:
             continue
         if now - last_received[i] != dt:
-            # Taxels of one patch have the same dt, and dividing is what costs.
+            # Taxels of one patch have the same dt; divisions are expensive.
             dt = now - last_received[i]
             drift_step, fading = dt / (drift + dt), fade / (fade + dt)
         last_received[i] = now
@@ -244,58 +243,48 @@ def update_baselines(
 
 
 MIN_OTHERS = 0.3
-"""Conductance of others, relative to half scale, whose share stands out of noise."""
-
+"""Smallest conductance of the others, relative to half scale, for an observation."""
 MAX_DETOUR_SHARE = 0.02
-"""Ratio of detours to lines below which a taxel shows leakage alone."""
-
+"""Ratio of detours to lines below which a taxel shows leakage only."""
 MAX_CONDUCTANCE = 6.0
-"""Conductance, relative to half scale, that a converter cannot resolve."""
-
+"""Conductance, relative to half scale, above which the resolution is too low to observe
+shares."""
 MIN_SHARES = 8
-"""Number of taxels of a patch that one observation needs."""
-
+"""Smallest number of taxels for an observation."""
 MAX_TOUCHED_SHARE = 0.25
-"""Share of a patch that may be touched while crosstalk is estimated from it."""
-
+"""Largest fraction of a patch that may be touched for an observation."""
 MIN_TOUCHED = 0.1
-"""Conductance from which a taxel counts as touched, relative to the patch's largest."""
-
-SUBTRACTED = 2.5
-"""How many times the estimate is subtracted. Taxels that the bend of the skin presses
-at rest conduct detours, too, and rest does not show; from what is truly touched this
-takes little."""
-
+"""Conductance of a touched taxel over the largest of its patch."""
+SUBTRACTION_FACTOR = 2.5
+"""Factor by which the estimate is subtracted. Taxels that the bend of the skin presses
+at rest conduct detours too, but do not show in pressures above rest. Touched taxels
+lose little by the factor."""
 EPSILON = 1e-9
-"""Conductance that is as good as none."""
-
+"""Negligible conductance that prevents a division by zero."""
 LEAK, GHOST = 0, 1
-"""The two parts that are estimated: leakage along lines, and ghosts by detours."""
-
+"""Indices of the two coefficients: leakage along lines, and ghosts by detours."""
 MAX_ESTIMATE = (0.03, 0.15)
-"""Greatest share that is believed of either part; above it a taxel is touched itself,
-and nothing is learned."""
-
-RANK = (0.4, 0.25)
-"""Quantile of the shares that taxels show at one instant that is believed."""
+"""Largest value of each coefficient; a larger observation is due to a touch and is
+discarded."""
+SHARE_QUANTILE = (0.4, 0.25)
+"""Quantile of the shares of all taxels that is an observation of each coefficient."""
 
 
 class MatrixPatch(NamedTuple):
-    """A patch has rows and columns that are read out together; with working buffers."""
+    """A patch has rows and columns that are read out together, and working buffers."""
 
     taxels: np.ndarray
     """(taxel) indices of its taxels in the skin."""
     rows: np.ndarray
-    """(taxel) row of each, from 0."""
+    """(taxel) row, numbered from 0 without gaps."""
     columns: np.ndarray
-    """(taxel) column of each, from 0."""
+    """(taxel) column, numbered from 0 without gaps."""
     half_scale: np.ndarray
-    """(taxel) pressure at half scale, of a linear device at full scale [kPa]."""
+    """(taxel) pressure at half scale, or at full scale of a linear device [kPa]."""
     shown: np.ndarray
-    """(row, column) measured conductance, relative to half scale; zero without a
-    taxel."""
+    """(row, column) measured conductance, relative to half scale; 0 without a taxel."""
     own: np.ndarray
-    """(row, column) the same without leakage."""
+    """(row, column) that conductance without leakage."""
     row_sums: np.ndarray
     """(row) sums of `own`."""
     column_sums: np.ndarray
@@ -305,18 +294,18 @@ class MatrixPatch(NamedTuple):
     detours: np.ndarray
     """(taxel) conductance of the paths over three others."""
     shares: np.ndarray
-    """(taxel) ratio of its conductance to that of the others."""
+    """(taxel) space for ratios of a taxel's conductance to that of the others."""
 
 
 class CrosstalkEstimate(NamedTuple):
-    """An estimate holds the crosstalk of a device, and the observations behind it."""
+    """An estimate holds the crosstalk coefficients of a device, with observations."""
 
     value: np.ndarray
-    """(part) estimated shares."""
+    """(coefficient) median of the latest observations."""
     seen: np.ndarray
-    """(part) number of observations so far."""
+    """(coefficient) number of observations so far."""
     observed: np.ndarray
-    """(part, observation) ring buffer of the latest of them."""
+    """(coefficient, observation) ring buffer of the latest observations."""
 
 
 @compiled
@@ -330,17 +319,12 @@ def compensate_patch(
 ) -> None:
     """Update the estimate from one patch, and subtract crosstalk from its pressures.
 
-    Args:
-        pressure: of the skin, zero where not valid [kPa]; written to.
-        valid: which of it is valid.
-        curve: of the device.
-        patch: the patch.
-        estimate: of the device; updated.
+    `pressure` [kPa] is that of the whole skin, zero where not valid.
     """
     largest = write_conductance(pressure, curve, patch)
     patch.own[:] = patch.shown
     sum_others(patch)
-    # The conductance of others contains leakage, too; the second pass is without it.
+    # The conductance of the others contains leakage too, which the second pass removes.
     leak = estimate.value[LEAK]
     for k in range(len(patch.taxels)):
         i, j = patch.rows[k], patch.columns[k]
@@ -353,7 +337,8 @@ def compensate_patch(
     for k in range(len(patch.taxels)):
         foreign = leak * patch.lines[k] + ghost * patch.detours[k]
         own = max(
-            patch.shown[patch.rows[k], patch.columns[k]] - SUBTRACTED * foreign, 0.0
+            patch.shown[patch.rows[k], patch.columns[k]] - SUBTRACTION_FACTOR * foreign,
+            0.0,
         )
         felt = own ** (1.0 / curve.exponent) * patch.half_scale[k]
         pressure[patch.taxels[k]] = felt + min(felt, curve.unfelt)
@@ -364,7 +349,7 @@ def compensate_patch(
 def write_conductance(
     pressure: Float[np.ndarray, "skin"], curve: PressureCurve, patch: MatrixPatch
 ) -> float:
-    """Write the conductance that each taxel shows, and return the largest."""
+    """Write the measured conductance of each taxel, and return the largest."""
     largest = 0.0
     for k in range(len(patch.taxels)):
         p = np.float64(pressure[patch.taxels[k]])
@@ -380,7 +365,7 @@ def write_conductance(
 @compiled
 @no_type_check
 def sum_others(patch: MatrixPatch) -> None:
-    """Write the conductance of the others of each taxel's lines, and of detours."""
+    """Write the conductances of the lines and of the detours of each taxel."""
     own, row_sums, column_sums = patch.own, patch.row_sums, patch.column_sums
     row_sums[:] = 0.0
     column_sums[:] = 0.0
@@ -394,11 +379,9 @@ def sum_others(patch: MatrixPatch) -> None:
         i, j = patch.rows[k], patch.columns[k]
         row, column = row_sums[i] - own[i, j], column_sums[j] - own[i, j]
         rest = max(total - row - column - own[i, j], 0.0)
-        series = (
-            1.0 / (row + EPSILON) + 1.0 / (rest + EPSILON) + 1.0 / (column + EPSILON)
-        )
+        a, b, c = row + EPSILON, rest + EPSILON, column + EPSILON
         patch.lines[k] = row + column
-        patch.detours[k] = 1.0 / series
+        patch.detours[k] = 1.0 / (1.0 / a + 1.0 / b + 1.0 / c)
 
 
 @compiled
@@ -417,7 +400,7 @@ def compute_touched_share(patch: MatrixPatch, largest: float) -> float:
 def update_estimate(
     valid: Bool[np.ndarray, "skin"], patch: MatrixPatch, estimate: CrosstalkEstimate
 ) -> None:
-    """Observe leakage where there are no detours, then ghosts where there are."""
+    """Observe leakage where detours are negligible, and ghosts where they are not."""
     lines, detours, count = patch.lines, patch.detours, 0
     for k in range(len(patch.taxels)):
         direct = lines[k] > MIN_OTHERS and detours[k] < MAX_DETOUR_SHARE * lines[k]
@@ -440,10 +423,10 @@ def update_estimate(
 def add_observation(
     part: int, shares: Float[np.ndarray, "some"], estimate: CrosstalkEstimate
 ) -> None:
-    """Take a low quantile of the shares as an observation, if it is no touch."""
+    """Add a quantile of the shares as an observation, unless it is due to a touch."""
     if len(shares) < MIN_SHARES:
         return
-    place = int(RANK[part] * (len(shares) - 1))
+    place = int(SHARE_QUANTILE[part] * (len(shares) - 1))
     observed = np.partition(shares, place)[place]
     if observed > MAX_ESTIMATE[part]:
         return

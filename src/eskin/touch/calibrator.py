@@ -1,4 +1,4 @@
-"""This module turns scans into readings: baselines, pressure, crosstalk."""
+"""This module computes readings from scans: baselines, pressure, crosstalk."""
 
 from dataclasses import dataclass, replace
 from typing import final
@@ -25,78 +25,61 @@ from eskin.touch.reading import Reading, Scan, check_count, check_order
 from eskin.units import NS_PER_S
 
 MIN_CROSSTALK_PRESSURE = 1.5
-"""Greatest pressure up to which a patch is left as it is [kPa]."""
-
+"""Greatest pressure of a patch up to which crosstalk is ignored [kPa]."""
 MAX_OBSERVATIONS = 200
-"""Number of the latest observations of which the median is taken."""
+"""Number of latest observations whose median is the estimate."""
 
 
 @dataclass(frozen=True)
 class CalibrationConfig:
-    """Settings describe how baselines are found and followed. All times are in [s]."""
+    """Settings describe how baselines are tared and tracked. All times are in [s]."""
 
     tare_seconds: float = 2.0
-    """How long a taxel is tared after it is first received."""
-
+    """Duration of the tare, which begins when a taxel is first received."""
     tare_samples: int = 16
-    """How many samples the tare takes in that time."""
-
+    """Number of samples of the tare."""
     tare_rank: float = 0.25
-    """Which of the sorted samples is the baseline: low, so that a touch is not it."""
-
+    """Quantile of the samples that is the baseline: low, to exclude touches."""
     margin: float = 1.5
-    """Pressure above the baseline from which a taxel may be touched [kPa]; as far below
-    the baseline, the baseline is too high."""
-
+    """Pressure above the baseline from which a taxel may be touched [kPa]; where it is
+    as far below, the baseline is too high."""
     drift_seconds: float = 10.0
-    """Time constant of following the drift of an untouched taxel."""
-
+    """Time constant of tracking the drift of an untouched taxel."""
     low_seconds: float = 0.3
-    """Time constant of recovering from a baseline that is too high."""
-
+    """Time constant of lowering a baseline that is too high."""
     freeze_seconds: float = 3.0
     """How long after a touch the baselines of a taxel and its neighbours stay fixed."""
-
     longest_seconds: float = 120.0
-    """Duration from which an unbroken touch is taken for a change of the rest level."""
-
+    """Duration from which an uninterrupted touch counts as a change of the baseline."""
     stale_seconds: float = 5.0
-    """Time constant of learning such a change."""
-
+    """Time constant of tracking such a change."""
     after_fraction: float = 0.1
-    """Part of its recent peak that a released taxel may keep without being touched;
-    relative to counts, as a residual is a shift of the baseline."""
-
+    """Residual of a released taxel that is no touch, over its recent peak above the
+    baseline in counts."""
     fade_seconds: float = 20.0
-    """Time constant in which the recent peak is forgotten."""
-
+    """Time constant of the decay of the recent peak."""
     steady_seconds: float = 1.0
-    """Time without change above the baseline from which a taxel is taken to be at rest:
-    nobody holds a finger so still, but the residual of a sensor after a touch, or its
-    response to a bent skin, stays."""
-
+    """Time without change above the baseline from which a taxel counts as at rest. No
+    finger keeps so still, while the residual after a touch, or the response to a bend
+    of the skin, remains."""
     still: float = 0.25
-    """Greatest difference that counts as no change, in units of `margin`."""
-
+    """Largest difference that counts as no change, in units of `margin`."""
     kept: float = 5.0
-    """Greatest residual that a sensor is expected to have, in units of `margin`."""
-
+    """Largest residual that is expected of a sensor, in units of `margin`."""
     settle_seconds: float = 0.3
-    """Time constant of learning what does not change."""
-
+    """Time constant of tracking counts that do not change."""
     relearn_seconds: float = 2.0
-    """Time constant of learning the residual of a released taxel."""
-
+    """Time constant of tracking the residual of a released taxel."""
     silence_seconds: float = 10.0
-    """Time without data after which a taxel is tared anew: its patch may be another."""
+    """Time without data after which a taxel is tared again: its patch may be new."""
 
 
 @final
 class Calibrator:
-    """A calibrator turns the counts of one skin into kPa, scan by scan; stateful.
+    """A calibrator converts the counts of one skin to kPa, scan by scan; stateful.
 
-    The result depends only on stamps and past scans, so a replayed recording gives the
-    same readings as the live device at any rate.
+    The result depends only on the scans and their stamps, so a recording that is
+    replayed at any rate gives the same readings as the live device.
     """
 
     def __init__(
@@ -127,7 +110,7 @@ class Calibrator:
     def push(
         self, scan: Scan, faulty: Bool[np.ndarray, "taxel"] | None = None
     ) -> Reading:
-        """Calibrate the next scan; faulty taxels are not valid and not learned from."""
+        """Calibrate the next scan; faulty taxels are not valid, and not tracked."""
         check_count(scan, self.skin)
         check_order(self.last, scan.stamp)
         if self.first is None:
@@ -162,7 +145,7 @@ class Calibrator:
         seconds: float,
         elapsed: float,
     ) -> Float[np.ndarray, "taxel 2"]:
-        """Calibrate shear; its rest level is followed while the taxel is untouched."""
+        """Calibrate shear, and track its baseline while the taxel is untouched."""
         above = counts - self.shear_rest
         idle = use & (seconds - self.state.last_touched > self.config.freeze_seconds)
         step = elapsed / (self.config.drift_seconds + elapsed)
@@ -173,18 +156,17 @@ class Calibrator:
 
 
 def build_baseline_state(count: int, samples: int) -> BaselineState:
-    """Build the state of a skin of which nothing was received yet."""
-    never = np.full(count, -np.inf)
+    """Build the state of a skin before its first scan."""
     return BaselineState(
         baseline=np.zeros(count),
         peak=np.zeros(count),
         low=np.full(count, np.inf),
-        last_received=never.copy(),
+        last_received=np.full(count, -np.inf),
         touched_since=np.full(count, np.inf),
-        last_touched=never.copy(),
+        last_touched=np.full(count, -np.inf),
         steady_level=np.full(count, np.inf),
-        steady_since=never.copy(),
-        next_sample=never.copy(),
+        steady_since=np.full(count, -np.inf),
+        next_sample=np.full(count, -np.inf),
         sample_count=np.zeros(count, np.int64),
         samples=np.zeros((count, samples)),
     )
@@ -194,42 +176,34 @@ def build_baseline_state(count: int, samples: int) -> BaselineState:
 class CrosstalkCompensator:
     """A compensator estimates and subtracts the crosstalk of a row-column array.
 
-    Current through a pressed taxel also flows elsewhere: it leaks into the others of
-    its row and column, and where touched rows and columns cross, it takes detours over
-    three taxels, so that a fourth seems touched (a ghost). Both are fixed parts of
-    the conductance of the others, the same all over one device, and show whenever it is
-    touched: most taxels where they show are not touched themselves.
+    The current of a pressed taxel leaks into the others of its row and column. It also
+    takes detours over three taxels, so that a fourth, where touched rows and columns
+    cross, seems touched (a ghost). Both are proportional to the conductance of the
+    others, with coefficients that are the same all over a device. They are observed
+    whenever it is touched, as most of the taxels concerned are not touched themselves.
     """
 
     def __init__(self, skin: Skin, calibration: Calibration) -> None:
         """Start without an estimate; without effect where the device is no matrix."""
-        self.patches: list[MatrixPatch] = []
-        if calibration.matrix:
-            patches = range(len(skin.patches))
-            self.patches = [build_matrix_patch(skin, p, calibration) for p in patches]
+        patches = range(len(skin.patches) if calibration.matrix else 0)
+        self.patches = [build_matrix_patch(skin, p, calibration) for p in patches]
         self.curve = calibration.pressure_curve
-        parts = 2
         self.estimate = CrosstalkEstimate(
-            np.zeros(parts),
-            np.zeros(parts, np.int64),
-            np.zeros((parts, MAX_OBSERVATIONS)),
+            np.zeros(2), np.zeros(2, np.int64), np.zeros((2, MAX_OBSERVATIONS))
         )
 
     @property
     def leak(self) -> float:
-        """Share of the conductance of each other taxel of its lines that one shows."""
+        """Apparent conductance of a taxel over that of the others of its lines."""
         return float(self.estimate.value[LEAK])
 
     @property
     def ghost(self) -> float:
-        """Share of the conductance of detours over three others that a taxel shows."""
+        """Apparent conductance of a taxel over that of detours over three others."""
         return float(self.estimate.value[GHOST])
 
     def compensate(self, reading: Reading) -> Reading:
-        """Update the estimate, and return the reading without crosstalk.
-
-        Taxels that are not valid are ignored.
-        """
+        """Update the estimate, and return the reading without crosstalk."""
         if not self.patches or reading.pressure.max() <= MIN_CROSSTALK_PRESSURE:
             return reading
         pressure = np.where(reading.valid, reading.pressure, np.float32(0.0))
@@ -243,6 +217,7 @@ class CrosstalkCompensator:
 
 def build_matrix_patch(skin: Skin, patch: int, calibration: Calibration) -> MatrixPatch:
     """Build the rows and columns of one patch, and buffers for its conductances."""
+    gain = np.asarray(calibration.gain, np.float64)
     taxels = np.flatnonzero(skin.patch_index == patch)
     _, rows = np.unique(skin.rows[taxels], return_inverse=True)
     _, columns = np.unique(skin.columns[taxels], return_inverse=True)
@@ -251,8 +226,7 @@ def build_matrix_patch(skin: Skin, patch: int, calibration: Calibration) -> Matr
         taxels,
         rows,
         columns,
-        half_scale=np.asarray(calibration.gain, np.float64)[taxels]
-        * calibration.full_scale,
+        half_scale=gain[taxels] * calibration.full_scale,
         shown=np.zeros(shape),
         own=np.zeros(shape),
         row_sums=np.zeros(shape[0]),

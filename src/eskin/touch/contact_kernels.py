@@ -17,24 +17,29 @@ from eskin.touch.records import (
 )
 
 PA_PER_KPA = 1000.0
+Vector = Float[np.ndarray, "3"]
+Indices = Int[np.ndarray, "active"]
+Points = Float[np.ndarray, "point 3"]
+Box = Float[np.ndarray, "2 3"]
+Transform = Float[np.ndarray, "4 4"]
 
 
 @compiled
 @no_type_check
 def transform_to_world(
-    taxels: Int[np.ndarray, "asked"],
+    taxels: Int[np.ndarray, "selected"],
     vectors: Float[np.ndarray, "taxel 3"],
     links: Int[np.ndarray, "taxel"],
     T_world_link: Float[np.ndarray, "link 4 4"],
-    moved: float,
-) -> Float[np.ndarray, "asked 3"]:
-    """Transform vectors to the world: points where `moved` is 1, directions where 0."""
+    w: float,
+) -> Float[np.ndarray, "selected 3"]:
+    """Transform vectors of taxels to the world: points if w is 1, directions if 0."""
     result = np.empty((len(taxels), 3))
     for a in range(len(taxels)):
         i = taxels[a]
         T = T_world_link[links[i]]
         for r in range(3):
-            result[a, r] = moved * T[r, 3] + (
+            result[a, r] = w * T[r, 3] + (
                 T[r, 0] * vectors[i, 0]
                 + T[r, 1] * vectors[i, 1]
                 + T[r, 2] * vectors[i, 2]
@@ -44,12 +49,8 @@ def transform_to_world(
 
 @compiled
 @no_type_check
-def transform_to_link(
-    T_world_link: Float[np.ndarray, "4 4"],
-    p_world: Float[np.ndarray, "3"],
-    out: Float[np.ndarray, "3"],
-) -> None:
-    """Write the position in the frame of a link of a point in the world [m]."""
+def transform_to_link(T_world_link: Transform, p_world: Vector, out: Vector) -> None:
+    """Transform a point in the world to the frame of a link [m]."""
     for c in range(3):
         total = 0.0
         for r in range(3):
@@ -60,11 +61,9 @@ def transform_to_link(
 @compiled
 @no_type_check
 def distance_to_link_point(
-    T_world_link: Float[np.ndarray, "4 4"],
-    p_link: Float[np.ndarray, "3"],
-    p_world: Float[np.ndarray, "3"],
+    T_world_link: Transform, p_link: Vector, p_world: Vector
 ) -> float:
-    """Return the distance of a point fixed to a link from one in the world [m]."""
+    """Return the distance between a point on a link and one in the world [m]."""
     squared = 0.0
     for r in range(3):
         T = T_world_link[r]
@@ -75,7 +74,7 @@ def distance_to_link_point(
 
 @compiled
 @no_type_check
-def distance(one: Float[np.ndarray, "3"], other: Float[np.ndarray, "3"]) -> float:
+def distance(one: Vector, other: Vector) -> float:
     """Return the distance between two points [m]."""
     squared = 0.0
     for r in range(3):
@@ -85,10 +84,8 @@ def distance(one: Float[np.ndarray, "3"], other: Float[np.ndarray, "3"]) -> floa
 
 @compiled
 @no_type_check
-def compute_box(
-    points: Float[np.ndarray, "point 3"], box: Float[np.ndarray, "2 3"]
-) -> None:
-    """Write the least and the greatest coordinates of some points."""
+def compute_box(points: Points, box: Box) -> None:
+    """Write the bounding box of points: smallest, then largest coordinates."""
     for r in range(3):
         low, high = np.inf, -np.inf
         for a in range(len(points)):
@@ -98,11 +95,8 @@ def compute_box(
 
 @compiled
 @no_type_check
-def box_gap(one: Float[np.ndarray, "2 3"], other: Float[np.ndarray, "2 3"]) -> float:
-    """Return the largest gap between two boxes along an axis.
-
-    No points in them are nearer to each other.
-    """
+def box_gap(one: Box, other: Box) -> float:
+    """Return the largest gap of two boxes along an axis, a bound of their distance."""
     gap = 0.0
     for r in range(3):
         gap = max(gap, one[0, r] - other[1, r], other[0, r] - one[1, r])
@@ -111,8 +105,8 @@ def box_gap(one: Float[np.ndarray, "2 3"], other: Float[np.ndarray, "2 3"]) -> f
 
 @compiled
 @no_type_check
-def point_gap(point: Float[np.ndarray, "3"], box: Float[np.ndarray, "2 3"]) -> float:
-    """Return the largest gap between a point and a box along an axis."""
+def point_gap(point: Vector, box: Box) -> float:
+    """Return the largest gap of a point and a box along an axis."""
     gap = 0.0
     for r in range(3):
         gap = max(gap, box[0, r] - point[r], point[r] - box[1, r])
@@ -124,9 +118,9 @@ def point_gap(point: Float[np.ndarray, "3"], box: Float[np.ndarray, "2 3"]) -> f
 def find_candidates(
     pressure: Float[np.ndarray, "taxel"], least: float, out: Int[np.ndarray, "taxel"]
 ) -> int:
-    """Write the taxels of at least a pressure [kPa]; return how many there are.
+    """Write the taxels of at least a pressure [kPa], and return their number.
 
-    This is all that is done for every taxel of the skin.
+    This is the only kernel of the tracker that visits all taxels of the skin.
     """
     count = 0
     for i in range(len(pressure)):
@@ -139,22 +133,17 @@ def find_candidates(
 @compiled
 @no_type_check
 def select_active(
-    candidates: Int[np.ndarray, "candidate"],
+    candidates: Indices,
     reading: KernelReading,
     parameters: TrackingParameters,
     state: TrackerState,
-) -> Int[np.ndarray, "active"]:
-    """Select the active taxels among candidates, and update their states.
+) -> Indices:
+    """Select the active taxels among ascending candidates, and update their states.
 
-    A taxel that is held needs only the lower threshold. Both thresholds rise with the
-    recent peak of the taxel, which fades, so that the residual of a sensor after a
-    release is no contact. A taxel is held until it is received again, but not for long.
-
-    Args:
-        candidates: taxels, ascending.
-        reading: the next reading.
-        parameters: the thresholds.
-        state: updated.
+    For a taxel that is held, which was active and has not been released, the threshold
+    is the lower one. A taxel that is not received stays held for a short time. Both
+    thresholds rise with the recent peak of the taxel, so that the residual of a sensor
+    after a release is no contact.
     """
     chosen = np.empty(len(candidates), np.int64)
     count, now = 0, reading.now
@@ -187,12 +176,9 @@ def select_active(
 @compiled
 @no_type_check
 def update_held(
-    active: Int[np.ndarray, "active"],
-    valid: Bool[np.ndarray, "taxel"],
-    since: float,
-    state: TrackerState,
+    active: Indices, valid: Bool[np.ndarray, "taxel"], since: float, state: TrackerState
 ) -> None:
-    """Hold the active taxels, and those held since a time that were not received."""
+    """Hold the active taxels, and keep those not received that were active recently."""
     taxels, held, count = state.taxels, state.held, 0
     for k in range(state.counts[HELD]):
         i = held[k]
@@ -210,10 +196,8 @@ def update_held(
 
 @compiled
 @no_type_check
-def sort_by_rank(
-    active: Int[np.ndarray, "active"], geometry: np.ndarray
-) -> Int[np.ndarray, "active"]:
-    """Sort taxels by patch, row and column, the order of most skins anyway."""
+def sort_by_rank(active: Indices, geometry: np.ndarray) -> Indices:
+    """Sort taxels by patch, row and column, which is the order of most skins."""
     for a in range(1, len(active)):
         if geometry[active[a]].rank < geometry[active[a - 1]].rank:
             return active[np.argsort(np.array([geometry[i].rank for i in active]))]
@@ -222,8 +206,8 @@ def sort_by_rank(
 
 @compiled
 @no_type_check
-def find_root(parents: Int[np.ndarray, "active"], i: int) -> int:
-    """Return the representative of an element's set."""
+def find_root(parents: Indices, i: int) -> int:
+    """Return the representative of an element's set (union-find)."""
     while parents[i] != i:
         parents[i] = parents[parents[i]]
         i = parents[i]
@@ -232,7 +216,7 @@ def find_root(parents: Int[np.ndarray, "active"], i: int) -> int:
 
 @compiled
 @no_type_check
-def join_sets(parents: Int[np.ndarray, "active"], i: int, j: int) -> None:
+def join_sets(parents: Indices, i: int, j: int) -> None:
     """Join the sets of two elements; the earlier one represents both."""
     a, b = find_root(parents, i), find_root(parents, j)
     if a != b:
@@ -242,14 +226,11 @@ def join_sets(parents: Int[np.ndarray, "active"], i: int, j: int) -> None:
 @compiled
 @no_type_check
 def label_components(
-    active: Int[np.ndarray, "active"],
-    p_world: Float[np.ndarray, "active 3"],
-    context: TrackerContext,
-) -> Int[np.ndarray, "active"]:
+    active: Indices, p_world: Points, context: TrackerContext
+) -> Indices:
     """Label the connected sets of active taxels in the order of their first taxel."""
-    geometry, taxels = context.geometry, context.state.taxels
-    neighbours = context.neighbours
-    count = len(active)
+    geometry, neighbours = context.geometry, context.neighbours
+    taxels, count = context.state.taxels, len(active)
     parents = np.arange(count)
     for a in range(count):
         taxels[active[a]].slot = a
@@ -276,14 +257,11 @@ def label_components(
 @compiled
 @no_type_check
 def join_links(
-    active: Int[np.ndarray, "active"],
-    p_world: Float[np.ndarray, "active 3"],
-    geometry: np.ndarray,
-    parents: Int[np.ndarray, "active"],
+    active: Indices, p_world: Points, geometry: np.ndarray, parents: Indices
 ) -> None:
     """Join taxels of different links that are within reach in this pose.
 
-    Taxels of one link come in runs; runs are compared by their boxes first.
+    Consecutive taxels of one link form a run; the boxes of runs are compared first.
     """
     ends, runs, widest = np.zeros(len(active) + 1, np.int64), 0, 0.0
     for a in range(len(active)):
@@ -314,60 +292,58 @@ def join_links(
 def join_near(
     a: int,
     others: range,
-    active: Int[np.ndarray, "active"],
-    p_world: Float[np.ndarray, "active 3"],
+    active: Indices,
+    p_world: Points,
     geometry: np.ndarray,
-    parents: Int[np.ndarray, "active"],
+    parents: Indices,
 ) -> None:
     """Join one taxel with those of the others that are within the larger reach."""
     for b in others:
-        far = max(geometry[active[a]].reach, geometry[active[b]].reach)
+        reach = max(geometry[active[a]].reach, geometry[active[b]].reach)
         d0 = p_world[a, 0] - p_world[b, 0]
         d1 = p_world[a, 1] - p_world[b, 1]
         d2 = p_world[a, 2] - p_world[b, 2]
-        if d0 * d0 + d1 * d1 + d2 * d2 <= far * far:
+        if d0 * d0 + d1 * d1 + d2 * d2 <= reach * reach:
             join_sets(parents, a, b)
 
 
 @compiled
 @no_type_check
 def find_contacts(
-    candidates: Int[np.ndarray, "candidate"],
-    reading: KernelReading,
-    context: TrackerContext,
+    candidates: Indices, reading: KernelReading, context: TrackerContext
 ) -> tuple[np.ndarray, np.ndarray, Float[np.ndarray, "load 3"]]:
-    """Find the contacts of a reading, their loads, and the positions of those.
+    """Find the contacts of a reading, their loads, and the positions of the loads.
 
     Returns:
-        CONTACT and LOAD records, each contact's loads ordered by patch, row and column;
-        and the position of each load in the world [m].
+        CONTACT and LOAD records, the loads of a contact sorted by patch, row and
+        column; and the position of each load in the world [m].
     """
     geometry, state = context.geometry, context.state
-    T_world_link = reading.T_world_link
+    links, T_world_link = geometry.link, reading.T_world_link
     active = select_active(candidates, reading, context.parameters, state)
     active = sort_by_rank(active, geometry)
-    p_world = transform_to_world(
-        active, geometry.position, geometry.link, T_world_link, 1.0
-    )
-    n_world = transform_to_world(
-        active, geometry.normal, geometry.link, T_world_link, 0.0
-    )
+    p_world = transform_to_world(active, geometry.position, links, T_world_link, 1.0)
+    n_world = transform_to_world(active, geometry.normal, links, T_world_link, 0.0)
     labels = label_components(active, p_world, context)
     contacts = allocate_contacts(labels, reading.stamp)
     loads, points = np.empty(len(active), LOAD), np.empty((len(active), 3))
-    most = np.full(len(contacts), -1.0)
+    largest = np.full(len(contacts), -1.0)
     for a in range(len(active)):
         i, contact = active[a], contacts[labels[a]]
         k = contact.loads[1]
         contact.loads[1] += 1
         pressure = reading.pressure[i]
         loads[k].taxel, loads[k].pressure = i, pressure
-        loads[k].onset = state.taxels[i].onset
-        points[k] = p_world[a]
+        loads[k].onset, points[k] = state.taxels[i].onset, p_world[a]
         force = PA_PER_KPA * pressure * geometry[i].area
-        add_load(contact, force, pressure, geometry[i].area, p_world[a], n_world[a])
-        if force > most[labels[a]]:
-            most[labels[a]] = force
+        contact.force += force
+        contact.area += geometry[i].area
+        contact.peak = max(contact.peak, pressure)
+        for r in range(3):
+            contact.p_world[r] += force * p_world[a, r]
+            contact.n_world[r] += force * n_world[a, r]
+        if force > largest[labels[a]]:
+            largest[labels[a]] = force
             contact.link, contact.patch = geometry[i].link, geometry[i].patch
     for n in range(len(contacts)):
         normalise_sums(contacts[n], T_world_link)
@@ -376,8 +352,8 @@ def find_contacts(
 
 @compiled
 @no_type_check
-def allocate_contacts(labels: Int[np.ndarray, "active"], stamp: int) -> np.ndarray:
-    """Build a contact for each label; its loads end where the next is to be written."""
+def allocate_contacts(labels: Indices, stamp: int) -> np.ndarray:
+    """Build a contact for each label, with an empty span where its loads will begin."""
     contacts = np.zeros(labels.max() + 1 if len(labels) else 0, CONTACT)
     for label in labels:
         contacts[label].loads[1] += 1
@@ -389,25 +365,6 @@ def allocate_contacts(labels: Int[np.ndarray, "active"], stamp: int) -> np.ndarr
         span[0] = span[1] = end
         end += size
     return contacts
-
-
-@compiled
-@no_type_check
-def add_load(
-    contact: np.void,
-    force: float,
-    pressure: float,
-    area: float,
-    p_world: Float[np.ndarray, "3"],
-    n_world: Float[np.ndarray, "3"],
-) -> None:
-    """Add a taxel to the sums of its contact."""
-    contact.force += force
-    contact.area += area
-    contact.peak = max(contact.peak, pressure)
-    for r in range(3):
-        contact.p_world[r] += force * p_world[r]
-        contact.n_world[r] += force * n_world[r]
 
 
 @compiled

@@ -1,4 +1,4 @@
-"""Compiled kernels that keep the history of counts from which faults are detected."""
+"""Compiled kernels that update the history of counts for the detection of faults."""
 
 from typing import NamedTuple, no_type_check
 
@@ -8,17 +8,17 @@ from jaxtyping import Bool, Float, Int
 from eskin.compiled import compiled
 
 MAX_REVERSAL_GAP, MAX_REVERSAL_SCANS = 0.15, 5
-"""Time between two reversals from which a taxel counts as at rest: in seconds, and in
-scans where the rate is slow."""
+"""Largest time between two reversals of a noisy taxel: in seconds, and in scans where
+the rate is low; the larger one counts."""
 
 
 class CountHistory(NamedTuple):
-    """Arrays (taxel) that hold the fault detector's history of counts; times in [s]."""
+    """Arrays (taxel) hold the history of counts of the fault detector; times in [s]."""
 
     counts: np.ndarray
     """Counts last received."""
     first_received: np.ndarray
-    """Time of the first data, or of the first after long silence."""
+    """Time of the first data, or of the first after a long silence."""
     last_received: np.ndarray
     """Time of the last data."""
     last_changed: np.ndarray
@@ -32,17 +32,18 @@ class CountHistory(NamedTuple):
     last_zero: np.ndarray
     """Time at which the counts were last zero."""
     least: np.ndarray
-    """Least counts above zero; zero for a while after they came back from zero."""
+    """Smallest counts above zero; zero after the counts left zero, until they are
+    measured again some time later."""
     last_unpressed: np.ndarray
-    """Time at which none of the neighbours was pressed last."""
+    """Time at which none of the neighbours was last pressed."""
     unanswered: np.ndarray
-    """Time for which it has not responded while its neighbours were pressed."""
+    """Time without response while the neighbours were pressed."""
     jump: np.ndarray
     """Latest change of the counts that was a jump."""
     last_reversal: np.ndarray
-    """Time at which a jump last undid the one before."""
+    """Time at which a jump last reversed the one before."""
     reversing_since: np.ndarray
-    """Time since which it has jumped to and fro without a pause."""
+    """Time since which jumps have been reversed without a pause."""
 
 
 @compiled
@@ -61,19 +62,18 @@ def update_history(
     """Update the history with a scan, and mask negative counts at once.
 
     Args:
-        counts: of the scan.
+        counts: counts of the scan.
         received: which counts are new.
         now: time of the scan [s].
         full_scale: counts at which the converter saturates.
-        silence: time without data after which a taxel is checked anew [s].
-        longest: how long counts must have left zero for rest not to be zero [s].
-        min_jump: change from one scan to the next that is a jump [counts].
+        silence: time without data after which the history restarts [s].
+        longest: time above zero after which `least` is measured again [s].
+        min_jump: smallest change from one scan to the next that is a jump [counts].
         history: updated.
-        mask: which taxels are faulty; added to.
+        mask: faulty taxels; those with negative counts are added.
     """
-    last_received = history.last_received
+    last_received, least = history.last_received, history.least
     last_nonzero, last_zero = history.last_nonzero, history.last_zero
-    least = history.least
     for i in range(len(counts)):
         if not received[i]:
             continue
@@ -111,7 +111,7 @@ def update_history(
 def record_jump(
     i: int, jump: int, now: float, elapsed: float, history: CountHistory
 ) -> None:
-    """Record a jump; one that undoes the last is a reversal, and may be one of many."""
+    """Record a jump; one of opposite sign to the last is a reversal."""
     if history.jump[i] * jump < 0:
         gap = max(MAX_REVERSAL_GAP, MAX_REVERSAL_SCANS * elapsed)
         if now - history.last_reversal[i] > gap:
@@ -123,7 +123,7 @@ def record_jump(
 @compiled
 @no_type_check
 def reset_taxel(i: int, count: int, now: float, history: CountHistory) -> None:
-    """Reset the history of a taxel received for the first time or after silence."""
+    """Reset the history of a taxel at its first data or the first after a silence."""
     history.first_received[i] = now
     history.last_changed[i] = now
     history.counts[i] = count
@@ -151,19 +151,19 @@ def update_unanswered(
     neighbours: Int[np.ndarray, "pair"],
     history: CountHistory,
 ) -> None:
-    """Add up how long each taxel has stood still among pressed neighbours.
+    """Add the elapsed time to taxels that do not respond while neighbours are pressed.
 
-    Only a taxel whose counts have not changed since all neighbours were at rest counts
-    as not responding: one that is held down steadily changed when it was pressed.
+    Such a taxel has not changed since all its neighbours were at rest; one that is held
+    down steadily changed when it was pressed.
     """
     for i in range(len(starts) - 1):
-        known, down = 0, 0
+        known, count = 0, 0
         for k in range(starts[i], starts[i + 1]):
             if valid[neighbours[k]]:
                 known += 1
-                down += pressure[neighbours[k]] >= pressed
-        if down == 0:
+                count += pressure[neighbours[k]] >= pressed
+        if count == 0:
             history.last_unpressed[i] = now
-        elif known >= 3 and down >= pressed_share * known:
+        elif known >= 3 and count >= pressed_share * known:
             if history.last_changed[i] <= history.last_unpressed[i]:
                 history.unanswered[i] += elapsed

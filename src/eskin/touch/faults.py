@@ -1,4 +1,4 @@
-"""This module detects taxels, rows, columns and patches with untrustworthy data."""
+"""This module detects taxels, rows, columns and patches with invalid data."""
 
 from dataclasses import dataclass
 from typing import Literal, final
@@ -24,20 +24,15 @@ FaultKind = Literal[
 TAXEL_KINDS: tuple[FaultKind, ...] = ("stuck", "dead", "negative", "saturated", "noisy")
 STUCK, DEAD, NEGATIVE, SATURATED, NOISY = range(len(TAXEL_KINDS))
 """Codes of the faults of a taxel: indices of `TAXEL_KINDS`."""
-
 MIN_LINE = 3
 """Number of taxels from which a row or column can be faulty as a whole."""
-
 MAX_ELAPSED = 0.2
-"""Longest time between two checks that counts as evidence [s]."""
-
+"""Largest time between two checks that is added to the evidence [s]."""
 MAX_NOISY_SHARE = 0.3
-"""Share of neighbours that jump too where a hand does it: three of eight at the corner
-of a palm."""
-
+"""Share of jumping neighbours from which a jump counts as a touch: at the corner of a
+palm it is three of eight."""
 MIN_JUMP = 4
-"""Smallest jump in counts: converters flicker by one or two."""
-
+"""Smallest jump in counts: converters have a noise of one or two."""
 NEVER = -1e9
 """Time before all others [s]."""
 
@@ -47,30 +42,24 @@ class Fault:
     """A fault names a taxel, row, column or patch whose data cannot be trusted."""
 
     kind: FaultKind
-    """Kind of the fault. `stuck`: frozen at a count; `dead`: frozen at zero;
-    `negative`: counts below zero, which is how a converter says NaN; `saturated`: at
-    full scale for longer than anybody touches; `noisy`: jumps to and fro on its own;
-    `row`, `column`, `patch`: faulty as a whole, or silent."""
-
+    """Kind of the fault. `stuck`: constant above zero; `dead`: constant at zero;
+    `negative`: counts below zero, by which a converter signals invalid data;
+    `saturated`: at full scale for longer than a touch; `noisy`: jumps up and down while
+    its neighbours do not; `row`, `column`, `patch`: faulty as a whole, or silent."""
     patch: str
-    """Id of its patch."""
-
     row: int | None
     """Row, unless the fault is of a column or patch."""
-
     column: int | None
     """Column, unless the fault is of a row or patch."""
-
     taxel: int | None
     """Index in the skin, where the fault is of one taxel."""
-
     since: int
-    """Time at which it began, as far as can be told [ns since the epoch]."""
+    """Estimated time at which it began [ns since the epoch]."""
 
 
 @final
 class FaultGrouper:
-    """A grouper lists faulty taxels, a whole row, column or patch as one fault."""
+    """A grouper lists faults, with a whole faulty row, column or patch as one."""
 
     def __init__(self, skin: Skin) -> None:
         """Group the taxels by row, column and patch."""
@@ -89,7 +78,7 @@ class FaultGrouper:
 
         Args:
             code: index in `TAXEL_KINDS` of each taxel's fault, or -1.
-            silent: taxels not received; no fault unless their whole patch is silent.
+            silent: taxels not received, which is a fault of a whole patch only.
             since: stamp from which each taxel is faulty or silent [ns].
         """
         left = code >= 0
@@ -101,100 +90,68 @@ class FaultGrouper:
         )
         for kind, groups, min_size in kinds:
             flags = left | silent if kind == "patch" else left
-            out = groups.all_flagged(flags) & (groups.sizes >= min_size)
+            out = (groups.flagged_share(flags) == 1.0) & (groups.sizes >= min_size)
             for n in np.flatnonzero(out):
+                patch, number = self.skin.patches[groups.patches[n]], groups.numbers[n]
+                row = int(number) if kind == "row" else None
+                column = int(number) if kind == "column" else None
                 begun = int(since[groups.group_index == n].max())
-                faults.append(self.build_group_fault(kind, groups, int(n), begun))
+                faults.append(Fault(kind, patch.id, row, column, None, begun))
             left = left & ~out[groups.group_index]
-        return faults + [
-            self.build_taxel_fault(int(i), int(code[i]), int(since[i]))
-            for i in np.flatnonzero(left)
-        ]
-
-    def build_group_fault(
-        self, kind: FaultKind, groups: TaxelGroups, group: int, since: int
-    ) -> Fault:
-        """Build the fault of a row, column or patch."""
-        number = int(groups.numbers[group])
-        return Fault(
-            kind=kind,
-            patch=self.skin.patches[int(groups.patches[group])].id,
-            row=number if kind == "row" else None,
-            column=number if kind == "column" else None,
-            taxel=None,
-            since=since,
-        )
-
-    def build_taxel_fault(self, taxel: int, code: int, since: int) -> Fault:
-        """Build the fault of one taxel."""
-        return Fault(
-            kind=TAXEL_KINDS[code],
-            patch=self.skin.patches[int(self.skin.patch_index[taxel])].id,
-            row=int(self.skin.rows[taxel]),
-            column=int(self.skin.columns[taxel]),
-            taxel=taxel,
-            since=since,
-        )
+        for i in np.flatnonzero(left).tolist():
+            patch = self.skin.patches[self.skin.patch_index[i]]
+            row, column = int(self.skin.rows[i]), int(self.skin.columns[i])
+            kind, begun = TAXEL_KINDS[code[i]], int(since[i])
+            faults.append(Fault(kind, patch.id, row, column, i, begun))
+        return faults
 
 
 @dataclass(frozen=True)
 class FaultConfig:
-    """Thresholds define how much evidence a fault needs. All times are in [s]."""
+    """Thresholds define the evidence that a fault needs. All times are in [s]."""
 
     check_seconds: float = 0.1
-    """Time between two checks of the evidence; negative counts are masked at once."""
-
+    """Period of the checks; negative counts are masked at once."""
     stuck_seconds: float = 5.0
-    """Least time that counts stand still while others of the patch show noise."""
-
+    """Smallest time of constant counts of a stuck taxel while others of its patch show
+    noise."""
     stuck_factor: float = 20.0
-    """How many times longer than three in four others of the patch."""
-
+    """Smallest ratio of that time to the third quartile of its patch."""
     offset: float = 0.01
-    """Part of full scale, but at least 8 counts, from which counts at rest are no zero.
-    That such a taxel reads zero is a fault; where rest is about zero, it is none."""
-
+    """Part of full scale, but at least 8 counts, from which rest differs from zero. A
+    taxel with such an offset must not read zero; one that rests about zero may."""
     offset_share: float = 0.7
-    """Share of a patch that must have such an offset for a zero from the start to be
-    a fault."""
-
+    """Share of a patch with such an offset from which a taxel that was always at zero
+    is dead."""
     pressed: float = 10.0
     """Pressure on neighbours at which a taxel is expected to respond [kPa]."""
-
     pressed_share: float = 0.9
-    """Share of neighbours that must be under that pressure."""
-
+    """Share of neighbours that must have that pressure."""
     ignored_seconds: float = 1.0
-    """Time for which a taxel does not respond to them."""
-
+    """Time without response to them from which a taxel is stuck or dead."""
     saturated_start_seconds: float = 5.0
-    """How long full scale since the start is taken for a touch."""
-
+    """Time at full scale, from the start on, that is no fault."""
     saturated_seconds: float = 60.0
-    """How long full scale is taken for a touch later on."""
-
+    """Time at full scale, later on, that is no fault."""
     noisy: float = 2.0
-    """Change from one scan to the next that no hand makes and undoes [kPa]."""
-
+    """Change from one scan to the next that no hand makes and reverses [kPa]."""
     noisy_seconds: float = 3.0
-    """Time for which a taxel jumps so, to and fro, while its neighbours do not."""
-
+    """Time of such jumps without jumps of the neighbours that makes a taxel noisy."""
     line_seconds: float = 0.5
-    """How long a row, column or patch may be at zero that never was, or silent."""
-
+    """Time at zero from which a row or column with an offset is dead, and time without
+    data from which a patch is silent."""
     silence_seconds: float = 10.0
-    """Time without data after which a taxel may be another one, and is checked anew."""
-
+    """Time without data after which the history restarts: the patch may be new."""
     recover_seconds: float = 1.0
-    """How long a fault must be gone until the taxel is trusted again."""
+    """Time without evidence after which a taxel is valid again."""
 
 
 @final
 class FaultDetector:
-    """A detector finds faults from what the counts do over time; stateful.
+    """A detector finds faults from the counts over time; stateful.
 
-    A fault needs evidence: a quiet sensor whose quantised counts do not change, and one
-    at zero where zero is rest, are sound until others show that they should have moved.
+    A fault needs evidence: constant counts of a quiet, quantised sensor, and zero where
+    zero is rest, are valid until other taxels show that they should have changed.
     """
 
     def __init__(
@@ -207,10 +164,8 @@ class FaultDetector:
         self.jump = np.maximum(calibration.compute_counts(self.config.noisy), MIN_JUMP)
         self.adjacency = Adjacency.build(skin)
         self.grouper = FaultGrouper(skin)
-        patch_index = np.asarray(skin.patch_index)
-        self.members = [
-            np.flatnonzero(patch_index == n) for n in range(len(skin.patches))
-        ]
+        index = np.asarray(skin.patch_index)
+        self.members = [np.flatnonzero(index == n) for n in range(len(skin.patches))]
         self.history = build_count_history(skin.count)
         self.code = np.full(skin.count, -1)
         self.since = np.zeros(skin.count)
@@ -227,11 +182,11 @@ class FaultDetector:
         """Check the next scan and its calibrated pressure [kPa].
 
         Returns:
-            Which taxels are faulty, and the faults; that of a row is listed once.
+            Which taxels are faulty; and the faults, with a whole row, column or patch
+            as one.
         """
         check_order(self.last, scan.stamp)
-        if self.first is None:
-            self.first = scan.stamp
+        self.first = scan.stamp if self.first is None else self.first
         self.last = scan.stamp
         now = (scan.stamp - self.first) / NS_PER_S
         self.mask = self.mask.copy()
@@ -301,32 +256,26 @@ class FaultDetector:
         self.code[now - self.last_found > self.config.recover_seconds] = -1
 
     def find_still(self) -> Bool[np.ndarray, "taxel"]:
-        """Find taxels whose counts stand still though others show that they should not.
-
-        Those at zero are among them.
-        """
+        """Find taxels with constant counts, zero included, that should have changed."""
         history, config = self.history, self.config
         counts = history.counts
         age = history.last_received - history.last_changed
         limit = np.full(self.skin.count, np.inf)
+        live = (counts > 0) & (history.last_received > NEVER)
         for members in self.members:
-            moving = members[
-                (counts > 0)[members] & (history.last_received > NEVER)[members]
-            ]
-            if len(moving):
-                ages = age[moving]
-                middle = 3 * len(ages) // 4
-                usual = np.partition(ages, middle)[middle]
+            ages = age[members[live[members]]]
+            if len(ages):
+                rank = 3 * len(ages) // 4
+                usual = np.partition(ages, rank)[rank]
                 limit[members] = max(config.stuck_seconds, config.stuck_factor * usual)
         inside = (counts >= 0) & (counts < self.full_scale)
         patches = self.grouper.patches
         offset = patches.flagged_share(self.has_offset()) >= config.offset_share
         possible = inside & ((counts > 0) | offset[patches.group_index])
-        found = (possible & (age > limit)) | (
-            inside & (history.unanswered >= config.ignored_seconds)
-        )
-        was = (self.code == STUCK) | (self.code == DEAD)
-        return found | (was & inside & (age > config.recover_seconds / 2))
+        ignored = inside & (history.unanswered >= config.ignored_seconds)
+        was_still = (self.code == STUCK) | (self.code == DEAD)
+        remains = was_still & inside & (age > config.recover_seconds / 2)
+        return (possible & (age > limit)) | ignored | remains
 
     def has_offset(self) -> Bool[np.ndarray, "taxel"]:
         """Return which taxels have had counts well above zero for long enough."""
@@ -339,7 +288,7 @@ class FaultDetector:
         )
 
     def find_lost_lines(self) -> Bool[np.ndarray, "taxel"]:
-        """Find taxels of rows and columns all at zero that were never at zero."""
+        """Find the taxels of rows and columns with an offset that read zero."""
         history = self.history
         seconds = history.last_received - history.last_nonzero
         lost = (
@@ -349,12 +298,12 @@ class FaultDetector:
         )
         result = np.zeros(self.skin.count, bool)
         for groups in (self.grouper.rows, self.grouper.columns):
-            out = groups.all_flagged(lost) & (groups.sizes >= MIN_LINE)
+            out = (groups.flagged_share(lost) == 1.0) & (groups.sizes >= MIN_LINE)
             result |= out[groups.group_index]
         return result
 
     def find_saturated(self) -> Bool[np.ndarray, "taxel"]:
-        """Find taxels at full scale for longer than anybody touches them."""
+        """Find taxels at full scale for longer than a touch."""
         history, config = self.history, self.config
         full = history.counts >= self.full_scale
         from_start = history.last_below_full < history.first_received
@@ -366,33 +315,22 @@ class FaultDetector:
         return full & (long | (self.code == SATURATED))
 
     def find_noisy(self) -> Bool[np.ndarray, "taxel"]:
-        """Find taxels that jump to and fro while their neighbours do not."""
+        """Find taxels that jump up and down while their neighbours do not."""
         history, starts = self.history, self.adjacency.starts
         reversing = history.last_received - history.last_reversal <= MAX_REVERSAL_GAP
-        around = np.cumsum(reversing[self.adjacency.neighbours])
-        around = np.concatenate([[0], around])
-        share = np.diff(around[starts]) / np.maximum(np.diff(starts), 1)
+        counts = np.append(0, np.cumsum(reversing[self.adjacency.neighbours]))
+        share = np.diff(counts[starts]) / np.maximum(np.diff(starts), 1)
         seconds = history.last_reversal - history.reversing_since
         alone = (share < MAX_NOISY_SHARE) | (self.code == NOISY)
         return reversing & (seconds >= self.config.noisy_seconds) & alone
 
 
 def build_count_history(count: int) -> CountHistory:
-    """Build the history of a skin of which nothing was received yet."""
-    never = np.full(count, NEVER)
-    return CountHistory(
-        counts=np.zeros(count, np.int64),
-        first_received=np.full(count, np.inf),
-        last_received=never.copy(),
-        last_changed=never.copy(),
-        last_negative=never.copy(),
-        last_below_full=never.copy(),
-        last_nonzero=never.copy(),
-        last_zero=never.copy(),
-        least=np.full(count, np.inf),
-        last_unpressed=never.copy(),
-        unanswered=np.zeros(count),
-        jump=np.zeros(count),
-        last_reversal=never.copy(),
-        reversing_since=never.copy(),
-    )
+    """Build the history of a skin before its first scan."""
+    history = {name: np.full(count, NEVER) for name in CountHistory._fields}
+    history["counts"] = np.zeros(count, np.int64)
+    history["first_received"] = np.full(count, np.inf)
+    history["least"] = np.full(count, np.inf)
+    history["unanswered"] = np.zeros(count)
+    history["jump"] = np.zeros(count)
+    return CountHistory(**history)

@@ -1,4 +1,4 @@
-"""This module processes scans into touches, live or replayed."""
+"""This module computes touches from scans, live or replayed."""
 
 from dataclasses import dataclass, field, replace
 from typing import final
@@ -40,14 +40,14 @@ from eskin.units import NS_PER_S
 
 @final
 class LinkPoseCache:
-    """A cache holds the link poses at the latest q, so that a resting arm is free."""
+    """A cache holds the link poses at the latest q, computed once q changes."""
 
     def __init__(self, mounted: MountedSkin, posed: bool = True) -> None:
         """Start without a pose.
 
         Args:
             mounted: the skin on its robot.
-            posed: whether q is used; else every joint is at 0 whatever q is.
+            posed: whether q is used; else every joint is taken as 0.
         """
         self.mounted = mounted
         self.posed = posed
@@ -79,11 +79,11 @@ class LinkPoseCache:
 class TouchTracker:
     """A tracker finds contacts, tracks and touches reading by reading; stateful.
 
-    Taxels connect by distance in space: on one link that never changes, between links
-    it depends on the pose. Contacts come in the order of their first taxel by patch,
-    row and column, so that numbering the taxels otherwise changes nothing.
+    Taxels connect by distance in space, which is fixed on one link and depends on the
+    pose between links. Contacts are sorted by patch, row and column of their first
+    taxel, so the result does not depend on the order of the taxels.
 
-    An untouched skin costs one pass over its pressures; the rest grows with the touch.
+    An untouched skin costs one pass over its pressures; all else grows with the touch.
     """
 
     def __init__(
@@ -94,33 +94,31 @@ class TouchTracker:
         touches: TouchConfig,
         poses: LinkPoseCache,
     ) -> None:
-        """Start untouched."""
+        """Start with an untouched skin."""
         skin = mounted.skin
         self.skin = skin
         self.poses = poses
         adjacency = Adjacency.build(
             skin, contacts.reach, contacts.least_reach if skin.calibrated else 0.0
         )
-        # Below every pressure that the kernel may let pass, whatever their precision.
+        # Rounded down, so that float32 loses no candidate of the float64 thresholds.
         least = np.float32(min(contacts.on, contacts.off))
         self.least = np.nextafter(least, np.float32(-np.inf))
         self.candidates = np.empty(skin.count, np.int64)
         self.state = build_tracker_state(skin.count)
-        context = TrackerContext(
-            parameters=build_parameters(
-                TrackingParameters,
-                contacts,
-                tracks,
-                near=touches.near + MICROMETRE,
-                pause_ns=round(touches.pause_seconds * NS_PER_S),
-                beside=touches.beside + MICROMETRE,
-                calibrated=skin.calibrated,
-            ),
-            geometry=build_taxel_geometry(mounted, adjacency),
-            neighbours=adjacency.neighbours,
-            state=self.state,
+        parameters = build_parameters(
+            TrackingParameters,
+            contacts,
+            tracks,
+            near=touches.near + MICROMETRE,
+            pause_ns=round(touches.pause_seconds * NS_PER_S),
+            beside=touches.beside + MICROMETRE,
+            calibrated=skin.calibrated,
         )
-        self.context = pack(context)
+        geometry = build_taxel_geometry(mounted, adjacency)
+        self.context = pack(
+            TrackerContext(parameters, geometry, adjacency.neighbours, self.state)
+        )
         self.no_touches = TrackingResult(pack(NO_TOUCHES), (), ())
         self.result = self.no_touches
         self.first: int | None = None
@@ -130,10 +128,12 @@ class TouchTracker:
         """Process the next reading.
 
         Raises:
-            ReadingError: it is of another skin or robot, or not later than the last
-                one; nothing has changed then, and the next one may follow.
+            ReadingError: It is of another skin or robot, or not later than the last
+                one. The state is then unchanged.
         """
-        self.check(reading)
+        check_count(reading, self.skin)
+        self.poses.check(reading.q)
+        check_order(self.last, reading.stamp)
         found = find_candidates(reading.pressure, self.least, self.candidates)
         touched = self.result is not self.no_touches
         if found or touched or self.state.counts[HELD]:
@@ -142,19 +142,8 @@ class TouchTracker:
         self.last = reading.stamp
         return self.result
 
-    def check(self, reading: Reading) -> None:
-        """Refuse a reading that is not the next one of this skin."""
-        if len(reading.pressure) != self.skin.count:
-            raise ReadingError(
-                f"reading has {len(reading.pressure)} taxels, skin "
-                f"'{self.skin.name}' has {self.skin.count}; allowed is "
-                "one pressure a taxel; load the skin that the data came from"
-            )
-        self.poses.check(reading.q)
-        check_order(self.last, reading.stamp)
-
     def track(self, reading: Reading, candidates: np.ndarray) -> TrackingResult:
-        """Return the touches of the next reading, given taxels that may be active."""
+        """Return the touches of the next reading from the taxels that may be active."""
         stamp = reading.stamp
         first = stamp if self.first is None else self.first
         last = stamp if self.last is None else self.last
@@ -176,31 +165,23 @@ class TouchTracker:
         return TrackingResult(packed, statuses[:open_count], statuses[open_count:])
 
     def finish(self) -> TrackingResult:
-        """Drop every track and touch, as at the end of a recording.
-
-        Returns:
-            The touches of the last reading.
-        """
+        """Drop all tracks and touches, and return the touches of the last reading."""
         result, self.result = self.result, self.no_touches
         return result
 
 
 @dataclass(frozen=True)
 class PipelineConfig:
-    """A configuration combines those of every stage from counts to touches."""
+    """A configuration combines those of all stages from counts to touches."""
 
     calibration: CalibrationConfig = field(default_factory=CalibrationConfig)
     """Settings of baselines."""
-
     faults: FaultConfig = field(default_factory=FaultConfig)
     """Thresholds of faults."""
-
     contacts: ContactConfig = field(default_factory=ContactConfig)
     """Thresholds of contacts."""
-
     tracks: TrackConfig = field(default_factory=TrackConfig)
     """Limits of the motion of contacts."""
-
     touches: TouchConfig = field(default_factory=TouchConfig)
     """Limits of what belongs to one touch."""
 
@@ -223,9 +204,9 @@ class TouchPipeline:
 
         Args:
             mounted: the skin on its robot.
-            calibration: of the skin.
-            config: of every stage.
-            poses: of the robot's links, shared with other users of them.
+            calibration: constants of the skin's electronics.
+            config: configuration of every stage.
+            poses: cache of link poses to share; None for one of its own.
         """
         self.config = config or PipelineConfig()
         self.mounted = mounted
@@ -245,8 +226,8 @@ class TouchPipeline:
         """Process the next scan.
 
         Raises:
-            ReadingError: the scan is of another skin, or not later than the last one;
-                nothing has changed then, and the next scan may follow.
+            ReadingError: The scan is of another skin or robot, or not later than the
+                last one. The state is then unchanged.
         """
         return self.push_reading(*self.calibrate(scan))
 
@@ -254,11 +235,12 @@ class TouchPipeline:
         """Calibrate the next scan, and mark data that cannot be trusted as not valid.
 
         Raises:
-            ReadingError: as for `push`.
+            ReadingError: As for `push`.
         """
         self.tracker.poses.check(scan.q)
         check_count(scan, self.calibrator.skin)
-        # The fault detector needs a reading first; no converter counts below zero.
+        # The fault detector needs the pressure of this scan, so faults are masked by
+        # those of the last one; negative counts are invalid at once.
         reading = self.calibrator.push(scan, self.faults.mask | (scan.counts < 0))
         mask, faults = self.faults.push(scan, reading.pressure)
         if mask.any():
@@ -271,14 +253,14 @@ class TouchPipeline:
         """Process the next reading, which is calibrated already.
 
         Raises:
-            ReadingError: as for a scan.
+            ReadingError: As for `push`.
         """
         result = self.tracker.push(reading)
         self.reading = reading
         return self.build_state(reading, faults, result)
 
     def finish(self) -> tuple[Touch, ...]:
-        """Close the touches still open, as at the end of a recording.
+        """Close the open touches, as at the end of a recording, and return them.
 
         Later readings begin new tracks and touches.
         """

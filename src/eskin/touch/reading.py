@@ -1,4 +1,4 @@
-"""This module defines a skin's data at one instant, before and after calibration."""
+"""This module defines the data of a skin at one instant: scans and readings."""
 
 from dataclasses import dataclass
 from typing import no_type_check
@@ -10,7 +10,7 @@ from eskin.errors import ReadingError
 from eskin.skin import Skin
 
 
-# Scan and Reading check their own types, always: no_type_check spares the tests' hook.
+# Scan and Reading check their own types: no_type_check switches off the tests' hook.
 @no_type_check
 @dataclass(frozen=True, eq=False)
 class Scan:
@@ -18,21 +18,17 @@ class Scan:
 
     stamp: int
     """Time at which it was taken [ns since the epoch]."""
-
     counts: Int[np.ndarray, "taxel"]
     """Counts of the converter (int32); meaningless where nothing was received."""
-
     received: Bool[np.ndarray, "taxel"]
     """False where no new data was received."""
-
     q: Float[np.ndarray, "joint"]
     """Joint positions at that time [rad] (float64)."""
-
     shear: Int[np.ndarray, "taxel 2"] | None = None
     """Counts along the taxel's tangent x and y, where the skin measures shear."""
 
     def __post_init__(self) -> None:
-        """Refuse arrays of the wrong type, and arrays that do not belong together."""
+        """Refuse arrays of a wrong type or shape, and q that is not finite."""
         check_stamp(self.stamp)
         count = check_array("counts", self.counts, "i", (None,))
         check_array("received", self.received, "b", (count,))
@@ -44,28 +40,21 @@ class Scan:
 @no_type_check
 @dataclass(frozen=True, eq=False)
 class Reading:
-    """A reading holds the pressure on the whole skin at one instant.
-
-    It is a calibrated `Scan`.
-    """
+    """A reading is a calibrated scan: the pressure on the whole skin at one instant."""
 
     stamp: int
     """Time at which it was taken [ns since the epoch]."""
-
     pressure: Float[np.ndarray, "taxel"]
     """Pressure on each taxel [kPa] (float32); meaningless where not valid."""
-
     valid: Bool[np.ndarray, "taxel"]
     """False where no new data was received, or the data cannot be trusted."""
-
     q: Float[np.ndarray, "joint"]
     """Joint positions at that time [rad] (float64)."""
-
     shear: Float[np.ndarray, "taxel 2"] | None = None
     """Shear along the taxel's tangent x and y [kPa] (float32), where measured."""
 
     def __post_init__(self) -> None:
-        """Refuse arrays that do not belong together, and NaN that is marked valid."""
+        """Refuse arrays of a wrong type or shape, and NaN that is marked valid."""
         check_stamp(self.stamp)
         count = check_array("pressure", self.pressure, "f", (None,))
         check_array("valid", self.valid, "b", (count,))
@@ -142,10 +131,12 @@ def check_order(last: int | None, stamp: int) -> None:
         )
 
 
-def check_count(scan: Scan, skin: Skin) -> None:
-    """Refuse a scan of another skin."""
-    if len(scan.counts) != skin.count:
+def check_count(data: Scan | Reading, skin: Skin) -> None:
+    """Refuse data of another skin."""
+    count = len(data.counts if isinstance(data, Scan) else data.pressure)
+    if count != skin.count:
         raise ReadingError(
-            f"scan has {len(scan.counts)} taxels, skin '{skin.name}' has {skin.count}; "
-            "allowed is one count a taxel; load the skin that the data came from"
+            f"{type(data).__name__.lower()} has {count} taxels, skin '{skin.name}' has "
+            f"{skin.count}; allowed is one value a taxel; load the skin that the data "
+            "came from"
         )

@@ -1,10 +1,11 @@
 """This module defines the arrays and tuples that the tracking kernels read and write.
 
-Links and patches are indices into `robot.links` and `skin.patches`; ids count from 1,
-and 0 is none; a span is the begin and the end of a part of another array. Records of a
-reading are never written to once the reading has been processed.
+Links and patches are indices into `robot.links` and `skin.patches`. Ids count from 1; 0
+is none. A span is the begin and the end of a part of another array. The records of a
+reading are not changed once it has been processed.
 """
 
+from collections import namedtuple
 from typing import NamedTuple
 
 import numpy as np
@@ -20,11 +21,10 @@ SPAN = ("i8", 2)
 VECTOR = ("f8", 3)
 
 ONGOING, ENDED, PAST = 0, 1, 2
-"""Phases of a track: with contact or waiting for it, ended with this reading, and
-ended before, remembered while its touch may still be joined."""
-
+"""Phases of a track: ongoing, with contact or while its taxels are not received; ended
+with this reading; ended before, but still within the pause of its touch."""
 LOAD = np.dtype([("taxel", "i8"), ("pressure", "f8"), ("onset", "i8")])
-"""An active taxel, its pressure [kPa], and since when it has been active [ns]."""
+"""An active taxel, its pressure [kPa], and the stamp from which it is active [ns]."""
 
 CONTACT = np.dtype(
     [
@@ -42,18 +42,8 @@ CONTACT = np.dtype(
 )
 """A `Contact`, the stamp of its reading, and the span of its loads."""
 
-TRACK = np.dtype(
-    [
-        ("id", "i8"),
-        ("onset", "i8"),
-        ("last", "i8"),
-        ("parent", "i8"),
-        ("merged_into", "i8"),
-        ("phase", "i8"),
-        ("touch", "i8"),
-        ("contact", "i8"),
-    ]
-)
+TRACK_FIELDS = "id onset last parent merged_into phase touch contact".split()
+TRACK = np.dtype([(name, "i8") for name in TRACK_FIELDS])
 """A `Track`, the id of its touch, and the index of its latest contact."""
 
 TOUCH = np.dtype(
@@ -78,56 +68,37 @@ TOUCH = np.dtype(
         ("tracks", *SPAN),
     ]
 )
-"""A `Touch`, and what only the recogniser needs.
+"""A `Touch`, and further values for the recogniser.
 
 `contact` is the index of the strongest of its latest contacts; `force` its force now
-[N]; `contacts` how often it has made contact; `farthest` the greatest distance of its
-centre from where it began [m]. `loads` is the span of its loads now, `before` of those
-at the reading before, including those of touches merged into it since; `tracks` is the
-span of the ids of its tracks, ascending.
+[N]; `contacts` the number of times that it made contact; `farthest` the largest
+distance of its centre from its start [m]. `loads` is the span of its loads now,
+`before` that of its loads in the previous reading, with those of touches that were
+merged into it; `tracks` is the span of the ids of its tracks, ascending.
 """
 
 
-class TouchRecord(NamedTuple):
-    """A record has the values of one TOUCH, in the order of its fields."""
-
-    id: int
-    onset: int
-    last: int
-    impulse: float
-    peak_force: float
-    peak: float
-    link: int
-    start: np.ndarray
-    latest: np.ndarray
-    contact: int
-    merged_into: int
-    closed: int
-    force: float
-    contacts: int
-    farthest: float
-    loads: np.ndarray
-    before: np.ndarray
-    tracks: np.ndarray
+TouchRecord = namedtuple("TouchRecord", TOUCH.names or ())
+"""The fields of one TOUCH, in their order."""
 
 
 class TouchRecords(NamedTuple):
     """Records describe all contacts, tracks and touches at one instant."""
 
     contacts: np.ndarray
-    """(contact) CONTACT: those now, then older ones that others still refer to."""
+    """(contact) CONTACT: those of this reading, then older ones still referred to."""
     tracks: np.ndarray
-    """(track) TRACK: ongoing, ended with this reading, past; each by id."""
+    """(track) TRACK: ongoing ones by id, ended ones by id, then past ones."""
     touches: np.ndarray
     """(touch) TOUCH: open ones by id, then those closed with this reading."""
     loads: np.ndarray
-    """(load) LOAD: the spans of contacts and touches, which may share some."""
+    """(load) LOAD: the spans of contacts and touches refer to it, and may overlap."""
     members: np.ndarray
-    """(track) ids of tracks: the spans of touches."""
+    """(member) ids of tracks: the spans of touches refer to it."""
 
 
 class TouchStatus(NamedTuple):
-    """A status holds what is needed of every touch at every reading."""
+    """A status holds the values of a touch that are read at every reading."""
 
     id: int
     onset: int
@@ -137,12 +108,12 @@ class TouchStatus(NamedTuple):
 
 
 class TrackingResult(NamedTuple):
-    """A result holds the touches of one reading in short, and a reference to all."""
+    """A result holds the status of each touch, and a reference to all records."""
 
     packed: Packed
     """Reference to the `TouchRecords`."""
     open: tuple[TouchStatus, ...]
-    """Touches that are open, by id."""
+    """Open touches, by id."""
     closed: tuple[TouchStatus, ...]
     """Touches that closed with this reading."""
 
@@ -154,7 +125,7 @@ NO_TOUCHES = TouchRecords(
     np.empty(0, LOAD),
     np.empty(0, np.int64),
 )
-"""Records of a skin that nobody touches."""
+"""Records of an untouched skin."""
 
 TAXEL_GEOMETRY = np.dtype(
     [
@@ -168,9 +139,9 @@ TAXEL_GEOMETRY = np.dtype(
         ("neighbours", *SPAN),
     ]
 )
-"""A taxel in the frame of its link: position [m], outward normal, area [m2], distance
-within which it connects [m], index of its link and of its patch, rank by patch, row and
-column, and the span of its neighbours on the same link."""
+"""A taxel in the frame of its link: position [m], outward normal, area [m2], reach as
+in `Adjacency` [m], link, patch, rank by patch, row and column, and the span of its
+neighbours on the same link."""
 
 TAXEL_STATE = np.dtype(
     [
@@ -182,30 +153,30 @@ TAXEL_STATE = np.dtype(
     ]
 )
 """State of a taxel: when it was last active [s], its recent peak at that time [kPa],
-since when it was active [ns], whether it has not been released since; and -1, in whose
-place kernels write the index of the taxel among others for a while."""
+the stamp from which it was active [ns], whether it has not been released since, and an
+index that kernels use as a temporary variable and reset to -1."""
 
 HELD, NEXT_TRACK, NEXT_TOUCH = 0, 1, 2
-"""Indices of `TrackerState.counts`: the number of held taxels, and the next ids."""
+"""Indices of `TrackerState.counts`: number of held taxels, id of the next track and of
+the next touch."""
 
 
 class TrackerState(NamedTuple):
-    """Arrays that hold what the tracker updates at every reading."""
+    """Arrays hold the state of the tracker, which every reading updates."""
 
     taxels: np.ndarray
     """(taxel) TAXEL_STATE."""
     held: np.ndarray
-    """(taxel) held taxels come first."""
+    """(taxel) indices of the held taxels, then unused space."""
     counts: np.ndarray
     """(3) see `HELD`, `NEXT_TRACK`, `NEXT_TOUCH`."""
 
 
 class TrackingParameters(NamedTuple):
-    """Parameters of the tracking kernels have the names of the configurations' fields.
+    """Parameters of the tracking kernels are fields of their configurations.
 
     See `ContactConfig`, `TrackConfig` and `TouchConfig`. `pause_ns` is
-    `TouchConfig.pause_seconds` in ns; `calibrated` tells whether distances on the skin
-    mean anything.
+    `TouchConfig.pause_seconds` in ns; `calibrated` is `Skin.calibrated`.
     """
 
     on: float
@@ -225,33 +196,33 @@ class TrackingParameters(NamedTuple):
 
 
 class TrackerContext(NamedTuple):
-    """A context holds what is the same at every reading."""
+    """A context holds the arguments of the kernels that are kept between readings."""
 
     parameters: TrackingParameters
     """Thresholds, distances and times."""
     geometry: np.ndarray
     """(taxel) TAXEL_GEOMETRY."""
     neighbours: np.ndarray
-    """(pair) neighbours of all taxels, to which `geometry` has the spans."""
+    """(pair) neighbours of all taxels; the spans in `geometry` refer to it."""
     state: TrackerState
-    """State of the taxels; updated."""
+    """State of the tracker, which is updated."""
 
 
 class KernelReading(NamedTuple):
-    """A reading as the kernels take it."""
+    """A reading is passed to the kernels in this form."""
 
     stamp: int
     """Time at which it was taken [ns]."""
     elapsed: int
-    """Time since the reading before [ns]; 0 at the first."""
+    """Time since the previous reading [ns]; 0 at the first."""
     now: float
     """Time at which it was taken, since the first reading [s]."""
     previous: float
-    """Time of the reading before, or its own at the first [s]."""
+    """Time of the previous reading, or of this one if it is the first [s]."""
     pressure: np.ndarray
     """(taxel) pressure [kPa]."""
     valid: np.ndarray
-    """(taxel) whether the pressure can be trusted."""
+    """(taxel) whether the pressure is valid."""
     T_world_link: np.ndarray
     """(link, 4, 4) poses of the robot's links."""
 

@@ -1,4 +1,9 @@
-"""Compiled kernels that group tracks into touches."""
+"""Compiled kernels that group tracks into touches.
+
+Of `tracks` (TRACK), the first `ongoing` are ongoing. `before` is the `TouchRecords` of
+the previous reading, `buffer` has the contacts and loads of this one, and `update` the
+touches while they are updated.
+"""
 
 from typing import NamedTuple, no_type_check
 
@@ -41,31 +46,30 @@ from eskin.units import NS_PER_S
 STATUS_SIZE = len(TouchStatus._fields)
 
 MIN_LIFT_NS = 60_000_000
-"""Shortest time without contact from which a contact counts as a new one [ns]; at least
-one reading must lie in it."""
-
+"""Smallest time without contact from which a contact counts as a new one [ns]; it must
+contain a reading."""
 ALL, CLOSED, PREVIOUS = 0, 1, 2
-"""Indices of `TouchUpdate.used`: the number of all touches, of those that have closed,
-and of those that were open at the reading before."""
+"""Indices of `TouchUpdate.counts`: number of all touches, of those that have closed,
+and of those that were open at the previous reading."""
 
 
 class TouchUpdate(NamedTuple):
-    """An update holds the touches of a reading while they are brought up to date."""
+    """An update holds the touches of a reading while they are updated."""
 
     touches: np.ndarray
-    """(touch) TOUCH: those open at the reading before, then new ones."""
+    """(touch) TOUCH: those open at the previous reading, then new ones."""
     survivors: np.ndarray
     """(touch) touch that it was merged into, or -1."""
     closed: np.ndarray
     """(touch) touches that have closed, in this order."""
-    used: np.ndarray
+    counts: np.ndarray
     """(3) see `ALL`, `CLOSED`, `PREVIOUS`."""
     renewed: np.ndarray
-    """(touch) whether its contact is one of this reading's buffer."""
+    """(touch) whether its contact is in the buffer already."""
     owners: np.ndarray
-    """(track) its touch, which may have been merged into another since, or -1."""
+    """(track) its touch, which may since have been merged into another, or -1."""
     joined: np.ndarray
-    """(track) the touch that it has just joined, or -1."""
+    """(track) the touch that it has joined at this reading, or -1."""
 
 
 @compiled
@@ -73,7 +77,7 @@ class TouchUpdate(NamedTuple):
 def begin_update(
     tracks: np.ndarray, ongoing: int, before: TouchRecords, stamp: int, pause: int
 ) -> TouchUpdate:
-    """Take the touches that were open, and close those without contact for too long."""
+    """Begin with the touches that were open, and close those after the pause."""
     count = 0
     while count < len(before.touches) and not before.touches[count].closed:
         count += 1
@@ -101,7 +105,7 @@ def begin_update(
 @compiled
 @no_type_check
 def find_survivor(touch: int, update: TouchUpdate) -> int:
-    """Return the touch that one was merged into, or itself."""
+    """Return the touch into which one was merged, directly or not, else itself."""
     while update.survivors[touch] != NO_INDEX:
         touch = update.survivors[touch]
     return touch
@@ -112,9 +116,9 @@ def find_survivor(touch: int, update: TouchUpdate) -> int:
 def start_touch(
     track: np.void, state: TrackerState, buffer: RecordBuffer, update: TouchUpdate
 ) -> int:
-    """Start a touch with its first track; return its index."""
-    place, contact = update.used[ALL], buffer.contacts[track.contact]
-    update.used[ALL] += 1
+    """Start a touch with its first track, and return its index."""
+    place, contact = update.counts[ALL], buffer.contacts[track.contact]
+    update.counts[ALL] += 1
     update.renewed[place] = True
     touch = update.touches[place]
     touch.id = state.counts[NEXT_TOUCH]
@@ -147,11 +151,11 @@ def merge_touches(older: int, younger: int, update: TouchUpdate) -> None:
 @compiled
 @no_type_check
 def close_touch(touch: int, merged_into: int, update: TouchUpdate) -> None:
-    """Close a touch; it was merged into the one of an id, 0 for none."""
+    """Close a touch that was merged into the one of an id, 0 for none."""
     update.touches[touch].closed = 1
     update.touches[touch].merged_into = merged_into
-    update.closed[update.used[CLOSED]] = touch
-    update.used[CLOSED] += 1
+    update.closed[update.counts[CLOSED]] = touch
+    update.counts[CLOSED] += 1
 
 
 class ContactRegions(NamedTuple):
@@ -160,9 +164,9 @@ class ContactRegions(NamedTuple):
     points: np.ndarray
     """(load, 3) positions in the world [m]."""
     boxes: np.ndarray
-    """(track, 2, 3) bounding boxes of the points of its contact now [m]."""
+    """(track, 2, 3) bounding boxes of the current contacts [m]."""
     reach: float
-    """Greatest distance between contacts of one touch [m]."""
+    """Largest distance between contacts of one touch [m]."""
 
 
 @compiled
@@ -178,20 +182,11 @@ def group_tracks(
 ) -> TouchUpdate:
     """Group the tracks of the next reading into touches.
 
-    A track joins the touch of the track that it split off from; else the touch of any
-    track that ended near it a moment ago, or that has contact beside it. Where that
-    makes one of two touches, the younger is merged into the older, and closes with
-    `merged_into`. On a skin that is not calibrated distances mean nothing, and whatever
-    is on it at once, or within the pause, is one touch.
-
-    Args:
-        tracks: TRACK, ongoing ones first, by id.
-        ongoing: number of ongoing tracks.
-        points: positions of the loads of this reading in the world [m].
-        before: the records of the reading before.
-        reading: the next reading.
-        context: distances and times, and the next id.
-        buffer: the contacts and loads of this reading.
+    A new track joins the touch of its parent, of any track that ended near it within
+    the pause, and of any that has contact beside it. Where these are several touches,
+    the younger are merged into the oldest, and close with `merged_into`. On a skin that
+    is not calibrated, distances have no meaning: all contacts within the pause are one
+    touch. `points` are the positions of the loads in the world [m].
     """
     parameters = context.parameters
     update = begin_update(tracks, ongoing, before, reading.stamp, parameters.pause_ns)
@@ -204,8 +199,9 @@ def group_tracks(
     for track in range(ongoing):
         if update.owners[track] == NO_INDEX:
             assign_touch(track, tracks, regions, reading, context, buffer, update)
-    merge_near(tracks, ongoing, regions, reading.stamp, buffer, update)
-    update_open_touches(tracks, ongoing, before, reading, parameters, buffer, update)
+    current = tracks[:ongoing]
+    merge_near(current, regions, reading.stamp, buffer, update)
+    update_open_touches(current, before, reading, parameters, buffer, update)
     return update
 
 
@@ -221,7 +217,7 @@ def assign_touch(
     update: TouchUpdate,
 ) -> None:
     """Assign a touch to a new track, and merge the touches that it connects."""
-    fitting = np.zeros(update.used[ALL], np.bool_)
+    fitting = np.zeros(update.counts[ALL], np.bool_)
     for other in range(len(tracks)):
         if update.owners[other] != NO_INDEX:
             touch = find_survivor(update.owners[other], update)
@@ -251,17 +247,17 @@ def belongs_together(
     parameters: TrackingParameters,
     buffer: RecordBuffer,
 ) -> bool:
-    """Return whether a new track is of the same touch as another."""
+    """Return whether a new track belongs to the same touch as another."""
     if tracks[track].parent == tracks[other].id or not parameters.calibrated:
         return True
     if min(tracks[track].last, tracks[other].last) == reading.stamp:
         return are_near(track, other, tracks, regions, buffer)
     if reading.stamp - tracks[other].last > parameters.pause_ns:
         return False
-    was = buffer.contacts[tracks[other].contact]
-    here = buffer.contacts[tracks[track].contact].p_world
-    T_world_link = reading.T_world_link[was.link]
-    return distance_to_link_point(T_world_link, was.p_link, here) <= parameters.near
+    end = buffer.contacts[tracks[other].contact]
+    start = buffer.contacts[tracks[track].contact].p_world
+    T_world_link = reading.T_world_link[end.link]
+    return distance_to_link_point(T_world_link, end.p_link, start) <= parameters.near
 
 
 @compiled
@@ -273,7 +269,7 @@ def are_near(
     regions: ContactRegions,
     buffer: RecordBuffer,
 ) -> bool:
-    """Return whether the nearest taxels of two contacts are close in space."""
+    """Return whether the nearest taxels of two contacts are within reach in space."""
     points, boxes, reach = regions.points, regions.boxes, regions.reach
     if box_gap(boxes[one], boxes[other]) > reach:
         return False
@@ -292,17 +288,16 @@ def are_near(
 @no_type_check
 def merge_near(
     tracks: np.ndarray,
-    ongoing: int,
     regions: ContactRegions,
     stamp: int,
     buffer: RecordBuffer,
     update: TouchUpdate,
 ) -> None:
-    """Merge the touches whose contacts have come beside each other."""
-    if update.used[ALL] - update.used[CLOSED] < 2:
+    """Merge the touches of ongoing tracks whose contacts are beside each other."""
+    if update.counts[ALL] - update.counts[CLOSED] < 2:
         return
-    for one in range(ongoing):
-        for other in range(one + 1, ongoing):
+    for one in range(len(tracks)):
+        for other in range(one + 1, len(tracks)):
             a = find_survivor(update.owners[one], update)
             b = find_survivor(update.owners[other], update)
             if a == b or min(tracks[one].last, tracks[other].last) < stamp:
@@ -315,22 +310,21 @@ def merge_near(
 @no_type_check
 def update_open_touches(
     tracks: np.ndarray,
-    ongoing: int,
     before: TouchRecords,
     reading: KernelReading,
     parameters: TrackingParameters,
     buffer: RecordBuffer,
     update: TouchUpdate,
 ) -> None:
-    """Update every open touch with the contacts of this reading."""
-    count = update.used[ALL]
+    """Update every open touch with the contacts of ongoing tracks."""
+    count = update.counts[ALL]
     force, centre = np.zeros(count), np.zeros((count, 3))
-    # The force during a gap is unknown.
+    # The force in a longer gap between readings is unknown.
     seconds = 0.0
     if reading.elapsed <= parameters.pause_ns:
         seconds = reading.elapsed / NS_PER_S
     strongest = np.full(count, NO_INDEX)
-    for track in range(ongoing):
+    for track in range(len(tracks)):
         if tracks[track].last == reading.stamp:
             n = find_survivor(update.owners[track], update)
             touch, contact = update.touches[n], buffer.contacts[tracks[track].contact]
@@ -354,17 +348,10 @@ def update_open_touches(
             centre[n] /= force[n]
             transform_to_link(reading.T_world_link[touch.link], centre[n], touch.latest)
         touch.farthest = max(touch.farthest, distance(touch.latest, touch.start))
-        if n < update.used[PREVIOUS]:
-            touch.contacts += is_new_contact(
-                before.touches[n].last, touch.last, reading
-            )
-
-
-@compiled
-@no_type_check
-def is_new_contact(before: int, last: int, reading: KernelReading) -> bool:
-    """Return whether a touch was without contact between two stamps [ns]."""
-    return last - before > MIN_LIFT_NS and before < reading.stamp - reading.elapsed
+        if n < update.counts[PREVIOUS]:
+            last = before.touches[n].last
+            lifted = last < reading.stamp - reading.elapsed
+            touch.contacts += lifted and touch.last - last > MIN_LIFT_NS
 
 
 @compiled
@@ -377,18 +364,10 @@ def write_spans(
     buffer: RecordBuffer,
     update: TouchUpdate,
 ) -> Int[np.ndarray, "member"]:
-    """Write the spans of all touches and the touch of each track.
-
-    Args:
-        tracks: TRACK, ongoing ones first.
-        ongoing: number of ongoing tracks.
-        before: the records of the reading before.
-        stamp: stamp of this reading [ns].
-        buffer: loads are appended to it.
-        update: the touches, up to date.
+    """Write the spans of all touches, and the touch of each track.
 
     Returns:
-        The ids of the tracks of each touch.
+        `TouchRecords.members`.
     """
     for track in range(len(tracks)):
         owner = update.owners[track]
@@ -396,7 +375,7 @@ def write_spans(
         if owner != NO_INDEX:
             update.owners[track] = find_survivor(owner, update)
             tracks[track].touch = update.touches[update.owners[track]].id
-    for n in range(update.used[ALL]):
+    for n in range(update.counts[ALL]):
         touch = update.touches[n]
         touch.loads[0] = touch.loads[1] = touch.before[0] = touch.before[1] = 0
         if not touch.closed:
@@ -410,7 +389,7 @@ def write_spans(
 def write_loads(
     n: int, tracks: np.ndarray, stamp: int, buffer: RecordBuffer, update: TouchUpdate
 ) -> None:
-    """Write the loads that a touch has now; those of one contact are there already."""
+    """Write the span of a touch's loads; those of several contacts are copied first."""
     span, parts = update.touches[n].loads, 0
     for track in range(len(tracks)):
         if update.owners[track] == n and tracks[track].last == stamp:
@@ -431,13 +410,13 @@ def write_loads(
 def write_previous_loads(
     n: int, before: TouchRecords, buffer: RecordBuffer, update: TouchUpdate
 ) -> None:
-    """Write the loads that a touch, and those merged into it, had a reading ago."""
+    """Write the previous loads of a touch and of those merged into it."""
     span = update.touches[n].before
     span[0] = span[1] = buffer.used[LOADS]
-    for other in range(update.used[PREVIOUS]):
+    for other in range(update.counts[PREVIOUS]):
         if find_survivor(other, update) == n:
-            had = before.touches[other].loads
-            span[1] = append_loads(before.loads[had[0] : had[1]], buffer)
+            old_span = before.touches[other].loads
+            span[1] = append_loads(before.loads[old_span[0] : old_span[1]], buffer)
 
 
 @compiled
@@ -447,25 +426,25 @@ def write_members(
 ) -> Int[np.ndarray, "member"]:
     """Write the ids of the tracks of each touch, ascending.
 
-    The tracks of a touch are also tracks of those that it is merged into.
+    The tracks of a touch count for those into which it is merged too.
     """
-    ends = np.zeros(update.used[ALL] + 1, np.int64)
-    for n in range(update.used[PREVIOUS]):
+    ends = np.zeros(update.counts[ALL] + 1, np.int64)
+    for n in range(update.counts[PREVIOUS]):
         span = before.touches[n].tracks
         count_members(n, span[1] - span[0], ends, update)
     for track in range(len(tracks)):
         count_members(update.joined[track], 1, ends, update)
-    for n in range(update.used[ALL]):
+    for n in range(update.counts[ALL]):
         ends[n + 1] += ends[n]
         update.touches[n].tracks[0] = update.touches[n].tracks[1] = ends[n]
     members = np.empty(ends[-1], np.int64)
-    for n in range(update.used[PREVIOUS]):
+    for n in range(update.counts[PREVIOUS]):
         span = before.touches[n].tracks
         for k in range(span[0], span[1]):
             add_member(n, before.members[k], members, update)
     for track in range(len(tracks)):
         add_member(update.joined[track], tracks[track].id, members, update)
-    for n in range(update.used[ALL]):
+    for n in range(update.counts[ALL]):
         span = update.touches[n].tracks
         for k in range(span[0] + 1, span[1]):
             if members[k] < members[k - 1]:
@@ -479,7 +458,7 @@ def write_members(
 def count_members(
     touch: int, count: int, ends: Int[np.ndarray, "touch_and_one"], update: TouchUpdate
 ) -> None:
-    """Count tracks of a touch for it and for those that it is merged into."""
+    """Count tracks for a touch and for those into which it is merged."""
     while touch != NO_INDEX:
         ends[touch + 1] += count
         touch = update.survivors[touch]
@@ -490,7 +469,7 @@ def count_members(
 def add_member(
     touch: int, track: int, members: Int[np.ndarray, "member"], update: TouchUpdate
 ) -> None:
-    """Write a track of a touch for it and for those that it is merged into."""
+    """Write a track for a touch and for those into which it is merged."""
     while touch != NO_INDEX:
         span = update.touches[touch].tracks
         members[span[1]] = track
@@ -512,11 +491,11 @@ def track_touches(
         candidates: all taxels of enough pressure to be active, ascending.
         reading: the next reading.
         packed_context: `TrackerContext`.
-        packed_before: `TouchRecords` of the reading before.
+        packed_before: `TouchRecords` of the previous reading.
 
     Returns:
-        `TouchRecords` of this reading; a `TouchStatus` of each touch; how many of them
-        are open; and how many tracks there are.
+        `TouchRecords` of this reading; the `TouchStatus` of each touch as a row; the
+        number of open touches; and the number of tracks.
     """
     context, before = packed_context.parts, packed_before.parts
     contacts, loads, points = find_contacts(candidates, reading, context)
@@ -532,14 +511,14 @@ def track_touches(
         buffer.loads[: buffer.used[LOADS]],
         members,
     )
-    open_count = len(touches) - update.used[CLOSED]
+    open_count = len(touches) - update.counts[CLOSED]
     return Packed(records), build_statuses(touches), open_count, len(tracks)
 
 
 @compiled
 @no_type_check
 def build_statuses(touches: np.ndarray) -> Int[np.ndarray, "touch column"]:
-    """Return the fields of a `TouchStatus` of each touch."""
+    """Return the `TouchStatus` of each touch as a row."""
     statuses = np.empty((len(touches), STATUS_SIZE), np.int64)
     for n in range(len(touches)):
         touch, status = touches[n], statuses[n]
@@ -553,17 +532,17 @@ def build_statuses(touches: np.ndarray) -> Int[np.ndarray, "touch column"]:
 def collect_touches(
     before: TouchRecords, buffer: RecordBuffer, update: TouchUpdate
 ) -> np.ndarray:
-    """Return open touches, then those that have closed, and copy their old contacts."""
-    touches = np.empty(update.used[ALL], TOUCH)
+    """Return open touches, then closed ones, and copy their contacts to the buffer."""
+    touches = np.empty(update.counts[ALL], TOUCH)
     count = 0
-    for n in range(update.used[ALL]):
+    for n in range(update.counts[ALL]):
         touch = update.touches[n]
         if not update.renewed[n]:
             touch.contact = copy_contact_with_loads(touch.contact, before, buffer)
         if not touch.closed:
             touches[count] = touch
             count += 1
-    for n in update.closed[: update.used[CLOSED]]:
+    for n in update.closed[: update.counts[CLOSED]]:
         touches[count] = update.touches[n]
         count += 1
     return touches

@@ -28,28 +28,20 @@ class Contact:
 
     taxels: Int[np.ndarray, "active"]
     """Indices of its taxels, ordered by patch, row and column."""
-
     force: float
     """Sum of pressure times area [N]."""
-
     area: float
     """Sum of the taxels' areas [m2]."""
-
     peak: float
     """Greatest pressure [kPa]."""
-
     p_world: Float[np.ndarray, "3"]
     """Centre, weighted by force [m]."""
-
     n_world: Float[np.ndarray, "3"]
     """Mean outward normal, weighted by force; unit, or zero where normals cancel."""
-
     p_link: Float[np.ndarray, "3"]
     """Centre in the frame of `link` [m]."""
-
     link: str
     """Link of the most loaded taxel."""
-
     patch: str
     """Patch of the most loaded taxel."""
 
@@ -60,58 +52,45 @@ class ContactConfig:
 
     on: float = 0.7
     """Pressure from which a taxel becomes active [kPa]."""
-
     off: float = 0.5
     """Pressure from which an active taxel stays active [kPa]."""
-
     on_share: float = 0.15
-    """Part of its recent peak that a released taxel must exceed to be active again."""
-
+    """Fraction of its recent peak that a released taxel must reach to become active."""
     off_share: float = 0.1
-    """Part of its recent peak that an active taxel must exceed to stay active."""
-
+    """Fraction of its recent peak that an active taxel must reach to stay active."""
     fade_seconds: float = 5.0
-    """Time in which half of the recent peak is forgotten [s]."""
-
+    """Time after which the recent peak counts half [s]."""
     hold_seconds: float = 0.1
-    """How long a taxel not received is remembered as active [s]."""
-
+    """Time for which a taxel that is not received still counts as active [s]."""
     reach: float = 1.6
     """Distance within which active taxels connect, in units of the local spacing."""
-
     least_reach: float = 0.018
-    """Distance within which they connect anyway [m]: over the seams between patches."""
+    """Smallest such distance [m], so that they connect across seams of patches."""
 
     def with_floor(self, floor: float) -> "ContactConfig":
-        """Return a copy with thresholds raised in proportion: `on` at least a floor."""
+        """Return a copy with `on` at least a floor [kPa], and `off` in proportion."""
         factor = max(1.0, floor / self.on)
         return replace(self, on=self.on * factor, off=self.off * factor)
 
 
 @dataclass(frozen=True, eq=False)
 class Track:
-    """A track is a contact through time; its id stays across patches and links."""
+    """A track is a contact through time; it keeps its id across patches and links."""
 
     id: int
     """Number that counts up from 1 in the order of appearance."""
-
     onset: int
     """Stamp of its first reading [ns since the epoch]."""
-
     last: int
     """Stamp of its last reading with contact [ns since the epoch]."""
-
     contact: Contact
     """Contact at `last`."""
-
     parent: int | None = None
     """Id of the track that it split off from."""
-
     merged_into: int | None = None
-    """Id of the track that continues its contact after two contacts became one."""
-
+    """Id of the track with which it was merged when their contacts became one."""
     ended: bool = False
-    """True once there is no contact any more."""
+    """True once its contact has ended."""
 
 
 @dataclass(frozen=True)
@@ -119,16 +98,13 @@ class TrackConfig:
     """Limits define how far a contact may move between two readings."""
 
     gate: float = 0.03
-    """Distance that the centre may jump at once [m]."""
-
+    """Distance that the centre may move, even without time in between [m]."""
     speed: float = 1.0
-    """Speed by which that distance grows with the time between readings [m/s]."""
-
+    """Increase of that distance with the time between readings [m/s]."""
     coast_seconds: float = 0.2
-    """How long a track waits while most of its taxels are not received [s]."""
-
+    """Time for which a track goes on while most of its taxels are not received [s]."""
     gap_seconds: float = 0.5
-    """Time without a reading after which every track has ended [s]."""
+    """Time without a reading after which all tracks end [s]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,42 +113,30 @@ class Touch:
 
     id: int
     """Number that counts up from 1 in the order of appearance."""
-
     onset: int
     """Stamp of its first contact [ns since the epoch]."""
-
     last: int
     """Stamp of its last contact so far [ns since the epoch]."""
-
     tracks: tuple[int, ...]
     """Ids of its tracks, ascending."""
-
     impulse: float
     """Integral of its force over time [N s]."""
-
     peak_force: float
     """Greatest force of all its contacts at one instant [N]."""
-
     peak: float
     """Greatest pressure on one taxel [kPa]."""
-
     link: str
     """Link of its first contact."""
-
     start: Float[np.ndarray, "3"]
     """Centre of its first contact in the frame of `link` [m]."""
-
     latest: Float[np.ndarray, "3"]
     """Force-weighted centre of its latest contacts in the frame of `link` [m]."""
-
     contact: Contact
     """Strongest of its latest contacts."""
-
     closed: bool = False
-    """True once no track will join it any more."""
-
+    """True once no further track can join it."""
     merged_into: int | None = None
-    """Id of the touch that it turned out to be a part of."""
+    """Id of the touch into which it was merged."""
 
     @property
     def travel(self) -> Float[np.ndarray, "3"]:
@@ -185,15 +149,13 @@ class TouchConfig:
     """Limits define which tracks belong to one touch."""
 
     near: float = 0.08
-    """Distance from the end of a track to the start of the next [m], in the frame of
-    its link."""
-
+    """Largest distance from the end of a track to the start of the next [m], in the
+    frame of the link of the first."""
     pause_seconds: float = 0.5
-    """Time after which such a track may begin [s]; so long after its last contact a
-    touch closes."""
-
+    """Largest time between the two, and time without contact after which a touch closes
+    [s]."""
     beside: float = 0.1
-    """Distance between contacts at the same time [m], nearest taxels in space."""
+    """Largest distance between simultaneous contacts, at their nearest taxels [m]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -205,23 +167,17 @@ class TouchState:
 
     reading: Reading
     """Calibrated reading; faulty taxels are not valid in it."""
-
     faults: tuple[Fault, ...]
-    """Faults known now."""
-
     tracking: TrackingResult
     """Contacts, tracks and touches as the kernels returned them."""
-
     mounted: MountedSkin
-    """Skin on its robot."""
-
     posed: bool = True
-    """Whether contacts were found in the robot's pose; else they were found with every
-    joint at 0, and only the objects built here are moved to the robot's pose."""
+    """Whether contacts were found in the robot's pose. Else they were found with every
+    joint at 0; the objects built here, but not the records, are moved to its pose."""
 
     @property
     def open(self) -> tuple[TouchStatus, ...]:
-        """Status of the touches that are open."""
+        """Status of the open touches."""
         return self.tracking.open
 
     @property
@@ -264,7 +220,7 @@ class TouchState:
 
     @cached_property
     def touches(self) -> tuple[Touch, ...]:
-        """Touches that are open."""
+        """Open touches."""
         return tuple(self.build_touch(row) for row in self.rows if not row.closed)
 
     @cached_property
@@ -274,7 +230,7 @@ class TouchState:
 
     @cached_property
     def all_contacts(self) -> tuple[Contact, ...]:
-        """Contacts of this reading, then the last ones of other tracks and touches."""
+        """Contacts of this reading, then older ones of tracks and touches."""
         if not len(self.records.contacts):
             return ()
         patches, taxels = self.mounted.skin.patches, self.records.loads["taxel"].copy()
@@ -297,16 +253,16 @@ class TouchState:
     def move_to_pose(self, contact: Contact) -> Contact:
         """Move a contact found with every joint at 0 to the robot's pose."""
         link, q = self.mounted.robot.link_index(contact.link), self.reading.q
-        both = self.mounted.kinematics.poses(np.stack([q, np.zeros_like(q)]))
-        now, rest = both[:, link]
+        poses = self.mounted.kinematics.poses(np.stack([q, np.zeros_like(q)]))
+        T, T_at_zero = poses[:, link]
         return replace(
             contact,
-            p_world=now[:3, :3] @ contact.p_link + now[:3, 3],
-            n_world=now[:3, :3] @ rest[:3, :3].T @ contact.n_world,
+            p_world=T[:3, :3] @ contact.p_link + T[:3, 3],
+            n_world=T[:3, :3] @ T_at_zero[:3, :3].T @ contact.n_world,
         )
 
     def build_touch(self, record: TouchRecord) -> Touch:
-        """Build the touch of a record of this state."""
+        """Build the touch of a record."""
         return Touch(
             id=record.id,
             onset=record.onset,
@@ -325,15 +281,14 @@ class TouchState:
 
 
 MIN_PRESS_FORCE = 0.5
-"""Least force of an intended press [N]."""
-
+"""Smallest force of an intended press [N]."""
 MIN_PRESS_SECONDS = 0.15
-"""Least duration of an intended press [s]."""
+"""Smallest duration of an intended press [s]."""
 
 
 @final
 class PressDetector:
-    """A detector finds intended presses of a finger, one after the other; stateful."""
+    """A detector finds intended presses of one finger, one at a time; stateful."""
 
     def __init__(self) -> None:
         """Start without a press."""
@@ -345,8 +300,8 @@ class PressDetector:
         """Process the state at the next reading.
 
         Returns:
-            When a press has just ended, the taxel of greatest pressure when it was
-            hardest; else None.
+            Where a press has just ended, the taxel of greatest pressure at its greatest
+            force; else None.
         """
         contact = max(state.contacts, key=lambda one: one.force, default=None)
         stamp = state.reading.stamp
@@ -359,5 +314,6 @@ class PressDetector:
             return None
         since, taxel = self.since, self.taxel
         self.since, self.force, self.taxel = None, 0.0, -1
-        long = since is not None and stamp - since >= MIN_PRESS_SECONDS * NS_PER_S
-        return taxel if long else None
+        if since is None or stamp - since < MIN_PRESS_SECONDS * NS_PER_S:
+            return None
+        return taxel

@@ -1,4 +1,9 @@
-"""Compiled kernels that track contacts from one reading to the next."""
+"""Compiled kernels that track contacts from one reading to the next.
+
+`before` is the `TouchRecords` of the previous reading. Tracks are matched as follows:
+`successor` is the contact in which each track continues, `owner` the track that keeps
+its id in each contact, `parents` the track of which each contact covers most.
+"""
 
 from typing import NamedTuple, no_type_check
 
@@ -31,14 +36,14 @@ CONTACTS, LOADS = 0, 1
 
 
 class RecordBuffer(NamedTuple):
-    """A buffer has space for the contacts and loads of one reading, and older ones."""
+    """A buffer has space for the contacts and loads of a reading, and older ones."""
 
     contacts: np.ndarray
     """(space) CONTACT."""
     loads: np.ndarray
     """(space) LOAD."""
     copied_to: np.ndarray
-    """(contact before) index of its copy here, or `NO_INDEX`."""
+    """(previous contact) index of its copy in `contacts`, or -1."""
     used: np.ndarray
     """(2) number of contacts and of loads written."""
 
@@ -50,14 +55,13 @@ def build_buffer(
 ) -> RecordBuffer:
     """Build a buffer that begins with the contacts and loads of a reading.
 
-    It has space for all contacts and loads of the reading before, and once more for the
-    loads of every touch, of this reading and of the one before.
+    All contacts and loads of the previous reading fit too, and once more the loads of
+    both readings, for the touches.
     """
-    older = len(before.contacts)
     buffer = RecordBuffer(
-        np.empty(len(contacts) + older, CONTACT),
+        np.empty(len(contacts) + len(before.contacts), CONTACT),
         np.empty(2 * (len(loads) + len(before.loads)), LOAD),
-        np.full(older, NO_INDEX),
+        np.full(len(before.contacts), NO_INDEX),
         np.array([len(contacts), len(loads)]),
     )
     buffer.contacts[: len(contacts)] = contacts
@@ -70,20 +74,20 @@ def build_buffer(
 def copy_contact_with_loads(
     old: int, before: TouchRecords, buffer: RecordBuffer
 ) -> int:
-    """Copy a contact of the reading before with its loads; return its new index."""
+    """Copy a previous contact with its loads, and return its new index."""
     place = copy_contact(old, before, buffer)
     span = buffer.contacts[place].loads
     if span[0] == span[1]:
-        had = before.contacts[old].loads
+        old_span = before.contacts[old].loads
         span[0] = buffer.used[LOADS]
-        span[1] = append_loads(before.loads[had[0] : had[1]], buffer)
+        span[1] = append_loads(before.loads[old_span[0] : old_span[1]], buffer)
     return place
 
 
 @compiled
 @no_type_check
 def copy_contact(old: int, before: TouchRecords, buffer: RecordBuffer) -> int:
-    """Copy a contact of the reading before without its loads; return its new index."""
+    """Copy a previous contact without its loads, and return its new index."""
     if buffer.copied_to[old] == NO_INDEX:
         place = buffer.used[CONTACTS]
         buffer.used[CONTACTS] += 1
@@ -96,7 +100,7 @@ def copy_contact(old: int, before: TouchRecords, buffer: RecordBuffer) -> int:
 @compiled
 @no_type_check
 def append_loads(loads: np.ndarray, buffer: RecordBuffer) -> int:
-    """Append loads to those written; return where they end now."""
+    """Append loads to the buffer, and return their end."""
     end = buffer.used[LOADS] + len(loads)
     buffer.loads[buffer.used[LOADS] : end] = loads
     buffer.used[LOADS] = end
@@ -115,21 +119,21 @@ def track_contacts(
 ) -> tuple[np.ndarray, int]:
     """Continue the tracks in the contacts of the next reading.
 
-    1. A track continues in the contact that covers most of the area it had; ties go to
-       the stronger contact, then the first.
+    1. A track continues in the contact that covers most of its previous area; ties go
+       to the stronger contact, then to the first.
     2. Merging: where several continue in one contact, the oldest keeps its id and the
        others end, `merged_into` it.
     3. Splitting: the contact that covers most of the track keeps its id; each of the
        others becomes a new track with this one as `parent`.
-    4. Tracks and contacts then left over, where nothing overlaps, are paired nearest
-       first within the gate, measured in the frame of the track's link, so that the
-       motion of the arm does not count. So a fast stroke keeps its id over any seam.
-    5. A track without contact has ended, at once: lifting off is never bridged. Only
-       where most of its taxels were not received it waits for a moment.
+    4. Remaining tracks and contacts, which overlap nothing, are paired nearest first
+       within the gate, so that a fast stroke keeps its id over any seam. Distances are
+       measured in the frame of the track's link: the motion of the arm does not count.
+    5. A track without contact ends at once, as a lift is never bridged, unless most of
+       its taxels were not received: then it goes on for a short time.
 
     Returns:
-        TRACK records: ongoing, then those that have just ended, both by id, then those
-        past; and how many are ongoing.
+        TRACK records: ongoing ones by id, ended ones by id, then past ones; and the
+        number of ongoing ones.
     """
     parameters = context.parameters
     successor = np.full(count_ongoing(before.tracks), NO_INDEX)
@@ -157,7 +161,7 @@ def track_contacts(
 @compiled
 @no_type_check
 def count_ongoing(tracks: np.ndarray) -> int:
-    """Count the ongoing tracks; they come first."""
+    """Count the ongoing tracks, which come first."""
     count = 0
     while count < len(tracks) and tracks[count].phase == ONGOING:
         count += 1
@@ -174,16 +178,7 @@ def match_overlaps(
     successor: Int[np.ndarray, "track"],
     parents: Int[np.ndarray, "contact"],
 ) -> None:
-    """Write in which contact each track continues, and which track each splits from.
-
-    Args:
-        contacts: CONTACT, of this reading.
-        loads: of the contacts.
-        before: the records of the reading before.
-        context: the taxels, whose `slot` is -1 before and after.
-        successor: (track) contact that covers most of it; written where there is one.
-        parents: (contact) track most of which it covers; written where there is one.
-    """
+    """Write `successor` and `parents` where contacts overlap the previous ones."""
     geometry, taxels = context.geometry, context.state.taxels
     mark_taxels(before, len(successor), taxels, True)
     covered, best = np.zeros(len(successor)), np.zeros(len(successor))
@@ -214,7 +209,7 @@ def match_overlaps(
 @compiled
 @no_type_check
 def mark_taxels(before: TouchRecords, count: int, taxels: np.ndarray, on: bool) -> None:
-    """Write the index of each track to the taxels it had, or reset them."""
+    """Write the index of each track to the slots of its taxels, or reset these."""
     for track in range(count):
         span = before.contacts[before.tracks[track].contact].loads
         for k in range(span[0], span[1]):
@@ -238,8 +233,8 @@ def pair_nearest(
         return
     nearest, gaps = np.empty(len(lost), np.int64), np.empty(len(lost))
     for k in range(len(lost)):
-        was = before.contacts[before.tracks[lost[k]].contact]
-        nearest[k], gaps[k] = find_nearest(was, contacts, free, T_world_link)
+        old = before.contacts[before.tracks[lost[k]].contact]
+        nearest[k], gaps[k] = find_nearest(old, contacts, free, T_world_link)
     while True:
         k = np.argmin(gaps)
         if not gaps[k] <= gate:
@@ -248,31 +243,30 @@ def pair_nearest(
             successor[lost[k]], free[nearest[k]] = nearest[k], False
             gaps[k] = np.inf
         else:
-            was = before.contacts[before.tracks[lost[k]].contact]
-            nearest[k], gaps[k] = find_nearest(was, contacts, free, T_world_link)
+            old = before.contacts[before.tracks[lost[k]].contact]
+            nearest[k], gaps[k] = find_nearest(old, contacts, free, T_world_link)
 
 
 @compiled
 @no_type_check
 def find_nearest(
-    was: np.void,
+    old: np.void,
     contacts: np.ndarray,
     free: Bool[np.ndarray, "contact"],
     T_world_link: Float[np.ndarray, "link 4 4"],
 ) -> tuple[int, float]:
-    """Find the free contact nearest to where a contact is now, and its distance [m].
+    """Find the free contact nearest to a previous one, and the distance [m].
 
-    Distances are rounded to the micrometre, so that rounding of the pose decides no
-    tie.
+    Distances are rounded to 1 um, so that rounding errors of the pose decide no tie.
     """
     nearest, least = NO_INDEX, np.inf
-    T = T_world_link[was.link]
+    T = T_world_link[old.link]
     for n in range(len(contacts)):
         if free[n]:
-            far = distance_to_link_point(T, was.p_link, contacts[n].p_world)
-            far = np.rint(far * UM_PER_M) / UM_PER_M
-            if far < least:
-                nearest, least = n, far
+            gap = distance_to_link_point(T, old.p_link, contacts[n].p_world)
+            gap = np.rint(gap * UM_PER_M) / UM_PER_M
+            if gap < least:
+                nearest, least = n, gap
     return nearest, least
 
 
@@ -305,20 +299,16 @@ def write_ongoing(
     tracks: np.ndarray,
     buffer: RecordBuffer,
 ) -> int:
-    """Write the tracks that have contact or wait for it; return how many there are."""
+    """Write the tracks that continue, and return their number."""
     count = 0
     for track in range(len(successor)):
-        n = successor[track]
-        if n == NO_INDEX and is_coasting(
-            before.tracks[track], before, reading, parameters
-        ):
-            tracks[count] = before.tracks[track]
-            tracks[count].contact = copy_contact_with_loads(
-                before.tracks[track].contact, before, buffer
-            )
+        n, old = successor[track], before.tracks[track]
+        if n == NO_INDEX and is_coasting(old, before, reading, parameters):
+            tracks[count] = old
+            tracks[count].contact = copy_contact_with_loads(old.contact, before, buffer)
             count += 1
         elif n != NO_INDEX and owner[n] == track:
-            tracks[count] = before.tracks[track]
+            tracks[count] = old
             tracks[count].last, tracks[count].contact = reading.stamp, n
             count += 1
     return count
@@ -332,7 +322,7 @@ def is_coasting(
     reading: KernelReading,
     parameters: TrackingParameters,
 ) -> bool:
-    """Return whether the taxels of a track without contact were just not received."""
+    """Return whether most taxels of a track without contact were not received."""
     if (reading.stamp - track.last) / NS_PER_S > parameters.coast_seconds:
         return False
     span = before.contacts[track.contact].loads
@@ -347,7 +337,7 @@ def is_coasting(
 def start_track(
     contact: int, parent: int, stamp: int, track: np.void, state: TrackerState
 ) -> None:
-    """Write a new track in a contact."""
+    """Write a new track that begins in a contact."""
     track.id = state.counts[NEXT_TRACK]
     state.counts[NEXT_TRACK] += 1
     track.onset = track.last = stamp
@@ -368,9 +358,9 @@ def write_ended(
     count: int,
     buffer: RecordBuffer,
 ) -> int:
-    """Write the tracks that have ended behind the others; return how many there are.
+    """Append the tracks that have ended, and return the number of all tracks.
 
-    Tracks that ended before stay for as long as their touch may be joined.
+    Tracks that ended before are kept while a new one may join their touch.
     """
     for track in range(len(before.tracks)):
         old = before.tracks[track]

@@ -30,7 +30,7 @@ from eskin.stream import (
     Message,
     Recognition,
     RecognitionState,
-    found_at_once,
+    found_together,
 )
 from eskin.stream.listener import RARE, Drop
 from eskin.touch import Contact
@@ -118,7 +118,7 @@ class FrameEncoder:
         match item:
             case Detection():
                 self.log_entries.append(self.detection(item))
-            case Event() if found_at_once(self.last_event, item):
+            case Event() if found_together(self.last_event, item):
                 # Of faults found together one is logged; the page shows their number.
                 pass
             case Event():

@@ -1,7 +1,8 @@
 """This package simulates devices: virtual patches on real transports."""
 
 from eskin.drivers.virtual.fault import DeviceFault
-from eskin.drivers.virtual.fault_parser import FAULT_KINDS, parse_fault
+from eskin.drivers.virtual.fault_kinds import FAULT_KINDS
+from eskin.drivers.virtual.fault_parser import parse_fault
 from eskin.drivers.virtual.patch import VirtualPatch
 from eskin.drivers.virtual.ports import PtyPort, UdpPort, VirtualPort
 from eskin.drivers.virtual.skin import VirtualSkin, resample_scans

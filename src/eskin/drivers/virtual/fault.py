@@ -1,4 +1,7 @@
-"""This module defines the abstract faults of a virtual skin."""
+"""This module defines the abstract faults of a virtual skin.
+
+Times, also those named `at`, are counted from the start of the skin [ns].
+"""
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
@@ -16,7 +19,7 @@ FOREVER = 2**63 - 1
 
 @dataclass(frozen=True, eq=False)
 class FaultSpec:
-    """A fault spec describes where, when and how strong a fault is."""
+    """A parsed fault, which says where, when and how strong the fault is."""
 
     text: str
     """The spec in the fault language."""
@@ -25,9 +28,9 @@ class FaultSpec:
     taxels: Int[np.ndarray, "part"]
     """Affected taxels, as indices of the skin's taxels."""
     start: int
-    """Start, since the skin was started [ns]."""
+    """Start [ns]."""
     end: int
-    """End, since the skin was started [ns]."""
+    """End [ns]."""
     amount: float
     """Strength; its unit depends on the kind."""
     unused: int
@@ -35,7 +38,7 @@ class FaultSpec:
 
 
 class OutgoingBytes(NamedTuple):
-    """Outgoing bytes are on their way from a patch to a port."""
+    """Bytes that are sent from a patch to a port."""
 
     patch: int
     """Sender, as an index of the skin's patches."""
@@ -48,7 +51,7 @@ class DeviceFault(ABC):
 
     Attributes:
         spec: where, when and how strong it is.
-        count: how often it has struck, in its `unit`.
+        count: how much it has changed so far, in its `unit`.
     """
 
     default: ClassVar[float | None] = None
@@ -65,22 +68,17 @@ class DeviceFault(ABC):
     """Whether the fault affects two patches."""
 
     def __init__(self, spec: FaultSpec, rng: np.random.Generator) -> None:
-        """Prepare the fault.
-
-        Args:
-            spec: where, when and how strong it is.
-            rng: random generator that it draws from.
-        """
+        """Prepare the fault; it draws all that is random from `rng`."""
         self.spec = spec
         self.rng = rng
         self.count = 0
 
     def is_active(self, at: int) -> bool:
-        """Return whether it is active at a time since the skin was started [ns]."""
+        """Return whether the fault is active."""
         return self.spec.start <= at < self.spec.end
 
     def counters(self) -> dict[str, object]:
-        """Return the spec and how often it has struck."""
+        """Return the spec and the count."""
         return {"fault": self.spec.text, "count": self.count, "of": self.unit}
 
 
@@ -89,12 +87,7 @@ class ModuleFault(DeviceFault):
 
     @abstractmethod
     def change(self, patches: tuple[VirtualPatch, ...], at: int) -> None:
-        """Change modules before they make a scan.
-
-        Args:
-            patches: all patches of the skin.
-            at: time since the skin was started [ns].
-        """
+        """Change modules, given all patches of the skin, before they make a scan."""
 
 
 class TaxelFault(DeviceFault):
@@ -111,7 +104,7 @@ class PacketFault(DeviceFault):
     """Changes packets on their way.
 
     Attributes:
-        data: how many of the packets that it struck were data packets.
+        data: number of data packets among those that it has affected.
     """
 
     unit = "packets"
@@ -121,8 +114,8 @@ class PacketFault(DeviceFault):
         super().__init__(spec, rng)
         self.data = 0
 
-    def strikes(self, packet: OutgoingBytes, at: int) -> bool:
-        """Draw whether it strikes a packet, and count the packet if it does."""
+    def select(self, packet: OutgoingBytes, at: int) -> bool:
+        """Draw whether the fault affects a packet, and count the packet if so."""
         if not self.is_active(at) or packet.patch not in self.spec.patches:
             return False
         if self.spec.amount < 1.0 and self.rng.random() >= self.spec.amount:
@@ -131,29 +124,26 @@ class PacketFault(DeviceFault):
         return True
 
     def count_packet(self, packet: OutgoingBytes) -> None:
-        """Count a packet that it struck."""
+        """Count an affected packet."""
         self.count += 1
         self.data += packet.data[1] == DATA
 
     def transmit(self, packets: list[OutgoingBytes], at: int) -> list[OutgoingBytes]:
-        """Return what becomes of packets: by default, of each one by itself.
+        """Return the packets that are sent in place of these.
 
-        Args:
-            packets: packets on their way.
-            at: time since the skin was started [ns]; `FOREVER` once, at the end, when
-                nothing may be held back any more.
+        At the end, `at` is `FOREVER` once, when no packet may be held back any more.
         """
         out: list[OutgoingBytes] = []
         for packet in packets:
-            out += self.strike(packet) if self.strikes(packet, at) else [packet]
+            out += self.apply(packet) if self.select(packet, at) else [packet]
         return out
 
-    def strike(self, packet: OutgoingBytes) -> list[OutgoingBytes]:
-        """Return what becomes of a packet that it strikes: by default, nothing."""
+    def apply(self, packet: OutgoingBytes) -> list[OutgoingBytes]:
+        """Return what is sent in place of an affected packet; by default nothing."""
         return []
 
     def counters(self) -> dict[str, object]:
-        """Return also how many were data packets."""
+        """Return also the number of affected data packets."""
         return {**super().counters(), "data": self.data}
 
 
@@ -162,9 +152,4 @@ class LineFault(DeviceFault):
 
     @abstractmethod
     def transmit(self, chunks: list[OutgoingBytes], at: int) -> list[OutgoingBytes]:
-        """Return what becomes of the bytes on the line.
-
-        Args:
-            chunks: bytes on the line, in order.
-            at: time since the skin was started [ns].
-        """
+        """Return the bytes that are sent in place of these, in order."""

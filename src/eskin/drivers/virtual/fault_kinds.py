@@ -15,6 +15,7 @@ from jaxtyping import Int
 from eskin.drivers.packet import CRC, DATA, MAX_COUNT, MAX_PACKET_BYTES
 from eskin.drivers.virtual.fault import (
     FOREVER,
+    DeviceFault,
     FaultSpec,
     LineFault,
     ModuleFault,
@@ -42,7 +43,7 @@ class Lose(PacketFault):
 
 @final
 class Stall(PacketFault):
-    """Modules go on but nothing of them arrives."""
+    """Modules continue to send but nothing arrives."""
 
 
 @final
@@ -51,7 +52,7 @@ class Corrupt(PacketFault):
 
     default = 0.01
 
-    def strike(self, packet: OutgoingBytes) -> list[OutgoingBytes]:
+    def apply(self, packet: OutgoingBytes) -> list[OutgoingBytes]:
         """Return the packet with some bits flipped."""
         flips = int(self.rng.integers(1, MAX_FLIPPED_BITS + 1))
         places = self.rng.choice(8 * len(packet.data), flips, replace=False)
@@ -64,7 +65,7 @@ class Truncate(PacketFault):
 
     default = 0.1
 
-    def strike(self, packet: OutgoingBytes) -> list[OutgoingBytes]:
+    def apply(self, packet: OutgoingBytes) -> list[OutgoingBytes]:
         """Return the start of the packet."""
         size = int(self.rng.integers(1, len(packet.data)))
         return [OutgoingBytes(packet.patch, packet.data[:size])]
@@ -76,7 +77,7 @@ class Duplicate(PacketFault):
 
     default = 0.1
 
-    def strike(self, packet: OutgoingBytes) -> list[OutgoingBytes]:
+    def apply(self, packet: OutgoingBytes) -> list[OutgoingBytes]:
         """Return the packet twice."""
         return [packet, packet]
 
@@ -98,7 +99,7 @@ class Reorder(PacketFault):
         for packet in packets:
             if packet.patch in self.held:
                 out += [packet, self.held.pop(packet.patch)]
-            elif self.strikes(packet, at):
+            elif self.select(packet, at):
                 self.held[packet.patch] = packet
             else:
                 out.append(packet)
@@ -140,11 +141,11 @@ class WrongPatch(PacketFault):
 
     default = 0.1
 
-    def strikes(self, packet: OutgoingBytes, at: int) -> bool:
-        """Draw whether it strikes a packet; it leaves all but data packets alone."""
-        return packet.data[1] == DATA and super().strikes(packet, at)
+    def select(self, packet: OutgoingBytes, at: int) -> bool:
+        """Draw whether the fault affects a packet, which must be a data packet."""
+        return packet.data[1] == DATA and super().select(packet, at)
 
-    def strike(self, packet: OutgoingBytes) -> list[OutgoingBytes]:
+    def apply(self, packet: OutgoingBytes) -> list[OutgoingBytes]:
         """Return the packet, and the same under another address."""
         strange = replace_address(packet.data, self.spec.unused)
         return [packet, OutgoingBytes(packet.patch, strange)]
@@ -166,14 +167,15 @@ def replace_address(data: bytes, address: int) -> bytes:
 
 
 class ModuleAbsence(ModuleFault):
-    """Modules are away for a time, then power up."""
+    """Modules are away until the end, or for the amount [s], then power up."""
 
     unit = "departures"
 
     def __init__(self, spec: FaultSpec, rng: np.random.Generator) -> None:
         """Prepare the fault."""
         super().__init__(spec, rng)
-        self.end = spec.end
+        duration = round(spec.amount * NS_PER_S)
+        self.end = spec.end if self.has_end else spec.start + duration
         self.is_away = False
 
     def change(self, patches: tuple[VirtualPatch, ...], at: int) -> None:
@@ -195,28 +197,21 @@ class ModuleAbsence(ModuleFault):
 
 @final
 class Unplug(ModuleAbsence):
-    """Modules are unplugged, and plugged in again where that ends."""
+    """Modules are unplugged, and plugged in again at the end."""
 
 
-class ShortAbsence(ModuleAbsence):
-    """Modules are away for the amount [s]."""
+@final
+class Reboot(ModuleAbsence):
+    """Modules reboot, and are away for the amount [s]."""
 
     default, max_amount, has_end = 0.2, S_PER_MONTH, False
 
-    def __init__(self, spec: FaultSpec, rng: np.random.Generator) -> None:
-        """Prepare the fault."""
-        super().__init__(spec, rng)
-        self.end = spec.start + round(spec.amount * NS_PER_S)
-
 
 @final
-class Reboot(ShortAbsence):
-    """Modules reboot, and are away for the amount [s]."""
-
-
-@final
-class Replace(ShortAbsence):
+class Replace(ModuleAbsence):
     """Modules with other serial numbers take their place after the amount [s]."""
+
+    default, max_amount, has_end = 0.2, S_PER_MONTH, False
 
     def bring_back(self, patch: VirtualPatch, at: int) -> None:
         """Power up another module."""
@@ -232,14 +227,14 @@ class InstantModuleFault(ModuleFault):
     has_end = False
 
     def change(self, patches: tuple[VirtualPatch, ...], at: int) -> None:
-        """Strike once, when it is time."""
+        """Change the affected modules once, when it is time."""
         if self.count == 0 and at >= self.spec.start:
             self.count = len(self.spec.patches)
-            self.strike([patches[index] for index in self.spec.patches], at)
+            self.apply([patches[index] for index in self.spec.patches], at)
 
     @abstractmethod
-    def strike(self, patches: list[VirtualPatch], at: int) -> None:
-        """Change modules."""
+    def apply(self, patches: list[VirtualPatch], at: int) -> None:
+        """Change the affected modules."""
 
 
 @final
@@ -248,7 +243,7 @@ class ClockJump(InstantModuleFault):
 
     default, min_amount, max_amount = 10.0, -S_PER_MONTH, S_PER_MONTH
 
-    def strike(self, patches: list[VirtualPatch], at: int) -> None:
+    def apply(self, patches: list[VirtualPatch], at: int) -> None:
         """Set the clocks."""
         for patch in patches:
             patch.shift_clock(self.spec.amount)
@@ -260,7 +255,7 @@ class Wrap(InstantModuleFault):
 
     default, max_amount = 1.0, 2**32 / 1e6
 
-    def strike(self, patches: list[VirtualPatch], at: int) -> None:
+    def apply(self, patches: list[VirtualPatch], at: int) -> None:
         """Set clocks and scan numbers."""
         for patch in patches:
             patch.wrap_in(self.spec.amount, at)
@@ -268,11 +263,11 @@ class Wrap(InstantModuleFault):
 
 @final
 class Swap(InstantModuleFault):
-    """Two modules have each other's address, as when cables are changed."""
+    """Two modules swap their addresses, as when cables are swapped."""
 
     needs_pair = True
 
-    def strike(self, patches: list[VirtualPatch], at: int) -> None:
+    def apply(self, patches: list[VirtualPatch], at: int) -> None:
         """Swap the addresses."""
         one, other = patches
         one.address, other.address = other.address, one.address
@@ -280,11 +275,11 @@ class Swap(InstantModuleFault):
 
 @final
 class SameAddress(InstantModuleFault):
-    """The second module has the first one's address as well as the first."""
+    """The second module has the address of the first one."""
 
     needs_pair = True
 
-    def strike(self, patches: list[VirtualPatch], at: int) -> None:
+    def apply(self, patches: list[VirtualPatch], at: int) -> None:
         """Copy the address."""
         patches[1].address = patches[0].address
 
@@ -347,7 +342,7 @@ class Flip(LineFault):
 
 @final
 class Garbage(LineFault):
-    """Random bytes come in between, as many a second as the amount."""
+    """Random bytes are inserted, as many a second as the amount."""
 
     unit = "bytes"
     default, max_amount = 100_000.0, 1e8
@@ -358,7 +353,7 @@ class Garbage(LineFault):
         self.last = 0
 
     def transmit(self, chunks: list[OutgoingBytes], at: int) -> list[OutgoingBytes]:
-        """Return all bytes and some random ones."""
+        """Return all bytes, then some random ones."""
         since, self.last = at - self.last, at
         if not self.is_active(at):
             return chunks
@@ -370,3 +365,28 @@ class Garbage(LineFault):
             OutgoingBytes(source, flood[first : first + MAX_PACKET_BYTES])
             for first in range(0, size, MAX_PACKET_BYTES)
         ]
+
+
+FAULT_KINDS: dict[str, type[DeviceFault]] = {
+    "unplug": Unplug,
+    "replace": Replace,
+    "reboot": Reboot,
+    "stall": Stall,
+    "lose": Lose,
+    "corrupt": Corrupt,
+    "truncate": Truncate,
+    "duplicate": Duplicate,
+    "reorder": Reorder,
+    "delay": Delay,
+    "wrong_patch": WrongPatch,
+    "flip": Flip,
+    "garbage": Garbage,
+    "clock_jump": ClockJump,
+    "wrap": Wrap,
+    "swap": Swap,
+    "same_address": SameAddress,
+    "noisy": Noisy,
+    "stuck": Stuck,
+    "dead": Dead,
+}
+"""Every kind of fault by its name."""

@@ -10,54 +10,9 @@ from jaxtyping import Int
 
 from eskin.drivers.packet import MAX_ADDRESS
 from eskin.drivers.virtual.fault import FOREVER, DeviceFault, FaultSpec
-from eskin.drivers.virtual.fault_kinds import (
-    ClockJump,
-    Corrupt,
-    Dead,
-    Delay,
-    Duplicate,
-    Flip,
-    Garbage,
-    Lose,
-    Noisy,
-    Reboot,
-    Reorder,
-    Replace,
-    SameAddress,
-    Stall,
-    Stuck,
-    Swap,
-    Truncate,
-    Unplug,
-    Wrap,
-    WrongPatch,
-)
+from eskin.drivers.virtual.fault_kinds import FAULT_KINDS
 from eskin.skin import Skin
 from eskin.units import NS_PER_S
-
-FAULT_KINDS: dict[str, type[DeviceFault]] = {
-    "unplug": Unplug,
-    "replace": Replace,
-    "reboot": Reboot,
-    "stall": Stall,
-    "lose": Lose,
-    "corrupt": Corrupt,
-    "truncate": Truncate,
-    "duplicate": Duplicate,
-    "reorder": Reorder,
-    "delay": Delay,
-    "wrong_patch": WrongPatch,
-    "flip": Flip,
-    "garbage": Garbage,
-    "clock_jump": ClockJump,
-    "wrap": Wrap,
-    "swap": Swap,
-    "same_address": SameAddress,
-    "noisy": Noisy,
-    "stuck": Stuck,
-    "dead": Dead,
-}
-"""Every kind of fault by its name."""
 
 NUMBER = r"[0-9]+(?:\.[0-9]*)?"
 FORM = re.compile(
@@ -72,11 +27,10 @@ PLACE = re.compile(
 
 
 def parse_fault(text: str, skin: Skin, seed: int = 0) -> DeviceFault:
-    """Parse a fault.
+    """Parse a fault such as `lose=0.1`, `unplug:forearm@5-8` or `stuck:forearm/r3c5`.
 
     Args:
-        text: fault spec such as `lose=0.1`, `unplug:forearm@5-8` or
-            `stuck:forearm/r3c5`.
+        text: the fault in the fault language.
         skin: skin whose patches it names.
         seed: seed of the random generator that the fault draws from.
 
@@ -116,9 +70,8 @@ def parse_place(
         return tuple(range(len(skin.patches))), np.arange(skin.count)
     names = (where or "").split(",")
     if len(names) != 1 + kind.needs_pair:
-        allowed = "are 2, as in KIND:ONE,OTHER"
-        if not kind.needs_pair:
-            allowed = "is 1, or none for all"
+        pair, one = "are 2, as in KIND:ONE,OTHER", "is 1, or none for all"
+        allowed = pair if kind.needs_pair else one
         raise ValueError(
             f"fault '{text}' names {len(names) if where else 0} patches; allowed "
             f"{allowed}"

@@ -35,13 +35,13 @@ DATA_START = struct.Struct("<BBHHIHH")
 class VirtualPatch:
     """Simulates a skin module with its own clock, scan numbers and serial number.
 
-    Faults change it from outside: everything but its taxels may change as it runs.
+    Faults may change all of it but its taxels while it runs. Times named `at` are
+    counted from the start of the skin [ns].
 
     Attributes:
         address: address that it sends under.
         serial_number: serial number of the module that is plugged in.
-        away: number of reasons why it is away; it sends while there is none.
-        taxels: taxels that it measures, as indices of the skin.
+        away: number of faults that keep it away; it sends while there is none.
     """
 
     def __init__(
@@ -60,8 +60,8 @@ class VirtualPatch:
             taxels: taxels of that patch, as indices of the skin.
             rate: scan rate [1/s].
             serial_number: serial number of the module.
-            clock_error: how much too fast its clock runs [ppm].
-            offset: how long it has run when the skin starts [s].
+            clock_error: relative error of its clock; positive is too fast [ppm].
+            offset: time since power-up when the skin starts [s].
         """
         self.patch = patch
         self.taxels = taxels
@@ -76,45 +76,32 @@ class VirtualPatch:
         self.scan = round(offset * rate) % SCAN_NUMBER_SPAN
 
     def power_up(self, at: int) -> None:
-        """Reset clock and scan number, and send a hello next.
-
-        Args:
-            at: time since the skin was started [ns].
-        """
+        """Reset clock and scan number; a hello is sent next."""
         self.power_up_at = at
-        self.offset = 0
-        self.scan = 0
+        self.offset = self.scan = 0
         self.is_new = True
 
     def wrap_in(self, seconds: float, at: int) -> None:
         """Set clock and scan number so that both wrap after some time [s]."""
-        self.shift_clock(
-            seconds=(DEVICE_TIME_SPAN - self.device_time(at)) / 1e6 - seconds
-        )
+        until_wrap = (DEVICE_TIME_SPAN - self.device_time(at)) / 1e6
+        self.shift_clock(until_wrap - seconds)
         self.scan = round(-seconds * self.rate) % SCAN_NUMBER_SPAN
 
     def shift_clock(self, seconds: float) -> None:
-        """Set the clock forward [s]; back where negative."""
+        """Set the clock forward by a time [s], or back where it is negative."""
         self.offset += round(seconds * 1e6)
 
     def device_time(self, at: int) -> int:
-        """Return the time of its own clock, modulo 2**32 [us].
+        """Return the time of its own clock, modulo 2**32 [us]."""
+        elapsed = int((at - self.power_up_at) * self.us_per_ns)
+        return (elapsed + self.offset) % DEVICE_TIME_SPAN
 
-        Args:
-            at: time since the skin was started [ns].
-        """
-        return (
-            int((at - self.power_up_at) * self.us_per_ns) + self.offset
-        ) % DEVICE_TIME_SPAN
-
-    def build_hello(self, at: int) -> list[bytes]:
-        """Return hello and status, as sent once a second."""
+    def build_hello_and_status(self, at: int) -> list[bytes]:
+        """Return the two packets that are sent once a second."""
         self.is_new = False
-        time = self.device_time(at)
+        common = (self.address, self.scan, self.device_time(at))
         hello = Hello(
-            address=self.address,
-            scan=self.scan,
-            device_time=time,
+            *common,
             rows=self.patch.rows,
             columns=self.patch.columns,
             taxels=len(self.taxels),
@@ -122,14 +109,7 @@ class VirtualPatch:
             serial_number=self.serial_number,
             firmware=FIRMWARE,
         )
-        status = Status(
-            address=self.address,
-            scan=self.scan,
-            device_time=time,
-            skipped=0,
-            errors=0,
-            temperature=TEMPERATURE,
-        )
+        status = Status(*common, skipped=0, errors=0, temperature=TEMPERATURE)
         return [encode_packet(hello), encode_packet(status)]
 
     def measure(
@@ -143,21 +123,14 @@ class VirtualPatch:
         Args:
             counts: counts of the whole skin, each of 16 bits.
             received: which of them are valid; the rest is not sent.
-            at: time since the skin was started [ns].
+            at: time of the scan [ns].
         """
         own = counts[self.place].astype(COUNT_TYPE).tobytes()
         time = self.device_time(at)
         packets = []
         for first, last in split_runs(received[self.place]):
-            start = DATA_START.pack(
-                VERSION,
-                DATA,
-                self.address,
-                self.scan,
-                time,
-                first,
-                last - first,
-            )
+            header = (VERSION, DATA, self.address, self.scan, time)
+            start = DATA_START.pack(*header, first, last - first)
             body = start + own[2 * first : 2 * last]
             packets.append(body + CRC.pack(zlib.crc32(body)))
         self.scan = (self.scan + 1) % SCAN_NUMBER_SPAN

@@ -12,6 +12,9 @@ from typing import final
 from eskin.closing import Closing
 from eskin.errors import DeviceError
 
+FLUSH_INTERVAL = 0.005
+"""Time between two checks whether all has been read [s]."""
+
 
 class VirtualPort(Closing):
     """Carries packets of virtual patches to a receiver.
@@ -36,25 +39,19 @@ class VirtualPort(Closing):
 
     @abstractmethod
     def send(self, chunks: list[bytes]) -> None:
-        """Send packets, framed where the port wants that; each whole or not at all."""
+        """Send packets, framed if `framed`; each is sent as a whole or not at all."""
 
     @abstractmethod
     def flush(self) -> None:
-        """Wait until what was sent has been read, if there is a receiver."""
+        """Wait until the receiver, if there is one, has read everything."""
 
     @abstractmethod
     def unplug(self) -> None:
-        """Disappear, as the port of a module without power does."""
+        """Disappear, like the port of a module without power."""
 
     @abstractmethod
     def plug(self) -> None:
         """Appear again."""
-
-
-WRITE_TIMEOUT = 1.0
-"""How long a receiver may leave the line full before packets are lost [s]."""
-FLUSH_INTERVAL = 0.005
-"""Time between two checks whether all has been read [s]."""
 
 
 @final
@@ -63,15 +60,12 @@ class PtyPort(VirtualPort):
 
     framed = True
 
-    def __init__(
-        self, link: Path | None = None, timeout: float = WRITE_TIMEOUT
-    ) -> None:
+    def __init__(self, link: Path | None = None, timeout: float = 1.0) -> None:
         """Open a pseudo-terminal.
 
         Args:
             link: stable name, as a symbolic link that is removed when it is closed.
-            timeout: how long a receiver may leave the line full before packets are
-                lost [s].
+            timeout: time for which the line may stay full before packets are lost [s].
 
         Raises:
             DeviceError: the name is taken, or there is no terminal left.
@@ -102,7 +96,9 @@ class PtyPort(VirtualPort):
             tty.setraw(slave)
             os.close(slave)
             os.set_blocking(self.master, False)
-            self.relink()
+            if self.link is not None:
+                self.link.unlink(missing_ok=True)
+                self.link.symlink_to(self.path)
         except OSError as error:
             self.close()
             raise DeviceError(
@@ -113,14 +109,8 @@ class PtyPort(VirtualPort):
         self.writable.register(self.master, select.POLLOUT)
         self.unsent = b""
 
-    def relink(self) -> None:
-        """Point the name to the current terminal."""
-        if self.link is not None:
-            self.link.unlink(missing_ok=True)
-            self.link.symlink_to(self.path)
-
     def unplug(self) -> None:
-        """Close the terminal: its reader gets an error that the device has gone."""
+        """Close the terminal; its reader gets an error, as from a lost device."""
         if self.master is not None:
             os.close(self.master)
             self.master = None
@@ -143,7 +133,7 @@ class PtyPort(VirtualPort):
         whole = len(self.unsent)
         self.unsent = bytes(data[done:whole])
         for chunk in chunks:
-            # A started packet must be finished, or the next one is broken as well.
+            # A packet that is sent in part must be completed, or the next breaks too.
             if whole < done < whole + len(chunk):
                 self.unsent = chunk[done - whole :]
             elif done <= whole:
@@ -151,22 +141,22 @@ class PtyPort(VirtualPort):
             whole += len(chunk)
 
     def flush(self) -> None:
-        """Wait until all is read, or there is no reader: closing discards the rest."""
+        """Wait until all is read or the receiver is gone; closing discards the rest."""
         until = time.monotonic() + self.timeout
         while self.has_receiver() and self.has_unread() and time.monotonic() < until:
             time.sleep(FLUSH_INTERVAL)
 
     def has_unread(self) -> bool:
-        """Return whether the receiver has yet to read something."""
+        """Return whether the receiver has not yet read everything."""
         slave = os.open(self.path, os.O_RDONLY | os.O_NOCTTY | os.O_NONBLOCK)
         try:
-            # Unlike FIONREAD, select also sees what is still on its way.
+            # Unlike FIONREAD, select also reports bytes that are still on their way.
             return bool(select.select([slave], [], [], 0)[0])
         finally:
             os.close(slave)
 
     def write(self, data: memoryview) -> int:
-        """Write as much as is read in time; return the number of bytes."""
+        """Write as much as is read in time; return the number of bytes written."""
         done = 0
         while done < len(data) and self.master is not None:
             try:
@@ -193,14 +183,10 @@ class UdpPort(VirtualPort):
     framed = False
 
     def __init__(self, host: str, port: int) -> None:
-        """Open a socket of its own.
-
-        Args:
-            host: name or IP address of the receiving computer.
-            port: port that it listens on.
+        """Open a socket to a port of a host, given by name or IP address.
 
         Raises:
-            DeviceError: there is no such computer, or no route to it.
+            DeviceError: the host is unknown or cannot be reached.
         """
         super().__init__()
         self.host, self.port = host, port

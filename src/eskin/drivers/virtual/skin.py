@@ -40,7 +40,7 @@ class VirtualSkin(Closing):
 
     Attributes:
         patches: virtual patches in the order of the skin's.
-        elapsed: time of its next scan since it was started [ns].
+        elapsed: time from the start of the skin to its next scan [ns].
     """
 
     def __init__(
@@ -66,7 +66,7 @@ class VirtualSkin(Closing):
         if not 1 <= len(ports) <= len(skin.patches):
             raise ValueError(
                 f"{len(ports)} ports for {len(skin.patches)} patches; allowed are 1 to "
-                f"{len(skin.patches)}; change how many"
+                f"{len(skin.patches)}; change their number"
             )
         if not 0 < rate <= MAX_RATE:
             raise ValueError(
@@ -77,13 +77,9 @@ class VirtualSkin(Closing):
         self.rate = rate
         self.faults = tuple(faults)
         self.patches = build_patches(skin, rate, np.random.default_rng(seed))
-        self.port_of = [
-            index * len(ports) // len(skin.patches)
-            for index in range(len(skin.patches))
-        ]
-        self.scans = 0
-        self.packets = 0
-        self.elapsed = 0
+        patches = len(skin.patches)
+        self.port_of = [index * len(ports) // patches for index in range(patches)]
+        self.scans = self.packets = self.elapsed = 0
         self.is_stopped = False
 
     def play(
@@ -94,8 +90,8 @@ class VirtualSkin(Closing):
         Args:
             scans: one for every scan that the skin makes, until they end.
             clock: clock that times the scans; with a `ManualClock` scans are sent as
-                fast as the transport is.
-            seconds: when to stop [s].
+                fast as the transport allows.
+            seconds: duration after which to stop [s]; None plays all scans.
         """
         began: int | None = None
         end = FOREVER if seconds is None else round(seconds * NS_PER_S)
@@ -115,14 +111,10 @@ class VirtualSkin(Closing):
         self.is_stopped = True
 
     def send(self, scan: Scan) -> None:
-        """Build the packets of one scan and send them through all faults.
-
-        Raises:
-            DeviceError: the scan does not fit the skin, or a count the protocol.
-        """
+        """Build the packets of one scan and send them through all faults."""
         self.check_scan(scan)
         at, counts = self.elapsed, scan.counts
-        second = self.scans % max(1, round(self.rate)) == 0
+        is_hello_due = self.scans % max(1, round(self.rate)) == 0
         for fault in self.faults:
             if isinstance(fault, ModuleFault):
                 fault.change(self.patches, at)
@@ -134,7 +126,11 @@ class VirtualSkin(Closing):
         packets: list[OutgoingBytes] = []
         for index, patch in enumerate(self.patches):
             if patch.away == 0:
-                made = patch.build_hello(at) if second or patch.is_new else []
+                made = (
+                    patch.build_hello_and_status(at)
+                    if is_hello_due or patch.is_new
+                    else []
+                )
                 made += patch.measure(counts, scan.received, at)
                 packets += [OutgoingBytes(index, data) for data in made]
         self.packets += len(packets)
@@ -144,7 +140,7 @@ class VirtualSkin(Closing):
         self.transmit(packets, at)
 
     def check_scan(self, scan: Scan) -> None:
-        """Refuse a scan that cannot be sent."""
+        """Raise a DeviceError if a scan does not fit the skin or the protocol."""
         if len(scan.counts) != self.skin.count:
             raise DeviceError(
                 f"scan has {len(scan.counts)} counts, skin '{self.skin.name}' has "
@@ -154,23 +150,21 @@ class VirtualSkin(Closing):
         if len(sent) and not 0 <= sent.min() <= sent.max() <= MAX_COUNT:
             raise DeviceError(
                 f"counts are {sent.min()} to {sent.max()}; allowed by the protocol are "
-                f"0 to {MAX_COUNT}; play what has fewer bits"
+                f"0 to {MAX_COUNT}; play a recording with fewer bits"
             )
 
     def update_ports(self) -> None:
         """Unplug the ports whose patches are all away, and plug in the others."""
+        patches = zip(self.patches, self.port_of, strict=True)
+        present = {number for patch, number in patches if patch.away == 0}
         for number, port in enumerate(self.ports):
-            if any(
-                patch.away == 0
-                for patch, where in zip(self.patches, self.port_of, strict=True)
-                if where == number
-            ):
+            if number in present:
                 port.plug()
             else:
                 port.unplug()
 
     def transmit(self, packets: list[OutgoingBytes], at: int) -> None:
-        """Send packets through all faults on their way."""
+        """Send packets through the faults of packets and lines."""
         for fault in self.faults:
             if isinstance(fault, PacketFault):
                 packets = fault.transmit(packets, at)
@@ -222,7 +216,7 @@ def build_patches(
 
 
 def resample_scans(scans: Iterable[Scan], rate: float) -> Iterator[Scan]:
-    """Yield the latest scan at every tick of another rate; the duration stays.
+    """Yield the latest scan at every tick of another rate; the duration stays the same.
 
     A scan is repeated where the rate is higher, and may be left out where it is lower.
 

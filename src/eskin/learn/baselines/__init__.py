@@ -1,4 +1,4 @@
-"""This package holds baselines, other classifiers of windows of the whole skin."""
+"""This package holds baselines: other classifiers, of windows of the whole skin."""
 
 from collections.abc import Callable
 from functools import partial
@@ -68,8 +68,8 @@ BASELINES: dict[str, Callable[[MountedSkin], Baseline]] = {
     "random-forest": partial(HandBaseline, estimator=RandomForest(trees=1000)),
     "gradient-boosting": partial(HandBaseline, estimator=GradientBoosting(leaves=31)),
 }
-"""Baselines that are not networks, by name, with the settings that did best on sets
-that no table uses (`benchmarks/tuning.py`)."""
+"""Baselines that are not networks, by name, tuned on sets that no table uses
+(`benchmarks/tuning.py`)."""
 
 NETWORKS: dict[str, type[NetworkBaseline]] = {
     "cnn-lstm": CnnLstmBaseline,

@@ -1,4 +1,4 @@
-"""This module builds convolutional networks on grids of taxels.
+"""This module defines convolutional networks on grids of taxels.
 
 The paper gives the CNN-LSTM's input (section V-B), but no sizes; all sizes are ours.
 """
@@ -25,18 +25,18 @@ PIXELS_AROUND = 48
 """Pixels around a link; the first and the last are neighbours."""
 
 AXIS_TOLERANCE = 0.01
-"""Largest excess of the mean squared cosine with the normals over the least one, for a
-direction to count as the axis."""
+"""Largest excess of a direction's mean squared cosine with the normals over the
+smallest one, for the direction to be a candidate for the axis."""
 
 
 @dataclass(frozen=True, eq=False)
 class TaxelImage:
-    """A taxel image gives each taxel a pixel."""
+    """A taxel image assigns each taxel to a pixel."""
 
     shape: tuple[int, int, int]
     """Number of rows, columns and channels."""
     pixel: Int[np.ndarray, "taxel"]
-    """Pixel of each taxel, counted through the channels, columns and rows."""
+    """Flat index of each taxel's pixel."""
 
 
 def build_patch_image(skin: Skin) -> TaxelImage:
@@ -60,9 +60,8 @@ def build_unrolled_image(skin: Skin) -> TaxelImage:
     for link in dict.fromkeys(skin.link_names):
         here = np.flatnonzero(links == link)
         along, angle = unroll_about_axis(skin.positions[here], skin.normals[here])
-        columns[here] = (angle / (2 * np.pi) * PIXELS_AROUND).astype(
-            np.int64
-        ) % PIXELS_AROUND
+        column = (angle / (2 * np.pi) * PIXELS_AROUND).astype(np.int64)
+        columns[here] = column % PIXELS_AROUND
         level = ((along - along.min()) / PIXEL_HEIGHT).astype(np.int64)
         rows[here] = height + level
         height += int(level.max()) + 1
@@ -72,11 +71,11 @@ def build_unrolled_image(skin: Skin) -> TaxelImage:
 def unroll_about_axis(
     positions: Float[np.ndarray, "part 3"], normals: Float[np.ndarray, "part 3"]
 ) -> tuple[Float[np.ndarray, "part"], Float[np.ndarray, "part"]]:
-    """Return height [m] along a link's axis, and angle about it from 0 to 2 pi.
+    """Return height along a link's axis [m], and angle about it from 0 to 2 pi [rad].
 
-    The axis lies as far behind the skin as it would for a round link of this width
-    whose normals spread as these do, or at most twice its width (root mean square),
-    since that of a flat one would lie infinitely far away.
+    The axis lies as far behind the skin as that of a round link of the same width and
+    spread of normals, but at most twice the width (root mean square): the axis of a
+    flat link would be infinitely far away.
     """
     points = positions - positions.mean(axis=0)
     along, *across = np.linalg.svd(find_axis(points, normals)[None])[2]
@@ -89,10 +88,10 @@ def unroll_about_axis(
 def find_axis(
     points: Float[np.ndarray, "part 3"], normals: Float[np.ndarray, "part 3"]
 ) -> Float[np.ndarray, "3"]:
-    """Return the direction that is most perpendicular to the normals.
+    """Return the direction that is most nearly perpendicular to all normals.
 
-    Where several directions are equal, as on a flat skin, it is the one along which the
-    points, whose mean is zero, lie farthest apart.
+    Of several such, as on a flat skin, it is the one along which the points, whose mean
+    is zero, have the largest variance.
     """
     cosines, directions = np.linalg.eigh(normals.T @ normals / len(normals))
     free = directions[:, cosines < cosines[0] + AXIS_TOLERANCE]
@@ -107,8 +106,8 @@ Logits = Float[Tensor, "clip class"]
 class TaxelsToImage(nn.Module):
     """This layer arranges pressures in the rows, columns and channels of an image.
 
-    Convolutions want the channels before rows and columns in shape, and compute 1.6
-    times as fast where they are the last in memory: callers move the axis.
+    Convolutions take the channels before rows and columns, but are 1.6 times as fast
+    where channels are last in memory, so callers move the axis of the result.
     """
 
     pixel: Tensor
@@ -126,9 +125,9 @@ class TaxelsToImage(nn.Module):
 
         Where several taxels share a pixel, it shows the largest pressure.
         """
-        felt = pressure / PRESSURE_UNIT
-        flat = felt.new_zeros(*felt.shape[:-1], prod(self.shape))
-        flat.scatter_reduce_(-1, self.pixel.expand_as(felt), felt, "amax")
+        scaled = pressure / PRESSURE_UNIT
+        flat = scaled.new_zeros(*scaled.shape[:-1], prod(self.shape))
+        flat.scatter_reduce_(-1, self.pixel.expand_as(scaled), scaled, "amax")
         return flat.unflatten(-1, self.shape)
 
 

@@ -37,7 +37,7 @@ class SupportVectors:
 @final
 @dataclass(frozen=True)
 class NearestNeighbours:
-    """This estimator classifies by the nearest rows; nothing is drawn."""
+    """This estimator builds a nearest-neighbour classifier, which ignores the seed."""
 
     k: int = 5
     """Number of neighbours."""
@@ -71,13 +71,13 @@ class Perceptron:
 class LinearDiscriminant:
     """This estimator builds Fisher's discriminant with a shrunken covariance.
 
-    Nothing is drawn. The shrinkage is not estimated: scikit-learn does that on
-    standardised features, which gives the least principal component as much weight as
+    It ignores the seed. The shrinkage is fixed: scikit-learn would estimate it on
+    standardised features, which gives the last principal component as much weight as
     the first.
     """
 
     shrinkage: float = 0.1
-    """Weight of the sphere in the covariance."""
+    """Weight of the identity in the covariance."""
 
     def __call__(self, seed: int) -> Estimator:
         """Build the classifier."""
@@ -87,7 +87,7 @@ class LinearDiscriminant:
 @final
 @dataclass(frozen=True)
 class RandomForest:
-    """This estimator builds trees on resampled rows, which vote."""
+    """This estimator builds a random forest."""
 
     trees: int = 500
     """Number of trees."""
@@ -104,7 +104,7 @@ class RandomForest:
 @final
 @dataclass(frozen=True)
 class GradientBoosting:
-    """This estimator builds small trees, each fitted to the errors of those before."""
+    """This estimator builds gradient-boosted trees."""
 
     trees: int = 100
     """Number of trees of each class."""
@@ -128,7 +128,7 @@ class GradientBoosting:
 class SoftmaxMachine(ClassifierMixin, BaseEstimator):
     """This support vector machine takes the softmax of its decisions as probabilities.
 
-    Platt's scaling, which scikit-learn has for this, fits every machine five times.
+    Platt scaling, scikit-learn's method for this, would fit every machine five times.
     """
 
     def __init__(self, machine: SVC) -> None:

@@ -1,4 +1,4 @@
-"""This module classifies the pressures of all taxels as one long row of numbers.
+"""This module classifies the pressures of all taxels as one feature vector.
 
 The paper's SVM, KNN and MLP "flatten all sensor signals into a 2112-dimensional input
 vector" (section V-B).
@@ -23,7 +23,7 @@ from eskin.learn.baselines.interface import (
 from eskin.skin import MountedSkin
 
 PRESSURE_UNIT = 10.0
-"""Unit of pressure for all baselines [kPa]."""
+"""Unit in which baselines take pressures [kPa]."""
 
 TIME_BINS = 10
 """Number of parts of a window."""
@@ -83,6 +83,5 @@ def compute_bins(pressure: Float[np.ndarray, "clip 100 taxel"]) -> FeatureRows:
     """Return each taxel's mean in each part of the window, in `PRESSURE_UNIT`."""
     clips, _, taxels = pressure.shape
     parts = pressure.reshape(clips, TIME_BINS, READINGS // TIME_BINS, taxels)
-    return parts.mean(axis=2, dtype=np.float32).reshape(clips, -1) / np.float32(
-        PRESSURE_UNIT
-    )
+    means = parts.mean(axis=2, dtype=np.float32).reshape(clips, -1)
+    return means / np.float32(PRESSURE_UNIT)

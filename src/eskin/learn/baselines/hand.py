@@ -1,9 +1,9 @@
-"""This module classifies windows by hand-made features of their contact graphs.
+"""This module classifies windows by hand-crafted features of their contact graphs.
 
-Features are of the kinds that studies of social touch use (as Jung et al. 2017 do):
+The features are of the kinds that studies of social touch use (Jung et al. 2017):
 duration; mean, spread and extremes of force, peak pressure, area, extents and change;
-displacement of the centre; how much of the skin was touched; the spectrum of the force.
-With shear, the same statistics of the shear.
+displacement of the centre; touched area; spectrum of the force. With shear, the same
+statistics of the shear.
 """
 
 from collections import deque
@@ -39,7 +39,7 @@ from eskin.skin import MountedSkin
 from eskin.touch import Reading
 
 BANDS = (0.3, 1.0, 2.0, 3.0, 5.0)
-"""Limits of the bands of frequency [Hz]."""
+"""Limits of the frequency bands [Hz]."""
 
 FeatureSeries = Float[np.ndarray, "series reading"]
 
@@ -48,9 +48,8 @@ def compute_features(
     dataset: Dataset, rows: Int[np.ndarray, "reading"], shear: bool
 ) -> Float[np.ndarray, "feature"]:
     """Return the features of consecutive rows of one sequence."""
-    return compute_graph_features(
-        dataset.graphs.select(rows), dataset.stamps[rows], shear
-    )
+    graphs = dataset.graphs.select(rows)
+    return compute_graph_features(graphs, dataset.stamps[rows], shear)
 
 
 def compute_graph_features(
@@ -98,16 +97,14 @@ def compute_pressure_series(graphs: GraphBatch) -> FeatureSeries:
 
 
 def compute_shear_series(graphs: GraphBatch) -> FeatureSeries:
-    """Return total, peak, net and change of shear at each reading."""
+    """Return total, peak, net and rate of change of shear at each reading."""
     size = np.linalg.norm(graphs.shear, axis=1)
     change = np.linalg.norm(graphs.shear - graphs.shear_before, axis=1)
-    net = [graphs.sum_nodes(graphs.shear[:, axis]) for axis in range(3)]
+    axes = [graphs.sum_nodes(graphs.shear[:, axis]) for axis in range(3)]
+    net, rate = np.linalg.norm(axes, axis=0), graphs.sum_nodes(change) / graphs.seconds
     peak = np.zeros(graphs.count)
     np.maximum.at(peak, graphs.graph_index, size)
-    change_rate = graphs.sum_nodes(change) / graphs.seconds
-    return np.stack(
-        [graphs.sum_nodes(size), peak, np.linalg.norm(net, axis=0), change_rate]
-    )
+    return np.stack([graphs.sum_nodes(size), peak, net, rate])
 
 
 def compute_statistics(series: FeatureSeries) -> Float[np.ndarray, "feature"]:
@@ -128,7 +125,7 @@ def compute_statistics(series: FeatureSeries) -> Float[np.ndarray, "feature"]:
 def compute_touched_area(
     graphs: GraphBatch, area: Float[np.ndarray, "reading"]
 ) -> tuple[float, float]:
-    """Return the area ever touched [cm2], and its ratio to the largest at once."""
+    """Return the area of all touched taxels [cm2], and its ratio to the maximum."""
     pressed = graphs.pressure > 0
     taxels, first = np.unique(graphs.taxels[pressed], return_index=True)
     union = float(graphs.areas[pressed][first].sum()) if len(taxels) else 0.0
@@ -138,7 +135,7 @@ def compute_touched_area(
 def compute_band_powers(
     force: Float[np.ndarray, "reading"], seconds: Float[np.ndarray, "reading"]
 ) -> Float[np.ndarray, "band"]:
-    """Return the shares of the force's power in each band of `BANDS`."""
+    """Return the share of the force's power in each of the bands `BANDS`."""
     if len(force) < 4:
         return np.zeros(len(BANDS) - 1)
     power = np.abs(np.fft.rfft((force - force.mean()) * np.hanning(len(force)))) ** 2
@@ -155,7 +152,7 @@ STAMPS = STEP_NS * np.arange(READINGS)
 
 @final
 class HandBaseline(Baseline):
-    """A hand-made baseline classifies features of all that is touched in a window."""
+    """This baseline classifies hand-crafted features of the whole skin in a window."""
 
     def __init__(
         self, mounted: MountedSkin, estimator: Callable[[int], Estimator]
@@ -179,7 +176,7 @@ class HandBaseline(Baseline):
         return np.asarray(self.model.predict_proba(self.compute_rows(clips)))
 
     def move_to(self, mounted: MountedSkin) -> "HandBaseline":
-        """Return the same baseline for a skin at other places."""
+        """Return the same baseline for a skin whose taxels have moved."""
         other = copy(self)
         other.mounted = mounted
         return other
@@ -241,14 +238,10 @@ class HandStream(BaselineStream):
 
     def __init__(self, baseline: HandBaseline) -> None:
         """Start with a window without touch."""
-        self.baseline = baseline
-        mounted = baseline.mounted
+        self.baseline, mounted = baseline, baseline.mounted
         self.window = GraphWindow(mounted)
-        joints = len(mounted.robot.joint_names)
-        self.window.fill(
-            np.zeros((READINGS, mounted.skin.count), np.float32),
-            np.zeros((READINGS, joints)),
-        )
+        q = np.zeros((READINGS, len(mounted.robot.joint_names)))
+        self.window.fill(np.zeros((READINGS, mounted.skin.count), np.float32), q)
 
     def push(
         self, pressure: Float[np.ndarray, "taxel"], q: Float[np.ndarray, "joint"]

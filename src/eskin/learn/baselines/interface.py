@@ -1,4 +1,4 @@
-"""This module defines baselines: windows of the whole skin in, probabilities out.
+"""This module defines baselines, which classify windows of the whole skin.
 
 A baseline is built for one skin on one robot, is fitted to labelled windows of two
 seconds and classifies others, all at once or one reading after the other.
@@ -29,7 +29,7 @@ Labels = Int[np.ndarray, "clip"]
 
 @dataclass(frozen=True, eq=False)
 class SkinWindows:
-    """Windows of the whole skin hold pressures and joint positions, oldest first."""
+    """Skin windows hold pressures and joint positions, the oldest reading first."""
 
     pressure: Float[np.ndarray, "clip 100 taxel"]
     """Pressure of each taxel [kPa] (float32, or float16 where there are many)."""
@@ -62,10 +62,10 @@ class Baseline(ABC):
 
     @final
     def fit(self, clips: SkinWindows, labels: Labels, seed: int = 0) -> "Baseline":
-        """Fit labelled windows; the same seed gives the same result.
+        """Fit the baseline to labelled windows; results are reproducible by the seed.
 
         Args:
-            clips: windows to learn from.
+            clips: windows to train on.
             labels: class of each window, from 0; every class up to the last one occurs.
             seed: seed of all random draws.
 
@@ -102,14 +102,14 @@ class Baseline(ABC):
         return self.predict_windows(clips)
 
     def move_to(self, mounted: MountedSkin) -> "Baseline":
-        """Return the baseline for a skin at other places; itself if it ignores them."""
+        """Return the baseline for a skin whose taxels have moved; itself by default."""
         return self
 
     def build_streams(self) -> dict[str, BaselineStream]:
-        """Return ways to classify one reading after the other, by name.
+        """Return streams that classify one reading after the other, by name.
 
-        All give what `predict_probabilities` gives, but for what a method knows of the
-        reading before the window; readings before the first one are without touch.
+        Results are those of `predict_probabilities`, except that a method may also use
+        the reading before the window. Readings before the first one have no touch.
         """
         return {"": WindowStream(self)}
 
@@ -152,12 +152,11 @@ class RollingWindow:
 
 @final
 class WindowStream(BaselineStream):
-    """A window stream classifies the whole window anew at every reading."""
+    """A window stream classifies the whole window again at every reading."""
 
     def __init__(self, baseline: Baseline) -> None:
         """Start with a window without touch."""
-        self.baseline = baseline
-        mounted = baseline.mounted
+        self.baseline, mounted = baseline, baseline.mounted
         self.pressure = RollingWindow((mounted.skin.count,))
         self.q = RollingWindow((len(mounted.robot.joint_names),))
 

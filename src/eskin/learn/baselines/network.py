@@ -27,16 +27,16 @@ Schedule = Literal["one-cycle", "constant"]
 
 @dataclass(frozen=True)
 class FitConfig:
-    """These settings say how a network is trained."""
+    """These settings determine how a network is trained."""
 
     epochs: int = 40
-    """Number of times that each window is seen."""
+    """Number of passes over the windows."""
     batch: int = 16
     """Windows in a step."""
     rate: float = 2e-3
-    """Learning rate of Adam; the highest one of a cycle."""
+    """Learning rate of Adam, or the highest of the cycle."""
     schedule: Schedule = "one-cycle"
-    """Whether the rate goes through one cycle in all steps, or stays constant."""
+    """Schedule of the learning rate."""
 
 
 class WindowNetwork(nn.Module):
@@ -76,19 +76,14 @@ class NetworkBaseline(Baseline):
     """A network baseline classifies windows with a network."""
 
     def __init__(self, mounted: MountedSkin, config: FitConfig | None = None) -> None:
-        """Create an untrained network baseline.
-
-        Args:
-            mounted: the skin on its robot.
-            config: settings of the training.
-        """
+        """Create an untrained baseline for a skin on its robot."""
         super().__init__(mounted)
         self.config = config or FitConfig()
         self.network: WindowNetwork | None = None
 
     @abstractmethod
     def build(self) -> WindowNetwork:
-        """Return a network of `classes` classes with weights drawn from torch."""
+        """Return a network of `classes` classes with random weights."""
 
     def fit_windows(self, clips: SkinWindows, labels: Labels, seed: int) -> None:
         """Fit windows that have been checked."""
@@ -116,19 +111,17 @@ class NetworkBaseline(Baseline):
     def predict_windows(self, clips: SkinWindows) -> Probabilities:
         """Classify windows that have been checked."""
         assert self.network is not None
+        pairs = zip(clips.pressure, clips.q, strict=True)
         with torch.inference_mode():
-            logits = [
-                self.network(*to_tensors(clips.pressure[n : n + 1], clips.q[n : n + 1]))
-                for n in range(clips.count)
-            ]
+            logits = [self.network(*to_tensors(p[None], q[None])) for p, q in pairs]
             return torch.cat(logits).softmax(dim=1).numpy()
 
     def build_streams(self) -> dict[str, BaselineStream]:
-        """Return streams of whole windows and, where possible, of newest readings."""
-        found: dict[str, BaselineStream] = {"": WindowStream(self)}
+        """Return streams that encode whole windows or, if possible, one reading."""
+        streams: dict[str, BaselineStream] = {"": WindowStream(self)}
         if isinstance(self.network, ReadingNetwork):
-            found["cached"] = CachedStream(self.mounted, self.network)
-        return found
+            streams["cached"] = CachedStream(self.mounted, self.network)
+        return streams
 
 
 @final
@@ -138,10 +131,10 @@ class CachedStream(BaselineStream):
     def __init__(self, mounted: MountedSkin, network: ReadingNetwork) -> None:
         """Start with a window without touch."""
         self.network = network
-        joints = len(mounted.robot.joint_names)
-        nothing = np.zeros((1, mounted.skin.count), np.float32), np.zeros((1, joints))
+        pressure = np.zeros((1, mounted.skin.count), np.float32)
+        q = np.zeros((1, len(mounted.robot.joint_names)))
         with torch.inference_mode():
-            feature = network.encode(*to_tensors(*nothing)).numpy()[0]
+            feature = network.encode(*to_tensors(pressure, q)).numpy()[0]
         self.window = RollingWindow(feature.shape)
         self.window.buffer[:] = feature
 
@@ -157,8 +150,9 @@ class CachedStream(BaselineStream):
 
 def to_tensors(pressure: np.ndarray, q: np.ndarray) -> tuple[Tensor, Tensor]:
     """Return both as tensors of float32."""
-    felt, joints = (np.ascontiguousarray(each, np.float32) for each in (pressure, q))
-    return torch.from_numpy(felt), torch.from_numpy(joints)
+    arrays = (np.ascontiguousarray(each, np.float32) for each in (pressure, q))
+    first, second = map(torch.from_numpy, arrays)
+    return first, second
 
 
 def use_one_thread() -> None:

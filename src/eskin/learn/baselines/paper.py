@@ -7,11 +7,11 @@ layers after Satorras et al. 2021 (its eq. 2); 100 graphs a window (IV-C3); maxi
 the nodes (V-A). It gives neither widths nor depth nor what follows the pooling: three
 layers of width 32, as ours has, and two convolutions over time are our choice.
 
-The paper puts each taxel's pose from forward kinematics, a frame whose z axis is the
-outward normal, into the node's feature too (IV-C1), and calls the x of its equation 2
-"poses". It does not say how; that equation adds, subtracts and measures x, as it can
-positions, and a pose among the features would undo its equivariance. Ours uses the
-position only, as x: normals are not used.
+The paper also puts each taxel's pose from forward kinematics, a frame whose z axis is
+the outward normal, into the node's feature (IV-C1), and calls the x of its equation 2
+"poses", without saying how. That equation adds, subtracts and measures x, which is
+defined for positions, and a pose among the features would break its equivariance. Ours
+uses the position only, as x; normals are not used.
 """
 
 from copy import copy
@@ -39,7 +39,7 @@ from eskin.skin import MountedSkin
 
 @dataclass(frozen=True, eq=False)
 class LayerStep:
-    """A layer step lists the rows that one layer computes; all others stay at rest."""
+    """A layer step lists the rows that one layer computes; others are at rest."""
 
     targets: Int[Tensor, "target"]
     """Rows that are computed."""
@@ -56,7 +56,7 @@ class ComputedNodes:
     node: Int[Tensor, "row"]
     """Taxel of each row."""
     steps: list[LayerStep]
-    """Step of each layer: what differs from rest spreads by one hop with each."""
+    """Step of each layer: the nodes that differ from rest grow by one hop a layer."""
 
 
 @final
@@ -70,12 +70,7 @@ class NodeSelector:
     table: Int[Tensor, "taxel k"]
 
     def __init__(self, mounted: MountedSkin, k: int) -> None:
-        """Look up the neighbours once.
-
-        Args:
-            mounted: the skin on its robot.
-            k: neighbours of a taxel inside its patch.
-        """
+        """Find the `k` neighbours of each taxel inside its patch."""
         self.mounted = mounted
         fixed = FixedNeighbours(mounted.skin, k)
         self.table = torch.from_numpy(fixed.table)
@@ -91,10 +86,10 @@ class NodeSelector:
         """Return which nodes each layer computes, and the edges between them.
 
         Args:
-            touched: which taxels are triggered.
+            touched: which taxels are touched.
             q: joint positions [rad].
             layers: number of layers.
-            whole: whether all nodes are computed, or only what a touch changes.
+            whole: whether all nodes are computed, or only those that a touch changes.
         """
         table, live = self.table, self.find_live_edges(touched, q)
         joined = (live >= 0).any(dim=-1)
@@ -123,23 +118,19 @@ class NodeSelector:
     def find_live_edges(
         self, touched: Bool[Tensor, "reading taxel"], q: Float[Tensor, "reading joint"]
     ) -> Int[Tensor, "reading taxel live"]:
-        """Return neighbours in other patches of triggered taxels and those nearby."""
+        """Return neighbours in other patches of touched taxels and their neighbours."""
         config, patch_index = GraphConfig(), self.mounted.skin.patch_index
         live = np.full((*touched.shape, config.live), -1)
         for reading, flags in enumerate(touched.numpy()):
-            near = self.table[np.flatnonzero(flags)].numpy()
-            nodes = np.union1d(np.flatnonzero(flags), near[near >= 0])
+            active = np.flatnonzero(flags)
+            near = self.table[active].numpy()
+            nodes = np.union1d(active, near[near >= 0])
             patches = patch_index[nodes]
             if len(np.unique(patches)) > 1:
-                p_world, _ = self.mounted.place_taxels(
-                    q[reading].double().numpy(), nodes
-                )
+                joints = q[reading].double().numpy()
+                p_world, _ = self.mounted.place_taxels(joints, nodes)
                 found = find_live_neighbours(
-                    p_world,
-                    patches,
-                    self.rank[nodes],
-                    config.live,
-                    config.live_reach,
+                    p_world, patches, self.rank[nodes], config.live, config.live_reach
                 )
                 live[reading, nodes] = np.where(found >= 0, nodes[found], -1)
         widest = (live >= 0).any(axis=(0, 1)).sum()
@@ -152,12 +143,12 @@ LENGTH_UNIT = LENGTH_CM / 100.0
 """Unit of length [m]."""
 
 READINGS_AT_ONCE = 4
-"""Readings encoded together, few enough for their tensors to stay in the cache."""
+"""Readings encoded together, few enough for their tensors to fit in the cache."""
 
 
 @dataclass(frozen=True, eq=False)
 class RestState:
-    """A rest state holds what every layer gives for a skin that nobody touches."""
+    """A rest state holds the output of every layer for an untouched skin."""
 
     v: list[Float[Tensor, "taxel width"]]
     """Features before the first layer and after each."""
@@ -221,14 +212,14 @@ def gather_rows(
 class PaperNetwork(ReadingNetwork):
     """This network applies an EGNN, pooling and convolutions over time.
 
-    A taxel that is not touched reads zero, so a node farther than a layer's hops from
-    all touched ones and from live edges is at rest: equivariant layers give the same
-    for it wherever its link is. With `whole`, all nodes are computed at every reading,
-    as in the paper; without, only those that differ from rest, to the same result.
+    An untouched taxel reads zero, so after n layers a node more than n hops from all
+    touched nodes and live edges is in the rest state: equivariant layers have the same
+    output for it in any pose of its link. With `whole`, all nodes are computed at every
+    reading, as in the paper; else only those that differ, with the same result.
 
     Attributes:
         whole: whether all nodes are computed at every reading.
-        rest: state at rest for these weights, where known; None when they change.
+        rest: rest state for these weights; None where it must be computed.
     """
 
     positions: Float[Tensor, "taxel 3"]
@@ -236,14 +227,7 @@ class PaperNetwork(ReadingNetwork):
     def __init__(
         self, mounted: MountedSkin, classes: int, k: int, pooling: Pooling
     ) -> None:
-        """Create the network for a skin on a robot.
-
-        Args:
-            mounted: the skin on its robot.
-            classes: number of classes.
-            k: number of neighbours of a taxel inside its patch.
-            pooling: pooling over the nodes of a reading.
-        """
+        """Create the network for a skin; arguments are as in `PaperBaseline`."""
         super().__init__()
         self.mounted, self.pooling, self.whole = mounted, pooling, False
         self.rest: RestState | None = None
@@ -284,7 +268,7 @@ class PaperNetwork(ReadingNetwork):
         return features
 
     def train(self, mode: bool = True) -> "PaperNetwork":
-        """Switch between training and evaluation, and forget the state at rest."""
+        """Switch between training and evaluation, and discard the rest state."""
         self.rest = None
         return super().train(mode)
 
@@ -305,10 +289,8 @@ class PaperNetwork(ReadingNetwork):
         x = rotate_rows(rotation, rest.x[0].index_select(0, rows.node)) + origin
         x_first, computed = x, v
         for n, (layer, step) in enumerate(zip(self.layers, rows.steps, strict=True), 1):
-            apart = x_first[step.targets, None] - gather_rows(
-                x_first, step.sources.clamp(0)
-            )
-            lengths = apart.norm(dim=-1)
+            x_sources = gather_rows(x_first, step.sources.clamp(0))
+            lengths = (x_first[step.targets, None] - x_sources).norm(dim=-1)
             computed, moved = layer(v, x, lengths, step.targets, step.sources)
             v = rest.v[n].index_select(0, rows.node)
             v = v.index_copy(0, step.targets, computed)
@@ -324,9 +306,8 @@ class PaperNetwork(ReadingNetwork):
         readings: int,
     ) -> Float[Tensor, "reading width"]:
         """Return the maximum or mean over all nodes of each reading."""
-        taxels = len(rest)
         targets = rows.steps[-1].targets
-        flat = rows.reading[targets] * taxels + rows.node[targets]
+        flat = rows.reading[targets] * len(rest) + rows.node[targets]
         every = rest.repeat(readings, 1).index_copy(0, flat, computed)
         return self.pool(every.view(readings, *rest.shape))
 
@@ -337,14 +318,14 @@ class PaperNetwork(ReadingNetwork):
         return nodes.amax(dim=-2) if self.pooling == "max" else nodes.mean(dim=-2)
 
     def compute_rest(self) -> RestState:
-        """Return what every layer gives for a skin that nobody touches."""
+        """Return the output of every layer for an untouched skin."""
         x, table = self.positions, self.selector.table
         every_node = torch.arange(len(x))
         v = self.embed(torch.zeros_like(x[:, :1]))
         rest = RestState([v], [x])
-        apart = x[:, None] - gather_rows(x, table.clamp(min=0))
+        lengths = (x[:, None] - gather_rows(x, table.clamp(min=0))).norm(dim=-1)
         for layer in self.layers:
-            v, x = layer(v, x, apart.norm(dim=-1), every_node, table)
+            v, x = layer(v, x, lengths, every_node, table)
             rest.v.append(v)
             rest.x.append(x)
         return rest
@@ -391,21 +372,21 @@ class PaperBaseline(NetworkBaseline):
         return PaperNetwork(self.mounted, self.classes, self.k, self.pooling)
 
     def move_to(self, mounted: MountedSkin) -> "PaperBaseline":
-        """Return a baseline with the same weights on a skin at other places."""
+        """Return a baseline of the same weights for a skin whose taxels have moved."""
         assert isinstance(self.network, PaperNetwork)
         other = copy(self)
         other.mounted = mounted
         network = other.build()
-        places = {"positions": network.positions}
-        network.load_state_dict(self.network.state_dict() | places)
+        positions = {"positions": network.positions}
+        network.load_state_dict(self.network.state_dict() | positions)
         other.network = network.eval()
         return other
 
     def build_streams(self) -> dict[str, BaselineStream]:
-        """Return streams with all nodes of 100 graphs, of the newest, and sparse ones.
+        """Return streams that compute all nodes of 100 graphs, those of one, or few.
 
-        The first is what the paper describes; the last computes only what a touch
-        changes.
+        The first is what the paper describes; the second computes the newest graph, the
+        last one only the nodes of it that a touch changes.
         """
         assert isinstance(self.network, PaperNetwork)
         whole = copy(self)

@@ -1,4 +1,4 @@
-"""This package trains every method on the same clips and compares their answers."""
+"""This package trains every method on the same clips and compares their accuracy."""
 
 from eskin.learn.comparison.examples import Examples, find_examples
 from eskin.learn.comparison.methods import (

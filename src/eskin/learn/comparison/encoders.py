@@ -1,4 +1,4 @@
-"""This module holds encoders for ablations: each lacks something that ours has."""
+"""This module defines encoders for ablations: each lacks one part of ours."""
 
 from collections.abc import Callable, Mapping
 from functools import partial
@@ -19,7 +19,7 @@ EncoderKind = Literal["equivariant", "plain", "max", "mean"]
 
 @final
 class PlainLayer(nn.Module):
-    """This layer is as large as ours, but its messages use plain coordinates."""
+    """This layer is as large as ours, but its messages are of plain coordinates."""
 
     def __init__(self, width: int) -> None:
         """Create a layer of `width` channels."""
@@ -39,15 +39,7 @@ class PlainLayer(nn.Module):
         normals: Float[Tensor, "node 3"],
         edges: Edges,
     ) -> Float[Tensor, "node width"]:
-        """Return the features after one step.
-
-        Args:
-            v: features of the nodes.
-            x: coordinates about the middle of the touch, in the directions of the
-                world, in units of `LENGTH_CM`.
-            normals: outward unit normals in the world.
-            edges: edges between the nodes.
-        """
+        """Return the features after the layer; `x` is in units of `LENGTH_CM`."""
         i, j = edges.targets, edges.sources
         r = x.index_select(0, i)[:, None] - gather_rows(x, j)
         n_i = normals[i, None].expand_as(r)
@@ -63,10 +55,9 @@ class PlainLayer(nn.Module):
 
 @final
 class PlainEncoder(Encoder):
-    """This encoder uses directions in the world: a rotated touch is another one to it.
+    """This encoder is not equivariant: it uses directions in the world.
 
-    It does not know the place in the world: coordinates are relative to the touch's
-    centre.
+    Coordinates are relative to the touch's centre, so it is invariant to translations.
     """
 
     def __init__(self, config: NetworkConfig) -> None:
@@ -79,8 +70,7 @@ class PlainEncoder(Encoder):
     def forward(self, graphs: GraphTensors) -> Float[Tensor, "reading embedding"]:
         """Embed every reading."""
         x = graphs.positions / LENGTH_CM
-        seen = torch.cat([graphs.scalars, x, graphs.normals], dim=1)
-        v = silu(self.embed(seen))
+        v = silu(self.embed(torch.cat([graphs.scalars, x, graphs.normals], dim=1)))
         edges = build_edges(graphs.areas, graphs.targets, graphs.sources)
         for layer in self.layers:
             v = layer(v, x, graphs.normals, edges)
@@ -89,19 +79,19 @@ class PlainEncoder(Encoder):
 
 @final
 class OnePoolEncoder(Encoder):
-    """This encoder pools in one way only, repeated so that all else is as large."""
+    """This encoder pools in one way only, repeated to keep all sizes the same."""
 
     def __init__(self, config: NetworkConfig, kept: Literal["max", "mean"]) -> None:
-        """Create the encoder with one of the two ways."""
+        """Create the encoder with the pooling to keep."""
         super().__init__(config)
         self.kept = kept
 
-    def pooled(
+    def combine(
         self,
         largest: Float[Tensor, "reading width"],
         mean: Float[Tensor, "reading width"],
     ) -> Float[Tensor, "reading embedding"]:
-        """Return one of the two, twice."""
+        """Return one of the two poolings, twice."""
         one = largest if self.kept == "max" else mean
         return torch.cat([one, one], dim=1)
 
@@ -112,4 +102,4 @@ ENCODERS: Mapping[EncoderKind, Callable[[NetworkConfig], Encoder]] = {
     "max": partial(OnePoolEncoder, kept="max"),
     "mean": partial(OnePoolEncoder, kept="mean"),
 }
-"""Encoders by what sets them apart; the first one is ours."""
+"""Encoders by name; the first one is ours."""

@@ -1,4 +1,4 @@
-"""This module gives every method the same clips of generated sets."""
+"""This module loads the clips of generated sets that all methods are compared on."""
 
 import hashlib
 import os
@@ -12,13 +12,13 @@ import numpy as np
 from jaxtyping import Float, Int
 from joblib import Parallel, delayed
 
-from eskin.code_digest import digest_code
 from eskin.errors import RecordingError
 from eskin.files import atomic_path
 from eskin.graph import GraphConfig
 from eskin.learn.baselines import READINGS, SkinWindows
 from eskin.learn.dataset import Dataset, prepare
 from eskin.learn.ground_truth import Clip, read_clips
+from eskin.learn.prepared_recording import compute_file_key
 from eskin.learn.recording_transforms import Aging, AgingConfig, RecordingTransform
 from eskin.recording import Recording, find_recordings, read_recording
 from eskin.robot import load_recorded_robot
@@ -28,16 +28,16 @@ from eskin.touch import PipelineConfig, TouchPipeline
 
 @dataclass(frozen=True, eq=False)
 class Examples:
-    """Examples are clips, for methods that use touches and those of the whole skin."""
+    """Examples are clips, as graphs of touches and as windows of the whole skin."""
 
     paths: tuple[Path, ...]
     """Paths of the recordings."""
     pack: Path
-    """Folder that keeps what was prepared of them."""
+    """Folder that keeps prepared recordings."""
     workers: int = 1
     """Number of processes that prepare them."""
     transform: RecordingTransform | None = None
-    """Change of the recordings; None leaves them as they were recorded."""
+    """Transform of the recordings; None leaves them as they were recorded."""
 
     @cached_property
     def clips(self) -> tuple[tuple[int, Clip], ...]:
@@ -53,8 +53,8 @@ class Examples:
     @cached_property
     def sessions(self) -> dict[int, tuple[str, str]]:
         """Return person and session of each recording."""
-        facts = [read_recording(path).metadata for path in self.paths]
-        return {n: (each.subject, each.session) for n, each in enumerate(facts)}
+        metadata = [read_recording(path).metadata for path in self.paths]
+        return {n: (each.subject, each.session) for n, each in enumerate(metadata)}
 
     @cached_property
     def people(self) -> tuple[str, ...]:
@@ -86,29 +86,25 @@ class Examples:
         return np.array([vocabulary.index(clip.gesture) for _, clip in self.clips])
 
     def dataset(self, graph: GraphConfig, skins: int = 0) -> Dataset:
-        """Return the clips' touches as graphs, with copies of some aged skins."""
+        """Return the clips' touches as graphs, with copies by `skins` aged skins."""
         aged = (Aging(AgingConfig(), number) for number in range(skins))
         transforms, plain = (self.transform, *aged), graph.without_shear()
         return prepare(self.paths, None, plain, self.pack, self.workers, transforms)
 
     @cached_property
     def windows(self) -> SkinWindows:
-        """Return pressures of all taxels in the two seconds of each clip."""
-        transform = (
-            None
-            if self.transform is None or self.transform.moves_taxels
-            else self.transform
-        )
-        jobs = (
-            delayed(load_windows)(path, self.pack, transform) for path in self.paths
-        )
+        """Return pressures of all taxels and joint positions in each clip."""
+        moved = self.transform is not None and self.transform.moves_taxels
+        transform = None if moved else self.transform
+        load = delayed(load_windows)
+        jobs = (load(path, self.pack, transform) for path in self.paths)
         parts: Any = Parallel(n_jobs=self.workers)(jobs)
         return SkinWindows(*(np.concatenate(rows) for rows in zip(*parts, strict=True)))
 
     def find_windows_on(
         self, mounted: MountedSkin
     ) -> Iterator[tuple[MountedSkin, SkinWindows]]:
-        """Yield the windows in order, each with the skin that is assumed.
+        """Yield the windows in order, with the skin that recognition assumes for them.
 
         Args:
             mounted: true skin on its robot.
@@ -117,9 +113,8 @@ class Examples:
             yield mounted, self.windows
             return
         for n, path in enumerate(self.paths):
-            skin = self.transform.transform_skin(
-                mounted.skin, read_recording(path).start
-            )
+            start = read_recording(path).start
+            skin = self.transform.transform_skin(mounted.skin, start)
             yield MountedSkin(skin, mounted.robot), self.select([n]).windows
 
     def select(self, recordings: Collection[int]) -> "Examples":
@@ -132,7 +127,7 @@ def find_examples(places: Sequence[Path], pack: Path, workers: int = 1) -> Examp
 
     Args:
         places: paths of recordings and folders.
-        pack: folder that keeps what was prepared of them.
+        pack: folder that keeps prepared recordings.
         workers: number of processes that prepare them.
 
     Raises:
@@ -151,12 +146,9 @@ def find_examples(places: Sequence[Path], pack: Path, workers: int = 1) -> Examp
 def load_windows(
     path: Path, pack: Path, transform: RecordingTransform | None = None
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the windows of a recording's clips, cut unless they are on disk."""
-    with path.open("rb") as file:
-        content = hashlib.file_digest(file, "sha256").hexdigest()
-    facts = f"{digest_code(__name__)} {content} {PipelineConfig()}"
-    facts += f" {transform.key}" if transform else ""
-    target = pack / f"{hashlib.sha256(facts.encode()).hexdigest()[:32]}.windows.npz"
+    """Return the windows of a recording's clips; cut them unless they are on disk."""
+    key = compute_file_key(__name__, path, str(PipelineConfig()), transform)
+    target = pack / f"{key}.windows.npz"
     if not target.exists():
         pressure, q = cut_clip_windows(path, transform)
         with atomic_path(target) as part:
@@ -167,17 +159,13 @@ def load_windows(
 
 def cut_clip_windows(
     path: Path, transform: RecordingTransform | None = None
-) -> tuple[
-    Float[np.ndarray, "clip 100 taxel"],
-    Float[np.ndarray, "clip 100 joint"],
-]:
+) -> tuple[Float[np.ndarray, "clip 100 taxel"], Float[np.ndarray, "clip 100 joint"]]:
     """Return pressure [kPa] (float16) and joint positions [rad] of clips.
 
-    Counts go through the same calibration, faults and crosstalk as live. Invalid taxels
-    read zero; where no reading came, the window repeats the one before.
+    Counts go through the same calibration, fault detection and crosstalk removal as
+    live. Invalid taxels read zero; a missing reading repeats the one before.
     """
-    recording = read_recording(path)
-    clips = read_clips(path)
+    recording, clips = read_recording(path), read_clips(path)
     taxels, joints = recording.skin.count, len(recording.joint_names)
     pressure = np.zeros((len(clips), READINGS, taxels), np.float16)
     q = np.zeros((len(clips), READINGS, joints), np.float32)
@@ -201,9 +189,8 @@ def read_pressures(
     """Yield stamp [ns], pressure [kPa] and joint positions [rad] of every reading."""
     mounted = MountedSkin(recording.skin, load_recorded_robot(recording.robot_name))
     pipeline = TouchPipeline(mounted, recording.calibration)
-    for scan in (
-        transform.transform_scans(recording) if transform else recording.scans()
-    ):
+    scans = transform.transform_scans(recording) if transform else recording.scans()
+    for scan in scans:
         reading, _ = pipeline.calibrate(scan)
         felt = np.where(reading.valid, reading.pressure, 0.0)
         yield reading.stamp, felt, reading.q

@@ -1,4 +1,4 @@
-"""This module defines the methods that are compared: each learns from clips."""
+"""This module defines the methods that are compared, all trained on clips."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable
@@ -7,7 +7,7 @@ from functools import partial
 from typing import final
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float
 
 from eskin.graph import GraphConfig, compute_summary
 from eskin.learn.baselines import (
@@ -30,19 +30,19 @@ from eskin.recording import NONE
 from eskin.skin import MountedSkin
 
 Predictor = Callable[[Examples], Float[np.ndarray, "clip class"]]
-"""Function that returns log-probabilities of the classes for each clip, in the order of
-the gestures that were learned."""
+"""Function that returns log-probabilities for each clip, the classes in the order of
+the training examples' gestures."""
 
 
 class Method(ABC):
-    """A method learns from clips of a skin."""
+    """A method trains a classifier of clips."""
 
     @abstractmethod
     def fit(self, examples: Examples, seed: int) -> Predictor:
-        """Learn from clips; the same seed gives the same result.
+        """Train on clips; results are reproducible by the seed.
 
         Args:
-            examples: clips to learn from.
+            examples: clips to train on.
             seed: seed of all random draws.
         """
 
@@ -52,9 +52,9 @@ class Method(ABC):
 class TouchTrees(Method):
     """This method boosts trees on statistics of the touch that ours classifies.
 
-    Readings, segmentation, contact graphs and their summary are the recogniser's own,
-    so that the difference between the two is the effect of the network, with its
-    augmentation and with labels of every touch.
+    Readings, segmentation, contact graphs and their summary are the recogniser's, so
+    the difference between the two is the effect of the network, of augmentation and of
+    labels for every touch.
     """
 
     estimator: Callable[[int], Estimator] = GradientBoosting(leaves=31)
@@ -66,8 +66,8 @@ class TouchTrees(Method):
         model = self.estimator(seed).fit(build_touch_rows(examples), truth)
 
         def predict(other: Examples) -> Float[np.ndarray, "clip class"]:
-            chances = model.predict_proba(build_touch_rows(other))
-            return np.log(np.maximum(chances, 1e-12))
+            probabilities = model.predict_proba(build_touch_rows(other))
+            return np.log(np.maximum(probabilities, 1e-12))
 
         return predict
 
@@ -83,11 +83,9 @@ def build_touch_rows(examples: Examples) -> Float[np.ndarray, "clip feature"]:
 
 
 def compute_touch_features(dataset: Dataset, end: int) -> Float[np.ndarray, "feature"]:
-    """Return the hand-made features of a touch, and its summary's statistics and end.
+    """Return hand-crafted features of a touch, and its summary's statistics and end.
 
-    Args:
-        dataset: data set that holds the touch.
-        end: last row of the touch.
+    `end` is the last row of the touch in the data set.
     """
     rows = np.arange(dataset.starts[end], end + 1)
     series = compute_summary(dataset.graphs.select(rows), shear=False).T
@@ -106,8 +104,7 @@ FOR_SMALL_SETS = TrainConfig(
     validation=0.0,
     network=AS_LARGE_AS_SHIPPED,
 )
-"""Training of the recogniser on some 500 clips: to the end, without choosing an
-epoch."""
+"""Training of the recogniser on some 500 clips: all epochs, without validation."""
 SMALL = 500
 """Number of clips beyond which training takes more steps, in proportion."""
 FIT_CONFIGS: dict[str, FitConfig] = {
@@ -116,41 +113,42 @@ FIT_CONFIGS: dict[str, FitConfig] = {
     "tactile-image": FitConfig(),
     "paper": FitConfig(epochs=10, batch=4, rate=5e-4, schedule="constant"),
 }
-"""Training of the networks among the baselines: the settings that did best
-(`benchmarks.tuning`); forty epochs of the paper's would take an hour."""
+"""Training of the baselines that are networks, tuned by `benchmarks/tuning.py`; forty
+epochs of the paper's network would take an hour."""
 
 
 @final
 @dataclass(frozen=True)
 class RecogniserMethod(Method):
-    """This method trains the recogniser, or a variant that lacks something."""
+    """This method trains the recogniser, or a variant of it for an ablation."""
 
     config: TrainConfig = FOR_SMALL_SETS
     """Settings of the training."""
     encoder: EncoderKind = "equivariant"
     """Encoder of the contact graphs."""
     skins: int = 0
-    """Number of aged skins that record each clip besides."""
+    """Number of aged skins whose copies of each clip are trained on too."""
 
     def fit(self, examples: Examples, seed: int) -> Predictor:
         """Learn from the touches of clips."""
         graph = self.config.graph_used
         dataset = examples.dataset(graph, self.skins)
         vocabulary = (NONE, *(name for name in examples.gestures if name != NONE))
-        more = max(1.0, len(examples.clips) / SMALL)
-        config = replace(self.config, steps=round(more * self.config.steps))
+        factor = max(1.0, len(examples.clips) / SMALL)
+        config = replace(self.config, steps=round(factor * self.config.steps))
         trainer = Trainer(dataset, vocabulary, config, seed=seed)
         trainer.network.encoder = ENCODERS[self.encoder](self.config.network)
         network = trainer.run(quiet=True)
         columns = [vocabulary.index(gesture) for gesture in examples.gestures]
-        shares = compute_class_shares(examples.truth(examples.gestures))
+        truth = examples.truth(examples.gestures)
+        shares = np.bincount(truth) / len(truth)
 
         def predict(other: Examples) -> Float[np.ndarray, "clip class"]:
             found = predict_clips(network, other.dataset(graph), vocabulary)
-            chances = found.log_probabilities[:, columns]
-            # Where `none` is not a class, no touch means the most frequent other.
-            nothing = np.isneginf(chances).all(axis=1, keepdims=True)
-            return np.where(nothing, np.log(shares), chances)
+            log_probabilities = found.log_probabilities[:, columns]
+            # Without a class `none`, clips without a touch get the prior.
+            nothing = np.isneginf(log_probabilities).all(axis=1, keepdims=True)
+            return np.where(nothing, np.log(shares), log_probabilities)
 
         return predict
 
@@ -165,27 +163,22 @@ class BaselineMethod(Method):
     are kept by the `repr` of a method."""
 
     def fit(self, examples: Examples, seed: int) -> Predictor:
-        """Learn from all taxels in clips."""
+        """Train on the pressures of all taxels in clips."""
         baseline = self.make(examples.mounted)
         baseline.fit(examples.windows, examples.truth(examples.gestures), seed)
 
         def predict(other: Examples) -> Float[np.ndarray, "clip class"]:
-            chances = [
+            probabilities = [
                 baseline.move_to(mounted).predict_probabilities(windows)
                 for mounted, windows in other.find_windows_on(baseline.mounted)
             ]
-            return np.log(np.maximum(np.concatenate(chances), 1e-12))
+            return np.log(np.maximum(np.concatenate(probabilities), 1e-12))
 
         return predict
 
 
 def build_network_method(name: str, config: FitConfig) -> BaselineMethod:
-    """Return the method of a baseline that is a network.
-
-    Args:
-        name: name in `NETWORKS`.
-        config: settings of the training.
-    """
+    """Return the method of a baseline in `NETWORKS`, with settings of its training."""
     if name == "paper":
         return build_paper_method(config)
     return BaselineMethod(partial(NETWORKS[name], config=config))
@@ -194,19 +187,8 @@ def build_network_method(name: str, config: FitConfig) -> BaselineMethod:
 def build_paper_method(
     config: FitConfig, k: int = 8, pooling: Pooling = "max"
 ) -> BaselineMethod:
-    """Return the method of the paper's network.
-
-    Args:
-        config: settings of the training.
-        k: number of neighbours of a taxel inside its patch.
-        pooling: pooling over the nodes of a reading.
-    """
+    """Return the method of the paper's network; arguments are as in `PaperBaseline`."""
     return BaselineMethod(partial(PaperBaseline, config=config, k=k, pooling=pooling))
-
-
-def compute_class_shares(truth: Int[np.ndarray, "clip"]) -> Float[np.ndarray, "class"]:
-    """Return how often each class occurs, as a share."""
-    return np.bincount(truth) / len(truth)
 
 
 METHODS: dict[str, Method] = {
@@ -223,4 +205,4 @@ ABLATIONS: dict[str, Method] = {
     ),
     "not equivariant": RecogniserMethod(encoder="plain"),
 }
-"""Ours without something, by what it lacks."""
+"""Ablations of ours, by what they lack."""

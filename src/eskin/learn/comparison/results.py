@@ -1,4 +1,4 @@
-"""This module trains methods and keeps their answers in a file, each once only."""
+"""This module trains methods and stores their predictions in a file of results."""
 
 import hashlib
 import json
@@ -25,52 +25,52 @@ from eskin.touch import PipelineConfig
 
 @dataclass(frozen=True)
 class AnsweredClips:
-    """Answered clips hold what a method answered to some clips."""
+    """Answered clips hold a method's predictions for some clips."""
 
     truth: tuple[str, ...]
     """Gesture that each clip was generated for."""
     answer: tuple[str, ...]
-    """Gesture that was answered."""
+    """Predicted gesture."""
     people: tuple[str, ...]
     """Person of each clip."""
 
     @property
     def correct(self) -> Bool[np.ndarray, "clip"]:
-        """Return which answers are correct."""
+        """Return which predictions are correct."""
         return np.array(self.truth) == np.array(self.answer)
 
 
 @dataclass(frozen=True)
 class MethodResult:
-    """A method result holds the answers of a method that was trained once."""
+    """A method result holds the predictions of a method that was trained once."""
 
     method: str
     """Name of the method."""
     seed: int
     """Seed of its random draws."""
     seconds: float
-    """Time that it took to learn and to answer [s]."""
+    """Time of training and prediction [s]."""
     answered: Mapping[str, AnsweredClips]
-    """Answers by the name of what was asked: `val`, and the tests."""
+    """Predictions on validation, `val`, and on the tests, by name."""
 
 
 @final
 @dataclass(frozen=True)
 class TrainingTask:
-    """A training task trains a method once and asks it some tests."""
+    """A training task trains a method once and tests it."""
 
     name: str
     """Name of the method."""
     method: Method
-    """Method that learns."""
+    """Method to train."""
     train: Examples
-    """Clips to learn from, apart from those held out for validation."""
+    """Clips to train on, less those held out for validation."""
     tests: Mapping[str, Examples]
-    """Clips to answer, by name."""
+    """Clips to test on, by name of the test."""
     seed: int
     """Seed of all random draws."""
     share: float = 0.2
-    """Share of the recordings held out."""
+    """Share of the recordings held out for validation."""
 
     @property
     def label(self) -> str:
@@ -85,27 +85,27 @@ class TrainingTask:
 
     @property
     def digest(self) -> str:
-        """Return a digest of all that decides the result: code, settings and clips."""
+        """Return a digest of all that determines the result: code, settings, clips."""
         tests = {name: each.digest for name, each in self.tests.items()}
-        facts = (
+        text = (
             f"{digest_code(__name__)} {PipelineConfig()} {self.method} "
             f"{self.train.digest} {tests} {self.seed} {self.share}"
         )
-        return hashlib.sha256(facts.encode()).hexdigest()[:16]
+        return hashlib.sha256(text.encode()).hexdigest()[:16]
 
     def run(self) -> MethodResult:
-        """Learn and answer."""
+        """Train the method and test it."""
         started = time.monotonic()
-        learned, held = split_examples(self.train, self.share)
-        predict = self.method.fit(learned, self.seed)
-        asked = {"val": held, **self.tests} if held.clips else self.tests
+        train, val = split_examples(self.train, self.share)
+        predict = self.method.fit(train, self.seed)
+        tests = {"val": val, **self.tests} if val.clips else self.tests
         answered = {}
-        for name, examples in asked.items():
-            # A copy keeps no windows: those of many tests do not fit in memory.
+        for name, examples in tests.items():
+            # A copy caches no windows: those of many tests do not fit in memory.
             predicted = predict(replace(examples)).argmax(axis=1)
             answered[name] = AnsweredClips(
                 truth=tuple(clip.gesture for _, clip in examples.clips),
-                answer=tuple(learned.gestures[n] for n in predicted.tolist()),
+                answer=tuple(train.gestures[n] for n in predicted.tolist()),
                 people=examples.people,
             )
         seconds = round(time.monotonic() - started, 1)
@@ -114,22 +114,22 @@ class TrainingTask:
 
 @dataclass(frozen=True)
 class KeptResult:
-    """A kept result is a result with the name and the digest of its task."""
+    """A kept result is a result with the label and the digest of its task."""
 
     label: str
-    """Name of the task."""
+    """Label of the task."""
     digest: str
-    """Digest of the code, settings and clips that the result was made with."""
+    """Digest of the task when it was run."""
     result: MethodResult
     """The result."""
 
 
 def find_stale(tasks: Sequence[TrainingTask], path: Path) -> list[str]:
-    """Return the names of tasks whose results other code, settings or clips gave.
+    """Return the labels of tasks whose results are of other code, settings or clips.
 
     Args:
         tasks: tasks to look for.
-        path: file that keeps results.
+        path: file of results.
 
     Raises:
         EskinError: if the file is damaged.
@@ -140,23 +140,20 @@ def find_stale(tasks: Sequence[TrainingTask], path: Path) -> list[str]:
 
 
 def run_tasks(
-    tasks: Sequence[TrainingTask],
-    path: Path,
-    workers: int = 1,
-    seconds: float = np.inf,
+    tasks: Sequence[TrainingTask], path: Path, workers: int = 1, seconds: float = np.inf
 ) -> list[MethodResult | None]:
-    """Return the results of tasks, in their order; what the file holds is not run.
+    """Run the tasks whose results a file does not hold; return the results of all.
 
-    A stale result (see `find_stale`) is replaced by that of the task as it is now.
+    Stale results (see `find_stale`) are replaced.
 
     Args:
         tasks: tasks to run, in this order.
-        path: file that keeps results, one a line (JSON Lines).
+        path: file of results, one a line (JSON Lines).
         workers: number of processes.
         seconds: time after which no further task is begun [s].
 
     Returns:
-        The results, None for tasks that were not begun.
+        The results in the order of the tasks, None for those that were not begun.
 
     Raises:
         EskinError: if the file is damaged, or two tasks have the same name.
@@ -169,54 +166,47 @@ def run_tasks(
             f"several trainings are named '{unclear[0]}'; allowed is each name once; "
             "rename the folder of one"
         )
-    kept = {
-        (each.label, each.digest): each.result for each in read_results(path).values()
-    }
-    found = [kept.get((task.label, task.digest)) for task in tasks]
-    missing = [n for n, result in enumerate(found) if result is None]
+    kept = read_results(path).values()
+    by_key = {(each.label, each.digest): each.result for each in kept}
+    results = [by_key.get((task.label, task.digest)) for task in tasks]
+    missing = [n for n, result in enumerate(results) if result is None]
     jobs = (delayed(run_before)(n, tasks[n], end) for n in missing)
     run: Any = Parallel(n_jobs=workers, return_as="generator_unordered")(jobs)
     for n, result in track_progress(run, "Comparing", len(missing)):
         if result is not None:
-            found[n] = result
+            results[n] = result
             keep_result(path, KeptResult(tasks[n].label, tasks[n].digest, result))
-    return found
+    return results
 
 
 def run_before(
     number: int, task: TrainingTask, end: float
 ) -> tuple[int, MethodResult | None]:
-    """Return the result of a task, if it can begin before a time on this machine."""
+    """Return a task's number and its result; None if the time `end` has passed."""
     torch.set_num_threads(1)
     return number, None if time.monotonic() > end else task.run()
 
 
 def split_examples(examples: Examples, share: float) -> tuple[Examples, Examples]:
-    """Hold out whole sessions for validation, the same for every method.
-
-    Returns:
-        The examples to learn from, and those held out.
-    """
-    made: dict[int, set[str]] = {}
+    """Divide examples into training and validation, the same for every method."""
+    gestures: dict[int, set[str]] = {}
     for n, clip in examples.clips:
-        made.setdefault(n, set()).add(clip.gesture)
+        gestures.setdefault(n, set()).add(clip.gesture)
     rng = np.random.default_rng(0)
-    found = hold_out(examples.sessions, made, share, rng)
-    return examples.select(found.train), examples.select(found.held)
+    holdout = hold_out(examples.sessions, gestures, share, rng)
+    return examples.select(holdout.train), examples.select(holdout.held)
 
 
 def keep_result(path: Path, kept: KeptResult) -> None:
-    """Write a result into a file, in the place of the one of the same name."""
+    """Write a result into a file, in place of that of the same label."""
     results = {**read_results(path), kept.label: kept}
+    lines = (f"{format_result(each)}\n" for each in results.values())
     with atomic_path(path) as part:
-        part.write_text(
-            "".join(f"{format_result(each)}\n" for each in results.values()),
-            encoding="utf-8",
-        )
+        part.write_text("".join(lines), encoding="utf-8")
 
 
 def read_results(path: Path) -> dict[str, KeptResult]:
-    """Return the results in a file by the names of their tasks; none without a file.
+    """Return the results in a file by the labels of their tasks; none without a file.
 
     Raises:
         EskinError: if the file is damaged.
@@ -251,8 +241,5 @@ def parse_result(line: str) -> KeptResult:
         name: AnsweredClips(**{key: tuple(text.split()) for key, text in each.items()})
         for name, each in result["answered"].items()
     }
-    return KeptResult(
-        facts["label"],
-        facts["digest"],
-        MethodResult(result["method"], result["seed"], result["seconds"], answered),
-    )
+    found = MethodResult(result["method"], result["seed"], result["seconds"], answered)
+    return KeptResult(facts["label"], facts["digest"], found)

@@ -1,4 +1,4 @@
-"""This module varies neighbours and pooling of the contact graph."""
+"""This module studies the effect of the number of neighbours and the pooling."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
@@ -57,7 +57,7 @@ class Variant:
 
 @dataclass(frozen=True)
 class VariantRow(Variant):
-    """A variant row sums up the results of one variant."""
+    """A variant row summarises the results of one variant."""
 
     runs: int
     """Number of times that it was trained."""
@@ -79,7 +79,7 @@ class VariantRow(Variant):
 def build_study_rows(
     found: Mapping[Variant, Mapping[RunKey, MethodResult]],
 ) -> list[VariantRow]:
-    """Return one row for each variant, on runs that the first of its network has too.
+    """Return one row for each variant, from its runs that its network's first has too.
 
     Args:
         found: results by variant and by run.
@@ -88,10 +88,10 @@ def build_study_rows(
     rows = []
     for variant, results in found.items():
         first = firsts.setdefault(variant.network, variant)
-        shared = {place: r for place, r in results.items() if place in found[first]}
+        shared = {key: r for key, r in results.items() if key in found[first]}
         if shared:
-            held = None if variant == first else found[first]
-            rows.append(build_study_row(variant, shared, held))
+            other = None if variant == first else found[first]
+            rows.append(build_study_row(variant, shared, other))
     return rows
 
 
@@ -119,16 +119,8 @@ def build_study_row(
 def format_study(rows: Sequence[VariantRow]) -> str:
     """Format the rows as a Markdown table."""
     lead = f"K {rows[0].k}, {rows[0].pool} ahead"
-    heads = (
-        "network",
-        "K",
-        "pooling",
-        "runs",
-        "validation (SD)",
-        lead,
-        "test (SD)",
-        lead,
-    )
+    heads = ["network", "K", "pooling", "runs", "validation (SD)", lead]
+    heads += ["test (SD)", lead]
     lines = [f"| {' | '.join(heads)} |", "|---" * len(heads) + "|"]
     for row in rows:
         cells = (
@@ -146,16 +138,15 @@ def format_study(rows: Sequence[VariantRow]) -> str:
 
 
 COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9")
-"""Colours that colour-blind people can tell apart (Okabe and Ito 2008)."""
+"""Colour-blind safe palette (Okabe and Ito 2008)."""
 
 
 def draw_study(rows: Sequence[VariantRow], path: Path) -> None:
     """Draw accuracy against neighbours, on validation and on the test."""
     figure = Figure(figsize=(7.5, 3.7), dpi=120, layout="constrained")
     left, right = figure.subplots(1, 2, sharey=True)
-    for n, (network, pool) in enumerate(
-        dict.fromkeys((r.network, r.pool) for r in rows)
-    ):
+    curves = dict.fromkeys((r.network, r.pool) for r in rows)
+    for n, (network, pool) in enumerate(curves):
         chosen = [r for r in rows if (r.network, r.pool) == (network, pool)]
         colour, label = COLOURS[n % 5], f"{network}, {pool}"
         # Points are shifted, so that their error bars do not overlap.
@@ -170,7 +161,7 @@ def draw_study(rows: Sequence[VariantRow], path: Path) -> None:
         axes.set_xticks(ticks, [str(tick) for tick in ticks])
         axes.minorticks_off()
         axes.grid(alpha=0.3)
-    left.set_ylabel("clips right [%]")
+    left.set_ylabel("accuracy [%]")
     lines = right.get_legend_handles_labels()
     figure.legend(*lines, loc="outside upper center", ncols=4, frameon=False)
     save_figure(figure, path)

@@ -1,4 +1,4 @@
-"""This module puts methods side by side: accuracies, spread, and the lead of ours."""
+"""This module formats tables of methods: accuracies, spread, and the lead of ours."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -12,20 +12,20 @@ RunKey = tuple[int, int]
 """Number of the draw of the data, and the seed."""
 
 LEGEND = (
-    "Shares that are right, with the standard deviation over runs; ahead in points, "
-    "with the paired 95 % bootstrap interval, whole people drawn anew."
+    "Accuracy, with the standard deviation over runs; ahead in percentage points, with "
+    "the paired 95 % bootstrap interval over people."
 )
 
 
 @dataclass(frozen=True)
 class Lead:
-    """A lead says how much more accurate the first method is on the same clips."""
+    """A lead is the difference in accuracy of the first method and another."""
 
     mean: float
-    """Difference in accuracy."""
+    """Difference on the same clips."""
     low: float | None
-    """Lower end of its paired 95 % bootstrap interval from whole people, None where all
-    clips are of one."""
+    """Lower end of its paired 95 % bootstrap interval over people; None where all clips
+    are of one."""
     high: float | None
     """Upper end of the interval."""
 
@@ -45,11 +45,11 @@ class ComparisonRow:
     val_people: int
     """Number of people to validate on."""
     val_clips: int
-    """Number of clips to validate on, of all draws together."""
+    """Number of clips to validate on, in all draws of the data."""
     test_people: int
     """Number of people in the test."""
     test_clips: int
-    """Number of clips in the test, of all draws together."""
+    """Number of clips in the test, in all draws of the data."""
     test_accuracy: float
     """Mean accuracy on the test."""
     std: float
@@ -62,7 +62,7 @@ class ComparisonRow:
     test_ahead: Lead | None
     """Lead of the first method on the test; None for the first itself."""
     seconds: float
-    """Mean time to learn and to answer [s]."""
+    """Mean time of training and prediction [s]."""
     by_gesture: Mapping[str, float]
     """Accuracy on the test among the clips of each gesture."""
 
@@ -91,8 +91,8 @@ def build_row(
     first: Mapping[RunKey, MethodResult],
 ) -> ComparisonRow:
     """Return the row of one method on one test."""
-    places = sorted(results)
-    accuracies = compute_accuracies([results[place] for place in places], test)
+    runs = [results[key] for key in sorted(results)]
+    accuracies = compute_accuracies(runs, test)
     validated = compute_accuracies(list(results.values()), "val")
     other = results is not first
     val_people, val_clips = count_people_and_clips(results, "val")
@@ -100,7 +100,7 @@ def build_row(
     return ComparisonRow(
         name=name,
         test=test,
-        runs=len(places),
+        runs=len(runs),
         val_accuracy=compute_mean(validated),
         val_people=val_people,
         val_clips=val_clips,
@@ -112,21 +112,16 @@ def build_row(
         val_ahead=compute_lead(results, first, "val") if other and validated else None,
         test_ahead=compute_lead(results, first, test) if other else None,
         seconds=float(np.mean([result.seconds for result in results.values()])),
-        by_gesture=compute_gesture_accuracies(
-            [results[place].answered[test] for place in places]
-        ),
+        by_gesture=compute_gesture_accuracies([run.answered[test] for run in runs]),
     )
 
 
 def count_people_and_clips(
-    results: Mapping[RunKey, MethodResult], asked: str
+    results: Mapping[RunKey, MethodResult], test: str
 ) -> tuple[int, int]:
-    """Return how many people and clips were asked, each draw counted once."""
-    draws = {
-        draw: r.answered[asked]
-        for (draw, _), r in results.items()
-        if asked in r.answered
-    }
+    """Return the numbers of people and clips of a test, each draw counted once."""
+    runs = [(draw, r) for (draw, _), r in results.items() if test in r.answered]
+    draws = {draw: r.answered[test] for draw, r in runs}
     people = {(draw, person) for draw, each in draws.items() for person in each.people}
     return len(people), sum(len(each.people) for each in draws.values())
 
@@ -134,14 +129,14 @@ def count_people_and_clips(
 def compute_lead(
     results: Mapping[RunKey, MethodResult],
     first: Mapping[RunKey, MethodResult],
-    asked: str,
+    test: str,
 ) -> Lead:
-    """Return the lead of the first method over another on what both were asked."""
+    """Return the lead of the first method over another on the clips of a test."""
     theirs, ours, people = [], [], []
     for draw, seed in sorted(results):
-        answered = results[draw, seed].answered[asked]
+        answered = results[draw, seed].answered[test]
         theirs.append(answered.correct)
-        ours.append(first[draw, seed].answered[asked].correct)
+        ours.append(first[draw, seed].answered[test].correct)
         people += [f"{draw} {person}" for person in answered.people]
     both = np.concatenate(ours), np.concatenate(theirs)
     mean = float(both[0].mean() - both[1].mean())
@@ -153,14 +148,13 @@ def compute_lead(
 def compute_gesture_accuracies(answered: Sequence[AnsweredClips]) -> dict[str, float]:
     """Return the accuracy among all clips of each gesture."""
     correct = np.concatenate([each.correct for each in answered])
-    return compute_group_accuracies(
-        correct, [gesture for each in answered for gesture in each.truth]
-    )
+    gestures = [gesture for each in answered for gesture in each.truth]
+    return compute_group_accuracies(correct, gestures)
 
 
-def compute_accuracies(results: Sequence[MethodResult], asked: str) -> list[float]:
-    """Return the accuracy of each run."""
-    answered = [r.answered[asked] for r in results if asked in r.answered]
+def compute_accuracies(results: Sequence[MethodResult], test: str) -> list[float]:
+    """Return the accuracy of each run that has predictions on a test."""
+    answered = [r.answered[test] for r in results if test in r.answered]
     return [float(each.correct.mean()) for each in answered]
 
 
@@ -198,22 +192,21 @@ def format_tables(rows: Sequence[ComparisonRow]) -> str:
 
 def format_caption(first: ComparisonRow) -> str:
     """Describe the clips and people of a table by its first row."""
-    asked = f"{first.test_clips} clips of {first.test_people} people asked"
+    caption = f"Tested on {first.test_clips} clips of {first.test_people} people"
     if first.val_clips:
-        held = f"{first.val_clips} of {first.val_people} held out of the training"
-        asked = f"{asked}, {held} to validate on"
-    return f"{asked}."
+        caption += f", validated on {first.val_clips} of {first.val_people}"
+    return f"{caption}."
 
 
 def format_gesture_tables(rows: Sequence[ComparisonRow]) -> str:
     """Format accuracies by gesture as Markdown tables, one for each test."""
     tables = []
     for test in dict.fromkeys(row.test for row in rows):
-        asked = [row for row in rows if row.test == test]
-        gestures = sorted({name for row in asked for name in row.by_gesture})
+        of_test = [row for row in rows if row.test == test]
+        gestures = sorted({name for row in of_test for name in row.by_gesture})
         lines = [f"| {test}, clips of | {' | '.join(gestures)} |"]
         lines.append("|" + "---|" * (1 + len(gestures)))
-        for row in asked:
+        for row in of_test:
             shares = (format_share(row.by_gesture.get(name), 0.0) for name in gestures)
             lines.append(f"| {row.name} | {' | '.join(shares)} |")
         tables.append("\n".join(lines))

@@ -78,7 +78,7 @@ class NonGestureTally:
 
 @dataclass(frozen=True, eq=False)
 class Delays:
-    """Delays say when matching detections were made."""
+    """Delays are the times of matching detections after the true contacts."""
 
     after_end: Float[np.ndarray, "match"]
     """Time since the true last contact; negative for a detection before it [s]."""
@@ -105,13 +105,9 @@ def compute_percentile(values: Float[np.ndarray, "value"], percent: int) -> floa
 
 
 def bootstrap_f1(parts: Sequence[Tally], seed: int = 0) -> tuple[float, float]:
-    """Return a 95 % interval of F1 from parts, such as people, drawn anew.
+    """Return a 95 % bootstrap interval of F1 over independent tallies, as of people.
 
-    It is NaN where there are no events, or only one part, which says nothing of others.
-
-    Args:
-        parts: tallies that do not depend on each other.
-        seed: seed of the draws.
+    It is NaN where there are no events, or only one tally.
     """
     counts = np.array([astuple(part) for part in parts], dtype=np.float64)
     if len(parts) < 2 or not counts.sum():
@@ -134,13 +130,12 @@ ACCIDENTS = (
 )
 """Kinds of touches that nobody intends."""
 
-HOUR = 3600.0
-"""Seconds in an hour."""
+HOUR = 3600.0  # [s]
 
 
 @dataclass(frozen=True, eq=False)
 class EventScore:
-    """An event score says how well a recogniser does on continuous streams."""
+    """An event score holds the scores of a recogniser on continuous streams."""
 
     hours: float
     """Total duration of the streams [h]."""
@@ -149,8 +144,8 @@ class EventScore:
     per_subject: dict[str, Tally]
     """Tally of all gestures in each person's streams."""
     simultaneous: Tally
-    """Tally of events that overlap another one in time, of any gesture, and of the
-    false detections meanwhile."""
+    """Tally of gestures that overlap another event in time, and of the false detections
+    during overlaps."""
     delays: dict[str, Delays]
     """Delays of the matching detections of each gesture."""
     unknown: dict[str, NonGestureTally]
@@ -159,7 +154,7 @@ class EventScore:
     """Touches that are not a gesture, by their kind."""
     names: tuple[str, ...]
     """Rows and columns of `confusion`: gestures, `none`, `unknown`, `nothing`."""
-    confusion: Int[np.ndarray, "true said"]
+    confusion: Int[np.ndarray, "true predicted"]
     """Number of events by true and by detected class; detections of no event are in the
     last row."""
     confidence: Float[np.ndarray, "detection"]
@@ -174,7 +169,7 @@ class EventScore:
 
     @property
     def f1_interval(self) -> tuple[float, float]:
-        """Return the 95 % interval of the F1 of all gestures, people drawn anew."""
+        """Return the 95 % bootstrap interval of the F1 of all gestures, over people."""
         return bootstrap_f1(list(self.per_subject.values()))
 
     @property
@@ -185,10 +180,10 @@ class EventScore:
     @property
     def all_delays(self) -> Delays:
         """Return the delays of all matching detections."""
-        every = self.delays.values()
+        nothing, delays = np.empty(0), self.delays.values()
         return Delays(
-            np.concatenate([d.after_end for d in every] or [np.empty(0)]),
-            np.concatenate([d.after_onset for d in every] or [np.empty(0)]),
+            np.concatenate([nothing, *(d.after_end for d in delays)]),
+            np.concatenate([nothing, *(d.after_onset for d in delays)]),
         )
 
     @property
@@ -204,8 +199,8 @@ class EventScore:
     @property
     def accidents(self) -> NonGestureTally:
         """Return the tally of all touches that nobody intends."""
-        kinds = (left for kind, left in self.none.items() if kind in ACCIDENTS)
-        return sum(kinds, NonGestureTally())
+        tallies = (tally for kind, tally in self.none.items() if kind in ACCIDENTS)
+        return sum(tallies, NonGestureTally())
 
 
 NOTHING = "nothing"
@@ -231,6 +226,7 @@ def score_events(
     confusion = np.zeros((len(names), len(names)), dtype=np.int64)
     for each in matched:
         confusion += count_confusions(each, names)
+    found = [(each, d) for each in matched for d in each.gesture_detections]
     return EventScore(
         hours=sum(stream.seconds for stream in streams) / HOUR,
         per_gesture={name: tally_gestures(matched, (name,)) for name in gestures},
@@ -253,21 +249,9 @@ def score_events(
         names=names,
         confusion=confusion,
         confidence=np.array(
-            [
-                m.stream.detections[d].confidence
-                for m in matched
-                for d in m.gesture_detections
-            ],
-            float,
+            [m.stream.detections[d].confidence for m, d in found], float
         ),
-        correct=np.array(
-            [
-                d not in m.false_detections
-                for m in matched
-                for d in m.gesture_detections
-            ],
-            bool,
-        ),
+        correct=np.array([d not in m.false_detections for m, d in found], bool),
     )
 
 
@@ -284,7 +268,7 @@ def tally_gestures(matched: Sequence[MatchedStream], gestures: Sequence[str]) ->
 
 
 def tally_overlapping(stream: MatchedStream, gestures: Sequence[str]) -> Tally:
-    """Count events that overlap another one, and false detections meanwhile."""
+    """Count events that overlap another one, and false detections during overlaps."""
     events = stream.stream.events
     wanted = np.array([event.gesture in gestures for event in events], dtype=bool)
     wanted &= stream.overlapping
@@ -308,31 +292,32 @@ def collect_delays(matched: Sequence[MatchedStream], gesture: str) -> Delays:
 
 
 def tally_non_gestures(
-    matched: Sequence[MatchedStream], name_of: Callable[[TrueEvent], str | None]
+    matched: Sequence[MatchedStream], get_name: Callable[[TrueEvent], str | None]
 ) -> dict[str, NonGestureTally]:
-    """Count events that should not be detected, by a name; None skips one."""
-    found: dict[str, NonGestureTally] = {}
+    """Count events that should not be detected, by name; those without are skipped."""
+    tallies: dict[str, NonGestureTally] = {}
     for each in matched:
         for index, event in enumerate(each.stream.events):
-            name = name_of(event)
+            name = get_name(event)
             if name is not None:
                 one = NonGestureTally(1, int(each.is_mistaken(index)))
-                found[name] = found.get(name, NonGestureTally()) + one
-    return dict(sorted(found.items()))
+                tallies[name] = tallies.get(name, NonGestureTally()) + one
+    return dict(sorted(tallies.items()))
 
 
 def count_confusions(
-    each: MatchedStream, names: Sequence[str]
-) -> Int[np.ndarray, "true said"]:
+    matched: MatchedStream, names: Sequence[str]
+) -> Int[np.ndarray, "true predicted"]:
     """Count events by true and detected class; detections of no event come last."""
     counts = np.zeros((len(names), len(names)), dtype=np.int64)
     place = {name: index for index, name in enumerate(names)}
-    left = set(range(len(each.stream.detections)))
-    for index, event in enumerate(each.stream.events):
-        number = each.find_detection(index)
-        answer = NOTHING if number is None else each.stream.detections[number].gesture
-        counts[place.get(event.gesture, place[UNKNOWN]), place[answer]] += 1
-        left.discard(-1 if number is None else number)
-    for index in left:
-        counts[place[NOTHING], place[each.stream.detections[index].gesture]] += 1
+    predicted = [place[found.gesture] for found in matched.stream.detections]
+    left = set(range(len(predicted)))
+    for index, event in enumerate(matched.stream.events):
+        number = matched.find_detection(index)
+        column = place[NOTHING] if number is None else predicted[number]
+        counts[place.get(event.gesture, place[UNKNOWN]), column] += 1
+        left -= {number}
+    for number in left:
+        counts[place[NOTHING], predicted[number]] += 1
     return counts

@@ -17,7 +17,7 @@ GESTURE_ALIASES = {"tap_many": "double_pat"}
 
 @dataclass(frozen=True, eq=False)
 class TrueEvent:
-    """A true event is one touch as it really was."""
+    """A true event is one touch of the ground truth."""
 
     onset: int
     """Stamp of the first contact [ns since the epoch]."""
@@ -30,47 +30,41 @@ class TrueEvent:
     stamps: Int[np.ndarray, "point"]
     """Stamp of each point of the path, increasing [ns since the epoch]."""
     path: Float[np.ndarray, "point 3"]
-    """Centre of the force in the world at each stamp [m]; empty where it is not
-    known."""
+    """Centre of the force in the world at each stamp [m]; empty if unknown."""
 
     def compute_distance(
         self, p_world: Float[np.ndarray, "3"], stamp: int, around: float
     ) -> float:
-        """Return how far a point is from the path of the touch around an instant [m].
+        """Return the distance of a point from the path of the touch [m].
 
-        The path moves with its link, so only the part near the instant in time counts,
-        or the point that is nearest in time where no part is near.
+        The path moves with its link, so only its points near `stamp` in time count, or
+        else the point nearest in time. Zero where the path is unknown.
 
         Args:
             p_world: position of the point [m].
-            stamp: stamp of the instant [ns since the epoch].
+            stamp: stamp at which the distance is taken [ns since the epoch].
             around: largest distance in time of the points that count [s].
-
-        Returns:
-            The distance, zero where the path is not known.
         """
         if not len(self.path):
             return 0.0
-        apart = np.abs(self.stamps - stamp)
-        near = apart <= max(round(around * NS_PER_S), int(apart.min()))
+        gaps = np.abs(self.stamps - stamp)
+        near = gaps <= max(round(around * NS_PER_S), int(gaps.min()))
         return float(np.linalg.norm(self.path[near] - p_world, axis=1).min())
 
 
 def read_true_events(recording: Recording) -> tuple[TrueEvent, ...]:
-    """Return every touch of a recording, sorted by its onset.
+    """Return the true events of a recording, sorted by onset.
 
     They come from `/eskin/truth`, which also has those that overlap; where there is
     none, from the best labels.
     """
-    found = build_events(recording.truths())
-    found = found or [
-        build_label_event(label) for label in select_labels(recording.labels)
-    ]
-    return tuple(sorted(found, key=lambda event: (event.onset, event.end)))
+    labels = select_labels(recording.labels)
+    events = build_events(recording.truths()) or list(map(build_label_event, labels))
+    return tuple(sorted(events, key=lambda event: (event.onset, event.end)))
 
 
 def build_events(truths: Iterable[TruthRecord]) -> list[TrueEvent]:
-    """Return one event for every touch of the truth."""
+    """Return one event for every touch among records of the truth."""
     touches: dict[int, list[TruthRecord]] = {}
     for truth in truths:
         touches.setdefault(truth.touch, []).append(truth)
@@ -108,10 +102,10 @@ NO_GESTURE = (NONE, UNKNOWN)
 
 @dataclass(frozen=True, eq=False)
 class ScoredStream:
-    """A scored stream holds what was done to a skin in one go and the detections."""
+    """A scored stream holds true events and detections of one continuous stream."""
 
     events: Sequence[TrueEvent]
-    """Events that truly happened."""
+    """True events."""
     detections: Sequence[Detection]
     """Detections of the recogniser."""
     seconds: float
@@ -121,20 +115,20 @@ class ScoredStream:
 
 
 FORBIDDEN = 1e9
-"""Cost of a pair that does not match; onsets are never this many seconds apart."""
+"""Cost of a pair that does not match; far above any gap of onsets [s]."""
 
 
 @dataclass(frozen=True)
 class MatchConfig:
-    """These settings say when a detection matches an event."""
+    """These settings determine when a detection matches an event."""
 
     late: float = 1.0
     """Longest time from the last contact to the detection [s]."""
     near: float = 0.1
     """Largest distance from the true path [m]."""
     around: float = 0.5
-    """Part of the true path, which moves with its link, that counts before and after
-    the detection's last contact [s]."""
+    """Largest distance in time of the points of the path that count from the detected
+    touch's last contact [s]; the path moves with its link."""
 
 
 @dataclass(frozen=True)
@@ -142,11 +136,10 @@ class Matching:
     """A matching assigns detections to events."""
 
     matched: dict[int, int]
-    """Index of the matching detection of each recognised event, by the event's
-    index."""
+    """Index of the matching detection, by the index of each recognised event."""
     assigned: dict[int, int]
-    """Index of the event nearest to each other detection, by the detection's index;
-    detections near no event are left out."""
+    """Index of the event with the most common time, by the index of each other
+    detection; detections that fit no event are left out."""
 
 
 def match_events(
@@ -154,30 +147,27 @@ def match_events(
     detections: Sequence[Detection],
     config: MatchConfig | None = None,
 ) -> Matching:
-    """Match one to one: as many pairs as possible, the best in time among those.
+    """Match detections to events one to one, with as many pairs as possible.
 
-    A detection matches an event of the same gesture if it was made between its onset
-    and a while after its end, near its path. Of all matchings with the most pairs it is
-    the one in which the onsets of touch and event agree best. Other detections are
-    assigned to the event, of any gesture, with which their touch shares most time.
+    A detection fits an event in time if it was made between the event's onset and
+    `MatchConfig.late` after its end, and in place if it is near its path; it matches if
+    the gesture is the same. Of all matchings with the most pairs the one with the
+    smallest gaps of onsets is chosen. Each other detection is assigned to the event it
+    fits, of any gesture, with which its touch has the most time in common.
     """
-    fitting = find_candidates(events, detections, config or MatchConfig())
-    named = np.array([event.gesture for event in events], dtype=np.str_)
-    said = np.array([found.gesture for found in detections], dtype=np.str_)
-    same = (named[:, None] == said) & ~np.isin(said, NO_GESTURE)
-    cost = np.where(fitting & same, compute_onset_gaps(events, detections), FORBIDDEN)
+    fits = find_candidates(events, detections, config or MatchConfig())
+    true = np.array([event.gesture for event in events], dtype=np.str_)
+    predicted = np.array([found.gesture for found in detections], dtype=np.str_)
+    same = (true[:, None] == predicted) & ~np.isin(predicted, NO_GESTURE)
+    cost = np.where(fits & same, compute_onset_gaps(events, detections), FORBIDDEN)
     pairs = zip(*linear_sum_assignment(cost), strict=True)
     matched = {int(e): int(d) for e, d in pairs if cost[e, d] < FORBIDDEN}
-    left = sorted(set(range(len(detections))) - set(matched.values()))
-    about = {d: np.flatnonzero(fitting[:, d]) for d in left}
-    assigned = {
-        d: max(
-            which.tolist(),
-            key=lambda event: compute_overlap(events[event], detections[d]),
-        )
-        for d, which in about.items()
-        if len(which)
-    }
+    assigned = {}
+    for d in sorted(set(range(len(detections))) - set(matched.values())):
+        candidates = np.flatnonzero(fits[:, d]).tolist()
+        overlaps = [compute_overlap(events[e], detections[d]) for e in candidates]
+        if candidates:
+            assigned[d] = candidates[overlaps.index(max(overlaps))]
     return Matching(matched, assigned)
 
 
@@ -185,18 +175,18 @@ def find_candidates(
     events: Sequence[TrueEvent], detections: Sequence[Detection], config: MatchConfig
 ) -> Bool[np.ndarray, "event detection"]:
     """Return which detections fit which events in time and place."""
-    fitting = find_timely(events, detections, config)
-    for event, found in np.argwhere(fitting).tolist():
-        p_world, last = detections[found].p_world, detections[found].end
+    fits = find_timely(events, detections, config)
+    for event, n in np.argwhere(fits).tolist():
+        p_world, last = detections[n].p_world, detections[n].end
         distance = events[event].compute_distance(p_world, last, config.around)
-        fitting[event, found] = distance <= config.near
-    return fitting
+        fits[event, n] = distance <= config.near
+    return fits
 
 
 def find_timely(
     events: Sequence[TrueEvent], detections: Sequence[Detection], config: MatchConfig
 ) -> Bool[np.ndarray, "event detection"]:
-    """Return which detections were made between onset and a while after the end."""
+    """Return which detections fit which events in time."""
     late = round(config.late * NS_PER_S)
     onsets = np.array([event.onset for event in events], dtype=np.int64)
     ends = np.array([event.end for event in events], dtype=np.int64)
@@ -214,9 +204,9 @@ def compute_onset_gaps(
 
 
 def compute_overlap(event: TrueEvent, found: Detection) -> tuple[int, int]:
-    """Return the time that event and touch share, negative if they are apart.
+    """Return the time that event and touch have in common, negative if none.
 
-    A second number, the distance of their onsets, breaks ties.
+    A second number, minus the gap of their onsets, breaks ties.
     """
     shared = min(event.end, found.end) - max(event.onset, found.onset)
     return shared, -abs(event.onset - found.onset)
@@ -224,7 +214,7 @@ def compute_overlap(event: TrueEvent, found: Detection) -> tuple[int, int]:
 
 @dataclass(frozen=True, eq=False)
 class MatchedStream:
-    """A matched stream says which detections belong to which events."""
+    """A matched stream is a scored stream with the matching of its detections."""
 
     stream: ScoredStream
     """Stream that was matched."""
@@ -234,25 +224,21 @@ class MatchedStream:
     """Settings of the matching."""
 
     def find_detection(self, event: int) -> int | None:
-        """Return the index of the detection that stands for an event, or None.
+        """Return the index of the detection that represents an event, or None.
 
-        It is the matching one, or else the nearest of those assigned to the event, a
-        gesture if possible.
+        It is the matching one, or else that of those assigned to the event with the
+        most common time, a gesture if possible.
         """
         if event in self.matching.matched:
             return self.matching.matched[event]
-        truth, said = self.stream.events[event], self.stream.detections
-        about = [
-            d for d, assigned in self.matching.assigned.items() if assigned == event
-        ]
-        return max(
-            about,
-            key=lambda d: (
-                said[d].gesture not in NO_GESTURE,
-                compute_overlap(truth, said[d]),
-            ),
-            default=None,
-        )
+        true, detections = self.stream.events[event], self.stream.detections
+
+        def rank(d: int) -> tuple[bool, tuple[int, int]]:
+            is_gesture = detections[d].gesture not in NO_GESTURE
+            return is_gesture, compute_overlap(true, detections[d])
+
+        assigned = (d for d, e in self.matching.assigned.items() if e == event)
+        return max(assigned, key=rank, default=None)
 
     def is_mistaken(self, event: int) -> bool:
         """Tell whether an event that is not a gesture was detected as one."""
@@ -265,8 +251,8 @@ class MatchedStream:
     @property
     def gesture_detections(self) -> tuple[int, ...]:
         """Return the indices of the detections of a gesture."""
-        every = enumerate(self.stream.detections)
-        return tuple(index for index, d in every if d.gesture not in NO_GESTURE)
+        numbered = enumerate(self.stream.detections)
+        return tuple(index for index, d in numbered if d.gesture not in NO_GESTURE)
 
     @property
     def false_detections(self) -> tuple[int, ...]:
@@ -284,7 +270,7 @@ class MatchedStream:
 
     @property
     def is_during_overlap(self) -> Bool[np.ndarray, "detection"]:
-        """Return which detections were made while overlapping events could be."""
+        """Return which detections fit an overlapping event in time."""
         events, detections = self.stream.events, self.stream.detections
         timely = find_timely(events, detections, self.config)
         return np.any(timely[self.overlapping], axis=0, keepdims=True)[0]
@@ -292,6 +278,5 @@ class MatchedStream:
 
 def match_stream(stream: ScoredStream, config: MatchConfig) -> MatchedStream:
     """Match the events and detections of a stream."""
-    return MatchedStream(
-        stream, match_events(stream.events, stream.detections, config), config
-    )
+    matching = match_events(stream.events, stream.detections, config)
+    return MatchedStream(stream, matching, config)

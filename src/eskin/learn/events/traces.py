@@ -1,7 +1,6 @@
 """This module replays recordings up to the last step of recognition, the decision.
 
-A trace holds what the decision depends on, so that it can be repeated with other
-settings without another replay.
+A trace holds all inputs of the decision, so that other settings need no other replay.
 """
 
 from collections.abc import Iterator, Sequence
@@ -30,12 +29,12 @@ from eskin.touch import Touch
 from eskin.units import NS_PER_S
 
 ANY_TRAVEL = DecisionConfig(still=float(np.finfo(float).tiny))
-"""Settings that keep the direction of every touch that has moved at all."""
+"""Settings by which every touch that has moved at all has a direction."""
 
 
 @dataclass(frozen=True, eq=False)
 class TraceStep:
-    """A trace step is a reading at which a touch is open or has just closed."""
+    """A trace step holds the inputs of the decision at one reading."""
 
     stamp: int
     """Stamp of the reading [ns since the epoch]."""
@@ -62,12 +61,10 @@ class Trace:
     change_ends: bool
     """Whether touches end when another class is likelier (see `DecisionFilter`)."""
     steps: tuple[TraceStep, ...]
-    """Steps in the order of time; nothing is decided at other readings."""
+    """Steps in the order of time; other readings have no open or closing touch."""
 
     def decide(
-        self,
-        config: DecisionConfig | None = None,
-        temperature: float | None = None,
+        self, config: DecisionConfig | None = None, temperature: float | None = None
     ) -> list[Detection]:
         """Return the detections that would be made live with some decision settings.
 
@@ -76,24 +73,24 @@ class Trace:
             temperature: temperature to use instead of the model's.
         """
         config = config or self.decision
-        heat = self.temperature if temperature is None else temperature
-        decider = DecisionFilter(self.vocabulary, config, self.change_ends)
+        if temperature is None:
+            temperature = self.temperature
+        decision_filter = DecisionFilter(self.vocabulary, config, self.change_ends)
         directions: dict[int, np.ndarray] = {}
         found: list[Detection] = []
         for step in self.steps:
             ids = [touch.id for touch in step.touches]
             directions |= zip(ids, step.directions, strict=True)
-            chances = {
-                number: compute_probabilities(logits, heat)
-                for number, logits in zip(ids, step.logits, strict=True)
-            }
-            verdicts = decider.push(step.stamp, step.touches, step.closed, chances)
-            known = {touch.id: touch for touch in (*step.touches, *step.closed)}
-            for verdict in verdicts:
-                touch = known[verdict.touch]
-                gone = np.linalg.norm(touch.travel) >= config.still
-                direction = directions[touch.id] if gone else np.zeros(3)
-                found.append(build_detection(verdict, touch, step.stamp, direction))
+            rows = [compute_probabilities(row, temperature) for row in step.logits]
+            decisions = decision_filter.push(
+                step.stamp, step.touches, step.closed, dict(zip(ids, rows, strict=True))
+            )
+            by_id = {touch.id: touch for touch in (*step.touches, *step.closed)}
+            for decision in decisions:
+                touch = by_id[decision.touch]
+                has_moved = np.linalg.norm(touch.travel) >= config.still
+                direction = directions[touch.id] if has_moved else np.zeros(3)
+                found.append(build_detection(decision, touch, step.stamp, direction))
         return found
 
 
@@ -107,9 +104,9 @@ def trace_recording(recording: Recording, model: Model) -> Trace:
         state = recognizer.state
         if state is not None and (state.touches or state.closed_touches):
             steps.append(record_step(recognizer, state.touches, state.closed_touches))
-    left = recognizer.touches.finish()
-    if left:
-        steps.append(record_step(recognizer, (), left))
+    closed = recognizer.touches.finish()
+    if closed:
+        steps.append(record_step(recognizer, (), closed))
     return Trace(
         vocabulary=model.card.vocabulary,
         temperature=model.card.temperature,
@@ -122,13 +119,12 @@ def trace_recording(recording: Recording, model: Model) -> Trace:
 def record_step(
     recognizer: Recognizer, touches: tuple[Touch, ...], closed: tuple[Touch, ...]
 ) -> TraceStep:
-    """Return what the recogniser knows at the reading that it has just processed."""
+    """Return the trace step of the reading that a recogniser has just processed."""
     assert recognizer.state is not None
     classes = len(recognizer.model.card.vocabulary)
     keys = [recognizer.graphs.get_key(touch.id) for touch in touches]
-    directions = [
-        recognizer.directions.compute_direction(touch.id) for touch in touches
-    ]
+    compute_direction = recognizer.directions.compute_direction
+    directions = [compute_direction(touch.id) for touch in touches]
     return TraceStep(
         stamp=recognizer.state.reading.stamp,
         touches=touches,
@@ -138,16 +134,13 @@ def record_step(
     )
 
 
-BREAK_SECONDS = 1.0
-"""Time without a reading after which another clip begins [s]."""
-
-STREAM_SECONDS = 10.0
-"""Time without a break from which a simulated recording is a stream [s]."""
+BREAK_SECONDS = 1.0  # [s] without a reading, after which another clip begins
+STREAM_SECONDS = 10.0  # [s] without a break that make a simulated recording a stream
 
 
 @dataclass(frozen=True, eq=False)
 class TracedStream:
-    """A traced stream is a recording's trace beside what truly happened in it."""
+    """A traced stream holds a recording's trace and its true events."""
 
     path: Path
     """Path of the recording."""
@@ -158,7 +151,7 @@ class TracedStream:
     truncated: bool
     """Whether the end of the recording is missing."""
     events: tuple[TrueEvent, ...]
-    """Events that truly happened."""
+    """True events."""
     trace: Trace
     """Trace of the recogniser."""
 
@@ -181,7 +174,7 @@ def trace_recordings(
         workers: number of processes; 1 uses this process.
 
     Raises:
-        RecordingError: if it is not known what happened in one of them.
+        RecordingError: if one of them has neither labels nor ground truth.
     """
     count = max(1, min(workers, len(paths)))
     jobs = (delayed(trace_file)(path, model) for path in paths)
@@ -209,9 +202,9 @@ def trace_file(path: Path, model: Model) -> TracedStream:
 
 
 def is_stream(recording: Recording) -> bool:
-    """Tell whether a recording shows all that happened in one go.
+    """Tell whether a recording is continuous.
 
-    A simulated set of clips does not: seconds are missing between its clips.
+    A simulated set of clips is not: seconds are missing between its clips.
     """
     if not recording.metadata.simulated:
         return True

@@ -1,4 +1,4 @@
-"""This module chooses the decision settings on streams set aside for it."""
+"""This module tunes the decision settings on streams held out for that."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -13,7 +13,7 @@ Choice = tuple[DecisionConfig, EventScore]
 
 @dataclass(frozen=True)
 class TuningConfig:
-    """These settings say which decisions are tried, and how they are rated."""
+    """These settings hold the values that are tried, and the costs by which to rate."""
 
     thresholds: tuple[float, ...] = (0.6, 0.7, 0.8, 0.85, 0.9, 0.95, 0.98, 1.1)
     """Thresholds of all gestures, then of each alone; the last one waits for contact to
@@ -31,11 +31,9 @@ class TuningConfig:
     latency: float = 0.3
     """Largest median latency [s]."""
     accidents: float = 1.0
-    """Loss of F1 that is accepted for detecting no accidental contact rather than
-    all."""
+    """Cost in F1 of detecting all accidental contacts as gestures."""
     unknown: float = 0.1
-    """Loss of F1 that is accepted for detecting no gesture outside the vocabulary
-    rather than all."""
+    """Cost in F1 of detecting all gestures outside the vocabulary as others."""
 
 
 @dataclass(frozen=True)
@@ -43,11 +41,11 @@ class Candidate:
     """A candidate is one value of one setting to try."""
 
     setting: str
-    """Name of the setting of a `DecisionConfig`."""
+    """Name of a field of `DecisionConfig`."""
     value: float
     """Value to try."""
     gesture: str = ""
-    """Gesture that it is for, where each gesture has a value."""
+    """Gesture that the value is for, where each gesture has one of its own."""
 
 
 def choose_decision(
@@ -55,25 +53,25 @@ def choose_decision(
     config: TuningConfig | None = None,
     temperature: float | None = None,
 ) -> Choice:
-    """Return the decision settings that do best on some streams, and their score.
+    """Return the decision settings rated best on some streams, and their score.
 
-    The best value of each setting is kept in turn, over and over, until none gets
-    better. Of decisions whose median latency is small enough the best has the highest
-    F1, less the costs of mistaken accidents and unknown gestures.
+    This is coordinate ascent: settings are varied one at a time, over and over, until
+    none gets better. Settings whose median latency is small enough are better than
+    others; then F1 counts, less the costs of mistaken accidents and unknown gestures.
 
     Args:
-        streams: streams for this purpose alone, not those of a test.
+        streams: streams for tuning alone, not those of a test.
         config: values to try.
         temperature: temperature to use instead of the model's.
     """
     config = config or TuningConfig()
     vocabulary = streams[0].trace.vocabulary
 
-    def scored(decision: DecisionConfig) -> Choice:
+    def score(decision: DecisionConfig) -> Choice:
         decided = [stream.decide(decision, temperature) for stream in streams]
         return decision, score_events(decided, vocabulary)
 
-    best = scored(DecisionConfig())
+    best = score(DecisionConfig())
     better = True
     while better:
         before = rate_score(best[1], config)
@@ -81,7 +79,7 @@ def choose_decision(
             decision = apply_candidate(best[0], candidate)
             if decision == best[0]:
                 continue
-            tried = scored(decision)
+            tried = score(decision)
             if rate_score(tried[1], config) > rate_score(best[1], config):
                 best = tried
         better = rate_score(best[1], config) > before
@@ -116,12 +114,10 @@ def apply_candidate(decision: DecisionConfig, candidate: Candidate) -> DecisionC
 
 
 def rate_score(score: EventScore, config: TuningConfig) -> tuple[bool, float]:
-    """Return whether a decision is fast enough, and its F1 less its costs."""
-    fast = score.all_delays.latency(50) <= config.latency
-    accidents = config.accidents * (
-        score.accidents.share if score.accidents.count else 0
-    )
-    total = score.unknown_total
-    unknown = config.unknown * (total.share if total.count else 0)
-    f1 = score.total.f1 if score.total.matched else 0.0
-    return fast, f1 - accidents - unknown
+    """Return whether the median latency is small enough, and F1 less the costs."""
+    is_fast = score.all_delays.latency(50) <= config.latency
+    accidents, unknown, total = score.accidents, score.unknown_total, score.total
+    rating = total.f1 if total.matched else 0.0
+    rating -= config.accidents * (accidents.share if accidents.count else 0)
+    rating -= config.unknown * (unknown.share if unknown.count else 0)
+    return is_fast, rating
