@@ -72,7 +72,7 @@ def test_finding_is_counted_once_and_names_its_first_input(tmp_path):
         (b"name: small", b'name: "\\ud800"', "name: got"),
         (b"name: small", b'"\\ud800": 1', "skin.yaml: "),
         (b"name: small", b"%YAML " + b"9" * 5000 + b".1\n---\nname: small", "YAML"),
-        (b"name: small", b"name: " + b"[" * 100_000, "20 collections"),
+        (b"name: small", b"name: " + b"[" * 100_000, "20 nested collections"),
         (b"name: small", b"name: !!python/object/apply:os.getcwd []", "YAML"),
         (b",100,", b",1e999999999,", "area_mm2: got '1e999999999'"),
         (b",100,", b",sNaN,", "area_mm2: got 'sNaN'"),

@@ -1,4 +1,4 @@
-"""Compiled kernels for float32 arithmetic: activations, products, normalisation."""
+"""Compiled kernels that do float32 arithmetic: activation, product, normalisation."""
 
 import numpy as np
 from jaxtyping import Float

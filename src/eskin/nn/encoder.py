@@ -121,7 +121,7 @@ def build_edges(
 
 
 class Encoder(nn.Module):
-    """An encoder embeds contact graphs by equivariant layers and pooling.
+    """An encoder computes embeddings of contact graphs: equivariant layers, pooling.
 
     The pooling is a maximum and a force-weighted mean over active taxels. Only active
     taxels receive messages; neighbours at rest send messages but keep their features,

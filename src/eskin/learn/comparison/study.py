@@ -1,4 +1,4 @@
-"""This module studies the effect of the number of neighbours and the pooling."""
+"""This module compares numbers of neighbours and kinds of pooling."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
