@@ -17,9 +17,9 @@ touches: $(READY)
 test: $(READY)
 	$(BIN)/pytest
 
-# Those that take less than a second each, for everyday work.
+# Those that take less than half a second each, for everyday work.
 test-fast: $(READY)
-	$(BIN)/pytest -m "not slow"
+	$(BIN)/pytest -m "not slow and not long"
 
 check: $(READY)
 	$(BIN)/ruff format --check .
@@ -75,6 +75,7 @@ fuzz: $(READY)
 
 # What docs/reliability.md says of long runs and of what is broken on the way.
 soak: $(READY)
+	$(BIN)/pytest -m long
 	$(BIN)/python -m benchmarks.soak kill
 	$(BIN)/python -m benchmarks.soak stream
 	$(BIN)/python -m benchmarks.soak stream --real

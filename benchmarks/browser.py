@@ -1,4 +1,4 @@
-"""Headless Chromium that draws WebGL by software, and what it sees of a page."""
+"""Drive a headless Chromium with software WebGL, and locate points on the page."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -10,8 +10,8 @@ import numpy as np
 from jaxtyping import Float
 from playwright.sync_api import Browser, FloatRect, Page, sync_playwright
 
-from eskin.page.page import DISTANCE, MIDDLE
-from eskin.page.scene import CAMERA, FIELD
+from eskin.page.page import CAMERA_DISTANCE, CAMERA_TARGET
+from eskin.page.scene import CAMERA_DIRECTION, FIELD_OF_VIEW
 
 CHROMIUM = Path("/usr/bin/chromium")
 FLAGS = (
@@ -26,14 +26,14 @@ FLAGS = (
     "--enable-unsafe-swiftshader",
 )
 PATIENCE = 60.0
-"""How long anything on the page may take to come [s]."""
-EYE = MIDDLE + DISTANCE * CAMERA
-"""Where the page's camera is [m]."""
+"""Longest time to wait for anything on the page [s]."""
+EYE = CAMERA_TARGET + CAMERA_DISTANCE * CAMERA_DIRECTION
+"""Position of the page's camera in the world frame [m]."""
 
 
 @contextmanager
 def chromium() -> Iterator[Browser]:
-    """A browser without a window, which gives way to whatever else runs."""
+    """Launch a headless browser at low priority, and close it at the end."""
     with TemporaryDirectory() as folder, sync_playwright() as runner:
         polite = Path(folder) / "chromium"
         polite.write_text(f'#!/bin/sh\nexec nice -n 5 {CHROMIUM} "$@"\n')
@@ -48,12 +48,12 @@ def chromium() -> Iterator[Browser]:
 def new_tab(
     browser: Browser, size: tuple[int, int] = (1280, 800), scale: float = 1.0
 ) -> Page:
-    """An empty tab.
+    """Open an empty tab.
 
     Args:
-        browser: that has it.
+        browser: browser of the tab.
         size: width and height of the window [px].
-        scale: points drawn by a pixel; fewer are faster.
+        scale: rendered points per pixel; a lower scale is faster.
     """
     width, height = size
     tab = browser.new_page(
@@ -64,42 +64,42 @@ def new_tab(
 
 
 def see(tab: Page, port: int) -> None:
-    """Open a page of this computer, and wait until it shows what is felt."""
+    """Open the page at a port of this computer, and wait until it shows readings."""
     tab.goto(f"http://127.0.0.1:{port}")
     tab.wait_for_selector("text=readings/s")
 
 
 @dataclass(frozen=True)
 class Canvas:
-    """Where in a tab the page's scene is drawn, and how."""
+    """Describes the canvas of the scene in a tab."""
 
     x: float
-    """Its middle [px]."""
+    """Horizontal position of its centre [px]."""
     y: float
-    """[px]"""
+    """Vertical position of its centre [px]."""
     half: float
-    """Half its height [px]."""
+    """Half of its height [px]."""
 
     @property
     def box(self) -> FloatRect:
-        """All of it."""
+        """Bounding box of the canvas."""
         width, height = 2 * (self.x), 2 * self.half
         return FloatRect(x=0, y=self.y - self.half, width=width, height=height)
 
     @classmethod
     def of(cls, tab: Page) -> "Canvas":
-        """The one of a tab."""
+        """Return the canvas of a tab."""
         box = tab.locator("canvas").first.bounding_box()
         assert box is not None
         half = box["height"] / 2
         return cls(box["x"] + box["width"] / 2, box["y"] + half, half)
 
     def drawn_at(self, p_world: Float[np.ndarray, "3"]) -> tuple[float, float]:
-        """Where the page's camera shows a point of the world [m] in the tab [px]."""
-        ahead = (MIDDLE - EYE) / np.linalg.norm(MIDDLE - EYE)
+        """Return where the tab shows [px] a point in the world frame [m]."""
+        ahead = (CAMERA_TARGET - EYE) / np.linalg.norm(CAMERA_TARGET - EYE)
         right = np.cross(ahead, (0.0, 0.0, 1.0))
         right /= np.linalg.norm(right)
         away = p_world - EYE
-        scale = self.half / (np.tan(FIELD / 2) * (away @ ahead))
+        scale = self.half / (np.tan(FIELD_OF_VIEW / 2) * (away @ ahead))
         up = np.cross(right, ahead)
         return float(self.x + scale * away @ right), float(self.y - scale * away @ up)

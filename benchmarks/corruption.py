@@ -1,4 +1,4 @@
-"""Corruptions change a recording as a damaged skin, wire or robot would."""
+"""Corrupt recordings as a damaged skin, wiring or robot would."""
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
@@ -20,19 +20,19 @@ from eskin.transforms import exp_so3
 from eskin.units import NS_PER_S
 
 PERIOD_SCANS = 50
-"""Number of first scans whose median distance is taken for the period."""
+"""Number of first scans whose median interval is the period."""
 RATIO_TOLERANCE = 0.02
-"""Largest deviation of a ratio of rates from a whole number, since clocks differ."""
+"""Greatest deviation of a ratio of rates from a whole number, as clocks differ."""
 MAX_GAP = 1.5
-"""Number of periods beyond which scans are not neighbours."""
+"""Longest interval between neighbouring scans, in periods."""
 
 
 def resample_scans(recording: Recording, rate: float) -> Iterator[Scan]:
-    """Return the scans at a multiple of their rate, or at a whole part of it.
+    """Return the scans at a multiple or a whole fraction of their rate.
 
-    Fewer scans are every n-th of those that came. More scans are interpolated linearly,
-    in counts that are rounded to whole ones and in joint positions, so that they hold
-    no new information. After the last scan before a gap its counts are repeated.
+    A lower rate keeps every n-th scan. A higher rate interpolates joint positions and
+    rounded counts linearly, which adds no information. Before a gap the counts of the
+    last scan are repeated.
 
     Args:
         recording: recording to read.
@@ -59,9 +59,9 @@ def interpolate_scans(scans: Iterator[Scan], times: int, period: int) -> Iterato
     """Yield a multiple of the scans.
 
     Args:
-        scans: scans that came.
-        times: number of scans in place of each.
-        period: period of the scans that came [ns].
+        scans: scans of the recording.
+        times: number of scans per original scan.
+        period: period of the original scans [ns].
     """
     here: Scan | None = None
     for following in scans:
@@ -76,12 +76,12 @@ def interpolate_scans(scans: Iterator[Scan], times: int, period: int) -> Iterato
 
 
 def delay_scan(scan: Scan, period: int) -> Scan:
-    """Return the same scan a period [ns] later."""
+    """Return the same scan, a period later [ns]."""
     return replace(scan, stamp=scan.stamp + period)
 
 
 def fill_gap(one: Scan, other: Scan, times: int) -> Iterator[Scan]:
-    """Yield the first of two scans and those between them."""
+    """Yield the first of two scans, and interpolated scans up to the second."""
     yield one
     for step in range(1, times):
         share = step / times
@@ -109,47 +109,47 @@ MAX_AMOUNTS: Mapping[Kind, float] = {
     "lost": 1.0,
     "pose-deg": 180.0,
 }
-"""Largest amounts of the kinds that have a limit."""
+"""Greatest amounts of the kinds that have a limit."""
 
 DRIFT_START = 1.5
-"""Time before drift begins, so that taxels are tared first [s]."""
+"""Time before drift begins, for taring [s]."""
 DRIFT_SECONDS = 2.0
-"""Time after which drift changes its direction [s]."""
+"""Time after which drift reverses [s]."""
 PAUSE = 0.5
-"""Time without scans, as between clips, from which there is no drift [s]."""
+"""Gap between scans above which drift pauses, as between clips [s]."""
 MILLIMETRE = 1e-3
 
 
 @final
 @dataclass(frozen=True)
 class Corruption(RecordingTransform):
-    """A corruption damages recordings in one way, the same for equal numbers.
+    """Corrupts recordings in one way, reproducibly.
 
-    A larger amount adds to a smaller one: taxels dead at 5 % are dead at 10 %. Shear is
-    unchanged, but for the rate.
+    A larger amount includes a smaller one: taxels dead at 5 % are dead at 10 %. Shear
+    changes only with the rate.
     """
 
     kind: Kind
-    """Kind of damage; an amount of 0 leaves the recording as it is.
+    """Kind of corruption; an amount of 0 leaves the recording unchanged.
 
     `dead`: share of the taxels, drawn among all, that stay at rest.
     `patches`: number of patches, drawn among all, that are never received.
     `noise`: standard deviation of white noise, as a share of full scale.
-    `drift`: speed at which the rest of every taxel moves, up or down [kPa/s]; it turns
-    back after `DRIFT_SECONDS`, and never jumps.
-    `lost`: share of the scans that are lost, each drawn for itself.
-    `rate`: rate of the scans [Hz], left out or interpolated.
-    `pose-mm`: how far the taxels of each link are believed to be from where they are
-    [mm], each link in a direction of its own.
-    `pose-deg`: how far those of each link are believed to be turned about their middle
-    [degrees], each link about an axis of its own.
+    `drift`: speed at which the rest level of every taxel moves, up or down [kPa/s]; it
+    reverses after `DRIFT_SECONDS`, and never jumps.
+    `lost`: share of the scans that are lost, drawn independently.
+    `rate`: rate of the scans, by omission or interpolation [Hz].
+    `pose-mm`: error of the assumed position of the taxels of each link, in a random
+    direction per link [mm].
+    `pose-deg`: error of their assumed rotation about their centre, about a random axis
+    per link [degrees].
     """
 
     amount: float
-    """Amount of the damage."""
+    """Amount of the corruption."""
 
     seed: int = 0
-    """Seed of all draws, together with the start of the recording."""
+    """Random seed, together with the start of the recording."""
 
     def __post_init__(self) -> None:
         """Reject amounts outside their limits."""
@@ -167,11 +167,11 @@ class Corruption(RecordingTransform):
 
     @property
     def moves_taxels(self) -> bool:
-        """Tell whether taxels are assumed at wrong places, and scans unchanged."""
+        """Return whether the assumed places of taxels change, and scans do not."""
         return self.kind in ("pose-mm", "pose-deg")
 
     def transform_scans(self, recording: Recording) -> Iterator[Scan]:
-        """Return the scans that would have come."""
+        """Return the corrupted scans."""
         if self.moves_taxels:
             return recording.scans()
         return CORRUPTIONS[self.kind](
@@ -179,10 +179,10 @@ class Corruption(RecordingTransform):
         )
 
     def transform_skin(self, skin: Skin, start: int) -> Skin:
-        """Return the skin with its taxels at the places that are assumed.
+        """Return the skin with its taxels at the assumed places.
 
         Args:
-            skin: the true skin.
+            skin: true skin.
             start: stamp of the recording's first scan [ns since the epoch].
         """
         if not self.moves_taxels:
@@ -207,7 +207,7 @@ class Corruption(RecordingTransform):
         return replace(skin, positions=p, normals=normals, tangents=tangents)
 
     def build_rng(self, start: int) -> np.random.Generator:
-        """Return the generator of a recording's draws."""
+        """Return the random generator for a recording."""
         return np.random.default_rng([start, self.seed])
 
 
@@ -251,7 +251,7 @@ def add_noise(
 def add_drift(
     recording: Recording, speed: float, rng: np.random.Generator
 ) -> Iterator[Scan]:
-    """Yield scans in which the rest of every taxel drifts to and fro."""
+    """Yield scans in which the rest level of every taxel drifts back and forth."""
     calibration = recording.calibration
     sign = rng.choice([-1.0, 1.0], recording.skin.count)
     drifted, last = -DRIFT_START, recording.start
@@ -277,7 +277,7 @@ def drop_scans(
 def change_rate(
     recording: Recording, rate: float, rng: np.random.Generator
 ) -> Iterator[Scan]:
-    """Return the scans at another rate; nothing is drawn."""
+    """Return the scans at another rate, without random draws."""
     return resample_scans(recording, rate) if rate else recording.scans()
 
 
@@ -291,4 +291,4 @@ CORRUPTIONS: Mapping[
     "lost": drop_scans,
     "rate": change_rate,
 }
-"""Functions of the kinds of damage that change scans."""
+"""Functions of the kinds that change scans."""

@@ -1,4 +1,4 @@
-"""Cross-validation: the recogniser and baselines on people or sessions left out."""
+"""Cross-validate the recogniser and baselines on held-out people or sessions."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -27,7 +27,7 @@ from eskin.model import Model
 from eskin.nn import RecogniserNetwork
 
 FOREST_STEP = 4
-"""Step between the rows that train the forest on instants: neighbours are alike."""
+"""Step between training rows of the forest on instants, as neighbours are similar."""
 
 WINDOW_NS = 2_000_000_000
 
@@ -35,13 +35,13 @@ WINDOW_NS = 2_000_000_000
 @final
 @dataclass(frozen=True)
 class Standardised:
-    """This estimator standardises features before another one sees them."""
+    """Standardises features for another estimator."""
 
     of: Callable[[int], Estimator]
-    """Function that makes the other one from a seed."""
+    """Function that builds the other estimator from a seed."""
 
     def __call__(self, seed: int) -> Estimator:
-        """Make an estimator."""
+        """Build an estimator."""
         return make_pipeline(StandardScaler(), self.of(seed))
 
 
@@ -55,10 +55,10 @@ ON_FEATURES: dict[str, Callable[[int], Estimator]] = {
 
 @dataclass(frozen=True)
 class Answers:
-    """Answers hold the truth and the predictions of every method for each example."""
+    """Holds the true class and the predictions of every method for each example."""
 
     truth: Int[np.ndarray, "example"]
-    """Classes, as indices into `vocabulary`."""
+    """True classes, as indices into `vocabulary`."""
 
     predicted: dict[str, Int[np.ndarray, "example"]]
     """Predictions by method; `eskin` is the recogniser."""
@@ -141,7 +141,7 @@ def classify_segments(
     shear: bool,
     seed: int,
 ) -> Answers:
-    """Classify whole labelled segments by methods that never saw their group."""
+    """Classify whole labelled segments with methods trained on other groups."""
     segments = dataset.labelled
     spoken = {segment.gesture for segment in segments}
     vocabulary = tuple(name for name in dataset.vocabulary if name in spoken)
@@ -165,7 +165,7 @@ def classify_segments(
 def classify_instants(
     dataset: Dataset, groups: Sequence[str], networks: Networks, seed: int
 ) -> Answers:
-    """Classify every instant, `none` among the classes, from the two seconds before.
+    """Classify every instant, with the class `none`, from the two seconds before.
 
     Only the random forest is compared with the recogniser, trained on one row in
     `FOREST_STEP`.

@@ -1,8 +1,8 @@
-"""What the simulated arm with masses and servos does, and costs.
+"""Measure the motion and the cost of the simulated arm with masses and servos.
 
 python -m benchmarks.dynamics: a minute of the task at full speed, pauses at 200 moments
-of it, pushes across the forearm 30 cm from the elbow, and how the wrench on the arm of
-some simulated touches compares with their true force.
+of it, pushes across the forearm 30 cm from the elbow, and the ratio of the wrench on
+the arm to the true force of simulated touches.
 """
 
 import time
@@ -20,29 +20,29 @@ STANDS = 0.01
 PUSHES = (50.0, 100.0, 200.0, 300.0, 500.0)
 """Forces across the forearm [N]."""
 OUT = np.array([0.0, 0.0, 0.3])
-"""Where they push, in the forearm's frame [m]."""
+"""Point of application of the pushes, in the frame of the forearm [m]."""
 GESTURES = ("poke", "double_pat", "stroke", "grab")
 
 
-def dynamic_arm() -> tuple[SimulatedArm, DynamicPlant, ManualClock]:
-    """An arm at the beginning of its task."""
+def build_dynamic_arm() -> tuple[SimulatedArm, DynamicPlant, ManualClock]:
+    """Build an arm at the start of its task."""
     clock, plant = ManualClock(), DynamicPlant()
     return SimulatedArm(clock=clock, plant=plant), plant, clock
 
 
-def off(arm: SimulatedArm) -> float:
-    """How far a joint is from its set-point, at most [rad]."""
+def compute_deviation(arm: SimulatedArm) -> float:
+    """Return the greatest distance of a joint from its set-point [rad]."""
     return float(np.abs(arm.state().q - arm.executor.trajectory.q).max())
 
 
 def show_task(seconds: float = 60.0) -> None:
-    """Deviation, torque and cost over a stretch of the task."""
-    arm, plant, clock = dynamic_arm()
+    """Print deviation, torque and processor time over a part of the task."""
+    arm, plant, clock = build_dynamic_arm()
     begun = time.process_time()
     deviations, torques = [], []
     for _ in range(round(seconds / STEP)):
         clock.sleep(STEP)
-        deviations.append(off(arm))
+        deviations.append(compute_deviation(arm))
         torques.append(float(np.abs(plant.dynamics.torque).max()))
     cost = (time.process_time() - begun) / seconds
     print(
@@ -52,16 +52,16 @@ def show_task(seconds: float = 60.0) -> None:
 
 
 def show_pauses(times: int = 200) -> None:
-    """How the arm stands after a pause."""
+    """Print how the arm comes to rest after pauses."""
     worst, latest = 0.0, 0.0
     for n in range(times):
-        arm, plant, clock = dynamic_arm()
+        arm, plant, clock = build_dynamic_arm()
         clock.sleep(1.0 + 0.02 * n)
         arm.pause()
         clock.sleep(arm.executor.trajectory.config.brake_seconds)
         for step in range(200):
             clock.sleep(STEP)
-            worst = max(worst, off(arm))
+            worst = max(worst, compute_deviation(arm))
             if np.abs(plant.dynamics.velocity).max() > STANDS:
                 latest = max(latest, step * STEP)
     print(
@@ -71,9 +71,9 @@ def show_pauses(times: int = 200) -> None:
 
 
 def show_pushes() -> None:
-    """What pushes across the forearm do for 2 s."""
+    """Print the effect of pushes of 2 s across the forearm."""
     for force in PUSHES:
-        arm, _, clock = dynamic_arm()
+        arm, _, clock = build_dynamic_arm()
         arm.pause()
         clock.sleep(2.0)
         stood = arm.state().q
@@ -89,7 +89,7 @@ def show_pushes() -> None:
 
 
 def show_wrenches(seeds: tuple[int, ...] = (100, 101, 102, 103)) -> None:
-    """The force that the arm feels of touches, beside their true force."""
+    """Print the net force of touches on the arm beside their true force."""
     shares: dict[str, list[float]] = {gesture: [] for gesture in GESTURES}
     for seed in seeds:
         skin, stamps = InteractiveSkin("ur5", seed), iter(range(20, 10**6, 20))

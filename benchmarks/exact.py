@@ -1,10 +1,10 @@
-"""Whether the engine's logits are those of the torch network on the whole window.
+"""Compare the engine's logits with those of the torch network on the whole window.
 
     python -m benchmarks.exact --sets SETS
 
-Clips of every skin that comes with eskin, made under `--sets` where they are not there
-yet; a tenth of those of the ur5 skin also as a worse stream would have brought them:
-readings lost, patches that leave and come back, a rate that changes.
+The clips are of every skin that comes with eskin; missing ones are generated under
+`--sets`. A tenth of the clips of the ur5 skin are also played as worse streams: with
+lost readings, with patches that disappear and return, and at a changing rate.
 """
 
 import tempfile
@@ -46,34 +46,32 @@ class Command:
 
     sets: Path = Path("sets")
     """Folder of the clips."""
-
     clips: int = 1000
     """Clips of the ur5 skin; a tenth of them of each other skin."""
-
     every: int = 7
-    """One window in so many is compared."""
+    """Only every n-th window is compared."""
 
 
 def as_recorded(scans: Iterator[Scan]) -> Iterator[Scan]:
-    """Every scan."""
+    """Return every scan."""
     return scans
 
 
 def some_lost(scans: Iterator[Scan]) -> Iterator[Scan]:
-    """One scan in ten lost, at random."""
+    """Drop one scan in ten at random."""
     rng = np.random.default_rng(0)
     return (scan for scan in scans if rng.random() > 0.1)
 
 
 def slower_half(scans: Iterator[Scan]) -> Iterator[Scan]:
-    """Every other scan in turns of three seconds."""
+    """Drop every other scan during alternate spans of three seconds."""
     for n, scan in enumerate(scans):
         if n % 2 == 0 or scan.stamp // (3 * NS_PER_S) % 2 == 0:
             yield scan
 
 
 def halves_in_turn(scans: Iterator[Scan]) -> Iterator[Scan]:
-    """Either half of the taxels silent in turn, for 1.3 s each."""
+    """Silence either half of the taxels in turn, for 1.3 s each."""
     for scan in scans:
         received = scan.received.copy()
         half = len(received) // 2
@@ -96,7 +94,7 @@ def main() -> None:
     """Compare and print."""
     command = tyro.cli(Command)
     model = load_model("ur5")
-    print("| skin | stream | recordings | windows | farthest logit |")
+    print("| skin | stream | recordings | windows | largest difference |")
     print("|---|---|---|---|---|")
     worst = 0.0
     for skin in get_args(SkinName):
@@ -111,23 +109,25 @@ def main() -> None:
             found = [
                 gap
                 for path in some
-                for gap in gaps(model, read_recording(path), stream, command.every)
+                for gap in compute_differences(
+                    model, read_recording(path), stream, command.every
+                )
             ]
             worst = max(worst, *found)
             print(
                 f"| {skin} | {name} | {len(some)} | {len(found)} | {max(found):.1e} |"
             )
     if worst > ALLOWED:
-        raise SystemExit(f"a logit is off by {worst:.1e}; allowed is {ALLOWED:.0e}")
+        raise SystemExit(f"a logit differs by {worst:.1e}; allowed is {ALLOWED:.0e}")
 
 
-def gaps(
+def compute_differences(
     model: Model,
     recording: Recording,
     stream: Callable[[Iterator[Scan]], Iterator[Scan]],
     every: int,
 ) -> list[float]:
-    """How far each compared window's farthest logit is off."""
+    """Return the largest difference of a logit in each compared window."""
     mounted = MountedSkin(recording.skin, load_robot(recording.robot_name))
     recognizer = Recognizer(model, mounted, recording.calibration)
     live: dict[int, list[np.ndarray]] = {}
@@ -136,18 +136,20 @@ def gaps(
         for key, logits in recognizer.logits.items():
             live.setdefault(key, []).append(logits.copy())
     rows = np.array([row for rows in live.values() for row in rows])
-    offline, ends = torch_logits(to_network(model), model, recording, stream, every)
+    offline, ends = compute_torch_logits(
+        to_network(model), model, recording, stream, every
+    )
     return list(np.abs(rows[ends] - offline).max(axis=1))
 
 
-def torch_logits(
+def compute_torch_logits(
     network: RecogniserNetwork,
     model: Model,
     recording: Recording,
     stream: Callable[[Iterator[Scan]], Iterator[Scan]],
     every: int,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Logits of some windows, and the readings that they end with."""
+    """Return torch's logits of some windows, and the last reading of each."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "stream.mcap"
         with RecordingWriter(

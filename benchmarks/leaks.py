@@ -1,15 +1,14 @@
-"""Whether anything tells the answer that should not.
+"""Test for leaks: whether anything but the touch predicts the answer.
 
-python -m benchmarks.leaks --train SET/train ... --test SET/test ...: learns from
-labels that are shuffled, and from windows without the touch itself: all readings from
-the first contact on are replaced by the last one before it, and clips that begin in
-contact, which have none before, are left out. Either way a method that is asked fairly
-is at chance on the test of each pair of sets, and the command exits with 1 where one is
-right more often than by chance once in a thousand times. One pair says little: a clip
-that is near to many others may be right for all of them by luck. Which people, pose
-groups and sensor builds the sets share is a test of the project
-(`tests/test_sim_sets.py`): none between `train` and the builds and people of `test-x`
-and `test-m`; all between the two parts of a paper-size set but the day.
+python -m benchmarks.leaks --train SET/train ... --test SET/test ...: methods are
+trained on shuffled labels, and on windows without the touch: all readings from the
+first contact on are replaced by the last one before it; clips that begin in contact are
+left out. Without a leak, accuracy is at chance on the test of each pair of sets. The
+command exits with 1 if an accuracy exceeds chance with p < 0.001. One pair is little
+evidence, because clips that resemble many others may be right by chance.
+`tests/test_sim_sets.py` tests which people, pose groups and sensor builds sets share:
+`train` shares none with the builds and people of `test-x` and `test-m`; the two parts
+of a paper-size set share all but the day.
 """
 
 from collections.abc import Iterator, Sequence
@@ -29,10 +28,10 @@ from eskin.learn.training import Trainer
 from eskin.recording import NONE, read_recording
 
 Right = Bool[np.ndarray, "clip"]
-"""Which answers are right."""
+"""Correctness of each answer."""
 
 CHANCE = 0.25
-"""Of a guess among four gestures."""
+"""Accuracy of a guess among four gestures."""
 
 SHUFFLED, BEFORE = "shuffled labels", "readings before contact"
 WHOLE_SKIN = ("svm-bins", "lda-bins", "knn-max", "gradient-boosting")
@@ -40,23 +39,23 @@ WHOLE_SKIN = ("svm-bins", "lda-bins", "knn-max", "gradient-boosting")
 
 @dataclass(frozen=True)
 class Command:
-    """Learn what cannot be learned."""
+    """Train on data that predict nothing."""
 
     train: tuple[Path, ...]
-    """Sets of clips to learn from, each for itself."""
+    """Training sets, each used on its own."""
 
     test: tuple[Path, ...]
-    """Another to answer, for each of them."""
+    """Test set of each training set."""
 
     pack: Path = Path("pack")
-    """Folder that keeps prepared clips."""
+    """Folder of prepared clips."""
 
     seed: int = 0
-    """Decides how labels are shuffled, and what is drawn in training."""
+    """Seed of the shuffled labels and of the training."""
 
 
 def show(command: Command) -> None:
-    """Print the table, and exit with 1 where something is above chance."""
+    """Print the table, and exit with 1 if an accuracy exceeds chance."""
     found: dict[tuple[str, str], list[Right]] = {}
     for n, places in enumerate(zip(command.train, command.test, strict=True)):
         train, test = (find_examples([place], command.pack) for place in places)
@@ -75,7 +74,7 @@ def show(command: Command) -> None:
 def answers(
     train: Examples, test: Examples, seed: int
 ) -> Iterator[tuple[tuple[str, str], Right]]:
-    """Which answers are right, by method and what it learned from."""
+    """Yield the correctness of answers, by method and training data."""
     truth, labels = test.truth(train.gestures), train.truth(train.gestures)
     mixed = np.random.default_rng(seed).permutation(labels)
     (cut, learned), (asked, which) = map(windows_before_contact, (train, test))
@@ -92,7 +91,7 @@ def answers(
 
 
 def check_chance(who: str, right: Right) -> None:
-    """Exit where more is right than by chance once in a thousand times."""
+    """Exit with a message if an accuracy exceeds chance with p < 0.001."""
     found = binomtest(int(right.sum()), len(right), CHANCE, alternative="greater")
     if found.pvalue < 0.001:
         raise SystemExit(
@@ -102,7 +101,7 @@ def check_chance(who: str, right: Right) -> None:
 
 
 def spread(rights: Sequence[Right]) -> str:
-    """The mean over pairs of sets, with the interval that their spread gives it."""
+    """Format the mean accuracy over pairs of sets, with its confidence interval."""
     shares = [float(right.mean()) for right in rights]
     if len(shares) < 2:
         return "".join(f"{share:.1%}" for share in shares)
@@ -114,7 +113,7 @@ def spread(rights: Sequence[Right]) -> str:
 def ours_shuffled(
     train: Examples, test: Examples, seed: int
 ) -> Int[np.ndarray, "clip"]:
-    """What the recogniser answers that learned from shuffled labels."""
+    """Return the answers of a recogniser trained on shuffled labels."""
     dataset = train.dataset(FOR_SMALL_SETS.graph)
     made = [n for n, each in enumerate(dataset.segments) if each.gesture != NONE]
     others = np.random.default_rng(seed).permutation(made).tolist()
@@ -133,10 +132,10 @@ def ours_shuffled(
 def windows_before_contact(
     examples: Examples,
 ) -> tuple[SkinWindows, Int[np.ndarray, "window"]]:
-    """Windows that stay as they were just before the first true contact.
+    """Return windows that keep the reading before the first true contact.
 
     Returns:
-        the windows, and which clips they are of: those that do not begin in contact.
+        The windows, and the indices of their clips, which do not begin in contact.
     """
     since = onsets(examples)
     chosen = np.flatnonzero(since >= 1)
@@ -150,7 +149,7 @@ def windows_before_contact(
 
 
 def onsets(examples: Examples) -> Float[np.ndarray, "clip"]:
-    """Slot of the first true contact of each clip; infinite where there is none."""
+    """Return the slot of the first true contact of each clip; infinite without one."""
     stamps = [
         np.unique([truth.stamp for truth in read_recording(path).truths()])
         for path in examples.paths

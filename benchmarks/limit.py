@@ -1,10 +1,11 @@
-"""How far a step is from what this machine can do.
+"""Compare a step of the engine with the arithmetic limit of this machine.
 
     python -m benchmarks.limit
 
-Counts the arithmetic of a step with 60 active taxels from the network's sizes and the
-graph's edges, times products of the same shapes by BLAS alone, and prints the step over
-that. The bytes are weights, nodes, edges and windows, each read or written once.
+The arithmetic of a step with 60 active taxels follows from the sizes of the network and
+the edges of the graph. Matrix products of the same shapes are timed with BLAS alone,
+and the ratio of the step to them is printed. The bytes are weights, nodes, edges and
+windows, each read or written once.
 """
 
 import time
@@ -22,7 +23,7 @@ from eskin.robot import load_robot
 from eskin.skin import MountedSkin
 
 FLOAT = 4
-"""Bytes."""
+"""Size of a number [bytes]."""
 
 EDGE_SCALARS = 6
 
@@ -33,14 +34,13 @@ class Command:
 
     active: int = 60
     """Active taxels."""
-
     steps: int = 5000
     """Steps timed."""
 
 
 @dataclass(frozen=True)
 class Product:
-    """Rows times a matrix of weights, so often a step."""
+    """Describes a product of rows with a matrix of weights, and its number per step."""
 
     name: str
     rows: int
@@ -50,12 +50,12 @@ class Product:
 
     @property
     def operations(self) -> int:
-        """Multiplications and additions."""
+        """Number of multiplications and additions."""
         return 2 * self.rows * self.inputs * self.outputs * self.times
 
     @property
     def bytes(self) -> int:
-        """Of the matrix, of what goes in and of what comes out."""
+        """Number of bytes of the matrix, of its inputs and of its outputs."""
         rows = self.rows * (self.inputs + self.outputs)
         return FLOAT * self.times * (rows + self.inputs * self.outputs)
 
@@ -64,8 +64,8 @@ def main() -> None:
     """Count, time and print."""
     command = tyro.cli(Command)
     mounted = MountedSkin(large_skin(2112), load_robot("ur5"))
-    nodes, edges = graph_size(mounted, command.active)
-    products = products_of(load_model("ur5"), command.active, nodes, edges)
+    nodes, edges = count_graph(mounted, command.active)
+    products = list_products(load_model("ur5"), command.active, nodes, edges)
     with pin_to_one_core():
         scene = BenchScene(mounted, find_forearm_taxels(mounted.skin, command.active))
         subject = TimedEngine("eskin", mounted, scene)
@@ -73,9 +73,9 @@ def main() -> None:
         alone, taken = [], []
         for _ in range(10):
             taken += subject.run(wanted // 10)
-            alone.append([seconds_of(product) for product in products])
+            alone.append([time_product(product) for product in products])
         moved = sum(product.bytes for product in products)
-        copied = copy_rate(moved)
+        copied = measure_copy_rate(moved)
     plain = np.median(alone, axis=0)
     print(f"{command.active} active taxels, {nodes} nodes, {edges} edges\n")
     print("| product | rows | shape | times | kFLOP | plain [us] | GFLOP/s |")
@@ -98,30 +98,32 @@ def main() -> None:
     )
 
 
-def graph_size(mounted: MountedSkin, active: int) -> tuple[int, int]:
-    """Nodes of a contact's graph, and edges to those that hear."""
+def count_graph(mounted: MountedSkin, active: int) -> tuple[int, int]:
+    """Return the numbers of nodes and of edges to active nodes in a contact's graph."""
     skin, config = mounted.skin, GraphConfig()
     fixed, taxels = (
         FixedNeighbours(skin, config.fixed),
         find_forearm_taxels(skin, active),
     )
-    heard = fixed.table[taxels]
-    nodes = np.union1d(taxels, heard[heard >= 0])
+    senders = fixed.table[taxels]
+    nodes = np.union1d(taxels, senders[senders >= 0])
     p_world, _ = mounted.place_taxels(np.zeros(len(mounted.robot.joint_names)), nodes)
     patches, rank = skin.patch_index[nodes], fixed.rank[nodes]
     live = find_live_neighbours(p_world, patches, rank, config.live, config.live_reach)
-    hears = np.isin(nodes, taxels)
-    return len(nodes), int((heard >= 0).sum() + (live[hears] >= 0).sum())
+    receives = np.isin(nodes, taxels)
+    return len(nodes), int((senders >= 0).sum() + (live[receives] >= 0).sum())
 
 
-def products_of(model: Model, active: int, nodes: int, edges: int) -> Sequence[Product]:
-    """Every product of a step; a layer's first linear layer is done once a node.
+def list_products(
+    model: Model, active: int, nodes: int, edges: int
+) -> Sequence[Product]:
+    """List every product of a step; the first linear map of a layer runs once a node.
 
     Args:
-        model: whose weights they are.
-        active: nodes that hear others.
-        nodes: of the graph.
-        edges: between them.
+        model: model with the weights.
+        active: number of nodes that receive messages.
+        nodes: number of nodes of the graph.
+        edges: number of edges of the graph.
     """
     width, layers = model.card.network.width, model.card.network.layers
     products = [
@@ -142,24 +144,24 @@ def products_of(model: Model, active: int, nodes: int, edges: int) -> Sequence[P
     return products
 
 
-def seconds_of(product: Product) -> float:
-    """Median time of the plain products [s]."""
+def time_product(product: Product) -> float:
+    """Return the median time of a product in BLAS [s]."""
     rng = np.random.default_rng(0)
     rows = rng.random((product.rows, product.inputs), np.float32)
     weights = rng.random((product.inputs, product.outputs), np.float32)
     out = np.empty((product.rows, product.outputs), np.float32)
-    return product.times * median(lambda: np.dot(rows, weights, out=out))
+    return product.times * time_call(lambda: np.dot(rows, weights, out=out))
 
 
-def copy_rate(size: int) -> float:
-    """Bytes a second that are read and written in copying so many [B/s]."""
+def measure_copy_rate(size: int) -> float:
+    """Return the rate of reading and writing while copying some bytes [B/s]."""
     source = np.ones(size // (2 * FLOAT), np.float32)
     target = np.empty_like(source)
-    return 2 * source.nbytes / median(lambda: np.copyto(target, source))
+    return 2 * source.nbytes / time_call(lambda: np.copyto(target, source))
 
 
-def median(call: Callable[[], object], times: int = 200) -> float:
-    """Median time of a call [s]."""
+def time_call(call: Callable[[], object], times: int = 200) -> float:
+    """Return the median time of a call [s]."""
     found = []
     for _ in range(times):
         start = time.perf_counter()

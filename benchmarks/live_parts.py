@@ -1,4 +1,4 @@
-"""The parts of the compiled network's step, each on its own, for tests and timing."""
+"""Run the parts of the compiled network's step one by one, for tests and timing."""
 
 from typing import final
 
@@ -32,14 +32,14 @@ def compute_features(
 
 @final
 class SequenceWindow:
-    """The window of one sequence, whose logits each reading updates.
+    """Holds the window of one sequence, whose logits each reading updates.
 
     Readings that share a slot give their maximum; slots without a reading hold none.
     The logits are those that the heads give for the whole window.
     """
 
     def __init__(self, weights: HeadWeights, slots: int) -> None:
-        """Start empty."""
+        """Start with an empty window."""
         self.weights = weights
         self.state = create_head_state(weights, slots)
         self.now = NO_SLOT

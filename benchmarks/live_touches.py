@@ -1,11 +1,12 @@
-"""Touches of unseen people in the live simulated world: how many are recognised.
+"""Measure recognition of touches by unseen people in the live simulation.
 
     python -m benchmarks.live_touches --touches 200
 
-Every sensor build is fresh and every person new. They do one thing after the other, on
-an arm that stands still and on one that goes to and fro; accidental contacts come
-between. Then the hand is led from outside, as by a mouse. Prints recall by gesture,
-what accidents were taken for, and how long a scan takes.
+Every sensor build is fresh and every person is new. They make one touch after the
+other, on an arm that stands still and on one that swings; accidental contacts are mixed
+in. Then the hand is guided from outside, as by a mouse. The command prints the recall
+of each gesture, the gestures detected at accidental contacts, and the duration of a
+scan.
 """
 
 import time
@@ -30,13 +31,13 @@ from eskin.units import NS_PER_S
 
 GESTURES = ("poke", "double_pat", "grab", "stroke")
 QUIET = 2.0
-"""Without touch at first [s]."""
+"""Time without touch at the start [s]."""
 
 PAUSE = (1.5, 3.0)
-"""Between two touches [s]."""
+"""Range of the time between two touches [s]."""
 
 STRETCH = 0.3
-"""How far joints go to either side [rad]."""
+"""Amplitude of the swing of the joints [rad]."""
 
 
 Path = Callable[[float], Float[np.ndarray, "joint"]]
@@ -44,86 +45,82 @@ Path = Callable[[float], Float[np.ndarray, "joint"]]
 
 @dataclass(frozen=True)
 class Command:
-    """Touch, and count what is recognised."""
+    """Simulate touches and score what is recognised."""
 
     touches: int = 200
-    """Gestures in each part, all alike often."""
-
+    """Gestures in each part, equally many of each."""
     accidents: int = 100
     """Accidental contacts in each part."""
-
     skins: int = 10
-    """Builds, each with a person of its own, that share them."""
-
+    """Sensor builds, each with a person of its own, among which touches are divided."""
     kind: Literal["fresh", "shifted"] = "fresh"
-    """Laws of the builds."""
-
+    """Distributions that the builds are drawn from."""
     seed: int = 0
-    """Of the first build; the others follow."""
+    """Seed of the first build; the others follow."""
 
 
 @dataclass
-class Message:
-    """What happened to one skin."""
+class RunRecord:
+    """Holds the touches of one skin and what was detected."""
 
     truths: list[TruthRecord] = field(default_factory=list)
     detections: list[Detection] = field(default_factory=list)
     scans: list[float] = field(default_factory=list)
-    """How long each scan took on its core [s]."""
+    """Processor time of each scan [s]."""
 
 
 class Run:
-    """One skin with a recogniser, and what it has heard."""
+    """Runs one skin with a recogniser, and collects the results."""
 
     def __init__(self, live: InteractiveSkin, model: Model, path: Path) -> None:
-        """Wait until a baseline is found."""
+        """Wait until the skin is tared."""
         self.live, self.path = live, path
         self.recognizer = Recognizer(model, live.mounted, live.calibration)
-        self.time, self.heard = 0.0, Message()
+        self.time, self.record = 0.0, RunRecord()
         self.wait(QUIET)
 
     def scan(self) -> None:
-        """Let one reading pass."""
+        """Simulate and recognise one reading."""
         self.time += self.live.period
         q = self.path(self.time)
         begun = time.thread_time()
         scan = self.live.scan(round(self.time * NS_PER_S), q)
-        self.heard.scans.append(time.thread_time() - begun)
-        self.heard.truths += self.live.hand.truths()
-        self.heard.detections += self.recognizer.push(scan)
+        self.record.scans.append(time.thread_time() - begun)
+        self.record.truths += self.live.hand.truths()
+        self.record.detections += self.recognizer.push(scan)
 
     def wait(self, seconds: float) -> None:
-        """Let time pass."""
+        """Simulate a span of time [s]."""
         for _ in range(round(seconds / self.live.period)):
             self.scan()
 
     def finish(self) -> None:
-        """Wait until the last touch is over."""
+        """Simulate until the last touch is over."""
         while self.live.hand.touching:
             self.scan()
 
     def take(self) -> ScoredStream:
-        """To be scored."""
-        self.heard.detections += self.recognizer.finish()
-        events = sorted(build_events(self.heard.truths), key=lambda e: e.onset)
+        """Return the results for scoring."""
+        self.record.detections += self.recognizer.finish()
+        events = sorted(build_events(self.record.truths), key=lambda e: e.onset)
         person = self.live.hand.person.name
-        return ScoredStream(tuple(events), self.heard.detections, self.time, person)
+        return ScoredStream(tuple(events), self.record.detections, self.time, person)
 
 
-def still(q: Float[np.ndarray, "joint"], live: InteractiveSkin) -> Path:
-    """An arm that stands."""
+def stand_still(q: Float[np.ndarray, "joint"], live: InteractiveSkin) -> Path:
+    """Return the motion of an arm that stands still."""
     return lambda seconds: q
 
 
-def to_and_fro(q: Float[np.ndarray, "joint"], live: InteractiveSkin) -> Path:
-    """An arm whose joints swing together, as fast as arms among people may."""
+def swing(q: Float[np.ndarray, "joint"], live: InteractiveSkin) -> Path:
+    """Return the motion of an arm that swings, as fast as allowed near people."""
     direction = np.where(np.arange(len(q)) % 2, 1.0, -1.0)
     speed = min(0.8, compute_max_speed(live.env, q[None], direction))
     return lambda seconds: q + STRETCH * direction * np.sin(seconds * speed / STRETCH)
 
 
-def acted(run: Run, command: Command, rng: np.random.Generator) -> None:
-    """Scripted touches by the person, and accidents between."""
+def perform_touches(run: Run, command: Command, rng: np.random.Generator) -> None:
+    """Perform scripted touches of the person, with accidental contacts between them."""
     many = command.touches // command.skins
     wanted = [GESTURES[i % len(GESTURES)] for i in range(many)]
     wanted += [NONE] * (command.accidents // command.skins)
@@ -133,11 +130,11 @@ def acted(run: Run, command: Command, rng: np.random.Generator) -> None:
         run.wait(rng.uniform(*PAUSE))
 
 
-def led(run: Run, command: Command, rng: np.random.Generator) -> None:
-    """What a mouse does: pokes, pats and grabs of a given force, fingers dragged."""
+def guide_hand(run: Run, command: Command, rng: np.random.Generator) -> None:
+    """Touch as by a mouse: pokes, double pats, grabs of a given force, and drags."""
     for number in range(command.touches // command.skins):
         what = GESTURES[number % len(GESTURES)]
-        hand, place = run.live.hand, pointed_at(run, rng)
+        hand, place = run.live.hand, draw_place(run, rng)
         if what == "poke":
             hand.poke(place, 5.0, 0.3)
         elif what == "double_pat":
@@ -150,8 +147,8 @@ def led(run: Run, command: Command, rng: np.random.Generator) -> None:
         run.wait(rng.uniform(*PAUSE))
 
 
-def pointed_at(run: Run, rng: np.random.Generator) -> LinkPoint:
-    """A place amid one of the long patches."""
+def draw_place(run: Run, rng: np.random.Generator) -> LinkPoint:
+    """Draw a place in the middle of one of the long patches."""
     skin = run.live.mounted.skin
     patch = str(rng.choice(["forearm_front", "forearm_back", "upper_arm_back"]))
     taxels = skin.find_taxels(patch)
@@ -162,7 +159,7 @@ def pointed_at(run: Run, rng: np.random.Generator) -> LinkPoint:
 
 
 def drag(run: Run, place: LinkPoint, rng: np.random.Generator) -> None:
-    """Fingers that follow a pointer along the link."""
+    """Drag a finger along the link."""
     length, speed = rng.uniform(0.1, 0.18), rng.uniform(0.1, 0.3)
     chart = next(c for c in run.live.env.charts if c.link == place.link)
     way = rng.choice([-1.0, 1.0]) * length * chart.surface.T_link_surface[:3, 2]
@@ -175,34 +172,34 @@ def drag(run: Run, place: LinkPoint, rng: np.random.Generator) -> None:
 
 
 PARTS = (
-    ("scripted, still", acted, still),
-    ("scripted, moving", acted, to_and_fro),
-    ("led, still", led, still),
-    ("led, moving", led, to_and_fro),
+    ("scripted, still", perform_touches, stand_still),
+    ("scripted, moving", perform_touches, swing),
+    ("guided, still", guide_hand, stand_still),
+    ("guided, moving", guide_hand, swing),
 )
 
 
 def main() -> None:
-    """Print a table for each part."""
+    """Print the results of each part."""
     command = tyro.cli(Command)
     model = load_model("ur5")
     for name, touch, way in PARTS:
-        runs = [*touched(command, model, touch, way)]
+        runs = [*run_skins(command, model, touch, way)]
         takes = [run.take() for run in runs]
         score = score_events(takes, model.card.vocabulary)
-        scans = 1e3 * np.concatenate([run.heard.scans for run in runs])
+        scans = 1e3 * np.concatenate([run.record.scans for run in runs])
         print(f"\n{name}: {len(scans)} scans of {np.median(scans):.2f} ms", end=", ")
         print(f"99 % within {np.percentile(scans, 99):.2f} ms of a core")
-        report(score)
+        print_score(score)
 
 
-def touched(
+def run_skins(
     command: Command,
     model: Model,
     touch: Callable[[Run, Command, np.random.Generator], None],
     way: Callable[[Float[np.ndarray, "joint"], InteractiveSkin], Path],
 ) -> Iterator[Run]:
-    """Every skin, after all that was done to it."""
+    """Yield the run of every skin after its touches."""
     for number in range(command.skins):
         rng = np.random.default_rng((command.seed, number))
         live = InteractiveSkin("ur5", command.seed + number, command.kind)
@@ -212,18 +209,22 @@ def touched(
         yield run
 
 
-def report(score: EventScore) -> None:
-    """Print what was recognised and what was not."""
+def print_score(score: EventScore) -> None:
+    """Print scores and confusions."""
     for gesture, tally in score.per_gesture.items():
         made = tally.matched + tally.missed
-        print(f"{gesture:11} {tally.matched} of {made}, {tally.false} said falsely")
+        detected = f"{tally.matched} of {made}"
+        print(f"{gesture:11} {detected}, {tally.false} false detections")
     low, high = score.f1_interval
     total = score.total
     print(f"F1 {total.f1:.3f} ({low:.3f}-{high:.3f})", end=", ")
     print(f"recall {total.recall:.3f}, precision {total.precision:.3f}")
     accidents = score.accidents
-    print(f"accidents taken for a gesture: {accidents.mistaken} of {accidents.count}")
-    print("true\\said   " + " ".join(f"{name:>10}" for name in score.names))
+    print(
+        "accidental contacts detected as gestures: "
+        f"{accidents.mistaken} of {accidents.count}"
+    )
+    print("true\\detected" + " ".join(f"{name:>10}" for name in score.names))
     for name, row in zip(score.names, score.confusion, strict=True):
         print(f"{name:11} " + " ".join(f"{count:10}" for count in row))
 

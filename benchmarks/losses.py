@@ -1,12 +1,12 @@
-"""What of a recogniser's accuracy the simulated sensor takes.
+"""Measure how much accuracy the flaws of the simulated sensor cost.
 
     python -m benchmarks.losses --sets FOLDER
 
-Boosted trees learn statistics of the features that the network sees (the summary of
-every reading of a touch), on skins as published, on skins whose taxels feel the
-lightest touch, and on skins without any flaw, and answer clips of other people. Sets
-that FOLDER does not hold yet are generated there (about 3 GB). Prints a table of
-docs/experiments.md.
+Boosted trees are trained on statistics of the features that the network receives (the
+summary of every reading of a touch), and tested on clips of other people. Three skins
+are compared: as published, with taxels that respond to the lightest touch, and without
+any flaw. Sets that are missing in FOLDER are generated there (about 3 GB). The command
+prints a table of docs/experiments.md.
 """
 
 import os
@@ -28,14 +28,14 @@ from eskin.sim.constants import load_constants
 from eskin.sim.dataset import GenerationSettings, Simulator, generate
 
 NEARLY_NOTHING = 1e-3
-"""Factor on a constant that is to be as good as zero."""
+"""Factor that makes a constant almost zero."""
 
 LIGHTEST = {
     "sensor.activation.fresh": NEARLY_NOTHING,
     "sensor.bent.fresh": NEARLY_NOTHING,
     "sensor.bend.fresh": NEARLY_NOTHING,
 }
-"""Taxels that feel from the first pascal on."""
+"""Constants of taxels that respond from the first pascal on."""
 
 EVEN = {
     f"sensor.{name}.fresh": NEARLY_NOTHING
@@ -45,10 +45,10 @@ EVEN = {
         *("defective", "dead_line", "dropped"),
     )
 }
-"""Taxels that are all alike, quiet and whole."""
+"""Constants of taxels that are equal, free of noise and without defects."""
 
 TIMES = 8
-"""Instants that force is looked at, evenly over a touch."""
+"""Number of instants of the force, evenly spaced over a touch."""
 
 
 @dataclass(frozen=True)
@@ -57,32 +57,28 @@ class Command:
 
     sets: Path = Path("sets")
     """Folder of the sets."""
-
     train: int = 4000
-    """Clips to learn from."""
-
+    """Number of clips for training."""
     val: int = 800
-    """Clips of other people to answer."""
-
+    """Number of clips of other people for the test."""
     seeds: int = 3
-    """Trees are grown so often; accuracies are their mean."""
-
+    """Number of trainings; accuracies are their mean."""
     workers: int = os.cpu_count() or 1
-    """Processes that generate and prepare."""
+    """Number of processes that generate and prepare."""
 
 
 def as_published(skin: str) -> Simulator:
-    """The world as it comes with eskin."""
+    """Build the simulator that comes with eskin."""
     return Simulator(skin)
 
 
 def lightest(skin: str) -> Simulator:
-    """A world whose taxels feel the lightest touch."""
+    """Build a simulator whose taxels respond to the lightest touch."""
     return Simulator(skin, load_constants().scaled(LIGHTEST))
 
 
 def flawless(skin: str) -> Simulator:
-    """A world whose taxels have no flaw besides."""
+    """Build a simulator whose taxels also have no other flaw."""
     return Simulator(skin, load_constants().scaled(LIGHTEST | EVEN))
 
 
@@ -96,11 +92,11 @@ WORLDS: dict[str, Callable[[str], Simulator]] = {
 def main() -> None:
     """Print the table."""
     command = tyro.cli(Command)
-    print("| sensor | clips right |\n|---|---|")
+    print("| sensor | accuracy |\n|---|---|")
     for number, (name, world) in enumerate(WORLDS.items()):
         folder = command.sets / f"losses-{number}"
         train, val = (
-            made(
+            generate_dataset(
                 folder / kind,
                 GenerationSettings(kind, "ur5", 0, clips),
                 world,
@@ -108,25 +104,25 @@ def main() -> None:
             )
             for kind, clips in (("train", command.train), ("val", command.val))
         )
-        right = [accuracy(train, val, seed) for seed in range(command.seeds)]
+        right = [compute_accuracy(train, val, seed) for seed in range(command.seeds)]
         print(f"| {name} | {np.mean(right):.1%} |", flush=True)
 
 
-def made(
+def generate_dataset(
     folder: Path,
     settings: GenerationSettings,
     world: Callable[[str], Simulator],
     workers: int,
 ) -> Dataset:
-    """A set of that world, prepared."""
+    """Generate a set of clips with a simulator, and prepare it."""
     generate(folder, settings, workers, world)
     graph = GraphConfig().without_shear()
     paths = find_recordings([folder])
     return prepare(paths, graph=graph, pack=folder.parent / "pack", workers=workers)
 
 
-def accuracy(train: Dataset, val: Dataset, seed: int) -> float:
-    """Share of clips that boosted trees answer rightly."""
+def compute_accuracy(train: Dataset, val: Dataset, seed: int) -> float:
+    """Return the accuracy of boosted trees on clips."""
     trees = HistGradientBoostingClassifier(
         max_iter=350,
         learning_rate=0.06,
@@ -135,25 +131,31 @@ def accuracy(train: Dataset, val: Dataset, seed: int) -> float:
         max_features=0.3,
         random_state=seed,
     )
-    trees.fit(statistics(train), [segment.gesture for segment in train.segments])
-    said = trees.predict(statistics(val))
+    trees.fit(
+        compute_statistics(train), [segment.gesture for segment in train.segments]
+    )
+    predicted = trees.predict(compute_statistics(val))
     ends = [end - 1 for _, end in find_runs(val.sequence[:, None])]
     every = [(n, clip) for n, clips in enumerate(val.clips) for clip in clips]
     rows = list(find_last_rows(val, every))
-    answers = [NONE if row < 0 else said[np.searchsorted(ends, row)] for row in rows]
+    answers = [
+        NONE if row < 0 else predicted[np.searchsorted(ends, row)] for row in rows
+    ]
     truths = [clip.gesture for _, clip in every]
     return float(np.mean([a == t for a, t in zip(answers, truths, strict=True)]))
 
 
-def statistics(dataset: Dataset) -> Float[np.ndarray, "touch statistic"]:
-    """What the features of each touch were like while there was contact."""
+def compute_statistics(dataset: Dataset) -> Float[np.ndarray, "touch statistic"]:
+    """Compute statistics of the features of each touch during contact."""
     rows = compute_summary(dataset.graphs, shear=False)
     runs = find_runs(dataset.sequence[:, None])
-    return np.array([statistics_of(rows[a:b]) for a, b in runs])
+    return np.array([compute_touch_compute_statistics(rows[a:b]) for a, b in runs])
 
 
-def statistics_of(rows: Float[np.ndarray, "reading feature"]) -> np.ndarray:
-    """The same of one touch."""
+def compute_touch_compute_statistics(
+    rows: Float[np.ndarray, "reading feature"],
+) -> np.ndarray:
+    """Compute the statistics of one touch."""
     felt = rows[:, 0] > 0
     on = rows[felt] if felt.any() else rows
     when = np.linspace(0, len(rows) - 1, TIMES)

@@ -1,10 +1,10 @@
-"""The memory that an hour of streaming holds.
+"""Measure the memory of an hour of streaming.
 
     python -m benchmarks.memory
 
-The ur5 skin with the arm moving and touches that come and go, an hour at 50 Hz pushed
-as fast as it goes, in a process of its own; above one that has imported numpy, scipy
-and numba.
+Readings of the ur5 skin with a moving arm and touches, an hour at 50 Hz, are pushed as
+fast as possible in a process of their own. The result is the memory above that of a
+process that has imported numpy, scipy and numba.
 """
 
 import os
@@ -16,7 +16,7 @@ import eskin
 from eskin.bench.scene import BenchScene, find_forearm_taxels
 
 HOUR = 180_000
-"""Readings at 50 Hz."""
+"""Number of readings in an hour at 50 Hz."""
 
 STREAMING = f"from benchmarks.memory import stream; stream({HOUR})"
 EMPTY = """
@@ -27,8 +27,8 @@ print(open("/proc/self/statm").read().split()[1])
 
 def main() -> None:
     """Measure and print."""
-    (empty,) = megabytes(EMPTY)
-    above = ", ".join(f"{part - empty:.1f}" for part in megabytes(STREAMING))
+    (empty,) = run_measured(EMPTY)
+    above = ", ".join(f"{part - empty:.1f}" for part in run_measured(STREAMING))
     print(
         f"{empty:.1f} MB with numpy, scipy and numba; above that, after the first "
         f"touches, half of {HOUR} readings and all of them: {above} MB"
@@ -36,7 +36,7 @@ def main() -> None:
 
 
 def stream(readings: int) -> None:
-    """Push readings; print the pages held after 200, after half, and after all."""
+    """Push readings; print the resident pages after 200, after half, and after all."""
     mounted = eskin.MountedSkin(eskin.load_skin("ur5"), eskin.load_robot("ur5"))
     recognizer = eskin.Recognizer(eskin.load_model("ur5"), mounted, None)
     scene = BenchScene(mounted, find_forearm_taxels(mounted.skin, 60))
@@ -46,8 +46,8 @@ def stream(readings: int) -> None:
         print(Path("/proc/self/statm").read_text().split()[1])
 
 
-def megabytes(code: str) -> list[float]:
-    """What a process that runs this code prints in pages [MB]."""
+def run_measured(code: str) -> list[float]:
+    """Run code in a process, and convert the pages that it prints to [MB]."""
     command = [sys.executable, "-c", code]
     done = subprocess.run(command, check=True, capture_output=True, text=True)
     page = os.sysconf("SC_PAGE_SIZE")

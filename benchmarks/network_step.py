@@ -1,10 +1,10 @@
-"""What the compiled network costs at one reading, part by part.
+"""Time each part of the compiled network at one reading.
 
     python -m benchmarks.network_step
 
-A hand of so many taxels on the ur5 skin's forearm; the last column holds the whole
-step against torch doing the same with the same graph and window in the same run,
-since machines differ and are shared.
+A hand presses some taxels on the forearm of the ur5 skin. The last column is the ratio
+to torch on the same graph and window in the same run, because machines differ and are
+shared.
 """
 
 import time
@@ -37,7 +37,7 @@ from eskin.nn import RecogniserNetwork, SlotIndex, build_graph_tensors
 VOCABULARY = ("none", "poke", "double_pat", "grab", "stroke")
 ACTIVE = (1, 20, 60, 83)
 FULL = 100
-"""Readings that fill a window."""
+"""Number of readings that fill a window."""
 
 
 @dataclass(frozen=True)
@@ -45,20 +45,17 @@ class Command:
     """Time the network, part by part."""
 
     steps: int = 500
-    """Readings timed of each kind."""
-
+    """Number of readings timed in each row."""
     width: int = 32
     """Channels of a node."""
-
     layers: int = 3
     """Equivariant layers."""
-
     channels: int = 48
     """Channels of each temporal head."""
 
 
 def main() -> None:
-    """Time and print."""
+    """Time the parts and print a table."""
     command = tyro.cli(Command)
     torch.manual_seed(0)
     torch.set_num_threads(1)
@@ -79,25 +76,26 @@ def main() -> None:
     print(f"| {' | '.join(titles)} |")
     print(f"|{'---|' * len(titles)}")
     for active in ACTIVE:
-        builder, nodes, reading = pressed(active)
+        builder, nodes, reading = build_pressed_graph(active)
         batch = builder.build(*nodes)
         later = (
             replace(reading, stamp=reading.stamp + SLOT_NS * (n + 1))
             for n in range(FULL + command.steps)
         )
-        calls = compiled_parts(model, builder, nodes, list(later))
-        parts = [times(call, command.steps) for call in calls]
-        slow = times(torch_step(network, batch), command.steps // 5)
+        calls = list_compiled_parts(model, builder, nodes, list(later))
+        parts = [time_calls(call, command.steps) for call in calls]
+        slow = time_calls(build_torch_step(network, batch), command.steps // 5)
         cells = [f"{np.median(t):.4f} / {np.percentile(t, 99):.4f}" for t in parts]
         ratio = f"{np.median(slow) / np.median(parts[-1]):.0f} x"
         row = [str(active), str(len(batch.taxels)), *cells, ratio]
         print(f"| {' | '.join(row)} |")
 
 
-def pressed(active: int) -> tuple[GraphBuilder, TouchNodes, eskin.Reading]:
-    """What the graph of a hand is made of whose load on so many taxels rises.
+def build_pressed_graph(active: int) -> tuple[GraphBuilder, TouchNodes, eskin.Reading]:
+    """Build the inputs of the graph of a hand that presses some taxels.
 
-    And the reading of it that came last.
+    Returns:
+        The graph builder, the touch nodes and the last reading, at rising load.
     """
     skin = eskin.load_skin("ur5")
     mounted = eskin.MountedSkin(skin, eskin.load_robot("ur5"))
@@ -117,10 +115,10 @@ def pressed(active: int) -> tuple[GraphBuilder, TouchNodes, eskin.Reading]:
     return builder, TouchNodes(taxels, taxels, NO_HISTORY), readings[-1]
 
 
-def compiled_parts(
+def list_compiled_parts(
     model: Model, builder: GraphBuilder, nodes: TouchNodes, later: list[eskin.Reading]
 ) -> list[Callable[[], object]]:
-    """Graph, encoder, summary, heads and the whole step, each of one reading."""
+    """List calls of graph, encoder, summary, heads and whole step for one reading."""
     network, stream = Network(model), LogitStream(model, builder)
     graph = builder.build(*nodes).arrays
     window = SequenceWindow(network.heads, network.slots)
@@ -139,8 +137,10 @@ def compiled_parts(
     ]
 
 
-def torch_step(network: RecogniserNetwork, batch: GraphBatch) -> Callable[[], object]:
-    """The same step in torch: one graph embedded, then a window that is full."""
+def build_torch_step(
+    network: RecogniserNetwork, batch: GraphBatch
+) -> Callable[[], object]:
+    """Build the same step in torch: embed one graph, and classify a full window."""
     slots = network.config.slots
     places = SlotIndex(torch.zeros(slots, dtype=torch.long), torch.arange(slots), 1)
 
@@ -152,8 +152,8 @@ def torch_step(network: RecogniserNetwork, batch: GraphBatch) -> Callable[[], ob
     return step
 
 
-def times(call: Callable[[], object], steps: int) -> np.ndarray:
-    """How long each call takes, after as many as fill a window [ms]."""
+def time_calls(call: Callable[[], object], steps: int) -> np.ndarray:
+    """Return the duration of each call, after as many as fill a window [ms]."""
     found = []
     for _ in range(FULL + steps):
         start = time.perf_counter()

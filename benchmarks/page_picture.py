@@ -1,10 +1,10 @@
-"""A moving picture of the demonstration's page, from the real thing.
+"""Record an animation of the demonstration's page.
 
     python -m benchmarks.page_picture --out docs/pictures/demo.webp
 
-Serves the demonstration on a slow clock, since software draws some pictures a second,
-and plays what it sees at the speed of life. Mouse and clicks are real; the arrow of the
-mouse, which no screenshot shows, is drawn into the page.
+The demonstration runs on a slow clock, because software rendering reaches only a few
+frames per second; the animation plays in real time. Mouse and clicks are real; the
+mouse pointer, which screenshots leave out, is drawn into the page.
 """
 
 import io
@@ -12,6 +12,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
+from typing import final
 
 import numpy as np
 import tyro
@@ -25,9 +26,9 @@ from benchmarks.visit import Visit, becomes
 SEED, PACE, SCALE = 4, 0.06, 0.75
 TRIES = 5
 SHORTEST, LONGEST = 40, 400
-"""How long a picture is shown [ms]."""
+"""Shortest and longest duration of a frame [ms]."""
 LAST = 1500
-"""How long the last one is [ms]."""
+"""Duration of the last frame [ms]."""
 ARROW = """() => {
   const arrow = document.createElement("div");
   arrow.innerHTML = `<svg width="26" height="26" viewBox="0 0 24 24">
@@ -47,47 +48,47 @@ ARROW = """() => {
 
 @dataclass(frozen=True)
 class Command:
-    """Take the picture."""
+    """Record the animation."""
 
     out: Path
-    """Where it goes: a .webp."""
-
+    """Path of the .webp file."""
     quality: int = 55
-    """Of the picture, as WebP has it."""
+    """WebP quality."""
 
 
 @dataclass(frozen=True)
 class Shot:
-    """What the page looked like at a time."""
+    """Holds a screenshot of the page."""
 
     stamp: int
-    """By the demonstration's clock [ns]."""
+    """Time of the demonstration's clock [ns]."""
     picture: Image.Image
-    """The whole page."""
+    """Picture of the whole page."""
 
 
+@final
 class Film:
-    """Shots of one visit; final."""
+    """Collects the screenshots of one visit."""
 
     def __init__(self, visit: Visit) -> None:
-        """Begin with nothing."""
+        """Start without screenshots."""
         self.visit = visit
         self.shots: list[Shot] = []
 
     def take(self) -> None:
-        """Take one."""
+        """Take a screenshot."""
         stamp = self.visit.demo.state["stamp"]
         shot = Image.open(io.BytesIO(self.visit.tab.screenshot()))
         self.shots.append(Shot(stamp, shot.convert("RGB")))
 
     def run(self, seconds: float, until: Callable[[], bool] = lambda: False) -> None:
-        """Take shots for a time by the demonstration's clock, or until something."""
+        """Take screenshots for a simulated time, or until a condition holds."""
         end = self.visit.demo.state["stamp"] + 1e9 * seconds
         while self.visit.demo.state["stamp"] < end and not until():
             self.take()
 
     def save(self, out: Path, quality: int) -> None:
-        """Write it; each shot stays until the next."""
+        """Write the animation; each frame stays until the next."""
         frames = [shot.picture for shot in self.shots]
         times = [
             int(np.clip((after.stamp - shot.stamp) / 1e6, SHORTEST, LONGEST))
@@ -106,7 +107,7 @@ class Film:
 
 
 def main() -> None:
-    """Serve, touch and take the picture."""
+    """Serve the demonstration, touch the arm and record the animation."""
     command = tyro.cli(Command)
     with ServedDemo(SEED, PACE) as demo, chromium() as browser:
         tab = new_tab(browser, scale=SCALE)
@@ -126,7 +127,7 @@ def main() -> None:
 
 
 def clear(tab: Page) -> None:
-    """Close the hint that software draws."""
+    """Close the notification about software rendering."""
     tab.wait_for_timeout(3000)
     for button in tab.locator("button.mantine-Notification-closeButton").all():
         button.click()
@@ -134,7 +135,7 @@ def clear(tab: Page) -> None:
 
 
 def play(film: Film) -> str | None:
-    """Pause, go on, slow down, grip; which of them failed."""
+    """Pause, resume, slow down and grip; return the name of a step that failed."""
     visit = film.visit
     demo = visit.demo
     becomes(lambda: demo.state["target"].startswith("over"), 600.0)
@@ -161,7 +162,7 @@ def play(film: Film) -> str | None:
 
 
 def begin_again(visit: Visit) -> None:
-    """Let the arm go on at full speed."""
+    """Resume the task at full speed."""
     visit.tab.get_by_role("button", name="resume").click()
     if visit.demo.state["speed"] < 1.0:
         visit.drag()

@@ -1,14 +1,14 @@
-"""Gestures of people never trained on, on the public recordings.
+"""Cross-validate the recogniser and baselines on the public recordings.
 
     python -m benchmarks.real_recordings sleeve --data ../shared/data/sleeve
     python -m benchmarks.real_recordings shearsense --data ../shared/data/shearsense
 
-Leaves one session (sleeve) or one participant (ShearSense) out at a time, trains the
-recogniser with `eskin train`'s defaults on the others, and answers what was left out;
-the classical classifiers answer the same examples from hand-made features. With
-`--start ur5` a second recogniser, as large as that model, starts from its weights in
-place of random ones, and what that adds is printed. Prints the tables of
-docs/results.md.
+One session (sleeve) or one participant (ShearSense) is held out at a time. The
+recogniser is trained with the defaults of `eskin train` on the others and tested on the
+held-out one; classical classifiers are tested on the same examples with hand-made
+features. With `--start ur5` a second recogniser of the size of that model starts from
+its weights instead of random ones, and the gain is printed. The command prints the
+tables of docs/results.md.
 """
 
 import tempfile
@@ -43,28 +43,22 @@ OURS = "eskin"
 
 @dataclass(frozen=True)
 class Command:
-    """Recognise the public recordings, leaving people or sessions out."""
+    """Cross-validate on the public recordings, with people or sessions held out."""
 
     kind: tyro.conf.Positional[Literal["sleeve", "shearsense"]]
-    """Which set."""
-
+    """Data set."""
     data: Path
-    """Its folder, as downloaded."""
-
+    """Folder of the data set, as downloaded."""
     picture: Path | None = None
-    """Where to draw the recogniser's confusions (.png)."""
-
+    """Path of the picture of the recogniser's confusions (.png)."""
     seed: int = 0
-    """Decides everything that is drawn."""
-
+    """Random seed."""
     workers: int = 2
-    """Processes to train in."""
-
+    """Number of processes for training."""
     start: Path | None = None
-    """A model to start a second recogniser from."""
-
+    """Model to start a second recogniser from."""
     train: TrainConfig = field(default_factory=lambda: TrainConfig(validation=0.0))
-    """How the recogniser is trained."""
+    """Settings of the training."""
 
 
 def main() -> None:
@@ -80,13 +74,13 @@ def main() -> None:
         result = score_predictions(
             answers.truth, answers.predicted[OURS], answers.vocabulary
         )
-        title = f"{command.kind}: {result.accuracy:.1%} right"
+        title = f"{command.kind}: accuracy {result.accuracy:.1%}"
         draw_confusion(result.confusion, answers.vocabulary, command.picture, title)
     print(f"\n{time.monotonic() - started:.0f} s")
 
 
 def sleeve(paths: tuple[Path, ...], command: Command) -> Answers:
-    """Segments and instants, leaving one session out."""
+    """Classify segments and instants, with one session held out."""
     dataset = prepare(paths)
     groups = find_groups(dataset, "session")
     networks = train_folds(
@@ -94,47 +88,47 @@ def sleeve(paths: tuple[Path, ...], command: Command) -> Answers:
     )
     segments = classify_segments(dataset, groups, networks, False, command.seed)
     print(table("Whole segments", segments))
-    tell_start(dataset, groups, command, command.train, segments)
+    print_start_gain(dataset, groups, command, command.train, segments)
     instants = classify_instants(dataset, groups, networks, command.seed)
-    print(table("Every instant, none among the classes", instants, whole=True))
+    print(table("Every instant, with the class none", instants, whole=True))
     return segments
 
 
 def shearsense(paths: tuple[Path, ...], command: Command) -> Answers:
-    """Recordings, leaving one participant out, without and with shear."""
-    pressure = without_one_person(paths, command, False)
+    """Classify recordings without and with shear, with one participant held out."""
+    pressure = classify_held_out_people(paths, command, False)
     print(table("Recordings, pressure", pressure))
-    both = without_one_person(paths, command, True)
+    both = classify_held_out_people(paths, command, True)
     print(table("Recordings, pressure and shear", both))
     right = [a.predicted[OURS] == a.truth for a in (both, pressure)]
     print(f"\nShear adds {difference(*right)} points to the recogniser.")
     return both
 
 
-def without_one_person(
+def classify_held_out_people(
     paths: tuple[Path, ...], command: Command, shear: bool
 ) -> Answers:
-    """Recordings of each person, answered without having seen that person.
+    """Classify the recordings of each person with training on the others.
 
-    Without shear nothing is known of it, not even which taxels it touches.
+    Without shear no shear information is used, not even which taxels it touches.
     """
     config = replace(command.train, shear=shear)
     dataset = prepare(paths, graph=config.graph_used)
     groups = find_groups(dataset, "subject")
     networks = train_folds(dataset, groups, config, command.seed, command.workers)
     answers = classify_segments(dataset, groups, networks, shear, command.seed)
-    tell_start(dataset, groups, command, config, answers)
+    print_start_gain(dataset, groups, command, config, answers)
     return answers
 
 
-def tell_start(
+def print_start_gain(
     dataset: Dataset,
     groups: list[str],
     command: Command,
     config: TrainConfig,
     scratch: Answers,
 ) -> None:
-    """Train once more from a model's weights, and once as large from random ones."""
+    """Train from a model's weights, and from random ones of its size; print both."""
     if command.start is None:
         return
     model = load_model(command.start)
@@ -158,19 +152,20 @@ def tell_start(
 
 
 def table(title: str, answers: Answers, whole: bool = False) -> str:
-    """One row a method: accuracy, macro F1, each group, and the distance from ours.
+    """Format accuracy, macro F1, groups and the difference of eskin, by method.
 
     Args:
-        title: of the table.
-        answers: to score.
-        whole: whether intervals draw whole recordings in place of single examples.
+        title: title of the table.
+        answers: answers to score.
+        whole: whether the bootstrap draws whole recordings, not single examples.
     """
     cluster = answers.recordings if whole else None
     names = sorted(set(answers.groups))
     rows = [
         f"\n**{title}** ({len(answers.truth)} examples, "
         f"{len(answers.vocabulary)} classes)\n",
-        f"| method | accuracy | macro F1 | eskin ahead by | {' | '.join(names)} |",
+        "| method | accuracy | macro F1 | difference of eskin [95 % interval] | "
+        f"{' | '.join(names)} |",
         "|---" * (4 + len(names)) + "|",
     ]
     ours = answers.predicted[OURS] == answers.truth
@@ -193,7 +188,7 @@ def table(title: str, answers: Answers, whole: bool = False) -> str:
 def difference(
     ours: np.ndarray, theirs: np.ndarray, cluster: tuple[int, ...] | None = None
 ) -> str:
-    """Difference in accuracy with its paired bootstrap interval, in points."""
+    """Format a difference of accuracies with its paired bootstrap interval."""
     low, high = bootstrap_difference(ours, theirs, cluster=cluster)
     mean = ours.mean() - theirs.mean()
     return f"{100 * mean:+.1f} [{100 * low:+.1f}, {100 * high:+.1f}]"

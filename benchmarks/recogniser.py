@@ -1,8 +1,8 @@
-"""What the weights that come with eskin are worth, on simulated people never met.
+"""Evaluate the weights that come with eskin on simulated people they have not seen.
 
 python -m benchmarks.recogniser [PART] --sets FOLDER, where PART is clips, streams,
-skins, pairs or all. Sets that FOLDER does not hold yet are generated there (about
-8 GB for all), prepared recordings are kept in FOLDER/pack. Prints the tables of
+skins, pairs or all. Sets that are missing in FOLDER are generated there (about 8 GB for
+all); prepared recordings are kept in FOLDER/pack. The command prints the tables of
 docs/results.md.
 """
 
@@ -34,35 +34,28 @@ SKINS = ("ur5-half", "ur5-double", "ur5-shapes", "ur5-missing", "ur10", "base")
 
 @dataclass(frozen=True)
 class Command:
-    """Score a model on the simulated tests."""
+    """Evaluate a model on the simulated test sets."""
 
     part: tyro.conf.Positional[Part] = "all"
-    """Which of them."""
-
+    """Tables to print."""
     sets: Path = Path("sets")
     """Folder of the sets."""
-
     model: Path = Path("ur5")
-    """One that comes with eskin, or a file."""
-
+    """Name of weights that come with eskin, or a model file."""
     clips: int | None = None
-    """Clips of each test set, streams of each set of streams; all unless given."""
-
+    """Number of clips of each test set, or streams of each set; all unless given."""
     only: tuple[str, ...] = ()
-    """Score only these sets, or skins; all unless given."""
-
+    """Sets or skins to evaluate; all unless given."""
     first: int | None = None
-    """Score only so many recordings of each set of streams."""
-
+    """Number of recordings of each set of streams; all unless given."""
     pictures: Path | None = None
-    """Folder for confusions and reliability."""
-
+    """Folder for pictures of confusions and reliability."""
     workers: int = os.cpu_count() or 1
-    """How many processes prepare and replay."""
+    """Number of processes that prepare and replay."""
 
 
 def main() -> None:
-    """Print what was asked for."""
+    """Print the chosen tables."""
     command = tyro.cli(Command)
     for name, table in PARTS.items():
         if command.part in (name, "all"):
@@ -70,42 +63,52 @@ def main() -> None:
 
 
 def clips(command: Command) -> str:
-    """Accuracy on the four test sets."""
-    rows = [clip_head("set", load_model(command.model))]
-    for name in chosen(command, TESTS):
-        found = clip_score(command, made(command, name))
-        rows.append(clip_row(name, found))
+    """Evaluate the four test sets."""
+    rows = [format_clip_head("set", load_model(command.model))]
+    for name in choose_names(command, TESTS):
+        found = evaluate_clips(command, find_set(command, name))
+        rows.append(format_clip_row(name, found))
         draw_clips(command, name, found)
     return "\n".join(rows)
 
 
 def skins(command: Command) -> str:
-    """Accuracy on other skins and robots, beside the skin of training."""
-    rows = [clip_head("skin", load_model(command.model))]
-    for skin in chosen(command, ("ur5", *SKINS)):
-        rows.append(clip_row(skin, clip_score(command, made(command, "test-p", skin))))
+    """Evaluate other skins and robots, beside the skin of training."""
+    rows = [format_clip_head("skin", load_model(command.model))]
+    for skin in choose_names(command, ("ur5", *SKINS)):
+        rows.append(
+            format_clip_row(
+                skin, evaluate_clips(command, find_set(command, "test-p", skin))
+            )
+        )
     return "\n".join(rows)
 
 
 def pairs(command: Command) -> str:
-    """Pairs of clips with the same counts: either side, and both of a pair right."""
-    folder = made(command, "pairs")
-    rows = ["| kind | first side | second side | all |", "|---" * 4 + "|"]
+    """Evaluate pairs of clips with the same counts: each side, and their mean."""
+    folder = find_set(command, "pairs")
+    rows = [
+        "| kind | accuracy, first side | accuracy, second side | accuracy |",
+        "|---" * 4 + "|",
+    ]
     for kind, sides in PAIR_SIDES.items():
-        shares = [clip_score(command, folder / s).segments.accuracy for s in sides]
+        shares = [evaluate_clips(command, folder / s).segments.accuracy for s in sides]
         cells = " | ".join(f"{share:.1%}" for share in (*shares, np.mean(shares)))
         rows.append(f"| {kind} | {cells} |")
     return "\n".join(rows)
 
 
 def streams(command: Command) -> str:
-    """Events of continuous streams."""
-    heads = "set", "h", "events", "precision", "recall", "F1 (95 %)", "at once F1"
-    heads += "false/h", "p50", "p95", "accidents mistaken", "unknown mistaken"
+    """Evaluate events of continuous streams."""
+    heads = ("set", "hours", "events", "precision", "recall", "F1 (95 % interval)")
+    heads += ("F1, two touches at once", "false detections/h")
+    heads += ("latency p50", "latency p95")
+    heads += ("accidental contacts detected as gestures",)
+    heads += ("unknown gestures detected as others",)
     rows = ["| " + " | ".join(heads) + " |", "|---" * len(heads) + "|"]
-    for name in chosen(command, STREAMS):
-        score = stream_score(command, made(command, name))
-        rows.append(stream_row(name, score))
+    for name in choose_names(command, STREAMS):
+        score = evaluate_streams(command, find_set(command, name))
+        rows.append(format_stream_row(name, score))
         if command.pictures is not None and score.total.matched:
             target = command.pictures / f"events_{name}.png"
             title = f"{name}: F1 {score.total.f1:.3f}"
@@ -113,19 +116,19 @@ def streams(command: Command) -> str:
     return "\n".join(rows)
 
 
-def chosen(command: Command, names: Sequence[str]) -> list[str]:
-    """Those of them that are asked for."""
+def choose_names(command: Command, names: Sequence[str]) -> list[str]:
+    """Return the names that are chosen by `--only`."""
     return [name for name in names if not command.only or name in command.only]
 
 
-def made(command: Command, name: str, skin: str = "ur5") -> Path:
-    """The folder of a set, generated where it is not there yet."""
+def find_set(command: Command, name: str, skin: str = "ur5") -> Path:
+    """Return the folder of a set, and generate it if it is missing."""
     options = {"skin": skin, "clips": command.clips, "workers": command.workers}
     return made_set(command.sets, name, **options)
 
 
-def clip_score(command: Command, folder: Path) -> Evaluation:
-    """What the model is worth on a set of clips."""
+def evaluate_clips(command: Command, folder: Path) -> Evaluation:
+    """Evaluate the model on a set of clips."""
     model = load_model(command.model)
     dataset = prepare(
         find_recordings([folder]),
@@ -137,23 +140,26 @@ def clip_score(command: Command, folder: Path) -> Evaluation:
     return evaluate(to_network(model), model.card, dataset)
 
 
-def stream_score(command: Command, folder: Path) -> EventScore:
-    """What the model is worth on a set of streams."""
+def evaluate_streams(command: Command, folder: Path) -> EventScore:
+    """Evaluate the model on a set of streams."""
     model = load_model(command.model)
     paths = find_recordings([folder])[: command.first]
-    heard = trace_recordings(paths, model, command.workers)
-    return score_events([stream.decide() for stream in heard], model.card.vocabulary)
+    traces = trace_recordings(paths, model, command.workers)
+    return score_events([stream.decide() for stream in traces], model.card.vocabulary)
 
 
-def clip_head(first: str, model: Model) -> str:
-    """The head of a table of clips."""
+def format_clip_head(first: str, model: Model) -> str:
+    """Format the head of a table of clips."""
     names = " | ".join(model.card.vocabulary)
-    heads = f"| {first} | clips | accuracy (95 %) | people: SD, worst | {names} | ECE |"
+    heads = (
+        f"| {first} | clips | accuracy (95 % interval) | people: SD, worst | "
+        f"{names} | ECE |"
+    )
     return heads + "\n" + "|---" * (heads.count("|") - 1) + "|"
 
 
-def clip_row(name: str, found: Evaluation) -> str:
-    """A row of it: recalls by class."""
+def format_clip_row(name: str, found: Evaluation) -> str:
+    """Format a row of a table of clips, with the recall of each class."""
     people = list(found.per_subject.values())
     low, high = found.interval
     recalls = " | ".join(
@@ -166,8 +172,8 @@ def clip_row(name: str, found: Evaluation) -> str:
     )
 
 
-def stream_row(name: str, score: EventScore) -> str:
-    """A row of the table of streams."""
+def format_stream_row(name: str, score: EventScore) -> str:
+    """Format a row of the table of streams."""
     total, delays, unknown = score.total, score.all_delays, score.unknown_total
     low, high = score.f1_interval
     events = total.matched + total.missed
@@ -192,11 +198,11 @@ def stream_row(name: str, score: EventScore) -> str:
 
 
 def draw_clips(command: Command, name: str, found: Evaluation) -> None:
-    """Draw confusions and reliability of a set, where pictures are asked for."""
+    """Draw confusions and reliability of a set, if a folder for pictures is given."""
     if command.pictures is None:
         return
     vocabulary = load_model(command.model).card.vocabulary
-    title = f"{name}: {found.segments.accuracy:.1%} right"
+    title = f"{name}: accuracy {found.segments.accuracy:.1%}"
     target = command.pictures / f"confusion_{name}.png"
     draw_confusion(found.segments.confusion, vocabulary, target, title)
     target = command.pictures / f"reliability_{name}.png"

@@ -1,12 +1,12 @@
-"""The tables of recognisers beside each other, on simulated people.
+"""Compare recognisers on simulated people, and print the tables.
 
 python -m benchmarks.results [PART] --sets FOLDER [--form short]: PART is one of table,
-large, clips, robustness, study, leaks or all. Sets that FOLDER does not hold yet are
-generated there. What each method answered is kept in one file a table, so that nothing
-is trained twice and a run that was cut goes on: that of the long form in
-`benchmarks/kept`, its pictures in `docs/pictures`; that of the short form, which only
-shows that all of it runs, beside the sets. Answers of other code, settings or clips are
-told and made again.
+large, clips, robustness, study, leaks or all. Sets that are missing in FOLDER are
+generated there. The answers of each method are kept in one file per table, so that
+nothing is trained twice and an interrupted run can be resumed: those of the long form
+in `benchmarks/kept`, its pictures in `docs/pictures`; those of the short form, a smoke
+test, beside the sets. Answers of other code, settings or clips are reported and
+computed again.
 """
 
 import math
@@ -43,44 +43,44 @@ from eskin.learn.plots import save_figure
 Part = Literal["table", "large", "clips", "robustness", "study", "leaks", "all"]
 TESTS = ("test-s", "test-p", "test-x", "test-m")
 OF_581 = {29: 33, 58: 67, 116: 134, 232: 269, 464: 539}
-"""Clips to learn from, and how many the whole set has then."""
+"""Number of training clips, and the size of the whole set with that number."""
 
 
 @dataclass(frozen=True)
 class Form:
-    """How much is done."""
+    """Sets the extent of the tables."""
 
     draws: int
-    """Paper-size sets."""
+    """Number of paper-size sets."""
     clips: int | None
-    """Clips of each of these; as many as the paper has where None."""
+    """Number of clips of each; that of the paper if None."""
     network_draws: int
-    """Sets of these that the networks of others learn as well."""
+    """Number of these sets for the networks of others."""
     train: int | None
-    """Clips of the large training set; all where None."""
+    """Number of clips of the large training set; all if None."""
     test: int | None
-    """Clips of each large test."""
+    """Number of clips of each large test set; all if None."""
     large: tuple[str, ...]
-    """Methods that learn the large training set."""
+    """Methods trained on the large training set."""
     sizes: tuple[int, ...]
-    """Clips learned in the curve."""
+    """Numbers of training clips in the curve."""
     curve_draws: int
-    """Sets a point of the curve, and of what is harmed."""
+    """Number of sets per point of the curve, and for robustness."""
     leak_draws: int
-    """Sets on which leaks are looked for."""
+    """Number of sets for the test of leaks."""
     harmed: tuple[str, ...]
-    """Methods whose clips are harmed."""
+    """Methods tested on corrupted clips."""
     kinds: tuple[Kind, ...]
-    """Of harm."""
+    """Kinds of corruption."""
     studies: Mapping[str, tuple[int, tuple[str, ...]]]
-    """Of neighbours and pooling, by the name of its picture: on how many paper-size
-    sets, and what else is said to it."""
+    """Studies of neighbours and pooling, by name of the picture: number of paper-size
+    sets, and further options."""
     steps: int | None = None
-    """Steps that our network is trained for; as many as it should be where None."""
+    """Number of training steps of our network; that of its settings if None."""
 
     @property
     def methods(self) -> dict[str, Method]:
-        """Return all methods by name, those that lack something among them."""
+        """Return all methods by name, ablations included."""
         return {
             name: self.shorten(method) for name, method in (METHODS | ABLATIONS).items()
         }
@@ -136,26 +136,26 @@ FORMS = {
 
 @dataclass(frozen=True)
 class Command:
-    """Make the tables."""
+    """Compute and print the tables."""
 
     part: tyro.conf.Positional[Part] = "all"
-    """Which of them."""
+    """Table to compute."""
 
     form: Literal["short", "long"] = "long"
-    """How much is done."""
+    """Sets the extent of the tables."""
 
     sets: Path = Path("sets")
     """Folder of the sets."""
 
     workers: int = os.cpu_count() or 1
-    """How many processes train."""
+    """Number of processes that train."""
 
     minutes: float = math.inf
-    """After how long no further training is begun, of each part."""
+    """Time after which a part begins no further training [min]."""
 
     @property
     def results(self) -> Path:
-        """Folder of what methods answered."""
+        """Folder of the answers of methods."""
         short = self.form == "short"
         return self.sets / "kept" if short else Path("benchmarks/kept")
 
@@ -166,7 +166,7 @@ class Command:
         return self.sets / "pictures" if short else Path("docs/pictures")
 
     def options(self, table: str) -> dict[str, object]:
-        """What is said to the comparison of a table."""
+        """Return the options of the comparison of a table."""
         return {
             "results": self.results / f"{table}.jsonl",
             "pack": self.sets / "pack",
@@ -176,7 +176,7 @@ class Command:
 
 
 def main() -> None:
-    """Make what was asked for."""
+    """Compute and print the chosen tables."""
     command = tyro.cli(Command)
     for name, part in PARTS.items():
         if command.part in (name, "all"):
@@ -186,7 +186,7 @@ def main() -> None:
 
 
 def spent(results: Path) -> str:
-    """How many trainings are kept in a folder, and how long they took together."""
+    """Format the number of trainings kept in a folder, and their total time."""
     files = [read_results(path) for path in results.glob("*.jsonl")]
     seconds = [kept.result.seconds for kept in chain(*map(dict.values, files))]
     hours = sum(seconds) / 3600
@@ -194,12 +194,12 @@ def spent(results: Path) -> str:
 
 
 def paper_sets(command: Command, count: int) -> list[Path]:
-    """Paper-size sets, each of people, poses, a build and a seed of its own."""
+    """Generate paper-size sets, each with its own people, poses, build and seed."""
     return [paper_set(command, FORMS[command.form].clips, n) for n in range(count)]
 
 
 def paper_set(command: Command, clips: int | None, seed: int) -> Path:
-    """One of six people, with so many clips in all."""
+    """Generate a paper-size set; with `clips`, of six people and that many clips."""
     return made_set(
         *(command.sets, "paper"),
         clips=clips,
@@ -210,12 +210,12 @@ def paper_set(command: Command, clips: int | None, seed: int) -> Path:
 
 
 def parts_of(draws: Sequence[Path]) -> tuple[tuple[Path, ...], tuple[Path, ...]]:
-    """What is learned of each, and what is asked then."""
+    """Return the training set and the test set of each draw."""
     return tuple(d / "train" for d in draws), tuple(d / "test" for d in draws)
 
 
 def table(command: Command, form: Form) -> None:
-    """Every method on paper-size sets (Table III)."""
+    """Compare all methods on paper-size sets (Table III)."""
     draws = paper_sets(command, form.draws)
     fast = tuple(name for name in METHODS if name not in NETWORKS)
     show_compared(command, form, draws, fast)
@@ -241,7 +241,7 @@ def show_compared(
 
 
 def large(command: Command, form: Form) -> None:
-    """Methods that learn from many people, on the four large tests."""
+    """Compare methods trained on many people, on the four large tests."""
     sets, workers = command.sets, command.workers
     train = made_set(sets, "train", clips=form.train, workers=workers)
     tests = tuple(
@@ -258,7 +258,7 @@ def large(command: Command, form: Form) -> None:
 
 
 def clips(command: Command, form: Form) -> None:
-    """Accuracy against the number of clips learned, ours and what lacks something."""
+    """Compute accuracy against the number of training clips, with ablations."""
     names = ("eskin", "boosting-on-touch", "random-forest", *ABLATIONS)
     methods = {name: form.methods[name] for name in names}
     tests = [draw / "test" for draw in paper_sets(command, form.curve_draws)]
@@ -305,7 +305,7 @@ def draw_clips_curve(
 
     Args:
         found: accuracies by method and by number of clips.
-        path: where to.
+        path: path of the picture.
     """
     figure = Figure(figsize=(5.2, 3.6), dpi=120, layout="constrained")
     axes = figure.subplots()
@@ -326,14 +326,14 @@ def draw_clips_curve(
 def task_of(
     command: Command, name: str, method: Method, train: Path, test: Path, seed: int
 ) -> TrainingTask:
-    """One training of a method, with nothing held out."""
+    """Build the task of one training of a method, without held-out clips."""
     pack = command.sets / "pack"
     learned, asked = (find_examples([place], pack) for place in (train, test))
     return TrainingTask(name, method, learned, {"test": asked}, seed, share=0.0)
 
 
 def harmed(command: Command, form: Form) -> None:
-    """What is left of it when skin, wire, robot or rate are not as learned."""
+    """Measure the accuracy on corrupted clips of skin, wiring, robot or rate."""
     trains, tests = parts_of(paper_sets(command, form.curve_draws))
     robustness.main(
         robustness.Command(
@@ -346,7 +346,7 @@ def harmed(command: Command, form: Form) -> None:
 
 
 def show_study(command: Command, form: Form) -> None:
-    """Neighbours and pooling (Fig. 32)."""
+    """Compare numbers of neighbours and kinds of pooling (Fig. 32)."""
     for name, (draws, words) in form.studies.items():
         data = [str(place) for place in paper_sets(command, draws)]
         picture = str(command.pictures / f"{name}.png")
@@ -360,7 +360,7 @@ def show_study(command: Command, form: Form) -> None:
 
 
 def show_leaks(command: Command, form: Form) -> None:
-    """What cannot be learned."""
+    """Test for leaks: train on data that predict nothing."""
     trains, tests = parts_of(paper_sets(command, form.leak_draws))
     leaks.show(leaks.Command(trains, tests, command.sets / "pack"))
 

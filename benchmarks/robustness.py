@@ -1,11 +1,11 @@
-"""How every method fares when skin, wire, robot or rate are not what it learned of.
+"""Measure accuracy when skin, wiring, robot or rate differ from the training data.
 
-python -m benchmarks.robustness --train DIR ... --test DIR ... [--methods ...]
-[--kinds ...] [--picture FILE]: each method is trained once on the clips of each --train
-as recorded; those of its --test are then answered as recorded, and with every kind and
-amount of corruption (`benchmarks.corruption`). Results are kept, so the same command
-goes on where it was cut. Prints a table of the accuracies of all clips together and how
-far the first method is ahead, and draws them.
+python -m benchmarks.robustness --train DIR ... --test DIR ... [--methods ...] [--kinds
+...] [--picture FILE]: each method is trained once on the original clips of each
+--train, and tested on those of its --test, both original and with every kind and amount
+of corruption (`benchmarks.corruption`). Results are kept, so the same command resumes
+an interrupted run. It prints a table of the accuracy on all clips and the difference of
+the first method, and draws them.
 """
 
 import math
@@ -42,7 +42,7 @@ AMOUNTS: Mapping[Kind, tuple[float, ...]] = {
     "pose-mm": (5.0, 10.0, 20.0),
     "pose-deg": (2.0, 5.0, 10.0),
 }
-"""How much of each kind."""
+"""Amounts of each kind."""
 LABELS: Mapping[Kind, str] = {
     "dead": "share of taxels dead",
     "patches": "patches missing",
@@ -53,7 +53,7 @@ LABELS: Mapping[Kind, str] = {
     "pose-mm": "links displaced [mm]",
     "pose-deg": "links turned [degrees]",
 }
-"""What the axes say."""
+"""Labels of the axes."""
 UNHARMED = "as recorded"
 RECORDED_HZ = 50.0
 MARKERS = "osD^vPX*"
@@ -62,13 +62,13 @@ COLUMNS = 4
 
 @dataclass(frozen=True)
 class Command:
-    """Train methods on clips as recorded, and ask them harmed ones."""
+    """Train methods on original clips, and test them on corrupted ones."""
 
     train: tuple[Path, ...]
-    """Sets of clips to learn from, each for itself."""
+    """Training sets, each used on its own."""
 
     test: tuple[Path, ...]
-    """Set of clips to answer, one for each of them."""
+    """Test set of each training set."""
 
     methods: tuple[str, ...] = (
         "eskin",
@@ -76,31 +76,31 @@ class Command:
         "gradient-boosting",
         "random-forest",
     )
-    """Of those that `eskin compare` knows."""
+    """Methods of `eskin compare`."""
 
     kinds: tuple[Kind, ...] = KINDS
-    """Of harm; other kinds are another training."""
+    """Kinds of corruption; other kinds require another training."""
 
     seed: int = 0
-    """Decides what is drawn, of training and of harm; each further set has the next."""
+    """Seed of training and corruption; it increases by one with each set."""
 
     results: Path = Path("results.jsonl")
-    """File that keeps results."""
+    """File of kept results."""
 
     pack: Path = Path("pack")
-    """Folder that keeps prepared clips; each harm of a set needs as much as the set."""
+    """Folder of prepared clips; each corruption of a set is as large as the set."""
 
     workers: int = 1
-    """How many processes train at once."""
+    """Number of processes that train."""
 
     minutes: float = math.inf
-    """After how long no further training is begun."""
+    """Time after which no further training begins [min]."""
 
     picture: Path | None = None
-    """Where to draw the curves."""
+    """Path of a picture of the curves."""
 
     def __post_init__(self) -> None:
-        """Refuse what cannot be compared."""
+        """Raise if methods are unknown or sets do not match."""
         unknown = [name for name in self.methods if name not in METHODS]
         if unknown or not self.methods:
             raise ValueError(
@@ -115,10 +115,10 @@ class Command:
 
 
 def main(command: Command, methods: Mapping[str, Method] = METHODS) -> None:
-    """Train, answer, print and draw.
+    """Train and test the methods, then print and draw the results.
 
     Args:
-        command: what is asked for.
+        command: options of the command.
         methods: methods by name.
     """
     tasks = [
@@ -141,7 +141,7 @@ def main(command: Command, methods: Mapping[str, Method] = METHODS) -> None:
 def tasks_of(
     command: Command, name: str, methods: Mapping[str, Method]
 ) -> list[TrainingTask]:
-    """The trainings of a method, each of which is asked its test in every version."""
+    """Build the trainings of a method, each with every version of its test set."""
     tasks = []
     for n, places in enumerate(zip(command.train, command.test, strict=True)):
         # Sets begin at the same stamp, so only the seed has others harmed in each.
@@ -156,13 +156,13 @@ def tasks_of(
 
 
 def accuracy(results: Mapping[RunKey, MethodResult], asked: str) -> float:
-    """Right answers of all clips of a test [%]."""
+    """Return the accuracy on all clips of a test [%]."""
     rights = [result.answered[asked].correct for result in results.values()]
     return 100 * float(np.concatenate(rights).mean())
 
 
 def table(found: Mapping[str, Mapping[RunKey, MethodResult]]) -> str:
-    """One row a version of the test, one column a method."""
+    """Format a table with a row per version of the test and a column per method."""
     answered = next(iter(next(iter(found.values())).values())).answered
     rows = [(asked, asked, found) for asked in answered if asked != "val"]
     return ahead_table("clips right [%]", rows)
@@ -172,11 +172,11 @@ def ahead_table(
     head: str,
     rows: Sequence[tuple[str, str, Mapping[str, Mapping[RunKey, MethodResult]]]],
 ) -> str:
-    """Right answers by method, and how far the first is ahead.
+    """Format accuracies by method, and the difference of the first.
 
     Args:
-        head: of the first column.
-        rows: what stands in it, the test, and the results of each method.
+        head: head of the first column.
+        rows: label, name of the test, and results of each method.
     """
     name, *others = rows[0][2]
     heads = head, name, *(f"{each} ({name} ahead)" for each in others)
@@ -192,7 +192,7 @@ def cell(
     first: Mapping[RunKey, MethodResult],
     asked: str,
 ) -> str:
-    """Right answers of a method [%], and how far the first is ahead in points."""
+    """Format the accuracy of a method [%], and the lead of the first [points]."""
     share = f"{accuracy(results, asked):.1f}"
     if results is first:
         return share
@@ -204,7 +204,7 @@ def draw(
     kinds: Sequence[Kind],
     path: Path,
 ) -> None:
-    """One small picture a kind, one line a method."""
+    """Draw a panel per kind, with a line per method."""
     columns = min(COLUMNS, len(kinds))
     rows = -(-len(kinds) // columns)
     size = (2.5 * columns + 0.6, 2.3 * rows + 0.5)
@@ -226,7 +226,7 @@ def draw(
 def draw_kind(
     axes: Axes, found: Mapping[str, Mapping[RunKey, MethodResult]], kind: Kind
 ) -> None:
-    """Accuracy of each method against the amount of one kind."""
+    """Draw the accuracy of each method against the amount of one kind."""
     unharmed = RECORDED_HZ if kind == "rate" else 0.0
     points = {unharmed: UNHARMED}
     points |= {amount: Corruption(kind, amount).name for amount in AMOUNTS[kind]}

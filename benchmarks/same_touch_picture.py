@@ -1,10 +1,10 @@
-"""A picture of the same counts in two poses, and what two recognisers say of them.
+"""Draw the same counts in two poses, with the answers of two recognisers.
 
     python -m benchmarks.same_touch_picture --out docs/pictures/same_touch.png
 
-Plays a touch as `eskin demo --same-touch` does, and shows the page with the largest
-pressure of each taxel in either pose, in headless Chromium. Beside both stands the
-panel, with what is said in the end.
+A touch is played as by `eskin demo --same-touch`. Headless Chromium shows the page with
+the greatest pressure of each taxel in either pose; the panel with the final answers
+stands beside both.
 """
 
 import io
@@ -29,12 +29,12 @@ from eskin.viewer.process import PageProcess
 from eskin.viewer.viewer import FrameEncoder
 
 SETTLE = 20.0
-"""Until everything is drawn, by software [s]."""
+"""Time until everything is drawn in software [s]."""
 SIZE = ViewportSize(width=1300, height=900)
 SCENE = (150, 200, 770, 700)
-"""What is shown of the scene: left, top, right and bottom [px]."""
+"""Part of the scene that is shown: left, top, right and bottom [px]."""
 ANSWERS = (900, 55, 1300, 445)
-"""What is shown of the panel."""
+"""Part of the panel that is shown: left, top, right and bottom [px]."""
 
 
 @dataclass(frozen=True)
@@ -42,20 +42,18 @@ class Command:
     """Take the picture."""
 
     out: Path
-    """Where it goes."""
-
+    """Path of the picture."""
     model: str = "ur5"
     """Weights that come with eskin, or a model file."""
-
     seed: int = 0
-    """Decides the touch."""
+    """Seed of the touch."""
 
 
 def main() -> None:
-    """Play, show and take the picture."""
+    """Play the touch, show the page and save the picture."""
     command = tyro.cli(Command)
     [touch] = draw_touches(1, seed=command.seed)
-    setup, pictures = pictures_of(touch, command.model)
+    setup, pictures = build_updates(touch, command.model)
     process = PageProcess(setup, 0, None)
     try:
         port = process.wait_ready(60.0)
@@ -69,13 +67,13 @@ def main() -> None:
             browser.close()
     finally:
         process.close()
-    joined(shots).save(command.out)
+    join_pictures(shots).save(command.out)
 
 
-def pictures_of(
+def build_updates(
     touch: SameTouch, model: str
 ) -> tuple[SceneDescription, list[ViewUpdate]]:
-    """What the page is told once, and the height of the touch in either pose."""
+    """Build the scene description, and an update at the peak force in either pose."""
     models = load_both_models(model)
     comparison = ComparisonListener([touch], models)
     setup = describe_scene(touch.mounted, models[0].card.vocabulary, compares=True)
@@ -87,10 +85,10 @@ def pictures_of(
             comparison.on_message(scan)
             recognizer.push(scan)
             assert recognizer.state is not None
-            moment = RecognitionState(recognizer.state, recognizer.probabilities, ())
-            shown.append(encoder.build_update(moment, 50.0, 0.0, 0.0, None))
+            state = RecognitionState(recognizer.state, recognizer.probabilities, ())
+            shown.append(encoder.build_update(state, 50.0, 0.0, 0.0, None))
         begin += touch.period * len(touch.counts)
-        highest.append(most(shown))
+        highest.append(merge_peaks(shown))
     comparison.close()
     board = comparison.build_board()
     return setup, [
@@ -99,8 +97,8 @@ def pictures_of(
     ]
 
 
-def most(pictures: Sequence[ViewUpdate]) -> ViewUpdate:
-    """The largest pressure of each taxel in one picture, at the greatest force."""
+def merge_peaks(pictures: Sequence[ViewUpdate]) -> ViewUpdate:
+    """Combine updates: that of greatest force, with the peak pressure of each taxel."""
     top = max(pictures, key=lambda picture: picture.force)
     marks = max(pictures, key=lambda picture: len(picture.contacts)).contacts
     pressure = np.max([picture.pressure for picture in pictures], axis=0)
@@ -108,7 +106,7 @@ def most(pictures: Sequence[ViewUpdate]) -> ViewUpdate:
 
 
 def shot(page: Page, process: PageProcess, picture: ViewUpdate) -> Image.Image:
-    """The page once it shows a picture."""
+    """Show an update and take a screenshot."""
     process.give(picture)
     time.sleep(SETTLE)
     hint = page.get_by_text("Software WebGL rendering detected")
@@ -118,8 +116,8 @@ def shot(page: Page, process: PageProcess, picture: ViewUpdate) -> Image.Image:
     return Image.open(io.BytesIO(page.screenshot())).convert("RGB")
 
 
-def joined(shots: Sequence[Image.Image]) -> Image.Image:
-    """Both scenes beside each other, then the panel."""
+def join_pictures(shots: Sequence[Image.Image]) -> Image.Image:
+    """Join both scenes and the panel side by side."""
     parts = [*(each.crop(SCENE) for each in shots), shots[-1].crop(ANSWERS)]
     widths = [part.width for part in parts]
     whole = Image.new("RGB", (sum(widths), parts[0].height), "white")

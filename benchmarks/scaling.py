@@ -1,9 +1,9 @@
-"""How a step grows with the skin, and how with the touch.
+"""Time a step by the size of the skin, and by the size of the touch.
 
     python -m benchmarks.scaling --picture docs/pictures/latency.png
 
-The same contact of 60 taxels on skins of 2k to 128k taxels, and contacts of 5 to 160
-taxels on the ur5 skin; all in turn on one core in one run.
+The same contact of 60 taxels is timed on skins of 2k to 128k taxels, and contacts of 5
+to 160 taxels on the ur5 skin; all in turn on one core in one run.
 """
 
 from collections.abc import Sequence
@@ -30,7 +30,7 @@ UR5 = 2112
 SKINS = (UR5, 8192, 32768, 131072)
 ACTIVE = (5, 10, 20, 40, 60, 80, 120, 160)
 USUAL = 60
-BLUE, ORANGE = "#0072b2", "#d55e00"  # told apart whatever one's eyes
+BLUE, ORANGE = "#0072b2", "#d55e00"  # distinct for all colour vision
 
 
 @dataclass(frozen=True)
@@ -38,10 +38,9 @@ class Command:
     """Time skins and contacts of several sizes."""
 
     steps: int = 5000
-    """Steps timed of each."""
-
+    """Number of steps timed in each row."""
     picture: Path | None = None
-    """Where to draw them (.png)."""
+    """Path of the picture (.png)."""
 
 
 def main() -> None:
@@ -50,8 +49,14 @@ def main() -> None:
     with pin_to_one_core():
         skins = time_sizes(SKINS, [USUAL] * len(SKINS), command.steps)
         touches = time_sizes([UR5] * len(ACTIVE), ACTIVE, command.steps)
-    for title, rows in (("By taxels of the skin", skins), ("By active", touches)):
-        print(f"\n{title}\n\n| taxels | active | p50 [ms] | p99 [ms] | to the first |")
+    for title, rows in (
+        ("By taxels of the skin", skins),
+        ("By active taxels", touches),
+    ):
+        print(
+            f"\n{title}\n\n| taxels | active | p50 [ms] | p99 [ms] | "
+            "ratio to the first |"
+        )
         print("|---|---|---|---|---|")
         for row in rows:
             times = f"{row.p50_ms:.3f} | {row.p99_ms:.3f} | {row.ratio:.2f} x"
@@ -83,19 +88,19 @@ def time_sizes(
 def draw(
     touches: Sequence[LatencyRow], skins: Sequence[LatencyRow], path: Path
 ) -> None:
-    """Draw both, medians and 99th percentiles."""
+    """Draw medians and 99th percentiles of both tables."""
     figure, (left, right) = plt.subplots(1, 2, figsize=(9, 3.6), sharey=True)
-    panel(left, [row.active for row in touches], touches)
+    draw_panel(left, [row.active for row in touches], touches)
     left.set(xlabel="active taxels (ur5 skin)", ylabel="one step [ms]")
-    panel(right, [row.taxels for row in skins], skins)
+    draw_panel(right, [row.taxels for row in skins], skins)
     right.set(xlabel=f"taxels of the skin ({USUAL} active)")
     left.legend()
     figure.tight_layout()
     figure.savefig(path, dpi=150)
 
 
-def panel(axes: Axes, sizes: Sequence[int], rows: Sequence[LatencyRow]) -> None:
-    """One panel, both axes logarithmic."""
+def draw_panel(axes: Axes, sizes: Sequence[int], rows: Sequence[LatencyRow]) -> None:
+    """Draw one panel, with both axes logarithmic."""
     axes.plot(sizes, [row.p50_ms for row in rows], "o-", color=BLUE, label="p50")
     axes.plot(sizes, [row.p99_ms for row in rows], "s--", color=ORANGE, label="p99")
     axes.set(xscale="log", yscale="log")

@@ -1,4 +1,4 @@
-"""`eskin demo` in a process of its own, which also tells what its arm does.
+"""Run `eskin demo` in a process of its own that prints the state of its arm.
 
 python -m benchmarks.served_demo --seed 4
 """
@@ -21,11 +21,11 @@ from eskin.demo.browser import SkinChoice, run_demo
 from eskin.drivers import Clock, HostClock
 
 TICK = 0.05
-"""Between two states [s]."""
+"""Interval between two printed states [s]."""
 START = 120.0
-"""How long it may take to be served [s]."""
+"""Longest time until the page is served [s]."""
 LAG = 0.3
-"""How long after the arm a browser shows it, about [s]."""
+"""Approximate delay of the browser behind the arm [s]."""
 
 
 @dataclass(frozen=True)
@@ -33,32 +33,31 @@ class Command:
     """Serve the demonstration until its standard input ends."""
 
     seed: int = 0
-    """As of `eskin demo`."""
-
+    """Seed, as of `eskin demo`."""
     pace: float = 1.0
-    """Seconds of the arm and its skin in one of this computer."""
+    """Seconds of simulated time per second of real time."""
 
 
 @final
 class SlowClock(Clock):
-    """This computer's, slowed down from when it was made."""
+    """Slows down the clock of this computer, from its construction on."""
 
     def __init__(self, pace: float) -> None:
-        """Go at a pace, as a share."""
+        """Set the pace as a share of real time."""
         self.host, self.pace = HostClock(), pace
         self.begin = self.host.now()
 
     def now(self) -> int:
-        """The time [ns since the epoch]."""
+        """Return the slowed-down time [ns since the epoch]."""
         return self.begin + round(self.pace * (self.host.now() - self.begin))
 
     def sleep(self, seconds: float) -> None:
-        """Let some time pass [s]."""
+        """Sleep for a simulated time [s]."""
         self.host.sleep(seconds / self.pace)
 
 
 def main() -> None:
-    """Serve, and print the arm's state again and again."""
+    """Serve the demonstration and print the state of the arm periodically."""
     command = tyro.cli(Command)
     config, clock = DemoConfig(seed=command.seed), SlowClock(command.pace)
     with run_demo(config, 0, SkinChoice(), clock) as demo:
@@ -70,14 +69,14 @@ def main() -> None:
 
 @final
 class ServedDemo:
-    """The process, and what it has told; use with `with`."""
+    """Runs the demonstration in a process, and stores the states that it prints."""
 
     def __init__(self, seed: int = 0, pace: float = 1.0) -> None:
-        """Start it.
+        """Start the process.
 
         Args:
-            seed: as of `eskin demo`.
-            pace: seconds of the arm and its skin in one of this computer.
+            seed: seed, as of `eskin demo`.
+            pace: seconds of simulated time per second of real time.
         """
         self.pace = pace
         options = ["--seed", str(seed), "--pace", str(pace)]
@@ -86,57 +85,57 @@ class ServedDemo:
             stdout=subprocess.PIPE,
             text=True,
         )
-        self.told = Condition()
+        self.changed = Condition()
         self.port = 0
         self.states: deque[dict[str, Any]] = deque(maxlen=100)
         self.reader = Thread(target=self.read, daemon=True)
         self.reader.start()
 
     def __enter__(self) -> "ServedDemo":
-        """Wait until it is served."""
-        with self.told:
-            self.told.wait_for(lambda: self.states or self.ended, START)
+        """Wait until the page is served."""
+        with self.changed:
+            self.changed.wait_for(lambda: self.states or self.ended, START)
             assert self.states, "the demonstration is not served"
         return self
 
     def __exit__(self, *error: object) -> None:
-        """End it."""
+        """End the process."""
         self.process.terminate()
         self.process.wait()
         self.reader.join()
 
     @property
     def ended(self) -> bool:
-        """Whether the process has."""
+        """Whether the process has ended."""
         return self.process.poll() is not None
 
     def read(self) -> None:
-        """Read what it prints, until it ends."""
+        """Read what the process prints, until it ends."""
         assert self.process.stdout is not None
         with self.process.stdout as lines:
             for line in lines:
-                with self.told:
+                with self.changed:
                     if not self.port:
                         self.port = int(line)
                     else:
                         self.states.append(json.loads(line))
-                    self.told.notify_all()
+                    self.changed.notify_all()
 
     @property
     def state(self) -> dict[str, Any]:
-        """Of the arm, now; as `ArmState` has it."""
+        """Current state of the arm, with the fields of `ArmState`."""
         return self.states[-1]
 
     @property
     def q_shown(self) -> Float[np.ndarray, "joint"]:
-        """Where a browser shows the joints now, about [rad]."""
+        """Approximate joint positions that a browser shows now [rad]."""
         late = self.states[-1]["stamp"] - LAG * self.pace * 1e9
-        with self.told:
+        with self.changed:
             shown = [state for state in self.states if state["stamp"] <= late]
             return np.array((shown or self.states)[-1]["q"])
 
     def wait(self, seconds: float) -> None:
-        """Let time pass while it runs."""
+        """Wait while the process runs."""
         assert not self.ended, "the demonstration has ended"
         time.sleep(seconds)
 

@@ -1,12 +1,12 @@
-"""Whether the weights know a class by something that only the simulator gives it.
+"""Test whether the weights recognise a class by an artefact of the simulator.
 
     python -m benchmarks.signatures --model MODEL --sets SETS
 
-Every constant of the simulated world that one class has and another lacks is made
-almost nothing in test clips alone, weights as they are, on the same people, places and
-seeds. A class that loses much was known by that constant: then it needs a measured
-source, or it is mended. Prints a table of docs/simulation.md. The clips are those of
-`--set val` with a seed of their own; nothing is chosen on them.
+Every constant of the simulation that only some classes have is set almost to zero in
+the test clips, with the same weights, people, places and seeds. If a class loses much
+recall, its constant needs a measured source, or a correction. The command prints a
+table of docs/simulation.md. The clips are those of `--set val` with a seed of their
+own; nothing is chosen on them.
 """
 
 import shutil
@@ -26,10 +26,10 @@ from eskin.sim.constants import load_constants
 from eskin.sim.dataset import GenerationSettings, Simulator, generate
 
 NEARLY_NOTHING = 1e-3
-"""Factor on a constant that is to be as good as zero."""
+"""Factor that makes a constant almost zero."""
 
 ALLOWED = 0.05
-"""Recall that a class may lose before a constant is looked at."""
+"""Loss of recall above which a class is listed."""
 
 LACKED: dict[str, tuple[str, ...]] = {
     "wander of what a person holds in place": ("hand.wander",),
@@ -51,27 +51,23 @@ LACKED: dict[str, tuple[str, ...]] = {
     "sway of guiding hands": ("none.guiding.sway",),
     "film over the taxels (electrical events have none)": ("film.sigma",),
 }
-"""What some classes have and others lack, and its constants."""
+"""Constants of each property that only some classes have."""
 
 
 @dataclass(frozen=True)
 class Command:
-    """Take from the simulated touches, one by one, what only some classes have."""
+    """Remove, one by one, properties that only some classes of touches have."""
 
     model: Path = Path("ur5")
-    """One that comes with eskin, or a file."""
-
+    """Name of weights that come with eskin, or a model file."""
     sets: Path = Path("sets")
-    """Folder of the clips, which are removed when they are answered."""
-
+    """Folder of the clips, which are removed after each row."""
     clips: int = 500
-    """Clips of each row, equally many of each class."""
-
+    """Number of clips of each row, equally many of each class."""
     seed: int = 31
-    """Of people, places and sensors."""
-
+    """Seed of people, places and sensors."""
     workers: int = 2
-    """Processes that generate and prepare."""
+    """Number of processes that generate and prepare."""
 
 
 def main() -> None:
@@ -79,12 +75,12 @@ def main() -> None:
     command = tyro.cli(Command)
     model = load_model(command.model)
     names = model.card.vocabulary
-    usual = recalls(command, model, ())
-    print(f"| almost nothing | {' | '.join(names)} | loses more than 5 points |")
+    usual = measure_recalls(command, model, ())
+    print(f"| almost zero | {' | '.join(names)} | loses more than 5 points |")
     print("|---|" + "---|" * (len(names) + 1))
     print(f"| (as it is) | {' | '.join(f'{each:.1%}' for each in usual)} | |")
     for what, constants in LACKED.items():
-        found = recalls(command, model, constants)
+        found = measure_recalls(command, model, constants)
         lost = [
             n for n, a, b in zip(names, usual, found, strict=True) if a - b > ALLOWED
         ]
@@ -92,14 +88,14 @@ def main() -> None:
         print(f"| {what} | {' | '.join(cells)} | {', '.join(lost)} |", flush=True)
 
 
-def recalls(
+def measure_recalls(
     command: Command, model: Model, constants: tuple[str, ...]
 ) -> tuple[float, ...]:
-    """Recall of each class where some constants are almost nothing."""
+    """Return the recall of each class while some constants are almost zero."""
     folder = command.sets / "signature"
     shutil.rmtree(folder, ignore_errors=True)
     settings = GenerationSettings("val", "ur5", command.seed, command.clips)
-    generate(folder, settings, command.workers, partial(world_without, constants))
+    generate(folder, settings, command.workers, partial(build_world_without, constants))
     card = model.card
     dataset = prepare(
         find_recordings([folder]),
@@ -117,8 +113,8 @@ def recalls(
     )
 
 
-def world_without(constants: tuple[str, ...], skin: str) -> Simulator:
-    """The world with some constants almost nothing."""
+def build_world_without(constants: tuple[str, ...], skin: str) -> Simulator:
+    """Build a simulator with some constants almost zero."""
     factors = {name: NEARLY_NOTHING for name in constants}
     return Simulator(skin, load_constants().scaled(factors))
 

@@ -1,4 +1,4 @@
-"""Simulated sets by name, made where they are not there yet."""
+"""Generate simulated sets by name, unless they exist."""
 
 from pathlib import Path
 
@@ -15,16 +15,16 @@ def made_set(
     seed: int = 0,
     workers: int = 1,
 ) -> Path:
-    """The folder of a set, generated where it is not there yet.
+    """Return the folder of a set, and generate it if it is missing.
 
     Args:
         sets: folder of all sets.
-        name: of the set.
-        skin: that is touched.
-        clips: how many; as many as the set has where None.
-        people: how many; as many as suit the clips where None.
-        seed: decides everything that is drawn.
-        workers: how many processes generate.
+        name: name of the set.
+        skin: name of the skin.
+        clips: number of clips; that of the set if None.
+        people: number of people; chosen by the number of clips if None.
+        seed: random seed.
+        workers: number of processes.
     """
     words = [name]
     words += [skin] if skin != "ur5" else []

@@ -1,4 +1,4 @@
-"""This module computes distances between taxels, along the surface or in space."""
+"""Compute distances between taxels, along the surface or in space."""
 
 from typing import final
 
@@ -18,13 +18,13 @@ SEAM = 0.03
 
 @final
 class GeometricDistance:
-    """Distances along the skin's surface do not change when the robot moves.
+    """Computes distances along the surface of the skin, for any pose of the robot.
 
-    Taxels of one link that lie on one plane, tube or dome have the
-    length of the shortest path on it, in closed form. Others of that link are connected
-    by the shortest path over neighbouring taxels, across the seams between patches that
-    are near each other; such a path is up to 8 % too long on a square grid. Where there
-    is no path, as between links, the distance is infinite.
+    Between taxels of one link on one plane, tube or dome it is the length of the
+    shortest path on it, in closed form. Between others of a link it is the shortest
+    path over neighbouring taxels, across the seams between patches that are near each
+    other; such a path is up to 8 % too long on a square grid. Without a path, as
+    between links, the distance is infinite.
 
     Attributes:
         skin: the skin.

@@ -1,9 +1,9 @@
-"""A thousand readings a second for a minute: the share of a core, and what held it up.
+"""Stream a thousand readings per second for a minute; print the load and the stalls.
 
     python -m benchmarks.sustained
 
-The ur5 skin with the arm moving and touches that come and go; readings are pushed when
-they are due, each tracked and encoded.
+Readings of the ur5 skin with a moving arm and touches are pushed when they are due;
+each is tracked and encoded.
 """
 
 import gc
@@ -30,20 +30,19 @@ class Command:
     """Stream at a rate."""
 
     seconds: float = 60.0
-    """How long readings come."""
-
+    """Duration of the stream [s]."""
     rate: float = 1000.0
-    """Readings a second."""
+    """Rate of the readings [1/s]."""
 
 
 @dataclass
 class Causes:
-    """What else went on, each as pairs of start and end [s]."""
+    """Holds possible causes of stalls, as pairs of start and end [s]."""
 
     collector: list[tuple[float, float]] = field(default_factory=list)
     compiler: list[tuple[float, float]] = field(default_factory=list)
     switched: list[float] = field(default_factory=list)
-    """When the step after which the thread had been taken off its core ended."""
+    """End of each step during which another thread took the core [s]."""
 
 
 def main() -> None:
@@ -63,26 +62,26 @@ def sustain(command: Command) -> None:
     readings = [
         i.reading for i in scene.next_readings(round(command.seconds * command.rate))
     ]
-    began, took, late, said = [], [], 0.0, 0
-    with watched() as causes:
+    began, took, late, detections = [], [], 0.0, 0
+    with record_causes() as causes:
         busy, start = time.process_time(), time.perf_counter()
         for number, reading in enumerate(readings):
             due = start + number / command.rate
             if (rest := due - time.perf_counter()) > 0:
                 time.sleep(rest)
-            switches = taken_off()
+            switches = count_preemptions()
             now = time.perf_counter()
-            said += len(recognizer.push(reading))
+            detections += len(recognizer.push(reading))
             done = time.perf_counter()
             began.append(now)
             took.append(done - now)
             late = max(late, done - due)
-            if taken_off() > switches:
+            if count_preemptions() > switches:
                 causes.switched.append(done)
         wall, busy = time.perf_counter() - start, time.process_time() - busy
     print(
         f"{len(readings)} readings in {wall:.1f} s ({len(readings) / wall:.0f} Hz), "
-        f"{said} detections; share of a core {busy / wall:.1%}, "
+        f"{detections} detections; share of a core {busy / wall:.1%}, "
         f"in push alone {sum(took) / wall:.1%}; latest answer {1e3 * late:.2f} ms "
         "after its reading was due"
     )
@@ -91,7 +90,7 @@ def sustain(command: Command) -> None:
         f"p99 {1e3 * np.percentile(took, 99):.3f} ms; the longest:"
     )
     for n in np.argsort(took)[::-1][:5]:
-        cause = cause_of(began[n], began[n] + took[n], causes)
+        cause = find_cause(began[n], began[n] + took[n], causes)
         print(f"  {1e3 * took[n]:.2f} ms at {began[n] - start:.2f} s: {cause}")
     collected = [1e3 * (b - a) for a, b in causes.collector]
     longest = max(collected, default=0.0)
@@ -102,8 +101,8 @@ def sustain(command: Command) -> None:
     )
 
 
-def cause_of(start: float, end: float, causes: Causes) -> str:
-    """What a step was held up by."""
+def find_cause(start: float, end: float, causes: Causes) -> str:
+    """Return the causes of a long step."""
     found = []
     for name, spans in (
         ("garbage collector", causes.collector),
@@ -118,8 +117,8 @@ def cause_of(start: float, end: float, causes: Causes) -> str:
 
 
 @contextmanager
-def watched() -> Iterator[Causes]:
-    """Note every garbage collection and every compilation."""
+def record_causes() -> Iterator[Causes]:
+    """Record every garbage collection and every compilation."""
     causes, opened = Causes(), [0.0]
 
     def collected(phase: str, info: dict[str, Any]) -> None:
@@ -141,8 +140,8 @@ def watched() -> Iterator[Causes]:
     gc.callbacks.remove(collected)
 
 
-def taken_off() -> int:
-    """How often another thread or process got this thread's core."""
+def count_preemptions() -> int:
+    """Return how often another thread or process took this thread's core."""
     return resource.getrusage(resource.RUSAGE_THREAD).ru_nivcsw
 
 

@@ -1,19 +1,19 @@
-"""Weights on people and a sensor that they never learned from, zero-shot.
+"""Test weights zero-shot on people and a sensor of a public data set.
 
     python -m benchmarks.transfer
     python -m benchmarks.transfer --model FILE --json FILE
     python -m benchmarks.transfer --sweep
 
-Every repetition of a public set is played to the recogniser as a live device would give
-it: resampled, between rest before and after, with the pitch and the full scale that the
-set does not state. Nothing is trained. There are two kinds of answer:
+Every repetition of a public set is played to the recogniser as by a live device:
+resampled, between rest before and after, with assumed values of the pitch and the full
+scale, which the set does not state. Nothing is trained. There are two kinds of answer:
 
-- forced choice, the headline: the likeliest class of the touch of largest impulse, 0.1
-  s after its last contact, from the 2 s before; `none` where nothing is felt. Beside it
-  the same from the mean log-probability of 2 s windows every 0.5 s.
-- live: what the recogniser says by itself, of whichever touch.
+- forced choice, the main result: the most probable class of the touch of largest
+  impulse, 0.1 s after its last contact, from the 2 s before; `none` without a touch. A
+  second variant uses the mean log-probability of 2 s windows every 0.5 s.
+- live: the detections of the recogniser, of any touch.
 
-A set is added by a function that reads its trials and one entry of `SETS`.
+To add a set, write a function that reads its trials and add an entry to `SETS`.
 """
 
 import itertools
@@ -42,25 +42,25 @@ START = 1_000 * NS_PER_S
 """Stamp of the first scan of every trial [ns]."""
 
 REST_BEFORE = 1.5
-"""Most of the time for which a taxel is tared, as in simulated recordings [s]."""
+"""Rest before a trial, for taring, as in simulated recordings [s]."""
 
 REST_AFTER = 0.6
-"""Longer than a touch waits for another contact [s]."""
+"""Rest after a trial, longer than a touch stays open without contact [s]."""
 
 FINEST = 4080
-"""Counts at full scale: about those of a converter of 12 bits."""
+"""Counts at full scale, about those of a 12-bit converter."""
 
 ANSWER_AFTER = round(0.1 * NS_PER_S)
-"""From the last contact to the forced choice [ns]."""
+"""Time from the last contact to the forced choice [ns]."""
 
 WINDOW, HOP = 2.0, 0.5
-"""Length of the windows that are averaged, and from one to the next [s]."""
+"""Length of the averaged windows, and the step between them [s]."""
 
 TOUCHED = 0.1
-"""Share of full scale from which a reading counts as touched in `touched_seconds`."""
+"""Share of full scale from which a reading counts as touched."""
 
 HELD = 0.8
-"""From which on a finger's touch is held rather than a poke [s]."""
+"""Duration from which a touch of a finger is held rather than a poke [s]."""
 
 UNKNOWN, NOTHING = "unknown", "nothing"
 
@@ -70,188 +70,160 @@ SWEEP_SCALES = (20.0, 40.0, 100.0)
 
 @dataclass(frozen=True)
 class Group:
-    """Gestures of a set that mean the same to the recogniser."""
+    """Groups gestures of a set that have the same true class."""
 
     name: str
-    """What the tables call it."""
-
+    """Name in the tables."""
     gestures: tuple[str, ...]
     """Names in the set."""
-
     truth: str | None = None
-    """The class that is right; None where no class is."""
-
+    """True class; None without one."""
     bar: float | None = None
-    """Share of forced choices that should be right; None for what is no headline."""
-
+    """Required accuracy of the forced choice; None without a requirement."""
     longer: float = 0.0
-    """Least time that a trial is touched to be counted [s]."""
-
+    """Shortest duration of contact of a counted trial [s]."""
     shorter: float = math.inf
-    """Time that it must be shorter than [s]."""
+    """Upper limit of the duration of contact [s]."""
 
 
 @dataclass(frozen=True, eq=False)
 class Trial:
-    """One repetition of one gesture."""
+    """Holds one repetition of one gesture."""
 
     subject: str
-    """Who touched."""
-
+    """Name of the person."""
     gesture: str
     """Name in the set."""
-
     seconds: Float[np.ndarray, "reading"]
-    """When its readings were taken [s], increasing."""
-
+    """Times of the readings, increasing [s]."""
     share: Float[np.ndarray, "reading taxel"]
-    """Share of full scale, row by row; 0 at rest."""
+    """Pressure as a share of full scale, row by row; 0 at rest."""
 
 
 @dataclass(frozen=True)
 class PublicSet:
-    """A public set, and what its gestures mean."""
+    """Describes a public set and the classes of its gestures."""
 
     folder: Path
-    """Where it lies unless told otherwise."""
-
+    """Default folder."""
     rows: int
     """Rows of its grid."""
-
     columns: int
     """Columns of its grid."""
-
     trials: Callable[[Path], Iterator[Trial]]
-    """Reads the repetitions in a folder."""
-
+    """Function that reads the repetitions in a folder."""
     groups: tuple[Group, ...]
-    """In the order of the tables."""
+    """Groups of gestures, in the order of the tables."""
 
 
 @dataclass(frozen=True)
 class TransferSetting:
-    """What a set does not state."""
+    """Sets what a public set does not state."""
 
     pitch_mm: float
     """Distance of neighbouring taxels [mm]."""
-
     full_scale_kpa: float
     """Pressure at full scale [kPa]."""
-
     rate: float
-    """Scans a second that are played [Hz]."""
-
+    """Rate of the scans [Hz]."""
     floor: float = 0.0
-    """Share of full scale below which a signal does not tell a touch from rest."""
+    """Share of full scale below which a signal is not a touch."""
 
 
 @dataclass(frozen=True)
 class TrialAnswer:
-    """What the recogniser makes of one trial."""
+    """Holds the answers of the recogniser to one trial."""
 
     subject: str
-    """Who touched."""
-
+    """Name of the person."""
     gesture: str
     """Name in the set."""
-
     forced: str
-    """The forced choice."""
-
+    """Forced choice."""
     averaged: str
-    """The same by the mean log-probability of windows."""
-
+    """Forced choice by the mean log-probability of windows."""
     said: tuple[str, ...]
-    """What was detected live, `unknown` too, but not `none`."""
-
+    """Live detections, with `unknown`, without `none`."""
     seconds: float
-    """From the first to the last touched reading of the trial [s]."""
+    """Time from the first to the last touched reading of the trial [s]."""
 
     @property
     def gestures(self) -> set[str]:
-        """The gestures that were detected live."""
+        """Gestures that were detected live."""
         return set(self.said) - {UNKNOWN}
 
 
 @dataclass(frozen=True)
 class Command:
-    """Play a public set to weights that have not seen it."""
+    """Test weights zero-shot on a public set."""
 
     dataset: tyro.conf.Positional[Literal["socialtouch"]] = "socialtouch"
-    """Which set it is."""
-
+    """Data set."""
     data: Path | None = None
-    """Its folder, as downloaded; where ../shared/data has it unless given."""
-
+    """Folder of the set, as downloaded; in ../shared/data unless given."""
     model: Path = Path("ur5")
-    """One that comes with eskin, or a file."""
-
+    """Name of weights that come with eskin, or a model file."""
     pitch_mm: float = 4.0
-    """Distance of neighbouring taxels that is taken [mm]."""
-
+    """Assumed distance of neighbouring taxels [mm]."""
     full_scale_kpa: float = 40.0
-    """Pressure at full scale that is taken [kPa]."""
-
+    """Assumed pressure at full scale [kPa]."""
     rate: float = 50.0
-    """Scans a second that are played [Hz]."""
-
+    """Rate of the scans [Hz]."""
     floor: float = 0.0
-    """Share of full scale below which the array's signal does not tell a touch from
-    rest, as its calibration would say."""
-
+    """Share of full scale below which a signal is not a touch, as in a calibration."""
     headline: bool = False
-    """Play only the groups that have a bar: a third of the time."""
-
+    """Play only the groups with a required accuracy, in a third of the time."""
     sweep: bool = False
-    """Repeat the headline over pitches and full scales."""
-
+    """Repeat the groups with a required accuracy over pitches and full scales."""
     json: Path | None = None
-    """Where to write all figures."""
+    """Path of a JSON file with all results."""
 
 
 def main() -> None:
-    """Measure and print."""
+    """Test the weights and print the tables."""
     command = tyro.cli(Command)
     started = time.monotonic()
     public, model = SETS[command.dataset], load_model(command.model)
     if command.headline:
-        public = replace(public, groups=headline_of(public))
+        public = replace(public, groups=get_required_groups(public))
     setting = TransferSetting(
         command.pitch_mm, command.full_scale_kpa, command.rate, command.floor
     )
-    trials = trials_of(public, command.data or public.folder)
+    trials = read_trials(public, command.data or public.folder)
     answers = answer_trials(trials, public, model, setting)
-    groups = {group.name: figures(answers, group, model) for group in public.groups}
+    groups = {
+        group.name: compute_results(answers, group, model) for group in public.groups
+    }
     result: dict[str, Any] = {
         "dataset": command.dataset,
         "model": str(command.model),
         "setting": asdict(setting),
         "groups": groups,
-        "gestures": gesture_figures(answers, public, model),
+        "gestures": compute_gesture_results(answers, public, model),
     }
-    print(forced_table(groups, model))
-    print(live_table(groups, model), flush=True)
+    print(format_forced_table(groups, model))
+    print(format_live_table(groups, model), flush=True)
     if command.sweep:
         result["sweep"] = sweep(trials, public, model, setting)
-        print(sweep_table(result["sweep"]))
+        print(format_sweep_table(result["sweep"]))
     if command.json is not None:
         command.json.write_text(json.dumps(result, indent=1) + "\n")
     print(f"\n{time.monotonic() - started:.0f} s")
 
 
-def headline_of(public: PublicSet) -> tuple[Group, ...]:
-    """The groups that have a bar."""
+def get_required_groups(public: PublicSet) -> tuple[Group, ...]:
+    """Return the groups with a required accuracy."""
     return tuple(group for group in public.groups if group.bar is not None)
 
 
-def trials_of(public: PublicSet, folder: Path) -> list[Trial]:
-    """The trials in a folder that are of one of the groups."""
+def read_trials(public: PublicSet, folder: Path) -> list[Trial]:
+    """Read the trials of a folder that belong to a group."""
     wanted = {gesture for group in public.groups for gesture in group.gestures}
     return [trial for trial in public.trials(folder) if trial.gesture in wanted]
 
 
-def socialtouch_trials(folder: Path) -> Iterator[Trial]:
-    """Repetitions of the SocialTouch set."""
+def read_socialtouch(folder: Path) -> Iterator[Trial]:
+    """Read the repetitions of the SocialTouch set."""
     for path in find_files(folder, "touch_*", social.SUFFIXES):
         for found in social.read_repetitions(path):
             share = found.counts / social.FULL_SCALE
@@ -261,7 +233,7 @@ def socialtouch_trials(folder: Path) -> Iterator[Trial]:
 def answer_trials(
     trials: Iterable[Trial], public: PublicSet, model: Model, setting: TransferSetting
 ) -> list[TrialAnswer]:
-    """Play every trial to a fresh recogniser."""
+    """Recognise every trial with a fresh recogniser."""
     pitch = setting.pitch_mm / 1000
     skin = build_grid_skin(public.rows, public.columns, pitch, calibrated=True)
     mounted = MountedSkin(skin, load_robot("table"))
@@ -276,9 +248,9 @@ def answer_trials(
 
 
 def answer(trial: Trial, recognizer: Recognizer, rate: float) -> TrialAnswer:
-    """Play one trial."""
+    """Recognise one trial."""
     touches = TouchTraces(recognizer)
-    for scan in scans_of(trial, rate):
+    for scan in build_scans(trial, rate):
         touches.push(scan)
     touches.finish()
     said = {detection.gesture for detection in touches.detections} - {NONE}
@@ -298,16 +270,16 @@ def answer(trial: Trial, recognizer: Recognizer, rate: float) -> TrialAnswer:
 
 
 def touched_seconds(trial: Trial) -> float:
-    """From the first to the last reading of a trial that is well above rest [s]."""
+    """Return the time from the first to the last touched reading of a trial [s]."""
     touched = trial.seconds[trial.share.max(axis=1) >= TOUCHED]
     return float(np.ptp(touched)) if len(touched) else 0.0
 
 
-def scans_of(trial: Trial, rate: float) -> Iterator[Scan]:
-    """A trial between rest, as a live device would give it.
+def build_scans(trial: Trial, rate: float) -> Iterator[Scan]:
+    """Yield the scans of a trial between rest, as from a live device.
 
-    Between the readings, and from rest to the first and from the last to rest, what
-    was felt is interpolated in time.
+    Pressures are interpolated in time between the readings, from rest to the first and
+    from the last to rest.
     """
     period = float(np.median(np.diff(trial.seconds)))
     first, last = trial.seconds[0] - period, trial.seconds[-1] + period
@@ -327,35 +299,31 @@ def scans_of(trial: Trial, rate: float) -> Iterator[Scan]:
 
 @dataclass(eq=False)
 class TouchTrace:
-    """The probabilities of one touch at each reading while it is open."""
+    """Holds the probabilities of one touch at each reading while it is open."""
 
     onset: int
     """Stamp of its first contact [ns]."""
-
     last: int
     """Stamp of its last contact so far [ns]."""
-
     stamps: list[int]
-    """Of its readings [ns]."""
-
+    """Stamps of its readings [ns]."""
     probabilities: list[Float[np.ndarray, "class"]]
-    """At each of them, from the 2 s before."""
-
+    """Probabilities at each reading, from the 2 s before."""
     impulse: float = 0.0
-    """Its force integrated over time [N s]."""
+    """Force integrated over time [N s]."""
 
     @property
     def end(self) -> int:
-        """The reading at which the forced choice is taken; the last if none is late."""
+        """Index of the reading of the forced choice; at most the last."""
         due = np.searchsorted(self.stamps, self.last + ANSWER_AFTER)
         return min(int(due), len(self.stamps) - 1)
 
     def forced(self) -> Float[np.ndarray, "class"]:
-        """The probabilities just after its last contact."""
+        """Return the probabilities just after the last contact."""
         return self.probabilities[self.end]
 
     def averaged(self) -> Float[np.ndarray, "class"]:
-        """The mean log-probability of windows, the last one that of `forced`."""
+        """Return the mean log-probability of windows that end at that of `forced`."""
         seconds = (self.stamps[self.end] - self.onset) / NS_PER_S
         times = self.onset + np.arange(WINDOW, seconds, HOP) * NS_PER_S
         rows = np.unique([*np.searchsorted(self.stamps, times), self.end])
@@ -363,7 +331,7 @@ class TouchTrace:
 
 
 class TouchTraces:
-    """Keeps what a recogniser makes of one trial."""
+    """Collects the probabilities and detections of one trial."""
 
     def __init__(self, recognizer: Recognizer) -> None:
         """Start before the first scan."""
@@ -373,7 +341,7 @@ class TouchTraces:
         self.detections: list[Detection] = []
 
     def push(self, scan: Scan) -> None:
-        """Take the next scan."""
+        """Process the next scan."""
         self.detections += self.recognizer.push(scan)
         state = self.recognizer.state
         assert state is not None
@@ -386,13 +354,13 @@ class TouchTraces:
             self.weigh(state)
 
     def finish(self) -> None:
-        """Close what is still open."""
+        """Close the open touches."""
         if self.recognizer.state is not None:
             self.weigh(self.recognizer.state)
         self.detections += self.recognizer.finish()
 
     def weigh(self, state: TouchState) -> None:
-        """Keep the impulses of all touches, and which became part of another."""
+        """Store the impulses of all touches, and which were merged into another."""
         for row in state.rows:
             if row.id in self.traces:
                 self.traces[row.id].impulse = row.impulse
@@ -400,13 +368,13 @@ class TouchTraces:
                 self.merged.add(row.id)
 
     def largest(self) -> TouchTrace | None:
-        """The touch of largest impulse; None where nothing was felt."""
+        """Return the touch of largest impulse; None without a touch."""
         whole = [self.traces[key] for key in self.traces.keys() - self.merged]
         return max(whole, key=lambda trace: trace.impulse, default=None)
 
 
-def members(answers: Iterable[TrialAnswer], group: Group) -> list[TrialAnswer]:
-    """The answers that count for a group."""
+def select_answers(answers: Iterable[TrialAnswer], group: Group) -> list[TrialAnswer]:
+    """Return the answers that count for a group."""
     return [
         answer
         for answer in answers
@@ -415,19 +383,19 @@ def members(answers: Iterable[TrialAnswer], group: Group) -> list[TrialAnswer]:
     ]
 
 
-def figures(
+def compute_results(
     answers: Sequence[TrialAnswer], group: Group, model: Model
 ) -> dict[str, object]:
-    """All figures of a group, and of each person in it."""
-    inside = members(answers, group)
+    """Compute the results of a group, and of each person in it."""
+    inside = select_answers(answers, group)
     people = sorted({answer.subject for answer in inside})
     return {
         "gestures": group.gestures,
         "truth": group.truth,
         "bar": group.bar,
-        **shares(inside, group.truth, model),
+        **compute_shares(inside, group.truth, model),
         "people": {
-            person: shares(
+            person: compute_shares(
                 [a for a in inside if a.subject == person], group.truth, model
             )
             for person in people
@@ -435,12 +403,12 @@ def figures(
     }
 
 
-def gesture_figures(
+def compute_gesture_results(
     answers: Sequence[TrialAnswer], public: PublicSet, model: Model
 ) -> dict[str, dict[str, object]]:
-    """The figures of every gesture of the set on its own, however long it lasts."""
+    """Compute the results of every gesture of the set, for trials of any duration."""
     return {
-        gesture: shares(
+        gesture: compute_shares(
             [a for a in answers if a.gesture == gesture], group.truth, model
         )
         for group in public.groups
@@ -448,13 +416,13 @@ def gesture_figures(
     }
 
 
-def shares(
+def compute_shares(
     answers: Sequence[TrialAnswer], truth: str | None, model: Model
 ) -> dict[str, object]:
-    """What share of trials was answered how; of what is right only where that is known.
+    """Compute the share of each answer, and the accuracy where there is a true class.
 
-    Live, a trial is right where the true gesture was said at least once (where truth is
-    `none`: no gesture), and wrong where another one was: it can be both.
+    Live, a trial is right if the true gesture was detected at least once (without a
+    gesture if the truth is `none`), and wrong if another one was; it can be both.
     """
     names = model.card.vocabulary
     live = (*(name for name in names if name != NONE), UNKNOWN)
@@ -476,40 +444,41 @@ def shares(
 
 
 def share(found: Iterable[bool]) -> float | None:
-    """Which share is true; None of none."""
+    """Return the share of true values; None without values."""
     values = list(found)
     return sum(values) / len(values) if values else None
 
 
-def forced_table(found: Mapping[str, Mapping[str, Any]], model: Model) -> str:
-    """One row a group, and a person in it: shares of the forced choices."""
+def format_forced_table(found: Mapping[str, Mapping[str, Any]], model: Model) -> str:
+    """Format a table of the forced choices, by group and person."""
     names = model.card.vocabulary
-    heads = ("forced choice", "truth", "n", *names, "right", "bar", "averaged right")
-    rows = [head_of(heads)]
-    for name, truth, bar, part in rows_of(found):
+    heads = ("forced choice of", "truth", "n", *names, "accuracy", "required")
+    heads += ("accuracy, averaged windows",)
+    rows = [format_head(heads)]
+    for name, truth, bar, part in iterate_rows(found):
         cells = [name, truth, str(part["n"])]
-        cells += [percent(part["forced"][n]) for n in names]
-        cells += [percent(part.get("forced_right")), percent(bar)]
-        rows.append(row_of([*cells, percent(part.get("averaged_right"))]))
+        cells += [format_percent(part["forced"][n]) for n in names]
+        cells += [format_percent(part.get("forced_right")), format_percent(bar)]
+        rows.append(format_row([*cells, format_percent(part.get("averaged_right"))]))
     return "\n".join(rows)
 
 
-def live_table(found: Mapping[str, Mapping[str, Any]], model: Model) -> str:
-    """One row a group, and a person in it: in which share of trials what is said."""
+def format_live_table(found: Mapping[str, Mapping[str, Any]], model: Model) -> str:
+    """Format a table of the live detections, by group and person."""
     names = (*(n for n in model.card.vocabulary if n != NONE), UNKNOWN, NOTHING)
-    rows = [head_of(("said live", "truth", "n", *names, "right", "wrong"))]
-    for name, truth, _, part in rows_of(found):
+    rows = [format_head(("detected live", "truth", "n", *names, "right", "wrong"))]
+    for name, truth, _, part in iterate_rows(found):
         cells = [name, truth, str(part["n"])]
-        cells += [percent(part["live"][n]) for n in names]
-        cells += [percent(part.get(key)) for key in ("live_right", "live_wrong")]
-        rows.append(row_of(cells))
+        cells += [format_percent(part["live"][n]) for n in names]
+        cells += [format_percent(part.get(key)) for key in ("live_right", "live_wrong")]
+        rows.append(format_row(cells))
     return "\n".join(rows)
 
 
-def rows_of(
+def iterate_rows(
     found: Mapping[str, Mapping[str, Any]],
 ) -> Iterator[tuple[str, str, float | None, Mapping[str, Any]]]:
-    """Name, truth, bar and figures of each group, followed by those of its people."""
+    """Yield name, truth, required accuracy and results of each group and its people."""
     for name, group in found.items():
         yield name, group["truth"] or "", group["bar"], group
         for person, part in group["people"].items():
@@ -519,46 +488,50 @@ def rows_of(
 def sweep(
     trials: Sequence[Trial], public: PublicSet, model: Model, usual: TransferSetting
 ) -> list[dict[str, Any]]:
-    """The share of right forced choices of each headline group, setting by setting."""
-    groups = headline_of(public)
+    """Compute the accuracy of groups with a requirement, by pitch and full scale."""
+    groups = get_required_groups(public)
     wanted = {gesture for group in groups for gesture in group.gestures}
     chosen = [trial for trial in trials if trial.gesture in wanted]
     found = []
     for pitch, scale in itertools.product(SWEEP_PITCHES, SWEEP_SCALES):
         setting = replace(usual, pitch_mm=pitch, full_scale_kpa=scale)
         answers = answer_trials(chosen, public, model, setting)
-        right = {g.name: figures(answers, g, model)["forced_right"] for g in groups}
+        right = {
+            g.name: compute_results(answers, g, model)["forced_right"] for g in groups
+        }
         found.append(asdict(setting) | {"forced_right": right})
     return found
 
 
-def sweep_table(found: Sequence[Mapping[str, Any]]) -> str:
-    """One row a setting: the share that is right of each headline group."""
+def format_sweep_table(found: Sequence[Mapping[str, Any]]) -> str:
+    """Format a table of the accuracy of each group, by setting."""
     names = list(found[0]["forced_right"])
-    rows = [head_of(("pitch, full scale", *names))]
+    rows = [format_head(("pitch, full scale", *names))]
     for part in found:
         place = f"{part['pitch_mm']:g} mm, {part['full_scale_kpa']:g} kPa"
-        rows.append(row_of([place, *map(percent, part["forced_right"].values())]))
+        rows.append(
+            format_row([place, *map(format_percent, part["forced_right"].values())])
+        )
     return "\n".join(rows)
 
 
-def head_of(names: Sequence[str]) -> str:
-    """Head of a table."""
-    return f"\n{row_of(names)}\n{'|---' * len(names)}|"
+def format_head(names: Sequence[str]) -> str:
+    """Format the head of a table."""
+    return f"\n{format_row(names)}\n{'|---' * len(names)}|"
 
 
-def row_of(cells: Sequence[str]) -> str:
-    """Row of a table."""
+def format_row(cells: Sequence[str]) -> str:
+    """Format a row of a table."""
     return f"| {' | '.join(cells)} |"
 
 
-def percent(part: float | None) -> str:
-    """A share as text; empty where there is none."""
+def format_percent(part: float | None) -> str:
+    """Format a share; empty for None."""
     return "" if part is None else f"{part:.1%}"
 
 
-def groups_of_socialtouch() -> tuple[Group, ...]:
-    """What the 32 gestures of SocialTouch mean, by their numbers."""
+def group_socialtouch() -> tuple[Group, ...]:
+    """Group the 32 gestures of SocialTouch by their true class."""
 
     def named(*numbers: int) -> tuple[str, ...]:
         return tuple(social.GESTURES[number] for number in numbers)
@@ -585,8 +558,8 @@ SETS = {
         folder=Path("../shared/data/socialtouch"),
         rows=social.ROWS,
         columns=social.COLUMNS,
-        trials=socialtouch_trials,
-        groups=groups_of_socialtouch(),
+        trials=read_socialtouch,
+        groups=group_socialtouch(),
     )
 }
 

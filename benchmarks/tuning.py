@@ -1,10 +1,10 @@
-"""What the settings of each compared method were chosen by.
+"""Compare settings of each method, to choose those of `eskin compare`.
 
-python -m benchmarks.tuning --sets FOLDER [--methods ...]: every method gets four
-settings, the paper's network six, tried on the held-out people of two paper-size sets
-(seeds 100 and 101) that no table uses. The best of each is what `eskin compare` takes.
-FOLDER gets the sets and keeps prepared clips; what was answered is kept in
-`benchmarks/kept/tuning`.
+python -m benchmarks.tuning --sets FOLDER [--methods ...]: four settings of every
+method, and six of the paper's network, are evaluated on the held-out people of two
+paper-size sets (seeds 100 and 101) that no table uses. `eskin compare` uses the best of
+each. FOLDER holds the sets and prepared clips; answers are kept in
+`benchmarks/kept/tuning.jsonl`.
 """
 
 from collections.abc import Callable, Mapping
@@ -60,7 +60,7 @@ GENTLE = AugmentConfig(
     patch=0.05,
     noise=0.02,
 )
-"""How the weights that come with eskin were trained."""
+"""Augmentation used to train the weights that come with eskin."""
 FEATURES: dict[str, Features] = {"max": "maxima", "bins": "bins"}
 FLAT: dict[str, dict[str, Callable[[int], Estimator]]] = {
     "svm": {
@@ -116,7 +116,7 @@ PAPER: dict[str, FitConfig] = {
     "16 clips a step, rate up to 2e-3": FitConfig(epochs=5),
     "4 clips a step, rate up to 5e-4": FitConfig(epochs=5, batch=4, rate=5e-4),
 }
-"""Half of the epochs that it gets in the end: each takes minutes."""
+"""Settings with half of the final number of epochs, because each takes minutes."""
 OURS: dict[str, Method] = {
     "strong augmentation": RecogniserMethod(),
     "gentle augmentation": RecogniserMethod(replace(FOR_SMALL_SETS, augment=GENTLE)),
@@ -129,8 +129,8 @@ OURS: dict[str, Method] = {
 }
 
 
-def candidates() -> dict[str, dict[str, Method]]:
-    """The settings of every method, by their words."""
+def list_candidates() -> dict[str, dict[str, Method]]:
+    """List the settings of every method, by their description."""
     found: dict[str, dict[str, Method]] = {"eskin": OURS}
     for name, settings in FLAT.items():
         for short, features in FEATURES.items():
@@ -159,20 +159,18 @@ def candidates() -> dict[str, dict[str, Method]]:
 
 @dataclass(frozen=True)
 class Command:
-    """Try some settings of each method."""
+    """Evaluate some settings of each method."""
 
     sets: Path = Path("sets")
     """Folder of the sets."""
-
     methods: tuple[str, ...] = ()
-    """Which methods; all unless given."""
-
+    """Methods to evaluate; all unless given."""
     workers: int = 1
-    """How many processes train."""
+    """Number of processes that train."""
 
 
 def main() -> None:
-    """Try and print."""
+    """Evaluate the settings and print a table."""
     command = tyro.cli(Command)
     draws = [
         find_examples(
@@ -182,16 +180,16 @@ def main() -> None:
         )
         for seed in SEEDS
     ]
-    print("| method | settings | right on people held out |\n|---|---|---|")
-    for name, settings in candidates().items():
+    print("| method | settings | accuracy on held-out people |\n|---|---|---|")
+    for name, settings in list_candidates().items():
         if not command.methods or name in command.methods:
-            print(table(name, settings, draws, command), flush=True)
+            print(format_rows(name, settings, draws, command), flush=True)
 
 
-def table(
+def format_rows(
     name: str, settings: Mapping[str, Method], draws: list[Examples], command: Command
 ) -> str:
-    """A row a setting."""
+    """Format one row per setting."""
     tasks = [
         TrainingTask(f"{name} of {words}", method, draw, {}, 0)
         for words, method in settings.items()

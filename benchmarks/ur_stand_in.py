@@ -1,7 +1,7 @@
-"""A stand-in for a UR controller on loopback: RTDE, dashboard and script ports.
+"""Simulate a UR controller on loopback: RTDE, dashboard and script ports.
 
-It moves as slowly as a UR5 does, stops what a UR stops, and can be broken on purpose.
-What it knows of the protocol was found out with the client that it is made for.
+It moves within the limits of a UR5, stops as a UR does, and faults can be injected. Its
+protocol was derived from the client that it serves.
 """
 
 import asyncio
@@ -23,13 +23,13 @@ Reader, Writer = asyncio.StreamReader, asyncio.StreamWriter
 
 PORTS = {"rtde": 30004, "dashboard": 29999, "script": 30003}
 TICK = 0.008
-"""Of a UR5's controller [s]."""
+"""Period of a UR5's controller [s]."""
 SPEED = 3.15
 """Greatest speed of a joint [rad/s]."""
 ACCELERATION = 40.0
 """Greatest acceleration of a joint [rad/s2]."""
 LOOKAHEAD = 0.05
-"""How far behind its target a joint follows [s]."""
+"""Time by which a joint lags behind its target [s]."""
 SHAPES = {
     "DOUBLE": "d",
     "VECTOR6D": "6d",
@@ -57,8 +57,8 @@ VECTORS = ("_q", "_qd", "_qdd", "_current", "_moment", "TCP", "torque", "tempera
 SERVO, SERVO_STOP, WATCHDOG, STOP_SCRIPT, NOTHING = 11, 16, 35, 255, 0
 
 
-def type_of(name: str) -> str:
-    """The RTDE type of a variable."""
+def get_type(name: str) -> str:
+    """Return the RTDE type of a variable."""
     if name in TYPES:
         return TYPES[name]
     if "bit_register" in name and "registers" not in name:
@@ -74,13 +74,13 @@ def type_of(name: str) -> str:
 
 @dataclass
 class Controller:
-    """What the controller knows, and how it moves."""
+    """Holds the state of the controller, and moves the joints."""
 
     q: np.ndarray
     qd: np.ndarray = field(default_factory=lambda: np.zeros(6))
     time: float = 0.0
     slider: float = 1.0
-    """Of the teach pendant, or set by RTDE."""
+    """Speed slider, of the teach pendant or set by RTDE, as a share."""
     running: bool = False
     protective: bool = False
     emergency: bool = False
@@ -88,16 +88,16 @@ class Controller:
     outputs: int = 0
     servo: np.ndarray | None = None
     watchdog: float = 0.0
-    """Longest silence of its client [s]; none where 0."""
-    heard: float = 0.0
-    """When its client was last heard."""
+    """Longest silence of the client [s]; 0 for no limit."""
+    last_message: float = 0.0
+    """Time of the last message of the client [s]."""
     inputs: dict[str, float] = field(default_factory=dict)
     commands: list[int] = field(default_factory=list)
 
     def step(self) -> None:
-        """Let one tick pass."""
+        """Advance by one tick."""
         self.time += TICK
-        if self.watchdog and self.time - self.heard > self.watchdog:
+        if self.watchdog and self.time - self.last_message > self.watchdog:
             self.end_program()
         free = self.running and not self.protective and not self.emergency
         if not free:
@@ -109,13 +109,13 @@ class Controller:
         self.q = self.q + self.qd * TICK
 
     def end_program(self) -> None:
-        """Stop what runs, and with it the arm."""
+        """Stop the program, and with it the arm."""
         self.running, self.servo, self.watchdog = False, None, 0.0
         self.ready = 1
 
     def take(self, names: Sequence[str], values: Sequence[float]) -> None:
-        """Inputs of a client."""
-        self.heard = self.time
+        """Store the inputs of a client."""
+        self.last_message = self.time
         self.inputs.update(zip(names, values, strict=True))
         if self.inputs.pop("speed_slider_mask", 0):
             self.slider = float(self.inputs["speed_slider_fraction"])
@@ -123,10 +123,10 @@ class Controller:
             bits = int(self.inputs["standard_digital_output"])
             self.outputs = (self.outputs & ~mask) | (bits & mask)
         if "input_int_register_0" in names:
-            self.obey(int(self.inputs["input_int_register_0"]))
+            self.execute(int(self.inputs["input_int_register_0"]))
 
-    def obey(self, command: int) -> None:
-        """What the client's program does with its command register."""
+    def execute(self, command: int) -> None:
+        """Execute the command register of the client's program."""
         if not self.running:
             return
         if command == NOTHING:
@@ -147,7 +147,7 @@ class Controller:
             self.ready = 2
 
     def value(self, name: str) -> object:
-        """What a variable is now."""
+        """Return the value of a variable."""
         known = {
             "timestamp": self.time,
             "actual_q": self.q,
@@ -167,8 +167,8 @@ class Controller:
         return known.get(name, 0)
 
 
-def packed(values: Sequence[object], types: Sequence[str]) -> bytes:
-    """Values in RTDE's form."""
+def pack_values(values: Sequence[object], types: Sequence[str]) -> bytes:
+    """Pack values in the format of RTDE."""
     parts = []
     for value, kind in zip(values, types, strict=True):
         shape = SHAPES[kind]
@@ -179,19 +179,19 @@ def packed(values: Sequence[object], types: Sequence[str]) -> bytes:
 
 @final
 class Ports:
-    """Serves a controller at a host's three ports, as it is ordered."""
+    """Serves a controller at three ports of a host, and executes orders."""
 
     def __init__(self, host: str, q: Sequence[float], orders: Connection) -> None:
-        """Nothing is served before `serve`."""
+        """Prepare the ports; `serve` opens them."""
         self.host = host
         self.orders = orders
         self.robot = Controller(np.array(q, np.float64))
         self.writers: set[Writer] = set()
         self.mute = False
-        """Whether nothing comes through, as by a cut cable."""
+        """Whether no data passes, as with a cut cable."""
 
     async def serve(self) -> None:
-        """Open the ports; move and obey until the orders end."""
+        """Open the ports; move and execute orders until they end."""
         logging.getLogger("asyncio").setLevel(logging.CRITICAL)
         self.loop = asyncio.get_running_loop()
         await self.open()
@@ -212,7 +212,7 @@ class Ports:
         await self.shut()
 
     async def next_order(self) -> tuple[str, Any] | None:
-        """The next order; None at the end."""
+        """Return the next order; None at the end."""
         while not self.orders.poll():
             await asyncio.sleep(0.001)
         try:
@@ -239,7 +239,7 @@ class Ports:
     def guarded(
         self, handler: Callable[[Reader, Writer], Awaitable[None]]
     ) -> Callable[[Reader, Writer], Awaitable[None]]:
-        """A handler that ends with its connection."""
+        """Wrap a handler so that it ends with its connection."""
 
         async def handle(reader: Reader, writer: Writer) -> None:
             self.writers.add(writer)
@@ -259,7 +259,7 @@ class Ports:
             await asyncio.sleep(max(0.0, due - self.loop.time()))
 
     async def dashboard(self, reader: Reader, writer: Writer) -> None:
-        """Answer one line to each."""
+        """Answer each line of a dashboard client with one line."""
         writer.write(b"Connected: Universal Robots Dashboard Server\n")
         answers = {
             b"polyscopeversion": b"3.15.8.106339\n",
@@ -275,7 +275,7 @@ class Ports:
             writer.write(answers.get(word, b"ok\n"))
 
     async def script(self, reader: Reader, writer: Writer) -> None:
-        """Run what is sent, as soon as its last line is there."""
+        """Run a script as soon as its last line has arrived."""
         text = b""
         while data := await reader.read(65536):
             text += data
@@ -298,14 +298,14 @@ class Ports:
                     sending = sending or asyncio.create_task(self.send(writer, output))
                 elif kind == ord("O"):
                     output = payload[8:].decode().rstrip(",").split(",")
-                    types = ",".join(map(type_of, output)).encode()
+                    types = ",".join(map(get_type, output)).encode()
                     self.reply(writer, kind, b"\1" + types)
                 elif kind == ord("I"):
                     recipes.append(payload.decode().rstrip(",").split(","))
-                    types = ",".join(map(type_of, recipes[-1])).encode()
+                    types = ",".join(map(get_type, recipes[-1])).encode()
                     self.reply(writer, kind, bytes([len(recipes)]) + types)
                 elif kind == ord("U"):
-                    self.take(recipes[payload[0] - 1], payload[1:])
+                    self.receive(recipes[payload[0] - 1], payload[1:])
                 elif kind == ord("v"):
                     self.reply(writer, kind, struct.pack(">4I", 3, 15, 8, 106339))
                 else:
@@ -314,19 +314,19 @@ class Ports:
             if sending is not None:
                 sending.cancel()
 
-    def take(self, names: list[str], data: bytes) -> None:
-        """Inputs that have come, unless nothing comes through."""
+    def receive(self, names: list[str], data: bytes) -> None:
+        """Pass on inputs that have arrived, unless the connection is mute."""
         if not self.mute:
-            shape = ">" + "".join(SHAPES[type_of(name)] for name in names)
+            shape = ">" + "".join(SHAPES[get_type(name)] for name in names)
             self.robot.take(names, struct.unpack(shape, data))
 
     async def send(self, writer: Writer, names: list[str]) -> None:
         """Send the outputs at every tick."""
-        types = [type_of(name) for name in names]
+        types = [get_type(name) for name in names]
         while not writer.is_closing():
             if not self.mute:
                 values = [self.robot.value(name) for name in names]
-                self.reply(writer, ord("U"), b"\1" + packed(values, types))
+                self.reply(writer, ord("U"), b"\1" + pack_values(values, types))
             await asyncio.sleep(TICK)
 
     def reply(self, writer: Writer, kind: int, payload: bytes) -> None:
@@ -341,14 +341,14 @@ def serve(host: str, q: Sequence[float], orders: Connection) -> None:
 
 @final
 class StandIn(Closing):
-    """A controller at a loopback address of its own, in a process of its own.
+    """Runs a controller at a loopback address of its own, in a process of its own.
 
-    The client holds the interpreter while it waits for an answer, so nothing that is to
-    answer it can run in the same process.
+    The client holds the interpreter lock while it waits for an answer, so the
+    controller cannot run in the same process.
     """
 
     def __init__(self, q: Sequence[float]) -> None:
-        """Start it at joint positions [rad]; `with` ends it."""
+        """Start the controller at joint positions [rad]; `with` ends it."""
         number = os.getpid() % 60_000
         self.host = f"127.7.{number // 250}.{number % 250 + 1}"
         context = get_context("spawn")
@@ -360,11 +360,11 @@ class StandIn(Closing):
         self.orders.recv()
 
     def ask(self, name: str) -> Any:  # noqa: ANN401
-        """What something of the controller is now."""
+        """Return the value of an attribute of the controller."""
         return self.order(name, None)
 
     def order(self, name: str, value: object = True) -> Any:  # noqa: ANN401
-        """Set something of the controller, or do `hang_up`, `come_back` or `mute`."""
+        """Set an attribute of the controller, or hang up, come back or mute it."""
         self.orders.send((name, value))
         return self.orders.recv()
 

@@ -1,9 +1,9 @@
-"""How soon a UR is held, and stands, once something is wrong.
+"""Measure how soon a UR is held and at rest after a fault.
 
     python -m benchmarks.ur_stop [--times N]
 
-The real client of `ur_rtde` against the stand-in controller on loopback, which moves as
-a UR5 may. Each fault is made while the arm moves at full speed.
+The real client of `ur_rtde` talks to a stand-in controller on loopback, which moves
+within the limits of a UR5. Each fault is injected while the arm moves at full speed.
 """
 
 import time
@@ -45,15 +45,15 @@ FAR = Task(
     ),
 )
 STANDING = 0.01
-"""Speed below which a joint stands [rad/s]."""
+"""Speed below which a joint is at rest [rad/s]."""
 
 
 @dataclass(frozen=True)
 class Command:
-    """Break things while an arm moves, and see how soon it stops."""
+    """Inject faults while an arm moves, and measure how soon it stops."""
 
     times: int = 20
-    """How often each."""
+    """Number of times that each fault is injected."""
 
 
 def main() -> None:
@@ -63,8 +63,11 @@ def main() -> None:
     print("fault                     held p50  max   stands p50  max  [ms]")
     with StandIn(FAR.waypoints[0].q) as stand_in:
         with UrArm(UrLink(stand_in.host, 0), FAR) as arm:
-            for name, (make, mend) in faults(stand_in, arm, skin).items():
-                rows = [once(stand_in, arm, make, mend) for _ in range(command.times)]
+            for name, (inject, remove) in faults(stand_in, arm, skin).items():
+                rows = [
+                    measure_fault(stand_in, arm, inject, remove)
+                    for _ in range(command.times)
+                ]
                 held, stands = 1e3 * np.array(rows).T
                 print(
                     f"{name:25} {np.median(held):8.0f} {held.max():4.0f} "
@@ -78,7 +81,7 @@ def faults(
     arm: UrArm,
     skin: Any,  # noqa: ANN401
 ) -> dict[str, tuple[Callable[[], Any], Callable[[], Any]]]:
-    """What makes each fault, and what mends it."""
+    """List the functions that inject and remove each fault."""
 
     def order(name: str, value: object) -> Callable[[], Any]:
         return lambda: stand_in.order(name, value)
@@ -103,7 +106,7 @@ def faults(
 
 
 def watch(arm: UrArm, skin: Any) -> Policy:  # noqa: ANN401
-    """Let a policy watch over a skin that says nothing until it is stale."""
+    """Start a policy that monitors a silent skin, which becomes stale."""
     names = FRAME_TASK.joint_names
     calibration = Calibration.uniform(skin.count, 4095, 100.0)
     info = SourceInfo("sim:none", "ur5", names, skin, calibration, 50.0)
@@ -115,37 +118,37 @@ def watch(arm: UrArm, skin: Any) -> Policy:  # noqa: ANN401
     return policy
 
 
-def once(
+def measure_fault(
     stand_in: StandIn,
     arm: UrArm,
-    make: Callable[[], Any],
-    mend: Callable[[], Any],
+    inject: Callable[[], Any],
+    remove: Callable[[], Any],
 ) -> tuple[float, float]:
-    """From a fault to the hold, and to standstill [s]."""
+    """Measure the time from a fault to the hold, and to rest [s]."""
     full = 0.9 * MotionConfig().speed
     while np.abs(stand_in.ask("qd")).max() < full:
         if arm.state().hold_reason is not None:
-            until(lambda: arm.find_problem() is None)
+            wait_until(lambda: arm.find_problem() is None)
             time.sleep(0.3)
             with suppress(ArmError):
                 arm.release()
         time.sleep(0.01)
     began = time.monotonic()
-    make()
-    until(lambda: arm.state().hold_reason is not None)
+    inject()
+    wait_until(lambda: arm.state().hold_reason is not None)
     held = time.monotonic() - began
-    until(lambda: np.abs(stand_in.ask("qd")).max() < STANDING)
+    wait_until(lambda: np.abs(stand_in.ask("qd")).max() < STANDING)
     stands = time.monotonic() - began
-    mend()
+    remove()
     return held, stands
 
 
-def until(true: Callable[[], Any]) -> None:
-    """Wait until something is so."""
+def wait_until(true: Callable[[], Any]) -> None:
+    """Wait until a condition is true."""
     end = time.monotonic() + 60
     while not true():
         if time.monotonic() > end:
-            raise TimeoutError("it never came")
+            raise TimeoutError("the condition was not met within 60 s")
         time.sleep(0.001)
 
 

@@ -1,12 +1,12 @@
-"""What the browser view costs, and whether it holds anybody up.
+"""Measure the cost of the browser view, and its effect on recognition.
 
     python -m benchmarks.viewer
 
 The ur5 skin at 50 Hz with a simulated person; the arm moves. Shares of a core of this
-process and of the page's, and how old a reading is when all is said of it: without a
-viewer, with one headless browser, and with three of which one is stalled. Browsers draw
-by software here, which takes all that a core has: they are kept to one core and told to
-give way.
+process and of the page's, and the age of a reading when it has been processed: without
+a viewer, with one headless browser, and with three of which one is stalled. Browsers
+draw by software here, which takes all that a core has: they are kept to one core and
+told to give way.
 """
 
 import os
@@ -37,7 +37,7 @@ WINDOW = ("--headless=new", "--window-size=1280,800")
 LAST_CORE = str(max(os.sched_getaffinity(0)))
 TICKS = os.sysconf("SC_CLK_TCK")
 SETTLE = 8.0
-"""How long browsers take to load before anything is measured [s]."""
+"""Time for browsers to load before the measurement [s]."""
 
 
 @dataclass(frozen=True)
@@ -45,23 +45,23 @@ class Command:
     """Measure the viewer."""
 
     seconds: float = 30.0
-    """How long each arrangement is measured."""
+    """Duration of each measurement [s]."""
 
 
 @dataclass(frozen=True)
 class Cost:
-    """What one arrangement took."""
+    """Holds the measurement of one arrangement of browsers."""
 
     main: float
     """Share of a core of this process."""
     page: float
     """Share of a core of the page's process."""
-    pictures: float
-    """Shown a second [1/s]."""
+    updates: float
+    """Rate of updates shown [1/s]."""
     age_p50: float
-    """Of a reading when all is said of it [s]."""
+    """Median age of a reading when it has been processed [s]."""
     age_p99: float
-    """[s]"""
+    """99th percentile of that age [s]."""
 
 
 def main() -> None:
@@ -93,9 +93,9 @@ def main() -> None:
         cost = measure(info, scans, command.seconds, browsers, stalled)
         base = base or cost
         print(
-            f"{name:24} {cost.main:6.1%} {cost.page:6.1%} {cost.pictures:5.1f} "
+            f"{name:24} {cost.main:6.1%} {cost.page:6.1%} {cost.updates:5.1f} "
             f"{1e3 * cost.age_p50:5.2f} ms {1e3 * cost.age_p99:5.2f} ms   "
-            f"viewer in all {cost.main + cost.page - base.main:.1%} of a core",
+            f"viewer in total {cost.main + cost.page - base.main:.1%} of a core",
             flush=True,
         )
 
@@ -107,7 +107,7 @@ def measure(
     browsers: int | None,
     stalled: int,
 ) -> Cost:
-    """Stream with some browsers open, and with none but a page where that is 0."""
+    """Stream with some browsers open; without the page where their number is None."""
     mounted = eskin.MountedSkin(info.skin, eskin.load_robot(info.robot_name))
     model = eskin.load_model("ur5")
     recognizer = eskin.Recognizer(model, mounted, info.calibration)
@@ -127,14 +127,14 @@ def measure(
             main = (time.process_time() - spent) / seconds
             if page:
                 page_spent = (used_by(page.process.pid) - page_spent) / seconds
-            pictures = ((page.shown if page else 0) - shown) / seconds
+            updates = ((page.shown if page else 0) - shown) / seconds
         age = recognition.age
-        return Cost(main, page_spent, pictures, age.quantile(0.5), age.quantile(0.99))
+        return Cost(main, page_spent, updates, age.quantile(0.5), age.quantile(0.99))
 
 
 @contextmanager
 def opened(port: int, count: int, stalled: int) -> Iterator[None]:
-    """Have browsers open on a page, the last ones of them stalled."""
+    """Open browsers on a page, and stall the last ones of them."""
     with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as folder:
         running = [
             subprocess.Popen(
@@ -163,7 +163,7 @@ def opened(port: int, count: int, stalled: int) -> Iterator[None]:
 
 
 def used_by(pid: int) -> float:
-    """Processor time that a process has used [s]."""
+    """Return the processor time that a process has used [s]."""
     fields = Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()
     return (int(fields[11]) + int(fields[12])) / TICKS
 

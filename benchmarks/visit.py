@@ -1,4 +1,4 @@
-"""A person at the demonstration's page, whose hand is the mouse."""
+"""Operate the page of the demonstration with the mouse, as a user would."""
 
 import io
 import time
@@ -18,77 +18,77 @@ from eskin.skin import MountedSkin, load_skin
 
 LINK = "forearm_link"
 ASIDE, BEFORE = 0.03, 0.06
-"""A taxel so near a ray to another and so far before it hides it [m]."""
+"""Distance from a ray, and in front of a taxel, at which another taxel hides it [m]."""
 SOME = np.arange(0, 2112, 3)
-"""Taxels that are enough to see what is in front."""
+"""Taxels used to find out which parts are hidden."""
 CALM = 4.0
-"""So far the forearm moves in 0.2 s at most, to be hit [px]."""
+"""Longest motion of the forearm in 0.2 s at which a click hits it [px]."""
 LENGTH = 0.16
-"""Of a stroke [m]."""
+"""Length of a stroke [m]."""
 
 
 @final
 class Visit:
-    """Sees the page and touches the arm's forearm in it."""
+    """Reads the page and touches the forearm of the arm in it."""
 
     def __init__(self, tab: Page, demo: ServedDemo) -> None:
-        """Sit down.
+        """Store the tab and the demonstration.
 
         Args:
-            tab: of the page.
-            demo: behind it.
+            tab: tab that shows the page.
+            demo: demonstration behind the page.
         """
         self.tab = tab
         self.demo = demo
         self.canvas = Canvas.of(tab)
 
     def text(self) -> str:
-        """All that can be read in the page."""
+        """Return the text of the page."""
         return str(self.tab.evaluate("document.body.innerText"))
 
     def scene(self) -> Int[np.ndarray, "row column 3"]:
-        """What is drawn of the scene, in red, green and blue."""
+        """Return the picture of the scene: red, green and blue."""
         shot = self.tab.screenshot(clip=self.canvas.box, scale="css")
         return np.asarray(Image.open(io.BytesIO(shot)).convert("RGB"), dtype=np.int64)
 
     def let_go(self) -> None:
-        """Press the button that lets an arm go on, if it is held."""
+        """Press the button that resumes the task, if the arm is held."""
         if self.demo.state["hold_reason"]:
             self.tab.get_by_role("button", name="resume").click()
             becomes(lambda: not self.demo.state["hold_reason"], PATIENCE)
 
     def come_anew(self) -> None:
-        """Open the page again: a drag that missed the arm has turned the view."""
+        """Reload the page, because a drag that missed the arm has turned the view."""
         see(self.tab, self.demo.port)
 
     def wait_calm(self) -> None:
-        """Wait until the forearm is seen and hardly moves in the picture."""
+        """Wait until the forearm is visible and hardly moves in the picture."""
         becomes(lambda: self.is_calm, PATIENCE)
 
     @property
     def is_calm(self) -> bool:
-        """Whether the forearm is seen and hardly moves in the picture."""
+        """Whether the forearm is visible and hardly moves in the picture."""
         before = self.middle()
         self.demo.wait(0.2)
         step = np.subtract(self.middle(), before)
         return bool(np.linalg.norm(step) < CALM and self.seen()[0].max() > 0.5)
 
     def click(self) -> None:
-        """Poke."""
+        """Poke by a click."""
         self.tab.mouse.click(*self.middle())
 
     def double_click(self) -> None:
-        """Pat twice."""
+        """Double pat by a double click."""
         self.tab.mouse.dblclick(*self.middle())
 
     def grab(self) -> None:
-        """Click with shift held."""
+        """Grab by a click with shift held."""
         self.tab.keyboard.down("Shift")
         self.tab.mouse.click(*self.middle())
         self.tab.keyboard.up("Shift")
 
     def drag(self) -> None:
-        """Stroke along the forearm, as fast as the browser takes it."""
+        """Stroke along the forearm as fast as the browser allows."""
         mouse = self.tab.mouse
         mouse.move(*self.along(-0.5))
         mouse.down()
@@ -96,14 +96,14 @@ class Visit:
         mouse.up()
 
     def middle(self) -> tuple[float, float]:
-        """Where the middle of the forearm is drawn [px]."""
+        """Return where the middle of the forearm is drawn [px]."""
         return self.along(0.0)
 
     def along(self, share: float) -> tuple[float, float]:
-        """Where a stroke along the forearm is drawn [px].
+        """Return where a point of a stroke along the forearm is drawn [px].
 
         Args:
-            share: of the stroke's length, from its middle on.
+            share: distance from the middle as a share of the stroke's length.
         """
         seen, p_world = self.seen()
         front = p_world[seen > np.quantile(seen, 0.8)]
@@ -112,9 +112,9 @@ class Visit:
         return self.canvas.drawn_at(p_world[np.argmax(seen)] + LENGTH * share * axis)
 
     def seen(self) -> tuple[Float[np.ndarray, "taxel"], Float[np.ndarray, "taxel 3"]]:
-        """How well some taxels of the forearm are seen, and where they are [m].
+        """Return the visibility of some taxels of the forearm, and their positions [m].
 
-        Best is one in the middle that faces the eye; one that is hidden is not seen.
+        It is highest in the middle where a taxel faces the camera; -1 if it is hidden.
         """
         everywhere, normals = mounted().place_taxels(self.demo.q_shown, SOME)
         own = mounted().taxel_link_index[SOME] == mounted().robot.link_index(LINK)
@@ -133,12 +133,12 @@ class Visit:
 
 @cache
 def mounted() -> MountedSkin:
-    """The UR5 in its skin."""
+    """Return the UR5 in its skin."""
     return MountedSkin(load_skin("ur5"), load_robot("ur5"))
 
 
 def becomes(condition: Callable[[], bool], seconds: float) -> bool:
-    """Whether something comes true in time; looks again and again."""
+    """Wait until a condition is true, and return whether it was in time."""
     end = time.monotonic() + seconds
     while not condition():
         if time.monotonic() > end:

@@ -24,6 +24,8 @@ from eskin.robot import load_robot
 from eskin.skin import MountedSkin, check_skin
 from helpers.baselines import UR5
 
+pytestmark = pytest.mark.slow
+
 KEYS = {"name", "p50_ms", "p99_ms", "max_ms", "taxels", "active", "steps", "ratio"}
 
 

@@ -8,6 +8,8 @@ import pytest
 from eskin.recording import read_recording
 from helpers.cli import assert_refused, call, call_json
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture
 def source(tmp_path):
@@ -122,7 +124,6 @@ def test_folder_that_cannot_be_written_to_is_refused(converted, capsys, monkeypa
     assert converted.read_bytes() == before
 
 
-@pytest.mark.slow
 def test_labels_of_real_sleeve_files_agree_better_than_their_ranges(
     sleeve_folder, tmp_path, capsys
 ):

@@ -29,6 +29,8 @@ from helpers.devices import (
     udp_skin,
 )
 
+pytestmark = pytest.mark.slow
+
 SCANS = 30
 SKIN = small_skin()
 
@@ -89,7 +91,6 @@ def test_recording_is_sent_as_datagrams_and_counted(skin, recording, capsys):
     assert len(sent & true) > SCANS * 0.7
 
 
-@pytest.mark.slow
 def test_pseudo_terminal_is_open_until_ctrl_c(skin, recording, tmp_path):
     link = tmp_path / "port"
     words = ["device", skin, "--link", str(link), "--play", recording, "--json"]
@@ -195,7 +196,6 @@ def test_recording_of_another_skin_is_refused(recording, capsys, tmp_path):
         check_refusal(capsys, words, "'small'", f"'{name}'")
 
 
-@pytest.mark.slow
 def test_doctor_passes_and_leaves_nothing_to_compile(capsys):
     assert run(["doctor", "--json"]) == 0
     result, lines = read_result(capsys)
@@ -232,7 +232,6 @@ def test_doctor_tells_how_to_be_allowed_to_use_a_port():
     assert "/dev/ttyACM1" in locked.name and "dialout" in locked.found
 
 
-@pytest.mark.slow
 def test_doctor_listens_to_every_patch(skin, capsys, monkeypatch):
     monkeypatch.setattr(doctor, "run_checks", lambda: ())
     transport = UdpTransport(HostClock())
@@ -250,7 +249,6 @@ def test_doctor_listens_to_every_patch(skin, capsys, monkeypatch):
     assert "scans a second" in right
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("over", ["udp", "serial"])
 def test_throughput_is_measured(over, capsys, monkeypatch):
     monkeypatch.setattr(throughput, "SETTLE_S", 0.5)

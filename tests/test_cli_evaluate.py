@@ -12,6 +12,8 @@ from helpers.cli import assert_refused, call_json
 from helpers.learning import SECOND, START, record, record_people
 from helpers.live import model_of, network
 
+pytestmark = pytest.mark.slow
+
 VOCABULARY = ("none", "hold", "tap")
 PLOTS = ("picture", "reliability", "event-picture", "event-reliability")
 
@@ -52,7 +54,6 @@ def refuse(capsys):
     return partial(assert_refused, capsys, "evaluate", "--workers", "1")
 
 
-@pytest.mark.slow
 def test_real_recordings_are_scored_by_clips_and_by_events(
     model, data, ann, tmp_path, evaluate
 ):
@@ -125,7 +126,6 @@ def test_simulated_streams_are_scored_by_their_events_alone(
     refuse(model, path, "--events", "none", part="--events none")
 
 
-@pytest.mark.slow
 def test_events_of_simulated_clips_are_scored_on_request(
     model, ann, tmp_path, evaluate
 ):
@@ -149,7 +149,6 @@ def test_truncated_recording_is_scored_up_to_the_cut_and_named(
     assert 0 < sum(row["count"] for row in result["per_class"].values()) <= 2
 
 
-@pytest.mark.slow
 def test_invalid_input_is_refused_and_nothing_is_written(
     model, data, ann, tmp_path, refuse
 ):

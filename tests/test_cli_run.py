@@ -33,6 +33,8 @@ from helpers.devices import (
 )
 from helpers.live import Press, mounted, record, scans
 
+pytestmark = pytest.mark.slow
+
 PAUSING = "version: 1\ncommands:\n  - gesture: poke\n    action: pause\n"
 SECOND = 1_000_000_000
 
@@ -59,7 +61,6 @@ def recording(tmp_path_factory):
     return record(path, mounted(), stream), len(stream)
 
 
-@pytest.mark.slow
 def test_recording_is_recognised_counted_and_recorded(recording, tmp_path, capsys):
     path, count = recording
     words = ["--source", f"replay:{path}", "--pace", 10]
@@ -74,14 +75,12 @@ def test_recording_is_recognised_counted_and_recorded(recording, tmp_path, capsy
     assert len(kept.detections) == 1 and kept.metadata.session == f"replay:{path}"
 
 
-@pytest.mark.slow
 def test_simulation_runs_for_given_time(capsys, monkeypatch):
     monkeypatch.setattr("eskin.sim.dataset.Simulator", StillSimulator)
     result, _ = call_json(capsys, "--source", "sim:ur5", "--seconds", 0.5)
     assert 10 <= result["readings"] <= 60 and result["detections"] == 0
 
 
-@pytest.mark.slow
 def test_patches_are_received_over_udp(capsys, tmp_path):
     skin = small_skin()
     save_skin(skin, tmp_path / "skin")
@@ -94,7 +93,6 @@ def test_patches_are_received_over_udp(capsys, tmp_path):
     assert result["source"]["datagrams"] > RATE and result["source"]["used"] > 0
 
 
-@pytest.mark.slow
 def test_interrupt_finishes_recording(recording, tmp_path):
     path, count = recording
     kept = tmp_path / "kept.mcap"
@@ -182,7 +180,6 @@ def pokes(tmp_path):
     return path
 
 
-@pytest.mark.slow
 def test_pokes_of_recording_pause_arm(pokes, tmp_path, monkeypatch, capsys):
     arms, open_arm = [], eskin.app.open_arm
 
@@ -206,5 +203,5 @@ def test_page_of_run_shows_its_arm_and_takes_no_touches():
     for arm in (SimulatedArm(clock=ManualClock()), None):
         viewer = build_listeners(command, None, recognition, arm)[-1]
         assert isinstance(viewer, Viewer) and viewer.arm is arm
-        setup = viewer.setup()
-        assert setup.is_arm == (arm is not None) and not setup.touchable
+        scene = viewer.describe_scene()
+        assert scene.is_arm == (arm is not None) and not scene.touchable

@@ -15,6 +15,8 @@ from eskin.skin.wiring import choose_press_targets
 from eskin.touch import Calibration, Scan, TouchPipeline
 from helpers.devices import PERIOD, RATE, mounted_small, small_skin
 
+pytestmark = pytest.mark.slow
+
 SKIN = small_skin()
 LEFT, MIDDLE, RIGHT = (
     SKIN.find_taxels(name).tolist() for name in ("left", "middle", "right")

@@ -14,6 +14,8 @@ from eskin.model import load_model
 from helpers.cli import assert_refused, call, call_json
 from helpers.learning import FLAGS, label, record, record_people
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module")
 def data(tmp_path_factory):
@@ -61,7 +63,6 @@ def no_training(monkeypatch):
     monkeypatch.setattr(Trainer, "run", pytest.fail)
 
 
-@pytest.mark.slow
 def test_model_is_trained_evaluated_and_replayed(data, eve, tmp_path, train, capsys):
     model = tmp_path / "models" / "m.safetensors"
     options = ("--seed", "7", "--train.rate", "0.002")
@@ -100,7 +101,6 @@ def test_all_recordings_are_trained_on_if_others_are_given_to_validate_on(
         assert np.array_equal(given.weights[name], weight)
 
 
-@pytest.mark.slow
 def test_prepared_recordings_are_kept_and_make_the_same_model(
     ann, eve, tmp_path, train
 ):
@@ -151,7 +151,6 @@ def test_training_starts_from_the_weights_of_a_model(eve, tmp_path, train):
     np.testing.assert_allclose(trained.weights[name], start.weights[name], atol=1e-6)
 
 
-@pytest.mark.slow
 def test_options_change_the_model_and_are_in_its_card(
     data, eve, tmp_path, train, capsys
 ):
@@ -197,7 +196,6 @@ def test_truncated_recording_is_used_up_to_the_cut_and_named(ann, tmp_path, trai
     assert (tmp_path / "m").is_file()
 
 
-@pytest.mark.slow
 @pytest.mark.usefixtures("no_training")
 def test_invalid_input_is_refused_and_nothing_is_written(ann, tmp_path, refuse):
     start = tmp_path / "start.mcap"

@@ -43,6 +43,7 @@ def make_trajectory(goal):
     return trajectory
 
 
+@pytest.mark.slow
 @settings(max_examples=12, deadline=None)
 @given(motions)
 def test_trajectory_keeps_limits_and_integrates_its_velocity(motions):
@@ -187,6 +188,7 @@ def test_task_keeps_clear_of_robot_and_table_with_tool_down():
     assert CONFIG.speed <= robot.velocity.min()
 
 
+@pytest.mark.slow
 @settings(max_examples=10, deadline=None)
 @given(st.lists(st.tuples(st.sampled_from(list(ORDERS)), st.floats(0, 2)), max_size=10))
 def test_orders_keep_limits_of_motion(orders):

@@ -21,7 +21,7 @@ from eskin.demo import (
     SimulatedUserConfig,
     run_headless,
 )
-from eskin.demo.browser import PageCommandHandler
+from eskin.demo.browser import PageOrderHandler
 from eskin.drivers import ManualClock
 from eskin.errors import ArmError, ExtraError, RobotError
 from eskin.page import PageOrder
@@ -31,6 +31,8 @@ from eskin.sim.interactive import InteractiveSkin, LinkPoint
 from eskin.sim.interactive.skin import compute_wrenches
 from eskin.transforms import apply
 from helpers.commands import VOCABULARY
+
+pytestmark = pytest.mark.slow
 
 mujoco = pytest.importorskip("mujoco", reason="needs the extra sim")
 
@@ -110,7 +112,6 @@ def test_robot_without_masses_is_refused():
         Dynamics("ur10", STRETCHED)
 
 
-@pytest.mark.slow
 def test_arm_follows_task_within_its_torques(arm):
     for _ in range(750):
         arm.clock.sleep(0.02)
@@ -247,7 +248,6 @@ def test_standing_arm_yields_to_poke_on_its_skin(arm):
     assert left < 1e-6
 
 
-@pytest.mark.slow
 def test_touches_of_demonstration_push_arm(monkeypatch):
     forces, apply_wrenches = [0.0], DynamicPlant.apply_wrenches
 
@@ -262,7 +262,7 @@ def test_touches_of_demonstration_push_arm(monkeypatch):
 
 
 def test_resume_button_ends_protective_stop(stopped_arm):
-    handler = PageCommandHandler(InteractiveSkin(), stopped_arm)
+    handler = PageOrderHandler(InteractiveSkin(), stopped_arm)
     handler.handle(PageOrder("resume_task"))
     assert not stopped_arm.state().stopped
 

@@ -19,6 +19,8 @@ from helpers.commands import (
     pass_ur_time,
 )
 
+pytestmark = pytest.mark.slow
+
 CONFIG = MotionConfig()
 UR5 = load_robot("ur5")
 KINEMATICS = Kinematics(UR5)

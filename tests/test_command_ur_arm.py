@@ -25,6 +25,8 @@ from helpers.commands import (
     pass_ur_time,
 )
 
+pytestmark = pytest.mark.slow
+
 LIMIT = MotionConfig().speed
 
 
@@ -199,7 +201,6 @@ def stands(stand_in):
     return np.abs(stand_in.ask("q") - before).max() < 0.01
 
 
-@pytest.mark.slow
 def test_client_executes_every_action(working):
     stand_in, arm = working
     arm.pause()
@@ -224,7 +225,6 @@ def test_client_executes_every_action(working):
     assert stands(stand_in) and arm.state().hold_reason == "test"
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("fault", "end", "reason"),
     [
@@ -245,7 +245,6 @@ def test_client_is_held_by_fault_until_release(working, fault, end, reason):
     assert stands(stand_in) and arm.state().hold_reason == reason
 
 
-@pytest.mark.slow
 def test_client_is_held_by_stale_skin(working):
     stand_in, arm = working
     policy = start_policy(arm)
@@ -254,7 +253,6 @@ def test_client_is_held_by_stale_skin(working):
     policy.close()
 
 
-@pytest.mark.slow
 def test_watchdog_of_robot_stops_it_without_commands(working):
     stand_in, arm = working
     stand_in.order("mute", True)
@@ -266,7 +264,6 @@ def test_watchdog_of_robot_stops_it_without_commands(working):
     assert stands(stand_in) and arm.state().hold_reason
 
 
-@pytest.mark.slow
 def test_client_process_that_dies_is_lost_connection(working):
     stand_in, arm = working
     arm.link.process.kill()

@@ -35,6 +35,8 @@ from helpers.clips import generated
 from helpers.graphs import orthogonal, random_graph, turned
 from helpers.learning import record_people
 
+pytestmark = pytest.mark.slow
+
 SECOND = 1_000_000_000
 
 

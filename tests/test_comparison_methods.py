@@ -39,6 +39,8 @@ from helpers.clips import generated
 from helpers.graphs import random_graph
 from helpers.learning import TINY
 
+pytestmark = pytest.mark.slow
+
 ESTIMATORS = (
     SupportVectors(),
     NearestNeighbours(),

@@ -17,11 +17,13 @@ from eskin.demo import (
     SimulatedUserConfig,
     run_headless,
 )
-from eskin.demo.browser import PageCommandHandler
+from eskin.demo.browser import PageOrderHandler
 from eskin.drivers import ManualClock
 from eskin.page import PageOrder, TouchOrder
 from eskin.sim.interactive import InteractiveSkin
 from eskin.stream import CommandEvent
+
+pytestmark = pytest.mark.slow
 
 SECOND = 1_000_000_000
 VOCABULARY = ("none", "double_pat", "grab", "poke", "stroke")
@@ -96,7 +98,6 @@ def test_user_leaves_paused_arm_alone_for_second():
 CONFIG = DemoConfig(seed=3, user=SimulatedUserConfig(first=1.0, accidents=0.1))
 
 
-@pytest.mark.slow
 def test_demonstration_adds_up_repeats_and_waits_for_last_touch():
     score = run_headless(10.0, CONFIG).score
     counts = [score.count(outcome) for outcome in ("correct", "wrong", "missed")]
@@ -154,7 +155,7 @@ def test_live_source_scans_skin_where_arm_is():
 
 def test_orders_of_page_touch_skin_and_pause_arm():
     arm, skin, others = SimulatedArm(clock=ManualClock()), InteractiveSkin(), []
-    handler = PageCommandHandler(skin, arm, others.append)
+    handler = PageOrderHandler(skin, arm, others.append)
     taxel = int(skin.mounted.skin.find_taxels("forearm_front")[200])
     place = tuple(skin.mounted.skin.positions[taxel].tolist())
     handler.handle(TouchOrder("poke", "forearm_link", place, 5.0, 0.3, 1))

@@ -17,6 +17,8 @@ import pytest
 import eskin
 from helpers.source import MODULES, SOURCE, parse_module
 
+pytestmark = pytest.mark.slow
+
 PACKAGES = ["eskin"] + [
     f"eskin.{module.name}"
     for module in pkgutil.iter_modules(eskin.__path__)
@@ -61,7 +63,6 @@ IRREGULAR = {"does", "goes", "passes", "presses", "tries", "applies", "carries"}
 FRAGMENTS = {"of", "by", "whom", "whose", "as", "from", "to", "with", "than", "that"}
 
 
-@pytest.mark.slow
 def test_exported_names_exist_and_are_documented():
     for package in PACKAGES:
         module = importlib.import_module(package)

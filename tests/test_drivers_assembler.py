@@ -18,6 +18,8 @@ from helpers.modules import (
 )
 from helpers.touch import SECOND, START, build_grid_skin
 
+pytestmark = pytest.mark.slow
+
 SETTLED = 0.2
 """When the clocks of patches that send from the start are known [s]."""
 

@@ -43,6 +43,8 @@ from helpers.devices import (
 from helpers.modules import ScriptedTransport
 from helpers.streams import Ear
 
+pytestmark = pytest.mark.slow
+
 SKIN = small_skin()
 TAXELS = {patch.id: SKIN.find_taxels(patch.id) for patch in SKIN.patches}
 REST = 200
@@ -200,7 +202,6 @@ def test_every_scan_is_used_without_faults(over):
     assert sum(run.outcomes.values()) == run.device.packets
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("fault", [[], ["corrupt@1=0.05"], ["flip@1=0.0005"]])
 def test_touch_is_detected_through_faults(fault):
     run = FaultRun("udp", fault, 4.5, touch=(3.0, 3.4))
@@ -329,7 +330,6 @@ def test_mutated_packets_have_one_outcome_each_and_break_nothing():
     assert all(len(stream.partial) <= 5 for stream in source.assembler.streams.values())
 
 
-@pytest.mark.slow
 def test_simulated_person_on_the_whole_skin_loses_nothing():
     soak = stream_simulated(3.0)
     assert soak.lost == {}

@@ -79,6 +79,7 @@ def test_encoded_packet_is_decoded(packet):
     assert are_equal(decode_packet(data), packet)
 
 
+@pytest.mark.slow
 @settings(max_examples=200)
 @given(st.integers(0, 3), st.binary(max_size=40))
 def test_decoded_packet_is_encoded_to_the_same_bytes(kind, rest):

@@ -236,6 +236,7 @@ def test_each_of_several_faults_counts_its_own(intact):
     assert len([packet for packet in sent if packet not in intact]) == broken
 
 
+@pytest.mark.slow
 def test_port_vanishes_with_its_last_patch_and_comes_back(tmp_path):
     skin = small_skin()
     port = PtyPort(tmp_path / "port")

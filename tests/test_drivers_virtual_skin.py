@@ -196,6 +196,7 @@ def test_packets_to_a_closed_port_are_counted_as_undelivered():
     assert (counters["unheard"], counters["bytes"]) == (counters["packets"], 0)
 
 
+@pytest.mark.slow
 def test_line_that_is_not_read_loses_whole_packets_only():
     device = VirtualSkin(SKIN, [PtyPort(timeout=0.0)], RATE)
     with device, open_line(device.ports[0]) as line:

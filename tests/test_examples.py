@@ -10,6 +10,8 @@ import pytest
 
 from helpers.learning import FLAGS
 
+pytestmark = pytest.mark.slow
+
 EXAMPLES = Path(__file__).parents[1] / "examples"
 REAL_TOUCHES = "01_real_touches.py"
 
@@ -54,7 +56,6 @@ def test_examples_are_short_numbered_and_titled():
         assert title.startswith('"""') and title.endswith(".")
 
 
-@pytest.mark.slow
 def test_real_touches_trains_on_all_but_last_session(tmp_path, run_example):
     for day in ("20250521", "20250528"):
         write_sleeve(tmp_path, "Grab", f"{day}150000")

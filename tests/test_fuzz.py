@@ -15,6 +15,7 @@ from eskin.errors import SkinError
 from eskin.skin import build_grid_skin, load_skin, skin_from_bytes, skin_to_bytes
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("kind", "inputs"),
     [

@@ -11,6 +11,8 @@ from eskin.learn.evaluation import ClipPredictions
 from eskin.recording import NONE
 from eskin.sim.dataset import GenerationSettings, generate
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module")
 def examples(tmp_path_factory):

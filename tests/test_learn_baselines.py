@@ -19,6 +19,8 @@ from eskin.learn.baselines.interface import RollingWindow
 from helpers.baselines import UR5, toy
 from helpers.live import mounted
 
+pytestmark = pytest.mark.slow
+
 NAMES = (*BASELINES, *NETWORKS)
 QUICK = FitConfig(epochs=12, batch=6, rate=5e-3)
 every_baseline = pytest.mark.parametrize("name", NAMES)

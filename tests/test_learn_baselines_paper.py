@@ -9,6 +9,8 @@ from eskin.learn.baselines.paper import LAYERS, NodeSelector, PaperNetwork
 from helpers.baselines import UR5
 from helpers.graphs import FOLDED
 
+pytestmark = pytest.mark.slow
+
 
 def network(pooling="max", k=8):
     torch.manual_seed(0)

@@ -11,6 +11,8 @@ from eskin.learn.baselines.paper import PaperNetwork
 from eskin.skin import MountedSkin
 from helpers.graphs import book
 
+pytestmark = pytest.mark.slow
+
 KPA, LEAST = 10.0, 0.5  # unit of pressure, and what is read as zero [kPa]
 LENGTH = 0.03  # unit of length [m]
 K_LIVE, REACH = 4, 0.03

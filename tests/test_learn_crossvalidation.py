@@ -22,6 +22,8 @@ from eskin.learn.dataset import prepare
 from eskin.learn.training import Trainer
 from helpers.learning import AS_RECORDED, TINY, record_people
 
+pytestmark = pytest.mark.slow
+
 PEOPLE = ("ann", "bob", "cleo")
 FOUR = ("hold", "tap", "tap", "hold")
 LEARNED = replace(

@@ -34,6 +34,8 @@ from helpers.live import (
 )
 from helpers.simulation import StandIn
 
+pytestmark = pytest.mark.slow
+
 DECISIONS = [
     (DecisionConfig(), 1.0),
     (DecisionConfig(threshold=0.4, hold_seconds=0.0, least=0.6), 4.0),
@@ -116,7 +118,6 @@ def stream_paths(tmp_path_factory):
     return sorted(folder.glob("*.mcap"))
 
 
-@pytest.mark.slow
 def test_generated_streams_are_scored_from_end_to_end(stream_paths):
     streams = list(trace_recordings(stream_paths, say_always("poke")))
     result = score_events([stream.decide() for stream in streams], VOCABULARY)
@@ -132,7 +133,6 @@ def test_generated_streams_are_scored_from_end_to_end(stream_paths):
     assert set(result.per_subject) == {"streams-p0", "streams-p1"}
 
 
-@pytest.mark.slow
 def test_two_processes_trace_like_one(tmp_path):
     on, model = mounted(), say_always("poke")
     paths = []
@@ -174,7 +174,6 @@ def test_real_recording_is_scored_against_its_labels(tmp_path):
         list(trace_recordings([silent], model))
 
 
-@pytest.mark.slow
 def test_no_single_change_improves_the_decision_chosen(stream_paths):
     streams = list(trace_recordings(stream_paths[:1], model_of(network(seed=3))))
     config = TuningConfig(

@@ -16,6 +16,8 @@ from eskin.touch import Calibration, Scan
 from helpers.baselines import UR5, toy
 from helpers.clips import generated
 
+pytestmark = pytest.mark.slow
+
 SECOND = 1_000_000_000
 START = 1_700_000_000 * SECOND
 PERIOD = SECOND // 50

@@ -26,6 +26,8 @@ from helpers.learning import record
 from helpers.live import Press, mounted, scans
 from helpers.live import record as record_scans
 
+pytestmark = pytest.mark.slow
+
 PIPELINE, GRAPH = PipelineConfig(), GraphConfig()
 
 
@@ -120,7 +122,6 @@ def test_recording_without_touch_has_no_rows(tmp_path, real):
     assert_same(join_graphs([read, touched]), touched)
 
 
-@pytest.mark.slow
 def test_packed_recordings_give_the_same_data_set_to_the_bit(real, simulated, tmp_path):
     paths = [real, simulated]
     plain = prepare(paths)

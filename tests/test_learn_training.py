@@ -17,6 +17,8 @@ from eskin.model import SLOT_NS, Model, ModelCard
 from helpers.clips import generated
 from helpers.learning import AS_RECORDED, TINY, record, record_people
 
+pytestmark = pytest.mark.slow
+
 VOCABULARY = ("none", "hold", "tap")
 PEOPLE = ("ann", "bob", "cleo", "dan")
 

@@ -15,6 +15,8 @@ from eskin.touch import PipelineConfig
 from helpers.clips import generated
 from helpers.learning import TINY, record, record_people
 
+pytestmark = pytest.mark.slow
+
 AS_IT_WAS = AgingConfig(
     patch_gain=0.0, taxel_gain=0.0, exponent=0.0, unfelt=0.0, noise=0.0
 )

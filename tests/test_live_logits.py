@@ -25,6 +25,8 @@ from helpers.live import (
     two_hands,
 )
 
+pytestmark = pytest.mark.slow
+
 # Skin, kind of model, rate [Hz] and indices of the scans that are lost.
 SCENES = {
     "10 Hz": (("grid",), "pressure", 10, ()),
@@ -37,7 +39,6 @@ SCENES = {
 }
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("scene", SCENES)
 def test_stream_gives_the_logits_of_the_offline_windows(scene, tmp_path):
     skin, kind, rate, lost = SCENES[scene]

@@ -46,6 +46,7 @@ SIZES = (
 )
 
 
+@pytest.mark.slow
 @settings(deadline=None, max_examples=60)
 @given(
     sizes=st.sampled_from(SIZES),
@@ -98,6 +99,7 @@ def assert_windows_equal(slots, stamps):
     np.testing.assert_allclose(found, want, atol=1e-4)
 
 
+@pytest.mark.slow
 @settings(deadline=None, max_examples=40)
 @given(
     slots=st.sampled_from(SLOTS),

@@ -31,6 +31,8 @@ from helpers.live import (
     two_hands,
 )
 
+pytestmark = pytest.mark.slow
+
 
 def build_recognizer(on, model=None, **settings):
     model = model or model_of(network())
@@ -234,7 +236,6 @@ def test_recogniser_is_loaded_from_files_and_names(tmp_path):
         Recognizer.load(tmp_path / "gone.safetensors", "ur5")
 
 
-@pytest.mark.slow
 def test_live_recognition_needs_no_torch():
     code = (
         "import sys, eskin, eskin.live, eskin.cli.recordings; eskin.Recognizer;"
@@ -294,7 +295,6 @@ def test_with_the_pose_touches_merge_where_links_meet(posed_model, poses):
     assert [max(map(len, each)) for each in (folded, apart)] == [1, 2]
 
 
-@pytest.mark.slow
 def test_without_the_pose_the_same_counts_have_the_same_graphs(poses, tmp_path):
     prepared = []
     for n, stream in enumerate(poses):

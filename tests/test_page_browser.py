@@ -223,11 +223,12 @@ def scene_moves(visit):
     return np.abs(visit.scene() - before).max() > 60
 
 
-def test_mouse_commands_arm_of_demonstration(visit):
-    def execute(touch, line, condition, shown):
-        touch_until_executed(visit, touch, f"{line} on forearm", condition)
-        assert becomes(lambda: shown(visit.demo.state) in visit.text(), PATIENCE)
+def execute(visit, touch, line, condition, shown):
+    touch_until_executed(visit, touch, f"{line} on forearm", condition)
+    assert becomes(lambda: shown(visit.demo.state) in visit.text(), PATIENCE)
 
+
+def test_clicks_pause_and_resume_arm_of_demonstration(visit):
     q = visit.demo.state["q"]
     assert becomes(lambda: scene_moves(visit), PATIENCE)
     assert not np.allclose(visit.demo.state["q"], q)
@@ -235,7 +236,7 @@ def test_mouse_commands_arm_of_demonstration(visit):
     def is_paused(before, now):
         return now["paused"] and not before["paused"]
 
-    execute(visit.click, "pause: poke", is_paused, lambda state: "paused\n")
+    execute(visit, visit.click, "pause: poke", is_paused, lambda state: "paused\n")
     assert becomes(lambda: not visit.demo.state["moving"], PATIENCE)
     assert becomes(lambda: not scene_moves(visit), PATIENCE)
     q = visit.demo.state["q"]
@@ -245,14 +246,19 @@ def test_mouse_commands_arm_of_demonstration(visit):
     def is_resumed(before, now):
         return is_paused(now, before)
 
-    execute(visit.click, "resume: poke", is_resumed, lambda state: "running\n")
+    execute(visit, visit.click, "resume: poke", is_resumed, lambda state: "running\n")
     assert becomes(lambda: scene_moves(visit), PATIENCE)
+
+
+@pytest.mark.long
+def test_every_other_gesture_of_mouse_commands_arm(visit):
     for touch, line, key, shown in (
         (visit.double_click, "next_waypoint: double_pat", "target", "to {}"),
         (visit.drag, "slow: stroke", "speed", "{:.0%} speed"),
         (visit.grab, "_gripper: grab", "gripper", "gripper {}"),
     ):
         execute(
+            visit,
             touch,
             line,
             lambda before, now, key=key: now[key] != before[key],

@@ -75,6 +75,7 @@ def read_bytes(tmp_path):
     return read
 
 
+@pytest.mark.slow
 def test_cut_recording_is_read_up_to_its_last_whole_chunk(path, chunk_ends, read_bytes):
     data = path.read_bytes()
     near_ends = {end + d for end in (*chunk_ends, len(data) - 2) for d in (-1, 0, 1)}

@@ -16,9 +16,11 @@ from eskin.demo.same_touch import (
     recognise_touch,
 )
 from eskin.page import Answer, ComparisonBoard
-from eskin.page.board import board
+from eskin.page.board import render_board
 from eskin.sim.scene import are_collision_free
 from helpers.worlds import world
+
+pytestmark = pytest.mark.slow
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -40,7 +42,6 @@ def results(touches):
     return [[recognise_touch(touches[0], side, m) for side in (0, 1)] for m in models]
 
 
-@pytest.mark.slow
 def test_both_playbacks_have_equal_counts_and_different_poses(touches):
     for touch in touches:
         for one, other in zip(
@@ -53,7 +54,6 @@ def test_both_playbacks_have_equal_counts_and_different_poses(touches):
     assert touches[0].counts.tobytes() != touches[1].counts.tobytes()
 
 
-@pytest.mark.slow
 def test_only_the_model_with_pose_tells_the_poses_apart(results):
     posed, blind = results
     assert blind[0].detected == blind[1].detected and blind[0].detected
@@ -63,7 +63,6 @@ def test_only_the_model_with_pose_tells_the_poses_apart(results):
         assert max(result.probabilities) in [sure for _, sure in result.detected]
 
 
-@pytest.mark.slow
 def test_arm_moves_between_poses_without_jump_or_collision(touches):
     period, length = touches[0].period, len(touches[0].counts)
     scans = list(islice(play_touches(touches), 5 * length))
@@ -75,7 +74,6 @@ def test_arm_moves_between_poses_without_jump_or_collision(touches):
     assert are_collision_free(world(), world().poses(q)).all()
 
 
-@pytest.mark.slow
 def test_listener_shows_the_results_on_its_board(touches, results):
     listener, touch = ComparisonListener(touches, load_both_models("ur5")), touches[0]
     length = len(touch.counts)
@@ -121,13 +119,12 @@ def test_board_shows_every_answer_and_escapes_names():
     answers = Answer(("grab 75%",), True, chances), Answer((), None, chances)
     rows = (("<b>who</b>", answers),)
     shown = ComparisonBoard("title", ("one", "two"), ("grab", "none"), 0, rows)
-    html = board(shown, ("a", "b"))
-    for text in ("title", "one", "two", "truly: grab", "grab 75%", "75%", "25%"):
+    html = render_board(shown, ("a", "b"))
+    for text in ("title", "one", "two", "true label: grab", "grab 75%", "75%", "25%"):
         assert text in html
-    assert "<b>who</b>" not in html and "first pose" in board(None, ("a",))
+    assert "<b>who</b>" not in html and "first pose" in render_board(None, ("a",))
 
 
-@pytest.mark.slow
 def test_command_prints_the_results(capsys):
     assert run(["demo", "--same-touch", "--headless", "--pairs", "1", "--json"]) == 0
     first, *_, last = capsys.readouterr().out.splitlines()

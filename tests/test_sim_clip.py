@@ -92,11 +92,13 @@ def test_touch_of_any_length_is_in_the_truth(kind):
         assert clip.truths[0].force.max() > 0
 
 
+@pytest.mark.slow
 def test_no_gesture_takes_place_beside_a_touch_that_is_none():
     for clip in make_many(15, gesture="none", kind="resting_hand", concurrent=1.0):
         assert {truth.gesture for truth in clip.truths} == {"none"}
 
 
+@pytest.mark.slow
 def test_second_touch_is_the_weaker():
     clips = make_many(15, gesture="grab", concurrent=1.0)
     two = [clip.truths for clip in clips if len(clip.truths) == 2]

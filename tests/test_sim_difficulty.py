@@ -1,6 +1,7 @@
 """These tests check the benchmark of how hard simulated clips are."""
 
 import numpy as np
+import pytest
 from benchmarks.simulation.ceiling import wilson_interval
 from benchmarks.simulation.clips import as_tap, pressure_of, sitting_of
 from benchmarks.simulation.confusion import counted, pairs_check
@@ -106,6 +107,7 @@ def test_confused_pairs_are_counted_both_ways():
     assert not pairs_check(labels, np.where(labels == "grab", "rub", guess)).met
 
 
+@pytest.mark.slow
 def test_clips_of_a_session_have_finite_features():
     settings = GenerationSettings("train", clips=5, subjects=1)
     session = settings.sessions[0]

@@ -78,6 +78,7 @@ def test_accepted_poses_keep_their_distances():
     assert T[:, ROBOT.link_index("tool0"), 2, 3].min() >= value("robot.tool_height")
 
 
+@pytest.mark.slow
 def test_clearance_is_never_too_large_and_seldom_much_too_small():
     T = world().poses(draw_any_poses(12, seed=2))
     computed = world().collision.compute_clearance(T, 10.0)

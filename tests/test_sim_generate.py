@@ -29,6 +29,8 @@ from helpers.simulation import (
     read_files,
 )
 
+pytestmark = pytest.mark.slow
+
 SMALL_SET = GenerationSettings("train", "square", seed=3, clips=23, subjects=4)
 
 
@@ -142,7 +144,6 @@ def test_generation_continues_after_a_clip_fails(small_set, tmp_path, workers):
     assert read_files(tmp_path) == read_files(small_set)
 
 
-@pytest.mark.slow
 def test_death_of_a_worker_ends_the_generation(tmp_path):
     with pytest.raises(GenerationError, match="a worker died"):
         make_set(tmp_path, factory=Dying, workers=2)
@@ -157,7 +158,6 @@ generate({{!r}}, {SMALL_SET!r}, 2, Slow)
 """
 
 
-@pytest.mark.slow
 def test_killed_generation_continues_to_the_same_bytes(small_set, tmp_path):
     env = {"PYTHONPATH": str(Path(__file__).parent), "OMP_NUM_THREADS": "1"}
     call = [sys.executable, "-c", SCRIPT.format(str(tmp_path))]

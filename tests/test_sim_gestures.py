@@ -29,6 +29,7 @@ def get_force(touch):
     return touch.presses[0].force
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("gesture", "kind"), KINDS)
 @pytest.mark.parametrize("difficulty", [0.0, 2.0])
 def test_forces_are_positive_between_zeros_and_all_that_varies_is_recorded(

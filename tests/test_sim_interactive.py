@@ -9,10 +9,10 @@ import pytest
 from eskin.sim.dataset.clip import get_session, simulate_clip
 from eskin.sim.dataset.plan import Origin
 from eskin.sim.interactive import InteractiveSkin, LinkPoint, TouchPlayer
-from eskin.sim.interactive.player import LEAD_SECONDS, STRETCH_SECONDS
+from eskin.sim.interactive.player import LEAD_SECONDS, SEGMENT_SECONDS
 from eskin.sim.interactive.touches import PerformedTouch
 from eskin.sim.people.perform import perform
-from eskin.sim.scene.motion import follow_late, hang_still
+from eskin.sim.scene.motion import follow_with_delay
 from eskin.sim.scene.scene import TouchScene
 from eskin.sim.sensor.build import draw_build
 from eskin.sim.sensor.model import SensorStages
@@ -27,7 +27,7 @@ from helpers.touch import build_grid_skin
 Q = np.array([0.3, -1.2, 1.0, -1.0, -1.5, 0.2])
 SWAY = np.array([0.1, 0.05, -0.1, 0.2, 0.0, 0.1])
 PERIOD = 1_000_000_000 // RATE
-STRETCH, LEAD = round(RATE * STRETCH_SECONDS), round(RATE * LEAD_SECONDS)
+STRETCH, LEAD = round(RATE * SEGMENT_SECONDS), round(RATE * LEAD_SECONDS)
 
 
 def stand(_):
@@ -134,10 +134,8 @@ def test_touch_gives_the_counts_and_truth_of_a_clip(gesture, kind, motion):
     q = np.array([motion(max(reading, 0)) for reading in at])
     between = np.arange(steps) / 2 - 0.5
     q = np.stack([np.interp(between, at, each) for each in q.T], axis=1)
-    presses = tuple(
-        hang_still(press, env, q) if kind else follow_late(press, env, q, delay)
-        for press in touch.presses
-    )
+    delay = np.inf if kind else delay
+    presses = tuple(follow_with_delay(p, env, q, delay) for p in touch.presses)
     scene = TouchScene(q, (replace(touch, presses=presses),))
     clip, exact = (
         simulate_clip(
@@ -197,6 +195,7 @@ def test_poke_is_felt_at_its_place_and_nothing_without_it(patch, motion):
     assert np.linalg.norm(live.mounted.skin.positions[taxel] - point.p_link) < 0.03
 
 
+@pytest.mark.slow
 def test_dragged_finger_follows_its_target_at_limited_speed():
     live = InteractiveSkin()
     begin, end = find_forearm_ends(live)
@@ -367,7 +366,7 @@ def test_player_plays_one_stream_with_numbered_touches():
 
 def test_player_keeps_one_person_and_build_that_are_of_no_set():
     player = TouchPlayer(StandIn("small"), 7)
-    one, other = player.plan_stretch(1), player.plan_stretch(2)
+    one, other = player.plan_segment(1), player.plan_segment(2)
     names = {one.person.name, one.build.name, one.session.name, one.set_name}
     assert all(name.startswith("device") for name in names)
     assert one.build.kind == "fresh"

@@ -11,8 +11,7 @@ from eskin.sim.scene.motion import (
     build_speed_profile,
     draw_motion,
     draw_pose_path,
-    follow_late,
-    hang_still,
+    follow_with_delay,
     hold_pose,
 )
 from eskin.sim.scene.placement import draw_site
@@ -111,8 +110,8 @@ def test_path_pauses_between_moves_in_valid_poses_of_its_groups(groups):
 def test_hand_does_not_lag_behind_a_still_robot():
     press, series = build_press(2, 50), hold_pose(world(), poses(1)[0], 2.0)
     assert len(series) == 200 and (series == series[0]).all()
-    late = follow_late(press, world(), series, 0.2)
-    for moved in (late, hang_still(press, world(), series)):
+    late = follow_with_delay(press, world(), series, 0.2)
+    for moved in (late, follow_with_delay(press, world(), series, np.inf)):
         np.testing.assert_array_equal(moved.centre, press.centre)
         np.testing.assert_array_equal(moved.angle, press.angle)
 
@@ -122,7 +121,7 @@ def test_hand_lags_by_the_displacement_of_an_even_motion(first):
     # The skin of the ring moves along s alone.
     speed, delay, ring = 0.4, 0.2, find_ring()
     press = build_press(ring, 100, first)
-    moved = follow_late(press, world(), turn_wrist(speed, 200), delay)
+    moved = follow_with_delay(press, world(), turn_wrist(speed, 200), delay)
     slid = (moved.centre - press.centre)[:, 0]
     until = np.minimum(STEP * np.arange(100), delay)
     expected = world().charts[ring].radius * np.sin(speed * until)
@@ -134,7 +133,7 @@ def test_hand_lags_by_the_displacement_of_an_even_motion(first):
 def test_hanging_thing_slides_as_far_as_the_link_moves():
     ring = find_ring()
     press = build_press(ring, 100)
-    moved = hang_still(press, world(), turn_wrist(0.3, 100))
+    moved = follow_with_delay(press, world(), turn_wrist(0.3, 100), np.inf)
     expected = world().charts[ring].radius * np.sin(0.3 * STEP * np.arange(100))
     slid = np.abs((moved.centre - press.centre)[:, 0])
     np.testing.assert_allclose(slid, expected, atol=1e-9)
@@ -144,7 +143,7 @@ def test_lag_is_that_of_the_target_through_the_kinematics():
     q, series = draw_motions(1, seed=6)[0]
     site = draw_site(world(), q, people(1)[0], "grab", np.random.default_rng(0))
     press = build_press(site.chart, 60, first=80, centre=site.centre)
-    moved = follow_late(press, world(), series, 0.2)
+    moved = follow_with_delay(press, world(), series, 0.2)
     chart, link = world().charts[site.chart], world().links[site.chart]
     wrapped = chart.surface.wrap(press.centre[:1])
     axes = (wrapped.tangents[0], np.cross(wrapped.normals[0], wrapped.tangents[0]))
@@ -162,7 +161,7 @@ def test_hand_lands_on_its_target_and_slides_some_millimetres():
     for (q, series), person in zip(draw_motions(30), people(30), strict=True):
         site = draw_site(world(), q, person, "poke", np.random.default_rng(0))
         press = build_press(site.chart, 50, first=90, centre=site.centre)
-        moved = follow_late(press, world(), series, 0.22).centre - press.centre
+        moved = follow_with_delay(press, world(), series, 0.22).centre - press.centre
         np.testing.assert_allclose(moved[0], 0.0, atol=1e-12)
         on_chart = world().charts[site.chart].taxels
         speeds = compute_skin_speeds(series[90:141])[:, on_chart].mean(axis=1)

@@ -21,6 +21,8 @@ from eskin.sim.people.person import STYLE_CONSTANTS
 from eskin.skin import Tube
 from helpers.simulation import CONSTANTS, SITE, draw_people, perform_many
 
+pytestmark = pytest.mark.slow
+
 STEP = CONSTANTS.value("time.step")
 PUSHES = (("poke", None), ("none", "press"), ("none", "single_pat"))
 
@@ -157,7 +159,6 @@ def test_difficulty_spreads_the_touches_of_one_person_and_of_all():
     assert compute_gsd(all_hard) > 1.08 * compute_gsd(all_easy)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("difficulty", [0.0, 1.5])
 def test_touches_are_as_short_as_published(difficulty):
     poke, grab, stroke = (
@@ -178,7 +179,6 @@ def test_nearly_all_gestures_fit_a_window_however_difficult(gesture):
     np.testing.assert_allclose(get_durations(touches), drawn, atol=STEP / 2 + 1e-9)
 
 
-@pytest.mark.slow
 def test_durations_are_in_the_order_of_jung_et_al_2017():
     tap, poke, pat, press, grab, stroke = (
         np.median(get_durations(perform_many(gesture, kind, 0.0, "cost", 400)))
@@ -243,7 +243,6 @@ def compute_features(press):
     return np.concatenate([*spectra, steps])
 
 
-@pytest.mark.slow
 def test_noise_does_not_tell_poke_press_and_pat_apart():
     rng = np.random.default_rng(7)
     # Every touch lasts as long, so that its course does not tell what it is.

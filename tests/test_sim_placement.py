@@ -29,6 +29,8 @@ from eskin.sim.scene.validity import are_poses_valid, find_self_contact_sites
 from eskin.skin import Tube
 from helpers.worlds import EVERY, people, poses, world
 
+pytestmark = pytest.mark.slow
+
 COUNT = 80
 
 
@@ -210,7 +212,6 @@ def test_targets_cover_the_skin_once_and_seams_lie_between_patches():
         assert away.max() <= get_length("place.seam_gap") / 2 + 1e-6
 
 
-@pytest.mark.slow
 def test_contacts_without_a_law_of_places_take_those_of_the_gestures_evenly():
     rng = np.random.default_rng(0)
     for gesture, kind, law in (

@@ -28,6 +28,7 @@ def builds():
     return {kind: [draw(kind, seed) for seed in range(8)] for kind in kinds}
 
 
+@pytest.mark.slow
 def test_gains_scatter_within_and_between_patches_as_stated(builds):
     for kind, drawn in builds.items():
         gains = np.log([build.velostat.gain for build in drawn]).reshape(-1, 6, 144)

@@ -31,6 +31,7 @@ def plan_set(name, clips=None, subjects=None, **options):
     return [plan for _, plans in files for plan in plans[1:]]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "people", "builds", "kind", "groups", "count"),
     [
@@ -60,6 +61,7 @@ def test_set_has_its_stated_people_builds_poses_and_clips(
     assert {plan.set_name for plan in plans} == {name}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", SETS)
 def test_file_is_one_session_that_begins_without_touch(name):
     sessions, files = zip(*plan_files(name), strict=True)

@@ -21,6 +21,8 @@ from eskin.sim.scene.poses import (
     draw_pose,
 )
 
+pytestmark = pytest.mark.slow
+
 SKINS = get_args(SkinName)
 DRUMS = ("base", "post")
 ARMS = [skin for skin in SKINS if skin not in DRUMS]
@@ -54,7 +56,6 @@ def is_felt(simulator, plan):
     return (pressure * clip.received).max() > 3.0
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("skin", SKINS[1:])
 def test_every_class_is_felt_on_every_skin(skin):
     simulator = get_simulator(skin)

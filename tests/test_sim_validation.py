@@ -11,7 +11,7 @@ from benchmarks.simulation import mujoco_contact
 from benchmarks.simulation.bands import (
     BANDS,
     SIZES,
-    forearm_of,
+    build_forearm,
     length_checks,
     second_peak,
     size_checks,
@@ -41,7 +41,7 @@ COARSE = CONSTANTS.scaled({"contact.reference.points": 0.3})
 NEEDS_MUJOCO = pytest.mark.skipif(
     find_spec("mujoco") is None, reason="the reference needs MuJoCo, extra `sim`"
 )
-get_forearm = cache(lambda: forearm_of(CONSTANTS))
+get_forearm = cache(lambda: build_forearm(CONSTANTS))
 
 
 def list_failures(checks):

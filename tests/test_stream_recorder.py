@@ -27,6 +27,8 @@ from helpers.streams import (
     same_scans,
 )
 
+pytestmark = pytest.mark.slow
+
 SCANS = make_scans(200)
 EVENTS = (
     Event(START + SECOND, "silent", "patch 'a' is silent: plug it in", "a"),
@@ -282,7 +284,6 @@ def test_recording_is_finished_when_other_listener_fails(path):
     assert same_scans(list(recording.scans()), SCANS[: recording.count])
 
 
-@pytest.mark.slow
 def test_killed_process_loses_last_second_at_most(tmp_path):
     killed = kill_often(tmp_path, 3)
     assert len(killed) == 3 and all(each.whole for each in killed)

@@ -18,6 +18,8 @@ from eskin.stream import Stream, stop_on_signals
 from eskin.touch import Scan
 from helpers.streams import START, Ear, make_scans, played, same_scans
 
+pytestmark = pytest.mark.slow
+
 SCANS = make_scans(200)
 EVENT = Event(START, "appeared", "patch 'a' is there")
 SIGNALS = signal.SIGINT, signal.SIGTERM
@@ -282,7 +284,6 @@ def start_streaming(path, how):
     return child
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("number", SIGNALS)
 def test_first_signal_finishes_the_recording(tmp_path, number):
     path = tmp_path / "a.mcap"
@@ -295,7 +296,6 @@ def test_first_signal_finishes_the_recording(tmp_path, number):
     assert len(list(tmp_path.iterdir())) == 1
 
 
-@pytest.mark.slow
 def test_second_signal_kills(tmp_path):
     child = start_streaming(tmp_path / "a.mcap", "hang")
     while child.poll() is None:

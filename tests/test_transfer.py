@@ -27,7 +27,7 @@ def model():
 def test_trial_is_interpolated_between_rest():
     rng = np.random.default_rng(0)
     trial = make_trial(rng.integers(0, 256, (4, 456)))
-    scans = list(transfer.scans_of(trial, 50.0))
+    scans = list(transfer.build_scans(trial, 50.0))
     counts = np.stack([scan.counts for scan in scans])
     assert np.all(np.diff([scan.stamp for scan in scans]) == 20_000_000)
     assert not counts[:75].any() and not counts[-30:].any()
@@ -52,7 +52,7 @@ def test_largest_touch_is_answered_after_its_last_contact(model):
     mounted = transfer.MountedSkin(skin, transfer.load_robot("table"))
     calibration = transfer.Calibration.uniform(skin.count, transfer.FINEST, 40.0)
     touches = transfer.TouchTraces(transfer.Recognizer(model, mounted, calibration))
-    for scan in transfer.scans_of(make_trial(counts), 50.0):
+    for scan in transfer.build_scans(make_trial(counts), 50.0):
         touches.push(scan)
     touches.finish()
     touch = touches.largest()
@@ -73,18 +73,19 @@ def test_figures_are_shares_of_the_answers_of_a_group(model):
         TrialAnswer("P1", "b", "poke", "none", (), 1.0),
     ]
     group = Group("pokes", ("a",), "poke", bar=0.6, longer=0.5)
-    found = transfer.figures(answers, group, model)
+    found = transfer.compute_results(answers, group, model)
     assert (found["n"], found["truth"], found["bar"]) == (3, "poke", 0.6)
     names = ("forced_right", "averaged_right", "live_right", "live_wrong")
     shares = [found[name] for name in names] + [found["live"]["nothing"]]
     assert shares == pytest.approx([1 / 3, 2 / 3, 2 / 3, 1 / 3, 1 / 3])
     assert set(found["people"]) == {"P0", "P1"}
-    rest = transfer.figures(answers, Group("rest", ("a",), "none"), model)
+    rest = transfer.compute_results(answers, Group("rest", ("a",), "none"), model)
     assert (rest["live_right"], rest["live_wrong"]) == (0.5, 0.5)
-    empty = transfer.figures(answers, Group("empty", ("c",), "none"), model)
+    empty = transfer.compute_results(answers, Group("empty", ("c",), "none"), model)
     assert (empty["n"], empty["forced_right"]) == (0, None)
 
 
+@pytest.mark.slow
 def test_benchmark_prints_tables_and_writes_figures(tmp_path, monkeypatch, capsys):
     text = text_of([pressed(), pressed((1, 5))])
     write_socialtouch(tmp_path / "in", text=text)

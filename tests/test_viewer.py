@@ -30,6 +30,8 @@ from eskin.viewer.viewer import MAX_LOG_ENTRIES, FrameEncoder, describe_arm
 from helpers.live import START, calibration_of, say_always, scans, two_hands
 from helpers.viewer import Q, make_setup, make_update, mounted
 
+pytestmark = pytest.mark.slow
+
 ORDER = TouchOrder("poke", "forearm_link", (0.0, 0.0, 0.1), 5.0, 0.2, 1)
 
 
@@ -188,7 +190,6 @@ def test_taken_port_is_refused_in_one_line():
     free_port(port)
 
 
-@pytest.mark.slow
 def test_page_is_served_to_this_computer_only(make_page):
     page = make_page(lambda order: None)
     port = page.wait_ready(60.0)
@@ -203,7 +204,6 @@ def test_page_is_served_to_this_computer_only(make_page):
         assert own.recv(timeout=10)
 
 
-@pytest.mark.slow
 def test_stalled_page_misses_updates_and_delays_nobody(make_page):
     page = make_page(lambda order: None)
     page.wait_ready(60.0)
@@ -227,8 +227,8 @@ def test_stalled_page_misses_updates_and_delays_nobody(make_page):
 def test_orders_of_untouchable_page_are_dropped(make_page):
     orders = []
     page = make_page(orders.append, touchable=False)
-    page.take_order(ORDER)
-    page.take_order(PageOrder("kill", 0.1))
+    page.queue_order(ORDER)
+    page.queue_order(PageOrder("kill", 0.1))
     assert page.dropped == 2 and not orders
 
 
@@ -237,13 +237,12 @@ def test_orders_beyond_queue_are_dropped(make_page):
     page = make_page(lambda order: executing.wait(10.0))
     try:
         for _ in range(MAX_ORDERS + 10):
-            page.take_order(ORDER)
+            page.queue_order(ORDER)
         assert 9 <= page.dropped <= 10
     finally:
         executing.set()
 
 
-@pytest.mark.slow
 def test_page_that_dies_is_logged_once(make_page, caplog):
     page = make_page()
     page.wait_ready(60.0)
@@ -256,7 +255,6 @@ def test_page_that_dies_is_logged_once(make_page, caplog):
     assert [record.message for record in caplog.records] == [page.failure]
 
 
-@pytest.mark.slow
 def test_page_ends_with_killed_parent():
     code = (
         "import time\n"

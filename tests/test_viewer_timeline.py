@@ -6,7 +6,12 @@ import pytest
 from eskin.cli.main import run
 from eskin.errors import RecordingError
 from eskin.recording import read_recording
-from eskin.viewer.editing import LabelEditor, compare, envelope, load_replayed
+from eskin.viewer.editing import (
+    LabelEditor,
+    compute_envelope,
+    load_replayed,
+    match_detections,
+)
 from eskin.viewer.timeline import PlaybackClock
 from helpers.timelines import make_detection, make_label, to_stamp, write_recording
 
@@ -49,8 +54,8 @@ def test_loaded_recording_has_pressure_of_every_reading(path):
 def test_envelope_keeps_peaks(bins):
     values = np.zeros(1000)
     values[777] = 5.0
-    assert envelope(values, bins).max() == 5.0
-    assert len(envelope(values, bins)) == min(bins, 1000)
+    assert compute_envelope(values, bins).max() == 5.0
+    assert len(compute_envelope(values, bins)) == min(bins, 1000)
 
 
 def test_playback_advances_at_its_speed_and_stops_at_end():
@@ -109,7 +114,7 @@ def test_saved_label_becomes_true_beside_automatic_one(tmp_path):
 def test_labels_are_compared_with_their_detections():
     missed = make_label("grab", 8.0, 8.2)
     said_none = make_detection("none", 8.0, 8.3)
-    pairs = compare((*LABELS, missed), (*DETECTIONS, said_none))
+    pairs = match_detections((*LABELS, missed), (*DETECTIONS, said_none))
     assert [(pair.label, pair.detection, pair.is_right) for pair in pairs] == [
         (LABELS[0], DETECTIONS[0], True),
         (LABELS[1], DETECTIONS[1], False),

@@ -1,1 +1,1 @@
-"""Mutated inputs for everything that reads what others wrote."""
+"""Fuzz everything that reads data of others."""

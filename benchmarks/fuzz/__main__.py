@@ -1,10 +1,10 @@
-"""Feed readers with mutated inputs.
+"""Fuzz the readers with mutated inputs.
 
     python -m benchmarks.fuzz decoder|skin|recording|commands [--inputs N] [--seed N]
 
-Every input is either read or refused with the error that the reader documents, in one
-line. All else is a finding: it is printed with the command that makes it again, and the
-exit code is 1.
+Every input must be read, or refused with the documented error of the reader in one
+line. Anything else is a finding: it is printed with the command that reproduces it, and
+the exit code is 1.
 """
 
 import sys
@@ -31,14 +31,14 @@ TARGETS: dict[Name, tuple[str, str]] = {
 
 @dataclass(frozen=True)
 class Command:
-    """Feed a reader with mutated inputs."""
+    """Fuzz a reader with mutated inputs."""
 
     target: tyro.conf.Positional[Name]
-    """Which of them."""
+    """Reader to fuzz."""
     inputs: int = 20_000
-    """How many inputs."""
+    """Number of inputs."""
     seed: int = 0
-    """Of the mutations."""
+    """Seed of the mutations."""
     first: int = 0
     """Number of the first input."""
     guided: bool = False
@@ -46,25 +46,25 @@ class Command:
 
 
 def main() -> None:
-    """Fuzz and print."""
+    """Fuzz the reader and print the outcome."""
     command = tyro.cli(Command)
     if command.guided:
-        guide(lambda: kind_of(command.target), command.inputs, command.seed)
+        guide(lambda: import_target(command.target), command.inputs, command.seed)
     with tempfile.TemporaryDirectory() as folder:
-        target = kind_of(command.target)(Path(folder))
+        target = import_target(command.target)(Path(folder))
         outcome = fuzz(target, command.first, command.inputs, command.seed)
-    print(described(command, outcome))
+    print(format_outcome(command, outcome))
     sys.exit(bool(outcome.findings))
 
 
-def kind_of(name: Name) -> type[Target]:
-    """The target of that name; its reader is imported only now."""
+def import_target(name: Name) -> type[Target]:
+    """Import a target, with its reader, by name."""
     module, kind = TARGETS[name]
     return getattr(import_module(module), kind)
 
 
-def described(command: Command, outcome: Outcome) -> str:
-    """The outcome in words."""
+def format_outcome(command: Command, outcome: Outcome) -> str:
+    """Format the outcome."""
     lines = [
         f"{command.target}: {outcome.inputs} inputs of seed {command.seed} in "
         f"{outcome.seconds:.0f} s, {outcome.accepted} accepted, at most "

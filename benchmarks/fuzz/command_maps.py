@@ -1,4 +1,4 @@
-"""Command maps."""
+"""Fuzz the reader of command maps."""
 
 import random
 from pathlib import Path
@@ -24,7 +24,7 @@ WORDS = (
 
 @final
 class CommandsTarget(Target):
-    """The reader of command maps."""
+    """Fuzzes the reader of command maps."""
 
     def __init__(self, folder: Path) -> None:
         """Start from a map with every key; the inputs are written into the folder."""
@@ -41,11 +41,11 @@ class CommandsTarget(Target):
         self.whole = text.encode()
 
     def make(self, rng: random.Random) -> bytes:
-        """The map, mutated."""
+        """Return the mutated map."""
         return mutate(self.whole, rng, WORDS)
 
     def feed(self, data: bytes) -> bool:
-        """Load the map; one that is accepted is the same when it was written."""
+        """Load the map; an accepted map must survive writing and reading."""
         self.path.write_bytes(data)
         try:
             commands = load_commands(self.path, VOCABULARY, self.skin)
@@ -54,5 +54,5 @@ class CommandsTarget(Target):
             return False
         text = yaml.safe_dump(commands.model_dump(), allow_unicode=True)
         if parse_commands(text, "again") != commands:
-            raise AssertionError("the map is another when it was written")
+            raise AssertionError("the map differs after writing and reading")
         return True

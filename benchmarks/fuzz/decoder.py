@@ -1,4 +1,4 @@
-"""Packets and frames of devices."""
+"""Fuzz the decoder of packets and frames."""
 
 import json
 import random
@@ -15,14 +15,14 @@ from eskin.errors import PacketError
 
 VECTORS = Path(__file__).parents[2] / "tests/data/protocol_v1.json"
 PACKET, SEALED, STREAM = 0, 1, 2
-"""The first byte of an input, modulo 3: the rest is a packet; a packet without its CRC,
-which is put on, so that what lies behind it is reached; or what a serial line gives."""
+"""Modes of an input, by its first byte modulo 3: the rest is a packet; a packet without
+its CRC, which is added so that later checks are reached; or data of a serial line."""
 REASONS = {"length", "crc", "version", "kind", "content"}
 
 
 @final
 class DecoderTarget(Target):
-    """The packet decoder and the deframer."""
+    """Fuzzes the packet decoder and the deframer."""
 
     def __init__(self, folder: Path) -> None:
         """Start from the test vectors; the folder is not needed."""
@@ -30,7 +30,7 @@ class DecoderTarget(Target):
         self.packets = [bytes.fromhex(vector["packet"]) for vector in vectors]
 
     def make(self, rng: random.Random) -> bytes:
-        """A mode and its mutated bytes."""
+        """Return a mode and its mutated bytes."""
         mode = rng.choice((PACKET, SEALED, SEALED, STREAM))
         packet = rng.choice(self.packets)
         if mode == PACKET:
@@ -43,7 +43,7 @@ class DecoderTarget(Target):
         return bytes([mode]) + content
 
     def feed(self, data: bytes) -> bool:
-        """Decode; what is accepted must be encoded to the same bytes."""
+        """Decode the input; an accepted packet must be encoded to the same bytes."""
         mode, content = (data[0] % 3 if data else PACKET), data[1:]
         if mode == PACKET:
             return accepts(content)
@@ -53,7 +53,7 @@ class DecoderTarget(Target):
 
 
 def accepts(data: bytes) -> bool:
-    """Whether these bytes are a packet, and then the only bytes of that packet."""
+    """Return whether bytes are a packet, which must be encoded to the same bytes."""
     try:
         packet = decode_packet(data)
     except PacketError as error:
@@ -62,12 +62,12 @@ def accepts(data: bytes) -> bool:
             raise AssertionError(f"reason {error.reason!r}") from error
         return False
     if encode_packet(packet) != data:
-        raise AssertionError(f"{packet} has other bytes than it was decoded from")
+        raise AssertionError(f"{packet} is encoded to other bytes")
     return True
 
 
 def found(stream: bytes) -> list[bytes]:
-    """Packets of a stream; all at once and in pieces must give the same."""
+    """Return the packets of a stream, which must not depend on its division."""
     whole, parts = Deframer(), Deframer()
     packets, size = whole.push(stream), 1 + len(stream) % 97
     pieces = []

@@ -1,4 +1,4 @@
-"""Mutations guided by coverage, with atheris (libFuzzer)."""
+"""Fuzz with mutations guided by coverage, by atheris (libFuzzer)."""
 
 import random
 import sys
@@ -11,9 +11,9 @@ from benchmarks.fuzz.run import LONGEST
 from benchmarks.fuzz.target import Target
 
 STARTS = 200
-"""Mutated inputs that the search starts from."""
+"""Number of mutated inputs that the search starts from."""
 LARGEST = 8192
-"""Inputs do not grow beyond this [bytes]."""
+"""Greatest size of an input [bytes]."""
 READERS = [
     "eskin.command",
     "eskin.drivers",
@@ -26,12 +26,12 @@ READERS = [
 
 
 def guide(kind_of_target: Callable[[], type[Target]], inputs: int, seed: int) -> None:
-    """Feed a target until so many inputs are done, or one is a finding; then exit.
+    """Fuzz a target until there is a finding or enough inputs were read; then exit.
 
     Args:
-        kind_of_target: imports the reader, which is instrumented on the way.
-        inputs: how many.
-        seed: of the mutations.
+        kind_of_target: function that imports and instruments the target and its reader.
+        inputs: number of inputs.
+        seed: seed of the mutations.
     """
     try:
         atheris = import_module("atheris")

@@ -1,4 +1,4 @@
-"""Recordings: whole files, single records, and messages inside their chunks."""
+"""Fuzz the reader of recordings: whole files, records, and messages inside chunks."""
 
 import random
 import struct
@@ -36,12 +36,12 @@ WORDS = (
     b"[" * 2000,
 )
 Record = tuple[int, bytes]
-"""Kind and content."""
+"""Opcode and content."""
 
 
 @final
 class RecordingTarget(Target):
-    """The reader of recordings."""
+    """Fuzzes the reader of recordings."""
 
     def __init__(self, folder: Path) -> None:
         """Start from a recording of 1.5 s; the inputs are written into the folder."""
@@ -51,7 +51,7 @@ class RecordingTarget(Target):
         self.records = split(self.whole[len(MAGIC) : -len(MAGIC)])
 
     def make(self, rng: random.Random) -> bytes:
-        """The file mutated anywhere, or within one record that is put right again."""
+        """Return the file mutated anywhere, or in one record with a corrected CRC."""
         if rng.random() < 0.3:
             return mutate(self.whole, rng)
         records = list(self.records)
@@ -79,7 +79,7 @@ class RecordingTarget(Target):
 
 
 def write(path: Path) -> None:
-    """A recording with everything that one can hold."""
+    """Write a recording with every kind of content."""
     skin, rng = small_skin(), np.random.default_rng(0)
     calibration = Calibration.uniform(skin.count, 4095, 100.0)
     metadata = Metadata("set", "P1", "morning", "paper", {"rate": "20 Hz"})
@@ -105,7 +105,7 @@ def write(path: Path) -> None:
 
 
 def split(data: bytes) -> list[Record]:
-    """Records that lie one after the other."""
+    """Split consecutive records."""
     records, offset = [], 0
     while offset < len(data):
         opcode, length = RECORD_HEADER.unpack_from(data, offset)
@@ -116,12 +116,12 @@ def split(data: bytes) -> list[Record]:
 
 
 def joined(record: Record) -> bytes:
-    """A record as it stands in a file."""
+    """Encode a record."""
     return RECORD_HEADER.pack(record[0], len(record[1])) + record[1]
 
 
 def changed(record: Record, rng: random.Random) -> Record:
-    """The record mutated so that its CRC is right, or seems not given, as a rule."""
+    """Mutate a record, most often so that its CRC is valid or absent."""
     opcode, body = record
     if opcode == Opcode.CHUNK:
         return opcode, changed_chunk(body, rng)
@@ -133,7 +133,7 @@ def changed(record: Record, rng: random.Random) -> Record:
 
 
 def changed_chunk(body: bytes, rng: random.Random) -> bytes:
-    """A chunk with one of its records mutated, or that promises another size."""
+    """Mutate a record of a chunk, or the declared size of the chunk."""
     chunk = Chunk.read(ReadDataStream(BytesIO(body)))
     records = split(zstandard.decompress(chunk.data, chunk.uncompressed_size))
     place = rng.randrange(len(records))

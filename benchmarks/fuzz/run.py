@@ -1,4 +1,4 @@
-"""Feeding a target with one input after the other, and noting what must not happen."""
+"""Run a target with one input after the other, and collect the findings."""
 
 import random
 import resource
@@ -16,32 +16,32 @@ from types import FrameType
 from benchmarks.fuzz.target import Target
 
 LONGEST = 5.0
-"""From here on an input hangs its reader [s]."""
+"""Time after which a reader counts as hung [s]."""
 MEMORY = 1 << 30
-"""More than at the start that may be asked for [bytes]."""
+"""Memory that may be allocated beyond that at the start [bytes]."""
 PLACES = 2**40
-"""Inputs that one seed can make."""
+"""Number of inputs per seed."""
 
 
 class HangError(BaseException):
-    """An input took too long."""
+    """Raised when an input takes too long."""
 
 
 @dataclass
 class Outcome:
-    """What came of the inputs."""
+    """Holds the outcome of a run."""
 
     inputs: int = 0
     accepted: int = 0
     seconds: float = 0.0
     grown: int = 0
-    """How much more memory was resident at most than at the start [bytes]."""
+    """Growth of the peak resident memory since the start [bytes]."""
     findings: dict[str, str] = field(default_factory=dict)
-    """The first input of every kind of finding, by what was raised and where."""
+    """First input of every kind of finding, by exception and place."""
 
 
 def fuzz(target: Target, first: int, inputs: int, seed: int) -> Outcome:
-    """Feed a target; input number n is the same whatever came before it."""
+    """Run a target; input number n does not depend on the inputs before it."""
     outcome, start, before = Outcome(), time.monotonic(), resident_peak()
     with limits():
         for number in range(first, first + inputs):
@@ -61,7 +61,7 @@ def fuzz(target: Target, first: int, inputs: int, seed: int) -> Outcome:
 
 @contextmanager
 def limits() -> Iterator[None]:
-    """No hang, no more memory than allowed, and no warning goes unheard."""
+    """Limit time and memory, and turn warnings into errors."""
     pages = int(Path("/proc/self/statm").read_text().split()[0])
     most = pages * resource.getpagesize() + MEMORY
     old, hard = resource.getrlimit(resource.RLIMIT_AS)
@@ -77,23 +77,23 @@ def limits() -> Iterator[None]:
 
 
 def hang(number: int, frame: FrameType | None) -> None:
-    """What the alarm does."""
+    """Raise an error when the alarm rings."""
     raise HangError(f"more than {LONGEST:g} s")
 
 
 def where(error: BaseException) -> str:
-    """What was raised, and the last places of ours on the way to it."""
+    """Describe an exception by its type and its last places in this project."""
     frames = traceback.extract_tb(error.__traceback__)
-    ours = [f"{Path(x.filename).name}:{x.lineno}" for x in frames if ours_is(x)]
+    ours = [f"{Path(x.filename).name}:{x.lineno}" for x in frames if is_ours(x)]
     return f"{type(error).__name__} from {' > '.join(ours[-3:])}"
 
 
-def ours_is(frame: traceback.FrameSummary) -> bool:
-    """Whether it is a line of eskin, or of these benchmarks."""
+def is_ours(frame: traceback.FrameSummary) -> bool:
+    """Return whether a frame is in eskin or in these benchmarks."""
     return "eskin" in frame.filename or "benchmarks" in frame.filename
 
 
 def resident_peak() -> int:
-    """The most memory that was resident so far [bytes]."""
+    """Return the peak resident memory [bytes]."""
     unit = 1 if sys.platform == "darwin" else 1024
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit

@@ -1,4 +1,4 @@
-"""Skin files."""
+"""Fuzz the reader of skin files."""
 
 import random
 from pathlib import Path
@@ -12,7 +12,7 @@ from eskin.skin.files import format_manifest
 from eskin.skin.taxel_table import format_taxels
 
 BETWEEN = b"\n...\n"
-"""Between `skin.yaml` and `taxels.csv` in one input."""
+"""Separator of `skin.yaml` and `taxels.csv` in an input."""
 YAML_WORDS = (
     *(b"!!bool ", b"!!int ", b"!!float ", b"!!timestamp ", b"!!binary ", b"!!set "),
     *(b"!!python/name:os.system ", b"!!omap ", b"!!null ", b"!!merge ", b"!!pairs "),
@@ -51,13 +51,13 @@ TABLE_WORDS = (
 
 
 def small_skin() -> Skin:
-    """A skin of 30 taxels."""
+    """Build a skin of 30 taxels."""
     return build_grid_skin(5, 6, name="small")
 
 
 @final
 class SkinTarget(Target):
-    """The reader of a skin's folder, and of the text that a recording carries."""
+    """Fuzzes the readers of a skin's folder and of the text in a recording."""
 
     def __init__(self, folder: Path) -> None:
         """Start from a small skin; the inputs are written into the folder."""
@@ -67,7 +67,7 @@ class SkinTarget(Target):
         self.table = format_taxels(skin).encode()
 
     def make(self, rng: random.Random) -> bytes:
-        """Both files, one of them mutated, or both."""
+        """Return both files, with one or both of them mutated."""
         which = rng.randrange(5)
         manifest, table = self.manifest, self.table
         if which <= 2:
@@ -77,7 +77,7 @@ class SkinTarget(Target):
         return manifest + BETWEEN + table
 
     def feed(self, data: bytes) -> bool:
-        """Load the folder, and the text; a skin that is accepted can be kept."""
+        """Load folder and text; an accepted skin must survive writing and reading."""
         manifest, _, table = data.partition(BETWEEN)
         (self.folder / "skin.yaml").write_bytes(manifest)
         (self.folder / "taxels.csv").write_bytes(table)
@@ -90,7 +90,7 @@ class SkinTarget(Target):
             refuses_or_reads(data)
         kept = skin_to_bytes(skin)
         if skin_to_bytes(skin_from_bytes(kept)) != kept:
-            raise AssertionError("the skin is another when it was kept")
+            raise AssertionError("the skin differs after writing and reading")
         return True
 
 

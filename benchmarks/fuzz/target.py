@@ -1,4 +1,4 @@
-"""What is fed with mutated inputs: the abstract target."""
+"""Define the abstract target of the fuzzer."""
 
 import random
 from abc import ABC, abstractmethod
@@ -8,26 +8,26 @@ from eskin.errors import EskinError
 
 
 class Target(ABC):
-    """A reader, and the inputs it is tried with."""
+    """Wraps a reader and generates its inputs."""
 
     @abstractmethod
     def __init__(self, folder: Path) -> None:
-        """Make the valid inputs; files go into the folder."""
+        """Create the valid inputs; files go into the folder."""
 
     @abstractmethod
     def make(self, rng: random.Random) -> bytes:
-        """A mutated input; the same for the same state of `rng`."""
+        """Return a mutated input, which depends only on the state of `rng`."""
 
     @abstractmethod
     def feed(self, data: bytes) -> bool:
-        """Let the reader read it; whether it was accepted.
+        """Read an input and return whether it was accepted.
 
-        Whatever is raised here is a finding.
+        Any exception raised here is a finding.
         """
 
 
 def check_refusal(error: EskinError) -> None:
-    """Hold an error to what users are promised: one line that says something."""
+    """Check that the message of an error is one line that is not empty."""
     text = str(error)
     if not text or len(text.splitlines()) != 1:
         raise AssertionError(f"the message is not one line: {text!r:.300}") from error

@@ -1,1 +1,1 @@
-"""What the simulated world is held to: `python -m benchmarks.simulation`."""
+"""Check the simulation against its targets: `python -m benchmarks.simulation`."""

@@ -1,4 +1,4 @@
-"""Hold the simulated world to its checklist.
+"""Check the simulation against measured and published properties.
 
 python -m benchmarks.simulation [PART], where PART is physics, rig, bands, sensor,
 reference, difficulty, ceiling, leakage, sweep, speed or all.
@@ -40,31 +40,31 @@ Part = Literal[
 
 
 REPEATS = 8
-"""Clips of every touch on every surface that MuJoCo is asked about."""
+"""Clips of every touch on every surface that are compared with MuJoCo."""
 
 
 @dataclass(frozen=True)
 class Command:
-    """Print properties of the simulated world beside what they should be."""
+    """Print properties of the simulation beside their targets."""
 
     part: tyro.conf.Positional[Part] = "all"
-    """Which of them."""
+    """Tables to print."""
     people: int = 100
-    """People who touch; three times as many on the rig, whose spreads are looked at."""
+    """Number of people; three times as many on the rig, where spreads are compared."""
     clips: int = 3000
-    """Clips to learn from, for difficulty, ceiling and leakage."""
+    """Number of clips for training, for difficulty, ceiling and leakage."""
     seed: int = 0
-    """Of people and touches."""
+    """Seed of people and touches."""
 
 
 def physics(command: Command) -> str:
-    """Areas, profiles and times of contact."""
+    """Check areas, profiles and times of contact."""
     checks = physics_checks(load_constants(), command.people, command.seed)
     return as_table("Contact", checks)
 
 
 def rig(command: Command) -> str:
-    """Areas, peaks and durations on the grid of CoST."""
+    """Check areas, peaks and durations on the grid of CoST."""
     constants = load_constants()
     people, difficulty = 3 * command.people, constants.value("sets.difficulty")
     checks = rig_checks(constants, people, 4, difficulty, command.seed)
@@ -72,45 +72,45 @@ def rig(command: Command) -> str:
 
 
 def bands(command: Command) -> str:
-    """Taxels, forces and durations on the forearm."""
+    """Check taxels, forces and durations on the forearm."""
     checks = band_checks(load_constants(), command.people, command.seed)
     return as_table("On the forearm of the UR5, difficulty 0", checks)
 
 
 def sensor(command: Command) -> str:
-    """One element against the logged presses."""
+    """Check one element against logged presses."""
     return as_table("One element", element_checks(load_constants(), command.seed))
 
 
 def difficulty(command: Command) -> str:
-    """How hard clips are, and what is confused."""
+    """Measure the difficulty of clips, and the confusions."""
     levels = difficulty_tables(command.clips, command.seed)
     tables, checks = confusion_tables(command.clips, command.seed)
     return "\n".join([levels, tables, as_table("Confusions", checks)])
 
 
 def ceiling(command: Command) -> str:
-    """What the truth itself allows."""
+    """Measure the accuracy of a classifier that receives the true touches."""
     return ceiling_tables(command.clips, command.seed)
 
 
 def leakage(command: Command) -> str:
-    """What may not tell the class."""
+    """Check that nothing but the touch predicts the class."""
     return as_table("Leakage", leakage_checks(command.clips, command.seed))
 
 
 def reference(command: Command) -> str:
-    """The same hands in MuJoCo."""
+    """Compare contacts with the same hands in MuJoCo."""
     return reference_tables(REPEATS, command.seed)
 
 
 def sweep(command: Command) -> str:
-    """Estimated forces, half and twice as large."""
+    """Measure accuracy with estimated forces half and twice as large."""
     return sweep_table(command.clips, command.seed)
 
 
 def speed(command: Command) -> str:
-    """Clips a minute."""
+    """Measure the rate of generation."""
     return as_table("Speed", speed_checks(command.clips, command.seed))
 
 
@@ -129,7 +129,7 @@ PARTS: dict[str, Callable[[Command], str]] = {
 
 
 def main() -> None:
-    """Print what was asked for."""
+    """Print the chosen tables."""
     command = tyro.cli(Command)
     for name, table in PARTS.items():
         if command.part in (name, "all"):

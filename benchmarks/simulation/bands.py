@@ -1,4 +1,4 @@
-"""What gestures are like on the forearm of the UR5: sizes, forces, times, spectra."""
+"""Check sizes, forces, times and spectra of gestures on the forearm of the UR5."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -47,7 +47,7 @@ LENGTHS |= {"grab": (0.60, 0.66), "stroke": (0.60, 0.66)}
 REPEATS = 3
 """Touches of each gesture by each person."""
 MORE = 10
-"""Times as many people for shares of durations, which differ from person to person."""
+"""Factor on the number of people for durations, which vary between people."""
 SECONDS = 2.0  # [s], of a clip
 RATE = 50.0  # [Hz]
 FULL = 1e6  # more than any converter counts
@@ -58,22 +58,22 @@ Series = Float[np.ndarray, "reading"]
 
 @dataclass(frozen=True, eq=False)
 class Forearm:
-    """The robot, and the tube of its forearm."""
+    """Holds the robot and the tube of its forearm."""
 
     world: SimEnvironment
-    """The robot in its skin."""
+    """Environment of the robot in its skin."""
     index: int
-    """Of the tube among the charts."""
+    """Index of the tube among the charts."""
 
     @property
     def chart(self) -> Chart:
-        """The tube."""
+        """Chart of the tube."""
         return self.world.charts[self.index]
 
 
 def band_checks(constants: Constants, people: int, seed: int) -> list[BandCheck]:
-    """Bands, durations, spectra and pulses."""
-    forearm = forearm_of(constants)
+    """Check sizes, durations, spectra and strokes."""
+    forearm = build_forearm(constants)
     return [
         *size_checks(forearm, people, seed),
         *length_checks(forearm, people, seed),
@@ -82,15 +82,15 @@ def band_checks(constants: Constants, people: int, seed: int) -> list[BandCheck]
     ]
 
 
-def forearm_of(constants: Constants) -> Forearm:
-    """The forearm of the UR5."""
+def build_forearm(constants: Constants) -> Forearm:
+    """Build the forearm of the UR5."""
     world = Simulator(constants=constants).env
     charts = [i for i, chart in enumerate(world.charts) if chart.link == FOREARM]
     return Forearm(world, max(charts, key=lambda i: len(world.charts[i].taxels)))
 
 
 def site_on(forearm: Forearm, rng: np.random.Generator) -> ContactSite:
-    """Somewhere on the forearm, an inch and more from its ends."""
+    """Draw a site on the forearm, 3 cm or more from its ends."""
     chart = forearm.chart
     low, high = np.quantile(chart.unrolled[:, 1], [0, 1])
     around = rng.uniform(0, chart.circumference)
@@ -113,7 +113,7 @@ def touches(
     regime: Regime | None = None,
     difficulty: float = 0.0,
 ) -> Iterator[tuple[Person, TrueTouch]]:
-    """A gesture by several people, several times each."""
+    """Yield a gesture by several people, several times each."""
     constants = forearm.world.constants
     for number in range(people):
         rng = np.random.default_rng([seed, number])
@@ -129,7 +129,7 @@ def touches(
 
 
 def size_checks(forearm: Forearm, people: int, seed: int) -> list[BandCheck]:
-    """Percentiles of four sizes of each gesture, beside the prototype's."""
+    """Check percentiles of four sizes of each gesture against the prototype's."""
     checks = []
     for gesture, bands in BANDS.items():
         found = np.array(
@@ -150,7 +150,7 @@ def size_checks(forearm: Forearm, people: int, seed: int) -> list[BandCheck]:
 def band_check(
     name: str, band: tuple[int, int, int], found: Float[np.ndarray, "3"]
 ) -> BandCheck:
-    """Met where the median lies between the prototype's outer percentiles."""
+    """Check that the median lies between the prototype's outer percentiles."""
     return BandCheck(
         f"{name}, 10/50/90 %",
         f"median within {band[0]}-{band[2]} (prototype {'/'.join(map(str, band))})",
@@ -161,7 +161,7 @@ def band_check(
 
 
 def sizes(forearm: Forearm, touch: TrueTouch) -> tuple[float, float, float, float]:
-    """The numbers named in `SIZES`."""
+    """Return the quantities of `SIZES`."""
     pressure, force = pressed(forearm, touch)
     over = pressure > PRESSED
     return (
@@ -175,7 +175,7 @@ def sizes(forearm: Forearm, touch: TrueTouch) -> tuple[float, float, float, floa
 def pressed(
     forearm: Forearm, touch: TrueTouch
 ) -> tuple[Float[np.ndarray, "time active"], Float[np.ndarray, "time"]]:
-    """Pressure of taxels under the film of an average build [kPa], and force [N]."""
+    """Return pressure of taxels under an average film [kPa], and force [N]."""
     world = forearm.world
     skin, constants = world.mounted.skin, world.constants
     steps = max(press.first + press.steps for press in touch.presses)
@@ -193,7 +193,7 @@ def pressed(
 
 
 def length_checks(forearm: Forearm, people: int, seed: int) -> list[BandCheck]:
-    """How many touches are short enough for the paper."""
+    """Check the share of touches that are as short as in the paper."""
     step = forearm.world.constants.value("time.step")
     checks, every = [], []
     for gesture, (low, high) in LENGTHS.items():
@@ -213,7 +213,7 @@ def length_checks(forearm: Forearm, people: int, seed: int) -> list[BandCheck]:
 
 
 def spectrum_checks(forearm: Forearm, people: int, seed: int) -> list[BandCheck]:
-    """Where the largest reading of the skin has its power."""
+    """Check the spectrum of the largest reading of the skin."""
     checks = []
     for kind in ("resting_hand", "lean"):
         shares = [
@@ -242,7 +242,7 @@ def spectrum_checks(forearm: Forearm, people: int, seed: int) -> list[BandCheck]
 def readings(
     forearm: Forearm, gesture: str, kind: str | None, people: int, seed: int
 ) -> Iterator[tuple[Series, TrueTouch]]:
-    """Largest reading of the skin [kPa] in clips that begin within the touch."""
+    """Yield the largest reading [kPa] of clips that begin within the touch."""
     world = forearm.world
     constants = world.constants
     origin = BuildOrigin("bands", (seed, 63), "fresh")
@@ -269,14 +269,14 @@ def readings(
 
 
 def slow_share(series: Series) -> float:
-    """Share of the power below 2 Hz, without the mean."""
+    """Return the share of the power below 2 Hz, without the mean."""
     power = np.abs(np.fft.rfft(series - series.mean())) ** 2
     rates = np.fft.rfftfreq(len(series), 1 / RATE)
     return float(power[rates < 2.0].sum() / power.sum())
 
 
 def second_peak(series: Series) -> float | None:
-    """Rate of the largest peak of the spectrum beside that at rest [Hz]."""
+    """Return the frequency of the largest peak of the spectrum above 0 Hz [Hz]."""
     power = np.abs(np.fft.rfft(series - np.median(series), 4096))
     rates = np.fft.rfftfreq(4096, 1 / RATE)
     rising = np.flatnonzero(np.diff(power) > 0)
@@ -287,7 +287,7 @@ def second_peak(series: Series) -> float | None:
 
 
 def stroke_check(forearm: Forearm, people: int, seed: int) -> BandCheck:
-    """How long after its neighbour a taxel is pressed, by the speed of the stroke."""
+    """Check the delay between neighbouring taxels against the speed of strokes."""
     step = forearm.world.constants.value("time.step")
     found, lags = [], []
     for _, touch in touches(forearm, "stroke", "one_finger", people, seed):
@@ -309,7 +309,7 @@ def stroke_check(forearm: Forearm, people: int, seed: int) -> BandCheck:
 def pressed_raw(
     forearm: Forearm, touch: TrueTouch
 ) -> tuple[Float[np.ndarray, "time taxel"], Float[np.ndarray, "time"]]:
-    """Pressure of the tube's taxels [kPa], in the order of its chart, and force [N]."""
+    """Return pressure of the tube's taxels in chart order [kPa], and force [N]."""
     world = forearm.world
     steps = touch.presses[0].steps
     part = compute_scene_presses(touch, steps, world.charts, world.constants)[0]
@@ -326,7 +326,7 @@ def lag_ratios(
     step: float,
     lags: list[float],
 ) -> list[float]:
-    """Lags of the column that is pressed most, by pitch / speed; writes the lags."""
+    """Return lags over pitch / speed in the most pressed column; append the lags."""
     column = chart.unrolled[pressure.max(axis=0).argmax(), 0]
     same = np.abs(chart.wrap_s(chart.unrolled[:, 0] - column)) < 1e-4
     peak = pressure[:, same].max(axis=0)
@@ -347,7 +347,7 @@ def lag_ratios(
 
 
 def middles(pressure: Float[np.ndarray, "time taxel"]) -> Float[np.ndarray, "taxel"]:
-    """Middle of the time in which each taxel is over half of its largest pressure."""
+    """Return the middle of the time in which each taxel exceeds half its maximum."""
     over = pressure > 0.5 * pressure.max(axis=0)
     first = over.argmax(axis=0)
     last = len(over) - 1 - over[::-1].argmax(axis=0)

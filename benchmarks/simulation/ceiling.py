@@ -1,4 +1,4 @@
-"""What any recogniser can reach: a classifier that knows what was truly done."""
+"""Estimate the highest possible accuracy by a classifier of the true touches."""
 
 from collections.abc import Sequence
 
@@ -13,18 +13,18 @@ from benchmarks.simulation.true_features import true_features
 from eskin.sim.constants import load_constants
 
 TESTS = ("test-s", "test-p", "test-x", "test-m")
-"""Sets that the bound is told for."""
+"""Sets for which the bound is computed."""
 
 Z = 1.959964
 """Standard deviations from the mean that hold 95 % of a normal distribution."""
 
 
 def ceiling_tables(clips: int, seed: int) -> str:
-    """The bound on each test set at the published difficulty, in Markdown.
+    """Format the bound on each test set at the published difficulty, in Markdown.
 
     Args:
-        clips: to learn from; a third as many of each test set.
-        seed: of clips and classifiers.
+        clips: number of clips for training; a third as many of each test set.
+        seed: seed of clips and classifiers.
     """
     level = load_constants().value("sets.difficulty")
     bound = Bound(simulate("train", clips, level, seed), seed)
@@ -32,8 +32,8 @@ def ceiling_tables(clips: int, seed: int) -> str:
     rows = [
         f"\n**Ceiling at lambda {level:g}: boosted trees on true force, area and "
         "centroid**\n",
-        f"{clips} clips of `train`, {clips // 3} of each test set; recalls.\n",
-        f"| set | all (95 % interval) | {' | '.join(names)} |",
+        f"{clips} clips of `train`, {clips // 3} of each test set.\n",
+        f"| set | accuracy (95 % interval) | recall: {' | '.join(names)} |",
         "|---" * (len(names) + 2) + "|",
     ]
     for name in TESTS:
@@ -47,10 +47,10 @@ def ceiling_tables(clips: int, seed: int) -> str:
 
 
 class Bound:
-    """Boosted and random trees that have seen true series of clips."""
+    """Classifies clips by their true series, with boosted and random trees."""
 
     def __init__(self, made: Sequence[Made], seed: int) -> None:
-        """Learn."""
+        """Train the classifiers."""
         boosted = HistGradientBoostingClassifier(
             max_iter=300,
             learning_rate=0.05,
@@ -60,20 +60,22 @@ class Bound:
             random_state=seed,
         )
         trees = ExtraTreesClassifier(TREES, random_state=seed, n_jobs=PROCESSES)
-        features, labels = truths_of(made), labels_of(made)
+        features, labels = stack_true_features(made), labels_of(made)
         with threadpool_limits(1):  # OpenMP's threads wait busily for each other
             self.models = [model.fit(features, labels) for model in (boosted, trees)]
         self.names = [str(name) for name in self.models[0].classes_]
 
     def guess(self, made: Sequence[Made]) -> np.ndarray:
-        """The class of each clip: the mean of both."""
-        features = truths_of(made)
-        chances = np.mean([m.predict_proba(features) for m in self.models], axis=0)
-        return np.array(self.names)[chances.argmax(axis=1)]
+        """Return the class of each clip, by the mean of both classifiers."""
+        features = stack_true_features(made)
+        probabilities = np.mean(
+            [m.predict_proba(features) for m in self.models], axis=0
+        )
+        return np.array(self.names)[probabilities.argmax(axis=1)]
 
 
-def truths_of(made: Sequence[Made]) -> Float[np.ndarray, "clip feature"]:
-    """True features of clips."""
+def stack_true_features(made: Sequence[Made]) -> Float[np.ndarray, "clip feature"]:
+    """Return the true features of clips."""
     return np.array([true_features(each.truth) for each in made])
 
 

@@ -1,4 +1,4 @@
-"""One property of the simulated world, beside what it should be."""
+"""Compare a property of the simulation with its target."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -8,18 +8,18 @@ import numpy as np
 
 @dataclass(frozen=True)
 class BandCheck:
-    """A property that was measured."""
+    """Holds a measured property and its target."""
 
     name: str
-    """What was measured."""
+    """Name of the property."""
     target: str
-    """What it should be, in words."""
+    """Target, as text."""
     source: str
-    """Where the target comes from."""
+    """Source of the target."""
     measured: str
-    """What it is, in words."""
+    """Measured value, as text."""
     met: bool
-    """Whether it is as it should be."""
+    """Whether the target is met."""
 
 
 def within(
@@ -30,7 +30,7 @@ def within(
     source: str,
     unit: str = "",
 ) -> BandCheck:
-    """A number that should lie between two others."""
+    """Check that a number lies between two others."""
     target = f"{low:.3g} to {high:.3g} {unit}".strip()
     measured = f"{value:.3g} {unit}".strip()
     return BandCheck(name, target, source, measured, bool(low <= value <= high))
@@ -39,7 +39,7 @@ def within(
 def at_most(
     name: str, value: float, high: float, source: str, unit: str = ""
 ) -> BandCheck:
-    """A number that should not pass another."""
+    """Check that a number does not exceed another."""
     measured = f"{value:.3g} {unit}".strip()
     return BandCheck(
         name,
@@ -53,7 +53,7 @@ def at_most(
 def at_least(
     name: str, value: float, low: float, source: str, unit: str = ""
 ) -> BandCheck:
-    """A number that should reach another."""
+    """Check that a number reaches another."""
     measured = f"{value:.3g} {unit}".strip()
     return BandCheck(
         name, f"at least {low:.3g} {unit}".strip(), source, measured, bool(value >= low)
@@ -61,7 +61,7 @@ def at_least(
 
 
 def ordered(name: str, values: dict[str, float], source: str, unit: str) -> BandCheck:
-    """Numbers that should rise in the order in which they are given."""
+    """Check that numbers rise in the order in which they are given."""
     numbers = np.array(list(values.values()))
     measured = ", ".join(f"{key} {value:.3g}" for key, value in values.items())
     return BandCheck(
@@ -74,7 +74,7 @@ def ordered(name: str, values: dict[str, float], source: str, unit: str) -> Band
 
 
 def as_table(title: str, checks: Iterable[BandCheck]) -> str:
-    """The checks as a table in Markdown."""
+    """Format the checks as a table in Markdown."""
     rows = [
         f"\n**{title}**\n",
         "| property | target | measured | met | source |",

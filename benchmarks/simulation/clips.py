@@ -1,4 +1,4 @@
-"""Clips of a named set, made in memory; only what tables need of each is kept."""
+"""Simulate clips of a named set in memory, and keep what the tables need."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -20,32 +20,32 @@ from eskin.touch import Calibration
 
 PROCESSES = 2
 LEAST = 1.0
-"""Pressure that a taxel must reach to be looked at [kPa]."""
+"""Pressure that a taxel must reach to be evaluated [kPa]."""
 Factors = tuple[tuple[str, float], ...]
-"""Names of constants, and what each is multiplied by."""
+"""Names of constants, and the factor on each."""
 TAP = "tap"
-"""One pat as a class of its own."""
+"""Name of the class of one pat."""
 
 
 @dataclass(frozen=True, eq=False)
 class Made:
-    """What is kept of a clip."""
+    """Holds what the tables need of a clip."""
 
     plan: ClipPlan
-    """What was decided of it."""
+    """Plan of the clip."""
     label: str
-    """Its class."""
+    """Class of the clip."""
     kind: str
-    """How it was done, such as `two_tips` or `bump`."""
+    """Kind of the touch, such as `two_tips` or `bump`."""
     features: Float[np.ndarray, "feature"]
-    """Of `benchmarks.simulation.features`."""
+    """Features of `benchmarks.simulation.features`."""
     truth: Float[np.ndarray, "reading 5"]
     """Force [N], area [cm2] and centroid [cm] of what was really done; the centroid in
     its link's frame, NaN without contact."""
     before: Float[np.ndarray, "quantity"]
-    """Of readings before any contact; NaN where the clip has none."""
+    """Statistics of readings before any contact; NaN without such readings."""
     histogram: Float[np.ndarray, "bin"]
-    """How many taxels of all readings felt how much, without where and when."""
+    """Histogram of the pressures of all taxels and readings."""
     pose_group: int
     """Group of the pose."""
     folded: bool
@@ -53,13 +53,13 @@ class Made:
     q: Float[np.ndarray, "joint"]
     """Joint positions at the start [rad]."""
     link: str
-    """Link that was touched; empty where none was."""
+    """Link that was touched; empty without a touch."""
     height: float
-    """Of the first contact above the robot's base [m]; NaN without contact."""
+    """Height of the first contact above the robot's base [m]; NaN without contact."""
     peak: float
-    """Largest pressure that was read [kPa]."""
+    """Largest pressure of a reading [kPa]."""
     seconds: float
-    """How long the touch truly lasts, also outside the clip [s]."""
+    """True duration of the touch, also outside the clip [s]."""
 
 
 def simulate(
@@ -70,23 +70,23 @@ def simulate(
     classes: tuple[str, ...] = CLASSES,
     factors: Factors = (),
 ) -> list[Made]:
-    """Make clips of a named set in two processes.
+    """Simulate clips of a named set in two processes.
 
     Args:
         set_name: one of `eskin.sim.dataset.sets.SETS` without streams.
-        clips: how many.
+        clips: number of clips.
         difficulty: lambda.
-        seed: of the set.
-        classes: what is done, equally often; `tap` is a pat alone.
-        factors: on constants of the world, as in a sensitivity sweep.
+        seed: seed of the set.
+        classes: classes, equally often; `tap` is one pat.
+        factors: factors on constants of the simulation, as in a sensitivity sweep.
     """
     constants = load_constants()
     chosen = resize_set(load_set(set_name, constants), clips, None, constants)
     chosen = replace(chosen, classes=classes)
     work = []
-    for sitting in plan_sessions(chosen, seed, constants):
-        plans = plan_clips(sitting, chosen, seed, difficulty, constants)
-        work.append(delayed(sitting_of)(sitting, plans, TAP in classes, factors))
+    for session in plan_sessions(chosen, seed, constants):
+        plans = plan_clips(session, chosen, seed, difficulty, constants)
+        work.append(delayed(sitting_of)(session, plans, TAP in classes, factors))
     with parallel_config(backend="loky", inner_max_num_threads=1):
         found: Sequence[list[Made]] = Parallel(PROCESSES)(work)  # pyright: ignore
     return [made for group in found for made in group]
@@ -94,29 +94,29 @@ def simulate(
 
 @lru_cache(maxsize=2)
 def simulator(factors: Factors = ()) -> Simulator:
-    """The simulator of this process, for a world."""
+    """Return the simulator of this process, with factors on its constants."""
     return Simulator(constants=load_constants().scaled(dict(factors)))
 
 
 def sitting_of(
-    sitting: SessionPlan, plans: Sequence[ClipPlan], taps: bool, factors: Factors = ()
+    session: SessionPlan, plans: Sequence[ClipPlan], taps: bool, factors: Factors = ()
 ) -> list[Made]:
-    """The clips of a sitting; their rest level is that of its lead-in.
+    """Simulate the clips of a session; their rest level is that of its lead-in.
 
     Args:
-        sitting: the sitting.
-        plans: its lead-in and clips.
-        taps: whether pats alone are a class of their own, and of no other.
-        factors: on constants of the world.
+        session: plan of the session.
+        plans: plans of its lead-in and clips.
+        taps: whether one pat is a class of its own.
+        factors: factors on constants of the simulation.
     """
     maker = simulator(factors)
     rest = compute_rest_counts(maker.make(plans[0]))
-    calibration = maker.calibration(sitting.build)
+    calibration = maker.calibration(session.build)
     return [made_of(maker, as_tap(plan), rest, calibration, taps) for plan in plans[1:]]
 
 
 def as_tap(plan: ClipPlan) -> ClipPlan:
-    """The plan of a pat alone where a tap is asked for; others as they are."""
+    """Return the plan of one pat for a `tap`; other plans stay unchanged."""
     if plan.gesture != TAP:
         return plan
     return replace(plan, gesture="none", kind="single_pat")
@@ -129,7 +129,7 @@ def made_of(
     calibration: Calibration,
     taps: bool,
 ) -> Made:
-    """Make one clip and keep what is needed of it."""
+    """Simulate one clip and keep what the tables need."""
     mounted, clip = maker.mounted, maker.make(plan)
     pressure = pressure_of(clip.counts, clip.received, rest, calibration)
     first = next((truth for truth in clip.truths if truth.number == 0), None)
@@ -156,7 +156,7 @@ def made_of(
 
 
 def kind_of(clip: SimulatedClip) -> str:
-    """What a clip without touch was made for."""
+    """Return the kind of a clip without touch."""
     disturbed = any(name.startswith("electrical.") for name in clip.drawn)
     return "electrical" if disturbed else "idle"
 
@@ -167,9 +167,9 @@ def pressure_of(
     rest: Float[np.ndarray, "taxel"],
     calibration: Calibration,
 ) -> Float[np.ndarray, "reading taxel"]:
-    """Pressure as a user of the build reads it [kPa].
+    """Return the pressure as a user of the build reads it [kPa].
 
-    It is zero where nothing came, and on taxels that never reach `LEAST`.
+    It is zero where nothing was received, and on taxels that never reach `LEAST`.
     """
     above = np.where(received, np.maximum(counts - rest, 0.0), 0.0)
     felt = np.flatnonzero((above > calibration.compute_counts(LEAST)).any(axis=0))

@@ -1,4 +1,4 @@
-"""Which classes are taken for which: by a forest, whole people held out."""
+"""Measure the confusions of a random forest, with whole people held out."""
 
 from collections.abc import Sequence
 
@@ -26,19 +26,19 @@ from eskin.sim.dataset.sets import CLASSES
 SOURCE = "expected"
 COST = "Jung et al. 2017"
 MORE = ("squeeze", "rub", TAP)
-"""Classes that CoST has and the vocabulary has not."""
+"""Classes of CoST that are not in the vocabulary."""
 PAIRS = ({"grab", "squeeze"}, {"stroke", "rub"}, {"double_pat", TAP})
-"""Those that CoST confused most, of the classes looked at."""
+"""Pairs of these classes that were confused most in CoST."""
 PLAIN = ("seconds", "peak force", "most taxels")
 """Features of the linear probe."""
 
 
 def confusion_tables(clips: int, seed: int) -> tuple[str, list[BandCheck]]:
-    """Two tables of confusions at the published difficulty, and what they should show.
+    """Return two tables of confusions at the published difficulty, and their checks.
 
     Args:
-        clips: of each table.
-        seed: of clips and forests.
+        clips: number of clips of each table.
+        seed: seed of clips and forests.
     """
     level = load_constants().value("sets.difficulty")
     made = simulate("train", clips, level, seed)
@@ -47,7 +47,12 @@ def confusion_tables(clips: int, seed: int) -> tuple[str, list[BandCheck]]:
     checks = [
         *expected(labels_of(made), one),
         per_person(made, one),
-        at_most("linear probe of duration, force, area", probe(made), 0.8, SOURCE),
+        at_most(
+            "linear probe of duration, force, area",
+            measure_linear_probe(made),
+            0.8,
+            SOURCE,
+        ),
         pairs_check(labels_of(more), two),
     ]
     tables = [matrix(labels_of(made), one), matrix(labels_of(more), two)]
@@ -55,7 +60,7 @@ def confusion_tables(clips: int, seed: int) -> tuple[str, list[BandCheck]]:
 
 
 def expected(labels: Shaped[np.ndarray, "clip"], guess: np.ndarray) -> list[BandCheck]:
-    """Where no gesture goes, and which gestures are lost most and least."""
+    """Check the confusions of `none`, and the order of the gestures by recall."""
     counts = counted(labels, guess)
     names = sorted(set(labels))
     lost = counts[names.index("none")].astype(float)
@@ -63,28 +68,31 @@ def expected(labels: Shaped[np.ndarray, "clip"], guess: np.ndarray) -> list[Band
     order = [names[i] for i in lost.argsort()[::-1][:2]]
     recall = dict(zip(names, np.diag(counts) / counts.sum(axis=1), strict=True))
     ranks = [name for name in sorted(recall, key=lambda n: recall[n]) if name != "none"]
-    said = ", ".join(f"{name} {recall[name]:.1%}" for name in ranks)
+    measured = ", ".join(f"{name} {recall[name]:.1%}" for name in ranks)
     return [
         BandCheck(
-            *("no gesture is lost most to", "poke and double_pat", SOURCE),
+            *("`none` is confused most with", "poke and double_pat", SOURCE),
             *(" and ".join(order), set(order) == {"poke", "double_pat"}),
         ),
         BandCheck(
             *("gestures by recall", "double_pat and poke least, grab most", SOURCE),
-            *(said, set(ranks[:2]) == {"double_pat", "poke"} and ranks[-1] == "grab"),
+            *(
+                measured,
+                set(ranks[:2]) == {"double_pat", "poke"} and ranks[-1] == "grab",
+            ),
         ),
     ]
 
 
 def per_person(made: Sequence[Made], guess: np.ndarray) -> BandCheck:
-    """How differently people are understood."""
+    """Check the spread of the accuracy between people."""
     found = spread_of(guess == labels_of(made), people_of(made))
-    name = f"SD between people ({100 * found.beyond:.1f} beyond counting)"
+    name = f"SD between people ({100 * found.beyond:.1f} beyond the chance of counting)"
     return within(name, 100 * found.deviation, 4.0, 11.0, COST, "points")
 
 
-def probe(made: Sequence[Made]) -> float:
-    """Share of clips that a linear model of three plain features gets right."""
+def measure_linear_probe(made: Sequence[Made]) -> float:
+    """Return the accuracy of a linear model of three plain features."""
     columns = [NAMES.index(name) for name in PLAIN]
     chosen = np.log(features_of(made)[:, columns] + [0.02, 0.1, 1.0])
     model = make_pipeline(StandardScaler(), LogisticRegression(max_iter=1000))
@@ -95,7 +103,7 @@ def probe(made: Sequence[Made]) -> float:
 
 
 def pairs_check(labels: Shaped[np.ndarray, "clip"], guess: np.ndarray) -> BandCheck:
-    """The pairs taken for each other most often, both ways, of gestures."""
+    """Check the pairs of gestures that are confused most, both ways."""
     counts = counted(labels, guess)
     names = sorted(set(labels))
     both = {
@@ -114,7 +122,7 @@ def pairs_check(labels: Shaped[np.ndarray, "clip"], guess: np.ndarray) -> BandCh
 def counted(
     labels: Shaped[np.ndarray, "clip"], guess: np.ndarray
 ) -> Int[np.ndarray, "label guess"]:
-    """How often each class is taken for each."""
+    """Count the confusions of each pair of classes."""
     names = sorted(set(labels))
     return np.array(
         [[np.sum((labels == a) & (guess == b)) for b in names] for a in names]
@@ -122,7 +130,7 @@ def counted(
 
 
 def matrix(labels: Shaped[np.ndarray, "clip"], guess: np.ndarray) -> str:
-    """Shares of each class taken for each, as a table in Markdown."""
+    """Format the confusions as a table in Markdown."""
     names, counts = sorted(set(labels)), counted(labels, guess)
     shares = 100 * counts / counts.sum(axis=1, keepdims=True)
     rows = [

@@ -1,4 +1,4 @@
-"""One simulated element under the loads of the public velostat logs."""
+"""Check one simulated element under the loads of the public velostat logs."""
 
 from dataclasses import fields, replace
 from functools import partial
@@ -19,15 +19,15 @@ NONE = SensorStages(**{field.name: False for field in fields(SensorStages)})
 ELEMENT = replace(NONE, power=True, creep=True, hysteresis=True, divider=True)
 CROSSED = replace(ELEMENT, ghosting=True)
 EXPONENT = 0.76
-"""Of the element that was pressed longest."""
+"""Exponent of the element that was pressed longest."""
 TAXEL = 14
 LOAD = 20.0  # [kPa]
 PRESS = {0.1: -0.303, 0.2: -0.223, 0.4: -0.114, 1.2: 0.051}
-"""ln conductance by that after 0.8 s."""
+"""ln of the ratio of the conductance to that after 0.8 s, by time [s]."""
 HOLD = {0.5: 0.905, 1: 0.925, 2: 0.955, 10: 1.035, 20: 1.085, 40: 1.17, 60: 1.21}
-"""Conductance by that at 5 s of the log, which began about 1 s after the load."""
+"""Ratio of the conductance to that at 5 s of the log, which began after 1 s of load."""
 REPEATS = 20
-"""Builds or sessions that are drawn."""
+"""Number of builds or sessions that are drawn."""
 
 Series = Float[np.ndarray, "time"]
 
@@ -35,7 +35,7 @@ Series = Float[np.ndarray, "time"]
 def element_checks(
     constants: Constants, seed: int, repeats: int = REPEATS
 ) -> list[BandCheck]:
-    """One element against the logs; what scatters is drawn `repeats` times."""
+    """Check one element against the logs, with `repeats` random draws."""
     skin = ur5()[0].skin
     build = element_of(skin, constants)
     play = partial(conductance, build=build, skin=skin, constants=constants)
@@ -51,7 +51,7 @@ def element_checks(
 
 
 def element_of(skin: Skin, constants: Constants) -> SensorBuild:
-    """A nominal build with the element's exponent and a converter that is too fine."""
+    """Build a nominal sensor with the element's exponent and a fine converter."""
     build = build_nominal_sensor(skin, constants)
     exponent = np.full(skin.count, EXPONENT)
     return replace(
@@ -64,7 +64,7 @@ def element_of(skin: Skin, constants: Constants) -> SensorBuild:
 def conductance(
     series: Series, build: SensorBuild, skin: Skin, constants: Constants
 ) -> Float[np.ndarray, "reading"]:
-    """Conductance of one taxel, as its counts tell; 1 is half scale."""
+    """Return the conductance of one taxel by its counts; 1 is half scale."""
     counts, _ = sense(
         *(series[:, None], np.array([TAXEL]), build, skin, np.random.default_rng(1)),
         *(ELEMENT, SensorSession(np.ones(skin.count), 0.0)),
@@ -74,7 +74,7 @@ def conductance(
 
 
 def stepped(seconds: float, step: float, after: float = 0.0) -> Series:
-    """The load, put on after 0.1 s, and taken off [kPa]."""
+    """Return the load that begins after 0.1 s and ends [kPa]."""
     lengths = [round(part / step) for part in (0.1, seconds, after)]
     return np.repeat([0.0, LOAD, 0.0], lengths)
 
@@ -82,7 +82,7 @@ def stepped(seconds: float, step: float, after: float = 0.0) -> Series:
 def exponent_checks(
     skin: Skin, constants: Constants, seed: int, repeats: int
 ) -> list[BandCheck]:
-    """Exponents of plateaus of the element, and of the taxels of builds.
+    """Check the exponents of the element's plateaus and of the taxels of builds.
 
     The mean should lie within the logged deviation, 0.16, of the logged one, and the
     deviation between half of that and twice it.
@@ -109,7 +109,7 @@ def exponent_checks(
 
 
 def creep_checks(play: partial, constants: Constants) -> list[BandCheck]:
-    """Creep of presses and of long holds."""
+    """Check the creep of presses and of long holds."""
     step, period = constants.value("time.step"), constants.value("sensor.period")
     short = play(stepped(1.5, step))
     long = play(stepped(62.0, step))
@@ -137,7 +137,7 @@ def creep_checks(play: partial, constants: Constants) -> list[BandCheck]:
 
 
 def release_check(play: partial, constants: Constants) -> BandCheck:
-    """Time from the end of the load to no conductance."""
+    """Check the time from the end of the load to zero conductance."""
     step, period = constants.value("time.step"), constants.value("sensor.period")
     read = play(stepped(1.0, step, after=0.3))
     released = 0.1 + 1.0
@@ -149,7 +149,7 @@ def release_check(play: partial, constants: Constants) -> BandCheck:
 def repeat_check(
     skin: Skin, constants: Constants, seed: int, repeats: int
 ) -> BandCheck:
-    """How presses of the same point repeat in another session."""
+    """Check the repeatability of presses between sessions."""
     rng = np.random.default_rng([seed, 65])
     build = draw_build("r", "fresh", skin, constants, rng)
     gains = [np.log(draw_session(build, rng).gain) for _ in range(repeats)]
@@ -158,7 +158,7 @@ def repeat_check(
 
 
 def loop_checks(play: partial, constants: Constants) -> list[BandCheck]:
-    """How wide the loop of a ramp up and down is."""
+    """Check the hysteresis of a ramp up and down."""
     step = constants.value("time.step")
     checks = []
     for seconds, low, high in ((0.5, 15, 35), (20.0, 7, 20)):
@@ -177,7 +177,7 @@ def loop_checks(play: partial, constants: Constants) -> list[BandCheck]:
 def noise_checks(
     skin: Skin, constants: Constants, seed: int, repeats: int
 ) -> list[BandCheck]:
-    """Noise of idle taxels, as an element that idles at half scale would show it."""
+    """Check the noise of idle taxels, scaled to an element that rests at half scale."""
     quiet = np.zeros((400, 0)), np.zeros(0, dtype=np.int64)
     stages = SensorStages(drift=False, faults=False)
     found = []
@@ -194,7 +194,7 @@ def noise_checks(
 def ghost_checks(
     skin: Skin, constants: Constants, seed: int, repeats: int
 ) -> list[BandCheck]:
-    """What the row and column of one pressed taxel read of it."""
+    """Check the crosstalk of one pressed taxel to its row and column."""
     rows = (
         ("fresh", 4.0, "Castro et al. 2018"),
         ("shifted", 30.0, "Hidalgo-Lopez et al. 2018"),
@@ -214,7 +214,7 @@ def ghost_checks(
 def largest_ghost(
     kind: str, skin: Skin, constants: Constants, rng: np.random.Generator
 ) -> float:
-    """Largest reading of another taxel by that of the pressed one."""
+    """Return the ratio of the largest other reading to that of the pressed taxel."""
     law = "fresh" if kind == "fresh" else "shifted"
     drawn = draw_build("g", law, skin, constants, rng)
     plain = element_of(skin, constants)

@@ -1,4 +1,4 @@
-"""Fifteen plain features of a clip, as a simple recogniser would take them."""
+"""Compute fifteen plain features of a clip, as a simple recogniser would."""
 
 import numpy as np
 from jaxtyping import Float
@@ -30,12 +30,12 @@ def clip_features(
     positions: Float[np.ndarray, "taxel 3"],
     areas: Float[np.ndarray, "taxel"],
 ) -> Float[np.ndarray, "feature"]:
-    """The features named in `NAMES`.
+    """Return the features named in `NAMES`.
 
     Args:
-        pressure: of every reading of the clip [kPa].
-        positions: of the taxels in their links' frames [m].
-        areas: of the taxels [m2].
+        pressure: pressure of every reading of the clip [kPa].
+        positions: positions of the taxels in their links' frames [m].
+        areas: areas of the taxels [m2].
     """
     felt = np.flatnonzero((pressure >= ON).any(axis=0))
     pressure, positions, areas = pressure[:, felt], positions[felt], areas[felt]
@@ -74,6 +74,6 @@ def clip_features(
 
 
 def count_peaks(force: Float[np.ndarray, "reading"]) -> int:
-    """Peaks that stand out by a quarter of the largest."""
+    """Count the peaks whose prominence is a quarter of the maximum."""
     padded = np.concatenate([[0.0], force, [0.0]])
     return len(find_peaks(padded, prominence=0.25 * force.max())[0])

@@ -1,4 +1,4 @@
-"""How hard clips are, to a forest of fifteen plain features."""
+"""Measure the difficulty of clips for a random forest of fifteen plain features."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -12,10 +12,10 @@ from benchmarks.simulation.clips import PROCESSES, Made, simulate
 from eskin.sim.dataset.sets import PAPER_GESTURES
 
 LEVELS = (0.0, 1.0, 1.5, 2.0)
-"""Difficulties that are looked at."""
+"""Values of the difficulty."""
 TREES = 500
 FOLDS = 6
-"""Parts that people are split into; each is predicted by a forest of the others."""
+"""Number of folds of people."""
 NEW = "test-x"
 """Set of new people on builds that have aged."""
 
@@ -24,31 +24,31 @@ Names = Shaped[np.ndarray, "clip"]
 
 @dataclass(frozen=True, eq=False)
 class Spread:
-    """How well single people are understood."""
+    """Holds the distribution of the accuracy over people."""
 
     mean: float
-    """Share of clips that are right, over people."""
+    """Mean accuracy over people."""
     deviation: float
-    """Between people."""
+    """Standard deviation between people."""
     beyond: float
-    """What is left of it when the chance of counting few clips is taken off."""
+    """Standard deviation beyond the chance of counting few clips."""
     low: float
-    """Of the least understood person."""
+    """Accuracy of the person with the lowest one."""
     high: float
-    """Of the best understood person."""
+    """Accuracy of the person with the highest one."""
 
 
 def difficulty_tables(clips: int, seed: int) -> str:
-    """The forest at every difficulty, as a table in Markdown.
+    """Format the accuracy of the forest at every difficulty, as a table in Markdown.
 
     Args:
-        clips: of known people on fresh builds; a third as many of new people.
-        seed: of clips and forests.
+        clips: number of clips of known people on fresh builds; a third as many of new.
+        seed: seed of clips and forests.
     """
     rows = [
         "\n**Difficulty, to a forest of 15 features**\n",
         f"{clips} clips of `train`, whole people held out; {clips // 3} of `{NEW}`. "
-        "People: mean (SD; SD beyond counting) lowest-highest.\n",
+        "People: mean (SD; SD beyond the chance of counting) lowest-highest.\n",
         "| lambda | five classes | people | four classes | new people, aged builds |",
         "|---|---|---|---|---|",
     ]
@@ -57,7 +57,7 @@ def difficulty_tables(clips: int, seed: int) -> str:
 
 
 def difficulty_row(level: float, clips: int, seed: int) -> str:
-    """The forest at one difficulty."""
+    """Format the accuracy of the forest at one difficulty."""
     made = simulate("train", clips, level, seed)
     new = simulate(NEW, clips // 3, level, seed)
     guess, labels = held_out(made, seed), labels_of(made)
@@ -73,32 +73,32 @@ def difficulty_row(level: float, clips: int, seed: int) -> str:
 
 
 def features_of(made: Sequence[Made]) -> Float[np.ndarray, "clip feature"]:
-    """The features of clips."""
+    """Return the features of clips."""
     return np.array([each.features for each in made])
 
 
 def labels_of(made: Sequence[Made]) -> Names:
-    """The classes of clips."""
+    """Return the classes of clips."""
     return np.array([each.label for each in made])
 
 
 def people_of(made: Sequence[Made]) -> Names:
-    """Who touches in clips."""
+    """Return the names of the people in clips."""
     return np.array([each.plan.person.name for each in made])
 
 
 def forest(seed: int) -> RandomForestClassifier:
-    """The forest before it has seen anything."""
+    """Build an untrained forest."""
     return RandomForestClassifier(TREES, random_state=seed, n_jobs=PROCESSES)
 
 
 def grow(made: Sequence[Made], seed: int) -> RandomForestClassifier:
-    """A forest that has seen clips."""
+    """Train a forest on clips."""
     return forest(seed).fit(features_of(made), labels_of(made))
 
 
 def held_out(made: Sequence[Made], seed: int) -> Names:
-    """What a forest says of each clip that has seen nobody of it."""
+    """Predict each clip by a forest trained on other people."""
     features, labels, people = features_of(made), labels_of(made), people_of(made)
     guess = np.empty_like(labels)
     folds = min(FOLDS, len(set(people)))
@@ -109,7 +109,7 @@ def held_out(made: Sequence[Made], seed: int) -> Names:
 
 
 def spread_of(right: Shaped[np.ndarray, "clip"], people: Names) -> Spread:
-    """How well single people are understood."""
+    """Compute the distribution of the accuracy over people."""
     own = [right[people == person] for person in np.unique(people)]
     shares = np.array([each.mean() for each in own])
     counting = np.mean([each.var() / len(each) for each in own])

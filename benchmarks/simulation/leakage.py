@@ -1,4 +1,4 @@
-"""Whether clips give their class away by anything but the touch."""
+"""Test whether anything but the touch predicts the class of a clip."""
 
 from collections.abc import Sequence
 
@@ -22,42 +22,48 @@ from eskin.sim.dataset.sets import CLASSES
 
 CHANCE = 1 / len(CLASSES)
 BELOW = 0.1
-"""How far histograms must stay below the features."""
+"""Least difference of the recall of histograms from that of features."""
 SMALLEST = 10
-"""Clips of a leaf: leaks are weak, and single clips teach nothing of them."""
+"""Clips per leaf: leaks are weak, and do not show in single clips."""
 DRAWS = 200
-"""Resamples of people for an interval."""
+"""Number of resamples of people for an interval."""
 STATED = ("electrical", "self_contact")
-"""Kinds that do tell themselves before contact: an event has no contact, and links
-touch only in poses where they are near each other."""
+"""Kinds that are predictable before contact: electrical events have no contact, and
+links touch each other only in poses where they are close."""
 
 
 def leakage_checks(clips: int, seed: int) -> list[BandCheck]:
-    """What forests make of all that is not the touch itself.
+    """Check the accuracy of forests on everything but the touch.
 
     Args:
-        clips: of `train`, at the published difficulty.
-        seed: of clips and forests.
+        clips: number of clips of `train`, at the published difficulty.
+        seed: seed of clips and forests.
     """
     made = simulate("train", clips, load_constants().value("sets.difficulty"), seed)
     early = [e for e in made if np.isfinite(e.before).all() and e.kind not in STATED]
     plain = [each for each in made if each.kind not in STATED]
     touched = [each for each in plain if np.isfinite(each.height)]
     before = np.array([each.before for each in early])
-    hand = balanced(features_of(made), made, seed)[0]
-    shuffled = balanced(np.array([each.histogram for each in made]), made, seed)
+    hand = measure_recall(features_of(made), made, seed)[0]
+    shuffled = measure_recall(np.array([each.histogram for each in made]), made, seed)
     return [
         at_chance(f"{len(early)} clips, readings before contact", before, early, seed),
         at_chance("joint positions", poses_of(plain), plain, seed),
         at_chance("pose group, build, moving, folds", facts_of(plain), plain, seed),
         BandCheck(
             *("link and height of the site", "near chance but for grabs: tubes"),
-            *("design", said(*balanced(places_of(touched), touched, seed))),
-            bool(balanced(places_of(touched), touched, seed)[0] < 2 * CHANCE),
+            *(
+                "design",
+                format_score(*measure_recall(places_of(touched), touched, seed)),
+            ),
+            bool(measure_recall(places_of(touched), touched, seed)[0] < 2 * CHANCE),
         ),
         BandCheck(
             *("shuffled histogram of pressures", f"< features - {BELOW:.0%}", "design"),
-            *(f"{said(*shuffled)}; features {hand:.1%}", shuffled[0] < hand - BELOW),
+            *(
+                f"{format_score(*shuffled)}; features {hand:.1%}",
+                shuffled[0] < hand - BELOW,
+            ),
         ),
     ]
 
@@ -65,23 +71,23 @@ def leakage_checks(clips: int, seed: int) -> list[BandCheck]:
 def at_chance(
     name: str, features: Float[np.ndarray, "clip f"], made: Sequence[Made], seed: int
 ) -> BandCheck:
-    """Whether a forest is at chance, within the interval of its score."""
-    score, low, high = balanced(features, made, seed)
+    """Check that chance lies in the confidence interval of a forest."""
+    score, low, high = measure_recall(features, made, seed)
     target = f"chance, {CHANCE:.0%}, in the interval"
     return BandCheck(
-        name, target, "design", said(score, low, high), low <= CHANCE <= high
+        name, target, "design", format_score(score, low, high), low <= CHANCE <= high
     )
 
 
-def said(score: float, low: float, high: float) -> str:
-    """A score in words."""
+def format_score(score: float, low: float, high: float) -> str:
+    """Format a score and its interval."""
     return f"{score:.1%} ({low:.1%}-{high:.1%})"
 
 
-def balanced(
+def measure_recall(
     features: Float[np.ndarray, "clip f"], made: Sequence[Made], seed: int
 ) -> tuple[float, float, float]:
-    """Mean recall of a forest, people held out, and its 95 % interval over people."""
+    """Return the mean recall of a forest on held-out people, and its 95 % interval."""
     labels, people = labels_of(made), people_of(made)
     guess = np.empty_like(labels)
     folds = GroupKFold(min(FOLDS, len(set(people))))
@@ -104,7 +110,7 @@ def over_people(
     people: Shaped[np.ndarray, "clip"],
     seed: int,
 ) -> tuple[float, float]:
-    """The interval of mean recall when people are drawn again."""
+    """Return the bootstrap interval of the mean recall over people."""
     rng = np.random.default_rng(seed)
     own = [np.flatnonzero(people == person) for person in np.unique(people)]
     scores = []
@@ -118,12 +124,12 @@ def over_people(
 
 
 def poses_of(made: Sequence[Made]) -> Float[np.ndarray, "clip joint"]:
-    """Joint positions at the start of clips [rad]."""
+    """Return joint positions at the start of clips [rad]."""
     return np.array([each.q for each in made])
 
 
 def facts_of(made: Sequence[Made]) -> Float[np.ndarray, "clip fact"]:
-    """Pose group, build, whether the robot moves, whether two links meet, time."""
+    """Return pose group, build, motion, fold and time of clips."""
     builds = sorted({each.plan.build.name for each in made})
     return np.array(
         [
@@ -141,7 +147,7 @@ def facts_of(made: Sequence[Made]) -> Float[np.ndarray, "clip fact"]:
 
 
 def places_of(made: Sequence[Made]) -> Float[np.ndarray, "clip place"]:
-    """Link that was touched, one-hot, and height of the site [m]."""
+    """Return the height of the site [m], and the touched link, one-hot."""
     links = sorted({each.link for each in made})
     return np.array(
         [[each.height, *(each.link == link for link in links)] for each in made],

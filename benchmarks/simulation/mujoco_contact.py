@@ -1,8 +1,8 @@
-"""This module computes contact independently: ellipsoids in MuJoCo, a Winkler law.
+"""Compute contact independently: ellipsoids in MuJoCo, a Winkler law.
 
-Nothing of it is used to make clips. It shares with `eskin.sim.contact` what a body is
-and how stiff: not the areas of its pads, nor the shape of the pressure, nor how
-curvatures and gaps are computed.
+It is not used to generate clips. It shares with `eskin.sim.contact` the shape and
+stiffness of bodies, but not the areas of pads, the shape of the pressure, nor the
+computation of curvatures and gaps.
 """
 
 from dataclasses import dataclass, replace
@@ -26,14 +26,14 @@ from eskin.sim.contact.pressure import (
 from eskin.skin import Dome, Plane, Surface, Tube
 
 AWAY = -1.0
-"""Where a part is put that is not asked for: off the surface [m]."""
+"""Position of a part that is not evaluated: off the surface [m]."""
 LARGE = 2.0
 """Half length of planes and tubes [m]."""
 
 
 @dataclass(frozen=True, eq=False)
 class Sheet:
-    """An even grid of points on a chart, about a centre."""
+    """Describes an even grid of points on a chart, about a centre."""
 
     centre: Float[np.ndarray, "2"]
     """Unrolled (s, t) [m]."""
@@ -56,7 +56,7 @@ class Sheet:
 
 @final
 class MujocoScene:
-    """A sheet of sensing points on a surface, and parts that are pushed into it.
+    """Measures how deep parts of a body sink into a sheet of points on a surface.
 
     The body lies on the surface at the press's centre, bent as far as it conforms;
     each part then moves along its own normal. MuJoCo's `tactile` sensor measures how
@@ -67,7 +67,7 @@ class MujocoScene:
     """
 
     def __init__(self, press: Press, chart: Chart, sheet: Sheet) -> None:
-        """Set the scene of the first step of a press.
+        """Build the scene of the first step of a press.
 
         Raises:
             ExtraError: MuJoCo is not installed.
@@ -85,7 +85,7 @@ class MujocoScene:
         self.data = self.mujoco.MjData(self.model)
 
     def depths(self, part: int, depth: float) -> Float[np.ndarray, "point"]:
-        """How deep every point lies in one part that has moved by a depth [m]."""
+        """Return the depth of every point in one part that has moved by a depth [m]."""
         self.data.qpos[:] = AWAY
         self.data.qpos[part] = depth
         self.mujoco.mj_forward(self.model, self.data)
@@ -93,7 +93,7 @@ class MujocoScene:
 
 
 def at_origin(surface: Surface) -> Plane | Tube | Dome:
-    """The same surface in its own frame."""
+    """Return the same surface in its own frame."""
     match surface:
         case Tube(radius=radius):
             return Tube(radius, np.eye(4))
@@ -104,7 +104,7 @@ def at_origin(surface: Surface) -> Plane | Tube | Dome:
 
 
 def write_scene(mesh: str, solid: str, parts: str) -> str:
-    """A scene in MuJoCo's format; nothing runs into the sheet that senses."""
+    """Format a scene for MuJoCo, in which nothing collides with the sensing sheet."""
     return f"""<mujoco>
       <asset>{mesh}</asset>
       <worldbody>
@@ -117,7 +117,7 @@ def write_scene(mesh: str, solid: str, parts: str) -> str:
 
 
 def write_mesh(points: Float[np.ndarray, "point 3"], rows: int, columns: int) -> str:
-    """The sheet, two triangles to a cell."""
+    """Format the sheet, with two triangles per cell."""
     index = np.arange(rows * columns).reshape(rows, columns)
     a, b, c, d = index[:-1, :-1], index[1:, :-1], index[1:, 1:], index[:-1, 1:]
     faces = np.stack([a, b, c, a, c, d], axis=2)
@@ -127,7 +127,7 @@ def write_mesh(points: Float[np.ndarray, "point 3"], rows: int, columns: int) ->
 
 
 def write_solid(surface: Plane | Tube | Dome) -> str:
-    """What the parts run into."""
+    """Format the solid that the parts collide with."""
     match surface:
         case Tube(radius=radius):
             return f'<geom type="cylinder" size="{radius} {LARGE}"/>'
@@ -142,7 +142,7 @@ def write_parts(
     positions: Float[np.ndarray, "part 3"],
     rotations: Float[np.ndarray, "part 3 3"],
 ) -> str:
-    """One ellipsoid for each part, of its radii where it touches, free to sink."""
+    """Format an ellipsoid per part, with its radii at the contact, free to sink."""
     across, along = press.pads.radii.T
     sizes = np.column_stack([across, np.sqrt(across * along), across])
     turns = Rotation.from_matrix(rotations).as_quat(scalar_first=True)
@@ -156,14 +156,14 @@ def write_parts(
 
 
 def spaced(numbers: Float[np.ndarray, "number"]) -> str:
-    """Numbers as they stand in an attribute."""
+    """Format numbers for an attribute."""
     return " ".join(f"{number:.9g}" for number in numbers)
 
 
 def poses(
     press: Press, chart: Chart, surface: Surface
 ) -> tuple[Float[np.ndarray, "part 3"], Float[np.ndarray, "part 3 3"]]:
-    """Where the parts touch down, and their axes: across, along, outward.
+    """Return contact positions of the parts, and axes: across, along, outward.
 
     On a round surface the body is bent to an arc of its curvature times conformity.
     """
@@ -185,20 +185,20 @@ def poses(
 
 @dataclass(frozen=True)
 class Agreement:
-    """How near the model comes to the reference at one instant."""
+    """Compares the model with the reference at one instant."""
 
     area: float
-    """True area of contact over that of the reference."""
+    """Ratio of the area of contact to that of the reference."""
     centroid: float
     """Distance of the centroids [m]."""
     correlation: float
-    """Of the pressures of all taxels about the body."""
+    """Correlation of the pressures of all taxels near the body."""
     strict: float
-    """Of the pressures of those taxels only that either feels."""
+    """Correlation of the pressures of the taxels that are pressed in either."""
 
 
 def feel_in_mujoco(press: Press, chart: Chart, constants: Constants) -> PressureField:
-    """What `feel` gives for the first step of a press, by way of MuJoCo.
+    """Compute the pressure of the first step of a press with MuJoCo.
 
     Needs MuJoCo (extra `sim`).
 
@@ -223,7 +223,7 @@ def feel_in_mujoco(press: Press, chart: Chart, constants: Constants) -> Pressure
 
 
 def instant(press: Press, step: int) -> Press:
-    """One step of a press."""
+    """Return one step of a press."""
     only = slice(step, step + 1)
     return replace(
         press,
@@ -234,7 +234,7 @@ def instant(press: Press, step: int) -> Press:
 
 
 def sheet_about(press: Press, chart: Chart, constants: Constants) -> Sheet:
-    """Points about the press's centre that hold all the body may touch, once."""
+    """Build a sheet that covers once all points the body may touch."""
     deepest = constants.value("contact.deepest") * MM
     reach = np.sqrt(2 * press.pads.radii.max() * deepest)
     offsets = compute_pad_offsets(press)[0]
@@ -249,10 +249,10 @@ def sheet_about(press: Press, chart: Chart, constants: Constants) -> Sheet:
 def pressed(
     press: Press, scene: MujocoScene, constants: Constants
 ) -> Float[np.ndarray, "point"]:
-    """Pressure at every point [kPa] once the parts carry the force together.
+    """Return the pressure at every point [kPa] when the parts carry the force together.
 
     Raises:
-        ValueError: they are too small to.
+        ValueError: the parts are too small for the force.
     """
     low, high = 0.0, constants.value("contact.deepest") * MM
     while load(pressures(press, scene, high), scene) < press.force[0]:
@@ -270,17 +270,17 @@ def pressed(
 
 
 def load(pressure: Float[np.ndarray, "point"], scene: MujocoScene) -> float:
-    """Force of a field of pressure [N]."""
+    """Return the force of a field of pressure [N]."""
     return float(pressure @ scene.areas / KPA_PER_PA)
 
 
 def pressures(
     press: Press, scene: MujocoScene, depth: float
 ) -> Float[np.ndarray, "point"]:
-    """Pressure at every point [kPa] for parts that moved by a depth.
+    """Return the pressure at every point [kPa] for parts that moved by a depth.
 
     p = k b / (2 pi R) (exp(m d) - 1), with R the mean radius of a part. Where two parts
-    overlap the stiffer answer stands, as one body cannot press twice.
+    overlap, the larger pressure counts, because one body cannot press twice.
     """
     stamps, flesh = press.pads, press.tissue
     stiff = (
@@ -294,7 +294,7 @@ def pressures(
 
 
 SIDE = 6
-"""Points along each side of a taxel's sensing part, where its mean is taken."""
+"""Number of sampling points along each side of a taxel's sensing part."""
 
 
 def on_taxels(
@@ -303,7 +303,7 @@ def on_taxels(
     chart: Chart,
     constants: Constants,
 ) -> tuple[Int[np.ndarray, "under"], Float[np.ndarray, "under"]]:
-    """Taxels of the chart under a sheet, and their mean pressures [kPa]."""
+    """Return the taxels of the chart under a sheet, and their mean pressures [kPa]."""
     away = chart.unrolled - sheet.centre
     middle = sheet.s.mean()
     away[:, 0] = chart.wrap_s(away[:, 0] - middle) + middle
@@ -322,7 +322,7 @@ def on_taxels(
 
 
 def agreement(felt: PressureField, reference: PressureField) -> Agreement:
-    """Compare the first step of what was felt with the reference for it."""
+    """Compare the first step of a pressure field with its reference."""
     mine = dict(zip(felt.taxels.tolist(), felt.pressure[0].tolist(), strict=True))
     theirs = dict(
         zip(reference.taxels.tolist(), reference.pressure[0].tolist(), strict=True)
@@ -340,7 +340,7 @@ def agreement(felt: PressureField, reference: PressureField) -> Agreement:
 
 
 def correlation_of(pairs: Float[np.ndarray, "taxel 2"]) -> float:
-    """Pearson's correlation of two pressures; nan where one is the same everywhere."""
+    """Return Pearson's correlation of two pressures; NaN if one is constant."""
     if np.ptp(pairs, axis=0).min() == 0:
         return np.nan
     return float(np.corrcoef(pairs.T)[0, 1])

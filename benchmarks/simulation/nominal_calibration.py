@@ -1,4 +1,4 @@
-"""Writes the nominal calibration of the preset skins, from the simulator's constants.
+"""Write the nominal calibration of the preset skins, from the simulator's constants.
 
     python -m benchmarks.simulation.nominal_calibration
 

@@ -1,4 +1,4 @@
-"""What contact itself is held to: areas, pressures, forces and times of contact."""
+"""Check areas, pressures, forces and times of contact."""
 
 from collections.abc import Iterable
 
@@ -26,14 +26,14 @@ WANDER = {
     "long finger touch": ("none", "press", 0.24, 1.76),
     "resting hand": ("none", "resting_hand", 0.16, 1.2),
 }
-"""Median way of a touch's centre in 83 ms, and its range over the touch [mm], while its
-force is above 60 % of its peak: two people of SocialTouch, taxels of 4 mm."""
+"""Gesture, kind, median displacement of the centre in 83 ms, and its range [mm], while
+the force exceeds 60 % of its peak: two people of SocialTouch, taxels of 4 mm."""
 SAMPLED = 0.083
 """Time between two readings of SocialTouch [s]."""
 
 
 def physics_checks(constants: Constants, people: int, seed: int) -> list[BandCheck]:
-    """Of one average fingertip, then of people."""
+    """Check one average fingertip, then people."""
     return [
         *fingertip_checks(constants),
         *people_checks(constants, people, seed),
@@ -43,7 +43,7 @@ def physics_checks(constants: Constants, people: int, seed: int) -> list[BandChe
 
 
 def fingertip_checks(constants: Constants) -> list[BandCheck]:
-    """Area, its growth, and the peak of pressure of the average fingertip."""
+    """Check the area, its growth, and the peak pressure of the average fingertip."""
     forces = np.array(list(FINGERTIP))
     areas = tip_areas(constants, forces)
     checks = [
@@ -70,7 +70,7 @@ def fingertip_checks(constants: Constants) -> list[BandCheck]:
 def tip_areas(
     constants: Constants, forces: Float[np.ndarray, "time"]
 ) -> Float[np.ndarray, "time"]:
-    """Contact area of the average fingertip on a flat [mm2]."""
+    """Return the contact area of the average fingertip on a flat surface [mm2]."""
     tip, flesh = average_tip(constants)
     felt = compute_pressure_field(
         held(tip, flesh, forces), fine_chart(Plane(np.eye(4))), constants
@@ -79,7 +79,7 @@ def tip_areas(
 
 
 def peakedness(constants: Constants) -> float:
-    """Largest by mean pressure under the average fingertip at 2 N."""
+    """Return the ratio of peak to mean pressure under the average fingertip at 2 N."""
     tip, flesh = average_tip(constants)
     felt = compute_pressure_field(
         held(tip, flesh, [2.0]), fine_chart(Plane(np.eye(4))), constants
@@ -89,7 +89,7 @@ def peakedness(constants: Constants) -> float:
 
 
 def average_tip(constants: Constants) -> tuple[ContactPads, SoftTissue]:
-    """The index fingertip of the average hand and how it gives way."""
+    """Return the index fingertip of the average hand, and its tissue."""
     thumb, breadth, palm, length = (
         constants.value(f"hand.{name}") * MM
         for name in ("thumb", "breadth", "palm_length", "length")
@@ -107,7 +107,7 @@ def average_tip(constants: Constants) -> tuple[ContactPads, SoftTissue]:
 
 
 def middle(name: str, constants: Constants) -> float:
-    """Median of a constant that is drawn."""
+    """Return the median of a constant that is drawn."""
     law = constants.get_constant(name).spread
     return float((law.median or law.mean or 0.0) if law else 0.0)
 
@@ -119,14 +119,14 @@ def held(
     centre: tuple[float, float] = (0.0, 0.0),
     angle: float = 0.0,
 ) -> Press:
-    """A body that presses with one force after the other [N]."""
+    """Build a press of a body at rest with one force after the other [N]."""
     force = np.array(list(forces))
     still = np.tile(np.array(centre), (len(force), 1))
     return Press(0, 0, stamps, flesh, force, still, np.full(len(force), angle))
 
 
 def fine_chart(surface: Surface, pitch: float = 0.0005, half: float = 0.015) -> Chart:
-    """A small square of a surface with taxels far smaller than a fingertip [m]."""
+    """Build a small square of a surface with very fine taxels [m]."""
     line = np.arange(-half, half, pitch) + pitch / 2
     unrolled = np.stack(np.meshgrid(line, line), axis=-1).reshape(-1, 2)
     cells = np.tile(np.eye(2) * pitch / 2, (len(unrolled), 1, 1))
@@ -134,7 +134,7 @@ def fine_chart(surface: Surface, pitch: float = 0.0005, half: float = 0.015) -> 
 
 
 def ur5() -> tuple[MountedSkin, Chart]:
-    """The skin on the UR5, and the tube of its forearm."""
+    """Build the skin on the UR5, and the tube of its forearm."""
     preset = SKIN_PRESETS["ur5"]
     mounted = MountedSkin(preset.build(), load_robot(preset.robot))
     charts = [chart for chart in build_charts(mounted) if chart.link == FOREARM]
@@ -142,7 +142,7 @@ def ur5() -> tuple[MountedSkin, Chart]:
 
 
 def people_checks(constants: Constants, people: int, seed: int) -> list[BandCheck]:
-    """Forces that taxels feel, and the true area of a firm grab."""
+    """Check the force that taxels measure, and the true area of a firm grab."""
     mounted, chart = ur5()
     rng = np.random.default_rng([seed, 61])
     drawn = [draw_person(f"physics-{n}", constants, rng) for n in range(people)]
@@ -177,7 +177,7 @@ def balance(
     constants: Constants,
     rng: np.random.Generator,
 ) -> float:
-    """What taxels feel of a force by that force, in the middle of the largest patch."""
+    """Return the ratio of measured to applied force amid the largest patch."""
     patch = np.bincount(mounted.skin.patch_index[chart.taxels]).argmax()
     inside = chart.unrolled[mounted.skin.patch_index[chart.taxels] == patch]
     places = inside[0] + np.column_stack(
@@ -194,7 +194,7 @@ def balance(
 def grab_area(
     person: Person, chart: Chart, constants: Constants, rng: np.random.Generator
 ) -> float:
-    """True contact area of a full-hand grab of 60 N [cm2]."""
+    """Return the true contact area of a full-hand grab of 60 N [cm2]."""
     flesh = SoftTissue(
         **vars(person.tissue) | {"conformity": constants.draw("grab.conformity", rng)}
     )
@@ -206,7 +206,7 @@ def grab_area(
 
 
 def time_checks(constants: Constants, people: int, seed: int) -> list[BandCheck]:
-    """How long bumps and pats are in contact."""
+    """Check the time of contact of bumps and pats."""
     rng = np.random.default_rng([seed, 62])
     site = ContactSite(0, (0.0, 0.0), 0.0375, (-0.1, 0.1), 0.0)
     bumps, pats = [], []
@@ -225,7 +225,7 @@ def time_checks(constants: Constants, people: int, seed: int) -> list[BandCheck]
 
 
 def wander_checks(constants: Constants, people: int, seed: int) -> list[BandCheck]:
-    """How far the centre of a touch moves where the hand stays in place."""
+    """Check how far the centre of a touch moves while the hand stays in place."""
     rng = np.random.default_rng([seed, 63])
     site = ContactSite(0, (0.0, 0.0), 0.0375, (-0.1, 0.1), 0.0)
     every = round(SAMPLED / constants.value("time.step"))
@@ -255,7 +255,7 @@ def wander_checks(constants: Constants, people: int, seed: int) -> list[BandChec
 def times(
     name: str, found: list[float], low: float, high: float, source: str
 ) -> BandCheck:
-    """Whether the median of some times is as it should be, with the spread [ms]."""
+    """Check the median of some times, and report their spread [ms]."""
     least, half, most = np.percentile(found, [10, 50, 90])
     return BandCheck(
         f"{name}, 10/50/90 %",

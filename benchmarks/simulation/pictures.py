@@ -1,4 +1,4 @@
-"""A picture of each gesture: pressure on the unrolled link over time, and force.
+"""Draw each gesture: pressure on the unrolled link over time, and force.
 
 python -m benchmarks.simulation.pictures docs/pictures
 """
@@ -28,25 +28,25 @@ KINDS = {
     "stroke": "fingers",
     "none": "bump",
 }
-"""The most common way of each, and one of what is no gesture."""
+"""Most common kind of each gesture, and one accidental contact."""
 FIRM = {"poke": 4.0, "double_pat": 7.0, "grab": 40.0, "stroke": 2.5, "none": 0.0}
-"""Force that a typical one passes [N]: the median of each."""
+"""Force that a typical clip exceeds: the median of each gesture [N]."""
 LOOKS = 5
-"""Instants that are shown."""
+"""Number of instants that are shown."""
 LINK = "forearm_link"
 MM = 1e3
 
 
 @dataclass(frozen=True)
 class Command:
-    """Draw one picture a gesture."""
+    """Draw one picture per gesture."""
 
     out: tyro.conf.Positional[Path]
     """Folder for the pictures."""
 
 
 def main() -> None:
-    """Draw."""
+    """Draw the pictures."""
     matplotlib.use("Agg")
     command = tyro.cli(Command)
     simulator = Simulator()
@@ -58,7 +58,7 @@ def main() -> None:
 
 
 def typical(simulator: Simulator, gesture: str) -> tuple[SimulatedClip, ClipPlan]:
-    """The first clip of a gesture that lies whole on the forearm, felt as it should."""
+    """Find the first whole clip of a gesture on the forearm with typical force."""
     for number in range(400):
         plan = plan_of(gesture, number)
         clip = make_clip(plan, simulator.env)
@@ -71,7 +71,7 @@ def typical(simulator: Simulator, gesture: str) -> tuple[SimulatedClip, ClipPlan
 
 
 def plan_of(gesture: str, number: int) -> ClipPlan:
-    """A clip of an easy day: a fresh build, a robot that stands still."""
+    """Plan an easy clip: a fresh build, and a robot that stands still."""
     return ClipPlan(
         set_name="picture",
         seed=(7, number),
@@ -96,13 +96,13 @@ def plan_of(gesture: str, number: int) -> ClipPlan:
 def pressure_of(
     clip: SimulatedClip, calibration: Calibration
 ) -> Float[np.ndarray, "reading taxel"]:
-    """What the calibrated skin reads [kPa]; rest is what is counted most often."""
+    """Return the calibrated pressure [kPa]; rest is the median of the counts."""
     above = clip.counts - np.median(clip.counts, axis=0)
     return np.where(clip.received, calibration.compute_pressure(above), 0.0)
 
 
 def draw(simulator: Simulator, clip: SimulatedClip, plan: ClipPlan) -> pyplot.Figure:
-    """Looks at the unrolled link, then force through time."""
+    """Draw the unrolled link at several instants, then the force over time."""
     truth = clip.truths[0]
     build = get_build(plan.build, simulator.env)
     pressure = pressure_of(clip, build.calibration(simulator.mounted.skin))
@@ -135,7 +135,7 @@ def draw(simulator: Simulator, clip: SimulatedClip, plan: ClipPlan) -> pyplot.Fi
 
 
 def corners_of(chart: Chart) -> Float[np.ndarray, "part 4 2"]:
-    """Corners of the taxels' cells, unrolled [m]."""
+    """Return the corners of the taxels' cells, unrolled [m]."""
     signs = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
     return chart.unrolled[:, None] + np.einsum("ci,tij->tcj", signs, chart.cells)
 
@@ -143,7 +143,7 @@ def corners_of(chart: Chart) -> Float[np.ndarray, "part 4 2"]:
 def window_of(
     chart: Chart, seen: Float[np.ndarray, "reading part"]
 ) -> Float[np.ndarray, "2 2"]:
-    """Least and greatest (s, t) about what is touched [mm]."""
+    """Return the least and greatest (s, t) of the window about the touch [mm]."""
     touched = chart.unrolled[seen.max(axis=0) >= 2.0]
     middle = MM * (touched.min(axis=0) + touched.max(axis=0)) / 2
     half = max(45.0, MM * float(np.ptp(touched, axis=0).max()) / 2 + 12.0)
@@ -156,7 +156,7 @@ def draw_force(
     pressure: Float[np.ndarray, "reading taxel"],
     areas: Float[np.ndarray, "taxel"],
 ) -> None:
-    """True force, and what the skin reads where it reads 3 kPa and more."""
+    """Draw the true force, and that of the taxels that read 3 kPa or more."""
     times = 0.02 * np.arange(len(force))
     read = np.where(pressure >= 3.0, pressure, 0.0) @ (areas * 1e3)
     axis.plot(times, force, label="true")

@@ -1,10 +1,10 @@
-"""How near the model of contact comes to rigid ellipsoids in MuJoCo.
+"""Compare the model of contact with rigid ellipsoids in MuJoCo.
 
-People that are drawn touch a flat, both tubes of the arm and a dome; every clip is
-looked at when its force is largest and at other steps drawn, and counts by its medians.
-Wanted: area within 25 %, centroids within 4 mm, pressures of the taxels correlated over
-0.8. Both sides are told where the parts lie, so the centroid of one part alone says
-nothing; it is a check of how many parts share the load on a round surface.
+Random people touch a flat surface, both tubes of the arm and a dome. Every clip is
+evaluated at its largest force and at other random steps, and counts by its medians.
+Targets: area within 25 %, centroids within 4 mm, correlation of the taxels' pressures
+above 0.8. Both sides know where the parts lie, so the centroid of one part alone is no
+test; it tests how parts share the load on a round surface.
 """
 
 from dataclasses import dataclass
@@ -40,12 +40,12 @@ FORCES = (0.0, 1.0, 3.0, 10.0, 30.0, np.inf)  # [N]
 
 
 INSTANTS = 3
-"""Steps of a clip that are looked at."""
+"""Number of steps of a clip that are evaluated."""
 
 
 @dataclass(frozen=True)
 class Case:
-    """One instant of one clip."""
+    """Holds the comparison at one instant of one clip."""
 
     surface: str
     touch: str
@@ -53,17 +53,17 @@ class Case:
     clip: int
     force: float
     found: Agreement | None
-    """None where the reference cannot carry the force."""
+    """Comparison; None if the reference cannot carry the force."""
 
 
 def reference_tables(repeats: int, seed: int) -> str:
-    """Compare, by surface, by touch and by force.
+    """Format the comparison by surface, by touch and by force.
 
     Args:
-        repeats: clips of every touch on every surface.
-        seed: of people and touches.
+        repeats: number of clips of every touch on every surface.
+        seed: seed of people and touches.
     """
-    cases = compare(repeats, np.random.default_rng(seed))
+    cases = compare_all(repeats, np.random.default_rng(seed))
     clips = len({case.clip for case in cases})
     sunk = sum(case.found is None for case in cases)
     rows = [
@@ -91,12 +91,12 @@ def reference_tables(repeats: int, seed: int) -> str:
 
 
 def lies_in(case: Case, surface: str, body: str) -> bool:
-    """Whether a case belongs to a row, `all` standing for any."""
+    """Return whether a case belongs to a row, where `all` stands for any."""
     return surface in (case.surface, "all") and body in (case.body, "all")
 
 
-def compare(repeats: int, rng: np.random.Generator) -> list[Case]:
-    """All cases."""
+def compare_all(repeats: int, rng: np.random.Generator) -> list[Case]:
+    """Compare all cases."""
     constants = load_constants()
     cases: list[Case] = []
     clip = 0
@@ -111,15 +111,17 @@ def compare(repeats: int, rng: np.random.Generator) -> list[Case]:
                 body = "other bodies" if kind in BARE else body_of(press)
                 for step in steps_of(press, INSTANTS, rng):
                     at = instant(press, step)
-                    found = look(at, chart, constants)
+                    found = compare_instant(at, chart, constants)
                     force = float(at.force[0])
                     cases.append(Case(surface, touch, body, clip, force, found))
                 clip += 1
     return cases
 
 
-def look(press: Press, chart: Chart, constants: Constants) -> Agreement | None:
-    """Compare one instant; None where the reference cannot carry the force."""
+def compare_instant(
+    press: Press, chart: Chart, constants: Constants
+) -> Agreement | None:
+    """Compare one instant; return None if the reference cannot carry the force."""
     felt = compute_pressure_field(press, chart, constants)
     try:
         return agreement(felt, feel_in_mujoco(press, chart, constants))
@@ -131,7 +133,7 @@ BARE = ("bump", "lean", "cable")
 
 
 def even_chart(surface: Surface) -> Chart:
-    """A surface full of square taxels, so that the contact alone is compared."""
+    """Build a surface full of square taxels, so that only the contact is compared."""
     long = 0.075 if isinstance(surface, Dome) else 0.22
     along_t = np.arange(-long, long, PITCH)
     along_s, width = along_t, PITCH
@@ -153,7 +155,7 @@ def draw_press(
     constants: Constants,
     rng: np.random.Generator,
 ) -> Press:
-    """The first press of a touch by somebody new."""
+    """Draw the first press of a touch by a new person."""
     room = 0.02 if isinstance(chart.surface, Dome) else 0.08
     site = ContactSite(
         chart=0,
@@ -168,7 +170,7 @@ def draw_press(
 
 
 def body_of(press: Press) -> str:
-    """Which parts of a hand touch."""
+    """Return which parts of a hand touch."""
     across, along = press.pads.radii.max(axis=0)
     if across > 0.013:
         return "hand with palm"
@@ -176,23 +178,28 @@ def body_of(press: Press) -> str:
 
 
 def steps_of(press: Press, count: int, rng: np.random.Generator) -> list[int]:
-    """The step of the largest force, and others at least a tenth as strong."""
+    """Draw the step of the largest force, and others at least a tenth as strong."""
     peak = int(np.argmax(press.force))
     strong = np.flatnonzero(press.force > 0.1 * press.force[peak])
     return [peak, *rng.choice(strong, count - 1).tolist()]
 
 
 def head(*names: str) -> list[str]:
-    """The first lines of a table."""
+    """Format the head of a table."""
     columns = (*names, "clips", "area +-25 %", "centroid < 4 mm", "correlation > 0.8")
-    columns += ("area ratio", "centroid [mm]", "correlation", "of touched taxels only")
+    columns += (
+        "area ratio",
+        "centroid [mm]",
+        "correlation",
+        "correlation, touched taxels only",
+    )
     return [f"| {' | '.join(columns)} |", f"|{'---|' * len(columns)}"]
 
 
 def row(names: tuple[str, str], cases: list[Case]) -> list[str]:
-    """A line, if there are cases: shares of clips within each bar, and medians.
+    """Format a row, if there are cases: shares within each target, and medians.
 
-    A correlation that is undefined is within no bar, and in no median.
+    An undefined correlation meets no target, and counts in no median.
     """
     clips: dict[int, list[Agreement]] = {}
     for case in cases:
@@ -209,6 +216,6 @@ def row(names: tuple[str, str], cases: list[Case]) -> list[str]:
 
 
 def middle(found: list[Agreement]) -> list[float]:
-    """Medians over the instants of a clip."""
+    """Return the medians over the instants of a clip."""
     names = ("area", "centroid", "correlation", "strict")
     return [float(np.median([getattr(each, name) for each in found])) for name in names]

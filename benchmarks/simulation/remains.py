@@ -1,4 +1,4 @@
-"""What is left of a clip when its readings are thrown away."""
+"""Extract what the tables need of a clip besides its readings."""
 
 import numpy as np
 from jaxtyping import Float
@@ -8,7 +8,7 @@ from eskin.sim.scene.scene import TrueTouchSeries
 from eskin.skin import MountedSkin, Skin
 
 READINGS = 10
-"""Readings before contact that are looked at."""
+"""Number of readings before contact."""
 EDGES = np.array([1.0, 2, 3, 5, 8, 12, 20, 30, 50, 80, 130, np.inf])  # [kPa]
 PERIOD = 0.02  # [s]
 CM, CM2 = 100.0, 1e4
@@ -17,7 +17,7 @@ CM, CM2 = 100.0, 1e4
 def truth_of(
     clip: SimulatedClip, truth: TrueTouchSeries | None, mounted: MountedSkin
 ) -> Float[np.ndarray, "reading 5"]:
-    """Force [N], area [cm2] and centroid in the link's frame [cm] of one touch."""
+    """Return force [N], area [cm2] and centroid in the link's frame [cm]."""
     series = np.zeros((len(clip.q), 5))
     series[:, 2:] = np.nan
     if truth is None:
@@ -33,27 +33,27 @@ def truth_of(
 def before_of(
     clip: SimulatedClip, rest: Float[np.ndarray, "taxel"], skin: Skin
 ) -> Float[np.ndarray, "quantity"]:
-    """Counts of each patch before any contact: mean, deviation, largest, unheard.
+    """Return mean, SD, maximum and missing share of counts by patch before contact.
 
-    Always of as many readings: how many there are would tell how long a touch lasts.
+    The number of readings is fixed, because it would otherwise depend on the touch.
     """
     patches = np.unique(skin.patch_index)
     onset = min((truth.onset for truth in clip.truths), default=np.inf)
     if onset < (READINGS + 2) * PERIOD:
         return np.full(4 * len(patches), np.nan)
-    heard = clip.received[:READINGS]
-    above = np.where(heard & np.isfinite(rest), clip.counts[:READINGS] - rest, 0.0)
+    received = clip.received[:READINGS]
+    above = np.where(received & np.isfinite(rest), clip.counts[:READINGS] - rest, 0.0)
     found = []
     for patch in patches:
         own = above[:, skin.patch_index == patch]
-        unheard = 1.0 - heard[:, skin.patch_index == patch].mean()
-        found += [own.mean(), own.std(), own.max(), unheard]
+        missing = 1.0 - received[:, skin.patch_index == patch].mean()
+        found += [own.mean(), own.std(), own.max(), missing]
     return np.array(found)
 
 
 def histogram_of(
     pressure: Float[np.ndarray, "reading taxel"],
 ) -> Float[np.ndarray, "bin"]:
-    """How often each range of pressures was read, at any taxel and reading."""
+    """Return the histogram of the pressures of all taxels and readings."""
     felt = pressure[pressure >= EDGES[0]]
     return np.histogram(felt, EDGES)[0].astype(np.float64)

@@ -1,11 +1,11 @@
-"""The virtual CoST rig: the same gestures on the grid of the CoST data set.
+"""Check gestures on a virtual copy of the grid of the CoST data set.
 
 Jung, Poel, Poppe and Heylen 2017 recorded 31 people on 8 x 8 cells of 20 mm round a
 mannequin's forearm. Force laws differ between that felt grid and ours, so only areas,
-durations and ratios are compared. Blur and exponent of the read-out were chosen so that
-four means fit; the spreads and the other ratios are the test. Areas and peaks are both
-taken of the blurred and compressed reading, for the tables of CoST give what its
-read-out told; the uncompressed ratio of pressures stands beside it.
+durations and ratios are compared. Blur and exponent of the read-out were fitted to four
+means; the spreads and the other ratios are the test. Areas and peaks are those of the
+blurred and compressed reading, as in the tables of CoST; the uncompressed ratio of
+pressures stands beside it.
 """
 
 from dataclasses import dataclass
@@ -49,15 +49,15 @@ GESTURES = {
     "stroke": ("stroke", None),
     "grab": ("grab", None),
 }
-"""What our vocabulary calls them."""
+"""Class and kind in our vocabulary."""
 
 
 @dataclass(frozen=True)
 class Captures:
-    """Many captures of one gesture."""
+    """Holds many captures of one gesture."""
 
     seconds: Float[np.ndarray, "capture"]
-    """DurationHistogram [s]."""
+    """Duration of each capture [s]."""
     area: Float[np.ndarray, "capture"]
     """Share of cells above half of the maximum, when the sum is largest."""
     peak: Float[np.ndarray, "capture"]
@@ -67,7 +67,7 @@ class Captures:
 def rig_checks(
     constants: Constants, people: int, repeats: int, difficulty: float, seed: int
 ) -> list[BandCheck]:
-    """Areas, durations and ratios of six gestures beside those of CoST."""
+    """Check areas, durations and ratios of six gestures against those of CoST."""
     found = {
         name: captures(name, constants, people, repeats, difficulty, seed)
         for name in COST
@@ -102,7 +102,7 @@ def rig_checks(
 
 
 def stroke_by_pat(peaks: dict[str, float], plain: dict[str, float]) -> BandCheck:
-    """The peak of strokes by that of pats, which are alike in CoST."""
+    """Check the ratio of the peaks of strokes and pats, which are equal in CoST."""
     ratio, pressed = (each["stroke"] / each["pat"] for each in (peaks, plain))
     return BandCheck(
         "stroke / pat, peak reading",
@@ -114,7 +114,7 @@ def stroke_by_pat(peaks: dict[str, float], plain: dict[str, float]) -> BandCheck
 
 
 def near(mean: float) -> tuple[float, float]:
-    """A third around a mean, which the prototype's means kept to."""
+    """Return the range of a third about a mean, which held for the prototype."""
     return 0.67 * mean, 1.33 * mean
 
 
@@ -126,7 +126,7 @@ def captures(
     difficulty: float,
     seed: int,
 ) -> Captures:
-    """Several people making one gesture several times on the rig."""
+    """Simulate several people who make one gesture several times on the rig."""
     gesture, kind = GESTURES[name]
     chart = rig_chart()
     rows = []
@@ -143,7 +143,7 @@ def captures(
 
 
 def rig_chart() -> Chart:
-    """The grid of CoST round its forearm, finer than its cells."""
+    """Build the grid of CoST round its forearm, finer than its cells."""
     count, pitch = CELLS * FINER, PITCH / FINER
     offsets = (np.arange(count) - (count - 1) / 2) * pitch
     unrolled = np.stack(np.meshgrid(offsets, offsets), axis=-1).reshape(-1, 2)
@@ -153,7 +153,7 @@ def rig_chart() -> Chart:
 
 
 def rig_site(rng: np.random.Generator) -> ContactSite:
-    """Somewhere about the middle of the grid."""
+    """Draw a site near the middle of the grid."""
     s, t = rng.uniform(-1.5 * PITCH, 1.5 * PITCH, 2)
     return ContactSite(
         chart=0,
@@ -167,7 +167,7 @@ def rig_site(rng: np.random.Generator) -> ContactSite:
 def sum_of(
     chart: Chart, presses: tuple, constants: Constants
 ) -> Float[np.ndarray, "time row column"]:
-    """Pressure on every cell, as the felt passes it on [kPa]."""
+    """Return the pressure on every cell under the felt [kPa]."""
     length = max(press.first + press.steps for press in presses)
     fine = np.zeros((length, len(chart.taxels)))
     for press in presses:
@@ -184,7 +184,7 @@ def sum_of(
 def measure(
     images: Float[np.ndarray, "time row column"], step: float
 ) -> tuple[float, float, float]:
-    """Duration [s], area share and peak of one capture."""
+    """Return duration [s], area share and peak of one capture."""
     read = np.maximum(images, 0.0) ** EXPONENT
     touched = np.flatnonzero(images.sum(axis=(1, 2)) > 0)
     seconds = (touched[-1] - touched[0] + 1) * step if len(touched) else 0.0

@@ -1,4 +1,4 @@
-"""How many clips a minute come out as files, and what that takes."""
+"""Measure the rate of generated clips, and its memory."""
 
 import resource
 import tempfile
@@ -11,13 +11,13 @@ WANTED = 6000.0
 WORKERS = 2
 MEMORY = 1000.0  # [MB], so that many processes fit on a laptop
 FEW = 60
-"""Clips that are made twice, with one process and with more."""
+"""Number of clips that are generated twice, with one process and with more."""
 
 
 def speed_checks(clips: int, seed: int) -> list[BandCheck]:
-    """Clips of `train` a minute, their start included, memory, and the same bytes.
+    """Check clips per minute with the start-up, memory, and equality of the files.
 
-    The memory is that of the largest process started so far, of whatever part.
+    The memory is that of the largest process started so far, by any part.
     """
     with tempfile.TemporaryDirectory() as folder:
         settings = GenerationSettings("train", seed=seed, clips=clips)
@@ -32,7 +32,7 @@ def speed_checks(clips: int, seed: int) -> list[BandCheck]:
 
 
 def same_bytes(seed: int) -> BandCheck:
-    """Whether recordings and index depend on the number of processes."""
+    """Check that recordings and index do not depend on the number of processes."""
     one, more = made(1, seed), made(WORKERS, seed)
     differ = sum(one[name] != more[name] for name in one) + len(
         one.keys() ^ more.keys()
@@ -42,7 +42,7 @@ def same_bytes(seed: int) -> BandCheck:
 
 
 def made(workers: int, seed: int) -> dict[str, bytes]:
-    """Every file of a small set."""
+    """Generate a small set and return its files."""
     with tempfile.TemporaryDirectory() as folder:
         generate(
             Path(folder), GenerationSettings("test-m", seed=seed, clips=FEW), workers

@@ -1,4 +1,4 @@
-"""What changes where an estimated force is half or twice as large."""
+"""Measure the effect of estimated forces that are half or twice as large."""
 
 import numpy as np
 
@@ -11,22 +11,22 @@ FELT = 3.0  # pressure from which a touch is a contact [kPa]
 
 
 def sweep_table(clips: int, seed: int) -> str:
-    """A forest of the published world, asked about worlds of other forces.
+    """Format the accuracy of a forest on simulations with other forces.
 
     Args:
-        clips: that it learns from; a third as many are asked about in each world.
-        seed: of clips and forests.
+        clips: number of clips for training; a third as many for each test.
+        seed: seed of clips and forests.
     """
     constants = load_constants()
     level = constants.value("sets.difficulty")
     grown = grow(simulate("train", clips, level, seed), seed)
     rows = [
         "\n**Estimated forces, half and twice as large**\n",
-        f"A forest of 15 features that learned from {clips} clips of `train`, asked "
-        f"about {clips // 3} clips of `{TEST}`; share of gestures that read {FELT:g} "
-        "kPa anywhere.\n",
-        "| force of | half: right | half: felt | as published: right | felt | twice: "
-        "right | twice: felt |",
+        f"A random forest with 15 features, trained on {clips} clips of `train` and "
+        f"tested on {clips // 3} clips of `{TEST}`. Felt: share of gestures that read "
+        f"{FELT:g} kPa anywhere.\n",
+        "| force of | half: accuracy | half: felt | as published: accuracy | felt | "
+        "twice: accuracy | twice: felt |",
         "|---|---|---|---|---|---|---|",
     ]
     plain = simulate(TEST, clips // 3, level, seed)
@@ -48,7 +48,7 @@ def sweep_table(clips: int, seed: int) -> str:
 
 
 def worlds(constants: Constants) -> list[tuple[str, tuple[str, ...]]]:
-    """Every estimated force of a gesture on its own, then all estimated forces."""
+    """List every estimated force of a gesture, then all estimated forces together."""
     estimated = tuple(
         name
         for name, entry in constants.entries.items()
@@ -59,10 +59,10 @@ def worlds(constants: Constants) -> list[tuple[str, tuple[str, ...]]]:
 
 
 def times(names: tuple[str, ...], factor: float) -> Factors:
-    """The same factor on some constants."""
+    """Return the same factor on some constants."""
     return tuple((name, factor) for name in names)
 
 
 def felt(made: list[Made]) -> float:
-    """Share of gestures that are read at all."""
+    """Return the share of gestures that reach `FELT`."""
     return float(np.mean([each.peak >= FELT for each in made if each.label != "none"]))

@@ -1,4 +1,4 @@
-"""Features of a touch as it truly was."""
+"""Compute features of the true course of a touch."""
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -6,16 +6,16 @@ from scipy.signal import find_peaks
 
 PERIOD = 0.02  # [s]
 POINTS = 24
-"""Points that each series is brought to."""
+"""Number of points to which each series is resampled."""
 LEAST = 0.05  # [N]
 QUANTILES = (0.1, 0.25, 0.5, 0.75, 0.9)
 
 
 def true_features(truth: Float[np.ndarray, "reading 5"]) -> Float[np.ndarray, "f"]:
-    """Numbers and resampled series of one touch.
+    """Return numbers and resampled series of one touch.
 
     Args:
-        truth: force [N], area [cm2], centroid [cm] at every reading.
+        truth: force [N], area [cm2] and centroid [cm] at every reading.
     """
     force = truth[:, 0]
     touched = np.flatnonzero(force > LEAST)
@@ -36,7 +36,7 @@ def true_features(truth: Float[np.ndarray, "reading 5"]) -> Float[np.ndarray, "f
 
 
 def times(force: Float[np.ndarray, "reading"], span: slice) -> Float[np.ndarray, "f"]:
-    """When there is contact, and whether the clip cuts it."""
+    """Return the times of contact, and whether the clip cuts it."""
     on = force[span] > LEAST
     changes = np.diff(on.astype(int))
     gaps = runs(~on)
@@ -56,7 +56,7 @@ def times(force: Float[np.ndarray, "reading"], span: slice) -> Float[np.ndarray,
 
 
 def runs(flags: Bool[np.ndarray, "reading"]) -> list[int]:
-    """Lengths of the stretches that are true."""
+    """Return the lengths of the runs of true values."""
     edges = np.flatnonzero(np.diff(np.concatenate([[0], flags.astype(int), [0]])))
     return [int(end - start) for start, end in edges.reshape(-1, 2)]
 
@@ -64,7 +64,7 @@ def runs(flags: Bool[np.ndarray, "reading"]) -> list[int]:
 def loads(
     force: Float[np.ndarray, "part"], area: Float[np.ndarray, "part"]
 ) -> Float[np.ndarray, "f"]:
-    """How much force on how much area, and how they go together."""
+    """Return statistics of force, area and pressure."""
     pressure = np.divide(force, area, out=np.zeros_like(force), where=area > 0)
     top = int(force.argmax())
     own = [np.quantile(each, QUANTILES) for each in (force, area, pressure)]
@@ -83,7 +83,7 @@ def loads(
 
 
 def rhythm(force: Float[np.ndarray, "part"]) -> Float[np.ndarray, "f"]:
-    """Peaks of the force, what lies between them, and how uneven it is."""
+    """Return statistics of the peaks of the force and of its roughness."""
     padded = np.concatenate([[0.0], force, [0.0]])
     top = max(float(force.max()), LEAST)
     counts = [len(find_peaks(padded, prominence=p * top)[0]) for p in (0.05, 0.2, 0.5)]
@@ -101,7 +101,7 @@ def rhythm(force: Float[np.ndarray, "part"]) -> Float[np.ndarray, "f"]:
 
 
 def way(centre: Float[np.ndarray, "part 3"]) -> Float[np.ndarray, "f"]:
-    """How the centroid moves over its link."""
+    """Return statistics of the motion of the centroid."""
     steps = np.diff(centre, axis=0)
     lengths = np.linalg.norm(steps, axis=1)
     path, away = lengths.sum(), np.linalg.norm(centre - centre[0], axis=1)
@@ -119,7 +119,7 @@ def way(centre: Float[np.ndarray, "part 3"]) -> Float[np.ndarray, "f"]:
 
 
 def filled(centre: Float[np.ndarray, "part 3"]) -> Float[np.ndarray, "part 3"]:
-    """The centroid through gaps: where it last was; at the origin without contact."""
+    """Fill gaps of the centroid with its last value, or with the origin."""
     known = np.isfinite(centre).all(axis=1)
     if not known.any():
         return np.zeros_like(centre)
@@ -132,7 +132,7 @@ def resampled(
     centre: Float[np.ndarray, "part 3"],
     area: Float[np.ndarray, "part"],
 ) -> Float[np.ndarray, "f"]:
-    """Shapes of force and area, and distance from the start, at as many points."""
+    """Return the shapes of force, area and distance from the start, resampled."""
     away = np.linalg.norm(centre - centre[0], axis=1)
     shape, size = force / max(force.max(), LEAST), area / max(area.max(), 1e-6)
     at = np.linspace(0, len(force) - 1, POINTS)

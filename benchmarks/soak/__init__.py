@@ -1,1 +1,1 @@
-"""What holds for hours, and whatever happens."""
+"""Test long runs and abrupt ends."""

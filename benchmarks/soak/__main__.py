@@ -1,7 +1,8 @@
-"""Run for long, and break things on the way.
+"""Run for long, and kill processes at random moments.
 
-python -m benchmarks.soak PART, where PART is kill (recordings whose process is killed),
-record (what recording costs) or stream (what an hour over serial ports leaves behind).
+python -m benchmarks.soak PART, where PART is kill (recordings of killed processes),
+record (the cost of recording) or stream (memory and losses of an hour over serial
+ports).
 """
 
 from collections.abc import Callable
@@ -19,20 +20,20 @@ Part = Literal["kill", "record", "stream"]
 
 @dataclass(frozen=True)
 class Command:
-    """Print one line of figures."""
+    """Run a test and print one line of results."""
 
     part: tyro.conf.Positional[Part]
-    """What is done."""
+    """Test to run."""
     times: int = 50
-    """How often a process is killed."""
+    """Number of processes that are killed."""
     seconds: float | None = None
-    """How long is recorded, or streamed: 60 s; an hour on the simulated clock."""
+    """Duration of recording or stream: 60 s, or an hour on the simulated clock."""
     real: bool = False
     """Stream in real time, not on a simulated clock."""
     rate: float = 50.0
-    """Scans a second that are recorded."""
+    """Rate of recorded scans [1/s]."""
     seed: int = 0
-    """Of the moments at which processes are killed."""
+    """Seed of the moments at which processes are killed."""
 
 
 PARTS: dict[Part, Callable[[Command], str]] = {
@@ -45,7 +46,7 @@ PARTS: dict[Part, Callable[[Command], str]] = {
 
 
 def main() -> None:
-    """Do it and print."""
+    """Run the test and print its line."""
     command = tyro.cli(Command)
     print(PARTS[command.part](command))
 

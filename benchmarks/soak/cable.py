@@ -1,4 +1,4 @@
-"""Virtual patches on a real transport and a clock that only goes on when it is read."""
+"""Connect virtual patches to a real transport, on a clock that reads advance."""
 
 import threading
 import time
@@ -10,21 +10,21 @@ from eskin.drivers.virtual import VirtualSkin
 from eskin.touch import Scan
 
 PATIENCE = 0.1
-"""How long what was sent may be on its way through the kernel [s]."""
+"""Longest time for data to pass through the kernel [s]."""
 PAUSE = 0.001
-"""Between two readings once there is nothing more to send [s]."""
+"""Interval between reads after the last scan [s]."""
 
 
 @final
 class Cable(Transport):
-    """Lets a device make its next scan whenever its listener waits for so long.
+    """Lets a device send its next scan when the reader waits until it is due.
 
-    What is sent goes through the kernel and is read back before time goes on, so that
+    Sent data passes through the kernel and is read back before time advances, so that
     hours take minutes and every run is the same.
 
     Attributes:
-        over: set when all scans were sent.
-        sent: how many were.
+        over: event that is set when all scans were sent.
+        sent: number of scans that were sent.
     """
 
     def __init__(
@@ -34,13 +34,13 @@ class Cable(Transport):
         scans: Iterator[Scan],
         clock: ManualClock,
     ) -> None:
-        """Connect them.
+        """Connect a device and a transport.
 
         Args:
-            inner: that hears the ports of the device.
-            device: that sends.
-            scans: what it feels.
-            clock: of both.
+            inner: transport that receives from the ports of the device.
+            device: device that sends.
+            scans: scans of the device.
+            clock: clock of both.
         """
         self.inner = inner
         self.device = device
@@ -52,7 +52,7 @@ class Cable(Transport):
         self.gone = 0
 
     def read(self, timeout: float) -> list[ReceivedPacket]:
-        """What arrives until so much time has passed; no longer than to a next scan."""
+        """Return the packets until the timeout or the next scan."""
         now = self.clock.now()
         wait = max(0.0, (self.start + self.device.elapsed - now) / 1e9)
         scan = None
@@ -68,26 +68,26 @@ class Cable(Transport):
         return self.take()
 
     def take(self) -> list[ReceivedPacket]:
-        """All that was sent, as far as it arrives."""
+        """Return all packets that were sent and arrive."""
         deliveries = self.inner.read(0.0)
-        while (left := self.on_the_way()) > 0:
+        while (left := self.count_in_transit()) > 0:
             more = self.inner.read(PATIENCE)
             deliveries += more
-            if not more and self.on_the_way() == left:
+            if not more and self.count_in_transit() == left:
                 self.gone += left
         return deliveries
 
-    def on_the_way(self) -> int:
-        """Bytes that were sent and neither read nor given up."""
+    def count_in_transit(self) -> int:
+        """Return the number of bytes that were sent and neither read nor given up."""
         sent = sum(port.bytes for port in self.device.ports)
         return sent - self.inner.counters()["bytes"] - self.gone
 
     def take_events(self, now: int) -> list[Event]:
-        """Of the real transport."""
+        """Return those of the real transport."""
         return self.inner.take_events(now)
 
     def counters(self) -> dict[str, int]:
-        """Of the real transport."""
+        """Return those of the real transport."""
         return self.inner.counters()
 
     def close(self) -> None:

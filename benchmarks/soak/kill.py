@@ -1,4 +1,4 @@
-"""What is left of a recording whose process is killed."""
+"""Measure what is lost from a recording when its process is killed."""
 
 import random
 import subprocess
@@ -15,25 +15,25 @@ from eskin.recording import read_recording
 
 ROOT = Path(__file__).parents[2]
 LONGEST = 3.0
-"""Before a process is killed [s]."""
+"""Longest time before a process is killed [s]."""
 TOGETHER = 5
-"""Processes at once."""
+"""Number of processes at once."""
 
 
 @dataclass(frozen=True)
 class Killed:
-    """One recording whose process was killed with SIGKILL."""
+    """Describes a recording whose process was killed with SIGKILL."""
 
     seconds: float
-    """How long it had recorded, by its scans."""
+    """Duration of the recording, by its scans [s]."""
     lost: float
-    """From the last scan in the file to the last that was streamed [s]."""
+    """Time from the last scan in the file to the last that was streamed [s]."""
     whole: bool
     """Whether the file opens and holds every scan before its last."""
 
 
 def kill_line(times: int, seed: int) -> str:
-    """Kill that often and say what was left."""
+    """Kill processes and format the result."""
     with tempfile.TemporaryDirectory() as folder:
         killed = kill_often(Path(folder), times, seed)
     lost = [one.lost for one in killed]

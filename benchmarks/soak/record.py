@@ -1,4 +1,4 @@
-"""What recording costs."""
+"""Measure the cost of recording."""
 
 import tempfile
 import time
@@ -10,11 +10,11 @@ from eskin.stream import Recorder, Stream
 
 
 def record_line(seconds: float, rate: float) -> str:
-    """Record the idle ur5 skin in real time and say what it took.
+    """Record the idle ur5 skin in real time and format the result.
 
     Args:
-        seconds: how long.
-        rate: scans a second.
+        seconds: duration [s].
+        rate: rate of the scans [1/s].
     """
     with tempfile.TemporaryDirectory() as folder:
         recorder = Recorder(Path(folder) / "a.mcap", Metadata("soak"))

@@ -1,4 +1,4 @@
-"""A process that records and says what it streams, until it is killed.
+"""Record the idle skin and print each stamp, until the process is killed.
 
 python -m benchmarks.soak.recording FILE
 """
@@ -13,29 +13,29 @@ from eskin.touch import Scan
 RATE = 50.0
 
 
-class Teller(Listener):
+class StampPrinter(Listener):
     """Prints the stamp of every scan."""
 
-    name = "teller"
+    name = "stamps"
     message_types = (Scan,)
     size = 1000
     drop = "never"
 
     def start(self, context: Context) -> None:
-        """Nothing is needed."""
+        """Do nothing."""
 
     def on_message(self, item: Message) -> None:
-        """Print one line at once."""
+        """Print the stamp of a scan without delay."""
         if isinstance(item, Scan):
             print(item.stamp, flush=True)
 
     def close(self) -> None:
-        """Nothing is held."""
+        """Do nothing."""
 
 
 def main() -> None:
     """Record the idle ur5 skin."""
-    listeners = (Recorder(sys.argv[1], Metadata("soak")), Teller())
+    listeners = (Recorder(sys.argv[1], Metadata("soak")), StampPrinter())
     with Stream(idle_source(RATE), listeners) as stream:
         stream.wait()
 

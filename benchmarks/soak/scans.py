@@ -1,4 +1,4 @@
-"""Scans of the idle ur5 skin without end."""
+"""Build scans of the idle ur5 skin."""
 
 from collections.abc import Iterator
 
@@ -12,11 +12,11 @@ from eskin.units import NS_PER_S
 
 
 def idle_source(rate: float, scans: int | None = None) -> PlayedSource:
-    """The ur5 skin in real time, from now on: noise, and joints that move.
+    """Build a source of the idle ur5 skin in real time: noise and moving joints.
 
     Args:
-        rate: scans a second.
-        scans: how many there are; None: without end.
+        rate: rate of the scans [1/s].
+        scans: number of scans; without end if None.
     """
     skin, robot = load_skin("ur5"), load_robot("ur5")
     calibration = Calibration.uniform(skin.count, 4095, 100.0)
@@ -29,7 +29,7 @@ def idle_source(rate: float, scans: int | None = None) -> PlayedSource:
 def idle_scans(
     taxels: int, joints: int, rate: float, scans: int | None
 ) -> Iterator[Scan]:
-    """Noise of a few counts about 40, which compresses badly."""
+    """Yield noise of a few counts about 40, which compresses badly."""
     rng = np.random.default_rng(0)
     received = np.ones(taxels, bool)
     number = 0

@@ -1,4 +1,4 @@
-"""An hour of the whole skin over serial ports: memory, threads and what is lost."""
+"""Stream over serial ports for an hour; report memory, threads and losses."""
 
 import os
 import threading
@@ -34,27 +34,27 @@ from eskin.stream import Recognition, Stream
 RATE = 50.0
 PORTS = 3
 SETTLED = 0.1
-"""Share of the time after which memory is looked at first; what is kept is full."""
+"""Share of the time after which memory is first measured: all buffers are full."""
 LOOK = 0.02
-"""How often it is looked how far the stream is [s]."""
+"""Interval between checks of the progress [s]."""
 
 
 @dataclass(frozen=True)
 class Soaked:
-    """What a stream has left behind."""
+    """Holds the results of a stream."""
 
     readings: int
     detections: int
     lost: dict[str, int]
-    """Scans, packets and readings since the first look, by where; empty where none."""
+    """Scans, packets and readings lost since the first measurement, by place."""
     memory: tuple[float, float]
-    """Resident at first and at the end [MB]."""
+    """Resident memory at the first measurement and at the end [MB]."""
     threads: tuple[int, int]
-    """At first and at the end."""
+    """Number of threads at the first measurement and at the end."""
 
 
 def stream_line(seconds: float, real: bool) -> str:
-    """Stream that long and say what was left."""
+    """Stream for some time and format the result."""
     start = time.monotonic()
     soaked = stream_live(seconds) if real else stream_simulated(seconds)
     wall = time.monotonic() - start
@@ -68,7 +68,7 @@ def stream_line(seconds: float, real: bool) -> str:
 
 
 def stream_simulated(seconds: float) -> Soaked:
-    """Over pseudo-terminals on a simulated clock, as fast as it goes."""
+    """Stream over pseudo-terminals on a simulated clock, as fast as possible."""
     clock, mounted = ManualClock(10**18), mounted_skin()
     with ExitStack() as stack:
         lines = [stack.enter_context(PtyPort()) for _ in range(PORTS)]
@@ -81,15 +81,17 @@ def stream_simulated(seconds: float) -> Soaked:
         )
         cable = Cable(inner, device, scans, clock)
         first = SETTLED * seconds * RATE
-        return streamed(cable, clock, lambda: cable.sent >= first, cable.over.is_set)
+        return measure_stream(
+            cable, clock, lambda: cable.sent >= first, cable.over.is_set
+        )
 
 
 def stream_live(seconds: float) -> Soaked:
-    """From a process with a pseudo-terminal, in real time."""
+    """Stream from a process with a pseudo-terminal, in real time."""
     clock = HostClock()
     with run_sender("serial", RATE, clock) as transport:
         start = time.monotonic()
-        return streamed(
+        return measure_stream(
             transport,
             clock,
             lambda: time.monotonic() >= start + SETTLED * seconds,
@@ -98,17 +100,17 @@ def stream_live(seconds: float) -> Soaked:
 
 
 def mounted_skin() -> MountedSkin:
-    """The ur5's skin on its robot."""
+    """Return the ur5's skin on its robot."""
     return MountedSkin(load_skin("ur5"), load_robot("ur5"))
 
 
-def streamed(
+def measure_stream(
     transport: Transport,
     clock: Clock,
     is_settled: Callable[[], bool],
     is_over: Callable[[], bool],
 ) -> Soaked:
-    """Recognise what a transport brings, and look at it twice."""
+    """Recognise the data of a transport, and measure memory and threads twice."""
     mounted = mounted_skin()
     calibration = build_sender_calibration(mounted.skin.count)
     recognizer = Recognizer(load_model("ur5"), mounted, calibration)
@@ -119,7 +121,7 @@ def streamed(
     with Stream(source, [recognition]) as stream:
         while not is_settled():
             stream.wait(LOOK)
-        memory, threads = resident(), threading.active_count()
+        memory, threads = measure_memory(), threading.active_count()
         before = count_losses(source, stream)
         while not is_over():
             stream.wait(LOOK)
@@ -128,12 +130,12 @@ def streamed(
             readings=source.counters()["readings"],
             detections=recognition.detections,
             lost={key: n for key, n in lost.items() if n and key != "used"},
-            memory=(memory, resident()),
+            memory=(memory, measure_memory()),
             threads=(threads, threading.active_count()),
         )
 
 
-def resident() -> float:
-    """Memory of this process [MB]."""
+def measure_memory() -> float:
+    """Return the resident memory of this process [MB]."""
     pages = int(Path("/proc/self/statm").read_text().split()[1])
     return pages * os.sysconf("SC_PAGE_SIZE") / 1e6

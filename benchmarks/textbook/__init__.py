@@ -1,1 +1,1 @@
-"""Textbook touches: plain formulas on a perfect sensor, never trained on."""
+"""Test recognition of touches from plain formulas on an ideal sensor."""

@@ -1,10 +1,10 @@
-"""Accuracy on textbook touches, one factor swept at a time.
+"""Measure accuracy on textbook touches, with one factor swept at a time.
 
     python -m benchmarks.textbook [--model MODEL] [--picture FILE] [--json FILE]
 
 Pokes, double pats, strokes, grabs round a tube and three kinds of `none` (a resting
-hand, one pat, a long press) made of plain formulas, on a perfect sensor with plain
-white noise. Nothing of `eskin.sim` is used, and nothing here is ever trained on.
+hand, one pat, a long press) follow plain formulas, on an ideal sensor with white noise.
+Nothing of `eskin.sim` is used, and nothing here is used for training.
 """
 
 import time
@@ -20,31 +20,25 @@ from benchmarks.textbook.sweeps import SWEPT, Point, run
 
 @dataclass(frozen=True)
 class Command:
-    """Answer textbook touches."""
+    """Recognise textbook touches."""
 
     model: str = "ur5"
     """Weights that come with eskin, or a model file."""
-
     form: Literal["short", "long"] = "long"
-    """Short shows only that it runs: one touch at three values of each sweep."""
-
+    """Extent; `short` is a smoke test with one touch at three values of each sweep."""
     draws: int | None = None
-    """Touches at each value; 16 in the long form."""
-
+    """Number of touches at each value; 16 in the long form."""
     seed: int = 0
-    """Decides everything that is drawn."""
-
+    """Random seed."""
     factors: tuple[str, ...] = ()
-    """Those that are swept; all where none is named."""
-
+    """Factors to sweep; all unless given."""
     picture: Path | None = None
-    """Where to draw the sweeps."""
-
+    """Path of a picture of the sweeps."""
     json: Path | None = None
-    """Where to write all answers."""
+    """Path of a JSON file with all answers."""
 
     def __post_init__(self) -> None:
-        """Refuse what cannot be drawn."""
+        """Raise if a number is out of range."""
         if self.draws is not None and self.draws < 1:
             raise ValueError(
                 f"--draws is {self.draws}; allowed are 1 and above; change it"
@@ -52,7 +46,7 @@ class Command:
 
 
 def main(command: Command) -> None:
-    """Sweep, print each factor as it is done, write and draw."""
+    """Sweep the factors, print each table, and write and draw the results."""
     long = command.form == "long"
     draws, values = command.draws or (16 if long else 1), 9 if long else 3
     begun = time.monotonic()

@@ -1,4 +1,4 @@
-"""A touch as the scans of a perfect sensor, and what a recogniser answers."""
+"""Convert a touch to scans of an ideal sensor, and recognise it."""
 
 from dataclasses import dataclass
 
@@ -15,35 +15,34 @@ from eskin.touch import Scan
 from eskin.units import NS_PER_S
 
 BEFORE, AFTER = 2.0, 0.5
-"""Rest before the clip, in which the skin is tared, and what is heard after it until
-touches have closed [s]."""
+"""Rest before the clip, for taring, and time after it until touches have closed [s]."""
 START = 1_700_000_000_000_000_000
 
 
 @dataclass(frozen=True)
 class ClipAnswer:
-    """What a recogniser says of one clip."""
+    """Holds the answers of a recogniser to one clip."""
 
     forced: str
-    """The likeliest class at the clip's last reading, of the touch of the largest
-    impulse; `none` without a touch."""
+    """Most probable class of the touch of largest impulse at the last reading of the
+    clip; `none` without a touch."""
     said: str
-    """The first gesture that was said live; `none` where none was."""
+    """First gesture that was detected live; `none` without one."""
 
 
 @dataclass(frozen=True, eq=False)
 class TextbookClip:
-    """Scans before, in and after the two seconds that are answered."""
+    """Holds the scans before, in and after the two seconds of a clip."""
 
     times: Float[np.ndarray, "scan"]
-    """Counted from the start of the two seconds [s]."""
+    """Times from the start of the two seconds [s]."""
     counts: Int[np.ndarray, "scan taxel"]
-    """Of a perfect sensor."""
+    """Counts of an ideal sensor."""
     site: Site
-    """Where they were taken."""
+    """Site of the touch."""
 
     def scan(self, index: int) -> Scan:
-        """One of the scans."""
+        """Return one of the scans."""
         stamp = START + round(self.times[index] * NS_PER_S)
         received = np.ones(self.counts.shape[1], bool)
         return Scan(stamp, self.counts[index], received, self.site.q)
@@ -52,13 +51,13 @@ class TextbookClip:
 def scans_of(
     touch: TextbookTouch, site: Site, rate: float, rng: np.random.Generator
 ) -> TextbookClip:
-    """The scans of a touch.
+    """Build the scans of a touch.
 
     Args:
-        touch: its times count from the start of the clip.
-        site: where it is.
-        rate: scans a second [Hz].
-        rng: of the noise, and of the phase of the scans.
+        touch: touch, with times from the start of the clip.
+        site: site of the touch.
+        rate: rate of the scans [Hz].
+        rng: random generator of the noise and of the phase of the scans.
     """
     first = -BEFORE + rng.random() / rate
     times = np.arange(first, CLIP + AFTER, 1.0 / rate)
@@ -72,7 +71,7 @@ def scans_of(
 
 
 def answer(model: Model, clip: TextbookClip) -> ClipAnswer:
-    """What a model says of a clip, scan by scan as live."""
+    """Recognise a clip scan by scan, as live."""
     site = clip.site
     recognizer = Recognizer(model, site.mounted, site.calibration)
     ends = int(np.searchsorted(clip.times, CLIP))
@@ -81,7 +80,7 @@ def answer(model: Model, clip: TextbookClip) -> ClipAnswer:
     for index in range(len(clip.times)):
         said += recognizer.push(clip.scan(index))
         if index < ends:
-            felt |= words(recognizer)
+            felt |= classify_open_touches(recognizer)
     said += recognizer.finish()
     gestures = [d.gesture for d in said if d.gesture not in (NONE, UNKNOWN)]
     return ClipAnswer(
@@ -90,8 +89,8 @@ def answer(model: Model, clip: TextbookClip) -> ClipAnswer:
     )
 
 
-def words(recognizer: Recognizer) -> dict[int, tuple[float, str]]:
-    """Impulse [N s] and likeliest class of every open touch, by its id."""
+def classify_open_touches(recognizer: Recognizer) -> dict[int, tuple[float, str]]:
+    """Return impulse [N s] and most probable class of every open touch, by its id."""
     state = recognizer.state
     if state is None or not state.open:
         return {}

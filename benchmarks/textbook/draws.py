@@ -1,4 +1,4 @@
-"""Textbook touches drawn at random from a setting: what, where and when."""
+"""Draw the type, place and time of textbook touches."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -15,104 +15,104 @@ from benchmarks.textbook.touches import (
     fingertips,
     flat_hand,
     grip,
-    laid,
+    place_spots,
 )
 from eskin.recording import NONE
 
 CLIP = 2.0
-"""Length of a clip [s]; touches tell their times from its start."""
+"""Length of a clip, from whose start the times of touches count [s]."""
 LIFTED = (0.1, 0.5)
-"""How long before the end of its clip a touch has ended, where it fits [s]."""
+"""Range of the time from the end of a touch to the end of its clip, if it fits [s]."""
 NO_SECOND = 0.45
-"""From the onset of one pat to the end of its clip at least [s]: the longest interval
-of two pats; before, nobody can know that there is no second one."""
+"""Shortest time from the onset of one pat to the end of its clip [s]: the longest
+interval of two pats, before which a second one is possible."""
 PAT = (0.08, 0.16)
-"""Contact of one pat [s]."""
+"""Duration of the contact of one pat [s]."""
 PAT_SHARE = 0.6
-"""Longest contact of a pat, in units of the interval between two."""
+"""Longest contact of a pat, as a share of the interval between two."""
 GRAB = (0.5, 1.2)
-"""Contact of a grab [s]."""
+"""Duration of the contact of a grab [s]."""
 STROKE, LONGEST_STROKE = (0.6, 1.2), 0.14
-"""Contact of a stroke [s], and how far it goes at most [m]."""
+"""Duration of the contact of a stroke [s], and its greatest length [m]."""
 RESTING, RESTING_RAMP = (-0.5, 0.3), (0.3, 0.5)
-"""When a resting hand comes to lie, and how long that takes [s]."""
+"""Onset of a resting hand, and the duration of its ramp [s]."""
 STAYS = 9.0
-"""When it is taken away, long after its clip [s]."""
+"""End of a resting hand, long after its clip [s]."""
 TRIES = 1000
 
 
 @dataclass(frozen=True)
 class TouchSetting:
-    """The factors of a touch."""
+    """Holds the factors of a touch."""
 
     force: float
-    """Of all spots together; of each finger of a grab [N]."""
+    """Total force of all spots; of each finger of a grab [N]."""
     area: float
-    """Of one fingertip; lying fingers and the palm follow it [m2]."""
+    """Area of one fingertip; those of fingers and palm are proportional to it [m2]."""
     duration: float
-    """Contact of a poke [s]."""
+    """Duration of a poke [s]."""
     press: float
-    """Contact of a press, which is no poke [s]."""
+    """Duration of a press, which is no poke [s]."""
     ramp: float
-    """Rise and fall of force [s]."""
+    """Duration of the rise and of the fall of the force [s]."""
     gap: float
-    """From the onset of one pat to that of the next [s]."""
+    """Time from the onset of one pat to that of the next [s]."""
     speed: float
-    """Of a stroke [m/s]."""
+    """Speed of a stroke [m/s]."""
     pitch: float
-    """Distance of neighbouring taxels [m]; `ur5` has its own."""
+    """Distance of neighbouring taxels; unused for the surface `ur5` [m]."""
     rate: float
-    """Scans a second [Hz]."""
+    """Rate of the scans [Hz]."""
     surface: SurfaceName
-    """What is touched."""
+    """Surface that is touched."""
 
 
 Rng = np.random.Generator
 
 
 def poke(setting: TouchSetting, rng: Rng) -> TextbookTouch:
-    """One fingertip that comes and goes."""
-    return one_tip("poke", setting, setting.duration, rng)
+    """Build a poke of one fingertip."""
+    return build_fingertip_touch("poke", setting, setting.duration, rng)
 
 
 def press(setting: TouchSetting, rng: Rng) -> TextbookTouch:
-    """One fingertip that stays longer than a poke."""
-    return one_tip("press", setting, setting.press, rng)
+    """Build a press of one fingertip, longer than a poke."""
+    return build_fingertip_touch("press", setting, setting.press, rng)
 
 
-def one_tip(
+def build_fingertip_touch(
     name: str, setting: TouchSetting, seconds: float, rng: Rng
 ) -> TextbookTouch:
-    """One fingertip for so long [s]."""
+    """Build a touch of one fingertip of a duration [s]."""
     tip = Spot((0.0, 0.0), axes_of(setting.area), setting.force)
     return TextbookTouch(name, (tip,), (span(seconds, rng),), setting.ramp)
 
 
 def one_pat(setting: TouchSetting, rng: Rng) -> TextbookTouch:
-    """One pat of a hand, and no second one for as long as it might come."""
-    hand, seconds = patting(setting, rng), rng.uniform(*PAT)
+    """Build one pat, with no second one within the longest interval."""
+    hand, seconds = draw_patting_hand(setting, rng), rng.uniform(*PAT)
     lifted = NO_SECOND - seconds, LIFTED[1]
     return TextbookTouch("one pat", hand, (span(seconds, rng, lifted),), setting.ramp)
 
 
 def double_pat(setting: TouchSetting, rng: Rng) -> TextbookTouch:
-    """Two pats of a hand in the same place."""
-    hand = patting(setting, rng)
+    """Build two pats of a hand in the same place."""
+    hand = draw_patting_hand(setting, rng)
     seconds = min(rng.uniform(*PAT), PAT_SHARE * setting.gap)
     first, end = span(setting.gap + seconds, rng)
     contacts = (first, first + seconds), (end - seconds, end)
     return TextbookTouch("double_pat", hand, contacts, setting.ramp)
 
 
-def patting(setting: TouchSetting, rng: Rng) -> tuple[Spot, ...]:
-    """Four fingertips or a flat hand, as often."""
+def draw_patting_hand(setting: TouchSetting, rng: Rng) -> tuple[Spot, ...]:
+    """Draw four fingertips or a flat hand, with equal probability."""
     if rng.random() < 0.5:
         return fingertips(4, setting.force, setting.area)
     return flat_hand(setting.force, setting.area)
 
 
 def stroke(setting: TouchSetting, rng: Rng) -> TextbookTouch:
-    """One to four fingertips side by side that move at a constant speed along t."""
+    """Build a stroke of one to four fingertips, at constant speed along t."""
     tips = fingertips(int(rng.integers(1, 5)), setting.force, setting.area)
     seconds = min(rng.uniform(*STROKE), LONGEST_STROKE / setting.speed)
     contact = (span(seconds, rng),)
@@ -120,13 +120,13 @@ def stroke(setting: TouchSetting, rng: Rng) -> TextbookTouch:
 
 
 def grab(setting: TouchSetting, rng: Rng) -> TextbookTouch:
-    """A hand that closes round a tube and opens."""
+    """Build a grab: a hand that closes round a tube and opens."""
     contact = span(rng.uniform(*GRAB), rng)
     return TextbookTouch("grab", grip(setting.force), (contact,), setting.ramp)
 
 
 def resting_hand(setting: TouchSetting, rng: Rng) -> TextbookTouch:
-    """A flat hand that lies still until after the clip."""
+    """Build a resting hand: a flat hand that stays still until after the clip."""
     hand = flat_hand(setting.force, setting.area)
     contact = rng.uniform(*RESTING), STAYS
     return TextbookTouch("resting hand", hand, (contact,), rng.uniform(*RESTING_RAMP))
@@ -141,46 +141,46 @@ TOUCHES: dict[str, Callable[[TouchSetting, Rng], TextbookTouch]] = {
     "one pat": one_pat,
     "press": press,
 }
-"""What is done, by its name."""
+"""Functions that build each touch, by name."""
 
 GESTURES = ("poke", "double_pat", "stroke", "grab")
 
 
 def truth_of(name: str) -> str:
-    """The right answer to a touch."""
+    """Return the true class of a touch."""
     return name if name in GESTURES else NONE
 
 
 def span(
     seconds: float, rng: Rng, lifted: tuple[float, float] = LIFTED
 ) -> tuple[float, float]:
-    """Start and end of so long in a clip [s].
+    """Draw start and end of a contact in a clip [s].
 
     Args:
-        seconds: how long.
-        rng: to draw from.
-        lifted: how long before the end of the clip it has ended, where it fits [s].
+        seconds: duration of the contact [s].
+        rng: random generator.
+        lifted: range of the time from its end to the end of the clip, if it fits [s].
     """
     end = CLIP - min(rng.uniform(*lifted), CLIP - seconds)
     return end - seconds, end
 
 
 def draw_touch(name: str, setting: TouchSetting, site: Site, rng: Rng) -> TextbookTouch:
-    """A touch of that name somewhere on a site, away from its edges.
+    """Draw a touch by name, somewhere on a site, away from its edges.
 
     Args:
         name: one of `TOUCHES`.
-        setting: its factors.
-        site: where it takes place; a grab only where it is round.
-        rng: to draw from.
+        setting: factors of the touch.
+        site: site of the touch; round for a grab.
+        rng: random generator.
     """
     made, placing = rng.spawn(2)
     touch = TOUCHES[name](setting, made)
-    return placed(touch, site, placing)
+    return place_touch(touch, site, placing)
 
 
-def placed(touch: TextbookTouch, site: Site, rng: Rng) -> TextbookTouch:
-    """The touch at a place and in a direction drawn until it lies inside.
+def place_touch(touch: TextbookTouch, site: Site, rng: Rng) -> TextbookTouch:
+    """Draw place and direction of a touch until it lies inside.
 
     Raises:
         ValueError: the site is too small for it.
@@ -195,10 +195,10 @@ def placed(touch: TextbookTouch, site: Site, rng: Rng) -> TextbookTouch:
         )
         if touch.name == "grab":
             angle = float(rng.choice((0.0, pi)))
-        velocity = turned(touch.velocity, angle)
+        velocity = rotate(touch.velocity, angle)
         travel = velocity[0] * seconds, velocity[1] * seconds
         back = at[0] - travel[0] / 2, at[1] - travel[1] / 2
-        spots = laid(touch.spots, angle, back)
+        spots = place_spots(touch.spots, angle, back)
         if site.holds(spots, travel):
             return replace(touch, spots=spots, velocity=velocity)
     raise ValueError(
@@ -207,7 +207,7 @@ def placed(touch: TextbookTouch, site: Site, rng: Rng) -> TextbookTouch:
     )
 
 
-def turned(vector: Place, angle: float) -> Place:
-    """A vector turned from s to t [rad]."""
+def rotate(vector: Place, angle: float) -> Place:
+    """Rotate a vector by an angle from s to t [rad]."""
     s, t = vector
     return cos(angle) * s - sin(angle) * t, sin(angle) * s + cos(angle) * t

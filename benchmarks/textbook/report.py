@@ -1,4 +1,4 @@
-"""Sweeps as tables, verdicts, JSON and a picture."""
+"""Report sweeps as tables, verdicts, JSON and a picture."""
 
 import json
 from collections.abc import Sequence
@@ -24,7 +24,7 @@ LABELS = {
     "rate": "rate of scans [Hz]",
     SURFACE: "surface",
 }
-"""What tables and axes say."""
+"""Labels of tables and axes."""
 LOOKS = {
     "poke": ("tab:red", "o", "-"),
     "double_pat": ("tab:blue", "s", "-"),
@@ -34,15 +34,15 @@ LOOKS = {
     "one pat": ("tab:cyan", "P", "--"),
     "press": ("tab:gray", "X", "--"),
 }
-"""Colour, marker and line of each touch; dashed where the right answer is none."""
+"""Colour, marker and line of each touch; dashed where the true class is `none`."""
 APART = 0.7
-"""By which lines are drawn apart, so that none lies on another [%]."""
+"""Offset between lines, so that none lies on another [%]."""
 BESIDE = 0.1
-"""By which markers of one surface stand beside each other."""
+"""Offset between the markers of one surface."""
 
 
 def summary(points: Sequence[Point]) -> str:
-    """How many verdicts of all sweeps are met."""
+    """Format the number of targets that are met in all sweeps."""
     factors = dict.fromkeys(one.factor for one in points)
     met = [ok for factor in factors for ok in verdicts(points, factor).values()]
     return f"{sum(met)} of {len(met)} met: at least {WANTED:.0%} of the middle half"
@@ -51,28 +51,29 @@ def summary(points: Sequence[Point]) -> str:
 def table(points: Sequence[Point], factor: str) -> str:
     """Shares of forced choice at each value, then of the middle half, and the verdict.
 
-    Values of the middle half are in bold; all surfaces count as such. `live` is the
-    share of the middle half of which the right gesture was said first, or rightly none.
+    Values of the middle half are in bold; all surfaces belong to it. `live` is the
+    share of the middle half with the true gesture as first detection, or rightly
+    without one.
     """
     values = values_of(points, factor)
     heads = [
         LABELS[factor],
-        *(value_text(value, inside) for value, inside in values),
-        *("middle half", "live", "verdict", "else mostly"),
+        *(format_value(value, inside) for value, inside in values),
+        *("middle half", "live", "verdict", "most frequent error"),
     ]
     lines = [
-        line_of(sweep_of(points, factor, touch), [value for value, _ in values])
+        format_line(sweep_of(points, factor, touch), [value for value, _ in values])
         for touch in touches_of(points, factor)
     ]
-    return "\n".join([row_text(heads), "|---" * len(heads) + "|", *lines])
+    return "\n".join([format_row(heads), "|---" * len(heads) + "|", *lines])
 
 
-def line_of(row: Sequence[Point], values: Sequence[float | str]) -> str:
-    """The line of one touch: a cell for each value, empty where it was not asked."""
+def format_line(row: Sequence[Point], values: Sequence[float | str]) -> str:
+    """Format the row of one touch, with empty cells for values without clips."""
     texts = {one.value: f"{100 * share([one]):.0f}" for one in row}
     middle = [one for one in row if one.inside]
-    others = wrong(middle)
-    return row_text(
+    others = count_errors(middle)
+    return format_row(
         [
             row[0].touch,
             *(texts.get(value, "") for value in values),
@@ -84,30 +85,30 @@ def line_of(row: Sequence[Point], values: Sequence[float | str]) -> str:
     )
 
 
-def row_text(cells: Sequence[str]) -> str:
-    """Cells as a row of a table."""
+def format_row(cells: Sequence[str]) -> str:
+    """Format cells as a row of a table."""
     return f"| {' | '.join(cells)} |"
 
 
 def touches_of(points: Sequence[Point], factor: str) -> list[str]:
-    """What is swept over a factor, in the order of `TOUCHES`."""
+    """Return the touches that are swept over a factor, in the order of `TOUCHES`."""
     swept = {one.touch for one in points if one.factor == factor}
     return [name for name in TOUCHES if name in swept]
 
 
 def sweep_of(points: Sequence[Point], factor: str, touch: str) -> list[Point]:
-    """The points of one line of a table."""
+    """Return the points of one row of a table."""
     return [one for one in points if (one.factor, one.touch) == (factor, touch)]
 
 
 def values_of(points: Sequence[Point], factor: str) -> list[tuple[float | str, bool]]:
-    """The values of a factor, and whether each lies in the middle half."""
+    """Return the values of a factor, and whether each lies in the middle half."""
     every = [(one.value, one.inside) for one in points if one.factor == factor]
     return list(dict.fromkeys(every))
 
 
 def verdicts(points: Sequence[Point], factor: str) -> dict[str, bool]:
-    """Whether enough of the middle half is right, for all that is swept."""
+    """Return whether the accuracy in the middle half is sufficient, by touch."""
     return {
         touch: share([p for p in sweep_of(points, factor, touch) if p.inside]) >= WANTED
         for touch in touches_of(points, factor)
@@ -115,13 +116,13 @@ def verdicts(points: Sequence[Point], factor: str) -> dict[str, bool]:
 
 
 def share(points: Sequence[Point], live: bool = False) -> float:
-    """Share of all clips of some points that are right."""
+    """Return the accuracy on all clips of some points."""
     right = sum(one.right_said if live else one.right for one in points)
     return right / max(sum(one.count for one in points), 1)
 
 
-def wrong(points: Sequence[Point]) -> dict[str, int]:
-    """How often each wrong class was answered."""
+def count_errors(points: Sequence[Point]) -> dict[str, int]:
+    """Count the wrong answers by class."""
     total: dict[str, int] = {}
     for one in points:
         for name, count in one.forced.items():
@@ -130,14 +131,14 @@ def wrong(points: Sequence[Point]) -> dict[str, int]:
     return total
 
 
-def value_text(value: float | str, inside: bool) -> str:
-    """A value as a table's head."""
+def format_value(value: float | str, inside: bool) -> str:
+    """Format a value as a head of a column."""
     text = value if isinstance(value, str) else f"{value:.3g}"
     return f"**{text}**" if inside else text
 
 
 def to_json(points: Sequence[Point]) -> str:
-    """All that was answered, and every verdict."""
+    """Format all answers and verdicts as JSON."""
     factors = dict.fromkeys(one.factor for one in points)
     met = {factor: verdicts(points, factor) for factor in factors}
     content = {"points": [asdict(one) for one in points], "met": met}
@@ -145,7 +146,7 @@ def to_json(points: Sequence[Point]) -> str:
 
 
 def draw(points: Sequence[Point], title: str, path: Path) -> None:
-    """Draw a panel for each factor with a line for each touch."""
+    """Draw a panel for each factor, with a line for each touch."""
     swept = dict.fromkeys(one.factor for one in points)
     columns = min(len(swept), 5)
     rows = -(-len(swept) // columns)
@@ -203,4 +204,4 @@ def draw_panel(
         axes.minorticks_off()
         axes.axvspan(*factor.middle, color="0.92", zorder=0)
     axes.axhline(100 * WANTED, color="black", lw=0.8, ls=":")
-    axes.set(ylim=(-5, 105), xlabel=LABELS[name], ylabel="right [%]")
+    axes.set(ylim=(-5, 105), xlabel=LABELS[name], ylabel="accuracy [%]")

@@ -1,4 +1,4 @@
-"""Skins to touch, unrolled, and what a perfect sensor counts on them."""
+"""Build skins for textbook touches, and compute the pressures of an ideal sensor."""
 
 from dataclasses import dataclass
 from functools import lru_cache
@@ -27,18 +27,18 @@ from eskin.touch import Calibration
 SurfaceName = Literal["flat", "round", "ur5"]
 
 WIDTH, LENGTH = 0.16, 0.24
-"""Of the flat patch, and length of the tube [m]."""
+"""Size of the flat patch; also the length of the tube [m]."""
 RADIUS = 0.0375
-"""Of the tube: a UR5's forearm [m]."""
+"""Radius of the tube, as of a UR5's forearm [m]."""
 LATTICE = 0.001
-"""Largest distance of the points at which pressure is averaged over a taxel [m]."""
+"""Greatest distance of the points at which the pressure on a taxel is sampled [m]."""
 EDGE = 0.008
-"""Nothing is touched nearer than this to the edge of a skin [m]."""
+"""Distance from the edge of a skin within which nothing is touched [m]."""
 
 GAIN = 0.02
 """Pressure of one count [kPa]."""
 FULL_SCALE = 65_000
-"""Counts that no touch here reaches: 1300 kPa."""
+"""Counts at full scale, 1300 kPa, which no touch here reaches."""
 REST = 500
 """Counts at rest."""
 NOISE = 0.1
@@ -47,29 +47,29 @@ NOISE = 0.1
 
 @dataclass(frozen=True, eq=False)
 class Site:
-    """A part of a skin that can be touched, unrolled."""
+    """Describes an unrolled part of a skin that can be touched."""
 
     mounted: MountedSkin
     girth: float
-    """Once round, after which s comes back; infinite where it is flat [m]."""
+    """Circumference, the period of s; infinite on a flat site [m]."""
     half: tuple[float, float]
-    """Half the extents along s and t within which touches lie [m]."""
+    """Half of the extents along s and t within which touches lie [m]."""
     points: Float[np.ndarray, "point 2"]
-    """Where pressure is evaluated [m], taxel by taxel."""
+    """Points at which pressure is evaluated, taxel by taxel [m]."""
     taxel: Int[np.ndarray, "point"]
-    """The taxel of each point."""
+    """Taxel of each point."""
     per_taxel: int
-    """How many points a taxel has."""
+    """Number of points per taxel."""
     q: Float[np.ndarray, "joint"]
-    """Pose of the robot [rad]."""
+    """Joint positions of the robot [rad]."""
 
     @property
     def calibration(self) -> Calibration:
-        """That of a linear sensor."""
+        """Calibration of a linear sensor."""
         return Calibration(np.full(self.mounted.skin.count, GAIN), FULL_SCALE)
 
     def holds(self, spots: tuple[Spot, ...], travel: tuple[float, float]) -> bool:
-        """Whether spots lie inside before and after their travel [m]."""
+        """Return whether spots lie inside before and after their travel [m]."""
         return all(
             abs(s) + reach <= self.half[0] and abs(t) + reach <= self.half[1]
             for s, t, reach in path_ends(spots, travel)
@@ -78,27 +78,27 @@ class Site:
     def pressure(
         self, touch: TextbookTouch, times: Float[np.ndarray, "step"]
     ) -> Float[np.ndarray, "step taxel"]:
-        """Mean pressure on each taxel at each time [kPa]."""
+        """Return the mean pressure on each taxel at each time [kPa]."""
         share = touch.share(times)
         shift = touch.shift(times) if touch.moves else np.zeros((1, 2))
         field = np.zeros((len(shift), self.mounted.skin.count))
         for spot in touch.spots:
-            self.add(spot, shift, field)
+            self.add_pressure(spot, shift, field)
         return share[:, None] * field
 
-    def add(
+    def add_pressure(
         self,
         spot: Spot,
         shift: Float[np.ndarray, "step 2"],
         field: Float[np.ndarray, "step taxel"],
     ) -> None:
-        """Add what a spot presses at every step of its way [kPa]."""
+        """Add the pressure of a spot at every step of its path [kPa]."""
         apart = self.points - spot.centre
         if self.girth < inf:
             half = self.girth / 2
             middle = shift[-1, 0] / 2
             apart[:, 0] = (apart[:, 0] - middle + half) % self.girth - half + middle
-        near = np.flatnonzero(off_way(apart, shift[-1]) <= spot.reach)
+        near = np.flatnonzero(compute_path_distance(apart, shift[-1]) <= spot.reach)
         if not len(near):
             return
         c, d = np.cos(spot.angle), np.sin(spot.angle)
@@ -109,29 +109,29 @@ class Site:
         field[:, taxels] += spot.peak / self.per_taxel * total
 
 
-def off_way(
+def compute_path_distance(
     apart: Float[np.ndarray, "point 2"], way: Float[np.ndarray, "2"]
 ) -> Float[np.ndarray, "point"]:
-    """Distance of points from the straight way from the origin to `way` [m]."""
+    """Return the distances of points from the line from the origin to `way` [m]."""
     along = apart @ way / max(way @ way, 1e-12)
     return np.linalg.norm(apart - np.clip(along, 0.0, 1.0)[:, None] * way, axis=1)
 
 
 @lru_cache(maxsize=32)
 def site_of(surface: SurfaceName, pitch: float) -> Site:
-    """A site to touch.
+    """Build a site to touch.
 
     Args:
         surface: a flat patch, a tube, or the forearm of the ur5 skin.
-        pitch: of the taxels [m]; that of `ur5` is its own.
+        pitch: distance of neighbouring taxels; unused for `ur5` [m].
     """
     if surface == "flat":
-        return flat_site(pitch)
-    return round_site(pitch) if surface == "round" else ur5_site()
+        return build_flat_site(pitch)
+    return build_round_site(pitch) if surface == "round" else build_ur5_site()
 
 
-def flat_site(pitch: float) -> Site:
-    """A flat patch of 16 x 24 cm on a table."""
+def build_flat_site(pitch: float) -> Site:
+    """Build a flat patch of 16 x 24 cm on a table."""
     rows, columns = round(LENGTH / pitch), round(WIDTH / pitch)
     plane = Plane(np.eye(4))
     patch = Patch("flat", "table", 1, rows, columns)
@@ -139,11 +139,11 @@ def flat_site(pitch: float) -> Site:
     every = np.arange(skin.count)
     half = columns * pitch / 2 - EDGE, rows * pitch / 2 - EDGE
     mounted = MountedSkin(skin, load_robot("table"))
-    return site(mounted, plane, every, pitch, inf, half)
+    return build_site(mounted, plane, every, pitch, inf, half)
 
 
-def round_site(pitch: float) -> Site:
-    """A tube all covered by two half shells, 24 cm long; its pitch fits its girth."""
+def build_round_site(pitch: float) -> Site:
+    """Build a tube of 24 cm under two half shells, with a pitch that fits."""
     columns = max(1, floor(pi * RADIUS / pitch + 0.5))
     pitch = pi * RADIUS / columns
     rows = round(LENGTH / pitch)
@@ -160,11 +160,13 @@ def round_site(pitch: float) -> Site:
     )
     mounted = MountedSkin(skin, load_robot("tube"))
     half = inf, rows * pitch / 2 - EDGE
-    return site(mounted, tubes[0], np.arange(skin.count), pitch, 2 * pi * RADIUS, half)
+    return build_site(
+        mounted, tubes[0], np.arange(skin.count), pitch, 2 * pi * RADIUS, half
+    )
 
 
-def ur5_site() -> Site:
-    """The forearm of the ur5 skin, its two patches and the bare strips between."""
+def build_ur5_site() -> Site:
+    """Build the forearm of the ur5 skin: two patches and the bare strips between."""
     skin, part = load_skin("ur5"), UR5_PARTS["forearm"]
     shells = [skin.find_taxels(f"forearm_{side}") for side in ("front", "back")]
     rows = max(p.rows for p in skin.patches if p.id == "forearm_front")
@@ -174,10 +176,10 @@ def ur5_site() -> Site:
     pitch = float(np.ptp(heights) / (rows - 1))
     mounted = MountedSkin(skin, load_robot("ur5"))
     half = inf, rows * pitch / 2 - EDGE
-    return site(mounted, tube, taxels, pitch, part.width, half)
+    return build_site(mounted, tube, taxels, pitch, part.width, half)
 
 
-def site(
+def build_site(
     mounted: MountedSkin,
     surface: Surface,
     taxels: Int[np.ndarray, "touched"],
@@ -185,15 +187,16 @@ def site(
     girth: float,
     half: tuple[float, float],
 ) -> Site:
-    """A site with the points at which its taxels are evaluated.
+    """Build a site with the points at which its taxels are evaluated.
 
     Args:
-        mounted: the skin on its robot.
-        surface: that the taxels lie on.
-        taxels: that can be touched.
-        row_pitch: of their rows [m]; a cell is as wide as its area makes it.
-        girth: once round the surface [m].
-        half: half the extents of what can be touched [m].
+        mounted: skin on its robot.
+        surface: surface of the taxels.
+        taxels: taxels that can be touched.
+        row_pitch: distance of their rows; the width of a cell follows from its area
+        [m].
+        girth: circumference of the surface [m].
+        half: half of the extents of the part that can be touched [m].
     """
     skin: Skin = mounted.skin
     centres = surface.unroll(skin.positions[taxels])

@@ -1,8 +1,8 @@
-"""One factor swept at a time, the others drawn from the middle halves of their ranges.
+"""Sweep one factor at a time, with the others drawn from the middle of their ranges.
 
-A range is swept in even steps of its logarithm, and its middle half is that of the
-logarithm too: forces of 2.1 to 9.5 N of 1 to 20 N. Every touch is drawn for itself, so
-that the clips of a middle half are so many independent ones.
+Sweeps are even in the logarithm of the factor, and the middle half is that of the
+logarithm: forces of 2.1 to 9.5 N of 1 to 20 N. Every touch is drawn independently of
+the others.
 """
 
 from collections import Counter
@@ -20,30 +20,30 @@ from benchmarks.textbook.skins import SurfaceName, site_of
 from eskin.model import Model, load_model
 
 WANTED = 0.9
-"""Share of the middle half that is to be right."""
+"""Required accuracy in the middle half."""
 EVERY = tuple(TOUCHES)
 SURFACE = "surface"
 SURFACES: tuple[SurfaceName, ...] = get_args(SurfaceName)
 COMMON: tuple[SurfaceName, ...] = ("flat", "round")
-"""What is touched where the surface is not swept."""
+"""Surfaces that are touched while another factor is swept."""
 
 
 @dataclass(frozen=True)
 class Factor:
-    """One of the numbers of a setting, its range, and what it says something about."""
+    """Describes a factor of a setting, its range, and the touches that it affects."""
 
     name: str
-    """Of the field of `TouchSetting`."""
+    """Name of the field of `TouchSetting`."""
     low: float
     high: float
     scale: float
-    """Units of the setting in one of the range."""
+    """Unit of the range in units of the setting."""
     unit: str
     touches: tuple[str, ...]
-    """What is swept."""
+    """Touches that are swept."""
 
     def values(self, count: int) -> list[float]:
-        """So many values over the range, in its own unit."""
+        """Return values over the range, in its own unit."""
         return np.geomspace(self.low, self.high, count).tolist()
 
     @property
@@ -66,28 +66,28 @@ FACTORS = (
     Factor("pitch", 4.0, 12.0, 1e-3, "mm", EVERY),
     Factor("rate", 25.0, 200.0, 1.0, "Hz", EVERY),
 )
-"""All that are swept, but for the surface."""
+"""All swept factors except the surface."""
 SWEPT = (*(factor.name for factor in FACTORS), SURFACE)
-"""The names of all that are swept."""
+"""Names of all swept factors."""
 PITCHES = 5
-"""How many pitches there are in the middle half: skins are made once."""
+"""Number of pitches in the middle half, so that skins are built only once."""
 
 
 @dataclass(frozen=True)
 class Point:
-    """What was answered at one value of a sweep."""
+    """Holds the answers at one value of a sweep."""
 
     factor: str
     value: float | str
-    """In the factor's own unit; the name of a surface."""
+    """Value in the unit of the factor, or the name of a surface."""
     touch: str
-    """What was done, one of `TOUCHES`."""
+    """Name of the touch, one of `TOUCHES`."""
     inside: bool
     """Whether the value lies in the middle half; every surface does."""
     forced: dict[str, int]
-    """How often each class was the forced choice."""
+    """Number of forced choices of each class."""
     said: dict[str, int]
-    """How often each gesture was said first live."""
+    """Number of clips with each gesture as first live detection."""
 
     @property
     def count(self) -> int:
@@ -96,12 +96,12 @@ class Point:
 
     @property
     def right(self) -> int:
-        """How many were answered right by forced choice."""
+        """Number of correct forced choices."""
         return self.forced.get(truth_of(self.touch), 0)
 
     @property
     def right_said(self) -> int:
-        """How many were right live: the gesture was said first, or rightly none."""
+        """Number of clips with the correct first live detection, or rightly none."""
         return self.said.get(truth_of(self.touch), 0)
 
 
@@ -112,14 +112,14 @@ def run(
     seed: int = 0,
     factors: Sequence[str] = (),
 ) -> Iterator[Point]:
-    """Sweep every factor.
+    """Sweep factors, one after the other.
 
     Args:
-        model: the weights, or the name or path of a model.
-        draws: touches of each name at each value.
-        values: of each factor.
-        seed: decides everything that is drawn.
-        factors: the names of those that are swept; all of them where there is none.
+        model: model, or its name or path.
+        draws: number of touches of each name at each value.
+        values: number of values of each factor.
+        seed: random seed.
+        factors: names of the factors to sweep; all if empty.
 
     Raises:
         ValueError: there is no such factor.
@@ -146,7 +146,7 @@ def run(
 def sweep(
     model: Model, factor: Factor, draws: int, values: int, seed: int
 ) -> Iterator[Point]:
-    """The values of one factor, for everything that it says something about."""
+    """Sweep one factor for every touch that it affects."""
     low, high = (factor.middle[0] * (1 - 1e-9), factor.middle[1] * (1 + 1e-9))
     for touch in factor.touches:
         for number, value in enumerate(factor.values(values)):
@@ -164,16 +164,16 @@ def point(
     draws: int,
     key: tuple[int, ...],
 ) -> Point:
-    """What is answered at one value of a sweep.
+    """Recognise touches at one value of a sweep.
 
     Args:
-        model: that answers.
-        factor: the name of what is swept.
-        value: in the factor's own unit, or the name of a surface.
-        touch: what is done, one of `TOUCHES`.
+        model: model to test.
+        factor: name of the swept factor.
+        value: value in the unit of the factor, or the name of a surface.
+        touch: name of the touch, one of `TOUCHES`.
         inside: whether the value lies in the middle half.
-        draws: how many touches.
-        key: decides what is drawn, together with the number of the draw.
+        draws: number of touches.
+        key: random seed, together with the number of the draw.
     """
     forced, said = Counter[str](), Counter[str]()
     for draw in range(draws):
@@ -190,12 +190,12 @@ def point(
 def draw_setting(
     touch: str, rng: np.random.Generator, given: dict[str, float | str]
 ) -> TouchSetting:
-    """Factors drawn from the middle halves of their ranges.
+    """Draw factors from the middle halves of their ranges.
 
     Args:
-        touch: what is done; a grab is only done where it is round.
-        rng: to draw from; as much is drawn whatever is given.
-        given: factors in their own units, which are not drawn.
+        touch: name of the touch; a grab is only made on a round surface.
+        rng: random generator; the number of draws does not depend on `given`.
+        given: factors that are not drawn, in their own units.
     """
     drawn: dict[str, float | str] = {}
     for factor in FACTORS:

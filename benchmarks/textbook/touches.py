@@ -1,4 +1,4 @@
-"""Touches as sums of moving spots of pressure, with raised-cosine ramps.
+"""Describe touches as sums of moving spots of pressure, with raised-cosine ramps.
 
 Hands are drawn in unrolled coordinates (s, t) about the origin, the fingers along t.
 Every spot of a poke, pat, stroke or resting hand bears force in proportion to its
@@ -17,29 +17,26 @@ Place = tuple[float, float]
 SPREAD = 0.020
 """Distance of neighbouring fingers [m]."""
 SLENDER = 3.0
-"""Length of a lying finger over its width."""
+"""Ratio of the length of a lying finger to its width."""
 LYING, PALM = 1.5, 3.0
 """Area of a lying finger and of the palm, in units of that of a fingertip."""
 PALM_BEHIND = 0.060
-"""From the middle of the lying fingers to that of the palm [m]."""
+"""Distance from the middle of the lying fingers to that of the palm [m]."""
 FINGERS = tuple(SPREAD * (n - 1.5) for n in range(4))
 
 
 @dataclass(frozen=True)
 class Spot:
-    """A paraboloid of pressure on an ellipse: `p = peak * max(0, 1 - r^2)`."""
+    """Describes a paraboloid of pressure, `p = peak * max(0, 1 - r^2)`."""
 
     centre: Place
-    """Unrolled [m]."""
-
+    """Centre in unrolled coordinates [m]."""
     axes: Place
     """Semi-axes of the ellipse, along s and t before it is turned [m]."""
-
     force: float
-    """That it bears [N]."""
-
+    """Force [N]."""
     angle: float = 0.0
-    """By which it is turned, from s to t [rad]."""
+    """Rotation from s to t [rad]."""
 
     @property
     def reach(self) -> float:
@@ -52,42 +49,38 @@ class Spot:
         return 2e-3 * self.force / (pi * self.axes[0] * self.axes[1])
 
     def turned(self, angle: float) -> "Spot":
-        """The spot after a turn about the origin [rad]."""
+        """Return the spot rotated about the origin [rad]."""
         (s, t), c, d = self.centre, cos(angle), sin(angle)
         centre = (c * s - d * t, d * s + c * t)
         return replace(self, centre=centre, angle=self.angle + angle)
 
     def moved(self, by: Place) -> "Spot":
-        """The spot after a shift [m]."""
+        """Return the shifted spot [m]."""
         centre = (self.centre[0] + by[0], self.centre[1] + by[1])
         return replace(self, centre=centre)
 
 
 @dataclass(frozen=True)
 class TextbookTouch:
-    """Spots that are pressed in one or more contacts, and may move."""
+    """Describes spots that are pressed in one or more contacts, and may move."""
 
     name: str
-    """What is done: a gesture, or a kind of `none`."""
-
+    """Name of a gesture, or of a kind of `none`."""
     spots: tuple[Spot, ...]
-    """At the start of the first contact."""
-
+    """Spots at the start of the first contact."""
     contacts: tuple[tuple[float, float], ...]
-    """Start and end of each [s]."""
-
+    """Start and end of each contact [s]."""
     ramp: float
-    """How long force rises and falls, at most half of a contact [s]."""
-
+    """Duration of rise and fall of the force, at most half of a contact [s]."""
     velocity: Place = (0.0, 0.0)
-    """Of all spots from the first contact on [m/s]."""
+    """Velocity of all spots from the first contact on [m/s]."""
 
     def share(self, times: Float[np.ndarray, "step"]) -> Float[np.ndarray, "step"]:
-        """Part of the full force at each time [s]."""
+        """Return the share of the full force at each time [s]."""
         return np.sum([pulse(times, *c, self.ramp) for c in self.contacts], axis=0)
 
     def shift(self, times: Float[np.ndarray, "step"]) -> Float[np.ndarray, "step 2"]:
-        """How far the spots have moved at each time [m]."""
+        """Return the displacement of the spots at each time [m]."""
         start, end = self.contacts[0][0], self.contacts[-1][1]
         return (np.clip(times, start, end) - start)[:, None] * np.array(self.velocity)
 
@@ -100,12 +93,12 @@ class TextbookTouch:
 def pulse(
     times: Float[np.ndarray, "step"], start: float, end: float, ramp: float
 ) -> Float[np.ndarray, "step"]:
-    """A contact from 0 to 1 and back: raised-cosine ramps, and a hold between them.
+    """Return a pulse from 0 to 1 and back, with raised-cosine ramps.
 
     Args:
-        times: at which it is asked for [s].
-        start: of the contact [s].
-        end: of the contact [s].
+        times: times at which it is evaluated [s].
+        start: start of the contact [s].
+        end: end of the contact [s].
         ramp: length of either ramp, shortened to half of the contact [s].
     """
     ramp = min(ramp, (end - start) / 2)
@@ -114,29 +107,30 @@ def pulse(
 
 
 def axes_of(area: float, slender: float = 1.0) -> Place:
-    """Semi-axes [m] of an ellipse of an area [m2], so many times as long as wide."""
+    """Return the semi-axes [m] of an ellipse of an area [m2] and a slenderness."""
     width = sqrt(area / (pi * slender))
     return width, slender * width
 
 
 def fingertips(count: int, force: float, area: float) -> tuple[Spot, ...]:
-    """Fingertips in a row along s.
+    """Build fingertips in a row along s.
 
     Args:
-        count: of them.
-        force: of all together [N].
-        area: of each [m2].
+        count: number of fingertips.
+        force: total force [N].
+        area: area of each [m2].
     """
     row = [SPREAD * (n - (count - 1) / 2) for n in range(count)]
     return tuple(Spot((s, 0.0), axes_of(area), force / count) for s in row)
 
 
 def flat_hand(force: float, area: float) -> tuple[Spot, ...]:
-    """Four lying fingers and the palm.
+    """Build four lying fingers and the palm.
 
     Args:
-        force: of all together [N].
-        area: of a fingertip, which those of fingers and palm follow [m2].
+        force: total force [N].
+        area: area of a fingertip, to which those of fingers and palm are proportional
+        [m2].
     """
     whole = 4 * LYING + PALM
     lying, palm = axes_of(LYING * area, SLENDER), axes_of(PALM * area)
@@ -145,25 +139,25 @@ def flat_hand(force: float, area: float) -> tuple[Spot, ...]:
 
 
 def grip(force: float) -> tuple[Spot, ...]:
-    """A hand closed along s round 300 of 360 degrees of a forearm's tube.
+    """Build a hand closed along s round 300 of 360 degrees of a forearm.
 
     The palm lies at the origin, four fingers wrap to one side and the thumb to the
     other; they cover 75 cm2, whatever the force.
 
     Args:
-        force: of each finger and of the thumb; the palm bears twice as much [N].
+        force: force of each finger and of the thumb; the palm bears twice as much [N].
     """
     fingers = [Spot((0.070, t), (0.040, 0.008), force) for t in FINGERS]
     thumb = Spot((-0.060, 0.010), (0.030, 0.010), force)
     return *fingers, thumb, Spot((0.0, 0.0), (0.030, 0.035), 2 * force)
 
 
-def laid(spots: Sequence[Spot], angle: float, by: Place) -> tuple[Spot, ...]:
-    """Spots turned about the origin [rad], then shifted [m]."""
+def place_spots(spots: Sequence[Spot], angle: float, by: Place) -> tuple[Spot, ...]:
+    """Rotate spots about the origin [rad], then shift them [m]."""
     return tuple(spot.turned(angle).moved(by) for spot in spots)
 
 
 def path_ends(spots: Sequence[Spot], travel: Place) -> list[tuple[float, float, float]]:
-    """The centre (s, t) and reach of every spot [m], before and after its travel."""
-    ends = [spot for by in ((0.0, 0.0), travel) for spot in laid(spots, 0.0, by)]
+    """Return centre (s, t) and reach of every spot [m], before and after its travel."""
+    ends = [spot for by in ((0.0, 0.0), travel) for spot in place_spots(spots, 0.0, by)]
     return [(*spot.centre, spot.reach) for spot in ends]

@@ -1,4 +1,4 @@
-"""This package measures what a step of the engine costs, in time and in dropped data.
+"""This package measures the latency and the throughput of the engine.
 
 `scene` needs no torch; `latency`, which also times the baselines, does.
 """

@@ -1,6 +1,6 @@
 """This module times one step of the engine and of every baseline, in turn.
 
-Taking turns makes a noisy machine equally noisy for all of them.
+The methods take turns, so that load on the machine affects all of them alike.
 """
 
 import os
@@ -49,7 +49,7 @@ def draw_random_clips(
 ) -> tuple[SkinWindows, Int[np.ndarray, "clip"]]:
     """Draw clips of round touches and noise; classes differ in size and length.
 
-    They serve for fitting before timing, not for measuring accuracies.
+    They serve to fit baselines before timing, not to measure accuracy.
 
     Args:
         mounted: skin on its robot.
@@ -83,7 +83,7 @@ MAX_BASELINE_S = 5.0
 
 @dataclass(frozen=True)
 class LatencyRow:
-    """A row of the table tells how long one step of one method takes."""
+    """Holds the duration of one step of one method, a row of the table."""
 
     name: str
     """Name of the method; `eskin` is the engine."""
@@ -95,7 +95,7 @@ class LatencyRow:
     steps: int
     """Number of steps timed."""
     ratio: float
-    """Median divided by that of the first row, the engine on the contact asked for."""
+    """Median divided by that of the first row: the engine on the configured contact."""
 
     def as_dict(self) -> dict[str, object]:
         """Return the fields as plain rounded values."""
@@ -109,7 +109,7 @@ class LatencyRow:
 
 
 class TimedMethod(ABC):
-    """A method that takes a step at each reading and is timed on a scene."""
+    """Times a method that takes a step at each reading of a scene."""
 
     def __init__(self, name: str, mounted: MountedSkin, scene: BenchScene) -> None:
         """Store the name and the scene."""
@@ -129,7 +129,7 @@ class TimedMethod(ABC):
 
 @final
 class TimedEngine(TimedMethod):
-    """A timed method that calls `Recognizer.push` with the weights of eskin."""
+    """Times `Recognizer.push` with the weights of eskin."""
 
     def __init__(self, name: str, mounted: MountedSkin, scene: BenchScene) -> None:
         """Load a recogniser."""
@@ -157,7 +157,7 @@ class TimedEngine(TimedMethod):
 
 @final
 class TimedBaseline(TimedMethod):
-    """A timed method that calls a baseline at every reading."""
+    """Times a baseline that is called at every reading."""
 
     def __init__(
         self, name: str, mounted: MountedSkin, scene: BenchScene, stream: BaselineStream
@@ -216,7 +216,7 @@ def build_latency_rows(methods: Sequence[TimedMethod], steps: int) -> list[Laten
 
 @contextmanager
 def pin_to_one_core() -> Iterator[None]:
-    """Run what is inside `with` on one of the available cores, in one thread."""
+    """Run the body of `with` on one of the available cores, in one thread."""
     use_one_thread()
     with threadpool_limits(1):
         if not hasattr(os, "sched_setaffinity"):
@@ -239,17 +239,14 @@ NETWORK_CLIPS = 20
 
 @dataclass(frozen=True)
 class LatencyConfig:
-    """Parameters that set what is timed, and how often."""
+    """Sets what is timed, and how often."""
 
     active: int = 60
     """Active taxels of the contact that all methods are timed on."""
-
     taxels: int = 2112
     """Taxels of the skin: 2112 is the ur5 skin, more add panels around it."""
-
     steps: int = 5000
     """Timed steps of the engine in each scene, and at most of each baseline."""
-
     clips: int = 581
     """Number of random clips that the baselines are fitted on; the paper had 581."""
 
@@ -272,7 +269,7 @@ def measure_latency(
     """Time the engine on several scenes, and baselines on the first of them.
 
     Args:
-        config: parameters that set what is timed, and how often.
+        config: what is timed, and how often.
         baselines: names of the baselines.
     """
     mounted = MountedSkin(large_skin(config.taxels), load_robot("ur5"))
@@ -282,7 +279,7 @@ def measure_latency(
 
 
 def build_timed_engines(mounted: MountedSkin, active: int) -> list[TimedMethod]:
-    """Build the engine on the contact asked for, idle, and on other touches."""
+    """Build the engine on the configured contact, idle, and on other touches."""
     skin = mounted.skin
     two = np.concatenate(
         [find_forearm_taxels(skin, active), find_upper_arm_taxels(skin, active)]
@@ -303,7 +300,7 @@ def build_timed_engines(mounted: MountedSkin, active: int) -> list[TimedMethod]:
 def build_timed_baselines(
     mounted: MountedSkin, config: LatencyConfig, names: Sequence[str]
 ) -> list[TimedMethod]:
-    """Fit the named baselines and build each way in which they answer a reading."""
+    """Fit the named baselines and build each of their streaming modes."""
     if not names:
         return []
     clips, labels = draw_random_clips(mounted, config.clips)
@@ -315,10 +312,10 @@ def build_timed_baselines(
             baseline.fit(few, labels[:NETWORK_CLIPS])
         else:
             baseline.fit(clips, labels)
-        for way, stream in baseline.build_streams().items():
+        for mode, stream in baseline.build_streams().items():
             scene = BenchScene(
                 mounted, find_forearm_taxels(mounted.skin, config.active)
             )
-            title = f"{name}, {way}" if way else name
+            title = f"{name}, {mode}" if mode else name
             methods.append(TimedBaseline(title, mounted, scene, stream))
     return methods

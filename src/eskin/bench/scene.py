@@ -1,4 +1,4 @@
-"""This module makes touches in memory: the ur5's arm moves while hands rest on it."""
+"""This module builds readings of a moving ur5 arm that is touched, in memory."""
 
 from dataclasses import dataclass
 from typing import final
@@ -35,8 +35,8 @@ PATTERN_COUNT = 75
 def large_skin(taxels: int) -> Skin:
     """Build the ur5 skin with more taxels on panels on the wall behind it.
 
-    The panels have 32 x 64 taxels, the last one what is left, and lie two metres from
-    the arm, so that a touch of the arm is the same on all of these skins.
+    The panels have 32 x 64 taxels, the last one fewer, and lie two metres from the arm,
+    so that a touch of the arm is the same on all of these skins.
 
     Raises:
         ValueError: if there are fewer taxels than the ur5 alone has.
@@ -66,7 +66,7 @@ def large_skin(taxels: int) -> Skin:
 def concatenate_skins(one: Skin, other: Skin) -> Skin:
     """Concatenate the patches of two skins."""
 
-    def both(name: str) -> np.ndarray:
+    def concatenate(name: str) -> np.ndarray:
         return np.concatenate([getattr(one, name), getattr(other, name)])
 
     return Skin(
@@ -75,12 +75,12 @@ def concatenate_skins(one: Skin, other: Skin) -> Skin:
         patch_index=np.concatenate(
             [one.patch_index, other.patch_index + len(one.patches)]
         ),
-        rows=both("rows"),
-        columns=both("columns"),
-        positions=both("positions"),
-        normals=both("normals"),
-        areas=both("areas"),
-        tangents=both("tangents"),
+        rows=concatenate("rows"),
+        columns=concatenate("columns"),
+        positions=concatenate("positions"),
+        normals=concatenate("normals"),
+        areas=concatenate("areas"),
+        tangents=concatenate("tangents"),
     )
 
 
@@ -119,18 +119,17 @@ def find_forearm_band(skin: Skin, active: int) -> Int[np.ndarray, "active"]:
 
 @dataclass(frozen=True, eq=False)
 class SceneReading:
-    """A reading of a scene tells whether it is touched."""
+    """Holds a reading of a scene and whether the scene is touched."""
 
     reading: Reading
     """Calibrated reading."""
-
     touched: bool
     """Whether the scene's taxels are pressed; False for an idle scene."""
 
 
 @final
 class BenchScene:
-    """A stateful scene of touches that come and go while all joints move."""
+    """Yields readings of touches that begin and end while all joints move."""
 
     def __init__(
         self,

@@ -1,4 +1,4 @@
-"""This program is a skin in a process of its own that sends touches at a given rate.
+"""This program simulates a skin that sends touches at a given rate.
 
 python -m eskin.bench.sender RATE SKIN [UDP_PORT]
 

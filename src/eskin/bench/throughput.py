@@ -1,4 +1,4 @@
-"""This module measures sustained throughput from a device's bytes to detections.
+"""This module measures the sustained throughput from packets to detections.
 
 The skin runs in a process of its own.
 """
@@ -33,32 +33,29 @@ TransportKind = Literal["udp", "serial"]
 
 SKIN = "ur5"
 SETTLE_S = 3.0
-"""Time that is not counted, until every patch is accepted and every taxel tared [s]."""
+"""Warm-up time, until every patch is accepted and every taxel is tared [s]."""
 DROPPED_PACKETS = ("late", "superseded", "incomplete", "damaged", "foreign", "held")
 """Outcomes of packets that do not become part of a reading."""
 SEARCH_RUN_S = 3.0
 """Duration of each run that searches for the limit [s]."""
 HALVINGS = 4
-"""Number of halvings of the span in which the limit lies."""
+"""Number of bisection steps of the search."""
 MAX_RATE = 10_000.0
-"""Rate beyond which no limit is searched [1/s]."""
+"""Greatest rate of the search [1/s]."""
 
 
 @dataclass(frozen=True)
 class ThroughputConfig:
-    """Parameters that set what is sent, and for how long."""
+    """Sets what is sent, and for how long."""
 
     rate: float = 1000.0
     """Rate of the scans [1/s]."""
-
     seconds: float = 60.0
     """Duration of the measurement [s]."""
-
     over: Literal["udp", "serial", "both"] = "both"
     """Transport of the packets: UDP on loopback, or a pseudo-terminal."""
-
     find_limit: bool = False
-    """Search for the rate at which readings are first dropped, too."""
+    """Also search for the lowest rate at which readings are dropped."""
 
     def __post_init__(self) -> None:
         """Raise if a number is out of range."""
@@ -79,14 +76,14 @@ class ThroughputConfig:
 
 @dataclass(frozen=True)
 class ThroughputResult:
-    """A measurement of one transport at one rate."""
+    """Holds the measurement of one transport at one rate."""
 
     over: TransportKind
     asked_hz: float
     rate_hz: float
     """Rate of whole readings that were recognised [1/s]."""
     dropped: int
-    """Number of scans of patches, and of readings, that were lost anywhere."""
+    """Number of scans of patches and of readings that were lost, anywhere."""
     cpu: float
     """Share of a core that the receiving process uses."""
     age_ms_p50: float
@@ -96,7 +93,7 @@ class ThroughputResult:
     step_ms_p50: float
     detections: int
     lost: dict[str, int]
-    """Numbers of what was dropped, by place."""
+    """Numbers of losses, by place."""
 
     def as_dict(self) -> dict[str, object]:
         """Return the fields as plain rounded values."""
@@ -108,21 +105,21 @@ class ThroughputResult:
 
 @final
 class SwingingJoints(JointSource):
-    """An arm whose joints swing, each at its own rate."""
+    """Simulates an arm whose joints swing, each at its own rate."""
 
     def __init__(self, count: int) -> None:
-        """Prepare that many joints."""
+        """Set the number of joints."""
         self.speeds = 0.5 + 0.1 * np.arange(count)
 
     def q_at(self, stamp: int) -> Float[np.ndarray, "joint"]:
-        """Joint positions [rad]."""
+        """Return the joint positions at a stamp [rad]."""
         return 0.3 * np.sin(stamp * 1e-9 % 1000.0 * self.speeds)
 
 
 def measure_throughput(
     over: TransportKind, rate: float, seconds: float
 ) -> ThroughputResult:
-    """Receive and recognise for some time; count what is dropped.
+    """Receive and recognise for some time, and count what is dropped.
 
     Args:
         over: transport of the packets.
@@ -177,7 +174,7 @@ def count_losses(source: DeviceSource, stream: Stream) -> dict[str, int]:
 @contextmanager
 def run_sender(
     over: TransportKind, rate: float, clock: HostClock
-) -> "Iterator[UdpTransport | SerialTransport]":
+) -> Iterator[UdpTransport | SerialTransport]:
     """Run a process that sends touches at a rate; yield the transport to receive it."""
     command = [sys.executable, "-m", "eskin.bench.sender", f"{rate}", SKIN]
     with ExitStack() as stack:

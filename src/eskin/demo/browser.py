@@ -47,7 +47,7 @@ from eskin.viewer import Viewer, ViewerConfig
 
 @final
 class RecordButton(Listener):
-    """A record button records from `press` to `release`, each time into a new file."""
+    """Records from each `press` to the next `release`, each time into a new file."""
 
     name = "record button"
     message_types = (Scan, Detection, Event)
@@ -71,7 +71,7 @@ class RecordButton(Listener):
         self.context = context
 
     def press(self) -> None:
-        """Start a recording, unless one goes on.
+        """Start a recording, unless one is running.
 
         Raises:
             RecordingError: the file cannot be written.
@@ -102,11 +102,11 @@ class RecordButton(Listener):
 
 
 @final
-class PageCommandHandler:
-    """A page command handler applies commands of a page to the simulated skin and arm.
+class PageOrderHandler:
+    """Applies orders of a page to the simulated skin and arm.
 
     A touch goes through the same hand, contact and sensor as the training data: the
-    recogniser is not told what it was meant to be.
+    recogniser does not know which gesture was meant.
     """
 
     def __init__(
@@ -115,12 +115,12 @@ class PageCommandHandler:
         arm: SimulatedArm,
         other: Callable[[PageOrder], None] = lambda order: None,
     ) -> None:
-        """Handle commands from now on.
+        """Store the skin and the arm that orders apply to.
 
         Args:
             skin: the skin that is touched.
             arm: the arm that is paused, and unlocked as at the robot.
-            other: handles what is neither touch nor fault nor pause.
+            other: handles orders other than touches, faults and pauses.
         """
         self.skin = skin
         self.arm = arm
@@ -128,14 +128,14 @@ class PageCommandHandler:
         self.dragged: dict[int, int] = {}
 
     def handle(self, order: Order) -> None:
-        """Apply a command."""
+        """Apply an order."""
         if isinstance(order, TouchOrder):
             self.handle_touch(order)
         else:
             self.handle_other(order)
 
     def handle_touch(self, order: TouchOrder) -> None:
-        """Touch the skin, or move or end a touch."""
+        """Begin, move or end a touch of the skin."""
         hand = self.skin.hand
         place = LinkPoint(order.link, np.array(order.p_link, np.float64))
         match order.kind:
@@ -155,7 +155,7 @@ class PageCommandHandler:
                     hand.end(self.dragged.pop(order.key))
 
     def handle_other(self, order: PageOrder) -> None:
-        """Apply a command that is no touch."""
+        """Apply an order other than a touch."""
         match order.kind:
             case "unplug":
                 self.skin.unplug(str(order.value))
@@ -183,14 +183,14 @@ MONITOR = SkinMonitorConfig(max_age=0.4)
 so a simulated arm may wait longer for a reading than a real one."""
 
 READY_TIMEOUT = 60.0
-"""How long the page may take to be served [s]."""
+"""Longest time until the page is served [s]."""
 
 logger = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
 class PageResult:
-    """A page result counts what happened while a page was served."""
+    """Counts what happened while a page was served."""
 
     readings: int
     """Number of scans that were read."""
@@ -213,8 +213,8 @@ def serve(
     Args:
         config: skin, model and arm; the skin can be changed in the page.
         port: port of the page on this computer; 0 for any free one.
-        seconds: how long to serve [s]; without end where None.
-        tell: prints a line for the person at the terminal.
+        seconds: how long to serve [s]; without end if None.
+        tell: prints a line for the user.
 
     Raises:
         DeviceError: the port is not available.
@@ -231,7 +231,7 @@ def serve(
 
 @dataclass(frozen=True, eq=False)
 class RunningDemo:
-    """A running demo bundles a page that is served with the parts behind it."""
+    """Holds a served page and the parts behind it."""
 
     port: int
     """Port of the page."""
@@ -247,8 +247,9 @@ class RunningDemo:
     """Stream from the source to the listeners."""
 
 
+@final
 class SkinChoice:
-    """A skin choice keeps a skin chosen in the page and stops the stream; final."""
+    """Stores the skin chosen in the page, and stops the stream to change to it."""
 
     def __init__(self) -> None:
         """Start without a choice."""
@@ -256,7 +257,7 @@ class SkinChoice:
         self.stop: Callable[[], None] = Flag().set
 
     def choose(self, skin: str) -> None:
-        """Choose another skin, and stop the stream for it."""
+        """Choose another skin, and stop the stream."""
         self.skin = skin
         self.stop()
 
@@ -309,7 +310,7 @@ def run_demo(
         recognition = Recognition(recognizer)
         policy = Policy(arm, commands, vocabulary, PolicyConfig(monitor=MONITOR))
         button = RecordButton(Path.cwd(), Metadata("demo", "mouse", "browser"))
-        handler = PageCommandHandler(
+        handler = PageOrderHandler(
             skin, arm, lambda order: handle_page_order(order, button, choice)
         )
         page = ViewerConfig(port, touchable=True, skins=skins)
@@ -335,7 +336,7 @@ def run_demo(
 
 
 def warm_up_hand(config: DemoConfig) -> None:
-    """Load all compiled code that a live skin and a touch need, on another skin."""
+    """Compile or load all code that a touch needs, on a second simulated skin."""
     skin = InteractiveSkin(config.skin, config.seed, config.build_kind, loses=False)
     q = np.zeros(len(skin.mounted.robot.joint_names))
     for number in range(40):
@@ -358,7 +359,7 @@ def handle_page_order(
 
 
 def log_errors(handle: Callable[[Order], None]) -> Callable[[Order], None]:
-    """Wrap a handler so that it only logs commands that cannot be applied."""
+    """Wrap a handler so that it logs orders that cannot be applied."""
 
     def handle_or_log(order: Order) -> None:
         try:

@@ -17,8 +17,7 @@ from eskin.demo.same_touch import (
 from eskin.drivers import PlayedSource, SourceInfo
 from eskin.live import Recognizer, warm_up
 from eskin.model import Model
-from eskin.page import Answer as Shown
-from eskin.page import ComparisonBoard
+from eskin.page import Answer, ComparisonBoard
 from eskin.page.port import free_port
 from eskin.stream import (
     Context,
@@ -40,7 +39,7 @@ MODEL_TITLES = ("sees the pose", "never sees the pose")
 
 @final
 class ComparisonListener(Listener):
-    """A comparison listener feeds each playback to fresh recognisers of both models.
+    """Feeds each playback of a touch to fresh recognisers of both models.
 
     Attributes:
         board: their results for the page; None before the first playback.
@@ -64,7 +63,7 @@ class ComparisonListener(Listener):
         self.board: ComparisonBoard | None = None
 
     def start(self, context: Context) -> None:
-        """Do nothing: nothing needs to be ready."""
+        """Do nothing."""
 
     def on_message(self, item: Message) -> None:
         """Feed a scan to both recognisers."""
@@ -117,12 +116,12 @@ class ComparisonListener(Listener):
         self.finish()
 
 
-def format_result(result: RecognitionResult | None, label: str, classes: int) -> Shown:
-    """Format a result for the page; None is one that is still to come."""
+def format_result(result: RecognitionResult | None, label: str, classes: int) -> Answer:
+    """Format a result for the page; None stands for a playback still to come."""
     if result is None:
-        return Shown((), None, np.zeros(classes, np.float32))
+        return Answer((), None, np.zeros(classes, np.float32))
     correct = result.is_correct(label) if result.detected else None
-    return Shown(result.texts, correct, result.probabilities.astype(np.float32))
+    return Answer(result.texts, correct, result.probabilities.astype(np.float32))
 
 
 def play_touches(touches: Sequence[SameTouch]) -> Iterator[Scan]:
@@ -146,10 +145,10 @@ def serve_same_touch(
 
     Args:
         config: skin, model and build.
-        number: number of touches that are played in turn.
+        number: number of touches to play in turn.
         port: port of the page on this computer; 0 for any free one.
-        seconds: how long to serve [s]; without end where None.
-        tell: prints a line for the person at the terminal.
+        seconds: how long to serve [s]; without end if None.
+        tell: prints a line for the user.
 
     Returns:
         The number of readings given.

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Literal
+from typing import Literal, final
 
 import numpy as np
 
@@ -25,53 +25,41 @@ from eskin.units import NS_PER_S
 
 @dataclass(frozen=True)
 class DemoConfig:
-    """A demo configuration says which skin, model and arm are demonstrated."""
+    """Sets which skin, model and arm are demonstrated."""
 
     skin: str = "ur5"
     """Name of a preset skin."""
-
     model: str = "ur5"
     """Name of weights that come with eskin, or a model file."""
-
     commands: Path | None = None
     """Path of a command map; the map that comes with eskin unless given."""
-
     build_kind: Literal["fresh", "shifted"] = "fresh"
-    """Sensors as in training, or aged ones of wider laws."""
-
+    """Sensors as in training, or aged ones with wider distributions."""
     build_seconds: float = 120.0
-    """Time after which another build of the skin is put on [s]."""
-
+    """Time after which another build of the skin is simulated [s]."""
     seed: int = 0
-    """Seed of builds, people and what they do."""
-
+    """Seed of builds, people and their touches."""
     dynamics: bool = False
-    """Whether the arm has masses and servos, and yields to touches; else its joints are
-    exactly at the set-points."""
-
+    """Whether the arm has masses and servos, and yields to touches; if not, its joints
+    are exactly at the set-points."""
     user: SimulatedUserConfig = field(default_factory=SimulatedUserConfig)
     """How often people touch."""
 
 
 @dataclass(frozen=True)
 class DemoResult:
-    """A demo result holds the score of a demonstration and what the arm did."""
+    """Holds the score of a demonstration and what the arm did."""
 
     score: CommandScore
     """Touches, and the commands that were executed."""
-
     seconds: float
     """Duration in simulated time [s]."""
-
     accidents: int
-    """Number of touches that asked for nothing."""
-
+    """Number of accidental touches, which should cause no command."""
     unlocked: int
-    """How often a push put the arm into protective stop."""
-
+    """Number of protective stops caused by touches."""
     delivered: int
     """Number of parts that the arm has delivered."""
-
     step: tuple[float, float]
     """Time of a recognition step, p50 and p99 [ms]."""
 
@@ -93,11 +81,12 @@ def build_arm(config: DemoConfig, clock: Clock) -> SimulatedArm:
     return SimulatedArm(clock=clock, plant=DynamicPlant() if config.dynamics else None)
 
 
+@final
 class SynchronousStream:
-    """A synchronous stream calls its listeners in the caller's own thread; final.
+    """Calls its listeners in the thread of the caller.
 
-    What one of them publishes, the others receive at once, so that nothing depends on
-    how fast the computer is.
+    What one of them publishes, the others receive at once, so that results do not
+    depend on the speed of the computer.
     """
 
     def __init__(self, source: LiveSource, listeners: list[Listener]) -> None:
@@ -119,8 +108,9 @@ class SynchronousStream:
             listener.close()
 
 
+@final
 class ScoreListener(Listener):
-    """A score listener adds detections and command events to a score; final."""
+    """Adds detections and command events to a score."""
 
     name = "judge"
     message_types = (Detection, CommandEvent)
@@ -128,11 +118,11 @@ class ScoreListener(Listener):
     drop = "never"
 
     def __init__(self, score: CommandScore) -> None:
-        """Add to a score."""
+        """Store the score to add to."""
         self.score = score
 
     def start(self, context: Context) -> None:
-        """Do nothing: nothing needs to be ready."""
+        """Do nothing."""
 
     def on_message(self, item: Message) -> None:
         """Add a detection or a command event."""
@@ -142,29 +132,28 @@ class ScoreListener(Listener):
             self.score.add_command(item)
 
     def close(self) -> None:
-        """Do nothing: no resources are held."""
+        """Do nothing."""
 
 
 def run_headless(seconds: float, config: DemoConfig | None = None) -> DemoResult:
-    """Let people touch an arm at work, on one build of its skin after the other.
+    """Simulate people who touch a working arm, on several builds of its skin in turn.
 
     Args:
         seconds: duration in simulated time [s].
         config: skin, model and arm.
     """
     config = config or DemoConfig()
-    parts = []
-    left, number = seconds, 0
+    parts: list[DemoResult] = []
+    left = seconds
     while left > 0:
         part = min(left, config.build_seconds)
-        parts.append(run_build(part, config, config.seed + number))
+        parts.append(run_build(part, config, config.seed + len(parts)))
         left -= part
-        number += 1
     return merge_results(parts)
 
 
 def run_build(seconds: float, config: DemoConfig, seed: int) -> DemoResult:
-    """Let people touch an arm at work, on one build of its skin."""
+    """Simulate people who touch a working arm, on one build of its skin."""
     clock = ManualClock(NS_PER_S)
     arm = build_arm(config, clock)
     skin = InteractiveSkin(config.skin, seed, config.build_kind)

@@ -9,12 +9,12 @@ from eskin.touch import Scan
 from eskin.units import NS_PER_S
 
 MAX_LATE = 0.5
-"""Delay from which scans are skipped, up to the present [s]."""
+"""Delay above which overdue scans are skipped [s]."""
 
 
 @final
 class LiveSource(Source):
-    """A live source scans a live skin on its arm, period by period, without end.
+    """Scans a simulated skin on its arm, period by period, without end.
 
     Attributes:
         skin: the skin that is scanned.
@@ -29,7 +29,7 @@ class LiveSource(Source):
         before_scan: Callable[[int], None] = lambda stamp: None,
         after_scan: Callable[[], None] = lambda: None,
     ) -> None:
-        """Start now.
+        """Schedule the first scan one period from now.
 
         Args:
             skin: the skin to scan.
@@ -58,7 +58,7 @@ class LiveSource(Source):
         )
 
     def read(self, timeout: float | None = None) -> Scan | None:
-        """Return the next scan when it is due; None where that takes too long."""
+        """Return the next scan when it is due; None if that takes too long."""
         if self.closed:
             return None
         wait = (self.due - self.clock.now()) / NS_PER_S

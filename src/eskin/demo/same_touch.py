@@ -15,7 +15,7 @@ from eskin.command import NON_GESTURES
 from eskin.demo.headless import DemoConfig
 from eskin.live import Detection, Recognizer
 from eskin.model import Model, load_model
-from eskin.page.scene import CAMERA
+from eskin.page.scene import CAMERA_DIRECTION
 from eskin.sim.dataset import (
     ClipPlan,
     build_seed,
@@ -36,11 +36,11 @@ from eskin.units import NS_PER_S
 REST_BEFORE, REST_AFTER = 4.0, 4.0
 """Time without touch before and after the counts that are compared [s]."""
 MOVE_SECONDS = 3.0
-"""Time at the start of the rest in which the arm moves to its pose [s]."""
+"""Duration of the motion to the pose, at the start of the rest [s]."""
 PATH_SAMPLES = 60
-"""Number of poses on a path that are checked."""
+"""Number of poses on a path that are checked for collisions."""
 MAX_DRAWS = 400
-"""Largest number of pairs drawn for one with a free path."""
+"""Greatest number of pairs drawn per pair with collision-free paths."""
 TOP_TAXELS = 5
 """Number of the most loaded taxels of a link that are kept in view."""
 BASE_ANGLES = 73
@@ -53,26 +53,20 @@ Pose = Float[np.ndarray, "joint"]
 
 @dataclass(frozen=True, eq=False)
 class SameTouch:
-    """A same touch holds counts that are played twice, and the two poses for them."""
+    """Holds counts that are played twice, and the two poses for them."""
 
     counts: Int[np.ndarray, "reading taxel"]
     """Counts of the converter."""
-
     received: Bool[np.ndarray, "reading taxel"]
-    """Whether fresh data came."""
-
+    """Whether a taxel was received."""
     poses: tuple[Pose, Pose]
     """Joint positions of the gesture, and of no gesture [rad]."""
-
     labels: tuple[str, str]
     """True label in each pose."""
-
     mounted: MountedSkin
     """The skin on its robot."""
-
     calibration: Calibration
     """Calibration of the build that was touched."""
-
     period: int
     """Time between two readings [ns]."""
 
@@ -82,7 +76,7 @@ class SameTouch:
         Args:
             side: index of the pose, 0 or 1.
             begin: stamp of its first scan [ns since the epoch].
-            come_from: joint positions before [rad]; None where the arm is there.
+            come_from: joint positions before [rad]; None if it is already there.
         """
         pose = self.poses[side]
         start = pose if come_from is None else come_from
@@ -100,7 +94,7 @@ def draw_touches(
     build_kind: Literal["fresh", "shifted"] = "fresh",
     seed: int = 0,
 ) -> tuple[SameTouch, ...]:
-    """Draw touches of several people, in no set, on one build of the sensor.
+    """Draw touches of people of no data set, on one build of the sensor.
 
     The arm can go straight from each pose to the next, and from the last to the first.
 
@@ -111,8 +105,8 @@ def draw_touches(
         seed: seed of all that is drawn.
 
     Raises:
-        ValueError: there is no such skin, its patches never meet, the seed is
-            negative, or too few paths are free.
+        ValueError: the skin is unknown, its patches never meet, the seed is
+            negative, or too few paths are collision-free.
     """
     if skin not in SKIN_PRESETS or seed < 0:
         raise ValueError(
@@ -127,8 +121,8 @@ def draw_touches(
     for trial in count():
         if trial == MAX_DRAWS * number:
             raise ValueError(
-                f"{len(found)} pairs of poses with free ways between them were found; "
-                f"wanted are {number}; ask for fewer, or give another --seed"
+                f"{len(found)} pairs of poses with free paths between them found; "
+                f"wanted are {number}; give fewer --pairs, or another --seed"
             )
         plan = plan_single_pair("merging", own + trial, level, environment.constants)
         plan = replace(plan, build=build, session=first.session)
@@ -196,18 +190,16 @@ def find_most_loaded(
 def turn_to_camera(
     pose: Pose, pressed: list[Int[np.ndarray, "few"]], environment: SimEnvironment
 ) -> Pose:
-    """Turn the base of a pose so that the page shows all that is pressed.
+    """Turn the base joint of a pose so that the page shows the pressed taxels.
 
-    The arm turns as a whole, so nothing on it changes.
+    The arm turns as a whole, so its shape does not change.
     """
+    place = environment.mounted.place_taxels
     low, high = (float(each[0]) for each in compute_joint_limits(environment))
     poses = np.tile(pose, (BASE_ANGLES, 1))
     poses[:, 0] = np.linspace(low, high, BASE_ANGLES)
     seen = [
-        [
-            float((environment.mounted.place_taxels(q, taxels)[1] @ CAMERA).mean())
-            for q in poses
-        ]
+        [float((place(q, taxels)[1] @ CAMERA_DIRECTION).mean()) for q in poses]
         for taxels in pressed
     ]
     return poses[int(np.min(seen, axis=0).argmax())]
@@ -224,19 +216,18 @@ def is_path_free(poses: list[Pose], environment: SimEnvironment) -> bool:
 
 
 BLIND_MODEL = "ur5-blind"
-"""Weights that were trained without the pose."""
+"""Name of weights that were trained without the pose."""
 
 
 @dataclass(frozen=True, eq=False)
 class RecognitionResult:
-    """A recognition result holds what was recognised in one playback."""
+    """Holds what was recognised in one playback."""
 
     detected: tuple[tuple[str, float], ...]
     """Gesture and confidence of each detection, in their order."""
-
     probabilities: Float[np.ndarray, "class"]
-    """Probabilities of the strongest touch at its detection: at once, or after it
-    closed, by its latest contact; zeros before there is a touch."""
+    """Probabilities of the strongest touch, at its detection or its last contact; zeros
+    before there is a touch."""
 
     @property
     def texts(self) -> tuple[str, ...]:
@@ -248,17 +239,17 @@ class RecognitionResult:
 
     @property
     def gestures(self) -> list[str]:
-        """The recognised gestures, without classes that are none."""
+        """The recognised gestures, without classes that are not gestures."""
         return [gesture for gesture, _ in self.detected if gesture not in NON_GESTURES]
 
     def is_correct(self, label: str) -> bool:
-        """Return whether the true label was recognised, once, and nothing else."""
+        """Return whether exactly the true label was recognised, and only once."""
         return self.gestures == ([] if label in NON_GESTURES else [label])
 
 
 @final
 class RecognitionRun:
-    """A recognition run feeds one playback to a fresh recogniser."""
+    """Feeds one playback to a fresh recogniser."""
 
     def __init__(self, model: Model, touch: SameTouch) -> None:
         """Start with a model."""
@@ -310,14 +301,12 @@ def recognise_touch(touch: SameTouch, side: int, model: Model) -> RecognitionRes
 
 @dataclass(frozen=True, eq=False)
 class PoseComparison:
-    """A pose comparison holds the results of two models in both poses of a touch."""
+    """Holds the results of two models in both poses of a touch."""
 
     labels: tuple[str, str]
     """True label in each pose."""
-
     posed: tuple[RecognitionResult, RecognitionResult]
     """Results of the recogniser that sees the pose."""
-
     blind: tuple[RecognitionResult, RecognitionResult]
     """Results of the recogniser that does not see the pose."""
 
@@ -336,7 +325,7 @@ class PoseComparison:
 
 
 def compare_models(number: int, config: DemoConfig) -> list[PoseComparison]:
-    """Compare both models on some touches, as fast as the computer can.
+    """Compare both models on some touches, faster than real time.
 
     Args:
         number: number of touches.
@@ -355,5 +344,5 @@ def compare_models(number: int, config: DemoConfig) -> list[PoseComparison]:
 
 
 def load_both_models(name: str) -> tuple[Model, Model]:
-    """Load a model, and one that was trained without ever seeing the pose."""
+    """Load a model, and one that was trained without the pose."""
     return load_model(name), load_model(BLIND_MODEL)

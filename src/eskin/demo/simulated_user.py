@@ -16,23 +16,23 @@ from eskin.stream import CommandEvent
 from eskin.units import NS_PER_S
 
 GRACE = 1.0
-"""How long after the end of a touch a command still counts for it [s]."""
+"""Time after the end of a touch in which a command still counts for it [s]."""
 
 Outcome = Literal["correct", "wrong", "missed"]
 
 
 @dataclass
 class Attempt:
-    """An attempt is a touch that asks for a command, with what came of it."""
+    """Describes a touch that is meant as a command, with its outcome."""
 
     gesture: str
     """Gesture that was made."""
     expected: str
-    """Action that it asks for."""
+    """Action that the command map assigns to it."""
     begin: int
     """Stamp of its first contact [ns since the epoch]."""
     end: int | None = None
-    """Stamp of its last contact; None while it goes on."""
+    """Stamp of its last contact; None while it lasts."""
     command: CommandEvent | None = None
     """First command that was executed because of it."""
     refusals: list[CommandEvent] = field(default_factory=list)
@@ -49,7 +49,7 @@ class Attempt:
 
     @property
     def failure(self) -> str:
-        """Why the outcome is not correct, without the figures; empty where it is."""
+        """Why the outcome is not correct, without numbers; empty if it is correct."""
         if self.outcome == "correct":
             return ""
         if self.refusals and self.command is None:
@@ -76,24 +76,24 @@ class Attempt:
 @final
 @dataclass
 class CommandScore:
-    """A command score matches the commands that were executed to attempts.
+    """Matches executed commands with attempts.
 
-    A command counts for the touch during which it comes, or within 1 s of its end; the
-    first one is what the touch did. One more, or one without a touch, is a false alarm.
-    A hold of the arm, for whatever reason, is no command.
+    A command counts for a touch if it comes during the touch or within 1 s of its end.
+    Only the first one counts; a further one, or one without a touch, is a false alarm.
+    A hold of the arm is not a command.
     """
 
     attempts: list[Attempt] = field(default_factory=list)
     """All attempts, oldest first."""
     false_alarms: list[CommandEvent] = field(default_factory=list)
-    """Commands that nobody gave."""
+    """Executed commands that belong to no touch."""
     commands: int = 0
     """Number of commands that were executed."""
     holds: int = 0
-    """How often the arm was held without being asked."""
+    """Number of holds of the arm."""
 
     def add(self, attempt: Attempt) -> None:
-        """Add an attempt that begins."""
+        """Add an attempt."""
         self.attempts.append(attempt)
 
     def add_command(self, command: CommandEvent) -> None:
@@ -143,48 +143,44 @@ class CommandScore:
 
 GESTURES = ("poke", "double_pat", "grab", "stroke")
 RESUME_SHARE = 0.7
-"""Share of touches on a paused arm that ask it to go on; a held arm executes nothing
-else, as everybody knows who works with it."""
+"""Share of touches on a paused arm that are meant to resume it. On a held arm all are:
+it executes nothing else, and its users know that."""
 
 STOP_SECONDS = 1.0
-"""How long people leave an arm alone that has just been paused, or has gone into
-protective stop [s]."""
+"""Time for which nobody touches an arm after a pause or a protective stop [s]."""
 
 
 @dataclass(frozen=True)
 class SimulatedUserConfig:
-    """A simulated-user configuration says how often an arm is touched.
+    """Sets how often an arm is touched.
 
-    Nobody touches an arm within a second of its being paused: it could not go on yet,
-    as everybody knows who works with it. An arm in protective stop is unlocked first.
+    Nobody touches an arm within a second of a pause, because it could not resume yet.
+    An arm in protective stop is unlocked first.
     """
 
     first: float = 4.0
     """Time of the first touch, after the skin is tared [s]."""
-
     pause: tuple[float, float] = (0.6, 0.8)
     """Least and longest time from one touch to the next [s]."""
-
     accidents: float = 0.35
     """Share of touches that happen by accident."""
-
     person_seconds: float = 45.0
-    """Time after which another person comes [s]."""
+    """Time after which another person takes over [s]."""
 
 
 @final
 class SimulatedUser:
-    """A simulated user touches a live skin, one touch at a time, as several people.
+    """Touches a simulated skin, one touch at a time, as several people in turn.
 
-    None of these people is in a set that recognisers are trained or tested on. What a
-    touch asks for is what the command map says of its gesture in the state that the arm
-    is in when it begins. A standing arm is mostly asked to go on.
+    None of these people is in a data set for training or tests. The expected action of
+    a touch follows from the command map and the state of the arm when the touch begins.
+    On a paused arm most touches are meant to resume it.
 
     Attributes:
-        score: score of the touches that ask for a command.
-        accidents: number of touches that ask for none.
-        unlocked: how often the arm was in protective stop, and had to be unlocked.
-        active: whether more touches are to come.
+        score: score of the touches that are meant as commands.
+        accidents: number of accidental touches.
+        unlocked: number of protective stops that were unlocked.
+        active: whether further touches may begin.
     """
 
     def __init__(
@@ -200,9 +196,9 @@ class SimulatedUser:
         Args:
             skin: the skin that is touched.
             arm: the arm that wears it.
-            commands: what touches ask for.
-            seed: decides the people and what they do.
-            config: how often they touch.
+            commands: command map.
+            seed: seed of the people and their touches.
+            config: rates of touches.
         """
         self.skin = skin
         self.arm = arm
@@ -245,7 +241,7 @@ class SimulatedUser:
             self.begin_touch(stamp, state)
 
     def is_touching(self, stamp: int) -> bool:
-        """Return whether a touch goes on, or its command may still come."""
+        """Return whether a touch lasts, or its command may still come."""
         return self.touch is not None or stamp <= self.grace_until
 
     def begin_touch(self, stamp: int, state: ArmState) -> None:
@@ -266,7 +262,7 @@ class SimulatedUser:
         self.attempt = Attempt(gesture, expected, stamp)
 
     def choose_gesture(self, state: ArmState) -> str:
-        """Draw the next gesture, or none for an accident."""
+        """Draw the next gesture; `none` for an accident."""
         if self.rng.random() < self.config.accidents:
             return NONE
         if state.hold_reason or (state.paused and self.rng.random() < RESUME_SHARE):
@@ -274,7 +270,7 @@ class SimulatedUser:
         return str(self.rng.choice(GESTURES))
 
     def find_expected(self, gesture: str, state: ArmState) -> str:
-        """Return the action that a gesture asks for, wherever it is on the skin."""
+        """Return the action of a gesture, for any place on the skin."""
         rule = self.commands.find_rule(gesture, "", "")
         return NONE if rule is None else resolve_action(rule.action_or_function, state)
 
@@ -292,7 +288,7 @@ class SimulatedUser:
             self.end_touch(stamp)
 
     def end_touch(self, stamp: int) -> None:
-        """End the present touch; another comes after a while."""
+        """End the present touch and schedule the next."""
         if self.attempt is not None and self.in_contact:
             self.attempt.end = self.last
         self.touch = self.attempt = None

@@ -17,12 +17,12 @@ from eskin.page.page import Page
 from eskin.page.server import open_server
 
 TICK = 0.01
-"""Interval between checks for touches that are due [s]."""
+"""Interval between checks for scheduled touches [s]."""
 
 
 def main(descriptor: int) -> None:
     """Serve the page until the other end of the socket is closed."""
-    # Ctrl-C reaches every process of the terminal; the other end decides when to end.
+    # Ctrl-C reaches every process of the terminal; the viewer decides when to end.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     with Connection(descriptor) as connection:
         try:

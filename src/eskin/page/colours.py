@@ -1,4 +1,4 @@
-"""This module maps pressure to colour: lighter is more, for all colour vision."""
+"""This module maps pressure to colours that people of any colour vision can order."""
 
 from typing import final
 
@@ -27,18 +27,18 @@ VIRIDIS = np.array(
     ],
     np.float64,
 )
-"""Seventeen stops of viridis (van der Walt and Smith 2015), of even lightness."""
+"""Seventeen stops of viridis (van der Walt and Smith 2015), even in lightness."""
 STEPS = 64
 """Number of colours; a taxel is sent to the browser only when its colour changes."""
 INVALID_COLOUR = (205, 205, 210)
 """Colour of a taxel that is not valid: red, green and blue, each to 255."""
-QUIET = 0.5
+MIN_SHOWN_PRESSURE = 0.5
 """Pressure below which a taxel is at rest [kPa]."""
 
 
 @final
 class ColourScale:
-    """Maps pressures from 0 to a maximum to colours, spread by the square root.
+    """Maps pressures to colours, by the square root of their share of a maximum.
 
     Attributes:
         maximum: pressure of the lightest colour [kPa].
@@ -62,7 +62,7 @@ class ColourScale:
             valid: whether each taxel is valid.
         """
         share = np.sqrt(np.clip(pressure / self.maximum, 0.0, 1.0))
-        share[pressure < QUIET] = 0.0
+        share[pressure < MIN_SHOWN_PRESSURE] = 0.0
         colours = self.table[np.nan_to_num(share * (STEPS - 1)).astype(np.intp)]
         colours[~valid] = INVALID_COLOUR
         return colours

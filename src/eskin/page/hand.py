@@ -1,4 +1,4 @@
-"""This module turns clicks and drags into orders to touch."""
+"""This module turns clicks and drags of the mouse into touch orders."""
 
 import heapq
 from collections.abc import Callable
@@ -13,8 +13,8 @@ from jaxtyping import Float
 from eskin.page.messages import Order, SceneDescription, TouchKind, TouchOrder
 from eskin.page.scene import Scene
 
-REACH = 0.015
-"""Greatest distance between a ray and the centre of a taxel that it meets [m]."""
+MAX_RAY_DISTANCE = 0.015
+"""Greatest distance from a ray to the centre of a taxel that it hits [m]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -23,16 +23,14 @@ class SurfacePoint:
 
     taxel: int
     """Index of the nearest taxel."""
-
     link: int
     """Index of the link of that taxel."""
-
     p_link: Float[np.ndarray, "3"]
     """Position of the point in the frame of the link [m]."""
 
 
 @final
-class Pointing:
+class TaxelPicker:
     """Finds points on the skin in its current pose."""
 
     def __init__(self, scene: Scene) -> None:
@@ -40,48 +38,45 @@ class Pointing:
         self.scene = scene
         self.links = scene.setup.taxel_link
 
-    def of_taxel(self, taxel: int) -> SurfacePoint:
+    def pick_taxel(self, taxel: int) -> SurfacePoint:
         """Return the centre of a taxel."""
         link = int(self.links[taxel])
         return SurfacePoint(taxel, link, self.scene.setup.positions[taxel])
 
-    def along(
+    def pick_along_ray(
         self, origin: Float[np.ndarray, "3"], direction: Float[np.ndarray, "3"]
     ) -> SurfacePoint | None:
-        """Return the foremost point that a ray meets; None where it misses the skin.
+        """Return the foremost point that a ray hits; None if it misses the skin.
 
         Args:
             origin: origin of the ray in the world frame [m].
             direction: direction of the ray in the world frame, of any length.
         """
         direction = direction / np.linalg.norm(direction)
-        positions, normals = self.scene.world()
+        positions, normals = self.scene.place_taxels()
         depth = (positions - origin) @ direction
         aside = np.linalg.norm(positions - origin - depth[:, None] * direction, axis=-1)
-        met = (normals @ direction < 0) & (depth > 0) & (aside < REACH)
+        met = (normals @ direction < 0) & (depth > 0) & (aside < MAX_RAY_DISTANCE)
         if not met.any():
             return None
-        front = met & (depth < depth[met].min() + 2 * REACH)
+        front = met & (depth < depth[met].min() + 2 * MAX_RAY_DISTANCE)
         taxel = int(np.argmin(np.where(front, aside, np.inf)))
         normal = normals[taxel]
-        # The point where the ray meets the plane of the taxel, limited to its radius.
+        # The ray meets the plane of the taxel here; the point stays within its radius.
         step = ((positions[taxel] - origin) @ normal) / (direction @ normal)
         offset = origin + step * direction - positions[taxel]
-        offset *= min(1.0, self.size(taxel) / max(float(np.linalg.norm(offset)), 1e-9))
+        radius = float(np.sqrt(self.scene.setup.areas[taxel] / np.pi))
+        offset *= min(1.0, radius / max(float(np.linalg.norm(offset)), 1e-9))
         link = int(self.links[taxel])
         return SurfacePoint(
-            taxel, link, self.scene.to_link(link, positions[taxel] + offset)
+            taxel, link, self.scene.transform_to_link(link, positions[taxel] + offset)
         )
-
-    def size(self, taxel: int) -> float:
-        """Return the radius of a circle of a taxel's area [m]."""
-        return float(np.sqrt(self.scene.setup.areas[taxel] / np.pi))
 
 
 TouchMode = Literal["poke", "double-pat", "grab", "stroke"]
 DOUBLE_CLICK = 0.35
 """Longest time between two clicks that make a double pat [s]."""
-CLOSE = 0.05
+DOUBLE_CLICK_DISTANCE = 0.05
 """Greatest distance between the two clicks of a double pat [m]."""
 MIN_SECONDS: dict[TouchKind, float] = {"grab": 0.8, "double_pat": 0.4}
 """Shortest duration of these touches, even where a shorter one is set [s]."""
@@ -119,20 +114,21 @@ class MouseHand:
         self.force = 12.0
         self.seconds = 0.3
         self.keys = count(1)
-        self.once: tuple[float, SurfacePoint] | None = None
-        self.later: list[tuple[float, int, TouchOrder]] = []
+        # Time at which a poke is sent unless a second click follows, and its point.
+        self.waiting_poke: tuple[float, SurfacePoint] | None = None
+        self.scheduled: list[tuple[float, int, TouchOrder]] = []
         self.dragged: TouchOrder | None = None
         self.lock = RLock()
 
     def click(
         self, spot: SurfacePoint, now: float, mode: TouchMode | None = None
     ) -> None:
-        """Touch a point in the mode that is set, or in another.
+        """Touch a point in the current mode, or in another.
 
         Args:
             spot: point on the skin.
             now: time of any monotonic clock [s].
-            mode: mode used instead of `self.mode`.
+            mode: mode to use instead of `self.mode`.
         """
         mode = mode or self.mode
         if mode == "stroke":
@@ -141,34 +137,35 @@ class MouseHand:
             self.poke(spot, now)
         else:
             kind = "grab" if mode == "grab" else "double_pat"
-            self.at(now, self.order(kind, spot, next(self.keys)))
+            self.schedule(now, self.build_order(kind, spot, next(self.keys)))
         self.tick(now)
 
     def poke(self, spot: SurfacePoint, now: float) -> None:
         """Schedule a poke, or a double pat if a poke was already scheduled."""
         with self.lock:
             self.tick(now)
-            first = None if self.once is None else self.once[1]
+            first = None if self.waiting_poke is None else self.waiting_poke[1]
             if first is not None and are_near(first, spot):
-                self.at(now, self.order("double_pat", first, next(self.keys)))
-                self.once = None
+                order = self.build_order("double_pat", first, next(self.keys))
+                self.schedule(now, order)
+                self.waiting_poke = None
                 return
             if first is not None:
-                self.at(now, self.order("poke", first, next(self.keys)))
-            self.once = (now + DOUBLE_CLICK, spot)
+                self.schedule(now, self.build_order("poke", first, next(self.keys)))
+            self.waiting_poke = (now + DOUBLE_CLICK, spot)
 
     def stroke(self, spot: SurfacePoint, now: float) -> None:
         """Schedule a stroke along the patch from a point, over taxels of its link."""
         key = next(self.keys)
-        path = self.path(spot)
+        path = self.plan_stroke(spot)
         for number, place in enumerate(path):
-            order = self.order("move" if number else "begin", place, key)
-            self.at(now + number * STROKE_TICK, order)
+            order = self.build_order("move" if number else "begin", place, key)
+            self.schedule(now + number * STROKE_TICK, order)
         end = now + len(path) * STROKE_TICK
-        self.at(end, self.order("end", path[-1], key))
+        self.schedule(end, self.build_order("end", path[-1], key))
 
-    def path(self, spot: SurfacePoint) -> list[SurfacePoint]:
-        """Return the points from one end of a stroke to the other."""
+    def plan_stroke(self, spot: SurfacePoint) -> list[SurfacePoint]:
+        """Return the taxels along a stroke from a point, 1 cm apart."""
         setup = self.setup
         patch = np.flatnonzero(setup.patch_index == setup.patch_index[spot.taxel])
         positions = setup.positions[patch]
@@ -184,7 +181,7 @@ class MouseHand:
     def drag(
         self, phase: Literal["start", "update", "end"], spot: SurfacePoint | None
     ) -> None:
-        """Drag a finger; where the mouse is off the skin, the finger stays in place.
+        """Drag a finger; while the mouse is off the skin, the finger stays in place.
 
         The finger lands only when it begins to move. A browser that draws slowly
         reports the move long after the press, and a finger that rests before it moves
@@ -202,42 +199,38 @@ class MouseHand:
             self.send(finger)
             finger = replace(finger, kind="move")
         if spot is not None and finger is not None:
-            finger = self.order("move", spot, finger.key)
+            finger = self.build_order("move", spot, finger.key)
             self.send(finger)
         elif spot is not None and phase != "end":
-            finger = self.order("begin", spot, next(self.keys))
+            finger = self.build_order("begin", spot, next(self.keys))
         if phase == "end" and finger is not None:
             self.send(replace(finger, kind="end"))
         self.dragged = None if phase == "end" else finger
 
-    def order(
-        self,
-        kind: TouchKind,
-        spot: SurfacePoint,
-        key: int,
-    ) -> TouchOrder:
-        """Return an order for a point with the force and duration that are set."""
+    def build_order(self, kind: TouchKind, spot: SurfacePoint, key: int) -> TouchOrder:
+        """Return an order for a point with the current force and duration."""
         x, y, z = spot.p_link.tolist()
         link = self.setup.links[spot.link]
         seconds = max(self.seconds, MIN_SECONDS.get(kind, 0.0))
         return TouchOrder(kind, link, (x, y, z), self.force, seconds, key)
 
-    def at(self, when: float, order: TouchOrder) -> None:
+    def schedule(self, when: float, order: TouchOrder) -> None:
         """Schedule an order for a time [s]."""
         with self.lock:
-            heapq.heappush(self.later, (when, next(self.keys), order))
+            heapq.heappush(self.scheduled, (when, next(self.keys), order))
 
     def tick(self, now: float) -> None:
         """Send the orders that are due."""
         with self.lock:
-            if self.once is not None and self.once[0] <= now:
-                self.at(now, self.order("poke", self.once[1], next(self.keys)))
-                self.once = None
-            while self.later and self.later[0][0] <= now:
-                self.send(heapq.heappop(self.later)[2])
+            if self.waiting_poke is not None and self.waiting_poke[0] <= now:
+                order = self.build_order("poke", self.waiting_poke[1], next(self.keys))
+                self.schedule(now, order)
+                self.waiting_poke = None
+            while self.scheduled and self.scheduled[0][0] <= now:
+                self.send(heapq.heappop(self.scheduled)[2])
 
 
 def are_near(one: SurfacePoint, other: SurfacePoint) -> bool:
     """Return whether two clicks are near enough for a double pat."""
     away = np.linalg.norm(one.p_link - other.p_link)
-    return one.link == other.link and bool(away <= CLOSE)
+    return one.link == other.link and bool(away <= DOUBLE_CLICK_DISTANCE)

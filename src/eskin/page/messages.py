@@ -13,13 +13,10 @@ class ContactMarker:
 
     link: int
     """Index of the link."""
-
     p_link: Float[np.ndarray, "3"]
     """Centre of the contact in the frame of its link [m]."""
-
     n_link: Float[np.ndarray, "3"]
     """Outward unit normal at the centre, in the frame of its link."""
-
     radius: float
     """Radius of a circle of the area of the contact [m]."""
 
@@ -30,13 +27,10 @@ class OpenTouch:
 
     id: int
     """Number of the touch."""
-
     link: str
     """Name of the link that is touched."""
-
     force: float
     """Force of its strongest contact [N]."""
-
     probabilities: Float32[np.ndarray, "class"]
     """Probability of each class of the vocabulary."""
 
@@ -47,19 +41,14 @@ class LogEntry:
 
     seconds: float
     """Time since the stream began [s]."""
-
     kind: Literal["detection", "command", "refused", "event"]
     """Kind of the entry; `refused` marks a command that was not accepted."""
-
     text: str
     """Text of the line."""
-
     gesture: str = ""
     """Gesture of a detection; empty for other entries."""
-
     link: int = -1
     """Index of the link of a detection; -1 for other entries."""
-
     p_link: tuple[float, float, float] = (0.0, 0.0, 0.0)
     """Position of a detection in the frame of its link [m]."""
 
@@ -74,16 +63,12 @@ class ArmSummary:
     `paused`: a person requested it; `held`: stopped without a request; `stopped`:
     protective stop or no connection; `waiting`: at rest in its program.
     """
-
     why: str
     """Reason for `held` or `stopped`; empty otherwise."""
-
     speed: float
     """Speed as a share of full speed."""
-
     gripper: str
     """State of the gripper: `open` or `closed`."""
-
     target: str
     """Name of the target of the motion."""
 
@@ -94,10 +79,8 @@ class Answer:
 
     texts: tuple[str, ...]
     """Text of the answer, one line per touch."""
-
     right: bool | None
     """Whether the answer matches the true label; None before it is complete."""
-
     probabilities: Float32[np.ndarray, "class"]
     """Probability of each class for the strongest touch."""
 
@@ -108,16 +91,12 @@ class ComparisonBoard:
 
     title: str
     """Title of the comparison."""
-
     poses: tuple[str, ...]
     """Names of the poses."""
-
     done: tuple[str, ...]
     """True label in each pose."""
-
     playing: int
     """Index of the current pose of the arm."""
-
     rows: tuple[tuple[str, tuple[Answer, ...]], ...]
     """Name of each recogniser with its answers, one per pose."""
 
@@ -128,46 +107,32 @@ class ViewUpdate:
 
     seconds: float
     """Time since the stream began [s]."""
-
     poses: Float32[np.ndarray, "link 7"]
     """Quaternion wxyz and position [m] of every link in the world frame."""
-
     pressure: Float16[np.ndarray, "taxel"]
     """Pressure of each taxel [kPa]."""
-
     valid: UInt8[np.ndarray, "byte"]
     """Validity of each taxel, packed into bits."""
-
     contacts: tuple[ContactMarker, ...]
     """Contacts, strongest first."""
-
     touches: tuple[OpenTouch, ...]
     """Open touches, strongest first."""
-
     force: float
     """Sum of the forces of all contacts [N]."""
-
     peak: float
     """Greatest pressure [kPa]."""
-
     log_entries: tuple[LogEntry, ...]
     """Log entries since the last update."""
-
     faults: int
     """Number of known faults."""
-
     rate: float
     """Rate of readings [1/s]."""
-
     step: float
     """Median time to recognise one reading [s]."""
-
     age: float
     """Age of the reading when its processing was complete [s]."""
-
     arm: ArmSummary | None = None
     """Summary of the arm; None without an arm."""
-
     board: ComparisonBoard | None = None
     """Comparison of recognisers; None where none are compared."""
 
@@ -178,13 +143,10 @@ class LinkMesh:
 
     link: int
     """Index of the link."""
-
     vertices: Float[np.ndarray, "vertex 3"]
     """Positions of the vertices in the frame of the link [m]."""
-
     faces: Int[np.ndarray, "face 3"]
     """Vertex indices of each face, counter-clockwise seen from outside."""
-
     colour: tuple[int, int, int]
     """Red, green and blue, each from 0 to 255."""
 
@@ -195,43 +157,30 @@ class SceneDescription:
 
     title: str
     """Title of the page: robot, skin and source."""
-
     links: tuple[str, ...]
     """Names of the links of the robot."""
-
     solids: tuple[LinkMesh, ...]
     """Meshes of the robot."""
-
     taxel_link: Int[np.ndarray, "taxel"]
     """Index of the link of each taxel."""
-
     positions: Float[np.ndarray, "taxel 3"]
     """Positions of the taxels in the frames of their links [m]."""
-
     normals: Float[np.ndarray, "taxel 3"]
     """Outward unit normals of the taxels in the frames of their links."""
-
     areas: Float[np.ndarray, "taxel"]
     """Areas of the taxels [m2]."""
-
     patches: tuple[str, ...]
     """Names of the patches."""
-
     patch_index: Int[np.ndarray, "taxel"]
     """Index of the patch of each taxel."""
-
     gestures: tuple[str, ...]
     """Vocabulary, in the order of the probabilities."""
-
     touchable: bool
     """Whether the page may send touches and other orders."""
-
     skins: tuple[str, ...] = ()
     """Skins offered for selection; the first is the current one."""
-
     is_arm: bool = False
     """Whether updates include the state of an arm."""
-
     compares: bool = False
     """Whether a comparison of recognisers replaces the panel beside the scene."""
 
@@ -256,19 +205,14 @@ class TouchOrder:
 
     kind: TouchKind
     """Kind of touch; `begin`, `move` and `end` belong to a dragged finger."""
-
     link: str
     """Name of the link of the selected taxel."""
-
     p_link: tuple[float, float, float]
     """Point on the skin in the frame of the link [m]."""
-
     force: float
     """Force of the touch [N]."""
-
     seconds: float
     """Duration of the touch; unused for a dragged finger [s]."""
-
     key: int
     """Identifier of the touch, shared by `begin`, `move` and `end` of one finger."""
 
@@ -279,7 +223,6 @@ class PageOrder:
 
     kind: PageKind
     """Action."""
-
     value: str | float | None = None
     """Argument: a patch to unplug or plug in, a share of taxels to kill, or a skin."""
 

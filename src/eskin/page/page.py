@@ -1,4 +1,4 @@
-"""This module assembles the page: it shows updates and sends orders."""
+"""This module assembles the page, which shows updates and sends orders."""
 
 from collections.abc import Callable
 from time import monotonic
@@ -14,20 +14,20 @@ from viser import (
 
 from eskin.page.board import ComparisonPanel
 from eskin.page.colours import ColourScale
-from eskin.page.hand import MouseHand, Pointing, TouchMode
+from eskin.page.hand import MouseHand, TaxelPicker, TouchMode
 from eskin.page.messages import Order, SceneDescription, ViewUpdate
 from eskin.page.panel import Panel
 from eskin.page.scene import GripperModel, Marks, Scene
 
 SCALE = 60.0
-"""Initial pressure of the lightest colour [kPa]."""
-DRAW = 0.1
-"""Interval between two drawings of the panel [s]."""
+"""Initial pressure of the lightest colour [kPa]; the user can change it."""
+PANEL_PERIOD = 0.1
+"""Interval between redraws of the panel [s]."""
 WIDTH, WIDER = 320, 400
 """Width of the panel, and of a panel with two columns [px]."""
-MIDDLE = np.array([0.05, 0.0, 0.3])
+CAMERA_TARGET = np.array([0.05, 0.0, 0.3])
 """Point that the camera looks at, in the world frame [m]."""
-DISTANCE = 1.75
+CAMERA_DISTANCE = 1.75
 """Distance of the camera from that point [m]."""
 BRAND = (31, 120, 137)
 
@@ -57,7 +57,7 @@ class Page:
         gui.set_panel_label(setup.title)
         self.scale = ColourScale(SCALE)
         self.scene = Scene(server, setup, self.scale)
-        self.scene.look(MIDDLE, DISTANCE)
+        self.scene.set_camera(CAMERA_TARGET, CAMERA_DISTANCE)
         self.marks = Marks(server, self.scene)
         self.gripper = GripperModel(server, setup) if setup.is_arm else None
         self.hand = MouseHand(setup, send)
@@ -66,7 +66,7 @@ class Page:
             if setup.compares
             else Panel(gui, setup, self.scale, self.hand)
         )
-        self.pointing = Pointing(self.scene)
+        self.picker = TaxelPicker(self.scene)
         self.drawn = 0.0
         if setup.touchable:
             for link, discs in self.scene.discs.items():
@@ -80,7 +80,7 @@ class Page:
 
         def click(event: SceneNodePointerEvent, mode: TouchMode | None) -> None:
             if event.instance_index is not None:
-                spot = self.pointing.of_taxel(int(taxels[event.instance_index]))
+                spot = self.picker.pick_taxel(int(taxels[event.instance_index]))
                 hand.click(spot, monotonic(), mode)
 
         @discs.on_click
@@ -95,9 +95,10 @@ class Page:
         async def _(event: SceneNodeDragEvent) -> None:
             eye = np.asarray(event.client.camera.position)
             if event.phase == "start" and event.instance_index is not None:
-                spot = self.pointing.of_taxel(int(taxels[event.instance_index]))
+                spot = self.picker.pick_taxel(int(taxels[event.instance_index]))
             else:
-                spot = self.pointing.along(eye, np.asarray(event.end_position) - eye)
+                ray = np.asarray(event.end_position) - eye
+                spot = self.picker.pick_along_ray(eye, ray)
             hand.drag(event.phase, spot)
 
     def show(self, update: ViewUpdate) -> None:
@@ -108,7 +109,10 @@ class Page:
             if self.gripper is not None and update.arm is not None:
                 self.gripper.show(update.arm.gripper)
             self.panel.take(update)
-            if update.seconds - self.drawn >= DRAW or update.seconds < self.drawn:
+            if (
+                update.seconds - self.drawn >= PANEL_PERIOD
+                or update.seconds < self.drawn
+            ):
                 self.drawn = update.seconds
                 self.panel.draw(update)
 

@@ -23,35 +23,36 @@ from eskin.page.messages import (
 
 INK, PALE, LINE = "#1f2733", "#7b8594", "#e6e9ee"
 TEAL, AMBER, RED, BLUE = "#1f9e89", "#c77700", "#c43a31", "#3b6fb6"
-STATES = {
+STATE_COLOURS = {
     "running": TEAL,
     "paused": AMBER,
     "held": RED,
     "stopped": RED,
     "waiting": PALE,
 }
-KINDS = {"detection": TEAL, "command": BLUE, "refused": AMBER, "event": PALE}
+"""Colour of each state of the arm."""
+KIND_COLOURS = {"detection": TEAL, "command": BLUE, "refused": AMBER, "event": PALE}
 FONT = f"font:12px/1.45 system-ui,sans-serif;color:{INK};padding:0 14px"
 
 
-def block(inside: str) -> str:
-    """Return a part of the panel as HTML."""
+def render_block(inside: str) -> str:
+    """Return a part of the panel as HTML in the font of the panel."""
     return f'<div style="{FONT}">{inside}</div>'
 
 
-def status(update: ViewUpdate) -> str:
+def render_status(update: ViewUpdate) -> str:
     """Return rate, latency, faults and the state of the arm as HTML."""
-    wrong = f"{update.faults} fault{'s' * (update.faults != 1)}"
+    faults = f"{update.faults} fault{'s' * (update.faults != 1)}"
     colour = RED if update.faults else TEAL
-    return numbers(
+    return render_numbers(
         ("readings/s", f"{update.rate:.0f}"),
         ("step", f"{1e3 * update.step:.2f} ms"),
         ("age", f"{1e3 * update.age:.1f} ms"),
-        ("skin", f'<span style="color:{colour}">{wrong}</span>'),
-    ) + (block(arm(update.arm)) if update.arm else "")
+        ("skin", f'<span style="color:{colour}">{faults}</span>'),
+    ) + (render_block(render_arm(update.arm)) if update.arm else "")
 
 
-def numbers(*pairs: tuple[str, str]) -> str:
+def render_numbers(*pairs: tuple[str, str]) -> str:
     """Return names with their values side by side as HTML."""
     cells = "".join(
         f'<div><div style="color:{PALE};font-size:10px">{name}</div>'
@@ -59,101 +60,104 @@ def numbers(*pairs: tuple[str, str]) -> str:
         "</div>"
         for name, value in pairs
     )
-    return block(
+    return render_block(
         f'<div style="display:flex;justify-content:space-between">{cells}</div>'
     )
 
 
-def plain(text: str) -> str:
-    """Return a text escaped for HTML."""
-    return escape(text)
-
-
-def comparison(rows: Sequence[tuple[float, str, str, bool]], right: int) -> str:
-    """Return labels beside detections as HTML.
+def render_comparison(rows: Sequence[tuple[float, str, str, bool]], right: int) -> str:
+    """Return a table of labels and detections as HTML.
 
     Args:
         rows: time [s], label, detection, and whether they agree.
         right: number of rows that agree.
     """
-    head = f'<div style="color:{PALE}">{right} of {len(rows)} as labelled</div>'
+    head = f'<div style="color:{PALE}">{right} of {len(rows)} match</div>'
     body = "".join(
         f'<div style="display:flex;gap:8px;border-bottom:1px solid {LINE}">'
         f'<span style="color:{PALE};width:52px;text-align:right">{seconds:.1f} s</span>'
-        f'<span style="flex:1">{escape(word(label))}</span>'
+        f'<span style="flex:1">{escape(to_words(label))}</span>'
         f'<span style="flex:1;color:{TEAL if is_right else RED}">'
-        f"{escape(word(detection))}</span></div>"
+        f"{escape(to_words(detection))}</span></div>"
         for seconds, label, detection, is_right in rows
     )
-    return block(head + body)
+    return render_block(head + body)
 
 
-def arm(line: ArmSummary) -> str:
+def render_arm(summary: ArmSummary) -> str:
     """Return the state of the arm as HTML."""
-    word = line.state + (f": {line.why}" if line.why else "")
-    rest = f"{line.speed:.0%} speed, gripper {line.gripper}, to {line.target or '-'}"
+    state = summary.state + (f": {summary.why}" if summary.why else "")
+    colour = STATE_COLOURS[summary.state]
+    target = summary.target or "-"
+    rest = f"{summary.speed:.0%} speed, gripper {summary.gripper}, to {target}"
     return (
         f'<div style="margin-top:6px;padding:5px 8px;border-radius:6px;'
-        f'background:{LINE}"><b style="color:{STATES[line.state]}">{escape(word)}</b>'
+        f'background:{LINE}"><b style="color:{colour}">{escape(state)}</b>'
         f'<br><span style="color:{PALE}">{escape(rest)}</span></div>'
     )
 
 
-def bars(touches: Sequence[OpenTouch], gestures: Sequence[str]) -> str:
+def render_bars(touches: Sequence[OpenTouch], gestures: Sequence[str]) -> str:
     """Return the probabilities of the strongest touch as HTML bars."""
     first = touches[0] if touches else None
     head = "no touch"
     if first is not None:
         head = f"touch {first.id} on {escape(first.link)}, {first.force:.1f} N"
-    chances = np.zeros(len(gestures)) if first is None else first.probabilities
-    best = int(np.argmax(chances)) if first is not None else -1
+    probabilities = np.zeros(len(gestures)) if first is None else first.probabilities
+    best = int(np.argmax(probabilities)) if first is not None else -1
     rows = "".join(
-        bar(gesture, float(chance), number == best)
-        for number, (gesture, chance) in enumerate(zip(gestures, chances, strict=True))
+        render_bar(gesture, float(probability), number == best)
+        for number, (gesture, probability) in enumerate(
+            zip(gestures, probabilities, strict=True)
+        )
     )
-    return block(f'<div style="color:{PALE};margin:4px 0 3px">{head}</div>{rows}')
+    head = f'<div style="color:{PALE};margin:4px 0 3px">{head}</div>'
+    return render_block(head + rows)
 
 
-def bar(gesture: str, chance: float, is_best: bool) -> str:
+def render_bar(gesture: str, probability: float, is_best: bool) -> str:
     """Return one probability as an HTML bar."""
     colour = TEAL if is_best else "#b9c2cd"
     weight = 600 if is_best else 400
     return (
         '<div style="display:flex;align-items:center;gap:8px;height:18px">'
-        f'<span style="width:72px;font-weight:{weight}">{escape(word(gesture))}</span>'
+        f'<span style="width:72px;font-weight:{weight}">'
+        f"{escape(to_words(gesture))}</span>"
         f'<span style="flex:1;height:9px;border-radius:5px;background:{LINE}">'
-        f'<span style="display:block;height:9px;border-radius:5px;width:{chance:.0%};'
-        f'background:{colour}"></span></span>'
+        '<span style="display:block;height:9px;border-radius:5px;'
+        f'width:{probability:.0%};background:{colour}"></span></span>'
         f'<span style="width:36px;text-align:right;color:{PALE};'
-        f'font-variant-numeric:tabular-nums">{chance:.0%}</span></div>'
+        f'font-variant-numeric:tabular-nums">{probability:.0%}</span></div>'
     )
 
 
-def log(log_entries: Sequence[LogEntry]) -> str:
+def render_log(log_entries: Sequence[LogEntry]) -> str:
     """Return detections, commands and events as HTML, newest first."""
     rows = "".join(
         f'<div style="display:flex;gap:8px;border-bottom:1px solid {LINE};'
         'padding:1px 0">'
         f'<span style="color:{PALE};width:46px;flex:none;text-align:right;'
         f'font-variant-numeric:tabular-nums">{entry.seconds:.1f} s</span>'
-        f'<span style="color:{KINDS[entry.kind]}">{escape(entry.text)}</span></div>'
+        f'<span style="color:{KIND_COLOURS[entry.kind]}">'
+        f"{escape(entry.text)}</span></div>"
         for entry in log_entries
     )
-    return block(rows or f'<span style="color:{PALE}">nothing yet</span>')
+    return render_block(rows or f'<span style="color:{PALE}">nothing yet</span>')
 
 
-def patches(setup: SceneDescription, valid: Bool[np.ndarray, "taxel"]) -> str:
+def render_patches(setup: SceneDescription, valid: Bool[np.ndarray, "taxel"]) -> str:
     """Return how many taxels of each patch are not valid, as HTML."""
     sizes = np.bincount(setup.patch_index, minlength=len(setup.patches))
     good = np.bincount(setup.patch_index, valid, minlength=len(setup.patches))
     cells = "".join(
-        chip(name, int(size - whole), int(size))
+        render_patch_state(name, int(size - whole), int(size))
         for name, whole, size in zip(setup.patches, good, sizes, strict=True)
     )
-    return block(f'<div style="display:flex;flex-wrap:wrap;gap:4px">{cells}</div>')
+    style = "display:flex;flex-wrap:wrap;gap:4px"
+    return render_block(f'<div style="{style}">{cells}</div>')
 
 
-def chip(patch: str, out: int, size: int) -> str:
+def render_patch_state(patch: str, out: int, size: int) -> str:
     """Return the state of one patch as HTML."""
     colour, note = TEAL, ""
     if out:
@@ -161,11 +165,11 @@ def chip(patch: str, out: int, size: int) -> str:
     return (
         f'<span style="border:1px solid {LINE};border-radius:9px;padding:0 7px;'
         f'font-size:11px"><span style="color:{colour}">&#9679;</span> '
-        f"{escape(word(patch))}{note}</span>"
+        f"{escape(to_words(patch))}{note}</span>"
     )
 
 
-def word(name: str) -> str:
+def to_words(name: str) -> str:
     """Return a name with spaces in place of underscores."""
     return name.replace("_", " ")
 
@@ -258,14 +262,14 @@ class HistoryPlot:
 
 LINES = 8
 """Number of lines of the log."""
-MODES = ("poke", "double-pat", "grab", "stroke")
-KILL = 0.1
-"""Share of the taxels that one press of the button kills."""
+MODES: tuple[TouchMode, ...] = ("poke", "double-pat", "grab", "stroke")
+KILL_SHARE = 0.1
+"""Share of the taxels that one click of `kill` disables."""
 
 
 @final
 class Panel:
-    """Draws everything beside the scene, ten times a second where it changed."""
+    """Draws the panel beside the scene ten times a second."""
 
     def __init__(
         self, gui: GuiApi, setup: SceneDescription, scale: ColourScale, hand: MouseHand
@@ -285,22 +289,22 @@ class Panel:
         self.hand = hand
         self.log_entries: deque[LogEntry] = deque(maxlen=LINES)
         self.status = gui.add_html("")
-        self.bars = gui.add_html(bars((), setup.gestures))
-        self.strip = HistoryPlot(gui)
-        self.legend = gui.add_html(block(scale.legend()))
+        self.bars = gui.add_html(render_bars((), setup.gestures))
+        self.history = HistoryPlot(gui)
+        self.legend = gui.add_html(render_block(scale.legend()))
         tabs = gui.add_tab_group()
         if setup.touchable:
             with tabs.add_tab("Hand", Icon.HAND_FINGER):
-                self.add_touch()
+                self.add_touch_controls()
         with tabs.add_tab("Skin", Icon.GRID_DOTS):
             self.patches = gui.add_html("")
             if setup.touchable:
-                self.add_trouble()
+                self.add_skin_controls()
         with tabs.add_tab("View", Icon.PALETTE):
             add_scale(gui, scale, self.legend)
-        self.log = gui.add_html(log(()))
+        self.log = gui.add_html(render_log(()))
 
-    def add_touch(self) -> None:
+    def add_touch_controls(self) -> None:
         """Add the controls of touches: mode, force and duration."""
         gui, hand = self.gui, self.hand
         mode = gui.add_dropdown(
@@ -317,7 +321,7 @@ class Panel:
             "duration [s]", min=0.1, max=3.0, step=0.1, initial_value=hand.seconds
         )
         if self.setup.is_arm:
-            self.add_task()
+            self.add_task_controls()
 
         @mode.on_update
         async def _(event: GuiEvent) -> None:
@@ -331,7 +335,7 @@ class Panel:
         async def _(event: GuiEvent) -> None:
             hand.seconds = float(event.target.value)
 
-    def add_task(self) -> None:
+    def add_task_controls(self) -> None:
         """Add the buttons that pause and resume the task of the arm."""
         task = self.gui.add_button_group("task", ("pause", "resume"))
 
@@ -340,12 +344,12 @@ class Panel:
             is_pause = event.target.value == "pause"
             self.order("pause_task" if is_pause else "resume_task")
 
-    def add_trouble(self) -> None:
+    def add_skin_controls(self) -> None:
         """Add the controls of cables, dead taxels, skins and recording."""
         gui, setup = self.gui, self.setup
         patch = gui.add_dropdown("patch", setup.patches)
         cable = gui.add_button_group("its cable", ("unplug", "plug in"))
-        taxels = gui.add_button_group("taxels", (f"kill {KILL:.0%}", "restore"))
+        taxels = gui.add_button_group("taxels", (f"kill {KILL_SHARE:.0%}", "restore"))
         record = gui.add_button_group("recording", ("record", "stop"))
 
         @cable.on_click
@@ -359,7 +363,7 @@ class Panel:
             if event.target.value == "restore":
                 self.order("restore")
             else:
-                self.order("kill", KILL)
+                self.order("kill", KILL_SHARE)
 
         @record.on_click
         async def _(event: GuiEvent) -> None:
@@ -379,18 +383,18 @@ class Panel:
 
     def take(self, update: ViewUpdate) -> None:
         """Store the values and log entries of an update."""
-        self.strip.take(update)
+        self.history.take(update)
         self.log_entries.extendleft(update.log_entries)
 
     def draw(self, update: ViewUpdate) -> None:
         """Draw an update."""
-        self.strip.draw()
-        self.status.content = status(update)
-        self.bars.content = bars(update.touches, self.setup.gestures)
-        self.log.content = log(tuple(self.log_entries))
+        self.history.draw()
+        self.status.content = render_status(update)
+        self.bars.content = render_bars(update.touches, self.setup.gestures)
+        self.log.content = render_log(tuple(self.log_entries))
         count = self.setup.patch_index.size
         valid = np.unpackbits(update.valid, count=count).astype(bool)
-        self.patches.content = patches(self.setup, valid)
+        self.patches.content = render_patches(self.setup, valid)
 
 
 def add_scale(gui: GuiApi, scale: ColourScale, legend: GuiHtmlHandle) -> None:
@@ -402,4 +406,4 @@ def add_scale(gui: GuiApi, scale: ColourScale, legend: GuiHtmlHandle) -> None:
     @slider.on_update
     async def _(event: GuiEvent) -> None:
         scale.maximum = float(event.target.value)
-        legend.content = block(scale.legend())
+        legend.content = render_block(scale.legend())

@@ -1,4 +1,4 @@
-"""This module finds the port of the page."""
+"""This module finds a free port for the page."""
 
 import socket
 
@@ -28,6 +28,6 @@ def free_port(port: int) -> int:
             return probe.getsockname()[1]
         except OSError as error:
             raise DeviceError(
-                f"port {port} of {HOST} cannot be had ({error.strerror}); allowed is a "
-                "free one; close what uses it or give another with --port"
+                f"port {port} of {HOST} is not available ({error.strerror}); allowed "
+                "is a free one; close what uses it or give another with --port"
             ) from error

@@ -15,25 +15,25 @@ CORNERS = 12
 """Number of corners of a disc."""
 LIFT = 0.0012
 """Distance of the discs from the surface [m]."""
-COVER = 0.86
+DISC_SHARE = 0.86
 """Radius of a disc as a share of the radius of a circle of the taxel's area."""
-WHOLE = 1.26
-"""Radius of a pad as such a share: the circle around the square of that area."""
+PAD_SHARE = 1.26
+"""Radius of a pad as such a share: of the circle around a square of that area."""
 PAD = (196, 200, 206)
 """Colour of the surface under the taxels: red, green and blue, each to 255."""
 LINEAR = np.round(255 * (np.arange(256) / 255) ** 2.2).astype(np.uint8)
 """Linear intensity of each sRGB step: viser expects linear colours for instances."""
-FIELD = 0.7
+FIELD_OF_VIEW = 0.7
 """Vertical field of view of the camera [rad]."""
-CAMERA = np.array([0.82, -0.80, 0.42])
+CAMERA_DIRECTION = np.array([0.82, -0.80, 0.42])
 """Direction in the world frame to the camera from its target, of about unit length."""
-STILL = 1e-5
-"""Greatest change of a pose that is not drawn [1 or m]."""
+MIN_POSE_CHANGE = 1e-5
+"""Change of a pose below which a frame is not moved, per component [1 or m]."""
 
 
 @final
 class Scene:
-    """Draws the robot, its taxels and the ground, and sends only changes.
+    """Draws the robot, its taxels and the ground; sends only what has changed.
 
     Attributes:
         discs: discs of the taxels of each link that has any, by index of the link.
@@ -49,7 +49,7 @@ class Scene:
         self.scale = scale
         at_rest = np.array([1, 0, 0, 0, 0, 0, 0], np.float32)
         self.poses = np.tile(at_rest, (len(setup.links), 1))
-        self.ground()
+        self.add_surroundings()
         self.frames = [
             server.scene.add_frame(f"/robot/{name}", show_axes=False)
             for name in setup.links
@@ -66,7 +66,7 @@ class Scene:
         self.taxels = {link: np.flatnonzero(setup.taxel_link == link) for link in links}
         self.discs = {link: self.add_discs(link) for link in links}
 
-    def ground(self) -> None:
+    def add_surroundings(self) -> None:
         """Add a grid as ground, a pale sky, and lights that preserve the colours."""
         scene = self.server.scene
         scene.add_grid(
@@ -98,7 +98,7 @@ class Scene:
             cast_shadow=True,
         )
 
-    def look(self, middle: Float[np.ndarray, "3"], distance: float) -> None:
+    def set_camera(self, middle: Float[np.ndarray, "3"], distance: float) -> None:
         """Set the initial camera of the page.
 
         Args:
@@ -106,22 +106,22 @@ class Scene:
             distance: distance of the camera from that point [m].
         """
         camera = self.server.initial_camera
-        camera.fov = FIELD
+        camera.fov = FIELD_OF_VIEW
         camera.look_at = middle
-        camera.position = middle + distance * CAMERA
+        camera.position = middle + distance * CAMERA_DIRECTION
 
     def add_discs(self, link: int) -> BatchedMeshHandle:
         """Add one disc per taxel, in the frame of their link."""
         count = len(self.taxels[link])
         colours = self.scale.colours(np.zeros(count), np.ones(count, dtype=bool))
-        return self.add_rounds("taxels", link, LIFT, COVER, LINEAR[colours])
+        return self.add_taxel_discs("taxels", link, LIFT, DISC_SHARE, LINEAR[colours])
 
     def add_pads(self, link: int) -> BatchedMeshHandle:
         """Add pads between the discs of a link, so that it can be touched there."""
         colour = tuple(LINEAR[list(PAD)].tolist())
-        return self.add_rounds("pads", link, LIFT / 2, WHOLE, colour)
+        return self.add_taxel_discs("pads", link, LIFT / 2, PAD_SHARE, colour)
 
-    def add_rounds(
+    def add_taxel_discs(
         self,
         name: str,
         link: int,
@@ -139,13 +139,13 @@ class Scene:
             colours: colour of each disc, or of all.
         """
         setup, taxels = self.setup, self.taxels[link]
-        vertices, faces = disc()
+        vertices, faces = build_disc()
         normals = setup.normals[taxels]
         return self.server.scene.add_batched_meshes_simple(
             f"/robot/{setup.links[link]}/{name}",
             vertices,
             faces,
-            turned_to(normals),
+            compute_rotations_to(normals),
             setup.positions[taxels] + lift * normals,
             batched_scales=share * np.sqrt(setup.areas[taxels] / np.pi),
             batched_colors=colours,
@@ -157,14 +157,14 @@ class Scene:
     def show(self, update: ViewUpdate) -> None:
         """Move the links and colour the taxels that have changed."""
         for link, frame in enumerate(self.frames):
-            move(frame, self.poses[link], update.poses[link])
+            move_frame(frame, self.poses[link], update.poses[link])
         pressure = update.pressure.astype(np.float64)
         valid = np.unpackbits(update.valid, count=len(pressure)).astype(bool)
         colours = LINEAR[self.scale.colours(pressure, valid)]
         for link, discs in self.discs.items():
             discs.batched_colors = colours[self.taxels[link]]
 
-    def world(
+    def place_taxels(
         self,
     ) -> tuple[Float[np.ndarray, "taxel 3"], Float[np.ndarray, "taxel 3"]]:
         """Return positions [m] and normals of the taxels in the world, as shown."""
@@ -174,7 +174,7 @@ class Scene:
         positions = np.einsum("tij,tj->ti", turn, self.setup.positions) + origin
         return positions, np.einsum("tij,tj->ti", turn, self.setup.normals)
 
-    def to_link(
+    def transform_to_link(
         self, link: int, p_world: Float[np.ndarray, "3"]
     ) -> Float[np.ndarray, "3"]:
         """Return a point of the world in the frame of a link as shown [m]."""
@@ -182,17 +182,17 @@ class Scene:
         return rotation.T @ (p_world - self.poses[link, 4:])
 
 
-def move(
+def move_frame(
     frame: FrameHandle, shown: Float32[np.ndarray, "7"], pose: Float32[np.ndarray, "7"]
 ) -> None:
     """Move a frame if its pose has changed, and store the pose in `shown`."""
-    if np.abs(shown - pose).max() > STILL:
+    if np.abs(shown - pose).max() > MIN_POSE_CHANGE:
         shown[:] = pose
         frame.wxyz = pose[:4]
         frame.position = pose[4:]
 
 
-def disc() -> tuple[Float32[np.ndarray, "vertex 3"], np.ndarray]:
+def build_disc() -> tuple[Float32[np.ndarray, "vertex 3"], np.ndarray]:
     """Return vertices and faces of a flat disc of radius 1 that faces z."""
     angle = np.arange(CORNERS) * 2 * np.pi / CORNERS
     rim = np.stack([np.cos(angle), np.sin(angle), np.zeros(CORNERS)], axis=-1)
@@ -202,7 +202,9 @@ def disc() -> tuple[Float32[np.ndarray, "vertex 3"], np.ndarray]:
     return vertices, faces.astype(np.uint32)
 
 
-def turned_to(normals: Float[np.ndarray, "point 3"]) -> Float[np.ndarray, "point 4"]:
+def compute_rotations_to(
+    normals: Float[np.ndarray, "point 3"],
+) -> Float[np.ndarray, "point 4"]:
     """Return the quaternions wxyz of the shortest rotations from z to each normal."""
     x, y, z = np.asarray(normals, np.float64).T
     wxyz = np.stack([1.0 + z, -y, x, np.zeros(len(x))], axis=-1)
@@ -211,7 +213,7 @@ def turned_to(normals: Float[np.ndarray, "point 3"]) -> Float[np.ndarray, "point
 
 
 METAL, RUBBER = (206, 209, 214), (52, 56, 64)
-WIDE = {"open": 0.042, "closed": 0.011}
+FINGER_OFFSETS = {"open": 0.042, "closed": 0.011}
 """Distance of a finger from the middle of the gripper, by state [m]."""
 
 
@@ -237,7 +239,7 @@ class GripperModel:
                 f"{at}/finger_{side}",
                 dimensions=(0.014, 0.026, 0.06),
                 color=RUBBER,
-                position=(side * WIDE["open"], 0, 0.084),
+                position=(side * FINGER_OFFSETS["open"], 0, 0.084),
             )
             for side in (-1, 1)
         }
@@ -249,25 +251,25 @@ class GripperModel:
         Args:
             state: `open` or `closed`.
         """
-        if state != self.shown and state in WIDE:
+        if state != self.shown and state in FINGER_OFFSETS:
             self.shown = state
             for side, finger in self.fingers.items():
-                finger.position = (side * WIDE[state], 0.0, 0.084)
+                finger.position = (side * FINGER_OFFSETS[state], 0.0, 0.084)
 
 
-ROOM = 4
+MAX_RINGS = 4
 """Greatest number of rings on one link."""
-HIDDEN = 1e-6
+HIDDEN_RADIUS = 1e-6
 """Radius of a ring that is not in use [m]."""
-HIGH = 0.006
+RING_LIFT = 0.006
 """Distance of the rings from the skin [m]."""
 SEGMENTS = 40
 """Number of segments of a ring."""
 RING = (213, 94, 0)
 """Vermilion, distinct from the whole colour scale (Okabe and Ito 2008)."""
-WIDER = 0.008
+RING_MARGIN = 0.008
 """Difference between the radii of a ring and its contact [m]."""
-LASTS = 2.0
+LABEL_SECONDS = 2.0
 """Time that a floating label is shown [s]."""
 
 
@@ -286,14 +288,14 @@ class Marks:
 
     def add_rings(self, link: int) -> BatchedMeshHandle:
         """Add the rings of a link, too small to see until they are used."""
-        vertices, faces = ring()
+        vertices, faces = build_ring()
         return self.server.scene.add_batched_meshes_simple(
             f"/robot/{self.scene.setup.links[link]}/contacts",
             vertices,
             faces,
-            np.tile([1.0, 0.0, 0.0, 0.0], (ROOM, 1)),
-            np.zeros((ROOM, 3)),
-            batched_scales=np.full(ROOM, HIDDEN),
+            np.tile([1.0, 0.0, 0.0, 0.0], (MAX_RINGS, 1)),
+            np.zeros((MAX_RINGS, 3)),
+            batched_scales=np.full(MAX_RINGS, HIDDEN_RADIUS),
             batched_colors=tuple(LINEAR[list(RING)].tolist()),
             lod="off",
             side="double",
@@ -303,24 +305,24 @@ class Marks:
 
     def show(self, update: ViewUpdate) -> None:
         """Draw the contacts and detections of an update, and remove old labels."""
-        self.outline(update.contacts)
+        self.draw_rings(update.contacts)
         for entry in update.log_entries:
             if entry.kind == "detection":
                 self.add_label(entry)
-        while self.labels and update.seconds - self.labels[0][0] > LASTS:
+        while self.labels and update.seconds - self.labels[0][0] > LABEL_SECONDS:
             self.labels.popleft()[1].remove()
 
-    def outline(self, contacts: tuple[ContactMarker, ...]) -> None:
+    def draw_rings(self, contacts: tuple[ContactMarker, ...]) -> None:
         """Draw one ring per contact; unused rings are too small to see."""
         for link in self.ringed | {contact.link for contact in contacts}:
-            here = [contact for contact in contacts if contact.link == link][:ROOM]
-            wxyz = np.tile(np.array([1, 0, 0, 0], np.float32), (ROOM, 1))
-            places = np.zeros((ROOM, 3), np.float32)
-            radii = np.full(ROOM, HIDDEN, np.float32)
+            here = [contact for contact in contacts if contact.link == link][:MAX_RINGS]
+            wxyz = np.tile(np.array([1, 0, 0, 0], np.float32), (MAX_RINGS, 1))
+            places = np.zeros((MAX_RINGS, 3), np.float32)
+            radii = np.full(MAX_RINGS, HIDDEN_RADIUS, np.float32)
             for row, contact in enumerate(here):
-                places[row] = contact.p_link + HIGH * contact.n_link
-                wxyz[row] = turned_to(contact.n_link[None])[0]
-                radii[row] = contact.radius + WIDER
+                places[row] = contact.p_link + RING_LIFT * contact.n_link
+                wxyz[row] = compute_rotations_to(contact.n_link[None])[0]
+                radii[row] = contact.radius + RING_MARGIN
             rings = self.rings[link]
             rings.batched_positions = places
             rings.batched_wxyzs = wxyz
@@ -343,7 +345,7 @@ class Marks:
         self.labels.append((entry.seconds, label))
 
 
-def ring() -> tuple[Float32[np.ndarray, "vertex 3"], np.ndarray]:
+def build_ring() -> tuple[Float32[np.ndarray, "vertex 3"], np.ndarray]:
     """Return vertices and faces of a flat ring of radius 1 across z."""
     angle = np.arange(SEGMENTS) * 2 * np.pi / SEGMENTS
     circle = np.stack([np.cos(angle), np.sin(angle), np.zeros(SEGMENTS)], axis=-1)

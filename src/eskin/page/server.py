@@ -12,14 +12,14 @@ from viser.infra import WebsockClientConnection
 from eskin.errors import DeviceError
 from eskin.page.port import HOST, free_port
 
-LOCAL = ("127.0.0.1", "localhost", "::1")
+LOCAL_HOSTS = ("127.0.0.1", "localhost", "::1")
 """Names of this computer in the address of a page."""
-FOREIGN = 1008
+POLICY_VIOLATION = 1008
 """WebSocket close code for a violation of policy."""
 
 
 def open_server(port: int) -> ViserServer:
-    """Open a server on a port, or on any free one where that is 0.
+    """Open a server on a port, or on any free one if it is 0.
 
     Raises:
         DeviceError: the port is taken.
@@ -32,8 +32,8 @@ def open_server(port: int) -> ViserServer:
     if server.get_port() != port:
         server.stop()
         raise DeviceError(
-            f"port {port} of {HOST} was taken just now; allowed is a free one; give "
-            "another with --port"
+            f"port {port} of {HOST} is already in use; allowed is a free one; "
+            "give another with --port"
         )
     # Tunnels to the outside and connections from pages of other sites are refused.
     for message in (ShareUrlRequest, ShareUrlDisconnect):
@@ -50,7 +50,9 @@ def refuse_foreign_pages(server: ViserServer) -> None:
         live = sockets._live_connections[connection.client_id]
         headers = {} if live.request is None else live.request.headers
         if not is_local(headers.get("Origin")):
-            await live.close(FOREIGN, "only pages of this computer may connect")
+            await live.close(
+                POLICY_VIOLATION, "only pages of this computer may connect"
+            )
 
     sockets.on_client_connect(check)
 
@@ -60,4 +62,4 @@ def is_local(origin: str | None) -> bool:
 
     A program sends no origin and counts as local.
     """
-    return origin is None or urlsplit(origin).hostname in LOCAL
+    return origin is None or urlsplit(origin).hostname in LOCAL_HOSTS

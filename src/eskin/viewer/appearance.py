@@ -17,14 +17,14 @@ from eskin.skin import MountedSkin
 from eskin.transforms import apply, invert
 
 SEGMENTS = 48
-"""Number of segments around a turned part."""
-ROUND = 0.007
-"""Radius of the edge of a turned part [m]."""
-ARC = 5
-"""Number of rings of a rounded edge."""
-BEYOND = 0.006
-"""Greatest distance between an end and the part or taxel that closes it [m]."""
-LID = 0.005
+"""Number of segments around a solid of revolution."""
+EDGE_RADIUS = 0.007
+"""Radius of the rounded edge of a cylinder [m]."""
+ARC_POINTS = 5
+"""Number of points on the profile of a rounded edge."""
+COVER_DISTANCE = 0.006
+"""Greatest distance between an end and the part or taxel that covers it [m]."""
+LID_HEIGHT = 0.005
 """Height of a lid [m]."""
 BODY, TUBE, COVER = (214, 217, 221), (196, 200, 206), (96, 143, 178)
 """Colours of aluminium, of its tubes, and of lids in the blue-grey of a UR."""
@@ -72,13 +72,17 @@ def build_link_meshes(mounted: MountedSkin) -> tuple[LinkMesh, ...]:
     solids = []
     for index, link in enumerate(robot.links):
         for body in link.geoms:
-            mesh = rounded(body) if isinstance(body.shape, Cylinder) else None
-            along = abs(body.T_link_shape[2, 2]) > 0.9 and is_slender(body)
-            colour = TUBE if along else BODY
+            mesh = (
+                build_rounded_cylinder(body)
+                if isinstance(body.shape, Cylinder)
+                else None
+            )
+            is_tube = abs(body.T_link_shape[2, 2]) > 0.9 and is_slender(body)
+            colour = TUBE if is_tube else BODY
             mesh = mesh or build_geom_mesh(body)
             solids.append(LinkMesh(index, mesh.vertices, mesh.faces, colour))
-            for end in bare_ends(mounted, T_world_link, index, body):
-                mesh = lid(body, end)
+            for end in find_bare_ends(mounted, T_world_link, index, body):
+                mesh = build_lid(body, end)
                 solids.append(LinkMesh(index, mesh.vertices, mesh.faces, COVER))
     return tuple(solids)
 
@@ -89,13 +93,13 @@ def is_slender(body: Geom) -> bool:
     return isinstance(shape, Cylinder) and shape.length > 3.5 * shape.radius
 
 
-def rounded(body: Geom) -> TriangleMesh:
+def build_rounded_cylinder(body: Geom) -> TriangleMesh:
     """Return a cylinder with rounded edges, in the frame of its link."""
     shape = body.shape
     assert isinstance(shape, Cylinder)
     radius, height = shape.radius, shape.length / 2
-    edge = min(ROUND, radius / 3, height / 2)
-    angle = np.linspace(0.0, np.pi / 2, ARC)
+    edge = min(EDGE_RADIUS, radius / 3, height / 2)
+    angle = np.linspace(0.0, np.pi / 2, ARC_POINTS)
     arc = np.stack(
         [radius - edge + edge * np.cos(angle), height - edge + edge * np.sin(angle)],
         axis=-1,
@@ -106,7 +110,7 @@ def rounded(body: Geom) -> TriangleMesh:
     return transform_mesh(revolve_profile(profile, height, SEGMENTS), body.T_link_shape)
 
 
-def lid(body: Geom, end: int) -> TriangleMesh:
+def build_lid(body: Geom, end: int) -> TriangleMesh:
     """Return a low dome on an end of a cylinder, in the frame of its link.
 
     Args:
@@ -115,14 +119,14 @@ def lid(body: Geom, end: int) -> TriangleMesh:
     """
     shape = body.shape
     assert isinstance(shape, Cylinder)
-    radius = shape.radius - min(ROUND, shape.radius / 3)
-    angle = np.linspace(0.0, np.pi / 2, ARC)
+    radius = shape.radius - min(EDGE_RADIUS, shape.radius / 3)
+    angle = np.linspace(0.0, np.pi / 2, ARC_POINTS)
     dome = np.stack(
-        [radius - 0.006 * (1 - np.cos(angle)), LID * np.sin(angle)], axis=-1
+        [radius - 0.006 * (1 - np.cos(angle)), LID_HEIGHT * np.sin(angle)], axis=-1
     )
-    inside = np.array([[radius, -LID]])
-    profile = np.concatenate([inside, dome, [[radius / 2, LID]]])
-    mesh = revolve_profile(profile, LID, SEGMENTS)
+    inside = np.array([[radius, -LID_HEIGHT]])
+    profile = np.concatenate([inside, dome, [[radius / 2, LID_HEIGHT]]])
+    mesh = revolve_profile(profile, LID_HEIGHT, SEGMENTS)
     T_shape_end = np.diag([1.0, end, end, 1.0])
     T_shape_end[2, 3] = end * shape.length / 2
     return transform_mesh(mesh, body.T_link_shape @ T_shape_end)
@@ -133,7 +137,7 @@ def transform_mesh(mesh: TriangleMesh, T: Float[np.ndarray, "4 4"]) -> TriangleM
     return TriangleMesh(apply(T, mesh.vertices), mesh.faces)
 
 
-def bare_ends(
+def find_bare_ends(
     mounted: MountedSkin,
     T_world_link: Float[np.ndarray, "link 4 4"],
     link: int,
@@ -145,11 +149,13 @@ def bare_ends(
     bare = []
     for end in (-1, 1):
         height = end * body.shape.length / 2
-        beyond = apply(body.T_link_shape, np.array([0.0, 0.0, height + end * BEYOND]))
+        beyond = apply(
+            body.T_link_shape, np.array([0.0, 0.0, height + end * COVER_DISTANCE])
+        )
         p_world = apply(T_world_link[link], beyond)
-        if not is_covered(mounted.robot, T_world_link, p_world) and not has_taxels(
-            mounted, link, body, height
-        ):
+        if not is_covered(
+            mounted.robot, T_world_link, p_world
+        ) and not has_taxels_on_end(mounted, link, body, height):
             bare.append(end)
     return bare
 
@@ -167,11 +173,15 @@ def is_covered(
     )
 
 
-def has_taxels(mounted: MountedSkin, link: int, body: Geom, height: float) -> bool:
+def has_taxels_on_end(
+    mounted: MountedSkin, link: int, body: Geom, height: float
+) -> bool:
     """Return whether taxels lie on the end of a cylinder at a height [m]."""
     assert isinstance(body.shape, Cylinder)
     on_link = mounted.skin.positions[mounted.taxel_link_index == link]
     local = apply(invert(body.T_link_shape), on_link)
     aside = np.linalg.norm(local[:, :2], axis=-1)
-    on_end = (abs(local[:, 2] - height) < BEYOND) & (aside < 0.9 * body.shape.radius)
+    on_end = (abs(local[:, 2] - height) < COVER_DISTANCE) & (
+        aside < 0.9 * body.shape.radius
+    )
     return bool(on_end.any())

@@ -1,4 +1,4 @@
-"""This module edits the labels of a recording and compares them with detections."""
+"""This module edits labels of a recording and matches them with detections."""
 
 import os
 import shutil
@@ -117,14 +117,14 @@ class LabelEditor:
 
 
 def link_or_copy(path: Path, kept: Path) -> None:
-    """Preserve a file under a second name, by a hard link or a copy."""
+    """Keep a file under a second name, by a hard link or a copy."""
     try:
         os.link(path, kept)
     except OSError:
         shutil.copy2(path, kept)
 
 
-LATE = 1_000_000_000
+MAX_DETECTION_DELAY = 1_000_000_000
 """Longest time between the end of a touch and its detection [ns]."""
 
 
@@ -134,7 +134,6 @@ class Pair:
 
     label: Label | None
     """Label; None for a detection without a touch."""
-
     detection: DetectionRecord | None
     """Detection; None for a touch without a detection."""
 
@@ -146,7 +145,7 @@ class Pair:
         return self.label.gesture == self.detection.gesture
 
 
-def compare(
+def match_detections(
     labels: Sequence[Label], detections: Sequence[DetectionRecord]
 ) -> tuple[Pair, ...]:
     """Pair labels with detections one to one, by time.
@@ -164,7 +163,9 @@ def compare(
     for label in sorted(labels):
         if label.gesture == NONE:
             continue
-        candidates = [x for x in left if label.start <= x.stamp < label.end + LATE]
+        candidates = [
+            x for x in left if label.start <= x.stamp < label.end + MAX_DETECTION_DELAY
+        ]
         best = min(
             candidates,
             key=lambda x: (x.gesture != label.gesture, x.stamp),
@@ -190,19 +191,14 @@ class LoadedRecording:
 
     seconds: Float[np.ndarray, "reading"]
     """Time of each reading since the first [s]."""
-
     pressure: Float16[np.ndarray, "reading taxel"]
     """Pressure of each taxel [kPa]; zero where it is not valid."""
-
     valid: Bool[np.ndarray, "reading taxel"]
     """Validity of each taxel."""
-
     q: Float[np.ndarray, "reading joint"]
     """Joint positions [rad]."""
-
     force: Float[np.ndarray, "reading"]
     """Force on the whole skin [N]."""
-
     peak: Float[np.ndarray, "reading"]
     """Greatest pressure [kPa]."""
 
@@ -212,7 +208,7 @@ class LoadedRecording:
 
 
 def load_replayed(recording: Recording) -> LoadedRecording:
-    """Read and calibrate every scan.
+    """Read and calibrate every scan of a recording.
 
     Raises:
         RecordingError: the recording holds no scans.
@@ -232,17 +228,15 @@ def load_replayed(recording: Recording) -> LoadedRecording:
     for count, scan in enumerate(recording.scans(), 1):
         reading = calibrator.push(scan)
         row = count - 1
-        believed = np.where(reading.valid, np.maximum(reading.pressure, 0.0), 0.0)
+        pressures = np.where(reading.valid, np.maximum(reading.pressure, 0.0), 0.0)
         seconds[row] = (reading.stamp - recording.start) / NS_PER_S
-        pressure[row], valid[row], q[row] = believed, reading.valid, reading.q
-        force[row], peak[row] = believed @ areas, believed.max()
-    rows = slice(count)
-    return LoadedRecording(
-        seconds[rows], pressure[rows], valid[rows], q[rows], force[rows], peak[rows]
-    )
+        pressure[row], valid[row], q[row] = pressures, reading.valid, reading.q
+        force[row], peak[row] = pressures @ areas, pressures.max()
+    columns = (seconds, pressure, valid, q, force, peak)
+    return LoadedRecording(*(column[:count] for column in columns))
 
 
-def envelope(
+def compute_envelope(
     values: Float[np.ndarray, "reading"], bins: int
 ) -> Float[np.ndarray, "bin"]:
     """Return the greatest value of each of `bins` equal parts, or all if fewer."""

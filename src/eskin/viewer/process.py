@@ -23,8 +23,8 @@ MAX_IN_FLIGHT = 2
 """Greatest number of updates that are sent and not yet shown."""
 MAX_ORDERS = 64
 """Greatest number of orders that wait for execution; further ones are dropped."""
-PATIENCE = 3.0
-"""Time that the process has to end [s]."""
+END_TIMEOUT = 3.0
+"""Longest time to wait for the end of the process, or of a thread [s]."""
 
 logger = logging.getLogger(__name__)
 
@@ -91,7 +91,7 @@ class PageProcess:
             thread.start()
 
     def give(self, update: ViewUpdate) -> None:
-        """Show an update once the page is ready, unless a later one replaces it."""
+        """Show an update when the page is ready, unless a later one replaces it."""
         with self.changed:
             self.updates += 1
             before = self.latest
@@ -122,8 +122,8 @@ class PageProcess:
                 return self.port
         raise DeviceError(
             self.failure
-            or f"the page is not served after {timeout:g} s; allowed is less; look at "
-            "what its process printed, and try again"
+            or f"the page is not served after {timeout:g} s; read what its process "
+            "printed, and try again"
         )
 
     def send(self, first: object) -> None:
@@ -152,7 +152,7 @@ class PageProcess:
             while True:
                 kind, value = self.connection.recv()
                 if kind == ORDER:
-                    self.take_order(value)
+                    self.queue_order(value)
                 with self.changed:
                     if kind == READY:
                         self.port = value
@@ -165,7 +165,7 @@ class PageProcess:
         except (EOFError, OSError):
             self.report_lost()
 
-    def take_order(self, order: object) -> None:
+    def queue_order(self, order: object) -> None:
         """Queue an order, if orders are accepted and the queue is not full."""
         if self.on_order is None or not isinstance(order, TouchOrder | PageOrder):
             self.dropped += 1
@@ -183,13 +183,13 @@ class PageProcess:
             try:
                 self.on_order(order)
             except Exception:
-                logger.exception("%s cannot be carried out", order)
+                logger.exception("%s failed", order)
 
     def report_lost(self) -> None:
         """Log once that the page's process has ended by itself."""
         with self.changed:
             if not self.ending and self.failure is None:
-                self.failure = "the page's process has ended; start anew to see it"
+                self.failure = "the page's process has ended; restart to serve it again"
                 logger.error("%s", self.failure)
             self.changed.notify_all()
 
@@ -200,17 +200,17 @@ class PageProcess:
             self.changed.notify_all()
         self.process.terminate()
         try:
-            self.process.wait(PATIENCE)
+            self.process.wait(END_TIMEOUT)
         except subprocess.TimeoutExpired:
             # A process that is stopped by a signal cannot end by itself.
             self.process.kill()
-            self.process.wait(PATIENCE)
-        self.make_room()
+            self.process.wait(END_TIMEOUT)
+        self.drop_orders()
         for thread in self.threads:
-            thread.join(PATIENCE)
+            thread.join(END_TIMEOUT)
         self.connection.close()
 
-    def make_room(self) -> None:
+    def drop_orders(self) -> None:
         """Drop the orders that wait, and end the thread that executes them."""
         try:
             while True:

@@ -1,6 +1,7 @@
 """This module shows a recording in the browser, on a timeline for labelling."""
 
 from collections.abc import Callable
+from html import escape
 from threading import RLock
 from typing import final
 
@@ -10,12 +11,18 @@ from viser import GuiApi, GuiEvent, Icon, ViserServer
 
 from eskin.errors import RecordingError
 from eskin.page import ColourScale, ViewUpdate, panel
-from eskin.page.page import BRAND, DISTANCE, MIDDLE, SCALE, WIDTH
+from eskin.page.page import BRAND, CAMERA_DISTANCE, CAMERA_TARGET, SCALE, WIDTH
 from eskin.page.scene import Scene
 from eskin.recording import NONE, Label
 from eskin.skin import MountedSkin
 from eskin.viewer.appearance import describe_scene
-from eskin.viewer.editing import LabelEditor, LoadedRecording, Pair, compare, envelope
+from eskin.viewer.editing import (
+    LabelEditor,
+    LoadedRecording,
+    Pair,
+    compute_envelope,
+    match_detections,
+)
 from eskin.viewer.viewer import pack_poses
 
 
@@ -67,11 +74,11 @@ class Overview:
     """Draws the recording again when the labels or the position change."""
 
     def __init__(
-        self, gui: GuiApi, loaded: LoadedRecording, editing: LabelEditor
+        self, gui: GuiApi, loaded: LoadedRecording, editor: LabelEditor
     ) -> None:
         """Draw the recording with the position at its beginning."""
-        self.editing = editing
-        self.peak = envelope(loaded.peak, BINS)
+        self.editor = editor
+        self.peak = compute_envelope(loaded.peak, BINS)
         self.length = float(loaded.seconds[-1])
         self.times = np.linspace(0.0, self.length, len(self.peak))
         self.plot = gui.add_uplot(
@@ -119,17 +126,17 @@ class Overview:
 
     def data(self, seconds: float) -> tuple[Float[np.ndarray, "bin"], ...]:
         """Return times [s], labels, peaks [kPa], detections and the position."""
-        editing, times = self.editing, self.times
+        editor, times = self.editor, self.times
         labelled, detected, here = np.full((3, len(times)), OUTSIDE)
-        for label in editing.labels:
-            start, end = editing.seconds(label.start), editing.seconds(label.end)
+        for label in editor.labels:
+            start, end = editor.seconds(label.start), editor.seconds(label.end)
             labelled[(times >= start) & (times < end)] = 0.94
-        for found in editing.recording.detections:
-            detected[self.bin_at(editing.seconds(found.stamp))] = 0.9
-        here[self.bin_at(seconds)] = 1.0
+        for found in editor.recording.detections:
+            detected[self.find_bin(editor.seconds(found.stamp))] = 0.9
+        here[self.find_bin(seconds)] = 1.0
         return times, labelled, self.peak, detected, here
 
-    def bin_at(self, seconds: float) -> int:
+    def find_bin(self, seconds: float) -> int:
         """Return the index of a time [s] in the plot."""
         share = seconds / self.length if self.length else 0.0
         return int(
@@ -149,8 +156,8 @@ class Timeline:
     """Shows the scene and the panel of a recording; `tick` advances it.
 
     Attributes:
-        playing: clock of the playback.
-        editing: editor of the labels.
+        clock: clock of the playback.
+        editor: editor of the labels.
     """
 
     def __init__(
@@ -158,25 +165,25 @@ class Timeline:
         server: ViserServer,
         mounted: MountedSkin,
         loaded: LoadedRecording,
-        editing: LabelEditor,
+        editor: LabelEditor,
     ) -> None:
         """Show the first reading."""
         self.server, self.mounted, self.loaded = server, mounted, loaded
-        self.editing = editing
+        self.editor = editor
         self.lock = RLock()
-        self.playing = PlaybackClock(float(loaded.seconds[-1]))
+        self.clock = PlaybackClock(float(loaded.seconds[-1]))
         self.shown = -1
         gui = server.gui
         gui.configure_theme(show_logo=False, show_share_button=False, brand_color=BRAND)
         gui.main_panel.dock_right()
         gui.main_panel.set_width(WIDTH)
-        gui.set_panel_label(editing.recording.path.name)
+        gui.set_panel_label(editor.recording.path.name)
         self.scale = ColourScale(SCALE)
         self.scene = Scene(server, describe_scene(mounted, GESTURES), self.scale)
-        self.scene.look(MIDDLE, DISTANCE)
+        self.scene.set_camera(CAMERA_TARGET, CAMERA_DISTANCE)
         self.status = gui.add_html("")
-        self.overview = Overview(gui, loaded, editing)
-        self.legend = gui.add_html(panel.block(self.scale.legend()))
+        self.overview = Overview(gui, loaded, editor)
+        self.legend = gui.add_html(panel.render_block(self.scale.legend()))
         self.add_transport()
         tabs = gui.add_tab_group()
         with tabs.add_tab("Label", Icon.TAG):
@@ -188,11 +195,11 @@ class Timeline:
 
     def add_transport(self) -> None:
         """Add the controls of the playback: time, speed, previous and next label."""
-        gui, playing = self.server.gui, self.playing
+        gui, clock = self.server.gui, self.clock
         self.slider = gui.add_slider(
             "time [s]",
             min=0.0,
-            max=max(playing.length, STEP),
+            max=max(clock.length, STEP),
             step=STEP,
             initial_value=0.0,
         )
@@ -204,19 +211,19 @@ class Timeline:
             # A change made by `tick` has no client.
             if event.client_id is not None:
                 with self.lock:
-                    playing.seek(float(event.target.value))
+                    clock.seek(float(event.target.value))
 
         @keys.on_click
         async def _(event: GuiEvent) -> None:
             with self.lock:
                 if event.target.value == "play/pause":
-                    playing.toggle()
+                    clock.toggle()
                 else:
-                    self.pick_beside(1 if event.target.value == "next" else -1)
+                    self.select_neighbour(1 if event.target.value == "next" else -1)
 
         @speed.on_update
         async def _(event: GuiEvent) -> None:
-            playing.speed = float(event.target.value)
+            clock.speed = float(event.target.value)
 
     def add_label(self) -> None:
         """Add the controls that select, add, change, remove and save labels."""
@@ -234,12 +241,12 @@ class Timeline:
         async def _(event: GuiEvent) -> None:
             if event.client_id is not None:
                 with self.lock:
-                    self.show_label(self.picked())
+                    self.show_label(self.selected())
 
         @here.on_click
         async def _(event: GuiEvent) -> None:
             field = self.start if event.target.value == "start" else self.end
-            field.value = round(self.playing.seconds, 3)
+            field.value = round(self.clock.seconds, 3)
 
         @change.on_click
         async def _(event: GuiEvent) -> None:
@@ -252,62 +259,62 @@ class Timeline:
 
     def gestures(self) -> tuple[str, ...]:
         """Return the gestures of the recording, then the common ones."""
-        known = [label.gesture for label in self.editing.labels]
+        known = [label.gesture for label in self.editor.labels]
         return tuple(dict.fromkeys([*known, *GESTURES, NONE]))
 
-    def name_of(self, label: Label) -> str:
+    def format_label(self, label: Label) -> str:
         """Return the name of a label in the list of labels."""
-        start, end = (self.editing.seconds(x) for x in (label.start, label.end))
+        start, end = (self.editor.seconds(x) for x in (label.start, label.end))
         return f"{start:.2f} to {end:.2f} s: {label.gesture}"
 
-    def picked(self) -> Label | None:
+    def selected(self) -> Label | None:
         """Return the selected label; None for a new one."""
-        found = {self.name_of(label): label for label in self.editing.labels}
+        found = {self.format_label(label): label for label in self.editor.labels}
         return found.get(self.pick.value)
 
     def show_label(self, label: Label | None) -> None:
         """Show a label in the fields and move to its start."""
         if label is not None:
             self.gesture.value = label.gesture
-            self.start.value = round(self.editing.seconds(label.start), 3)
-            self.end.value = round(self.editing.seconds(label.end), 3)
-            self.playing.seek(self.editing.seconds(label.start))
+            self.start.value = round(self.editor.seconds(label.start), 3)
+            self.end.value = round(self.editor.seconds(label.end), 3)
+            self.clock.seek(self.editor.seconds(label.start))
 
-    def pick_beside(self, step: int) -> None:
+    def select_neighbour(self, step: int) -> None:
         """Select the label before or after the current position."""
-        now = self.editing.stamp(self.playing.seconds)
-        labels = self.editing.labels
+        now = self.editor.stamp(self.clock.seconds)
+        labels = self.editor.labels
         after = [label for label in labels if label.start > now]
         before = [label for label in labels if label.start < now]
         beside = after[:1] if step > 0 else before[-1:]
         for label in beside:
-            self.pick.value = self.name_of(label)
+            self.pick.value = self.format_label(label)
             self.show_label(label)
 
     def set_label(self) -> str:
         """Change the selected label or add a new one, and return a message."""
         fields = self.gesture.value, float(self.start.value), float(self.end.value)
-        old = self.picked()
+        old = self.selected()
         label = (
-            self.editing.add(*fields)
+            self.editor.add(*fields)
             if old is None
-            else self.editing.change(old, *fields)
+            else self.editor.change(old, *fields)
         )
         self.list_labels(label)
-        return f"{self.name_of(label)}; not saved yet"
+        return f"{self.format_label(label)}; not saved yet"
 
     def remove_label(self) -> str:
         """Remove the selected label and return a message."""
-        label = self.picked()
+        label = self.selected()
         if label is None:
-            return "no label is picked"
-        self.editing.remove(label)
+            return "no label is selected"
+        self.editor.remove(label)
         self.list_labels()
-        return f"removed {self.name_of(label)}; not saved yet"
+        return f"removed {self.format_label(label)}; not saved yet"
 
     def save(self) -> str:
         """Write the recording and return a message."""
-        kept = self.editing.save()
+        kept = self.editor.save()
         return f"saved; the recording as it was is {kept.name}"
 
     def attempt(self, action: Callable[[], str]) -> None:
@@ -317,25 +324,25 @@ class Timeline:
                 text = action()
             except (RecordingError, OSError) as error:
                 text = str(error)
-            self.note.content = panel.block(panel.plain(text))
+            self.note.content = panel.render_block(escape(text))
 
     def list_labels(self, chosen: Label | None = None) -> None:
         """Show the current labels in the list, the plot and the comparison."""
-        names = [self.name_of(label) for label in self.editing.labels]
+        names = [self.format_label(label) for label in self.editor.labels]
         self.pick.options = (NEW, *names)
-        self.pick.value = NEW if chosen is None else self.name_of(chosen)
-        self.overview.draw(self.playing.seconds)
-        pairs = compare(self.editing.labels, self.editing.recording.detections)
-        self.table.content = self.table_of(pairs)
+        self.pick.value = NEW if chosen is None else self.format_label(chosen)
+        self.overview.draw(self.clock.seconds)
+        pairs = match_detections(self.editor.labels, self.editor.recording.detections)
+        self.table.content = self.render_table(pairs)
 
-    def table_of(self, pairs: tuple[Pair, ...]) -> str:
+    def render_table(self, pairs: tuple[Pair, ...]) -> str:
         """Return labels beside detections as HTML."""
         right = sum(pair.is_right for pair in pairs)
         rows = [
             (
-                self.editing.seconds(pair.label.start)
+                self.editor.seconds(pair.label.start)
                 if pair.label
-                else self.editing.seconds(pair.detection.onset)
+                else self.editor.seconds(pair.detection.onset)
                 if pair.detection
                 else 0.0,
                 pair.label.gesture if pair.label else "-",
@@ -346,29 +353,29 @@ class Timeline:
             )
             for pair in pairs
         ]
-        return panel.comparison(rows, right)
+        return panel.render_comparison(rows, right)
 
     def tick(self, elapsed: float) -> None:
         """Advance by a time [s] and show the reading at the new position."""
         with self.lock, self.server.atomic():
-            if self.playing.advance(elapsed):
-                self.slider.value = round(self.playing.seconds, 2)
-            row = self.loaded.at(self.playing.seconds)
+            if self.clock.advance(elapsed):
+                self.slider.value = round(self.clock.seconds, 2)
+            row = self.loaded.at(self.clock.seconds)
             if row != self.shown:
                 self.shown = row
                 self.scene.show(self.build_update(row))
-                self.status.content = self.status_of(row)
-                self.overview.draw(self.playing.seconds)
+                self.status.content = self.render_status(row)
+                self.overview.draw(self.clock.seconds)
 
-    def status_of(self, row: int) -> str:
+    def render_status(self, row: int) -> str:
         """Return time, force, peak and label of a reading as HTML."""
-        now = self.editing.recording.start + round(self.loaded.seconds[row] * 1e9)
-        here = [x.gesture for x in self.editing.labels if x.start <= now < x.end]
-        return panel.numbers(
+        now = self.editor.recording.start + round(self.loaded.seconds[row] * 1e9)
+        here = [x.gesture for x in self.editor.labels if x.start <= now < x.end]
+        return panel.render_numbers(
             ("time", f"{self.loaded.seconds[row]:.2f} s"),
             ("force", f"{self.loaded.force[row]:.1f} N"),
             ("peak", f"{self.loaded.peak[row]:.0f} kPa"),
-            ("label", panel.word(here[-1]) if here else "-"),
+            ("label", panel.to_words(here[-1]) if here else "-"),
         )
 
     def build_update(self, row: int) -> ViewUpdate:

@@ -1,4 +1,4 @@
-"""This module provides the browser view as a listener."""
+"""This module provides the listener that shows a stream in the browser."""
 
 from collections import deque
 from collections.abc import Callable
@@ -92,7 +92,7 @@ class ArmStatus(Protocol):
 
 @final
 class FrameEncoder:
-    """Builds updates, and holds log entries until the next one."""
+    """Builds updates of the page, and holds log entries until the next update."""
 
     def __init__(self, mounted: MountedSkin, begin: int) -> None:
         """Start with an empty log.
@@ -105,9 +105,8 @@ class FrameEncoder:
         self.begin = begin
         self.log_entries: deque[LogEntry] = deque(maxlen=MAX_LOG_ENTRIES)
         self.last_event: Event | None = None
-        robot = mounted.robot
-        q = np.zeros(len(robot.joint_names))
-        self.T_world_link = mounted.kinematics.poses(q)
+        joints = len(mounted.robot.joint_names)
+        self.T_world_link = mounted.kinematics.poses(np.zeros(joints))
 
     def seconds(self, stamp: int) -> float:
         """Return the time of a stamp since `begin` [s]."""
@@ -117,9 +116,9 @@ class FrameEncoder:
         """Add a detection, an event or a command to the log."""
         match item:
             case Detection():
-                self.log_entries.append(self.detection(item))
+                self.log_entries.append(self.describe_detection(item))
             case Event() if found_together(self.last_event, item):
-                # Of faults found together one is logged; the page shows their number.
+                # Of faults found together one is logged; the page counts all.
                 pass
             case Event():
                 self.last_event = item
@@ -131,7 +130,7 @@ class FrameEncoder:
                 text = item.action + (f": {item.why}" if item.why else "")
                 self.log_entries.append(LogEntry(self.seconds(item.stamp), kind, text))
 
-    def detection(self, detection: Detection) -> LogEntry:
+    def describe_detection(self, detection: Detection) -> LogEntry:
         """Return the log entry of a detection, with its position on its link."""
         link = self.mounted.robot.link_index(detection.link)
         x, y, z = apply(invert(self.T_world_link[link]), detection.p_world).tolist()
@@ -148,22 +147,22 @@ class FrameEncoder:
 
     def build_update(
         self,
-        moment: RecognitionState,
+        recognised: RecognitionState,
         rate: float,
         step: float,
         age: float,
         arm: ArmSummary | None,
     ) -> ViewUpdate:
-        """Return the update of one moment.
+        """Return the update that shows a state of the recognition.
 
         Args:
-            moment: state of the recognition.
+            recognised: state of the recognition.
             rate: rate of readings [1/s].
             step: median time to recognise one reading [s].
             age: age of the reading when its processing was complete [s].
             arm: summary of the arm; None without an arm.
         """
-        state = moment.state
+        state = recognised.state
         reading = state.reading
         self.T_world_link = self.mounted.kinematics.poses(reading.q)
         contacts = sorted(state.contacts, key=lambda contact: -contact.force)
@@ -175,8 +174,8 @@ class FrameEncoder:
             poses=pack_poses(self.T_world_link),
             pressure=np.where(reading.valid, reading.pressure, 0.0).astype(np.float16),
             valid=np.packbits(reading.valid),
-            contacts=tuple(map(self.mark, contacts[:MAX_CONTACTS])),
-            touches=self.touches(moment),
+            contacts=tuple(map(self.build_marker, contacts[:MAX_CONTACTS])),
+            touches=self.build_touches(recognised),
             force=sum((contact.force for contact in contacts), 0.0),
             peak=max((contact.peak for contact in contacts), default=0.0),
             log_entries=entries,
@@ -187,24 +186,24 @@ class FrameEncoder:
             arm=arm,
         )
 
-    def mark(self, contact: Contact) -> ContactMarker:
+    def build_marker(self, contact: Contact) -> ContactMarker:
         """Return the marker of a contact, in the frame of its link."""
         link = self.mounted.robot.link_index(contact.link)
         n_link = rotate(invert(self.T_world_link[link]), contact.n_world)
         radius = float(np.sqrt(contact.area / np.pi))
         return ContactMarker(link, contact.p_link, n_link, radius)
 
-    def touches(self, moment: RecognitionState) -> tuple[OpenTouch, ...]:
+    def build_touches(self, recognised: RecognitionState) -> tuple[OpenTouch, ...]:
         """Return the open touches with their probabilities, strongest first."""
         found = [
             OpenTouch(
                 touch.id,
                 touch.contact.link,
                 touch.contact.force,
-                moment.probabilities[touch.id].astype(np.float32),
+                recognised.probabilities[touch.id].astype(np.float32),
             )
-            for touch in moment.state.touches
-            if touch.id in moment.probabilities
+            for touch in recognised.state.touches
+            if touch.id in recognised.probabilities
         ]
         return tuple(sorted(found, key=lambda touch: -touch.force))
 
@@ -251,13 +250,11 @@ class ViewerConfig:
 
     port: int = 8080
     """Port of 127.0.0.1; 0 for any free one."""
-
     touchable: bool = False
     """Whether the page may send touches and other orders.
 
-    Never set it with a real robot, unless its owner permits it.
+    Do not set it with a real robot, unless its owner permits it.
     """
-
     skins: tuple[str, ...] = ()
     """Skins offered for selection; the first is the current one."""
 
@@ -318,9 +315,9 @@ class Viewer(Listener):
         """
         self.context = context
         self.encoder = FrameEncoder(self.mounted, context.clock.now())
-        self.page = PageProcess(self.setup(), self.config.port, self.on_order)
+        self.page = PageProcess(self.describe_scene(), self.config.port, self.on_order)
 
-    def setup(self) -> SceneDescription:
+    def describe_scene(self) -> SceneDescription:
         """Return the description of the scene, which is sent once."""
         return describe_scene(
             self.mounted,
@@ -332,23 +329,26 @@ class Viewer(Listener):
         )
 
     def on_message(self, item: Message) -> None:
-        """Add a message to the log; show a recognition state once in 40 ms."""
+        """Add a message to the log; show a recognition state at most every 40 ms."""
         if not isinstance(item, RecognitionState):
             self.encoder.note(item)
             return
         now = monotonic()
-        self.count_up(self.context.clock.now() / NS_PER_S)
+        self.update_rate(self.context.clock.now() / NS_PER_S)
         if now < self.due or self.page is None or not self.page.wants():
             return
         self.due = max(self.due + 1 / MAX_UPDATE_RATE, now)
-        step, stamp = self.recognition.step.quantile(0.5), item.state.reading.stamp
-        arm = None if self.arm is None else describe_arm(self.arm.state())
-        age = self.context.age(stamp)
-        update = self.encoder.build_update(item, self.rate, step, age, arm)
+        update = self.encoder.build_update(
+            item,
+            self.rate,
+            step=self.recognition.step.quantile(0.5),
+            age=self.context.age(item.state.reading.stamp),
+            arm=None if self.arm is None else describe_arm(self.arm.state()),
+        )
         board = None if self.board is None else self.board()
         self.page.give(replace(update, board=board))
 
-    def count_up(self, now: float) -> None:
+    def update_rate(self, now: float) -> None:
         """Measure the rate of readings once a second."""
         self.count += 1
         elapsed = now - self.counted_from
@@ -369,7 +369,7 @@ class Viewer(Listener):
         """
         if self.page is None:
             raise DeviceError(
-                "there is no page; allowed is a viewer of a running stream; start it"
+                "there is no page; allowed is the viewer of a running stream; start it"
             )
         return self.page.wait_ready(timeout)
 

@@ -1,5 +1,6 @@
-"""This module makes one clip or stream from its plan."""
+"""This module simulates one clip or stream from its plan."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from functools import lru_cache
 
@@ -37,32 +38,32 @@ from eskin.sim.sensor.sensor import sense
 
 @dataclass(frozen=True, eq=False)
 class SimulatedClip:
-    """A simulated clip holds what the sensor counted and what was really done."""
+    """A simulated clip holds the counts of the sensor and the ground truth."""
 
     counts: Int[np.ndarray, "reading taxel"]
-    """Counts of the converter (int32), one row for each reading of the sensor."""
+    """Counts of the converter (int32)."""
     received: Bool[np.ndarray, "reading taxel"]
-    """False where no fresh data came."""
+    """False where no new data was received."""
     q: Float[np.ndarray, "reading joint"]
     """Joint positions [rad]."""
     truths: tuple[TrueTouchSeries, ...]
-    """True touches, by number; empty where nothing touched."""
+    """True touches, by number."""
     pose_group: int
-    """Group of the pose at its start."""
+    """Group of the pose at the start of the clip."""
     drawn: dict[str, float | str]
-    """Every parameter that was drawn for it, by name."""
+    """Every parameter that was drawn for the clip, by name."""
 
 
 @lru_cache(maxsize=16)
 def get_build(origin: BuildOrigin, env: SimEnvironment) -> SensorBuild:
-    """Return the build of an origin, the same one every time."""
+    """Return the sensor build of an origin, cached."""
     skin, constants = env.mounted.skin, env.constants
     return draw_build(origin.name, origin.kind, skin, constants, origin.rng())
 
 
 @lru_cache(maxsize=16)
 def get_session(origin: Origin, build: SensorBuild) -> SensorSession:
-    """Return the session of an origin, the same one every time."""
+    """Return the sensor session of an origin, cached."""
     return draw_session(build, origin.rng())
 
 
@@ -78,13 +79,13 @@ def simulate_clip(
     """Simulate the counts of a scene, and its ground truth.
 
     Args:
-        scene: scene, from `lead` steps before the clip on.
+        scene: scene that begins `lead` steps before the clip.
         lead: steps before the clip, in which contacts and creep build up.
-        build: skin as built.
+        build: sensor build.
         session: drift since calibration.
         env: robot in its skin.
         rng: random generator of noise.
-        stages: stages of the sensor that work; all unless given.
+        stages: stages of the sensor that are simulated; all unless given.
     """
     skin = env.mounted.skin
     touch_presses = compute_touch_presses(scene, env)
@@ -96,29 +97,17 @@ def simulate_clip(
     truths = compute_true_series(
         scene, touch_presses, env.charts, env.mounted, lead, env
     )
-    return SimulatedClip(
-        counts=counts,
-        received=received,
-        q=scene.q[lead::every][: len(counts)],
-        truths=truths,
-        pose_group=0,
-        drawn={},
-    )
+    q = scene.q[lead::every][: len(counts)]
+    return SimulatedClip(counts, received, q, truths, pose_group=0, drawn={})
 
 
-HOUR = 3600.0
-"""Length of an hour [s]."""
-
-
-def add_event_to_clip(clip: SimulatedClip, setup: ClipSetup) -> SimulatedClip:
-    """Return a clip with an electrical event in it."""
-    return add_event(clip, setup, "electrical", None)
+SECONDS_PER_HOUR = 3600.0
 
 
 def add_events_to_stream(clip: SimulatedClip, setup: ClipSetup) -> SimulatedClip:
-    """Return a stream with electrical events at random times, so many an hour."""
+    """Return a stream with electrical events at random times, at a constant rate."""
     constants, rng = setup.env.constants, setup.rng
-    rate = constants.value("stream.electrical") / HOUR
+    rate = constants.value("stream.electrical") / SECONDS_PER_HOUR
     for number in range(rng.poisson(rate * setup.plan.seconds)):
         onset = int(rng.integers(len(clip.counts)))
         clip = add_event(clip, setup, f"electrical{number}", onset)
@@ -128,14 +117,7 @@ def add_events_to_stream(clip: SimulatedClip, setup: ClipSetup) -> SimulatedClip
 def add_event(
     clip: SimulatedClip, setup: ClipSetup, name: str, onset: int | None
 ) -> SimulatedClip:
-    """Return a clip with one more event.
-
-    Args:
-        clip: clip as simulated.
-        setup: setup of the clip.
-        name: name under which the event is recorded.
-        onset: reading at which it begins; None draws it.
-    """
+    """Return a clip with an electrical event that begins at a reading, or anywhere."""
     event = ELECTRICAL_EVENTS[setup.rng.integers(len(ELECTRICAL_EVENTS))]
     build = get_build(setup.plan.build, setup.env)
     counts, received, drawn = add_electrical_event(
@@ -153,20 +135,15 @@ def add_event(
 
 
 def make_clip(plan: ClipPlan, env: SimEnvironment) -> SimulatedClip:
-    """Make one clip or stream alone, the same one every time.
+    """Simulate the clip or stream of a plan, the same one every time.
 
     Raises:
-        ValueError: the plan asks for what the robot or the skin cannot do.
+        ValueError: the plan needs what the robot or the skin cannot do.
     """
-    rng, constants = plan.rng(), env.constants
-    person, groups = get_person(plan.person, env), frozenset(plan.groups)
+    rng = plan.rng()
     kind = plan.kind or ""
     if plan.gesture is not None and not kind:
-        kind = choose_kind(plan.gesture, None, person, constants, rng, plan.difficulty)
-        while kind == "self_contact" and not can_touch_itself(env, groups):
-            kind = choose_kind(
-                plan.gesture, None, person, constants, rng, plan.difficulty
-            )
+        kind = draw_clip_kind(plan, plan.gesture, env, rng)
     setup = set_up_clip(plan, kind, env, rng)
     if plan.gesture is None:
         touches = draw_stream(setup)
@@ -174,21 +151,33 @@ def make_clip(plan: ClipPlan, env: SimEnvironment) -> SimulatedClip:
         touches = draw_touches(setup, plan.gesture, kind)
     build = get_build(plan.build, env)
     session = get_session(plan.session, build)
-    clip = simulate_clip(
-        TouchScene(setup.q, touches), setup.lead, build, session, env, rng
-    )
+    scene = TouchScene(setup.q, touches)
+    clip = simulate_clip(scene, setup.lead, build, session, env, rng)
+    start = setup.q[setup.lead]
+    drawn = collect_joint_values(env, start) | {"folded": float(setup.folded)}
     clip = replace(
         clip,
-        pose_group=compute_pose_group(env, setup.q[setup.lead]),
-        drawn=collect_drawn(setup, touches),
+        pose_group=compute_pose_group(env, start),
+        drawn=drawn | collect_touch_values(touches),
     )
     if kind == "electrical":
-        return add_event_to_clip(clip, setup)
+        return add_event(clip, setup, "electrical", None)
     return add_events_to_stream(clip, setup) if kind == QUIET else clip
 
 
+def draw_clip_kind(
+    plan: ClipPlan, gesture: str, env: SimEnvironment, rng: np.random.Generator
+) -> str:
+    """Draw a variant of the gesture of a clip that its pose groups permit."""
+    person, groups = get_person(plan.person, env), frozenset(plan.groups)
+    while True:
+        kind = choose_kind(gesture, None, person, env.constants, rng, plan.difficulty)
+        if kind != "self_contact" or can_touch_itself(env, groups):
+            return kind
+
+
 def draw_touches(setup: ClipSetup, gesture: str, kind: str) -> tuple[TrueTouch, ...]:
-    """Draw the touch that a clip is made for, and perhaps a smaller one beside it."""
+    """Draw the main touch of a clip, and perhaps a smaller one at the same time."""
     person = get_person(setup.plan.person, setup.env)
     touch = perform_at(setup, person, gesture, kind, setup.lead)
     start = draw_start(touch, setup.steps, setup.env.constants, setup.rng)
@@ -198,16 +187,17 @@ def draw_touches(setup: ClipSetup, gesture: str, kind: str) -> tuple[TrueTouch, 
     return (touch,)
 
 
-def collect_drawn(
-    setup: ClipSetup, touches: tuple[TrueTouch, ...]
+def collect_joint_values(
+    env: SimEnvironment, q: Float[np.ndarray, "joint"]
 ) -> dict[str, float | str]:
-    """Collect every parameter of the clip, by name."""
-    joints = setup.env.mounted.robot.joint_names
-    start = setup.q[setup.lead].tolist()
-    drawn: dict[str, float | str] = {
-        f"q.{joint}": value for joint, value in zip(joints, start, strict=True)
-    }
-    drawn["folded"] = float(setup.folded)
+    """Return joint positions by name, such as `q.elbow_joint` [rad]."""
+    joints = env.mounted.robot.joint_names
+    return {f"q.{name}": value for name, value in zip(joints, q.tolist(), strict=True)}
+
+
+def collect_touch_values(touches: Iterable[TrueTouch]) -> dict[str, float | str]:
+    """Return the kinds and drawn parameters of touches, such as `touch0.kind`."""
+    drawn: dict[str, float | str] = {}
     for number, touch in enumerate(touches):
         drawn[f"touch{number}.kind"] = touch.kind
         drawn |= {f"touch{number}.{name}": each for name, each in touch.drawn.items()}

@@ -1,4 +1,4 @@
-"""Clip generators make clips from their plans."""
+"""Clip generators simulate clips from their plans."""
 
 from abc import ABC, abstractmethod
 from typing import final
@@ -6,7 +6,7 @@ from typing import final
 from eskin.errors import GenerationError
 from eskin.sim.constants import Constants, load_constants
 from eskin.sim.dataset.clip import SimulatedClip, get_build, make_clip
-from eskin.sim.dataset.pairs import make_pair_clip
+from eskin.sim.dataset.pairs import simulate_pair
 from eskin.sim.dataset.plan import SOURCE_SKINS, BuildOrigin, ClipPlan
 from eskin.sim.scene.environment import build_environment, mount_preset
 from eskin.skin import SKIN_PRESETS, MountedSkin
@@ -14,7 +14,7 @@ from eskin.touch import Calibration
 
 
 class ClipGenerator(ABC):
-    """A clip generator makes clips of one skin; the same plan gives the same clip."""
+    """A clip generator simulates clips of one skin, always the same from one plan."""
 
     mounted: MountedSkin
     """Skin on its robot."""
@@ -23,7 +23,7 @@ class ClipGenerator(ABC):
 
     @abstractmethod
     def make(self, plan: ClipPlan) -> SimulatedClip:
-        """Make the clip of a plan, or the stream of a plan without gesture."""
+        """Simulate the clip of a plan, or the stream of a plan without gesture."""
 
     @abstractmethod
     def calibration(self, build: BuildOrigin) -> Calibration:
@@ -32,14 +32,14 @@ class ClipGenerator(ABC):
 
 @final
 class Simulator(ClipGenerator):
-    """The simulator makes clips of people who touch a preset skin."""
+    """The simulator generates clips of people who touch a preset skin."""
 
     def __init__(self, skin: str = "ur5", constants: Constants | None = None) -> None:
         """Prepare the skin.
 
         Args:
             skin: name of a preset.
-            constants: constants of the simulation; the published ones unless given.
+            constants: constants of the simulation; the published ones by default.
 
         Raises:
             GenerationError: there is no preset of that name.
@@ -55,9 +55,10 @@ class Simulator(ClipGenerator):
         self.env = build_environment(mounted, constants or load_constants())
 
     def make(self, plan: ClipPlan) -> SimulatedClip:
-        """Make the clip of a plan, or the stream of a plan without gesture."""
+        """Simulate the clip of a plan, or the stream of a plan without gesture."""
         if plan.pair is not None:
-            return make_pair_clip(plan, self.env)
+            pair = simulate_pair(plan, self.env)
+            return pair.second if plan.pair.is_second else pair.first
         return make_clip(plan, self.env)
 
     def calibration(self, build: BuildOrigin) -> Calibration:

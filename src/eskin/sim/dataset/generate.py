@@ -1,4 +1,4 @@
-"""This module generates sets of clips with any number of processes."""
+"""This module generates sets of clips, with any number of processes."""
 
 import multiprocessing
 import os
@@ -28,23 +28,23 @@ from eskin.sim.dataset.settings import SETTINGS_NAME, GenerationSettings, claim_
 
 
 class SetFolder:
-    """A set folder grows file by file in the set's order, and files are whole."""
+    """A set folder receives complete files and index lines, in the set's order."""
 
     def __init__(self, folder: Path, sessions: Sequence[SessionPlan]) -> None:
-        """Open the folder without changing what an earlier generation left."""
+        """Open the folder without changing anything in it."""
         self.folder = folder
         self.sessions = tuple(sessions)
         self.index = folder / INDEX_NAME
 
     def resume(self) -> int:
-        """Remove incomplete files; return how many are complete.
+        """Remove incomplete files; return the number of complete ones.
 
-        Files count as far as each exists and has a line of the index for every clip, in
-        the order in which they were made.
+        A file is complete if it exists, the index has a line for each of its clips, and
+        all files before it are complete.
         """
         kept = done = 0
         for session_plan in self.sessions:
-            size = self.find_size(session_plan, kept)
+            size = self.find_index_size(session_plan, kept)
             if size is None:
                 break
             kept, done = kept + size, done + 1
@@ -59,8 +59,8 @@ class SetFolder:
             path.with_name(path.name + ".part").unlink(missing_ok=True)
         return done
 
-    def find_size(self, session_plan: SessionPlan, start: int) -> int | None:
-        """Return the bytes of a file's lines in the index; None if they are cut."""
+    def find_index_size(self, session_plan: SessionPlan, start: int) -> int | None:
+        """Return the bytes of a file's index lines, or None if it is incomplete."""
         if not (self.index.exists() and (self.folder / session_plan.file).exists()):
             return None
         begin = f'{{"file": "{session_plan.file}", "number": '.encode()
@@ -69,15 +69,14 @@ class SetFolder:
             file.seek(start)
             for number in range(session_plan.clips):
                 line = file.readline()
-                if not (
-                    line.startswith(begin + b"%d," % number) and line[-1:] == b"\n"
-                ):
+                complete = line[-1:] == b"\n"
+                if not (complete and line.startswith(begin + b"%d," % number)):
                     return None
                 size += len(line)
         return size
 
     def add(self, rows: Sequence[ClipRow]) -> None:
-        """Append the clips of the next file, which exists already."""
+        """Append the rows of the next file, which exists already, to the index."""
         with self.index.open("a", encoding="utf-8") as file:
             file.write(to_text(rows))
             file.flush()
@@ -85,18 +84,18 @@ class SetFolder:
 
 
 stop_events: list[Event] = []
-"""Event at which this process stops its work."""
+"""Event that stops this worker process; empty in the main process."""
 
 
 def start_worker(stop: Event) -> None:
-    """Prepare this process: it ends with its parent, which alone handles Ctrl-C."""
+    """Prepare a worker, which ignores Ctrl-C and ends with its parent process."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     stop_events[:] = [stop]
     threading.Thread(target=exit_with_parent, daemon=True).start()
 
 
 def exit_with_parent() -> None:
-    """Wait for the parent to be gone, then exit at once."""
+    """Wait for the parent process to end, then exit at once."""
     parent = parent_process()
     if parent is not None:
         wait([parent.sentinel])
@@ -104,14 +103,14 @@ def exit_with_parent() -> None:
 
 
 def check_stopped() -> None:
-    """Raise if the parent asked to stop."""
+    """Raise an error if the parent process stopped the generation."""
     if any(stop.is_set() for stop in stop_events):
         raise GenerationError("generation was stopped")
 
 
 @lru_cache(maxsize=1)
 def get_generator(factory: Callable[[str], ClipGenerator], skin: str) -> ClipGenerator:
-    """Return the clip generator of a skin, built once a process."""
+    """Return the clip generator of a skin, built once per process."""
     return factory(skin)
 
 
@@ -128,27 +127,27 @@ def write_file(
 
 THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 PENDING_PER_WORKER = 2
-"""Files in work or waiting for their turn in the index, for each process."""
+"""Files per process that are being written or wait for their turn in the index."""
 
 Rows = Generator[tuple[ClipRow, ...], None, None]
 
 
 @dataclass(frozen=True)
 class GenerationResult:
-    """This result counts what was generated."""
+    """A generation result holds counts of what was generated."""
 
     clips: int
     """Clips in the folder."""
     made: int
-    """Clips among them that were not there before."""
+    """Clips that were generated now."""
     files: int
     """Recordings in the folder."""
     seconds: float
-    """Time it took [s]."""
+    """Duration of the generation [s]."""
 
     @property
     def clips_per_minute(self) -> float:
-        """Return the clips made in a minute."""
+        """Return the number of clips generated per minute."""
         return 60 * self.made / self.seconds if self.made else 0.0
 
 
@@ -159,69 +158,52 @@ def generate(
     factory: Callable[[str], ClipGenerator] = Simulator,
     on_progress: Callable[[int], None] = lambda done: None,
 ) -> GenerationResult:
-    """Generate a set, or what is missing of it.
+    """Generate a set, or the part of it that is missing.
 
-    Complete files stay whatever happens, and are not made again. Neither recordings nor
-    index depend on the number of workers.
+    Complete files are kept, even after an error, and are not generated again. Neither
+    recordings nor index depend on the number of workers.
 
     Args:
         folder: folder of the set; created if it is missing.
         settings: settings of the set.
-        workers: number of processes; 0 works in this one.
-        factory: function that builds the clip generator of a skin; other processes must
-            find it by name.
-        on_progress: function that is called with the number of clips that are done.
+        workers: number of processes; 0 uses the calling one.
+        factory: function that builds the clip generator of a skin; must be importable
+            by other processes.
+        on_progress: function that is called with the number of complete clips.
 
     Raises:
         GenerationError: the folder holds something else, or a clip cannot be made.
     """
     if workers < 0:
-        raise ValueError(f"{workers} workers asked; allowed are 0 and above")
+        raise ValueError(
+            f"{workers} workers requested; allowed are 0 and above; change it"
+        )
     started, folder = time.monotonic(), Path(folder)
     claim_folder(folder, settings)
     with lock_folder(folder):
-        return generate_missing(
-            folder, settings, workers, factory, on_progress, started
-        )
-
-
-def generate_missing(
-    folder: Path,
-    settings: GenerationSettings,
-    workers: int,
-    factory: Callable[[str], ClipGenerator],
-    on_progress: Callable[[int], None],
-    started: float,
-) -> GenerationResult:
-    """Generate what is missing in a folder."""
-    archive = SetFolder(folder, settings.sessions)
-    done = archive.resume()
-    kept = sum(session_plan.clips for session_plan in settings.sessions[:done])
-    missing = settings.sessions[done:]
-    made = 0
-    on_progress(kept)
-    try:
-        with closing(
-            write_sessions(folder, settings, missing, workers, factory)
-        ) as finished:
-            for rows in finished:
-                archive.add(rows)
-                made += len(rows)
-                on_progress(kept + made)
-    except BaseException:
-        archive.resume()
-        raise
-    files = len(settings.sessions)
-    return GenerationResult(kept + made, made, files, time.monotonic() - started)
+        archive = SetFolder(folder, settings.sessions)
+        done = archive.resume()
+        kept = sum(session_plan.clips for session_plan in settings.sessions[:done])
+        missing = settings.sessions[done:]
+        made = 0
+        on_progress(kept)
+        written = write_sessions(folder, settings, missing, workers, factory)
+        try:
+            with closing(written):
+                for rows in written:
+                    archive.add(rows)
+                    made += len(rows)
+                    on_progress(kept + made)
+        except BaseException:
+            archive.resume()
+            raise
+    files, seconds = len(settings.sessions), time.monotonic() - started
+    return GenerationResult(kept + made, made, files, seconds)
 
 
 @contextmanager
 def lock_folder(folder: Path) -> Iterator[None]:
-    """Lock the folder against other generations.
-
-    Raises:
-        GenerationError: another one is running there.
-    """
+    """Lock the folder, or raise an error if another process generates there."""
     with (folder / SETTINGS_NAME).open() as file:
         try:
             flock(file, LOCK_EX | LOCK_NB)
@@ -240,23 +222,15 @@ def write_sessions(
     workers: int,
     factory: Callable[[str], ClipGenerator],
 ) -> Rows:
-    """Write the files of sessions; yield their rows in order."""
+    """Write the files of sessions; yield their rows in order.
+
+    Files that are not yet yielded are bounded in number.
+    """
     workers = min(workers, len(sessions))
     if not workers:
         for session_plan in sessions:
             yield write_file(folder, settings, session_plan, factory)
         return
-    yield from write_in_workers(folder, settings, sessions, workers, factory)
-
-
-def write_in_workers(
-    folder: Path,
-    settings: GenerationSettings,
-    sessions: Sequence[SessionPlan],
-    workers: int,
-    factory: Callable[[str], ClipGenerator],
-) -> Rows:
-    """Write files in other processes, a bounded number at a time; yield their rows."""
     context = multiprocessing.get_context("spawn")
     stop = context.Event()
     left, waiting = deque(sessions), deque[Future]()
@@ -280,7 +254,7 @@ def write_in_workers(
 
 @contextmanager
 def limit_threads() -> Iterator[None]:
-    """Limit new processes to one thread each, since they are as many as the cores."""
+    """Limit new processes to one thread each, since there may be one on every core."""
     before = {name: os.environ.get(name) for name in THREAD_VARIABLES}
     os.environ.update(dict.fromkeys(THREAD_VARIABLES, "1"))
     try:

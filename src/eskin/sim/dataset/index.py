@@ -1,4 +1,4 @@
-"""The index beside recordings holds all that is known of every clip, one line each."""
+"""The index of a set holds a line of JSON for each clip, with plan and touches."""
 
 import json
 from collections.abc import Iterable
@@ -10,7 +10,7 @@ import numpy as np
 from eskin.errors import GenerationError
 from eskin.sim.dataset.clip import SimulatedClip
 from eskin.sim.dataset.clip_generator import ClipGenerator
-from eskin.sim.dataset.plan import BuildOrigin, ClipPlan, Origin, PairPlace
+from eskin.sim.dataset.plan import BuildOrigin, ClipPlan, Origin, PairMember
 
 INDEX_NAME = "clips.jsonl"
 
@@ -52,13 +52,13 @@ class ClipRow:
     pose_group: int
     """Group of the pose at its start."""
     regime: str
-    """Law of durations as drawn; empty where nothing touched."""
+    """Distribution of durations as drawn; empty where nothing touched."""
     touches: tuple[TouchRow, ...]
     """True touches of the clip."""
     drawn: dict[str, float | str]
     """Every parameter that was drawn for it, by name."""
     plan: ClipPlan
-    """Plan of the clip, which can be made again from it alone."""
+    """Plan of the clip, from which alone it can be simulated again."""
 
     @property
     def gesture(self) -> str:
@@ -67,7 +67,7 @@ class ClipRow:
 
     @property
     def kind(self) -> str:
-        """Return the variant of its gesture as drawn; empty where it is not known."""
+        """Return the variant of its gesture as drawn; empty if it is unknown."""
         drawn = self.drawn.get("kind", self.drawn.get("touch0.kind", ""))
         return self.plan.kind or str(drawn)
 
@@ -82,7 +82,7 @@ class ClipRow:
         return self.plan.build.name
 
     def to_line(self) -> str:
-        """Return the row as one line of JSON, with what is most used at its start."""
+        """Return the row as one line of JSON, with the fields most used first."""
         facts: dict[str, object] = {
             "file": self.file,
             "number": self.number,
@@ -104,7 +104,7 @@ class ClipRow:
 
     @classmethod
     def from_line(cls, line: str) -> "ClipRow":
-        """Parse such a line."""
+        """Parse a line of the index."""
         facts = json.loads(line)
         return cls(
             file=facts["file"],
@@ -121,24 +121,22 @@ class ClipRow:
 
 def parse_plan(facts: dict) -> ClipPlan:
     """Parse the plan in a line of the index."""
-    others = {"company": None, "pose": None, "groups": tuple(facts["groups"])}
+    parsed = {
+        "seed": tuple(facts["seed"]),
+        "person": parse_origin(facts["person"]),
+        "session": parse_origin(facts["session"]),
+        "build": BuildOrigin(
+            **facts["build"] | {"seed": tuple(facts["build"]["seed"])}
+        ),
+        "groups": tuple(facts["groups"]),
+    }
     if facts["company"] is not None:
-        others["company"] = parse_origin(facts["company"])
+        parsed["company"] = parse_origin(facts["company"])
     if facts["pose"] is not None:
-        others["pose"] = tuple(facts["pose"])
+        parsed["pose"] = tuple(facts["pose"])
     if facts.get("pair") is not None:
-        others["pair"] = PairPlace(**facts["pair"])
-    build = facts["build"]
-    return ClipPlan(
-        **facts
-        | others
-        | {
-            "seed": tuple(facts["seed"]),
-            "person": parse_origin(facts["person"]),
-            "session": parse_origin(facts["session"]),
-            "build": BuildOrigin(build["name"], tuple(build["seed"]), build["kind"]),
-        }
-    )
+        parsed["pair"] = PairMember(**facts["pair"])
+    return ClipPlan(**facts | parsed)
 
 
 def parse_origin(facts: dict) -> Origin:
@@ -166,7 +164,7 @@ def build_row(
         first: number of its first true touch in the file.
         period: time between two readings [s].
         plan: plan of the clip.
-        clip: clip as simulated.
+        clip: simulated clip.
     """
     touches = tuple(
         TouchRow(
@@ -183,12 +181,12 @@ def build_row(
     )
     drawn = {name: to_json_value(value) for name, value in clip.drawn.items()}
     regime = drawn.get("regime", drawn.get("touch0.regime", plan.regime or ""))
-    group, name = int(clip.pose_group), str(regime)
-    return ClipRow(file, number, start, skin, group, name, touches, drawn, plan)
+    group = int(clip.pose_group)
+    return ClipRow(file, number, start, skin, group, str(regime), touches, drawn, plan)
 
 
 def to_json_value(value: float | str) -> float | str:
-    """Return a value that any reader of JSON understands."""
+    """Return a value that every JSON reader accepts; infinities and NaN are strings."""
     if isinstance(value, str):
         return value
     return float(value) if np.isfinite(value) else str(value)
@@ -207,27 +205,25 @@ def read_index(folder: Path | str) -> tuple[ClipRow, ...]:
         raise GenerationError(
             f"no index {path} ({error.strerror}); generate the set: eskin generate"
         ) from error
-    return tuple(parse_line(path, number, line) for number, line in enumerate(lines, 1))
-
-
-def parse_line(path: Path, number: int, line: str) -> ClipRow:
-    """Parse one line of an index."""
-    try:
-        return ClipRow.from_line(line)
-    except (ValueError, KeyError, TypeError) as error:
-        raise GenerationError(
-            f"{path} line {number} is no clip ({type(error).__name__}: {error}); "
-            "run the same eskin generate again to repair it"
-        ) from error
+    rows = []
+    for number, line in enumerate(lines, 1):
+        try:
+            rows.append(ClipRow.from_line(line))
+        except (ValueError, KeyError, TypeError) as error:
+            raise GenerationError(
+                f"{path} line {number} is no clip ({type(error).__name__}: {error}); "
+                "run the same eskin generate again to repair it"
+            ) from error
+    return tuple(rows)
 
 
 def to_text(rows: Iterable[ClipRow]) -> str:
-    """Return rows as lines."""
+    """Return the lines of rows."""
     return "".join(row.to_line() + "\n" for row in rows)
 
 
 def remake_clip(row: ClipRow, generator: ClipGenerator) -> SimulatedClip:
-    """Make one clip of a set again, alone: the same counts as in its recording.
+    """Simulate one clip of a set again, with the same counts as in its recording.
 
     Raises:
         GenerationError: the clip generator is of another skin.

@@ -1,4 +1,4 @@
-"""Compiled kernels that find the largest pressure of readings."""
+"""This compiled kernel finds the largest pressure of each reading."""
 
 from typing import no_type_check
 
@@ -13,14 +13,14 @@ from eskin.touch.calibration_kernels import PressureCurve, linearise_counts
 def find_largest_pressure(
     counts: np.ndarray, received: np.ndarray, rest: np.ndarray, curve: PressureCurve
 ) -> np.ndarray:
-    """Find the largest pressure of each reading, for taxels of gain one.
+    """Find the largest pressure of each reading, for taxels of gain one [kPa].
 
-    Pressure grows with the counts above rest, so only the largest is looked up.
+    Pressure rises with the counts above rest, so only the largest is converted.
 
     Args:
-        counts: counts, one row for each reading (int32).
-        received: whether each count is fresh.
-        rest: counts of each taxel untouched (int32).
+        counts: counts (reading, taxel), int32.
+        received: whether each count was received (reading, taxel).
+        rest: counts at rest (taxel), int32.
         curve: curve from counts to pressure.
     """
     peaks = np.zeros(len(counts))

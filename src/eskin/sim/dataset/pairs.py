@@ -1,7 +1,7 @@
-"""This module makes pairs of clips whose counts are equal while their labels differ.
+"""This module simulates pairs of clips with equal counts and different labels.
 
-Only where the taxels are tells the two clips apart: bending and temporary merging, as
-in Fig. 7 of arXiv 2506.18256.
+The clips of a pair differ only in the positions of the taxels: by bending of the skin,
+or by temporary merging of patches, as in Fig. 7 of arXiv 2506.18256.
 """
 
 from dataclasses import dataclass, replace
@@ -14,7 +14,14 @@ from eskin.sim.constants import MM
 from eskin.sim.contact.chart import Chart, build_charts
 from eskin.sim.contact.press import ContactSite, Press, TrueTouch
 from eskin.sim.contact.pressure import compute_pressure_field
-from eskin.sim.dataset.clip import SimulatedClip, get_build, get_session, simulate_clip
+from eskin.sim.dataset.clip import (
+    SimulatedClip,
+    collect_joint_values,
+    collect_touch_values,
+    get_build,
+    get_session,
+    simulate_clip,
+)
 from eskin.sim.dataset.plan import (
     NONE_KINDS,
     PAIR_SIDES,
@@ -24,9 +31,13 @@ from eskin.sim.dataset.plan import (
     parse_pair_kind,
 )
 from eskin.sim.dataset.session_plan import plan_single_pair
-from eskin.sim.dataset.staging import count_clip_steps, draw_start, get_person
+from eskin.sim.dataset.staging import (
+    count_clip_steps,
+    draw_start,
+    get_person,
+    perform_planned,
+)
 from eskin.sim.people.hand import HAND_PADS, HEADS, HEEL, mirror_pads, select_pads
-from eskin.sim.people.perform import perform
 from eskin.sim.people.person import Person
 from eskin.sim.scene.environment import (
     SimEnvironment,
@@ -55,7 +66,7 @@ from eskin.skin import MountedSkin
 
 @dataclass(frozen=True, eq=False)
 class PairScenes:
-    """Pair scenes are two scenes that press the same taxels alike."""
+    """Pair scenes are two scenes with the same pressure on every taxel."""
 
     first: TouchScene
     """Scene with the gesture."""
@@ -64,7 +75,7 @@ class PairScenes:
     mounted: MountedSkin
     """Skin of the second scene on its robot."""
     charts: tuple[Chart, ...]
-    """Charts of that skin, unrolled as those of the first scene are."""
+    """Charts of that skin, with the same coordinates as those of the first scene."""
 
 
 def draw_onset(
@@ -72,7 +83,7 @@ def draw_onset(
 ) -> int:
     """Draw the step of the scene at which a touch's clock starts.
 
-    All of the touch is in the clip; one that is longer is cut as in other clips.
+    The whole touch is in the clip, unless it is longer than that.
     """
     lead, steps = count_clip_steps(plan, env)
     first, end = find_contact_steps(touch)
@@ -94,7 +105,7 @@ def draw_meeting_poses(
     person: Person,
     rng: np.random.Generator,
 ) -> tuple[Pose, Pose, Sites]:
-    """Draw a pose in which two sites meet, one with them far apart, and the sites.
+    """Draw a pose in which two sites meet, a pose with them far apart, and the sites.
 
     Args:
         env: robot in its skin.
@@ -108,10 +119,10 @@ def draw_meeting_poses(
     value = env.constants.value
     near, far = value("pairs.near") * MM, value("pairs.far") * MM
     poses = find_meeting_poses(env)
-    tries = int(value("pairs.tries")) if len(poses) else 0
-    for _ in range(tries):
+    low, high = compute_joint_limits(env)
+    for _ in range(int(value("pairs.tries")) if len(poses) else 0):
         folded = poses[rng.integers(len(poses))].copy()
-        folded[0] = rng.uniform(*(each[0] for each in compute_joint_limits(env)))
+        folded[0] = rng.uniform(low[0], high[0])
         apart = draw_pose(env, groups, rng)
         found = [
             sites
@@ -129,9 +140,9 @@ def draw_meeting_poses(
 
 @lru_cache(maxsize=2)
 def find_meeting_poses(env: SimEnvironment) -> Float[np.ndarray, "pose joint"]:
-    """Find poses with the elbow bent as far as it goes, in which such patches meet.
+    """Find poses in which separable patches meet, with the elbow bent to its limit.
 
-    They are always the same. Other poses are hardly ever bent so far.
+    They are always the same. Poses of the pool are rarely bent as far.
     """
     value, elbow = env.constants.value, env.joint_index(ELBOW)
     rng = np.random.default_rng(int(value("robot.pool_seed")))
@@ -147,56 +158,43 @@ def find_meeting_poses(env: SimEnvironment) -> Float[np.ndarray, "pose joint"]:
 
 
 def find_separable_pairs(env: SimEnvironment) -> Bool[np.ndarray, "pair"]:
-    """Tell which pairs of charts are far apart in some pose, middle from middle."""
-    faces = sample_patches(env)
+    """Tell which pairs of charts have their centres far apart in some pose."""
+    samples = sample_patches(env)
     charts = np.arange(len(env.charts))
-    widest = np.zeros(len(faces.pairs))
+    widest = np.zeros(len(samples.pairs))
     for q in np.concatenate(list(build_pose_pool(env).any.values())):
-        middles = transform_points(env, charts, faces.balls[:, :3], env.poses(q))
-        one, other = middles[faces.pairs[:, 0]], middles[faces.pairs[:, 1]]
-        widest = np.maximum(widest, np.linalg.norm(one - other, axis=1))
+        centres = transform_points(env, charts, samples.spheres[:, :3], env.poses(q))
+        first, second = centres[samples.pairs[:, 0]], centres[samples.pairs[:, 1]]
+        widest = np.maximum(widest, np.linalg.norm(first - second, axis=1))
     return widest >= env.constants.value("pairs.far") * MM
 
 
 @lru_cache(maxsize=1)
-def build_flat_side() -> tuple[MountedSkin, tuple[Chart, ...]]:
-    """Build the patch laid flat, and its one chart."""
+def build_flat_skin() -> tuple[MountedSkin, tuple[Chart, ...]]:
+    """Build the flat patch and its chart."""
     mounted = mount_preset("flat")
     return mounted, build_charts(mounted)
 
 
-def draw_bending(
+def draw_bending_scenes(
     plan: ClipPlan, env: SimEnvironment, rng: np.random.Generator
 ) -> PairScenes:
-    """Draw a grab of the patch round the tube, and the same on it as it lies flat."""
+    """Draw a grab of a patch round a tube, and the same presses on the flat patch."""
     _, steps = count_clip_steps(plan, env)
     q = np.zeros((steps, 0))
-    grabs = () if plan.kind == "idle" else (draw_bending_grab(plan, env, rng),)
+    grabs = ()
+    if plan.kind != "idle":
+        person, site = get_person(plan.person, env), draw_bending_site(env, rng)
+        grab = perform_planned("grab", None, person, site, plan, env, rng)
+        grabs = (shift_touch(grab, draw_onset(grab, plan, env, rng)),)
     presses = tuple(
-        replace(touch, gesture="none", kind=NONE_KINDS["grab"]) for touch in grabs
+        replace(grab, gesture="none", kind=NONE_KINDS["grab"]) for grab in grabs
     )
-    return PairScenes(TouchScene(q, grabs), TouchScene(q, presses), *build_flat_side())
-
-
-def draw_bending_grab(
-    plan: ClipPlan, env: SimEnvironment, rng: np.random.Generator
-) -> TrueTouch:
-    """Draw a grab somewhere on the patch."""
-    touch = perform(
-        "grab",
-        None,
-        get_person(plan.person, env),
-        draw_bending_site(env, rng),
-        env.constants,
-        rng,
-        plan.difficulty,
-        plan.regime,
-    )
-    return shift_touch(touch, draw_onset(touch, plan, env, rng))
+    return PairScenes(TouchScene(q, grabs), TouchScene(q, presses), *build_flat_skin())
 
 
 def draw_bending_site(env: SimEnvironment, rng: np.random.Generator) -> ContactSite:
-    """Draw a site near the patch's middle, the hand round the tube either way."""
+    """Draw a site near the centre of the patch, with the hand round the tube."""
     chart = env.charts[0]
     off = env.constants.value("pairs.off") * MM
     s, t = rng.uniform(-off, off, 2)
@@ -205,43 +203,35 @@ def draw_bending_site(env: SimEnvironment, rng: np.random.Generator) -> ContactS
     return ContactSite(0, (s, t), chart.radius, (float(low), float(high)), float(angle))
 
 
-def draw_merging(
+def draw_merging_scenes(
     plan: ClipPlan, env: SimEnvironment, rng: np.random.Generator
 ) -> PairScenes:
-    """Draw one gesture on two patches that meet, and two touches of them far apart.
+    """Draw a gesture on two patches that meet, and a touch on each of them far apart.
 
     Raises:
-        ValueError: no poses or no touch were found.
+        ValueError: no poses or touch were found.
     """
-    person = get_person(plan.person, env)
+    person, groups = get_person(plan.person, env), frozenset(plan.groups)
     _, steps = count_clip_steps(plan, env)
-    folded, apart, touches = draw_merging_touch(plan, env, person, rng)
-    return PairScenes(
-        TouchScene(np.tile(folded, (steps, 1)), touches),
-        TouchScene(np.tile(apart, (steps, 1)), tuple(split_presses(touches))),
-        env.mounted,
-        env.charts,
-    )
-
-
-def draw_merging_touch(
-    plan: ClipPlan, env: SimEnvironment, person: Person, rng: np.random.Generator
-) -> tuple[Pose, Pose, tuple[TrueTouch, ...]]:
-    """Draw both poses and the gesture, which presses both patches."""
     for _ in range(int(env.constants.value("pairs.tries"))):
-        groups = frozenset(plan.groups)
         folded, apart, sites = draw_meeting_poses(env, groups, person, rng)
-        if plan.kind == "idle":
-            return folded, apart, ()
-        touch = draw_shared_touch(plan, env, person, sites, rng)
-        if touch is not None:
-            touch = shift_touch(touch, draw_onset(touch, plan, env, rng))
-            return folded, apart, (touch,)
-    raise ValueError("no touch came out that is felt on two patches; lower pairs.felt")
+        touches = ()
+        if plan.kind != "idle":
+            touch = draw_shared_touch(plan, env, person, sites, rng)
+            if touch is None:
+                continue
+            touches = (shift_touch(touch, draw_onset(touch, plan, env, rng)),)
+        return PairScenes(
+            TouchScene(np.tile(folded, (steps, 1)), touches),
+            TouchScene(np.tile(apart, (steps, 1)), tuple(split_presses(touches))),
+            env.mounted,
+            env.charts,
+        )
+    raise ValueError("no touch found that is felt on two patches; lower pairs.felt")
 
 
 def split_presses(touches: tuple[TrueTouch, ...]) -> list[TrueTouch]:
-    """Split a gesture into one touch for each press, which is none."""
+    """Split each gesture into touches of gesture `none`, one for each press."""
     return [
         replace(touch, gesture="none", kind=NONE_KINDS[touch.gesture], presses=(press,))
         for touch in touches
@@ -256,30 +246,27 @@ def draw_shared_touch(
     sites: Sites,
     rng: np.random.Generator,
 ) -> TrueTouch | None:
-    """Draw one gesture on two patches, a part of it on each.
+    """Draw one gesture with a part on each of two patches.
 
-    It is None where a part is too weak, as on a narrow patch or by a light hand.
+    It is None if a part is too weak, as on a narrow patch or by a light hand.
     """
     assert plan.pair is not None
     draw = draw_shared_pat if plan.pair.gesture == "double_pat" else draw_hook
     least = env.constants.value("pairs.felt")
     for _ in range(int(env.constants.value("pairs.touches"))):
         touch = draw(plan, env, person, sites, rng)
-        if touch is not None and min(compute_peak_pressures(touch, env)) >= least:
+        if touch is not None and min(compute_press_peaks(touch, env)) >= least:
             return touch
     return None
 
 
-def compute_peak_pressures(touch: TrueTouch, env: SimEnvironment) -> list[float]:
+def compute_press_peaks(touch: TrueTouch, env: SimEnvironment) -> list[float]:
     """Return the largest pressure of each press of a touch [kPa]."""
-    return [
-        float(
-            compute_pressure_field(p, env.charts[p.chart], env.constants).pressure.max(
-                initial=0.0
-            )
-        )
-        for p in touch.presses
-    ]
+    fields = (
+        compute_pressure_field(press, env.charts[press.chart], env.constants)
+        for press in touch.presses
+    )
+    return [float(field.pressure.max(initial=0.0)) for field in fields]
 
 
 def draw_shared_pat(
@@ -289,21 +276,12 @@ def draw_shared_pat(
     sites: Sites,
     rng: np.random.Generator,
 ) -> TrueTouch | None:
-    """Draw a double pat whose second pat is on the other patch, by the palm again.
+    """Draw a double pat whose second pat is on the other patch.
 
-    It is None where the pats as drawn are too close or too far in time.
+    It is None if the time between the pats is out of range, or the hand stays.
     """
     low, high = env.constants.array("pairs.interval")
-    touch = perform(
-        "double_pat",
-        None,
-        person,
-        sites[0],
-        env.constants,
-        rng,
-        plan.difficulty,
-        plan.regime,
-    )
+    touch = perform_planned("double_pat", None, person, sites[0], plan, env, rng)
     if touch.drawn["stays"] or not low <= float(touch.drawn["interval"]) <= high:
         return None
     return replace(touch, presses=split_pats(touch.presses[0], *sites))
@@ -312,29 +290,28 @@ def draw_shared_pat(
 def split_pats(
     press: Press, first: ContactSite, second: ContactSite
 ) -> tuple[Press, Press]:
-    """Leave the first pat where it was and move the second to another site."""
+    """Split the press of two pats, and move the second pat to another site."""
     pressed = np.flatnonzero(press.force > 0)
-    last = pressed[np.argmax(np.diff(pressed))]
-    cut = int(last) + 1
-    earlier, later = (
-        slice_press(press, slice(0, cut)),
-        slice_press(press, slice(cut, None)),
-    )
-    onward = replace(
+    cut = int(pressed[np.argmax(np.diff(pressed))]) + 1
+    later = slice_press(press, slice(cut, None))
+    moved = replace(
         later,
         chart=second.chart,
         first=press.first + cut,
         centre=later.centre - np.array(first.centre) + np.array(second.centre),
         angle=later.angle - first.angle + second.angle,
     )
-    return earlier, onward
+    return slice_press(press, slice(0, cut)), moved
 
 
 def slice_press(press: Press, steps: slice) -> Press:
-    """Return some steps of a press."""
-    series = press.force[steps], press.centre[steps], press.angle[steps]
-    force, centre, angle = series
-    return replace(press, force=force, centre=centre, angle=angle)
+    """Return some steps of a press, with its first step unchanged."""
+    return replace(
+        press,
+        force=press.force[steps],
+        centre=press.centre[steps],
+        angle=press.angle[steps],
+    )
 
 
 def draw_hook(
@@ -346,33 +323,23 @@ def draw_hook(
 ) -> TrueTouch:
     """Draw a hand hooked between two patches: fingers on one, its back on the other.
 
-    They press against each other, so either bears the same.
+    The forces on the two patches are equal.
     """
-    touch = perform(
-        "grab",
-        "full_hand",
-        person,
-        sites[0],
-        env.constants,
-        rng,
-        plan.difficulty,
-        plan.regime,
-    )
+    touch = perform_planned("grab", "full_hand", person, sites[0], plan, env, rng)
     (press,) = touch.presses
     stiff = replace(touch, presses=(replace(press, tissue=person.tissue),))
     fingers, back = press_both_sites(stiff, *sites, 1 / 2).presses
-    hand, behind = press.pads, mirror_pads(press.pads)
-    fingers = replace(fingers, pads=select_pads(hand, HAND_PADS[:12]))
-    back = replace(back, pads=select_pads(behind, HEADS + HEEL))
+    fingers = replace(fingers, pads=select_pads(press.pads, HAND_PADS[:12]))
+    back = replace(back, pads=select_pads(mirror_pads(press.pads), HEADS + HEEL))
     return replace(touch, kind="hook", presses=(fingers, back))
 
 
-PAIR_DRAWS = {"bending": draw_bending, "merging": draw_merging}
+SCENE_DRAWS = {"bending": draw_bending_scenes, "merging": draw_merging_scenes}
 
 
 @dataclass(frozen=True, eq=False)
 class ClipPair:
-    """A clip pair is two clips of the same counts; only one shows a gesture."""
+    """A clip pair is two clips with the same counts, of which one shows a gesture."""
 
     kind: PairKind
     """Difference between them: the shape of the skin, or the pose of the robot."""
@@ -392,17 +359,17 @@ def make_pair(
     difficulty: float | None = None,
     env: SimEnvironment | None = None,
 ) -> ClipPair:
-    """Make a pair alone, its person and sensor drawn from the same seed.
+    """Simulate a single pair, with person and sensor drawn from the same seed.
 
     Args:
         kind: `bending` or `merging`.
-        seed: seed of all that is drawn.
-        difficulty: difficulty of touches; the published one unless given.
-        env: environment of the first clip; the patch round a tube or the UR5 unless
-            given.
+        seed: seed of everything that is drawn.
+        difficulty: difficulty of touches; the published one by default.
+        env: environment of the first clip; by default the patch round a tube for
+            `bending`, the UR5 for `merging`.
 
     Raises:
-        ValueError: there is no such kind, or patches never meet in the environment.
+        ValueError: there is no such kind, or no patches can meet.
     """
     chosen = parse_pair_kind(kind)
     env = env or load_environment(SIDE_SKINS.get(PAIR_SIDES[chosen][0], "ur5"))
@@ -420,34 +387,26 @@ def simulate_pair(plan: ClipPlan, env: SimEnvironment) -> ClipPair:
     """
     assert plan.pair is not None
     rng, kind = plan.rng(), plan.pair.kind
-    twins = PAIR_DRAWS[kind](plan, env, rng)
+    scenes = SCENE_DRAWS[kind](plan, env, rng)
     lead, _ = count_clip_steps(plan, env)
     build = get_build(plan.build, env)
     session = get_session(plan.session, build)
-    played = simulate_clip(twins.first, lead, build, session, env, rng)
-    first = describe_clip(played, twins.first, plan, env, lead)
-    second = describe_clip(
-        build_second_clip(played, twins, env, lead), twins.second, plan, env, lead
-    )
-    mounted = env.mounted, twins.mounted
+    clip = simulate_clip(scenes.first, lead, build, session, env, rng)
+    first = describe_clip(clip, scenes.first, plan, env, lead)
+    clip = build_second_clip(clip, scenes, env, lead)
+    second = describe_clip(clip, scenes.second, plan, env, lead)
+    mounted = env.mounted, scenes.mounted
     return ClipPair(kind, first, second, (plan.pair.gesture, "none"), mounted)
 
 
-def make_pair_clip(plan: ClipPlan, env: SimEnvironment) -> SimulatedClip:
-    """Make the clip of a plan that is of a pair."""
-    pair = simulate_pair(plan, env)
-    assert plan.pair is not None
-    return pair.second if plan.pair.is_second else pair.first
-
-
 def build_second_clip(
-    first: SimulatedClip, twins: PairScenes, env: SimEnvironment, lead: int
+    first: SimulatedClip, scenes: PairScenes, env: SimEnvironment, lead: int
 ) -> SimulatedClip:
-    """Build a clip of the same counts with the truth of the second scene."""
-    scene = twins.second
+    """Build a clip of the same counts with the ground truth of the second scene."""
+    scene = scenes.second
     touch_presses = compute_touch_presses(scene, env)
     truths = compute_true_series(
-        scene, touch_presses, twins.charts, twins.mounted, lead, env
+        scene, touch_presses, scenes.charts, scenes.mounted, lead, env
     )
     readings = len(first.counts)
     every = (len(scene.q) - lead) // readings
@@ -464,12 +423,10 @@ def describe_clip(
     """Return a clip with its pose group and all that was drawn for it."""
     assert plan.pair is not None
     start = scene.q[lead]
-    joints = env.mounted.robot.joint_names
-    names = [f"q.{joint}" for joint in joints]
-    drawn: dict[str, float | str] = {"pair": float(plan.pair.number)}
-    drawn |= dict(zip(names, start.tolist(), strict=True))
-    for number, touch in enumerate(scene.touches):
-        drawn[f"touch{number}.kind"] = touch.kind
-        drawn |= {f"touch{number}.{name}": each for name, each in touch.drawn.items()}
-    group = compute_pose_group(env, start) if joints else 0
-    return replace(clip, pose_group=group, drawn=drawn)
+    joints = collect_joint_values(env, start)
+    drawn = {"pair": float(plan.pair.number)} | joints
+    return replace(
+        clip,
+        pose_group=compute_pose_group(env, start) if joints else 0,
+        drawn=drawn | collect_touch_values(scene.touches),
+    )

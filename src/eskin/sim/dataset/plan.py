@@ -1,4 +1,4 @@
-"""Plans decide everything about a clip before it is made."""
+"""Clip plans define everything about a clip before it is simulated."""
 
 from dataclasses import dataclass
 from typing import Literal
@@ -12,27 +12,27 @@ PAIR_SIDES: dict[PairKind, tuple[Side, Side]] = {
     "bending": ("bent", "flat"),
     "merging": ("folded", "apart"),
 }
-"""Sides of each kind of pair: the first has the gesture; on the second it is none."""
+"""Sides of each kind of pair: the first shows the gesture, the second shows `none`."""
 
 SIDES: tuple[Side, ...] = ("bent", "flat", "folded", "apart")
 """All sides; each has a folder of its own."""
 
 SIDE_SKINS: dict[str, str] = {"bent": "bent", "flat": "flat"}
-"""Presets of the sides that have a skin of their own."""
+"""Preset skins of the sides that have their own."""
 
 SOURCE_SKINS = {"flat": "bent"}
-"""Preset on which a side's counts are made, where that is not its own."""
+"""Preset skin on which the counts of another are simulated."""
 
 NONE_KINDS = {"grab": "press", "double_pat": "single_pat"}
-"""Kind of `none` that has the counts of a gesture on the other side."""
+"""Kind of `none` on the second side that has the counts of each gesture."""
 
 
 @dataclass(frozen=True)
-class PairPlace:
-    """This class tells where a clip stands among the pairs of its set."""
+class PairMember:
+    """A pair member says which clip of which pair of its set a clip is."""
 
     number: int
-    """Number of the pair among those of its kind."""
+    """Number of the pair among those of its kind; -1 for the lead-in."""
     side: Side
     """Side of the pair."""
     gesture: str
@@ -53,7 +53,7 @@ def parse_pair_kind(name: str) -> PairKind:
     """Return the kind of pair of a name.
 
     Raises:
-        ValueError: there is none.
+        ValueError: there is no such kind.
     """
     for kind in PAIR_SIDES:
         if kind == name:
@@ -62,26 +62,26 @@ def parse_pair_kind(name: str) -> PairKind:
 
 
 def find_pair_kind(side: Side) -> PairKind:
-    """Return the kind of pair that a side is of."""
+    """Return the kind of pair that a side belongs to."""
     return "bending" if side in PAIR_SIDES["bending"] else "merging"
 
 
 Seed = tuple[int, ...]
-"""Entropy of `np.random.SeedSequence`; no two of a set are the same."""
+"""Entropy of `np.random.SeedSequence`; unique within a set."""
 
 
 def build_rng(seed: Seed) -> np.random.Generator:
-    """Build a fresh generator, which draws the same every time."""
+    """Build a random generator in its initial state."""
     return np.random.default_rng(np.random.SeedSequence(seed))
 
 
 ACCIDENTS, QUIET = "accidents", "quiet"
-"""Kinds of streams: of nothing but accidental contacts, and without any contact."""
+"""Kinds of streams: with accidental contacts only, and without any contact."""
 
 
 @dataclass(frozen=True)
 class Origin:
-    """An origin names something that is drawn from a seed of its own."""
+    """An origin is the name of something random and the seed that it is drawn from."""
 
     name: str
     """Name in recordings."""
@@ -89,62 +89,60 @@ class Origin:
     """Seed that it is drawn from."""
 
     def rng(self) -> np.random.Generator:
-        """Return a fresh generator, which draws the same every time."""
+        """Return a random generator in its initial state."""
         return build_rng(self.seed)
 
 
 @dataclass(frozen=True)
 class BuildOrigin(Origin):
-    """A build origin names a sensor build that is drawn from a seed of its own."""
+    """A build origin is the name, seed and kind of a sensor build."""
 
     kind: Literal["fresh", "shifted"]
     """Laws that it is drawn from."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class ClipPlan:
-    """A clip plan holds everything needed to make one clip or stream alone."""
+    """A clip plan holds everything needed to simulate one clip or stream alone."""
 
     set_name: str
     """Name of the set."""
     seed: Seed
-    """Seed of all that is drawn for this clip alone."""
+    """Seed of everything that is drawn for this clip alone."""
     person: Origin
     """Person who touches."""
-    company: Origin | None
-    """Person who may touch at the same time; None where there is no other."""
+    company: Origin | None = None
+    """Another person who may touch at the same time, if any."""
     build: BuildOrigin
     """Build of the sensor."""
     session: Origin
-    """Origin of what stays the same while the skin is attached once, such as the drift
-    of the gains since the build was made."""
-    at: float
-    """Start of the clip since that of the session [s]."""
+    """Origin of what is constant during a session, such as the drift of the gains."""
+    at: float = 0.0
+    """Start of the clip since the start of the session [s]."""
     seconds: float
     """Length of the clip [s]."""
     gesture: str | None
-    """Gesture, `none` or an unknown gesture; None draws one after the other, as in a
-    stream."""
+    """Gesture, `none` or an unknown gesture; None is a stream of touches."""
     kind: str | None
-    """Variant; None draws it. Of a stream, `ACCIDENTS` or `QUIET`; None is a stream of
-    all that people do."""
+    """Variant; None draws it. For streams `ACCIDENTS`, `QUIET`, or None for one with
+    gestures."""
     groups: tuple[int, ...]
     """Pose groups that the pose is drawn from."""
-    pose: Seed | None
-    """Seed of the pose, where clips share it; None draws it for this clip alone."""
-    moving: bool
+    pose: Seed | None = None
+    """Seed of a pose that several clips share; None draws one for this clip alone."""
+    moving: bool = False
     """Whether the robot moves."""
-    fold_share: float
-    """Chance of a pose where patches of two links meet."""
-    concurrent: float
-    """Chance of a second touch at the same time."""
+    fold_share: float = 0.0
+    """Probability of a pose in which patches of two links face each other closely."""
+    concurrent: float = 0.0
+    """Probability of a second touch at the same time."""
     difficulty: float
-    """Factor by which spreads widen and rare variants gain; 0 is the easiest."""
-    regime: Literal["paper", "cost"] | None
-    """Law of durations; None draws it."""
-    pair: PairPlace | None = None
-    """Place among pairs with the same counts; None is of no pair."""
+    """Factor by which spreads widen and rare variants gain weight; 0 is the easiest."""
+    regime: Literal["paper", "cost"] | None = None
+    """Distribution of durations; None draws it."""
+    pair: PairMember | None = None
+    """Pair with the same counts that the clip belongs to, if any."""
 
     def rng(self) -> np.random.Generator:
-        """Return a fresh generator of what is drawn for this clip alone."""
+        """Return the random generator of this clip alone, in its initial state."""
         return build_rng(self.seed)

@@ -1,6 +1,6 @@
 """This module writes the recording of one session: scans, labels and ground truth."""
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable
 from dataclasses import replace
 from pathlib import Path
 
@@ -30,14 +30,14 @@ from eskin.units import NS_PER_S
 def build_true_labels(
     plan: ClipPlan, clip: SimulatedClip, start: int
 ) -> tuple[Label, ...]:
-    """Build labels from first to last contact of a clip's touch or a stream's.
+    """Build labels, from first to last contact, of the main touch or all of a stream.
 
     Touches of a stream that overlap an earlier one have no label, since labels of one
-    source follow each other; all are in `/eskin/truth`.
+    source must not overlap; all are in `/eskin/truth`.
     """
-    stream = plan.gesture is None
     if plan.pair is not None:
         return build_pair_labels(plan, clip, start)
+    stream = plan.gesture is None
     wanted = [truth for truth in clip.truths if stream or truth.number == 0]
     found: list[Label] = []
     for truth in sorted(wanted, key=lambda truth: (truth.onset, truth.number)):
@@ -50,7 +50,7 @@ def build_true_labels(
 def build_pair_labels(
     plan: ClipPlan, clip: SimulatedClip, start: int
 ) -> tuple[Label, ...]:
-    """Build one label over all touches, so that either clip of a pair has the same."""
+    """Build one label over all touches, so that both clips of a pair agree in time."""
     if not clip.truths:
         return ()
     first = min(clip.truths, key=lambda truth: truth.onset)
@@ -60,7 +60,7 @@ def build_pair_labels(
 
 
 def build_label(truth: TrueTouchSeries, plan: ClipPlan, start: int) -> Label | None:
-    """Build the label of a touch as far as its clip shows it, or None otherwise."""
+    """Build the label of a touch, cut to its clip; None if nothing is left."""
     onset, end = np.clip([truth.onset, truth.end], 0.0, plan.seconds)
     first, last = (start + round(float(t) * NS_PER_S) for t in (onset, end))
     return Label(first, last, truth.gesture, "true") if last > first else None
@@ -69,15 +69,7 @@ def build_label(truth: TrueTouchSeries, plan: ClipPlan, start: int) -> Label | N
 def build_ranges(
     plan: ClipPlan, truth: Iterable[Label], start: int
 ) -> tuple[Label, ...]:
-    """Build the ranges in which a person would say that something was done.
-
-    They are the clip, or parts of a stream.
-
-    Args:
-        plan: plan of the clip.
-        truth: true labels of the clip.
-        start: stamp of its first reading [ns since the epoch].
-    """
+    """Build the ranges that a person would label: a clip, or parts of a stream."""
     if plan.gesture is None:
         return build_rough_ranges(truth)
     end = start + round(plan.seconds * NS_PER_S)
@@ -85,9 +77,9 @@ def build_ranges(
 
 
 def compute_rest_counts(lead: SimulatedClip) -> Int[np.ndarray, "taxel"]:
-    """Return the counts of each taxel at rest: the median of a clip without touch.
+    """Return the median counts of each taxel in a clip without touch.
 
-    A taxel that was never received rests above anything it could count.
+    A taxel that was never received gets the largest int32, so it shows no pressure.
     """
     received_counts = np.where(lead.received, lead.counts, np.nan)
     received_counts[:, ~lead.received.any(axis=0)] = np.iinfo(np.int32).max
@@ -101,26 +93,18 @@ def compute_peak_pressures(
     calibration: Calibration,
 ) -> Float[np.ndarray, "reading"]:
     """Return the largest pressure of each reading [kPa]."""
-    bend = calibration.pressure_curve
+    curve = calibration.pressure_curve
     peaks = np.zeros(len(counts))
     for gain in np.unique(calibration.gain):
         alike = calibration.gain == gain
         if alike.all():
-            largest = find_largest_pressure(counts, received, rest, bend)
+            largest = find_largest_pressure(counts, received, rest, curve)
         else:
-            part = counts[:, alike], received[:, alike], rest[alike]
-            largest = find_largest_pressure(*part, bend)
+            largest = find_largest_pressure(
+                counts[:, alike], received[:, alike], rest[alike], curve
+            )
         peaks = np.maximum(peaks, largest * gain)
     return peaks + np.minimum(peaks, calibration.unfelt)
-
-
-def build_auto_labels(
-    stamps: Sequence[Int[np.ndarray, "reading"]],
-    peaks: Sequence[Float[np.ndarray, "reading"]],
-    ranges: Iterable[Label],
-) -> tuple[Label, ...]:
-    """Build the labels that the paper's labeller finds, one threshold for a file."""
-    return label_automatically(np.concatenate(stamps), np.concatenate(peaks), ranges)
 
 
 GESTURE_SET = "paper"
@@ -133,17 +117,17 @@ def write_session(
     generator: ClipGenerator,
     check_stopped: Callable[[], None] = lambda: None,
 ) -> tuple[ClipRow, ...]:
-    """Make the clips of a session and write its file; return their rows.
+    """Generate the clips of a session and write its file; return their rows.
 
     Args:
         folder: folder of the set.
         settings: settings of the set.
         session_plan: plan of the session.
-        generator: clip generator.
-        check_stopped: function that is called before every clip and raises to stop.
+        generator: clip generator of the session's skin.
+        check_stopped: function that is called before each clip and raises to stop.
 
     Raises:
-        GenerationError: a clip cannot be made; no file is left then.
+        GenerationError: a clip cannot be made; then no file is left.
     """
     path = folder / session_plan.file
     path.parent.mkdir(exist_ok=True)
@@ -158,17 +142,16 @@ def write_session(
     )
     try:
         with writer:
-            sheet = SessionWriter(writer, calibration, session_plan, settings)
+            session = SessionWriter(writer, calibration, session_plan, settings)
             for number, plan in enumerate(settings.plan_clips(session_plan), -1):
                 check_stopped()
-                sheet.add(
-                    number, plan, generate_clip(generator, plan, number, session_plan)
-                )
-            sheet.finish()
+                clip = generate_clip(generator, plan, number, session_plan)
+                session.add(number, plan, clip)
+            session.finish()
     except BaseException:
         writer.part.unlink(missing_ok=True)
         raise
-    return tuple(sheet.rows)
+    return tuple(session.rows)
 
 
 def build_metadata(settings: GenerationSettings, session_plan: SessionPlan) -> Metadata:
@@ -201,18 +184,18 @@ def generate_clip(
             f"{where} of {session_plan.file} ({plan.gesture}) cannot be made: "
             f"{type(error).__name__}: {error}"
         ) from error
-    rows = {len(clip.counts), len(clip.received), len(clip.q)}
-    rows |= {len(truth.force) for truth in clip.truths}
-    if len(rows) != 1:
+    lengths = {len(clip.counts), len(clip.received), len(clip.q)}
+    lengths |= {len(truth.force) for truth in clip.truths}
+    if len(lengths) != 1:
         raise GenerationError(
-            f"{where} of {session_plan.file} ({plan.gesture}) has {sorted(rows)} "
+            f"{where} of {session_plan.file} ({plan.gesture}) has {sorted(lengths)} "
             "readings; allowed is one number"
         )
     return clip
 
 
 class SessionWriter:
-    """This class writes clip after clip and keeps what the end of the file needs."""
+    """A session writer writes clips and keeps what the automatic labels need."""
 
     def __init__(
         self,
@@ -221,7 +204,7 @@ class SessionWriter:
         session_plan: SessionPlan,
         settings: GenerationSettings,
     ) -> None:
-        """Start with nothing."""
+        """Start with no clips."""
         self.writer = writer
         self.calibration = calibration
         self.session_plan = session_plan
@@ -236,9 +219,9 @@ class SessionWriter:
     def add(self, number: int, plan: ClipPlan, clip: SimulatedClip) -> None:
         """Write a clip; the first one, number -1, is the lead-in."""
         start = self.session_plan.start + round(plan.at * NS_PER_S)
-        step = round(self.period * NS_PER_S)
-        stamps = start + step * np.arange(len(clip.counts), dtype=np.int64)
-        self.write(stamps, clip)
+        period = round(self.period * NS_PER_S)
+        stamps = start + period * np.arange(len(clip.counts), dtype=np.int64)
+        self.write_scans(stamps, clip)
         if number < 0:
             self.rest = compute_rest_counts(clip)
             return
@@ -247,48 +230,33 @@ class SessionWriter:
             self.writer.write_label(label)
         self.ranges += build_ranges(plan, truth, start)
         self.stamps.append(stamps)
-        self.peaks.append(
-            compute_peak_pressures(
-                clip.counts, clip.received, self.rest, self.calibration
-            )
+        peaks = compute_peak_pressures(
+            clip.counts, clip.received, self.rest, self.calibration
         )
-        row = build_row(
-            self.session_plan.file,
-            number,
-            start,
-            self.writer.skin.name,
-            self.touches,
-            self.period,
-            plan,
-            clip,
+        self.peaks.append(peaks)
+        file, skin = self.session_plan.file, self.writer.skin.name
+        self.rows.append(
+            build_row(file, number, start, skin, self.touches, self.period, plan, clip)
         )
-        self.rows.append(row)
         self.touches += len(clip.truths)
 
-    def write(self, stamps: Int[np.ndarray, "reading"], clip: SimulatedClip) -> None:
-        """Write the scans and the truth second by second, as chunks are."""
-        many = round(1 / self.period)
-        for first in range(0, len(stamps), many):
-            part = slice(first, first + many)
+    def write_scans(
+        self, stamps: Int[np.ndarray, "reading"], clip: SimulatedClip
+    ) -> None:
+        """Write the scans of a clip and its true touches, one second at a time."""
+        readings = round(1 / self.period)
+        for first in range(0, len(stamps), readings):
+            part = slice(first, first + readings)
             self.writer.write_block(
                 stamps[part], clip.counts[part], clip.received[part], clip.q[part]
             )
-            for place, truth in enumerate(clip.truths):
-                self.write_truth(stamps, truth, self.touches + place, part)
-
-    def write_truth(
-        self,
-        stamps: Int[np.ndarray, "reading"],
-        truth: TrueTouchSeries,
-        number: int,
-        part: slice,
-    ) -> None:
-        """Write a touch at the readings at which it is in contact."""
-        for reading in part.start + np.flatnonzero(truth.force[part] > 0):
-            stamp = int(stamps[reading])
-            self.writer.write_truth(truth.to_record(number, int(reading), stamp))
+            for touch, truth in enumerate(clip.truths, self.touches):
+                for reading in (first + np.flatnonzero(truth.force[part] > 0)).tolist():
+                    record = truth.to_record(touch, reading, int(stamps[reading]))
+                    self.writer.write_truth(record)
 
     def finish(self) -> None:
-        """Write the automatic labels; their threshold needs the whole file."""
-        for label in build_auto_labels(self.stamps, self.peaks, self.ranges):
+        """Write the labels of the paper's labeller, with one threshold for the file."""
+        stamps, peaks = np.concatenate(self.stamps), np.concatenate(self.peaks)
+        for label in label_automatically(stamps, peaks, self.ranges):
             self.writer.write_label(label)

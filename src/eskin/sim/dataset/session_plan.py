@@ -12,31 +12,30 @@ from eskin.sim.constants import Constants
 from eskin.sim.dataset.plan import (
     NONE_KINDS,
     PAIR_SIDES,
-    SIDE_SKINS,
     BuildOrigin,
     ClipPlan,
     Origin,
     PairKind,
-    PairPlace,
+    PairMember,
     Seed,
     Side,
     build_rng,
     find_pair_kind,
 )
-from eskin.sim.dataset.sets import ClipSet
+from eskin.sim.dataset.sets import ClipSet, get_pose_groups
 from eskin.units import NS_PER_S
 
 
 @dataclass(frozen=True)
 class SessionPlan:
-    """A session plan is one file of a set: one person touches a skin attached once."""
+    """A session plan describes one file of a set: one person on one sensor."""
 
     file: str
     """Path of the recording below the folder of the set."""
     number: int
     """Number of the file in the set."""
     first: int
-    """Number of its first clip among those of its part."""
+    """Number of its first clip within its part of the set."""
     clips: int
     """Number of clips."""
     person: Origin
@@ -46,15 +45,15 @@ class SessionPlan:
     build: BuildOrigin
     """Build of the sensor."""
     session: Origin
-    """Origin of what stays the same during the session."""
+    """Origin of what is constant during the session."""
     start: int
-    """First stamp [ns since the epoch]."""
+    """Stamp of its first reading [ns since the epoch]."""
 
 
 def build_seed(role: str, first: int, second: int, seed: int) -> Seed:
-    """Build the seed of something in a role; no two things share one.
+    """Build the seed of something in a role, unique by role and both numbers.
 
-    The seed of the set comes last since it may take any number of words.
+    The seed of the set is last, since its number of words varies.
     """
     return (zlib.crc32(role.encode()), first, second, seed)
 
@@ -70,6 +69,7 @@ def plan_sessions(
         )
         for i in range(clip_set.subjects)
     ]
+    epoch, apart = (int(constants.value(f"sets.{name}")) for name in ("epoch", "apart"))
     found: list[SessionPlan] = []
     for part in clip_set.parts:
         first = 0
@@ -89,7 +89,7 @@ def plan_sessions(
                     session=Origin(
                         name, build_seed(f"session {clip_set.name}", number, 0, seed)
                     ),
-                    start=compute_start(number, constants),
+                    start=(epoch + number * apart) * NS_PER_S,
                 )
             )
             first += clips
@@ -107,12 +107,6 @@ def plan_build(clip_set: ClipSet, subject: int, seed: int) -> BuildOrigin:
     )
 
 
-def compute_start(number: int, constants: Constants) -> int:
-    """Return the first stamp of a file [ns since the epoch]."""
-    epoch, apart = constants.value("sets.epoch"), constants.value("sets.apart")
-    return (int(epoch) + number * int(apart)) * NS_PER_S
-
-
 def split_clips(
     clip_set: ClipSet, clips: int, constants: Constants
 ) -> Iterator[tuple[int, int]]:
@@ -124,7 +118,7 @@ def split_clips(
 
 
 def split_evenly(total: int, shares: int) -> list[int]:
-    """Split a number into shares that differ by one at most; none is empty."""
+    """Split a number into non-zero shares that differ by at most one."""
     parts = [total * (i + 1) // shares - total * i // shares for i in range(shares)]
     return [part for part in parts if part]
 
@@ -154,26 +148,24 @@ def plan_clips(
     gestures = draw_gestures(session_plan, clip_set, rng)
     seconds = draw_seconds(session_plan, clip_set, seed, constants)
     every = constants.value("clip.every")
-    chance = difficulty * constants.value("clip.concurrent")
+    concurrent = difficulty * constants.value("clip.concurrent")
+    others = session_plan.others
     plans = [lead]
     for number, gesture in enumerate(gestures):
-        plans.append(
-            replace(
-                lead,
-                seed=build_seed(
-                    f"clip {clip_set.name}", session_plan.number, number, seed
-                ),
-                company=draw_companion(session_plan, rng),
-                at=every * (number + 1),
-                seconds=seconds,
-                gesture=gesture,
-                kind=clip_set.stream,
-                pose=draw_pose_seed(clip_set, seed, rng),
-                moving=bool(rng.random() >= clip_set.still),
-                fold_share=constants.value("clip.fold"),
-                concurrent=min(chance, constants.value("difficulty.most")),
-            )
+        plan = replace(
+            lead,
+            seed=build_seed(f"clip {clip_set.name}", session_plan.number, number, seed),
+            company=others[int(rng.integers(len(others)))] if others else None,
+            at=every * (number + 1),
+            seconds=seconds,
+            gesture=gesture,
+            kind=clip_set.stream,
+            pose=draw_pose_seed(clip_set, seed, rng),
+            moving=bool(rng.random() >= clip_set.still),
+            fold_share=constants.value("clip.fold"),
+            concurrent=min(concurrent, constants.value("difficulty.most")),
         )
+        plans.append(plan)
     return tuple(plans)
 
 
@@ -184,32 +176,25 @@ def plan_lead_in(
     difficulty: float,
     constants: Constants,
 ) -> ClipPlan:
-    """Plan the clip without touch that calibration begins with."""
+    """Plan the clip without touch at the start of a session."""
     return ClipPlan(
         set_name=clip_set.name,
         seed=build_seed(f"lead {clip_set.name}", session_plan.number, 0, seed),
         person=session_plan.person,
-        company=None,
         build=session_plan.build,
         session=session_plan.session,
-        at=0.0,
         seconds=constants.value("sets.lead"),
         gesture="none",
         kind=IDLE,
         groups=clip_set.groups,
-        pose=None,
-        moving=False,
-        fold_share=0.0,
-        concurrent=0.0,
         difficulty=difficulty,
-        regime=None,
     )
 
 
 def draw_gestures(
     session_plan: SessionPlan, clip_set: ClipSet, rng: np.random.Generator
 ) -> list[str | None]:
-    """Draw what each clip shows: equally often in a part of a set, in any order."""
+    """Draw the gestures of clips in random order, balanced over a part of a set."""
     if not clip_set.classes:
         return [None] * session_plan.clips
     count = len(clip_set.classes)
@@ -220,30 +205,21 @@ def draw_gestures(
 def draw_seconds(
     session_plan: SessionPlan, clip_set: ClipSet, seed: int, constants: Constants
 ) -> float:
-    """Draw the length of the clips of a session [s]; streams share a range evenly."""
+    """Draw the length of the clips of a session [s], stratified over streams."""
     if clip_set.classes:
         return constants.value("clip.seconds")
     rng = build_rng(build_seed(f"lengths {clip_set.name}", 0, 0, seed))
-    place = int(rng.permutation(clip_set.clips)[session_plan.number])
+    stratum = int(rng.permutation(clip_set.clips)[session_plan.number])
     low, high = constants.array(f"sets.{clip_set.stream or 'stream'}_seconds")
     period = constants.value("sensor.period")
-    seconds = low + (high - low) * (place + 0.5) / clip_set.clips
+    seconds = low + (high - low) * (stratum + 0.5) / clip_set.clips
     return round(seconds / period) * period
-
-
-def draw_companion(
-    session_plan: SessionPlan, rng: np.random.Generator
-) -> Origin | None:
-    """Draw another person of the set, if there is one."""
-    if not session_plan.others:
-        return None
-    return session_plan.others[int(rng.integers(len(session_plan.others)))]
 
 
 def draw_pose_seed(
     clip_set: ClipSet, seed: int, rng: np.random.Generator
 ) -> Seed | None:
-    """Draw one of the poses of the set, if it has only some."""
+    """Draw the seed of one of the poses of the set; None if it has no fixed poses."""
     if clip_set.poses is None:
         return None
     number = int(rng.integers(clip_set.poses))
@@ -253,7 +229,7 @@ def draw_pose_seed(
 def plan_pair_sessions(
     sessions: Sequence[SessionPlan], seed: int
 ) -> tuple[SessionPlan, ...]:
-    """Give both sides of a kind of pairs the same session."""
+    """Return sessions in which both sides of each kind of pair have the same origin."""
     found = []
     for session_plan in sessions:
         kind = find_pair_kind(find_side(session_plan))
@@ -266,13 +242,8 @@ def plan_pair_sessions(
 
 
 def find_side(session_plan: SessionPlan) -> Side:
-    """Return the side of a session, which is the name of its folder."""
+    """Return the side of a session of pairs, which is the name of its folder."""
     return cast(Side, PurePosixPath(session_plan.file).parent.name)
-
-
-def find_skin(session_plan: SessionPlan, skin: str) -> str:
-    """Return the preset of a session of a set of pairs."""
-    return SIDE_SKINS.get(find_side(session_plan), skin)
 
 
 def plan_pair_clips(
@@ -285,79 +256,68 @@ def plan_pair_clips(
     """Plan the lead-in of a session, without touch, then its side of each pair."""
     side = find_side(session_plan)
     kind = find_pair_kind(side)
-    usual = plan_lead_in(session_plan, clip_set, seed, difficulty, constants)
     lead = replace(
-        usual,
+        plan_lead_in(session_plan, clip_set, seed, difficulty, constants),
         seed=build_seed(f"lead pairs {kind}", session_plan.first, 0, seed),
-        pair=PairPlace(-1, side, "none"),
+        pair=PairMember(-1, side, "none"),
     )
     every = constants.value("clip.every")
-    plans = [lead]
-    for place in range(session_plan.clips):
-        number = session_plan.first + place
-        at = every * (place + 1)
-        plans.append(plan_pair_clip(lead, side, number, at, seed, constants))
-    return tuple(plans)
+    pairs = (
+        plan_pair_clip(
+            lead, side, session_plan.first + i, every * (i + 1), seed, constants
+        )
+        for i in range(session_plan.clips)
+    )
+    return (lead, *pairs)
 
 
 def plan_pair_clip(
     lead: ClipPlan, side: Side, number: int, at: float, seed: int, constants: Constants
 ) -> ClipPlan:
-    """Plan one side of a pair; the other has the same seed.
+    """Plan one clip of a pair; both clips have the same seed.
 
     Args:
         lead: lead-in of its session.
         side: side of the pair.
         number: number of the pair among those of its kind.
-        at: start of the clip since that of the session [s].
+        at: start of the clip since the start of the session [s].
         seed: seed of the set.
         constants: constants of the simulation.
     """
     kind = find_pair_kind(side)
     rng = build_rng(build_seed(f"gesture pairs {kind}", number, 0, seed))
     gesture = constants.choose(f"pairs.{kind}", rng)
-    place = PairPlace(number, side, gesture)
+    member = PairMember(number, side, gesture)
     return replace(
         lead,
         seed=build_seed(f"clip pairs {kind}", number, 0, seed),
         at=at,
         seconds=constants.value("clip.seconds"),
-        gesture="none" if place.is_second else gesture,
-        kind=NONE_KINDS[gesture] if place.is_second else None,
-        pair=place,
+        gesture="none" if member.is_second else gesture,
+        kind=NONE_KINDS[gesture] if member.is_second else None,
+        pair=member,
     )
 
 
 def plan_single_pair(
     kind: PairKind, seed: int, difficulty: float, constants: Constants
 ) -> ClipPlan:
-    """Plan the first clip of a pair whose person and sensor are its own."""
+    """Plan the first clip of a pair outside any set, with its own person and sensor."""
 
     def origin(role: str) -> Origin:
         return Origin(f"pair-{role}", build_seed(f"pair {role}", 0, 0, seed))
 
     build = origin("build")
-    groups = (
-        *constants.array("sets.groups.known"),
-        *constants.array("sets.groups.new"),
-    )
     lead = ClipPlan(
         set_name="pairs",
         seed=build_seed("lead pair", 0, 0, seed),
         person=origin("person"),
-        company=None,
         build=BuildOrigin(build.name, build.seed, "fresh"),
         session=origin("session"),
-        at=0.0,
         seconds=constants.value("sets.lead"),
         gesture="none",
-        kind="idle",
-        groups=tuple(int(group) for group in groups),
-        pose=None,
-        moving=False,
-        fold_share=0.0,
-        concurrent=0.0,
+        kind=IDLE,
+        groups=get_pose_groups(constants, "known", "new"),
         difficulty=difficulty,
-        regime=None,
     )
     return plan_pair_clip(lead, PAIR_SIDES[kind][0], 0, 0.0, seed, constants)

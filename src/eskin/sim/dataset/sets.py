@@ -1,4 +1,4 @@
-"""Clip sets define who touches, with which sensors, in which poses, and how often."""
+"""Clip sets define people, sensors, poses, gestures and sizes of data sets."""
 
 from dataclasses import dataclass, replace
 from typing import Literal
@@ -15,7 +15,7 @@ CLASSES = (*PAPER_GESTURES, "none")
 
 @dataclass(frozen=True)
 class SetPart:
-    """A set part holds clips of a set that lie in a folder of their own."""
+    """A set part is a number of clips of a set in one folder."""
 
     folder: str
     """Folder below that of the set; empty where the set has one part."""
@@ -23,34 +23,34 @@ class SetPart:
     """Number of clips."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class ClipSet:
     """A clip set defines the clips, or streams, of a data set."""
 
     name: str
     """Name of the set."""
     people: str
-    """Role that its people are drawn for; sets of the same role share them."""
+    """Role that its people are drawn for; sets with the same role share people."""
     subjects: int
     """Number of people."""
     builds: str
-    """Role that its sensor builds are drawn for."""
+    """Role that its builds are drawn for; sets with the same role share builds."""
     build_count: int
     """Number of builds."""
     build_kind: Literal["fresh", "shifted"]
-    """Laws that the builds are drawn from."""
+    """Distribution that the builds are drawn from."""
     groups: tuple[int, ...]
     """Pose groups."""
-    poses: int | None
-    """Number of poses; None draws one for every clip."""
+    poses: int | None = None
+    """Number of poses; None draws a new one for each clip."""
     still: float
     """Share of clips in which the robot stands still."""
     classes: tuple[str, ...]
-    """Gestures, equally often; empty in streams, which do one after the other."""
+    """Gestures, equally often; empty for streams, which have touches of many kinds."""
     parts: tuple[SetPart, ...]
     """Parts of the set."""
     stream: str | None = None
-    """Kind of its streams; None for clips, and where people do all that they do."""
+    """Kind of its streams; None for clips and for streams with gestures."""
 
     @property
     def clips(self) -> int:
@@ -79,43 +79,40 @@ PAIRS = "pairs"
 
 
 def load_set(name: str, constants: Constants) -> ClipSet:
-    """Load a set as it is published.
+    """Build the published set of a name.
 
     Raises:
-        ValueError: there is none of that name.
+        ValueError: there is no set of that name.
     """
     if name == PAIRS:
         return build_pair_set(constants)
     if name not in SETS:
-        allowed = ", ".join((*SETS, PAIRS))
-        raise ValueError(f"no set '{name}'; allowed are {allowed}")
+        raise ValueError(f"no set '{name}'; allowed are {', '.join((*SETS, PAIRS))}")
     if name.startswith("paper"):
         return build_paper_set(name, constants)
     if name.startswith("streams"):
         return build_stream_set(name, constants)
     if name in (ACCIDENTS, QUIET):
         return build_gestureless_set(name, constants)
-    plain = {"train": "train", "val": "val"}.get(name, "test")
-    shifted = name in ("test-x", "test-m")
-    kind = "shifted" if shifted else "fresh"
-    known = name in ("train", "val", "test-s")
+    size = name if name in ("train", "val") else "test"
+    kind = "shifted" if name in ("test-x", "test-m") else "fresh"
+    groups = "known" if name in ("train", "val", "test-s") else "new"
     return ClipSet(
         name=name,
         people=name,
-        subjects=int(constants.value(f"sets.people.{plain}")),
+        subjects=int(constants.value(f"sets.people.{size}")),
         builds=kind,
         build_count=int(constants.value(f"sets.builds.{kind}")),
         build_kind=kind,
-        groups=get_pose_groups(constants, "known" if known else "new"),
-        poses=None,
+        groups=get_pose_groups(constants, groups),
         still=0.0 if name == "test-m" else constants.value("sets.still"),
         classes=CLASSES,
-        parts=(SetPart("", int(constants.value(f"sets.clips.{plain}"))),),
+        parts=(SetPart("", int(constants.value(f"sets.clips.{size}"))),),
     )
 
 
 def get_pose_groups(constants: Constants, *which: str) -> tuple[int, ...]:
-    """Return pose groups, known or new."""
+    """Return the pose groups that are `known` from training, `new`, or both."""
     lists = (constants.array(f"sets.groups.{name}") for name in which)
     return tuple(int(group) for groups in lists for group in groups)
 
@@ -123,7 +120,7 @@ def get_pose_groups(constants: Constants, *which: str) -> tuple[int, ...]:
 def build_paper_set(name: str, constants: Constants) -> ClipSet:
     """Build a set as small as the paper's.
 
-    Both variants share people, poses and build.
+    `paper` and `paper-5` share people, poses and build.
     """
     train, test = constants.array("sets.clips.paper")
     return ClipSet(
@@ -142,7 +139,7 @@ def build_paper_set(name: str, constants: Constants) -> ClipSet:
 
 
 def build_stream_set(name: str, constants: Constants) -> ClipSet:
-    """Build streams on the builds of the tests or, `streams-fresh`, of training."""
+    """Build a set of streams on builds of the tests; `streams-fresh` on training's."""
     kind = "fresh" if name == "streams-fresh" else "shifted"
     return ClipSet(
         name=name,
@@ -152,7 +149,6 @@ def build_stream_set(name: str, constants: Constants) -> ClipSet:
         build_count=int(constants.value(f"sets.builds.{kind}")),
         build_kind=kind,
         groups=get_pose_groups(constants, "known", "new"),
-        poses=None,
         still=constants.value("sets.still"),
         classes=(),
         parts=(SetPart("", int(constants.value("sets.clips.streams"))),),
@@ -160,7 +156,7 @@ def build_stream_set(name: str, constants: Constants) -> ClipSet:
 
 
 def build_gestureless_set(name: str, constants: Constants) -> ClipSet:
-    """Build streams without any gesture, by other people, on builds of the tests."""
+    """Build a set of streams without gestures, by other people, on test builds."""
     return replace(
         build_stream_set("streams", constants),
         name=name,
@@ -172,7 +168,7 @@ def build_gestureless_set(name: str, constants: Constants) -> ClipSet:
 
 
 def build_pair_set(constants: Constants) -> ClipSet:
-    """Build pairs of each kind, as many on either side."""
+    """Build the set of pairs, with as many clips on each side."""
     pairs = int(constants.value("pairs.pairs"))
     return ClipSet(
         name=PAIRS,
@@ -182,7 +178,6 @@ def build_pair_set(constants: Constants) -> ClipSet:
         build_count=int(constants.value("sets.builds.fresh")),
         build_kind="fresh",
         groups=get_pose_groups(constants, "known", "new"),
-        poses=None,
         still=1.0,
         classes=(*NONE_KINDS, "none"),
         parts=tuple(SetPart(side, pairs) for side in SIDES),
@@ -192,15 +187,16 @@ def build_pair_set(constants: Constants) -> ClipSet:
 def resize_set(
     clip_set: ClipSet, clips: int | None, subjects: int | None, constants: Constants
 ) -> ClipSet:
-    """Return the set smaller or larger.
+    """Return a set with another number of clips or people.
 
-    With few clips there are fewer people too, so that each still does everything.
+    A small set has fewer people, so that each of them still shows every gesture.
 
     Args:
-        clip_set: set as it is published.
-        clips: number of clips, or streams, over all parts; None keeps it.
-        subjects: number of people; None takes as many as suit the clips.
-        constants: constants, which say how many clips of a person are enough.
+        clip_set: set to resize.
+        clips: number of clips, or streams, in all parts; for pairs, of each kind; None
+            keeps it.
+        subjects: number of people; None chooses it by the number of clips.
+        constants: constants, with the least number of clips per person.
 
     Raises:
         ValueError: a number is not positive, or some people would have no clip.
@@ -210,36 +206,33 @@ def resize_set(
         total = count_pair_clips(clips)
     if total < len(clip_set.parts):
         raise ValueError(
-            f"{total} clips asked of set '{clip_set.name}'; allowed are at least "
+            f"{total} clips requested for set '{clip_set.name}'; allowed are at least "
             f"{len(clip_set.parts)}; ask for more with --clips"
         )
     least = int(constants.value("sets.least")) if clip_set.classes else 1
-    people = min(clip_set.subjects, max(1, total // least))
-    people = people if subjects is None else subjects
+    people = subjects
+    if people is None:
+        people = min(clip_set.subjects, max(1, total // least))
     if not 1 <= people <= total:
         raise ValueError(
-            f"{people} people asked of set '{clip_set.name}' of {total} clips; allowed "
-            f"are 1 to {total}; change --subjects or --clips"
+            f"{people} people requested for set '{clip_set.name}' of {total} clips; "
+            f"allowed are 1 to {total}; change --subjects or --clips"
         )
     return replace(clip_set, subjects=people, parts=resize_parts(clip_set, total))
 
 
 def count_pair_clips(clips: int) -> int:
-    """Return the clips of all kinds of pairs together, from those of each.
-
-    Raises:
-        ValueError: the number is not even.
-    """
+    """Return the clips of all kinds of pairs, from the even number of each kind."""
     if clips < 2 or clips % 2:
         raise ValueError(
-            f"{clips} clips asked of each kind of pair; allowed are 2, 4 and so on; "
-            "change --clips"
+            f"{clips} clips requested of each kind of pair; allowed are 2, 4 and so "
+            "on; change --clips"
         )
     return len(PAIR_SIDES) * clips
 
 
 def resize_parts(clip_set: ClipSet, total: int) -> tuple[SetPart, ...]:
-    """Return the parts of a set of so many clips, in the same proportion."""
+    """Return the parts of a set with a total of clips, in the same proportions."""
     first, *rest = clip_set.parts
     shares = [max(1, total * part.clips // clip_set.clips) for part in rest]
     clips = [total - sum(shares), *shares]

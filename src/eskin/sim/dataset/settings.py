@@ -1,4 +1,4 @@
-"""Settings define what a folder of clips is generated with."""
+"""Generation settings define what a folder of clips contains."""
 
 import json
 from dataclasses import asdict, dataclass, replace
@@ -10,10 +10,10 @@ from eskin.errors import GenerationError
 from eskin.files import atomic_path
 from eskin.sim.constants import CONSTANTS_FILE, Constants, load_constants
 from eskin.sim.dataset.index import INDEX_NAME
-from eskin.sim.dataset.plan import ClipPlan
+from eskin.sim.dataset.plan import SIDE_SKINS, ClipPlan
 from eskin.sim.dataset.session_plan import (
     SessionPlan,
-    find_skin,
+    find_side,
     plan_clips,
     plan_pair_clips,
     plan_pair_sessions,
@@ -25,29 +25,29 @@ from eskin.skin import load_robot_for_skin
 SETTINGS_NAME = "generation.json"
 VERSION = 1
 MAX_DIFFICULTY = 10.0
-"""Difficulty beyond which no law makes sense."""
+"""Difficulty above which distributions are meaningless."""
 
 
 @dataclass(frozen=True)
 class GenerationSettings:
-    """Settings choose a set and all that decides what is in it."""
+    """Generation settings choose a set, and with it every clip that is generated."""
 
     set_name: str = "train"
     """One of `eskin.sim.dataset.sets.SETS`, or `PAIRS`."""
     skin: str = "ur5"
-    """Name of a preset."""
+    """Name of a preset skin."""
     seed: int = 0
     """Seed of everything that is drawn."""
     clips: int | None = None
-    """Number of clips, of streams, or of clips of each kind of pair; None takes those
-    of the set."""
+    """Number of clips or streams, or of clips of each kind of pair; None keeps that of
+    the published set."""
     subjects: int | None = None
-    """Number of people; None takes as many as suit the clips."""
+    """Number of people; None chooses it by the number of clips."""
     difficulty: float | None = None
-    """Difficulty; None takes the published one."""
+    """Difficulty; None is the published one."""
 
     def __post_init__(self) -> None:
-        """Refuse settings that no set can be made of."""
+        """Refuse settings that no set can be generated with."""
         if self.seed < 0:
             raise ValueError(f"seed is {self.seed}; allowed are 0 and above; change it")
         if not 0 <= self.level <= MAX_DIFFICULTY:
@@ -57,8 +57,8 @@ class GenerationSettings:
             )
         if self.has_pairs and not has_joints(self.skin):
             raise ValueError(
-                f"set '{PAIRS}' asked on skin '{self.skin}', whose robot has no joints "
-                "to fold; allowed are skins of arms; change --skin"
+                f"set '{PAIRS}' requested on skin '{self.skin}', whose robot has no "
+                "joints to fold; allowed are skins of arms; change --skin"
             )
         if not self.sessions:
             raise ValueError(f"set '{self.set_name}' has no clips; ask for some")
@@ -70,22 +70,21 @@ class GenerationSettings:
 
     @property
     def level(self) -> float:
-        """Return the difficulty."""
+        """Return the difficulty, the published one by default."""
         published = self.constants.value("sets.difficulty")
         return published if self.difficulty is None else self.difficulty
 
     @cached_property
     def clip_set(self) -> ClipSet:
-        """Return the set, as large as it was asked for.
+        """Return the set, resized as requested.
 
-        Grabs of a robot without joints are left out: it is wider than a hand closes
-        round.
+        Robots without joints are too wide to grab, so their sets have no grabs.
         """
-        whole = load_set(self.set_name, self.constants)
+        published = load_set(self.set_name, self.constants)
         if not has_joints(self.skin):
-            classes = tuple(name for name in whole.classes if name != "grab")
-            whole = replace(whole, classes=classes)
-        return resize_set(whole, self.clips, self.subjects, self.constants)
+            classes = tuple(name for name in published.classes if name != "grab")
+            published = replace(published, classes=classes)
+        return resize_set(published, self.clips, self.subjects, self.constants)
 
     @cached_property
     def sessions(self) -> tuple[SessionPlan, ...]:
@@ -95,10 +94,8 @@ class GenerationSettings:
 
     def plan_clips(self, session_plan: SessionPlan) -> tuple[ClipPlan, ...]:
         """Plan the lead-in of a file and its clips."""
-        decide = plan_pair_clips if self.has_pairs else plan_clips
-        return decide(
-            session_plan, self.clip_set, self.seed, self.level, self.constants
-        )
+        plan = plan_pair_clips if self.has_pairs else plan_clips
+        return plan(session_plan, self.clip_set, self.seed, self.level, self.constants)
 
     @property
     def has_pairs(self) -> bool:
@@ -106,8 +103,10 @@ class GenerationSettings:
         return self.set_name == PAIRS
 
     def find_skin(self, session_plan: SessionPlan) -> str:
-        """Return the preset of a file; sides of pairs may have their own."""
-        return find_skin(session_plan, self.skin) if self.has_pairs else self.skin
+        """Return the preset skin of a file; sides of pairs may have their own."""
+        if not self.has_pairs:
+            return self.skin
+        return SIDE_SKINS.get(find_side(session_plan), self.skin)
 
     def to_json(self) -> dict[str, object]:
         """Return the settings as stored, with a digest of the constants."""
@@ -120,16 +119,17 @@ class GenerationSettings:
 
 
 def has_joints(skin: str) -> bool:
-    """Tell whether a skin is on a robot with joints, as far as is known."""
+    """Tell whether a skin is on a robot with joints; true if its robot is unknown."""
     robot = load_robot_for_skin(skin)
     return robot is None or len(robot.joint_names) > 0
 
 
 def claim_folder(folder: Path, settings: GenerationSettings) -> None:
-    """Claim a folder for a set, or check that it is.
+    """Store the settings of a set in a folder, or check that they are there.
 
     Raises:
-        GenerationError: it holds another set or something else, or cannot be written.
+        GenerationError: the folder holds another set or other recordings, or cannot be
+            written.
     """
     path = folder / SETTINGS_NAME
     wanted = settings.to_json()
@@ -153,7 +153,7 @@ def claim_folder(folder: Path, settings: GenerationSettings) -> None:
 
 
 def check_same_settings(path: Path, wanted: dict[str, object]) -> None:
-    """Refuse a folder that was generated with other settings."""
+    """Raise an error if a folder was generated with other settings."""
     try:
         found = json.loads(path.read_text())
         differing = [name for name in wanted if found.get(name) != wanted[name]]

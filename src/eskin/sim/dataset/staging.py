@@ -1,7 +1,7 @@
 """This module draws what happens in a clip or stream: pose, motion and touches.
 
-A stream is one touch after the other, with pauses, sometimes two at once. Its kind says
-what follows what: all that people do, `ACCIDENTS` alone, or nothing at all, `QUIET`.
+A stream is one touch after the other, with pauses, sometimes two at once. Its kind is
+`ACCIDENTS` for accidental contacts only, `QUIET` for no contact, or None for gestures.
 """
 
 from dataclasses import dataclass, replace
@@ -21,8 +21,7 @@ from eskin.sim.scene.folds import compute_fold_share, find_fold_sites, press_bot
 from eskin.sim.scene.motion import (
     draw_motion,
     draw_pose_path,
-    follow_late,
-    hang_still,
+    follow_with_delay,
     hold_pose,
 )
 from eskin.sim.scene.placement import draw_site
@@ -39,16 +38,10 @@ from eskin.sim.scene.validity import find_self_contact_sites
 def draw_start(
     touch: TrueTouch, steps: int, constants: Constants, rng: np.random.Generator
 ) -> int:
-    """Draw the step of the clip at which the touch's clock starts.
+    """Draw the step of the clip at which a touch's clock starts.
 
-    Some touches are cut by an end of the clip on purpose, yet never more of them than a
-    share; one longer than the clip fills it, or begins or ends within it.
-
-    Args:
-        touch: touch to place.
-        steps: length of the clip.
-        constants: constants of the simulation.
-        rng: random generator.
+    Some touches are cut by an end of the clip, but at least the share `clip.inside` of
+    them is in it. A touch longer than the clip fills it, or begins or ends in it.
     """
     first, end = find_contact_steps(touch)
     length = end - first
@@ -56,11 +49,8 @@ def draw_start(
     if length >= steps:
         onset = draw_long_start(touch, length, steps, constants, rng)
     elif rng.random() < constants.value("clip.cut"):
-        early = rng.random() < 0.5
-        low, high = (
-            (-outside, 0) if early else (steps - length, steps - length + outside)
-        )
-        onset = int(rng.integers(low, high + 1))
+        low = -outside if rng.random() < 0.5 else steps - length
+        onset = int(rng.integers(low, low + outside + 1))
     else:
         onset = int(rng.integers(0, steps - length + 1))
     return onset - first
@@ -73,10 +63,10 @@ def draw_long_start(
     constants: Constants,
     rng: np.random.Generator,
 ) -> int:
-    """Draw the step at which a touch longer than the clip makes contact.
+    """Draw the step of first contact of a touch that is longer than the clip.
 
-    What began before, if the program says so, is there all the time or ends in the
-    clip; other touches begin in its first part as often as they end in its last.
+    Half of such touches begin before the clip, and the rest in its first part, unless
+    the touch was drawn with `began_before`.
     """
     margin = round((1 - constants.value("clip.inside")) * steps)
     before = bool(touch.drawn.get("began_before", rng.random() < 0.5))
@@ -86,14 +76,14 @@ def draw_long_start(
 
 @dataclass(frozen=True, eq=False)
 class ClipSetup:
-    """A setup holds the pose and motion of a clip, before any touch."""
+    """A clip setup holds the pose and motion of a clip, to which touches are added."""
 
     plan: ClipPlan
     """Plan of the clip."""
     env: SimEnvironment
     """Robot in its skin."""
     q: Float[np.ndarray, "time joint"]
-    """Joint positions, from `lead` steps before the clip on [rad]."""
+    """Joint positions, starting `lead` steps before the clip [rad]."""
     lead: int
     """Steps before the clip."""
     folded: bool
@@ -103,12 +93,12 @@ class ClipSetup:
 
     @property
     def steps(self) -> int:
-        """Return the length of the clip."""
+        """Return the number of steps of the clip."""
         return len(self.q) - self.lead
 
 
 def count_clip_steps(plan: ClipPlan, env: SimEnvironment) -> tuple[int, int]:
-    """Return the steps before the clip, and of all that is simulated."""
+    """Return the number of steps before the clip, and of all steps simulated."""
     step = env.constants.value("time.step")
     lead = round(env.constants.value("clip.before") / step)
     return lead, lead + round(plan.seconds / step)
@@ -117,7 +107,7 @@ def count_clip_steps(plan: ClipPlan, env: SimEnvironment) -> tuple[int, int]:
 def set_up_clip(
     plan: ClipPlan, kind: str, env: SimEnvironment, rng: np.random.Generator
 ) -> ClipSetup:
-    """Draw pose and motion."""
+    """Draw the pose and motion of a clip."""
     lead, steps = count_clip_steps(plan, env)
     groups = frozenset(plan.groups)
     folded = bool(rng.random() < plan.fold_share) and can_fold(env, groups)
@@ -139,7 +129,7 @@ def set_up_clip(
 def needs_touching_pose(
     plan: ClipPlan, kind: str, env: SimEnvironment, rng: np.random.Generator
 ) -> bool:
-    """Tell whether a clip needs a pose in which links of the robot all but touch."""
+    """Tell whether a clip needs a pose in which links of the robot nearly touch."""
     if kind != ACCIDENTS:
         return kind == "self_contact"
     wanted = not plan.moving and rng.random() < env.constants.value("stream.touching")
@@ -148,12 +138,12 @@ def needs_touching_pose(
 
 @lru_cache(maxsize=128)
 def get_person(origin: Origin, env: SimEnvironment) -> Person:
-    """Return the person of an origin, the same one every time."""
+    """Return the person of an origin, cached."""
     return draw_person(origin.name, env.constants, origin.rng())
 
 
-def draw_company(setup: ClipSetup) -> Person:
-    """Draw who makes a second touch: somebody else, or the person's other hand."""
+def draw_second_person(setup: ClipSetup) -> Person:
+    """Draw who makes a second touch: another person, or the same one."""
     plan, env = setup.plan, setup.env
     other = setup.rng.random() < env.constants.value("clip.company")
     company = plan.company if other and plan.company is not None else plan.person
@@ -161,7 +151,7 @@ def draw_company(setup: ClipSetup) -> Person:
 
 
 def draw_kind(setup: ClipSetup, person: Person, gesture: str) -> str:
-    """Draw a variant of a gesture, by a person's own weights."""
+    """Draw a variant of a gesture by the weights of a person."""
     constants, difficulty = setup.env.constants, setup.plan.difficulty
     return choose_kind(gesture, None, person, constants, setup.rng, difficulty)
 
@@ -169,24 +159,30 @@ def draw_kind(setup: ClipSetup, person: Person, gesture: str) -> str:
 def perform_at(
     setup: ClipSetup, person: Person, gesture: str, kind: str, at: int
 ) -> TrueTouch:
-    """Draw what a person does at a step of the scene, on the touch's own clock."""
+    """Draw the touch of a person at a step of the scene, on the touch's own clock."""
     q = setup.q[at]
     first, second = draw_sites(setup, person, gesture, kind, q)
-    touch = perform(
-        gesture,
-        kind,
-        person,
-        first,
-        setup.env.constants,
-        setup.rng,
-        setup.plan.difficulty,
-        setup.plan.regime,
+    touch = perform_planned(
+        gesture, kind, person, first, setup.plan, setup.env, setup.rng
     )
     if second is None:
         return touch
-    return press_both_sites(
-        touch, first, second, compute_fold_share(setup.env, q, first, second)
-    )
+    share = compute_fold_share(setup.env, q, first, second)
+    return press_both_sites(touch, first, second, share)
+
+
+def perform_planned(
+    gesture: str,
+    kind: str | None,
+    person: Person,
+    site: ContactSite,
+    plan: ClipPlan,
+    env: SimEnvironment,
+    rng: np.random.Generator,
+) -> TrueTouch:
+    """Perform a gesture with the difficulty and durations of a plan."""
+    constants, difficulty, regime = env.constants, plan.difficulty, plan.regime
+    return perform(gesture, kind, person, site, constants, rng, difficulty, regime)
 
 
 def draw_sites(
@@ -196,7 +192,7 @@ def draw_sites(
     kind: str,
     q: Float[np.ndarray, "joint"],
 ) -> tuple[ContactSite, ContactSite | None]:
-    """Draw the site of a touch; it is on two links at once in some folded poses."""
+    """Draw the site of a touch, and a second one in some folded poses."""
     env, rng = setup.env, setup.rng
     if kind == "self_contact":
         found = find_self_contact_sites(env, q)
@@ -209,42 +205,41 @@ def draw_sites(
 
 
 def place_touch(setup: ClipSetup, touch: TrueTouch, start: int) -> TrueTouch:
-    """Return a touch with its clock started at a step, as the robot moves under it.
+    """Return a touch with its clock started at a step, on the moving robot.
 
-    A hand follows the robot late, a cable hangs where it is, and a link that touches
-    another stays with it.
+    A hand follows the robot with a delay, a cable stays where it is in the world, and a
+    link that touches another moves with it.
     """
     touch = shift_touch(touch, start)
     if not setup.plan.moving or touch.kind == "self_contact":
         return touch
     delay = setup.env.constants.draw("motion.delay", setup.rng)
-    inside = (crop_press(press, len(setup.q)) for press in touch.presses)
+    lag = np.inf if touch.kind == "cable" else delay
+    cropped = (crop_press(press, len(setup.q)) for press in touch.presses)
     presses = tuple(
-        hang_still(press, setup.env, setup.q)
-        if touch.kind == "cable"
-        else follow_late(press, setup.env, setup.q, delay)
-        for press in inside
+        follow_with_delay(press, setup.env, setup.q, lag)
+        for press in cropped
         if press is not None
     )
     return replace(touch, presses=presses, drawn=touch.drawn | {"delay": delay})
 
 
 SECOND_TOUCH_TRIES = 5
-"""Second touches that are drawn to find one that fits."""
+"""Attempts to draw a second touch that fits."""
 
 NEVER_SECOND = ("self_contact", "electrical", "idle")
-"""Kinds that do not come as a second touch."""
+"""Kinds that are never a second touch, nor a gesture of a stream."""
 
 
 def draw_second_touch(setup: ClipSetup, first: TrueTouch) -> tuple[TrueTouch, ...]:
     """Draw another touch at the same time, smaller than the first, if one fits.
 
-    The clip stands for its largest touch, so a larger one would make its label wrong,
-    and so would a gesture beside a touch that is none.
+    A clip is labelled by its first touch: a larger second one would make the label
+    wrong, and so would a gesture beside a first touch that is `none`.
     """
     constants = setup.env.constants
     for _ in range(SECOND_TOUCH_TRIES):
-        person = draw_company(setup)
+        person = draw_second_person(setup)
         gesture = constants.choose("clip.second", setup.rng)
         gesture = gesture if first.gesture != NONE else NONE
         kind = draw_kind(setup, person, gesture)
@@ -271,7 +266,7 @@ def compute_impulse(setup: ClipSetup, touch: TrueTouch) -> float:
 
 
 def draw_stream(setup: ClipSetup) -> tuple[TrueTouch, ...]:
-    """Draw all touches of a stream, by their onset."""
+    """Draw all touches of a stream, in order of onset."""
     if setup.plan.kind == QUIET:
         return ()
     constants, rng = setup.env.constants, setup.rng
@@ -286,9 +281,9 @@ def draw_stream(setup: ClipSetup) -> tuple[TrueTouch, ...]:
             return tuple(found)
         found.append(touch)
         if rng.random() < constants.value("stream.together"):
-            other = draw_next_touch(
-                setup, draw_company(setup), at + draw_offset(setup, at, end)
-            )
+            company = draw_second_person(setup)
+            onset = at + int(rng.integers(0, max(1, end - at)))
+            other = draw_next_touch(setup, company, onset)
             if can_come_second(setup, touch, other, at):
                 found.append(other)
                 end = max(end, find_contact_steps(other)[1])
@@ -307,7 +302,7 @@ def draw_next_touch(setup: ClipSetup, person: Person, at: int) -> TrueTouch:
 
 
 def draw_gesture(setup: ClipSetup, person: Person) -> tuple[str, str]:
-    """Draw something that people do, and its variant."""
+    """Draw a gesture of a stream and its variant."""
     gesture = setup.env.constants.choose("stream.gestures", setup.rng)
     kind = draw_kind(setup, person, gesture)
     while kind in NEVER_SECOND:
@@ -316,7 +311,7 @@ def draw_gesture(setup: ClipSetup, person: Person) -> tuple[str, str]:
 
 
 def draw_accident(setup: ClipSetup, at: int) -> str:
-    """Draw an accidental contact; of links only where they all but touch at a step."""
+    """Draw the kind of an accidental contact that is possible at a step."""
     env = setup.env
     touching = bool(find_self_contact_sites(env, setup.q[at]))
     kind = env.constants.choose("stream.accidents", setup.rng)
@@ -326,21 +321,17 @@ def draw_accident(setup: ClipSetup, at: int) -> str:
 
 
 def draw_pause(setup: ClipSetup) -> int:
-    """Draw the steps without contact until the next touch."""
+    """Draw the number of steps without contact until the next touch."""
     seconds = setup.env.constants.draw("stream.pause", setup.rng)
     return round(seconds / setup.env.constants.value("time.step"))
-
-
-def draw_offset(setup: ClipSetup, start: int, end: int) -> int:
-    """Draw how much later a second touch begins: while the first one lasts."""
-    return int(setup.rng.integers(0, max(1, end - start)))
 
 
 def can_come_second(
     setup: ClipSetup, first: TrueTouch, other: TrueTouch, at: int
 ) -> bool:
     """Tell whether a second touch is apart from the first and ends in the stream."""
-    quiet = setup.env.constants.value("stream.quiet")
-    last = len(setup.q) - round(quiet / setup.env.constants.value("time.step"))
-    over = find_contact_steps(other)[1] < last
-    return over and are_apart(setup.env, setup.q[at], first, other)
+    value = setup.env.constants.value
+    last = len(setup.q) - round(value("stream.quiet") / value("time.step"))
+    return find_contact_steps(other)[1] < last and are_apart(
+        setup.env, setup.q[at], first, other
+    )

@@ -1,4 +1,4 @@
-"""This package simulates touches without end, computed while they are played."""
+"""This package simulates touches live, on request or as an endless stream."""
 
 from eskin.sim.interactive.hand import InteractiveHand, LinkPoint
 from eskin.sim.interactive.player import SampledScan, TouchPlayer

@@ -1,4 +1,4 @@
-"""An interactive hand touches a simulated skin on request."""
+"""This module touches a simulated skin on request."""
 
 from dataclasses import dataclass
 from threading import RLock
@@ -26,7 +26,7 @@ from eskin.sim.scene.validity import find_self_contact_sites
 
 @dataclass(frozen=True, eq=False)
 class LinkPoint:
-    """A link point is a point on the skin of a link, or near it."""
+    """A link point is a point on or near the skin of a link."""
 
     link: str
     """Link that the skin is on."""
@@ -37,7 +37,7 @@ class LinkPoint:
 def find_chart_point(
     point: LinkPoint, env: SimEnvironment
 ) -> tuple[int, Float[np.ndarray, "2"]]:
-    """Return the chart of the nearest taxel of the link, and the point on it (s, t).
+    """Return the chart of the link's nearest taxel, and the point (s, t) on it [m].
 
     Raises:
         ValueError: there is no skin on that link.
@@ -49,11 +49,11 @@ def find_chart_point(
             f"no skin on link '{point.link}'; allowed are {allowed}; touch one of them"
         )
     positions = env.mounted.skin.positions
-    away = [
+    distances = [
         np.linalg.norm(positions[env.charts[i].taxels] - point.p_link, axis=1).min()
         for i in charts
     ]
-    chart = charts[int(np.argmin(away))]
+    chart = charts[int(np.argmin(distances))]
     return chart, env.charts[chart].surface.unroll(point.p_link[None])[0]
 
 
@@ -63,7 +63,7 @@ def build_site_at(
     q: Float[np.ndarray, "joint"],
     person: Person,
 ) -> ContactSite:
-    """Build the site at a point, with the hand as it comes from a person.
+    """Build the site at a point, with the hand oriented as the person reaches it.
 
     Raises:
         ValueError: there is no skin on the point's link.
@@ -73,26 +73,26 @@ def build_site_at(
 
 
 DRAGGING_PADS = "fingers"
-"""Pad group that is dragged: the one that people stroke with most."""
+"""Pads that are dragged by default, the most frequent ones of strokes."""
 
 SECOND_PAT_START = 2 / 3
-"""Share of a double pat of given length after which the second pat begins."""
+"""Start of the second pat of a double pat, as a share of its duration."""
 
 PLACE_TRIES = 20
-"""Sites that are drawn to find one away from other touches."""
+"""Attempts to draw a site away from other touches."""
 
 CONTACTLESS_KINDS = ("idle", "electrical")
-"""Kinds of `none` that are no contact."""
+"""Kinds of `none` without contact."""
 
 
 @final
 class InteractiveHand:
-    """An interactive hand touches a skin as people do, and is called from any thread.
+    """An interactive hand touches a skin as people do; it is thread-safe.
 
-    A touch begins with the next scan, and goes on with the scans.
+    A touch begins with the next scan and advances with each scan.
 
     Attributes:
-        person: person whose hand it is, where no other is given.
+        person: person who touches, unless another one is given.
     """
 
     def __init__(
@@ -102,13 +102,13 @@ class InteractiveHand:
 
         Args:
             env: robot in its skin.
-            person: person whose hand it is.
+            person: person who touches.
             rng: random generator.
         """
         self.env, self.person, self.rng = env, person, rng
         self.difficulty = env.constants.value("sets.difficulty")
         self.q = np.zeros(len(env.mounted.robot.joint_names))
-        # Two locks, so that scans never wait for touches that are being planned.
+        # Two locks, so that scans never wait while a touch is planned.
         self.planning, self.lock = RLock(), RLock()
         self.active: dict[int, InteractiveTouch] = {}
         self.latest_truths: tuple[TruthRecord, ...] = ()
@@ -116,12 +116,12 @@ class InteractiveHand:
 
     @property
     def touching(self) -> tuple[int, ...]:
-        """Return the ids of the touches that last or are about to begin."""
+        """Return the ids of the touches that last or begin with the next scan."""
         with self.lock:
             return tuple(self.active)
 
     def truths(self) -> tuple[TruthRecord, ...]:
-        """Return the true touches of the latest scan, means over its time."""
+        """Return the true touches of the latest scan, as means over its period."""
         with self.lock:
             return self.latest_truths
 
@@ -132,14 +132,14 @@ class InteractiveHand:
 
         Args:
             point: point on the skin.
-            force: largest force [N]; None as the person does.
-            seconds: time from first to last contact [s]; None as the person does.
+            force: largest force [N]; None draws it as for a person.
+            seconds: time from first to last contact [s]; None draws it.
 
         Returns:
             Id of the touch.
 
         Raises:
-            ValueError: there is no skin there, or force or time are not positive.
+            ValueError: the link has no skin, or force or time are not positive.
         """
         return self.perform_requested(
             "poke", point, check_requested(force=force, duration=seconds)
@@ -162,7 +162,7 @@ class InteractiveHand:
     ) -> int:
         """Close fingers and thumb round the link; arguments are those of `poke`.
 
-        The force is no more than the person's grip.
+        The force is limited by the grip of the person.
         """
         return self.perform_requested(
             "grab", point, check_requested(force=force, duration=seconds)
@@ -171,20 +171,20 @@ class InteractiveHand:
     def perform(
         self, what: str, point: LinkPoint | None = None, person: Person | None = None
     ) -> int:
-        """Perform a touch as a person does, with all that people vary by.
+        """Perform a touch as a person does, with random parameters.
 
         Args:
-            what: a gesture; a kind of contact that is none, such as `bump`; or `none`,
-                which draws one of those that happen by accident.
+            what: a gesture; a kind of `none`, such as `bump`; or `none`, which draws an
+                accidental contact.
             point: point on the skin; None draws one as in the training data, away from
                 other touches.
-            person: person who touches; None is this hand's own.
+            person: person who touches; None is the hand's own.
 
         Returns:
             Id of the touch.
 
         Raises:
-            ValueError: there is nothing of that name, or no place for it.
+            ValueError: there is no such gesture or kind, or no place for it.
         """
         with self.planning:
             person = person or self.person
@@ -197,33 +197,37 @@ class InteractiveHand:
             return self.add(self.make_interactive(touch))
 
     def begin(self, point: LinkPoint, force: float, kind: str = DRAGGING_PADS) -> int:
-        """Land with some fingers, to be moved by calls.
+        """Begin a touch that `move` drags and `end` lifts.
 
         Args:
             point: point on the skin.
             force: force to press with [N].
-            kind: pads of the hand; one of `eskin.sim.people.hand.PAD_GROUPS`.
+            kind: pads of the hand, one of `eskin.sim.people.hand.PAD_GROUPS`.
 
         Returns:
             Id of the touch.
 
         Raises:
-            ValueError: there is no skin there, or no such pads.
+            ValueError: the link has no skin, or there are no such pads.
         """
         check_requested(force=force)
         with self.planning:
-            site = build_site_at(point, self.env, self.q, self.person)
-            constants = self.env.constants
             sample = GestureSample(
-                kind, self.person, site, constants, self.rng, self.difficulty, "paper"
+                kind,
+                self.person,
+                build_site_at(point, self.env, self.q, self.person),
+                self.env.constants,
+                self.rng,
+                self.difficulty,
+                "paper",
             )
             return self.add(DraggedTouch(sample, force, self.env))
 
     def move(self, touch: int, point: LinkPoint) -> None:
-        """Drag a finger toward a point; nothing happens once it has left.
+        """Drag a touch toward a point; does nothing if it is over.
 
         Raises:
-            ValueError: there is no skin there, or the touch is not dragged.
+            ValueError: the link has no skin, or the touch is not dragged.
         """
         site = build_site_at(point, self.env, self.q, self.person)
         with self.lock:
@@ -232,7 +236,7 @@ class InteractiveHand:
                 dragged.set_target(site)
 
     def end(self, touch: int) -> None:
-        """Lift a dragged finger; nothing happens once it has left.
+        """Lift a dragged touch; does nothing if it is over.
 
         Raises:
             ValueError: the touch is not dragged.
@@ -240,10 +244,10 @@ class InteractiveHand:
         with self.lock:
             dragged = self.get_dragged(touch)
             if dragged is not None:
-                dragged.leave()
+                dragged.lift()
 
     def get_dragged(self, touch: int) -> DraggedTouch | None:
-        """Return a touch that is dragged; None once it is over."""
+        """Return a dragged touch, or None if it is over."""
         if not 0 <= touch < self.count:
             raise ValueError(
                 f"touch {touch} has not begun; allowed are ids that `begin` gave"
@@ -258,7 +262,7 @@ class InteractiveHand:
     def perform_requested(
         self, gesture: str, point: LinkPoint, requested: dict[str, float]
     ) -> int:
-        """Perform a gesture with some values as requested; return its id."""
+        """Perform a gesture with some parameters fixed; return its id."""
         with self.planning:
             site = build_site_at(point, self.env, self.q, self.person)
             touch = perform(
@@ -278,15 +282,10 @@ class InteractiveHand:
         self, gesture: str, kind: str | None, point: LinkPoint | None, person: Person
     ) -> TrueTouch:
         """Draw the touch of a person, on the touch's own clock."""
+        site = self.find_site(gesture, kind, point, person)
+        constants, difficulty = self.env.constants, self.difficulty
         return perform(
-            gesture,
-            kind,
-            person,
-            self.find_site(gesture, kind, point, person),
-            self.env.constants,
-            self.rng,
-            self.difficulty,
-            None,
+            gesture, kind, person, site, constants, self.rng, difficulty, None
         )
 
     def find_site(
@@ -297,7 +296,7 @@ class InteractiveHand:
             found = find_self_contact_sites(self.env, self.q)
             if not found:
                 raise ValueError(
-                    "no link all but touches another; self_contact is allowed only "
+                    "no link nearly touches another; self_contact is allowed only "
                     "where one does; fold the arm first"
                 )
             return found[self.rng.integers(len(found))]
@@ -306,7 +305,7 @@ class InteractiveHand:
         return draw_site(self.env, self.q, person, gesture, self.rng, kind)
 
     def resolve_kind(self, what: str) -> tuple[str, str | None]:
-        """Return gesture and kind of something that can be performed."""
+        """Return the gesture and kind of a name that can be performed."""
         if what == NONE:
             kinds = dict(self.env.constants.weights("stream.accidents"))
             if not find_self_contact_sites(self.env, self.q):
@@ -324,18 +323,18 @@ class InteractiveHand:
         return what, None
 
     def is_free(self, touch: TrueTouch) -> bool:
-        """Tell whether a touch would be apart from all others."""
+        """Tell whether a touch is apart from all active ones."""
         with self.lock:
             others = [other.touch for other in self.active.values()]
         return all(are_apart(self.env, self.q, touch, other) for other in others)
 
     def make_interactive(self, touch: TrueTouch) -> PerformedTouch:
-        """Return a touch by a hand that follows the robot with a random delay."""
+        """Build a touch by a hand that follows the robot with a random delay."""
         delay = self.env.constants.draw("motion.delay", self.rng)
         return PerformedTouch(touch, delay, self.env)
 
     def add(self, touch: InteractiveTouch) -> int:
-        """Begin a touch; return its id."""
+        """Add a touch that begins with the next scan; return its id."""
         with self.lock:
             number = self.count
             self.count += 1
@@ -343,15 +342,11 @@ class InteractiveHand:
             return number
 
     def advance(self, span: MotionSpan) -> dict[int, TrueTouch]:
-        """Return what all touches do in the steps of a reading, by their ids."""
+        """Advance all touches by a reading; return their parts in it, by id."""
         with self.lock:
             self.q = span.q[-1]
-            found = {
-                number: touch.advance(span) for number, touch in self.active.items()
-            }
-            self.active = {
-                n: touch for n, touch in self.active.items() if not touch.over
-            }
+            found = {i: touch.advance(span) for i, touch in self.active.items()}
+            self.active = {i: t for i, t in self.active.items() if not t.over}
             return found
 
     def set_truths(self, truths: tuple[TruthRecord, ...]) -> None:
@@ -360,16 +355,12 @@ class InteractiveHand:
             self.latest_truths = truths
 
 
-def check_requested(**wanted: float | None) -> dict[str, float]:
-    """Return the requested values by name, without those that are None.
-
-    Raises:
-        ValueError: a value is not positive.
-    """
-    for name, value in wanted.items():
+def check_requested(**requested: float | None) -> dict[str, float]:
+    """Return requested values that are not None; raise an error unless positive."""
+    for name, value in requested.items():
         if value is not None and not (np.isfinite(value) and value > 0):
             raise ValueError(
                 f"{name} is {value}; allowed are positive numbers; give one, or None "
                 "for what the person does"
             )
-    return {name: value for name, value in wanted.items() if value is not None}
+    return {name: value for name, value in requested.items() if value is not None}

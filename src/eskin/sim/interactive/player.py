@@ -1,4 +1,4 @@
-"""The player simulates a person who touches a skin without end, scan by scan."""
+"""The touch player simulates a person who touches a skin, as an endless stream."""
 
 import itertools
 from collections import deque
@@ -18,11 +18,11 @@ from eskin.touch import Scan
 from eskin.units import NS_PER_S
 
 PLAYER_ROLE = "device"
-"""Role of its person, build and session; no set has one of that name."""
-STRETCH_SECONDS = 15.0
-"""Length of a stretch, enough for the longest touch [s]."""
+"""Role of the person, build and session; no set has this role."""
+SEGMENT_SECONDS = 15.0
+"""Length of a segment, enough for the longest touch [s]."""
 LEAD_SECONDS = 2.0
-"""Length of the first stretch, without touch, so that a baseline can be found [s]."""
+"""Length of the first segment, without touch, for the baseline [s]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,27 +32,26 @@ class SampledScan:
     scan: Scan
     """Scan of the sensor."""
     truths: tuple[TruthRecord, ...]
-    """Every touch that presses."""
+    """True touches that press during the scan."""
 
 
 @final
 class TouchPlayer:
-    """A player plays one person on a fresh build of a skin, on an arm at rest.
+    """A touch player simulates a person on a fresh build of a skin on an arm at rest.
 
-    Neither person nor build nor session is of any set that recognisers are trained or
-    tested on. Stretches are computed in a thread, ahead of what is played. All
-    stretches share the pose and whatever is fixed of the sensor; its random walk, by
-    about one count, and what touches leave behind begin anew with each, and each begins
-    and ends without touch.
+    Person, build and session belong to no set that recognisers are trained or tested
+    on. Segments are simulated ahead in a thread. They share the pose and all constants
+    of the sensor; its random walk (about one count) and creep start anew with each
+    segment. Each segment begins and ends without touch.
 
     Attributes:
         generator: clip generator of the skin.
-        build: sensor that is touched.
+        build: sensor build that is touched.
         rate: scans per second [1/s].
     """
 
     def __init__(self, generator: ClipGenerator, seed: int = 0, start: int = 0) -> None:
-        """Create a player.
+        """Create a touch player.
 
         Args:
             generator: clip generator of a skin.
@@ -80,32 +79,28 @@ class TouchPlayer:
 
     def scans(self) -> Iterator[Scan]:
         """Yield scans without end."""
-        return (moment.scan for moment in self.sampled_scans())
+        return (sampled.scan for sampled in self.sampled_scans())
 
     def sampled_scans(self) -> Iterator[SampledScan]:
-        """Yield scans with their true touches without end, the same every time.
+        """Yield scans and their true touches without end, the same ones every time.
 
-        Touches are numbered through all stretches.
+        Touches are numbered consecutively across segments.
         """
         touches, stamp = 0, self.start
-        with ThreadPoolExecutor(1, "player") as ahead:
-            coming = deque(
-                ahead.submit(self.generator.make, self.plan_stretch(number))
-                for number in (0, 1)
-            )
+        make, plan = self.generator.make, self.plan_segment
+        with ThreadPoolExecutor(1, "player") as pool:
+            pending = deque(pool.submit(make, plan(number)) for number in (0, 1))
             # Wait for the simulator's kernels to compile before the first scan.
-            coming[-1].result()
+            pending[-1].result()
             for number in itertools.count(2):
-                clip = coming.popleft().result()
-                coming.append(
-                    ahead.submit(self.generator.make, self.plan_stretch(number))
-                )
+                clip = pending.popleft().result()
+                pending.append(pool.submit(make, plan(number)))
                 yield from self.build_scans(clip, stamp, touches)
                 stamp += self.period * len(clip.counts)
                 touches += len(clip.truths)
 
-    def plan_stretch(self, number: int) -> ClipPlan:
-        """Plan a stretch: no touch in the first, then all that people do."""
+    def plan_segment(self, number: int) -> ClipPlan:
+        """Plan a segment: the first without touch, the others with gestures."""
         person = Origin(
             f"{PLAYER_ROLE}-p{self.seed}",
             build_seed(f"person {PLAYER_ROLE}", 0, 0, self.seed),
@@ -117,20 +112,14 @@ class TouchPlayer:
             set_name=PLAYER_ROLE,
             seed=build_seed(f"clip {PLAYER_ROLE}", number, 0, self.seed),
             person=person,
-            company=None,
             build=self.build,
             session=session,
-            at=0.0,
-            seconds=STRETCH_SECONDS if number else LEAD_SECONDS,
+            seconds=SEGMENT_SECONDS if number else LEAD_SECONDS,
             gesture=None if number else "none",
             kind=None if number else "idle",
             groups=self.groups,
             pose=build_seed(f"pose {PLAYER_ROLE}", 0, 0, self.seed),
-            moving=False,
-            fold_share=0.0,
-            concurrent=0.0,
             difficulty=self.difficulty,
-            regime=None,
         )
 
     def build_scans(

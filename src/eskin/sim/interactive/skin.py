@@ -1,11 +1,10 @@
-"""An interactive skin simulates scans of a robot that is moved and touched by calls."""
+"""An interactive skin simulates scans of a robot that callers move and touch."""
 
 from typing import Literal, final
 
 import numpy as np
 from jaxtyping import Float, Int
 
-from eskin.recording import TruthRecord
 from eskin.robot import Wrench
 from eskin.sim.dataset.clip import get_build
 from eskin.sim.dataset.plan import BuildOrigin, Origin, build_rng
@@ -34,12 +33,12 @@ def compute_wrenches(
 ) -> tuple[Wrench, ...]:
     """Compute the wrenches that pressure on taxels exerts on their links.
 
-    Pressure acts along the inward normals alone: neither friction nor pressure beside
-    all taxels is counted.
+    Pressure acts along the inward normals; friction, and pressure outside all taxels,
+    are neglected.
 
     Args:
-        pressure: pressure on each of these taxels [kPa].
-        taxels: taxels that are pressed.
+        pressure: pressure on each pressed taxel [kPa].
+        taxels: pressed taxels.
         skin: skin of the taxels.
     """
     forces = PA_PER_KPA * pressure * skin.areas[taxels]
@@ -58,25 +57,25 @@ def compute_wrenches(
 
 
 DEMO_ROLE = "demo"
-"""Role of its person and build; no set has one of that name."""
+"""Role of the person and build; no set has this role."""
 
 
 @final
 class InteractiveSkin:
-    """An interactive skin is scanned wherever the robot is, and touched on request.
+    """An interactive skin simulates scans of a moving robot that is touched on request.
 
-    Contact, film and sensor are those that clips are made by, one reading at a time,
-    each the sensor's period later than the last. Between two scans the robot moves
-    evenly. What jitter would scan of a patch after the scan itself is what there is by
-    then, since later motion is unknown.
+    Contact, film and sensor are those of simulated clips, computed one reading at a
+    time, a sensor period apart. Between two scans the robot moves at constant speed.
+    Jitter never samples a patch later than the end of its scan, since later motion is
+    unknown.
 
     Attributes:
         mounted: skin on its robot.
         robot_name: name of the robot for `load_robot`.
-        calibration: calibration that the user of the build has.
+        calibration: calibration of the sensor build.
         period: time between two scans [s].
-        hand: hand that touches it.
-        wrenches: wrenches of touches on links at the latest scan, means over its time.
+        hand: hand that touches the skin.
+        wrenches: wrenches of touches on links, means over the latest scan.
     """
 
     def __init__(
@@ -87,15 +86,14 @@ class InteractiveSkin:
         person: Person | None = None,
         loses: bool = True,
     ) -> None:
-        """Build a skin, of no set that recognisers are trained or tested on.
+        """Build a skin that is in no set that recognisers are trained or tested on.
 
         Args:
             name: name of a preset skin.
             seed: seed of everything that is drawn.
-            build_kind: laws that the sensor is drawn from.
-            person: person who touches it; of no such set either unless given.
-            loses: whether patches are silent at times, as those of a real skin are;
-                else only where they are unplugged.
+            build_kind: distribution that the sensor is drawn from.
+            person: person who touches it; None draws one that is in no such set.
+            loses: whether scans of patches are lost at random, as on a real skin.
 
         Raises:
             ValueError: there is no such skin, or the seed is negative.
@@ -140,10 +138,10 @@ class InteractiveSkin:
 
         Args:
             stamp: stamp of the scan [ns since the epoch].
-            q: joint positions by then [rad].
+            q: joint positions at the scan [rad].
 
         Raises:
-            ValueError: these are not the robot's joints.
+            ValueError: `q` does not fit the joints of the robot, or is not finite.
         """
         q = np.array(q, dtype=np.float64)
         joints = len(self.mounted.robot.joint_names)
@@ -157,14 +155,13 @@ class InteractiveSkin:
         scene = TouchScene(span.q, tuple(touches.values()))
         self.press_sensor(scene, list(touches), stamp)
         counts = self.sensor.read(np.array([self.sensor.steps - 1.0]))[0]
-        silent = self.sensor.losses.draw_next()[0] & self.loses
-        received = ~(silent | self.unplugged)
-        received = received[self.mounted.skin.patch_index]
+        lost = self.sensor.losses.draw_next()[0] & self.loses
+        received = ~(lost | self.unplugged)[self.mounted.skin.patch_index]
         counts[~received] = 0
         return Scan(stamp, counts, received, q)
 
     def press_sensor(self, scene: TouchScene, numbers: list[int], stamp: int) -> None:
-        """Press the touches of a reading on the sensor, and record their truth."""
+        """Apply the touches of a reading to the sensor, and record their truth."""
         touch_presses = compute_touch_presses(scene, self.env)
         skin = self.mounted.skin
         pressure, taxels = compute_scene_pressure(
@@ -172,16 +169,21 @@ class InteractiveSkin:
         )
         self.wrenches = compute_wrenches(pressure.mean(axis=0), taxels, skin)
         self.sensor.push(pressure, taxels)
-        found: tuple[TrueTouchSeries, ...] = ()
+        truths: tuple[TrueTouchSeries, ...] = ()
         if numbers:
-            charts = self.env.charts
-            found = compute_true_series(
-                scene, touch_presses, charts, self.mounted, 0, self.env
+            truths = compute_true_series(
+                scene, touch_presses, self.env.charts, self.mounted, 0, self.env
             )
-        self.hand.set_truths(build_truth_records(found, numbers, stamp))
+        self.hand.set_truths(
+            tuple(
+                truth.to_record(numbers[truth.number], 0, stamp)
+                for truth in truths
+                if truth.force[0] > 0
+            )
+        )
 
     def unplug(self, patch: str) -> None:
-        """Unplug a patch's cable: nothing of it is received.
+        """Unplug the cable of a patch, so that nothing of it is received.
 
         Raises:
             ValueError: the skin has no such patch.
@@ -189,7 +191,7 @@ class InteractiveSkin:
         self.unplugged[self.find_patch(patch)] = True
 
     def plug(self, patch: str) -> None:
-        """Plug a patch's cable back in.
+        """Plug the cable of a patch in again.
 
         Raises:
             ValueError: the skin has no such patch.
@@ -197,13 +199,13 @@ class InteractiveSkin:
         self.unplugged[self.find_patch(patch)] = False
 
     def kill(self, share: float) -> tuple[int, ...]:
-        """Make some of the live taxels dead from now on.
+        """Make a random part of the taxels dead from now on.
 
         Args:
-            share: share of all taxels; those that are dead already do not count.
+            share: share of all taxels, drawn from those that still work.
 
         Returns:
-            The taxels.
+            Indices of the taxels.
 
         Raises:
             ValueError: the share is not between 0 and 1.
@@ -233,25 +235,13 @@ class InteractiveSkin:
 
 
 def build_role_rng(what: str, seed: int) -> np.random.Generator:
-    """Build a generator of its own for each thing that is drawn."""
-    words = build_seed(f"{what} {DEMO_ROLE}", 0, 0, seed)
-    return build_rng(words)
+    """Build the random generator of one part of the simulation."""
+    return build_rng(build_seed(f"{what} {DEMO_ROLE}", 0, 0, seed))
 
 
 def draw_demo_person(env: SimEnvironment, seed: int) -> Person:
-    """Draw a person of no set, `demo-p0` and so on; the same one every time."""
+    """Draw a person who is in no set, such as `demo-p0`; the same for each seed."""
     origin = Origin(
         f"{DEMO_ROLE}-p{seed}", build_seed(f"person {DEMO_ROLE}", 0, 0, seed)
     )
     return draw_person(origin.name, env.constants, origin.rng())
-
-
-def build_truth_records(
-    truths: tuple[TrueTouchSeries, ...], numbers: list[int], stamp: int
-) -> tuple[TruthRecord, ...]:
-    """Build the records of all touches that press in a reading."""
-    return tuple(
-        truth.to_record(numbers[truth.number], 0, stamp)
-        for truth in truths
-        if truth.force[0] > 0
-    )

@@ -1,4 +1,4 @@
-"""Interactive touches press on the skin reading by reading while the robot moves."""
+"""Interactive touches advance reading by reading while the robot moves."""
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, replace
@@ -18,23 +18,23 @@ Poses = Float[np.ndarray, "step joint"]
 
 @dataclass(frozen=True, eq=False)
 class MotionSpan:
-    """A span holds the robot's motion in the steps of a reading and just before."""
+    """A motion span holds the robot's motion during a reading and shortly before."""
 
     first: int
-    """First of the steps since the beginning."""
+    """First step of the reading, since the beginning."""
     steps: int
-    """Number of steps."""
+    """Number of steps of the reading."""
     past: Poses
-    """Joint positions at the steps, and before them as far as is kept [rad]."""
+    """Joint positions at these steps and at the kept ones before [rad]."""
 
     @property
     def q(self) -> Poses:
-        """Return the joint positions at the steps [rad]."""
+        """Return the joint positions at the steps of the reading [rad]."""
         return self.past[-self.steps :]
 
     @property
     def is_still(self) -> bool:
-        """Tell whether the robot has stood still as far as is kept."""
+        """Tell whether the robot stood still at all kept steps."""
         return bool(np.all(self.past == self.past[-1]))
 
     def at(self, steps: Float[np.ndarray, "step"]) -> Poses:
@@ -45,10 +45,10 @@ class MotionSpan:
 
 @final
 class MotionTrack:
-    """A track keeps the robot's motion as far back as a late hand needs it."""
+    """A motion track keeps as much of the robot's motion as a delayed hand needs."""
 
     def __init__(self, steps: int, kept: int) -> None:
-        """Begin before the first reading.
+        """Create an empty track.
 
         Args:
             steps: steps of a reading.
@@ -59,15 +59,12 @@ class MotionTrack:
         self.next_step = 0
 
     def push(self, q: Float[np.ndarray, "joint"]) -> MotionSpan:
-        """Move evenly to joint positions at the end of the next reading [rad]."""
+        """Move at constant speed to joint positions at the end of the next reading."""
         last = q if self.past is None else self.past[-1]
         share = np.arange(1, self.steps + 1)[:, None] / self.steps
-        # Exactly equal numbers at rest save computing everything again.
-        path = (
-            last + share * (q - last)
-            if np.any(q != last)
-            else np.tile(q, (len(share), 1))
-        )
+        # At rest the numbers must be exactly equal, so that `is_still` saves work.
+        moved = np.any(q != last)
+        path = last + share * (q - last) if moved else np.tile(q, (len(share), 1))
         before = path[:0] if self.past is None else self.past
         self.past = np.concatenate([before, path])[-self.kept - self.steps :]
         span = MotionSpan(self.next_step, self.steps, self.past)
@@ -76,11 +73,11 @@ class MotionTrack:
 
 
 class InteractiveTouch(ABC):
-    """An interactive touch takes place while the robot moves as it will.
+    """An interactive touch takes place while the robot moves in unknown ways.
 
     Attributes:
-        touch: touch as far as it is known, on its own clock.
-        over: whether it is over.
+        touch: touch as known so far, on its own clock.
+        over: whether the touch is over.
     """
 
     touch: TrueTouch
@@ -88,15 +85,15 @@ class InteractiveTouch(ABC):
 
     @abstractmethod
     def advance(self, span: MotionSpan) -> TrueTouch:
-        """Return what it does in the steps of a reading, whose first is 0."""
+        """Advance by a reading; return the part of the touch in it, from step 0."""
 
 
 @final
 class PerformedTouch(InteractiveTouch):
-    """A performed touch is planned from its start, and begins with the next reading.
+    """A performed touch is planned in advance and begins with the next reading.
 
-    As in clips, a hand follows the robot late, a cable hangs where it is, and a link
-    that touches another stays with it.
+    As in clips, a hand follows the robot with a delay, a cable stays where it is in the
+    world, and a link that touches another moves with it.
     """
 
     def __init__(self, touch: TrueTouch, delay: float, env: SimEnvironment) -> None:
@@ -109,65 +106,62 @@ class PerformedTouch(InteractiveTouch):
         """
         self.touch = touch
         self.env = env
-        self.late = delay / env.constants.value("time.step")
+        self.delay_steps = delay / env.constants.value("time.step")
         self.over = not touch.presses
         self.start: int | None = None
-        self.landed: dict[int, np.ndarray] = {}
+        self.q_landing: dict[int, np.ndarray] = {}
         self.end = max((p.first + p.steps for p in touch.presses), default=0)
 
     def advance(self, span: MotionSpan) -> TrueTouch:
-        """Return what it does in the steps of a reading, whose first is 0."""
+        """Advance by a reading; return the part of the touch in it, from step 0."""
         if self.start is None:
             self.start = span.first
         since = span.first - self.start
         here = shift_touch(self.touch, -since)
         self.over = since + span.steps >= self.end
-        parts = ((i, crop_press(p, span.steps)) for i, p in enumerate(here.presses))
+        parts = enumerate(crop_press(p, span.steps) for p in here.presses)
         presses = tuple(self.place_press(i, p, span) for i, p in parts if p is not None)
         return replace(here, presses=presses)
 
     def place_press(self, index: int, press: Press, span: MotionSpan) -> Press:
-        """Return the part of a press in a reading, with its hand where it is then."""
+        """Return the part of a press in a reading, moved relative to its link."""
         now = press.first + np.arange(press.steps)
-        if index not in self.landed:
-            self.landed[index] = span.q[now[0]]
-        landed = self.landed[index]
+        q_landing = self.q_landing.setdefault(index, span.q[now[0]])
         if self.touch.kind == "self_contact":
             return press
-        if span.is_still and np.array_equal(landed, span.q[-1]):
+        if span.is_still and np.array_equal(q_landing, span.q[-1]):
             return press
         if self.touch.kind == "cable":
-            return move_press_on_link(
-                press, self.env, span.q[now], np.tile(landed, (len(now), 1))
-            )
+            q_then = np.tile(q_landing, (len(now), 1))
+            return move_press_on_link(press, self.env, span.q[now], q_then)
         assert self.start is not None
         landing = self.start + self.touch.presses[index].first
-        then = np.maximum(span.first + now - self.late, landing)
+        then = np.maximum(span.first + now - self.delay_steps, landing)
         return move_press_on_link(press, self.env, span.q[now], span.at(then))
 
 
 ARRIVAL_DISTANCE = 0.01
-"""Distance from its target within which a finger has arrived [m]."""
+"""Distance to the target at which a finger has arrived [m]."""
 NOISE_SECONDS = 20.0
-"""Time after which the noise of a force repeats [s]."""
+"""Period after which the noise of a force repeats [s]."""
 
 
 @final
 class DraggedTouch(InteractiveTouch):
-    """A dragged touch slides pads of a hand after the sites it is given.
+    """A dragged touch slides pads of a hand toward sites that a caller sets.
 
-    The pads land softly, go no faster than people stroke, and move with the link; the
-    caller sees where the robot is, so they do not follow it late. They leave once they
-    have landed and have arrived, however early that was asked for.
+    The pads land softly, move no faster than people stroke, and move with the link
+    without delay, since the caller sees the robot. After `lift` they first finish
+    landing and arrive at their target.
     """
 
     def __init__(
         self, sample: GestureSample, force: float, env: SimEnvironment
     ) -> None:
-        """Land at the site of a sample, with the next reading.
+        """Create a touch that lands with the next reading at the site of a sample.
 
         Args:
-            sample: gesture sample of a person and a site, with the pad group as `kind`.
+            sample: gesture sample whose `kind` is a pad group.
             force: force to press with [N].
             env: robot in its skin.
         """
@@ -175,7 +169,7 @@ class DraggedTouch(InteractiveTouch):
         self.step = value("time.step")
         self.rise = self.step / value("live.lands")
         self.fall = self.step / value("live.leaves")
-        self.stiff = 1.0 / value("live.settles")
+        self.spring_rate = 1.0 / value("live.settles")
         self.max_speed = value("live.speed")
         self.env, self.force = env, force
         self.pads, self.tissue = sample.draw_pads(sample.kind), sample.draw_tissue()
@@ -184,12 +178,10 @@ class DraggedTouch(InteractiveTouch):
         self.centre = np.array(sample.site.centre)
         self.target, self.speed = self.centre, np.zeros(2)
         steps = sample.count_steps(NOISE_SECONDS)
-        self.noise, self.ripple = (
-            sample.draw_held_noise(steps),
-            sample.draw_ripple(steps),
-        )
+        self.noise = sample.draw_held_noise(steps)
+        self.ripple = sample.draw_ripple(steps)
         self.steps_done, self.level = 0, 0.0
-        self.told_to_leave = self.leaving = False
+        self.lift_requested = self.lifting = False
         self.over = False
         self.touch = TrueTouch(
             "stroke",
@@ -200,7 +192,7 @@ class DraggedTouch(InteractiveTouch):
         )
 
     def set_target(self, site: ContactSite) -> None:
-        """Slide toward a site from now on; move onto another chart at once."""
+        """Slide toward a site from now on; jump to it if it is on another chart."""
         target = np.array(site.centre)
         if site.chart != self.chart:
             self.chart, self.angle = site.chart, site.angle + self.turn
@@ -209,43 +201,38 @@ class DraggedTouch(InteractiveTouch):
         away[:1] = self.env.charts[site.chart].wrap_s(away[:1])
         self.target = self.centre + away
 
-    def leave(self) -> None:
-        """Lift off, as soon as it has arrived."""
-        self.told_to_leave = True
+    def lift(self) -> None:
+        """Lift off as soon as the pads have arrived."""
+        self.lift_requested = True
 
     def advance(self, span: MotionSpan) -> TrueTouch:
-        """Return what it does in the steps of a reading, whose first is 0."""
+        """Advance by a reading; return the part of the touch in it, from step 0."""
         force = np.zeros(span.steps)
         centre = np.zeros((span.steps, 2))
         for step in range(span.steps):
             moved = self.slide()
-            self.leaving |= self.told_to_leave and self.level == 1.0 and self.is_there
-            self.level += -self.fall if self.leaving else self.rise
+            self.lifting |= (
+                self.lift_requested and self.level == 1.0 and self.has_arrived
+            )
+            self.level += -self.fall if self.lifting else self.rise
             self.level = float(np.clip(self.level, 0.0, 1.0))
             at = self.steps_done % len(self.noise)
             uneven = self.noise[at] * (self.ripple[at] if moved else 1.0)
             force[step] = self.force * smooth_step(self.level) * uneven
             centre[step] = self.centre
             self.steps_done += 1
-        self.over = self.leaving and self.level == 0.0
-        press = self.build_press(force, centre)
-        self.touch = TrueTouch(
-            self.touch.gesture,
-            self.touch.kind,
-            self.touch.subject,
-            (press,),
-            self.touch.drawn,
-        )
+        self.over = self.lifting and self.level == 0.0
+        self.touch = replace(self.touch, presses=(self.build_press(force, centre),))
         return self.touch
 
     @property
-    def is_there(self) -> bool:
-        """Tell whether it has arrived."""
+    def has_arrived(self) -> bool:
+        """Tell whether the pads are at their target."""
         return float(np.linalg.norm(self.target - self.centre)) < ARRIVAL_DISTANCE
 
     def slide(self) -> bool:
-        """Go one step as on a damped spring to the target; tell whether it slides."""
-        away, k = self.target - self.centre, self.stiff
+        """Move one step as a critically damped spring; tell whether the pads slide."""
+        away, k = self.target - self.centre, self.spring_rate
         # The scheme is implicit in time, so it is stable at any step.
         speed = (self.speed + self.step * k**2 * away) / (1.0 + k * self.step) ** 2
         fast = float(np.linalg.norm(speed))
@@ -266,9 +253,9 @@ class DraggedTouch(InteractiveTouch):
 
 
 SLIDING_SHARE = 0.02
-"""Share of the greatest speed from which a hand slides."""
+"""Share of the greatest speed above which a hand counts as sliding."""
 
 
 def smooth_step(level: float) -> float:
-    """Return a level between 0 and 1 smoothed at either end."""
+    """Return a level between 0 and 1, smoothed at both ends (quintic smoothstep)."""
     return level**3 * (10 - 15 * level + 6 * level**2)

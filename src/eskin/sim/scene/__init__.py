@@ -1,4 +1,4 @@
-"""This package holds a robot in its skin: its poses, its motion, sites and scenes."""
+"""This package simulates a robot in its skin: poses, motion, sites and scenes."""
 
 from eskin.sim.scene.environment import (
     SimEnvironment,

@@ -1,7 +1,7 @@
 """The collision model measures distances between the links of a robot.
 
-Each collision cylinder has a capsule about it, which settles most pairs; what capsules
-leave open is measured on the cylinders themselves. Distances are never too large.
+Links are solid cylinders. Distances are lower bounds: enclosing capsules decide most
+pairs, and only those that may be close are measured on the cylinders themselves.
 """
 
 from dataclasses import dataclass
@@ -19,7 +19,7 @@ from eskin.sim.scene.kernels import (
 
 @dataclass(frozen=True, eq=False)
 class CollisionModel:
-    """A collision model holds the solid parts of a robot and which of them may meet."""
+    """A collision model holds the cylinders of a robot and which pairs may collide."""
 
     cylinders: CylinderArrays
     """All cylinders of the robot."""
@@ -37,7 +37,7 @@ class CollisionModel:
     ) -> Float[np.ndarray, "pose 2"]:
         """Return the least distance of links and the least height over the table [m].
 
-        What is farther than `enough` [m] is only known to be so.
+        Distances beyond `enough` [m] are only lower bounds.
         """
         T = np.ascontiguousarray(T_world_link)
         return compute_clearances(
@@ -61,31 +61,27 @@ def build_collision_model(robot: Robot) -> CollisionModel:
     """Build the collision model of a robot.
 
     Raises:
-        ValueError: a collision geometry is no cylinder.
+        ValueError: a collision geometry is not a cylinder.
     """
     cylinders = build_cylinders(robot)
     joined = {frozenset((joint.parent, joint.child)) for joint in robot.joints}
     names = robot.link_names
-    meets = np.array(
+    may_collide = np.array(
         [[a != b and frozenset((a, b)) not in joined for b in names] for a in names]
     )
     links = cylinders.links
-    pairs = np.argwhere(np.triu(meets[links][:, links]))
+    pairs = np.argwhere(np.triu(may_collide[links][:, links]))
     return CollisionModel(
         cylinders=cylinders,
         pairs=pairs.astype(np.int64).reshape(-1, 2),
         table_cylinders=np.flatnonzero(~np.isin(links, find_base_links(robot))),
-        unjoined=tuple(
-            np.flatnonzero(meets[link][links]) for link in range(len(names))
-        ),
-        other_cylinders=tuple(
-            np.flatnonzero(links != link) for link in range(len(names))
-        ),
+        unjoined=tuple(np.flatnonzero(row[links]) for row in may_collide),
+        other_cylinders=tuple(np.flatnonzero(links != i) for i in range(len(names))),
     )
 
 
 def find_base_links(robot: Robot) -> list[int]:
-    """Find the root and the links that turn on it, which are on the table anyhow."""
+    """Find the root link and its children, which stand on the table."""
     children = {joint.child for joint in robot.joints}
     (root,) = (name for name in robot.link_names if name not in children)
     first = [joint.child for joint in robot.joints if joint.parent == root]

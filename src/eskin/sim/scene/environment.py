@@ -1,10 +1,10 @@
-"""The environment holds the robot in its skin, prepared for touching."""
+"""This module defines the simulation environment and sites on its surfaces."""
 
 from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from eskin.robot import load_robot
 from eskin.sim.constants import MM, Constants, load_constants
@@ -17,7 +17,7 @@ from eskin.skin import SKIN_PRESETS, MountedSkin
 
 @dataclass(frozen=True, eq=False)
 class SimEnvironment:
-    """An environment holds a robot in its skin with all that touches need."""
+    """An environment holds a robot in its skin with the data that touches need."""
 
     mounted: MountedSkin
     """Skin on its robot."""
@@ -28,7 +28,7 @@ class SimEnvironment:
     collision: CollisionModel
     """Collision model of the robot."""
     targets: TouchTargets
-    """Places that can be touched."""
+    """Places that a touch may aim at."""
     constants: Constants
     """Constants of the simulation."""
 
@@ -63,8 +63,8 @@ def build_environment(mounted: MountedSkin, constants: Constants) -> SimEnvironm
     charts = build_charts(mounted, constants.value("contact.rim"))
     links = tuple(mounted.robot.link_index(chart.link) for chart in charts)
     collision = build_collision_model(mounted.robot)
-    spots = build_targets(mounted.skin, charts, constants)
-    return SimEnvironment(mounted, charts, links, collision, spots, constants)
+    targets = build_targets(mounted.skin, charts, constants)
+    return SimEnvironment(mounted, charts, links, collision, targets, constants)
 
 
 def mount_preset(skin: str) -> MountedSkin:
@@ -75,7 +75,7 @@ def mount_preset(skin: str) -> MountedSkin:
 
 @lru_cache(maxsize=4)
 def load_environment(skin: str) -> SimEnvironment:
-    """Load a preset skin on its robot, prepared for touching, cached."""
+    """Load the environment of a preset skin on its robot, cached."""
     return build_environment(mount_preset(skin), load_constants())
 
 
@@ -89,13 +89,14 @@ def compute_surface_axes(
     Float[np.ndarray, "point 3"],
     Float[np.ndarray, "point 3"],
 ]:
-    """Return position [m], directions of s and t, and outward normal in the world."""
+    """Return position [m], unit axes of s and t, and outward normal in the world."""
     wrapped = chart.surface.wrap(centre)
     R, p = T_world_link[..., :3, :3], T_world_link[..., :3, 3]
-    turn = "...ij,...j->...i"
-    s_axis = np.einsum(turn, R, wrapped.tangents)
-    normal = np.einsum(turn, R, wrapped.normals)
-    position = np.einsum(turn, R, wrapped.positions) + p
+    s_axis, normal, position = (
+        np.einsum("...ij,...j->...i", R, vectors)
+        for vectors in (wrapped.tangents, wrapped.normals, wrapped.positions)
+    )
+    position = position + p
     return position, s_axis, np.cross(normal, s_axis), normal
 
 
@@ -127,7 +128,7 @@ def build_site(
     direction: Float[np.ndarray, "3"],
     T_world_link: Float[np.ndarray, "link 4 4"],
 ) -> ContactSite:
-    """Build the site at a point of a chart, turned to a direction of the world."""
+    """Build the site at a point of a chart, oriented along a world direction."""
     here = env.charts[chart]
     T = T_world_link[env.links[chart]]
     _, s_axis, t_axis, _ = compute_surface_axes(here, centre[None], T)
@@ -140,8 +141,8 @@ def build_site(
     )
 
 
-STRIDE = 0.01
-"""Step along a free run [m]."""
+FREE_RUN_STEP = 0.01
+"""Resolution of a free run [m]."""
 
 
 def find_free_run(
@@ -150,40 +151,42 @@ def find_free_run(
     centre: Float[np.ndarray, "2"],
     T_world_link: Float[np.ndarray, "link 4 4"],
 ) -> tuple[float, float]:
-    """Find how far a hand may slide along t: skin below, nothing above [m]."""
+    """Find how far a hand may slide along t, with skin below and nothing above [m]."""
     low, high = find_skin_extent(env, chart, centre)
-    here, link = env.charts[chart], env.links[chart]
-    before = -np.arange(STRIDE, -low, STRIDE)
-    after = np.arange(STRIDE, high, STRIDE)
-    steps = np.concatenate([before, after])
-    at = centre + np.column_stack([np.zeros_like(steps), steps])
-    T = T_world_link[link]
-    position, _, _, normal = compute_surface_axes(here, at, T)
+    link = env.links[chart]
+    before = -np.arange(FREE_RUN_STEP, -low, FREE_RUN_STEP)
+    after = np.arange(FREE_RUN_STEP, high, FREE_RUN_STEP)
+    offsets = np.concatenate([before, after])
+    points = centre + np.column_stack([np.zeros_like(offsets), offsets])
+    position, _, _, normal = compute_surface_axes(
+        env.charts[chart], points, T_world_link[link]
+    )
     room = env.constants.value("place.room") * MM
-    over = position + room / 2 * normal
-    blocked = env.collision.compute_free_distance(T_world_link, over, link) < room / 2
+    above = position + room / 2 * normal
+    blocked = env.collision.compute_free_distance(T_world_link, above, link) < room / 2
+    split = len(before)
     return (
-        low
-        if not blocked[: len(before)].any()
-        else find_last_free_step(before, blocked),
-        high
-        if not blocked[len(before) :].any()
-        else find_last_free_step(after, blocked[-len(after) :]),
+        find_free_end(before, blocked[:split], low),
+        find_free_end(after, blocked[split:], high),
     )
 
 
-def find_last_free_step(steps: Float[np.ndarray, "step"], blocked: np.ndarray) -> float:
-    """Return the last step before the first that is blocked [m]."""
-    first = int(np.argmax(blocked[: len(steps)]))
-    return float(steps[first - 1]) if first else 0.0
+def find_free_end(
+    offsets: Float[np.ndarray, "step"], blocked: Bool[np.ndarray, "step"], end: float
+) -> float:
+    """Return the last offset before the first blocked one, or the end if none is."""
+    if not blocked.any():
+        return end
+    first = int(np.argmax(blocked))
+    return float(offsets[first - 1]) if first else 0.0
 
 
 def find_skin_extent(
     env: SimEnvironment, chart: int, centre: Float[np.ndarray, "2"]
 ) -> tuple[float, float]:
-    """Find how far skin goes on along t from a point [m]."""
+    """Find how far the skin extends along t from a point [m]."""
     here = env.charts[chart]
-    lane = env.constants.value("place.column") * MM
+    half_width = env.constants.value("place.column") * MM
     aside = np.abs(here.wrap_s(here.unrolled[:, 0] - centre[0]))
-    along = here.unrolled[aside <= lane, 1] - centre[1]
+    along = here.unrolled[aside <= half_width, 1] - centre[1]
     return float(along.min(initial=0.0)), float(along.max(initial=0.0))

@@ -17,35 +17,36 @@ from eskin.sim.scene.placement import build_view
 
 @dataclass(frozen=True, eq=False)
 class PatchSamples:
-    """Patch samples are some taxels of each chart, evenly spread."""
+    """Patch samples are every n-th taxel of each chart."""
 
     points: Float[np.ndarray, "point 3"]
     """Positions in the frame of the chart's link [m]."""
     normals: Float[np.ndarray, "point 3"]
     """Outward unit normals in that frame."""
     areas: Float[np.ndarray, "point"]
-    """Area of skin that each point stands for [m2]."""
+    """Area of skin that each point represents [m2]."""
     starts: Int[np.ndarray, "chart_and_one"]
     """First point of each chart."""
     links: Int[np.ndarray, "chart"]
     """Index of the link of each chart."""
-    balls: Float[np.ndarray, "chart 4"]
-    """Middle and radius of a ball about each chart [m]."""
+    spheres: Float[np.ndarray, "chart 4"]
+    """Centre and radius of a bounding sphere of each chart [m]."""
     pairs: Int[np.ndarray, "pair 2"]
     """Pairs of charts of different links."""
 
 
 @lru_cache(maxsize=4)
 def sample_patches(env: SimEnvironment) -> PatchSamples:
-    """Sample the taxels by which folds are found."""
+    """Sample the taxels that folds and reachable skin are computed with."""
     skin = env.mounted.skin
     most = int(env.constants.value("fold.points"))
     chosen = [chart.taxels[:: -(-len(chart.taxels) // most)] for chart in env.charts]
-    balls = []
+    spheres = []
     for taxels in chosen:
-        at = skin.positions[taxels]
-        reach = np.linalg.norm(at - at.mean(axis=0), axis=1).max()
-        balls.append(np.append(at.mean(axis=0), reach))
+        positions = skin.positions[taxels]
+        centre = positions.mean(axis=0)
+        radius = np.linalg.norm(positions - centre, axis=1).max()
+        spheres.append(np.append(centre, radius))
     links = np.array(env.links, dtype=np.int64)
     taxels = np.concatenate(chosen)
     shares = [skin.areas[chart.taxels].sum() for chart in env.charts]
@@ -56,7 +57,7 @@ def sample_patches(env: SimEnvironment) -> PatchSamples:
         areas=np.repeat(np.array(shares) / counts, counts),
         starts=np.cumsum([0, *counts]),
         links=links,
-        balls=np.array(balls),
+        spheres=np.array(spheres),
         pairs=np.argwhere(np.triu(links[:, None] != links[None])).astype(np.int64),
     )
 
@@ -66,22 +67,21 @@ def compute_facing_gaps(
 ) -> tuple[Float[np.ndarray, "pose pair"], Int[np.ndarray, "pose pair 2"]]:
     """Return the least gap of each pair of charts that face each other [m].
 
-    It is infinite where they do not. Gaps too thin for a hand do not count. The second
-    array holds the two nearest points of `sample_patches`.
+    It is infinite where they do not. Gaps too thin for a hand are ignored. The second
+    array holds the indices of the two nearest points of `sample_patches`.
     """
     value = env.constants.value
-    least, within = value("fold.thinnest") * MM, value("fold.within") * MM
     samples = sample_patches(env)
     return find_facing_points(
         samples.points,
         samples.normals,
         samples.starts,
         samples.links,
-        samples.balls,
+        samples.spheres,
         samples.pairs,
         np.ascontiguousarray(T_world_link),
-        least,
-        within,
+        value("fold.thinnest") * MM,
+        value("fold.within") * MM,
         value("fold.facing"),
     )
 
@@ -103,26 +103,27 @@ def find_fold_sites(
     constant `fold.within`. The hand points the same way at both.
     """
     view = build_view(env, q, person)
-    gaps, which = compute_facing_gaps(env, view.T_world_link[None])
+    T_world_link = view.T_world_link
+    gaps, nearest = compute_facing_gaps(env, T_world_link[None])
     samples = sample_patches(env)
     found = []
     for pair in np.argsort(gaps[0], kind="stable"):
-        if np.isfinite(gaps[0, pair]):
-            points = samples.points[which[0, pair]]
-            charts = samples.pairs[pair]
-            middle = transform_points(env, charts, points, view.T_world_link).mean(0)
-            ahead = middle - view.shoulder
-            first, second = (
-                build_site(
-                    env,
-                    int(chart),
-                    env.charts[chart].surface.unroll(point[None])[0],
-                    ahead,
-                    view.T_world_link,
-                )
-                for chart, point in zip(charts, points, strict=True)
+        if not np.isfinite(gaps[0, pair]):
+            break
+        charts, points = samples.pairs[pair], samples.points[nearest[0, pair]]
+        middle = transform_points(env, charts, points, T_world_link).mean(axis=0)
+        ahead = middle - view.shoulder
+        first, second = (
+            build_site(
+                env,
+                int(chart),
+                env.charts[chart].surface.unroll(point[None])[0],
+                ahead,
+                T_world_link,
             )
-            found.append((first, second))
+            for chart, point in zip(charts, points, strict=True)
+        )
+        found.append((first, second))
     return tuple(found)
 
 
@@ -132,7 +133,7 @@ def transform_points(
     points: Float[np.ndarray, "point 3"],
     T_world_link: Float[np.ndarray, "link 4 4"],
 ) -> Float[np.ndarray, "point 3"]:
-    """Return points of the links of charts in the world [m]."""
+    """Transform points in the frames of the links of charts to the world [m]."""
     T = T_world_link[np.array(env.links)[charts]]
     return np.einsum("pij,pj->pi", T[:, :3, :3], points) + T[:, :3, 3]
 
@@ -143,17 +144,15 @@ def compute_site_gap(
     first: ContactSite,
     second: ContactSite,
 ) -> float:
-    """Return the distance of two sites in space [m]."""
+    """Return the distance between two sites [m]."""
     T = env.poses(q)
-    one, other = (
+    a, b = (
         compute_surface_axes(
-            env.charts[site.chart],
-            np.array([site.centre]),
-            T[env.links[site.chart]],
+            env.charts[site.chart], np.array([site.centre]), T[env.links[site.chart]]
         )[0][0]
         for site in (first, second)
     )
-    return float(np.linalg.norm(one - other))
+    return float(np.linalg.norm(a - b))
 
 
 def compute_fold_share(
@@ -162,7 +161,7 @@ def compute_fold_share(
     first: ContactSite,
     second: ContactSite,
 ) -> float:
-    """Return the share of a hand's force on the second site: less at a wider gap."""
+    """Return the share of a hand's force on the second site, less at a wider gap."""
     value = env.constants.value
     gap = compute_site_gap(env, q, first, second)
     return value("fold.even") * max(0.0, 1 - gap / (value("fold.within") * MM))
@@ -191,31 +190,24 @@ def press_both_sites(
             presses.append(mirror_press(press, first, second, share))
         else:
             presses.append(press)
-    return replace(
-        touch, presses=tuple(presses), drawn=touch.drawn | {"fold.share": share}
-    )
+    drawn = touch.drawn | {"fold.share": share}
+    return replace(touch, presses=tuple(presses), drawn=drawn)
 
 
 def mirror_press(
     press: Press, first: ContactSite, second: ContactSite, share: float
 ) -> Press:
-    """Return the press of the other side of the hand, mirrored."""
+    """Return the mirrored press of the other side of the hand."""
     turn = second.angle + first.angle
-    path = press.centre - np.array(first.centre)
+    cosine, sine = np.cos(turn), np.sin(turn)
+    s, t = (press.centre - np.array(first.centre)).T
+    # A direction at an angle a from t is reflected to the angle turn - a.
+    path = np.column_stack([-s * cosine - t * sine, t * cosine - s * sine])
     return replace(
         press,
         chart=second.chart,
         pads=mirror_pads(press.pads),
         force=share * press.force,
-        centre=np.array(second.centre) + reflect_path(path, turn),
+        centre=np.array(second.centre) + path,
         angle=turn - press.angle,
     )
-
-
-def reflect_path(
-    path: Float[np.ndarray, "time 2"], turn: float
-) -> Float[np.ndarray, "time 2"]:
-    """Reflect a path: directions at angles a from t come to be at turn - a."""
-    cosine, sine = np.cos(turn), np.sin(turn)
-    s, t = path.T
-    return np.column_stack([-s * cosine - t * sine, t * cosine - s * sine])

@@ -1,4 +1,4 @@
-"""Compiled kernels that compute distances of cylinders and gaps of facing patches."""
+"""Compiled kernels compute distances of cylinders and gaps between facing patches."""
 
 from typing import NamedTuple, no_type_check
 
@@ -25,14 +25,14 @@ class CylinderArrays(NamedTuple):
 
 MAX_ITERATIONS = 100
 DISTANCE_TOLERANCE = 2e-5
-"""Accuracy of distances, which are found from below [m]."""
+"""Accuracy of distances, which are lower bounds [m]."""
 
 
 @compiled
 @no_type_check
 def place_cylinders(
     cylinders: CylinderArrays, T_world_link: Float[np.ndarray, "link 4 4"]
-) -> tuple[Float[np.ndarray, "rod 3"], Float[np.ndarray, "rod 3"]]:
+) -> tuple[Float[np.ndarray, "cylinder 3"], Float[np.ndarray, "cylinder 3"]]:
     """Return centres and axes in the world."""
     count = len(cylinders.links)
     centres, axes = np.empty((count, 3)), np.empty((count, 3))
@@ -50,7 +50,7 @@ def place_cylinders(
 @compiled
 @no_type_check
 def dot(a: Float[np.ndarray, "3"], b: Float[np.ndarray, "3"]) -> float:
-    """Return the scalar product."""
+    """Return the dot product."""
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
@@ -64,7 +64,7 @@ def find_nearest_axis_points(
     b: Float[np.ndarray, "3"],
     k: float,
 ) -> tuple[float, float]:
-    """Return where two axes come nearest, from their middles [m].
+    """Return the nearest points of two segments, from their centres [m].
 
     Ericson 2005, section 5.1.9.
     """
@@ -121,7 +121,7 @@ def compute_extent(
 def compute_distance(
     p: tuple[float, float, float], q: tuple[float, float, float]
 ) -> float:
-    """Return the distance of two points [m]."""
+    """Return the distance between two points [m]."""
     x, y, z = q[0] - p[0], q[1] - p[1], q[2] - p[2]
     return np.sqrt(x * x + y * y + z * z)
 
@@ -139,11 +139,11 @@ def compute_cylinder_distance(
     k: float,
     enough: float,
 ) -> float:
-    """Return the distance of two solid cylinders, never too large [m].
+    """Return a lower bound of the distance between two solid cylinders [m].
 
-    It is 0 where they meet. Capsules about them settle what is farther apart than
-    `enough`. The rest is found by alternating projections, with the plane between as a
-    bound from below.
+    It is 0 where they intersect. Beyond `enough` it is the distance of the enclosing
+    capsules. Otherwise it is accurate to `DISTANCE_TOLERANCE`, by alternating
+    projections with a separating plane as the bound.
     """
     u, v = find_nearest_axis_points(c, a, h, e, b, k)
     p = (c[0] + u * a[0], c[1] + u * a[1], c[2] + u * a[2])
@@ -183,18 +183,16 @@ def compute_clearances(
 ) -> Float[np.ndarray, "pose 2"]:
     """Return the least distance of pairs and the least height of free cylinders [m].
 
-    What is farther than `enough` may be given as any distance beyond.
+    Distances beyond `enough` are only lower bounds.
     """
     found = np.empty((len(T_world_link), 2))
     for pose in range(len(T_world_link)):
         centres, axes = place_cylinders(cylinders, T_world_link[pose])
         low = np.inf
         for cylinder in free:
-            up = abs(axes[cylinder, 2])
-            below = up * cylinders.half_lengths[cylinder] + cylinders.radii[
-                cylinder
-            ] * np.sqrt(max(1.0 - up * up, 0.0))
-            low = min(low, centres[cylinder, 2] - below)
+            radius, half = cylinders.radii[cylinder], cylinders.half_lengths[cylinder]
+            extent = compute_extent((0.0, 0.0, 1.0), axes[cylinder], radius, half)
+            low = min(low, centres[cylinder, 2] - extent)
         least = np.inf
         for one, other in pairs:
             gap = compute_cylinder_distance(
@@ -221,7 +219,7 @@ def compute_point_distances(
     points: Float[np.ndarray, "point 3"],
     others: Int[np.ndarray, "other"],
 ) -> tuple[Float[np.ndarray, "point"], Int[np.ndarray, "point"]]:
-    """Return how far points are from the nearest of some cylinders [m], and which."""
+    """Return the distance of points to the nearest cylinder [m], and its index."""
     centres, axes = place_cylinders(cylinders, T_world_link)
     found = np.full(len(points), np.inf)
     which = np.full(len(points), -1)
@@ -260,7 +258,7 @@ def find_facing_points(
     normals: Float[np.ndarray, "point 3"],
     starts: Int[np.ndarray, "chart_and_one"],
     links: Int[np.ndarray, "chart"],
-    balls: Float[np.ndarray, "chart 4"],
+    spheres: Float[np.ndarray, "chart 4"],
     pairs: Int[np.ndarray, "pair 2"],
     T_world_link: Float[np.ndarray, "pose link 4 4"],
     thinnest: float,
@@ -280,7 +278,7 @@ def find_facing_points(
     for pose in range(poses):
         for chart in range(len(links)):
             T = T_world_link[pose, links[chart]]
-            x, y, z = transform_point(T, balls[chart, :3], 1.0)
+            x, y, z = transform_point(T, spheres[chart, :3], 1.0)
             middles[chart, 0], middles[chart, 1], middles[chart, 2] = x, y, z
             for i in range(starts[chart], starts[chart + 1]):
                 x, y, z = transform_point(T, points[i], 1.0)
@@ -292,10 +290,10 @@ def find_facing_points(
             apart = 0.0
             for axis in range(3):
                 apart += (middles[one, axis] - middles[other, axis]) ** 2
-            if np.sqrt(apart) > within + balls[one, 3] + balls[other, 3]:
+            if np.sqrt(apart) > within + spheres[one, 3] + spheres[other, 3]:
                 continue
             best = within * within
-            beyond = (within + balls[other, 3]) ** 2
+            beyond = (within + spheres[other, 3]) ** 2
             for i in range(starts[one], starts[one + 1]):
                 a = world[i]
                 apart = 0.0

@@ -1,4 +1,4 @@
-"""This module moves the robot, and presses that follow it late or hang still."""
+"""This module draws motions of the robot, and moves presses relative to its links."""
 
 from dataclasses import dataclass, replace
 
@@ -39,7 +39,7 @@ class SpeedProfile:
         return self.length / self.speed + self.ramp
 
     def at(self, time: Float[np.ndarray, "time"]) -> Float[np.ndarray, "time"]:
-        """Return the distance since the start [rad]; at rest before and after."""
+        """Return the distance covered since the start [rad]."""
         t = np.clip(time, 0.0, self.duration)
         left = self.duration - t
         rising = self.acceleration * t**2 / 2
@@ -52,12 +52,12 @@ class SpeedProfile:
 def build_speed_profile(
     length: float, speed: float, acceleration: float
 ) -> SpeedProfile:
-    """Build the fastest move over a length [rad] within a speed and an acceleration."""
+    """Build the fastest move over a length [rad] within two limits."""
     reached = min(speed, float(np.sqrt(length * acceleration)))
     return SpeedProfile(length, reached, acceleration)
 
 
-def follow_late(
+def follow_with_delay(
     press: Press,
     env: SimEnvironment,
     q_series: Float[np.ndarray, "time joint"],
@@ -66,49 +66,20 @@ def follow_late(
     """Return a press by a hand that follows the moving robot with a delay.
 
     At each instant the hand is where its target was a delay ago, but never earlier than
-    when it touched: it lands on the target, and slides until it has caught up.
+    at its landing: it lands on the target and slides until it has caught up.
 
     Args:
         press: press on a robot at rest.
         env: robot in its skin.
-        q_series: poses at the steps of the scene's clock [rad].
-        delay: delay of the hand [s].
+        q_series: poses at the steps of the scene [rad].
+        delay: delay of the hand [s]; infinite for a thing at rest, such as a cable.
     """
-    now = press.first + np.arange(press.steps, dtype=np.float64)
-    late = now - delay / env.constants.value("time.step")
-    return carry_press(press, env, q_series, now, np.maximum(late, now[0]))
-
-
-def hang_still(
-    press: Press, env: SimEnvironment, q_series: Float[np.ndarray, "time joint"]
-) -> Press:
-    """Return a press by what hangs still, such as a cable, while a link moves.
-
-    Args:
-        press: press on a robot at rest.
-        env: robot in its skin.
-        q_series: poses at the steps of the scene's clock [rad].
-    """
-    now = press.first + np.arange(press.steps, dtype=np.float64)
-    return carry_press(press, env, q_series, now, np.full_like(now, now[0]))
-
-
-def carry_press(
-    press: Press,
-    env: SimEnvironment,
-    q_series: Float[np.ndarray, "time joint"],
-    now: Float[np.ndarray, "step"],
-    then: Float[np.ndarray, "step"],
-) -> Press:
-    """Return the press with its hand at steps `now` where it was at steps `then`."""
     if np.all(q_series == q_series[0]):
         return press
-    return move_press_on_link(
-        press,
-        env,
-        interpolate_poses(q_series, now),
-        interpolate_poses(q_series, then),
-    )
+    now = press.first + np.arange(press.steps, dtype=np.float64)
+    then = np.maximum(now - delay / env.constants.value("time.step"), now[0])
+    q_now, q_then = (interpolate_poses(q_series, steps) for steps in (now, then))
+    return move_press_on_link(press, env, q_now, q_then)
 
 
 def move_press_on_link(
@@ -117,22 +88,18 @@ def move_press_on_link(
     q_now: Float[np.ndarray, "step joint"],
     q_then: Float[np.ndarray, "step joint"],
 ) -> Press:
-    """Return the press where T_link(now)^-1 T_link(then) takes its target and angle."""
+    """Return a press with its hand at `q_now` where its target was at `q_then`."""
     link, chart = env.links[press.chart], env.charts[press.chart]
     T_now, T_then = env.poses(q_now)[:, link], env.poses(q_then)[:, link]
-    was, s_then, t_then, _ = compute_surface_axes(chart, press.centre, T_then)
-    here, s_now, t_now, _ = compute_surface_axes(chart, press.centre, T_now)
-    # The way is flat at the target: a hand leaves a tube, it does not enter it.
-    slid = [np.sum((was - here) * axis, axis=1) for axis in (s_now, t_now)]
-    turned = compute_surface_angle(
-        compute_surface_direction(press.angle, s_then, t_then), s_now, t_now
-    )
-    turn = (turned - press.angle + np.pi) % (2 * np.pi) - np.pi
-    return replace(
-        press,
-        centre=press.centre + np.column_stack(slid),
-        angle=press.angle + turn,
-    )
+    p_then, s_then, t_then, _ = compute_surface_axes(chart, press.centre, T_then)
+    p_now, s_now, t_now, _ = compute_surface_axes(chart, press.centre, T_now)
+    # Only the displacement in the tangent plane counts, so hands never enter a tube.
+    slid = [np.sum((p_then - p_now) * axis, axis=1) for axis in (s_now, t_now)]
+    direction = compute_surface_direction(press.angle, s_then, t_then)
+    turn = compute_surface_angle(direction, s_now, t_now) - press.angle
+    turn = (turn + np.pi) % (2 * np.pi) - np.pi
+    centre = press.centre + np.column_stack(slid)
+    return replace(press, centre=centre, angle=press.angle + turn)
 
 
 def interpolate_poses(
@@ -147,18 +114,15 @@ def interpolate_poses(
     return q_series[low] + share[:, None] * (q_series[low + 1] - q_series[low])
 
 
-Direction = Float[np.ndarray, "joint"]
-
-
 def hold_pose(
     env: SimEnvironment, q: Float[np.ndarray, "joint"], seconds: float
 ) -> Float[np.ndarray, "time joint"]:
-    """Return the series of a robot that stays where it is [rad]."""
+    """Return the series of a robot at rest [rad]."""
     return np.tile(q, (count_steps(env, seconds), 1))
 
 
 def count_steps(env: SimEnvironment, seconds: float) -> int:
-    """Return the steps of the simulator's clock in a time [s]."""
+    """Return the number of simulator steps in a duration [s], at least one."""
     return max(1, round(seconds / env.constants.value("time.step")))
 
 
@@ -168,11 +132,11 @@ def draw_motion(
     seconds: float,
     rng: np.random.Generator,
 ) -> Float[np.ndarray, "time joint"]:
-    """Draw a robot that moves through a pose, which it takes in the middle of the time.
+    """Draw a motion of the robot that takes a pose in the middle of the time [rad].
 
-    Some joints start together, reach their speeds, and stop together; the move may have
-    begun before and go on after. Where all that is tried would collide, the base turns
-    alone.
+    Some joints start together, reach their speeds, and stop together; the move may
+    begin before the series and end after it. If every attempt would collide, only the
+    base turns.
 
     Args:
         env: robot in its skin.
@@ -189,8 +153,10 @@ def draw_motion(
     return move_through_pose(env, q, base, seconds, rng)
 
 
-def draw_joint_direction(env: SimEnvironment, rng: np.random.Generator) -> Direction:
-    """Draw the speeds of the joints relative to the fastest."""
+def draw_joint_direction(
+    env: SimEnvironment, rng: np.random.Generator
+) -> Float[np.ndarray, "joint"]:
+    """Draw the speeds of all joints, relative to the fastest one."""
     count = int(env.constants.choose("motion.joints", rng))
     joints = len(env.mounted.robot.joint_names)
     moving = rng.choice(joints, size=min(count, joints), replace=False)
@@ -202,7 +168,7 @@ def draw_joint_direction(env: SimEnvironment, rng: np.random.Generator) -> Direc
 def move_through_pose(
     env: SimEnvironment,
     q: Float[np.ndarray, "joint"],
-    direction: Direction,
+    direction: Float[np.ndarray, "joint"],
     seconds: float,
     rng: np.random.Generator,
 ) -> Float[np.ndarray, "time joint"]:
@@ -221,30 +187,32 @@ def move_through_pose(
 
 
 def compute_max_speed(
-    env: SimEnvironment, q: Float[np.ndarray, "pose joint"], direction: Direction
+    env: SimEnvironment,
+    q: Float[np.ndarray, "pose joint"],
+    direction: Float[np.ndarray, "joint"],
 ) -> float:
-    """Return the greatest speed at which no skin moves too fast [rad/s]."""
-    nudge = 1e-6
+    """Return the greatest speed at which no skin exceeds `motion.fastest` [rad/s]."""
+    epsilon = 1e-6
     samples = sample_patches(env)
     links = np.repeat(samples.links, np.diff(samples.starts))
 
-    def places(at: Float[np.ndarray, "pose joint"]) -> np.ndarray:
-        T = env.poses(at)[:, links]
+    def compute_positions(q: Float[np.ndarray, "pose joint"]) -> np.ndarray:
+        T = env.poses(q)[:, links]
         return np.einsum("ptij,tj->pti", T[..., :3, :3], samples.points) + T[..., :3, 3]
 
-    moved = places(q + nudge * direction) - places(q)
-    most = float(np.linalg.norm(moved, axis=-1).max()) / nudge
+    moved = compute_positions(q + epsilon * direction) - compute_positions(q)
+    most = float(np.linalg.norm(moved, axis=-1).max()) / epsilon
     return env.constants.value("motion.fastest") / max(most, 1e-3)
 
 
 def is_path_free(env: SimEnvironment, series: Float[np.ndarray, "time joint"]) -> bool:
-    """Tell whether a series of poses stays within limits and clear of everything."""
+    """Tell whether a series of poses is within joint limits and free of collisions."""
     robot = env.mounted.robot
     if np.any(series < robot.lower) or np.any(series > robot.upper):
         return False
     every = count_steps(env, env.constants.value("motion.check"))
-    looked_at = np.concatenate([series[::every], series[-1:]])
-    return bool(are_collision_free(env, env.poses(looked_at)).all())
+    checked = np.concatenate([series[::every], series[-1:]])
+    return bool(are_collision_free(env, env.poses(checked)).all())
 
 
 def draw_pose_path(
@@ -253,36 +221,36 @@ def draw_pose_path(
     rng: np.random.Generator,
     groups: frozenset[int] = POSE_GROUPS,
 ) -> Float[np.ndarray, "time joint"]:
-    """Draw a robot that goes from pose to pose, with pauses, for a stream [rad].
+    """Draw a motion from pose to pose, with pauses, for a stream [rad].
 
     Args:
         env: robot in its skin.
         seconds: duration [s].
         rng: random generator.
-        groups: groups of the poses that it pauses at.
+        groups: groups of the poses that it pauses in.
     """
     at = draw_pose(env, groups, rng)
     parts, length, wanted = [], 0, count_steps(env, seconds)
     while length < wanted:
         pause = hold_pose(env, at, env.constants.draw("motion.pause", rng))
-        leg = draw_leg(env, at, groups, rng)
-        parts += [pause, leg]
-        length += len(pause) + len(leg)
-        at = leg[-1]
+        move = draw_next_move(env, at, groups, rng)
+        parts += [pause, move]
+        length += len(pause) + len(move)
+        at = move[-1]
     return np.concatenate(parts)[:wanted]
 
 
-def draw_leg(
+def draw_next_move(
     env: SimEnvironment,
     start: Float[np.ndarray, "joint"],
     groups: frozenset[int],
     rng: np.random.Generator,
 ) -> Float[np.ndarray, "time joint"]:
-    """Draw a move to another pose, or a turn of the base where none can be reached."""
+    """Draw a move to another pose, or a turn of the base if all would collide."""
     for _ in range(int(env.constants.value("motion.tries"))):
-        leg = draw_straight_move(env, start, draw_pose(env, groups, rng), rng)
-        if is_path_free(env, leg):
-            return leg
+        move = draw_straight_move(env, start, draw_pose(env, groups, rng), rng)
+        if is_path_free(env, move):
+            return move
     end = start.copy()
     end[0] = draw_pose(env, groups, rng)[0]
     return draw_straight_move(env, start, end, rng)
@@ -294,7 +262,7 @@ def draw_straight_move(
     end: Float[np.ndarray, "joint"],
     rng: np.random.Generator,
 ) -> Float[np.ndarray, "time joint"]:
-    """Draw a move from one pose to another, all joints together."""
+    """Draw a move from one pose to another, with all joints in proportion."""
     length = float(np.abs(end - start).max())
     direction = (end - start) / length
     between = start + np.linspace(0.0, 1.0, 9)[:, None] * (end - start)

@@ -1,4 +1,4 @@
-"""This module draws where a person touches the robot."""
+"""This module draws contact sites: where a person touches the robot."""
 
 from dataclasses import dataclass
 
@@ -12,9 +12,9 @@ from eskin.sim.scene.environment import SimEnvironment, build_site, compute_surf
 from eskin.sim.scene.targets import EDGE, INNER, REGIONS, SEAM, compute_edge_distance
 
 ACROSS_HAND = np.linspace(-0.5, 0.5, 3)
-"""Points across a hand's breadth that are checked."""
+"""Checked points across a hand, as shares of its breadth."""
 ALONG_HAND = np.linspace(-0.5, 0.5, 9)
-"""Points along a hand that are checked."""
+"""Checked points along a hand, as shares of its length."""
 
 
 def has_room_for_hand(
@@ -23,70 +23,52 @@ def has_room_for_hand(
     law: str,
     T_world_link: Float[np.ndarray, "link 4 4"],
 ) -> bool:
-    """Tell whether nothing is in the hand's way, and a stroke has its run."""
+    """Tell whether a hand has room at a site.
+
+    A stroke needs a free run, a grab room round the tube over the whole hand, and other
+    gestures room for a finger that comes from outside.
+    """
+    value, link = env.constants.value, env.links[site.chart]
     if law == "stroke":
         low, high = site.free_run
-        if high - low < env.constants.value("place.stroke_run") * MM:
+        if high - low < value("place.stroke_run") * MM:
             return False
+    needed, offsets = value("place.room") * MM, np.zeros((1, 2))
     if law == "grab":
-        return has_room_for_grip(env, site, T_world_link)
-    return has_room_for_finger(env, site, T_world_link)
-
-
-def has_room_for_finger(
-    env: SimEnvironment,
-    site: ContactSite,
-    T_world_link: Float[np.ndarray, "link 4 4"],
-) -> bool:
-    """Tell whether a finger can come to the site from outside."""
-    need = env.constants.value("place.room") * MM
-    link = env.links[site.chart]
-    here = np.array([site.centre])
-    position, _, _, normal = compute_surface_axes(
-        env.charts[site.chart], here, T_world_link[link]
+        around = ALONG_HAND * value("hand.length") * MM
+        along = ACROSS_HAND * value("hand.breadth") * MM
+        offsets = np.stack(np.meshgrid(around, along), axis=-1).reshape(-1, 2)
+    points, _, _, normals = compute_surface_axes(
+        env.charts[site.chart], offsets + site.centre, T_world_link[link]
     )
-    over = position + need / 2 * normal
-    return bool(
-        env.collision.compute_free_distance(T_world_link, over, link)[0] >= need / 2
-    )
-
-
-def has_room_for_grip(
-    env: SimEnvironment,
-    site: ContactSite,
-    T_world_link: Float[np.ndarray, "link 4 4"],
-) -> bool:
-    """Tell whether a hand fits round a tube: room over the arc that it covers."""
-    value = env.constants.value
-    around = ALONG_HAND * value("hand.length") * MM
-    along = ACROSS_HAND * value("hand.breadth") * MM
-    places = np.stack(np.meshgrid(around, along), axis=-1).reshape(-1, 2)
-    link = env.links[site.chart]
-    T = T_world_link[link]
-    surface, *_ = compute_surface_axes(env.charts[site.chart], places + site.centre, T)
-    gaps = env.collision.compute_free_distance(T_world_link, surface, link)
-    return bool(np.all(gaps >= value("place.room") * MM))
+    if law != "grab":
+        needed = needed / 2
+        points = points + needed * normals
+    distances = env.collision.compute_free_distance(T_world_link, points, link)
+    return bool(np.all(distances >= needed))
 
 
 PLACEMENT_LAWS = ("poke", "double_pat", "grab", "stroke")
-"""Gestures with a law of their own for where they take place."""
+"""Gestures with a placement law, the distribution of their sites, of their own."""
 
-PLACED_LIKE = {
+SHARED_LAWS = {
     "squeeze_hold": "grab",
     "guiding": "grab",
     "squeeze": "grab",
     "rub": "stroke",
+    "tap_many": "double_pat",
+    "single_pat": "double_pat",
+    "tickle": "poke",
 }
-PLACED_LIKE |= {"tap_many": "double_pat", "single_pat": "double_pat", "tickle": "poke"}
-"""What needs a place as one of those does; anything else takes any of them."""
+"""Placement laws of other gestures and kinds; the rest take one at random."""
 
-TUBE_GESTURES = ("grab", "stroke")
-"""Gestures that need a long tube."""
+TUBE_LAWS = ("grab", "stroke")
+"""Placement laws that need a long tube."""
 
 
 @dataclass(frozen=True, eq=False)
 class PersonView:
-    """A person's view is where they stand and how far they reach."""
+    """A person's view holds the robot's pose and where the person reaches it from."""
 
     T_world_link: Float[np.ndarray, "link 4 4"]
     """Poses of the links."""
@@ -106,8 +88,8 @@ def draw_site(
 ) -> ContactSite:
     """Draw where a person touches the robot in a pose.
 
-    What has no law of its own takes that of poke, double pat, grab or stroke, as it
-    happens, so that the place does not tell it from them.
+    Gestures without a placement law take one of those of poke, double pat, grab and
+    stroke at random, so that the place does not distinguish them.
 
     Args:
         env: robot in its skin.
@@ -118,17 +100,19 @@ def draw_site(
         kind: variant of the gesture; some need a certain kind of place.
 
     Raises:
-        ValueError: the skin has no place for it.
+        ValueError: the skin has no place for the gesture.
     """
     law = choose_placement_law(gesture, kind, rng)
     view = build_view(env, q, person)
     tries = int(env.constants.value("place.tries"))
     site = None
     for attempt in range(tries):
-        # Late tries ignore reach and facing, so that every pose has a place.
+        # The second half of the tries ignores reach and facing: every pose has a site.
         index = draw_target(env, view, law, rng, strict=2 * attempt < tries)
         if index is not None:
-            site = draw_site_on_target(env, view, index, rng)
+            centre = draw_point_on_target(env, index, rng)
+            chart = int(env.targets.chart[index])
+            site = build_reached_site(env, view, chart, centre)
             if has_room_for_hand(env, site, law, view.T_world_link):
                 return site
     if site is None:
@@ -139,28 +123,28 @@ def draw_site(
 def choose_placement_law(
     gesture: str, kind: str | None, rng: np.random.Generator
 ) -> str:
-    """Choose the gesture whose law for places applies."""
+    """Choose the placement law of a kind or gesture, at random if it has none."""
     for name in (kind, gesture):
         if name in PLACEMENT_LAWS:
             return name
-        if name in PLACED_LIKE:
-            return PLACED_LIKE[name]
+        if name in SHARED_LAWS:
+            return SHARED_LAWS[name]
     return PLACEMENT_LAWS[rng.integers(len(PLACEMENT_LAWS))]
 
 
 def build_view(
     env: SimEnvironment, q: Float[np.ndarray, "joint"], person: Person
 ) -> PersonView:
-    """Return where the robot and the person are."""
+    """Build the view of a person who touches the robot in a pose."""
     value = env.constants.value
     table = value("robot.table")
     distance, bearing = person.stand
     size = person.acromion_height / value("place.acromion")
     low, high = env.constants.array("place.height") * size
-    stand = [distance * np.cos(bearing), distance * np.sin(bearing)]
+    x, y = distance * np.cos(bearing), distance * np.sin(bearing)
     return PersonView(
         env.poses(q),
-        np.array([*stand, person.acromion_height - table]),
+        np.array([x, y, person.acromion_height - table]),
         (float(low - table), float(high - table)),
     )
 
@@ -172,25 +156,25 @@ def draw_target(
     rng: np.random.Generator,
     strict: bool,
 ) -> int | None:
-    """Draw a target by region, by nearness to an edge, and by area, reach and facing.
+    """Draw a target by region, by kind, and by area, reach and facing.
 
-    It is None where no target of the region that was drawn will do.
+    It is None if no target of the drawn region and kind can be touched.
     """
-    only = law in TUBE_GESTURES
-    lists = env.targets.by_kind
+    needs_tube = law in TUBE_LAWS
+    by_kind = env.targets.by_kind
     prior = env.constants.weights("place.regions")
     chances = np.array(
         [
-            prior[name] * (len(lists[region, INNER, only]) > 0)
+            prior[name] * (len(by_kind[region, INNER, needs_tube]) > 0)
             for region, name in enumerate(REGIONS)
         ]
     )
     if not chances.any():
         return None
     region = int(rng.choice(len(REGIONS), p=chances / chances.sum()))
-    targets = lists[region, draw_target_kind(env, rng), only]
+    targets = by_kind[region, draw_target_kind(env, rng), needs_tube]
     if not len(targets):
-        targets = lists[region, EDGE, only]
+        targets = by_kind[region, EDGE, needs_tube]
     weights = (
         compute_target_weights(env, view, targets)
         if strict
@@ -203,7 +187,7 @@ def draw_target(
 
 
 def draw_target_kind(env: SimEnvironment, rng: np.random.Generator) -> int:
-    """Draw whether to aim amid a patch, near its edge, or on a seam."""
+    """Draw whether to aim at the inside of a patch, near its edge, or at a seam."""
     value = env.constants.value
     drawn = rng.random()
     if drawn < value("place.seam"):
@@ -212,37 +196,27 @@ def draw_target_kind(env: SimEnvironment, rng: np.random.Generator) -> int:
 
 
 def compute_target_weights(
-    env: SimEnvironment, view: PersonView, targets: Int[np.ndarray, "spot"]
-) -> Float[np.ndarray, "spot"]:
+    env: SimEnvironment, view: PersonView, targets: Int[np.ndarray, "target"]
+) -> Float[np.ndarray, "target"]:
     """Return the areas of targets, weighted by reach and by facing the person."""
-    all_spots = env.targets
-    links = np.array(env.links)[all_spots.chart[targets]]
+    all_targets = env.targets
+    links = np.array(env.links)[all_targets.chart[targets]]
     T = view.T_world_link[links]
-    turn = "sij,sj->si"
-    positions = (
-        np.einsum(turn, T[:, :3, :3], all_spots.positions[targets]) + T[:, :3, 3]
-    )
-    normals = np.einsum(turn, T[:, :3, :3], all_spots.normals[targets])
+    R, p = T[:, :3, :3], T[:, :3, 3]
+    positions = np.einsum("tij,tj->ti", R, all_targets.positions[targets]) + p
+    normals = np.einsum("tij,tj->ti", R, all_targets.normals[targets])
     to_person = view.shoulder - positions
     cosine = np.sum(normals * to_person, axis=1) / np.linalg.norm(to_person, axis=1)
     low, high = view.heights
     within = (positions[:, 2] >= low) & (positions[:, 2] <= high)
     facing = np.maximum(cosine, 0.0) ** env.constants.value("place.facing")
-    return all_spots.areas[targets] * within * facing
-
-
-def draw_site_on_target(
-    env: SimEnvironment, view: PersonView, index: int, rng: np.random.Generator
-) -> ContactSite:
-    """Draw the site on a target."""
-    chart = int(env.targets.chart[index])
-    return build_reached_site(env, view, chart, draw_point_on_target(env, index, rng))
+    return all_targets.areas[targets] * within * facing
 
 
 def build_reached_site(
     env: SimEnvironment, view: PersonView, chart: int, centre: Float[np.ndarray, "2"]
 ) -> ContactSite:
-    """Build the site at a point of a chart, with the hand as the person reaches it."""
+    """Build the site at a point of a chart, the hand oriented as the person reaches."""
     T = view.T_world_link[env.links[chart]]
     position, *_ = compute_surface_axes(env.charts[chart], centre[None], T)
     reach = position[0] - view.shoulder
@@ -254,14 +228,14 @@ def build_reached_site(
 def draw_point_on_target(
     env: SimEnvironment, index: int, rng: np.random.Generator
 ) -> Float[np.ndarray, "2"]:
-    """Draw a point (s, t) [m] of a target, as near to an edge as the target is."""
+    """Draw a point (s, t) of a target that is near an edge if the target is [m]."""
     targets = env.targets
-    middle = targets.unrolled[index]
+    middle, kind = targets.unrolled[index], targets.kind[index]
+    point = middle + rng.uniform(-1.0, 1.0, 2) @ targets.half_cells[index]
+    if kind == SEAM:
+        return point
     chart = int(targets.chart[index])
-    target = middle + rng.uniform(-1.0, 1.0, 2) @ targets.half_cells[index]
-    if targets.kind[index] == SEAM:
-        return target
     edges = targets.edges[chart]
-    away = compute_edge_distance(env.charts[chart], edges, target[None])[0]
-    near = away <= env.constants.value("place.edge_within") * MM
-    return target if near == (targets.kind[index] == EDGE) else middle.copy()
+    distance = compute_edge_distance(env.charts[chart], edges, point[None])[0]
+    near = distance <= env.constants.value("place.edge_within") * MM
+    return point if near == (kind == EDGE) else middle.copy()

@@ -1,8 +1,8 @@
-"""This module draws poses of the robot among those that it would take.
+"""This module draws valid poses of the robot.
 
-Poses that are alike form groups, so that whole groups can be kept for tests. They are
-those of an arm like the UR5. All poses of another robot are in one group of their own,
-which stands for every group that is asked for.
+Similar poses form groups, so that whole groups can be held out for testing. The groups
+are defined for arms like the UR5. All poses of another robot are in one group, which
+stands for every group that is requested.
 """
 
 from collections.abc import Collection
@@ -24,26 +24,26 @@ POSE_GROUPS = frozenset(range(1, 13))
 """All groups. The forearm is level in 1-4, rises in 5-8 and hangs in 9-12."""
 
 UNGROUPED = 0
-"""Group of all poses of a robot that is no such arm."""
+"""Group of all poses of a robot that is not such an arm."""
 
 FOREARM, LIFT, ELBOW = "forearm_link", "shoulder_lift_joint", "elbow_joint"
 FIRST_GROUPS = np.array([9, 1, 5])
-"""First group of a forearm that hangs, is level, rises."""
+"""First group of a forearm that hangs, is level or rises."""
 
 
 def has_pose_groups(env: SimEnvironment) -> bool:
-    """Tell whether the robot is an arm whose poses come in groups."""
+    """Tell whether the robot is an arm like the UR5, whose poses have groups."""
     robot = env.mounted.robot
     return FOREARM in robot.link_names and {LIFT, ELBOW} <= set(robot.joint_names)
 
 
-def resolve_groups(env: SimEnvironment, asked: Collection[int]) -> list[int]:
-    """Return the groups of this robot that stand for those asked for."""
-    return sorted(asked) if has_pose_groups(env) else [UNGROUPED]
+def resolve_groups(env: SimEnvironment, requested: Collection[int]) -> list[int]:
+    """Return the groups of this robot that stand for the requested ones."""
+    return sorted(requested) if has_pose_groups(env) else [UNGROUPED]
 
 
 def compute_pose_group(env: SimEnvironment, q: Float[np.ndarray, "joint"]) -> int:
-    """Return the group of a pose, 1 to 12 or `UNGROUPED`, whatever the base's turn."""
+    """Return the group of a pose: 1 to 12, or `UNGROUPED`."""
     return int(compute_pose_groups(env, q[None], env.poses(q[None]))[0])
 
 
@@ -52,7 +52,10 @@ def compute_pose_groups(
     q: Float[np.ndarray, "pose joint"],
     T_world_link: Float[np.ndarray, "pose link 4 4"],
 ) -> Int[np.ndarray, "pose"]:
-    """Return the group of each pose by slope of the forearm, lift and elbow's bend."""
+    """Return the group of each pose, by forearm slope, shoulder lift and elbow angle.
+
+    The angle of the base does not matter.
+    """
     if not has_pose_groups(env):
         return np.full(len(q), UNGROUPED, dtype=np.int64)
     forearm = env.mounted.robot.link_index(FOREARM)
@@ -66,18 +69,19 @@ def compute_pose_groups(
 
 
 CHUNK = 2048
+"""Poses that are checked at a time."""
 
 
 @dataclass(frozen=True, eq=False)
 class PosePool:
-    """A pose pool holds poses found in advance, so that drawing one costs nothing."""
+    """A pose pool holds poses found in advance, so that drawing one is cheap."""
 
     any: dict[int, Float[np.ndarray, "_ joint"]]
-    """Poses of each group without further condition."""
+    """Poses of each group, without further condition."""
     folded: dict[int, Float[np.ndarray, "_ joint"]]
     """Poses in which patches of different links face each other closely."""
     touching: dict[int, Float[np.ndarray, "_ joint"]]
-    """Poses in which a link all but touches a patch of another."""
+    """Poses in which a link nearly touches a patch of another link."""
     shares: dict[int, float]
     """Share of each group among all poses."""
     folded_shares: dict[int, float]
@@ -86,7 +90,7 @@ class PosePool:
 
 @lru_cache(maxsize=4)
 def build_pose_pool(env: SimEnvironment) -> PosePool:
-    """Build the poses of an environment: always the same ones."""
+    """Build the pose pool of an environment, the same every time."""
     rng = np.random.default_rng(int(env.constants.value("robot.pool_seed")))
     q = draw_valid_poses(env, rng)
     group = compute_pose_groups(env, q, env.poses(q))
@@ -110,7 +114,7 @@ def sort_by_group(
     group: Int[np.ndarray, "pose"],
     most: int,
 ) -> dict[int, Float[np.ndarray, "_ joint"]]:
-    """Return the first poses of each group."""
+    """Return at most `most` poses of each group, in order."""
     return {each: q[group == each][:most] for each in resolve_groups(env, POSE_GROUPS)}
 
 
@@ -128,16 +132,13 @@ def compute_group_shares(
 def draw_valid_poses(
     env: SimEnvironment, rng: np.random.Generator
 ) -> Float[np.ndarray, "pose joint"]:
-    """Draw poses evenly among those that a robot would take and people can reach.
-
-    A robot without joints takes the one pose it has.
-    """
+    """Draw valid poses uniformly; a robot without joints has one pose."""
     if not env.can_move:
         return np.zeros((1, 0))
     low, high = compute_joint_limits(env)
-    tries = int(env.constants.value("robot.pool_tries"))
-    q = rng.uniform(low, high, (tries, len(low)))
-    chunks = (q[i : i + CHUNK] for i in range(0, tries, CHUNK))
+    count = int(env.constants.value("robot.pool_tries"))
+    q = rng.uniform(low, high, (count, len(low)))
+    chunks = (q[i : i + CHUNK] for i in range(0, count, CHUNK))
     return np.concatenate([chunk[are_poses_valid(env, chunk)] for chunk in chunks])
 
 
@@ -148,13 +149,14 @@ def draw_touching_poses(
     most: int,
     rng: np.random.Generator,
 ) -> tuple[Float[np.ndarray, "_ joint"], Int[np.ndarray, "_"]]:
-    """Bend poses until a link all but touches another's patch; return their groups."""
+    """Bend poses until a link nearly touches another's patch; return their groups."""
     tries = int(env.constants.value("robot.pool_bent"))
-    found = [
-        bend_until_self_contact(env, q[group == each][:tries], most, rng)
-        for each in resolve_groups(env, POSE_GROUPS)
-    ]
-    bent = np.concatenate(found)
+    bent = np.concatenate(
+        [
+            bend_until_self_contact(env, q[group == each][:tries], most, rng)
+            for each in resolve_groups(env, POSE_GROUPS)
+        ]
+    )
     return bent, compute_pose_groups(env, bent, env.poses(bent))
 
 
@@ -165,7 +167,7 @@ def can_fold(env: SimEnvironment, groups: frozenset[int]) -> bool:
 
 
 def can_touch_itself(env: SimEnvironment, groups: frozenset[int]) -> bool:
-    """Tell whether a link all but touches another's patch in a pose of some groups."""
+    """Tell whether links nearly touch each other in a pose of some groups."""
     poses = build_pose_pool(env).touching
     return any(len(poses.get(group, ())) for group in resolve_groups(env, groups))
 
@@ -176,9 +178,9 @@ def draw_pose(
     rng: np.random.Generator,
     fold: bool = False,
 ) -> Float[np.ndarray, "joint"]:
-    """Draw a pose of some groups, as often as such poses are [rad].
+    """Draw a pose of some groups [rad], each group weighted by its share of poses.
 
-    The base affects none of the conditions on poses and is drawn anew.
+    The base joint affects no condition on poses and is drawn anew.
 
     Args:
         env: robot in its skin.
@@ -198,14 +200,14 @@ def draw_pose(
 def draw_touching_pose(
     env: SimEnvironment, groups: set[int] | frozenset[int], rng: np.random.Generator
 ) -> Float[np.ndarray, "joint"]:
-    """Draw a pose in which a link all but touches a patch of another [rad].
+    """Draw a pose in which a link nearly touches a patch of another [rad].
 
     Raises:
         ValueError: there is no such group, or no such pose in any of them.
     """
-    pool: PosePool = build_pose_pool(env)
-    shares = {group: float(len(q)) for group, q in pool.touching.items()}
-    return draw_from_groups(env, pool.touching, shares, groups, rng)
+    touching = build_pose_pool(env).touching
+    shares = {group: float(len(q)) for group, q in touching.items()}
+    return draw_from_groups(env, touching, shares, groups, rng)
 
 
 def draw_from_groups(
@@ -215,16 +217,16 @@ def draw_from_groups(
     groups: set[int] | frozenset[int],
     rng: np.random.Generator,
 ) -> Float[np.ndarray, "joint"]:
-    """Draw one of the poses of some groups, the base of an arm turned anywhere."""
+    """Draw one of the poses of some groups, with the base joint of an arm at random."""
     if not groups or not groups <= POSE_GROUPS:
         raise ValueError(
             f"groups are {sorted(groups)}; give some of 1 to {len(POSE_GROUPS)}"
         )
-    asked = [group for group in resolve_groups(env, groups) if len(poses[group])]
-    if not asked:
+    allowed = [group for group in resolve_groups(env, groups) if len(poses[group])]
+    if not allowed:
         raise ValueError(f"no such pose in groups {sorted(groups)}; allow more groups")
-    weights = np.array([shares[group] for group in asked])
-    group = asked[int(rng.choice(len(asked), p=weights / weights.sum()))]
+    weights = np.array([shares[group] for group in allowed])
+    group = allowed[int(rng.choice(len(allowed), p=weights / weights.sum()))]
     q = poses[group][rng.integers(len(poses[group]))].copy()
     if not has_pose_groups(env):
         return q

@@ -1,4 +1,4 @@
-"""A scene holds a motion and touches; this module computes their pressure and truth."""
+"""A scene is a robot motion with touches; this module computes pressure and truth."""
 
 from dataclasses import dataclass, replace
 from functools import lru_cache
@@ -24,16 +24,16 @@ from eskin.transforms import apply
 
 @dataclass(frozen=True, eq=False)
 class TouchScene:
-    """A scene holds all that happens between two instants, on the simulator's clock."""
+    """A scene is a motion of the robot and the touches on it, step by step."""
 
     q: Float[np.ndarray, "time joint"]
     """Joint positions [rad]."""
     touches: tuple[TrueTouch, ...]
-    """Touches, whose presses start at steps of this scene."""
+    """Touches, on the clock of this scene."""
 
     @property
     def steps(self) -> int:
-        """Return the length of the scene."""
+        """Return the number of steps."""
         return len(self.q)
 
 
@@ -48,14 +48,14 @@ class ScenePress:
 
     @property
     def span(self) -> slice:
-        """Return the steps of the scene in which it presses."""
+        """Return the steps of the scene that the press covers."""
         return slice(self.press.first, self.press.first + self.press.steps)
 
 
 def compute_scene_presses(
     touch: TrueTouch, steps: int, charts: tuple[Chart, ...], constants: Constants
 ) -> list[ScenePress]:
-    """Compute what each press of a touch does within a scene of so many steps."""
+    """Compute the parts of a touch's presses that lie in a scene of `steps` steps."""
     presses = (crop_press(press, steps) for press in touch.presses)
     return [
         ScenePress(press, compute_pressure_field(press, charts[press.chart], constants))
@@ -65,7 +65,7 @@ def compute_scene_presses(
 
 
 def crop_press(press: Press, steps: int) -> Press | None:
-    """Return the part of a press that lies in a scene of so many steps, if any."""
+    """Return the part of a press that lies in a scene of `steps` steps, if any."""
     low, high = max(0, -press.first), min(press.steps, steps - press.first)
     if high <= low:
         return None
@@ -81,28 +81,19 @@ def crop_press(press: Press, steps: int) -> Press | None:
 def sum_pressure(
     presses: list[ScenePress], steps: int, count: int
 ) -> tuple[Float[np.ndarray, "time active"], Int[np.ndarray, "active"]]:
-    """Sum the pressure of all presses [kPa]; return the taxels it is on, ascending.
-
-    Args:
-        presses: presses of the scene.
-        steps: length of the scene.
-        count: number of taxels of the skin.
-    """
-    touched = [part.field.taxels for part in presses]
+    """Sum the pressure of all presses [kPa]; return it with the taxels, ascending."""
+    touched = [press.field.taxels for press in presses]
     taxels = np.unique(np.concatenate([np.empty(0, dtype=np.int64), *touched]))
     column_of = np.zeros(count, dtype=np.int64)
     column_of[taxels] = np.arange(len(taxels))
     pressure = np.zeros((steps, len(taxels)))
-    for part in presses:
-        pressure[part.span, column_of[part.field.taxels]] += part.field.pressure
+    for press in presses:
+        pressure[press.span, column_of[press.field.taxels]] += press.field.pressure
     return pressure, taxels
 
 
 def find_contact_steps(touch: TrueTouch) -> tuple[int, int]:
-    """Return the first step with force and the step behind the last.
-
-    Both are on the touch's own clock.
-    """
+    """Return the first step with force and the step after the last, on its clock."""
     firsts, ends = [], []
     for press in touch.presses:
         pressed = np.flatnonzero(press.force > 0)
@@ -113,7 +104,7 @@ def find_contact_steps(touch: TrueTouch) -> tuple[int, int]:
 
 
 def shift_touch(touch: TrueTouch, start: int) -> TrueTouch:
-    """Return a touch with its clock started at a step of the clip."""
+    """Return a touch with its clock started at a step of the scene."""
     presses = tuple(replace(p, first=p.first + start) for p in touch.presses)
     return replace(touch, presses=presses)
 
@@ -121,11 +112,11 @@ def shift_touch(touch: TrueTouch, start: int) -> TrueTouch:
 def are_apart(
     env: SimEnvironment,
     q: Float[np.ndarray, "joint"],
-    one: TrueTouch,
-    other: TrueTouch,
+    first: TrueTouch,
+    second: TrueTouch,
 ) -> bool:
-    """Tell whether two touches are far enough apart in space to be two."""
-    a, b = (compute_press_centres(env, q, touch) for touch in (one, other))
+    """Tell whether two touches are far enough apart to count as separate."""
+    a, b = (compute_press_centres(env, q, touch) for touch in (first, second))
     gaps = np.linalg.norm(a[:, None] - b[None], axis=2)
     return bool(gaps.min(initial=np.inf) >= env.constants.value("clip.apart"))
 
@@ -133,7 +124,7 @@ def are_apart(
 def compute_press_centres(
     env: SimEnvironment, q: Float[np.ndarray, "joint"], touch: TrueTouch
 ) -> Float[np.ndarray, "press 3"]:
-    """Return where each press of a touch is half-way through it, in the world [m]."""
+    """Return the position of each press at half of its duration, in the world [m]."""
     T_world_link = env.poses(q)
     points = []
     for press in touch.presses:
@@ -146,13 +137,13 @@ def compute_press_centres(
 
 @dataclass(frozen=True, eq=False)
 class TrueTouchSeries:
-    """This series describes one touch as it really was, at every reading of its clip.
+    """A true touch series is the ground truth of one touch at each reading of a clip.
 
-    Values are zero, and the centroid without meaning, while there is no contact.
+    Values are zero, and the centroid is meaningless, while there is no contact.
     """
 
     number: int
-    """Number of the touch in the clip; 0 is the one that the clip is made for."""
+    """Number of the touch in the clip; 0 is the touch that gives the clip its label."""
     gesture: str
     """Gesture of the vocabulary, `none`, or the name of an unknown gesture."""
     kind: str
@@ -199,29 +190,16 @@ def build_true_series(
     presses: list[ScenePress],
     charts: tuple[Chart, ...],
     mounted: MountedSkin,
-    q: Float[np.ndarray, "time joint"],
+    T_world_link: Float[np.ndarray, "time link 4 4"],
     lead: int,
     every: int,
     step: float,
 ) -> TrueTouchSeries:
-    """Build force, area and centre of a touch at every reading.
-
-    Args:
-        number: number of the touch in its clip.
-        touch: touch that was made.
-        presses: its presses in the scene.
-        charts: charts of the skin.
-        mounted: skin on its robot.
-        q: joint positions of the scene [rad].
-        lead: steps of the scene before the clip.
-        every: steps between two readings.
-        step: length of a step [s].
-    """
-    steps = len(q)
+    """Build force, area and centre of a touch, as means over `every` steps."""
+    steps = len(T_world_link)
     force, area = np.zeros(steps), np.zeros(steps)
     moment = np.zeros((steps, 3))
-    loads: dict[str, float] = {}
-    T_world_link = mounted.kinematics.poses(q)
+    force_on: dict[str, float] = {}
     for press in presses:
         chart, field = charts[press.press.chart], press.field
         force[press.span] += field.force
@@ -230,9 +208,9 @@ def build_true_series(
         poses = T_world_link[press.span, mounted.robot.link_index(chart.link)]
         p_world = apply(poses, p_link)
         moment[press.span] += field.force[:, None] * p_world
-        loads[chart.link] = loads.get(chart.link, 0.0) + float(field.force.sum())
+        force_on[chart.link] = force_on.get(chart.link, 0.0) + float(field.force.sum())
     first, end = find_contact_steps(touch)
-    # Means over the steps of a reading: a bump may last one step alone.
+    # Means over the steps of a reading, since a bump may last a single step.
     force, area, moment = (
         series[lead : lead + (steps - lead) // every * every]
         .reshape(-1, every, *series.shape[1:])
@@ -246,7 +224,7 @@ def build_true_series(
         gesture=touch.gesture,
         kind=touch.kind,
         subject=touch.subject,
-        link=max(loads, key=lambda link: loads[link], default=""),
+        link=max(force_on, key=lambda link: force_on[link], default=""),
         force=force,
         area=area,
         centroid=centroid,
@@ -257,14 +235,14 @@ def build_true_series(
 
 @lru_cache(maxsize=4)
 def get_grid_neighbours(skin: Skin) -> Int[np.ndarray, "taxel 4"]:
-    """Return the taxels beside each one in its patch's grid, cached."""
+    """Return the neighbours of each taxel in its patch's grid, cached."""
     return find_grid_neighbours(skin)
 
 
 def compute_scene_pressure(
     touch_presses: list[list[ScenePress]], steps: int, film_sigma: float, skin: Skin
 ) -> tuple[Float[np.ndarray, "time active"], Int[np.ndarray, "active"]]:
-    """Return the pressure of all touches after the film [kPa], and their taxels."""
+    """Return the pressure spread by the film [kPa], and the taxels it acts on."""
     pressure, taxels = sum_pressure(
         [p for ps in touch_presses for p in ps], steps, skin.count
     )
@@ -273,7 +251,7 @@ def compute_scene_pressure(
 
 
 def count_steps_per_reading(env: SimEnvironment) -> int:
-    """Return the steps between two readings of the sensor."""
+    """Return the number of simulator steps between two readings."""
     value = env.constants.value
     return round(value("sensor.period") / value("time.step"))
 
@@ -286,20 +264,21 @@ def compute_true_series(
     lead: int,
     env: SimEnvironment,
 ) -> tuple[TrueTouchSeries, ...]:
-    """Compute the ground truth of every touch that presses.
+    """Compute the ground truth of every touch of a scene that has presses.
 
     Args:
         scene: scene that is simulated.
         touch_presses: presses of each of its touches.
         charts: charts that the touches are on.
         mounted: skin of these charts on its robot.
-        lead: steps before the clip.
-        env: environment that gives the length of a step.
+        lead: steps of the scene before the clip.
+        env: environment, whose constants give the length of a step.
     """
     every, step = count_steps_per_reading(env), env.constants.value("time.step")
+    T_world_link = mounted.kinematics.poses(scene.q)
     return tuple(
         build_true_series(
-            number, touch, presses, charts, mounted, scene.q, lead, every, step
+            number, touch, presses, charts, mounted, T_world_link, lead, every, step
         )
         for number, (touch, presses) in enumerate(
             zip(scene.touches, touch_presses, strict=True)

@@ -1,4 +1,4 @@
-"""Touch targets are the places on a skin that a touch may aim at."""
+"""This module finds touch targets: the places on a skin that a touch may aim at."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -15,12 +15,12 @@ INNER, EDGE, SEAM = 0, 1, 2
 TARGET_BLOCK = 1024
 """Targets whose distances are held in memory at a time."""
 QUARTERS = np.array([[-0.5, -0.5], [-0.5, 0.5], [0.5, -0.5], [0.5, 0.5]])
-"""Middles of the quarters of a cell, in halves of it along columns and rows."""
+"""Centres of the quarters of a cell, in half cells along columns and rows."""
 
 
 @dataclass(frozen=True, eq=False)
 class PatchEdges:
-    """Patch edges are the points where the patches of a chart end."""
+    """Patch edges are points along the outlines of the patches of a chart."""
 
     points: Float[np.ndarray, "point 2"]
     """Points along the edges (s, t) [m]."""
@@ -30,33 +30,32 @@ class PatchEdges:
 
 @dataclass(frozen=True, eq=False)
 class TouchTargets:
-    """Touch targets are all places on a skin: quarters of cells, points of seams."""
+    """Touch targets are quarters of taxel cells and points of seams between patches."""
 
-    chart: Int[np.ndarray, "spot"]
+    chart: Int[np.ndarray, "target"]
     """Index of the chart."""
-    region: Int[np.ndarray, "spot"]
+    region: Int[np.ndarray, "target"]
     """Index into `REGIONS`."""
-    kind: Int[np.ndarray, "spot"]
-    """Kind of place: amid a patch, near its edge, or on a seam (`INNER`, `EDGE`,
-    `SEAM`)."""
-    unrolled: Float[np.ndarray, "spot 2"]
+    kind: Int[np.ndarray, "target"]
+    """`INNER` of a patch, `EDGE` near its outline, or `SEAM` between two patches."""
+    unrolled: Float[np.ndarray, "target 2"]
     """Position (s, t) on the chart [m]."""
-    half_cells: Float[np.ndarray, "spot 2 2"]
-    """Half the quarter cell as two vectors (s, t), within which a touch may aim [m]."""
-    positions: Float[np.ndarray, "spot 3"]
+    half_cells: Float[np.ndarray, "target 2 2"]
+    """Half of the quarter cell as two vectors (s, t) [m]; zero for seams."""
+    positions: Float[np.ndarray, "target 3"]
     """Positions in the frame of the chart's link [m]."""
-    normals: Float[np.ndarray, "spot 3"]
+    normals: Float[np.ndarray, "target 3"]
     """Outward unit normals in that frame."""
-    areas: Float[np.ndarray, "spot"]
+    areas: Float[np.ndarray, "target"]
     """Areas [m2]."""
     edges: tuple[PatchEdges, ...]
     """Edges of the patches of each chart."""
     tubes: tuple[bool, ...]
-    """Whether a hand can be closed round each chart, or slide along it."""
+    """Whether a hand can close round each chart and slide along it."""
 
     @cached_property
     def by_kind(self) -> dict[tuple[int, int, bool], Int[np.ndarray, "_"]]:
-        """Return targets by region, kind, and whether only tubes will do."""
+        """Return targets by region, kind, and whether they must be on a tube."""
         tube = np.array(self.tubes, dtype=bool)[self.chart]
         return {
             (region, kind, only): np.flatnonzero(
@@ -86,7 +85,7 @@ def build_targets(
     wraps = [
         chart.surface.wrap(part[0]) for chart, part in zip(charts, parts, strict=True)
     ]
-    # Seams are chosen by kind, so any area that is even along them will do.
+    # Seams are drawn as a kind of their own, so all of them may have the same area.
     areas = 4 * np.abs(np.linalg.det(half))
     return TouchTargets(
         chart=np.repeat(np.arange(len(charts)), counts),
@@ -116,7 +115,7 @@ def is_tube(chart: Chart, constants: Constants) -> bool:
 
 
 def find_patch_edges(skin: Skin, chart: Chart) -> PatchEdges:
-    """Find the edges of cells beyond which the patch has no cell."""
+    """Find points on the edges of cells that no cell of the patch adjoins."""
     patch, rows = skin.patch_index[chart.taxels], skin.rows[chart.taxels]
     columns = skin.columns[chart.taxels]
     taken = set(zip(patch.tolist(), rows.tolist(), columns.tolist(), strict=True))
@@ -164,32 +163,32 @@ def compute_edge_distance(
 def build_chart_targets(
     chart: Chart, edges: PatchEdges, constants: Constants
 ) -> tuple[
-    Float[np.ndarray, "spot 2"], Float[np.ndarray, "spot 2 2"], Int[np.ndarray, "spot"]
+    Float[np.ndarray, "target 2"],
+    Float[np.ndarray, "target 2 2"],
+    Int[np.ndarray, "target"],
 ]:
-    """Build the targets on one chart: places, halves of their cells, and kinds."""
+    """Return positions (s, t), half cells and kinds of the targets on one chart."""
     at = chart.unrolled[:, None] + np.einsum("qa,tad->tqd", QUARTERS, chart.cells)
     unrolled = at.reshape(-1, 2)
     half = np.repeat(chart.cells / 2, len(QUARTERS), axis=0)
     near = compute_edge_distance(chart, edges, unrolled) <= (
         constants.value("place.edge_within") * MM
     )
-    seam, strip = find_seams(chart, edges, constants.value("place.seam_gap") * MM)
+    seam = find_seams(chart, edges, constants.value("place.seam_gap") * MM)
     kind = np.concatenate([np.where(near, EDGE, INNER), np.full(len(seam), SEAM)])
-    return np.concatenate([unrolled, seam]), np.concatenate([half, strip]), kind
+    half = np.concatenate([half, np.zeros((len(seam), 2, 2))])
+    return np.concatenate([unrolled, seam]), half, kind
 
 
 def find_seams(
     chart: Chart, edges: PatchEdges, widest: float
-) -> tuple[Float[np.ndarray, "spot 2"], Float[np.ndarray, "spot 2 2"]]:
-    """Find the middles between edges that face each other, and their strips."""
+) -> Float[np.ndarray, "target 2"]:
+    """Find the points (s, t) midway between edges that face each other [m]."""
     away = compute_offsets(chart, edges.points, edges.points)
     length = np.linalg.norm(away, axis=2)
     ahead = np.einsum("ijd,id->ij", away, edges.outward)
     facing = edges.outward @ edges.outward.T < -0.5
-    across = facing & (ahead > 0) & (length <= widest)
-    gap = np.where(across, length, np.inf)
-    ends = np.isfinite(gap.min(axis=1))
-    first = np.flatnonzero(ends)
+    gap = np.where(facing & (ahead > 0) & (length <= widest), length, np.inf)
+    first = np.flatnonzero(np.isfinite(gap.min(axis=1)))
     other = np.argmin(gap[first], axis=1)
-    middles = edges.points[first] + away[first, other] / 2
-    return middles, np.zeros((len(first), 2, 2))
+    return edges.points[first] + away[first, other] / 2

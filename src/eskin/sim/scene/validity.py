@@ -1,4 +1,4 @@
-"""This module tells which poses are valid, and where links touch their own skin."""
+"""This module tells which poses are valid, and where links press on each other."""
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -27,7 +27,7 @@ def compute_joint_limits(
 def are_poses_valid(
     env: SimEnvironment, q: Float[np.ndarray, "pose joint"]
 ) -> Bool[np.ndarray, "pose"]:
-    """Tell in which poses nothing collides and people reach some skin."""
+    """Tell which poses are free of collisions and let people reach some skin."""
     T = env.poses(q)
     good = are_collision_free(env, T)
     good[good] = is_skin_reachable(env, T[good])
@@ -47,7 +47,7 @@ def are_collision_free(
 def is_tool_above_table(
     env: SimEnvironment, T_world_link: Float[np.ndarray, "pose link 4 4"]
 ) -> Bool[np.ndarray, "pose"]:
-    """Tell in which poses the last link is above the table as far as tools need."""
+    """Tell in which poses the last link is high enough above the table for a tool."""
     least = env.constants.value("robot.tool_height")
     return T_world_link[:, -1, 2, 3] >= least
 
@@ -69,30 +69,29 @@ def is_skin_reachable(
 
 
 BENT_JOINTS = ("elbow_joint", "wrist_1_joint", "wrist_2_joint")
-"""Joints that are bent until links meet."""
+"""Joints that are bent until links nearly touch."""
 BISECTIONS = 12
 
 
 def find_self_contact_sites(
     env: SimEnvironment, q: Float[np.ndarray, "joint"]
 ) -> tuple[ContactSite, ...]:
-    """Find the strips where another link is so close that it presses.
+    """Find the sites where another link is so close that it presses.
 
-    The angle of such a site is that of the strip: along the other link.
+    The angle of such a site is along the other link.
     """
-    T_world_link = env.poses(q)
+    T_world_link, cylinders = env.poses(q), env.collision.cylinders
     found = []
     for chart in range(len(env.charts)):
-        gaps, cylinders = find_self_pressed_taxels(env, chart, T_world_link)
-        taxels = np.flatnonzero(cylinders >= 0)
-        for cylinder in np.unique(cylinders[taxels]):
-            strip = taxels[cylinders[taxels] == cylinder]
-            nearest = int(strip[np.argmin(gaps[strip])])
-            found.append(
-                build_self_contact_site(
-                    env, chart, nearest, int(cylinder), T_world_link
-                )
-            )
+        gaps, nearest = find_self_pressed_taxels(env, chart, T_world_link)
+        taxels = np.flatnonzero(nearest >= 0)
+        for cylinder in np.unique(nearest[taxels]):
+            strip = taxels[nearest[taxels] == cylinder]
+            taxel = strip[np.argmin(gaps[strip])]
+            R = T_world_link[cylinders.links[cylinder], :3, :3]
+            along = R @ cylinders.axes[cylinder]
+            centre = env.charts[chart].unrolled[taxel]
+            found.append(build_site(env, chart, centre, along, T_world_link))
     return tuple(found)
 
 
@@ -115,39 +114,24 @@ def find_self_pressed_taxels(
     return gaps, np.where(near, cylinders, -1)
 
 
-def build_self_contact_site(
-    env: SimEnvironment,
-    chart: int,
-    taxel: int,
-    cylinder: int,
-    T_world_link: Float[np.ndarray, "link 4 4"],
-) -> ContactSite:
-    """Build the site of a taxel, its angle along the cylinder that presses there."""
-    cylinders = env.collision.cylinders
-    along = T_world_link[cylinders.links[cylinder], :3, :3] @ cylinders.axes[cylinder]
-    centre = env.charts[chart].unrolled[taxel]
-    return build_site(env, chart, centre, along, T_world_link)
-
-
 def bend_until_self_contact(
     env: SimEnvironment,
     q: Float[np.ndarray, "pose joint"],
     most: int,
     rng: np.random.Generator,
 ) -> Float[np.ndarray, "_ joint"]:
-    """Bend poses, one joint each, until a link all but touches a patch of another."""
+    """Bend one joint of each pose until a link nearly touches a patch of another."""
     names = [name for name in BENT_JOINTS if name in env.mounted.robot.joint_names]
     if not names:
         return q[:0]
     joints = np.array([env.joint_index(name) for name in names])
     chosen = joints[rng.integers(len(joints), size=len(q))]
-    ways = rng.choice([-1.0, 1.0], len(q))
-    bent = [
+    signs = rng.choice([-1.0, 1.0], len(q))
+    found = [
         pose
-        for pose in bend_joints(env, q, chosen, ways)
-        if is_clear_of_table(env, pose[None])
+        for pose in bend_joints(env, q, chosen, signs)
+        if is_clear_of_table(env, pose[None]) and find_self_contact_sites(env, pose)
     ]
-    found = [pose for pose in bent if find_self_contact_sites(env, pose)]
     return np.array(found[:most]).reshape(-1, q.shape[1])
 
 
@@ -155,30 +139,28 @@ def bend_joints(
     env: SimEnvironment,
     q: Float[np.ndarray, "pose joint"],
     joints: Int[np.ndarray, "pose"],
-    ways: Float[np.ndarray, "pose"],
+    signs: Float[np.ndarray, "pose"],
 ) -> Float[np.ndarray, "_ joint"]:
     """Turn a joint of each pose until links are as close as `fold.touching`.
 
-    Poses in which they never come so close are left out.
+    Poses in which links never get so close are left out.
     """
     low, high = env.constants.array("fold.touching") * MM
     step, farthest = env.constants.array("fold.bend")
     turns = np.arange(0.0, farthest, step)
     gaps = [
-        compute_link_gaps(env, turn_joints(q, joints, turn * ways), high)
+        compute_link_gaps(env, turn_joints(q, joints, turn * signs), high)
         for turn in turns
     ]
     close = np.stack(gaps, axis=1) < low
     hits = np.flatnonzero(close.any(axis=1) & ~close[:, 0])
-    q, joints, ways = q[hits], joints[hits], ways[hits]
-    hit = turns[np.argmax(close[hits], axis=1)] * ways
-    away = hit - step * ways
+    q, joints, signs = q[hits], joints[hits], signs[hits]
+    hit = turns[np.argmax(close[hits], axis=1)] * signs
+    away = hit - step * signs
     for _ in range(BISECTIONS):
         middle = (away + hit) / 2
-        apart = (
-            compute_link_gaps(env, turn_joints(q, joints, middle), high)
-            >= (low + high) / 2
-        )
+        gap = compute_link_gaps(env, turn_joints(q, joints, middle), high)
+        apart = gap >= (low + high) / 2
         away, hit = np.where(apart, middle, away), np.where(apart, hit, middle)
     bent = turn_joints(q, joints, away)
     gap = compute_link_gaps(env, bent, 2 * high)
@@ -190,7 +172,7 @@ def turn_joints(
     joints: Int[np.ndarray, "pose"],
     turns: Float[np.ndarray, "pose"],
 ) -> Float[np.ndarray, "pose joint"]:
-    """Return each pose with one joint turned on [rad]."""
+    """Return each pose with one joint turned further [rad]."""
     moved = q.copy()
     moved[np.arange(len(q)), joints] += turns
     return moved
@@ -199,12 +181,12 @@ def turn_joints(
 def compute_link_gaps(
     env: SimEnvironment, q: Float[np.ndarray, "pose joint"], enough: float
 ) -> Float[np.ndarray, "pose"]:
-    """Return the least distance of links [m], known only up to `enough`."""
+    """Return the least distance of links [m], a lower bound beyond `enough`."""
     return env.collision.compute_clearance(env.poses(q), enough)[:, 0]
 
 
 def is_clear_of_table(env: SimEnvironment, q: Float[np.ndarray, "pose joint"]) -> bool:
-    """Tell whether a pose keeps clear of the table and within its joint limits."""
+    """Tell whether poses keep clear of the table and within their joint limits."""
     T = env.poses(q)
     height = env.collision.compute_clearance(T, 0.0)[:, 1]
     clear = height >= env.constants.value("robot.table_clearance") * MM
