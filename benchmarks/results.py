@@ -285,7 +285,7 @@ def clips(command: Command, form: Form) -> None:
     }
     if whole:
         rows = [(str(size), "test", by_name) for size, by_name in whole.items()]
-        print(robustness.ahead_table("clips learned", rows))
+        print(robustness.ahead_table("training clips", rows))
         draw_clips_curve(
             {
                 name: {
@@ -301,7 +301,7 @@ def clips(command: Command, form: Form) -> None:
 def draw_clips_curve(
     found: Mapping[str, Mapping[int, Sequence[float]]], path: Path
 ) -> None:
-    """Draw accuracy against the number of clips learned.
+    """Draw accuracy against the number of training clips.
 
     Args:
         found: accuracies by method and by number of clips.
@@ -315,7 +315,7 @@ def draw_clips_curve(
         ]
         plot_shares(axes, list(by_size), points, colour, name)
     sizes = sorted({size for by_size in found.values() for size in by_size})
-    axes.set(xscale="log", xlabel="clips learned", ylabel="clips right [%]")
+    axes.set(xscale="log", xlabel="training clips", ylabel="accuracy [%]")
     axes.set_xticks(sizes, [str(size) for size in sizes])
     axes.minorticks_off()
     axes.grid(alpha=0.3)

@@ -165,7 +165,7 @@ def table(found: Mapping[str, Mapping[RunKey, MethodResult]]) -> str:
     """Format a table with a row per version of the test and a column per method."""
     answered = next(iter(next(iter(found.values())).values())).answered
     rows = [(asked, asked, found) for asked in answered if asked != "val"]
-    return ahead_table("clips right [%]", rows)
+    return ahead_table("accuracy [%]", rows)
 
 
 def ahead_table(
@@ -215,7 +215,7 @@ def draw(
     for axes in every[len(kinds) :]:
         axes.set_visible(False)
     for axes in figure.axes[::columns]:
-        axes.set_ylabel("clips right [%]")
+        axes.set_ylabel("accuracy [%]")
     lines, names = figure.axes[0].get_legend_handles_labels()
     figure.legend(
         lines, names, loc="outside upper center", ncols=len(names), frameon=False

@@ -144,7 +144,7 @@ def test_how_far_ours_is_ahead_stands_beside_every_harmed_share():
     good, bad = [True] * 40, [n % 5 < 3 for n in range(40)]
     found = {"ours": {(0, 0): one("ours", good)}, "other": {(0, 0): one("other", bad)}}
     assert robustness.table(found).splitlines() == [
-        "| clips right [%] | ours | other (ours ahead) |",
+        "| accuracy [%] | ours | other (ours ahead) |",
         "|---|---|---|",
         "| as recorded | 100.0 | 60.0 (+40.0 [+0.0, +80.0]) |",
     ]

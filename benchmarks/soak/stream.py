@@ -126,13 +126,15 @@ def measure_stream(
         while not is_over():
             stream.wait(LOOK)
         lost = {key: n - before[key] for key, n in count_losses(source, stream).items()}
-        return Soaked(
-            readings=source.counters()["readings"],
-            detections=recognition.detections,
-            lost={key: n for key, n in lost.items() if n and key != "used"},
-            memory=(memory, measure_memory()),
-            threads=(threads, threading.active_count()),
-        )
+        after, threads_after = measure_memory(), threading.active_count()
+    # Detections are counted after the stream has closed: only then is its queue empty.
+    return Soaked(
+        readings=source.counters()["readings"],
+        detections=recognition.detections,
+        lost={key: n for key, n in lost.items() if n and key != "used"},
+        memory=(memory, after),
+        threads=(threads, threads_after),
+    )
 
 
 def measure_memory() -> float:
