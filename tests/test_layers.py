@@ -5,7 +5,7 @@ from graphlib import TopologicalSorter
 
 import pytest
 
-from helpers.source import MODULES, SOURCE, parse_module
+from helpers.source import MODULES, SOURCE, name_module, parse_module
 
 # What each package may import, nearest first; what those may import is allowed too.
 BELOW = {
@@ -131,7 +131,7 @@ def test_subpackage_imports_only_what_lies_below_it(package):
 def test_modules_form_no_import_cycle():
     graph = {}
     for path in MODULES:
-        name = ".".join(("eskin", *path.relative_to(SOURCE).with_suffix("").parts))
+        name = name_module(path)
         if path.name != "__init__.py":
             graph[name] = set(find_imports(path, toplevel_only=True))
     TopologicalSorter(graph).prepare()

@@ -146,6 +146,7 @@ def test_click_on_forearm_touches_forearm(page):
     assert np.linalg.norm(np.array(order.p_link) - place) < 0.02
 
 
+@pytest.mark.long
 def test_drag_on_skin_moves_finger(page):
     page.orders.clear()
     x, y = page.place(TARGET)

@@ -8,6 +8,11 @@ SOURCE = Path(__file__).parents[2] / "src" / "eskin"
 MODULES = sorted(SOURCE.rglob("*.py"))
 
 
+def name_module(path: Path) -> str:
+    """Return the dotted name of a module."""
+    return ".".join(("eskin", *path.relative_to(SOURCE).with_suffix("").parts))
+
+
 @cache
 def parse_module(path: Path) -> tuple[ast.AST, ...]:
     """Return the nodes of a module; the first is the module itself."""

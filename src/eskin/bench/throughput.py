@@ -206,7 +206,7 @@ def find_limit(over: TransportKind, rate: float) -> float:
             return float("inf")
         good, bad = bad, min(2.0 * bad, MAX_RATE)
     for _ in range(HALVINGS):
-        middle = round((good + bad) / 2.0)
+        middle = float(round((good + bad) / 2.0))
         if measure_throughput(over, middle, SEARCH_RUN_S).dropped:
             bad = middle
         else:
