@@ -73,7 +73,7 @@ fuzz: $(READY)
 	$(BIN)/python -m benchmarks.fuzz recording --inputs 5000
 	$(BIN)/python -m benchmarks.fuzz commands --inputs 4000
 
-# What docs/reliability.md says of long runs and of what is broken on the way.
+# Long tests, and what docs/reliability.md says of long runs and of what breaks in them.
 soak: $(READY)
 	$(BIN)/pytest -m long
 	$(BIN)/python -m benchmarks.soak kill

@@ -16,6 +16,7 @@ import numpy as np
 import tyro
 
 from benchmarks.simulated_sets import made_set
+from benchmarks.tables import format_head, format_row
 from eskin.learn.checkpoint import to_network
 from eskin.learn.dataset import prepare
 from eskin.learn.evaluation import Evaluation, evaluate
@@ -87,14 +88,12 @@ def skins(command: Command) -> str:
 def pairs(command: Command) -> str:
     """Evaluate pairs of clips with the same counts: each side, and their mean."""
     folder = find_set(command, "pairs")
-    rows = [
-        "| kind | accuracy, first side | accuracy, second side | accuracy |",
-        "|---" * 4 + "|",
-    ]
+    heads = ("kind", "accuracy, first side", "accuracy, second side", "accuracy")
+    rows = [format_head(heads)]
     for kind, sides in PAIR_SIDES.items():
         shares = [evaluate_clips(command, folder / s).segments.accuracy for s in sides]
-        cells = " | ".join(f"{share:.1%}" for share in (*shares, np.mean(shares)))
-        rows.append(f"| {kind} | {cells} |")
+        cells = (f"{share:.1%}" for share in (*shares, np.mean(shares)))
+        rows.append(format_row([kind, *cells]))
     return "\n".join(rows)
 
 
@@ -105,7 +104,7 @@ def streams(command: Command) -> str:
     heads += ("latency p50", "latency p95")
     heads += ("accidental contacts detected as gestures",)
     heads += ("unknown gestures detected as others",)
-    rows = ["| " + " | ".join(heads) + " |", "|---" * len(heads) + "|"]
+    rows = [format_head(heads)]
     for name in choose_names(command, STREAMS):
         score = evaluate_streams(command, find_set(command, name))
         rows.append(format_stream_row(name, score))
@@ -150,12 +149,8 @@ def evaluate_streams(command: Command, folder: Path) -> EventScore:
 
 def format_clip_head(first: str, model: Model) -> str:
     """Format the head of a table of clips."""
-    names = " | ".join(model.card.vocabulary)
-    heads = (
-        f"| {first} | clips | accuracy (95 % interval) | people: SD, worst | "
-        f"{names} | ECE |"
-    )
-    return heads + "\n" + "|---" * (heads.count("|") - 1) + "|"
+    heads = (first, "clips", "accuracy (95 % interval)", "people: SD, worst")
+    return format_head([*heads, *model.card.vocabulary, "ECE"])
 
 
 def format_clip_row(name: str, found: Evaluation) -> str:

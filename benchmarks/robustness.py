@@ -19,6 +19,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from benchmarks.corruption import KINDS, Corruption, Kind
+from benchmarks.tables import format_head, format_row
 from eskin.cli.compare import train_all
 from eskin.learn.comparison import (
     METHODS,
@@ -180,10 +181,10 @@ def ahead_table(
     """
     name, *others = rows[0][2]
     heads = head, name, *(f"{each} ({name} ahead)" for each in others)
-    lines = [f"| {' | '.join(heads)} |", "|---" * len(heads) + "|"]
+    lines = [format_head(heads)]
     for label, asked, found in rows:
         cells = (cell(results, found[name], asked) for results in found.values())
-        lines.append(f"| {label} | {' | '.join(cells)} |")
+        lines.append(format_row([label, *cells]))
     return "\n".join(lines)
 
 

@@ -29,6 +29,7 @@ import numpy as np
 import tyro
 from jaxtyping import Float
 
+from benchmarks.tables import format_head, format_row
 from eskin import Detection, Model, Recognizer, load_model
 from eskin.recording import NONE
 from eskin.recording import socialtouch as social
@@ -454,7 +455,7 @@ def format_forced_table(found: Mapping[str, Mapping[str, Any]], model: Model) ->
     names = model.card.vocabulary
     heads = ("forced choice of", "truth", "n", *names, "accuracy", "required")
     heads += ("accuracy, averaged windows",)
-    rows = [format_head(heads)]
+    rows = ["\n" + format_head(heads)]
     for name, truth, bar, part in iterate_rows(found):
         cells = [name, truth, str(part["n"])]
         cells += [format_percent(part["forced"][n]) for n in names]
@@ -466,7 +467,9 @@ def format_forced_table(found: Mapping[str, Mapping[str, Any]], model: Model) ->
 def format_live_table(found: Mapping[str, Mapping[str, Any]], model: Model) -> str:
     """Format a table of the live detections, by group and person."""
     names = (*(n for n in model.card.vocabulary if n != NONE), UNKNOWN, NOTHING)
-    rows = [format_head(("detected live", "truth", "n", *names, "right", "wrong"))]
+    rows = [
+        "\n" + format_head(("detected live", "truth", "n", *names, "right", "wrong"))
+    ]
     for name, truth, _, part in iterate_rows(found):
         cells = [name, truth, str(part["n"])]
         cells += [format_percent(part["live"][n]) for n in names]
@@ -506,23 +509,13 @@ def sweep(
 def format_sweep_table(found: Sequence[Mapping[str, Any]]) -> str:
     """Format a table of the accuracy of each group, by setting."""
     names = list(found[0]["forced_right"])
-    rows = [format_head(("pitch, full scale", *names))]
+    rows = ["\n" + format_head(("pitch, full scale", *names))]
     for part in found:
         place = f"{part['pitch_mm']:g} mm, {part['full_scale_kpa']:g} kPa"
         rows.append(
             format_row([place, *map(format_percent, part["forced_right"].values())])
         )
     return "\n".join(rows)
-
-
-def format_head(names: Sequence[str]) -> str:
-    """Format the head of a table."""
-    return f"\n{format_row(names)}\n{'|---' * len(names)}|"
-
-
-def format_row(cells: Sequence[str]) -> str:
-    """Format a row of a table."""
-    return f"| {' | '.join(cells)} |"
 
 
 def format_percent(part: float | None) -> str:

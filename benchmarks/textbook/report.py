@@ -8,6 +8,7 @@ from pathlib import Path
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from benchmarks.tables import format_head, format_row
 from benchmarks.textbook.draws import TOUCHES, truth_of
 from benchmarks.textbook.sweeps import FACTORS, SURFACE, WANTED, Factor, Point
 from eskin.learn.plots import save_figure
@@ -65,7 +66,7 @@ def table(points: Sequence[Point], factor: str) -> str:
         format_line(sweep_of(points, factor, touch), [value for value, _ in values])
         for touch in touches_of(points, factor)
     ]
-    return "\n".join([format_row(heads), "|---" * len(heads) + "|", *lines])
+    return "\n".join([format_head(heads), *lines])
 
 
 def format_line(row: Sequence[Point], values: Sequence[float | str]) -> str:
@@ -83,11 +84,6 @@ def format_line(row: Sequence[Point], values: Sequence[float | str]) -> str:
             max(others, key=lambda name: others[name], default=""),
         ]
     )
-
-
-def format_row(cells: Sequence[str]) -> str:
-    """Format cells as a row of a table."""
-    return f"| {' | '.join(cells)} |"
 
 
 def touches_of(points: Sequence[Point], factor: str) -> list[str]:

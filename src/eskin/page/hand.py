@@ -137,7 +137,7 @@ class MouseHand:
             self.poke(spot, now)
         else:
             kind = "grab" if mode == "grab" else "double_pat"
-            self.schedule(now, self.build_order(kind, spot, next(self.keys)))
+            self.schedule(now, kind, spot)
         self.tick(now)
 
     def poke(self, spot: SurfacePoint, now: float) -> None:
@@ -146,12 +146,11 @@ class MouseHand:
             self.tick(now)
             first = None if self.waiting_poke is None else self.waiting_poke[1]
             if first is not None and are_near(first, spot):
-                order = self.build_order("double_pat", first, next(self.keys))
-                self.schedule(now, order)
+                self.schedule(now, "double_pat", first)
                 self.waiting_poke = None
                 return
             if first is not None:
-                self.schedule(now, self.build_order("poke", first, next(self.keys)))
+                self.schedule(now, "poke", first)
             self.waiting_poke = (now + DOUBLE_CLICK, spot)
 
     def stroke(self, spot: SurfacePoint, now: float) -> None:
@@ -159,10 +158,10 @@ class MouseHand:
         key = next(self.keys)
         path = self.plan_stroke(spot)
         for number, place in enumerate(path):
-            order = self.build_order("move" if number else "begin", place, key)
-            self.schedule(now + number * STROKE_TICK, order)
+            kind = "move" if number else "begin"
+            self.schedule(now + number * STROKE_TICK, kind, place, key)
         end = now + len(path) * STROKE_TICK
-        self.schedule(end, self.build_order("end", path[-1], key))
+        self.schedule(end, "end", path[-1], key)
 
     def plan_stroke(self, spot: SurfacePoint) -> list[SurfacePoint]:
         """Return the taxels along a stroke from a point, 1 cm apart."""
@@ -214,8 +213,11 @@ class MouseHand:
         seconds = max(self.seconds, MIN_SECONDS.get(kind, 0.0))
         return TouchOrder(kind, link, (x, y, z), self.force, seconds, key)
 
-    def schedule(self, when: float, order: TouchOrder) -> None:
-        """Schedule an order for a time [s]."""
+    def schedule(
+        self, when: float, kind: TouchKind, spot: SurfacePoint, key: int | None = None
+    ) -> None:
+        """Schedule an order for a time [s], with a new key unless one is given."""
+        order = self.build_order(kind, spot, key or next(self.keys))
         with self.lock:
             heapq.heappush(self.scheduled, (when, next(self.keys), order))
 
@@ -223,8 +225,7 @@ class MouseHand:
         """Send the orders that are due."""
         with self.lock:
             if self.waiting_poke is not None and self.waiting_poke[0] <= now:
-                order = self.build_order("poke", self.waiting_poke[1], next(self.keys))
-                self.schedule(now, order)
+                self.schedule(now, "poke", self.waiting_poke[1])
                 self.waiting_poke = None
             while self.scheduled and self.scheduled[0][0] <= now:
                 self.send(heapq.heappop(self.scheduled)[2])
